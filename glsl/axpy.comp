@@ -1,0 +1,20 @@
+#version 450 core
+// y <- a x + y over f32 arrays. A grid-stride loop: any number of groups covers all `count` elements, so the caller
+// bounds the dispatch, not the array.
+
+layout(local_size_x = 64, local_size_x_id = 0) in;
+
+layout(std430, set = 0, binding = 0) readonly buffer X { float x[]; };
+layout(std430, set = 0, binding = 1) buffer Y { float y[]; };
+
+layout(push_constant) uniform Push {
+    uint count;
+    float a;
+};
+
+void main() {
+    uint stride = gl_NumWorkGroups.x * gl_WorkGroupSize.x;
+    for (uint i = gl_GlobalInvocationID.x; i < count; i += stride) {
+        y[i] = a * x[i] + y[i];
+    }
+}

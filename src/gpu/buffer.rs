@@ -1,0 +1,212 @@
+//! Buffers: labelled, counted, freed when dropped.
+
+use std::sync::Arc;
+use std::{fmt, mem};
+
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use gpu_allocator::vulkan::Allocation;
+
+use super::device::{Device, Shared};
+use super::error::{During, GpuError};
+use super::memory::{Bytes, rounded};
+use super::{Result, lock};
+
+/// Where a buffer lives. Kernels and copies can use every kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BufferKind {
+    /// On the device.
+    Storage,
+    /// Written by the host in sequence; slow to read there.
+    Upload,
+    /// Read by the host, through its caches.
+    Readback,
+}
+
+/// A buffer of a device. The label names it in errors, reports and debuggers.
+pub struct Buffer {
+    device: Device,
+    block: Block,
+}
+
+/// A part of a buffer, to bind to a kernel.
+#[derive(Clone, Copy, Debug)]
+pub struct BufferSlice<'a> {
+    pub(super) buffer: &'a Buffer,
+    pub(super) offset: u64,
+    pub(super) bytes: u64,
+}
+
+impl Buffer {
+    /// `bytes` are rounded up as [`rounded`] says. The content is undefined.
+    pub fn new(device: &Device, label: &str, bytes: u64, kind: BufferKind) -> Result<Self> {
+        let block = Block::new(&device.shared, label, bytes, kind)?;
+        Ok(Self {
+            device: device.clone(),
+            block,
+        })
+    }
+
+    pub fn label(&self) -> &str {
+        &self.block.label
+    }
+
+    /// The size, rounded up.
+    pub fn bytes(&self) -> u64 {
+        self.block.bytes
+    }
+
+    /// Of [`Upload`](BufferKind::Upload) and [`Readback`](BufferKind::Readback) buffers: the content, for the host.
+    /// The exclusive borrow keeps batches away meanwhile.
+    pub fn mapped(&mut self) -> Option<&mut [u8]> {
+        self.block.mapped()
+    }
+
+    /// All of it, to bind to a kernel.
+    pub fn whole(&self) -> BufferSlice<'_> {
+        self.slice(0, self.bytes())
+    }
+
+    /// A part of it. Range and alignment are checked where the slice is used.
+    pub fn slice(&self, offset: u64, bytes: u64) -> BufferSlice<'_> {
+        BufferSlice {
+            buffer: self,
+            offset,
+            bytes,
+        }
+    }
+
+    /// For embedders that add commands of their own.
+    pub fn raw(&self) -> vk::Buffer {
+        self.block.raw
+    }
+
+    /// That the buffer belongs to `device` and has these bytes.
+    pub(super) fn check(&self, device: &Device, offset: u64, bytes: u64) -> Result<()> {
+        let label = || self.label().to_owned();
+        if !Arc::ptr_eq(&self.device.shared, &device.shared) {
+            return Err(GpuError::OtherDevice { label: label() });
+        }
+        let size = self.bytes();
+        if offset > size || bytes > size - offset {
+            return Err(GpuError::OutOfRange {
+                label: label(),
+                offset,
+                bytes,
+                size,
+            });
+        }
+        Ok(())
+    }
+
+    pub(super) fn check_aligned(&self, offset: u64, bytes: u64, alignment: u64) -> Result<()> {
+        if offset % alignment == 0 && bytes % alignment == 0 {
+            return Ok(());
+        }
+        Err(GpuError::Misaligned {
+            label: self.label().to_owned(),
+            offset,
+            bytes,
+            alignment,
+        })
+    }
+}
+
+impl fmt::Debug for Buffer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Buffer({:?}, {} bytes)", self.label(), self.bytes())
+    }
+}
+
+impl Drop for Buffer {
+    fn drop(&mut self) {
+        mem::take(&mut self.block).destroy(&self.device.shared);
+    }
+}
+
+/// A buffer without its device: what the device itself can hold without keeping itself alive.
+#[derive(Default)]
+pub(super) struct Block {
+    pub(super) raw: vk::Buffer,
+    allocation: Allocation,
+    label: String,
+    bytes: u64,
+}
+
+impl Block {
+    pub(super) fn new(shared: &Shared, label: &str, bytes: u64, kind: BufferKind) -> Result<Self> {
+        let bytes = rounded(bytes);
+        let limit = shared
+            .info
+            .max_storage_buffer_range
+            .min(shared.info.max_allocation);
+        if bytes > limit {
+            let (bytes, limit) = (Bytes(bytes), Bytes(limit));
+            return Err(GpuError::BufferTooLarge {
+                label: label.to_owned(),
+                bytes,
+                limit,
+            });
+        }
+        lock(&shared.memory).take(label, bytes)?;
+        // From here on `destroy` undoes what is done, on a failure too.
+        let mut block = Self {
+            label: label.to_owned(),
+            bytes,
+            ..Self::default()
+        };
+        match block.create(shared, kind) {
+            Ok(()) => Ok(block),
+            Err(error) => {
+                block.destroy(shared);
+                Err(error)
+            }
+        }
+    }
+
+    fn create(&mut self, shared: &Shared, kind: BufferKind) -> Result<()> {
+        let create = vk::BufferCreateInfo::default()
+            .size(self.bytes)
+            .usage(
+                vk::BufferUsageFlags::STORAGE_BUFFER
+                    | vk::BufferUsageFlags::TRANSFER_SRC
+                    | vk::BufferUsageFlags::TRANSFER_DST,
+            )
+            .sharing_mode(vk::SharingMode::EXCLUSIVE);
+        let location = match kind {
+            BufferKind::Storage => MemoryLocation::GpuOnly,
+            BufferKind::Upload => MemoryLocation::CpuToGpu,
+            BufferKind::Readback => MemoryLocation::GpuToCpu,
+        };
+        let device = shared.raw();
+        // SAFETY: the device is alive.
+        self.raw = unsafe { device.create_buffer(&create, None) }
+            .during("creating buffer", &self.label)?;
+        shared.name(self.raw, &self.label);
+        // SAFETY: the buffer was just made from this device.
+        let requirements = unsafe { device.get_buffer_memory_requirements(self.raw) };
+        self.allocation = lock(&shared.memory).allocate(&self.label, requirements, location)?;
+        // SAFETY: the memory is fresh, of the type, size and alignment that the buffer asked for, and freed after it.
+        unsafe {
+            let memory = self.allocation.memory();
+            device.bind_buffer_memory(self.raw, memory, self.allocation.offset())
+        }
+        .during("binding the memory of", &self.label)
+    }
+
+    pub(super) fn mapped(&mut self) -> Option<&mut [u8]> {
+        let bytes = usize::try_from(self.bytes).ok()?;
+        self.allocation.mapped_slice_mut()?.get_mut(..bytes)
+    }
+
+    pub(super) fn destroy(self, shared: &Shared) {
+        if shared.is_hung() {
+            return;
+        }
+        // SAFETY: nothing executes that uses the buffer: batches borrow it and wait for their end.
+        unsafe { shared.raw().destroy_buffer(self.raw, None) };
+        let mut memory = lock(&shared.memory);
+        memory.free(self.allocation);
+        memory.give_back(&self.label, self.bytes);
+    }
+}

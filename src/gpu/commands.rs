@@ -1,0 +1,317 @@
+//! Batches: operations recorded in order, submitted at once, waited for.
+
+use std::marker::PhantomData;
+use std::mem;
+use std::time::Instant;
+
+use ash::vk;
+
+use super::buffer::{Buffer, BufferSlice};
+use super::device::Device;
+use super::error::GpuError;
+use super::pipeline::Pipeline;
+use super::recorder::Recorder;
+use super::{Result, lock};
+
+/// How long a batch took.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BatchTiming {
+    pub dispatches: u64,
+    /// Of the dispatches alone, by the device's clock; 0 where it keeps none.
+    pub device_seconds: f64,
+    /// From the first submission to the end, by the host's clock.
+    pub wall_seconds: f64,
+}
+
+/// A sequence of operations. Each one sees all that those before it wrote. It borrows buffers and pipelines until
+/// it is submitted; dropping it instead throws it away, except that a batch of hundreds of dispatches is executed in
+/// parts as it grows.
+pub struct Batch<'a> {
+    device: Device,
+    recorder: Recorder,
+    timing: BatchTiming,
+    borrowed: PhantomData<&'a (Buffer, Pipeline)>,
+}
+
+impl Device {
+    /// An empty batch. The Vulkan objects behind it come from earlier ones: a batch costs little more than its submission.
+    pub fn batch<'a>(&self) -> Result<Batch<'a>> {
+        let idle = lock(&self.shared.idle).pop();
+        let recorder = match idle {
+            Some(recorder) => recorder,
+            None => Recorder::new(&self.shared)?,
+        };
+        let timing = BatchTiming::default();
+        Ok(Batch {
+            device: self.clone(),
+            recorder,
+            timing,
+            borrowed: PhantomData,
+        })
+    }
+}
+
+impl<'a> Batch<'a> {
+    /// Runs `pipeline` over `groups` workgroups. `shape` says how large the work is, for the profile: "64x4096".
+    pub fn dispatch(
+        &mut self,
+        pipeline: &'a Pipeline,
+        shape: &str,
+        buffers: &[BufferSlice<'a>],
+        push: &[u8],
+        groups: [u32; 3],
+    ) -> Result<()> {
+        let kernel = pipeline.kernel;
+        self.check(pipeline, buffers, push, groups)?;
+        self.make_room(pipeline.bindings)?;
+        let shared = &self.device.shared;
+        let parts = pipeline.parts;
+        let recorder = &mut self.recorder;
+        let set = recorder.descriptor_set(shared, parts.set_layout, pipeline.bindings, kernel)?;
+        let ranges: Vec<_> = buffers
+            .iter()
+            .map(|slice| {
+                [vk::DescriptorBufferInfo::default()
+                    .buffer(slice.buffer.raw())
+                    .offset(slice.offset)
+                    .range(slice.bytes)]
+            })
+            .collect();
+        let writes: Vec<_> = (0u32..)
+            .zip(&ranges)
+            .map(|(binding, range)| {
+                vk::WriteDescriptorSet::default()
+                    .dst_set(set)
+                    .dst_binding(binding)
+                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                    .buffer_info(range)
+            })
+            .collect();
+        // SAFETY: the set is new, so nothing uses it; the ranges were checked.
+        unsafe { shared.raw().update_descriptor_sets(&writes, &[]) };
+        recorder.timed(shared, kernel, shape, |device, commands| {
+            let point = vk::PipelineBindPoint::COMPUTE;
+            let stage = vk::ShaderStageFlags::COMPUTE;
+            // SAFETY: recording; all objects belong to this device and live until the batch has ended ('a).
+            unsafe {
+                device.cmd_bind_pipeline(commands, point, parts.pipeline);
+                device.cmd_bind_descriptor_sets(commands, point, parts.layout, 0, &[set], &[]);
+                if !push.is_empty() {
+                    device.cmd_push_constants(commands, parts.layout, stage, 0, push);
+                }
+                device.cmd_dispatch(commands, groups[0], groups[1], groups[2]);
+            }
+        });
+        Ok(())
+    }
+
+    /// Sets `bytes` from `offset` on to repetitions of `value`. Both are multiples of 4.
+    pub fn fill(&mut self, buffer: &'a Buffer, offset: u64, bytes: u64, value: u32) -> Result<()> {
+        buffer.check(&self.device, offset, bytes)?;
+        buffer.check_aligned(offset, bytes, 4)?;
+        if bytes == 0 {
+            return Ok(());
+        }
+        self.make_room(0)?;
+        let device = self.device.raw();
+        // SAFETY: recording; the range was checked, the buffer lives until the batch has ended ('a).
+        unsafe {
+            device.cmd_fill_buffer(self.recorder.commands, buffer.raw(), offset, bytes, value);
+        }
+        Ok(())
+    }
+
+    /// Copies `bytes` from one place to another, in the same buffer too if the two do not overlap.
+    pub fn copy(
+        &mut self,
+        source: &'a Buffer,
+        source_offset: u64,
+        target: &'a Buffer,
+        target_offset: u64,
+        bytes: u64,
+    ) -> Result<()> {
+        source.check(&self.device, source_offset, bytes)?;
+        target.check(&self.device, target_offset, bytes)?;
+        if source.raw() == target.raw() && source_offset.abs_diff(target_offset) < bytes {
+            return Err(GpuError::Overlap {
+                label: source.label().to_owned(),
+            });
+        }
+        // SAFETY: checked above; both live until the batch has ended ('a).
+        unsafe {
+            self.copy_raw(
+                source.raw(),
+                source_offset,
+                target.raw(),
+                target_offset,
+                bytes,
+            )
+        }
+    }
+
+    /// # Safety
+    /// Both ranges exist, do not overlap, and live until the batch has ended.
+    pub(super) unsafe fn copy_raw(
+        &mut self,
+        source: vk::Buffer,
+        source_offset: u64,
+        target: vk::Buffer,
+        target_offset: u64,
+        bytes: u64,
+    ) -> Result<()> {
+        if bytes == 0 {
+            return Ok(());
+        }
+        self.make_room(0)?;
+        let region = vk::BufferCopy {
+            src_offset: source_offset,
+            dst_offset: target_offset,
+            size: bytes,
+        };
+        let device = self.device.raw();
+        // SAFETY: recording; the rest is the caller's promise.
+        unsafe { device.cmd_copy_buffer(self.recorder.commands, source, target, &[region]) };
+        Ok(())
+    }
+
+    /// Executes what was recorded and waits for its end.
+    pub fn submit(mut self) -> Result<BatchTiming> {
+        self.execute()?;
+        Ok(self.timing)
+    }
+
+    fn check(
+        &self,
+        pipeline: &Pipeline,
+        buffers: &[BufferSlice<'_>],
+        push: &[u8],
+        groups: [u32; 3],
+    ) -> Result<()> {
+        let kernel = pipeline.kernel;
+        let info = self.device.info();
+        pipeline.check(&self.device)?;
+        let arguments = [
+            ("buffers", buffers.len(), pipeline.bindings),
+            ("bytes of push constants", push.len(), pipeline.push_bytes),
+        ];
+        for (what, given, wanted) in arguments {
+            let wanted = wanted as usize;
+            if given != wanted {
+                return Err(GpuError::WrongArguments {
+                    kernel,
+                    what,
+                    given,
+                    wanted,
+                });
+            }
+        }
+        let limit = info.max_workgroup_count;
+        if groups
+            .iter()
+            .zip(&limit)
+            .any(|(groups, limit)| groups > limit)
+        {
+            return Err(GpuError::TooManyGroups {
+                kernel,
+                groups,
+                limit,
+            });
+        }
+        for BufferSlice {
+            buffer,
+            offset,
+            bytes,
+        } in buffers
+        {
+            buffer.check(&self.device, *offset, *bytes)?;
+            buffer.check_aligned(*offset, 0, info.storage_buffer_alignment)?;
+            if *bytes == 0 {
+                // Vulkan cannot bind nothing.
+                let (label, size) = (buffer.label().to_owned(), buffer.bytes());
+                return Err(GpuError::OutOfRange {
+                    label,
+                    offset: *offset,
+                    bytes: 0,
+                    size,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Before every operation: starts recording, executes what would not fit together with it, and makes it wait
+    /// for all that came before, in earlier batches too. One barrier for everything: the kernels of a batch depend
+    /// on each other nearly always, and each of them fills the device.
+    fn make_room(&mut self, bindings: u32) -> Result<()> {
+        if self.recorder.is_recording() && !self.recorder.fits(bindings) {
+            self.execute()?;
+        }
+        let shared = &self.device.shared;
+        if shared.is_hung() {
+            return Err(GpuError::DeviceLost("starting a batch".into()));
+        }
+        if !self.recorder.is_recording() {
+            self.recorder.begin(shared)?;
+        }
+        let stages = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
+        let writes = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
+        let reads = vk::AccessFlags::SHADER_READ | vk::AccessFlags::TRANSFER_READ;
+        self.barrier(stages, writes, stages, reads | writes);
+        Ok(())
+    }
+
+    fn execute(&mut self) -> Result<()> {
+        if !self.recorder.is_recording() {
+            return Ok(());
+        }
+        // Mapped buffers are read by the host next.
+        let stages = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
+        let writes = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
+        self.barrier(
+            stages,
+            writes,
+            vk::PipelineStageFlags::HOST,
+            vk::AccessFlags::HOST_READ,
+        );
+        let start = Instant::now();
+        let shared = &self.device.shared;
+        let timing = &mut self.timing;
+        self.recorder.execute(shared, |kernel, shape, seconds| {
+            timing.dispatches += 1;
+            timing.device_seconds += seconds;
+            lock(&shared.profile).add(kernel, shape, seconds);
+        })?;
+        timing.wall_seconds += start.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    fn barrier(
+        &self,
+        from: vk::PipelineStageFlags,
+        written: vk::AccessFlags,
+        to: vk::PipelineStageFlags,
+        used: vk::AccessFlags,
+    ) {
+        let barrier = [vk::MemoryBarrier::default()
+            .src_access_mask(written)
+            .dst_access_mask(used)];
+        let none = vk::DependencyFlags::empty();
+        // SAFETY: recording.
+        unsafe {
+            let device = self.device.raw();
+            device.cmd_pipeline_barrier(self.recorder.commands, from, to, none, &barrier, &[], &[]);
+        }
+    }
+}
+
+impl Drop for Batch<'_> {
+    fn drop(&mut self) {
+        let mut recorder = mem::take(&mut self.recorder);
+        let shared = &self.device.shared;
+        // On a hung device the recorder may be in use for ever: it is neither kept nor destroyed.
+        if !shared.is_hung() {
+            recorder.clear();
+            lock(&shared.idle).push(recorder);
+        }
+    }
+}

@@ -1,0 +1,295 @@
+//! A device opened for compute, and what all that uses it shares.
+
+use std::env;
+use std::ffi::CString;
+use std::fmt;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+
+use ash::ext::debug_utils;
+use ash::{ext, khr, vk};
+
+use super::buffer::Block;
+use super::error::{During, GpuError};
+use super::info::{DeviceInfo, Enabled};
+use super::instance::Instance;
+use super::memory::{Memory, MemoryReport};
+use super::profile::{Profile, ProfileRow};
+use super::recorder::Recorder;
+use super::survey::{self, Candidate};
+use super::transfer::Staging;
+use super::validation::ValidationLog;
+use super::{Result, lock};
+
+/// `Default` reads the environment; `DeviceOptions { validation: true, ..DeviceOptions::default() }` overrides it.
+#[derive(Clone, Debug)]
+pub struct DeviceOptions {
+    /// Position in [`list_devices`](super::list_devices) or part of the name, in any case; none: the best device.
+    /// Default: ANTIRAD_DEVICE.
+    pub selector: Option<String>,
+    /// Check every call with the Vulkan validation layer. Default: whether ANTIRAD_VALIDATION is 1.
+    pub validation: bool,
+    /// Bytes that buffers may take; none: what VK_EXT_memory_budget leaves to this process, or the whole heap.
+    pub memory_budget: Option<u64>,
+}
+
+impl Default for DeviceOptions {
+    fn default() -> Self {
+        Self {
+            selector: env::var("ANTIRAD_DEVICE")
+                .ok()
+                .filter(|text| !text.trim().is_empty()),
+            validation: env::var("ANTIRAD_VALIDATION").is_ok_and(|text| text == "1"),
+            memory_budget: None,
+        }
+    }
+}
+
+/// A device opened for compute. Clones are cheap and share it; threads may use it at the same time.
+#[derive(Clone)]
+pub struct Device {
+    pub(super) shared: Arc<Shared>,
+}
+
+pub(super) struct Shared {
+    pub(super) info: DeviceInfo,
+    pub(super) queue_family: u32,
+    /// Vulkan lets one thread at a time submit.
+    pub(super) queue: Mutex<vk::Queue>,
+    pub(super) timestamp_bits: u32,
+    pub(super) memory: Mutex<Memory>,
+    pub(super) cache: vk::PipelineCache,
+    /// Recorders between two batches: a batch takes one, or makes one when all are busy.
+    pub(super) idle: Mutex<Vec<Recorder>>,
+    pub(super) staging: Staging,
+    pub(super) profile: Mutex<Profile>,
+    /// The device stopped answering: it may use its objects for ever, so none may be destroyed.
+    hung: AtomicBool,
+    names: Option<debug_utils::Device>,
+    // Dropped in this order: the device before its instance.
+    logical: Logical,
+    instance: Instance,
+}
+
+/// The Vulkan device itself.
+pub(super) struct Logical {
+    pub(super) raw: ash::Device,
+    /// False for an embedder's device, and for one that hangs: then it is not destroyed.
+    pub(super) owned: bool,
+}
+
+impl Drop for Logical {
+    fn drop(&mut self) {
+        if self.owned {
+            // SAFETY: whoever holds this has destroyed what was made from the device.
+            unsafe { self.raw.destroy_device(None) };
+        }
+    }
+}
+
+impl Device {
+    /// Opens the selected device with every optional capability of [`Enabled`] that it has.
+    pub fn new(options: &DeviceOptions) -> Result<Self> {
+        let instance = Instance::new(options.validation)?;
+        let candidate = survey::choose(survey::survey(&instance)?, options.selector.as_deref())?;
+        let enabled = candidate.listed.info.enabled;
+        let raw = open(&instance, &candidate, enabled)?;
+        let logical = Logical { raw, owned: true };
+        // SAFETY: `open` made the device with one queue of this family.
+        let queue = unsafe { logical.raw.get_device_queue(candidate.queue_family, 0) };
+        let budget = options.memory_budget;
+        let device = Self::assemble(instance, logical, candidate, queue, enabled, budget)?;
+        tracing::debug!("opened {} ({})", device.info().name, device.info().driver);
+        Ok(device)
+    }
+
+    pub(super) fn assemble(
+        instance: Instance,
+        logical: Logical,
+        candidate: Candidate,
+        queue: vk::Queue,
+        enabled: Enabled,
+        budget: Option<u64>,
+    ) -> Result<Self> {
+        let Candidate {
+            physical,
+            listed,
+            queue_family,
+            timestamp_bits,
+            ..
+        } = candidate;
+        let mut info = listed.info;
+        info.enabled = enabled;
+        if !enabled.subgroup_size_control {
+            info.subgroup_size_range = (info.subgroup_size, info.subgroup_size);
+        }
+        let budget = budget.or(info.available_bytes).unwrap_or(info.heap_bytes);
+        let memory = Memory::new(instance.raw(), &logical.raw, physical, budget)?;
+        let names = enabled
+            .debug_utils
+            .then(|| debug_utils::Device::new(instance.raw(), &logical.raw));
+        let create = vk::PipelineCacheCreateInfo::default();
+        // SAFETY: the device is alive; the last call that can fail, so that nothing made here is left behind.
+        let cache = unsafe { logical.raw.create_pipeline_cache(&create, None) }
+            .during("creating", "pipeline cache")?;
+        let shared = Shared {
+            info,
+            queue_family,
+            queue: Mutex::new(queue),
+            timestamp_bits,
+            memory: Mutex::new(memory),
+            cache,
+            idle: Mutex::default(),
+            staging: Staging::default(),
+            profile: Mutex::default(),
+            hung: AtomicBool::new(false),
+            names,
+            logical,
+            instance,
+        };
+        shared.name(cache, "pipeline cache");
+        Ok(Self {
+            shared: Arc::new(shared),
+        })
+    }
+
+    /// What the device is, and which optional capabilities are switched on.
+    pub fn info(&self) -> &DeviceInfo {
+        &self.shared.info
+    }
+
+    /// What the buffers take, those that the host can see included.
+    pub fn memory(&self) -> MemoryReport {
+        lock(&self.shared.memory).report()
+    }
+
+    /// Time on the device since the start or the last [`reset_profile`](Self::reset_profile), the most expensive first.
+    pub fn profile(&self) -> Vec<ProfileRow> {
+        lock(&self.shared.profile).rows()
+    }
+
+    pub fn reset_profile(&self) {
+        lock(&self.shared.profile).clear();
+    }
+
+    /// Empty without validation.
+    pub fn validation_messages(&self) -> Vec<String> {
+        self.validation_log().messages()
+    }
+
+    /// The log itself: a clone of it outlives the device.
+    pub fn validation_log(&self) -> ValidationLog {
+        self.shared.instance.log().clone()
+    }
+
+    /// An error if validation has found anything.
+    pub fn check_validation(&self) -> Result<()> {
+        let messages = self.validation_messages();
+        if messages.is_empty() {
+            Ok(())
+        } else {
+            Err(GpuError::Validation(messages))
+        }
+    }
+
+    /// For embedders that add commands of their own.
+    pub fn raw(&self) -> &ash::Device {
+        self.shared.raw()
+    }
+}
+
+impl fmt::Debug for Device {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Device").field(&self.info().name).finish()
+    }
+}
+
+impl Shared {
+    pub(super) fn raw(&self) -> &ash::Device {
+        &self.logical.raw
+    }
+
+    /// Gives an object the label that errors and profiles use. Only for debuggers: a failure is no error.
+    pub(super) fn name<H: vk::Handle>(&self, handle: H, label: &str) {
+        if let (Some(names), Ok(label)) = (&self.names, CString::new(label)) {
+            let info = vk::DebugUtilsObjectNameInfoEXT::default()
+                .object_handle(handle)
+                .object_name(&label);
+            // SAFETY: the extension is enabled, the handle belongs to this device and was just made.
+            let _ = unsafe { names.set_debug_utils_object_name(&info) };
+        }
+    }
+
+    /// The device stopped answering: from now on nothing is submitted to it or destroyed.
+    pub(super) fn hang(&self) {
+        self.hung.store(true, Ordering::SeqCst);
+    }
+
+    pub(super) fn is_hung(&self) -> bool {
+        self.hung.load(Ordering::SeqCst)
+    }
+}
+
+impl Drop for Shared {
+    fn drop(&mut self) {
+        if self.is_hung() {
+            self.logical.owned = false;
+            self.instance.abandon();
+            return;
+        }
+        for recorder in std::mem::take(&mut *lock(&self.idle)) {
+            recorder.destroy(self);
+        }
+        for block in self.staging.take() {
+            Block::destroy(block, self);
+        }
+        // SAFETY: this is the last reference: no buffer, pipeline or batch is left, and each batch waited for its end.
+        unsafe {
+            self.logical.raw.destroy_pipeline_cache(self.cache, None);
+            lock(&self.memory).close();
+        }
+    }
+}
+
+fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<ash::Device> {
+    let has = |name| survey::has_extension(&candidate.extensions, name);
+    let mut names = Vec::new();
+    // The specification demands it of every device that lists it.
+    if has(khr::portability_subset::NAME) {
+        names.push(khr::portability_subset::NAME.as_ptr());
+    }
+    let features = vk::PhysicalDeviceFeatures::default()
+        .shader_float64(enabled.float64)
+        .shader_int64(enabled.int64);
+    let mut sizes =
+        vk::PhysicalDeviceSubgroupSizeControlFeatures::default().subgroup_size_control(true);
+    let mut atomics = vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT::default()
+        .shader_buffer_float32_atomics(true)
+        .shader_buffer_float32_atomic_add(true);
+    if enabled.subgroup_size_control {
+        names.push(ext::subgroup_size_control::NAME.as_ptr());
+    }
+    if enabled.atomic_float_add {
+        names.push(ext::shader_atomic_float::NAME.as_ptr());
+    }
+    let queues = [vk::DeviceQueueCreateInfo::default()
+        .queue_family_index(candidate.queue_family)
+        .queue_priorities(&[1.0])];
+    let mut create = vk::DeviceCreateInfo::default()
+        .queue_create_infos(&queues)
+        .enabled_extension_names(&names)
+        .enabled_features(&features);
+    if enabled.subgroup_size_control {
+        create = create.push_next(&mut sizes);
+    }
+    if enabled.atomic_float_add {
+        create = create.push_next(&mut atomics);
+    }
+    // SAFETY: all pointers in `create` outlive the call; the device lists the extensions and features.
+    unsafe {
+        instance
+            .raw()
+            .create_device(candidate.physical, &create, None)
+    }
+    .during("opening", &candidate.listed.info.name)
+}

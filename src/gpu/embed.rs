@@ -1,0 +1,60 @@
+//! Use of a device that the embedding program opened.
+
+use ash::vk;
+
+use super::Result;
+use super::device::{Device, Logical};
+use super::info::Enabled;
+use super::instance::Instance;
+use super::survey::Candidate;
+
+/// A Vulkan 1.2 device of the embedder, who keeps owning it.
+#[derive(Clone)]
+pub struct RawDevice {
+    pub entry: ash::Entry,
+    pub instance: ash::Instance,
+    pub physical_device: vk::PhysicalDevice,
+    pub device: ash::Device,
+    pub queue_family: u32,
+    pub queue: vk::Queue,
+    /// The optional features and extensions that `device` was created with; `Enabled::default()` for none.
+    pub enabled: Enabled,
+    /// As in [`DeviceOptions`](super::DeviceOptions::memory_budget).
+    pub memory_budget: Option<u64>,
+}
+
+impl Device {
+    /// Uses an embedder's device. Dropping the result, with the last of its clones and of what was made from it,
+    /// destroys only what this library made.
+    ///
+    /// # Safety
+    /// - The handles are alive, belong together, and outlive the result and all that is made from it.
+    /// - The device was created for Vulkan 1.2, with `enabled`.
+    /// - Nobody else uses `queue` during a call into this library.
+    pub unsafe fn from_raw(raw: RawDevice) -> Result<Self> {
+        let RawDevice {
+            entry,
+            instance,
+            physical_device,
+            device,
+            queue_family,
+            queue,
+            ..
+        } = raw;
+        let instance = Instance::borrowed(entry, instance, raw.enabled.debug_utils);
+        let candidate = Candidate::new(&instance, physical_device, Some(queue_family))?;
+        candidate.usable()?;
+        let logical = Logical {
+            raw: device,
+            owned: false,
+        };
+        Self::assemble(
+            instance,
+            logical,
+            candidate,
+            queue,
+            raw.enabled,
+            raw.memory_budget,
+        )
+    }
+}

@@ -1,0 +1,265 @@
+//! The memory of a device: every byte is labelled and counted against the budget before it is allocated.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::mem::ManuallyDrop;
+
+use ash::vk;
+use gpu_allocator::vulkan::{
+    Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc,
+};
+use gpu_allocator::{AllocationSizes, AllocatorDebugSettings, MemoryLocation};
+
+use super::Result;
+use super::error::GpuError;
+
+/// Buffer sizes are multiples of this many bytes: the largest alignment that Vulkan lets a device ask of a storage
+/// buffer's offset, so that the sizes a plan computes hold on every device.
+pub const ALIGN: u64 = 256;
+
+/// Blocks that small buffers share. Small ones, since what they reserve is beyond the budget's control; larger
+/// buffers get memory of their own.
+const DEVICE_BLOCK: u64 = 8 << 20;
+const HOST_BLOCK: u64 = 4 << 20;
+
+/// The bytes that a buffer of `bytes` takes. An empty one takes [`ALIGN`]: Vulkan has no empty buffers.
+pub const fn rounded(bytes: u64) -> u64 {
+    let blocks = bytes.div_ceil(ALIGN);
+    if blocks == 0 {
+        ALIGN
+    } else {
+        blocks.saturating_mul(ALIGN)
+    }
+}
+
+/// A number of bytes that prints itself both for people and exactly: `8.0 MiB (8388608 bytes)`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Bytes(pub u64);
+
+impl fmt::Display for Bytes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(bytes) = *self;
+        let (unit, name) = match bytes {
+            0..=1023 => return write!(f, "{bytes} bytes"),
+            1024..=0xF_FFFF => (1u64 << 10, "KiB"),
+            0x10_0000..=0x3FFF_FFFF => (1 << 20, "MiB"),
+            _ => (1 << 30, "GiB"),
+        };
+        write!(
+            f,
+            "{:.1} {name} ({bytes} bytes)",
+            bytes as f64 / unit as f64
+        )
+    }
+}
+
+/// The memory in use under one label.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LabelReport {
+    pub label: String,
+    pub bytes: u64,
+    pub count: u64,
+}
+
+/// All in bytes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MemoryReport {
+    pub budget: u64,
+    pub in_use: u64,
+    /// The largest `in_use` so far.
+    pub peak: u64,
+    /// Memory taken from the driver: `in_use`, and what is free in the blocks that small buffers share.
+    pub reserved: u64,
+    /// Sorted by label.
+    pub by_label: Vec<LabelReport>,
+}
+
+/// The bookkeeping alone, without a device.
+#[derive(Default)]
+struct Ledger {
+    budget: u64,
+    in_use: u64,
+    peak: u64,
+    /// Bytes and number of buffers.
+    labels: BTreeMap<String, (u64, u64)>,
+}
+
+impl Ledger {
+    fn take(&mut self, label: &str, bytes: u64) -> Result<()> {
+        // Written without a sum, which could overflow, and without trusting that in_use <= budget.
+        if bytes > self.budget.saturating_sub(self.in_use) {
+            return Err(GpuError::OverBudget {
+                label: label.to_owned(),
+                requested: Bytes(bytes),
+                in_use: Bytes(self.in_use),
+                budget: Bytes(self.budget),
+            });
+        }
+        self.in_use += bytes;
+        self.peak = self.peak.max(self.in_use);
+        let entry = self.labels.entry(label.to_owned()).or_default();
+        *entry = (entry.0 + bytes, entry.1 + 1);
+        Ok(())
+    }
+
+    fn give_back(&mut self, label: &str, bytes: u64) {
+        self.in_use = self.in_use.saturating_sub(bytes);
+        if let Some(entry) = self.labels.get_mut(label) {
+            *entry = (entry.0.saturating_sub(bytes), entry.1.saturating_sub(1));
+            if entry.1 == 0 {
+                self.labels.remove(label);
+            }
+        }
+    }
+}
+
+pub(super) struct Memory {
+    ledger: Ledger,
+    /// Frees its blocks when dropped, so it must go before the device; `close` does.
+    allocator: ManuallyDrop<Allocator>,
+}
+
+impl Memory {
+    pub(super) fn new(
+        instance: &ash::Instance,
+        device: &ash::Device,
+        physical_device: vk::PhysicalDevice,
+        budget: u64,
+    ) -> Result<Self> {
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: instance.clone(),
+            device: device.clone(),
+            physical_device,
+            debug_settings: AllocatorDebugSettings::default(),
+            buffer_device_address: false,
+            allocation_sizes: AllocationSizes::new(DEVICE_BLOCK, HOST_BLOCK),
+        })
+        .map_err(|source| GpuError::Allocation {
+            label: "allocator".into(),
+            bytes: Bytes(0),
+            source,
+        })?;
+        let ledger = Ledger {
+            budget,
+            ..Ledger::default()
+        };
+        Ok(Self {
+            ledger,
+            allocator: ManuallyDrop::new(allocator),
+        })
+    }
+
+    /// Counts `bytes` under `label`, or says that they are beyond the budget. Comes before `allocate`.
+    pub(super) fn take(&mut self, label: &str, bytes: u64) -> Result<()> {
+        self.ledger.take(label, bytes)
+    }
+
+    pub(super) fn give_back(&mut self, label: &str, bytes: u64) {
+        self.ledger.give_back(label, bytes);
+    }
+
+    pub(super) fn allocate(
+        &mut self,
+        label: &str,
+        requirements: vk::MemoryRequirements,
+        location: MemoryLocation,
+    ) -> Result<Allocation> {
+        let description = AllocationCreateDesc {
+            name: label,
+            requirements,
+            location,
+            linear: true,
+            allocation_scheme: AllocationScheme::GpuAllocatorManaged,
+        };
+        self.allocator
+            .allocate(&description)
+            .map_err(|source| GpuError::Allocation {
+                label: label.to_owned(),
+                bytes: Bytes(requirements.size),
+                source,
+            })
+    }
+
+    pub(super) fn free(&mut self, allocation: Allocation) {
+        if let Err(error) = self.allocator.free(allocation) {
+            tracing::error!("device memory is leaked: {error}");
+        }
+    }
+
+    pub(super) fn report(&self) -> MemoryReport {
+        let Ledger {
+            budget,
+            in_use,
+            peak,
+            labels,
+        } = &self.ledger;
+        let rows = labels.iter().map(|(label, &(bytes, count))| {
+            let label = label.clone();
+            LabelReport {
+                label,
+                bytes,
+                count,
+            }
+        });
+        MemoryReport {
+            budget: *budget,
+            in_use: *in_use,
+            peak: *peak,
+            reserved: self.allocator.capacity(),
+            by_label: rows.collect(),
+        }
+    }
+
+    /// Hands all blocks back to the driver.
+    ///
+    /// # Safety
+    /// The device is alive and idle, no buffer is left, and nothing but dropping follows.
+    pub(super) unsafe fn close(&mut self) {
+        // SAFETY: the caller does not use `self` again.
+        unsafe { ManuallyDrop::drop(&mut self.allocator) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_rounded_up() {
+        let cases = [
+            (0, 256),
+            (1, 256),
+            (256, 256),
+            (257, 512),
+            (u64::MAX, u64::MAX),
+        ];
+        for (bytes, expected) in cases {
+            assert_eq!(rounded(bytes), expected);
+        }
+    }
+
+    #[test]
+    fn bytes_print_for_people_and_exactly() {
+        assert_eq!(Bytes(1000).to_string(), "1000 bytes");
+        assert_eq!(Bytes(1536).to_string(), "1.5 KiB (1536 bytes)");
+        assert_eq!(Bytes(8 << 20).to_string(), "8.0 MiB (8388608 bytes)");
+    }
+
+    #[test]
+    fn ledger_counts_and_refuses() {
+        let mut ledger = Ledger {
+            budget: 1000,
+            ..Ledger::default()
+        };
+        assert!(ledger.take("a", 600).is_ok());
+        assert!(ledger.take("b", 401).is_err());
+        assert!(ledger.take("b", u64::MAX).is_err());
+        assert!(ledger.take("b", 400).is_ok());
+        ledger.give_back("a", 600);
+        assert_eq!((ledger.in_use, ledger.peak), (400, 1000));
+        assert_eq!(ledger.labels.keys().collect::<Vec<_>>(), ["b"]);
+        // A budget below what is in use must refuse, not wrap.
+        ledger.budget = 100;
+        assert!(ledger.take("c", 1).is_err());
+    }
+}

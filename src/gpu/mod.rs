@@ -1,0 +1,63 @@
+//! Vulkan compute: devices, memory under a budget, buffers, pipelines, dispatches and their timing. Nothing of light.
+//!
+//! ```no_run
+//! use antirad::gpu::{Buffer, BufferKind, Device, DeviceOptions, Pipeline};
+//! use antirad::shaders;
+//!
+//! # fn main() -> Result<(), antirad::gpu::GpuError> {
+//! let device = Device::new(&DeviceOptions::default())?;
+//! let x = Buffer::new(&device, "x", 4096, BufferKind::Storage)?;
+//! let y = Buffer::new(&device, "y", 4096, BufferKind::Storage)?;
+//! device.upload_slice(&x, 0, &[1.0f32; 1024])?;
+//! device.upload_slice(&y, 0, &[2.0f32; 1024])?;
+//!
+//! let axpy = Pipeline::new(&device, &shaders::AXPY, 2, 8, &[], None)?;
+//! let (count, a) = (1024u32, 3.0f32);
+//! let push = [count.to_ne_bytes(), a.to_ne_bytes()].concat();
+//! let mut batch = device.batch()?;
+//! batch.dispatch(&axpy, "1024", &[x.whole(), y.whole()], &push, [16, 1, 1])?;
+//! batch.submit()?;
+//! assert_eq!(device.download_slice::<f32>(&y, 0, 1)?, [5.0]);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! The calls are safe as far as the host can check them: ranges, alignments, limits and lifetimes. What a kernel
+//! reads and writes inside its buffers is the kernel's own responsibility.
+
+mod buffer;
+mod commands;
+mod device;
+mod embed;
+mod error;
+mod info;
+mod instance;
+mod memory;
+mod pipeline;
+mod profile;
+mod recorder;
+mod survey;
+mod transfer;
+mod validation;
+
+pub use buffer::{Buffer, BufferKind, BufferSlice};
+pub use commands::{Batch, BatchTiming};
+pub use device::{Device, DeviceOptions};
+pub use embed::RawDevice;
+pub use error::GpuError;
+pub use info::{DeviceInfo, DeviceKind, Enabled, ListedDevice};
+pub use memory::{ALIGN, Bytes, LabelReport, MemoryReport, rounded};
+pub use pipeline::{MAX_PUSH_BYTES, Pipeline};
+pub use profile::ProfileRow;
+pub use survey::list_devices;
+pub use transfer::{STAGING_CHUNK, staging_bytes};
+pub use validation::ValidationLog;
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+pub type Result<T, E = GpuError> = std::result::Result<T, E>;
+
+/// A thread that panicked while it held a lock left counters and lists that are still whole: go on.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,228 @@
+//! Compute pipelines: a kernel with its bindings, push constants and specialization.
+
+use std::fmt;
+use std::sync::Arc;
+
+use ash::vk;
+
+use super::Result;
+use super::device::{Device, Shared};
+use super::error::{During, GpuError};
+use crate::shaders::Shader;
+
+/// What every Vulkan device takes; more goes into a buffer.
+pub const MAX_PUSH_BYTES: u32 = 128;
+
+/// Storage buffers that one kernel can bind, at most: a batch has this many descriptors at its disposal.
+pub(super) const MAX_BINDINGS: u32 = 64;
+
+/// A kernel that is ready to be dispatched.
+pub struct Pipeline {
+    pub(super) device: Device,
+    pub(super) kernel: &'static str,
+    pub(super) bindings: u32,
+    pub(super) push_bytes: u32,
+    pub(super) parts: Parts,
+}
+
+/// The Vulkan objects; null where not made yet.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Parts {
+    pub(super) set_layout: vk::DescriptorSetLayout,
+    pub(super) layout: vk::PipelineLayout,
+    pub(super) pipeline: vk::Pipeline,
+}
+
+impl Pipeline {
+    /// The kernel has storage buffers at bindings `0..bindings` of set 0 and `push_bytes` of push constants.
+    /// `specialization`: (constant id, value) pairs. `subgroup_size`: lanes that the kernel is written for, if it is
+    /// written for a certain number.
+    pub fn new(
+        device: &Device,
+        shader: &Shader,
+        bindings: u32,
+        push_bytes: u32,
+        specialization: &[(u32, u32)],
+        subgroup_size: Option<u32>,
+    ) -> Result<Self> {
+        let kernel = shader.name;
+        let info = device.info();
+        let limit = info.max_push_bytes.min(MAX_PUSH_BYTES);
+        if push_bytes > limit || push_bytes % 4 != 0 {
+            return Err(GpuError::PushTooLarge {
+                kernel,
+                bytes: push_bytes,
+                limit,
+            });
+        }
+        let limit = info.max_storage_buffers.min(MAX_BINDINGS);
+        if bindings > limit {
+            return Err(GpuError::TooManyBindings {
+                kernel,
+                bindings,
+                limit,
+            });
+        }
+        if let Some(wanted) = subgroup_size {
+            let (min, max) = info.subgroup_size_range;
+            if !(min..=max).contains(&wanted) || !wanted.is_power_of_two() {
+                let offered = if min == max {
+                    format!("{min}")
+                } else {
+                    format!("{min} to {max}")
+                };
+                return Err(GpuError::SubgroupSize {
+                    kernel,
+                    wanted,
+                    offered,
+                });
+            }
+        }
+        // Without control all subgroups have the one size that was just checked.
+        let required = subgroup_size.filter(|_| info.enabled.subgroup_size_control);
+        let parts = Parts::default();
+        // From here on dropping `pipeline` undoes what is done, on a failure too.
+        let mut pipeline = Self {
+            device: device.clone(),
+            kernel,
+            bindings,
+            push_bytes,
+            parts,
+        };
+        pipeline.create_layouts()?;
+        pipeline.create_pipeline(shader.spirv, specialization, required)?;
+        Ok(pipeline)
+    }
+
+    /// The kernel's name, which is also its profile rows'.
+    pub fn kernel(&self) -> &'static str {
+        self.kernel
+    }
+
+    fn create_layouts(&mut self) -> Result<()> {
+        let shared = &self.device.shared;
+        let device = shared.raw();
+        let bindings: Vec<_> = (0..self.bindings)
+            .map(|binding| {
+                vk::DescriptorSetLayoutBinding::default()
+                    .binding(binding)
+                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                    .descriptor_count(1)
+                    .stage_flags(vk::ShaderStageFlags::COMPUTE)
+            })
+            .collect();
+        let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+        // SAFETY: the device is alive, as in every call of this file.
+        self.parts.set_layout = unsafe { device.create_descriptor_set_layout(&create, None) }
+            .during("creating the bindings of kernel", self.kernel)?;
+        shared.name(self.parts.set_layout, self.kernel);
+
+        let sets = [self.parts.set_layout];
+        let ranges = [vk::PushConstantRange::default()
+            .stage_flags(vk::ShaderStageFlags::COMPUTE)
+            .size(self.push_bytes)];
+        // Vulkan has no empty ranges.
+        let ranges = if self.push_bytes == 0 {
+            &[][..]
+        } else {
+            &ranges[..]
+        };
+        let create = vk::PipelineLayoutCreateInfo::default()
+            .set_layouts(&sets)
+            .push_constant_ranges(ranges);
+        // SAFETY: the set layout was made above; the range was checked against the limit.
+        self.parts.layout = unsafe { device.create_pipeline_layout(&create, None) }
+            .during("creating the layout of kernel", self.kernel)?;
+        shared.name(self.parts.layout, self.kernel);
+        Ok(())
+    }
+
+    fn create_pipeline(
+        &mut self,
+        spirv: &[u32],
+        specialization: &[(u32, u32)],
+        required_subgroup_size: Option<u32>,
+    ) -> Result<()> {
+        let shared = &self.device.shared;
+        let device = shared.raw();
+        let create = vk::ShaderModuleCreateInfo::default().code(spirv);
+        // SAFETY: `spirv` comes from the compiler.
+        let module = unsafe { device.create_shader_module(&create, None) }
+            .during("loading kernel", self.kernel)?;
+        shared.name(module, self.kernel);
+
+        let entries: Vec<_> = (0u32..)
+            .zip(specialization)
+            .map(|(index, &(id, _))| vk::SpecializationMapEntry {
+                constant_id: id,
+                offset: 4 * index,
+                size: 4,
+            })
+            .collect();
+        let values: Vec<u8> = specialization
+            .iter()
+            .flat_map(|(_, value)| value.to_ne_bytes())
+            .collect();
+        let constants = vk::SpecializationInfo::default()
+            .map_entries(&entries)
+            .data(&values);
+        let mut subgroup = vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default()
+            .required_subgroup_size(required_subgroup_size.unwrap_or_default());
+        let mut stage = vk::PipelineShaderStageCreateInfo::default()
+            .stage(vk::ShaderStageFlags::COMPUTE)
+            .module(module)
+            .name(c"main")
+            .specialization_info(&constants);
+        if required_subgroup_size.is_some() {
+            stage = stage.push_next(&mut subgroup);
+        }
+        let create = [vk::ComputePipelineCreateInfo::default()
+            .stage(stage)
+            .layout(self.parts.layout)];
+        // SAFETY: module, layout and the pointers in `stage` outlive the call; a pipeline does not need its module.
+        let created = unsafe {
+            let created = device.create_compute_pipelines(shared.cache, &create, None);
+            device.destroy_shader_module(module, None);
+            created
+        };
+        let pipelines = created.map_err(|(_, result)| result);
+        self.parts.pipeline = pipelines
+            .during("compiling kernel", self.kernel)?
+            .into_iter()
+            .next()
+            .unwrap_or_default();
+        shared.name(self.parts.pipeline, self.kernel);
+        Ok(())
+    }
+
+    pub(super) fn check(&self, device: &Device) -> Result<()> {
+        if Arc::ptr_eq(&self.device.shared, &device.shared) {
+            return Ok(());
+        }
+        Err(GpuError::OtherDevice {
+            label: self.kernel.to_owned(),
+        })
+    }
+}
+
+impl fmt::Debug for Pipeline {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Pipeline").field(&self.kernel).finish()
+    }
+}
+
+impl Drop for Pipeline {
+    fn drop(&mut self) {
+        let shared: &Shared = &self.device.shared;
+        if shared.is_hung() {
+            return;
+        }
+        let device = shared.raw();
+        // SAFETY: nothing executes that uses the pipeline: batches borrow it and wait for their end. Null is ignored.
+        unsafe {
+            device.destroy_pipeline(self.parts.pipeline, None);
+            device.destroy_pipeline_layout(self.parts.layout, None);
+            device.destroy_descriptor_set_layout(self.parts.set_layout, None);
+        }
+    }
+}

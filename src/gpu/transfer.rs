@@ -1,0 +1,131 @@
+//! Transfers between host and device, through staging buffers of a bounded size.
+
+use std::sync::Mutex;
+
+use bytemuck::Pod;
+
+use super::buffer::{Block, Buffer, BufferKind};
+use super::device::{Device, Shared};
+use super::error::GpuError;
+use super::memory::rounded;
+use super::{Result, lock};
+
+/// Bytes of one staging buffer; longer transfers go piece by piece. Large enough that a piece costs more than its
+/// submission, small beside any budget.
+pub const STAGING_CHUNK: u64 = 8 << 20;
+
+/// The device memory that transfers take, for a plan to count: one staging buffer up, one down, made at first use.
+pub const fn staging_bytes() -> u64 {
+    2 * rounded(STAGING_CHUNK)
+}
+
+/// The staging buffers, with the locks that give them to one transfer at a time.
+#[derive(Default)]
+pub(super) struct Staging {
+    upload: Mutex<Option<Block>>,
+    readback: Mutex<Option<Block>>,
+}
+
+impl Staging {
+    pub(super) fn take(&self) -> impl Iterator<Item = Block> {
+        [lock(&self.upload).take(), lock(&self.readback).take()]
+            .into_iter()
+            .flatten()
+    }
+}
+
+impl Device {
+    /// Writes `data` into `buffer` from `offset` (bytes) on.
+    pub fn upload(&self, buffer: &Buffer, offset: u64, data: &[u8]) -> Result<()> {
+        buffer.check(self, offset, data.len() as u64)?;
+        if data.is_empty() {
+            return Ok(());
+        }
+        let mut slot = lock(&self.shared.staging.upload);
+        let staging = staging(
+            &self.shared,
+            &mut slot,
+            "staging upload",
+            BufferKind::Upload,
+        )?;
+        let mut at = offset;
+        for piece in data.chunks(STAGING_CHUNK as usize) {
+            let bytes = piece.len() as u64;
+            mapped(staging)?[..piece.len()].copy_from_slice(piece);
+            let mut batch = self.batch()?;
+            // SAFETY: the range was checked; the lock and the borrow keep both buffers to the end of the batch.
+            unsafe { batch.copy_raw(staging.raw, 0, buffer.raw(), at, bytes)? };
+            batch.submit()?;
+            at += bytes;
+        }
+        Ok(())
+    }
+
+    /// Reads `into.len()` bytes of `buffer` from `offset` on.
+    pub fn download_into(&self, buffer: &Buffer, offset: u64, into: &mut [u8]) -> Result<()> {
+        buffer.check(self, offset, into.len() as u64)?;
+        if into.is_empty() {
+            return Ok(());
+        }
+        let mut slot = lock(&self.shared.staging.readback);
+        let staging = staging(
+            &self.shared,
+            &mut slot,
+            "staging readback",
+            BufferKind::Readback,
+        )?;
+        let mut at = offset;
+        for piece in into.chunks_mut(STAGING_CHUNK as usize) {
+            let bytes = piece.len() as u64;
+            let mut batch = self.batch()?;
+            // SAFETY: as in `upload`.
+            unsafe { batch.copy_raw(buffer.raw(), at, staging.raw, 0, bytes)? };
+            batch.submit()?;
+            piece.copy_from_slice(&mapped(staging)?[..piece.len()]);
+            at += bytes;
+        }
+        Ok(())
+    }
+
+    /// Reads `bytes` of `buffer` from `offset` on.
+    pub fn download(&self, buffer: &Buffer, offset: u64, bytes: u64) -> Result<Vec<u8>> {
+        self.download_slice(buffer, offset, bytes)
+    }
+
+    /// Writes `values` into `buffer` from `offset` (bytes) on.
+    pub fn upload_slice<T: Pod>(&self, buffer: &Buffer, offset: u64, values: &[T]) -> Result<()> {
+        self.upload(buffer, offset, bytemuck::cast_slice(values))
+    }
+
+    /// Reads `count` values from `offset` (bytes) on.
+    pub fn download_slice<T: Pod>(
+        &self,
+        buffer: &Buffer,
+        offset: u64,
+        count: u64,
+    ) -> Result<Vec<T>> {
+        // Before the host's memory is taken: a wrong count is an error, not an abort.
+        buffer.check(self, offset, count.saturating_mul(size_of::<T>() as u64))?;
+        let mut values = vec![T::zeroed(); count as usize];
+        self.download_into(buffer, offset, bytemuck::cast_slice_mut(&mut values))?;
+        Ok(values)
+    }
+}
+
+fn staging<'a>(
+    shared: &Shared,
+    slot: &'a mut Option<Block>,
+    label: &str,
+    kind: BufferKind,
+) -> Result<&'a mut Block> {
+    match slot {
+        Some(block) => Ok(block),
+        None => Ok(slot.insert(Block::new(shared, label, STAGING_CHUNK, kind)?)),
+    }
+}
+
+fn mapped(block: &mut Block) -> Result<&mut [u8]> {
+    let what = "mapping a staging buffer".to_owned();
+    let result = ash::vk::Result::ERROR_MEMORY_MAP_FAILED;
+    block.mapped().ok_or(GpuError::Vulkan { what, result })
+}

@@ -1,0 +1,83 @@
+//! Order in space: neighbours of like orientation stand side by side, so that groups of them have small boxes and
+//! narrow normal cones.
+
+use crate::reference::Facet;
+use glam::DVec3;
+use std::ops::Range;
+
+/// Triangles per block of the searches on the host.
+const BLOCK: usize = 64;
+
+/// A run of triangles and the box around their corners.
+#[derive(Clone, Debug)]
+pub struct Block {
+    pub range: Range<usize>,
+    pub min: DVec3,
+    pub max: DVec3,
+}
+
+impl Block {
+    /// The box around some facets (an empty range; empty boxes are inside out).
+    pub fn around<'a>(facets: impl Iterator<Item = &'a Facet>) -> Self {
+        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for corner in facets.flat_map(|f| f.corners) {
+            min = min.min(corner);
+            max = max.max(corner);
+        }
+        Self { range: 0..0, min, max }
+    }
+
+    /// The smallest ⟨direction, x⟩ of the box.
+    pub fn lowest(&self, direction: DVec3) -> f64 {
+        let corner = DVec3::select(direction.cmpgt(DVec3::ZERO), self.min, self.max);
+        corner.dot(direction)
+    }
+}
+
+/// Indices of the facets, sorted by the cube face their normal points to, then along a Morton curve.
+pub fn spatial_order(facets: &[Facet]) -> Vec<u32> {
+    let bounds = Block::around(facets.iter());
+    let size = (bounds.max - bounds.min).max_element().max(f64::MIN_POSITIVE);
+    let mut keyed: Vec<(u8, u64, u32)> = facets
+        .iter()
+        .zip(0u32..)
+        .map(|(facet, i)| (cube_face(facet.normal), morton((facet.centroid - bounds.min) / size), i))
+        .collect();
+    keyed.sort_unstable();
+    keyed.into_iter().map(|(_, _, i)| i).collect()
+}
+
+/// Runs of at most [`BLOCK`] facets of an order, with their boxes.
+pub fn blocks(facets: &[Facet], order: &[u32]) -> Vec<Block> {
+    let run = |(k, run): (usize, &[u32])| Block {
+        range: k * BLOCK..k * BLOCK + run.len(),
+        ..Block::around(run.iter().map(|&i| &facets[i as usize]))
+    };
+    order.chunks(BLOCK).enumerate().map(run).collect()
+}
+
+/// 0..6: the axis nearest to a direction, and its sign.
+pub fn cube_face(direction: DVec3) -> u8 {
+    let a = direction.abs();
+    let (axis, value) = if a.x >= a.y && a.x >= a.z {
+        (0, direction.x)
+    } else if a.y >= a.z {
+        (1, direction.y)
+    } else {
+        (2, direction.z)
+    };
+    axis * 2 + u8::from(value < 0.0)
+}
+
+/// 21 bits of each coordinate of a point of the unit cube, interleaved.
+pub fn morton(point: DVec3) -> u64 {
+    let spread = |x: f64| {
+        let mut v = (x.clamp(0.0, 1.0) * 2_097_151.0) as u64;
+        v = (v | v << 32) & 0x001f_0000_0000_ffff;
+        v = (v | v << 16) & 0x001f_0000_ff00_00ff;
+        v = (v | v << 8) & 0x100f_00f0_0f00_f00f;
+        v = (v | v << 4) & 0x10c3_0c30_c30c_30c3;
+        (v | v << 2) & 0x1249_2492_4924_9249
+    };
+    spread(point.x) | spread(point.y) << 1 | spread(point.z) << 2
+}

@@ -1,0 +1,60 @@
+//! What is known of a triangle, in f64. Twin of glsl/geometry.glsl.
+
+use glam::{DMat3, DVec3};
+
+/// A triangle with everything the operators read of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Facet {
+    pub corners: [DVec3; 3],
+    pub centroid: DVec3,
+    /// Unit normal; zero for a triangle without area.
+    pub normal: DVec3,
+    pub area: f64,
+    /// s = Σl²/(4√3): the area of the equilateral triangle with the same sum of squared edges. At least `area`
+    /// (Weitzenböck's inequality), equal for equilateral triangles, and large for needles, whose area says little
+    /// about their extent.
+    pub extent: f64,
+}
+
+impl Facet {
+    pub fn new(corners: [DVec3; 3]) -> Self {
+        let [a, b, c] = corners;
+        let cross = (b - a).cross(c - a);
+        let squares = (b - a).length_squared() + (c - b).length_squared() + (a - c).length_squared();
+        Self {
+            corners,
+            centroid: centroid(corners),
+            normal: cross.normalize_or_zero(),
+            area: 0.5 * cross.length(),
+            extent: squares / (4.0 * 3.0_f64.sqrt()),
+        }
+    }
+
+    /// A direction of the world in this triangle's frame, z along the normal.
+    pub fn to_local(&self, direction: DVec3) -> DVec3 {
+        orthonormal_basis(self.normal).transpose() * direction
+    }
+}
+
+/// The mean of three corners.
+pub fn centroid(corners: [DVec3; 3]) -> DVec3 {
+    (corners[0] + corners[1] + corners[2]) / 3.0
+}
+
+/// The four triangles that the midpoints of the edges cut a triangle into, each a quarter of the area.
+pub fn quarters([a, b, c]: [DVec3; 3]) -> [[DVec3; 3]; 4] {
+    let (ab, bc, ca) = (a.midpoint(b), b.midpoint(c), c.midpoint(a));
+    [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+}
+
+/// Columns: two tangents and the normal. Branch-free and continuous but for n.z = 0 (Duff et al., JCGT 2017).
+pub fn orthonormal_basis(n: DVec3) -> DMat3 {
+    let sign = 1.0_f64.copysign(n.z);
+    let a = -1.0 / (sign + n.z);
+    let b = n.x * n.y * a;
+    DMat3::from_cols(
+        DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x),
+        DVec3::new(b, sign + n.y * n.y * a, -n.y),
+        n,
+    )
+}

@@ -1,0 +1,124 @@
+//! An f64 twin of every kernel on the CPU, written to be read: the truth that the kernels are tested against.
+
+mod geometry;
+mod go_through;
+mod near_field;
+mod observation;
+mod operator;
+mod reflection;
+mod transport;
+
+pub use geometry::{Facet, orthonormal_basis};
+pub use go_through::go_through;
+pub use near_field::{QUARTER_RANGE, far_share, projected_solid_angle};
+pub use observation::observe;
+pub use reflection::{emission, reflect};
+pub use transport::transport;
+
+use crate::plan::{Bins, Class, classify};
+use crate::scene::{Material, Scene};
+use glam::DVec3;
+use std::ops::Range;
+
+/// A scene made ready: facets, materials, and which triangles have bins. Index = index in the scene.
+pub struct Model {
+    pub facets: Vec<Facet>,
+    pub materials: Vec<Material>,
+    pub classes: Vec<Class>,
+    pub bins: Bins,
+    pub subsample: f64,
+    /// First bin of each triangle in [`State::bins`]; `None` where it has no bins.
+    slots: Vec<Option<usize>>,
+}
+
+/// H: what arrives. RGB, W/m².
+#[derive(Clone, Debug, PartialEq)]
+pub struct State {
+    pub irradiance: Vec<DVec3>,
+    /// Irradiance per bin, B for each triangle that has bins.
+    pub bins: Vec<DVec3>,
+}
+
+/// What leaves. RGB, W/(m² sr).
+pub struct Leaving {
+    /// Diffuse radiance of the front.
+    pub diffuse: Vec<DVec3>,
+    /// Specular radiance of the front per bin, in the slots of [`State::bins`].
+    pub specular: Vec<DVec3>,
+    /// A, antiradiance of the back per bin of its direction of arrival, in the slots of [`State::bins`].
+    pub antiradiance: Vec<DVec3>,
+}
+
+impl Model {
+    /// With the classes that the plan finds.
+    pub fn new(scene: &Scene) -> Self {
+        Self::with_classes(scene, classify(scene))
+    }
+
+    /// With classes of one's own: to show that what the plan leaves out changes nothing, or what happens without J.
+    pub fn with_classes(scene: &Scene, classes: Vec<Class>) -> Self {
+        let bins = Bins::new(scene.accuracy.bins, scene.accuracy.weights);
+        let mut next = 0;
+        let slots = classes
+            .iter()
+            .map(|class| {
+                class.has_bins().then(|| {
+                    next += bins.count();
+                    next - bins.count()
+                })
+            })
+            .collect();
+        Self {
+            facets: (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect(),
+            materials: (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect(),
+            classes,
+            bins,
+            subsample: scene.accuracy.subsample,
+            slots,
+        }
+    }
+
+    /// The bins of a triangle in [`State::bins`].
+    pub fn bins_of(&self, triangle: usize) -> Option<Range<usize>> {
+        self.slots[triangle].map(|first| first..first + self.bins.count())
+    }
+
+    /// The squared distance within which a pair is integrated over pieces rather than taken from point to point, m².
+    pub fn range(&self, i: usize, j: usize) -> f64 {
+        self.subsample * 0.5 * (self.facets[i].extent + self.facets[j].extent)
+    }
+
+    /// A state without light.
+    pub fn zero(&self) -> State {
+        State {
+            irradiance: vec![DVec3::ZERO; self.facets.len()],
+            bins: vec![DVec3::ZERO; self.slots.iter().flatten().count() * self.bins.count()],
+        }
+    }
+
+    /// (K - J) H, without emission.
+    pub fn leave(&self, state: &State) -> Leaving {
+        let mut leaving = reflect(self, state);
+        leaving.antiradiance = go_through(self, state);
+        leaving
+    }
+}
+
+impl Leaving {
+    /// Radiance that leaves triangle `i` in a direction of the world: from its front, or from its back, where it is
+    /// the negative of what arrived at the front in the same direction.
+    pub fn radiance(&self, model: &Model, i: usize, direction: DVec3, front: bool) -> DVec3 {
+        let gather = |values: &[DVec3], direction: DVec3| -> DVec3 {
+            let Some(range) = model.bins_of(i) else { return DVec3::ZERO };
+            let taps = model.bins.taps(model.facets[i].to_local(direction));
+            taps.iter().map(|&(b, weight)| weight * values[range.start + b]).sum()
+        };
+        match (front, model.classes[i]) {
+            (true, class) if class.glossy => self.diffuse[i] + gather(&self.specular, direction),
+            (true, _) => self.diffuse[i],
+            // Light that leaves the back in `direction` arrived at the front from the opposite one.
+            (false, class) if class.blocker => -gather(&self.antiradiance, -direction),
+            (false, _) => DVec3::ZERO,
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! Light between triangles that are close to one another. Twin of glsl/near_field.glsl.
+
+use glam::DVec3;
+
+/// ∫ cosθ dω over a triangle seen from `point` with normal `normal`, clipped at the horizon, in [0, π]: Lambert's
+/// polygon formula. The sign of the triangle's orientation is dropped.
+pub fn projected_solid_angle(point: DVec3, normal: DVec3, corners: [DVec3; 3]) -> f64 {
+    let corner = corners.map(|c| c - point);
+    let height = corner.map(|c| c.dot(normal));
+    let mut sum = 0.0;
+    let (mut enter, mut exit) = (DVec3::ZERO, DVec3::ZERO);
+    for k in 0..3 {
+        let next = (k + 1) % 3;
+        let (mut a, mut b) = (corner[k], corner[next]);
+        let (above_a, above_b) = (height[k] > 0.0, height[next] > 0.0);
+        if !above_a && !above_b {
+            continue;
+        }
+        if above_a != above_b {
+            let crossing = a.lerp(b, height[k] / (height[k] - height[next]));
+            if above_a {
+                b = crossing;
+                exit = crossing;
+            } else {
+                a = crossing;
+                enter = crossing;
+            }
+        }
+        sum += edge(a, b).dot(normal);
+    }
+    // The side of the clipped polygon that lies in the horizon.
+    sum += edge(exit, enter).dot(normal);
+    (0.5 * sum).abs()
+}
+
+/// θ Γ of one side: the angle it subtends times the unit normal of its plane through the origin.
+fn edge(a: DVec3, b: DVec3) -> DVec3 {
+    let cross = a.cross(b);
+    let sine = cross.length();
+    if sine <= 1e-12 * (a.length_squared() + b.length_squared()) {
+        // The origin is on the side, or the side has no length: it bounds no solid angle of its own.
+        return DVec3::ZERO;
+    }
+    cross * (sine.atan2(a.dot(b)) / sine)
+}
+
+/// Range, as a share of that of the whole pair, within which two quarters are cut once more. A quarter of 1/4 would make
+/// quarters look at one another as wholes do; this is a sixth of that, since it must only resolve neighbours that touch:
+/// without it a blocker that stands on its receiver shines through in the few directions it is sampled at.
+pub const QUARTER_RANGE: f64 = 1.0 / 24.0;
+
+/// Share of the point-to-point kernel in a pair at squared distance `r2`; the near field has the rest. Smooth, 0 within
+/// half the range, 1 beyond it. `range` is `subsample` · (s_i + s_j) / 2.
+pub fn far_share(r2: f64, range: f64) -> f64 {
+    if range <= 0.0 {
+        return 1.0;
+    }
+    let t = (2.0 * r2 / range - 1.0).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}

@@ -1,0 +1,66 @@
+//! The reference as an operator for the solvers.
+
+use super::{Model, State, emission, transport};
+use crate::solve::LightOperator;
+use glam::DVec3;
+use std::convert::Infallible;
+
+impl LightOperator for &Model {
+    type Vector = State;
+    type Error = Infallible;
+
+    fn vector(&mut self, _label: &str) -> Result<State, Infallible> {
+        Ok(self.zero())
+    }
+
+    fn pass(&mut self, x: Option<&State>, with_emission: bool, y: &mut State) -> Result<(), Infallible> {
+        let emitted = emission(self);
+        let leaving = match x {
+            None => emitted,
+            Some(x) => {
+                let mut leaving = self.leave(x);
+                if with_emission {
+                    for (l, e) in leaving.diffuse.iter_mut().zip(emitted.diffuse) {
+                        *l += e;
+                    }
+                }
+                leaving
+            }
+        };
+        *y = transport(self, &leaving);
+        Ok(())
+    }
+
+    fn dot(&mut self, x: &State, y: &State) -> Result<f64, Infallible> {
+        Ok(x.values().zip(y.values()).map(|(a, b)| a.dot(*b)).sum())
+    }
+
+    fn combine(&mut self, a: f64, x: &State, b: f64, y: &mut State) -> Result<(), Infallible> {
+        for (y, x) in y.values_mut().zip(x.values()) {
+            *y = a * *x + b * *y;
+        }
+        Ok(())
+    }
+
+    fn scale(&mut self, b: f64, y: &mut State) -> Result<(), Infallible> {
+        for y in y.values_mut() {
+            *y *= b;
+        }
+        Ok(())
+    }
+
+    fn magnitude(&mut self, x: &State) -> Result<f64, Infallible> {
+        let weighted = |(h, f): (&DVec3, &super::Facet)| f.area * h.length_squared();
+        Ok(x.irradiance.iter().zip(&self.facets).map(weighted).sum::<f64>().sqrt())
+    }
+}
+
+impl State {
+    fn values(&self) -> impl Iterator<Item = &DVec3> {
+        self.irradiance.iter().chain(&self.bins)
+    }
+
+    fn values_mut(&mut self) -> impl Iterator<Item = &mut DVec3> {
+        self.irradiance.iter_mut().chain(&mut self.bins)
+    }
+}

@@ -1,0 +1,182 @@
+//! The accuracy asked of a solve: bins, weights, near field, tolerance.
+
+use std::fmt;
+use std::ops::RangeInclusive;
+use std::str::FromStr;
+
+use serde::Deserialize;
+
+/// How a hemisphere is split into direction bins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BinLayout {
+    /// `theta` rows of equal polar angle times `phi` sectors of equal azimuth.
+    EqualAngle { theta: u32, phi: u32 },
+    /// An `n` x `n` grid on the equal-area concentric map of the hemisphere onto a square, `n` even.
+    Concentric { n: u32 },
+}
+
+impl BinLayout {
+    /// Number of bins B.
+    pub fn count(self) -> usize {
+        match self {
+            Self::EqualAngle { theta, phi } => theta as usize * phi as usize,
+            Self::Concentric { n } => n as usize * n as usize,
+        }
+    }
+
+    /// Says what is wrong with the numbers, if anything.
+    pub(super) fn validate(self) -> Result<(), String> {
+        let within =
+            |what: &str, number: u32, range: RangeInclusive<u32>| match range.contains(&number) {
+                true => Ok(()),
+                false => Err(format!(
+                    "{what} = {number} is not in {} to {}",
+                    range.start(),
+                    range.end()
+                )),
+            };
+        match self {
+            Self::EqualAngle { theta, phi } => {
+                within("equal_angle bins: theta", theta, 2..=64)?;
+                within("equal_angle bins: phi", phi, 3..=64)
+            }
+            Self::Concentric { n } if n % 2 == 1 => {
+                Err(format!("concentric bins: n = {n} is odd; it must be even"))
+            }
+            Self::Concentric { n } => within("concentric bins: n", n, 2..=64),
+        }
+    }
+}
+
+/// `10x13` or `concentric:12`, which [`BinLayout::from_str`] reads back.
+impl fmt::Display for BinLayout {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::EqualAngle { theta, phi } => write!(f, "{theta}x{phi}"),
+            Self::Concentric { n } => write!(f, "concentric:{n}"),
+        }
+    }
+}
+
+impl FromStr for BinLayout {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parsed = match text.strip_prefix("concentric:") {
+            Some(n) => n.parse().ok().map(|n| Self::Concentric { n }),
+            None => text.split_once('x').and_then(|(theta, phi)| {
+                Some(Self::EqualAngle {
+                    theta: theta.parse().ok()?,
+                    phi: phi.parse().ok()?,
+                })
+            }),
+        };
+        let layout = parsed.ok_or_else(|| {
+            format!("bins `{text}`: expected THETAxPHI like 10x13, or concentric:N")
+        })?;
+        layout.validate()?;
+        Ok(layout)
+    }
+}
+
+/// Shape of the interpolation between bins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Weights {
+    /// Linear in both bin coordinates: continuous.
+    #[default]
+    Bilinear,
+    /// t²(3 - 2t) on the same four taps: continuously differentiable.
+    Smoothstep,
+}
+
+/// Which solver to run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SolverChoice {
+    /// GMRES where its basis fits the memory budget, else the fixed point.
+    #[default]
+    Auto,
+    FixedPoint,
+    Gmres,
+}
+
+/// Settings that trade accuracy for time and memory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Accuracy {
+    pub bins: BinLayout,
+    pub weights: Weights,
+    /// Pairs with r² < `subsample` · (s_i + s_j) / 2 are integrated over sub-triangles, s = Σl²/(4√3) being the
+    /// area of the equilateral triangle with the same sum of squared edges. 0 switches the near field off.
+    pub subsample: f64,
+    /// Relative residual of the radiosity at which the solve stops.
+    pub tolerance: f64,
+    /// Passes (applications of the transport) after which the solve gives up.
+    pub max_passes: u32,
+    pub solver: SolverChoice,
+}
+
+impl Accuracy {
+    /// Says what is wrong with the numbers, if anything.
+    pub(super) fn validate(&self) -> Result<(), String> {
+        self.bins.validate()?;
+        if !(self.subsample >= 0.0 && self.subsample.is_finite()) {
+            return Err(format!(
+                "subsample = {} must be 0 or more, and finite",
+                self.subsample
+            ));
+        }
+        if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
+            return Err(format!(
+                "tolerance = {} must lie between 0 and 1",
+                self.tolerance
+            ));
+        }
+        if self.max_passes == 0 {
+            return Err(String::from("max_passes = 0 must be 1 or more"));
+        }
+        Ok(())
+    }
+}
+
+impl Default for Accuracy {
+    fn default() -> Self {
+        Self {
+            bins: BinLayout::EqualAngle { theta: 10, phi: 13 },
+            weights: Weights::Bilinear,
+            subsample: 30.0,
+            tolerance: 1e-4,
+            max_passes: 200,
+            solver: SolverChoice::Auto,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bins_are_read_as_they_are_shown() {
+        for text in ["10x13", "2x3", "64x64", "concentric:2", "concentric:12"] {
+            assert_eq!(
+                text.parse::<BinLayout>().map(|b| b.to_string()),
+                Ok(text.to_owned())
+            );
+        }
+        for text in [
+            "",
+            "10",
+            "10x",
+            "x13",
+            "1x13",
+            "10x2",
+            "65x13",
+            "concentric:",
+            "concentric:7",
+            "concentric:66",
+        ] {
+            assert!(text.parse::<BinLayout>().is_err(), "{text}");
+        }
+    }
+}

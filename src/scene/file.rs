@@ -1,0 +1,261 @@
+//! Loads a scene from a TOML file, or from a bare OBJ.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+use super::assembly::Assembly;
+use super::check::MAX_TRIANGLES;
+use super::error::{Place, SceneError};
+use super::geometry::{Placement, RawMesh};
+use super::tables::{self, MeshTable};
+use super::{Scene, obj};
+
+/// How to load a scene.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LoadOptions {
+    /// Refuse triangles without area instead of recording them in [`Scene::degenerate`].
+    pub strict: bool,
+}
+
+impl Scene {
+    /// Loads and checks a `.toml` scene, or an `.obj` mesh with its MTL.
+    ///
+    /// A scene without a camera gets one named "auto" that frames its bounding box; [`Scene::warnings`] says so.
+    ///
+    /// A scene file, all of it optional but one mesh (metres, degrees, emission as radiance in W/(m² sr)):
+    /// ```toml
+    /// [[mesh]]
+    /// path = "room.obj"              # beside this file; or shape = { kind = "quad", cells = 8 }, see Shape
+    /// material = "white"             # for all faces; required with a shape
+    /// name = "room"
+    /// scale = [1, 1, 1]              # or one number; then rotated about x, y, z; then moved
+    /// rotate_degrees = [0, 90, 0]
+    /// translate = [0, 0, 2]
+    /// subdivide = 1                  # times every edge is halved
+    ///
+    /// [material.white]               # overrides the MTL, or defines a material from black
+    /// diffuse = 1                    # δ
+    /// albedo = [0.7, 0.7, 0.7]       # ρ: one number or RGB, as specular and emission
+    /// specular = 0.05                # σ
+    /// power = 20                     # p
+    /// emission = 0
+    /// normalization = "published"    # or "energy"
+    ///
+    /// [camera.main]
+    /// position = [0, 1, 5]
+    /// target = [0, 1, 0]
+    /// up = [0, 1, 0]
+    /// fov_x_degrees = 40             # or fov_y_degrees
+    /// width = 640                    # pixels
+    /// height = 480
+    ///
+    /// [accuracy]
+    /// bins = { equal_angle = [10, 13] }  # or { concentric = 12 }
+    /// weights = "bilinear"           # or "smoothstep"
+    /// subsample = 30
+    /// tolerance = 1e-4
+    /// max_passes = 200
+    /// solver = "auto"                # or "fixed-point", "gmres"
+    /// ```
+    pub fn load(path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {
+        let extension = path
+            .extension()
+            .and_then(|e| e.to_str())
+            .map(str::to_ascii_lowercase);
+        let mut assembly = Assembly::new(path, stem(path));
+        match extension.as_deref() {
+            Some("toml") => SceneFile::read(path)?.assemble(&mut assembly)?,
+            Some("obj") => {
+                let mut mesh = obj::read(path, |_| false, assembly.warnings())?;
+                assembly.add_materials(&mut mesh)?;
+                assembly.add_mesh(stem(path), path, mesh, Place { path, line: 1 })?;
+            }
+            _ => {
+                return Err(SceneError::UnknownFormat {
+                    path: path.to_path_buf(),
+                });
+            }
+        }
+        assembly.finish(options)
+    }
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
+}
+
+/// The text of a TOML file, to tell lines of.
+struct SceneFile<'a> {
+    path: &'a Path,
+    text: String,
+}
+
+impl<'a> SceneFile<'a> {
+    fn read(path: &'a Path) -> Result<Self, SceneError> {
+        match std::fs::read_to_string(path) {
+            Ok(text) => Ok(Self { path, text }),
+            Err(reason) => Err(SceneError::Read {
+                path: path.to_path_buf(),
+                reason,
+            }),
+        }
+    }
+
+    /// The line where a span starts.
+    fn place(&self, span: Range<usize>) -> Place<'a> {
+        Place {
+            path: self.path,
+            line: tables::line_of(&self.text, span.start),
+        }
+    }
+
+    /// Paths in a scene file are relative to it.
+    fn beside(&self, path: &Path) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new("")).join(path)
+    }
+
+    fn assemble(&self, assembly: &mut Assembly) -> Result<(), SceneError> {
+        let tables = tables::parse(&self.text, self.path)?;
+
+        // Materials before triangles: a mesh may use a material that stands further down, or in another mesh's MTL.
+        let defined = |name: &str| tables.material.keys().any(|key| key.get_ref() == name);
+        let mut meshes = Vec::new();
+        for table in &tables.mesh {
+            let mut mesh =
+                self.read_mesh(table.get_ref(), table.span(), &defined, assembly.warnings())?;
+            assembly.add_materials(&mut mesh)?;
+            meshes.push(mesh);
+        }
+        let materials = tables::in_file_order(&tables.material);
+        for &(name, table) in &materials {
+            assembly.override_material(name.get_ref(), table, self.place(name.span()));
+        }
+        for (table, mesh) in tables.mesh.iter().zip(meshes) {
+            let place = self.place(
+                table
+                    .get_ref()
+                    .material
+                    .as_ref()
+                    .map_or(table.span(), |m| m.span()),
+            );
+            let table = table.get_ref();
+            let (default_name, file) = match (&table.path, &table.shape) {
+                (Some(path), _) => (stem(path.get_ref()), self.beside(path.get_ref())),
+                (None, Some(shape)) => (shape.get_ref().kind().to_owned(), self.path.to_path_buf()),
+                (None, None) => (String::from("mesh"), self.path.to_path_buf()),
+            };
+            assembly.add_mesh(
+                table.name.clone().unwrap_or(default_name),
+                &file,
+                mesh,
+                place,
+            )?;
+        }
+        for (name, _) in materials {
+            assembly.warn_if_unused(name.get_ref(), self.place(name.span()));
+        }
+
+        for (name, table) in tables::in_file_order(&tables.camera) {
+            let place = self.place(name.span());
+            assembly.add_camera(table.camera(name.get_ref().clone(), place)?, place.line);
+        }
+        if let Some(table) = &tables.accuracy {
+            assembly.set_accuracy(table.get_ref().accuracy(), self.place(table.span()).line);
+        }
+        Ok(())
+    }
+
+    /// The mesh of a table, subdivided and placed.
+    fn read_mesh(
+        &self,
+        table: &MeshTable,
+        span: Range<usize>,
+        defined: &dyn Fn(&str) -> bool,
+        warnings: &mut Vec<String>,
+    ) -> Result<RawMesh, SceneError> {
+        let place = self.place(span);
+        let material = table.material.as_ref().map(|m| m.get_ref().as_str());
+        let mut mesh = match (&table.path, &table.shape, material) {
+            (Some(path), None, material) => {
+                let file = self.beside(path.get_ref());
+                let known = |name: &str| material.is_some() || defined(name);
+                let mesh = obj::read(&file, known, warnings).map_err(|error| match error {
+                    SceneError::Read { path: file, reason } => {
+                        let file = file.display();
+                        self.place(path.span())
+                            .error(format!("mesh file {file} cannot be read: {reason}"))
+                    }
+                    other => other,
+                })?;
+                match material {
+                    Some(material) => RawMesh::uniform(mesh.vertices, mesh.faces, material),
+                    None => mesh,
+                }
+            }
+            (None, Some(shape), Some(material)) => {
+                let place = self.place(shape.span());
+                shape
+                    .get_ref()
+                    .validate()
+                    .map_err(|message| place.error(message))?;
+                let (vertices, faces) = shape.get_ref().mesh();
+                RawMesh::uniform(vertices, faces, material)
+            }
+            (None, Some(_), None) => {
+                return Err(place.error(
+                    "a shape needs a material; add `material = \"NAME\"` and [material.NAME]",
+                ));
+            }
+            (Some(_), Some(_), _) => {
+                return Err(place
+                    .error("a mesh has either `path` or `shape`, not both; make it two meshes"));
+            }
+            (None, None, _) => {
+                return Err(place.error(
+                    "a mesh without geometry; add `path = \"FILE.obj\"` or `shape = { kind = ... }`",
+                ));
+            }
+        };
+
+        self.subdivide(&mut mesh, table)?;
+        let scale = match &table.scale {
+            Some(scale) if scale.get_ref().0.contains(&0.0) => {
+                return Err(self
+                    .place(scale.span())
+                    .error("a scale of 0 flattens the mesh; use another factor"));
+            }
+            Some(scale) => DVec3::from(scale.get_ref().0),
+            None => DVec3::ONE,
+        };
+        let placement = Placement {
+            scale,
+            rotate_degrees: table.rotate_degrees,
+            translate: table.translate,
+        };
+        placement.apply(&mut mesh.vertices, &mut mesh.faces);
+        Ok(mesh)
+    }
+
+    fn subdivide(&self, mesh: &mut RawMesh, table: &MeshTable) -> Result<(), SceneError> {
+        let Some(levels) = &table.subdivide else {
+            return Ok(());
+        };
+        let factor = 4u64.checked_pow(*levels.get_ref()).unwrap_or(u64::MAX);
+        let faces = mesh.faces.len();
+        if factor.saturating_mul(faces.max(1) as u64) > MAX_TRIANGLES {
+            let levels_asked = levels.get_ref();
+            return Err(self.place(levels.span()).error(format!(
+                "subdivide = {levels_asked} makes more than {MAX_TRIANGLES} triangles of {faces}; use a lower one"
+            )));
+        }
+        for _ in 0..*levels.get_ref() {
+            mesh.subdivide();
+        }
+        Ok(())
+    }
+}

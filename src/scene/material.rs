@@ -1,0 +1,66 @@
+//! The Blinn-Phong material.
+
+use serde::Deserialize;
+
+/// How the specular lobe is scaled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Normalization {
+    /// (p+2)/(2π), the published factor. It gains energy for large p: the albedo is checked when a scene is loaded.
+    #[default]
+    Published,
+    /// (p+2)(p+4)/(8π(2^(-p/2)+p)), which keeps the lobe's normal-incidence albedo near σ.
+    Energy,
+}
+
+/// f = δρ/π + σ N(p) ⟨h,n⟩^p, in 1/sr.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    pub name: String,
+    /// Diffuse constant δ.
+    pub diffuse: f64,
+    /// Albedo ρ, RGB.
+    pub albedo: [f64; 3],
+    /// Specular constant σ, RGB.
+    pub specular: [f64; 3],
+    /// Power p >= 0.
+    pub power: f64,
+    /// Emitted radiance L_e, RGB, W/(m² sr), the same in all directions.
+    pub emission: [f64; 3],
+    pub normalization: Normalization,
+}
+
+impl Material {
+    /// A black Lambertian surface to start from.
+    pub fn named(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            diffuse: 1.0,
+            albedo: [0.0; 3],
+            specular: [0.0; 3],
+            power: 0.0,
+            emission: [0.0; 3],
+            normalization: Normalization::Published,
+        }
+    }
+
+    /// True where the specular lobe reflects anything.
+    pub fn is_glossy(&self) -> bool {
+        self.specular.iter().any(|&s| s > 0.0)
+    }
+
+    /// δρ, RGB: the albedo of the diffuse part.
+    pub fn diffuse_albedo(&self) -> [f64; 3] {
+        self.albedo.map(|rho| self.diffuse * rho)
+    }
+
+    /// N(p), the factor of the specular lobe, 1/sr.
+    pub fn specular_normalization(&self) -> f64 {
+        use std::f64::consts::PI;
+        let p = self.power;
+        match self.normalization {
+            Normalization::Published => (p + 2.0) / (2.0 * PI),
+            Normalization::Energy => (p + 2.0) * (p + 4.0) / (8.0 * PI * ((-p / 2.0).exp2() + p)),
+        }
+    }
+}

@@ -1,0 +1,283 @@
+//! Reads OBJ files.
+//!
+//! Written for this crate because errors must name file and line, and because faces must keep the file's order: the
+//! per-face outputs have it, where general readers regroup faces by material.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+use super::error::{Place, SceneError, nearest};
+use super::geometry::{RawMaterial, RawMesh};
+use super::material::Material;
+use super::mtl;
+use super::statements::{Statement, number, read_text, statements};
+use super::triangulate::triangulate;
+
+/// The material of faces before any `usemtl`.
+const DEFAULT_MATERIAL: &str = "default";
+const GREY: [f64; 3] = [0.5; 3];
+/// Statements that say nothing of shape or material.
+const IGNORED: [&str; 8] = ["o", "g", "s", "vn", "vt", "vp", "l", "p"];
+const READ: [&str; 4] = ["v", "f", "usemtl", "mtllib"];
+
+/// Reads a mesh and the MTL files it names. A material for which `defined_elsewhere` holds needs no MTL.
+pub(super) fn read(
+    path: &Path,
+    defined_elsewhere: impl Fn(&str) -> bool,
+    warnings: &mut Vec<String>,
+) -> Result<RawMesh, SceneError> {
+    let text = read_text(path).map_err(|reason| SceneError::Read {
+        path: path.to_path_buf(),
+        reason,
+    })?;
+    let mut reader = Reader {
+        path,
+        warnings,
+        vertices: Vec::new(),
+        faces: Vec::new(),
+        face_materials: Vec::new(),
+        uses: Vec::new(),
+        use_indices: HashMap::new(),
+        current: None,
+        materials: Vec::new(),
+        libraries: Vec::new(),
+        unknown: None,
+    };
+    for statement in statements(&text) {
+        reader.read(&statement)?;
+    }
+    reader.finish(defined_elsewhere)
+}
+
+/// A material name and the line of its first face or `usemtl`.
+struct Use {
+    name: String,
+    line: usize,
+    /// False for the faces before any `usemtl`.
+    named: bool,
+}
+
+struct Reader<'a> {
+    path: &'a Path,
+    warnings: &'a mut Vec<String>,
+    vertices: Vec<DVec3>,
+    faces: Vec<[u32; 3]>,
+    face_materials: Vec<u32>,
+    uses: Vec<Use>,
+    use_indices: HashMap<String, u32>,
+    /// Index into `uses`.
+    current: Option<u32>,
+    materials: Vec<RawMaterial>,
+    libraries: Vec<PathBuf>,
+    /// Line and keyword of the first statement not understood.
+    unknown: Option<(usize, String)>,
+}
+
+impl Reader<'_> {
+    fn read(&mut self, statement: &Statement) -> Result<(), SceneError> {
+        let line = statement.line;
+        let place = Place {
+            path: self.path,
+            line,
+        };
+        match statement.keyword() {
+            "v" => self.vertices.push(vertex(statement, place)?),
+            "f" => self.face(statement, place)?,
+            "usemtl" if statement.rest().is_empty() => {
+                return Err(place.error("`usemtl` without a name; expected `usemtl NAME`"));
+            }
+            "usemtl" => self.current = Some(self.use_index(statement.rest(), line, true)),
+            "mtllib" => self.library(statement.rest(), place)?,
+            key if IGNORED.contains(&key) => {}
+            key => {
+                self.unknown.get_or_insert_with(|| (line, key.to_owned()));
+            }
+        }
+        Ok(())
+    }
+
+    fn use_index(&mut self, name: &str, line: usize, named: bool) -> u32 {
+        if let Some(&index) = self.use_indices.get(name) {
+            return index;
+        }
+        let index = self.uses.len() as u32;
+        self.use_indices.insert(name.to_owned(), index);
+        self.uses.push(Use {
+            name: name.to_owned(),
+            line,
+            named,
+        });
+        index
+    }
+
+    fn face(&mut self, statement: &Statement, place: Place) -> Result<(), SceneError> {
+        let corners = statement
+            .words()
+            .map(|word| corner(word, self.vertices.len(), place))
+            .collect::<Result<Vec<u32>, _>>()?;
+        if corners.len() < 3 {
+            return Err(place.error(format!(
+                "a face with {} corner(s); it needs at least 3",
+                corners.len()
+            )));
+        }
+        let material = match self.current {
+            Some(material) => material,
+            None => self.use_index(DEFAULT_MATERIAL, place.line, false),
+        };
+        let positions: Vec<DVec3> = corners.iter().map(|&c| self.vertices[c as usize]).collect();
+        for triangle in triangulate(&positions) {
+            self.faces.push(triangle.map(|at| corners[at]));
+            self.face_materials.push(material);
+        }
+        Ok(())
+    }
+
+    /// `mtllib` may name several files, yet a file name may hold blanks: a file of the whole name comes first.
+    fn library(&mut self, names: &str, place: Place) -> Result<(), SceneError> {
+        if names.is_empty() {
+            return Err(place.error("`mtllib` without a file; expected `mtllib FILE.mtl`"));
+        }
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let whole = folder.join(names);
+        let files = if whole.is_file() {
+            vec![whole]
+        } else {
+            names
+                .split_whitespace()
+                .map(|name| folder.join(name))
+                .collect()
+        };
+        for file in files {
+            if self.libraries.contains(&file) {
+                continue;
+            }
+            let text = read_text(&file).map_err(|reason| SceneError::MaterialFile {
+                path: self.path.to_path_buf(),
+                line: place.line,
+                mtl: file.clone(),
+                reason,
+            })?;
+            for mtl::MtlMaterial { material, line } in mtl::parse(&text, &file, self.warnings)? {
+                if let Some(first) = self
+                    .materials
+                    .iter()
+                    .find(|m| m.material.name == material.name)
+                {
+                    let before = first.origin.as_ref().map_or(String::new(), |(path, line)| {
+                        format!(" at {}:{line}", path.display())
+                    });
+                    return Err(Place { path: &file, line }.error(format!(
+                        "material \"{}\" is already defined{before}; rename one of the two",
+                        material.name
+                    )));
+                }
+                let origin = Some((file.clone(), line));
+                self.materials.push(RawMaterial { material, origin });
+            }
+            self.libraries.push(file);
+        }
+        Ok(())
+    }
+
+    /// Only here: an `mtllib` may come after the faces that need it.
+    fn finish(mut self, defined_elsewhere: impl Fn(&str) -> bool) -> Result<RawMesh, SceneError> {
+        for used in &self.uses {
+            let place = Place {
+                path: self.path,
+                line: used.line,
+            };
+            let name = &used.name;
+            let known = || self.materials.iter().map(|m| m.material.name.as_str());
+            if known().any(|k| k == name) || defined_elsewhere(name) {
+                continue;
+            }
+            if used.named && !self.libraries.is_empty() {
+                let files: Vec<_> = self
+                    .libraries
+                    .iter()
+                    .map(|l| l.display().to_string())
+                    .collect();
+                let hint = match nearest(name, known()) {
+                    Some(near) => format!("; did you mean \"{near}\"?"),
+                    None => String::from("; define it there"),
+                };
+                let files = files.join(", ");
+                return Err(place.error(format!(
+                    "material \"{name}\" is not defined in {files}{hint}"
+                )));
+            }
+            self.warnings.push(if used.named {
+                format!("{place}: no mtllib defines material \"{name}\"; it is grey, albedo 0.5, \
+                     unless another file defines it.")
+            } else {
+                format!("{place}: faces before any usemtl have the material \"{name}\": grey, albedo 0.5.")
+            });
+            let material = Material {
+                albedo: GREY,
+                ..Material::named(name)
+            };
+            self.materials.push(RawMaterial {
+                material,
+                origin: None,
+            });
+        }
+        if let Some((line, key)) = &self.unknown {
+            let place = Place {
+                path: self.path,
+                line: *line,
+            };
+            let hint = nearest(key, READ)
+                .map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+            self.warnings.push(format!(
+                "{place}: `{key}` and other statements unknown here are ignored{hint}."
+            ));
+        }
+        Ok(RawMesh {
+            vertices: self.vertices,
+            faces: self.faces,
+            face_materials: self.face_materials,
+            material_names: self.uses.into_iter().map(|used| used.name).collect(),
+            materials: self.materials,
+        })
+    }
+}
+
+/// Three coordinates; what may follow them (a weight, a colour) is ignored.
+fn vertex(statement: &Statement, place: Place) -> Result<DVec3, SceneError> {
+    let mut words = statement.words();
+    let mut coordinate = || match words.next() {
+        Some(word) => number(word, place),
+        None => Err(place.error("a vertex with fewer than 3 coordinates; expected `v x y z`")),
+    };
+    Ok(DVec3::new(coordinate()?, coordinate()?, coordinate()?))
+}
+
+/// The vertex of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`: counted from 1, or back from the last one if negative.
+fn corner(word: &str, vertices: usize, place: Place) -> Result<u32, SceneError> {
+    let index = word.split('/').next().unwrap_or_default();
+    let index: i64 = index.parse().map_err(|_| {
+        place.error(format!(
+            "corner `{word}` is not a vertex index; expected `v`, `v/vt`, `v//vn` or `v/vt/vn`"
+        ))
+    })?;
+    let count = vertices as i64;
+    let from_zero = if index > 0 {
+        index - 1
+    } else {
+        count.saturating_add(index)
+    };
+    if count == 0 {
+        return Err(place.error("a face before any vertex; put the `v` lines first"));
+    }
+    if index == 0 || from_zero < 0 || from_zero >= count {
+        return Err(place.error(format!(
+            "vertex index {index} is out of range; {count} vertices stand above this line, \
+             so 1 to {count} or -{count} to -1"
+        )));
+    }
+    u32::try_from(from_zero)
+        .map_err(|_| place.error("more vertices than 32-bit indices can count; split the mesh"))
+}

@@ -1,0 +1,313 @@
+//! Procedural shapes: `shape = { kind = "...", ... }` of a scene file.
+
+use std::collections::HashMap;
+use std::ops::RangeInclusive;
+
+use glam::DVec3;
+use serde::Deserialize;
+
+use super::geometry::subdivide;
+use super::statue;
+
+const CELLS: RangeInclusive<u32> = 1..=1000;
+const LEVELS: RangeInclusive<u32> = 0..=9;
+const STATUE_TRIANGLES: RangeInclusive<u32> = 500..=10_000_000;
+
+/// A shape of any resolution, in metres before a mesh's scale.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Shape {
+    /// The unit square, x and z in [0, 1], at y = 0, facing +y: `cells` x `cells` squares of two triangles.
+    Quad {
+        #[serde(default = "one")]
+        cells: u32,
+    },
+    /// The unit cube [0, 1]³ seen from outside, `cells` x `cells` squares a side.
+    Box {
+        #[serde(default = "one")]
+        cells: u32,
+    },
+    /// The unit cube [0, 1]³ seen from inside, `cells` x `cells` squares a side.
+    Room {
+        #[serde(default = "one")]
+        cells: u32,
+    },
+    /// The unit sphere about the origin: 20·4^`level` triangles, facing out, or in with `inward`.
+    Icosphere {
+        level: u32,
+        #[serde(default)]
+        inward: bool,
+    },
+    /// A closed standing figure about 1.8 m high on y = 0, facing +z, of `triangles` triangles (to 1 %).
+    Statue { triangles: u32 },
+}
+
+fn one() -> u32 {
+    1
+}
+
+impl Shape {
+    /// The word for the shape in a scene file.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Quad { .. } => "quad",
+            Self::Box { .. } => "box",
+            Self::Room { .. } => "room",
+            Self::Icosphere { .. } => "icosphere",
+            Self::Statue { .. } => "statue",
+        }
+    }
+
+    /// Vertices in metres, and faces counter-clockwise seen from their front. Numbers out of range are clamped.
+    pub fn mesh(&self) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+        let (_, number, range) = self.resolution();
+        let number = number.clamp(*range.start(), *range.end());
+        match *self {
+            Self::Quad { .. } => quad(number),
+            Self::Box { .. } => cube(number, false),
+            Self::Room { .. } => cube(number, true),
+            Self::Icosphere { inward, .. } => icosphere(number, inward),
+            Self::Statue { .. } => statue::mesh(number),
+        }
+    }
+
+    /// Says what is wrong with the numbers, if anything.
+    pub(super) fn validate(&self) -> Result<(), String> {
+        let (name, number, range) = self.resolution();
+        if range.contains(&number) {
+            return Ok(());
+        }
+        Err(format!(
+            "{} with {name} = {number}; it must lie in {} to {}",
+            self.kind(),
+            range.start(),
+            range.end()
+        ))
+    }
+
+    /// The number that sets how fine the shape is: its name, value and range.
+    fn resolution(&self) -> (&'static str, u32, RangeInclusive<u32>) {
+        match *self {
+            Self::Quad { cells } | Self::Box { cells } | Self::Room { cells } => {
+                ("cells", cells, CELLS)
+            }
+            Self::Icosphere { level, .. } => ("level", level, LEVELS),
+            Self::Statue { triangles } => ("triangles", triangles, STATUE_TRIANGLES),
+        }
+    }
+}
+
+fn quad(cells: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    let step = 1.0 / f64::from(cells);
+    let mut grid = Grid::default();
+    grid.side(cells, |i, j| [j, 0, i]);
+    grid.finish(step)
+}
+
+fn cube(cells: u32, inward: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    let n = cells;
+    let mut grid = Grid::default();
+    // (i, j) with i x j pointing out of the cube.
+    grid.side(n, |i, j| [i, 0, j]);
+    grid.side(n, |i, j| [j, n, i]);
+    grid.side(n, |i, j| [0, j, i]);
+    grid.side(n, |i, j| [n, j, n - i]);
+    grid.side(n, |i, j| [j, i, 0]);
+    grid.side(n, |i, j| [i, j, n]);
+    let (vertices, mut faces) = grid.finish(1.0 / f64::from(n));
+    if inward {
+        turn_over(&mut faces);
+    }
+    (vertices, faces)
+}
+
+fn turn_over(faces: &mut [[u32; 3]]) {
+    faces.iter_mut().for_each(|face| face.swap(1, 2));
+}
+
+/// Squares with integer corners; sides that meet share vertices.
+#[derive(Default)]
+struct Grid {
+    indices: HashMap<[u32; 3], u32>,
+    corners: Vec<[u32; 3]>,
+    faces: Vec<[u32; 3]>,
+}
+
+impl Grid {
+    fn index(&mut self, corner: [u32; 3]) -> u32 {
+        *self.indices.entry(corner).or_insert_with(|| {
+            self.corners.push(corner);
+            self.corners.len() as u32 - 1
+        })
+    }
+
+    fn side(&mut self, cells: u32, corner: impl Fn(u32, u32) -> [u32; 3]) {
+        for i in 0..cells {
+            for j in 0..cells {
+                let [a, b, c, d] = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]]
+                    .map(|[i, j]| self.index(corner(i, j)));
+                self.faces.extend([[a, b, c], [a, c, d]]);
+            }
+        }
+    }
+
+    fn finish(self, step: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+        let position = |corner: [u32; 3]| DVec3::from(corner.map(f64::from)) * step;
+        (self.corners.into_iter().map(position).collect(), self.faces)
+    }
+}
+
+fn icosphere(level: u32, inward: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    let golden = (1.0 + 5f64.sqrt()) / 2.0;
+    let mut vertices = Vec::with_capacity(10 * 4usize.pow(level) + 2);
+    for (a, b) in [
+        (-1.0, golden),
+        (1.0, golden),
+        (-1.0, -golden),
+        (1.0, -golden),
+    ] {
+        vertices.extend([
+            DVec3::new(a, b, 0.0),
+            DVec3::new(0.0, a, b),
+            DVec3::new(b, 0.0, a),
+        ]);
+    }
+    // Faces are the triples of neighbours; the edges of this icosahedron are 2 long.
+    let near = |a: u32, b: u32| (vertices[a as usize] - vertices[b as usize]).length() < 2.1;
+    let mut faces = Vec::with_capacity(20);
+    for a in 0..12 {
+        for b in (a + 1..12).filter(|&b| near(a, b)) {
+            for c in (b + 1..12).filter(|&c| near(a, c) && near(b, c)) {
+                let [p, q, r] = [a, b, c].map(|v: u32| vertices[v as usize]);
+                faces.push(if p.dot(q.cross(r)) > 0.0 {
+                    [a, b, c]
+                } else {
+                    [a, c, b]
+                });
+            }
+        }
+    }
+    for _ in 0..level {
+        faces = subdivide(&mut vertices, &faces);
+        // At every level, not only the last: it keeps the triangles more even.
+        vertices.iter_mut().for_each(|v| *v = v.normalize_or_zero());
+    }
+    vertices.iter_mut().for_each(|v| *v = v.normalize_or_zero());
+    if inward {
+        turn_over(&mut faces);
+    }
+    (vertices, faces)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+
+    use super::*;
+
+    fn volume(vertices: &[DVec3], faces: &[[u32; 3]]) -> f64 {
+        let signed = |face: &[u32; 3]| {
+            let [a, b, c] = face.map(|v| vertices[v as usize]);
+            a.dot(b.cross(c)) / 6.0
+        };
+        faces.iter().map(signed).sum()
+    }
+
+    /// Every directed edge once, and its opposite once.
+    fn assert_closed(faces: &[[u32; 3]]) {
+        let mut edges = HashSet::new();
+        for &[a, b, c] in faces {
+            for edge in [[a, b], [b, c], [c, a]] {
+                assert!(
+                    edge[0] != edge[1] && edges.insert(edge),
+                    "edge {edge:?} twice"
+                );
+            }
+        }
+        assert!(
+            edges.iter().all(|&[a, b]| edges.contains(&[b, a])),
+            "an edge is open"
+        );
+    }
+
+    #[test]
+    fn quad_faces_up() {
+        let (vertices, faces) = Shape::Quad { cells: 3 }.mesh();
+        assert_eq!((vertices.len(), faces.len()), (16, 18));
+        for face in faces {
+            let [a, b, c] = face.map(|v| vertices[v as usize]);
+            assert!((b - a).cross(c - a).abs_diff_eq(DVec3::Y / 9.0, 1e-12));
+        }
+    }
+
+    #[test]
+    fn cubes_are_closed_and_turned_right() {
+        for (shape, expected) in [
+            (Shape::Box { cells: 4 }, 1.0),
+            (Shape::Room { cells: 4 }, -1.0),
+        ] {
+            let (vertices, faces) = shape.mesh();
+            assert_eq!((vertices.len(), faces.len()), (98, 192));
+            assert_closed(&faces);
+            assert!((volume(&vertices, &faces) - expected).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn icospheres_are_closed_and_turned_right() {
+        for (inward, sign) in [(false, 1.0), (true, -1.0)] {
+            let (vertices, faces) = Shape::Icosphere { level: 3, inward }.mesh();
+            assert_eq!((vertices.len(), faces.len()), (642, 1280));
+            assert_closed(&faces);
+            assert!(vertices.iter().all(|v| (v.length() - 1.0).abs() < 1e-12));
+            let ball = 4.0 / 3.0 * std::f64::consts::PI;
+            assert!((sign * volume(&vertices, &faces) / ball - 1.0).abs() < 0.02);
+        }
+    }
+
+    #[test]
+    fn statues_have_the_triangles_asked_for_and_stand_on_the_floor() {
+        for wanted in [500, 777, 1234, 10_000, 65_537, 500_000] {
+            let (vertices, faces) = Shape::Statue { triangles: wanted }.mesh();
+            let got = faces.len() as f64;
+            assert!(
+                (got / f64::from(wanted) - 1.0).abs() < 0.01,
+                "{got} for {wanted}"
+            );
+            assert_closed(&faces);
+            assert!(
+                volume(&vertices, &faces) > 0.2,
+                "{}",
+                volume(&vertices, &faces)
+            );
+            let (low, high) = vertices
+                .iter()
+                .fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v.y), h.max(v.y)));
+            assert!(low == 0.0 && (high - 1.8).abs() < 1e-9, "{low} to {high}");
+        }
+    }
+
+    #[test]
+    fn statue_triangles_are_even_and_well_shaped() {
+        for wanted in [500, 10_000, 100_000] {
+            let (vertices, faces) = Shape::Statue { triangles: wanted }.mesh();
+            let corners = || faces.iter().map(|face| face.map(|v| vertices[v as usize]));
+            let ratio = |[a, b, c]: [DVec3; 3]| {
+                let lengths = [a.distance(b), b.distance(c), c.distance(a)];
+                lengths.into_iter().fold(0.0, f64::max)
+                    / lengths.into_iter().fold(f64::MAX, f64::min)
+            };
+            let area = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).length() / 2.0;
+            let mean = corners().map(area).sum::<f64>() / faces.len() as f64;
+            let slender = corners().filter(|&t| ratio(t) > 4.0).count() as f64 / faces.len() as f64;
+            let uneven = corners()
+                .filter(|&t| !(0.25..4.0).contains(&(area(t) / mean)))
+                .count() as f64
+                / faces.len() as f64;
+            assert!(
+                slender < 0.02 && uneven < 0.05,
+                "{wanted}: {slender} slender, {uneven} uneven"
+            );
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! The tables of a scene file, as TOML gives them, and what they say. Their keys and types are checked here.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use serde::de::{Error as _, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use toml::Spanned;
+
+use super::error::{Place, SceneError, nearest};
+use super::{Accuracy, BinLayout, Camera, Material, Normalization, Shape, SolverChoice, Weights};
+
+/// Named tables; the span of the name says where it stands in the file.
+pub(super) type Named<T> = BTreeMap<Spanned<String>, T>;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SceneTable {
+    #[serde(default)]
+    pub mesh: Vec<Spanned<MeshTable>>,
+    #[serde(default)]
+    pub material: Named<MaterialTable>,
+    #[serde(default)]
+    pub camera: Named<CameraTable>,
+    pub accuracy: Option<Spanned<AccuracyTable>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct MeshTable {
+    pub name: Option<String>,
+    pub path: Option<Spanned<PathBuf>>,
+    pub shape: Option<Spanned<Shape>>,
+    pub material: Option<Spanned<String>>,
+    #[serde(default, deserialize_with = "vector")]
+    pub translate: DVec3,
+    #[serde(default, deserialize_with = "vector")]
+    pub rotate_degrees: DVec3,
+    pub scale: Option<Spanned<Triple>>,
+    pub subdivide: Option<Spanned<u32>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct MaterialTable {
+    pub diffuse: Option<f64>,
+    pub albedo: Option<Triple>,
+    pub specular: Option<Triple>,
+    pub power: Option<f64>,
+    pub emission: Option<Triple>,
+    pub normalization: Option<Normalization>,
+}
+
+impl MaterialTable {
+    /// Sets what the table says; the rest stays.
+    pub fn apply(&self, material: &mut Material) {
+        material.diffuse = self.diffuse.unwrap_or(material.diffuse);
+        material.albedo = self.albedo.map_or(material.albedo, |t| t.0);
+        material.specular = self.specular.map_or(material.specular, |t| t.0);
+        material.power = self.power.unwrap_or(material.power);
+        material.emission = self.emission.map_or(material.emission, |t| t.0);
+        material.normalization = self.normalization.unwrap_or(material.normalization);
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CameraTable {
+    #[serde(deserialize_with = "vector")]
+    pub position: DVec3,
+    #[serde(deserialize_with = "vector")]
+    pub target: DVec3,
+    #[serde(default = "upwards", deserialize_with = "vector")]
+    pub up: DVec3,
+    pub fov_x_degrees: Option<f64>,
+    pub fov_y_degrees: Option<f64>,
+    pub width: u32,
+    pub height: u32,
+}
+
+fn upwards() -> DVec3 {
+    DVec3::Y
+}
+
+impl CameraTable {
+    /// The camera, its field of view made horizontal.
+    pub fn camera(&self, name: String, place: Place) -> Result<Camera, SceneError> {
+        let fov_x_degrees = match (self.fov_x_degrees, self.fov_y_degrees) {
+            (Some(x), None) => x,
+            (None, Some(y)) if y > 0.0 && y < 180.0 && self.height > 0 => {
+                let aspect = f64::from(self.width) / f64::from(self.height);
+                2.0 * ((y / 2.0).to_radians().tan() * aspect).atan().to_degrees()
+            }
+            (None, Some(y)) => {
+                let height = self.height;
+                return Err(place.error(format!(
+                    "camera \"{name}\": fov_y_degrees is {y} and height {height}; \
+                 they must lie between 0 and 180, and above 0"
+                )));
+            }
+            (Some(_), Some(_)) | (None, None) => {
+                return Err(place.error(format!(
+                    "camera \"{name}\": give exactly one of fov_x_degrees and fov_y_degrees"
+                )));
+            }
+        };
+        Ok(Camera {
+            name,
+            position: self.position,
+            target: self.target,
+            up: self.up,
+            fov_x_degrees,
+            width: self.width,
+            height: self.height,
+        })
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AccuracyTable {
+    pub bins: Option<BinsTable>,
+    pub weights: Option<Weights>,
+    pub subsample: Option<f64>,
+    pub tolerance: Option<f64>,
+    pub max_passes: Option<u32>,
+    pub solver: Option<SolverChoice>,
+}
+
+impl AccuracyTable {
+    /// The settings, defaults where the table says nothing.
+    pub fn accuracy(&self) -> Accuracy {
+        let default = Accuracy::default();
+        Accuracy {
+            bins: self.bins.map_or(default.bins, Into::into),
+            weights: self.weights.unwrap_or(default.weights),
+            subsample: self.subsample.unwrap_or(default.subsample),
+            tolerance: self.tolerance.unwrap_or(default.tolerance),
+            max_passes: self.max_passes.unwrap_or(default.max_passes),
+            solver: self.solver.unwrap_or(default.solver),
+        }
+    }
+}
+
+/// `{ equal_angle = [10, 13] }` or `{ concentric = 12 }`.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum BinsTable {
+    EqualAngle([u32; 2]),
+    Concentric(u32),
+}
+
+impl From<BinsTable> for BinLayout {
+    fn from(bins: BinsTable) -> Self {
+        match bins {
+            BinsTable::EqualAngle([theta, phi]) => Self::EqualAngle { theta, phi },
+            BinsTable::Concentric(n) => Self::Concentric { n },
+        }
+    }
+}
+
+/// Three finite numbers, or one for all three.
+#[derive(Clone, Copy)]
+pub(super) struct Triple(pub [f64; 3]);
+
+impl<'de> Deserialize<'de> for Triple {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer
+            .deserialize_any(TripleVisitor { one_for_all: true })
+            .map(Self)
+    }
+}
+
+fn vector<'de, D: Deserializer<'de>>(deserializer: D) -> Result<DVec3, D::Error> {
+    deserializer
+        .deserialize_any(TripleVisitor { one_for_all: false })
+        .map(DVec3::from)
+}
+
+struct TripleVisitor {
+    one_for_all: bool,
+}
+
+impl<'de> Visitor<'de> for TripleVisitor {
+    type Value = [f64; 3];
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(if self.one_for_all {
+            "a number or three, like 0.5 or [1, 0.5, 0]"
+        } else {
+            "three numbers, like [1, 0.5, 0]"
+        })
+    }
+
+    fn visit_f64<E: serde::de::Error>(self, value: f64) -> Result<[f64; 3], E> {
+        match (self.one_for_all, value.is_finite()) {
+            (true, true) => Ok([value; 3]),
+            (true, false) => Err(E::custom(format!("{value} is not finite"))),
+            (false, _) => Err(E::invalid_type(serde::de::Unexpected::Float(value), &self)),
+        }
+    }
+
+    fn visit_i64<E: serde::de::Error>(self, value: i64) -> Result<[f64; 3], E> {
+        self.visit_f64(value as f64)
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut sequence: A) -> Result<[f64; 3], A::Error> {
+        let mut values = Vec::with_capacity(3);
+        while let Some(value) = sequence.next_element::<f64>()? {
+            if !value.is_finite() {
+                return Err(A::Error::custom(format!("{value} is not finite")));
+            }
+            values.push(value);
+        }
+        <[f64; 3]>::try_from(values).map_err(|values| A::Error::invalid_length(values.len(), &self))
+    }
+}
+
+/// Reads the tables of a scene file.
+pub(super) fn parse(text: &str, path: &Path) -> Result<SceneTable, SceneError> {
+    toml::from_str(text).map_err(|error: toml::de::Error| {
+        let line = error.span().map_or(1, |span| line_of(text, span.start));
+        Place { path, line }.error(one_line(error.message()))
+    })
+}
+
+/// Named tables as they stand in the file.
+pub(super) fn in_file_order<T>(tables: &Named<T>) -> Vec<(&Spanned<String>, &T)> {
+    let mut ordered: Vec<_> = tables.iter().collect();
+    ordered.sort_by_key(|(name, _)| name.span().start);
+    ordered
+}
+
+/// The line of a byte, from 1.
+pub(super) fn line_of(text: &str, byte: usize) -> usize {
+    1 + text.bytes().take(byte).filter(|&b| b == b'\n').count()
+}
+
+/// The parser's message on one line, with the nearest known word where one is unknown.
+///
+/// serde lists the known words only in its message, "unknown field `a`, expected one of `b`, `c`". A message of another
+/// form goes through as it is.
+fn one_line(message: &str) -> String {
+    let message = message
+        .lines()
+        .map(str::trim)
+        .collect::<Vec<_>>()
+        .join(", ");
+    let mut quoted = message.split('`').skip(1).step_by(2);
+    let unknown = message.starts_with("unknown field") || message.starts_with("unknown variant");
+    let near = match (unknown, quoted.next()) {
+        (true, Some(word)) => nearest(word, quoted),
+        _ => None,
+    };
+    let message = message.replacen("unknown field", "unknown key", 1);
+    match near {
+        Some(near) => format!("{message}; did you mean `{near}`?"),
+        None => message,
+    }
+}

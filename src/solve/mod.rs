@@ -1,0 +1,123 @@
+//! Solvers of H = U (E + (K - J) H), generic over where the vectors live.
+
+mod fixed_point;
+mod gmres;
+
+pub use fixed_point::{FixedPointParams, fixed_point};
+pub use gmres::{GmresParams, gmres, gmres_scratch};
+
+use std::ops::ControlFlow;
+
+/// The affine map of the light equation, and the vector space it acts on.
+pub trait LightOperator {
+    type Vector;
+    type Error;
+
+    /// A vector of zeros. `label` names it in memory reports.
+    fn vector(&mut self, label: &str) -> Result<Self::Vector, Self::Error>;
+    /// y = U (E + (K - J) x) with `emission`, y = U (K - J) x without. `None` stands for x = 0.
+    fn pass(&mut self, x: Option<&Self::Vector>, emission: bool, y: &mut Self::Vector) -> Result<(), Self::Error>;
+    /// ⟨x, y⟩.
+    fn dot(&mut self, x: &Self::Vector, y: &Self::Vector) -> Result<f64, Self::Error>;
+    /// y = a x + b y.
+    fn combine(&mut self, a: f64, x: &Self::Vector, b: f64, y: &mut Self::Vector) -> Result<(), Self::Error>;
+    /// y = b y.
+    fn scale(&mut self, b: f64, y: &mut Self::Vector) -> Result<(), Self::Error>;
+    /// The size of a vector that convergence is judged by: root of the area-weighted sum of squared irradiance. Unlike
+    /// the reflected radiosity, of which it is a bound, it sees black surfaces too.
+    fn magnitude(&mut self, x: &Self::Vector) -> Result<f64, Self::Error>;
+}
+
+/// How a solve went.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SolveInfo {
+    /// Applications of the transport.
+    pub passes: u32,
+    /// Relative residual after each pass; of GMRES its own running estimate, the last one verified.
+    pub residuals: Vec<f64>,
+    /// Estimate of the spectral radius of U (K - J), from the decay of the residual.
+    pub spectral_radius: Option<f64>,
+}
+
+/// Why a solve stopped without an answer. All carry what was reached.
+#[derive(Debug, thiserror::Error)]
+pub enum SolveError<E> {
+    #[error(
+        "the solve diverges: relative residual {residual:.3e} after {passes} passes. Light is created in the scene: \
+         look for interpenetrating triangles, stacked layers closer than a triangle's size, or an albedo near 1"
+    )]
+    Diverged { passes: u32, residual: f64, residuals: Vec<f64> },
+    #[error(
+        "no convergence: relative residual {residual:.3e} after {passes} passes, wanted {tolerance:.1e}. Allow more \
+         passes or a larger tolerance, or choose the other solver"
+    )]
+    NoConvergence { passes: u32, residual: f64, tolerance: f64, residuals: Vec<f64> },
+    #[error("interrupted after {passes} passes")]
+    Interrupted { passes: u32 },
+    #[error(transparent)]
+    Operator(#[from] E),
+}
+
+/// Called after every pass with the number of passes and the relative residual; may stop the solve.
+pub type Progress<'a> = dyn FnMut(u32, f64) -> ControlFlow<()> + 'a;
+
+/// Counts passes, keeps their residuals and decides when to give up; shared by the solvers.
+struct Watch<'a, 'b> {
+    tolerance: f64,
+    max_passes: u32,
+    residuals: Vec<f64>,
+    progress: &'a mut Progress<'b>,
+}
+
+/// Growth of the residual over the best one that counts as divergence: stacked layers may gain a few orders of
+/// magnitude before they cancel (J U is non-normal), a radius above one has no bound.
+const DIVERGENCE: f64 = 1e6;
+
+impl<'a, 'b> Watch<'a, 'b> {
+    fn new(tolerance: f64, max_passes: u32, progress: &'a mut Progress<'b>) -> Self {
+        Self { tolerance, max_passes, residuals: Vec::new(), progress }
+    }
+
+    fn passes(&self) -> u32 {
+        self.residuals.len() as u32
+    }
+
+    fn converged(&self, residual: f64) -> bool {
+        residual <= self.tolerance
+    }
+
+    /// Records a pass.
+    fn pass<E>(&mut self, residual: f64) -> Result<(), SolveError<E>> {
+        self.residuals.push(residual);
+        let passes = self.passes();
+        let best = self.residuals.iter().copied().fold(f64::INFINITY, f64::min);
+        if !residual.is_finite() || residual > DIVERGENCE * best {
+            return Err(SolveError::Diverged { passes, residual, residuals: self.residuals.clone() });
+        }
+        if (self.progress)(passes, residual).is_break() {
+            return Err(SolveError::Interrupted { passes });
+        }
+        if passes >= self.max_passes && !self.converged(residual) {
+            // Still growing at the end: more passes would not help.
+            let first = self.residuals.first().copied().unwrap_or(residual);
+            return Err(if residual > first {
+                SolveError::Diverged { passes, residual, residuals: self.residuals.clone() }
+            } else {
+                let (tolerance, residuals) = (self.tolerance, self.residuals.clone());
+                SolveError::NoConvergence { passes, residual, tolerance, residuals }
+            });
+        }
+        Ok(())
+    }
+
+    fn info(self) -> SolveInfo {
+        let r = &self.residuals;
+        let tail = r.len().min(5);
+        let decay = |k: usize| (r[r.len() - 1] / r[r.len() - k]).powf(1.0 / (k as f64 - 1.0));
+        SolveInfo {
+            passes: self.passes(),
+            spectral_radius: (tail >= 3 && r[r.len() - tail] > 0.0).then(|| decay(tail)),
+            residuals: self.residuals,
+        }
+    }
+}

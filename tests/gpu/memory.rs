@@ -1,0 +1,130 @@
+//! Buffers, their budget, and transfers.
+
+use antirad::gpu::{
+    self, ALIGN, Buffer, BufferKind, Device, DeviceOptions, GpuError, STAGING_CHUNK,
+};
+
+use crate::{device, finish, options};
+
+#[test]
+fn transfers_beyond_one_staging_chunk() {
+    let device = device();
+    let bytes = STAGING_CHUNK as usize * 2 + 12_345;
+    let data: Vec<u8> = (0..bytes).map(|i| (i * 31 + i / 251) as u8).collect();
+    let buffer = Buffer::new(&device, "big", bytes as u64 + 100, BufferKind::Storage).unwrap();
+    device.upload(&buffer, 77, &data).unwrap();
+    assert!(device.download(&buffer, 77, bytes as u64).unwrap() == data);
+    // A part of it, into memory of the caller.
+    let mut part = vec![0; 1000];
+    device
+        .download_into(&buffer, 77 + STAGING_CHUNK - 500, &mut part)
+        .unwrap();
+    assert!(part == data[STAGING_CHUNK as usize - 500..][..1000]);
+
+    let report = device.memory();
+    let staging = report
+        .by_label
+        .iter()
+        .filter(|row| row.label.starts_with("staging"));
+    assert_eq!(
+        staging.map(|row| row.bytes).sum::<u64>(),
+        gpu::staging_bytes()
+    );
+    assert!(report.reserved >= report.in_use);
+
+    let beyond = device.download(&buffer, buffer.bytes() - 4, 8);
+    assert!(matches!(beyond, Err(GpuError::OutOfRange { .. })));
+    let beyond = device.upload_slice(&buffer, u64::MAX, &[1u8]);
+    assert!(matches!(beyond, Err(GpuError::OutOfRange { .. })));
+    let beyond = device.download_slice::<u64>(&buffer, 0, u64::MAX);
+    assert!(matches!(beyond, Err(GpuError::OutOfRange { .. })));
+    device.upload(&buffer, buffer.bytes(), &[]).unwrap();
+    drop(buffer);
+    finish(device);
+}
+
+#[test]
+fn mapped_buffers_need_no_staging() {
+    let device = device();
+    let mut upload = Buffer::new(&device, "up", 1024, BufferKind::Upload).unwrap();
+    let mut readback = Buffer::new(&device, "down", 1024, BufferKind::Readback).unwrap();
+    upload.mapped().unwrap().fill(7);
+    let mut batch = device.batch().unwrap();
+    batch.fill(&readback, 0, 1024, 0x0101_0101).unwrap();
+    batch.copy(&upload, 0, &readback, 256, 512).unwrap();
+    batch.submit().unwrap();
+    let bytes = readback.mapped().unwrap();
+    assert!(
+        bytes[..256]
+            .iter()
+            .chain(&bytes[768..])
+            .all(|&byte| byte == 1)
+    );
+    assert!(bytes[256..768].iter().all(|&byte| byte == 7));
+    drop((upload, readback));
+    finish(device);
+}
+
+#[test]
+fn budget_refuses_by_name_and_freed_memory_is_uncounted() {
+    let budget = gpu::staging_bytes() + (1 << 20);
+    let device = Device::new(&DeviceOptions {
+        memory_budget: Some(budget),
+        ..options()
+    })
+    .unwrap();
+    let buffer =
+        |label: &str, bytes| Buffer::new(&device, label, bytes, BufferKind::Storage).map(drop);
+    let small = Buffer::new(&device, "small", 100, BufferKind::Storage).unwrap();
+    assert_eq!((small.bytes(), device.memory().in_use), (ALIGN, ALIGN));
+
+    let error = buffer("too much", budget).unwrap_err();
+    assert!(matches!(error, GpuError::OverBudget { .. }));
+    let text = error.to_string();
+    assert!(
+        text.contains("too much") && text.contains(&budget.to_string()),
+        "{text}"
+    );
+    let report = device.memory();
+    assert_eq!(
+        (report.budget, report.in_use, report.peak),
+        (budget, ALIGN, ALIGN)
+    );
+
+    // Exactly what is left still goes, and comes back.
+    buffer("rest", budget - ALIGN).unwrap();
+    let report = device.memory();
+    assert_eq!((report.in_use, report.peak), (ALIGN, budget));
+    assert_eq!(report.by_label.len(), 1);
+    let row = &report.by_label[0];
+    assert_eq!(
+        (row.label.as_str(), row.bytes, row.count),
+        ("small", ALIGN, 1)
+    );
+
+    // An empty buffer is a buffer, and the device works on.
+    let empty = Buffer::new(&device, "empty", 0, BufferKind::Storage).unwrap();
+    assert_eq!(empty.bytes(), ALIGN);
+    device.upload(&empty, 0, &[1, 2, 3]).unwrap();
+    assert_eq!(device.download(&empty, 0, 3).unwrap(), [1, 2, 3]);
+    drop((small, empty));
+    finish(device);
+}
+
+#[test]
+fn buffers_beyond_the_binding_limit_are_refused() {
+    let device = Device::new(&DeviceOptions {
+        memory_budget: Some(u64::MAX),
+        ..options()
+    })
+    .unwrap();
+    for bytes in [device.info().max_storage_buffer_range + 1, u64::MAX] {
+        let error = Buffer::new(&device, "huge", bytes, BufferKind::Storage)
+            .err()
+            .unwrap();
+        assert!(matches!(error, GpuError::BufferTooLarge { .. }));
+        assert!(error.to_string().contains("huge"));
+    }
+    assert_eq!(device.memory().in_use, 0);
+    finish(device);
+}

@@ -1,0 +1,32 @@
+//! The compiled shaders themselves.
+
+use antirad::shaders::{self, Shader};
+
+use crate::Axpy;
+use crate::reflect::member_offsets;
+
+#[test]
+fn layouts_shared_with_shaders_agree() {
+    let offsets = member_offsets(shaders::AXPY.spirv, "Push");
+    let expected = [
+        ("count".to_owned(), std::mem::offset_of!(Axpy, count) as u32),
+        ("a".to_owned(), std::mem::offset_of!(Axpy, a) as u32),
+    ];
+    assert_eq!(offsets, expected);
+}
+
+#[test]
+fn all_shaders_are_listed() {
+    let names: Vec<_> = shaders::ALL
+        .iter()
+        .map(|Shader { name, .. }| *name)
+        .collect();
+    assert!(names.contains(&"axpy"));
+    assert!(names.is_sorted());
+    // The magic number of SPIR-V.
+    assert!(
+        shaders::ALL
+            .iter()
+            .all(|shader| shader.spirv[0] == 0x0723_0203)
+    );
+}
