@@ -1,4 +1,4 @@
-//! The compute shaders of `glsl/`, compiled by `build.rs`: one static per file, named after it (`axpy.comp` is [`AXPY`]).
+//! The compute shaders of `glsl/`, compiled by `build.rs`: one static per file, named after it (`combine.comp` is [`COMBINE`]).
 
 /// A compute shader with the entry point `main`.
 #[derive(Debug)]

@@ -11,11 +11,11 @@
 //! device.upload_slice(&x, 0, &[1.0f32; 1024])?;
 //! device.upload_slice(&y, 0, &[2.0f32; 1024])?;
 //!
-//! let axpy = Pipeline::new(&device, &shaders::AXPY, 2, 8, &[], None)?;
-//! let (count, a) = (1024u32, 3.0f32);
-//! let push = [count.to_ne_bytes(), a.to_ne_bytes()].concat();
+//! let combine = Pipeline::new(&device, &shaders::COMBINE, 2, 12, &[], None)?;
+//! let (count, a, b) = (1024u32, 3.0f32, 1.0f32);
+//! let push = [count.to_ne_bytes(), a.to_ne_bytes(), b.to_ne_bytes()].concat();
 //! let mut batch = device.batch()?;
-//! batch.dispatch(&axpy, "1024", &[x.whole(), y.whole()], &push, [16, 1, 1])?;
+//! batch.dispatch(&combine, "1024", &[x.whole(), y.whole()], &push, [16, 1, 1])?;
 //! batch.submit()?;
 //! assert_eq!(device.download_slice::<f32>(&y, 0, 1)?, [5.0]);
 //! # Ok(())

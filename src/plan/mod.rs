@@ -1,6 +1,221 @@
-//! Plan.
+//! What is to be done, worked out before any device is touched: which triangles need what, in which order they stand,
+//! which tiles exchange light, how many bytes and pairs that takes. Pure host code.
+
 mod bins;
 mod classes;
+mod error;
+mod memory;
+mod near;
 mod order;
+mod report;
+mod tiles;
+
 pub use bins::{Bins, Taps};
-pub use classes::{Class, classify, coplanar_tolerance, reaches};
+pub use classes::{Class, classify};
+pub use error::PlanError;
+pub(crate) use memory::PARTIAL_SUMS;
+pub use memory::{MemoryItem, MemoryPlan};
+pub use near::NearPairs;
+pub use report::{ClassReport, PairReport, PlanReport};
+pub use tiles::{Group, Layout, PADDING, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, TilePairs};
+
+use crate::reference::Facet;
+use crate::scene::{Accuracy, Scene, SolverChoice};
+use glam::DVec3;
+
+/// What a device offers, and choices that change the work but not the result.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Bytes that all buffers together may take.
+    pub memory_budget: u64,
+    /// Largest buffer a kernel can see, bytes.
+    pub max_buffer: u64,
+    /// Bytes of the buffers through which data comes and goes.
+    pub staging: u64,
+    /// Triangles per tile: 32 or 64.
+    pub tile: u32,
+    /// Largest page of state, bytes; at most `max_buffer`.
+    pub page: u64,
+    /// Leave out pairs of tiles that can't see each other.
+    pub cull: bool,
+    /// Model what blockers hold back. Without, light goes through everything: only of use to show what that does.
+    pub occlusion: bool,
+}
+
+impl Default for Limits {
+    /// Lavapipe: a heap of 2 GiB, 128 MiB per storage buffer.
+    fn default() -> Self {
+        Self {
+            memory_budget: 2 << 30,
+            max_buffer: 128 << 20,
+            staging: 16 << 20,
+            tile: 64,
+            page: 128 << 20,
+            cull: true,
+            occlusion: true,
+        }
+    }
+}
+
+/// Where the engine's coordinates come from: x_engine = (x - centre) · scale, so that the scene lies within one unit of
+/// the origin and f32 is as good for a scene in millimetres far from the origin as for any other. Irradiance does not
+/// depend on the scale.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placement {
+    /// Metres.
+    pub centre: DVec3,
+    /// 1/m.
+    pub scale: f64,
+}
+
+impl Placement {
+    pub fn of(scene: &Scene) -> Self {
+        let used = scene.triangles.iter().flat_map(|t| t.vertices).map(|v| scene.vertices[v as usize]);
+        let (min, max) =
+            used.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), x| (lo.min(x), hi.max(x)));
+        let radius = 0.5 * (max - min).length();
+        Self { centre: 0.5 * (min + max), scale: if radius > 0.0 { 1.0 / radius } else { 1.0 } }
+    }
+
+    pub fn apply(&self, point: DVec3) -> DVec3 {
+        (point - self.centre) * self.scale
+    }
+}
+
+/// Which solver runs, with how much memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PlannedSolver {
+    FixedPoint,
+    Gmres { restart: u32 },
+}
+
+impl PlannedSolver {
+    /// Vectors of the state's size that it needs.
+    pub fn vectors(self) -> u32 {
+        match self {
+            Self::FixedPoint => 2,
+            Self::Gmres { restart } => crate::solve::gmres_scratch(restart),
+        }
+    }
+}
+
+/// The longest Krylov basis worth its memory: rooms need 10 to 14 passes for 1e-4.
+const LONGEST_RESTART: u32 = 16;
+/// The shortest one that still beats the fixed point.
+const SHORTEST_RESTART: u32 = 4;
+
+/// Everything the engine needs to know, decided.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    pub limits: Limits,
+    pub accuracy: Accuracy,
+    pub bins: Bins,
+    /// 3, or 1 where nothing in the scene has a colour.
+    pub channels: u32,
+    /// In the engine's coordinates; index = triangle of the scene.
+    pub facets: Vec<Facet>,
+    pub placement: Placement,
+    /// Index = triangle of the scene.
+    pub classes: Vec<Class>,
+    pub layout: Layout,
+    pub tile_pairs: TilePairs,
+    pub near: NearPairs,
+    pub solver: PlannedSolver,
+    memory: MemoryPlan,
+}
+
+impl Plan {
+    /// Plans a forward solve of a checked scene.
+    pub fn new(scene: &Scene, limits: &Limits, accuracy: &Accuracy) -> Result<Self, PlanError> {
+        let placement = Placement::of(scene);
+        let facets: Vec<Facet> = (0..scene.triangles.len())
+            .map(|i| Facet::new(scene.corners(i).map(|c| placement.apply(c))))
+            .collect();
+        let mut classes = classify(scene);
+        if !limits.occlusion {
+            classes.iter_mut().for_each(|class| class.blocker = false);
+        }
+        let bins = Bins::new(accuracy.bins, accuracy.weights);
+        let channels = if is_grey(scene) { 1 } else { 3 };
+
+        let mut order = order::spatial_order(&facets);
+        order.retain(|&i| facets[i as usize].area > 0.0);
+        if order.is_empty() {
+            return Err(PlanError::NothingToSolve);
+        }
+        let tile_bytes = u64::from(limits.tile) * memory::bin_bytes(&bins, channels);
+        let page = limits.page.min(limits.max_buffer);
+        let page_tiles = (page / tile_bytes).max(1).min(u64::from(u32::MAX)) as u32;
+        let layout = Layout::new(&order, &classes, limits.tile, page_tiles);
+
+        let half_range = 0.5 * accuracy.subsample;
+        let tolerance = classes::coplanar_tolerance(&facets);
+        let tile_pairs = TilePairs::new(&layout, &facets, half_range, tolerance, limits.cull);
+        let near = NearPairs::new(&layout, &tile_pairs, &facets, &classes, half_range, tolerance);
+
+        let mut plan = Self {
+            limits: *limits,
+            accuracy: *accuracy,
+            bins,
+            channels,
+            facets,
+            placement,
+            classes,
+            layout,
+            tile_pairs,
+            near,
+            solver: PlannedSolver::FixedPoint,
+            memory: MemoryPlan::default(),
+        };
+        plan.choose_solver()?;
+        Ok(plan)
+    }
+
+    /// The longest basis that fits the budget, or the fixed point, or an error that says what would do.
+    fn choose_solver(&mut self) -> Result<(), PlanError> {
+        let wanted: Vec<PlannedSolver> = {
+            let bases = |shortest: u32| {
+                (shortest..=LONGEST_RESTART).rev().map(|restart| PlannedSolver::Gmres { restart })
+            };
+            match self.accuracy.solver {
+                SolverChoice::FixedPoint => vec![PlannedSolver::FixedPoint],
+                SolverChoice::Gmres => bases(1).collect(),
+                SolverChoice::Auto => bases(SHORTEST_RESTART).chain([PlannedSolver::FixedPoint]).collect(),
+            }
+        };
+        let mut least = u64::MAX;
+        for solver in wanted {
+            self.solver = solver;
+            self.memory = MemoryPlan::of(self);
+            self.memory.check_buffers(self.limits.max_buffer)?;
+            least = least.min(self.memory.total());
+            if self.memory.total() <= self.limits.memory_budget {
+                return Ok(());
+            }
+        }
+        Err(PlanError::OverBudget { budget: self.limits.memory_budget, needed: least })
+    }
+
+    /// Bytes by label.
+    pub fn memory(&self) -> &MemoryPlan {
+        &self.memory
+    }
+
+    /// Bytes of the bins of one triangle.
+    pub fn bin_bytes(&self) -> u64 {
+        memory::bin_bytes(&self.bins, self.channels)
+    }
+
+    /// Triangles that take part.
+    pub fn triangles(&self) -> usize {
+        self.layout.order.iter().filter(|&&i| i != PADDING).count()
+    }
+}
+
+fn is_grey(scene: &Scene) -> bool {
+    let grey = |c: [f64; 3]| c[0] == c[1] && c[1] == c[2];
+    (0..scene.triangles.len()).all(|i| {
+        let m = scene.material(i);
+        grey(m.albedo) && grey(m.specular) && grey(m.emission)
+    })
+}

@@ -90,7 +90,7 @@ impl<'a, 'b> Watch<'a, 'b> {
     fn pass<E>(&mut self, residual: f64) -> Result<(), SolveError<E>> {
         self.residuals.push(residual);
         let passes = self.passes();
-        let best = self.residuals.iter().copied().fold(f64::INFINITY, f64::min);
+        let best = self.residuals.iter().copied().fold(f64::INFINITY, f64::min).max(self.tolerance);
         if !residual.is_finite() || residual > DIVERGENCE * best {
             return Err(SolveError::Diverged { passes, residual, residuals: self.residuals.clone() });
         }

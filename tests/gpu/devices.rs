@@ -87,7 +87,7 @@ fn an_embedders_device_is_used_and_left_alone() {
                 filled(&device, "x", &[1.0, 2.0]),
                 filled(&device, "y", &[3.0, 4.0]),
             );
-            let push = Axpy { count: 2, a: 10.0 };
+            let push = Axpy { count: 2, a: 10.0 , b: 1.0 };
             let push = bytemuck::bytes_of(&push);
             let mut batch = device.batch().unwrap();
             batch

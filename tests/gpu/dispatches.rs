@@ -16,8 +16,7 @@ fn axpy_computes_and_is_profiled_by_shape() {
     let (x, y) = (filled(&device, "x", &xs), filled(&device, "y", &ys));
     let push = Axpy {
         count: 10_001,
-        a: 2.0,
-    };
+        a: 2.0, b: 1.0 };
     device.reset_profile();
     let mut batch = device.batch().unwrap();
     for shape in ["first", "again", "again"] {
@@ -48,8 +47,8 @@ fn axpy_computes_and_is_profiled_by_shape() {
     assert_eq!(
         keys,
         [
-            ("axpy".into(), "again".into(), 2),
-            ("axpy".into(), "first".into(), 1)
+            ("combine".into(), "again".into(), 2),
+            ("combine".into(), "first".into(), 1)
         ]
     );
     let total: f64 = rows.iter().map(|row| row.seconds).sum();
@@ -70,7 +69,7 @@ fn slices_bind_a_part_and_leave_the_rest() {
     let pipeline = axpy_pipeline(&device);
     let (xs, ys) = (ramp(512), ramp(512));
     let (x, y) = (filled(&device, "x", &xs), filled(&device, "y", &ys));
-    let push = Axpy { count: 64, a: 3.0 };
+    let push = Axpy { count: 64, a: 3.0 , b: 1.0 };
     let push = bytemuck::bytes_of(&push);
     let mut batch = device.batch().unwrap();
     let buffers = [x.slice(ALIGN, 256), y.slice(2 * ALIGN, 256)];
@@ -116,7 +115,7 @@ fn slices_bind_a_part_and_leave_the_rest() {
 fn pipelines_and_dispatches_are_checked() {
     let device = device();
     let new = |bindings, push, subgroup| {
-        Pipeline::new(&device, &shaders::AXPY, bindings, push, &[], subgroup).err()
+        Pipeline::new(&device, &shaders::COMBINE, bindings, push, &[], subgroup).err()
     };
     assert!(matches!(
         new(2, 132, None),
@@ -186,7 +185,7 @@ fn long_batches_are_executed_in_parts() {
         filled(&device, "x", &ramp(100)),
         filled(&device, "y", &[0.0; 100]),
     );
-    let push = Axpy { count: 100, a: 1.0 };
+    let push = Axpy { count: 100, a: 1.0 , b: 1.0 };
     let mut batch = device.batch().unwrap();
     for _ in 0..1000 {
         let buffers = [x.whole(), y.whole()];
@@ -215,7 +214,7 @@ fn thousands_of_submits_neither_leak_nor_crawl() {
         filled(&device, "x", &ramp(100)),
         filled(&device, "y", &[0.0; 100]),
     );
-    let push = Axpy { count: 100, a: 1.0 };
+    let push = Axpy { count: 100, a: 1.0 , b: 1.0 };
     let before = device.memory();
     let start = Instant::now();
     for _ in 0..2000 {

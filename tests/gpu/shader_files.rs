@@ -7,10 +7,11 @@ use crate::reflect::member_offsets;
 
 #[test]
 fn layouts_shared_with_shaders_agree() {
-    let offsets = member_offsets(shaders::AXPY.spirv, "Push");
+    let offsets = member_offsets(shaders::COMBINE.spirv, "Push");
     let expected = [
         ("count".to_owned(), std::mem::offset_of!(Axpy, count) as u32),
         ("a".to_owned(), std::mem::offset_of!(Axpy, a) as u32),
+        ("b".to_owned(), std::mem::offset_of!(Axpy, b) as u32),
     ];
     assert_eq!(offsets, expected);
 }
@@ -21,7 +22,7 @@ fn all_shaders_are_listed() {
         .iter()
         .map(|Shader { name, .. }| *name)
         .collect();
-    assert!(names.contains(&"axpy"));
+    assert!(names.contains(&"combine"));
     assert!(names.is_sorted());
     // The magic number of SPIR-V.
     assert!(

@@ -1,6 +1,6 @@
 #version 450 core
-// y <- a x + y over f32 arrays. A grid-stride loop: any number of groups covers all `count` elements, so the caller
-// bounds the dispatch, not the array.
+// y <- a x + b y over f32 arrays. A grid-stride loop: any number of groups covers all `count` elements, so the caller
+// bounds the dispatch, not the array. With b = 0, y is not read: it may hold anything.
 
 layout(local_size_x = 64, local_size_x_id = 0) in;
 
@@ -10,11 +10,12 @@ layout(std430, set = 0, binding = 1) buffer Y { float y[]; };
 layout(push_constant) uniform Push {
     uint count;
     float a;
+    float b;
 };
 
 void main() {
     uint stride = gl_NumWorkGroups.x * gl_WorkGroupSize.x;
     for (uint i = gl_GlobalInvocationID.x; i < count; i += stride) {
-        y[i] = a * x[i] + y[i];
+        y[i] = b == 0.0 ? a * x[i] : a * x[i] + b * y[i];
     }
 }

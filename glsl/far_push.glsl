@@ -1,0 +1,30 @@
+#ifndef FAR_PUSH_GLSL
+#define FAR_PUSH_GLSL
+// What the point-to-point kernels are told, and the four bits the plan keeps for each pair of tiles.
+
+layout(push_constant) uniform FarPush {
+    // First tile of receivers; the workgroup's index counts from it.
+    uint receiver_tile;
+    // Tiles of sources, from `source_begin` to before `source_end`. Ends fall on multiples of FLUSH_TILES or on the end
+    // of a group of sources.
+    uint source_begin;
+    uint source_end;
+    // Words per row of `tile_pairs`.
+    uint row_words;
+    // Half of the near field's range in units of the extents: half_range · (s_i + s_j), area.
+    float half_range;
+    // First slots of the pages that are bound.
+    uint receiver_page;
+    uint source_page;
+};
+
+const uint PAIR_FRONT = 1;
+const uint PAIR_BACK = 2;
+const uint PAIR_NEAR = 4;
+const uint FLUSH_TILES = 64;
+
+uint pair_flags(uint receiver, uint source) {
+    return tile_pairs[receiver * row_words + (source >> 3)] >> ((source & 7) * 4) & 15u;
+}
+
+#endif

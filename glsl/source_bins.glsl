@@ -1,0 +1,34 @@
+#ifndef SOURCE_BINS_GLSL
+#define SOURCE_BINS_GLSL
+// Radiance of a source in a direction. Expects `antiradiance` and `specular` arrays of float.
+
+layout(constant_id = 7) const bool SOURCE_BACK = false;
+layout(constant_id = 8) const bool SOURCE_FRONT = false;
+
+#define GATHER(values, first, t, result)                                                   \
+    for (uint tap = 0; tap < 4; tap++) {                                                   \
+        uint at = ((first) + t.bin[tap]) * CHANNELS;                                       \
+        vec3 value = CHANNELS == 1 ? vec3(values[at]) : vec3(values[at], values[at + 1], values[at + 2]); \
+        result += t.weight[tap] * value;                                                   \
+    }
+
+// `direction` is that in which light travels. `first`: first bin of the source in its page.
+vec3 leaving(vec3 normal, vec3 diffuse, uint first, vec3 direction, bool front) {
+    vec3 result = front ? diffuse : vec3(0.0);
+    if (SOURCE_BACK || SOURCE_FRONT) {
+        // What leaves the back arrived at the front from the opposite direction.
+        Taps t = taps((front ? direction : -direction) * orthonormal_basis(normal));
+        vec3 binned = vec3(0.0);
+        if (SOURCE_FRONT && front) {
+            GATHER(specular, first, t, binned)
+        }
+        if (SOURCE_BACK && !front) {
+            GATHER(antiradiance, first, t, binned)
+            binned = -binned;
+        }
+        result += binned;
+    }
+    return result;
+}
+
+#endif

@@ -1,0 +1,81 @@
+#version 450 core
+#extension GL_KHR_shader_subgroup_ballot : require
+#extension GL_GOOGLE_include_directive : require
+// U from diffuse fronts to triangles without bins, point to point:
+//     E_j += max(cos_j, 0) max(cos_i, 0) g_ij a_i L_i,   g = 1 / (r² + a_i/π).
+// A workgroup is one subgroup and owns one tile of receivers, TILE / LANES of them in the registers of each lane. Every
+// lane loads one source, and all lanes take it from there by broadcast. Twin: src/reference/transport.rs.
+
+#include "geometry.glsl"
+#include "near_field.glsl"
+
+layout(local_size_x_id = 0) in;
+layout(constant_id = 0) const uint LANES = 8;
+layout(constant_id = 1) const uint TILE = 64;
+const uint PER_LANE = TILE / LANES;
+
+layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
+layout(std430, binding = 1) readonly buffer Radiance { vec4 radiance[]; };
+layout(std430, binding = 2) readonly buffer TilePairs { uint tile_pairs[]; };
+layout(std430, binding = 3) buffer Irradiance { vec4 irradiance[]; };
+
+#include "far_push.glsl"
+
+void main() {
+    uint tile = receiver_tile + gl_WorkGroupID.x;
+    vec3 centre[PER_LANE], normal[PER_LANE], sum[PER_LANE];
+    float extent[PER_LANE];
+    for (uint k = 0; k < PER_LANE; k++) {
+        Facet f = facets[tile * TILE + k * LANES + gl_LocalInvocationID.x];
+        centre[k] = f.centre;
+        normal[k] = f.normal;
+        extent[k] = f.extent;
+        sum[k] = vec3(0.0);
+    }
+    for (uint source_tile = source_begin; source_tile < source_end; source_tile++) {
+        uint flags = pair_flags(tile, source_tile);
+        // Loops that may run zero times: an `if` would not skip the work on a device that executes both sides.
+        uint batches = (flags & PAIR_FRONT) != 0 ? TILE / LANES : 0;
+        uint near_lanes = (flags & PAIR_NEAR) != 0 ? LANES : 0;
+        uint far_lanes = LANES - near_lanes;
+        for (uint batch = 0; batch < batches; batch++) {
+            uint mine = source_tile * TILE + batch * LANES + gl_LocalInvocationID.x;
+            Facet f = facets[mine];
+            vec3 light = radiance[mine].rgb * f.area;
+            float near_area = f.area * INV_PI;
+            for (uint lane = 0; lane < far_lanes; lane++) {
+                vec3 x = subgroupBroadcast(f.centre, lane);
+                vec3 n = subgroupBroadcast(f.normal, lane);
+                vec3 l = subgroupBroadcast(light, lane);
+                float s = subgroupBroadcast(near_area, lane);
+                for (uint k = 0; k < PER_LANE; k++) {
+                    vec3 d = centre[k] - x;
+                    float r2 = max(dot(d, d), R2_MIN);
+                    float cosines = max(dot(d, n), 0.0) * max(-dot(d, normal[k]), 0.0);
+                    sum[k] += l * (cosines / (r2 * (r2 + s)));
+                }
+            }
+            for (uint lane = 0; lane < near_lanes; lane++) {
+                vec3 x = subgroupBroadcast(f.centre, lane);
+                vec3 n = subgroupBroadcast(f.normal, lane);
+                vec3 l = subgroupBroadcast(light, lane);
+                float s = subgroupBroadcast(near_area, lane);
+                float e = subgroupBroadcast(f.extent, lane);
+                for (uint k = 0; k < PER_LANE; k++) {
+                    vec3 d = centre[k] - x;
+                    float r2 = max(dot(d, d), R2_MIN);
+                    float cosines = max(dot(d, n), 0.0) * max(-dot(d, normal[k]), 0.0);
+                    float share = far_share(r2, half_range * (e + extent[k]));
+                    sum[k] += l * (share * cosines / (r2 * (r2 + s)));
+                }
+            }
+        }
+        // Sums of bounded length, the same however the work is cut into dispatches.
+        if ((source_tile + 1) % FLUSH_TILES == 0 || source_tile + 1 == source_end) {
+            for (uint k = 0; k < PER_LANE; k++) {
+                irradiance[tile * TILE + k * LANES + gl_LocalInvocationID.x].rgb += sum[k];
+                sum[k] = vec3(0.0);
+            }
+        }
+    }
+}

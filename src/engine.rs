@@ -1,0 +1,220 @@
+//! The engine: a planned scene on a device, solved.
+
+use crate::gpu::{Device, GpuError};
+use crate::plan::{Limits, PADDING, Plan, PlanError, PlannedSolver};
+use crate::scene::{Accuracy, Scene};
+use crate::solve::{FixedPointParams, GmresParams, Progress, SolveError, SolveInfo, fixed_point, gmres};
+use crate::transport::{Operators, SceneBuffers, State};
+use glam::DVec3;
+use std::f64::consts::PI;
+use std::ops::ControlFlow;
+
+/// Why the engine could not do what it was asked.
+#[derive(Debug, thiserror::Error)]
+pub enum EngineError {
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    #[error(transparent)]
+    Solve(#[from] SolveError<GpuError>),
+    #[error("the plan counts {planned} bytes of \"{label}\" and the engine allocated {allocated}: a defect of antirad")]
+    Miscounted { label: String, planned: u64, allocated: u64 },
+    #[error("the plan is for {planned} triangles and the scene has {given}")]
+    OtherScene { planned: usize, given: usize },
+}
+
+/// When a solve stops.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SolveParams {
+    /// Relative residual ‖U (E + (K - J) H) - H‖ / ‖H‖ of irradiance, area-weighted.
+    pub tolerance: f64,
+    pub max_passes: u32,
+}
+
+impl From<&Accuracy> for SolveParams {
+    fn from(accuracy: &Accuracy) -> Self {
+        Self { tolerance: accuracy.tolerance, max_passes: accuracy.max_passes }
+    }
+}
+
+/// Where the light goes. RGB, W.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Energy {
+    pub emitted: [f64; 3],
+    pub absorbed: [f64; 3],
+    /// Emitted and not absorbed: what leaves an open scene, and of a closed one the error of the discretisation.
+    pub escaped: [f64; 3],
+}
+
+/// Irradiance below zero: the discretised antiradiance may take away a little more than there is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Negative {
+    /// Triangles with some negative channel.
+    pub triangles: usize,
+    /// The lowest irradiance, W/m²; 0 if none is negative.
+    pub minimum: f64,
+}
+
+/// A solved scene. Holds memory of the device until it is dropped.
+pub struct Solution {
+    /// Per triangle of the scene, RGB, W/m²; zero for triangles without area.
+    pub irradiance: Vec<[f32; 3]>,
+    /// Emitted and reflected power per area, per triangle of the scene, RGB, W/m².
+    pub radiosity: Vec<[f32; 3]>,
+    pub info: SolveInfo,
+    pub energy: Energy,
+    pub negative: Negative,
+    state: State,
+}
+
+/// A planned scene on a device.
+pub struct Engine {
+    device: Device,
+    operators: Operators,
+    /// Per triangle of the scene: π L_e, and δρ.
+    exitance: Vec<DVec3>,
+    albedo: Vec<DVec3>,
+}
+
+impl Limits {
+    /// What a device allows.
+    pub fn of(device: &Device) -> Self {
+        let info = device.info();
+        Self {
+            memory_budget: device.memory().budget,
+            max_buffer: info.max_storage_buffer_range,
+            staging: crate::gpu::staging_bytes(),
+            page: info.max_storage_buffer_range,
+            ..Self::default()
+        }
+    }
+}
+
+impl Engine {
+    /// Allocates all memory the plan names, byte for byte, and compiles the kernels.
+    pub fn new(device: &Device, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
+        if plan.facets.len() != scene.triangles.len() {
+            return Err(EngineError::OtherScene { planned: plan.facets.len(), given: scene.triangles.len() });
+        }
+        let before = device.memory();
+        let buffers = SceneBuffers::new(device, scene, &plan)?;
+        let operators = Operators::new(device, plan, buffers)?;
+        let after = device.memory();
+        for item in operators.plan().memory().items.iter().filter(|item| item.label != "staging") {
+            let of = |report: &crate::gpu::MemoryReport| {
+                report.by_label.iter().find(|l| l.label == item.label).map_or(0, |l| l.bytes)
+            };
+            let allocated = of(&after).saturating_sub(of(&before));
+            if allocated != item.bytes {
+                return Err(EngineError::Miscounted { label: item.label.clone(), planned: item.bytes, allocated });
+            }
+        }
+        let materials = || (0..scene.triangles.len()).map(|i| scene.material(i));
+        Ok(Self {
+            device: device.clone(),
+            operators,
+            exitance: materials().map(|m| PI * DVec3::from(m.emission)).collect(),
+            albedo: materials().map(|m| DVec3::from(m.diffuse_albedo())).collect(),
+        })
+    }
+
+    pub fn device(&self) -> &Device {
+        &self.device
+    }
+
+    pub fn plan(&self) -> &Plan {
+        self.operators.plan()
+    }
+
+    /// Solves H = U (E + (K - J) H).
+    pub fn solve(&mut self, params: &SolveParams) -> Result<Solution, EngineError> {
+        self.solve_with(params, &mut |_, _| ControlFlow::Continue(()))
+    }
+
+    /// Solves, and calls `progress` with the number of passes and the relative residual after each pass.
+    pub fn solve_with(&mut self, params: &SolveParams, progress: &mut Progress) -> Result<Solution, EngineError> {
+        let SolveParams { tolerance, max_passes } = *params;
+        let (state, info) = match self.plan().solver {
+            PlannedSolver::FixedPoint => {
+                fixed_point(&mut self.operators, &FixedPointParams { tolerance, max_passes }, progress)?
+            }
+            PlannedSolver::Gmres { restart } => {
+                gmres(&mut self.operators, &GmresParams { tolerance, max_passes, restart }, progress)?
+            }
+        };
+        let irradiance = self.to_scene_order(&self.operators.irradiance(&state)?);
+        let radiosity = self.radiosity(&state, &irradiance)?;
+        let energy = self.energy(&irradiance, &radiosity);
+        let lowest = irradiance.iter().map(|rgb| rgb.iter().copied().fold(f32::INFINITY, f32::min));
+        let negative = Negative {
+            triangles: lowest.clone().filter(|&h| h < 0.0).count(),
+            minimum: f64::from(lowest.fold(0.0, f32::min)),
+        };
+        Ok(Solution { irradiance, radiosity, info, energy, negative, state })
+    }
+
+    /// Radiance that each triangle of the scene sends to a point (metres), RGB, W/(m² sr): what the operator S reads.
+    /// Zero for triangles whose back it sees.
+    pub fn face_colours(&mut self, solution: &Solution, eye: DVec3) -> Result<Vec<[f32; 3]>, EngineError> {
+        let colours = self.operators.observe(&solution.state, eye)?;
+        Ok(self.to_scene_order(&colours))
+    }
+
+    /// The operators themselves, for what is built on top of them.
+    pub fn operators(&mut self) -> &mut Operators {
+        &mut self.operators
+    }
+
+    fn to_scene_order(&self, slots: &[[f32; 4]]) -> Vec<[f32; 3]> {
+        let plan = self.operators.plan();
+        let mut values = vec![[0.0; 3]; plan.facets.len()];
+        for (&i, &[r, g, b, _]) in plan.layout.order.iter().zip(slots) {
+            if i != PADDING {
+                values[i as usize] = [r, g, b];
+            }
+        }
+        values
+    }
+
+    /// π L_e + δρ E, and of glossy triangles Σ_o c_o L(o).
+    fn radiosity(&mut self, state: &State, irradiance: &[[f32; 3]]) -> Result<Vec<[f32; 3]>, EngineError> {
+        let mut radiosity: Vec<DVec3> = irradiance
+            .iter()
+            .zip(self.exitance.iter().zip(&self.albedo))
+            .map(|(h, (&exitance, &albedo))| exitance + albedo * DVec3::from(h.map(f64::from)))
+            .collect();
+        if self.plan().classes.iter().any(|class| class.glossy) {
+            let specular = self.operators.leaving(state)?.specular;
+            let plan = self.operators.plan();
+            let channels = plan.channels as usize;
+            for (group, page) in plan.layout.groups.iter().zip(&specular) {
+                let lobes = page.iter().flat_map(|page| page.chunks(plan.bins.count() * channels));
+                for (slot, lobe) in plan.layout.slots_of(&group.tiles).zip(lobes) {
+                    let Some(b) = radiosity.get_mut(plan.layout.order[slot as usize] as usize) else { continue };
+                    for (bin, &c) in lobe.chunks(channels).zip(&plan.bins.projected) {
+                        let rgb = if channels == 1 { [bin[0]; 3] } else { [bin[0], bin[1], bin[2]] };
+                        *b += c * DVec3::from(rgb.map(f64::from));
+                    }
+                }
+            }
+        }
+        let valid = |i: usize| self.operators.plan().facets[i].area > 0.0;
+        let value = |(i, b): (usize, &DVec3)| if valid(i) { b.as_vec3().to_array() } else { [0.0; 3] };
+        Ok(radiosity.iter().enumerate().map(value).collect())
+    }
+
+    fn energy(&self, irradiance: &[[f32; 3]], radiosity: &[[f32; 3]]) -> Energy {
+        let plan = self.operators.plan();
+        let metres = 1.0 / plan.placement.scale.powi(2);
+        let (mut emitted, mut absorbed) = (DVec3::ZERO, DVec3::ZERO);
+        for (i, facet) in plan.facets.iter().enumerate().filter(|(_, f)| f.area > 0.0) {
+            let area = facet.area * metres;
+            let reflected = DVec3::from(radiosity[i].map(f64::from)) - self.exitance[i];
+            emitted += area * self.exitance[i];
+            absorbed += area * (DVec3::from(irradiance[i].map(f64::from)) - reflected);
+        }
+        let (emitted, absorbed, escaped) = (emitted.into(), absorbed.into(), (emitted - absorbed).into());
+        Energy { emitted, absorbed, escaped }
+    }
+}

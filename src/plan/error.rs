@@ -1,0 +1,18 @@
+//! Why there is no plan.
+
+/// One clear line, with the way out.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum PlanError {
+    #[error("the scene has no triangle with an area: there is nothing to solve")]
+    NothingToSolve,
+    #[error(
+        "a memory budget of {budget} bytes is too small: this scene needs at least {needed} bytes with these bins \
+         (--memory-budget {needed}, or fewer bins, or fewer triangles)"
+    )]
+    OverBudget { budget: u64, needed: u64 },
+    #[error(
+        "the buffer \"{label}\" needs {bytes} bytes, and the device's kernels see at most {limit} bytes of one buffer: \
+         fewer triangles, or a smaller near field (accuracy.subsample)"
+    )]
+    BufferTooLarge { label: String, bytes: u64, limit: u64 },
+}

@@ -1,0 +1,100 @@
+//! Bytes, by label, before they are allocated. The engine asserts that it allocates these and no others.
+
+use super::{Bins, Plan, PlanError};
+
+/// Every buffer's size is rounded up to a multiple of this.
+const ROUNDING: u64 = 256;
+/// Bytes of one triangle in the arrays of the same name (glsl/geometry.glsl, glsl/surface.glsl).
+const FACET: u64 = 32;
+const CORNERS: u64 = 48;
+const SURFACE: u64 = 48;
+const RGB: u64 = 16;
+/// Lanes of the kernel that sums vectors up: enough for any device, few enough to be added up on the host.
+pub(crate) const PARTIAL_SUMS: u64 = 4096;
+
+/// One kind of buffer.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct MemoryItem {
+    pub label: String,
+    /// Of all buffers of this label together.
+    pub bytes: u64,
+    pub count: u32,
+    /// Of the largest of them.
+    #[serde(skip)]
+    largest: u64,
+}
+
+/// All device memory of an engine.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct MemoryPlan {
+    pub items: Vec<MemoryItem>,
+}
+
+/// Bytes of the bins of one triangle.
+pub(super) fn bin_bytes(bins: &Bins, channels: u32) -> u64 {
+    bins.count() as u64 * u64::from(channels) * 4
+}
+
+impl MemoryPlan {
+    pub(super) fn of(plan: &Plan) -> Self {
+        let slots = u64::from(plan.layout.slots());
+        let mut memory = Self::default();
+        memory.add("facets", slots * FACET, 1);
+        memory.add("corners", slots * CORNERS, 1);
+        memory.add("surfaces", slots * SURFACE, 1);
+        memory.add("radiance", slots * RGB, 1);
+        memory.add("face colours", slots * RGB, 1);
+        memory.add("bin table", plan.bins.count() as u64 * 16, 1);
+        memory.add("tile pairs", plan.tile_pairs.flags.len() as u64 * 4, 1);
+        memory.add("near offsets", plan.near.offsets.len() as u64 * 4, 1);
+        memory.add("near sources", plan.near.sources.len() as u64 * 4, 1);
+        memory.add("partial sums", PARTIAL_SUMS * 4, 1);
+        memory.add("no bins", 4, 1);
+        let vectors = plan.solver.vectors();
+        memory.add("state: irradiance", slots * RGB, vectors);
+        for group in plan.layout.groups.iter().filter(|g| g.class.has_bins()) {
+            let bytes = u64::from((group.tiles.end - group.tiles.start) * plan.layout.tile) * plan.bin_bytes();
+            memory.add("state: bins", bytes, vectors);
+            if group.class.blocker {
+                memory.add("antiradiance", bytes, 1);
+            }
+            if group.class.glossy {
+                memory.add("specular radiance", bytes, 1);
+            }
+        }
+        memory.add("staging", plan.limits.staging, 1);
+        memory
+    }
+
+    fn add(&mut self, label: &str, bytes: u64, count: u32) {
+        let bytes = bytes.max(1).next_multiple_of(ROUNDING);
+        let total = bytes * u64::from(count);
+        match self.items.iter_mut().find(|item| item.label == label) {
+            Some(item) => {
+                item.bytes += total;
+                item.count += count;
+                item.largest = item.largest.max(bytes);
+            }
+            None => self.items.push(MemoryItem { label: label.to_owned(), bytes: total, count, largest: bytes }),
+        }
+    }
+
+    pub fn total(&self) -> u64 {
+        self.items.iter().map(|item| item.bytes).sum()
+    }
+
+    /// Bytes of all buffers of a label; 0 if there is none.
+    pub fn of_label(&self, label: &str) -> u64 {
+        self.items.iter().find(|item| item.label == label).map_or(0, |item| item.bytes)
+    }
+
+    pub(super) fn check_buffers(&self, limit: u64) -> Result<(), PlanError> {
+        let buffers = self.items.iter().filter(|item| item.label != "staging");
+        match buffers.max_by_key(|item| item.largest) {
+            Some(item) if item.largest > limit => {
+                Err(PlanError::BufferTooLarge { label: item.label.clone(), bytes: item.largest, limit })
+            }
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! The plan in words and numbers.
+
+use super::{MemoryItem, PADDING, Plan, PlannedSolver};
+use std::fmt;
+
+/// Million pairs per second that estimates of time count on: two cores of a CPU driver.
+const IRRADIANCE_RATE: f64 = 300e6;
+const BINS_RATE: f64 = 15e6;
+const NEAR_RATE: f64 = 0.5e6;
+/// Passes that estimates of time count on: a room of albedo 0.7 to 1e-4.
+const PASSES: f64 = 11.0;
+
+/// What is modelled of some triangles, and why.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct ClassReport {
+    pub triangles: usize,
+    pub modelled: String,
+    pub why: String,
+}
+
+/// Pairs (receiver, source) of triangles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct PairReport {
+    pub total: u64,
+    /// Left out with their tiles, exactly.
+    pub culled: u64,
+    /// Of irradiance alone, point to point.
+    pub irradiance: u64,
+    /// With bins at one end or both, point to point.
+    pub bins: u64,
+    /// Close pairs, integrated over pieces.
+    pub sub_sampled: u64,
+}
+
+/// Everything worth knowing of a plan, for people and for JSON.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct PlanReport {
+    pub triangles: usize,
+    /// Triangles without area, left out.
+    pub degenerate: usize,
+    pub channels: u32,
+    pub bins: String,
+    pub solver: String,
+    pub classes: Vec<ClassReport>,
+    pub tile: u32,
+    pub tiles: u32,
+    pub pages: usize,
+    pub pairs: PairReport,
+    pub memory: Vec<MemoryItem>,
+    pub memory_total: u64,
+    pub memory_budget: u64,
+    pub bytes_per_triangle: f64,
+    /// Rough: of two cores of a CPU driver.
+    pub estimated_seconds: f64,
+}
+
+impl Plan {
+    /// Counts pairs.
+    pub fn pairs(&self) -> PairReport {
+        let real: Vec<u64> = self
+            .layout
+            .order
+            .chunks(self.layout.tile as usize)
+            .map(|slots| slots.iter().filter(|&&i| i != PADDING).count() as u64)
+            .collect();
+        let triangles = self.triangles() as u64;
+        let mut pairs = PairReport {
+            total: triangles * triangles,
+            sub_sampled: self.near.sources.len() as u64,
+            ..PairReport::default()
+        };
+        for to in &self.layout.groups {
+            for from in &self.layout.groups {
+                for r in to.tiles.clone() {
+                    for s in from.tiles.clone() {
+                        let count = real[r as usize] * real[s as usize];
+                        match self.tile_pairs.get(r, s) {
+                            0 => pairs.culled += count,
+                            _ if to.class.has_bins() || from.class.has_bins() => pairs.bins += count,
+                            _ => pairs.irradiance += count,
+                        }
+                    }
+                }
+            }
+        }
+        pairs
+    }
+
+    /// The plan in numbers.
+    pub fn report(&self) -> PlanReport {
+        let pairs = self.pairs();
+        let triangles = self.triangles();
+        let with_bins = self.classes.iter().any(|class| class.has_bins());
+        let pass = pairs.irradiance as f64 / IRRADIANCE_RATE
+            + pairs.bins as f64 / BINS_RATE
+            + pairs.sub_sampled as f64 / NEAR_RATE;
+        PlanReport {
+            triangles,
+            degenerate: self.facets.len() - triangles,
+            channels: self.channels,
+            bins: if with_bins { self.accuracy.bins.to_string() } else { "none".to_owned() },
+            solver: match self.solver {
+                PlannedSolver::FixedPoint => "fixed point".to_owned(),
+                PlannedSolver::Gmres { restart } => format!("GMRES, restart {restart}"),
+            },
+            classes: self.class_reports(),
+            tile: self.layout.tile,
+            tiles: self.layout.tiles(),
+            pages: self.layout.groups.iter().filter(|g| g.class.has_bins()).count(),
+            pairs,
+            memory: self.memory.items.clone(),
+            memory_total: self.memory.total(),
+            memory_budget: self.limits.memory_budget,
+            bytes_per_triangle: (self.memory.total() - self.limits.staging) as f64 / triangles as f64,
+            estimated_seconds: pass * PASSES,
+        }
+    }
+
+    fn class_reports(&self) -> Vec<ClassReport> {
+        let mut present: Vec<_> = self.layout.groups.iter().map(|g| g.class).collect();
+        present.dedup();
+        present
+            .into_iter()
+            .map(|class| {
+                let real = |&i: &u32| i != PADDING && self.classes[i as usize] == class;
+                let (modelled, why) = match (class.blocker, class.glossy) {
+                    (false, false) => ("irradiance alone, no bins, no J", "diffuse, and nothing behind can receive"),
+                    (true, false) => ("bins, J", "something behind can receive what it blocks"),
+                    (false, true) => ("bins, specular K", "glossy, and nothing behind can receive"),
+                    (true, true) => ("bins, J, specular K", "glossy, and something behind can receive"),
+                };
+                ClassReport {
+                    triangles: self.layout.order.iter().filter(|i| real(i)).count(),
+                    modelled: modelled.to_owned(),
+                    why: why.to_owned(),
+                }
+            })
+            .collect()
+    }
+}
+
+impl fmt::Display for PlanReport {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let percent = |part: u64| 100.0 * part as f64 / self.pairs.total.max(1) as f64;
+        write!(f, "triangles        {}", self.triangles)?;
+        if self.degenerate > 0 {
+            write!(f, " ({} without area left out)", self.degenerate)?;
+        }
+        writeln!(f)?;
+        for class in &self.classes {
+            writeln!(f, "  {:>9}      {}: {}", class.triangles, class.modelled, class.why)?;
+        }
+        writeln!(f, "bins             {}", self.bins)?;
+        writeln!(f, "channels         {}", self.channels)?;
+        writeln!(f, "solver           {}", self.solver)?;
+        writeln!(f, "tiles            {} of {} triangles, {} pages of bins", self.tiles, self.tile, self.pages)?;
+        let pairs = &self.pairs;
+        writeln!(f, "pairs per pass   {}", pairs.total)?;
+        writeln!(f, "  {:>13}  culled ({:.1} %)", pairs.culled, percent(pairs.culled))?;
+        writeln!(f, "  {:>13}  irradiance alone ({:.1} %)", pairs.irradiance, percent(pairs.irradiance))?;
+        writeln!(f, "  {:>13}  with bins ({:.1} %)", pairs.bins, percent(pairs.bins))?;
+        writeln!(f, "  {:>13}  sub-sampled, being close ({:.2} %)", pairs.sub_sampled, percent(pairs.sub_sampled))?;
+        writeln!(f, "memory           {} bytes of {}", self.memory_total, self.memory_budget)?;
+        for item in &self.memory {
+            writeln!(f, "  {:>13}  {} ({})", item.bytes, item.label, item.count)?;
+        }
+        writeln!(f, "per triangle     {:.0} bytes, staging apart", self.bytes_per_triangle)?;
+        write!(f, "estimated time   {:.1} s, on two cores of a CPU", self.estimated_seconds)
+    }
+}
+
+impl fmt::Display for Plan {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        self.report().fmt(f)
+    }
+}

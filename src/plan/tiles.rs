@@ -1,0 +1,177 @@
+//! Tiles: runs of triangles of one class, and what can pass between two of them.
+
+use super::classes::Class;
+use super::order::Block;
+use crate::reference::Facet;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Triangle index of the slots that only fill up a tile.
+pub const PADDING: u32 = u32::MAX;
+
+/// Light can leave the fronts of the sources and arrive at fronts of the receivers.
+pub const PAIR_FRONT: u32 = 1;
+/// Antiradiance can leave the backs of the sources and arrive at fronts of the receivers.
+pub const PAIR_BACK: u32 = 2;
+/// Some pair may be so close that the near field has a share in it.
+pub const PAIR_NEAR: u32 = 4;
+/// Tile pairs per word of [`TilePairs::flags`].
+const PER_WORD: usize = 8;
+
+/// A run of tiles of one class. The bins of its triangles stand in one page per state.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Group {
+    pub class: Class,
+    pub tiles: Range<u32>,
+}
+
+/// The order in which the engine holds the triangles.
+#[derive(Clone, Debug)]
+pub struct Layout {
+    /// Triangles per tile.
+    pub tile: u32,
+    /// Triangle of each slot, or [`PADDING`].
+    pub order: Vec<u32>,
+    pub groups: Vec<Group>,
+}
+
+impl Layout {
+    /// Sorts triangles by class, keeping `order` within each, and fills up the last tile of each class. Groups whose
+    /// triangles have bins are cut so that none has more than `page_tiles` tiles.
+    pub fn new(order: &[u32], classes: &[Class], tile: u32, page_tiles: u32) -> Self {
+        let mut present: Vec<Class> = order.iter().map(|&i| classes[i as usize]).collect();
+        present.sort_unstable();
+        present.dedup();
+        let mut layout = Self { tile, order: Vec::new(), groups: Vec::new() };
+        for class in present {
+            let first = layout.tiles();
+            layout.order.extend(order.iter().filter(|&&i| classes[i as usize] == class));
+            layout.order.resize(layout.order.len().next_multiple_of(tile as usize), PADDING);
+            let (mut begin, end) = (first, layout.tiles());
+            while begin < end {
+                let cut = if class.has_bins() { (begin + page_tiles).min(end) } else { end };
+                layout.groups.push(Group { class, tiles: begin..cut });
+                begin = cut;
+            }
+        }
+        layout
+    }
+
+    /// Number of slots, padding included.
+    pub fn slots(&self) -> u32 {
+        self.order.len() as u32
+    }
+
+    pub fn tiles(&self) -> u32 {
+        self.slots() / self.tile
+    }
+
+    /// The slots of some tiles.
+    pub fn slots_of(&self, tiles: &Range<u32>) -> Range<u32> {
+        tiles.start * self.tile..tiles.end * self.tile
+    }
+}
+
+/// Bounds of a tile.
+#[derive(Clone, Debug)]
+pub struct Tile {
+    bounds: Block,
+    /// Mean normal.
+    axis: DVec3,
+    /// Sine and cosine of the largest angle between a normal and the axis; `None` beyond a right angle.
+    spread: Option<(f64, f64)>,
+    /// Smallest and largest ⟨axis, corner⟩.
+    heights: (f64, f64),
+    /// Largest extent, m².
+    extent: f64,
+}
+
+impl Tile {
+    fn new(facets: &[&Facet]) -> Self {
+        let axis = facets.iter().map(|f| f.normal).sum::<DVec3>().normalize_or_zero();
+        let cosine = facets.iter().map(|f| f.normal.dot(axis)).fold(1.0, f64::min);
+        let heights = facets.iter().flat_map(|f| f.corners).map(|c| c.dot(axis));
+        Self {
+            bounds: Block::around(facets.iter().copied()),
+            axis,
+            spread: (cosine > 0.0).then(|| ((1.0 - cosine * cosine).max(0.0).sqrt(), cosine)),
+            heights: heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), h| (lo.min(h), hi.max(h))),
+            extent: facets.iter().map(|f| f.extent).fold(0.0, f64::max),
+        }
+    }
+
+    /// An upper bound of the height of any corner of `other` above (`side` = 1) or below (`side` = -1) any plane of this
+    /// tile. Heights over a plane tilted by at most α against the axis grow by at most sin α times the distance.
+    fn clearance(&self, other: &Self, side: f64) -> f64 {
+        let Some((sine, cosine)) = self.spread else { return f64::INFINITY };
+        let along = if side > 0.0 {
+            -other.bounds.lowest(-self.axis) - self.heights.0
+        } else {
+            self.heights.1 - other.bounds.lowest(self.axis)
+        };
+        let span = (self.bounds.max.max(other.bounds.max) - self.bounds.min.min(other.bounds.min)).length();
+        if along > 0.0 { along + span * sine } else { along * cosine + span * sine }
+    }
+
+    /// Squared distance of the boxes.
+    fn distance_squared(&self, other: &Self) -> f64 {
+        let gap = (other.bounds.min - self.bounds.max).max(self.bounds.min - other.bounds.max);
+        gap.max(DVec3::ZERO).length_squared()
+    }
+}
+
+/// What can pass between tiles: four bits for each pair of them.
+#[derive(Clone, Debug)]
+pub struct TilePairs {
+    /// Words per receiver tile.
+    pub row_words: u32,
+    /// Rows of receivers; eight sources to a word, the lowest bits first.
+    pub flags: Vec<u32>,
+}
+
+impl TilePairs {
+    /// Finds what can pass. Never loses a pair whose contribution is more than rounding; with `cull` off, loses none.
+    pub fn new(layout: &Layout, facets: &[Facet], half_range: f64, tolerance: f64, cull: bool) -> Self {
+        let tiles: Vec<Tile> = layout
+            .order
+            .chunks(layout.tile as usize)
+            .map(|slots| {
+                let real = slots.iter().filter(|&&i| i != PADDING).map(|&i| &facets[i as usize]);
+                Tile::new(&real.collect::<Vec<_>>())
+            })
+            .collect();
+        let mut blockers = vec![false; tiles.len()];
+        for group in &layout.groups {
+            blockers[group.tiles.start as usize..group.tiles.end as usize].fill(group.class.blocker);
+        }
+        let row_words = tiles.len().div_ceil(PER_WORD);
+        let pair = |receiver: &Tile, s: usize| {
+            let source = &tiles[s];
+            let near = source.distance_squared(receiver) <= half_range * (source.extent + receiver.extent);
+            let near = if near { PAIR_NEAR } else { 0 };
+            let back = if blockers[s] { PAIR_BACK } else { 0 };
+            if !cull {
+                return PAIR_FRONT | back | near;
+            }
+            if receiver.clearance(source, 1.0) <= tolerance {
+                return 0;
+            }
+            let front = if source.clearance(receiver, 1.0) > tolerance { PAIR_FRONT } else { 0 };
+            let back = if source.clearance(receiver, -1.0) > tolerance { back } else { 0 };
+            if front | back == 0 { 0 } else { front | back | near }
+        };
+        let mut flags = vec![0u32; tiles.len() * row_words];
+        flags.par_chunks_mut(row_words.max(1)).zip(&tiles).for_each(|(row, receiver)| {
+            for s in 0..tiles.len() {
+                row[s / PER_WORD] |= pair(receiver, s) << (4 * (s % PER_WORD));
+            }
+        });
+        Self { row_words: row_words as u32, flags }
+    }
+
+    pub fn get(&self, receiver: u32, source: u32) -> u32 {
+        let word = self.flags[(receiver * self.row_words) as usize + source as usize / PER_WORD];
+        word >> (4 * (source as usize % PER_WORD)) & 15
+    }
+}

@@ -1,0 +1,172 @@
+//! The operators of C = (1 - (K - J) U)^-1 E on the device, one file each: [`exchange`] (U), [`reflection`] (K),
+//! [`go_through`] (J), [`observation`] (S). Each is the host side of one or two kernels in `glsl/` and has an f64 twin
+//! in [`crate::reference`].
+
+mod exchange;
+mod go_through;
+mod observation;
+mod pace;
+mod reflection;
+mod scene_buffers;
+mod state;
+mod vectors;
+
+pub use pace::Pace;
+pub use scene_buffers::{FacetData, SceneBuffers, SurfaceData};
+pub use state::{Leaving, State};
+
+pub use exchange::{FarPush, NearPush};
+pub use go_through::ThroughPush;
+pub use observation::ObservePush;
+pub use reflection::{GlossyPush, ReflectPush};
+pub use vectors::{CombinePush, DotPush};
+
+use crate::gpu::{Buffer, Device, GpuError};
+use crate::plan::Plan;
+use crate::scene::{BinLayout, Weights};
+use crate::solve::LightOperator;
+
+/// All operators over one planned scene, and what leaves the triangles at the moment.
+pub struct Operators {
+    device: Device,
+    plan: Plan,
+    scene: SceneBuffers,
+    leaving: Leaving,
+    pool: state::Pool,
+    exchange: exchange::Exchange,
+    reflection: reflection::Reflection,
+    go_through: go_through::GoThrough,
+    observation: observation::Observation,
+    vectors: vectors::Vectors,
+}
+
+/// Lanes of a workgroup of the kernels that don't depend on the subgroup's size.
+const WORKGROUP: u32 = 64;
+
+/// Specialization constants that say how bins are laid out (glsl/bins.glsl).
+fn bin_constants(plan: &Plan) -> [(u32, u32); 5] {
+    let (concentric, rows, columns) = match plan.accuracy.bins {
+        BinLayout::EqualAngle { theta, phi } => (0, theta, phi),
+        BinLayout::Concentric { n } => (1, n, n),
+    };
+    let smoothstep = u32::from(plan.accuracy.weights == Weights::Smoothstep);
+    [(2, concentric), (3, smoothstep), (4, rows), (5, columns), (6, plan.channels)]
+}
+
+impl Operators {
+    /// Allocates everything the plan names and compiles the kernels.
+    pub fn new(device: &Device, plan: Plan, scene: SceneBuffers) -> Result<Self, GpuError> {
+        Ok(Self {
+            leaving: Leaving::new(device, &plan)?,
+            pool: state::Pool::new(device, &plan)?,
+            exchange: exchange::Exchange::new(device, &plan)?,
+            reflection: reflection::Reflection::new(device, &plan)?,
+            go_through: go_through::GoThrough::new(device, &plan)?,
+            observation: observation::Observation::new(device, &plan)?,
+            vectors: vectors::Vectors::new(device)?,
+            device: device.clone(),
+            plan,
+            scene,
+        })
+    }
+
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// Makes the triangles emit, and reflect and block what arrives: E + (K - J) x.
+    fn leave(&mut self, x: Option<&State>, emission: bool) -> Result<(), GpuError> {
+        self.reflection.run(&self.device, &self.plan, &self.scene, x, emission, &self.leaving)?;
+        self.go_through.run(&self.device, &self.plan, &self.scene, x, &self.leaving)
+    }
+
+    /// Radiance of every slot towards `eye` (metres), W/(m² sr): S (E + (K - J) x).
+    pub fn observe(&mut self, x: &State, eye: glam::DVec3) -> Result<Vec<[f32; 4]>, GpuError> {
+        self.leave(Some(x), true)?;
+        self.observation.run(&self.device, &self.plan, &self.scene, &self.leaving, eye)
+    }
+
+    /// Irradiance of every slot, W/m².
+    pub fn irradiance(&self, x: &State) -> Result<Vec<[f32; 4]>, GpuError> {
+        self.device.download_slice(&x.irradiance, 0, self.plan.layout.slots().into())
+    }
+
+    /// Bins of the triangles of one group, as they lie in memory: triangle, bin, channel. `None` if it has none.
+    pub fn bins(&self, x: &State, group: usize) -> Result<Option<Vec<f32>>, GpuError> {
+        self.page(&x.bins, group)
+    }
+
+    /// Sets a state: vec4 per slot, and per group what [`Operators::bins`] gives back.
+    pub fn set(&self, x: &State, irradiance: &[[f32; 4]], bins: &[Option<Vec<f32>>]) -> Result<(), GpuError> {
+        self.device.upload_slice(&x.irradiance, 0, irradiance)?;
+        for (page, values) in x.bins.iter().zip(bins) {
+            if let (Some(page), Some(values)) = (page, values) {
+                self.device.upload_slice(page, 0, values)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// What leaves under `x`, emission included: diffuse radiance of every slot, and per group the specular radiance and
+    /// the antiradiance, laid out like [`Operators::bins`]. W/(m² sr).
+    pub fn leaving(&mut self, x: &State) -> Result<LeavingValues, GpuError> {
+        self.leave(Some(x), true)?;
+        let groups = 0..self.plan.layout.groups.len();
+        Ok(LeavingValues {
+            radiance: self.device.download_slice(&self.leaving.radiance, 0, self.plan.layout.slots().into())?,
+            specular: groups.clone().map(|g| self.page(&self.leaving.specular, g)).collect::<Result<_, _>>()?,
+            antiradiance: groups.map(|g| self.page(&self.leaving.antiradiance, g)).collect::<Result<_, _>>()?,
+        })
+    }
+
+    fn page(&self, pages: &[Option<Buffer>], group: usize) -> Result<Option<Vec<f32>>, GpuError> {
+        let floats = state::page_floats(&self.plan, &self.plan.layout.groups[group]);
+        let download = |page: &Buffer| self.device.download_slice(page, 0, floats.into());
+        pages[group].as_ref().map(download).transpose()
+    }
+}
+
+/// A copy of what leaves the triangles.
+pub struct LeavingValues {
+    pub radiance: Vec<[f32; 4]>,
+    pub specular: Vec<Option<Vec<f32>>>,
+    pub antiradiance: Vec<Option<Vec<f32>>>,
+}
+
+impl LightOperator for Operators {
+    type Vector = State;
+    type Error = GpuError;
+
+    fn vector(&mut self, _label: &str) -> Result<State, GpuError> {
+        let state = self.pool.take(&self.device, &self.plan)?;
+        self.vectors.clear(&self.device, &self.plan, &state)?;
+        Ok(state)
+    }
+
+    fn pass(&mut self, x: Option<&State>, emission: bool, y: &mut State) -> Result<(), GpuError> {
+        self.leave(x, emission)?;
+        self.vectors.clear(&self.device, &self.plan, y)?;
+        self.exchange.run(&self.device, &self.plan, &self.scene, &self.leaving, y)
+    }
+
+    fn dot(&mut self, x: &State, y: &State) -> Result<f64, GpuError> {
+        self.vectors.dot(&self.device, &self.plan, x, y)
+    }
+
+    fn combine(&mut self, a: f64, x: &State, b: f64, y: &mut State) -> Result<(), GpuError> {
+        self.vectors.combine(&self.device, &self.plan, a, x, b, y)
+    }
+
+    fn scale(&mut self, b: f64, y: &mut State) -> Result<(), GpuError> {
+        self.vectors.scale(&self.device, &self.plan, b, y)
+    }
+
+    fn magnitude(&mut self, x: &State) -> Result<f64, GpuError> {
+        let weighted = |(h, &i): (&[f32; 4], &u32)| {
+            let area = self.plan.facets.get(i as usize).map_or(0.0, |f| f.area);
+            area * h[..3].iter().map(|&h| f64::from(h) * f64::from(h)).sum::<f64>()
+        };
+        let irradiance = self.irradiance(x)?;
+        Ok(irradiance.iter().zip(&self.plan.layout.order).map(weighted).sum::<f64>().sqrt())
+    }
+}

@@ -1,0 +1,110 @@
+//! What arrives and what leaves, on the device.
+
+use crate::gpu::{Buffer, BufferKind, Device, GpuError};
+use crate::plan::{Group, Plan};
+use std::ops::Deref;
+use std::sync::Arc;
+
+/// H: irradiance of every slot, and per bin for the groups that have bins. W/m². A handle: the memory belongs to a
+/// [`Pool`] and is used again when the last handle is gone.
+#[derive(Clone)]
+pub struct State(Arc<StateBuffers>);
+
+/// The memory of a state.
+pub struct StateBuffers {
+    /// vec4 per slot; the last component is unused and zero.
+    pub irradiance: Buffer,
+    /// Per group: f32 by triangle, bin, channel.
+    pub bins: Vec<Option<Buffer>>,
+}
+
+/// E + (K - J) H: radiance of every slot, and per bin. W/(m² sr).
+pub struct Leaving {
+    /// Diffuse radiance of the fronts, vec4 per slot.
+    pub radiance: Buffer,
+    /// Per group: A, of the blockers' backs.
+    pub antiradiance: Vec<Option<Buffer>>,
+    /// Per group: specular radiance of the fronts of glossy triangles.
+    pub specular: Vec<Option<Buffer>>,
+}
+
+impl Deref for State {
+    type Target = StateBuffers;
+
+    fn deref(&self) -> &StateBuffers {
+        &self.0
+    }
+}
+
+impl State {
+    fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
+        let bytes = u64::from(plan.layout.slots()) * 16;
+        Ok(Self(Arc::new(StateBuffers {
+            irradiance: Buffer::new(device, "state: irradiance", bytes, BufferKind::Storage)?,
+            bins: pages(device, plan, "state: bins", |group| group.class.has_bins())?,
+        })))
+    }
+
+    /// All arrays of floats of two states, side by side, with their lengths.
+    pub fn arrays<'a>(&'a self, other: &'a Self, plan: &Plan) -> Vec<(&'a Buffer, &'a Buffer, u32)> {
+        let mut arrays = vec![(&self.irradiance, &other.irradiance, plan.layout.slots() * 4)];
+        for ((x, y), group) in self.bins.iter().zip(&other.bins).zip(&plan.layout.groups) {
+            if let (Some(x), Some(y)) = (x, y) {
+                arrays.push((x, y, page_floats(plan, group)));
+            }
+        }
+        arrays
+    }
+}
+
+impl Leaving {
+    pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
+        let bytes = u64::from(plan.layout.slots()) * 16;
+        Ok(Self {
+            radiance: Buffer::new(device, "radiance", bytes, BufferKind::Storage)?,
+            antiradiance: pages(device, plan, "antiradiance", |group| group.class.blocker)?,
+            specular: pages(device, plan, "specular radiance", |group| group.class.glossy)?,
+        })
+    }
+}
+
+/// Floats of one page of bins.
+pub fn page_floats(plan: &Plan, group: &Group) -> u32 {
+    let triangles = plan.layout.slots_of(&group.tiles).len() as u32;
+    triangles * (plan.bin_bytes() / 4) as u32
+}
+
+fn pages(
+    device: &Device,
+    plan: &Plan,
+    label: &str,
+    wanted: impl Fn(&Group) -> bool,
+) -> Result<Vec<Option<Buffer>>, GpuError> {
+    let page = |group: &Group| {
+        let bytes = u64::from(page_floats(plan, group)) * 4;
+        wanted(group).then(|| Buffer::new(device, label, bytes, BufferKind::Storage)).transpose()
+    };
+    plan.layout.groups.iter().map(page).collect()
+}
+
+/// The memory of all states: what the plan counts is made at once.
+pub struct Pool {
+    states: Vec<State>,
+}
+
+impl Pool {
+    pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
+        let states: Result<_, _> = (0..plan.solver.vectors()).map(|_| State::new(device, plan)).collect();
+        Ok(Self { states: states? })
+    }
+
+    /// A state that nobody holds, or a new one, beyond the plan, if users hold on to more than it counts. Its values
+    /// are those of its last user.
+    pub fn take(&mut self, device: &Device, plan: &Plan) -> Result<State, GpuError> {
+        if let Some(idle) = self.states.iter().find(|state| Arc::strong_count(&state.0) == 1) {
+            return Ok(idle.clone());
+        }
+        self.states.push(State::new(device, plan)?);
+        Ok(self.states[self.states.len() - 1].clone())
+    }
+}

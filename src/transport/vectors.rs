@@ -1,0 +1,95 @@
+//! States as vectors, for the solvers.
+
+use super::WORKGROUP;
+use super::state::State;
+use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
+use crate::plan::Plan;
+use crate::shaders;
+use bytemuck::{Pod, Zeroable, bytes_of};
+
+/// `Push` of glsl/combine.comp.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct CombinePush {
+    pub count: u32,
+    pub a: f32,
+    pub b: f32,
+}
+
+/// `DotPush` of glsl/dot.comp.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct DotPush {
+    pub count: u32,
+}
+
+/// Lanes that share a vector between them; each leaves one partial sum.
+const LANES: u32 = crate::plan::PARTIAL_SUMS as u32;
+
+pub struct Vectors {
+    combine: Pipeline,
+    dot: Pipeline,
+    partial: Buffer,
+}
+
+impl Vectors {
+    pub fn new(device: &Device) -> Result<Self, GpuError> {
+        let workgroup = [(0, WORKGROUP)];
+        let combine_push = size_of::<CombinePush>() as u32;
+        Ok(Self {
+            combine: Pipeline::new(device, &shaders::COMBINE, 2, combine_push, &workgroup, None)?,
+            dot: Pipeline::new(device, &shaders::DOT, 3, size_of::<DotPush>() as u32, &workgroup, None)?,
+            partial: Buffer::new(device, "partial sums", u64::from(LANES) * 4, BufferKind::Storage)?,
+        })
+    }
+
+    /// y = 0.
+    pub fn clear(&self, device: &Device, plan: &Plan, y: &State) -> Result<(), GpuError> {
+        let mut batch = device.batch()?;
+        for (y, _, count) in y.arrays(y, plan) {
+            batch.fill(y, 0, u64::from(count) * 4, 0)?;
+        }
+        batch.submit()?;
+        Ok(())
+    }
+
+    /// y = a x + b y.
+    pub fn combine(
+        &self,
+        device: &Device,
+        plan: &Plan,
+        a: f64,
+        x: &State,
+        b: f64,
+        y: &State,
+    ) -> Result<(), GpuError> {
+        let mut batch = device.batch()?;
+        for (x, y, count) in x.arrays(y, plan) {
+            let push = CombinePush { count, a: a as f32, b: b as f32 };
+            let groups = [count.div_ceil(WORKGROUP).min(LANES / WORKGROUP), 1, 1];
+            batch.dispatch(&self.combine, "vector", &[x.whole(), y.whole()], bytes_of(&push), groups)?;
+        }
+        batch.submit()?;
+        Ok(())
+    }
+
+    /// y = b y: as b x + 0 y with y in both places.
+    pub fn scale(&self, device: &Device, plan: &Plan, b: f64, y: &State) -> Result<(), GpuError> {
+        self.combine(device, plan, b, y, 0.0, y)
+    }
+
+    /// ⟨x, y⟩.
+    pub fn dot(&self, device: &Device, plan: &Plan, x: &State, y: &State) -> Result<f64, GpuError> {
+        let mut sum = 0.0;
+        for (x, y, count) in x.arrays(y, plan) {
+            let mut batch = device.batch()?;
+            let buffers = [x.whole(), y.whole(), self.partial.whole()];
+            let push = DotPush { count };
+            batch.dispatch(&self.dot, "vector", &buffers, bytes_of(&push), [LANES / WORKGROUP, 1, 1])?;
+            batch.submit()?;
+            let partial: Vec<f32> = device.download_slice(&self.partial, 0, LANES.into())?;
+            sum += partial.into_iter().map(f64::from).sum::<f64>();
+        }
+        Ok(sum)
+    }
+}

@@ -1,0 +1,122 @@
+//! Default settings against closed forms and path-traced irradiance (made by others; see tests/data/README.md).
+
+mod support;
+
+use antirad::plan::Limits;
+use support::{areas, device, finish, load, mean, read_npy, relative_l2, solve, solve_within};
+
+/// Mean radiosity of a closed sphere whose faces all emit exitance 1: 1 / (1 - albedo), whatever the facets.
+fn sphere(name: &str, truth: f64, tolerance: f64) {
+    let device = device();
+    let scene = load(&format!("tests/data/{name}.obj"));
+    let (_engine, solution) = solve(&device, &scene, &scene.accuracy);
+    let radiosity = mean(&solution.radiosity, &areas(&scene), |_| true);
+    let error = radiosity / truth - 1.0;
+    println!("{name}: mean radiosity {radiosity:.4}, {:+.3} %", 100.0 * error);
+    assert!(error.abs() <= tolerance, "{name}: {radiosity} instead of {truth}");
+    finish(&device);
+}
+
+#[test]
+fn sphere_of_albedo_80() {
+    sphere("sphere_l3_r80", 5.0, 0.01);
+}
+
+#[test]
+fn sphere_of_albedo_95() {
+    sphere("sphere_l3_r95", 20.0, 0.02);
+}
+
+/// Form factor of two squares.
+fn squares(name: &str, truth: f64, tolerance: f64) {
+    let device = device();
+    let scene = load(&format!("tests/data/{name}.obj"));
+    let (_engine, solution) = solve(&device, &scene, &scene.accuracy);
+    let exitance = f64::from(solution.radiosity.iter().map(|b| b[0]).fold(0.0, f32::max));
+    let receives = |i: usize| scene.material(i).name == "recv";
+    let form_factor = mean(&solution.irradiance, &areas(&scene), receives) / exitance;
+    let error = form_factor / truth - 1.0;
+    println!("{name}: form factor {form_factor:.6}, {:+.3} %", 100.0 * error);
+    assert!(error.abs() <= tolerance, "{name}: {form_factor} instead of {truth}");
+    finish(&device);
+}
+
+#[test]
+fn parallel_squares() {
+    squares("parallel", 0.199824895698, 0.003);
+}
+
+#[test]
+fn perpendicular_squares() {
+    squares("perpendicular", 0.200043776075, 0.005);
+}
+
+#[test]
+fn closed_box() {
+    let device = device();
+    let scene = load("tests/data/cornell_empty_closed.obj");
+    let (engine, solution) = solve(&device, &scene, &scene.accuracy);
+    let classes = &engine.plan().classes;
+    assert!(classes.iter().all(|c| !c.has_bins()), "nothing hides anything: no bins, no J");
+    let truth = read_npy("tests/data/cornell_empty_closed.irradiance.npy");
+    let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
+    println!("cornell_empty_closed: relative L2 {:.3} %", 100.0 * error);
+    assert!(error <= 0.01, "{error}");
+    for c in 0..3 {
+        let balance = solution.energy.absorbed[c] / solution.energy.emitted[c] - 1.0;
+        println!("  absorbed / emitted - 1 = {:+.4} %", 100.0 * balance);
+        assert!(balance.abs() <= 0.005, "channel {c}: {balance}");
+    }
+    finish(&device);
+}
+
+#[test]
+fn cornell_boxes() {
+    let device = device();
+    let scene = load("scenes/cornell_boxes.toml");
+    let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
+    let (_engine, solution) = solve(&device, &scene, &scene.accuracy);
+    let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
+    println!("cornell_boxes: relative L2 {:.3} %, {:?}", 100.0 * error, solution.info);
+    for row in device.profile() {
+        println!("  {row:?}");
+    }
+    assert!(error <= 0.03, "{error}");
+    finish(&device);
+}
+
+/// Light that goes through everything is far off: what J does matters.
+#[test]
+fn cornell_boxes_without_occlusion() {
+    let device = device();
+    let scene = load("scenes/cornell_boxes.toml");
+    let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
+    let limits = Limits { occlusion: false, ..Limits::of(&device) };
+    let (_engine, solution) = solve_within(&device, &scene, &scene.accuracy, &limits);
+    let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
+    println!("cornell_boxes without J: relative L2 {:.3} %", 100.0 * error);
+    assert!(error >= 0.3, "{error}");
+    finish(&device);
+}
+
+#[test]
+fn cornell_boxes_fine() {
+    let device = device();
+    let scene = load("scenes/cornell_boxes_fine.toml");
+    let coarse = load("scenes/cornell_boxes.toml");
+    let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
+    let (_engine, solution) = solve(&device, &scene, &scene.accuracy);
+    // The four children of a face are consecutive and of the same area.
+    let means: Vec<[f32; 3]> = solution
+        .irradiance
+        .chunks_exact(4)
+        .map(|four| std::array::from_fn(|c| four.iter().map(|h| h[c]).sum::<f32>() / 4.0))
+        .collect();
+    let error = relative_l2(&means, &truth, &areas(&coarse));
+    println!("cornell_boxes_fine: relative L2 {:.3} %, {:?}", 100.0 * error, solution.info);
+    for row in device.profile() {
+        println!("  {row:?}");
+    }
+    assert!(error <= 0.025, "{error}");
+    finish(&device);
+}

@@ -1,0 +1,69 @@
+//! What several tests need: devices with validation, reference data, errors.
+#![allow(dead_code, reason = "every test crate uses a part")]
+
+use antirad::gpu::{Device, DeviceOptions};
+use antirad::plan::{Limits, Plan};
+use antirad::scene::{Accuracy, LoadOptions, Scene};
+use antirad::{Engine, Solution, SolveParams};
+use std::path::{Path, PathBuf};
+
+/// The device under test. Every message of the validation layers fails the test that calls [`finish`].
+pub fn device() -> Device {
+    Device::new(&DeviceOptions { validation: true, ..DeviceOptions::default() }).expect("a Vulkan device")
+}
+
+pub fn finish(device: &Device) {
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}
+
+pub fn path(relative: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(relative)
+}
+
+pub fn load(relative: &str) -> Scene {
+    Scene::load(&path(relative), &LoadOptions::default()).expect("a scene of the project")
+}
+
+/// Solves with a device's own limits.
+pub fn solve(device: &Device, scene: &Scene, accuracy: &Accuracy) -> (Engine, Solution) {
+    solve_within(device, scene, accuracy, &Limits::of(device))
+}
+
+pub fn solve_within(device: &Device, scene: &Scene, accuracy: &Accuracy, limits: &Limits) -> (Engine, Solution) {
+    let plan = Plan::new(scene, limits, accuracy).expect("a plan");
+    let mut engine = Engine::new(device, scene, plan).expect("an engine");
+    let solution = engine.solve(&SolveParams::from(accuracy)).expect("a solution");
+    (engine, solution)
+}
+
+/// Rows of a float32 array [n, 3].
+pub fn read_npy(relative: &str) -> Vec<[f32; 3]> {
+    let bytes = std::fs::read(path(relative)).expect("reference data");
+    let flat: Vec<f32> = npyz::NpyFile::new(&bytes[..]).expect("npy").into_vec().expect("f32");
+    flat.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect()
+}
+
+/// Triangle areas, m².
+pub fn areas(scene: &Scene) -> Vec<f64> {
+    let area = |i| {
+        let [a, b, c] = scene.corners(i);
+        0.5 * (b - a).cross(c - a).length()
+    };
+    (0..scene.triangles.len()).map(area).collect()
+}
+
+/// Root of the area-weighted sum of squared differences over that of `truth`.
+pub fn relative_l2(values: &[[f32; 3]], truth: &[[f32; 3]], areas: &[f64]) -> f64 {
+    assert_eq!(values.len(), truth.len());
+    let square = |f: &dyn Fn(usize, usize) -> f64| -> f64 {
+        (0..truth.len()).map(|i| areas[i] * (0..3).map(|c| f(i, c).powi(2)).sum::<f64>()).sum()
+    };
+    let difference = square(&|i, c| f64::from(values[i][c]) - f64::from(truth[i][c]));
+    (difference / square(&|i, c| f64::from(truth[i][c]))).sqrt()
+}
+
+/// Area-weighted mean of one channel over the triangles that `of` picks.
+pub fn mean(values: &[[f32; 3]], areas: &[f64], of: impl Fn(usize) -> bool) -> f64 {
+    let picked = || (0..values.len()).filter(|&i| of(i));
+    picked().map(|i| areas[i] * f64::from(values[i][0])).sum::<f64>() / picked().map(|i| areas[i]).sum::<f64>()
+}
