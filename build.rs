@@ -29,10 +29,7 @@ fn build() -> Result<(), String> {
     let mut source = String::new();
     let mut all = String::new();
     for shader in shaders()? {
-        let name = shader
-            .file_stem()
-            .and_then(|stem| stem.to_str())
-            .ok_or("a shader's name is not UTF-8")?;
+        let name = shader.file_stem().and_then(|stem| stem.to_str()).ok_or("a shader's name is not UTF-8")?;
         let spv = out.join(name).with_extension("spv");
         compiler::compile(&shader, &spv)?;
         validate(&shader, &spv)?;
@@ -44,10 +41,7 @@ fn build() -> Result<(), String> {
         );
         let _ = write!(all, "&{constant}, ");
     }
-    let _ = writeln!(
-        source,
-        "/// Every shader of the crate.\npub static ALL: &[&Shader] = &[{all}];"
-    );
+    let _ = writeln!(source, "/// Every shader of the crate.\npub static ALL: &[&Shader] = &[{all}];");
     let generated = out.join("shaders.rs");
     fs::write(&generated, source).map_err(|error| format!("{}: {error}", generated.display()))
 }
@@ -62,10 +56,7 @@ fn shaders() -> Result<Vec<PathBuf>, String> {
     let mut shaders = Vec::new();
     for entry in entries {
         let path = entry.map_err(|error| format!("{GLSL}: {error}"))?.path();
-        if path
-            .extension()
-            .is_some_and(|extension| extension == "comp")
-        {
+        if path.extension().is_some_and(|extension| extension == "comp") {
             shaders.push(path);
         }
     }
@@ -75,35 +66,22 @@ fn shaders() -> Result<Vec<PathBuf>, String> {
 
 fn words(spv: &Path) -> Result<Vec<u32>, String> {
     let bytes = fs::read(spv).map_err(|error| format!("{}: {error}", spv.display()))?;
-    Ok(bytes
-        .chunks_exact(4)
-        .map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]]))
-        .collect())
+    Ok(bytes.chunks_exact(4).map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]])).collect())
 }
 
 /// Runs `spirv-val` where there is one: a second opinion that most hosts have, not worth a dependency.
 fn validate(shader: &Path, spv: &Path) -> Result<(), String> {
-    match Command::new("spirv-val")
-        .args(["--target-env", "vulkan1.2"])
-        .arg(spv)
-        .output()
-    {
+    match Command::new("spirv-val").args(["--target-env", "vulkan1.2"]).arg(spv).output() {
         Ok(output) if output.status.success() => Ok(()),
-        Ok(output) => Err(format!(
-            "{}: spirv-val: {}",
-            shader.display(),
-            text(&output.stdout, &output.stderr)
-        )),
+        Ok(output) => {
+            Err(format!("{}: spirv-val: {}", shader.display(), text(&output.stdout, &output.stderr)))
+        }
         Err(_) => Ok(()),
     }
 }
 
 fn text(stdout: &[u8], stderr: &[u8]) -> String {
-    format!(
-        "{}{}",
-        String::from_utf8_lossy(stdout),
-        String::from_utf8_lossy(stderr)
-    )
+    format!("{}{}", String::from_utf8_lossy(stdout), String::from_utf8_lossy(stderr))
 }
 
 /// `glslc` from PATH: a fraction of a second a shader, and packaged nearly everywhere.
@@ -119,17 +97,7 @@ mod compiler {
         let dependencies = spv.with_extension("d");
         // -g keeps the names: validation messages and profilers can be read, and tests check layouts by member name.
         let output = Command::new("glslc")
-            .args([
-                "--target-env=vulkan1.2",
-                "-std=450core",
-                "-O",
-                "-g",
-                "-Werror",
-                "-I",
-                GLSL,
-                "-MD",
-                "-MF",
-            ])
+            .args(["--target-env=vulkan1.2", "-std=450core", "-O", "-g", "-Werror", "-I", GLSL, "-MD", "-MF"])
             .arg(&dependencies)
             .arg("-o")
             .args([spv, shader])
@@ -144,11 +112,7 @@ mod compiler {
         // One line, "NAME.spv: glsl/NAME.comp glsl/HEAD.glsl ..."
         let list = fs::read_to_string(&dependencies)
             .map_err(|error| format!("{}: {error}", dependencies.display()))?;
-        for file in list
-            .split_once(": ")
-            .map_or("", |(_, files)| files)
-            .split_whitespace()
-        {
+        for file in list.split_once(": ").map_or("", |(_, files)| files).split_whitespace() {
             println!("cargo::rerun-if-changed={file}");
         }
         Ok(())
@@ -160,8 +124,8 @@ mod compiler {
 mod compiler {
     use super::{GLSL, Path, fs};
     use shaderc::{
-        CompileOptions, Compiler, EnvVersion, GlslProfile, OptimizationLevel, ResolvedInclude,
-        ShaderKind, TargetEnv,
+        CompileOptions, Compiler, EnvVersion, GlslProfile, OptimizationLevel, ResolvedInclude, ShaderKind,
+        TargetEnv,
     };
 
     pub fn compile(shader: &Path, spv: &Path) -> Result<(), String> {
@@ -178,26 +142,15 @@ mod compiler {
             let head = Path::new(GLSL).join(name);
             let resolved_name = head.display().to_string();
             println!("cargo::rerun-if-changed={resolved_name}");
-            let content =
-                fs::read_to_string(&head).map_err(|error| format!("{resolved_name}: {error}"))?;
-            Ok(ResolvedInclude {
-                resolved_name,
-                content,
-            })
+            let content = fs::read_to_string(&head).map_err(|error| format!("{resolved_name}: {error}"))?;
+            Ok(ResolvedInclude { resolved_name, content })
         });
         let artifact = Compiler::new()
             .and_then(|compiler| {
-                compiler.compile_into_spirv(
-                    &source,
-                    ShaderKind::Compute,
-                    &file,
-                    "main",
-                    Some(&options),
-                )
+                compiler.compile_into_spirv(&source, ShaderKind::Compute, &file, "main", Some(&options))
             })
             .map_err(failed)?;
         println!("cargo::rerun-if-changed={file}");
-        fs::write(spv, artifact.as_binary_u8())
-            .map_err(|error| format!("{}: {error}", spv.display()))
+        fs::write(spv, artifact.as_binary_u8()).map_err(|error| format!("{}: {error}", spv.display()))
     }
 }

@@ -4,7 +4,7 @@ use crate::gpu::{Device, GpuError};
 use crate::plan::{Limits, PADDING, Plan, PlanError, PlannedSolver};
 use crate::scene::{Accuracy, Scene};
 use crate::solve::{FixedPointParams, GmresParams, Progress, SolveError, SolveInfo, fixed_point, gmres};
-use crate::transport::{Operators, SceneBuffers, State};
+use crate::transport::{Operators, SceneBuffers, State, TransportError, Watcher};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::ops::ControlFlow;
@@ -17,8 +17,12 @@ pub enum EngineError {
     #[error(transparent)]
     Plan(#[from] PlanError),
     #[error(transparent)]
-    Solve(#[from] SolveError<GpuError>),
-    #[error("the plan counts {planned} bytes of \"{label}\" and the engine allocated {allocated}: a defect of antirad")]
+    Solve(#[from] SolveError<TransportError>),
+    #[error(transparent)]
+    Transport(#[from] TransportError),
+    #[error(
+        "the plan counts {planned} bytes of \"{label}\" and the engine allocated {allocated}: a defect of antirad"
+    )]
     Miscounted { label: String, planned: u64, allocated: u64 },
     #[error("the plan is for {planned} triangles and the scene has {given}")]
     OtherScene { planned: usize, given: usize },
@@ -101,13 +105,17 @@ impl Engine {
         let buffers = SceneBuffers::new(device, scene, &plan)?;
         let operators = Operators::new(device, plan, buffers)?;
         let after = device.memory();
-        for item in operators.plan().memory().items.iter().filter(|item| item.label != "staging") {
+        for item in operators.plan().memory().own() {
             let of = |report: &crate::gpu::MemoryReport| {
                 report.by_label.iter().find(|l| l.label == item.label).map_or(0, |l| l.bytes)
             };
             let allocated = of(&after).saturating_sub(of(&before));
             if allocated != item.bytes {
-                return Err(EngineError::Miscounted { label: item.label.clone(), planned: item.bytes, allocated });
+                return Err(EngineError::Miscounted {
+                    label: item.label.clone(),
+                    planned: item.bytes,
+                    allocated,
+                });
             }
         }
         let materials = || (0..scene.triangles.len()).map(|i| scene.material(i));
@@ -133,7 +141,11 @@ impl Engine {
     }
 
     /// Solves, and calls `progress` with the number of passes and the relative residual after each pass.
-    pub fn solve_with(&mut self, params: &SolveParams, progress: &mut Progress) -> Result<Solution, EngineError> {
+    pub fn solve_with(
+        &mut self,
+        params: &SolveParams,
+        progress: &mut Progress,
+    ) -> Result<Solution, EngineError> {
         let SolveParams { tolerance, max_passes } = *params;
         let (state, info) = match self.plan().solver {
             PlannedSolver::FixedPoint => {
@@ -159,6 +171,12 @@ impl Engine {
     pub fn face_colours(&mut self, solution: &Solution, eye: DVec3) -> Result<Vec<[f32; 3]>, EngineError> {
         let colours = self.operators.observe(&solution.state, eye)?;
         Ok(self.to_scene_order(&colours))
+    }
+
+    /// Who looks on within a pass: called after every dispatch with the pairs done and those of the whole pass. May
+    /// stop the solve, which then ends with [`TransportError::Interrupted`].
+    pub fn set_watcher(&mut self, watcher: Option<Watcher>) {
+        self.operators.set_watcher(watcher);
     }
 
     /// The operators themselves, for what is built on top of them.
@@ -191,7 +209,9 @@ impl Engine {
             for (group, page) in plan.layout.groups.iter().zip(&specular) {
                 let lobes = page.iter().flat_map(|page| page.chunks(plan.bins.count() * channels));
                 for (slot, lobe) in plan.layout.slots_of(&group.tiles).zip(lobes) {
-                    let Some(b) = radiosity.get_mut(plan.layout.order[slot as usize] as usize) else { continue };
+                    let Some(b) = radiosity.get_mut(plan.layout.order[slot as usize] as usize) else {
+                        continue;
+                    };
                     for (bin, &c) in lobe.chunks(channels).zip(&plan.bins.projected) {
                         let rgb = if channels == 1 { [bin[0]; 3] } else { [bin[0], bin[1], bin[2]] };
                         *b += c * DVec3::from(rgb.map(f64::from));

@@ -1,6 +1,9 @@
 //! antirad: differentiable directional radiosity with implicit visibility.
+pub mod cli;
 mod engine;
 pub mod gpu;
+pub mod image;
+pub mod output;
 pub mod plan;
 pub mod reference;
 pub mod scene;

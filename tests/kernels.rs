@@ -189,23 +189,33 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
     let specular = of_class(&model, &leaving.specular, |c| c.glossy);
     errors.push(("reflect_glossy", relative(&from_pages(&model, &plan, &given.specular, total), &specular)));
     let antiradiance = of_class(&model, &leaving.antiradiance, |c| c.blocker);
-    errors.push(("go_through", relative(&from_pages(&model, &plan, &given.antiradiance, total), &antiradiance)));
+    errors.push((
+        "go_through",
+        relative(&from_pages(&model, &plan, &given.antiradiance, total), &antiradiance),
+    ));
 
     let mut y = operators.vector("y").expect("a vector");
     operators.pass(Some(&x), true, &mut y).expect("a pass");
     let arriving = transport(&model, &leaving);
     let irradiance = operators.irradiance(&y).expect("irradiance");
-    errors.push(("transport, irradiance", relative(&rgb_of(&plan, &irradiance), &flat(&arriving.irradiance))));
-    let pages: Vec<_> =
-        (0..plan.layout.groups.len()).map(|g| operators.bins(&y, g).expect("bins")).collect();
-    errors.push(("transport, bins", relative(&from_pages(&model, &plan, &pages, total), &flat(&arriving.bins))));
+    errors
+        .push(("transport, irradiance", relative(&rgb_of(&plan, &irradiance), &flat(&arriving.irradiance))));
+    let pages: Vec<_> = (0..plan.layout.groups.len()).map(|g| operators.bins(&y, g).expect("bins")).collect();
+    errors.push((
+        "transport, bins",
+        relative(&from_pages(&model, &plan, &pages, total), &flat(&arriving.bins)),
+    ));
 
     let eye = DVec3::new(3.0, 0.5, -1.0);
     let colours = operators.observe(&x, eye).expect("colours");
     errors.push(("observe", relative(&rgb_of(&plan, &colours), &flat(&observe(&model, &leaving, eye)))));
 
     let blockers = model.classes.iter().filter(|c| c.blocker).count();
-    println!("{name}: {} triangles, {blockers} blockers, {} close pairs", model.facets.len(), plan.near.sources.len());
+    println!(
+        "{name}: {} triangles, {blockers} blockers, {} close pairs",
+        model.facets.len(),
+        plan.near.sources.len()
+    );
     for (kernel, error) in errors {
         println!("  {kernel}: {error:.2e}");
         assert!(error <= TOLERANCE, "{name}, {kernel}: relative error {error:e}");
@@ -227,7 +237,11 @@ fn other_weights_and_layouts() {
     compare("smoothstep", &scene, smooth, |l| l);
     let concentric = Accuracy { bins: BinLayout::Concentric { n: 12 }, ..Accuracy::default() };
     compare("concentric", &scene, concentric, |l| l);
-    let both = Accuracy { weights: Weights::Smoothstep, bins: BinLayout::Concentric { n: 4 }, ..Accuracy::default() };
+    let both = Accuracy {
+        weights: Weights::Smoothstep,
+        bins: BinLayout::Concentric { n: 4 },
+        ..Accuracy::default()
+    };
     compare("concentric, smoothstep", &scene, both, |l| l);
 }
 
@@ -243,7 +257,11 @@ fn one_channel() {
 #[test]
 fn small_tiles_and_pages() {
     let scene = random_scene(6, 300, true, false);
-    compare("tiles of 32, one page a tile", &scene, Accuracy::default(), |l| Limits { tile: 32, page: 1, ..l });
+    compare("tiles of 32, one page a tile", &scene, Accuracy::default(), |l| Limits {
+        tile: 32,
+        page: 1,
+        ..l
+    });
 }
 
 #[test]
@@ -286,7 +304,12 @@ fn layouts_agree_with_the_shaders() {
         };
     }
     use device_side::*;
-    check!(shaders::NEAR, "Facet", FacetData, ["centre" = centre, "area" = area, "normal" = normal, "extent" = extent]);
+    check!(
+        shaders::NEAR,
+        "Facet",
+        FacetData,
+        ["centre" = centre, "area" = area, "normal" = normal, "extent" = extent]
+    );
     check!(
         shaders::REFLECT,
         "Surface",
@@ -336,7 +359,12 @@ fn layouts_agree_with_the_shaders() {
         ReflectPush,
         ["count" = count, "emission" = emission, "reflection" = reflection]
     );
-    check!(shaders::REFLECT_GLOSSY, "GlossyPush", GlossyPush, ["page" = page, "first" = first, "count" = count]);
+    check!(
+        shaders::REFLECT_GLOSSY,
+        "GlossyPush",
+        GlossyPush,
+        ["page" = page, "first" = first, "count" = count]
+    );
     check!(shaders::GO_THROUGH, "ThroughPush", ThroughPush, ["count" = count]);
     check!(shaders::OBSERVE, "ObservePush", ObservePush, ["eye" = eye, "begin" = begin, "end" = end]);
     check!(shaders::COMBINE, "Push", CombinePush, ["count" = count, "a" = a, "b" = b]);

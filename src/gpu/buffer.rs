@@ -41,10 +41,7 @@ impl Buffer {
     /// `bytes` are rounded up as [`rounded`] says. The content is undefined.
     pub fn new(device: &Device, label: &str, bytes: u64, kind: BufferKind) -> Result<Self> {
         let block = Block::new(&device.shared, label, bytes, kind)?;
-        Ok(Self {
-            device: device.clone(),
-            block,
-        })
+        Ok(Self { device: device.clone(), block })
     }
 
     pub fn label(&self) -> &str {
@@ -69,11 +66,7 @@ impl Buffer {
 
     /// A part of it. Range and alignment are checked where the slice is used.
     pub fn slice(&self, offset: u64, bytes: u64) -> BufferSlice<'_> {
-        BufferSlice {
-            buffer: self,
-            offset,
-            bytes,
-        }
+        BufferSlice { buffer: self, offset, bytes }
     }
 
     /// For embedders that add commands of their own.
@@ -89,12 +82,7 @@ impl Buffer {
         }
         let size = self.bytes();
         if offset > size || bytes > size - offset {
-            return Err(GpuError::OutOfRange {
-                label: label(),
-                offset,
-                bytes,
-                size,
-            });
+            return Err(GpuError::OutOfRange { label: label(), offset, bytes, size });
         }
         Ok(())
     }
@@ -103,12 +91,7 @@ impl Buffer {
         if offset % alignment == 0 && bytes % alignment == 0 {
             return Ok(());
         }
-        Err(GpuError::Misaligned {
-            label: self.label().to_owned(),
-            offset,
-            bytes,
-            alignment,
-        })
+        Err(GpuError::Misaligned { label: self.label().to_owned(), offset, bytes, alignment })
     }
 }
 
@@ -136,25 +119,14 @@ pub(super) struct Block {
 impl Block {
     pub(super) fn new(shared: &Shared, label: &str, bytes: u64, kind: BufferKind) -> Result<Self> {
         let bytes = rounded(bytes);
-        let limit = shared
-            .info
-            .max_storage_buffer_range
-            .min(shared.info.max_allocation);
+        let limit = shared.info.max_storage_buffer_range.min(shared.info.max_allocation);
         if bytes > limit {
             let (bytes, limit) = (Bytes(bytes), Bytes(limit));
-            return Err(GpuError::BufferTooLarge {
-                label: label.to_owned(),
-                bytes,
-                limit,
-            });
+            return Err(GpuError::BufferTooLarge { label: label.to_owned(), bytes, limit });
         }
         lock(&shared.memory).take(label, bytes)?;
         // From here on `destroy` undoes what is done, on a failure too.
-        let mut block = Self {
-            label: label.to_owned(),
-            bytes,
-            ..Self::default()
-        };
+        let mut block = Self { label: label.to_owned(), bytes, ..Self::default() };
         match block.create(shared, kind) {
             Ok(()) => Ok(block),
             Err(error) => {
@@ -180,8 +152,7 @@ impl Block {
         };
         let device = shared.raw();
         // SAFETY: the device is alive.
-        self.raw = unsafe { device.create_buffer(&create, None) }
-            .during("creating buffer", &self.label)?;
+        self.raw = unsafe { device.create_buffer(&create, None) }.during("creating buffer", &self.label)?;
         shared.name(self.raw, &self.label);
         // SAFETY: the buffer was just made from this device.
         let requirements = unsafe { device.get_buffer_memory_requirements(self.raw) };

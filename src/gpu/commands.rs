@@ -42,12 +42,7 @@ impl Device {
             None => Recorder::new(&self.shared)?,
         };
         let timing = BatchTiming::default();
-        Ok(Batch {
-            device: self.clone(),
-            recorder,
-            timing,
-            borrowed: PhantomData,
-        })
+        Ok(Batch { device: self.clone(), recorder, timing, borrowed: PhantomData })
     }
 }
 
@@ -133,20 +128,10 @@ impl<'a> Batch<'a> {
         source.check(&self.device, source_offset, bytes)?;
         target.check(&self.device, target_offset, bytes)?;
         if source.raw() == target.raw() && source_offset.abs_diff(target_offset) < bytes {
-            return Err(GpuError::Overlap {
-                label: source.label().to_owned(),
-            });
+            return Err(GpuError::Overlap { label: source.label().to_owned() });
         }
         // SAFETY: checked above; both live until the batch has ended ('a).
-        unsafe {
-            self.copy_raw(
-                source.raw(),
-                source_offset,
-                target.raw(),
-                target_offset,
-                bytes,
-            )
-        }
+        unsafe { self.copy_raw(source.raw(), source_offset, target.raw(), target_offset, bytes) }
     }
 
     /// # Safety
@@ -163,11 +148,7 @@ impl<'a> Batch<'a> {
             return Ok(());
         }
         self.make_room(0)?;
-        let region = vk::BufferCopy {
-            src_offset: source_offset,
-            dst_offset: target_offset,
-            size: bytes,
-        };
+        let region = vk::BufferCopy { src_offset: source_offset, dst_offset: target_offset, size: bytes };
         let device = self.device.raw();
         // SAFETY: recording; the rest is the caller's promise.
         unsafe { device.cmd_copy_buffer(self.recorder.commands, source, target, &[region]) };
@@ -197,43 +178,20 @@ impl<'a> Batch<'a> {
         for (what, given, wanted) in arguments {
             let wanted = wanted as usize;
             if given != wanted {
-                return Err(GpuError::WrongArguments {
-                    kernel,
-                    what,
-                    given,
-                    wanted,
-                });
+                return Err(GpuError::WrongArguments { kernel, what, given, wanted });
             }
         }
         let limit = info.max_workgroup_count;
-        if groups
-            .iter()
-            .zip(&limit)
-            .any(|(groups, limit)| groups > limit)
-        {
-            return Err(GpuError::TooManyGroups {
-                kernel,
-                groups,
-                limit,
-            });
+        if groups.iter().zip(&limit).any(|(groups, limit)| groups > limit) {
+            return Err(GpuError::TooManyGroups { kernel, groups, limit });
         }
-        for BufferSlice {
-            buffer,
-            offset,
-            bytes,
-        } in buffers
-        {
+        for BufferSlice { buffer, offset, bytes } in buffers {
             buffer.check(&self.device, *offset, *bytes)?;
             buffer.check_aligned(*offset, 0, info.storage_buffer_alignment)?;
             if *bytes == 0 {
                 // Vulkan cannot bind nothing.
                 let (label, size) = (buffer.label().to_owned(), buffer.bytes());
-                return Err(GpuError::OutOfRange {
-                    label,
-                    offset: *offset,
-                    bytes: 0,
-                    size,
-                });
+                return Err(GpuError::OutOfRange { label, offset: *offset, bytes: 0, size });
             }
         }
         Ok(())
@@ -267,12 +225,7 @@ impl<'a> Batch<'a> {
         // Mapped buffers are read by the host next.
         let stages = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
         let writes = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
-        self.barrier(
-            stages,
-            writes,
-            vk::PipelineStageFlags::HOST,
-            vk::AccessFlags::HOST_READ,
-        );
+        self.barrier(stages, writes, vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ);
         let start = Instant::now();
         let shared = &self.device.shared;
         let timing = &mut self.timing;
@@ -292,9 +245,7 @@ impl<'a> Batch<'a> {
         to: vk::PipelineStageFlags,
         used: vk::AccessFlags,
     ) {
-        let barrier = [vk::MemoryBarrier::default()
-            .src_access_mask(written)
-            .dst_access_mask(used)];
+        let barrier = [vk::MemoryBarrier::default().src_access_mask(written).dst_access_mask(used)];
         let none = vk::DependencyFlags::empty();
         // SAFETY: recording.
         unsafe {

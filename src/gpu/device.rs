@@ -36,9 +36,7 @@ pub struct DeviceOptions {
 impl Default for DeviceOptions {
     fn default() -> Self {
         Self {
-            selector: env::var("ANTIRAD_DEVICE")
-                .ok()
-                .filter(|text| !text.trim().is_empty()),
+            selector: env::var("ANTIRAD_DEVICE").ok().filter(|text| !text.trim().is_empty()),
             validation: env::var("ANTIRAD_VALIDATION").is_ok_and(|text| text == "1"),
             memory_budget: None,
         }
@@ -111,13 +109,7 @@ impl Device {
         enabled: Enabled,
         budget: Option<u64>,
     ) -> Result<Self> {
-        let Candidate {
-            physical,
-            listed,
-            queue_family,
-            timestamp_bits,
-            ..
-        } = candidate;
+        let Candidate { physical, listed, queue_family, timestamp_bits, .. } = candidate;
         let mut info = listed.info;
         info.enabled = enabled;
         if !enabled.subgroup_size_control {
@@ -125,9 +117,7 @@ impl Device {
         }
         let budget = budget.or(info.available_bytes).unwrap_or(info.heap_bytes);
         let memory = Memory::new(instance.raw(), &logical.raw, physical, budget)?;
-        let names = enabled
-            .debug_utils
-            .then(|| debug_utils::Device::new(instance.raw(), &logical.raw));
+        let names = enabled.debug_utils.then(|| debug_utils::Device::new(instance.raw(), &logical.raw));
         let create = vk::PipelineCacheCreateInfo::default();
         // SAFETY: the device is alive; the last call that can fail, so that nothing made here is left behind.
         let cache = unsafe { logical.raw.create_pipeline_cache(&create, None) }
@@ -148,9 +138,7 @@ impl Device {
             instance,
         };
         shared.name(cache, "pipeline cache");
-        Ok(Self {
-            shared: Arc::new(shared),
-        })
+        Ok(Self { shared: Arc::new(shared) })
     }
 
     /// What the device is, and which optional capabilities are switched on.
@@ -185,11 +173,7 @@ impl Device {
     /// An error if validation has found anything.
     pub fn check_validation(&self) -> Result<()> {
         let messages = self.validation_messages();
-        if messages.is_empty() {
-            Ok(())
-        } else {
-            Err(GpuError::Validation(messages))
-        }
+        if messages.is_empty() { Ok(()) } else { Err(GpuError::Validation(messages)) }
     }
 
     /// For embedders that add commands of their own.
@@ -212,9 +196,7 @@ impl Shared {
     /// Gives an object the label that errors and profiles use. Only for debuggers: a failure is no error.
     pub(super) fn name<H: vk::Handle>(&self, handle: H, label: &str) {
         if let (Some(names), Ok(label)) = (&self.names, CString::new(label)) {
-            let info = vk::DebugUtilsObjectNameInfoEXT::default()
-                .object_handle(handle)
-                .object_name(&label);
+            let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(handle).object_name(&label);
             // SAFETY: the extension is enabled, the handle belongs to this device and was just made.
             let _ = unsafe { names.set_debug_utils_object_name(&info) };
         }
@@ -258,11 +240,9 @@ fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<
     if has(khr::portability_subset::NAME) {
         names.push(khr::portability_subset::NAME.as_ptr());
     }
-    let features = vk::PhysicalDeviceFeatures::default()
-        .shader_float64(enabled.float64)
-        .shader_int64(enabled.int64);
-    let mut sizes =
-        vk::PhysicalDeviceSubgroupSizeControlFeatures::default().subgroup_size_control(true);
+    let features =
+        vk::PhysicalDeviceFeatures::default().shader_float64(enabled.float64).shader_int64(enabled.int64);
+    let mut sizes = vk::PhysicalDeviceSubgroupSizeControlFeatures::default().subgroup_size_control(true);
     let mut atomics = vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT::default()
         .shader_buffer_float32_atomics(true)
         .shader_buffer_float32_atomic_add(true);
@@ -286,10 +266,6 @@ fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<
         create = create.push_next(&mut atomics);
     }
     // SAFETY: all pointers in `create` outlive the call; the device lists the extensions and features.
-    unsafe {
-        instance
-            .raw()
-            .create_device(candidate.physical, &create, None)
-    }
-    .during("opening", &candidate.listed.info.name)
+    unsafe { instance.raw().create_device(candidate.physical, &create, None) }
+        .during("opening", &candidate.listed.info.name)
 }

@@ -32,29 +32,11 @@ impl Device {
     /// - The device was created for Vulkan 1.2, with `enabled`.
     /// - Nobody else uses `queue` during a call into this library.
     pub unsafe fn from_raw(raw: RawDevice) -> Result<Self> {
-        let RawDevice {
-            entry,
-            instance,
-            physical_device,
-            device,
-            queue_family,
-            queue,
-            ..
-        } = raw;
+        let RawDevice { entry, instance, physical_device, device, queue_family, queue, .. } = raw;
         let instance = Instance::borrowed(entry, instance, raw.enabled.debug_utils);
         let candidate = Candidate::new(&instance, physical_device, Some(queue_family))?;
         candidate.usable()?;
-        let logical = Logical {
-            raw: device,
-            owned: false,
-        };
-        Self::assemble(
-            instance,
-            logical,
-            candidate,
-            queue,
-            raw.enabled,
-            raw.memory_budget,
-        )
+        let logical = Logical { raw: device, owned: false };
+        Self::assemble(instance, logical, candidate, queue, raw.enabled, raw.memory_budget)
     }
 }

@@ -15,9 +15,7 @@ pub enum GpuError {
     NoLoader(#[source] ash::LoadingError),
     #[error("no Vulkan device matches {wanted}; there is: {found}")]
     NoDevice { wanted: String, found: String },
-    #[error(
-        "device \"{device}\" lacks {features}; choose another one (ANTIRAD_DEVICE) or update its driver"
-    )]
+    #[error("device \"{device}\" lacks {features}; choose another one (ANTIRAD_DEVICE) or update its driver")]
     MissingFeature { device: String, features: String },
     #[error(
         "validation is asked for but {0} is not there; install it (`apt install vulkan-validationlayers`) or unset ANTIRAD_VALIDATION"
@@ -26,88 +24,34 @@ pub enum GpuError {
     #[error(
         "\"{label}\" needs {requested}, but {in_use} of the budget of {budget} are in use; raise the budget or reduce the job"
     )]
-    OverBudget {
-        label: String,
-        requested: Bytes,
-        in_use: Bytes,
-        budget: Bytes,
-    },
-    #[error(
-        "the driver refused {bytes} for \"{label}\": {source}; close other programs or lower the budget"
-    )]
-    Allocation {
-        label: String,
-        bytes: Bytes,
-        source: AllocationError,
-    },
-    #[error(
-        "buffer \"{label}\" of {bytes} is above the device's limit of {limit}; split it into pages"
-    )]
-    BufferTooLarge {
-        label: String,
-        bytes: Bytes,
-        limit: Bytes,
-    },
+    OverBudget { label: String, requested: Bytes, in_use: Bytes, budget: Bytes },
+    #[error("the driver refused {bytes} for \"{label}\": {source}; close other programs or lower the budget")]
+    Allocation { label: String, bytes: Bytes, source: AllocationError },
+    #[error("buffer \"{label}\" of {bytes} is above the device's limit of {limit}; split it into pages")]
+    BufferTooLarge { label: String, bytes: Bytes, limit: Bytes },
     #[error("bytes {offset}..{offset}+{bytes} are outside of \"{label}\", which has {size} bytes")]
-    OutOfRange {
-        label: String,
-        offset: u64,
-        bytes: u64,
-        size: u64,
-    },
-    #[error(
-        "offset {offset} or length {bytes} in \"{label}\" is not a multiple of {alignment} bytes"
-    )]
-    Misaligned {
-        label: String,
-        offset: u64,
-        bytes: u64,
-        alignment: u64,
-    },
+    OutOfRange { label: String, offset: u64, bytes: u64, size: u64 },
+    #[error("offset {offset} or length {bytes} in \"{label}\" is not a multiple of {alignment} bytes")]
+    Misaligned { label: String, offset: u64, bytes: u64, alignment: u64 },
     #[error("a copy inside of \"{label}\" overlaps itself; copy through another buffer")]
     Overlap { label: String },
     #[error("\"{label}\" belongs to another device; create it on the one that uses it")]
     OtherDevice { label: String },
     #[error("kernel \"{kernel}\" got {given} {what}, it takes {wanted}")]
-    WrongArguments {
-        kernel: &'static str,
-        what: &'static str,
-        given: usize,
-        wanted: usize,
-    },
+    WrongArguments { kernel: &'static str, what: &'static str, given: usize, wanted: usize },
     #[error(
         "kernel \"{kernel}\" has {bytes} bytes of push constants; the limit is {limit}, in multiples of 4: move some to a buffer"
     )]
-    PushTooLarge {
-        kernel: &'static str,
-        bytes: u32,
-        limit: u32,
-    },
-    #[error(
-        "kernel \"{kernel}\" binds {bindings} buffers, the device takes {limit}; put arrays together"
-    )]
-    TooManyBindings {
-        kernel: &'static str,
-        bindings: u32,
-        limit: u32,
-    },
+    PushTooLarge { kernel: &'static str, bytes: u32, limit: u32 },
+    #[error("kernel \"{kernel}\" binds {bindings} buffers, the device takes {limit}; put arrays together")]
+    TooManyBindings { kernel: &'static str, bindings: u32, limit: u32 },
     #[error("kernel \"{kernel}\" needs subgroups of {wanted} lanes, the device offers {offered}")]
-    SubgroupSize {
-        kernel: &'static str,
-        wanted: u32,
-        offered: String,
-    },
+    SubgroupSize { kernel: &'static str, wanted: u32, offered: String },
     #[error(
         "kernel \"{kernel}\": {groups:?} workgroups are above the device's limit of {limit:?}; split the dispatch"
     )]
-    TooManyGroups {
-        kernel: &'static str,
-        groups: [u32; 3],
-        limit: [u32; 3],
-    },
-    #[error(
-        "the device did not answer for {seconds} s and is given up; make the dispatches shorter"
-    )]
+    TooManyGroups { kernel: &'static str, groups: [u32; 3], limit: [u32; 3] },
+    #[error("the device did not answer for {seconds} s and is given up; make the dispatches shorter")]
     Timeout { seconds: u64 },
     #[error(
         "the device was lost while {0}: most often a dispatch ran into the system's GPU watchdog; make the dispatches shorter"

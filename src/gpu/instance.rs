@@ -28,9 +28,7 @@ impl Instance {
         let has = |name: &CStr| survey::has_extension(&extensions, name);
         let debug_utils = has(debug_utils::NAME);
         if validation && !has_layer(&entry)? {
-            return Err(GpuError::NoValidation(
-                "the layer VK_LAYER_KHRONOS_validation",
-            ));
+            return Err(GpuError::NoValidation("the layer VK_LAYER_KHRONOS_validation"));
         }
         // The layer brings the extension with it where the loader does not.
         let debug_utils = debug_utils || validation;
@@ -54,37 +52,26 @@ impl Instance {
         let mut messenger_info = log.messenger();
         // Besides each call on its own: hazards between commands, which find a forgotten barrier.
         let checks = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
-        let mut features =
-            vk::ValidationFeaturesEXT::default().enabled_validation_features(&checks);
+        let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&checks);
         let mut create = vk::InstanceCreateInfo::default()
             .flags(flags)
             .application_info(&application)
             .enabled_extension_names(&names);
         if validation {
-            create = create
-                .enabled_layer_names(&layers)
-                .push_next(&mut features)
-                .push_next(&mut messenger_info);
+            create =
+                create.enabled_layer_names(&layers).push_next(&mut features).push_next(&mut messenger_info);
         }
         // SAFETY: all pointers in `create` outlive the call, the extensions and the layer are there.
         let raw = match unsafe { entry.create_instance(&create, None) } {
             Err(vk::Result::ERROR_INCOMPATIBLE_DRIVER) => return Err(survey::no_driver()),
             created => created.during("creating", "instance")?,
         };
-        let mut instance = Self {
-            raw,
-            messenger: None,
-            log,
-            debug_utils,
-            owned: true,
-            _entry: entry,
-        };
+        let mut instance = Self { raw, messenger: None, log, debug_utils, owned: true, _entry: entry };
         if validation {
             let utils = debug_utils::Instance::new(&instance._entry, &instance.raw);
             // SAFETY: the extension is enabled; the log that the callback writes to lives as long as the messenger.
-            let messenger =
-                unsafe { utils.create_debug_utils_messenger(&instance.log.messenger(), None) }
-                    .during("creating", "validation messenger")?;
+            let messenger = unsafe { utils.create_debug_utils_messenger(&instance.log.messenger(), None) }
+                .during("creating", "validation messenger")?;
             instance.messenger = Some((utils, messenger));
         }
         Ok(instance)
@@ -92,14 +79,7 @@ impl Instance {
 
     /// Wraps an embedder's instance, which stays the embedder's.
     pub(super) fn borrowed(entry: ash::Entry, raw: ash::Instance, debug_utils: bool) -> Self {
-        Self {
-            raw,
-            messenger: None,
-            log: ValidationLog::default(),
-            debug_utils,
-            owned: false,
-            _entry: entry,
-        }
+        Self { raw, messenger: None, log: ValidationLog::default(), debug_utils, owned: false, _entry: entry }
     }
 
     pub(super) fn raw(&self) -> &ash::Instance {
@@ -145,9 +125,7 @@ fn instance_extensions(entry: &ash::Entry) -> Result<Vec<vk::ExtensionProperties
 
 fn has_layer(entry: &ash::Entry) -> Result<bool> {
     // SAFETY: a query without preconditions.
-    let layers = unsafe { entry.enumerate_instance_layer_properties() }
-        .during("listing the layers of", "instance")?;
-    Ok(layers
-        .iter()
-        .any(|layer| layer.layer_name_as_c_str() == Ok(LAYER)))
+    let layers =
+        unsafe { entry.enumerate_instance_layer_properties() }.during("listing the layers of", "instance")?;
+    Ok(layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(LAYER)))
 }

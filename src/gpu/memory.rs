@@ -25,11 +25,7 @@ const HOST_BLOCK: u64 = 4 << 20;
 /// The bytes that a buffer of `bytes` takes. An empty one takes [`ALIGN`]: Vulkan has no empty buffers.
 pub const fn rounded(bytes: u64) -> u64 {
     let blocks = bytes.div_ceil(ALIGN);
-    if blocks == 0 {
-        ALIGN
-    } else {
-        blocks.saturating_mul(ALIGN)
-    }
+    if blocks == 0 { ALIGN } else { blocks.saturating_mul(ALIGN) }
 }
 
 /// A number of bytes that prints itself both for people and exactly: `8.0 MiB (8388608 bytes)`.
@@ -45,11 +41,7 @@ impl fmt::Display for Bytes {
             0x10_0000..=0x3FFF_FFFF => (1 << 20, "MiB"),
             _ => (1 << 30, "GiB"),
         };
-        write!(
-            f,
-            "{:.1} {name} ({bytes} bytes)",
-            bytes as f64 / unit as f64
-        )
+        write!(f, "{:.1} {name} ({bytes} bytes)", bytes as f64 / unit as f64)
     }
 }
 
@@ -139,14 +131,8 @@ impl Memory {
             bytes: Bytes(0),
             source,
         })?;
-        let ledger = Ledger {
-            budget,
-            ..Ledger::default()
-        };
-        Ok(Self {
-            ledger,
-            allocator: ManuallyDrop::new(allocator),
-        })
+        let ledger = Ledger { budget, ..Ledger::default() };
+        Ok(Self { ledger, allocator: ManuallyDrop::new(allocator) })
     }
 
     /// Counts `bytes` under `label`, or says that they are beyond the budget. Comes before `allocate`.
@@ -171,13 +157,11 @@ impl Memory {
             linear: true,
             allocation_scheme: AllocationScheme::GpuAllocatorManaged,
         };
-        self.allocator
-            .allocate(&description)
-            .map_err(|source| GpuError::Allocation {
-                label: label.to_owned(),
-                bytes: Bytes(requirements.size),
-                source,
-            })
+        self.allocator.allocate(&description).map_err(|source| GpuError::Allocation {
+            label: label.to_owned(),
+            bytes: Bytes(requirements.size),
+            source,
+        })
     }
 
     pub(super) fn free(&mut self, allocation: Allocation) {
@@ -187,19 +171,10 @@ impl Memory {
     }
 
     pub(super) fn report(&self) -> MemoryReport {
-        let Ledger {
-            budget,
-            in_use,
-            peak,
-            labels,
-        } = &self.ledger;
+        let Ledger { budget, in_use, peak, labels } = &self.ledger;
         let rows = labels.iter().map(|(label, &(bytes, count))| {
             let label = label.clone();
-            LabelReport {
-                label,
-                bytes,
-                count,
-            }
+            LabelReport { label, bytes, count }
         });
         MemoryReport {
             budget: *budget,
@@ -226,13 +201,7 @@ mod tests {
 
     #[test]
     fn sizes_are_rounded_up() {
-        let cases = [
-            (0, 256),
-            (1, 256),
-            (256, 256),
-            (257, 512),
-            (u64::MAX, u64::MAX),
-        ];
+        let cases = [(0, 256), (1, 256), (256, 256), (257, 512), (u64::MAX, u64::MAX)];
         for (bytes, expected) in cases {
             assert_eq!(rounded(bytes), expected);
         }
@@ -247,10 +216,7 @@ mod tests {
 
     #[test]
     fn ledger_counts_and_refuses() {
-        let mut ledger = Ledger {
-            budget: 1000,
-            ..Ledger::default()
-        };
+        let mut ledger = Ledger { budget: 1000, ..Ledger::default() };
         assert!(ledger.take("a", 600).is_ok());
         assert!(ledger.take("b", 401).is_err());
         assert!(ledger.take("b", u64::MAX).is_err());

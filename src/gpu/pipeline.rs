@@ -49,46 +49,24 @@ impl Pipeline {
         let info = device.info();
         let limit = info.max_push_bytes.min(MAX_PUSH_BYTES);
         if push_bytes > limit || push_bytes % 4 != 0 {
-            return Err(GpuError::PushTooLarge {
-                kernel,
-                bytes: push_bytes,
-                limit,
-            });
+            return Err(GpuError::PushTooLarge { kernel, bytes: push_bytes, limit });
         }
         let limit = info.max_storage_buffers.min(MAX_BINDINGS);
         if bindings > limit {
-            return Err(GpuError::TooManyBindings {
-                kernel,
-                bindings,
-                limit,
-            });
+            return Err(GpuError::TooManyBindings { kernel, bindings, limit });
         }
         if let Some(wanted) = subgroup_size {
             let (min, max) = info.subgroup_size_range;
             if !(min..=max).contains(&wanted) || !wanted.is_power_of_two() {
-                let offered = if min == max {
-                    format!("{min}")
-                } else {
-                    format!("{min} to {max}")
-                };
-                return Err(GpuError::SubgroupSize {
-                    kernel,
-                    wanted,
-                    offered,
-                });
+                let offered = if min == max { format!("{min}") } else { format!("{min} to {max}") };
+                return Err(GpuError::SubgroupSize { kernel, wanted, offered });
             }
         }
         // Without control all subgroups have the one size that was just checked.
         let required = subgroup_size.filter(|_| info.enabled.subgroup_size_control);
         let parts = Parts::default();
         // From here on dropping `pipeline` undoes what is done, on a failure too.
-        let mut pipeline = Self {
-            device: device.clone(),
-            kernel,
-            bindings,
-            push_bytes,
-            parts,
-        };
+        let mut pipeline = Self { device: device.clone(), kernel, bindings, push_bytes, parts };
         pipeline.create_layouts()?;
         pipeline.create_pipeline(shader.spirv, specialization, required)?;
         Ok(pipeline)
@@ -122,14 +100,8 @@ impl Pipeline {
             .stage_flags(vk::ShaderStageFlags::COMPUTE)
             .size(self.push_bytes)];
         // Vulkan has no empty ranges.
-        let ranges = if self.push_bytes == 0 {
-            &[][..]
-        } else {
-            &ranges[..]
-        };
-        let create = vk::PipelineLayoutCreateInfo::default()
-            .set_layouts(&sets)
-            .push_constant_ranges(ranges);
+        let ranges = if self.push_bytes == 0 { &[][..] } else { &ranges[..] };
+        let create = vk::PipelineLayoutCreateInfo::default().set_layouts(&sets).push_constant_ranges(ranges);
         // SAFETY: the set layout was made above; the range was checked against the limit.
         self.parts.layout = unsafe { device.create_pipeline_layout(&create, None) }
             .during("creating the layout of kernel", self.kernel)?;
@@ -147,8 +119,8 @@ impl Pipeline {
         let device = shared.raw();
         let create = vk::ShaderModuleCreateInfo::default().code(spirv);
         // SAFETY: `spirv` comes from the compiler.
-        let module = unsafe { device.create_shader_module(&create, None) }
-            .during("loading kernel", self.kernel)?;
+        let module =
+            unsafe { device.create_shader_module(&create, None) }.during("loading kernel", self.kernel)?;
         shared.name(module, self.kernel);
 
         let entries: Vec<_> = (0u32..)
@@ -159,13 +131,8 @@ impl Pipeline {
                 size: 4,
             })
             .collect();
-        let values: Vec<u8> = specialization
-            .iter()
-            .flat_map(|(_, value)| value.to_ne_bytes())
-            .collect();
-        let constants = vk::SpecializationInfo::default()
-            .map_entries(&entries)
-            .data(&values);
+        let values: Vec<u8> = specialization.iter().flat_map(|(_, value)| value.to_ne_bytes()).collect();
+        let constants = vk::SpecializationInfo::default().map_entries(&entries).data(&values);
         let mut subgroup = vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default()
             .required_subgroup_size(required_subgroup_size.unwrap_or_default());
         let mut stage = vk::PipelineShaderStageCreateInfo::default()
@@ -176,9 +143,7 @@ impl Pipeline {
         if required_subgroup_size.is_some() {
             stage = stage.push_next(&mut subgroup);
         }
-        let create = [vk::ComputePipelineCreateInfo::default()
-            .stage(stage)
-            .layout(self.parts.layout)];
+        let create = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.parts.layout)];
         // SAFETY: module, layout and the pointers in `stage` outlive the call; a pipeline does not need its module.
         let created = unsafe {
             let created = device.create_compute_pipelines(shared.cache, &create, None);
@@ -186,11 +151,8 @@ impl Pipeline {
             created
         };
         let pipelines = created.map_err(|(_, result)| result);
-        self.parts.pipeline = pipelines
-            .during("compiling kernel", self.kernel)?
-            .into_iter()
-            .next()
-            .unwrap_or_default();
+        self.parts.pipeline =
+            pipelines.during("compiling kernel", self.kernel)?.into_iter().next().unwrap_or_default();
         shared.name(self.parts.pipeline, self.kernel);
         Ok(())
     }
@@ -199,9 +161,7 @@ impl Pipeline {
         if Arc::ptr_eq(&self.device.shared, &device.shared) {
             return Ok(());
         }
-        Err(GpuError::OtherDevice {
-            label: self.kernel.to_owned(),
-        })
+        Err(GpuError::OtherDevice { label: self.kernel.to_owned() })
     }
 }
 

@@ -28,15 +28,12 @@ impl Profile {
 
     /// The most expensive first.
     pub(super) fn rows(&self) -> Vec<ProfileRow> {
-        let rows = self
-            .0
-            .iter()
-            .map(|((kernel, shape), &(count, seconds))| ProfileRow {
-                kernel: (*kernel).to_owned(),
-                shape: shape.clone(),
-                count,
-                seconds,
-            });
+        let rows = self.0.iter().map(|((kernel, shape), &(count, seconds))| ProfileRow {
+            kernel: (*kernel).to_owned(),
+            shape: shape.clone(),
+            count,
+            seconds,
+        });
         let mut rows: Vec<_> = rows.collect();
         rows.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
         rows

@@ -51,8 +51,8 @@ impl Recorder {
             .queue_family_index(shared.queue_family)
             .flags(vk::CommandPoolCreateFlags::TRANSIENT);
         // SAFETY: the device is alive and has this queue family, here and below.
-        self.pool = unsafe { device.create_command_pool(&create, None) }
-            .during("creating", "batch command pool")?;
+        self.pool =
+            unsafe { device.create_command_pool(&create, None) }.during("creating", "batch command pool")?;
         let allocate = vk::CommandBufferAllocateInfo::default()
             .command_pool(self.pool)
             .level(vk::CommandBufferLevel::PRIMARY)
@@ -65,9 +65,7 @@ impl Recorder {
         let sizes = [vk::DescriptorPoolSize::default()
             .ty(vk::DescriptorType::STORAGE_BUFFER)
             .descriptor_count(MAX_DESCRIPTORS)];
-        let create = vk::DescriptorPoolCreateInfo::default()
-            .max_sets(MAX_DISPATCHES)
-            .pool_sizes(&sizes);
+        let create = vk::DescriptorPoolCreateInfo::default().max_sets(MAX_DISPATCHES).pool_sizes(&sizes);
         // SAFETY: as above.
         self.descriptors = unsafe { device.create_descriptor_pool(&create, None) }
             .during("creating", "batch descriptor pool")?;
@@ -77,8 +75,8 @@ impl Recorder {
                 .query_type(vk::QueryType::TIMESTAMP)
                 .query_count(2 * MAX_DISPATCHES);
             // SAFETY: as above.
-            self.queries = unsafe { device.create_query_pool(&create, None) }
-                .during("creating", "batch timestamps")?;
+            self.queries =
+                unsafe { device.create_query_pool(&create, None) }.during("creating", "batch timestamps")?;
             shared.name(self.queries, "batch timestamps");
         }
         // SAFETY: as above.
@@ -97,16 +95,14 @@ impl Recorder {
 
     /// Whether a dispatch that binds so many buffers still fits.
     pub(super) fn fits(&self, bindings: u32) -> bool {
-        self.dispatches.len() < MAX_DISPATCHES as usize
-            && self.descriptors_used + bindings <= MAX_DESCRIPTORS
+        self.dispatches.len() < MAX_DISPATCHES as usize && self.descriptors_used + bindings <= MAX_DESCRIPTORS
     }
 
     /// Throws away what was recorded and starts anew.
     pub(super) fn begin(&mut self, shared: &Shared) -> Result<()> {
         self.clear();
         let device = shared.raw();
-        let begin = vk::CommandBufferBeginInfo::default()
-            .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         // SAFETY: nothing of this recorder executes: `execute` waits for the end, or the device counts as hung.
         unsafe {
             device
@@ -137,9 +133,8 @@ impl Recorder {
         kernel: &str,
     ) -> Result<vk::DescriptorSet> {
         let layouts = [layout];
-        let allocate = vk::DescriptorSetAllocateInfo::default()
-            .descriptor_pool(self.descriptors)
-            .set_layouts(&layouts);
+        let allocate =
+            vk::DescriptorSetAllocateInfo::default().descriptor_pool(self.descriptors).set_layouts(&layouts);
         // SAFETY: pool and layout belong to this device; `fits` was asked.
         let sets = unsafe { shared.raw().allocate_descriptor_sets(&allocate) }
             .during("binding the buffers of kernel", kernel)?;
@@ -190,19 +185,14 @@ impl Recorder {
         {
             let queue = lock(&shared.queue);
             // SAFETY: the lock makes this the only use of the queue; the batch keeps what the commands use alive.
-            unsafe { device.queue_submit(*queue, &submit, self.fence) }
-                .during("submitting", "batch")?;
+            unsafe { device.queue_submit(*queue, &submit, self.fence) }.during("submitting", "batch")?;
         }
         // SAFETY: the fence was submitted above.
-        match unsafe {
-            device.wait_for_fences(&[self.fence], true, TIMEOUT_SECONDS * 1_000_000_000)
-        } {
+        match unsafe { device.wait_for_fences(&[self.fence], true, TIMEOUT_SECONDS * 1_000_000_000) } {
             Ok(()) => {}
             Err(vk::Result::TIMEOUT) => {
                 shared.hang();
-                return Err(GpuError::Timeout {
-                    seconds: TIMEOUT_SECONDS,
-                });
+                return Err(GpuError::Timeout { seconds: TIMEOUT_SECONDS });
             }
             Err(vk::Result::ERROR_DEVICE_LOST) => {
                 return Err(GpuError::DeviceLost(self.describe()));
@@ -210,10 +200,7 @@ impl Recorder {
             Err(result) => {
                 // The work may still execute.
                 shared.hang();
-                return Err(GpuError::Vulkan {
-                    what: self.describe(),
-                    result,
-                });
+                return Err(GpuError::Vulkan { what: self.describe(), result });
             }
         }
         let seconds = self.seconds(shared)?;
@@ -243,12 +230,8 @@ impl Recorder {
         let mut ticks = vec![0u64; 2 * count];
         let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
         // SAFETY: all of these were written by the commands that have ended.
-        unsafe {
-            shared
-                .raw()
-                .get_query_pool_results(self.queries, 0, &mut ticks, flags)
-        }
-        .during("reading", "batch timestamps")?;
+        unsafe { shared.raw().get_query_pool_results(self.queries, 0, &mut ticks, flags) }
+            .during("reading", "batch timestamps")?;
         // Clocks of fewer bits wrap around.
         let mask = u64::MAX >> (64 - shared.timestamp_bits.clamp(1, 64));
         let second = f64::from(shared.info.timestamp_period_ns) * 1e-9;

@@ -21,10 +21,7 @@ const SUBGROUP_OPERATIONS: vk::SubgroupFeatureFlags = vk::SubgroupFeatureFlags::
 pub fn list_devices() -> Result<Vec<ListedDevice>> {
     let instance = Instance::new(false)?;
     let found = survey(&instance)?;
-    Ok(found
-        .into_iter()
-        .map(|Candidate { listed, .. }| listed)
-        .collect())
+    Ok(found.into_iter().map(|Candidate { listed, .. }| listed).collect())
 }
 
 /// A physical device with what is needed to open it.
@@ -39,16 +36,12 @@ pub(super) struct Candidate {
 pub(super) fn no_driver() -> GpuError {
     GpuError::NoDevice {
         wanted: "anything".into(),
-        found:
-            "no Vulkan driver; install one (`apt install mesa-vulkan-drivers` brings a CPU device)"
-                .into(),
+        found: "no Vulkan driver; install one (`apt install mesa-vulkan-drivers` brings a CPU device)".into(),
     }
 }
 
 pub(super) fn has_extension(extensions: &[vk::ExtensionProperties], name: &CStr) -> bool {
-    extensions
-        .iter()
-        .any(|extension| extension.extension_name_as_c_str() == Ok(name))
+    extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name))
 }
 
 pub(super) fn survey(instance: &Instance) -> Result<Vec<Candidate>> {
@@ -70,20 +63,16 @@ pub(super) fn survey(instance: &Instance) -> Result<Vec<Candidate>> {
 /// The device that `selector` (a position, or a part of the name in any case) means, or the best one that can be used.
 pub(super) fn choose(mut found: Vec<Candidate>, selector: Option<&str>) -> Result<Candidate> {
     let position = match selector {
-        None => found
-            .iter()
-            .position(|candidate| candidate.listed.missing.is_empty())
-            .or(
-                // All lack something: the error of the best one says what.
-                (!found.is_empty()).then_some(0),
-            ),
+        None => found.iter().position(|candidate| candidate.listed.missing.is_empty()).or(
+            // All lack something: the error of the best one says what.
+            (!found.is_empty()).then_some(0),
+        ),
         Some(text) => match text.trim().parse::<usize>() {
             Ok(index) => (index < found.len()).then_some(index),
             Err(_) => {
                 let part = text.trim().to_lowercase();
-                let matches = |candidate: &Candidate| {
-                    candidate.listed.info.name.to_lowercase().contains(&part)
-                };
+                let matches =
+                    |candidate: &Candidate| candidate.listed.info.name.to_lowercase().contains(&part);
                 found.iter().position(matches)
             }
         },
@@ -92,22 +81,12 @@ pub(super) fn choose(mut found: Vec<Candidate>, selector: Option<&str>) -> Resul
         let Some(selector) = selector else {
             return Err(no_driver());
         };
-        let names = found.iter().map(
-            |Candidate {
-                 listed: ListedDevice { info, .. },
-                 ..
-             }| { format!("{} \"{}\"", info.index, info.name) },
-        );
-        let names: Vec<_> = names.collect();
-        let found = if names.is_empty() {
-            "nothing".to_owned()
-        } else {
-            names.join(", ")
-        };
-        return Err(GpuError::NoDevice {
-            wanted: format!("\"{selector}\""),
-            found,
+        let names = found.iter().map(|Candidate { listed: ListedDevice { info, .. }, .. }| {
+            format!("{} \"{}\"", info.index, info.name)
         });
+        let names: Vec<_> = names.collect();
+        let found = if names.is_empty() { "nothing".to_owned() } else { names.join(", ") };
+        return Err(GpuError::NoDevice { wanted: format!("\"{selector}\""), found });
     };
     let candidate = found.swap_remove(position);
     candidate.usable()?;
@@ -124,11 +103,7 @@ impl Candidate {
         let raw = instance.raw();
         // SAFETY: `physical` is a device of this living instance, here and in the queries below.
         let core = unsafe { raw.get_physical_device_properties(physical) };
-        let name = core
-            .device_name_as_c_str()
-            .unwrap_or(c"unnamed")
-            .to_string_lossy()
-            .into_owned();
+        let name = core.device_name_as_c_str().unwrap_or(c"unnamed").to_string_lossy().into_owned();
         // SAFETY: as above.
         let extensions = unsafe { raw.enumerate_device_extension_properties(physical) }
             .during("listing the extensions of", &name)?;
@@ -140,22 +115,15 @@ impl Candidate {
             family.queue_count > 0 && family.queue_flags.contains(vk::QueueFlags::COMPUTE)
         };
         let chosen = match queue_family {
-            Some(index) => families
-                .get(index as usize)
-                .filter(|family| computes(family))
-                .map(|_| index),
-            None => families
-                .iter()
-                .position(computes)
-                .and_then(|index| u32::try_from(index).ok()),
+            Some(index) => families.get(index as usize).filter(|family| computes(family)).map(|_| index),
+            None => families.iter().position(computes).and_then(|index| u32::try_from(index).ok()),
         };
         if chosen.is_none() {
             missing.push("a compute queue".to_owned());
         }
         let queue_family = chosen.unwrap_or_default();
-        let timestamp_bits = families
-            .get(queue_family as usize)
-            .map_or(0, |family| family.timestamp_valid_bits);
+        let timestamp_bits =
+            families.get(queue_family as usize).map_or(0, |family| family.timestamp_valid_bits);
 
         let mut info = from_core(&core, name);
         info.heap_bytes = largest_heap(instance, physical).1;
@@ -171,13 +139,7 @@ impl Candidate {
             info.timestamp_period_ns = 0.0;
         }
         let listed = ListedDevice { info, missing };
-        Ok(Self {
-            physical,
-            listed,
-            extensions,
-            queue_family,
-            timestamp_bits,
-        })
+        Ok(Self { physical, listed, extensions, queue_family, timestamp_bits })
     }
 
     pub(super) fn usable(&self) -> Result<()> {
@@ -185,10 +147,7 @@ impl Candidate {
         if missing.is_empty() {
             return Ok(());
         }
-        Err(GpuError::MissingFeature {
-            device: info.name.clone(),
-            features: missing.join(", "),
-        })
+        Err(GpuError::MissingFeature { device: info.name.clone(), features: missing.join(", ") })
     }
 }
 
@@ -255,12 +214,8 @@ fn from_extended(
     }
     // SAFETY: a device of at least Vulkan 1.2; the chained structures belong to it or to extensions that it lists.
     let core = unsafe {
-        instance
-            .raw()
-            .get_physical_device_properties2(physical, &mut properties);
-        instance
-            .raw()
-            .get_physical_device_features2(physical, &mut features);
+        instance.raw().get_physical_device_properties2(physical, &mut properties);
+        instance.raw().get_physical_device_features2(physical, &mut features);
         features.features
     };
 
@@ -273,9 +228,7 @@ fn from_extended(
     info.max_allocation = allocation.max_memory_allocation_size;
     info.subgroup_size = subgroup.subgroup_size;
     let size_control = size_control.subgroup_size_control == vk::TRUE
-        && sizes
-            .required_subgroup_size_stages
-            .contains(vk::ShaderStageFlags::COMPUTE);
+        && sizes.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE);
     info.subgroup_size_range = if size_control {
         (sizes.min_subgroup_size, sizes.max_subgroup_size)
     } else {
@@ -289,20 +242,14 @@ fn from_extended(
         debug_utils: instance.debug_utils(),
     };
     info.available_bytes = available_bytes(instance, physical, extensions);
-    subgroup
-        .supported_stages
-        .contains(vk::ShaderStageFlags::COMPUTE)
+    subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
         && subgroup.supported_operations.contains(SUBGROUP_OPERATIONS)
 }
 
 /// Index and size of the largest device-local heap.
 fn largest_heap(instance: &Instance, physical: vk::PhysicalDevice) -> (usize, u64) {
     // SAFETY: `physical` is a device of this living instance.
-    let memory = unsafe {
-        instance
-            .raw()
-            .get_physical_device_memory_properties(physical)
-    };
+    let memory = unsafe { instance.raw().get_physical_device_memory_properties(physical) };
     let local = memory.memory_heaps_as_slice().iter().enumerate();
     local
         .filter(|(_, heap)| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL))
@@ -323,11 +270,7 @@ fn available_bytes(
     let mut budget = vk::PhysicalDeviceMemoryBudgetPropertiesEXT::default();
     let mut memory = vk::PhysicalDeviceMemoryProperties2::default().push_next(&mut budget);
     // SAFETY: the device lists the extension that the chained structure belongs to.
-    unsafe {
-        instance
-            .raw()
-            .get_physical_device_memory_properties2(physical, &mut memory)
-    };
+    unsafe { instance.raw().get_physical_device_memory_properties2(physical, &mut memory) };
     // Usage may exceed the budget when other programs take memory.
     let left = budget.heap_budget[heap].saturating_sub(budget.heap_usage[heap]);
     Some(left.min(size))

@@ -28,9 +28,7 @@ pub(super) struct Staging {
 
 impl Staging {
     pub(super) fn take(&self) -> impl Iterator<Item = Block> {
-        [lock(&self.upload).take(), lock(&self.readback).take()]
-            .into_iter()
-            .flatten()
+        [lock(&self.upload).take(), lock(&self.readback).take()].into_iter().flatten()
     }
 }
 
@@ -42,12 +40,7 @@ impl Device {
             return Ok(());
         }
         let mut slot = lock(&self.shared.staging.upload);
-        let staging = staging(
-            &self.shared,
-            &mut slot,
-            "staging upload",
-            BufferKind::Upload,
-        )?;
+        let staging = staging(&self.shared, &mut slot, "staging upload", BufferKind::Upload)?;
         let mut at = offset;
         for piece in data.chunks(STAGING_CHUNK as usize) {
             let bytes = piece.len() as u64;
@@ -68,12 +61,7 @@ impl Device {
             return Ok(());
         }
         let mut slot = lock(&self.shared.staging.readback);
-        let staging = staging(
-            &self.shared,
-            &mut slot,
-            "staging readback",
-            BufferKind::Readback,
-        )?;
+        let staging = staging(&self.shared, &mut slot, "staging readback", BufferKind::Readback)?;
         let mut at = offset;
         for piece in into.chunks_mut(STAGING_CHUNK as usize) {
             let bytes = piece.len() as u64;
@@ -98,12 +86,7 @@ impl Device {
     }
 
     /// Reads `count` values from `offset` (bytes) on.
-    pub fn download_slice<T: Pod>(
-        &self,
-        buffer: &Buffer,
-        offset: u64,
-        count: u64,
-    ) -> Result<Vec<T>> {
+    pub fn download_slice<T: Pod>(&self, buffer: &Buffer, offset: u64, count: u64) -> Result<Vec<T>> {
         // Before the host's memory is taken: a wrong count is an error, not an abort.
         buffer.check(self, offset, count.saturating_mul(size_of::<T>() as u64))?;
         let mut values = vec![T::zeroed(); count as usize];

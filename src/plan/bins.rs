@@ -58,7 +58,11 @@ impl Bins {
                 let sector = (sector as i64).rem_euclid(phi as i64) as usize;
                 let sector_next = (sector + 1) % phi;
                 let at = |row: usize, sector: usize| row * phi + sector;
-                product(t, s, [at(row, sector), at(row, sector_next), at(row_next, sector), at(row_next, sector_next)])
+                product(
+                    t,
+                    s,
+                    [at(row, sector), at(row, sector_next), at(row_next, sector), at(row_next, sector_next)],
+                )
             }
             BinLayout::Concentric { n } => {
                 let square = concentric_square(direction);
@@ -181,9 +185,9 @@ mod tests {
     ];
 
     fn every_kind() -> impl Iterator<Item = Bins> {
-        LAYOUTS
-            .into_iter()
-            .flat_map(|layout| [Weights::Bilinear, Weights::Smoothstep].map(|weights| Bins::new(layout, weights)))
+        LAYOUTS.into_iter().flat_map(|layout| {
+            [Weights::Bilinear, Weights::Smoothstep].map(|weights| Bins::new(layout, weights))
+        })
     }
 
     /// Directions all over the hemisphere, the pole and the horizon among them.

@@ -12,6 +12,10 @@ const RGB: u64 = 16;
 /// Lanes of the kernel that sums vectors up: enough for any device, few enough to be added up on the host.
 pub(crate) const PARTIAL_SUMS: u64 = 4096;
 
+/// Labels of bytes that are counted here and allocated elsewhere.
+const STAGING: &str = "staging";
+const PICTURES: &str = "pictures";
+
 /// One kind of buffer.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct MemoryItem {
@@ -53,7 +57,8 @@ impl MemoryPlan {
         let vectors = plan.solver.vectors();
         memory.add("state: irradiance", slots * RGB, vectors);
         for group in plan.layout.groups.iter().filter(|g| g.class.has_bins()) {
-            let bytes = u64::from((group.tiles.end - group.tiles.start) * plan.layout.tile) * plan.bin_bytes();
+            let bytes =
+                u64::from((group.tiles.end - group.tiles.start) * plan.layout.tile) * plan.bin_bytes();
             memory.add("state: bins", bytes, vectors);
             if group.class.blocker {
                 memory.add("antiradiance", bytes, 1);
@@ -62,7 +67,10 @@ impl MemoryPlan {
                 memory.add("specular radiance", bytes, 1);
             }
         }
-        memory.add("staging", plan.limits.staging, 1);
+        memory.add(STAGING, plan.limits.staging, 1);
+        if plan.limits.pictures > 0 {
+            memory.add(PICTURES, plan.limits.pictures, 1);
+        }
         memory
     }
 
@@ -75,7 +83,9 @@ impl MemoryPlan {
                 item.count += count;
                 item.largest = item.largest.max(bytes);
             }
-            None => self.items.push(MemoryItem { label: label.to_owned(), bytes: total, count, largest: bytes }),
+            None => {
+                self.items.push(MemoryItem { label: label.to_owned(), bytes: total, count, largest: bytes })
+            }
         }
     }
 
@@ -88,9 +98,13 @@ impl MemoryPlan {
         self.items.iter().find(|item| item.label == label).map_or(0, |item| item.bytes)
     }
 
+    /// What the engine allocates itself.
+    pub fn own(&self) -> impl Iterator<Item = &MemoryItem> {
+        self.items.iter().filter(|item| item.label != STAGING && item.label != PICTURES)
+    }
+
     pub(super) fn check_buffers(&self, limit: u64) -> Result<(), PlanError> {
-        let buffers = self.items.iter().filter(|item| item.label != "staging");
-        match buffers.max_by_key(|item| item.largest) {
+        match self.own().max_by_key(|item| item.largest) {
             Some(item) if item.largest > limit => {
                 Err(PlanError::BufferTooLarge { label: item.label.clone(), bytes: item.largest, limit })
             }

@@ -32,6 +32,8 @@ pub struct Limits {
     pub max_buffer: u64,
     /// Bytes of the buffers through which data comes and goes.
     pub staging: u64,
+    /// Bytes to leave to others under the same budget: pictures.
+    pub pictures: u64,
     /// Triangles per tile: 32 or 64.
     pub tile: u32,
     /// Largest page of state, bytes; at most `max_buffer`.
@@ -49,6 +51,7 @@ impl Default for Limits {
             memory_budget: 2 << 30,
             max_buffer: 128 << 20,
             staging: 16 << 20,
+            pictures: 0,
             tile: 64,
             page: 128 << 20,
             cull: true,

@@ -111,7 +111,8 @@ impl Plan {
             memory: self.memory.items.clone(),
             memory_total: self.memory.total(),
             memory_budget: self.limits.memory_budget,
-            bytes_per_triangle: (self.memory.total() - self.limits.staging) as f64 / triangles as f64,
+            bytes_per_triangle: self.memory.own().map(|item| item.bytes).sum::<u64>() as f64
+                / triangles as f64,
             estimated_seconds: pass * PASSES,
         }
     }
@@ -124,7 +125,9 @@ impl Plan {
             .map(|class| {
                 let real = |&i: &u32| i != PADDING && self.classes[i as usize] == class;
                 let (modelled, why) = match (class.blocker, class.glossy) {
-                    (false, false) => ("irradiance alone, no bins, no J", "diffuse, and nothing behind can receive"),
+                    (false, false) => {
+                        ("irradiance alone, no bins, no J", "diffuse, and nothing behind can receive")
+                    }
                     (true, false) => ("bins, J", "something behind can receive what it blocks"),
                     (false, true) => ("bins, specular K", "glossy, and nothing behind can receive"),
                     (true, true) => ("bins, J, specular K", "glossy, and something behind can receive"),
@@ -153,18 +156,27 @@ impl fmt::Display for PlanReport {
         writeln!(f, "bins             {}", self.bins)?;
         writeln!(f, "channels         {}", self.channels)?;
         writeln!(f, "solver           {}", self.solver)?;
-        writeln!(f, "tiles            {} of {} triangles, {} pages of bins", self.tiles, self.tile, self.pages)?;
+        writeln!(
+            f,
+            "tiles            {} of {} triangles, {} pages of bins",
+            self.tiles, self.tile, self.pages
+        )?;
         let pairs = &self.pairs;
         writeln!(f, "pairs per pass   {}", pairs.total)?;
         writeln!(f, "  {:>13}  culled ({:.1} %)", pairs.culled, percent(pairs.culled))?;
         writeln!(f, "  {:>13}  irradiance alone ({:.1} %)", pairs.irradiance, percent(pairs.irradiance))?;
         writeln!(f, "  {:>13}  with bins ({:.1} %)", pairs.bins, percent(pairs.bins))?;
-        writeln!(f, "  {:>13}  sub-sampled, being close ({:.2} %)", pairs.sub_sampled, percent(pairs.sub_sampled))?;
+        writeln!(
+            f,
+            "  {:>13}  sub-sampled, being close ({:.2} %)",
+            pairs.sub_sampled,
+            percent(pairs.sub_sampled)
+        )?;
         writeln!(f, "memory           {} bytes of {}", self.memory_total, self.memory_budget)?;
         for item in &self.memory {
             writeln!(f, "  {:>13}  {} ({})", item.bytes, item.label, item.count)?;
         }
-        writeln!(f, "per triangle     {:.0} bytes, staging apart", self.bytes_per_triangle)?;
+        writeln!(f, "per triangle     {:.0} bytes of the engine's own", self.bytes_per_triangle)?;
         write!(f, "estimated time   {:.1} s, on two cores of a CPU", self.estimated_seconds)
     }
 }

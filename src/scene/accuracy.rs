@@ -26,15 +26,10 @@ impl BinLayout {
 
     /// Says what is wrong with the numbers, if anything.
     pub(super) fn validate(self) -> Result<(), String> {
-        let within =
-            |what: &str, number: u32, range: RangeInclusive<u32>| match range.contains(&number) {
-                true => Ok(()),
-                false => Err(format!(
-                    "{what} = {number} is not in {} to {}",
-                    range.start(),
-                    range.end()
-                )),
-            };
+        let within = |what: &str, number: u32, range: RangeInclusive<u32>| match range.contains(&number) {
+            true => Ok(()),
+            false => Err(format!("{what} = {number} is not in {} to {}", range.start(), range.end())),
+        };
         match self {
             Self::EqualAngle { theta, phi } => {
                 within("equal_angle bins: theta", theta, 2..=64)?;
@@ -65,15 +60,11 @@ impl FromStr for BinLayout {
         let parsed = match text.strip_prefix("concentric:") {
             Some(n) => n.parse().ok().map(|n| Self::Concentric { n }),
             None => text.split_once('x').and_then(|(theta, phi)| {
-                Some(Self::EqualAngle {
-                    theta: theta.parse().ok()?,
-                    phi: phi.parse().ok()?,
-                })
+                Some(Self::EqualAngle { theta: theta.parse().ok()?, phi: phi.parse().ok()? })
             }),
         };
-        let layout = parsed.ok_or_else(|| {
-            format!("bins `{text}`: expected THETAxPHI like 10x13, or concentric:N")
-        })?;
+        let layout =
+            parsed.ok_or_else(|| format!("bins `{text}`: expected THETAxPHI like 10x13, or concentric:N"))?;
         layout.validate()?;
         Ok(layout)
     }
@@ -121,16 +112,10 @@ impl Accuracy {
     pub(super) fn validate(&self) -> Result<(), String> {
         self.bins.validate()?;
         if !(self.subsample >= 0.0 && self.subsample.is_finite()) {
-            return Err(format!(
-                "subsample = {} must be 0 or more, and finite",
-                self.subsample
-            ));
+            return Err(format!("subsample = {} must be 0 or more, and finite", self.subsample));
         }
         if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
-            return Err(format!(
-                "tolerance = {} must lie between 0 and 1",
-                self.tolerance
-            ));
+            return Err(format!("tolerance = {} must lie between 0 and 1", self.tolerance));
         }
         if self.max_passes == 0 {
             return Err(String::from("max_passes = 0 must be 1 or more"));
@@ -159,23 +144,11 @@ mod tests {
     #[test]
     fn bins_are_read_as_they_are_shown() {
         for text in ["10x13", "2x3", "64x64", "concentric:2", "concentric:12"] {
-            assert_eq!(
-                text.parse::<BinLayout>().map(|b| b.to_string()),
-                Ok(text.to_owned())
-            );
+            assert_eq!(text.parse::<BinLayout>().map(|b| b.to_string()), Ok(text.to_owned()));
         }
-        for text in [
-            "",
-            "10",
-            "10x",
-            "x13",
-            "1x13",
-            "10x2",
-            "65x13",
-            "concentric:",
-            "concentric:7",
-            "concentric:66",
-        ] {
+        for text in
+            ["", "10", "10x", "x13", "1x13", "10x2", "65x13", "concentric:", "concentric:7", "concentric:66"]
+        {
             assert!(text.parse::<BinLayout>().is_err(), "{text}");
         }
     }

@@ -25,20 +25,14 @@ impl Material {
     ///
     /// At 1 and above a closed room of this material never settles.
     pub fn total_albedo(&self) -> f64 {
-        let lobe = if self.is_glossy() {
-            self.specular_albedo_per_sigma()
-        } else {
-            0.0
-        };
+        let lobe = if self.is_glossy() { self.specular_albedo_per_sigma() } else { 0.0 };
         self.total_albedo_with(lobe)
     }
 
     /// [`Self::total_albedo`], given [`Self::specular_albedo_per_sigma`].
     pub(super) fn total_albedo_with(&self, lobe: f64) -> f64 {
         let channels = self.diffuse_albedo().into_iter().zip(self.specular);
-        channels
-            .map(|(diffuse, sigma)| diffuse + sigma * lobe)
-            .fold(0.0, f64::max)
+        channels.map(|(diffuse, sigma)| diffuse + sigma * lobe).fold(0.0, f64::max)
     }
 
     /// Integrated over half vectors, dω = 4⟨ω,h⟩ dh, with u = ⟨h,n⟩^(p+1): the lobe itself becomes constant in u, so
@@ -69,22 +63,12 @@ mod tests {
     use super::*;
 
     fn lobe(power: f64) -> Material {
-        Material {
-            power,
-            specular: [1.0; 3],
-            ..Material::named("lobe")
-        }
+        Material { power, specular: [1.0; 3], ..Material::named("lobe") }
     }
 
     #[test]
     fn published_factor_at_normal_incidence() {
-        for (power, expected) in [
-            (5., 2.30),
-            (20., 3.33),
-            (50., 3.70),
-            (100., 3.84),
-            (1e5, 4.0),
-        ] {
+        for (power, expected) in [(5., 2.30), (20., 3.33), (50., 3.70), (100., 3.84), (1e5, 4.0)] {
             let albedo = lobe(power).lobe_albedo(0.0);
             assert!((albedo - expected).abs() < 0.01, "p = {power}: {albedo}");
         }
@@ -93,10 +77,7 @@ mod tests {
     #[test]
     fn energy_factor_stays_at_or_below_one() {
         for power in [0., 1., 5., 20., 100., 1000., 1e5] {
-            let material = Material {
-                normalization: Normalization::Energy,
-                ..lobe(power)
-            };
+            let material = Material { normalization: Normalization::Energy, ..lobe(power) };
             let albedo = material.specular_albedo_per_sigma();
             assert!(albedo < 1.01, "p = {power}: {albedo}");
         }
@@ -131,10 +112,7 @@ mod tests {
             }
             let plain = material.specular_normalization() * PI * sum / f64::from(n * n);
             let albedo = material.lobe_albedo(incidence);
-            assert!(
-                (albedo - plain).abs() < 0.01 * plain,
-                "p = {power} at {degrees}: {albedo}, {plain}"
-            );
+            assert!((albedo - plain).abs() < 0.01 * plain, "p = {power} at {degrees}: {albedo}, {plain}");
         }
     }
 }

@@ -83,8 +83,7 @@ impl Assembly {
 
     fn push_material(&mut self, material: Material) -> usize {
         let index = self.scene.materials.len();
-        self.material_indices
-            .insert(material.name.clone(), index as u32);
+        self.material_indices.insert(material.name.clone(), index as u32);
         self.scene.materials.push(material);
         index
     }
@@ -107,16 +106,9 @@ impl Assembly {
         if scene.triangles.iter().any(|t| Some(t.material) == index) {
             return;
         }
-        let others = scene
-            .materials
-            .iter()
-            .map(|m| m.name.as_str())
-            .filter(|other| *other != name);
-        let hint = nearest(name, others)
-            .map_or(String::new(), |near| format!("; did you mean \"{near}\"?"));
-        scene.warnings.push(format!(
-            "{place}: no triangle uses [material.{name}]{hint}."
-        ));
+        let others = scene.materials.iter().map(|m| m.name.as_str()).filter(|other| *other != name);
+        let hint = nearest(name, others).map_or(String::new(), |near| format!("; did you mean \"{near}\"?"));
+        scene.warnings.push(format!("{place}: no triangle uses [material.{name}]{hint}."));
     }
 
     /// Appends a mesh. `place` is to blame for a material that nothing defines.
@@ -131,20 +123,15 @@ impl Assembly {
         for name in &mesh.material_names {
             let Some(&index) = self.material_indices.get(name) else {
                 let known = self.scene.materials.iter().map(|m| m.name.as_str());
-                let hint = nearest(name, known).map_or(format!("add [material.{name}]"), |near| {
-                    format!("did you mean \"{near}\"?")
-                });
+                let hint = nearest(name, known)
+                    .map_or(format!("add [material.{name}]"), |near| format!("did you mean \"{near}\"?"));
                 return Err(place.error(format!("material \"{name}\" is not defined; {hint}")));
             };
             materials.push(index);
         }
 
         let scene = &mut self.scene;
-        let too_many = |what, count: usize, limit| SceneError::TooMany {
-            what,
-            count: count as u64,
-            limit,
-        };
+        let too_many = |what, count: usize, limit| SceneError::TooMany { what, count: count as u64, limit };
         let vertex_count = scene.vertices.len() + mesh.vertices.len();
         let first_vertex = match u32::try_from(vertex_count) {
             Ok(_) => scene.vertices.len() as u32,
@@ -156,27 +143,14 @@ impl Assembly {
             return Err(too_many("triangles", end, MAX_TRIANGLES));
         }
         scene.vertices.extend(mesh.vertices);
-        scene
-            .triangles
-            .extend(
-                mesh.faces
-                    .iter()
-                    .zip(mesh.face_materials)
-                    .map(|(face, material)| Triangle {
-                        vertices: face.map(|v| first_vertex + v),
-                        material: materials[material as usize],
-                    }),
-            );
+        scene.triangles.extend(mesh.faces.iter().zip(mesh.face_materials).map(|(face, material)| Triangle {
+            vertices: face.map(|v| first_vertex + v),
+            material: materials[material as usize],
+        }));
         let taken = |name: &String| scene.meshes.iter().any(|m| m.name == *name);
         let numbered = (2..).map(|n| format!("{name}_{n}"));
-        let unique = std::iter::once(name.clone())
-            .chain(numbered)
-            .find(|n| !taken(n))
-            .unwrap_or(name);
-        scene.meshes.push(Mesh {
-            name: unique,
-            range: first as u32..end as u32,
-        });
+        let unique = std::iter::once(name.clone()).chain(numbered).find(|n| !taken(n)).unwrap_or(name);
+        scene.meshes.push(Mesh { name: unique, range: first as u32..end as u32 });
         self.mesh_files.push(file.to_path_buf());
         Ok(())
     }
@@ -203,11 +177,7 @@ impl Assembly {
         }
         self.scene.check(options.strict).map_err(|problem| {
             let (path, line) = self.origin(&problem);
-            SceneError::In {
-                path,
-                line,
-                problem: Box::new(problem),
-            }
+            SceneError::In { path, line, problem: Box::new(problem) }
         })?;
         Ok(self.scene)
     }
@@ -224,10 +194,7 @@ impl Assembly {
             SceneError::Accuracy { .. } => scene_file(self.accuracy_line),
             SceneError::Vertex { mesh, .. } | SceneError::Degenerate { mesh, .. } => {
                 let at = self.scene.meshes.iter().position(|m| m.name == *mesh);
-                (
-                    at.map_or(self.path.clone(), |at| self.mesh_files[at].clone()),
-                    None,
-                )
+                (at.map_or(self.path.clone(), |at| self.mesh_files[at].clone()), None)
             }
             _ => scene_file(None),
         }

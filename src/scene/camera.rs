@@ -25,23 +25,11 @@ impl Camera {
     /// A camera named "auto" that sees the bounding box of the vertices, from the front (+z), above and a little right.
     pub fn framing(vertices: &[DVec3]) -> Self {
         const FOV_DEGREES: f64 = 45.0;
-        let low = vertices
-            .iter()
-            .copied()
-            .reduce(DVec3::min)
-            .unwrap_or_default();
-        let high = vertices
-            .iter()
-            .copied()
-            .reduce(DVec3::max)
-            .unwrap_or_default();
+        let low = vertices.iter().copied().reduce(DVec3::min).unwrap_or_default();
+        let high = vertices.iter().copied().reduce(DVec3::max).unwrap_or_default();
         let target = low.midpoint(high);
         let radius = (high - low).length() / 2.0;
-        let distance = if radius > 0.0 {
-            radius / (FOV_DEGREES / 2.0).to_radians().sin()
-        } else {
-            1.0
-        };
+        let distance = if radius > 0.0 { radius / (FOV_DEGREES / 2.0).to_radians().sin() } else { 1.0 };
         Self {
             name: String::from("auto"),
             position: target + DVec3::new(0.35, 0.3, 1.0).normalize() * distance,
@@ -55,26 +43,14 @@ impl Camera {
 
     /// Says what is wrong with the camera, if anything.
     pub fn check(&self) -> Result<(), SceneError> {
-        let refuse = |message: String| {
-            Err(SceneError::Camera {
-                name: self.name.clone(),
-                message,
-            })
-        };
-        for (what, vector) in [
-            ("position", self.position),
-            ("target", self.target),
-            ("up", self.up),
-        ] {
+        let refuse = |message: String| Err(SceneError::Camera { name: self.name.clone(), message });
+        for (what, vector) in [("position", self.position), ("target", self.target), ("up", self.up)] {
             if !vector.is_finite() {
                 return refuse(format!("{what} is {vector}; it must be finite"));
             }
         }
         let Some(view) = (self.target - self.position).try_normalize() else {
-            return refuse(format!(
-                "position and target are both {}; move one of them",
-                self.position
-            ));
+            return refuse(format!("position and target are both {}; move one of them", self.position));
         };
         let Some(up) = self.up.try_normalize() else {
             return refuse(String::from("up has no length; use for example [0, 1, 0]"));
@@ -86,16 +62,11 @@ impl Camera {
             ));
         }
         if !(self.fov_x_degrees > 0.0 && self.fov_x_degrees < 180.0) {
-            return refuse(format!(
-                "fov_x_degrees is {}; it must lie between 0 and 180",
-                self.fov_x_degrees
-            ));
+            return refuse(format!("fov_x_degrees is {}; it must lie between 0 and 180", self.fov_x_degrees));
         }
         for (what, pixels) in [("width", self.width), ("height", self.height)] {
             if pixels == 0 || pixels > MAX_PIXELS {
-                return refuse(format!(
-                    "{what} is {pixels} pixels; it must lie in 1 to {MAX_PIXELS}"
-                ));
+                return refuse(format!("{what} is {pixels} pixels; it must lie in 1 to {MAX_PIXELS}"));
             }
         }
         Ok(())

@@ -27,10 +27,7 @@ impl Scene {
         let name = name.into();
         let count = u32::try_from(triangles.len()).unwrap_or(u32::MAX);
         let mut scene = Self {
-            meshes: vec![Mesh {
-                name: name.clone(),
-                range: 0..count,
-            }],
+            meshes: vec![Mesh { name: name.clone(), range: 0..count }],
             name,
             vertices,
             triangles,
@@ -62,19 +59,14 @@ impl Scene {
         self.check_triangles()?;
         self.find_degenerate(strict)?;
         self.check_materials()?;
-        self.accuracy
-            .validate()
-            .map_err(|message| SceneError::Accuracy { message })?;
+        self.accuracy.validate().map_err(|message| SceneError::Accuracy { message })?;
         self.cameras.iter().try_for_each(Camera::check)
     }
 
     /// Name of the mesh of a triangle.
     fn mesh_name(&self, triangle: usize) -> String {
         let holds = |m: &&Mesh| (m.range.start as usize..m.range.end as usize).contains(&triangle);
-        self.meshes
-            .iter()
-            .find(holds)
-            .map_or(String::new(), |m| m.name.clone())
+        self.meshes.iter().find(holds).map_or(String::new(), |m| m.name.clone())
     }
 
     fn warn(&mut self, warning: String) {
@@ -89,11 +81,7 @@ impl Scene {
             return Err(SceneError::NoTriangles);
         }
         let limited = |what, count: usize, limit: u64| match count as u64 > limit {
-            true => Err(SceneError::TooMany {
-                what,
-                count: count as u64,
-                limit,
-            }),
+            true => Err(SceneError::TooMany { what, count: count as u64, limit }),
             false => Ok(()),
         };
         limited("triangles", self.triangles.len(), MAX_TRIANGLES)?;
@@ -101,19 +89,17 @@ impl Scene {
         let mut next = 0;
         for mesh in &self.meshes {
             if mesh.range.start != next || mesh.range.end < next {
-                let message = format!(
-                    "\"{}\" has {:?}, but the next starts at {next}",
-                    mesh.name, mesh.range
-                );
+                let message =
+                    format!("\"{}\" has {:?}, but the next starts at {next}", mesh.name, mesh.range);
                 return Err(SceneError::Meshes { message });
             }
             next = mesh.range.end;
         }
         match next as usize == self.triangles.len() {
             true => Ok(()),
-            false => Err(SceneError::Meshes {
-                message: format!("they end at {next} of {}", self.triangles.len()),
-            }),
+            false => {
+                Err(SceneError::Meshes { message: format!("they end at {next} of {}", self.triangles.len()) })
+            }
         }
     }
 
@@ -142,12 +128,7 @@ impl Scene {
                 used[vertex as usize] = true;
             }
             if triangle.material as usize >= self.materials.len() {
-                return Err(out_of_range(
-                    at,
-                    "material",
-                    triangle.material,
-                    self.materials.len(),
-                ));
+                return Err(out_of_range(at, "material", triangle.material, self.materials.len()));
             }
         }
         match (0..used.len()).find(|&v| !used[v] && !self.vertices[v].is_finite()) {
@@ -157,21 +138,15 @@ impl Scene {
     }
 
     fn find_degenerate(&mut self, strict: bool) -> Result<(), SceneError> {
-        self.degenerate = (0..self.triangles.len())
-            .filter(|&t| is_flat(self.corners(t)))
-            .map(|t| t as u32)
-            .collect();
+        self.degenerate =
+            (0..self.triangles.len()).filter(|&t| is_flat(self.corners(t))).map(|t| t as u32).collect();
         let Some(&first) = self.degenerate.first() else {
             return Ok(());
         };
         let (count, triangle) = (self.degenerate.len(), first as usize);
         let mesh = self.mesh_name(triangle);
         if strict {
-            return Err(SceneError::Degenerate {
-                count,
-                mesh,
-                triangle,
-            });
+            return Err(SceneError::Degenerate { count, mesh, triangle });
         }
         self.warn(format!(
             "{count} triangle(s) have no area and take no part; \
@@ -192,15 +167,10 @@ impl Scene {
             let name = &material.name;
             match (material.problem(&mut lobes), used) {
                 (Err(message), true) => {
-                    return Err(SceneError::Material {
-                        name: name.clone(),
-                        message,
-                    });
+                    return Err(SceneError::Material { name: name.clone(), message });
                 }
                 (Err(message), false) => {
-                    warnings.push(format!(
-                        "Material \"{name}\", which no triangle uses: {message}."
-                    ));
+                    warnings.push(format!("Material \"{name}\", which no triangle uses: {message}."));
                 }
                 (Ok(albedo), true) if albedo > HIGH_ALBEDO => warnings.push(format!(
                     "Material \"{name}\" reflects up to {albedo:.3} of the light: \
@@ -223,19 +193,13 @@ impl Scene {
 /// True where the corners span no area, or so little that rounding decides the normal.
 fn is_flat([a, b, c]: [DVec3; 3]) -> bool {
     let edges = [b - a, c - b, a - c];
-    let longest = edges
-        .iter()
-        .map(|e| e.abs().max_element())
-        .fold(0.0, f64::max);
+    let longest = edges.iter().map(|e| e.abs().max_element()).fold(0.0, f64::max);
     if longest == 0.0 {
         return true;
     }
     // In units of the longest edge, lest squares of very small or large edges leave the range of f64.
     let [ab, bc, ca] = edges.map(|e| e / longest);
-    let squared = ab
-        .length_squared()
-        .max(bc.length_squared())
-        .max(ca.length_squared());
+    let squared = ab.length_squared().max(bc.length_squared()).max(ca.length_squared());
     let area = ab.cross(ca).length() / 2.0;
     // Not a number where an edge is longer than f64 can tell.
     area.is_nan() || area < FLAT * squared
@@ -248,10 +212,7 @@ struct LobeCache(HashMap<(u64, Normalization), f64>);
 impl LobeCache {
     fn get(&mut self, material: &Material) -> f64 {
         let key = (material.power.to_bits(), material.normalization);
-        *self
-            .0
-            .entry(key)
-            .or_insert_with(|| material.specular_albedo_per_sigma())
+        *self.0.entry(key).or_insert_with(|| material.specular_albedo_per_sigma())
     }
 }
 
@@ -267,22 +228,13 @@ impl Material {
         ];
         for (what, values) in numbers {
             if let Some(value) = values.iter().find(|v| !(v.is_finite() && **v >= 0.0)) {
-                return Err(format!(
-                    "{what} is {value}; it must be finite and 0 or more"
-                ));
+                return Err(format!("{what} is {value}; it must be finite and 0 or more"));
             }
         }
         if self.power > MAX_POWER {
-            return Err(format!(
-                "power is {}; it must lie in 0 to {MAX_POWER}",
-                self.power
-            ));
+            return Err(format!("power is {}; it must lie in 0 to {MAX_POWER}", self.power));
         }
-        let lobe = if self.is_glossy() {
-            lobes.get(self)
-        } else {
-            0.0
-        };
+        let lobe = if self.is_glossy() { lobes.get(self) } else { 0.0 };
         let total = self.total_albedo_with(lobe);
         if total < 1.0 {
             return Ok(total);

@@ -9,10 +9,7 @@ use glam::DVec3;
 #[non_exhaustive]
 pub enum SceneError {
     #[error("{}: cannot be read: {reason}", path.display())]
-    Read {
-        path: PathBuf,
-        reason: std::io::Error,
-    },
+    Read { path: PathBuf, reason: std::io::Error },
 
     #[error("{}: neither a scene (.toml) nor a mesh (.obj); give a file with one of these endings", path.display())]
     UnknownFormat { path: PathBuf },
@@ -30,33 +27,19 @@ pub enum SceneError {
         "{}:{line}: material file {} cannot be read ({reason}); put it there or remove the mtllib line for grey faces",
         path.display(), mtl.display()
     )]
-    MaterialFile {
-        path: PathBuf,
-        line: usize,
-        mtl: PathBuf,
-        reason: std::io::Error,
-    },
+    MaterialFile { path: PathBuf, line: usize, mtl: PathBuf, reason: std::io::Error },
 
     #[error("the scene has no triangles; it needs at least one mesh with one face")]
     NoTriangles,
 
     #[error("{count} {what}, but at most {limit} are possible; use fewer or a lower `subdivide`")]
-    TooMany {
-        what: &'static str,
-        count: u64,
-        limit: u64,
-    },
+    TooMany { what: &'static str, count: u64, limit: u64 },
 
     #[error(
         "triangle {triangle} of mesh \"{mesh}\": vertex {vertex} is at ({}, {}, {}); coordinates must be finite",
         position.x, position.y, position.z
     )]
-    Vertex {
-        mesh: String,
-        triangle: usize,
-        vertex: u32,
-        position: DVec3,
-    },
+    Vertex { mesh: String, triangle: usize, vertex: u32, position: DVec3 },
 
     #[error("vertex {vertex}, which no triangle uses, is not finite; remove it")]
     UnusedVertex { vertex: usize },
@@ -64,13 +47,7 @@ pub enum SceneError {
     #[error(
         "triangle {triangle} of mesh \"{mesh}\": {what} index {index} is out of range; there are {count}, from 0"
     )]
-    Index {
-        mesh: String,
-        triangle: usize,
-        what: &'static str,
-        index: u32,
-        count: usize,
-    },
+    Index { mesh: String, triangle: usize, what: &'static str, index: u32, count: usize },
 
     #[error("the meshes do not cover the triangles: {message}")]
     Meshes { message: String },
@@ -79,11 +56,7 @@ pub enum SceneError {
         "{count} triangle(s) without area, the first is triangle {triangle} of mesh \"{mesh}\"; \
          remove them or load without strict"
     )]
-    Degenerate {
-        count: usize,
-        mesh: String,
-        triangle: usize,
-    },
+    Degenerate { count: usize, mesh: String, triangle: usize },
 
     #[error("material \"{name}\": {message}")]
     Material { name: String, message: String },
@@ -97,11 +70,7 @@ pub enum SceneError {
     /// A problem found by the check of a scene that came from a file.
     // Not a `source`: the message holds it already, and a printed chain would say it twice.
     #[error("{}{}: {problem}", path.display(), line.map(|n| format!(":{n}")).unwrap_or_default())]
-    In {
-        path: PathBuf,
-        line: Option<usize>,
-        problem: Box<SceneError>,
-    },
+    In { path: PathBuf, line: Option<usize>, problem: Box<SceneError> },
 }
 
 /// A line of a file, to say where something is.
@@ -115,11 +84,7 @@ pub(super) struct Place<'a> {
 impl Place<'_> {
     /// The error that this line does not say what it should.
     pub fn error(self, message: impl Into<String>) -> SceneError {
-        SceneError::Line {
-            path: self.path.to_path_buf(),
-            line: self.line,
-            message: message.into(),
-        }
+        SceneError::Line { path: self.path.to_path_buf(), line: self.line, message: message.into() }
     }
 }
 
@@ -130,10 +95,7 @@ impl std::fmt::Display for Place<'_> {
 }
 
 /// The candidate that `word` is most likely a misspelling of, if one is near.
-pub(super) fn nearest<'a>(
-    word: &str,
-    candidates: impl IntoIterator<Item = &'a str>,
-) -> Option<&'a str> {
+pub(super) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     candidates
         .into_iter()
         .map(|c| (strsim::damerau_levenshtein(word, c), c))

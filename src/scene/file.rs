@@ -60,10 +60,7 @@ impl Scene {
     /// solver = "auto"                # or "fixed-point", "gmres"
     /// ```
     pub fn load(path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {
-        let extension = path
-            .extension()
-            .and_then(|e| e.to_str())
-            .map(str::to_ascii_lowercase);
+        let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         let mut assembly = Assembly::new(path, stem(path));
         match extension.as_deref() {
             Some("toml") => SceneFile::read(path)?.assemble(&mut assembly)?,
@@ -73,9 +70,7 @@ impl Scene {
                 assembly.add_mesh(stem(path), path, mesh, Place { path, line: 1 })?;
             }
             _ => {
-                return Err(SceneError::UnknownFormat {
-                    path: path.to_path_buf(),
-                });
+                return Err(SceneError::UnknownFormat { path: path.to_path_buf() });
             }
         }
         assembly.finish(options)
@@ -83,10 +78,7 @@ impl Scene {
 }
 
 fn stem(path: &Path) -> String {
-    path.file_stem()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned()
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// The text of a TOML file, to tell lines of.
@@ -99,19 +91,13 @@ impl<'a> SceneFile<'a> {
     fn read(path: &'a Path) -> Result<Self, SceneError> {
         match std::fs::read_to_string(path) {
             Ok(text) => Ok(Self { path, text }),
-            Err(reason) => Err(SceneError::Read {
-                path: path.to_path_buf(),
-                reason,
-            }),
+            Err(reason) => Err(SceneError::Read { path: path.to_path_buf(), reason }),
         }
     }
 
     /// The line where a span starts.
     fn place(&self, span: Range<usize>) -> Place<'a> {
-        Place {
-            path: self.path,
-            line: tables::line_of(&self.text, span.start),
-        }
+        Place { path: self.path, line: tables::line_of(&self.text, span.start) }
     }
 
     /// Paths in a scene file are relative to it.
@@ -126,8 +112,7 @@ impl<'a> SceneFile<'a> {
         let defined = |name: &str| tables.material.keys().any(|key| key.get_ref() == name);
         let mut meshes = Vec::new();
         for table in &tables.mesh {
-            let mut mesh =
-                self.read_mesh(table.get_ref(), table.span(), &defined, assembly.warnings())?;
+            let mut mesh = self.read_mesh(table.get_ref(), table.span(), &defined, assembly.warnings())?;
             assembly.add_materials(&mut mesh)?;
             meshes.push(mesh);
         }
@@ -136,25 +121,14 @@ impl<'a> SceneFile<'a> {
             assembly.override_material(name.get_ref(), table, self.place(name.span()));
         }
         for (table, mesh) in tables.mesh.iter().zip(meshes) {
-            let place = self.place(
-                table
-                    .get_ref()
-                    .material
-                    .as_ref()
-                    .map_or(table.span(), |m| m.span()),
-            );
+            let place = self.place(table.get_ref().material.as_ref().map_or(table.span(), |m| m.span()));
             let table = table.get_ref();
             let (default_name, file) = match (&table.path, &table.shape) {
                 (Some(path), _) => (stem(path.get_ref()), self.beside(path.get_ref())),
                 (None, Some(shape)) => (shape.get_ref().kind().to_owned(), self.path.to_path_buf()),
                 (None, None) => (String::from("mesh"), self.path.to_path_buf()),
             };
-            assembly.add_mesh(
-                table.name.clone().unwrap_or(default_name),
-                &file,
-                mesh,
-                place,
-            )?;
+            assembly.add_mesh(table.name.clone().unwrap_or(default_name), &file, mesh, place)?;
         }
         for (name, _) in materials {
             assembly.warn_if_unused(name.get_ref(), self.place(name.span()));
@@ -187,8 +161,7 @@ impl<'a> SceneFile<'a> {
                 let mesh = obj::read(&file, known, warnings).map_err(|error| match error {
                     SceneError::Read { path: file, reason } => {
                         let file = file.display();
-                        self.place(path.span())
-                            .error(format!("mesh file {file} cannot be read: {reason}"))
+                        self.place(path.span()).error(format!("mesh file {file} cannot be read: {reason}"))
                     }
                     other => other,
                 })?;
@@ -199,21 +172,17 @@ impl<'a> SceneFile<'a> {
             }
             (None, Some(shape), Some(material)) => {
                 let place = self.place(shape.span());
-                shape
-                    .get_ref()
-                    .validate()
-                    .map_err(|message| place.error(message))?;
+                shape.get_ref().validate().map_err(|message| place.error(message))?;
                 let (vertices, faces) = shape.get_ref().mesh();
                 RawMesh::uniform(vertices, faces, material)
             }
             (None, Some(_), None) => {
-                return Err(place.error(
-                    "a shape needs a material; add `material = \"NAME\"` and [material.NAME]",
-                ));
+                return Err(
+                    place.error("a shape needs a material; add `material = \"NAME\"` and [material.NAME]")
+                );
             }
             (Some(_), Some(_), _) => {
-                return Err(place
-                    .error("a mesh has either `path` or `shape`, not both; make it two meshes"));
+                return Err(place.error("a mesh has either `path` or `shape`, not both; make it two meshes"));
             }
             (None, None, _) => {
                 return Err(place.error(
@@ -232,11 +201,7 @@ impl<'a> SceneFile<'a> {
             Some(scale) => DVec3::from(scale.get_ref().0),
             None => DVec3::ONE,
         };
-        let placement = Placement {
-            scale,
-            rotate_degrees: table.rotate_degrees,
-            translate: table.translate,
-        };
+        let placement = Placement { scale, rotate_degrees: table.rotate_degrees, translate: table.translate };
         placement.apply(&mut mesh.vertices, &mut mesh.faces);
         Ok(mesh)
     }

@@ -100,38 +100,23 @@ fn sin_cos_degrees(degrees: f64) -> (f64, f64) {
 }
 
 fn about_x((sin, cos): (f64, f64)) -> DMat3 {
-    DMat3::from_cols(
-        DVec3::X,
-        DVec3::new(0.0, cos, sin),
-        DVec3::new(0.0, -sin, cos),
-    )
+    DMat3::from_cols(DVec3::X, DVec3::new(0.0, cos, sin), DVec3::new(0.0, -sin, cos))
 }
 
 fn about_y((sin, cos): (f64, f64)) -> DMat3 {
-    DMat3::from_cols(
-        DVec3::new(cos, 0.0, -sin),
-        DVec3::Y,
-        DVec3::new(sin, 0.0, cos),
-    )
+    DMat3::from_cols(DVec3::new(cos, 0.0, -sin), DVec3::Y, DVec3::new(sin, 0.0, cos))
 }
 
 fn about_z((sin, cos): (f64, f64)) -> DMat3 {
-    DMat3::from_cols(
-        DVec3::new(cos, sin, 0.0),
-        DVec3::new(-sin, cos, 0.0),
-        DVec3::Z,
-    )
+    DMat3::from_cols(DVec3::new(cos, sin, 0.0), DVec3::new(-sin, cos, 0.0), DVec3::Z)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const UNMOVED: Placement = Placement {
-        scale: DVec3::ONE,
-        rotate_degrees: DVec3::ZERO,
-        translate: DVec3::ZERO,
-    };
+    const UNMOVED: Placement =
+        Placement { scale: DVec3::ONE, rotate_degrees: DVec3::ZERO, translate: DVec3::ZERO };
 
     fn normal(vertices: &[DVec3], face: [u32; 3]) -> DVec3 {
         let [a, b, c] = face.map(|v| vertices[v as usize]);
@@ -167,10 +152,7 @@ mod tests {
     fn mirrored_meshes_keep_their_fronts() {
         let mut vertices = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
         let mut faces = [[0, 1, 2]];
-        let mirrored = Placement {
-            scale: DVec3::new(-1., 1., 1.),
-            ..UNMOVED
-        };
+        let mirrored = Placement { scale: DVec3::new(-1., 1., 1.), ..UNMOVED };
         mirrored.apply(&mut vertices, &mut faces);
         assert!(normal(&vertices, faces[0]).z > 0.0);
     }

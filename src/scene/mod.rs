@@ -66,9 +66,7 @@ pub struct Scene {
 impl Scene {
     /// The three corners of a triangle, in metres.
     pub fn corners(&self, triangle: usize) -> [DVec3; 3] {
-        self.triangles[triangle]
-            .vertices
-            .map(|v| self.vertices[v as usize])
+        self.triangles[triangle].vertices.map(|v| self.vertices[v as usize])
     }
 
     /// The camera of a name.

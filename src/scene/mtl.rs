@@ -55,16 +55,12 @@ pub(super) fn parse(
         let place = Place { path, line };
         let key = statement.keyword();
         if key == "newmtl" {
-            materials.push(MtlMaterial {
-                material: new_material(statement.rest(), &materials, place)?,
-                line,
-            });
+            materials
+                .push(MtlMaterial { material: new_material(statement.rest(), &materials, place)?, line });
             continue;
         }
         let Some(MtlMaterial { material, .. }) = materials.last_mut() else {
-            return Err(place.error(format!(
-                "`{key}` before any material; start one with `newmtl NAME`"
-            )));
+            return Err(place.error(format!("`{key}` before any material; start one with `newmtl NAME`")));
         };
         match key {
             "Kd" => material.albedo = rgb(&statement, place)?,
@@ -117,11 +113,9 @@ fn rgb(statement: &Statement, place: Place) -> Result<[f64; 3], SceneError> {
 fn scalar(statement: &Statement, place: Place) -> Result<f64, SceneError> {
     match numbers(statement, place)?[..] {
         [value] => Ok(value),
-        ref other => Err(place.error(format!(
-            "`{}` has {} numbers; expected one",
-            statement.keyword(),
-            other.len()
-        ))),
+        ref other => {
+            Err(place.error(format!("`{}` has {} numbers; expected one", statement.keyword(), other.len())))
+        }
     }
 }
 

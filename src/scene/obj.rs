@@ -28,10 +28,7 @@ pub(super) fn read(
     defined_elsewhere: impl Fn(&str) -> bool,
     warnings: &mut Vec<String>,
 ) -> Result<RawMesh, SceneError> {
-    let text = read_text(path).map_err(|reason| SceneError::Read {
-        path: path.to_path_buf(),
-        reason,
-    })?;
+    let text = read_text(path).map_err(|reason| SceneError::Read { path: path.to_path_buf(), reason })?;
     let mut reader = Reader {
         path,
         warnings,
@@ -78,10 +75,7 @@ struct Reader<'a> {
 impl Reader<'_> {
     fn read(&mut self, statement: &Statement) -> Result<(), SceneError> {
         let line = statement.line;
-        let place = Place {
-            path: self.path,
-            line,
-        };
+        let place = Place { path: self.path, line };
         match statement.keyword() {
             "v" => self.vertices.push(vertex(statement, place)?),
             "f" => self.face(statement, place)?,
@@ -104,11 +98,7 @@ impl Reader<'_> {
         }
         let index = self.uses.len() as u32;
         self.use_indices.insert(name.to_owned(), index);
-        self.uses.push(Use {
-            name: name.to_owned(),
-            line,
-            named,
-        });
+        self.uses.push(Use { name: name.to_owned(), line, named });
         index
     }
 
@@ -118,10 +108,7 @@ impl Reader<'_> {
             .map(|word| corner(word, self.vertices.len(), place))
             .collect::<Result<Vec<u32>, _>>()?;
         if corners.len() < 3 {
-            return Err(place.error(format!(
-                "a face with {} corner(s); it needs at least 3",
-                corners.len()
-            )));
+            return Err(place.error(format!("a face with {} corner(s); it needs at least 3", corners.len())));
         }
         let material = match self.current {
             Some(material) => material,
@@ -145,10 +132,7 @@ impl Reader<'_> {
         let files = if whole.is_file() {
             vec![whole]
         } else {
-            names
-                .split_whitespace()
-                .map(|name| folder.join(name))
-                .collect()
+            names.split_whitespace().map(|name| folder.join(name)).collect()
         };
         for file in files {
             if self.libraries.contains(&file) {
@@ -161,14 +145,11 @@ impl Reader<'_> {
                 reason,
             })?;
             for mtl::MtlMaterial { material, line } in mtl::parse(&text, &file, self.warnings)? {
-                if let Some(first) = self
-                    .materials
-                    .iter()
-                    .find(|m| m.material.name == material.name)
-                {
-                    let before = first.origin.as_ref().map_or(String::new(), |(path, line)| {
-                        format!(" at {}:{line}", path.display())
-                    });
+                if let Some(first) = self.materials.iter().find(|m| m.material.name == material.name) {
+                    let before = first
+                        .origin
+                        .as_ref()
+                        .map_or(String::new(), |(path, line)| format!(" at {}:{line}", path.display()));
                     return Err(Place { path: &file, line }.error(format!(
                         "material \"{}\" is already defined{before}; rename one of the two",
                         material.name
@@ -185,55 +166,37 @@ impl Reader<'_> {
     /// Only here: an `mtllib` may come after the faces that need it.
     fn finish(mut self, defined_elsewhere: impl Fn(&str) -> bool) -> Result<RawMesh, SceneError> {
         for used in &self.uses {
-            let place = Place {
-                path: self.path,
-                line: used.line,
-            };
+            let place = Place { path: self.path, line: used.line };
             let name = &used.name;
             let known = || self.materials.iter().map(|m| m.material.name.as_str());
             if known().any(|k| k == name) || defined_elsewhere(name) {
                 continue;
             }
             if used.named && !self.libraries.is_empty() {
-                let files: Vec<_> = self
-                    .libraries
-                    .iter()
-                    .map(|l| l.display().to_string())
-                    .collect();
+                let files: Vec<_> = self.libraries.iter().map(|l| l.display().to_string()).collect();
                 let hint = match nearest(name, known()) {
                     Some(near) => format!("; did you mean \"{near}\"?"),
                     None => String::from("; define it there"),
                 };
                 let files = files.join(", ");
-                return Err(place.error(format!(
-                    "material \"{name}\" is not defined in {files}{hint}"
-                )));
+                return Err(place.error(format!("material \"{name}\" is not defined in {files}{hint}")));
             }
             self.warnings.push(if used.named {
-                format!("{place}: no mtllib defines material \"{name}\"; it is grey, albedo 0.5, \
-                     unless another file defines it.")
+                format!(
+                    "{place}: no mtllib defines material \"{name}\"; it is grey, albedo 0.5, \
+                     unless another file defines it."
+                )
             } else {
                 format!("{place}: faces before any usemtl have the material \"{name}\": grey, albedo 0.5.")
             });
-            let material = Material {
-                albedo: GREY,
-                ..Material::named(name)
-            };
-            self.materials.push(RawMaterial {
-                material,
-                origin: None,
-            });
+            let material = Material { albedo: GREY, ..Material::named(name) };
+            self.materials.push(RawMaterial { material, origin: None });
         }
         if let Some((line, key)) = &self.unknown {
-            let place = Place {
-                path: self.path,
-                line: *line,
-            };
-            let hint = nearest(key, READ)
-                .map_or(String::new(), |near| format!("; did you mean `{near}`?"));
-            self.warnings.push(format!(
-                "{place}: `{key}` and other statements unknown here are ignored{hint}."
-            ));
+            let place = Place { path: self.path, line: *line };
+            let hint = nearest(key, READ).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+            self.warnings
+                .push(format!("{place}: `{key}` and other statements unknown here are ignored{hint}."));
         }
         Ok(RawMesh {
             vertices: self.vertices,
@@ -264,11 +227,7 @@ fn corner(word: &str, vertices: usize, place: Place) -> Result<u32, SceneError> 
         ))
     })?;
     let count = vertices as i64;
-    let from_zero = if index > 0 {
-        index - 1
-    } else {
-        count.saturating_add(index)
-    };
+    let from_zero = if index > 0 { index - 1 } else { count.saturating_add(index) };
     if count == 0 {
         return Err(place.error("a face before any vertex; put the `v` lines first"));
     }

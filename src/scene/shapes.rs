@@ -88,9 +88,7 @@ impl Shape {
     /// The number that sets how fine the shape is: its name, value and range.
     fn resolution(&self) -> (&'static str, u32, RangeInclusive<u32>) {
         match *self {
-            Self::Quad { cells } | Self::Box { cells } | Self::Room { cells } => {
-                ("cells", cells, CELLS)
-            }
+            Self::Quad { cells } | Self::Box { cells } | Self::Room { cells } => ("cells", cells, CELLS),
             Self::Icosphere { level, .. } => ("level", level, LEVELS),
             Self::Statue { triangles } => ("triangles", triangles, STATUE_TRIANGLES),
         }
@@ -144,8 +142,8 @@ impl Grid {
     fn side(&mut self, cells: u32, corner: impl Fn(u32, u32) -> [u32; 3]) {
         for i in 0..cells {
             for j in 0..cells {
-                let [a, b, c, d] = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]]
-                    .map(|[i, j]| self.index(corner(i, j)));
+                let [a, b, c, d] =
+                    [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]].map(|[i, j]| self.index(corner(i, j)));
                 self.faces.extend([[a, b, c], [a, c, d]]);
             }
         }
@@ -160,17 +158,8 @@ impl Grid {
 fn icosphere(level: u32, inward: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let golden = (1.0 + 5f64.sqrt()) / 2.0;
     let mut vertices = Vec::with_capacity(10 * 4usize.pow(level) + 2);
-    for (a, b) in [
-        (-1.0, golden),
-        (1.0, golden),
-        (-1.0, -golden),
-        (1.0, -golden),
-    ] {
-        vertices.extend([
-            DVec3::new(a, b, 0.0),
-            DVec3::new(0.0, a, b),
-            DVec3::new(b, 0.0, a),
-        ]);
+    for (a, b) in [(-1.0, golden), (1.0, golden), (-1.0, -golden), (1.0, -golden)] {
+        vertices.extend([DVec3::new(a, b, 0.0), DVec3::new(0.0, a, b), DVec3::new(b, 0.0, a)]);
     }
     // Faces are the triples of neighbours; the edges of this icosahedron are 2 long.
     let near = |a: u32, b: u32| (vertices[a as usize] - vertices[b as usize]).length() < 2.1;
@@ -179,11 +168,7 @@ fn icosphere(level: u32, inward: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) {
         for b in (a + 1..12).filter(|&b| near(a, b)) {
             for c in (b + 1..12).filter(|&c| near(a, c) && near(b, c)) {
                 let [p, q, r] = [a, b, c].map(|v: u32| vertices[v as usize]);
-                faces.push(if p.dot(q.cross(r)) > 0.0 {
-                    [a, b, c]
-                } else {
-                    [a, c, b]
-                });
+                faces.push(if p.dot(q.cross(r)) > 0.0 { [a, b, c] } else { [a, c, b] });
             }
         }
     }
@@ -218,16 +203,10 @@ mod tests {
         let mut edges = HashSet::new();
         for &[a, b, c] in faces {
             for edge in [[a, b], [b, c], [c, a]] {
-                assert!(
-                    edge[0] != edge[1] && edges.insert(edge),
-                    "edge {edge:?} twice"
-                );
+                assert!(edge[0] != edge[1] && edges.insert(edge), "edge {edge:?} twice");
             }
         }
-        assert!(
-            edges.iter().all(|&[a, b]| edges.contains(&[b, a])),
-            "an edge is open"
-        );
+        assert!(edges.iter().all(|&[a, b]| edges.contains(&[b, a])), "an edge is open");
     }
 
     #[test]
@@ -242,10 +221,7 @@ mod tests {
 
     #[test]
     fn cubes_are_closed_and_turned_right() {
-        for (shape, expected) in [
-            (Shape::Box { cells: 4 }, 1.0),
-            (Shape::Room { cells: 4 }, -1.0),
-        ] {
+        for (shape, expected) in [(Shape::Box { cells: 4 }, 1.0), (Shape::Room { cells: 4 }, -1.0)] {
             let (vertices, faces) = shape.mesh();
             assert_eq!((vertices.len(), faces.len()), (98, 192));
             assert_closed(&faces);
@@ -270,19 +246,11 @@ mod tests {
         for wanted in [500, 777, 1234, 10_000, 65_537, 500_000] {
             let (vertices, faces) = Shape::Statue { triangles: wanted }.mesh();
             let got = faces.len() as f64;
-            assert!(
-                (got / f64::from(wanted) - 1.0).abs() < 0.01,
-                "{got} for {wanted}"
-            );
+            assert!((got / f64::from(wanted) - 1.0).abs() < 0.01, "{got} for {wanted}");
             assert_closed(&faces);
-            assert!(
-                volume(&vertices, &faces) > 0.2,
-                "{}",
-                volume(&vertices, &faces)
-            );
-            let (low, high) = vertices
-                .iter()
-                .fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v.y), h.max(v.y)));
+            assert!(volume(&vertices, &faces) > 0.2, "{}", volume(&vertices, &faces));
+            let (low, high) =
+                vertices.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v.y), h.max(v.y)));
             assert!(low == 0.0 && (high - 1.8).abs() < 1e-9, "{low} to {high}");
         }
     }
@@ -294,20 +262,14 @@ mod tests {
             let corners = || faces.iter().map(|face| face.map(|v| vertices[v as usize]));
             let ratio = |[a, b, c]: [DVec3; 3]| {
                 let lengths = [a.distance(b), b.distance(c), c.distance(a)];
-                lengths.into_iter().fold(0.0, f64::max)
-                    / lengths.into_iter().fold(f64::MAX, f64::min)
+                lengths.into_iter().fold(0.0, f64::max) / lengths.into_iter().fold(f64::MAX, f64::min)
             };
             let area = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).length() / 2.0;
             let mean = corners().map(area).sum::<f64>() / faces.len() as f64;
             let slender = corners().filter(|&t| ratio(t) > 4.0).count() as f64 / faces.len() as f64;
-            let uneven = corners()
-                .filter(|&t| !(0.25..4.0).contains(&(area(t) / mean)))
-                .count() as f64
+            let uneven = corners().filter(|&t| !(0.25..4.0).contains(&(area(t) / mean))).count() as f64
                 / faces.len() as f64;
-            assert!(
-                slender < 0.02 && uneven < 0.05,
-                "{wanted}: {slender} slender, {uneven} uneven"
-            );
+            assert!(slender < 0.02 && uneven < 0.05, "{wanted}: {slender} slender, {uneven} uneven");
         }
     }
 }

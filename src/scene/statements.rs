@@ -87,30 +87,15 @@ mod tests {
 
     #[test]
     fn comments_continuations_and_crlf() {
-        let text =
-            "\u{feff}# head\r\nf 1 2 \\\r\n  3 # tail\r\n\r\nusemtl wood #2\nusemtl wood#2\nf 1 \\";
-        let read: Vec<_> = statements(text)
-            .map(|s| (s.line, s.keyword().to_owned(), s.rest().to_owned()))
-            .collect();
-        let expected = [
-            (2, "f", "1 2   3"),
-            (5, "usemtl", "wood"),
-            (6, "usemtl", "wood#2"),
-            (7, "f", "1"),
-        ];
+        let text = "\u{feff}# head\r\nf 1 2 \\\r\n  3 # tail\r\n\r\nusemtl wood #2\nusemtl wood#2\nf 1 \\";
+        let read: Vec<_> =
+            statements(text).map(|s| (s.line, s.keyword().to_owned(), s.rest().to_owned())).collect();
+        let expected = [(2, "f", "1 2   3"), (5, "usemtl", "wood"), (6, "usemtl", "wood#2"), (7, "f", "1")];
         assert_eq!(read.len(), expected.len());
         for (read, expected) in read.iter().zip(expected) {
             assert_eq!(
-                (
-                    read.0,
-                    read.1.as_str(),
-                    read.2.split_whitespace().collect::<Vec<_>>()
-                ),
-                (
-                    expected.0,
-                    expected.1,
-                    expected.2.split_whitespace().collect::<Vec<_>>()
-                )
+                (read.0, read.1.as_str(), read.2.split_whitespace().collect::<Vec<_>>()),
+                (expected.0, expected.1, expected.2.split_whitespace().collect::<Vec<_>>())
             );
         }
     }

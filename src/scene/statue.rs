@@ -41,25 +41,17 @@ pub(super) fn mesh(triangles: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     // Equilateral triangles of edge e: rings e √3/2 apart, their vertices e.
     let samples = 512;
     let area: f64 = (0..samples)
-        .map(|i| {
-            perimeter(at((f64::from(i) + 0.5) / f64::from(samples))) * total / f64::from(samples)
-        })
+        .map(|i| perimeter(at((f64::from(i) + 0.5) / f64::from(samples))) * total / f64::from(samples))
         .sum();
     let edge = (4.0 * area / (3f64.sqrt() * wanted)).sqrt();
     let rings = (total / (edge * 3f64.sqrt() / 2.0)).round().max(3.0) as usize - 1;
-    let places: Vec<f64> = (1..=rings)
-        .map(|ring| at(ring as f64 / (rings + 1) as f64))
-        .collect();
+    let places: Vec<f64> = (1..=rings).map(|ring| at(ring as f64 / (rings + 1) as f64)).collect();
     let perimeters: Vec<f64> = places.iter().map(|&place| perimeter(place)).collect();
     let per_metre = wanted / 2.0 / perimeters.iter().sum::<f64>();
 
     let mut vertices = vec![point(0.0, 0.0)];
     let mut faces = Vec::with_capacity(triangles as usize + 8);
-    let mut below = Ring {
-        first: 0,
-        count: 1,
-        shift: 0.0,
-    };
+    let mut below = Ring { first: 0, count: 1, shift: 0.0 };
     // Rounded sums rather than sums of rounded counts: the total comes out right.
     let mut exact = 0.0;
     let mut placed = 0;
@@ -69,20 +61,12 @@ pub(super) fn mesh(triangles: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
         placed += count;
         // Every other ring is turned by half an edge, for triangles rather than halves of squares.
         let shift = (index % 2) as f64 / 2.0;
-        let ring = Ring {
-            first: vertices.len() as u32,
-            count,
-            shift,
-        };
+        let ring = Ring { first: vertices.len() as u32, count, shift };
         vertices.extend(evenly_around(place, count, shift));
         join(&below, &ring, &mut faces);
         below = ring;
     }
-    let crown = Ring {
-        first: vertices.len() as u32,
-        count: 1,
-        shift: 0.0,
-    };
+    let crown = Ring { first: vertices.len() as u32, count: 1, shift: 0.0 };
     vertices.push(point((OUTLINE.len() - 1) as f64, 0.0));
     join(&below, &crown, &mut faces);
     (vertices, faces)
@@ -129,10 +113,8 @@ fn join(below: &Ring, above: &Ring, faces: &mut Vec<[u32; 3]>) {
 
 /// The surface: `place` along the outline in [0, 16], `angle` in radians about the axis from +x to +z.
 fn point(place: f64, angle: f64) -> DVec3 {
-    let outline = DVec2::new(
-        monotone_spline(place, |i| OUTLINE[i][0]),
-        monotone_spline(place, |i| OUTLINE[i][1]),
-    );
+    let outline =
+        DVec2::new(monotone_spline(place, |i| OUTLINE[i][0]), monotone_spline(place, |i| OUTLINE[i][1]));
     let height = outline.y;
     let bump = |centre: f64, width: f64| (-((height - centre) / width).powi(2)).exp();
     let towards = |direction: f64, width: f64| {
@@ -147,11 +129,7 @@ fn point(place: f64, angle: f64) -> DVec3 {
     let breadth = 1.0 + 0.3 * bump(1.3, 0.14);
     let depth = 1.0 - 0.25 * bump(1.25, 0.3);
     let forward = 0.025 * bump(1.66, 0.12);
-    DVec3::new(
-        radius * breadth * angle.cos(),
-        height,
-        radius * depth * angle.sin() + forward,
-    )
+    DVec3::new(radius * breadth * angle.cos(), height, radius * depth * angle.sin() + forward)
 }
 
 /// Cubic interpolation of values at 0, 1, 2 … that overshoots nowhere (Fritsch and Carlson): the base stays flat.
@@ -164,11 +142,7 @@ fn monotone_spline(place: f64, value: impl Fn(usize) -> f64) -> f64 {
         _ if i == last => secant(last - 1),
         _ => {
             let (before, after) = (secant(i - 1), secant(i));
-            if before * after > 0.0 {
-                2.0 * before * after / (before + after)
-            } else {
-                0.0
-            }
+            if before * after > 0.0 { 2.0 * before * after / (before + after) } else { 0.0 }
         }
     };
     let t = place - i as f64;
@@ -188,8 +162,7 @@ fn outline_lengths() -> Vec<f64> {
     for i in 0..ALONG {
         for direction in 0..DIRECTIONS {
             let angle = TAU * direction as f64 / DIRECTIONS as f64;
-            length +=
-                point(place(i), angle).distance(point(place(i + 1), angle)) / DIRECTIONS as f64;
+            length += point(place(i), angle).distance(point(place(i + 1), angle)) / DIRECTIONS as f64;
         }
         lengths.push(length);
     }
@@ -203,15 +176,9 @@ fn outline_at(lengths: &[f64], length: f64) -> f64 {
 
 /// The fractional index at which an increasing table that starts at 0 reaches `value`.
 fn invert(table: &[f64], value: f64) -> f64 {
-    let after = table
-        .partition_point(|&entry| entry <= value)
-        .clamp(1, table.len() - 1);
+    let after = table.partition_point(|&entry| entry <= value).clamp(1, table.len() - 1);
     let (low, high) = (table[after - 1], table[after]);
-    let part = if high > low {
-        (value - low) / (high - low)
-    } else {
-        0.0
-    };
+    let part = if high > low { (value - low) / (high - low) } else { 0.0 };
     (after - 1) as f64 + part.clamp(0.0, 1.0)
 }
 

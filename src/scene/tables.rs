@@ -167,16 +167,12 @@ pub(super) struct Triple(pub [f64; 3]);
 
 impl<'de> Deserialize<'de> for Triple {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer
-            .deserialize_any(TripleVisitor { one_for_all: true })
-            .map(Self)
+        deserializer.deserialize_any(TripleVisitor { one_for_all: true }).map(Self)
     }
 }
 
 fn vector<'de, D: Deserializer<'de>>(deserializer: D) -> Result<DVec3, D::Error> {
-    deserializer
-        .deserialize_any(TripleVisitor { one_for_all: false })
-        .map(DVec3::from)
+    deserializer.deserialize_any(TripleVisitor { one_for_all: false }).map(DVec3::from)
 }
 
 struct TripleVisitor {
@@ -243,11 +239,7 @@ pub(super) fn line_of(text: &str, byte: usize) -> usize {
 /// serde lists the known words only in its message, "unknown field `a`, expected one of `b`, `c`". A message of another
 /// form goes through as it is.
 fn one_line(message: &str) -> String {
-    let message = message
-        .lines()
-        .map(str::trim)
-        .collect::<Vec<_>>()
-        .join(", ");
+    let message = message.lines().map(str::trim).collect::<Vec<_>>().join(", ");
     let mut quoted = message.split('`').skip(1).step_by(2);
     let unknown = message.starts_with("unknown field") || message.starts_with("unknown variant");
     let near = match (unknown, quoted.next()) {

@@ -25,11 +25,7 @@ pub(super) fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
             }
         }
     }
-    triangles.extend(
-        left.windows(2)
-            .skip(1)
-            .map(|pair| [left[0], pair[0], pair[1]]),
-    );
+    triangles.extend(left.windows(2).skip(1).map(|pair| [left[0], pair[0], pair[1]]));
     triangles
 }
 
@@ -37,19 +33,9 @@ pub(super) fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
 fn project(corners: &[DVec3]) -> Vec<DVec2> {
     // Relative to the first corner, lest a scene far from the origin loses digits.
     let relative: Vec<DVec3> = corners.iter().map(|&c| c - corners[0]).collect();
-    let normal: DVec3 = relative
-        .iter()
-        .zip(relative.iter().cycle().skip(1))
-        .map(|(a, b)| a.cross(*b))
-        .sum();
-    let (u, v) = normal
-        .try_normalize()
-        .unwrap_or(DVec3::Z)
-        .any_orthonormal_pair();
-    relative
-        .iter()
-        .map(|r| DVec2::new(r.dot(u), r.dot(v)))
-        .collect()
+    let normal: DVec3 = relative.iter().zip(relative.iter().cycle().skip(1)).map(|(a, b)| a.cross(*b)).sum();
+    let (u, v) = normal.try_normalize().unwrap_or(DVec3::Z).any_orthonormal_pair();
+    relative.iter().map(|r| DVec2::new(r.dot(u), r.dot(v))).collect()
 }
 
 /// Twice the signed area of abc: positive for a left turn at b.
@@ -67,13 +53,10 @@ fn is_ear(flat: &[DVec2], left: &[usize], at: usize) -> bool {
     let ear = around(left, at);
     let [a, b, c] = ear.map(|corner| flat[corner]);
     turn(a, b, c) > 0.0
-        && left
-            .iter()
-            .filter(|corner| !ear.contains(corner))
-            .all(|&corner| {
-                let p = flat[corner];
-                turn(a, b, p) < 0.0 || turn(b, c, p) < 0.0 || turn(c, a, p) < 0.0
-            })
+        && left.iter().filter(|corner| !ear.contains(corner)).all(|&corner| {
+            let p = flat[corner];
+            turn(a, b, p) < 0.0 || turn(b, c, p) < 0.0 || turn(c, a, p) < 0.0
+        })
 }
 
 #[cfg(test)]
@@ -85,10 +68,7 @@ mod tests {
             let [a, b, c] = t.map(|i| corners[i]);
             (b - a).cross(c - a).z / 2.0
         };
-        assert!(
-            triangles.iter().all(|t| signed(t) > 0.0),
-            "a triangle is turned: {triangles:?}"
-        );
+        assert!(triangles.iter().all(|t| signed(t) > 0.0), "a triangle is turned: {triangles:?}");
         triangles.iter().map(signed).sum()
     }
 

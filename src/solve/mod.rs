@@ -16,7 +16,12 @@ pub trait LightOperator {
     /// A vector of zeros. `label` names it in memory reports.
     fn vector(&mut self, label: &str) -> Result<Self::Vector, Self::Error>;
     /// y = U (E + (K - J) x) with `emission`, y = U (K - J) x without. `None` stands for x = 0.
-    fn pass(&mut self, x: Option<&Self::Vector>, emission: bool, y: &mut Self::Vector) -> Result<(), Self::Error>;
+    fn pass(
+        &mut self,
+        x: Option<&Self::Vector>,
+        emission: bool,
+        y: &mut Self::Vector,
+    ) -> Result<(), Self::Error>;
     /// ⟨x, y⟩.
     fn dot(&mut self, x: &Self::Vector, y: &Self::Vector) -> Result<f64, Self::Error>;
     /// y = a x + b y.

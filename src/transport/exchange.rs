@@ -1,9 +1,9 @@
 //! U: light from every triangle to every other. Point to point by tiles, and over pieces for close pairs.
 
 use super::pace::Pace;
-use super::scene_buffers::SceneBuffers;
-use super::state::{Leaving, State};
-use super::{WORKGROUP, bin_constants};
+use super::state::State;
+use super::watch::{TransportError, Watch};
+use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{BufferSlice, Device, GpuError, Pipeline};
 use crate::plan::{Group, Plan};
 use crate::shaders;
@@ -42,6 +42,9 @@ const FLUSH_TILES: u32 = 64;
 /// Tiles of receivers that keep any device busy; fewer only if there are no more.
 const BUSY_TILES: u32 = 16;
 
+/// Point-to-point pairs that a close one takes as long as: for the time left, nothing else.
+const NEAR_COST: u64 = 100;
+
 /// Kernels of one pair of classes: of the source, and whether the receiver has bins.
 struct Kernels {
     source: (bool, bool),
@@ -61,7 +64,8 @@ pub struct Exchange {
 
 impl Exchange {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let mut exchange = Self { lanes: device.info().subgroup_size.min(plan.limits.tile), kernels: Vec::new() };
+        let mut exchange =
+            Self { lanes: device.info().subgroup_size.min(plan.limits.tile), kernels: Vec::new() };
         for to in &plan.layout.groups {
             for from in &plan.layout.groups {
                 if exchange.find(to, from).is_none() {
@@ -81,7 +85,8 @@ impl Exchange {
     fn compile(&self, device: &Device, plan: &Plan, to: &Group, from: &Group) -> Result<Kernels, GpuError> {
         let (blocker, glossy) = (from.class.blocker, from.class.glossy);
         let receiver_bins = to.class.has_bins();
-        let mut constants = vec![(7, u32::from(blocker)), (8, u32::from(glossy)), (9, u32::from(receiver_bins))];
+        let mut constants =
+            vec![(7, u32::from(blocker)), (8, u32::from(glossy)), (9, u32::from(receiver_bins))];
         constants.extend(bin_constants(plan));
         let tiles = [(0, self.lanes), (1, plan.limits.tile)];
         let push = size_of::<FarPush>() as u32;
@@ -112,21 +117,16 @@ impl Exchange {
     }
 
     /// y += U leaving.
-    pub fn run(
-        &mut self,
-        device: &Device,
-        plan: &Plan,
-        scene: &SceneBuffers,
-        leaving: &Leaving,
-        y: &State,
-    ) -> Result<(), GpuError> {
+    pub fn run(&mut self, context: &Context, y: &State, watch: &mut Watch) -> Result<(), TransportError> {
+        let Context { plan, scene, leaving, .. } = context;
+        let slots = u64::from(plan.layout.slots());
+        watch.begin(slots * slots + plan.near.sources.len() as u64 * NEAR_COST);
         for (t, to) in plan.layout.groups.iter().enumerate() {
             for (s, from) in plan.layout.groups.iter().enumerate() {
                 let Some(k) = self.find(to, from) else { continue };
                 let none = &scene.no_bins;
                 let bound = Bound {
-                    scene,
-                    leaving,
+                    context,
                     irradiance: y.irradiance.whole(),
                     antiradiance: leaving.antiradiance[s].as_ref().unwrap_or(none).whole(),
                     specular: leaving.specular[s].as_ref().unwrap_or(none).whole(),
@@ -134,8 +134,8 @@ impl Exchange {
                 };
                 let lanes = self.lanes;
                 let kernels = &mut self.kernels[k];
-                kernels.near(device, plan, &bound, to, from)?;
-                kernels.far(device, plan, &bound, to, from, lanes)?;
+                kernels.near(&bound, to, from, watch)?;
+                kernels.far(&bound, to, from, lanes, watch)?;
             }
         }
         Ok(())
@@ -144,8 +144,7 @@ impl Exchange {
 
 /// The buffers of one pair of groups.
 struct Bound<'a> {
-    scene: &'a SceneBuffers,
-    leaving: &'a Leaving,
+    context: &'a Context,
     irradiance: BufferSlice<'a>,
     antiradiance: BufferSlice<'a>,
     specular: BufferSlice<'a>,
@@ -155,21 +154,17 @@ struct Bound<'a> {
 impl Kernels {
     fn far(
         &mut self,
-        device: &Device,
-        plan: &Plan,
         bound: &Bound,
         to: &Group,
         from: &Group,
         lanes: u32,
-    ) -> Result<(), GpuError> {
+        watch: &mut Watch,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, scene, leaving } = bound.context;
         let with_bins = self.receiver_bins || self.source != (false, false);
         let tile = plan.layout.tile;
-        let mut buffers = vec![
-            bound.scene.facets.whole(),
-            bound.leaving.radiance.whole(),
-            bound.scene.tile_pairs.whole(),
-            bound.irradiance,
-        ];
+        let mut buffers =
+            vec![scene.facets.whole(), leaving.radiance.whole(), scene.tile_pairs.whole(), bound.irradiance];
         if with_bins {
             buffers.extend([bound.antiradiance, bound.specular, bound.arriving]);
         }
@@ -199,7 +194,9 @@ impl Kernels {
                 let mut batch = device.batch()?;
                 batch.dispatch(&self.far, &self.shape, &buffers, bytes_of(&push), groups)?;
                 let timing = batch.submit()?;
-                self.far_pace.learn(u64::from(rows * run.len() as u32) * u64::from(tile * tile), timing.wall_seconds);
+                let pairs = u64::from(rows * run.len() as u32) * u64::from(tile * tile);
+                self.far_pace.learn(pairs, timing.wall_seconds);
+                watch.done(pairs)?;
                 sources = run.end;
             }
             begin += rows;
@@ -207,17 +204,24 @@ impl Kernels {
         Ok(())
     }
 
-    fn near(&mut self, device: &Device, plan: &Plan, bound: &Bound, to: &Group, from: &Group) -> Result<(), GpuError> {
+    fn near(
+        &mut self,
+        bound: &Bound,
+        to: &Group,
+        from: &Group,
+        watch: &mut Watch,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, scene, leaving } = bound.context;
         let buffers = [
-            bound.scene.facets.whole(),
-            bound.leaving.radiance.whole(),
-            bound.scene.corners.whole(),
+            scene.facets.whole(),
+            leaving.radiance.whole(),
+            scene.corners.whole(),
             bound.irradiance,
             bound.antiradiance,
             bound.specular,
             bound.arriving,
-            bound.scene.near_offsets.whole(),
-            bound.scene.near_sources.whole(),
+            scene.near_offsets.whole(),
+            scene.near_sources.whole(),
         ];
         let (receivers, sources) = (plan.layout.slots_of(&to.tiles), plan.layout.slots_of(&from.tiles));
         let offsets = &plan.near.offsets;
@@ -244,6 +248,7 @@ impl Kernels {
                 batch.dispatch(&self.near, &self.shape, &buffers, bytes_of(&push), groups)?;
                 let timing = batch.submit()?;
                 self.near_pace.learn(pairs, timing.wall_seconds);
+                watch.done(pairs * NEAR_COST / plan.layout.groups.len() as u64)?;
             }
             begin = end;
         }

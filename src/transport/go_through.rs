@@ -1,8 +1,7 @@
 //! J: what blockers hold back leaves their backs as antiradiance.
 
-use super::scene_buffers::SceneBuffers;
-use super::state::{Leaving, State, page_floats};
-use super::{WORKGROUP, bin_constants};
+use super::state::{State, page_floats};
+use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Device, GpuError, Pipeline};
 use crate::plan::Plan;
 use crate::shaders;
@@ -33,14 +32,8 @@ impl GoThrough {
     }
 
     /// The antiradiance of the backs under `x`; none without.
-    pub fn run(
-        &self,
-        device: &Device,
-        plan: &Plan,
-        scene: &SceneBuffers,
-        x: Option<&State>,
-        leaving: &Leaving,
-    ) -> Result<(), GpuError> {
+    pub fn run(&self, context: &Context, x: Option<&State>) -> Result<(), GpuError> {
+        let Context { device, plan, scene, leaving } = context;
         let Some(kernel) = &self.kernel else { return Ok(()) };
         let mut batch = device.batch()?;
         for (g, group) in plan.layout.groups.iter().enumerate() {

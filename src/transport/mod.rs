@@ -10,6 +10,7 @@ mod reflection;
 mod scene_buffers;
 mod state;
 mod vectors;
+mod watch;
 
 pub use pace::Pace;
 pub use scene_buffers::{FacetData, SceneBuffers, SurfaceData};
@@ -20,24 +21,31 @@ pub use go_through::ThroughPush;
 pub use observation::ObservePush;
 pub use reflection::{GlossyPush, ReflectPush};
 pub use vectors::{CombinePush, DotPush};
+pub use watch::{TransportError, Watcher};
 
 use crate::gpu::{Buffer, Device, GpuError};
 use crate::plan::Plan;
 use crate::scene::{BinLayout, Weights};
 use crate::solve::LightOperator;
 
-/// All operators over one planned scene, and what leaves the triangles at the moment.
-pub struct Operators {
+/// What all operators work on.
+pub(crate) struct Context {
     device: Device,
     plan: Plan,
     scene: SceneBuffers,
     leaving: Leaving,
+}
+
+/// All operators over one planned scene, and what leaves the triangles at the moment.
+pub struct Operators {
+    context: Context,
     pool: state::Pool,
     exchange: exchange::Exchange,
     reflection: reflection::Reflection,
     go_through: go_through::GoThrough,
     observation: observation::Observation,
     vectors: vectors::Vectors,
+    watch: watch::Watch,
 }
 
 /// Lanes of a workgroup of the kernels that don't depend on the subgroup's size.
@@ -57,38 +65,41 @@ impl Operators {
     /// Allocates everything the plan names and compiles the kernels.
     pub fn new(device: &Device, plan: Plan, scene: SceneBuffers) -> Result<Self, GpuError> {
         Ok(Self {
-            leaving: Leaving::new(device, &plan)?,
             pool: state::Pool::new(device, &plan)?,
             exchange: exchange::Exchange::new(device, &plan)?,
             reflection: reflection::Reflection::new(device, &plan)?,
             go_through: go_through::GoThrough::new(device, &plan)?,
             observation: observation::Observation::new(device, &plan)?,
             vectors: vectors::Vectors::new(device)?,
-            device: device.clone(),
-            plan,
-            scene,
+            watch: watch::Watch::default(),
+            context: Context { leaving: Leaving::new(device, &plan)?, device: device.clone(), plan, scene },
         })
     }
 
     pub fn plan(&self) -> &Plan {
-        &self.plan
+        &self.context.plan
+    }
+
+    /// Who looks on while the device works: called after every dispatch of the transport. `None`: nobody.
+    pub fn set_watcher(&mut self, watcher: Option<Watcher>) {
+        self.watch.watcher = watcher;
     }
 
     /// Makes the triangles emit, and reflect and block what arrives: E + (K - J) x.
     fn leave(&mut self, x: Option<&State>, emission: bool) -> Result<(), GpuError> {
-        self.reflection.run(&self.device, &self.plan, &self.scene, x, emission, &self.leaving)?;
-        self.go_through.run(&self.device, &self.plan, &self.scene, x, &self.leaving)
+        self.reflection.run(&self.context, x, emission)?;
+        self.go_through.run(&self.context, x)
     }
 
     /// Radiance of every slot towards `eye` (metres), W/(m² sr): S (E + (K - J) x).
     pub fn observe(&mut self, x: &State, eye: glam::DVec3) -> Result<Vec<[f32; 4]>, GpuError> {
         self.leave(Some(x), true)?;
-        self.observation.run(&self.device, &self.plan, &self.scene, &self.leaving, eye)
+        self.observation.run(&self.context, eye)
     }
 
     /// Irradiance of every slot, W/m².
     pub fn irradiance(&self, x: &State) -> Result<Vec<[f32; 4]>, GpuError> {
-        self.device.download_slice(&x.irradiance, 0, self.plan.layout.slots().into())
+        self.context.device.download_slice(&x.irradiance, 0, self.context.plan.layout.slots().into())
     }
 
     /// Bins of the triangles of one group, as they lie in memory: triangle, bin, channel. `None` if it has none.
@@ -98,10 +109,10 @@ impl Operators {
 
     /// Sets a state: vec4 per slot, and per group what [`Operators::bins`] gives back.
     pub fn set(&self, x: &State, irradiance: &[[f32; 4]], bins: &[Option<Vec<f32>>]) -> Result<(), GpuError> {
-        self.device.upload_slice(&x.irradiance, 0, irradiance)?;
+        self.context.device.upload_slice(&x.irradiance, 0, irradiance)?;
         for (page, values) in x.bins.iter().zip(bins) {
             if let (Some(page), Some(values)) = (page, values) {
-                self.device.upload_slice(page, 0, values)?;
+                self.context.device.upload_slice(page, 0, values)?;
             }
         }
         Ok(())
@@ -111,17 +122,26 @@ impl Operators {
     /// the antiradiance, laid out like [`Operators::bins`]. W/(m² sr).
     pub fn leaving(&mut self, x: &State) -> Result<LeavingValues, GpuError> {
         self.leave(Some(x), true)?;
-        let groups = 0..self.plan.layout.groups.len();
+        let groups = 0..self.context.plan.layout.groups.len();
         Ok(LeavingValues {
-            radiance: self.device.download_slice(&self.leaving.radiance, 0, self.plan.layout.slots().into())?,
-            specular: groups.clone().map(|g| self.page(&self.leaving.specular, g)).collect::<Result<_, _>>()?,
-            antiradiance: groups.map(|g| self.page(&self.leaving.antiradiance, g)).collect::<Result<_, _>>()?,
+            radiance: self.context.device.download_slice(
+                &self.context.leaving.radiance,
+                0,
+                self.context.plan.layout.slots().into(),
+            )?,
+            specular: groups
+                .clone()
+                .map(|g| self.page(&self.context.leaving.specular, g))
+                .collect::<Result<_, _>>()?,
+            antiradiance: groups
+                .map(|g| self.page(&self.context.leaving.antiradiance, g))
+                .collect::<Result<_, _>>()?,
         })
     }
 
     fn page(&self, pages: &[Option<Buffer>], group: usize) -> Result<Option<Vec<f32>>, GpuError> {
-        let floats = state::page_floats(&self.plan, &self.plan.layout.groups[group]);
-        let download = |page: &Buffer| self.device.download_slice(page, 0, floats.into());
+        let floats = state::page_floats(&self.context.plan, &self.context.plan.layout.groups[group]);
+        let download = |page: &Buffer| self.context.device.download_slice(page, 0, floats.into());
         pages[group].as_ref().map(download).transpose()
     }
 }
@@ -135,38 +155,38 @@ pub struct LeavingValues {
 
 impl LightOperator for Operators {
     type Vector = State;
-    type Error = GpuError;
+    type Error = TransportError;
 
-    fn vector(&mut self, _label: &str) -> Result<State, GpuError> {
-        let state = self.pool.take(&self.device, &self.plan)?;
-        self.vectors.clear(&self.device, &self.plan, &state)?;
+    fn vector(&mut self, _label: &str) -> Result<State, TransportError> {
+        let state = self.pool.take(&self.context.device, &self.context.plan)?;
+        self.vectors.clear(&self.context, &state)?;
         Ok(state)
     }
 
-    fn pass(&mut self, x: Option<&State>, emission: bool, y: &mut State) -> Result<(), GpuError> {
+    fn pass(&mut self, x: Option<&State>, emission: bool, y: &mut State) -> Result<(), TransportError> {
         self.leave(x, emission)?;
-        self.vectors.clear(&self.device, &self.plan, y)?;
-        self.exchange.run(&self.device, &self.plan, &self.scene, &self.leaving, y)
+        self.vectors.clear(&self.context, y)?;
+        self.exchange.run(&self.context, y, &mut self.watch)
     }
 
-    fn dot(&mut self, x: &State, y: &State) -> Result<f64, GpuError> {
-        self.vectors.dot(&self.device, &self.plan, x, y)
+    fn dot(&mut self, x: &State, y: &State) -> Result<f64, TransportError> {
+        Ok(self.vectors.dot(&self.context, x, y)?)
     }
 
-    fn combine(&mut self, a: f64, x: &State, b: f64, y: &mut State) -> Result<(), GpuError> {
-        self.vectors.combine(&self.device, &self.plan, a, x, b, y)
+    fn combine(&mut self, a: f64, x: &State, b: f64, y: &mut State) -> Result<(), TransportError> {
+        Ok(self.vectors.combine(&self.context, a, x, b, y)?)
     }
 
-    fn scale(&mut self, b: f64, y: &mut State) -> Result<(), GpuError> {
-        self.vectors.scale(&self.device, &self.plan, b, y)
+    fn scale(&mut self, b: f64, y: &mut State) -> Result<(), TransportError> {
+        Ok(self.vectors.scale(&self.context, b, y)?)
     }
 
-    fn magnitude(&mut self, x: &State) -> Result<f64, GpuError> {
+    fn magnitude(&mut self, x: &State) -> Result<f64, TransportError> {
         let weighted = |(h, &i): (&[f32; 4], &u32)| {
-            let area = self.plan.facets.get(i as usize).map_or(0.0, |f| f.area);
+            let area = self.context.plan.facets.get(i as usize).map_or(0.0, |f| f.area);
             area * h[..3].iter().map(|&h| f64::from(h) * f64::from(h)).sum::<f64>()
         };
         let irradiance = self.irradiance(x)?;
-        Ok(irradiance.iter().zip(&self.plan.layout.order).map(weighted).sum::<f64>().sqrt())
+        Ok(irradiance.iter().zip(&self.context.plan.layout.order).map(weighted).sum::<f64>().sqrt())
     }
 }

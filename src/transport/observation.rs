@@ -1,8 +1,6 @@
 //! S: the radiance that each triangle sends to a camera.
 
-use super::scene_buffers::SceneBuffers;
-use super::state::Leaving;
-use super::{WORKGROUP, bin_constants};
+use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
 use crate::plan::Plan;
 use crate::shaders;
@@ -39,14 +37,8 @@ impl Observation {
     }
 
     /// RGB of every slot towards `eye`, which is in metres. W/(m² sr).
-    pub fn run(
-        &self,
-        device: &Device,
-        plan: &Plan,
-        scene: &SceneBuffers,
-        leaving: &Leaving,
-        eye: DVec3,
-    ) -> Result<Vec<[f32; 4]>, GpuError> {
+    pub fn run(&self, context: &Context, eye: DVec3) -> Result<Vec<[f32; 4]>, GpuError> {
+        let Context { device, plan, scene, leaving } = context;
         let eye = plan.placement.apply(eye).as_vec3().to_array();
         let mut batch = device.batch()?;
         for (g, group) in plan.layout.groups.iter().enumerate() {

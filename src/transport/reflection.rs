@@ -1,8 +1,7 @@
 //! K and E: what triangles emit, and reflect of what arrives.
 
-use super::scene_buffers::SceneBuffers;
-use super::state::{Leaving, State, page_floats};
-use super::{WORKGROUP, bin_constants};
+use super::state::{State, page_floats};
+use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Device, GpuError, Pipeline};
 use crate::plan::Plan;
 use crate::shaders;
@@ -40,7 +39,14 @@ impl Reflection {
         let any_glossy = plan.layout.groups.iter().any(|g| g.class.glossy);
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
         let glossy = || {
-            Pipeline::new(device, &shaders::REFLECT_GLOSSY, 4, size_of::<GlossyPush>() as u32, &constants, None)
+            Pipeline::new(
+                device,
+                &shaders::REFLECT_GLOSSY,
+                4,
+                size_of::<GlossyPush>() as u32,
+                &constants,
+                None,
+            )
         };
         let push = size_of::<ReflectPush>() as u32;
         Ok(Self {
@@ -50,15 +56,8 @@ impl Reflection {
     }
 
     /// The radiance of the fronts under `x`, or of their emission alone.
-    pub fn run(
-        &self,
-        device: &Device,
-        plan: &Plan,
-        scene: &SceneBuffers,
-        x: Option<&State>,
-        emission: bool,
-        leaving: &Leaving,
-    ) -> Result<(), GpuError> {
+    pub fn run(&self, context: &Context, x: Option<&State>, emission: bool) -> Result<(), GpuError> {
+        let Context { device, plan, scene, leaving } = context;
         let slots = plan.layout.slots();
         let push = ReflectPush {
             count: slots,

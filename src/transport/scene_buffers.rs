@@ -72,7 +72,11 @@ impl SceneBuffers {
             })
             .collect();
         let corners: Vec<[f32; 4]> = slots()
-            .flat_map(|i| i.map_or([[0.0; 4]; 3], |i| plan.facets[i].corners.map(|c| c.as_vec3().extend(0.0).to_array())))
+            .flat_map(|i| {
+                i.map_or([[0.0; 4]; 3], |i| {
+                    plan.facets[i].corners.map(|c| c.as_vec3().extend(0.0).to_array())
+                })
+            })
             .collect();
         let surfaces: Vec<SurfaceData> =
             slots().map(|i| i.map_or_else(SurfaceData::default, |i| scene.material(i).into())).collect();

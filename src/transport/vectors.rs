@@ -1,9 +1,8 @@
 //! States as vectors, for the solvers.
 
-use super::WORKGROUP;
 use super::state::State;
+use super::{Context, WORKGROUP};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
-use crate::plan::Plan;
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
 
@@ -44,9 +43,9 @@ impl Vectors {
     }
 
     /// y = 0.
-    pub fn clear(&self, device: &Device, plan: &Plan, y: &State) -> Result<(), GpuError> {
-        let mut batch = device.batch()?;
-        for (y, _, count) in y.arrays(y, plan) {
+    pub fn clear(&self, context: &Context, y: &State) -> Result<(), GpuError> {
+        let mut batch = context.device.batch()?;
+        for (y, _, count) in y.arrays(y, &context.plan) {
             batch.fill(y, 0, u64::from(count) * 4, 0)?;
         }
         batch.submit()?;
@@ -54,17 +53,9 @@ impl Vectors {
     }
 
     /// y = a x + b y.
-    pub fn combine(
-        &self,
-        device: &Device,
-        plan: &Plan,
-        a: f64,
-        x: &State,
-        b: f64,
-        y: &State,
-    ) -> Result<(), GpuError> {
-        let mut batch = device.batch()?;
-        for (x, y, count) in x.arrays(y, plan) {
+    pub fn combine(&self, context: &Context, a: f64, x: &State, b: f64, y: &State) -> Result<(), GpuError> {
+        let mut batch = context.device.batch()?;
+        for (x, y, count) in x.arrays(y, &context.plan) {
             let push = CombinePush { count, a: a as f32, b: b as f32 };
             let groups = [count.div_ceil(WORKGROUP).min(LANES / WORKGROUP), 1, 1];
             batch.dispatch(&self.combine, "vector", &[x.whole(), y.whole()], bytes_of(&push), groups)?;
@@ -74,20 +65,20 @@ impl Vectors {
     }
 
     /// y = b y: as b x + 0 y with y in both places.
-    pub fn scale(&self, device: &Device, plan: &Plan, b: f64, y: &State) -> Result<(), GpuError> {
-        self.combine(device, plan, b, y, 0.0, y)
+    pub fn scale(&self, context: &Context, b: f64, y: &State) -> Result<(), GpuError> {
+        self.combine(context, b, y, 0.0, y)
     }
 
     /// ⟨x, y⟩.
-    pub fn dot(&self, device: &Device, plan: &Plan, x: &State, y: &State) -> Result<f64, GpuError> {
+    pub fn dot(&self, context: &Context, x: &State, y: &State) -> Result<f64, GpuError> {
         let mut sum = 0.0;
-        for (x, y, count) in x.arrays(y, plan) {
-            let mut batch = device.batch()?;
+        for (x, y, count) in x.arrays(y, &context.plan) {
+            let mut batch = context.device.batch()?;
             let buffers = [x.whole(), y.whole(), self.partial.whole()];
             let push = DotPush { count };
             batch.dispatch(&self.dot, "vector", &buffers, bytes_of(&push), [LANES / WORKGROUP, 1, 1])?;
             batch.submit()?;
-            let partial: Vec<f32> = device.download_slice(&self.partial, 0, LANES.into())?;
+            let partial: Vec<f32> = context.device.download_slice(&self.partial, 0, LANES.into())?;
             sum += partial.into_iter().map(f64::from).sum::<f64>();
         }
         Ok(sum)

@@ -20,10 +20,7 @@ fn device_tells_what_it_is() {
     assert!(same.missing.is_empty());
     // The position selects it, and so does a part of the name in another case.
     for selector in [info.index.to_string(), info.name[..4].to_uppercase()] {
-        let options = DeviceOptions {
-            selector: Some(selector),
-            ..options()
-        };
+        let options = DeviceOptions { selector: Some(selector), ..options() };
         finish(Device::new(&options).unwrap());
     }
     finish(device);
@@ -33,13 +30,8 @@ fn device_tells_what_it_is() {
 fn unknown_device_is_an_error_that_lists_what_is_there() {
     let name = device().info().name.clone();
     for selector in ["no such device", "4711"] {
-        let options = DeviceOptions {
-            selector: Some(selector.into()),
-            ..options()
-        };
-        let Err(error) = Device::new(&options) else {
-            panic!("there is a device {selector}")
-        };
+        let options = DeviceOptions { selector: Some(selector.into()), ..options() };
+        let Err(error) = Device::new(&options) else { panic!("there is a device {selector}") };
         let error = error.to_string();
         assert!(error.contains(selector) && error.contains(&name), "{error}");
     }
@@ -55,17 +47,13 @@ fn an_embedders_device_is_used_and_left_alone() {
         let instance = entry.create_instance(&create, None).unwrap();
         let physical_device = instance.enumerate_physical_devices().unwrap()[0];
         let families = instance.get_physical_device_queue_family_properties(physical_device);
-        let compute = |family: &vk::QueueFamilyProperties| {
-            family.queue_flags.contains(vk::QueueFlags::COMPUTE)
-        };
+        let compute =
+            |family: &vk::QueueFamilyProperties| family.queue_flags.contains(vk::QueueFlags::COMPUTE);
         let queue_family = families.iter().position(compute).unwrap() as u32;
-        let queues = [vk::DeviceQueueCreateInfo::default()
-            .queue_family_index(queue_family)
-            .queue_priorities(&[1.0])];
+        let queues =
+            [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];
         let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues);
-        let raw = instance
-            .create_device(physical_device, &create, None)
-            .unwrap();
+        let raw = instance.create_device(physical_device, &create, None).unwrap();
         let queue = raw.get_device_queue(queue_family, 0);
 
         for _ in 0..2 {
@@ -83,21 +71,13 @@ fn an_embedders_device_is_used_and_left_alone() {
             assert_eq!(device.info().enabled, Enabled::default());
             assert_eq!(device.memory().budget, 64 << 20);
             let pipeline = axpy_pipeline(&device);
-            let (x, y) = (
-                filled(&device, "x", &[1.0, 2.0]),
-                filled(&device, "y", &[3.0, 4.0]),
-            );
-            let push = Axpy { count: 2, a: 10.0 , b: 1.0 };
+            let (x, y) = (filled(&device, "x", &[1.0, 2.0]), filled(&device, "y", &[3.0, 4.0]));
+            let push = Axpy { count: 2, a: 10.0, b: 1.0 };
             let push = bytemuck::bytes_of(&push);
             let mut batch = device.batch().unwrap();
-            batch
-                .dispatch(&pipeline, "2", &[x.whole(), y.whole()], push, [1, 1, 1])
-                .unwrap();
+            batch.dispatch(&pipeline, "2", &[x.whole(), y.whole()], push, [1, 1, 1]).unwrap();
             batch.submit().unwrap();
-            assert_eq!(
-                device.download_slice::<f32>(&y, 0, 2).unwrap(),
-                [13.0, 24.0]
-            );
+            assert_eq!(device.download_slice::<f32>(&y, 0, 2).unwrap(), [13.0, 24.0]);
         }
         // Still the embedder's, and alive.
         raw.device_wait_idle().unwrap();
@@ -120,31 +100,19 @@ fn validation_finds_a_mistake() {
         }
     }
     let messages = device.validation_messages();
-    assert!(
-        messages.iter().any(|text| text.contains("usage")),
-        "{messages:?}"
-    );
-    assert!(matches!(
-        device.check_validation(),
-        Err(GpuError::Validation(_))
-    ));
+    assert!(messages.iter().any(|text| text.contains("usage")), "{messages:?}");
+    assert!(matches!(device.check_validation(), Err(GpuError::Validation(_))));
 }
 
 /// What is not destroyed before the device must get into the log as well: `finish` relies on it.
 #[test]
 fn validation_finds_what_is_left_over() {
     let device = device();
-    let create = vk::BufferCreateInfo::default()
-        .size(256)
-        .usage(vk::BufferUsageFlags::TRANSFER_SRC);
+    let create = vk::BufferCreateInfo::default().size(256).usage(vk::BufferUsageFlags::TRANSFER_SRC);
     // SAFETY: a plain call; the leak is the point.
     unsafe { device.raw().create_buffer(&create, None) }.unwrap();
     let log = device.validation_log();
     assert!(log.messages().is_empty());
     drop(device);
-    assert!(
-        log.messages().iter().any(|text| text.contains("VkBuffer")),
-        "{:?}",
-        log.messages()
-    );
+    assert!(log.messages().iter().any(|text| text.contains("VkBuffer")), "{:?}", log.messages());
 }

@@ -14,29 +14,16 @@ fn axpy_computes_and_is_profiled_by_shape() {
     let pipeline = axpy_pipeline(&device);
     let (xs, ys) = (ramp(10_001), vec![0.5; 10_001]);
     let (x, y) = (filled(&device, "x", &xs), filled(&device, "y", &ys));
-    let push = Axpy {
-        count: 10_001,
-        a: 2.0, b: 1.0 };
+    let push = Axpy { count: 10_001, a: 2.0, b: 1.0 };
     device.reset_profile();
     let mut batch = device.batch().unwrap();
     for shape in ["first", "again", "again"] {
         // Fewer groups than elements: the grid-stride loop covers the rest.
         let buffers = [x.whole(), y.whole()];
-        batch
-            .dispatch(
-                &pipeline,
-                shape,
-                &buffers,
-                bytemuck::bytes_of(&push),
-                [3, 1, 1],
-            )
-            .unwrap();
+        batch.dispatch(&pipeline, shape, &buffers, bytemuck::bytes_of(&push), [3, 1, 1]).unwrap();
     }
     let timing = batch.submit().unwrap();
-    assert_eq!(
-        device.download_slice::<f32>(&y, 0, 10_001).unwrap(),
-        axpy(6.0, &xs, &ys)
-    );
+    assert_eq!(device.download_slice::<f32>(&y, 0, 10_001).unwrap(), axpy(6.0, &xs, &ys));
 
     assert_eq!(timing.dispatches, 3);
     assert!(timing.wall_seconds > 0.0);
@@ -44,13 +31,7 @@ fn axpy_computes_and_is_profiled_by_shape() {
     rows.sort_by(|a, b| a.shape.cmp(&b.shape));
     let key = |row: &gpu::ProfileRow| (row.kernel.clone(), row.shape.clone(), row.count);
     let keys: Vec<_> = rows.iter().map(key).collect();
-    assert_eq!(
-        keys,
-        [
-            ("combine".into(), "again".into(), 2),
-            ("combine".into(), "first".into(), 1)
-        ]
-    );
+    assert_eq!(keys, [("combine".into(), "again".into(), 2), ("combine".into(), "first".into(), 1)]);
     let total: f64 = rows.iter().map(|row| row.seconds).sum();
     assert!((total - timing.device_seconds).abs() <= 1e-12);
     if device.info().timestamp_period_ns > 0.0 {
@@ -69,26 +50,18 @@ fn slices_bind_a_part_and_leave_the_rest() {
     let pipeline = axpy_pipeline(&device);
     let (xs, ys) = (ramp(512), ramp(512));
     let (x, y) = (filled(&device, "x", &xs), filled(&device, "y", &ys));
-    let push = Axpy { count: 64, a: 3.0 , b: 1.0 };
+    let push = Axpy { count: 64, a: 3.0, b: 1.0 };
     let push = bytemuck::bytes_of(&push);
     let mut batch = device.batch().unwrap();
     let buffers = [x.slice(ALIGN, 256), y.slice(2 * ALIGN, 256)];
-    batch
-        .dispatch(&pipeline, "64", &buffers, push, [2, 1, 1])
-        .unwrap();
+    batch.dispatch(&pipeline, "64", &buffers, push, [2, 1, 1]).unwrap();
 
     let refused = [x.slice(ALIGN, 2048), x.slice(4096, 256), x.slice(0, 0)];
     for slice in refused {
         let refused = batch.dispatch(&pipeline, "64", &[slice, y.whole()], push, [1, 1, 1]);
         assert!(matches!(refused, Err(GpuError::OutOfRange { .. })));
     }
-    let refused = batch.dispatch(
-        &pipeline,
-        "64",
-        &[x.slice(1, 64), y.whole()],
-        push,
-        [1, 1, 1],
-    );
+    let refused = batch.dispatch(&pipeline, "64", &[x.slice(1, 64), y.whole()], push, [1, 1, 1]);
     if device.info().storage_buffer_alignment > 1 {
         assert!(matches!(refused, Err(GpuError::Misaligned { .. })));
     }
@@ -103,10 +76,7 @@ fn slices_bind_a_part_and_leave_the_rest() {
     let mut expected = ys.clone();
     expected[128..192].copy_from_slice(&axpy(3.0, &xs[64..128], &ys[128..192]));
     assert_eq!(device.download_slice::<f32>(&y, 0, 512).unwrap(), expected);
-    assert_eq!(
-        device.download_slice::<f32>(&x, 1024, 256).unwrap(),
-        xs[..256]
-    );
+    assert_eq!(device.download_slice::<f32>(&x, 1024, 256).unwrap(), xs[..256]);
     drop((pipeline, x, y));
     finish(device);
 }
@@ -117,26 +87,11 @@ fn pipelines_and_dispatches_are_checked() {
     let new = |bindings, push, subgroup| {
         Pipeline::new(&device, &shaders::COMBINE, bindings, push, &[], subgroup).err()
     };
-    assert!(matches!(
-        new(2, 132, None),
-        Some(GpuError::PushTooLarge { bytes: 132, .. })
-    ));
-    assert!(matches!(
-        new(2, 6, None),
-        Some(GpuError::PushTooLarge { .. })
-    ));
-    assert!(matches!(
-        new(1000, 8, None),
-        Some(GpuError::TooManyBindings { .. })
-    ));
-    assert!(matches!(
-        new(2, 8, Some(3)),
-        Some(GpuError::SubgroupSize { .. })
-    ));
-    assert!(matches!(
-        new(2, 8, Some(4096)),
-        Some(GpuError::SubgroupSize { .. })
-    ));
+    assert!(matches!(new(2, 132, None), Some(GpuError::PushTooLarge { bytes: 132, .. })));
+    assert!(matches!(new(2, 6, None), Some(GpuError::PushTooLarge { .. })));
+    assert!(matches!(new(1000, 8, None), Some(GpuError::TooManyBindings { .. })));
+    assert!(matches!(new(2, 8, Some(3)), Some(GpuError::SubgroupSize { .. })));
+    assert!(matches!(new(2, 8, Some(4096)), Some(GpuError::SubgroupSize { .. })));
     assert!(new(2, 8, Some(device.info().subgroup_size)).is_none());
 
     let pipeline = axpy_pipeline(&device);
@@ -145,29 +100,13 @@ fn pipelines_and_dispatches_are_checked() {
     let push = [0; AXPY_PUSH as usize];
     let mut batch = device.batch().unwrap();
     let mut dispatch = |buffers: &[_], push: &[u8], groups| {
-        batch
-            .dispatch(&pipeline, "", buffers, push, groups)
-            .unwrap_err()
+        batch.dispatch(&pipeline, "", buffers, push, groups).unwrap_err()
     };
     let one = [1, 1, 1];
     let error = dispatch(&[x.whole()], &push, one);
-    assert!(matches!(
-        error,
-        GpuError::WrongArguments {
-            given: 1,
-            wanted: 2,
-            ..
-        }
-    ));
+    assert!(matches!(error, GpuError::WrongArguments { given: 1, wanted: 2, .. }));
     let error = dispatch(&[x.whole(), x.whole()], &push[1..], one);
-    assert!(matches!(
-        error,
-        GpuError::WrongArguments {
-            given: 7,
-            wanted: 8,
-            ..
-        }
-    ));
+    assert!(matches!(error, GpuError::WrongArguments { given: 7, wanted: 8, .. }));
     let error = dispatch(&[x.whole(), x.whole()], &push, [1, u32::MAX, 1]);
     assert!(matches!(error, GpuError::TooManyGroups { .. }));
     let error = dispatch(&[x.whole(), other.whole()], &push, one);
@@ -181,23 +120,12 @@ fn pipelines_and_dispatches_are_checked() {
 fn long_batches_are_executed_in_parts() {
     let device = device();
     let pipeline = axpy_pipeline(&device);
-    let (x, y) = (
-        filled(&device, "x", &ramp(100)),
-        filled(&device, "y", &[0.0; 100]),
-    );
-    let push = Axpy { count: 100, a: 1.0 , b: 1.0 };
+    let (x, y) = (filled(&device, "x", &ramp(100)), filled(&device, "y", &[0.0; 100]));
+    let push = Axpy { count: 100, a: 1.0, b: 1.0 };
     let mut batch = device.batch().unwrap();
     for _ in 0..1000 {
         let buffers = [x.whole(), y.whole()];
-        batch
-            .dispatch(
-                &pipeline,
-                "100",
-                &buffers,
-                bytemuck::bytes_of(&push),
-                [1, 1, 1],
-            )
-            .unwrap();
+        batch.dispatch(&pipeline, "100", &buffers, bytemuck::bytes_of(&push), [1, 1, 1]).unwrap();
     }
     assert_eq!(batch.submit().unwrap().dispatches, 1000);
     let expected = axpy(1000.0, &ramp(100), &[0.0; 100]);
@@ -210,25 +138,14 @@ fn long_batches_are_executed_in_parts() {
 fn thousands_of_submits_neither_leak_nor_crawl() {
     let device = device();
     let pipeline = axpy_pipeline(&device);
-    let (x, y) = (
-        filled(&device, "x", &ramp(100)),
-        filled(&device, "y", &[0.0; 100]),
-    );
-    let push = Axpy { count: 100, a: 1.0 , b: 1.0 };
+    let (x, y) = (filled(&device, "x", &ramp(100)), filled(&device, "y", &[0.0; 100]));
+    let push = Axpy { count: 100, a: 1.0, b: 1.0 };
     let before = device.memory();
     let start = Instant::now();
     for _ in 0..2000 {
         let mut batch = device.batch().unwrap();
         let buffers = [x.whole(), y.whole()];
-        batch
-            .dispatch(
-                &pipeline,
-                "100",
-                &buffers,
-                bytemuck::bytes_of(&push),
-                [1, 1, 1],
-            )
-            .unwrap();
+        batch.dispatch(&pipeline, "100", &buffers, bytemuck::bytes_of(&push), [1, 1, 1]).unwrap();
         batch.submit().unwrap();
     }
     let seconds = start.elapsed().as_secs_f64();
@@ -255,16 +172,11 @@ fn threads_share_a_device() {
                     let count = 1000 + 97 * round;
                     let (xs, ys) = (ramp(count), vec![a; count]);
                     let (x, y) = (filled(device, "x", &xs), filled(device, "y", &ys));
-                    let push = Axpy {
-                        count: count as u32,
-                        a,
-                    };
+                    let push = Axpy { count: count as u32, a, b: 1.0 };
                     let push = bytemuck::bytes_of(&push);
                     let mut batch = device.batch().unwrap();
                     let buffers = [x.whole(), y.whole()];
-                    batch
-                        .dispatch(pipeline, "thread", &buffers, push, [4, 1, 1])
-                        .unwrap();
+                    batch.dispatch(pipeline, "thread", &buffers, push, [4, 1, 1]).unwrap();
                     batch.submit().unwrap();
                     let result: Vec<f32> = device.download_slice(&y, 0, count as u64).unwrap();
                     assert_eq!(result, axpy(a, &xs, &ys));
@@ -275,12 +187,7 @@ fn threads_share_a_device() {
     let rows = device.profile();
     assert_eq!((rows.len(), rows[0].count), (1, 80));
     drop(pipeline);
-    let labels: Vec<_> = device
-        .memory()
-        .by_label
-        .into_iter()
-        .map(|row| row.label)
-        .collect();
+    let labels: Vec<_> = device.memory().by_label.into_iter().map(|row| row.label).collect();
     assert_eq!(labels, ["staging readback", "staging upload"]);
     finish(device);
 }

@@ -23,10 +23,7 @@ struct Axpy {
 const AXPY_PUSH: u32 = size_of::<Axpy>() as u32;
 
 fn options() -> DeviceOptions {
-    DeviceOptions {
-        validation: true,
-        ..DeviceOptions::default()
-    }
+    DeviceOptions { validation: true, ..DeviceOptions::default() }
 }
 
 fn device() -> Device {

@@ -1,8 +1,6 @@
 //! Buffers, their budget, and transfers.
 
-use antirad::gpu::{
-    self, ALIGN, Buffer, BufferKind, Device, DeviceOptions, GpuError, STAGING_CHUNK,
-};
+use antirad::gpu::{self, ALIGN, Buffer, BufferKind, Device, DeviceOptions, GpuError, STAGING_CHUNK};
 
 use crate::{device, finish, options};
 
@@ -16,20 +14,12 @@ fn transfers_beyond_one_staging_chunk() {
     assert!(device.download(&buffer, 77, bytes as u64).unwrap() == data);
     // A part of it, into memory of the caller.
     let mut part = vec![0; 1000];
-    device
-        .download_into(&buffer, 77 + STAGING_CHUNK - 500, &mut part)
-        .unwrap();
+    device.download_into(&buffer, 77 + STAGING_CHUNK - 500, &mut part).unwrap();
     assert!(part == data[STAGING_CHUNK as usize - 500..][..1000]);
 
     let report = device.memory();
-    let staging = report
-        .by_label
-        .iter()
-        .filter(|row| row.label.starts_with("staging"));
-    assert_eq!(
-        staging.map(|row| row.bytes).sum::<u64>(),
-        gpu::staging_bytes()
-    );
+    let staging = report.by_label.iter().filter(|row| row.label.starts_with("staging"));
+    assert_eq!(staging.map(|row| row.bytes).sum::<u64>(), gpu::staging_bytes());
     assert!(report.reserved >= report.in_use);
 
     let beyond = device.download(&buffer, buffer.bytes() - 4, 8);
@@ -54,12 +44,7 @@ fn mapped_buffers_need_no_staging() {
     batch.copy(&upload, 0, &readback, 256, 512).unwrap();
     batch.submit().unwrap();
     let bytes = readback.mapped().unwrap();
-    assert!(
-        bytes[..256]
-            .iter()
-            .chain(&bytes[768..])
-            .all(|&byte| byte == 1)
-    );
+    assert!(bytes[..256].iter().chain(&bytes[768..]).all(|&byte| byte == 1));
     assert!(bytes[256..768].iter().all(|&byte| byte == 7));
     drop((upload, readback));
     finish(device);
@@ -68,28 +53,17 @@ fn mapped_buffers_need_no_staging() {
 #[test]
 fn budget_refuses_by_name_and_freed_memory_is_uncounted() {
     let budget = gpu::staging_bytes() + (1 << 20);
-    let device = Device::new(&DeviceOptions {
-        memory_budget: Some(budget),
-        ..options()
-    })
-    .unwrap();
-    let buffer =
-        |label: &str, bytes| Buffer::new(&device, label, bytes, BufferKind::Storage).map(drop);
+    let device = Device::new(&DeviceOptions { memory_budget: Some(budget), ..options() }).unwrap();
+    let buffer = |label: &str, bytes| Buffer::new(&device, label, bytes, BufferKind::Storage).map(drop);
     let small = Buffer::new(&device, "small", 100, BufferKind::Storage).unwrap();
     assert_eq!((small.bytes(), device.memory().in_use), (ALIGN, ALIGN));
 
     let error = buffer("too much", budget).unwrap_err();
     assert!(matches!(error, GpuError::OverBudget { .. }));
     let text = error.to_string();
-    assert!(
-        text.contains("too much") && text.contains(&budget.to_string()),
-        "{text}"
-    );
+    assert!(text.contains("too much") && text.contains(&budget.to_string()), "{text}");
     let report = device.memory();
-    assert_eq!(
-        (report.budget, report.in_use, report.peak),
-        (budget, ALIGN, ALIGN)
-    );
+    assert_eq!((report.budget, report.in_use, report.peak), (budget, ALIGN, ALIGN));
 
     // Exactly what is left still goes, and comes back.
     buffer("rest", budget - ALIGN).unwrap();
@@ -97,10 +71,7 @@ fn budget_refuses_by_name_and_freed_memory_is_uncounted() {
     assert_eq!((report.in_use, report.peak), (ALIGN, budget));
     assert_eq!(report.by_label.len(), 1);
     let row = &report.by_label[0];
-    assert_eq!(
-        (row.label.as_str(), row.bytes, row.count),
-        ("small", ALIGN, 1)
-    );
+    assert_eq!((row.label.as_str(), row.bytes, row.count), ("small", ALIGN, 1));
 
     // An empty buffer is a buffer, and the device works on.
     let empty = Buffer::new(&device, "empty", 0, BufferKind::Storage).unwrap();
@@ -113,15 +84,9 @@ fn budget_refuses_by_name_and_freed_memory_is_uncounted() {
 
 #[test]
 fn buffers_beyond_the_binding_limit_are_refused() {
-    let device = Device::new(&DeviceOptions {
-        memory_budget: Some(u64::MAX),
-        ..options()
-    })
-    .unwrap();
+    let device = Device::new(&DeviceOptions { memory_budget: Some(u64::MAX), ..options() }).unwrap();
     for bytes in [device.info().max_storage_buffer_range + 1, u64::MAX] {
-        let error = Buffer::new(&device, "huge", bytes, BufferKind::Storage)
-            .err()
-            .unwrap();
+        let error = Buffer::new(&device, "huge", bytes, BufferKind::Storage).err().unwrap();
         assert!(matches!(error, GpuError::BufferTooLarge { .. }));
         assert!(error.to_string().contains("huge"));
     }

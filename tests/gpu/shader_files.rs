@@ -18,16 +18,9 @@ fn layouts_shared_with_shaders_agree() {
 
 #[test]
 fn all_shaders_are_listed() {
-    let names: Vec<_> = shaders::ALL
-        .iter()
-        .map(|Shader { name, .. }| *name)
-        .collect();
+    let names: Vec<_> = shaders::ALL.iter().map(|Shader { name, .. }| *name).collect();
     assert!(names.contains(&"combine"));
     assert!(names.is_sorted());
     // The magic number of SPIR-V.
-    assert!(
-        shaders::ALL
-            .iter()
-            .all(|shader| shader.spirv[0] == 0x0723_0203)
-    );
+    assert!(shaders::ALL.iter().all(|shader| shader.spirv[0] == 0x0723_0203));
 }

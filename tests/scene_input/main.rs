@@ -9,7 +9,8 @@ use antirad::scene::{LoadOptions, Scene, SceneError};
 use tempfile::TempDir;
 
 const MTL: &str = "newmtl white\nKd .5 .5 .5\nnewmtl lamp\nKd .5 .5 .5\nKe 1 1 1\n";
-const OBJ: &str = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl lamp\nf 1 2 3\nusemtl white\nf 1 3 4\n";
+const OBJ: &str =
+    "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl lamp\nf 1 2 3\nusemtl white\nf 1 3 4\n";
 const TOML: &str = "[[mesh]]\npath = \"m.obj\"\n[camera.main]\nposition = [0, 0, 5]\ntarget = [0, 0, 0]\n\
                     fov_x_degrees = 40\nwidth = 64\nheight = 48\n";
 
@@ -19,10 +20,7 @@ struct Folder(TempDir);
 impl Folder {
     fn with(files: &[(&str, &str)]) -> Self {
         let folder = TempDir::new().expect("a temporary folder");
-        for (name, text) in [("s.toml", TOML), ("m.obj", OBJ), ("m.mtl", MTL)]
-            .iter()
-            .chain(files)
-        {
+        for (name, text) in [("s.toml", TOML), ("m.obj", OBJ), ("m.mtl", MTL)].iter().chain(files) {
             std::fs::write(folder.path().join(name), text).expect("a file in it");
         }
         Self(folder)
@@ -52,14 +50,7 @@ fn assert_says(message: &str, parts: &[&str]) {
 /// An error for a scene whose `file` holds `text`; the other files are good ones.
 #[track_caller]
 fn assert_refused(file: &str, text: &str, parts: &[&str]) {
-    match load(
-        if file.ends_with("obj") {
-            "m.obj"
-        } else {
-            "s.toml"
-        },
-        &[(file, text)],
-    ) {
+    match load(if file.ends_with("obj") { "m.obj" } else { "s.toml" }, &[(file, text)]) {
         Ok(_) => panic!("{file} was not refused: {text}"),
         Err(error) => assert_says(&error.to_string(), parts),
     }
@@ -75,18 +66,8 @@ fn the_good_files_load_without_a_warning() {
     let scene = good("s.toml", &[]);
     assert_eq!(scene.name, "s");
     assert_eq!(scene.warnings, [""; 0]);
-    assert_eq!(
-        (
-            scene.vertices.len(),
-            scene.triangles.len(),
-            scene.cameras.len()
-        ),
-        (4, 2, 1)
-    );
+    assert_eq!((scene.vertices.len(), scene.triangles.len(), scene.cameras.len()), (4, 2, 1));
     assert_eq!(scene.material(0).name, "lamp");
     assert_eq!(scene.material(1).albedo, [0.5; 3]);
-    assert_eq!(
-        (scene.meshes[0].name.as_str(), scene.meshes[0].range.clone()),
-        ("m", 0..2)
-    );
+    assert_eq!((scene.meshes[0].name.as_str(), scene.meshes[0].range.clone()), ("m", 0..2));
 }

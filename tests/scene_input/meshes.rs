@@ -9,47 +9,25 @@ fn broken_obj_lines() {
     let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
     for (text, parts) in [
         ("v 0 0", vec!["m.obj:1", "fewer than 3", "v x y z"]),
-        (
-            "# a\n\nv 0 zero 0",
-            vec!["m.obj:3", "`zero` is not a number"],
-        ),
+        ("# a\n\nv 0 zero 0", vec!["m.obj:3", "`zero` is not a number"]),
         ("v 0 nan 0", vec!["m.obj:1", "`nan` is not finite"]),
         ("v 0 0 inf", vec!["m.obj:1", "`inf` is not finite"]),
         ("v 0 0 1e999", vec!["m.obj:1", "`1e999` is not finite"]),
         ("f 1 2 3", vec!["m.obj:1", "before any vertex"]),
-        (
-            "f 1 2 4",
-            vec!["m.obj:4", "index 4 is out of range", "1 to 3"],
-        ),
+        ("f 1 2 4", vec!["m.obj:4", "index 4 is out of range", "1 to 3"]),
         ("f 1 2 0", vec!["m.obj:4", "index 0 is out of range"]),
-        (
-            "f 1 2 -4",
-            vec!["m.obj:4", "index -4 is out of range", "-3 to -1"],
-        ),
-        (
-            "f 1 2 99999999999999999999",
-            vec!["m.obj:4", "not a vertex index"],
-        ),
-        (
-            "f 1 2 /3",
-            vec!["m.obj:4", "`/3` is not a vertex index", "v/vt"],
-        ),
+        ("f 1 2 -4", vec!["m.obj:4", "index -4 is out of range", "-3 to -1"]),
+        ("f 1 2 99999999999999999999", vec!["m.obj:4", "not a vertex index"]),
+        ("f 1 2 /3", vec!["m.obj:4", "`/3` is not a vertex index", "v/vt"]),
         ("f 1 2 1.5", vec!["m.obj:4", "`1.5` is not a vertex index"]),
         ("f 1 2", vec!["m.obj:4", "2 corner(s)", "at least 3"]),
         ("f", vec!["m.obj:4", "0 corner(s)"]),
         ("usemtl", vec!["m.obj:4", "usemtl NAME"]),
         ("mtllib", vec!["m.obj:4", "mtllib FILE.mtl"]),
-        (
-            "mtllib m.mtl\nusemtl whit",
-            vec!["m.obj:5", "\"whit\" is not defined", "m.mtl", "\"white\""],
-        ),
+        ("mtllib m.mtl\nusemtl whit", vec!["m.obj:5", "\"whit\" is not defined", "m.mtl", "\"white\""]),
     ] {
         let alone = parts[0] != "m.obj:4" && parts[0] != "m.obj:5";
-        let text = if alone {
-            text.to_owned()
-        } else {
-            format!("{triangle}{text}")
-        };
+        let text = if alone { text.to_owned() } else { format!("{triangle}{text}") };
         assert_refused("m.obj", &text, &parts);
     }
 }
@@ -59,30 +37,18 @@ fn broken_mtl_lines() {
     for (text, parts) in [
         ("Kd 1 1 1", vec!["m.mtl:1", "before any material", "newmtl"]),
         ("newmtl", vec!["m.mtl:1", "newmtl NAME"]),
-        (
-            "newmtl a\nnewmtl a",
-            vec!["m.mtl:2", "\"a\" is already defined at line 1"],
-        ),
+        ("newmtl a\nnewmtl a", vec!["m.mtl:2", "\"a\" is already defined at line 1"]),
         ("newmtl a\nKd 1 1", vec!["m.mtl:2", "2 numbers", "Kd r g b"]),
         ("newmtl a\nKe 1 x 1", vec!["m.mtl:2", "`x` is not a number"]),
         ("newmtl a\nNs nan", vec!["m.mtl:2", "`nan` is not finite"]),
-        (
-            "newmtl a\nNs 1 2",
-            vec!["m.mtl:2", "2 numbers; expected one"],
-        ),
+        ("newmtl a\nNs 1 2", vec!["m.mtl:2", "2 numbers; expected one"]),
     ] {
         assert_refused("m.mtl", text, &parts);
     }
     let mtl = format!("{MTL}Ka 1 1 1\nillum 2\nKb 1 1 1\nmap_Kd wood.png\n");
     let warnings = good("s.toml", &[("m.mtl", &mtl)]).warnings.join("\n");
-    for part in [
-        "m.mtl:8: unknown key `Kb` is ignored; did you mean `K",
-        "m.mtl:9: the texture wood.png",
-    ] {
-        assert!(
-            warnings.contains(part),
-            "`{part}` is missing in: {warnings}"
-        );
+    for part in ["m.mtl:8: unknown key `Kb` is ignored; did you mean `K", "m.mtl:9: the texture wood.png"] {
+        assert!(warnings.contains(part), "`{part}` is missing in: {warnings}");
     }
     assert_eq!(warnings.lines().count(), 2, "{warnings}");
 }
@@ -102,15 +68,10 @@ fn obj_forms() {
     ] {
         let scene = good("m.obj", &[("m.obj", &format!("{corners}{faces}\n"))]);
         assert_eq!(scene.triangles.len(), triangles, "{faces}");
-        let area: DVec3 = (0..triangles)
-            .map(|t| scene.corners(t))
-            .map(|[a, b, c]| (b - a).cross(c - a) / 2.0)
-            .sum();
+        let area: DVec3 =
+            (0..triangles).map(|t| scene.corners(t)).map(|[a, b, c]| (b - a).cross(c - a) / 2.0).sum();
         let expected = if triangles == 3 { 4.0 - 0.2 } else { 4.0 };
-        assert!(
-            area.abs_diff_eq(DVec3::Z * expected, 1e-12),
-            "{faces}: {area}"
-        );
+        assert!(area.abs_diff_eq(DVec3::Z * expected, 1e-12), "{faces}: {area}");
         assert!(scene.degenerate.is_empty(), "{faces}");
     }
 }
@@ -119,33 +80,13 @@ fn obj_forms() {
 fn faces_without_material_are_grey() {
     let no_mtl = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl wood\nf 1 2 3\n";
     let scene = good("m.obj", &[("m.obj", no_mtl)]);
-    assert_eq!(
-        scene
-            .materials
-            .iter()
-            .map(|m| m.name.as_str())
-            .collect::<Vec<_>>(),
-        ["default", "wood"]
-    );
-    assert!(
-        scene
-            .materials
-            .iter()
-            .all(|m| m.albedo == [0.5; 3] && m.diffuse == 1.0)
-    );
-    assert_says(
-        &scene.warnings[0],
-        &["m.obj:4", "before any usemtl", "grey"],
-    );
+    assert_eq!(scene.materials.iter().map(|m| m.name.as_str()).collect::<Vec<_>>(), ["default", "wood"]);
+    assert!(scene.materials.iter().all(|m| m.albedo == [0.5; 3] && m.diffuse == 1.0));
+    assert_says(&scene.warnings[0], &["m.obj:4", "before any usemtl", "grey"]);
     assert_says(&scene.warnings[1], &["m.obj:5", "\"wood\"", "grey"]);
     // The scene file may define it instead.
-    let table = with_mesh(
-        "[material.wood]\nalbedo = 0.2\nemission = 1\n[material.default]\nalbedo = 0.3\n",
-    );
+    let table = with_mesh("[material.wood]\nalbedo = 0.2\nemission = 1\n[material.default]\nalbedo = 0.3\n");
     let scene = good("s.toml", &[("m.obj", no_mtl), ("s.toml", &table)]);
-    assert_eq!(
-        (scene.material(0).albedo, scene.material(1).albedo),
-        ([0.3; 3], [0.2; 3])
-    );
+    assert_eq!((scene.material(0).albedo, scene.material(1).albedo), ([0.3; 3], [0.2; 3]));
     assert_eq!(scene.warnings, [""; 0]);
 }

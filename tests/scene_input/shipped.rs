@@ -7,9 +7,7 @@ use antirad::scene::{LoadOptions, Scene};
 use glam::DVec3;
 
 fn shipped(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("scenes")
-        .join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
 }
 
 /// True where every edge between two positions is used once each way.
@@ -19,11 +17,7 @@ fn is_closed(scene: &Scene) -> bool {
     for triangle in 0..scene.triangles.len() {
         let [a, b, c] = scene.corners(triangle).map(weld);
         for (from, to) in [(a, b), (b, c), (c, a)] {
-            let (edge, sign) = if from < to {
-                ([from, to], 1)
-            } else {
-                ([to, from], -1)
-            };
+            let (edge, sign) = if from < to { ([from, to], 1) } else { ([to, from], -1) };
             *balance.entry(edge).or_default() += sign;
         }
     }
@@ -33,14 +27,11 @@ fn is_closed(scene: &Scene) -> bool {
 #[test]
 fn shipped_scenes_load() {
     let mut seen = 0;
-    for entry in std::fs::read_dir(shipped(""))
-        .expect("the folder of scenes")
-        .flatten()
-    {
+    for entry in std::fs::read_dir(shipped("")).expect("the folder of scenes").flatten() {
         let path = entry.path();
         if path.extension().is_some_and(|e| e == "toml") {
-            let scene = Scene::load(&path, &LoadOptions { strict: true })
-                .unwrap_or_else(|error| panic!("{error}"));
+            let scene =
+                Scene::load(&path, &LoadOptions { strict: true }).unwrap_or_else(|error| panic!("{error}"));
             assert_eq!(scene.warnings, [""; 0], "{}", scene.name);
             assert!(scene.camera("main").is_some(), "{}", scene.name);
             seen += 1;
@@ -60,13 +51,9 @@ fn shipped_scenes_are_as_large_and_as_closed_as_they_say() {
         ("glossy_floor.toml", 1500..4000, false),
         ("statue.toml", 11000..11500, false),
     ] {
-        let scene = Scene::load(&shipped(name), &LoadOptions::default())
-            .unwrap_or_else(|error| panic!("{error}"));
-        assert!(
-            triangles.contains(&scene.triangles.len()),
-            "{name}: {}",
-            scene.triangles.len()
-        );
+        let scene =
+            Scene::load(&shipped(name), &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}"));
+        assert!(triangles.contains(&scene.triangles.len()), "{name}: {}", scene.triangles.len());
         assert_eq!(is_closed(&scene), closed, "{name}");
     }
 }

@@ -29,7 +29,12 @@ pub fn solve(device: &Device, scene: &Scene, accuracy: &Accuracy) -> (Engine, So
     solve_within(device, scene, accuracy, &Limits::of(device))
 }
 
-pub fn solve_within(device: &Device, scene: &Scene, accuracy: &Accuracy, limits: &Limits) -> (Engine, Solution) {
+pub fn solve_within(
+    device: &Device,
+    scene: &Scene,
+    accuracy: &Accuracy,
+    limits: &Limits,
+) -> (Engine, Solution) {
     let plan = Plan::new(scene, limits, accuracy).expect("a plan");
     let mut engine = Engine::new(device, scene, plan).expect("an engine");
     let solution = engine.solve(&SolveParams::from(accuracy)).expect("a solution");
@@ -65,5 +70,6 @@ pub fn relative_l2(values: &[[f32; 3]], truth: &[[f32; 3]], areas: &[f64]) -> f6
 /// Area-weighted mean of one channel over the triangles that `of` picks.
 pub fn mean(values: &[[f32; 3]], areas: &[f64], of: impl Fn(usize) -> bool) -> f64 {
     let picked = || (0..values.len()).filter(|&i| of(i));
-    picked().map(|i| areas[i] * f64::from(values[i][0])).sum::<f64>() / picked().map(|i| areas[i]).sum::<f64>()
+    picked().map(|i| areas[i] * f64::from(values[i][0])).sum::<f64>()
+        / picked().map(|i| areas[i]).sum::<f64>()
 }

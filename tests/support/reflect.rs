@@ -18,37 +18,29 @@ pub fn member_offsets(spirv: &[u32], name: &str) -> Vec<(String, u32)> {
     });
     let structure = structure.unwrap_or_else(|| panic!("the module has no struct {name}"));
     let member_name = |wanted: u32| {
-        module
-            .debug_names
-            .iter()
-            .find_map(|line| match line.operands.as_slice() {
-                [IdRef(id), LiteralBit32(member), LiteralString(text)]
-                    if line.class.opcode == Op::MemberName
-                        && (*id, *member) == (structure, wanted) =>
-                {
-                    Some(text.clone())
-                }
-                _ => None,
-            })
+        module.debug_names.iter().find_map(|line| match line.operands.as_slice() {
+            [IdRef(id), LiteralBit32(member), LiteralString(text)]
+                if line.class.opcode == Op::MemberName && (*id, *member) == (structure, wanted) =>
+            {
+                Some(text.clone())
+            }
+            _ => None,
+        })
     };
     let mut members: Vec<_> = module
         .annotations
         .iter()
         .filter_map(|line| match line.operands.as_slice() {
-            [
-                IdRef(id),
-                LiteralBit32(member),
-                Decoration(Kind::Offset),
-                LiteralBit32(offset),
-            ] if *id == structure => Some((*member, *offset)),
+            [IdRef(id), LiteralBit32(member), Decoration(Kind::Offset), LiteralBit32(offset)]
+                if *id == structure =>
+            {
+                Some((*member, *offset))
+            }
             _ => None,
         })
         .collect();
     members.sort_unstable();
-    members
-        .into_iter()
-        .map(|(member, offset)| (member_name(member).unwrap(), offset))
-        .collect()
+    members.into_iter().map(|(member, offset)| (member_name(member).unwrap(), offset)).collect()
 }
 
 /// The module without the text it was compiled from: long texts are cut in the middle of characters, which the parser

@@ -1,0 +1,75 @@
+//! The command-line tool `antirad`.
+
+mod devices;
+mod plan;
+mod render;
+mod report;
+mod settings;
+
+use antirad::cli::{self, Interrupt};
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// What a scene is made of, from pictures of it; and pictures of a scene, with full global illumination.
+#[derive(Parser)]
+#[command(version, about, after_help = EXAMPLES)]
+struct Arguments {
+    /// No progress, no summary, no warnings: errors alone
+    #[arg(short, long, global = true)]
+    quiet: bool,
+    /// More to read: once for what is done, twice for everything
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    verbose: u8,
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLES: &str = "Examples:
+  antirad render scenes/cornell_boxes.toml --output out/cornell
+  antirad render bunny.obj --bins concentric:12 --tolerance 1e-3
+  antirad plan scenes/statue.toml --memory-budget 256MiB
+  antirad devices";
+
+#[derive(Subcommand)]
+enum Command {
+    /// Solve a scene and make its pictures
+    Render(render::Arguments),
+    /// Print what a solve would take, without touching a device
+    Plan(plan::Arguments),
+    /// List Vulkan devices, with what antirad needs of each
+    Devices,
+}
+
+/// How a command ends without its result.
+enum Failure {
+    Error(Box<dyn std::error::Error>),
+    Interrupted,
+}
+
+impl<E: std::error::Error + 'static> From<E> for Failure {
+    fn from(error: E) -> Self {
+        Self::Error(Box::new(error))
+    }
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    cli::start_logging(arguments.quiet, arguments.verbose);
+    let interrupt = Interrupt::catch();
+    let result = match arguments.command {
+        Command::Render(render) => render::run(&render, arguments.quiet, arguments.verbose, &interrupt),
+        Command::Plan(plan) => plan::run(&plan),
+        Command::Devices => devices::run(),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure::Interrupted) => {
+            eprintln!("antirad: interrupted; nothing was written");
+            ExitCode::from(cli::EXIT_INTERRUPTED)
+        }
+        Err(Failure::Error(error)) => {
+            eprintln!("antirad: {error}");
+            ExitCode::from(cli::EXIT_FAILURE)
+        }
+    }
+}

@@ -1,0 +1,248 @@
+//! `antirad render`.
+
+use crate::Failure;
+use crate::report::{DeviceReport, MemoryUse, Report, SolveReport, kernels};
+use crate::settings::SceneSettings;
+use antirad::cli::{Interrupt, SolveBar};
+use antirad::gpu::{Bytes, Device, DeviceOptions};
+use antirad::image::{Exposure, ImageError, Picture, PictureOptions, Rasterizer, ToneMap};
+use antirad::output::{prepare_directory, write_json, write_npy};
+use antirad::plan::{Limits, Plan};
+use antirad::scene::{Camera, Scene};
+use antirad::solve::SolveError;
+use antirad::transport::TransportError;
+use antirad::{Engine, EngineError, Solution, SolveParams};
+use clap::Args;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+#[derive(Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    settings: SceneSettings,
+    /// Picture from this camera only; may be given several times [default: all cameras of the scene]
+    #[arg(long, value_name = "NAME")]
+    camera: Vec<String>,
+    /// Where the results go [default: out/SCENE]
+    #[arg(long, short, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Vulkan device, by its number or a part of its name (see `antirad devices`) [env: ANTIRAD_DEVICE]
+    #[arg(long, value_name = "INDEX|NAME")]
+    device: Option<String>,
+    /// Exposure of the PNG in stops (0 shows radiance 1 as white), or auto
+    #[arg(long, value_name = "STOPS|auto", default_value = "auto", allow_hyphen_values = true, value_parser = parse_exposure)]
+    exposure: Exposure,
+    /// Write the PNG with linear instead of sRGB values
+    #[arg(long)]
+    linear_png: bool,
+    /// Interpolate colours over vertices instead of flat faces
+    #[arg(long)]
+    smooth: bool,
+    /// Samples along each side of a pixel: 1, 2, 4, 8 or 16
+    #[arg(long, value_name = "NUMBER", default_value_t = 4)]
+    supersample: u32,
+}
+
+fn parse_exposure(text: &str) -> Result<Exposure, String> {
+    match text {
+        "auto" => Ok(Exposure::Auto),
+        _ => match text.parse::<f64>() {
+            Ok(stops) if stops.is_finite() => Ok(Exposure::Stops(stops)),
+            _ => Err("a number of stops, or auto".to_owned()),
+        },
+    }
+}
+
+/// Seconds by stage, in the order of the stages.
+struct Stages {
+    seconds: BTreeMap<&'static str, f64>,
+    last: Instant,
+}
+
+impl Stages {
+    fn new() -> Self {
+        Self { seconds: BTreeMap::new(), last: Instant::now() }
+    }
+
+    fn end(&mut self, stage: &'static str) {
+        self.seconds.insert(stage, self.last.elapsed().as_secs_f64());
+        self.last = Instant::now();
+    }
+}
+
+pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrupt) -> Result<(), Failure> {
+    let mut stages = Stages::new();
+    let scene = arguments.settings.load()?;
+    let cameras = choose_cameras(&scene, &arguments.camera)?;
+    let directory = arguments.output.clone().unwrap_or_else(|| Path::new("out").join(&scene.name));
+    prepare_directory(&directory)?;
+    stages.end("load");
+
+    let options = PictureOptions { supersample: arguments.supersample, smooth: arguments.smooth };
+    let device = open_device(arguments)?;
+    let mut pictures = 0;
+    for camera in &cameras {
+        pictures = pictures.max(Rasterizer::bytes(scene.triangles.len(), camera, &options)?);
+    }
+    let limits = Limits { pictures, ..Limits::of(&device) };
+    let plan = Plan::new(&scene, &limits, &scene.accuracy)?;
+    let plan_report = plan.report();
+    tracing::info!("{}\n{plan_report}", device.info().name);
+    stages.end("plan");
+
+    let mut engine = Engine::new(&device, &scene, plan)?;
+    stages.end("prepare");
+    let solution = solve(&mut engine, &scene, quiet, interrupt)?;
+    stages.end("solve");
+    let rasterizer = Rasterizer::new(&device)?;
+    let pictures = cameras
+        .iter()
+        .map(|camera| Ok((*camera, picture(&mut engine, &rasterizer, &scene, &solution, camera, &options)?)))
+        .collect::<Result<Vec<_>, Failure>>()?;
+    stages.end("pictures");
+    if interrupt.is_set() {
+        return Err(Failure::Interrupted);
+    }
+
+    let tone = ToneMap { exposure: arguments.exposure, srgb: !arguments.linear_png };
+    let mut files = Vec::new();
+    for (camera, picture) in &pictures {
+        picture.write_exr(directory.join(format!("{}.exr", camera.name)))?;
+        picture.write_png(directory.join(format!("{}.png", camera.name)), &tone)?;
+        files.extend(["exr", "png"].map(|kind| format!("{}.{kind}", camera.name)));
+    }
+    write_npy(&directory.join("irradiance.npy"), &solution.irradiance)?;
+    write_npy(&directory.join("radiosity.npy"), &solution.radiosity)?;
+    stages.end("write");
+
+    let report = Report {
+        scene: arguments.settings.scene.display().to_string(),
+        version: env!("CARGO_PKG_VERSION"),
+        device: DeviceReport::from(device.info()),
+        warnings: scene.warnings.clone(),
+        plan: plan_report,
+        memory: MemoryUse::from(device.memory()),
+        solve: SolveReport::new(&solution, scene.accuracy.tolerance),
+        energy: solution.energy,
+        negative_irradiance: solution.negative,
+        pictures: files,
+        seconds: stages.seconds,
+        kernels: kernels(&device),
+    };
+    write_json(&directory.join("report.json"), &report)?;
+    if !quiet {
+        summarise(&report, &directory, verbose);
+    }
+    Ok(())
+}
+
+fn choose_cameras<'a>(scene: &'a Scene, names: &[String]) -> Result<Vec<&'a Camera>, Failure> {
+    if names.is_empty() {
+        return Ok(scene.cameras.iter().collect());
+    }
+    let find = |name: &String| {
+        scene.camera(name).ok_or_else(|| {
+            let known: Vec<&str> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
+            Failure::Error(format!("the scene has no camera \"{name}\"; it has: {}", known.join(", ")).into())
+        })
+    };
+    names.iter().map(find).collect()
+}
+
+fn open_device(arguments: &Arguments) -> Result<Device, Failure> {
+    let usual = DeviceOptions::default();
+    let options = DeviceOptions {
+        selector: arguments.device.clone().or(usual.selector.clone()),
+        memory_budget: arguments.settings.memory_budget,
+        ..usual
+    };
+    Ok(Device::new(&options)?)
+}
+
+fn solve(
+    engine: &mut Engine,
+    scene: &Scene,
+    quiet: bool,
+    interrupt: &Interrupt,
+) -> Result<Solution, Failure> {
+    let params = SolveParams::from(&scene.accuracy);
+    let bar = SolveBar::new(params.tolerance, quiet);
+    let reached = Arc::new(Mutex::new((0, 1.0)));
+    let (within, shared, stop) = (bar.clone(), reached.clone(), interrupt.clone());
+    engine.set_watcher(Some(Box::new(move |done, total| {
+        let (passes, residual) = *shared.lock().unwrap_or_else(PoisonError::into_inner);
+        within.show(passes, residual, done as f64 / total.max(1) as f64);
+        stop.flow()
+    })));
+    let result = engine.solve_with(&params, &mut |passes, residual| {
+        *reached.lock().unwrap_or_else(PoisonError::into_inner) = (passes, residual);
+        tracing::info!("pass {passes}: relative residual {residual:.3e}");
+        bar.show(passes, residual, 0.0);
+        interrupt.flow()
+    });
+    engine.set_watcher(None);
+    bar.finish();
+    result.map_err(|error| match error {
+        EngineError::Solve(
+            SolveError::Interrupted { .. } | SolveError::Operator(TransportError::Interrupted),
+        ) => Failure::Interrupted,
+        error => error.into(),
+    })
+}
+
+fn picture(
+    engine: &mut Engine,
+    rasterizer: &Rasterizer,
+    scene: &Scene,
+    solution: &Solution,
+    camera: &Camera,
+    options: &PictureOptions,
+) -> Result<Picture, Failure> {
+    let colours = engine.face_colours(solution, camera.position)?;
+    let picture: Result<Picture, ImageError> = rasterizer.render(scene, camera, &colours, options);
+    Ok(picture?)
+}
+
+fn summarise(report: &Report, directory: &Path, verbose: u8) {
+    let solve = &report.solve;
+    let residual = solve.residuals.last().copied().unwrap_or(0.0);
+    let sum = |rgb: [f64; 3]| rgb.iter().sum::<f64>();
+    let (emitted, absorbed) = (sum(report.energy.emitted), sum(report.energy.absorbed));
+    println!("device      {} ({})", report.device.name, report.device.driver);
+    println!(
+        "solved      {} triangles in {} passes to {residual:.1e}, {:.2} s",
+        report.plan.triangles,
+        solve.passes,
+        report.seconds.get("solve").copied().unwrap_or(0.0)
+    );
+    for class in &report.plan.classes {
+        println!("            {} triangles: {} ({})", class.triangles, class.modelled, class.why);
+    }
+    if emitted > 0.0 {
+        let share = 100.0 * absorbed / emitted;
+        println!("energy      {emitted:.4} W emitted, {share:.2} % absorbed, {:.2} % escaped", 100.0 - share);
+    } else {
+        println!("energy      nothing emits: the picture is black");
+    }
+    let negative = report.negative_irradiance;
+    if negative.triangles > 0 {
+        println!("negative    {} triangles, down to {:.3e} W/m²", negative.triangles, negative.minimum);
+    }
+    println!("memory      {} at the peak of {}", Bytes(report.memory.peak), Bytes(report.memory.budget));
+    if verbose > 0 {
+        for k in &report.kernels {
+            println!(
+                "kernel      {:>8.3} s in {:>5} dispatches: {}, {}",
+                k.seconds, k.dispatches, k.kernel, k.shape
+            );
+        }
+    }
+    println!("written     {}", directory.display());
+    for file in
+        report.pictures.iter().map(String::as_str).chain(["irradiance.npy", "radiosity.npy", "report.json"])
+    {
+        println!("            {}", directory.join(file).display());
+    }
+}

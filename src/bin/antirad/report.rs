@@ -1,0 +1,98 @@
+//! `report.json`: everything about a run that a script or a person may ask later.
+
+use antirad::gpu::{Device, DeviceInfo, MemoryReport};
+use antirad::plan::PlanReport;
+use antirad::{Energy, Negative, Solution};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+#[derive(Serialize)]
+pub struct Report {
+    pub scene: String,
+    pub version: &'static str,
+    pub device: DeviceReport,
+    pub warnings: Vec<String>,
+    /// Units: bytes, pairs of triangles, seconds.
+    pub plan: PlanReport,
+    pub memory: MemoryUse,
+    pub solve: SolveReport,
+    /// RGB, W.
+    pub energy: Energy,
+    /// W/m².
+    pub negative_irradiance: Negative,
+    pub pictures: Vec<String>,
+    pub seconds: BTreeMap<&'static str, f64>,
+    pub kernels: Vec<KernelReport>,
+}
+
+#[derive(Serialize)]
+pub struct DeviceReport {
+    pub name: String,
+    pub kind: String,
+    pub driver: String,
+    pub vulkan: String,
+}
+
+#[derive(Serialize)]
+pub struct MemoryUse {
+    pub budget: u64,
+    pub peak: u64,
+    pub allocated: BTreeMap<String, u64>,
+}
+
+#[derive(Serialize)]
+pub struct SolveReport {
+    pub passes: u32,
+    pub tolerance: f64,
+    pub residuals: Vec<f64>,
+    pub spectral_radius: Option<f64>,
+}
+
+#[derive(Serialize)]
+pub struct KernelReport {
+    pub kernel: String,
+    pub shape: String,
+    pub dispatches: u64,
+    pub seconds: f64,
+}
+
+impl From<&DeviceInfo> for DeviceReport {
+    fn from(info: &DeviceInfo) -> Self {
+        Self {
+            name: info.name.clone(),
+            kind: info.kind.to_string(),
+            driver: info.driver.clone(),
+            vulkan: info.api_version.clone(),
+        }
+    }
+}
+
+impl From<MemoryReport> for MemoryUse {
+    fn from(report: MemoryReport) -> Self {
+        let allocated = report.by_label.into_iter().map(|l| (l.label, l.bytes)).collect();
+        Self { budget: report.budget, peak: report.peak, allocated }
+    }
+}
+
+impl SolveReport {
+    pub fn new(solution: &Solution, tolerance: f64) -> Self {
+        let info = solution.info.clone();
+        Self {
+            passes: info.passes,
+            tolerance,
+            residuals: info.residuals,
+            spectral_radius: info.spectral_radius,
+        }
+    }
+}
+
+pub fn kernels(device: &Device) -> Vec<KernelReport> {
+    let rows = device.profile().into_iter();
+    rows.map(|row| KernelReport {
+        kernel: row.kernel,
+        shape: row.shape,
+        dispatches: row.count,
+        seconds: row.seconds,
+    })
+    .collect()
+}

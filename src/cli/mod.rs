@@ -1,0 +1,33 @@
+//! What the command-line tools share: sizes, interruption, progress, logging.
+
+mod interrupt;
+mod progress;
+mod size;
+
+pub use interrupt::Interrupt;
+pub use progress::SolveBar;
+pub use size::parse_size;
+
+/// Exit code of bad input and of work that could not be done.
+pub const EXIT_FAILURE: u8 = 2;
+/// Exit code after Ctrl-C, as shells expect it.
+pub const EXIT_INTERRUPTED: u8 = 130;
+
+/// Log lines on standard error: warnings, with `verbose` more.
+pub fn start_logging(quiet: bool, verbose: u8) {
+    let level = match (quiet, verbose) {
+        (true, _) => tracing::Level::ERROR,
+        (_, 0) => tracing::Level::WARN,
+        (_, 1) => tracing::Level::INFO,
+        _ => tracing::Level::DEBUG,
+    };
+    let colours = std::io::IsTerminal::is_terminal(&std::io::stderr());
+    // A logger that is already there stays: embedding tests call this more than once.
+    let _ = tracing_subscriber::fmt()
+        .with_max_level(level)
+        .with_writer(std::io::stderr)
+        .with_ansi(colours)
+        .with_target(false)
+        .without_time()
+        .try_init();
+}

@@ -1,0 +1,73 @@
+//! How a picture is cut up: samples, square tiles of samples, bands of tile rows that fit in memory.
+
+use std::ops::Range;
+
+use crate::scene::Camera;
+
+/// Samples a side of a tile: the kernel's workgroup.
+pub(super) const TILE: u32 = 16;
+
+/// Samples in a band, unless one row of tiles already has more. At 8 bytes a sample, and at most 16 a pixel.
+const BAND_SAMPLES: u64 = 1 << 20;
+
+/// The samples of a picture, row by row, and the bands it is made in. Bands begin at whole tiles and at whole
+/// pixels, so that they do not show.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Grid {
+    /// Samples a side of a pixel, a power of two.
+    pub side: u32,
+    /// Samples.
+    pub width: u32,
+    pub height: u32,
+    /// Tile rows in all bands but the last.
+    band_tile_rows: u32,
+}
+
+/// Some rows of samples.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Band {
+    pub first_row: u32,
+    pub rows: u32,
+}
+
+impl Grid {
+    pub fn new(camera: &Camera, side: u32) -> Self {
+        let (width, height) = (camera.width * side, camera.height * side);
+        let tile_row = u64::from(width) * u64::from(TILE);
+        let band_tile_rows = (BAND_SAMPLES / tile_row).clamp(1, u64::from(height.div_ceil(TILE))) as u32;
+        Self { side, width, height, band_tile_rows }
+    }
+
+    pub fn tile_columns(&self) -> u32 {
+        self.width.div_ceil(TILE)
+    }
+
+    /// Samples of the largest band.
+    pub fn band_samples(&self) -> u64 {
+        u64::from(self.width) * u64::from((self.band_tile_rows * TILE).min(self.height))
+    }
+
+    /// Pixels of the largest band.
+    pub fn band_pixels(&self) -> u64 {
+        self.band_samples() / u64::from(self.side * self.side)
+    }
+
+    /// Tiles of the largest band.
+    pub fn band_tiles(&self) -> u64 {
+        u64::from(self.tile_columns()) * u64::from(self.band_tile_rows)
+    }
+
+    pub fn bands(self) -> impl Iterator<Item = Band> {
+        let step = self.band_tile_rows * TILE;
+        (0..self.height)
+            .step_by(step as usize)
+            .map(move |first_row| Band { first_row, rows: step.min(self.height - first_row) })
+    }
+}
+
+impl Band {
+    /// Rows of tiles, from the top of the picture.
+    pub fn tile_rows(self) -> Range<u32> {
+        self.first_row / TILE..(self.first_row + self.rows).div_ceil(TILE)
+    }
+}

@@ -1,0 +1,36 @@
+//! Pictures of a scene: what a pinhole camera sees, from a colour per face.
+//!
+//! A regular grid of samples in each pixel finds the nearest face behind it ([`Rasterizer::visible_samples`]); a
+//! pixel is the mean over its samples ([`Rasterizer::render`]). Pictures of any size go in bands of rows, so that they
+//! take a bounded amount of device memory. Fronts have their colour; backs are black and hide what is behind them.
+//!
+//! ```no_run
+//! use antirad::gpu::{Device, DeviceOptions};
+//! use antirad::image::{PictureOptions, Rasterizer, ToneMap};
+//! # fn picture(scene: &antirad::scene::Scene) -> Result<(), antirad::image::ImageError> {
+//! let device = Device::new(&DeviceOptions::default())?;
+//! let colours = vec![[1.0, 0.5, 0.25]; scene.triangles.len()];
+//! let options = PictureOptions { supersample: 8, smooth: true };
+//! let picture = Rasterizer::new(&device)?.render(scene, &scene.cameras[0], &colours, &options)?;
+//! picture.write_png("scene.png", &ToneMap::default())?;
+//! # Ok(())
+//! # }
+//! ```
+
+mod bands;
+mod error;
+mod picture;
+mod projection;
+mod raster;
+mod resolve;
+mod smooth;
+mod tiles;
+mod tone;
+mod visibility;
+
+pub use error::ImageError;
+pub use picture::Picture;
+pub use projection::View;
+pub use raster::{MAX_SUPERSAMPLE, PictureOptions, Rasterizer};
+pub use smooth::corner_colours;
+pub use tone::{Exposure, ToneMap};

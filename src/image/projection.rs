@@ -1,0 +1,149 @@
+//! From the camera to the plane of its picture, in f64: what the kernels evaluate per sample is prepared here.
+//!
+//! Places in the picture are (x, y) in -1..1, y upwards. The ray through one is x X + y Y + Z in a frame whose axes X
+//! and Y are as long as the picture is wide, so a corner at (X, Y, Z) is seen at (X/Z, Y/Z). For corners a, b, c in
+//! that frame, the function (b × c)·(x, y, 1) changes sign where the ray crosses the edge bc: it has the sign of
+//! det = a·(b × c) on the triangle's side, and over det it is the weight of corner a at the hit, over the depth there.
+//! All this holds for corners behind the camera too; nothing is clipped.
+
+use glam::DVec3;
+
+use crate::scene::Camera;
+
+/// A bound of the error that a function of the picture whose absolute coefficients sum to 1 has when an f32 kernel
+/// evaluates it: eight roundings. Edges are moved outwards by so much, and every sample on a shared edge or corner
+/// is on at least one of the faces: no cracks. The nearest one, then the first one wins where they overlap.
+pub(super) const ROUNDING: f64 = 8.0 / (1 << 24) as f64;
+
+/// Below this sine of the angle at which a plane is seen, f64 cannot tell its front from its back.
+const EDGE_ON: f64 = 1e-13;
+
+/// Where a camera stands and looks, with an orthonormal frame.
+#[derive(Clone, Debug)]
+pub struct View {
+    pub position: DVec3,
+    pub right: DVec3,
+    pub up: DVec3,
+    pub forward: DVec3,
+    /// Tangents of half the fields of view; their ratio is that of width to height.
+    pub tan_half_x: f64,
+    pub tan_half_y: f64,
+    width: f64,
+    height: f64,
+}
+
+impl View {
+    /// The camera must be sound, see [`Camera::check`].
+    pub fn new(camera: &Camera) -> Self {
+        let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+        let forward = (camera.target - camera.position).normalize();
+        let right = forward.cross(camera.up.normalize()).normalize();
+        let tan_half_x = (camera.fov_x_degrees.to_radians() / 2.0).tan();
+        Self {
+            position: camera.position,
+            right,
+            up: right.cross(forward),
+            forward,
+            tan_half_x,
+            tan_half_y: tan_half_x * height / width,
+            width,
+            height,
+        }
+    }
+
+    /// The unit direction of the ray through a place in pixels: from the left edge, and from the top one, downwards.
+    pub fn ray(&self, column: f64, row: f64) -> DVec3 {
+        let x = (2.0 * column / self.width - 1.0) * self.tan_half_x;
+        let y = (1.0 - 2.0 * row / self.height) * self.tan_half_y;
+        (x * self.right + y * self.up + self.forward).normalize()
+    }
+
+    fn to_frame(&self, point: DVec3) -> DVec3 {
+        let from_camera = point - self.position;
+        DVec3::new(
+            from_camera.dot(self.right) / self.tan_half_x,
+            from_camera.dot(self.up) / self.tan_half_y,
+            from_camera.dot(self.forward),
+        )
+    }
+
+    /// None if the triangle cannot be seen: behind the camera, outside of the picture, seen edge-on, or without area.
+    pub(super) fn project(&self, number: u32, corners: [DVec3; 3]) -> Option<Projected> {
+        let [a, b, c] = corners.map(|corner| self.to_frame(corner));
+        let normal = (b - a).cross(c - a);
+        let det = normal.dot(a);
+        if a.z.max(b.z).max(c.z) <= 0.0 || det.abs() <= EDGE_ON * normal.length() * a.length() {
+            return None;
+        }
+        let bounds = Bounds::of([a, b, c])?;
+        let edges = [b.cross(c), c.cross(a), a.cross(b)].map(|edge| edge * det.signum());
+        // The frame is left-handed: this is the other way round than in the scene.
+        let front = det > 0.0;
+        let mut inverse_depth = normal / det;
+        if front {
+            // Of the two sides of a sheet, which differ by rounding only, the front is seen.
+            inverse_depth.z += ROUNDING * l1(inverse_depth);
+        }
+        Some(Projected {
+            number,
+            front,
+            bounds,
+            edges: edges.map(|edge| {
+                let size = l1(edge);
+                let mut unit = if size > 0.0 { edge / size } else { edge };
+                unit.z += ROUNDING;
+                unit
+            }),
+            inverse_depth,
+        })
+    }
+
+    /// The functions of the picture that are the weights of a face's corners over the depth.
+    pub(super) fn corner_weights(&self, corners: [DVec3; 3]) -> [DVec3; 3] {
+        let [a, b, c] = corners.map(|corner| self.to_frame(corner));
+        let det = (b - a).cross(c - a).dot(a);
+        [b.cross(c), c.cross(a), a.cross(b)].map(|edge| edge / det)
+    }
+}
+
+/// A triangle as the picture sees it. Functions of the picture are (a, b, c) of a x + b y + c.
+#[derive(Clone, Debug)]
+pub(super) struct Projected {
+    /// In the scene.
+    pub number: u32,
+    pub front: bool,
+    pub bounds: Bounds,
+    /// At least zero on the triangle; the absolute coefficients sum to 1, before the move by [`ROUNDING`].
+    pub edges: [DVec3; 3],
+    pub inverse_depth: DVec3,
+}
+
+/// A part of the picture.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bounds {
+    pub x: [f64; 2],
+    pub y: [f64; 2],
+}
+
+impl Bounds {
+    const PICTURE: Self = Self { x: [-1.0, 1.0], y: [-1.0, 1.0] };
+
+    /// What holds the triangle and its outwards move; none if that is outside of the picture. Behind the camera
+    /// nothing bounds a triangle but its edges.
+    fn of(corners: [DVec3; 3]) -> Option<Self> {
+        const MARGIN: f64 = 1e-5;
+        if corners.iter().any(|corner| corner.z <= 0.0) {
+            return Some(Self::PICTURE);
+        }
+        let range = |seen: [f64; 3]| {
+            let low = seen.into_iter().fold(f64::INFINITY, f64::min) - MARGIN;
+            let high = seen.into_iter().fold(f64::NEG_INFINITY, f64::max) + MARGIN;
+            (low <= 1.0 && high >= -1.0).then(|| [low.max(-1.0), high.min(1.0)])
+        };
+        Some(Self { x: range(corners.map(|p| p.x / p.z))?, y: range(corners.map(|p| p.y / p.z))? })
+    }
+}
+
+fn l1(v: DVec3) -> f64 {
+    v.abs().element_sum()
+}

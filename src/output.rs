@@ -1,0 +1,73 @@
+//! Files appear whole or not at all: a run that is interrupted leaves no half-written output behind.
+
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A file could not be written. What was there before is still there.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: cannot be written: {reason}", path.display())]
+pub struct OutputError {
+    pub path: PathBuf,
+    /// The system's reason. Not a `source`: the message holds it already.
+    pub reason: io::Error,
+}
+
+/// Calls `write` with a new file in the directory of `path`, which then takes the place of `path`. Buffering is up to
+/// `write`. What is not a regular file (`/dev/stdout`, a pipe) is written directly; links are followed.
+pub fn atomic_write(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> Result<(), OutputError> {
+    replace(path, write).map_err(|reason| OutputError { path: path.to_path_buf(), reason })
+}
+
+fn replace(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> io::Result<()> {
+    let target = match fs::metadata(path) {
+        Ok(existing) if existing.is_dir() => return Err(io::ErrorKind::IsADirectory.into()),
+        Ok(existing) if !existing.is_file() => return write(&mut File::options().write(true).open(path)?),
+        Ok(_) => fs::canonicalize(path)?,
+        Err(_) => path.to_path_buf(),
+    };
+    let directory = match target.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    // Opened here rather than by `tempfile`, whose files only their owner may read.
+    let mut file = tempfile::Builder::new()
+        .prefix(".antirad-")
+        .make_in(directory, |path| File::options().read(true).write(true).create_new(true).open(path))?;
+    write(file.as_file_mut())?;
+    file.persist(&target).map_err(|error| error.error)?;
+    Ok(())
+}
+
+/// Writes RGB rows as a float32 array [rows, 3] (NumPy's format).
+pub fn write_npy(path: &Path, rows: &[[f32; 3]]) -> Result<(), OutputError> {
+    use npyz::WriterBuilder;
+    atomic_write(path, |file| {
+        let shape = [rows.len() as u64, 3];
+        let mut writer = npyz::WriteOptions::new()
+            .default_dtype()
+            .shape(&shape)
+            .writer(io::BufWriter::new(file))
+            .begin_nd()?;
+        writer.extend(rows.iter().flatten().copied())?;
+        writer.finish()
+    })
+}
+
+/// Writes a value as indented JSON.
+pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), OutputError> {
+    atomic_write(path, |file| {
+        let mut text = serde_json::to_vec_pretty(value)?;
+        text.push(b'\n');
+        io::Write::write_all(file, &text)
+    })
+}
+
+/// Makes a directory, and finds out whether files can be made in it before any work is done for them.
+pub fn prepare_directory(path: &Path) -> Result<(), OutputError> {
+    let attempt = || {
+        fs::create_dir_all(path)?;
+        tempfile::Builder::new().prefix(".antirad-").tempfile_in(path).map(drop)
+    };
+    attempt().map_err(|reason| OutputError { path: path.to_path_buf(), reason })
+}

@@ -1,0 +1,40 @@
+//! Looking on while the device works, and stopping it.
+
+use crate::gpu::GpuError;
+use std::ops::ControlFlow;
+
+/// Called after every dispatch with the pairs done and the pairs of the whole pass; may stop the work.
+pub type Watcher = Box<dyn FnMut(u64, u64) -> ControlFlow<()> + Send>;
+
+/// Why a pass did not end.
+#[derive(Debug, thiserror::Error)]
+pub enum TransportError {
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    #[error("interrupted")]
+    Interrupted,
+}
+
+/// Counts the pairs of a pass.
+#[derive(Default)]
+pub struct Watch {
+    pub watcher: Option<Watcher>,
+    done: u64,
+    total: u64,
+}
+
+impl Watch {
+    /// A pass over `total` pairs begins.
+    pub fn begin(&mut self, total: u64) {
+        (self.done, self.total) = (0, total);
+    }
+
+    /// A dispatch over `pairs` pairs has ended.
+    pub fn done(&mut self, pairs: u64) -> Result<(), TransportError> {
+        self.done += pairs;
+        match self.watcher.as_mut().map(|watcher| watcher(self.done, self.total)) {
+            Some(ControlFlow::Break(())) => Err(TransportError::Interrupted),
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,6 @@
+//! Pictures, against what geometry says they must show, on a Vulkan device under validation.
+
+mod files;
+mod scenes;
+mod shading;
+mod visibility;

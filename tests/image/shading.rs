@@ -1,0 +1,162 @@
+//! What pixels show.
+
+use antirad::image::{Picture, PictureOptions, Rasterizer, corner_colours};
+use antirad::scene::{Camera, Material, Scene};
+use glam::{DVec2, DVec3};
+
+use crate::scenes::{Random, above, device, finish, flipped, grid, rays, scene, square, together, trace};
+
+const RED: [f32; 3] = [1.0, 0.0, 0.0];
+const BLUE: [f32; 3] = [0.0, 0.0, 2.0];
+
+fn flat(rasterizer: &Rasterizer, scene: &Scene, camera: &Camera, colours: &[[f32; 3]]) -> Picture {
+    rasterizer.render(scene, camera, colours, &PictureOptions::default()).unwrap()
+}
+
+#[test]
+fn a_square_covers_its_pixels() {
+    let device = device();
+    let rasterizer = Rasterizer::new(&device).unwrap();
+    let picture = flat(&rasterizer, &square(0.5, 0.0), &above(64, 48), &[RED; 2]);
+    assert_eq!((picture.width, picture.height), (64, 48));
+    for (at, pixel) in picture.pixels.iter().enumerate() {
+        let (x, y) = (at % 64, at / 64);
+        let inside = (16..48).contains(&x) && (8..40).contains(&y);
+        assert_eq!(*pixel, if inside { [1.0, 0.0, 0.0, 1.0] } else { [0.0; 4] }, "({x}, {y})");
+    }
+    // Right is right and up is up: only the face below the diagonal, to the right.
+    let picture = flat(&rasterizer, &square(1.0, 0.0), &above(64, 64), &[RED, BLUE]);
+    assert_eq!(picture.pixels[50 * 64 + 40], [1.0, 0.0, 0.0, 1.0]);
+    assert_eq!(picture.pixels[10 * 64 + 20], [0.0, 0.0, 2.0, 1.0]);
+
+    // Looking away.
+    let away = Camera { target: 2.0 * DVec3::Z, ..above(64, 64) };
+    let picture = flat(&rasterizer, &square(0.5, 0.0), &away, &[RED; 2]);
+    assert!(picture.pixels.iter().all(|pixel| *pixel == [0.0; 4]));
+    drop(rasterizer);
+    finish(device);
+}
+
+#[test]
+fn near_faces_hide_far_ones_and_backs_are_black() {
+    let device = device();
+    let rasterizer = Rasterizer::new(&device).unwrap();
+    let colours = [RED, RED, BLUE, BLUE];
+    // A small square before a large one, in either order of the list.
+    let (far, near) = (square(0.9, 0.0), square(0.2, 0.5));
+    for smooth in [false, true] {
+        let options = PictureOptions { smooth, ..PictureOptions::default() };
+        let centre = |scene: &Scene, colours: &[[f32; 3]]| {
+            let picture = rasterizer.render(scene, &above(32, 32), colours, &options).unwrap();
+            (picture.pixels[15 * 32 + 15], picture.pixels[6 * 32 + 6])
+        };
+        let (inner, outer) = ([0.0, 0.0, 2.0, 1.0], [1.0, 0.0, 0.0, 1.0]);
+        assert_eq!(centre(&together(&[far.clone(), near.clone()]), &colours), (inner, outer));
+        let exchanged = [BLUE, BLUE, RED, RED];
+        assert_eq!(centre(&together(&[near.clone(), far.clone()]), &exchanged), (inner, outer));
+        let back = together(&[far.clone(), flipped(near.clone())]);
+        assert_eq!(centre(&back, &colours), ([0.0, 0.0, 0.0, 1.0], outer));
+    }
+    drop(rasterizer);
+    finish(device);
+}
+
+/// More faces than the device holds colours of at a time.
+#[test]
+fn every_face_of_a_large_scene_has_its_colour() {
+    let device = device();
+    let rasterizer = Rasterizer::new(&device).unwrap();
+    let surface = grid(300, 300, |x, y| DVec3::new(x / 150.0 - 1.0, y / 150.0 - 1.0, 0.0));
+    let camera = above(60, 60);
+    let colours = Random::new(4).colours(&surface);
+    let options = PictureOptions { supersample: 1, smooth: false };
+    let picture = rasterizer.render(&surface, &camera, &colours, &options).unwrap();
+    let faces = rasterizer.visible_samples(&surface, &camera, 1).unwrap();
+    assert!(faces.iter().any(|&face| face < 2000) && faces.iter().any(|&face| face > 178_000));
+    for (pixel, face) in picture.pixels.iter().zip(faces) {
+        assert_eq!(pixel[..3], colours[face as usize]);
+    }
+    drop(rasterizer);
+    finish(device);
+}
+
+#[test]
+fn coverage_of_an_edge_is_its_area() {
+    let device = device();
+    let rasterizer = Rasterizer::new(&device).unwrap();
+    // The half plane right of a line through the picture, seen from above.
+    let normal = DVec2::from_angle(0.4);
+    let along = normal.perp();
+    let corner = |across: f64, up: f64| {
+        let at = 0.1 * normal + across * normal + up * along;
+        at.extend(0.0)
+    };
+    let half_plane = grid(1, 1, |x, y| corner(9.0 * x, 18.0 * y - 9.0));
+    for supersample in [2, 4, 16] {
+        let options = PictureOptions { supersample, smooth: false };
+        let picture = rasterizer.render(&half_plane, &above(32, 32), &[RED; 2], &options).unwrap();
+        for (at, pixel) in picture.pixels.iter().enumerate() {
+            let low = DVec2::new((at % 32) as f64 / 16.0 - 1.0, 1.0 - (at / 32) as f64 / 16.0 - 1.0 / 16.0);
+            // By a far finer grid than the picture's.
+            let fine = 200;
+            let place = |i: i32| (f64::from(i) + 0.5) / f64::from(fine) / 16.0;
+            let inside = |i: i32| {
+                let at = low + DVec2::new(place(i % fine), place(i / fine));
+                usize::from(at.dot(normal) > 0.1)
+            };
+            let area = (0..fine * fine).map(inside).sum::<usize>() as f64 / f64::from(fine * fine);
+            let error = (f64::from(pixel[3]) - area).abs();
+            assert!(error <= 1.0 / f64::from(supersample), "{supersample}: {} for {area}", pixel[3]);
+            assert_eq!(pixel[0], pixel[3]);
+        }
+    }
+    drop(rasterizer);
+    finish(device);
+}
+
+#[test]
+fn smooth_colours_are_interpolated_in_perspective() {
+    let device = device();
+    let rasterizer = Rasterizer::new(&device).unwrap();
+    // A floor from below the camera, and behind it, into the distance.
+    let floor = grid(5, 7, |x, y| DVec3::new(2.0 * x - 5.0, -1.0, 5.0 - 4.0 * y));
+    let camera = Camera { target: DVec3::new(0.2, -0.3, 0.0), ..above(48, 40) };
+    let colours = Random::new(11).colours(&floor);
+    let corners = corner_colours(&floor, &colours).unwrap();
+    let options = PictureOptions { supersample: 1, smooth: true };
+    let picture = rasterizer.render(&floor, &camera, &colours, &options).unwrap();
+    let mut compared = 0;
+    for (ray, pixel) in rays(&camera, 1).zip(&picture.pixels) {
+        if let (Some(hit), false) = trace(&floor, camera.position, ray) {
+            compared += 1;
+            for channel in 0..3 {
+                let corner = |i: usize| hit.weights[i] * f64::from(corners[hit.face as usize][i][channel]);
+                let expected: f64 = (0..3).map(corner).sum();
+                assert!((f64::from(pixel[channel]) - expected).abs() < 1e-4, "{pixel:?}: {expected}");
+            }
+        }
+    }
+    assert!(compared > 800, "{compared}");
+    drop(rasterizer);
+    finish(device);
+}
+
+#[test]
+fn corners_share_the_colours_of_their_surface() {
+    // Three faces around the origin, in vertices of their own: the second in the plane of the first and twice as large,
+    // the third at a right angle.
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    let vertices = vec![DVec3::ZERO, x, y, -DVec3::ZERO, y, -2.0 * x, DVec3::ZERO, z, y];
+    let mut scene = scene(vertices, &[[0, 1, 2], [3, 4, 5], [6, 7, 8]]);
+    let colours = [[3.0, 0.0, 1.0], [0.0, 3.0, 1.0], [9.0; 3]];
+    let mean = [1.0, 2.0, 1.0];
+    let corners = corner_colours(&scene, &colours).unwrap();
+    assert_eq!(corners[0], [mean, colours[0], mean]);
+    assert_eq!(corners[1], [mean, mean, colours[1]]);
+    assert_eq!(corners[2], [colours[2]; 3]);
+    // Another material ends a surface.
+    scene.materials.push(Material::named("other"));
+    scene.triangles[1].material = 1;
+    let corners = corner_colours(&scene, &colours).unwrap();
+    assert_eq!(corners, colours.map(|colour| [colour; 3]));
+}
