@@ -1,8 +1,7 @@
 #version 450 core
 #extension GL_GOOGLE_include_directive : require
-// U between triangles that are close to one another, integrated over pieces: quarter to quarter, and quarter of a
-// quarter to quarter of a quarter where the source's radiance varies with direction and two quarters are close for
-// their own size. Each piece of the source counts with Lambert's polygon formula from the centroid of each piece of the
+// U between triangles that are close to one another, integrated over pieces: quarter to quarter, and for radiance that
+// varies with direction, where two quarters are close for their own size, quarter of a quarter to quarter of a quarter. Each piece of the source counts with Lambert's polygon formula from the centroid of each piece of the
 // receiver. A lane owns one receiver and walks its list of close sources. Twin: src/reference/transport.rs.
 
 #include "geometry.glsl"
@@ -53,17 +52,26 @@ uint receiver_slot, receiver_first, source_first;
 vec3 receiver_normal, source_normal, source_diffuse;
 vec3 sum = vec3(0.0);
 
-// From a piece of the source to a point of the receiver.
-void piece(vec3 p, vec3 q, vec3 r, vec3 point, float share) {
+// From a piece of the source to a point of the receiver, with the shares of the two kinds of radiance.
+void piece(vec3 p, vec3 q, vec3 r, vec3 point, float diffuse, float binned) {
     vec3 offset = point - (p + q + r) * (1.0 / 3.0);
     float side = dot(offset, source_normal);
-    float projected = projected_solid_angle(receiver_normal, p - point, q - point, r - point);
-    for (uint once = side != 0.0 && projected > 0.0 ? 1 : 0; once > 0; once--) {
-        vec3 direction = normalize(offset);
-        vec3 value = (share * projected)
-            * leaving(source_normal, source_diffuse, source_first, direction, side > 0.0);
-        deposit(receiver_normal, receiver_first, -direction, value);
-        sum += value;
+    bool front = side > 0.0;
+    diffuse = front ? diffuse : 0.0;
+    binned = (SOURCE_FRONT && front) || (SOURCE_BACK && !front) ? binned : 0.0;
+    // A loop that may run zero times: an `if` would not skip the work on a device that executes both sides.
+    for (uint once = side != 0.0 && (diffuse > 0.0 || binned > 0.0) ? 1 : 0; once > 0; once--) {
+        float projected = projected_solid_angle(receiver_normal, p - point, q - point, r - point);
+        for (uint seen = projected > 0.0 ? 1 : 0; seen > 0; seen--) {
+            vec3 direction = normalize(offset);
+            vec3 value = diffuse * source_diffuse;
+            for (uint needed = binned > 0.0 ? 1 : 0; needed > 0; needed--) {
+                value += binned * binned_radiance(source_normal, source_first, direction, front);
+            }
+            value *= projected;
+            deposit(receiver_normal, receiver_first, -direction, value);
+            sum += value;
+        }
     }
 }
 
@@ -108,14 +116,12 @@ void main() {
                 vec3 d = point - (p + q + r) * (1.0 / 3.0);
                 far = far_share(dot(d, d), range * QUARTER_RANGE);
             }
-            for (uint once = far > 0.0 ? 1 : 0; once > 0; once--) {
-                piece(p, q, r, point, near * far * (1.0 / 4.0));
-            }
+            piece(p, q, r, point, near * (1.0 / 4.0), near * far * (1.0 / 4.0));
             for (uint finer = far < 1.0 ? 0 : 16; finer < 16; finer++) {
                 vec3 p2 = p, q2 = q, r2 = r, e2 = e, f2 = f, g2 = g;
                 quarter(finer & 3, p2, q2, r2);
                 quarter(finer >> 2, e2, f2, g2);
-                piece(p2, q2, r2, (e2 + f2 + g2) * (1.0 / 3.0), near * (1.0 - far) * (1.0 / 16.0));
+                piece(p2, q2, r2, (e2 + f2 + g2) * (1.0 / 3.0), 0.0, near * (1.0 - far) * (1.0 / 16.0));
             }
         }
     }

@@ -29,7 +29,7 @@ void main() {
         Facet f = facets[i];
         vec3 to_eye = eye - f.centre;
         vec3 direction = to_eye * inversesqrt(max(dot(to_eye, to_eye), R2_MIN));
-        vec3 colour = leaving(f.normal, radiance[i].rgb, (i - begin) * BINS, direction, true);
+        vec3 colour = radiance[i].rgb + binned_radiance(f.normal, (i - begin) * BINS, direction, true);
         colours[i] = vec4(dot(to_eye, f.normal) > 0.0 ? colour : vec3(0.0), 0.0);
     }
 }

@@ -12,21 +12,20 @@ layout(constant_id = 8) const bool SOURCE_FRONT = false;
         result += t.weight[tap] * value;                                                   \
     }
 
-// `direction` is that in which light travels. `first`: first bin of the source in its page.
-vec3 leaving(vec3 normal, vec3 diffuse, uint first, vec3 direction, bool front) {
-    vec3 result = front ? diffuse : vec3(0.0);
+// The part of the radiance that varies with direction: specular from the front, and from the back the negative of what
+// arrived at the front. `direction` is that in which light travels; `first`: first bin of the source in its page.
+vec3 binned_radiance(vec3 normal, uint first, vec3 direction, bool front) {
+    vec3 result = vec3(0.0);
     if (SOURCE_BACK || SOURCE_FRONT) {
         // What leaves the back arrived at the front from the opposite direction.
         Taps t = taps((front ? direction : -direction) * orthonormal_basis(normal));
-        vec3 binned = vec3(0.0);
         if (SOURCE_FRONT && front) {
-            GATHER(specular, first, t, binned)
+            GATHER(specular, first, t, result)
         }
         if (SOURCE_BACK && !front) {
-            GATHER(antiradiance, first, t, binned)
-            binned = -binned;
+            GATHER(antiradiance, first, t, result)
+            result = -result;
         }
-        result += binned;
     }
     return result;
 }

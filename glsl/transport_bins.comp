@@ -59,7 +59,9 @@ void main() {
                 // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.
                 for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
                     vec3 direction = d * inversesqrt(r2);
-                    vec3 value = weight * leaving(n, l, (i - source_page) * BINS, direction, from > 0.0);
+                    bool front = from > 0.0;
+                    vec3 binned = binned_radiance(n, (i - source_page) * BINS, direction, front);
+                    vec3 value = weight * (front ? l + binned : binned);
                     deposit(receiver.normal, receiver_first, -direction, value);
                     sum += value;
                 }

@@ -105,20 +105,29 @@ impl Model {
 }
 
 impl Leaving {
-    /// Radiance that leaves triangle `i` in a direction of the world: from its front, or from its back, where it is
-    /// the negative of what arrived at the front in the same direction.
+    /// Radiance that leaves triangle `i` in a direction of the world, from its front or its back.
     pub fn radiance(&self, model: &Model, i: usize, direction: DVec3, front: bool) -> DVec3 {
+        self.diffuse(i, front) + self.binned(model, i, direction, front)
+    }
+
+    /// The part that is the same in all directions.
+    pub fn diffuse(&self, i: usize, front: bool) -> DVec3 {
+        if front { self.diffuse[i] } else { DVec3::ZERO }
+    }
+
+    /// The part that varies with direction: specular radiance from the front, and from the back the negative of what
+    /// arrived at the front in the same direction.
+    pub fn binned(&self, model: &Model, i: usize, direction: DVec3, front: bool) -> DVec3 {
         let gather = |values: &[DVec3], direction: DVec3| -> DVec3 {
             let Some(range) = model.bins_of(i) else { return DVec3::ZERO };
             let taps = model.bins.taps(model.facets[i].to_local(direction));
             taps.iter().map(|&(b, weight)| weight * values[range.start + b]).sum()
         };
         match (front, model.classes[i]) {
-            (true, class) if class.glossy => self.diffuse[i] + gather(&self.specular, direction),
-            (true, _) => self.diffuse[i],
+            (true, class) if class.glossy => gather(&self.specular, direction),
             // Light that leaves the back in `direction` arrived at the front from the opposite one.
             (false, class) if class.blocker => -gather(&self.antiradiance, -direction),
-            (false, _) => DVec3::ZERO,
+            _ => DVec3::ZERO,
         }
     }
 }

@@ -78,26 +78,22 @@ impl<'a> Arriving<'a> {
         }
     }
 
-    /// Quarter to quarter; and where the source's radiance varies with direction and two quarters are close for their
-    /// own size, quarter of a quarter to quarter of a quarter.
+    /// Quarter to quarter; and for radiance that varies with direction, where two quarters are close for their own size,
+    /// quarter of a quarter to quarter of a quarter.
     fn near(&mut self, leaving: &Leaving, i: usize, share: f64) {
         let source = &self.model.facets[i];
         for to in quarters(self.receiver.corners) {
             for from in quarters(source.corners) {
+                let r2 = (centroid(to) - centroid(from)).length_squared();
                 let far = match self.model.classes[i].has_bins() {
-                    true => {
-                        let r2 = (centroid(to) - centroid(from)).length_squared();
-                        far_share(r2, self.model.range(i, self.j) * QUARTER_RANGE)
-                    }
+                    true => far_share(r2, self.model.range(i, self.j) * QUARTER_RANGE),
                     false => 1.0,
                 };
-                if far > 0.0 {
-                    self.piece(leaving, i, from, centroid(to), share * far / 4.0);
-                }
+                self.piece(leaving, i, from, centroid(to), share / 4.0, share * far / 4.0);
                 if far < 1.0 {
                     for to in quarters(to) {
                         for from in quarters(from) {
-                            self.piece(leaving, i, from, centroid(to), share * (1.0 - far) / 16.0);
+                            self.piece(leaving, i, from, centroid(to), 0.0, share * (1.0 - far) / 16.0);
                         }
                     }
                 }
@@ -105,16 +101,26 @@ impl<'a> Arriving<'a> {
         }
     }
 
-    /// From a piece of the source to a point of the receiver: Lambert's polygon formula, exact for uniform radiance.
-    fn piece(&mut self, leaving: &Leaving, i: usize, from: [DVec3; 3], point: DVec3, share: f64) {
+    /// From a piece of the source to a point of the receiver, by Lambert's polygon formula, which is exact for uniform
+    /// radiance: `diffuse` and `binned` are the shares of the two kinds of radiance.
+    fn piece(
+        &mut self,
+        leaving: &Leaving,
+        i: usize,
+        from: [DVec3; 3],
+        point: DVec3,
+        diffuse: f64,
+        binned: f64,
+    ) {
         let source = &self.model.facets[i];
         let offset = point - centroid(from);
         let side = offset.dot(source.normal);
         let projected = projected_solid_angle(point, self.receiver.normal, from);
         if side != 0.0 && projected > 0.0 {
             let direction = offset.normalize();
-            let radiance = leaving.radiance(self.model, i, direction, side > 0.0);
-            self.deposit(-direction, radiance * (share * projected));
+            let radiance = diffuse * leaving.diffuse(i, side > 0.0)
+                + binned * leaving.binned(self.model, i, direction, side > 0.0);
+            self.deposit(-direction, radiance * projected);
         }
     }
 

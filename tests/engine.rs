@@ -1,0 +1,238 @@
+//! What must not matter, does not: how work is cut up, what is left out, which run it is, which solver.
+
+mod support;
+
+use antirad::plan::{Limits, Plan, PlanError};
+use antirad::reference::{Model, emission, transport};
+use antirad::scene::{Accuracy, Material, Scene, Shape, SolverChoice, Triangle};
+use antirad::solve::{FixedPointParams, SolveError, fixed_point};
+use antirad::{Engine, EngineError, SolveParams};
+use glam::DVec3;
+use std::ops::ControlFlow;
+use support::{areas, device, finish, load, relative_l2, solve, solve_within};
+
+/// A room with a lamp under the ceiling and a box on the floor.
+fn room(cells: u32, albedo: f64) -> Scene {
+    let grey = Material { albedo: [albedo; 3], ..Material::named("grey") };
+    let red = Material { albedo: [albedo, 0.3 * albedo, 0.2 * albedo], ..Material::named("red") };
+    let lamp = Material { emission: [10.0, 9.0, 7.0], ..Material::named("lamp") };
+    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+    let mut add = |shape: Shape, material: u32, place: &dyn Fn(DVec3) -> DVec3| {
+        let (points, faces) = shape.mesh();
+        let first = vertices.len() as u32;
+        vertices.extend(points.into_iter().map(place));
+        triangles.extend(faces.into_iter().map(|f| Triangle { vertices: f.map(|v| v + first), material }));
+    };
+    add(Shape::Room { cells }, 0, &|x| x);
+    add(Shape::Box { cells: cells.div_ceil(2) }, 1, &|x| {
+        x * DVec3::new(0.3, 0.4, 0.3) + DVec3::new(0.35, 0.001, 0.3)
+    });
+    // Facing down.
+    add(Shape::Quad { cells: 2 }, 2, &|x| DVec3::new(0.3 + 0.4 * x.x, 0.95, 0.7 - 0.4 * x.z));
+    let mut scene = Scene::new("room", vertices, triangles, vec![grey, red, lamp]).expect("a scene");
+    // A quad facing up, turned over.
+    let turned: Vec<Triangle> = scene.triangles.clone();
+    for (i, t) in turned.iter().enumerate().filter(|(_, t)| t.material == 2) {
+        let [a, b, c] = scene.corners(i);
+        if (b - a).cross(c - a).y > 0.0 {
+            scene.triangles[i].vertices = [t.vertices[0], t.vertices[2], t.vertices[1]];
+        }
+    }
+    scene
+}
+
+fn tight(scene: &Scene) -> Accuracy {
+    Accuracy { tolerance: 1e-6, ..scene.accuracy }
+}
+
+#[test]
+fn culling_tiles_and_pages_change_nothing() {
+    let device = device();
+    let scene = load("scenes/cornell_boxes.toml");
+    let accuracy = tight(&scene);
+    let usual = Limits::of(&device);
+    let (engine, truth) = solve_within(&device, &scene, &accuracy, &usual);
+    assert!(engine.plan().pairs().culled > 0);
+    let areas = areas(&scene);
+    for (name, limits) in [
+        ("no culling", Limits { cull: false, ..usual }),
+        ("tiles of 32", Limits { tile: 32, ..usual }),
+        ("pages of 1 MiB", Limits { page: 1 << 20, ..usual }),
+    ] {
+        let (engine, other) = solve_within(&device, &scene, &accuracy, &limits);
+        let error = relative_l2(&other.irradiance, &truth.irradiance, &areas);
+        println!("{name}: {error:.2e}, {} groups", engine.plan().layout.groups.len());
+        assert!(error <= 1e-5, "{name}: {error:e}");
+    }
+    finish(&device);
+}
+
+#[test]
+fn the_same_run_twice_gives_the_same_bytes() {
+    let scene = load("scenes/cornell_boxes.toml");
+    let run = || {
+        let device = device();
+        let (mut engine, solution) = solve(&device, &scene, &scene.accuracy);
+        let colours = engine.face_colours(&solution, scene.cameras[0].position).expect("colours");
+        finish(&device);
+        (solution.irradiance.clone(), solution.radiosity.clone(), colours)
+    };
+    let (first, second) = (run(), run());
+    let bytes = |v: &[[f32; 3]]| bytemuck::cast_slice::<_, u8>(v).to_vec();
+    assert!(bytes(&first.0) == bytes(&second.0));
+    assert!(bytes(&first.1) == bytes(&second.1));
+    assert!(bytes(&first.2) == bytes(&second.2));
+}
+
+#[test]
+fn solving_again_on_the_same_engine_gives_the_same() {
+    let device = device();
+    let scene = room(4, 0.5);
+    let (mut engine, first) = solve(&device, &scene, &scene.accuracy);
+    let second = engine.solve(&SolveParams::from(&scene.accuracy)).expect("a solution");
+    assert_eq!(first.irradiance, second.irradiance);
+    finish(&device);
+}
+
+#[test]
+fn solvers_agree_with_each_other_and_with_the_reference() {
+    let device = device();
+    let scene = room(4, 0.7);
+    let model = Model::new(&scene);
+    let mut operator = &model;
+    let params = FixedPointParams { tolerance: 1e-9, max_passes: 200 };
+    let (truth, info) =
+        fixed_point(&mut operator, &params, &mut |_, _| ControlFlow::Continue(())).expect("a reference");
+    assert!(info.spectral_radius.is_some_and(|r| r > 0.1 && r < 1.0), "{info:?}");
+    let truth: Vec<[f32; 3]> = truth.irradiance.iter().map(|h| h.as_vec3().to_array()).collect();
+    for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
+        let accuracy = Accuracy { solver, tolerance: 1e-6, ..scene.accuracy };
+        let (_engine, solution) = solve(&device, &scene, &accuracy);
+        let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
+        println!("{solver:?}: {} passes, {error:.2e}", solution.info.passes);
+        assert!(error <= 1e-5, "{solver:?}: {error:e}");
+        assert!(solution.info.residuals.iter().all(|r| r.is_finite()));
+    }
+    finish(&device);
+}
+
+/// Triangles that the plan gives no bins change nothing when they get some.
+#[test]
+fn classes_are_exact() {
+    let scene = room(3, 0.6);
+    let planned = Model::new(&scene);
+    let without = planned.classes.iter().filter(|c| !c.has_bins()).count();
+    assert!(without > 50 && without < planned.classes.len(), "{without}");
+    let everything = planned.classes.iter().map(|&c| antirad::plan::Class { blocker: true, ..c }).collect();
+    let everything = Model::with_classes(&scene, everything);
+    let bounces = |model: &Model| {
+        let mut state = transport(model, &emission(model));
+        for _ in 0..3 {
+            state = transport(model, &model.leave(&state));
+        }
+        state.irradiance
+    };
+    for (a, b) in bounces(&planned).iter().zip(bounces(&everything)) {
+        assert!((*a - b).length() <= 1e-12 * (1.0 + b.length()), "{a} {b}");
+    }
+}
+
+#[test]
+fn a_grey_scene_has_one_channel_and_the_same_answer() {
+    let device = device();
+    let mut scene = room(4, 0.5);
+    scene.materials[1].albedo = [0.5; 3];
+    scene.materials[2].emission = [5.0; 3];
+    let (engine, grey) = solve(&device, &scene, &tight(&scene));
+    assert_eq!(engine.plan().channels, 1);
+    // A touch of colour: three channels.
+    scene.materials[2].emission = [5.0, 5.0, 4.999_999];
+    let (engine, coloured) = solve(&device, &scene, &tight(&scene));
+    assert_eq!(engine.plan().channels, 3);
+    assert!(relative_l2(&grey.irradiance, &coloured.irradiance, &areas(&scene)) <= 1e-5);
+    finish(&device);
+}
+
+#[test]
+fn no_light_is_black() {
+    let device = device();
+    let mut scene = room(3, 0.5);
+    scene.materials[2].emission = [0.0; 3];
+    for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
+        let (_engine, solution) = solve(&device, &scene, &Accuracy { solver, ..scene.accuracy });
+        assert!(solution.irradiance.iter().flatten().all(|&h| h == 0.0));
+    }
+    finish(&device);
+}
+
+#[test]
+fn one_triangle() {
+    let device = device();
+    let lamp = Material { emission: [1.0; 3], ..Material::named("lamp") };
+    let triangle = Triangle { vertices: [0, 1, 2], material: 0 };
+    let scene = Scene::new("one", vec![DVec3::ZERO, DVec3::X, DVec3::Y], vec![triangle], vec![lamp])
+        .expect("a scene");
+    let (mut engine, solution) = solve(&device, &scene, &scene.accuracy);
+    assert_eq!(solution.irradiance, [[0.0; 3]]);
+    let front = engine.face_colours(&solution, DVec3::new(0.2, 0.2, 3.0)).expect("colours");
+    let back = engine.face_colours(&solution, DVec3::new(0.2, 0.2, -3.0)).expect("colours");
+    assert_eq!((front[0], back[0]), ([1.0; 3], [0.0; 3]));
+    finish(&device);
+}
+
+#[test]
+fn too_few_passes_and_interruption_say_what_was_reached() {
+    let device = device();
+    let scene = room(3, 0.8);
+    for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
+        let accuracy = Accuracy { solver, ..scene.accuracy };
+        let plan = Plan::new(&scene, &Limits::of(&device), &accuracy).expect("a plan");
+        let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
+        match engine.solve(&SolveParams { tolerance: 1e-6, max_passes: 3 }) {
+            Err(EngineError::Solve(SolveError::NoConvergence { passes: 3, residual, residuals, .. })) => {
+                assert!(residual > 1e-6 && residual < 1.0 && residuals.len() == 3);
+            }
+            other => panic!("{:?}", other.err()),
+        }
+        let mut stop =
+            |passes, _| if passes < 2 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        match engine.solve_with(&SolveParams { tolerance: 1e-6, max_passes: 100 }, &mut stop) {
+            Err(EngineError::Solve(SolveError::Interrupted { passes: 2 })) => {}
+            other => panic!("{:?}", other.err()),
+        }
+        // And works on afterwards.
+        engine.solve(&SolveParams { tolerance: 1e-4, max_passes: 100 }).expect("a solution");
+    }
+    finish(&device);
+}
+
+#[test]
+fn a_budget_too_small_names_one_that_does() {
+    let device = device();
+    let scene = room(4, 0.5);
+    let small = Limits { memory_budget: 1 << 20, ..Limits::of(&device) };
+    let Err(PlanError::OverBudget { needed, .. }) = Plan::new(&scene, &small, &scene.accuracy) else {
+        panic!("1 MiB is too little for the staging buffers alone");
+    };
+    let limits = Limits { memory_budget: needed, ..small };
+    let plan = Plan::new(&scene, &limits, &scene.accuracy).expect("a plan");
+    assert!(plan.memory().total() <= needed);
+    Engine::new(&device, &scene, plan).expect("an engine");
+    finish(&device);
+}
+
+/// Every scene that comes with the project solves, with finite light everywhere.
+#[test]
+fn shipped_scenes_solve() {
+    let device = device();
+    for name in ["closed_box", "integrating_sphere", "two_rooms", "glossy_floor"] {
+        let scene = load(&format!("scenes/{name}.toml"));
+        let (_engine, solution) = solve(&device, &scene, &scene.accuracy);
+        let share: Vec<f64> =
+            (0..3).map(|c| solution.energy.absorbed[c] / solution.energy.emitted[c]).collect();
+        println!("{name}: {} passes, absorbed {share:.4?}, {:?}", solution.info.passes, solution.negative);
+        assert!(solution.irradiance.iter().flatten().all(|h| h.is_finite()));
+        assert!(share.iter().all(|&s| s > 0.0 && s <= 1.05), "{name}: {share:?}");
+    }
+    finish(&device);
+}
