@@ -71,7 +71,11 @@ fn words(spv: &Path) -> Result<Vec<u32>, String> {
 
 /// Runs `spirv-val` where there is one: a second opinion that most hosts have, not worth a dependency.
 fn validate(shader: &Path, spv: &Path) -> Result<(), String> {
-    match Command::new("spirv-val").args(["--target-env", "vulkan1.2"]).arg(spv).output() {
+    match Command::new("spirv-val")
+        .args(["--target-env", "vulkan1.2", "--scalar-block-layout"])
+        .arg(spv)
+        .output()
+    {
         Ok(output) if output.status.success() => Ok(()),
         Ok(output) => {
             Err(format!("{}: spirv-val: {}", shader.display(), text(&output.stdout, &output.stderr)))

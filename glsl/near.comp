@@ -1,4 +1,5 @@
 #version 450 core
+#extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 // U between triangles that are close to one another, integrated over pieces: quarter to quarter, and for radiance that
 // varies with direction, where two quarters are close for their own size, quarter of a quarter to quarter of a quarter. Each piece of the source counts with Lambert's polygon formula from the centroid of each piece of the
@@ -15,8 +16,11 @@ layout(std430, binding = 1) readonly buffer Radiance { vec4 radiance[]; };
 layout(std430, binding = 2) readonly buffer Corners { vec4 corners[]; };
 layout(std430, binding = 3) buffer Irradiance { vec4 irradiance[]; };
 layout(std430, binding = 4) readonly buffer Antiradiance { float antiradiance[]; };
+layout(scalar, binding = 4) readonly buffer AntiradianceRgb { vec3 antiradiance_rgb[]; };
 layout(std430, binding = 5) readonly buffer Specular { float specular[]; };
+layout(scalar, binding = 5) readonly buffer SpecularRgb { vec3 specular_rgb[]; };
 layout(std430, binding = 6) buffer Arriving { float arriving[]; };
+layout(scalar, binding = 6) buffer ArrivingRgb { vec3 arriving_rgb[]; };
 // Of each receiver: where its list starts in `near_sources`. One entry more than there are slots.
 layout(std430, binding = 7) readonly buffer NearOffsets { uint near_offsets[]; };
 // Slots of close sources, rising within each list.
@@ -69,7 +73,7 @@ void piece(vec3 p, vec3 q, vec3 r, vec3 point, float diffuse, float binned) {
                 value += binned * binned_radiance(source_normal, source_first, direction, front);
             }
             value *= projected;
-            deposit(receiver_normal, receiver_first, -direction, value);
+            deposit(receiver_normal, -direction, value);
             sum += value;
         }
     }
@@ -82,6 +86,7 @@ void main() {
     receiver_first = (j - receiver_page) * BINS;
     Facet receiver = facets[j];
     receiver_normal = receiver.normal;
+    clear_deposits();
     vec3 a = corners[3 * j].xyz, b = corners[3 * j + 1].xyz, c = corners[3 * j + 2].xyz;
     uint end = near_offsets[j + 1];
     // The first source of the range, by bisection.
@@ -127,5 +132,6 @@ void main() {
     }
     if (active_lane) {
         irradiance[receiver_slot].rgb += sum;
+        flush_deposits(receiver_first);
     }
 }

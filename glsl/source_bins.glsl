@@ -1,15 +1,16 @@
 #ifndef SOURCE_BINS_GLSL
 #define SOURCE_BINS_GLSL
-// Radiance of a source in a direction. Expects `antiradiance` and `specular` arrays of float.
+// Radiance of a source per direction bin. Expects the buffers of bins of the source: `antiradiance` and `specular` as
+// arrays of float, and the same memory as arrays of packed vec3, `antiradiance_rgb` and `specular_rgb`, which takes one
+// load where the other takes three.
 
 layout(constant_id = 7) const bool SOURCE_BACK = false;
 layout(constant_id = 8) const bool SOURCE_FRONT = false;
 
-#define GATHER(values, first, t, result)                                                   \
-    for (uint tap = 0; tap < 4; tap++) {                                                   \
-        uint at = ((first) + t.bin[tap]) * CHANNELS;                                       \
-        vec3 value = CHANNELS == 1 ? vec3(values[at]) : vec3(values[at], values[at + 1], values[at + 2]); \
-        result += t.weight[tap] * value;                                                   \
+#define GATHER(grey, rgb, first, t, result)                                                       \
+    for (uint tap = 0; tap < 4; tap++) {                                                          \
+        uint at = (first) + t.bin[tap];                                                           \
+        result += t.weight[tap] * (CHANNELS == 1 ? vec3(grey[at]) : rgb[at]);                     \
     }
 
 // The part of the radiance that varies with direction: specular from the front, and from the back the negative of what
@@ -20,10 +21,10 @@ vec3 binned_radiance(vec3 normal, uint first, vec3 direction, bool front) {
         // What leaves the back arrived at the front from the opposite direction.
         Taps t = taps((front ? direction : -direction) * orthonormal_basis(normal));
         if (SOURCE_FRONT && front) {
-            GATHER(specular, first, t, result)
+            GATHER(specular, specular_rgb, first, t, result)
         }
         if (SOURCE_BACK && !front) {
-            GATHER(antiradiance, first, t, result)
+            GATHER(antiradiance, antiradiance_rgb, first, t, result)
             result = -result;
         }
     }

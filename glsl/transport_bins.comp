@@ -1,5 +1,6 @@
 #version 450 core
 #extension GL_KHR_shader_subgroup_ballot : require
+#extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 // U where source, receiver or both have bins, point to point:
 //     H_j(b) += T_b(ω_j) max(cos_j, 0) |cos_i| g_ij a_i · (front: L_i(ω_i); back: -A_i(ω_i)).
@@ -19,8 +20,11 @@ layout(std430, binding = 1) readonly buffer Radiance { vec4 radiance[]; };
 layout(std430, binding = 2) readonly buffer TilePairs { uint tile_pairs[]; };
 layout(std430, binding = 3) buffer Irradiance { vec4 irradiance[]; };
 layout(std430, binding = 4) readonly buffer Antiradiance { float antiradiance[]; };
+layout(scalar, binding = 4) readonly buffer AntiradianceRgb { vec3 antiradiance_rgb[]; };
 layout(std430, binding = 5) readonly buffer Specular { float specular[]; };
+layout(scalar, binding = 5) readonly buffer SpecularRgb { vec3 specular_rgb[]; };
 layout(std430, binding = 6) buffer Arriving { float arriving[]; };
+layout(scalar, binding = 6) buffer ArrivingRgb { vec3 arriving_rgb[]; };
 
 #include "far_push.glsl"
 #include "source_bins.glsl"
@@ -32,6 +36,7 @@ void main() {
     Facet receiver = facets[j];
     uint receiver_first = (j - receiver_page) * BINS;
     vec3 sum = vec3(0.0);
+    clear_deposits();
     for (uint source_tile = source_begin; source_tile < source_end; source_tile++) {
         uint flags = pair_flags(tile, source_tile);
         bool fronts = (flags & PAIR_FRONT) != 0;
@@ -62,7 +67,7 @@ void main() {
                     bool front = from > 0.0;
                     vec3 binned = binned_radiance(n, (i - source_page) * BINS, direction, front);
                     vec3 value = weight * (front ? l + binned : binned);
-                    deposit(receiver.normal, receiver_first, -direction, value);
+                    deposit(receiver.normal, -direction, value);
                     sum += value;
                 }
             }
@@ -70,6 +75,7 @@ void main() {
         if ((source_tile + 1) % FLUSH_TILES == 0 || source_tile + 1 == source_end) {
             irradiance[j].rgb += sum;
             sum = vec3(0.0);
+            flush_deposits(receiver_first);
         }
     }
 }

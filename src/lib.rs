@@ -1,4 +1,39 @@
-//! antirad: differentiable directional radiosity with implicit visibility.
+//! Directional radiosity with implicit visibility: how light spreads through a scene of triangles, over all bounces and
+//! with shadows, on a Vulkan compute device. The solver runs forwards; gradients are not written yet.
+//!
+//! What leaves the triangles is C = (1 - (K - J) U)⁻¹ E. E emits; U carries light between all pairs, through
+//! everything; K reflects; J lets what a triangle blocks leave its back as negative light, *antiradiance*, which cancels
+//! what should not have passed. The solvers find H = U C, what arrives.
+//!
+//! ```no_run
+//! use antirad::gpu::{Device, DeviceOptions};
+//! use antirad::image::{PictureOptions, Rasterizer, ToneMap};
+//! use antirad::plan::{Limits, Plan};
+//! use antirad::scene::{LoadOptions, Scene};
+//! use antirad::{Engine, SolveParams};
+//! use std::path::Path;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let device = Device::new(&DeviceOptions::default())?;
+//! let scene = Scene::load(Path::new("scenes/cornell_boxes.toml"), &LoadOptions::default())?;
+//! let plan = Plan::new(&scene, &Limits::of(&device), &scene.accuracy)?;
+//! let mut engine = Engine::new(&device, &scene, plan)?;
+//! let solution = engine.solve(&SolveParams::from(&scene.accuracy))?;
+//! println!("{:?} W/m² arrive at triangle 0", solution.irradiance[0]);
+//!
+//! let camera = &scene.cameras[0];
+//! let colours = engine.face_colours(&solution, camera.position)?;
+//! let options = PictureOptions::default();
+//! let picture = Rasterizer::new(&device)?.render(&scene, camera, &colours, &options)?;
+//! picture.write_png("room.png", &ToneMap::default())?;
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! In the order in which data passes: [`scene`] (what is given, checked), [`plan`] (what is to be done, without a device),
+//! [`gpu`] (Vulkan), [`transport`] (the operators U, K, J, S on the device), [`solve`] (solvers, for any operator),
+//! [`Engine`] (all of it together), [`image`] (pictures). [`mod@reference`] is the f64 twin that the kernels are tested
+//! against. SI units, RGB.
 pub mod cli;
 mod engine;
 pub mod gpu;

@@ -255,7 +255,9 @@ fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<
     let queues = [vk::DeviceQueueCreateInfo::default()
         .queue_family_index(candidate.queue_family)
         .queue_priorities(&[1.0])];
+    let mut layout = vk::PhysicalDeviceScalarBlockLayoutFeatures::default().scalar_block_layout(true);
     let mut create = vk::DeviceCreateInfo::default()
+        .push_next(&mut layout)
         .queue_create_infos(&queues)
         .enabled_extension_names(&names)
         .enabled_features(&features);

@@ -130,10 +130,7 @@ impl Candidate {
         if core.api_version < API_VERSION {
             missing.push(format!("Vulkan 1.2 (it has {})", info.api_version));
         } else {
-            let broadcasts = from_extended(instance, physical, &extensions, &mut info);
-            if !broadcasts {
-                missing.push("subgroup broadcasts in compute shaders".to_owned());
-            }
+            missing.extend(from_extended(instance, physical, &extensions, &mut info));
         }
         if timestamp_bits == 0 {
             info.timestamp_period_ns = 0.0;
@@ -184,13 +181,13 @@ fn from_core(core: &vk::PhysicalDeviceProperties, name: String) -> DeviceInfo {
     }
 }
 
-/// What a device of Vulkan 1.2 tells in addition; the result: whether compute shaders can broadcast in a subgroup.
+/// What a device of Vulkan 1.2 tells in addition; the result: what it lacks.
 fn from_extended(
     instance: &Instance,
     physical: vk::PhysicalDevice,
     extensions: &[vk::ExtensionProperties],
     info: &mut DeviceInfo,
-) -> bool {
+) -> Vec<String> {
     let sizes_listed = has_extension(extensions, ext::subgroup_size_control::NAME);
     let atomics_listed = has_extension(extensions, ext::shader_atomic_float::NAME);
 
@@ -204,7 +201,8 @@ fn from_extended(
         .push_next(&mut allocation);
     let mut size_control = vk::PhysicalDeviceSubgroupSizeControlFeatures::default();
     let mut atomics = vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT::default();
-    let mut features = vk::PhysicalDeviceFeatures2::default();
+    let mut layout = vk::PhysicalDeviceScalarBlockLayoutFeatures::default();
+    let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut layout);
     if sizes_listed {
         properties = properties.push_next(&mut sizes);
         features = features.push_next(&mut size_control);
@@ -242,8 +240,13 @@ fn from_extended(
         debug_utils: instance.debug_utils(),
     };
     info.available_bytes = available_bytes(instance, physical, extensions);
-    subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
-        && subgroup.supported_operations.contains(SUBGROUP_OPERATIONS)
+    let broadcasts = subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
+        && subgroup.supported_operations.contains(SUBGROUP_OPERATIONS);
+    let needs = [
+        (broadcasts, "subgroup broadcasts in compute shaders"),
+        (layout.scalar_block_layout == vk::TRUE, "scalarBlockLayout"),
+    ];
+    needs.into_iter().filter(|(there, _)| !there).map(|(_, what)| what.to_owned()).collect()
 }
 
 /// Index and size of the largest device-local heap.
