@@ -82,8 +82,8 @@ fn main() {
         let pairs = of(case.pairs.0) * of(case.pairs.1);
         let buffers = SceneBuffers::new(&device, &case.scene, &plan).expect("buffers");
         let mut operators = Operators::new(&device, plan, buffers).expect("operators");
-        let mut x = operators.vector("x").expect("a vector");
-        let mut y = operators.vector("y").expect("a vector");
+        let mut x = operators.vector().expect("a vector");
+        let mut y = operators.vector().expect("a vector");
         operators.pass(None, true, &mut x).expect("a pass");
         let mut fastest = f64::INFINITY;
         for _ in 0..REPEATS {

@@ -47,7 +47,8 @@ impl From<&Accuracy> for SolveParams {
 pub struct Energy {
     pub emitted: [f64; 3],
     pub absorbed: [f64; 3],
-    /// Emitted and not absorbed: what leaves an open scene, and of a closed one the error of the discretisation.
+    /// Emitted and not absorbed by fronts: what leaves an open scene or falls on black backs, and the error of the
+    /// discretisation.
     pub escaped: [f64; 3],
 }
 

@@ -174,7 +174,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
             }
         }
     }
-    let x = operators.vector("x").expect("a vector");
+    let x = operators.vector().expect("a vector");
     let irradiance = by_slot(&plan, |i| state.irradiance[i]);
     operators.set(&x, &irradiance, &to_pages(&model, &plan, &state.bins)).expect("an upload");
 
@@ -194,7 +194,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
         relative(&from_pages(&model, &plan, &given.antiradiance, total), &antiradiance),
     ));
 
-    let mut y = operators.vector("y").expect("a vector");
+    let mut y = operators.vector().expect("a vector");
     operators.pass(Some(&x), true, &mut y).expect("a pass");
     let arriving = transport(&model, &leaving);
     let irradiance = operators.irradiance(&y).expect("irradiance");

@@ -8,7 +8,8 @@ use super::info::Enabled;
 use super::instance::Instance;
 use super::survey::Candidate;
 
-/// A Vulkan 1.2 device of the embedder, who keeps owning it.
+/// A Vulkan 1.2 device of the embedder, who keeps owning it. It must have been created with the feature
+/// `scalarBlockLayout`.
 #[derive(Clone)]
 pub struct RawDevice {
     pub entry: ash::Entry,
@@ -29,7 +30,7 @@ impl Device {
     ///
     /// # Safety
     /// - The handles are alive, belong together, and outlive the result and all that is made from it.
-    /// - The device was created for Vulkan 1.2, with `enabled`.
+    /// - The device was created for Vulkan 1.2, with `scalarBlockLayout` and with `enabled`.
     /// - Nobody else uses `queue` during a call into this library.
     pub unsafe fn from_raw(raw: RawDevice) -> Result<Self> {
         let RawDevice { entry, instance, physical_device, device, queue_family, queue, .. } = raw;

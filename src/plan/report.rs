@@ -3,7 +3,7 @@
 use super::{MemoryItem, PADDING, Plan, PlannedSolver};
 use std::fmt;
 
-/// Million pairs per second that estimates of time count on: two cores of a CPU driver.
+/// Pairs per second that estimates of time count on: two cores of a CPU driver.
 const IRRADIANCE_RATE: f64 = 300e6;
 const BINS_RATE: f64 = 15e6;
 const NEAR_RATE: f64 = 0.5e6;

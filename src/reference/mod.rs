@@ -1,4 +1,4 @@
-//! An f64 twin of every kernel on the CPU, written to be read: the truth that the kernels are tested against.
+//! An f64 twin of every kernel of light on the CPU, written to be read: the truth that the kernels are tested against.
 
 mod geometry;
 mod go_through;

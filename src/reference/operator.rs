@@ -9,7 +9,7 @@ impl LightOperator for &Model {
     type Vector = State;
     type Error = Infallible;
 
-    fn vector(&mut self, _label: &str) -> Result<State, Infallible> {
+    fn vector(&mut self) -> Result<State, Infallible> {
         Ok(self.zero())
     }
 

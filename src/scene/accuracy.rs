@@ -100,7 +100,8 @@ pub struct Accuracy {
     /// Pairs with r² < `subsample` · (s_i + s_j) / 2 are integrated over sub-triangles, s = Σl²/(4√3) being the
     /// area of the equilateral triangle with the same sum of squared edges. 0 switches the near field off.
     pub subsample: f64,
-    /// Relative residual of the radiosity at which the solve stops.
+    /// Relative residual of the irradiance, area-weighted, at which the solve stops: a bound of that of the
+    /// radiosity that sees black surfaces too.
     pub tolerance: f64,
     /// Passes (applications of the transport) after which the solve gives up.
     pub max_passes: u32,

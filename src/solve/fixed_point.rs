@@ -16,8 +16,8 @@ pub fn fixed_point<O: LightOperator>(
     progress: &mut Progress,
 ) -> Result<(O::Vector, SolveInfo), SolveError<O::Error>> {
     let mut watch = Watch::new(params.tolerance, params.max_passes, progress);
-    let mut old = operator.vector("state")?;
-    let mut new = operator.vector("state, next")?;
+    let mut old = operator.vector()?;
+    let mut new = operator.vector()?;
     operator.pass(None, true, &mut old)?;
     if operator.magnitude(&old)? == 0.0 {
         watch.pass(0.0)?;
@@ -32,7 +32,15 @@ pub fn fixed_point<O: LightOperator>(
         std::mem::swap(&mut old, &mut new);
         watch.pass(residual)?;
         if watch.converged(residual) {
-            return Ok((old, watch.info()));
+            let info = watch.info();
+            return Ok((old, SolveInfo { spectral_radius: decay(&info.residuals), ..info }));
         }
     }
+}
+
+/// Mean factor of the last residuals.
+fn decay(residuals: &[f64]) -> Option<f64> {
+    let tail = &residuals[residuals.len().saturating_sub(5)..];
+    let (first, last) = (tail.first()?, tail.last()?);
+    (tail.len() >= 3 && *first > 0.0).then(|| (last / first).powf(1.0 / (tail.len() as f64 - 1.0)))
 }

@@ -25,8 +25,8 @@ pub fn gmres<O: LightOperator>(
     progress: &mut Progress,
 ) -> Result<(O::Vector, SolveInfo), SolveError<O::Error>> {
     let mut watch = Watch::new(params.tolerance, params.max_passes, progress);
-    let mut solution = operator.vector("state")?;
-    let mut basis = vec![operator.vector("Krylov basis")?];
+    let mut solution = operator.vector()?;
+    let mut basis = vec![operator.vector()?];
     let mut started = false;
     loop {
         // r = U (E + (K - J) x) - x, in the first basis vector.
@@ -74,7 +74,7 @@ impl Cycle {
         let mut cycle = Self { columns: Vec::new(), rotations: Vec::new(), rhs: vec![beta] };
         for k in 0..params.restart.max(1) as usize {
             if basis.len() == k + 1 {
-                basis.push(operator.vector("Krylov basis")?);
+                basis.push(operator.vector()?);
             }
             let (known, next) = basis.split_at_mut(k + 1);
             let next = &mut next[0];

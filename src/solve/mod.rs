@@ -13,8 +13,8 @@ pub trait LightOperator {
     type Vector;
     type Error;
 
-    /// A vector of zeros. `label` names it in memory reports.
-    fn vector(&mut self, label: &str) -> Result<Self::Vector, Self::Error>;
+    /// A vector of zeros.
+    fn vector(&mut self) -> Result<Self::Vector, Self::Error>;
     /// y = U (E + (K - J) x) with `emission`, y = U (K - J) x without. `None` stands for x = 0.
     fn pass(
         &mut self,
@@ -40,7 +40,8 @@ pub struct SolveInfo {
     pub passes: u32,
     /// Relative residual after each pass; of GMRES its own running estimate, the last one verified.
     pub residuals: Vec<f64>,
-    /// Estimate of the spectral radius of U (K - J), from the decay of the residual.
+    /// Estimate of the spectral radius of U (K - J), from the decay of the residual: of the fixed point alone, GMRES
+    /// having a decay of its own.
     pub spectral_radius: Option<f64>,
 }
 
@@ -116,13 +117,6 @@ impl<'a, 'b> Watch<'a, 'b> {
     }
 
     fn info(self) -> SolveInfo {
-        let r = &self.residuals;
-        let tail = r.len().min(5);
-        let decay = |k: usize| (r[r.len() - 1] / r[r.len() - k]).powf(1.0 / (k as f64 - 1.0));
-        SolveInfo {
-            passes: self.passes(),
-            spectral_radius: (tail >= 3 && r[r.len() - tail] > 0.0).then(|| decay(tail)),
-            residuals: self.residuals,
-        }
+        SolveInfo { passes: self.passes(), spectral_radius: None, residuals: self.residuals }
     }
 }

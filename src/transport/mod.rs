@@ -157,7 +157,7 @@ impl LightOperator for Operators {
     type Vector = State;
     type Error = TransportError;
 
-    fn vector(&mut self, _label: &str) -> Result<State, TransportError> {
+    fn vector(&mut self) -> Result<State, TransportError> {
         let state = self.pool.take(&self.context.device, &self.context.plan)?;
         self.vectors.clear(&self.context, &state)?;
         Ok(state)

@@ -89,10 +89,10 @@ fn pipelines_and_dispatches_are_checked() {
     };
     assert!(matches!(new(2, 132, None), Some(GpuError::PushTooLarge { bytes: 132, .. })));
     assert!(matches!(new(2, 6, None), Some(GpuError::PushTooLarge { .. })));
-    assert!(matches!(new(1000, 8, None), Some(GpuError::TooManyBindings { .. })));
-    assert!(matches!(new(2, 8, Some(3)), Some(GpuError::SubgroupSize { .. })));
-    assert!(matches!(new(2, 8, Some(4096)), Some(GpuError::SubgroupSize { .. })));
-    assert!(new(2, 8, Some(device.info().subgroup_size)).is_none());
+    assert!(matches!(new(1000, AXPY_PUSH, None), Some(GpuError::TooManyBindings { .. })));
+    assert!(matches!(new(2, AXPY_PUSH, Some(3)), Some(GpuError::SubgroupSize { .. })));
+    assert!(matches!(new(2, AXPY_PUSH, Some(4096)), Some(GpuError::SubgroupSize { .. })));
+    assert!(new(2, AXPY_PUSH, Some(device.info().subgroup_size)).is_none());
 
     let pipeline = axpy_pipeline(&device);
     let x = filled(&device, "x", &[0.0]);
@@ -106,7 +106,7 @@ fn pipelines_and_dispatches_are_checked() {
     let error = dispatch(&[x.whole()], &push, one);
     assert!(matches!(error, GpuError::WrongArguments { given: 1, wanted: 2, .. }));
     let error = dispatch(&[x.whole(), x.whole()], &push[1..], one);
-    assert!(matches!(error, GpuError::WrongArguments { given: 7, wanted: 8, .. }));
+    assert!(matches!(error, GpuError::WrongArguments { given: 11, wanted: 12, .. }));
     let error = dispatch(&[x.whole(), x.whole()], &push, [1, u32::MAX, 1]);
     assert!(matches!(error, GpuError::TooManyGroups { .. }));
     let error = dispatch(&[x.whole(), other.whole()], &push, one);

@@ -55,7 +55,7 @@ fn parse_exposure(text: &str) -> Result<Exposure, String> {
     }
 }
 
-/// Seconds by stage, in the order of the stages.
+/// Seconds by stage.
 struct Stages {
     seconds: BTreeMap<&'static str, f64>,
     last: Instant,
