@@ -16,6 +16,8 @@ layout(push_constant) uniform FarPush {
     // First slots of the pages that are bound.
     uint receiver_page;
     uint source_page;
+    // What may pass: PAIR_BACK is left out in a pass of emission alone.
+    uint passing;
 };
 
 const uint PAIR_FRONT = 1;
@@ -24,7 +26,7 @@ const uint PAIR_NEAR = 4;
 const uint FLUSH_TILES = 64;
 
 uint pair_flags(uint receiver, uint source) {
-    return tile_pairs[receiver * row_words + (source >> 3)] >> ((source & 7) * 4) & 15u;
+    return tile_pairs[receiver * row_words + (source >> 3)] >> ((source & 7) * 4) & passing;
 }
 
 #endif

@@ -25,6 +25,8 @@ layout(scalar, binding = 6) buffer ArrivingRgb { vec3 arriving_rgb[]; };
 layout(std430, binding = 7) readonly buffer NearOffsets { uint near_offsets[]; };
 // Slots of close sources, rising within each list.
 layout(std430, binding = 8) readonly buffer NearSources { uint near_sources[]; };
+// Centre of each bin in the frame of the triangle, and c_b.
+layout(std430, binding = 9) readonly buffer BinTable { vec4 bin_table[]; };
 
 layout(push_constant) uniform NearPush {
     // Receivers, from slot `receiver_begin` to before `receiver_end`.
@@ -36,6 +38,8 @@ layout(push_constant) uniform NearPush {
     float half_range;
     uint receiver_page;
     uint source_page;
+    // 1 where backs let antiradiance out, 0 in a pass of emission alone.
+    uint backs;
 };
 
 #include "source_bins.glsl"
@@ -62,7 +66,7 @@ void piece(vec3 p, vec3 q, vec3 r, vec3 point, float diffuse, float binned) {
     float side = dot(offset, source_normal);
     bool front = side > 0.0;
     diffuse = front ? diffuse : 0.0;
-    binned = (SOURCE_FRONT && front) || (SOURCE_BACK && !front) ? binned : 0.0;
+    binned = (SOURCE_FRONT && front) || (SOURCE_BACK && !front && backs != 0) ? binned : 0.0;
     // A loop that may run zero times: an `if` would not skip the work on a device that executes both sides.
     for (uint once = side != 0.0 && (diffuse > 0.0 || binned > 0.0) ? 1 : 0; once > 0; once--) {
         float projected = projected_solid_angle(receiver_normal, p - point, q - point, r - point);

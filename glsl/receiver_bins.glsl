@@ -3,7 +3,7 @@
 // Irradiance into the bins of a receiver. A lane owns a receiver and gathers its bins in memory of its own, which costs
 // a CPU driver a third of what buffers do, being neither masked nor bounds-checked. Only one lane ever writes a
 // receiver's bins: no atomics, and the same sums in the same order from run to run. Expects the
-// buffer of the receivers' bins, `arriving` as an array of float and `arriving_rgb` as one of packed vec3.
+// buffer of the receivers' bins, `arriving` as an array of float and `arriving_rgb` as one of packed vec3, and `bin_table`.
 
 layout(constant_id = 9) const bool RECEIVER_BINS = false;
 const uint GREY_DEPOSITS = RECEIVER_BINS && CHANNELS == 1 ? BINS : 1;
@@ -35,14 +35,15 @@ void deposit(vec3 normal, vec3 direction, vec3 value) {
     }
 }
 
-// Adds what was gathered to the receiver's bins. `first`: its first bin in its page.
+// Adds what was gathered to the receiver's bins, as radiance: H(b) / c_b. `first`: its first bin in its page.
 void flush_deposits(uint first) {
     if (RECEIVER_BINS) {
         for (uint at = 0; at < BINS; at++) {
+            float to_radiance = 1.0 / bin_table[at].w;
             if (CHANNELS == 1) {
-                arriving[first + at] += grey_deposits[at];
+                arriving[first + at] += grey_deposits[at] * to_radiance;
             } else {
-                arriving_rgb[first + at] += rgb_deposits[at];
+                arriving_rgb[first + at] += rgb_deposits[at] * to_radiance;
             }
         }
         clear_deposits();

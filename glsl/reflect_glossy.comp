@@ -38,7 +38,7 @@ void main() {
         float cosine = h.z * inversesqrt(max(dot(h, h), 1e-20));
         float lobe = s.power > 0.0 ? pow(max(cosine, 1e-20), s.power) : 1.0;
         uint from = (triangle * BINS + b) * CHANNELS;
-        sum += lobe * (CHANNELS == 1 ? vec3(arriving[from])
+        sum += lobe * bin_table[b].w * (CHANNELS == 1 ? vec3(arriving[from])
                                      : vec3(arriving[from], arriving[from + 1], arriving[from + 2]));
     }
     for (uint c = 0; c < CHANNELS; c++) {

@@ -13,8 +13,8 @@ layout(constant_id = 8) const bool SOURCE_FRONT = false;
         result += t.weight[tap] * (CHANNELS == 1 ? vec3(grey[at]) : rgb[at]);                     \
     }
 
-// The part of the radiance that varies with direction: specular from the front, and from the back the negative of what
-// arrived at the front. `direction` is that in which light travels; `first`: first bin of the source in its page.
+// The part of the radiance that varies with direction: specular from the front, and from the back (J) the negative of
+// what arrived at the front, which is the state itself: its bins hold A(b) = H(b) / c_b. `direction` is that in which light travels; `first`: first bin of the source in its page.
 vec3 binned_radiance(vec3 normal, uint first, vec3 direction, bool front) {
     vec3 result = vec3(0.0);
     if (SOURCE_BACK || SOURCE_FRONT) {

@@ -25,6 +25,8 @@ layout(std430, binding = 5) readonly buffer Specular { float specular[]; };
 layout(scalar, binding = 5) readonly buffer SpecularRgb { vec3 specular_rgb[]; };
 layout(std430, binding = 6) buffer Arriving { float arriving[]; };
 layout(scalar, binding = 6) buffer ArrivingRgb { vec3 arriving_rgb[]; };
+// Centre of each bin in the frame of the triangle, and c_b.
+layout(std430, binding = 7) readonly buffer BinTable { vec4 bin_table[]; };
 
 #include "far_push.glsl"
 #include "source_bins.glsl"

@@ -168,9 +168,9 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
         state.irradiance[j] = light(());
         if let Some(range) = model.bins_of(j) {
             state.irradiance[j] = DVec3::ZERO;
-            for b in range {
+            for (b, c) in range.zip(&model.bins.projected) {
                 state.bins[b] = light(());
-                state.irradiance[j] += state.bins[b];
+                state.irradiance[j] += *c * state.bins[b];
             }
         }
     }
@@ -188,12 +188,6 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
     errors.push(("reflect", relative(&rgb_of(&plan, &given.radiance), &flat(&leaving.diffuse))));
     let specular = of_class(&model, &leaving.specular, |c| c.glossy);
     errors.push(("reflect_glossy", relative(&from_pages(&model, &plan, &given.specular, total), &specular)));
-    let antiradiance = of_class(&model, &leaving.antiradiance, |c| c.blocker);
-    errors.push((
-        "go_through",
-        relative(&from_pages(&model, &plan, &given.antiradiance, total), &antiradiance),
-    ));
-
     let mut y = operators.vector().expect("a vector");
     operators.pass(Some(&x), true, &mut y).expect("a pass");
     let arriving = transport(&model, &leaving);
@@ -336,6 +330,7 @@ fn layouts_agree_with_the_shaders() {
                 "half_range" = half_range,
                 "receiver_page" = receiver_page,
                 "source_page" = source_page,
+                "passing" = passing,
             ]
         );
     }
@@ -351,6 +346,7 @@ fn layouts_agree_with_the_shaders() {
             "half_range" = half_range,
             "receiver_page" = receiver_page,
             "source_page" = source_page,
+            "backs" = backs,
         ]
     );
     check!(
@@ -365,7 +361,6 @@ fn layouts_agree_with_the_shaders() {
         GlossyPush,
         ["page" = page, "first" = first, "count" = count]
     );
-    check!(shaders::GO_THROUGH, "ThroughPush", ThroughPush, ["count" = count]);
     check!(shaders::OBSERVE, "ObservePush", ObservePush, ["eye" = eye, "begin" = begin, "end" = end]);
     check!(shaders::COMBINE, "Push", CombinePush, ["count" = count, "a" = a, "b" = b]);
     check!(shaders::DOT, "DotPush", DotPush, ["count" = count]);

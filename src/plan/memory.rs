@@ -60,9 +60,6 @@ impl MemoryPlan {
             let bytes =
                 u64::from((group.tiles.end - group.tiles.start) * plan.layout.tile) * plan.bin_bytes();
             memory.add("state: bins", bytes, vectors);
-            if group.class.blocker {
-                memory.add("antiradiance", bytes, 1);
-            }
             if group.class.glossy {
                 memory.add("specular radiance", bytes, 1);
             }

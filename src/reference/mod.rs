@@ -1,7 +1,6 @@
 //! An f64 twin of every kernel of light on the CPU, written to be read: the truth that the kernels are tested against.
 
 mod geometry;
-mod go_through;
 mod near_field;
 mod observation;
 mod operator;
@@ -9,7 +8,6 @@ mod reflection;
 mod transport;
 
 pub use geometry::{Facet, orthonormal_basis};
-pub use go_through::go_through;
 pub use near_field::{QUARTER_RANGE, far_share, projected_solid_angle};
 pub use observation::observe;
 pub use reflection::{emission, reflect};
@@ -31,11 +29,13 @@ pub struct Model {
     slots: Vec<Option<usize>>,
 }
 
-/// H: what arrives. RGB, W/m².
+/// What arrives. RGB.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
+    /// E, W/m².
     pub irradiance: Vec<DVec3>,
-    /// Irradiance per bin, B for each triangle that has bins.
+    /// Incident radiance per bin, H(b) / c_b, W/(m² sr), B for each triangle that has bins. In this form J is the
+    /// identity: what arrived at the front of a blocker leaves its back as antiradiance A(b).
     pub bins: Vec<DVec3>,
 }
 
@@ -99,7 +99,7 @@ impl Model {
     /// (K - J) H, without emission.
     pub fn leave(&self, state: &State) -> Leaving {
         let mut leaving = reflect(self, state);
-        leaving.antiradiance = go_through(self, state);
+        leaving.antiradiance = state.bins.clone();
         leaving
     }
 }

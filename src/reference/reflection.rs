@@ -40,7 +40,8 @@ fn specular(model: &Model, i: usize, arriving: &[DVec3]) -> Vec<DVec3> {
         .iter()
         .map(|&out| {
             let lobe = |b: usize| (centre[b] + out).normalize_or_zero().z.max(0.0).powf(material.power);
-            scale * arriving.iter().enumerate().map(|(b, &h)| lobe(b) * h).sum::<DVec3>()
+            let irradiance = |b: usize| model.bins.projected[b] * arriving[b];
+            scale * (0..centre.len()).map(|b| lobe(b) * irradiance(b)).sum::<DVec3>()
         })
         .collect()
 }

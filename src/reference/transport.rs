@@ -7,7 +7,8 @@ use super::{Leaving, Model, State};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// H_j(b) += T_b(ω_j) max(cos_j, 0) g_ij a_i |cos_i| · (front: L_i(ω_i); back: -A_i(ω_i)), for all i and j.
+/// H_j(b) += T_b(ω_j) max(cos_j, 0) g_ij a_i |cos_i| · (front: L_i(ω_i); back: -A_i(ω_i)), for all i and j; the state
+/// keeps H_j(b) / c_b.
 pub fn transport(model: &Model, leaving: &Leaving) -> State {
     let arriving: Vec<Arriving> = (0..model.facets.len())
         .into_par_iter()
@@ -23,7 +24,9 @@ pub fn transport(model: &Model, leaving: &Leaving) -> State {
     for (j, arriving) in arriving.into_iter().enumerate() {
         state.irradiance[j] = arriving.irradiance;
         if let Some(range) = model.bins_of(j) {
-            state.bins[range].copy_from_slice(&arriving.bins);
+            for ((bin, h), c) in state.bins[range].iter_mut().zip(arriving.bins).zip(&model.bins.projected) {
+                *bin = h / *c;
+            }
         }
     }
     state

@@ -5,7 +5,7 @@ use super::state::State;
 use super::watch::{TransportError, Watch};
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{BufferSlice, Device, GpuError, Pipeline};
-use crate::plan::{Group, Plan};
+use crate::plan::{Group, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::ops::Range;
@@ -21,6 +21,7 @@ pub struct FarPush {
     pub half_range: f32,
     pub receiver_page: u32,
     pub source_page: u32,
+    pub passing: u32,
 }
 
 /// `NearPush` of glsl/near.comp.
@@ -34,6 +35,7 @@ pub struct NearPush {
     pub half_range: f32,
     pub receiver_page: u32,
     pub source_page: u32,
+    pub backs: u32,
 }
 
 /// Tiles of sources after which sums go to memory (FLUSH_TILES of glsl/far_push.glsl): dispatches end on multiples of
@@ -92,12 +94,12 @@ impl Exchange {
         let push = size_of::<FarPush>() as u32;
         let far = if from.class.has_bins() || receiver_bins {
             let constants = [&tiles[..], &constants].concat();
-            Pipeline::new(device, &shaders::TRANSPORT_BINS, 7, push, &constants, Some(self.lanes))?
+            Pipeline::new(device, &shaders::TRANSPORT_BINS, 8, push, &constants, Some(self.lanes))?
         } else {
             Pipeline::new(device, &shaders::TRANSPORT_IRRADIANCE, 4, push, &tiles, Some(self.lanes))?
         };
         let constants = [&[(0, WORKGROUP)][..], &constants].concat();
-        let near = Pipeline::new(device, &shaders::NEAR, 9, size_of::<NearPush>() as u32, &constants, None)?;
+        let near = Pipeline::new(device, &shaders::NEAR, 10, size_of::<NearPush>() as u32, &constants, None)?;
         let source = match (blocker, glossy) {
             (false, false) => "fronts",
             (true, false) => "fronts and backs",
@@ -116,8 +118,14 @@ impl Exchange {
         })
     }
 
-    /// y += U leaving.
-    pub fn run(&mut self, context: &Context, y: &State, watch: &mut Watch) -> Result<(), TransportError> {
+    /// y += U (leaving - J x); without `x` nothing leaves the backs.
+    pub fn run(
+        &mut self,
+        context: &Context,
+        x: Option<&State>,
+        y: &State,
+        watch: &mut Watch,
+    ) -> Result<(), TransportError> {
         let Context { plan, scene, leaving, .. } = context;
         let slots = u64::from(plan.layout.slots());
         watch.begin(slots * slots + plan.near.sources.len() as u64 * NEAR_COST);
@@ -128,7 +136,8 @@ impl Exchange {
                 let bound = Bound {
                     context,
                     irradiance: y.irradiance.whole(),
-                    antiradiance: leaving.antiradiance[s].as_ref().unwrap_or(none).whole(),
+                    antiradiance: x.and_then(|x| x.bins[s].as_ref()).unwrap_or(none).whole(),
+                    backs: x.is_some(),
                     specular: leaving.specular[s].as_ref().unwrap_or(none).whole(),
                     arriving: y.bins[t].as_ref().unwrap_or(none).whole(),
                 };
@@ -147,6 +156,8 @@ struct Bound<'a> {
     context: &'a Context,
     irradiance: BufferSlice<'a>,
     antiradiance: BufferSlice<'a>,
+    /// Whether there is antiradiance.
+    backs: bool,
     specular: BufferSlice<'a>,
     arriving: BufferSlice<'a>,
 }
@@ -166,7 +177,7 @@ impl Kernels {
         let mut buffers =
             vec![scene.facets.whole(), leaving.radiance.whole(), scene.tile_pairs.whole(), bound.irradiance];
         if with_bins {
-            buffers.extend([bound.antiradiance, bound.specular, bound.arriving]);
+            buffers.extend([bound.antiradiance, bound.specular, bound.arriving, scene.bin_table.whole()]);
         }
         let mut begin = to.tiles.start;
         while begin < to.tiles.end {
@@ -189,6 +200,7 @@ impl Kernels {
                     half_range: 0.5 * plan.accuracy.subsample as f32,
                     receiver_page: to.tiles.start * tile,
                     source_page: from.tiles.start * tile,
+                    passing: PAIR_FRONT | PAIR_NEAR | if bound.backs { PAIR_BACK } else { 0 },
                 };
                 let groups = [rows, if with_bins { tile / lanes } else { 1 }, 1];
                 let mut batch = device.batch()?;
@@ -222,6 +234,7 @@ impl Kernels {
             bound.arriving,
             scene.near_offsets.whole(),
             scene.near_sources.whole(),
+            scene.bin_table.whole(),
         ];
         let (receivers, sources) = (plan.layout.slots_of(&to.tiles), plan.layout.slots_of(&from.tiles));
         let offsets = &plan.near.offsets;
@@ -242,6 +255,7 @@ impl Kernels {
                     half_range: 0.5 * plan.accuracy.subsample as f32,
                     receiver_page: receivers.start,
                     source_page: sources.start,
+                    backs: u32::from(bound.backs),
                 };
                 let mut batch = device.batch()?;
                 let groups = [(end - begin).div_ceil(WORKGROUP), 1, 1];

@@ -1,9 +1,9 @@
-//! The operators of C = (1 - (K - J) U)^-1 E on the device, one file each: [`exchange`] (U), [`reflection`] (K),
-//! [`go_through`] (J), [`observation`] (S). Each is the host side of one or two kernels in `glsl/` and has an f64 twin
+//! The operators of C = (1 - (K - J) U)^-1 E on the device, one file each: `exchange` (U), `reflection` (K),
+//! `observation` (S). J needs no kernel: the bins of a state hold H(b) / c_b, which is what leaves the back of a blocker
+//! as antiradiance. Each is the host side of one or two kernels in `glsl/` and has an f64 twin
 //! in [`crate::reference`].
 
 mod exchange;
-mod go_through;
 mod observation;
 mod pace;
 mod reflection;
@@ -17,7 +17,6 @@ pub use scene_buffers::{FacetData, SceneBuffers, SurfaceData};
 pub use state::{Leaving, State};
 
 pub use exchange::{FarPush, NearPush};
-pub use go_through::ThroughPush;
 pub use observation::ObservePush;
 pub use reflection::{GlossyPush, ReflectPush};
 pub use vectors::{CombinePush, DotPush};
@@ -42,7 +41,6 @@ pub struct Operators {
     pool: state::Pool,
     exchange: exchange::Exchange,
     reflection: reflection::Reflection,
-    go_through: go_through::GoThrough,
     observation: observation::Observation,
     vectors: vectors::Vectors,
     watch: watch::Watch,
@@ -68,7 +66,6 @@ impl Operators {
             pool: state::Pool::new(device, &plan)?,
             exchange: exchange::Exchange::new(device, &plan)?,
             reflection: reflection::Reflection::new(device, &plan)?,
-            go_through: go_through::GoThrough::new(device, &plan)?,
             observation: observation::Observation::new(device, &plan)?,
             vectors: vectors::Vectors::new(device)?,
             watch: watch::Watch::default(),
@@ -85,10 +82,9 @@ impl Operators {
         self.watch.watcher = watcher;
     }
 
-    /// Makes the triangles emit, and reflect and block what arrives: E + (K - J) x.
+    /// Makes the fronts emit and reflect what arrives: E + K x.
     fn leave(&mut self, x: Option<&State>, emission: bool) -> Result<(), GpuError> {
-        self.reflection.run(&self.context, x, emission)?;
-        self.go_through.run(&self.context, x)
+        self.reflection.run(&self.context, x, emission)
     }
 
     /// Radiance of every slot towards `eye` (metres), W/(m² sr): S (E + (K - J) x).
@@ -118,8 +114,8 @@ impl Operators {
         Ok(())
     }
 
-    /// What leaves under `x`, emission included: diffuse radiance of every slot, and per group the specular radiance and
-    /// the antiradiance, laid out like [`Operators::bins`]. W/(m² sr).
+    /// What leaves under `x`, emission included: diffuse radiance of every slot, and per group the specular radiance,
+    /// laid out like [`Operators::bins`]. W/(m² sr).
     pub fn leaving(&mut self, x: &State) -> Result<LeavingValues, GpuError> {
         self.leave(Some(x), true)?;
         let groups = 0..self.context.plan.layout.groups.len();
@@ -130,11 +126,7 @@ impl Operators {
                 self.context.plan.layout.slots().into(),
             )?,
             specular: groups
-                .clone()
                 .map(|g| self.page(&self.context.leaving.specular, g))
-                .collect::<Result<_, _>>()?,
-            antiradiance: groups
-                .map(|g| self.page(&self.context.leaving.antiradiance, g))
                 .collect::<Result<_, _>>()?,
         })
     }
@@ -150,7 +142,6 @@ impl Operators {
 pub struct LeavingValues {
     pub radiance: Vec<[f32; 4]>,
     pub specular: Vec<Option<Vec<f32>>>,
-    pub antiradiance: Vec<Option<Vec<f32>>>,
 }
 
 impl LightOperator for Operators {
@@ -166,7 +157,7 @@ impl LightOperator for Operators {
     fn pass(&mut self, x: Option<&State>, emission: bool, y: &mut State) -> Result<(), TransportError> {
         self.leave(x, emission)?;
         self.vectors.clear(&self.context, y)?;
-        self.exchange.run(&self.context, y, &mut self.watch)
+        self.exchange.run(&self.context, x, y, &mut self.watch)
     }
 
     fn dot(&mut self, x: &State, y: &State) -> Result<f64, TransportError> {

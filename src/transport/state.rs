@@ -5,25 +5,24 @@ use crate::plan::{Group, Plan};
 use std::ops::Deref;
 use std::sync::Arc;
 
-/// H: irradiance of every slot, and per bin for the groups that have bins. W/m². A handle: the memory belongs to a
+/// What arrives: irradiance of every slot, and radiance per bin for the groups that have bins. A handle: the memory belongs to a
 /// [`Pool`] and is used again when the last handle is gone.
 #[derive(Clone)]
 pub struct State(Arc<StateBuffers>);
 
 /// The memory of a state.
 pub struct StateBuffers {
-    /// vec4 per slot; the last component is unused and zero.
+    /// E, W/m², vec4 per slot; the last component is unused and zero.
     pub irradiance: Buffer,
-    /// Per group: f32 by triangle, bin, channel.
+    /// Per group: A(b) = H(b) / c_b, W/(m² sr), f32 by triangle, bin, channel. Of a blocker it is at once what leaves
+    /// the back as antiradiance: J is the identity on this state.
     pub bins: Vec<Option<Buffer>>,
 }
 
-/// E + (K - J) H: radiance of every slot, and per bin. W/(m² sr).
+/// E + K H: radiance of the fronts of every slot, and per bin. W/(m² sr).
 pub struct Leaving {
     /// Diffuse radiance of the fronts, vec4 per slot.
     pub radiance: Buffer,
-    /// Per group: A, of the blockers' backs.
-    pub antiradiance: Vec<Option<Buffer>>,
     /// Per group: specular radiance of the fronts of glossy triangles.
     pub specular: Vec<Option<Buffer>>,
 }
@@ -62,7 +61,6 @@ impl Leaving {
         let bytes = u64::from(plan.layout.slots()) * 16;
         Ok(Self {
             radiance: Buffer::new(device, "radiance", bytes, BufferKind::Storage)?,
-            antiradiance: pages(device, plan, "antiradiance", |group| group.class.blocker)?,
             specular: pages(device, plan, "specular radiance", |group| group.class.glossy)?,
         })
     }
