@@ -2,7 +2,7 @@
 
 mod support;
 
-use antirad::plan::Limits;
+use antirad::plan::{Limits, Occlusion};
 use support::{areas, device, finish, load, mean, read_npy, relative_l2, solve, solve_within};
 
 /// Mean radiosity of a closed sphere whose faces all emit exitance 1: 1 / (1 - albedo), whatever the facets.
@@ -91,7 +91,7 @@ fn cornell_boxes_without_occlusion() {
     let device = device();
     let scene = load("scenes/cornell_boxes.toml");
     let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
-    let limits = Limits { occlusion: false, ..Limits::of(&device) };
+    let limits = Limits { occlusion: Occlusion::Nothing, ..Limits::of(&device) };
     let (_engine, solution) = solve_within(&device, &scene, &scene.accuracy, &limits);
     let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
     println!("cornell_boxes without J: relative L2 {:.3} %", 100.0 * error);

@@ -1,10 +1,12 @@
 //! What the command-line tools share: sizes, interruption, progress, logging.
 
 mod interrupt;
+mod plot;
 mod progress;
 mod size;
 
 pub use interrupt::Interrupt;
+pub use plot::{Curve, LogLogPlot, slope};
 pub use progress::SolveBar;
 pub use size::parse_size;
 

@@ -40,8 +40,19 @@ pub struct Limits {
     pub page: u64,
     /// Leave out pairs of tiles that can't see each other.
     pub cull: bool,
-    /// Model what blockers hold back. Without, light goes through everything: only of use to show what that does.
-    pub occlusion: bool,
+    pub occlusion: Occlusion,
+}
+
+/// Which triangles hold light back.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Occlusion {
+    /// Those that something behind them can tell.
+    #[default]
+    Exact,
+    /// None: light goes through everything. Only of use to show what that does.
+    Nothing,
+    /// All, whether it matters or not: the same answer for the most work, to measure what that is.
+    Everything,
 }
 
 impl Default for Limits {
@@ -55,7 +66,7 @@ impl Default for Limits {
             tile: 64,
             page: 128 << 20,
             cull: true,
-            occlusion: true,
+            occlusion: Occlusion::Exact,
         }
     }
 }
@@ -135,8 +146,12 @@ impl Plan {
             .map(|i| Facet::new(scene.corners(i).map(|c| placement.apply(c))))
             .collect();
         let mut classes = classify(scene);
-        if !limits.occlusion {
-            classes.iter_mut().for_each(|class| class.blocker = false);
+        match limits.occlusion {
+            Occlusion::Exact => {}
+            Occlusion::Nothing => classes.iter_mut().for_each(|class| class.blocker = false),
+            Occlusion::Everything => {
+                classes.iter_mut().zip(&facets).for_each(|(class, f)| class.blocker = f.area > 0.0);
+            }
         }
         let bins = Bins::new(accuracy.bins, accuracy.weights);
         let channels = if is_grey(scene) { 1 } else { 3 };

@@ -77,41 +77,28 @@ impl Layout {
 #[derive(Clone, Debug)]
 pub struct Tile {
     bounds: Block,
-    /// Mean normal.
-    axis: DVec3,
-    /// Sine and cosine of the largest angle between a normal and the axis; `None` beyond a right angle.
-    spread: Option<(f64, f64)>,
-    /// Smallest and largest ⟨axis, corner⟩.
-    heights: (f64, f64),
+    /// Of each triangle: normal n and height ⟨n, x⟩ of its plane.
+    planes: Vec<(DVec3, f64)>,
     /// Largest extent, m².
     extent: f64,
 }
 
 impl Tile {
     fn new(facets: &[&Facet]) -> Self {
-        let axis = facets.iter().map(|f| f.normal).sum::<DVec3>().normalize_or_zero();
-        let cosine = facets.iter().map(|f| f.normal.dot(axis)).fold(1.0, f64::min);
-        let heights = facets.iter().flat_map(|f| f.corners).map(|c| c.dot(axis));
         Self {
             bounds: Block::around(facets.iter().copied()),
-            axis,
-            spread: (cosine > 0.0).then(|| ((1.0 - cosine * cosine).max(0.0).sqrt(), cosine)),
-            heights: heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), h| (lo.min(h), hi.max(h))),
+            planes: facets.iter().map(|f| (f.normal, f.normal.dot(f.centroid))).collect(),
             extent: facets.iter().map(|f| f.extent).fold(0.0, f64::max),
         }
     }
 
-    /// An upper bound of the height of any corner of `other` above (`side` = 1) or below (`side` = -1) any plane of this
-    /// tile. Heights over a plane tilted by at most α against the axis grow by at most sin α times the distance.
-    fn clearance(&self, other: &Self, side: f64) -> f64 {
-        let Some((sine, cosine)) = self.spread else { return f64::INFINITY };
-        let along = if side > 0.0 {
-            -other.bounds.lowest(-self.axis) - self.heights.0
-        } else {
-            self.heights.1 - other.bounds.lowest(self.axis)
-        };
-        let span = (self.bounds.max.max(other.bounds.max) - self.bounds.min.min(other.bounds.min)).length();
-        if along > 0.0 { along + span * sine } else { along * cosine + span * sine }
+    /// True where a part of the box of `other` lies above (`side` = 1) or below (`side` = -1) the plane of some triangle
+    /// of this tile, by more than `tolerance`.
+    fn sees(&self, other: &Self, side: f64, tolerance: f64) -> bool {
+        self.planes.iter().any(|&(normal, height)| {
+            let farthest = -other.bounds.lowest(-side * normal);
+            farthest - side * height > tolerance
+        })
     }
 
     /// Squared distance of the boxes.
@@ -154,11 +141,11 @@ impl TilePairs {
             if !cull {
                 return PAIR_FRONT | back | near;
             }
-            if receiver.clearance(source, 1.0) <= tolerance {
+            if !receiver.sees(source, 1.0, tolerance) {
                 return 0;
             }
-            let front = if source.clearance(receiver, 1.0) > tolerance { PAIR_FRONT } else { 0 };
-            let back = if source.clearance(receiver, -1.0) > tolerance { back } else { 0 };
+            let front = if source.sees(receiver, 1.0, tolerance) { PAIR_FRONT } else { 0 };
+            let back = if back != 0 && source.sees(receiver, -1.0, tolerance) { back } else { 0 };
             if front | back == 0 { 0 } else { front | back | near }
         };
         let mut flags = vec![0u32; tiles.len() * row_words];

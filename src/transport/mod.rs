@@ -114,6 +114,11 @@ impl Operators {
         Ok(())
     }
 
+    /// Sets every value of a state to the same: light everywhere, for measurements.
+    pub fn fill(&mut self, x: &mut State, value: f32) -> Result<(), GpuError> {
+        self.vectors.fill(&self.context, x, value)
+    }
+
     /// What leaves under `x`, emission included: diffuse radiance of every slot, and per group the specular radiance,
     /// laid out like [`Operators::bins`]. W/(m² sr).
     pub fn leaving(&mut self, x: &State) -> Result<LeavingValues, GpuError> {
@@ -150,13 +155,13 @@ impl LightOperator for Operators {
 
     fn vector(&mut self) -> Result<State, TransportError> {
         let state = self.pool.take(&self.context.device, &self.context.plan)?;
-        self.vectors.clear(&self.context, &state)?;
+        self.vectors.fill(&self.context, &state, 0.0)?;
         Ok(state)
     }
 
     fn pass(&mut self, x: Option<&State>, emission: bool, y: &mut State) -> Result<(), TransportError> {
         self.leave(x, emission)?;
-        self.vectors.clear(&self.context, y)?;
+        self.vectors.fill(&self.context, y, 0.0)?;
         self.exchange.run(&self.context, x, y, &mut self.watch)
     }
 

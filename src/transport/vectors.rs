@@ -42,11 +42,11 @@ impl Vectors {
         })
     }
 
-    /// y = 0.
-    pub fn clear(&self, context: &Context, y: &State) -> Result<(), GpuError> {
+    /// y = value, everywhere.
+    pub fn fill(&self, context: &Context, y: &State, value: f32) -> Result<(), GpuError> {
         let mut batch = context.device.batch()?;
         for (y, _, count) in y.arrays(y, &context.plan) {
-            batch.fill(y, 0, u64::from(count) * 4, 0)?;
+            batch.fill(y, 0, u64::from(count) * 4, value.to_bits())?;
         }
         batch.submit()?;
         Ok(())

@@ -1,0 +1,118 @@
+//! Memory and time of one light bounce over the number of triangles.
+
+mod measure;
+mod table;
+
+use antirad::cli::{self, Interrupt, parse_size};
+use antirad::output::prepare_directory;
+use antirad::scene::BinLayout;
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressStyle};
+use measure::{Outcome, Size};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// One light bounce, one application of (K - J) U with light in every bin and every triangle a blocker, on a statue over
+/// a floor, for several numbers of triangles
+#[derive(Parser)]
+#[command(version, about, after_help = EXAMPLES)]
+struct Arguments {
+    /// Numbers of triangles
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "10000,20000,50000,100000,200000",
+          value_parser = clap::value_parser!(u32).range(1000..=500_000))]
+    triangles: Vec<u32>,
+    /// Direction bins per hemisphere: 10x13 (polar x azimuth) or concentric:12
+    #[arg(long, value_name = "LAYOUT", default_value = "10x13")]
+    bins: BinLayout,
+    /// Bounces per size; the fastest counts
+    #[arg(long, value_name = "NUMBER", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    repeats: u32,
+    /// Device memory to use at most, e.g. 512MiB [default: what the device has]
+    #[arg(long, value_name = "SIZE", value_parser = parse_size)]
+    memory_budget: Option<u64>,
+    /// Where scaling.csv and the plots go
+    #[arg(long, short, value_name = "DIR", default_value = "out/scaling")]
+    output: PathBuf,
+    /// Keep the sizes that DIR/scaling.csv has already, with the same bins
+    #[arg(long)]
+    resume: bool,
+    /// Vulkan device, by its number or a part of its name [env: ANTIRAD_DEVICE]
+    #[arg(long, value_name = "INDEX|NAME")]
+    device: Option<String>,
+    /// No progress, no table: errors alone
+    #[arg(short, long)]
+    quiet: bool,
+    /// Seconds and rates of each kernel, too
+    #[arg(short, long, action = clap::ArgAction::Count)]
+    verbose: u8,
+    /// Measure one size in this process, and print the row: each size has a process of its own, so that its memory is
+    /// not mixed with that of others
+    #[arg(long, hide = true)]
+    only: bool,
+}
+
+const EXAMPLES: &str = "Examples:
+  bench_scaling
+  bench_scaling --triangles 10000,20000 --repeats 3 --output out/small
+  bench_scaling --resume";
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    cli::start_logging(arguments.quiet, arguments.verbose);
+    let interrupt = Interrupt::catch();
+    let result =
+        if arguments.only { measure::only(&arguments, &interrupt) } else { all(&arguments, &interrupt) };
+    match result {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Interrupted) => ExitCode::from(cli::EXIT_INTERRUPTED),
+        Err(error) => {
+            eprintln!("bench_scaling: {error}");
+            ExitCode::from(cli::EXIT_FAILURE)
+        }
+    }
+}
+
+/// Every size in a process of its own; the table is written anew after each.
+fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn std::error::Error>> {
+    prepare_directory(&arguments.output)?;
+    let mut rows = if arguments.resume { table::read(&arguments.output)? } else { Vec::new() };
+    rows.retain(|row| row.bins == arguments.bins.to_string() && arguments.triangles.contains(&row.size));
+    let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(1000) };
+    if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} gone, {eta} left") {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    // Time grows with the square of the size.
+    let cost = |size: u32| f64::from(size).powi(2);
+    let todo: Vec<u32> =
+        arguments.triangles.iter().copied().filter(|&size| rows.iter().all(|row| row.size != size)).collect();
+    let total: f64 = todo.iter().map(|&size| cost(size)).sum();
+    let mut done = 0.0;
+    let mut failures = Vec::new();
+    for size in todo {
+        bar.set_message(format!("{size} triangles"));
+        let progress = |share: f64| bar.set_position(((done + share * cost(size)) / total * 1000.0) as u64);
+        match measure::in_child(arguments, size, interrupt, &progress)? {
+            Size::Measured(row) => {
+                rows.push(row);
+                rows.sort_by_key(|row| row.size);
+                table::write(&arguments.output, &rows)?;
+            }
+            Size::Failed(why) => failures.push(format!("{size} triangles: {why}")),
+            Size::Interrupted => {
+                bar.finish_and_clear();
+                eprintln!("bench_scaling: interrupted; go on with --resume");
+                return Ok(Outcome::Interrupted);
+            }
+        }
+        done += cost(size);
+    }
+    bar.finish_and_clear();
+    if !rows.is_empty() {
+        table::plot(&arguments.output, &rows)?;
+        if !arguments.quiet {
+            table::print(&rows);
+            println!("written to {}", arguments.output.display());
+        }
+    }
+    if failures.is_empty() { Ok(Outcome::Done) } else { Err(failures.join("; ").into()) }
+}

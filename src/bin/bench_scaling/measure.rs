@@ -1,0 +1,216 @@
+//! One size: a scene, a plan, one bounce.
+
+use crate::Arguments;
+use crate::table::Row;
+use antirad::cli::Interrupt;
+use antirad::gpu::{Device, DeviceOptions};
+use antirad::plan::{Limits, Occlusion, Plan};
+use antirad::scene::{Accuracy, Material, Scene, SceneError, Shape, SolverChoice, Triangle};
+use antirad::solve::LightOperator;
+use antirad::transport::{Operators, SceneBuffers, TransportError};
+use glam::DVec3;
+use std::error::Error;
+use std::io::{BufRead, BufReader, Read};
+use std::ops::ControlFlow;
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+pub enum Outcome {
+    Done,
+    Interrupted,
+}
+
+pub enum Size {
+    Measured(Row),
+    Failed(String),
+    Interrupted,
+}
+
+/// What the measuring process prints, a line each.
+#[derive(serde::Serialize, serde::Deserialize)]
+enum Message {
+    Progress(f64),
+    Row(Row),
+}
+
+/// A statue on a floor under a lamp, the statue having all triangles that the others leave.
+fn statue(triangles: u32) -> Result<Scene, SceneError> {
+    // A tenth of the triangles for the floor.
+    let cells = (f64::from(triangles) / 20.0).sqrt().round().max(1.0) as u32;
+    let lamp_cells = 2;
+    let body = triangles - 2 * cells * cells - 2 * lamp_cells * lamp_cells;
+    let parts: [(Shape, &dyn Fn(DVec3) -> DVec3); 3] = [
+        (Shape::Quad { cells }, &|x| DVec3::new(6.0 * x.x - 3.0, 0.0, 6.0 * x.z - 3.0)),
+        (Shape::Statue { triangles: body }, &|x| x),
+        // Turned over: it faces down.
+        (Shape::Quad { cells: lamp_cells }, &|x| DVec3::new(1.6 * x.x - 0.8, 3.5, 1.8 - 1.6 * x.z)),
+    ];
+    let grey = |name: &str, albedo| Material {
+        albedo: [albedo, 0.95 * albedo, 0.9 * albedo],
+        ..Material::named(name)
+    };
+    let lamp = Material { emission: [20.0, 19.0, 17.0], ..grey("lamp", 0.5) };
+    let (mut vertices, mut list) = (Vec::new(), Vec::new());
+    for ((shape, place), material) in parts.into_iter().zip(0..) {
+        let (points, faces) = shape.mesh();
+        let first = vertices.len() as u32;
+        vertices.extend(points.into_iter().map(place));
+        list.extend(faces.into_iter().map(|f| Triangle { vertices: f.map(|v| v + first), material }));
+    }
+    Scene::new("statue", vertices, list, vec![grey("floor", 0.4), grey("marble", 0.7), lamp])
+}
+
+/// Measures the one size of the command line and prints messages.
+pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn Error>> {
+    let size = arguments.triangles[0];
+    let usual = DeviceOptions::default();
+    let device = Device::new(&DeviceOptions {
+        selector: arguments.device.clone().or(usual.selector.clone()),
+        memory_budget: arguments.memory_budget,
+        ..usual
+    })?;
+    let scene = statue(size)?;
+    let accuracy = Accuracy { bins: arguments.bins, solver: SolverChoice::FixedPoint, ..Accuracy::default() };
+    let limits = Limits { occlusion: Occlusion::Everything, ..Limits::of(&device) };
+    let plan = Plan::new(&scene, &limits, &accuracy)?;
+    let report = plan.report();
+
+    let resident_before = resident("VmRSS:");
+    let buffers = SceneBuffers::new(&device, &scene, &plan)?;
+    let mut operators = Operators::new(&device, plan, buffers)?;
+    let mut x = operators.vector()?;
+    let mut y = operators.vector()?;
+    operators.fill(&mut x, 1.0)?;
+    let stop = interrupt.clone();
+    let (repeats, mut last) = (arguments.repeats, Instant::now());
+    let (mut bounce, mut before) = (0, 0);
+    operators.set_watcher(Some(Box::new(move |done, total| {
+        if done < before {
+            bounce += 1;
+        }
+        before = done;
+        if last.elapsed().as_secs_f64() > 0.2 {
+            last = Instant::now();
+            let share = (f64::from(bounce) + done as f64 / total.max(1) as f64) / f64::from(repeats);
+            if print(&Message::Progress(share)).is_err() {
+                return ControlFlow::Break(());
+            }
+        }
+        stop.flow()
+    })));
+    let (mut wall, mut gpu) = (f64::INFINITY, f64::INFINITY);
+    for _ in 0..repeats {
+        device.reset_profile();
+        let start = Instant::now();
+        match operators.pass(Some(&x), true, &mut y) {
+            Err(TransportError::Interrupted) => return Ok(Outcome::Interrupted),
+            other => other?,
+        }
+        wall = wall.min(start.elapsed().as_secs_f64());
+        gpu = gpu.min(device.profile().iter().map(|row| row.seconds).sum());
+    }
+    // A user reads the result, too: it needs the staging buffer for that.
+    if operators.irradiance(&y)?.iter().flatten().any(|h| !h.is_finite()) {
+        return Err("the bounce gave irradiance that is not finite: a defect of antirad".into());
+    }
+    let memory = device.memory();
+    let planned: u64 = report.memory.iter().map(|item| item.bytes).sum();
+    if memory.in_use != planned {
+        return Err(
+            format!("planned {planned} bytes, allocated {}: a defect of antirad", memory.in_use).into()
+        );
+    }
+    if arguments.verbose > 0 {
+        for row in device.profile() {
+            eprintln!(
+                "{size}: {:8.3} s in {:5} dispatches, {}, {}",
+                row.seconds, row.count, row.kernel, row.shape
+            );
+        }
+    }
+    let pairs = report.pairs;
+    print(&Message::Row(Row {
+        size,
+        triangles: report.triangles,
+        bins: arguments.bins.to_string(),
+        bytes_planned: planned,
+        bytes_allocated: memory.in_use,
+        bytes_peak: memory.peak,
+        bytes_fixed: limits.staging,
+        resident_growth: resident("VmRSS:").saturating_sub(resident_before),
+        resident_peak: resident("VmHWM:"),
+        pairs: pairs.total,
+        pairs_culled: pairs.culled,
+        pairs_sub_sampled: pairs.sub_sampled,
+        seconds_gpu: gpu,
+        seconds_wall: wall,
+        pairs_per_second: pairs.total as f64 / wall,
+        bytes_per_triangle: (memory.in_use - limits.staging) as f64 / report.triangles as f64,
+    }))?;
+    Ok(Outcome::Done)
+}
+
+fn print(message: &Message) -> Result<(), Box<dyn Error>> {
+    use std::io::Write;
+    writeln!(std::io::stdout().lock(), "{}", serde_json::to_string(message)?)?;
+    Ok(())
+}
+
+/// A line of /proc/self/status in bytes; 0 where there is none.
+fn resident(line: &str) -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let value = status.lines().find_map(|l| l.strip_prefix(line));
+    let kilobytes = value.and_then(|v| v.trim().trim_end_matches(" kB").parse::<u64>().ok());
+    kilobytes.unwrap_or(0) * 1024
+}
+
+/// Measures one size in a process of its own.
+pub fn in_child(
+    arguments: &Arguments,
+    size: u32,
+    interrupt: &Interrupt,
+    progress: &dyn Fn(f64),
+) -> Result<Size, Box<dyn Error>> {
+    let mut command = Command::new(std::env::current_exe()?);
+    command.args(["--only", "--triangles", &size.to_string(), "--bins", &arguments.bins.to_string()]);
+    command.args(["--repeats", &arguments.repeats.to_string()]);
+    if let Some(budget) = arguments.memory_budget {
+        command.args(["--memory-budget", &budget.to_string()]);
+    }
+    if let Some(device) = &arguments.device {
+        command.args(["--device", device]);
+    }
+    if arguments.verbose > 0 {
+        command.arg("-v");
+    }
+    let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
+    let (Some(output), Some(mut errors)) = (child.stdout.take(), child.stderr.take()) else {
+        return Err("the measuring process has no output".into());
+    };
+    // Read on a thread of its own, so that neither pipe can fill up and stop the process.
+    let errors = std::thread::spawn(move || {
+        let mut text = String::new();
+        let _ = errors.read_to_string(&mut text);
+        text
+    });
+    let mut row = None;
+    for line in BufReader::new(output).lines() {
+        match serde_json::from_str(&line?)? {
+            Message::Progress(share) => progress(share),
+            Message::Row(measured) => row = Some(measured),
+        }
+    }
+    let status = child.wait()?;
+    let errors = errors.join().unwrap_or_default();
+    match row {
+        _ if interrupt.is_set() => Ok(Size::Interrupted),
+        Some(row) if status.success() => {
+            eprint!("{errors}");
+            Ok(Size::Measured(row))
+        }
+        _ => {
+            let last = errors.lines().last().unwrap_or_default().trim_start_matches("bench_scaling: ");
+            Ok(Size::Failed(if last.is_empty() { status.to_string() } else { last.to_owned() }))
+        }
+    }
+}

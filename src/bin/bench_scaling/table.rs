@@ -1,0 +1,140 @@
+//! The measurements as a table and as plots.
+
+use antirad::cli::{Curve, LogLogPlot, slope};
+use antirad::gpu::Bytes;
+use antirad::output::{OutputError, atomic_write};
+use std::error::Error;
+use std::fs::File;
+use std::path::Path;
+
+/// Published: 36 kB per triangle.
+const PUBLISHED_BYTES: f64 = 36e3;
+
+/// One size. Bytes, pairs of triangles, seconds.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub struct Row {
+    /// Triangles asked for.
+    pub size: u32,
+    pub triangles: usize,
+    pub bins: String,
+    pub bytes_planned: u64,
+    pub bytes_allocated: u64,
+    pub bytes_peak: u64,
+    /// Of them those that do not depend on the scene: staging.
+    pub bytes_fixed: u64,
+    pub resident_growth: u64,
+    pub resident_peak: u64,
+    pub pairs: u64,
+    pub pairs_culled: u64,
+    pub pairs_sub_sampled: u64,
+    pub seconds_gpu: f64,
+    pub seconds_wall: f64,
+    pub pairs_per_second: f64,
+    /// Fixed bytes apart.
+    pub bytes_per_triangle: f64,
+}
+
+const FILE: &str = "scaling.csv";
+
+/// The rows of an earlier run; none if there was none.
+pub fn read(directory: &Path) -> Result<Vec<Row>, Box<dyn Error>> {
+    let path = directory.join(FILE);
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let rows: Result<_, csv::Error> =
+        csv::Reader::from_reader(File::open(&path)?).into_deserialize().collect();
+    rows.map_err(|error| format!("{}: {error}; remove it, or don't resume", path.display()).into())
+}
+
+pub fn write(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
+    atomic_write(&directory.join(FILE), |file| {
+        let mut writer = csv::Writer::from_writer(file);
+        for row in rows {
+            writer.serialize(row)?;
+        }
+        writer.flush()
+    })
+}
+
+fn points(rows: &[Row], of: impl Fn(&Row) -> f64) -> Vec<(f64, f64)> {
+    rows.iter().map(|row| (row.triangles as f64, of(row))).collect()
+}
+
+fn memory(rows: &[Row]) -> Vec<(f64, f64)> {
+    points(rows, |row| (row.bytes_allocated - row.bytes_fixed) as f64)
+}
+
+fn seconds(rows: &[Row]) -> Vec<(f64, f64)> {
+    points(rows, |row| row.seconds_wall)
+}
+
+fn with_slope(label: &str, points: &[(f64, f64)]) -> String {
+    slope(points).map_or_else(|| label.to_owned(), |s| format!("{label}, slope {s:.3}"))
+}
+
+pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
+    let bins = rows.first().map_or("", |row| &row.bins);
+    let ours = memory(rows);
+    let published = points(rows, |row| PUBLISHED_BYTES * row.triangles as f64);
+    LogLogPlot {
+        title: format!("Device memory of one bounce, {bins} bins, every triangle a blocker"),
+        x: "triangles".to_owned(),
+        y: "bytes, fixed costs apart".to_owned(),
+        curves: vec![
+            Curve { label: with_slope("antirad", &ours), points: ours, reference: false },
+            Curve { label: "published: 36 kB per triangle".to_owned(), points: published, reference: true },
+        ],
+    }
+    .write(&directory.join("memory"))?;
+    let ours = seconds(rows);
+    LogLogPlot {
+        title: format!("Time of one bounce, {bins} bins, every triangle a blocker"),
+        x: "triangles".to_owned(),
+        y: "seconds".to_owned(),
+        curves: vec![Curve { label: with_slope("antirad", &ours), points: ours, reference: false }],
+    }
+    .write(&directory.join("time"))
+}
+
+pub fn print(rows: &[Row]) {
+    println!(
+        "{:>9} {:>7} {:>12} {:>10} {:>12} {:>14} {:>8} {:>10} {:>10} {:>12}",
+        "triangles",
+        "bins",
+        "allocated",
+        "B/triangle",
+        "resident",
+        "pairs",
+        "culled",
+        "GPU s",
+        "wall s",
+        "pairs/s"
+    );
+    for row in rows {
+        println!(
+            "{:>9} {:>7} {:>12} {:>10.0} {:>12} {:>14} {:>6.1} % {:>10.2} {:>10.2} {:>12.3e}",
+            row.triangles,
+            row.bins,
+            row.bytes_allocated,
+            row.bytes_per_triangle,
+            row.resident_growth,
+            row.pairs,
+            100.0 * row.pairs_culled as f64 / row.pairs as f64,
+            row.seconds_gpu,
+            row.seconds_wall,
+            row.pairs_per_second
+        );
+    }
+    if let Some(slope) = slope(&memory(rows)) {
+        println!(
+            "memory grows with triangles to the power {slope:.3}, fixed costs apart (published: 36 kB per triangle)"
+        );
+    }
+    if let Some(slope) = slope(&seconds(rows)) {
+        println!("time grows with triangles to the power {slope:.3}");
+    }
+    if let Some(largest) = rows.last() {
+        println!("peak of the largest: {}", Bytes(largest.bytes_peak));
+    }
+}

@@ -1,0 +1,153 @@
+//! Log-log plots of measurements, as SVG and PNG.
+
+use crate::output::{OutputError, atomic_write};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use std::io::{self, Write};
+use std::path::Path;
+
+const WIDTH: u32 = 900;
+const HEIGHT: u32 = 640;
+
+/// One curve: points in the plot's units, and its text in the legend.
+pub struct Curve {
+    pub label: String,
+    pub points: Vec<(f64, f64)>,
+    /// Drawn as a thin line without marks: something to compare with.
+    pub reference: bool,
+}
+
+/// A plot with logarithmic axes. Axis texts carry the units.
+pub struct LogLogPlot {
+    pub title: String,
+    pub x: String,
+    pub y: String,
+    pub curves: Vec<Curve>,
+}
+
+impl LogLogPlot {
+    /// Writes `path` with the endings svg and png.
+    pub fn write(&self, path: &Path) -> Result<(), OutputError> {
+        register_font();
+        let mut svg = String::new();
+        let drawn = self.draw(SVGBackend::with_string(&mut svg, (WIDTH, HEIGHT)).into_drawing_area());
+        atomic_write(&path.with_extension("svg"), |file| {
+            drawn.map_err(io::Error::other)?;
+            file.write_all(svg.as_bytes())
+        })?;
+        let mut pixels = vec![0; (WIDTH * HEIGHT * 3) as usize];
+        let drawn = self.draw(BitMapBackend::with_buffer(&mut pixels, (WIDTH, HEIGHT)).into_drawing_area());
+        atomic_write(&path.with_extension("png"), |file| {
+            drawn.map_err(io::Error::other)?;
+            let encoder = image::codecs::png::PngEncoder::new(file);
+            let kind = image::ExtendedColorType::Rgb8;
+            image::ImageEncoder::write_image(encoder, &pixels, WIDTH, HEIGHT, kind).map_err(io::Error::other)
+        })
+    }
+
+    fn draw<B: DrawingBackend>(&self, area: DrawingArea<B, Shift>) -> Result<(), String>
+    where
+        B::ErrorType: 'static,
+    {
+        self.draw_on(&area).map_err(|error| error.to_string())
+    }
+
+    fn draw_on<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, Shift>,
+    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>>
+    where
+        B::ErrorType: 'static,
+    {
+        area.fill(&WHITE)?;
+        let points = || self.curves.iter().flat_map(|c| &c.points);
+        let range = |of: fn(&(f64, f64)) -> f64| {
+            let (low, high) = points().map(of).fold((f64::MAX, 0.0), |(l, h), v| (v.min(l), v.max(h)));
+            low * 0.8..high * 1.25
+        };
+        let mut chart = ChartBuilder::on(area)
+            .caption(&self.title, ("sans-serif", 24))
+            .margin(16)
+            .x_label_area_size(48)
+            .y_label_area_size(80)
+            .build_cartesian_2d(range(|p| p.0).log_scale(), range(|p| p.1).log_scale())?;
+        let number = |v: &f64| if *v >= 1e4 { format!("{v:.0e}") } else { format!("{v}") };
+        chart
+            .configure_mesh()
+            .x_desc(&self.x)
+            .y_desc(&self.y)
+            .label_style(("sans-serif", 15))
+            .axis_desc_style(("sans-serif", 17))
+            .x_label_formatter(&number)
+            .y_label_formatter(&number)
+            .draw()?;
+        for (k, curve) in self.curves.iter().enumerate() {
+            let colour = Palette99::pick(k).to_rgba();
+            let width = if curve.reference { 1 } else { 2 };
+            chart
+                .draw_series(LineSeries::new(curve.points.iter().copied(), colour.stroke_width(width)))?
+                .label(&curve.label)
+                .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], colour.stroke_width(width)));
+            if !curve.reference {
+                chart.draw_series(curve.points.iter().map(|&p| Circle::new(p, 4, colour.filled())))?;
+            }
+        }
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::UpperLeft)
+            .label_font(("sans-serif", 16))
+            .background_style(WHITE.mix(0.85))
+            .border_style(BLACK.mix(0.3))
+            .draw()?;
+        area.present()
+    }
+}
+
+/// Slope of the least-squares line through points in log-log space; `None` below two points.
+pub fn slope(points: &[(f64, f64)]) -> Option<f64> {
+    let logs: Vec<(f64, f64)> = points.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
+    let n = logs.len() as f64;
+    let mean = |of: fn(&(f64, f64)) -> f64| logs.iter().map(of).sum::<f64>() / n;
+    let (mx, my) = (mean(|p| p.0), mean(|p| p.1));
+    let (xy, xx) =
+        logs.iter().fold((0.0, 0.0), |(xy, xx), (x, y)| (xy + (x - mx) * (y - my), xx + (x - mx) * (x - mx)));
+    (xx > 0.0).then(|| xy / xx)
+}
+
+/// Texts need a font, and a server may have none: this one comes along.
+fn register_font() {
+    // It fails only for a damaged font; then drawing fails too, with an error.
+    let _ =
+        plotters::style::register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slope_of_a_power_law() {
+        let points: Vec<(f64, f64)> =
+            [1.0, 3.0, 10.0, 40.0].iter().map(|&x: &f64| (x, 5.0 * x.powf(1.7))).collect();
+        assert!(slope(&points).is_some_and(|s| (s - 1.7).abs() <= 1e-12));
+        assert_eq!(slope(&points[..1]), None);
+    }
+
+    #[test]
+    fn plots_are_pictures() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let points = vec![(1e4, 2e6), (1e5, 2.1e7)];
+        let plot = LogLogPlot {
+            title: "memory".to_owned(),
+            x: "triangles".to_owned(),
+            y: "bytes".to_owned(),
+            curves: vec![Curve { label: "ours".to_owned(), points, reference: false }],
+        };
+        plot.write(&folder.path().join("plot")).expect("a plot");
+        assert!(
+            std::fs::read_to_string(folder.path().join("plot.svg")).is_ok_and(|t| t.contains("triangles"))
+        );
+        let picture = image::open(folder.path().join("plot.png")).expect("a picture").to_rgb8();
+        assert!(picture.pixels().any(|p| p.0 != [255; 3]) && picture.dimensions() == (WIDTH, HEIGHT));
+    }
+}

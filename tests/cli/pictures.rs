@@ -1,0 +1,202 @@
+//! `antirad render` and what it writes.
+
+use crate::{Folder, ROOM, Run, run, says};
+use antirad::image::Picture;
+use npyz::NpyFile;
+
+const PLAIN: [&str; 7] =
+    ["irradiance.npy", "main.exr", "main.png", "radiosity.npy", "report.json", "side.exr", "side.png"];
+
+/// Renders under the validation layer, whose messages go to standard error as the warnings do: there must be none.
+#[track_caller]
+fn clean_render(folder: &Folder, arguments: &str) -> Run {
+    let arguments = format!("render {arguments} --output out");
+    let mut tool = folder.tool(arguments.split_whitespace());
+    let run = run(tool.env("ANTIRAD_VALIDATION", "1")).succeeded();
+    assert_eq!(run.stderr, "", "warnings, or a progress bar that no terminal asked for");
+    run
+}
+
+/// The rows of an array [n, 3].
+fn rows(folder: &Folder, name: &str) -> Vec<[f32; 3]> {
+    let bytes = folder.read(name);
+    let array = NpyFile::new(&bytes[..]).expect("npy");
+    assert_eq!(array.shape()[1..], [3]);
+    let flat: Vec<f32> = array.into_vec().expect("f32");
+    flat.chunks_exact(3).map(|rgb| [rgb[0], rgb[1], rgb[2]]).collect()
+}
+
+fn picture(folder: &Folder, name: &str) -> Picture {
+    Picture::read_exr(folder.path(name)).expect("an EXR picture")
+}
+
+fn png(folder: &Folder, name: &str) -> image::RgbImage {
+    image::load_from_memory(&folder.read(name)).expect("a PNG picture").to_rgb8()
+}
+
+#[test]
+fn a_render_leaves_pictures_arrays_and_a_report() {
+    let folder = Folder::with(&[]);
+    let run = clean_render(&folder, "room.toml");
+    assert_eq!(folder.results(), PLAIN);
+    for file in PLAIN {
+        says(&run.stdout, &[file]);
+    }
+    says(&run.stdout, &["200 triangles", "emitted"]);
+
+    for name in ["out/irradiance.npy", "out/radiosity.npy"] {
+        let rows = rows(&folder, name);
+        assert_eq!(rows.len(), 200);
+        assert!(rows.iter().flatten().all(|value| value.is_finite()), "{name}");
+    }
+    // The lamp's faces are the last ones: they send out π times their radiance, and reflect nothing.
+    let lamp = rows(&folder, "out/radiosity.npy")[192..].concat();
+    assert!(lamp.iter().all(|b| (b / (10.0 * std::f32::consts::PI) - 1.0).abs() < 1e-5), "{lamp:?}");
+
+    for (camera, width, height) in [("main", 32, 24), ("side", 16, 16)] {
+        let picture = picture(&folder, &format!("out/{camera}.exr"));
+        assert_eq!((picture.width, picture.height), (width, height));
+        // From within a closed room every pixel shows some light, more red than blue.
+        assert!(picture.pixels.iter().all(|[r, g, b, _]| r >= g && g >= b && *b > 0.0), "{camera}");
+        assert_eq!(png(&folder, &format!("out/{camera}.png")).dimensions(), (width, height));
+    }
+}
+
+#[test]
+fn the_report_tells_everything_of_the_run() {
+    let folder = Folder::with(&[]);
+    clean_render(&folder, "room.toml");
+    let report = folder.json("out/report.json");
+    assert_eq!(report["scene"], "room.toml");
+    assert_eq!(report["version"], env!("CARGO_PKG_VERSION"));
+    assert!(report["device"]["name"].as_str().is_some_and(|name| !name.is_empty()));
+    assert_eq!(report["warnings"], serde_json::json!([]));
+    assert_eq!(report["plan"]["triangles"], 200);
+    assert_eq!(report["plan"]["bins"], "10x13");
+    assert_eq!(report["pictures"], serde_json::json!(["main.exr", "main.png", "side.exr", "side.png"]));
+
+    let memory = &report["memory"];
+    assert_eq!(memory["budget"], report["plan"]["memory_budget"]);
+    let (peak, planned) = (memory["peak"].as_u64(), report["plan"]["memory_total"].as_u64());
+    assert!(peak > Some(0) && peak <= planned, "{peak:?} of the planned {planned:?}");
+
+    let solve = &report["solve"];
+    let residuals = solve["residuals"].as_array().expect("residuals");
+    assert_eq!(solve["passes"].as_u64(), Some(residuals.len() as u64));
+    assert_eq!(solve["tolerance"], 1e-4);
+    assert!(residuals.last().and_then(|r| r.as_f64()).is_some_and(|r| r <= 1e-4), "{residuals:?}");
+
+    for channel in 0..3 {
+        let watt = |what: &str| report["energy"][what][channel].as_f64().expect("watt");
+        // 0.16 m² of radiance 10 W/(m² sr).
+        assert!((watt("emitted") - 1.6 * std::f64::consts::PI).abs() < 1e-4);
+        assert!((watt("emitted") - watt("absorbed") - watt("escaped")).abs() < 1e-9);
+        assert!(watt("escaped").abs() < 0.05 * watt("emitted"), "the room is closed");
+    }
+    assert!(report["negative_irradiance"]["triangles"].is_u64());
+    assert!(report["negative_irradiance"]["minimum"].as_f64().is_some_and(|minimum| minimum <= 0.0));
+    for stage in ["load", "plan", "prepare", "solve", "pictures", "write"] {
+        assert!(report["seconds"][stage].as_f64().is_some_and(|seconds| seconds >= 0.0), "{stage}");
+    }
+    let kernels = report["kernels"].as_array().expect("kernels");
+    assert!(!kernels.is_empty());
+    for kernel in kernels {
+        assert!(kernel["kernel"].is_string() && kernel["shape"].is_string(), "{kernel}");
+        assert!(kernel["dispatches"].as_u64() > Some(0) && kernel["seconds"].is_f64(), "{kernel}");
+    }
+}
+
+#[test]
+fn twice_the_same_bytes() {
+    let (first, second) = (Folder::with(&[]), Folder::with(&[]));
+    for folder in [&first, &second] {
+        folder.render("room.toml").succeeded();
+    }
+    for file in PLAIN.iter().filter(|file| **file != "report.json") {
+        let name = format!("out/{file}");
+        assert!(first.read(&name) == second.read(&name), "{file} differs");
+    }
+}
+
+#[test]
+fn one_camera_and_nothing_said() {
+    let folder = Folder::with(&[]);
+    let run = clean_render(&folder, "room.toml --camera side --quiet");
+    assert_eq!(run.stdout, "");
+    assert_eq!(folder.results(), ["irradiance.npy", "radiosity.npy", "report.json", "side.exr", "side.png"]);
+}
+
+/// The options for pictures change the file they are for and no other.
+#[test]
+fn options_for_pictures() {
+    let folder = Folder::with(&[]);
+    let pixels = |arguments: &str| {
+        clean_render(&folder, &format!("room.toml --camera main {arguments}"));
+        (picture(&folder, "out/main.exr"), png(&folder, "out/main.png"))
+    };
+    let (flat, auto) = pixels("");
+    let (smooth, _) = pixels("--smooth");
+    assert_ne!(flat, smooth);
+    let mean = |picture: &Picture| {
+        let sum: f64 = picture.pixels.iter().map(|pixel| f64::from(pixel[0])).sum();
+        sum / picture.pixels.len() as f64
+    };
+    assert!((mean(&smooth) / mean(&flat) - 1.0).abs() < 0.1, "{} {}", mean(&smooth), mean(&flat));
+
+    let (same, stops) = pixels("--exposure 0 --linear-png");
+    assert_eq!(flat, same);
+    assert_ne!(auto, stops);
+    for (pixel, shown) in same.pixels.iter().zip(stops.pixels()) {
+        let expected = pixel[..3].iter().map(|value| (255.0 * value.min(1.0)).round());
+        assert!(expected.eq(shown.0.map(f32::from)), "{pixel:?} is shown as {shown:?}");
+    }
+    let (_, darker) = pixels("--exposure -3 --linear-png");
+    assert!(darker.pixels().zip(stops.pixels()).all(|(d, s)| (0..3).all(|c| d[c] <= s[c])));
+    assert_ne!(darker, stops);
+    let (coarse, _) = pixels("--supersample 1");
+    assert_ne!(flat, coarse);
+}
+
+/// What the command line says of accuracy goes before what the scene file says.
+#[test]
+fn options_for_the_solve() {
+    let scene = format!("{ROOM}[accuracy]\nbins = {{ equal_angle = [4, 6] }}\ntolerance = 1e-2\n");
+    let folder = Folder::with(&[("room.toml", &scene)]);
+    let report = |arguments: &str| {
+        clean_render(&folder, &format!("room.toml {arguments}"));
+        folder.json("out/report.json")
+    };
+    let file = report("");
+    assert_eq!((&file["plan"]["bins"], &file["solve"]["tolerance"]), (&"4x6".into(), &0.01.into()));
+    let line = report("--bins concentric:6 --tolerance 1e-5 --solver fixed-point");
+    assert_eq!(line["plan"]["bins"], "concentric:6");
+    assert_eq!(line["plan"]["solver"], "fixed point");
+    assert_eq!(line["solve"]["tolerance"], 1e-5);
+    assert!(line["solve"]["passes"].as_u64() > file["solve"]["passes"].as_u64());
+}
+
+/// A bare mesh gets a camera, and is told so; without `--output` the results go to a folder of the scene's name.
+#[test]
+fn a_bare_mesh() {
+    let folder = Folder::with(&[]);
+    let run = folder.run("render m.obj").succeeded();
+    assert_eq!(run.stderr.lines().count(), 1, "{run:?}");
+    says(&run.stderr, &["WARN", "\"auto\""]);
+    let expected = ["auto.exr", "auto.png", "irradiance.npy", "radiosity.npy", "report.json"];
+    assert_eq!(crate::names(&folder.path("out/m")), expected);
+    let quiet = folder.run("render m.obj --quiet").succeeded();
+    assert_eq!((quiet.stdout.as_str(), quiet.stderr.as_str()), ("", ""));
+}
+
+#[test]
+fn no_light_is_a_black_picture_and_a_warning() {
+    let folder = Folder::with(&[("room.toml", &ROOM.replace("emission = 10", "emission = 0"))]);
+    let run = folder.render("room.toml").succeeded();
+    assert_eq!(run.stderr.lines().count(), 1, "{run:?}");
+    says(&run.stderr, &["WARN", "no light", "black"]);
+    says(&run.stdout, &["nothing emits"]);
+    assert_eq!(folder.results(), PLAIN);
+    assert!(picture(&folder, "out/main.exr").pixels.iter().all(|pixel| pixel[..3] == [0.0; 3]));
+    assert!(png(&folder, "out/main.png").pixels().all(|pixel| pixel.0 == [0; 3]));
+    assert!(rows(&folder, "out/irradiance.npy").iter().all(|rgb| *rgb == [0.0; 3]));
+}

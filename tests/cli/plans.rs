@@ -1,0 +1,55 @@
+//! `antirad plan` and `antirad devices`.
+
+use crate::{Folder, run, says, without_driver};
+use std::path::Path;
+
+/// A plan is made where no device can be: what it says does not depend on one.
+#[test]
+fn a_plan_needs_no_device() {
+    let folder = Folder::with(&[]);
+    let nowhere = Path::new("/nowhere.json");
+    let planned = run(without_driver(&mut folder.tool(["plan", "room.toml", "--json"]), nowhere)).succeeded();
+    assert_eq!(planned.stderr, "");
+    let plan: serde_json::Value = serde_json::from_str(&planned.stdout).expect("JSON");
+    assert_eq!(plan["triangles"], 200);
+    let items = plan["memory"].as_array().expect("memory by label");
+    let bytes: u64 = items.iter().map(|item| item["bytes"].as_u64().expect("bytes")).sum();
+    assert_eq!(plan["memory_total"], bytes);
+    let classes = plan["classes"].as_array().expect("classes");
+    let triangles: u64 = classes.iter().map(|class| class["triangles"].as_u64().expect("a count")).sum();
+    assert_eq!(triangles, 200);
+    assert_eq!(planned.stdout, folder.run("plan room.toml --json").succeeded().stdout);
+
+    let words = run(without_driver(&mut folder.tool(["plan", "room.toml"]), nowhere)).succeeded().stdout;
+    says(&words, &["triangles        200", "10x13", &bytes.to_string()]);
+    assert!(!folder.path("out").exists());
+}
+
+#[test]
+fn a_plan_keeps_to_the_settings_given() {
+    let folder = Folder::with(&[]);
+    folder.run("plan room.toml --memory-budget 1MiB").refused(&["1048576 bytes is too small"]);
+    folder.run("plan nowhere.toml").refused(&["nowhere.toml", "cannot be read"]);
+    let planned = folder.run("plan room.toml --bins concentric:4 --solver fixed-point --json").succeeded();
+    let plan: serde_json::Value = serde_json::from_str(&planned.stdout).expect("JSON");
+    assert_eq!(plan["bins"], "concentric:4");
+    assert_eq!(plan["solver"], "fixed point");
+}
+
+#[test]
+fn devices_are_listed_with_what_they_lack() {
+    let folder = Folder::with(&[]);
+    let listed = folder.run("devices").succeeded();
+    assert_eq!(listed.stderr, "");
+    says(&listed.stdout, &["0: ", "memory", "subgroup", "has all it needs"]);
+    run(without_driver(&mut folder.tool(["devices"]), Path::new("/nowhere.json")))
+        .refused(&["no Vulkan d", "mesa-vulkan-drivers"]);
+}
+
+#[test]
+fn help_and_version() {
+    let folder = Folder::with(&[]);
+    says(&folder.run("--help").succeeded().stdout, &["render", "plan", "devices"]);
+    says(&folder.run("--version").succeeded().stdout, &["antirad", env!("CARGO_PKG_VERSION")]);
+    assert_eq!(folder.run("").code, Some(2));
+}

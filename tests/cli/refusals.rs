@@ -1,0 +1,186 @@
+//! Bad input and impossible wishes: one line that says where and what, exit code 2, no results.
+
+use crate::{Folder, MTL, OBJ, ROOM, run, says, without_driver};
+use std::fs;
+use std::path::Path;
+
+/// The good files but for one, and what the tool says of it.
+#[track_caller]
+fn refused(file: &str, text: &str, parts: &[&str]) {
+    let folder = Folder::with(&[(file, text)]);
+    let scene = if file == "m.mtl" { "m.obj" } else { file };
+    folder.render(scene).refused(parts);
+    assert!(folder.results().is_empty(), "{:?}", folder.results());
+}
+
+/// The room with one piece replaced.
+fn room(old: &str, new: &str) -> String {
+    assert!(ROOM.contains(old), "{old}");
+    ROOM.replace(old, new)
+}
+
+#[test]
+fn missing_files() {
+    let folder = Folder::with(&[("lost.toml", "[[mesh]]\npath = \"lost.obj\"\n"), ("notes.txt", "")]);
+    folder.render("nowhere.toml").refused(&["nowhere.toml", "cannot be read"]);
+    folder.render("lost.toml").refused(&["lost.obj", "cannot be read"]);
+    folder.render("notes.txt").refused(&["notes.txt", ".toml", ".obj"]);
+    fs::remove_file(folder.path("m.mtl")).expect("it was there");
+    folder.render("m.obj").refused(&["m.obj:1", "m.mtl", "cannot be read"]);
+    assert!(folder.results().is_empty());
+}
+
+#[test]
+fn broken_meshes() {
+    for (line, parts) in [
+        ("f 1 2", ["m.obj:10", "2 corner(s)"]),
+        ("f 1 2 x", ["m.obj:10", "`x` is not a vertex index"]),
+        ("f 1 2 9", ["m.obj:10", "vertex index 9 is out of range"]),
+        ("f 1 2 -5", ["m.obj:10", "vertex index -5 is out of range"]),
+        ("v 1 2 x", ["m.obj:10", "`x` is not a number"]),
+        ("v nan 0 0", ["m.obj:10", "`nan` is not finite"]),
+        ("v 0 inf 0", ["m.obj:10", "`inf` is not finite"]),
+        ("usemtl whit\nf 1 2 4", ["m.obj:10", "\"whit\" is not defined in m.mtl; did you mean \"white\"?"]),
+    ] {
+        refused("m.obj", &format!("{OBJ}{line}\n"), &parts);
+    }
+    refused("m.mtl", &MTL.replace("Kd .5 .5 .5\nKe", "Kd .5 .5\nKe"), &["m.mtl:4", "2 numbers"]);
+}
+
+#[test]
+fn vertices_that_become_infinite_where_they_stand() {
+    let huge = "[[mesh]]\npath = \"m.obj\"\nscale = 1e308\ntranslate = [1e308, 0, 0]\n";
+    refused("huge.toml", huge, &["triangle 0 of mesh \"m\"", "vertex 1", "inf", "must be finite"]);
+}
+
+#[test]
+fn broken_scene_files() {
+    refused(
+        "room.toml",
+        &room("emission =", "emision ="),
+        &["room.toml:17", "unknown key `emision`", "did you mean `emission`?"],
+    );
+    refused("room.toml", &room("[[mesh]]\nshape", "[[mesh]\nshape"), &["room.toml:1"]);
+    refused("room.toml", &room("width = 32", "width = -32"), &["room.toml:23"]);
+    refused("room.toml", &room("\"quad\"", "\"quat\""), &["room.toml:7", "quat", "did you mean `quad`?"]);
+    refused(
+        "room.toml",
+        &room("material = \"lamp\"", "material = \"lamb\""),
+        &["room.toml:8", "\"lamb\"", "lamp"],
+    );
+    refused("empty.toml", "", &["empty.toml", "no triangles"]);
+    refused("points.obj", "v 0 0 0\n", &["points.obj", "no triangles"]);
+}
+
+#[test]
+fn impossible_materials() {
+    let wall = |lines: &str| room("albedo = [0.7, 0.5, 0.3]", lines);
+    refused("room.toml", &wall("albedo = [0.7, -0.5, 0.3]"), &["room.toml:13", "\"wall\"", "albedo is -0.5"]);
+    refused("room.toml", &wall("albedo = 1"), &["room.toml:13", "\"wall\"", "1.000", "below 1"]);
+    refused(
+        "room.toml",
+        &wall("albedo = 0.5\nspecular = 0.2\npower = 50"),
+        &["room.toml:13", "\"wall\"", "total albedo is 1.2", "must be below 1"],
+    );
+    refused("m.mtl", &MTL.replacen(".5 .5 .5", ".5 .5 1.5", 1), &["m.mtl:1", "\"white\"", "below 1"]);
+}
+
+#[test]
+fn triangles_without_area_are_an_error_when_strict() {
+    let folder = Folder::with(&[("m.obj", &format!("{OBJ}f 1 1 2\nf 3 3 3\n"))]);
+    folder.render("m.obj --strict").refused(&["m.obj", "2 triangle(s) without area", "triangle 2 of mesh"]);
+    assert!(folder.results().is_empty());
+    let lenient = folder.render("m.obj").succeeded();
+    says(&lenient.stderr, &["WARN", "2 triangle(s) have no area", "triangle 2 of mesh"]);
+    assert_eq!(folder.json("out/report.json")["plan"]["degenerate"], 2);
+
+    let folder = Folder::with(&[("flat.obj", "v 0 0 0\nf 1 1 1\n")]);
+    folder.render("flat.obj --quiet").refused(&["no triangle with an area"]);
+    assert!(folder.results().is_empty());
+}
+
+/// Needs no rights that root lacks: nothing can be made below a regular file.
+#[test]
+fn results_that_cannot_be_written() {
+    let folder = Folder::with(&[]);
+    for output in ["room.toml", "room.toml/below"] {
+        folder.run(&format!("render room.toml --output {output}")).refused(&[output, "cannot be written"]);
+    }
+    assert_eq!(folder.read("room.toml"), ROOM.as_bytes());
+}
+
+#[test]
+fn no_device_or_not_that_one() {
+    let folder = Folder::with(&[("driver.json", "{}")]);
+    for driver_file in [folder.path("driver.json").as_path(), Path::new("/nowhere.json")] {
+        let arguments = ["render", "room.toml", "--output", "out"];
+        run(without_driver(&mut folder.tool(arguments), driver_file))
+            .refused(&["no Vulkan d", "mesa-vulkan-drivers"]);
+    }
+
+    let listed = folder.run("devices").succeeded().stdout;
+    let name = listed.lines().next().and_then(|line| line.split_once(": ")).expect("a device").1;
+    let name = name.split(" (").next().expect("its name");
+    folder.render("room.toml --device nonesuch").refused(&["\"nonesuch\"", name]);
+    folder.render("room.toml --device 99").refused(&["\"99\"", name]);
+    assert!(folder.results().is_empty());
+}
+
+/// The error says how many bytes would do; they do.
+#[test]
+fn a_budget_that_is_too_small() {
+    let folder = Folder::with(&[]);
+    for scene_and_bins in ["room.toml", "room.toml --bins 4x6"] {
+        let small = folder.render(&format!("{scene_and_bins} --memory-budget 1MiB"));
+        small.refused(&["1048576 bytes is too small"]);
+        assert!(folder.results().is_empty());
+        let enough = small.stderr.split("--memory-budget ").nth(1).expect("the option that helps");
+        let enough: u64 = enough.split(',').next().and_then(|n| n.parse().ok()).expect("a number of bytes");
+        let less = folder.render(&format!("{scene_and_bins} --memory-budget {}", enough - 1));
+        less.refused(&[&format!("at least {enough} bytes")]);
+
+        folder.render(&format!("{scene_and_bins} --memory-budget {enough}")).succeeded();
+        let memory = &folder.json("out/report.json")["memory"];
+        assert_eq!(memory["budget"], enough);
+        assert!(memory["peak"].as_u64().expect("bytes") <= enough, "{memory}");
+        fs::remove_dir_all(folder.path("out")).expect("the results were there");
+    }
+}
+
+#[test]
+fn cameras_that_are_not_there_and_samples_that_cannot_be() {
+    let folder = Folder::with(&[]);
+    folder.render("room.toml --camera main --camera sid").refused(&["no camera \"sid\"", "main, side"]);
+    for samples in [0, 3, 32] {
+        folder
+            .render(&format!("room.toml --supersample {samples}"))
+            .refused(&[&format!("supersample = {samples}")]);
+    }
+    assert!(folder.results().is_empty());
+}
+
+/// The parser of arguments says these in its own form, of a few lines.
+#[test]
+fn arguments_that_say_nothing() {
+    let folder = Folder::with(&[]);
+    for (argument, parts) in [
+        ("--bins 10", ["--bins", "10x13"]),
+        ("--bins concentric:5", ["--bins", "must be even"]),
+        ("--bins 1x13", ["--bins", "theta = 1"]),
+        ("--tolerance 1", ["--tolerance", "1e-7"]),
+        ("--tolerance nan", ["--tolerance", "1e-7"]),
+        ("--tolerance small", ["--tolerance", "small"]),
+        ("--exposure bright", ["--exposure", "auto"]),
+        ("--exposure inf", ["--exposure", "auto"]),
+        ("--supersample four", ["--supersample", "four"]),
+        ("--max-passes 0", ["--max-passes", "0"]),
+        ("--solver magic", ["--solver", "gmres"]),
+        ("--memory-budget 5parsec", ["--memory-budget", "MiB"]),
+        ("--camra main", ["--camra", "--camera"]),
+    ] {
+        let run = folder.render(&format!("room.toml {argument}"));
+        assert_eq!(run.code, Some(2), "{run:?}");
+        says(&run.stderr, &parts);
+    }
+    assert!(folder.results().is_empty());
+}

@@ -1,0 +1,43 @@
+//! Ctrl-C in the middle of a solve.
+#![cfg(unix)]
+
+use crate::{Folder, Run};
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Dispatches are a quarter of a second at most; the rest is for machines that are busy.
+const SOON: Duration = Duration::from_secs(2);
+
+#[test]
+fn an_interrupted_render_ends_soon_and_writes_nothing() {
+    for signal in ["-INT", "-TERM"] {
+        let folder = Folder::with(&[]);
+        let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell_boxes_fine.toml");
+        let mut tool = folder.tool(["render", "--verbose", "--output", "out", "--tolerance", "1e-7"]);
+        let mut child =
+            tool.arg(scene).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
+
+        // Interrupted once a pass is done and the next one is under way.
+        let mut stderr = BufReader::new(child.stderr.take().expect("piped"));
+        let mut said = String::new();
+        while !said.contains("pass 1:") {
+            assert!(stderr.read_line(&mut said).expect("text") > 0, "ended early: {said}");
+        }
+        let pid = child.id().to_string();
+        let sent = Instant::now();
+        assert!(Command::new("kill").args([signal, &pid]).status().expect("kill runs").success());
+        let output = child.wait_with_output().expect("the tool ends");
+        let took = sent.elapsed();
+
+        stderr.read_to_string(&mut said).expect("text");
+        let run = Run::from(output);
+        assert_eq!(run.code, Some(130), "{said}");
+        assert_eq!(run.stdout, "");
+        assert!(said.ends_with("antirad: interrupted; nothing was written\n"), "{said}");
+        assert!(!said.contains("panicked"), "{said}");
+        assert!(folder.results().is_empty(), "{:?}", folder.results());
+        assert!(took < SOON, "{took:?} from the signal to the end");
+    }
+}
