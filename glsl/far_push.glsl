@@ -5,8 +5,7 @@
 layout(push_constant) uniform FarPush {
     // First tile of receivers; the workgroup's index counts from it.
     uint receiver_tile;
-    // Tiles of sources, from `source_begin` to before `source_end`. Ends fall on multiples of FLUSH_TILES or on the end
-    // of a group of sources.
+    // Tiles of sources, from `source_begin` to before `source_end`.
     uint source_begin;
     uint source_end;
     // Words per row of `tile_pairs`.
@@ -23,7 +22,6 @@ layout(push_constant) uniform FarPush {
 const uint PAIR_FRONT = 1;
 const uint PAIR_BACK = 2;
 const uint PAIR_NEAR = 4;
-const uint FLUSH_TILES = 64;
 
 uint pair_flags(uint receiver, uint source) {
     return tile_pairs[receiver * row_words + (source >> 3)] >> ((source & 7) * 4) & passing;

@@ -10,6 +10,7 @@
 #include "bins.glsl"
 
 layout(local_size_x_id = 0) in;
+const uint PER_LANE = 1;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
 layout(std430, binding = 1) readonly buffer Radiance { vec4 radiance[]; };
@@ -40,6 +41,9 @@ layout(push_constant) uniform NearPush {
     uint source_page;
     // 1 where backs let antiradiance out, 0 in a pass of emission alone.
     uint backs;
+    // Of the sources in range, `take` after the first `skip`.
+    uint skip;
+    uint take;
 };
 
 #include "source_bins.glsl"
@@ -77,7 +81,7 @@ void piece(vec3 p, vec3 q, vec3 r, vec3 point, float diffuse, float binned) {
                 value += binned * binned_radiance(source_normal, source_first, direction, front);
             }
             value *= projected;
-            deposit(receiver_normal, -direction, value);
+            deposit(0, receiver_normal, -direction, value);
             sum += value;
         }
     }
@@ -90,7 +94,7 @@ void main() {
     receiver_first = (j - receiver_page) * BINS;
     Facet receiver = facets[j];
     receiver_normal = receiver.normal;
-    clear_deposits();
+    clear_deposits(0);
     vec3 a = corners[3 * j].xyz, b = corners[3 * j + 1].xyz, c = corners[3 * j + 2].xyz;
     uint end = near_offsets[j + 1];
     // The first source of the range, by bisection.
@@ -101,7 +105,8 @@ void main() {
         at = below ? middle + 1 : at;
         after = below ? after : middle;
     }
-    end = active_lane ? end : at;
+    at = min(at + skip, end);
+    end = active_lane ? min(end, at + take) : at;
     for (; at < end; at++) {
         uint i = near_sources[at];
         if (i >= source_end) {
@@ -136,6 +141,6 @@ void main() {
     }
     if (active_lane) {
         irradiance[receiver_slot].rgb += sum;
-        flush_deposits(receiver_first);
+        flush_deposits(0, receiver_first);
     }
 }

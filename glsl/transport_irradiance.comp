@@ -70,12 +70,8 @@ void main() {
                 }
             }
         }
-        // Sums of bounded length, the same however the work is cut into dispatches.
-        if ((source_tile + 1) % FLUSH_TILES == 0 || source_tile + 1 == source_end) {
-            for (uint k = 0; k < PER_LANE; k++) {
-                irradiance[tile * TILE + k * LANES + gl_LocalInvocationID.x].rgb += sum[k];
-                sum[k] = vec3(0.0);
-            }
-        }
+    }
+    for (uint k = 0; k < PER_LANE; k++) {
+        irradiance[tile * TILE + k * LANES + gl_LocalInvocationID.x].rgb += sum[k];
     }
 }

@@ -103,14 +103,17 @@ fn solvers_agree_with_each_other_and_with_the_reference() {
     let params = FixedPointParams { tolerance: 1e-9, max_passes: 200 };
     let (truth, info) =
         fixed_point(&mut operator, &params, &mut |_, _| ControlFlow::Continue(())).expect("a reference");
-    assert!(info.spectral_radius.is_some_and(|r| r > 0.1 && r < 1.0), "{info:?}");
+    let expected = info.spectral_radius.expect("an estimate");
+    assert!(expected > 0.1 && expected < 1.0, "{info:?}");
     let truth: Vec<[f32; 3]> = truth.irradiance.iter().map(|h| h.as_vec3().to_array()).collect();
     for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
         let accuracy = Accuracy { solver, tolerance: 1e-6, ..scene.accuracy };
         let (_engine, solution) = solve(&device, &scene, &accuracy);
         let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
-        println!("{solver:?}: {} passes, {error:.2e}", solution.info.passes);
+        let radius = solution.info.spectral_radius.expect("an estimate");
+        println!("{solver:?}: {} passes, {error:.2e}, radius {radius:.3}", solution.info.passes);
         assert!(error <= 1e-5, "{solver:?}: {error:e}");
+        assert!((radius / expected - 1.0).abs() <= 0.15, "{solver:?}: {radius} instead of {expected}");
         assert!(solution.info.residuals.iter().all(|r| r.is_finite()));
     }
     finish(&device);
@@ -218,6 +221,41 @@ fn a_budget_too_small_names_one_that_does() {
     let plan = Plan::new(&scene, &limits, &scene.accuracy).expect("a plan");
     assert!(plan.memory().total() <= needed);
     Engine::new(&device, &scene, plan).expect("an engine");
+    finish(&device);
+}
+
+/// Interpenetrating triangles create light: the fixed point says so by diverging, GMRES by the radius it reports.
+#[test]
+fn unphysical_soup_is_not_passed_over_in_silence() {
+    let device = device();
+    let mut state = 1u64;
+    let mut random = move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as f64 / (1u64 << 31) as f64
+    };
+    let mut point = || DVec3::new(random(), random(), random());
+    let vertices: Vec<DVec3> = (0..300).flat_map(|_| [point(), point(), point()]).collect();
+    let triangles =
+        (0..300).map(|k| Triangle { vertices: [3 * k, 3 * k + 1, 3 * k + 2], material: 0 }).collect();
+    let soup = Material { albedo: [0.9; 3], emission: [1.0; 3], ..Material::named("soup") };
+    let scene = Scene::new("soup", vertices, triangles, vec![soup]).expect("a scene");
+    let run = |solver| {
+        // Without the near field, which tames this soup.
+        let accuracy = Accuracy { solver, subsample: 0.0, max_passes: 60, ..scene.accuracy };
+        let plan = Plan::new(&scene, &Limits::of(&device), &accuracy).expect("a plan");
+        let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
+        engine.solve(&SolveParams::from(&accuracy)).map(|solution| solution.info)
+    };
+    let fixed_point = run(SolverChoice::FixedPoint);
+    println!("fixed point: {fixed_point:?}");
+    assert!(matches!(fixed_point, Err(EngineError::Solve(SolveError::Diverged { .. }))));
+    let gmres = run(SolverChoice::Gmres);
+    println!("GMRES: {gmres:?}");
+    match gmres {
+        Ok(info) => assert!(info.spectral_radius.is_some_and(|r| r >= 1.0), "{info:?}"),
+        Err(EngineError::Solve(SolveError::Diverged { .. } | SolveError::NoConvergence { .. })) => {}
+        Err(other) => panic!("{other}"),
+    }
     finish(&device);
 }
 

@@ -35,6 +35,11 @@ impl Random {
 
 /// Triangles of all sizes and directions in a box; `glossy` of the materials have a lobe.
 fn random_scene(seed: u64, triangles: u32, glossy: bool, grey: bool) -> Scene {
+    scattered(seed, triangles, glossy, grey, 2.0)
+}
+
+/// The same in a cube of side `room`: the smaller, the more close pairs.
+fn scattered(seed: u64, triangles: u32, glossy: bool, grey: bool, room: f64) -> Scene {
     let mut random = Random(seed);
     let mut materials = Vec::new();
     for k in 0..4 {
@@ -52,7 +57,7 @@ fn random_scene(seed: u64, triangles: u32, glossy: bool, grey: bool) -> Scene {
     }
     let (mut vertices, mut list) = (Vec::new(), Vec::new());
     for k in 0..triangles {
-        let centre = random.point() * 2.0;
+        let centre = random.point() * room;
         let size = 0.02 + 0.3 * random.next();
         for _ in 0..3 {
             vertices.push(centre + size * (random.point() - 0.5));
@@ -239,6 +244,12 @@ fn other_weights_and_layouts() {
     compare("concentric, smoothstep", &scene, both, |l| l);
 }
 
+/// Lists of close sources longer than one dispatch takes.
+#[test]
+fn crowds() {
+    compare("crowd", &scattered(10, 150, true, false, 0.3), Accuracy::default(), |l| l);
+}
+
 #[test]
 fn one_channel() {
     let scene = random_scene(5, 100, true, true);
@@ -347,6 +358,8 @@ fn layouts_agree_with_the_shaders() {
             "receiver_page" = receiver_page,
             "source_page" = source_page,
             "backs" = backs,
+            "skip" = skip,
+            "take" = take,
         ]
     );
     check!(

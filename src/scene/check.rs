@@ -148,6 +148,9 @@ impl Scene {
         if strict {
             return Err(SceneError::Degenerate { count, mesh, triangle });
         }
+        if count == self.triangles.len() {
+            return Err(SceneError::NoArea);
+        }
         self.warn(format!(
             "{count} triangle(s) have no area and take no part; \
              the first is triangle {triangle} of mesh \"{mesh}\"."

@@ -32,6 +32,9 @@ pub enum SceneError {
     #[error("the scene has no triangles; it needs at least one mesh with one face")]
     NoTriangles,
 
+    #[error("none of the scene's triangles has an area: check the meshes' coordinates and scale")]
+    NoArea,
+
     #[error("{count} {what}, but at most {limit} are possible; use fewer or a lower `subdivide`")]
     TooMany { what: &'static str, count: u64, limit: u64 },
 

@@ -28,6 +28,7 @@ pub fn gmres<O: LightOperator>(
     let mut solution = operator.vector()?;
     let mut basis = vec![operator.vector()?];
     let mut started = false;
+    let mut radius = Radius::default();
     loop {
         // r = U (E + (K - J) x) - x, in the first basis vector.
         operator.pass(started.then_some(&solution), true, &mut basis[0])?;
@@ -39,10 +40,11 @@ pub fn gmres<O: LightOperator>(
         let residual = if size > 0.0 { magnitude / size } else { magnitude };
         watch.pass(residual)?;
         if watch.converged(residual) {
-            return Ok((solution, watch.info()));
+            return Ok((solution, SolveInfo { spectral_radius: radius.estimate, ..watch.info() }));
         }
         started = true;
         let cycle = Cycle::new(operator, &mut basis, params, residual, &mut watch)?;
+        radius.learn(&cycle);
         let coefficients = cycle.coefficients();
         for (y, v) in coefficients.into_iter().zip(&basis) {
             operator.combine(y, v, 1.0, &mut solution)?;
@@ -52,6 +54,8 @@ pub fn gmres<O: LightOperator>(
 
 /// One Arnoldi cycle: the Hessenberg matrix, made triangular by Givens rotations as it grows.
 struct Cycle {
+    /// Columns of the Hessenberg matrix itself.
+    hessenberg: Vec<Vec<f64>>,
     /// Columns of the triangular factor.
     columns: Vec<Vec<f64>>,
     rotations: Vec<(f64, f64)>,
@@ -71,7 +75,8 @@ impl Cycle {
     ) -> Result<Self, SolveError<O::Error>> {
         let beta = operator.dot(&basis[0], &basis[0])?.sqrt();
         operator.scale(1.0 / beta, &mut basis[0])?;
-        let mut cycle = Self { columns: Vec::new(), rotations: Vec::new(), rhs: vec![beta] };
+        let mut cycle =
+            Self { hessenberg: Vec::new(), columns: Vec::new(), rotations: Vec::new(), rhs: vec![beta] };
         for k in 0..params.restart.max(1) as usize {
             if basis.len() == k + 1 {
                 basis.push(operator.vector()?);
@@ -103,6 +108,7 @@ impl Cycle {
     /// Adds a column of the Hessenberg matrix; returns the norm of the residual.
     fn push(&mut self, mut column: Vec<f64>) -> f64 {
         let k = self.columns.len();
+        self.hessenberg.push(column.clone());
         for (row, &(c, s)) in self.rotations.iter().enumerate() {
             let (a, b) = (column[row], column[row + 1]);
             column[row] = c * a + s * b;
@@ -132,5 +138,27 @@ impl Cycle {
             }
         }
         y
+    }
+}
+
+/// Estimate of the spectral radius of M = U (K - J): the eigenvalues of the Hessenberg matrix of a cycle (Ritz values)
+/// approximate the outermost ones of 1 - M.
+#[derive(Default)]
+struct Radius {
+    dimension: usize,
+    estimate: Option<f64>,
+}
+
+impl Radius {
+    /// Believes the longest cycle.
+    fn learn(&mut self, cycle: &Cycle) {
+        let n = cycle.hessenberg.len();
+        if n <= self.dimension || cycle.hessenberg.iter().flatten().any(|h| !h.is_finite()) {
+            return;
+        }
+        self.dimension = n;
+        let entry = |row: usize, column: usize| cycle.hessenberg[column].get(row).copied().unwrap_or(0.0);
+        let ritz = nalgebra::DMatrix::from_fn(n, n, entry).complex_eigenvalues();
+        self.estimate = Some(ritz.iter().map(|z| (1.0 - z.re).hypot(z.im)).fold(0.0, f64::max));
     }
 }

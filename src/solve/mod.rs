@@ -40,8 +40,8 @@ pub struct SolveInfo {
     pub passes: u32,
     /// Relative residual after each pass; of GMRES its own running estimate, the last one verified.
     pub residuals: Vec<f64>,
-    /// Estimate of the spectral radius of U (K - J), from the decay of the residual: of the fixed point alone, GMRES
-    /// having a decay of its own.
+    /// Estimate of the spectral radius of U (K - J): of the fixed point from the decay of its residual, of GMRES from the
+    /// Ritz values of its longest cycle. From 1 on, light is created somewhere, and what GMRES finds is not physical.
     pub spectral_radius: Option<f64>,
 }
 

@@ -36,22 +36,33 @@ pub struct NearPush {
     pub receiver_page: u32,
     pub source_page: u32,
     pub backs: u32,
+    pub skip: u32,
+    pub take: u32,
 }
 
-/// Tiles of sources after which sums go to memory (FLUSH_TILES of glsl/far_push.glsl): dispatches end on multiples of
-/// this, so that sums don't depend on how the work is cut.
-const FLUSH_TILES: u32 = 64;
-/// Tiles of receivers that keep any device busy; fewer only if there are no more.
-const BUSY_TILES: u32 = 16;
+/// Tiles of sources per dispatch, after which sums go to memory: always the same, so that sums don't depend on how the
+/// work is cut. Few enough for lavapipe, which leaves every loop of an invocation after 65535 iterations of all its loops
+/// together, without a word: a tile of 64 takes at most 1 + 8 + 64 · (1 + 10 · PER_LANE) of them, even if its compiler
+/// unrolls nothing.
+const SOURCE_TILES: u32 = 16;
+/// Close sources per receiver and dispatch, for the same reason: one takes at most 1 + 16 · (20 + 16 · 19) iterations.
+const NEAR_SOURCES: u32 = 8;
 
 /// Point-to-point pairs that a close one takes as long as: for the time left, nothing else.
 const NEAR_COST: u64 = 100;
+
+/// Receivers per lane of the kernel with bins, which share the broadcasts of a source. Those with bins have memory of the
+/// lane's own: two of them leave a CPU's first-level cache, and are slower than one.
+const BINS_PER_LANE: u32 = 1;
+const IRRADIANCE_PER_LANE: u32 = 4;
 
 /// Kernels of one pair of classes: of the source, and whether the receiver has bins.
 struct Kernels {
     source: (bool, bool),
     receiver_bins: bool,
     far: Pipeline,
+    /// Workgroups of `far` per tile of receivers.
+    workgroups: u32,
     near: Pipeline,
     far_pace: Pace,
     near_pace: Pace,
@@ -92,8 +103,11 @@ impl Exchange {
         constants.extend(bin_constants(plan));
         let tiles = [(0, self.lanes), (1, plan.limits.tile)];
         let push = size_of::<FarPush>() as u32;
-        let far = if from.class.has_bins() || receiver_bins {
-            let constants = [&tiles[..], &constants].concat();
+        let with_bins = from.class.has_bins() || receiver_bins;
+        let wanted = if receiver_bins { BINS_PER_LANE } else { IRRADIANCE_PER_LANE };
+        let per_lane = wanted.min(plan.limits.tile / self.lanes);
+        let far = if with_bins {
+            let constants = [&tiles[..], &[(10, per_lane)], &constants].concat();
             Pipeline::new(device, &shaders::TRANSPORT_BINS, 8, push, &constants, Some(self.lanes))?
         } else {
             Pipeline::new(device, &shaders::TRANSPORT_IRRADIANCE, 4, push, &tiles, Some(self.lanes))?
@@ -106,11 +120,11 @@ impl Exchange {
             (false, true) => "glossy fronts",
             (true, true) => "glossy fronts and backs",
         };
-        let with_bins = from.class.has_bins() || receiver_bins;
         Ok(Kernels {
             source: (blocker, glossy),
             receiver_bins,
             far,
+            workgroups: if with_bins { plan.limits.tile / (self.lanes * per_lane) } else { 1 },
             near,
             far_pace: Pace::new(if with_bins { 2e6 } else { 5e7 }),
             near_pace: Pace::new(1e5),
@@ -141,10 +155,9 @@ impl Exchange {
                     specular: leaving.specular[s].as_ref().unwrap_or(none).whole(),
                     arriving: y.bins[t].as_ref().unwrap_or(none).whole(),
                 };
-                let lanes = self.lanes;
                 let kernels = &mut self.kernels[k];
                 kernels.near(&bound, to, from, watch)?;
-                kernels.far(&bound, to, from, lanes, watch)?;
+                kernels.far(&bound, to, from, watch)?;
             }
         }
         Ok(())
@@ -168,7 +181,6 @@ impl Kernels {
         bound: &Bound,
         to: &Group,
         from: &Group,
-        lanes: u32,
         watch: &mut Watch,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, leaving } = bound.context;
@@ -179,19 +191,11 @@ impl Kernels {
         if with_bins {
             buffers.extend([bound.antiradiance, bound.specular, bound.arriving, scene.bin_table.whole()]);
         }
-        let mut begin = to.tiles.start;
-        while begin < to.tiles.end {
-            let left = to.tiles.end - begin;
-            let mut rows = left;
-            let mut sources = from.tiles.start;
-            while sources < from.tiles.end {
-                let budget = self.far_pace.pairs() / u64::from(tile * tile);
-                if sources == from.tiles.start {
-                    // As many receivers as can see all sources; but enough to keep the device busy.
-                    let all = u64::from(from.tiles.end - from.tiles.start);
-                    rows = left.min(((budget / all) as u32).max(BUSY_TILES));
-                }
-                let run = source_run(sources..from.tiles.end, budget / u64::from(rows));
+        for run in source_runs(&from.tiles) {
+            let mut begin = to.tiles.start;
+            while begin < to.tiles.end {
+                let affordable = self.far_pace.pairs() / u64::from(tile * tile) / run.len() as u64;
+                let rows = (to.tiles.end - begin).min(affordable.clamp(1, u64::from(u32::MAX)) as u32);
                 let push = FarPush {
                     receiver_tile: begin,
                     source_begin: run.start,
@@ -202,16 +206,15 @@ impl Kernels {
                     source_page: from.tiles.start * tile,
                     passing: PAIR_FRONT | PAIR_NEAR | if bound.backs { PAIR_BACK } else { 0 },
                 };
-                let groups = [rows, if with_bins { tile / lanes } else { 1 }, 1];
+                let groups = [rows, self.workgroups, 1];
                 let mut batch = device.batch()?;
                 batch.dispatch(&self.far, &self.shape, &buffers, bytes_of(&push), groups)?;
                 let timing = batch.submit()?;
                 let pairs = u64::from(rows * run.len() as u32) * u64::from(tile * tile);
                 self.far_pace.learn(pairs, timing.wall_seconds);
                 watch.done(pairs)?;
-                sources = run.end;
+                begin += rows;
             }
-            begin += rows;
         }
         Ok(())
     }
@@ -245,8 +248,8 @@ impl Kernels {
             let run = &offsets[begin as usize..receivers.end as usize];
             let count = run.partition_point(|&o| u64::from(o) <= wanted) as u32;
             let end = (begin + count.next_multiple_of(WORKGROUP).max(WORKGROUP)).min(receivers.end);
-            let pairs = u64::from(offsets[end as usize] - offsets[begin as usize]);
-            if pairs > 0 {
+            let longest = run_lengths(offsets, begin..end).max().unwrap_or(0);
+            for skip in (0..longest).step_by(NEAR_SOURCES as usize) {
                 let push = NearPush {
                     receiver_begin: begin,
                     receiver_end: end,
@@ -256,13 +259,17 @@ impl Kernels {
                     receiver_page: receivers.start,
                     source_page: sources.start,
                     backs: u32::from(bound.backs),
+                    skip,
+                    take: NEAR_SOURCES,
                 };
+                let taken = run_lengths(offsets, begin..end);
+                let taken: u64 = taken.map(|n| u64::from(n.saturating_sub(skip).min(NEAR_SOURCES))).sum();
                 let mut batch = device.batch()?;
                 let groups = [(end - begin).div_ceil(WORKGROUP), 1, 1];
                 batch.dispatch(&self.near, &self.shape, &buffers, bytes_of(&push), groups)?;
                 let timing = batch.submit()?;
-                self.near_pace.learn(pairs, timing.wall_seconds);
-                watch.done(pairs * NEAR_COST / plan.layout.groups.len() as u64)?;
+                self.near_pace.learn(taken, timing.wall_seconds);
+                watch.done(taken * NEAR_COST / plan.layout.groups.len() as u64)?;
             }
             begin = end;
         }
@@ -270,11 +277,15 @@ impl Kernels {
     }
 }
 
-/// The next run of source tiles: about `wanted` of them, ending on a multiple of FLUSH_TILES or at the end.
-fn source_run(left: Range<u32>, wanted: u64) -> Range<u32> {
-    let blocks = (wanted / u64::from(FLUSH_TILES)).clamp(1, u64::from(u32::MAX / FLUSH_TILES / 2)) as u32;
-    let end = (left.start / FLUSH_TILES + blocks).saturating_mul(FLUSH_TILES);
-    left.start..end.min(left.end)
+/// Lengths of the lists of some receivers.
+fn run_lengths(offsets: &[u32], receivers: Range<u32>) -> impl Iterator<Item = u32> {
+    offsets[receivers.start as usize..=receivers.end as usize].windows(2).map(|pair| pair[1] - pair[0])
+}
+
+/// Runs of source tiles, one a dispatch.
+fn source_runs(tiles: &Range<u32>) -> impl Iterator<Item = Range<u32>> + use<> {
+    let end = tiles.end;
+    (tiles.start..end).step_by(SOURCE_TILES as usize).map(move |start| start..(start + SOURCE_TILES).min(end))
 }
 
 #[cfg(test)]
@@ -282,16 +293,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn source_runs_end_on_flushes_and_cover_everything() {
-        for (start, end, wanted) in [(0, 1000, 10), (37, 1000, 200), (64, 65, 1), (100, 5000, u64::MAX)] {
-            let mut at = start;
-            while at < end {
-                let run = source_run(at..end, wanted);
-                assert!(run.start == at && run.end > at);
-                assert!(run.end == end || run.end % FLUSH_TILES == 0);
-                at = run.end;
-            }
-            assert_eq!(at, end);
+    fn source_runs_cover_everything_once() {
+        for (start, end) in [(0, 1000), (37, 1000), (64, 65), (100, 5000)] {
+            let all: Vec<u32> = source_runs(&(start..end)).flatten().collect();
+            assert_eq!(all, (start..end).collect::<Vec<_>>());
+            assert!(source_runs(&(start..end)).all(|run| run.len() <= SOURCE_TILES as usize));
         }
     }
 }

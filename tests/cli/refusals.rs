@@ -95,7 +95,7 @@ fn triangles_without_area_are_an_error_when_strict() {
     assert_eq!(folder.json("out/report.json")["plan"]["degenerate"], 2);
 
     let folder = Folder::with(&[("flat.obj", "v 0 0 0\nf 1 1 1\n")]);
-    folder.render("flat.obj --quiet").refused(&["no triangle with an area"]);
+    folder.render("flat.obj --quiet").refused(&["flat.obj", "none of the scene's triangles has an area"]);
     assert!(folder.results().is_empty());
 }
 

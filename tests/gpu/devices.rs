@@ -52,7 +52,8 @@ fn an_embedders_device_is_used_and_left_alone() {
         let queue_family = families.iter().position(compute).unwrap() as u32;
         let queues =
             [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];
-        let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues);
+        let mut layout = vk::PhysicalDeviceScalarBlockLayoutFeatures::default().scalar_block_layout(true);
+        let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut layout);
         let raw = instance.create_device(physical_device, &create, None).unwrap();
         let queue = raw.get_device_queue(queue_family, 0);
 

@@ -117,6 +117,12 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     write_npy(&directory.join("radiosity.npy"), &solution.radiosity)?;
     stages.end("write");
 
+    if let Some(radius) = solution.info.spectral_radius.filter(|&radius| radius >= 1.0) {
+        tracing::warn!(
+            "the spectral radius of the transport is about {radius:.3}: light is created, and the answer is not \
+             physical; look for interpenetrating triangles, or stacked layers closer than a triangle's size"
+        );
+    }
     let report = Report {
         scene: arguments.settings.scene.display().to_string(),
         version: env!("CARGO_PKG_VERSION"),
