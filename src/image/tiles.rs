@@ -9,7 +9,8 @@ use super::projection::{Projected, ROUNDING};
 
 /// Pairs of tile and face after which a list is closed. One costs a core of a CPU about 2 µs: a dispatch stays well
 /// below a second there, even if all its pairs are of one tile.
-const PAIRS: usize = 1 << 16;
+/// And lavapipe leaves a kernel's loops after 65535 iterations: no tile may have more faces than that.
+const PAIRS: usize = 1 << 15;
 
 /// The most pairs that one list has in bands of so many tiles: the last face may touch all of them.
 pub(super) fn max_pairs(band_tiles: u64, faces: u64) -> u64 {

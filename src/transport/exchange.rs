@@ -47,6 +47,8 @@ pub struct NearPush {
 const SOURCE_TILES: u32 = 16;
 /// Close sources per receiver and dispatch, for the same reason: one takes at most 1 + 16 · (20 + 16 · 19) iterations.
 const NEAR_SOURCES: u32 = 8;
+/// The same where sources have no bins, and nothing is cut twice: 1 + 16 · 20 iterations.
+const PLAIN_NEAR_SOURCES: u32 = 128;
 
 /// Point-to-point pairs that a close one takes as long as: for the time left, nothing else.
 const NEAR_COST: u64 = 100;
@@ -249,7 +251,8 @@ impl Kernels {
             let count = run.partition_point(|&o| u64::from(o) <= wanted) as u32;
             let end = (begin + count.next_multiple_of(WORKGROUP).max(WORKGROUP)).min(receivers.end);
             let longest = run_lengths(offsets, begin..end).max().unwrap_or(0);
-            for skip in (0..longest).step_by(NEAR_SOURCES as usize) {
+            let take = if self.source == (false, false) { PLAIN_NEAR_SOURCES } else { NEAR_SOURCES };
+            for skip in (0..longest).step_by(take as usize) {
                 let push = NearPush {
                     receiver_begin: begin,
                     receiver_end: end,
@@ -260,10 +263,10 @@ impl Kernels {
                     source_page: sources.start,
                     backs: u32::from(bound.backs),
                     skip,
-                    take: NEAR_SOURCES,
+                    take,
                 };
                 let taken = run_lengths(offsets, begin..end);
-                let taken: u64 = taken.map(|n| u64::from(n.saturating_sub(skip).min(NEAR_SOURCES))).sum();
+                let taken: u64 = taken.map(|n| u64::from(n.saturating_sub(skip).min(take))).sum();
                 let mut batch = device.batch()?;
                 let groups = [(end - begin).div_ceil(WORKGROUP), 1, 1];
                 batch.dispatch(&self.near, &self.shape, &buffers, bytes_of(&push), groups)?;
