@@ -64,6 +64,8 @@ pub struct MemoryReport {
     pub reserved: u64,
     /// Sorted by label.
     pub by_label: Vec<LabelReport>,
+    /// The most bytes each label ever had, of those freed meanwhile, too.
+    pub peak_by_label: Vec<(String, u64)>,
 }
 
 /// The bookkeeping alone, without a device.
@@ -74,6 +76,7 @@ struct Ledger {
     peak: u64,
     /// Bytes and number of buffers.
     labels: BTreeMap<String, (u64, u64)>,
+    peaks: BTreeMap<String, u64>,
 }
 
 impl Ledger {
@@ -91,6 +94,8 @@ impl Ledger {
         self.peak = self.peak.max(self.in_use);
         let entry = self.labels.entry(label.to_owned()).or_default();
         *entry = (entry.0 + bytes, entry.1 + 1);
+        let peak = self.peaks.entry(label.to_owned()).or_default();
+        *peak = (*peak).max(entry.0);
         Ok(())
     }
 
@@ -171,7 +176,7 @@ impl Memory {
     }
 
     pub(super) fn report(&self) -> MemoryReport {
-        let Ledger { budget, in_use, peak, labels } = &self.ledger;
+        let Ledger { budget, in_use, peak, labels, peaks } = &self.ledger;
         let rows = labels.iter().map(|(label, &(bytes, count))| {
             let label = label.clone();
             LabelReport { label, bytes, count }
@@ -182,6 +187,7 @@ impl Memory {
             peak: *peak,
             reserved: self.allocator.capacity(),
             by_label: rows.collect(),
+            peak_by_label: peaks.iter().map(|(label, &bytes)| (label.clone(), bytes)).collect(),
         }
     }
 
@@ -224,6 +230,7 @@ mod tests {
         ledger.give_back("a", 600);
         assert_eq!((ledger.in_use, ledger.peak), (400, 1000));
         assert_eq!(ledger.labels.keys().collect::<Vec<_>>(), ["b"]);
+        assert_eq!(ledger.peaks.keys().collect::<Vec<_>>(), ["a", "b"]);
         // A budget below what is in use must refuse, not wrap.
         ledger.budget = 100;
         assert!(ledger.take("c", 1).is_err());

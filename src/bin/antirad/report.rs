@@ -38,6 +38,7 @@ pub struct MemoryUse {
     pub budget: u64,
     pub peak: u64,
     pub allocated: BTreeMap<String, u64>,
+    pub peak_by_label: BTreeMap<String, u64>,
 }
 
 #[derive(Serialize)]
@@ -70,7 +71,8 @@ impl From<&DeviceInfo> for DeviceReport {
 impl From<MemoryReport> for MemoryUse {
     fn from(report: MemoryReport) -> Self {
         let allocated = report.by_label.into_iter().map(|l| (l.label, l.bytes)).collect();
-        Self { budget: report.budget, peak: report.peak, allocated }
+        let peak_by_label = report.peak_by_label.into_iter().collect();
+        Self { budget: report.budget, peak: report.peak, allocated, peak_by_label }
     }
 }
 
