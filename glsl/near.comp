@@ -10,7 +10,6 @@
 #include "bins.glsl"
 
 layout(local_size_x_id = 0) in;
-const uint PER_LANE = 1;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
 layout(std430, binding = 1) readonly buffer Radiance { vec4 radiance[]; };
@@ -81,7 +80,7 @@ void piece(vec3 p, vec3 q, vec3 r, vec3 point, float diffuse, float binned) {
                 value += binned * binned_radiance(source_normal, source_first, direction, front);
             }
             value *= projected;
-            deposit(0, receiver_normal, -direction, value);
+            deposit(receiver_normal, -direction, value);
             sum += value;
         }
     }
@@ -94,7 +93,7 @@ void main() {
     receiver_first = (j - receiver_page) * BINS;
     Facet receiver = facets[j];
     receiver_normal = receiver.normal;
-    clear_deposits(0);
+    clear_deposits();
     vec3 a = corners[3 * j].xyz, b = corners[3 * j + 1].xyz, c = corners[3 * j + 2].xyz;
     uint end = near_offsets[j + 1];
     // The first source of the range, by bisection.
@@ -141,6 +140,6 @@ void main() {
     }
     if (active_lane) {
         irradiance[receiver_slot].rgb += sum;
-        flush_deposits(0, receiver_first);
+        flush_deposits(receiver_first);
     }
 }

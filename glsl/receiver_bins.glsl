@@ -1,21 +1,20 @@
 #ifndef RECEIVER_BINS_GLSL
 #define RECEIVER_BINS_GLSL
-// Irradiance into the bins of receivers. A lane owns PER_LANE receivers and gathers their bins in memory of its own, which costs
+// Irradiance into the bins of a receiver. A lane owns a receiver and gathers its bins in memory of its own, which costs
 // a CPU driver a third of what buffers do, being neither masked nor bounds-checked. Only one lane ever writes a
 // receiver's bins: no atomics, and the same sums in the same order from run to run. Expects the
 // buffer of the receivers' bins, `arriving` as an array of float and `arriving_rgb` as one of packed vec3, and `bin_table`.
 
 layout(constant_id = 9) const bool RECEIVER_BINS = false;
-const uint GREY_DEPOSITS = RECEIVER_BINS && CHANNELS == 1 ? BINS * PER_LANE : 1;
-const uint RGB_DEPOSITS = RECEIVER_BINS && CHANNELS == 3 ? BINS * PER_LANE : 1;
+const uint GREY_DEPOSITS = RECEIVER_BINS && CHANNELS == 1 ? BINS : 1;
+const uint RGB_DEPOSITS = RECEIVER_BINS && CHANNELS == 3 ? BINS : 1;
 
 float grey_deposits[GREY_DEPOSITS];
 vec3 rgb_deposits[RGB_DEPOSITS];
 
-// `k`: which of the lane's receivers, here and below.
-void clear_deposits(uint k) {
+void clear_deposits() {
     if (RECEIVER_BINS) {
-        for (uint at = k * BINS; at < (k + 1) * BINS; at++) {
+        for (uint at = 0; at < BINS; at++) {
             if (CHANNELS == 1) {
                 grey_deposits[at] = 0.0;
             } else {
@@ -26,11 +25,11 @@ void clear_deposits(uint k) {
 }
 
 // `direction`: unit, from the receiver to the source.
-void deposit(uint k, vec3 normal, vec3 direction, vec3 value) {
+void deposit(vec3 normal, vec3 direction, vec3 value) {
     if (RECEIVER_BINS) {
         Taps t = taps(direction * orthonormal_basis(normal));
         for (uint tap = 0; tap < 4; tap++) {
-            uint at = k * BINS + t.bin[tap];
+            uint at = t.bin[tap];
             if (CHANNELS == 1) {
                 grey_deposits[at] += t.weight[tap] * value.r;
             } else {
@@ -41,14 +40,14 @@ void deposit(uint k, vec3 normal, vec3 direction, vec3 value) {
 }
 
 // Adds what was gathered to the receiver's bins, as radiance: H(b) / c_b. `first`: its first bin in its page.
-void flush_deposits(uint k, uint first) {
+void flush_deposits(uint first) {
     if (RECEIVER_BINS) {
         for (uint at = 0; at < BINS; at++) {
             float to_radiance = 1.0 / bin_table[at].w;
             if (CHANNELS == 1) {
-                arriving[first + at] += grey_deposits[k * BINS + at] * to_radiance;
+                arriving[first + at] += grey_deposits[at] * to_radiance;
             } else {
-                arriving_rgb[first + at] += rgb_deposits[k * BINS + at] * to_radiance;
+                arriving_rgb[first + at] += rgb_deposits[at] * to_radiance;
             }
         }
     }

@@ -4,9 +4,8 @@
 #extension GL_GOOGLE_include_directive : require
 // U where source, receiver or both have bins, point to point:
 //     H_j(b) += T_b(ω_j) max(cos_j, 0) |cos_i| g_ij a_i · (front: L_i(ω_i); back: -A_i(ω_i)).
-// A workgroup is one subgroup; a lane owns PER_LANE receivers. Every lane loads one source, and all lanes take it from
-// there by broadcast, which costs as much as all the geometry of a pair: hence several receivers for each.
-// Twin: src/reference/transport.rs.
+// A workgroup is one subgroup; a lane owns one receiver. Every lane loads one source, and all lanes take it from there
+// by broadcast. Twin: src/reference/transport.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -15,7 +14,6 @@
 layout(local_size_x_id = 0) in;
 layout(constant_id = 0) const uint LANES = 8;
 layout(constant_id = 1) const uint TILE = 64;
-layout(constant_id = 10) const uint PER_LANE = 1;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
 layout(std430, binding = 1) readonly buffer Radiance { vec4 radiance[]; };
@@ -36,14 +34,10 @@ layout(std430, binding = 7) readonly buffer BinTable { vec4 bin_table[]; };
 
 void main() {
     uint tile = receiver_tile + gl_WorkGroupID.x;
-    uint first = tile * TILE + gl_WorkGroupID.y * LANES * PER_LANE + gl_LocalInvocationID.x;
-    Facet receivers[PER_LANE];
-    vec3 sum[PER_LANE];
-    for (uint k = 0; k < PER_LANE; k++) {
-        receivers[k] = facets[first + k * LANES];
-        sum[k] = vec3(0.0);
-        clear_deposits(k);
-    }
+    uint j = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
+    Facet receiver = facets[j];
+    vec3 sum = vec3(0.0);
+    clear_deposits();
     for (uint source_tile = source_begin; source_tile < source_end; source_tile++) {
         uint flags = pair_flags(tile, source_tile);
         bool fronts = (flags & PAIR_FRONT) != 0;
@@ -61,31 +55,25 @@ void main() {
                 vec3 l = subgroupBroadcast(light, lane);
                 float area = subgroupBroadcast(f.area, lane);
                 float extent = subgroupBroadcast(f.extent, lane);
-                for (uint k = 0; k < PER_LANE; k++) {
-                    vec3 d = receivers[k].centre - x;
-                    vec3 normal = receivers[k].normal;
-                    float r2 = max(dot(d, d), R2_MIN);
-                    float from = dot(d, n);
-                    float to = max(-dot(d, normal), 0.0);
-                    float share = near ? far_share(r2, half_range * (extent + receivers[k].extent)) : 1.0;
-                    float side = from > 0.0 ? float(fronts) : float(backs);
-                    float weight = side * share * abs(from) * to * area / (r2 * (r2 + area * INV_PI));
-                    // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.
-                    for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
-                        vec3 direction = d * inversesqrt(r2);
-                        bool front = from > 0.0;
-                        vec3 binned = binned_radiance(n, (i - source_page) * BINS, direction, front);
-                        vec3 value = weight * (front ? l + binned : binned);
-                        deposit(k, normal, -direction, value);
-                        sum[k] += value;
-                    }
+                vec3 d = receiver.centre - x;
+                float r2 = max(dot(d, d), R2_MIN);
+                float from = dot(d, n);
+                float to = max(-dot(d, receiver.normal), 0.0);
+                float share = near ? far_share(r2, half_range * (extent + receiver.extent)) : 1.0;
+                float side = from > 0.0 ? float(fronts) : float(backs);
+                float weight = side * share * abs(from) * to * area / (r2 * (r2 + area * INV_PI));
+                // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.
+                for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
+                    vec3 direction = d * inversesqrt(r2);
+                    bool front = from > 0.0;
+                    vec3 binned = binned_radiance(n, (i - source_page) * BINS, direction, front);
+                    vec3 value = weight * (front ? l + binned : binned);
+                    deposit(receiver.normal, -direction, value);
+                    sum += value;
                 }
             }
         }
     }
-    for (uint k = 0; k < PER_LANE; k++) {
-        uint j = first + k * LANES;
-        irradiance[j].rgb += sum[k];
-        flush_deposits(k, (j - receiver_page) * BINS);
-    }
+    irradiance[j].rgb += sum;
+    flush_deposits((j - receiver_page) * BINS);
 }

@@ -42,7 +42,7 @@ pub struct NearPush {
 
 /// Tiles of sources per dispatch, after which sums go to memory: always the same, so that sums don't depend on how the
 /// work is cut. Few enough for lavapipe, which leaves every loop of an invocation after 65535 iterations of all its loops
-/// together, without a word: a tile of 64 takes at most 1 + 8 + 64 · (1 + 10 · PER_LANE) of them, even if its compiler
+/// together, without a word: a tile of 64 takes at most 1 + 8 + 64 · 14 of them, even if its compiler
 /// unrolls nothing.
 const SOURCE_TILES: u32 = 16;
 /// Close sources per receiver and dispatch, for the same reason: one takes at most 1 + 16 · (20 + 16 · 19) iterations.
@@ -52,11 +52,6 @@ const PLAIN_NEAR_SOURCES: u32 = 128;
 
 /// Point-to-point pairs that a close one takes as long as: for the time left, nothing else.
 const NEAR_COST: u64 = 100;
-
-/// Receivers per lane of the kernel with bins, which share the broadcasts of a source. Those with bins have memory of the
-/// lane's own: two of them leave a CPU's first-level cache, and are slower than one.
-const BINS_PER_LANE: u32 = 1;
-const IRRADIANCE_PER_LANE: u32 = 4;
 
 /// Kernels of one pair of classes: of the source, and whether the receiver has bins.
 struct Kernels {
@@ -106,10 +101,8 @@ impl Exchange {
         let tiles = [(0, self.lanes), (1, plan.limits.tile)];
         let push = size_of::<FarPush>() as u32;
         let with_bins = from.class.has_bins() || receiver_bins;
-        let wanted = if receiver_bins { BINS_PER_LANE } else { IRRADIANCE_PER_LANE };
-        let per_lane = wanted.min(plan.limits.tile / self.lanes);
         let far = if with_bins {
-            let constants = [&tiles[..], &[(10, per_lane)], &constants].concat();
+            let constants = [&tiles[..], &constants].concat();
             Pipeline::new(device, &shaders::TRANSPORT_BINS, 8, push, &constants, Some(self.lanes))?
         } else {
             Pipeline::new(device, &shaders::TRANSPORT_IRRADIANCE, 4, push, &tiles, Some(self.lanes))?
@@ -126,7 +119,7 @@ impl Exchange {
             source: (blocker, glossy),
             receiver_bins,
             far,
-            workgroups: if with_bins { plan.limits.tile / (self.lanes * per_lane) } else { 1 },
+            workgroups: if with_bins { plan.limits.tile / self.lanes } else { 1 },
             near,
             far_pace: Pace::new(if with_bins { 2e6 } else { 5e7 }),
             near_pace: Pace::new(1e5),
