@@ -64,9 +64,9 @@ pub struct Negative {
 /// A solved scene. Holds memory of the device until it is dropped.
 pub struct Solution {
     /// Per triangle of the scene, RGB, W/m²; zero for triangles without area.
-    pub irradiance: Vec<[f32; 3]>,
+    pub irradiance: Vec<[f64; 3]>,
     /// Emitted and reflected power per area, per triangle of the scene, RGB, W/m².
-    pub radiosity: Vec<[f32; 3]>,
+    pub radiosity: Vec<[f64; 3]>,
     pub info: SolveInfo,
     pub energy: Energy,
     pub negative: Negative,
@@ -159,17 +159,17 @@ impl Engine {
         let irradiance = self.to_scene_order(&self.operators.irradiance(&state)?);
         let radiosity = self.radiosity(&state, &irradiance)?;
         let energy = self.energy(&irradiance, &radiosity);
-        let lowest = irradiance.iter().map(|rgb| rgb.iter().copied().fold(f32::INFINITY, f32::min));
+        let lowest = irradiance.iter().map(|rgb| rgb.iter().copied().fold(f64::INFINITY, f64::min));
         let negative = Negative {
             triangles: lowest.clone().filter(|&h| h < 0.0).count(),
-            minimum: f64::from(lowest.fold(0.0, f32::min)),
+            minimum: lowest.fold(0.0, f64::min),
         };
         Ok(Solution { irradiance, radiosity, info, energy, negative, state })
     }
 
     /// Radiance that each triangle of the scene sends to a point (metres), RGB, W/(m² sr): what the operator S reads.
     /// Zero for triangles whose back it sees.
-    pub fn face_colours(&mut self, solution: &Solution, eye: DVec3) -> Result<Vec<[f32; 3]>, EngineError> {
+    pub fn face_colours(&mut self, solution: &Solution, eye: DVec3) -> Result<Vec<[f64; 3]>, EngineError> {
         let colours = self.operators.observe(&solution.state, eye)?;
         Ok(self.to_scene_order(&colours))
     }
@@ -185,7 +185,7 @@ impl Engine {
         &mut self.operators
     }
 
-    fn to_scene_order(&self, slots: &[[f32; 4]]) -> Vec<[f32; 3]> {
+    fn to_scene_order(&self, slots: &[[f64; 4]]) -> Vec<[f64; 3]> {
         let plan = self.operators.plan();
         let mut values = vec![[0.0; 3]; plan.facets.len()];
         for (&i, &[r, g, b, _]) in plan.layout.order.iter().zip(slots) {
@@ -197,11 +197,11 @@ impl Engine {
     }
 
     /// π L_e + δρ E, and of glossy triangles Σ_o c_o L(o).
-    fn radiosity(&mut self, state: &State, irradiance: &[[f32; 3]]) -> Result<Vec<[f32; 3]>, EngineError> {
+    fn radiosity(&mut self, state: &State, irradiance: &[[f64; 3]]) -> Result<Vec<[f64; 3]>, EngineError> {
         let mut radiosity: Vec<DVec3> = irradiance
             .iter()
             .zip(self.exitance.iter().zip(&self.albedo))
-            .map(|(h, (&exitance, &albedo))| exitance + albedo * DVec3::from(h.map(f64::from)))
+            .map(|(h, (&exitance, &albedo))| exitance + albedo * DVec3::from(*h))
             .collect();
         if self.plan().classes.iter().any(|class| class.glossy) {
             let specular = self.operators.leaving(state)?.specular;
@@ -215,25 +215,25 @@ impl Engine {
                     };
                     for (bin, &c) in lobe.chunks(channels).zip(&plan.bins.projected) {
                         let rgb = if channels == 1 { [bin[0]; 3] } else { [bin[0], bin[1], bin[2]] };
-                        *b += c * DVec3::from(rgb.map(f64::from));
+                        *b += c * DVec3::from(rgb);
                     }
                 }
             }
         }
         let valid = |i: usize| self.operators.plan().facets[i].area > 0.0;
-        let value = |(i, b): (usize, &DVec3)| if valid(i) { b.as_vec3().to_array() } else { [0.0; 3] };
+        let value = |(i, b): (usize, &DVec3)| if valid(i) { b.to_array() } else { [0.0; 3] };
         Ok(radiosity.iter().enumerate().map(value).collect())
     }
 
-    fn energy(&self, irradiance: &[[f32; 3]], radiosity: &[[f32; 3]]) -> Energy {
+    fn energy(&self, irradiance: &[[f64; 3]], radiosity: &[[f64; 3]]) -> Energy {
         let plan = self.operators.plan();
         let metres = 1.0 / plan.placement.scale.powi(2);
         let (mut emitted, mut absorbed) = (DVec3::ZERO, DVec3::ZERO);
         for (i, facet) in plan.facets.iter().enumerate().filter(|(_, f)| f.area > 0.0) {
             let area = facet.area * metres;
-            let reflected = DVec3::from(radiosity[i].map(f64::from)) - self.exitance[i];
+            let reflected = DVec3::from(radiosity[i]) - self.exitance[i];
             emitted += area * self.exitance[i];
-            absorbed += area * (DVec3::from(irradiance[i].map(f64::from)) - reflected);
+            absorbed += area * (DVec3::from(irradiance[i]) - reflected);
         }
         let (emitted, absorbed, escaped) = (emitted.into(), absorbed.into(), (emitted - absorbed).into());
         Energy { emitted, absorbed, escaped }

@@ -6,7 +6,8 @@ mod support;
 
 use antirad::plan::{Class, Limits, PADDING, Plan};
 use antirad::reference::{Model, State, observe, transport};
-use antirad::scene::{Accuracy, BinLayout, Material, Scene, Triangle, Weights};
+use antirad::scene::{Accuracy, BinLayout, Material, Precision, Scene, Triangle, Weights};
+use antirad::shaders::RealShader;
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers};
 use antirad::{Engine, SolveParams, shaders, transport as device_side};
@@ -14,7 +15,12 @@ use glam::DVec3;
 use support::{device, finish};
 
 /// Relative error of each kernel, in the 2-norm over all its output.
-const TOLERANCE: f64 = 1e-4;
+fn tolerance(precision: Precision) -> f64 {
+    match precision {
+        Precision::F32 => 1e-4,
+        Precision::F64 => 1e-12,
+    }
+}
 
 /// A small generator of numbers in [0, 1): the same scenes on every run (splitmix64).
 struct Random(u64);
@@ -77,24 +83,24 @@ fn relative(values: &[f64], truth: &[f64]) -> f64 {
 }
 
 /// RGB values per slot, of the triangles that take part.
-fn by_slot(plan: &Plan, values: impl Fn(usize) -> DVec3) -> Vec<[f32; 4]> {
+fn by_slot(plan: &Plan, values: impl Fn(usize) -> DVec3) -> Vec<[f64; 4]> {
     let value = |&i: &u32| if i == PADDING { DVec3::ZERO } else { values(i as usize) };
-    plan.layout.order.iter().map(|i| value(i).as_vec3().extend(0.0).to_array()).collect()
+    plan.layout.order.iter().map(|i| value(i).extend(0.0).to_array()).collect()
 }
 
 /// Flattens what the device holds per slot, in the order of the scene.
-fn rgb_of(plan: &Plan, slots: &[[f32; 4]]) -> Vec<f64> {
+fn rgb_of(plan: &Plan, slots: &[[f64; 4]]) -> Vec<f64> {
     let mut all = vec![0.0; plan.facets.len() * 3];
     for (&i, value) in plan.layout.order.iter().zip(slots).filter(|(i, _)| **i != PADDING) {
         for c in 0..3 {
-            all[i as usize * 3 + c] = f64::from(value[c]);
+            all[i as usize * 3 + c] = value[c];
         }
     }
     all
 }
 
 /// Pages of bins as the device holds them, from bins of the reference.
-fn to_pages(model: &Model, plan: &Plan, bins: &[DVec3]) -> Vec<Option<Vec<f32>>> {
+fn to_pages(model: &Model, plan: &Plan, bins: &[DVec3]) -> Vec<Option<Vec<f64>>> {
     let channels = plan.channels as usize;
     let width = model.bins.count() * channels;
     plan.layout
@@ -112,7 +118,7 @@ fn to_pages(model: &Model, plan: &Plan, bins: &[DVec3]) -> Vec<Option<Vec<f32>>>
                     let Some(range) = model.bins_of(i as usize) else { continue };
                     for (value, rgb) in row.chunks_mut(channels).zip(&bins[range]) {
                         for (c, v) in value.iter_mut().enumerate() {
-                            *v = rgb[c] as f32;
+                            *v = rgb[c];
                         }
                     }
                 }
@@ -123,7 +129,7 @@ fn to_pages(model: &Model, plan: &Plan, bins: &[DVec3]) -> Vec<Option<Vec<f32>>>
 }
 
 /// Flattens pages of the device, in the order of the reference; groups that have none count as zero.
-fn from_pages(model: &Model, plan: &Plan, pages: &[Option<Vec<f32>>], total: usize) -> Vec<f64> {
+fn from_pages(model: &Model, plan: &Plan, pages: &[Option<Vec<f64>>], total: usize) -> Vec<f64> {
     let channels = plan.channels as usize;
     let width = model.bins.count() * channels;
     let mut all = vec![0.0; total * 3];
@@ -134,7 +140,7 @@ fn from_pages(model: &Model, plan: &Plan, pages: &[Option<Vec<f32>>], total: usi
             let Some(range) = (i != PADDING).then(|| model.bins_of(i as usize)).flatten() else { continue };
             for (b, value) in range.zip(row.chunks(channels)) {
                 for c in 0..3 {
-                    all[b * 3 + c] = f64::from(value[if channels == 1 { 0 } else { c }]);
+                    all[b * 3 + c] = value[if channels == 1 { 0 } else { c }];
                 }
             }
         }
@@ -217,7 +223,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
     );
     for (kernel, error) in errors {
         println!("  {kernel}: {error:.2e}");
-        assert!(error <= TOLERANCE, "{name}, {kernel}: relative error {error:e}");
+        assert!(error <= tolerance(accuracy.precision), "{name}, {kernel}: relative error {error:e}");
     }
     finish(&device);
 }
@@ -242,6 +248,15 @@ fn other_weights_and_layouts() {
         ..Accuracy::default()
     };
     compare("concentric, smoothstep", &scene, both, |l| l);
+}
+
+#[test]
+fn double_precision() {
+    let scene = random_scene(11, 150, true, false);
+    let double = Accuracy { precision: Precision::F64, ..Accuracy::default() };
+    compare("f64", &scene, double, |l| l);
+    let smooth = Accuracy { weights: Weights::Smoothstep, bins: BinLayout::Concentric { n: 12 }, ..double };
+    compare("f64, concentric, smoothstep", &scene, smooth, |l| l);
 }
 
 /// Lists of close sources longer than one dispatch takes.
@@ -293,9 +308,9 @@ fn a_wrong_kernel_would_be_found() {
     let (truth, _) =
         antirad::solve::fixed_point(&mut operator, &params, &mut |_, _| std::ops::ControlFlow::Continue(()))
             .expect("a reference");
-    let values: Vec<f64> = solution.irradiance.iter().flatten().map(|&x| f64::from(x)).collect();
+    let values: Vec<f64> = solution.irradiance.iter().flatten().copied().collect();
     let error = relative(&values, &flat(&truth.irradiance));
-    assert!(error <= TOLERANCE, "relative error {error:e}");
+    assert!(error <= tolerance(accuracy.precision), "relative error {error:e}");
 }
 
 /// Structures shared with the shaders lie in memory as the shaders see them.
@@ -309,26 +324,34 @@ fn layouts_agree_with_the_shaders() {
         };
     }
     use device_side::*;
-    check!(
-        shaders::NEAR,
-        "Facet",
-        FacetData,
-        ["centre" = centre, "area" = area, "normal" = normal, "extent" = extent]
-    );
-    check!(
-        shaders::REFLECT,
-        "Surface",
-        SurfaceData,
-        [
-            "diffuse" = diffuse,
-            "power" = power,
-            "emission" = emission,
-            "unused_emission" = unused_emission,
-            "specular" = specular,
-            "unused_specular" = unused_specular,
-        ]
-    );
-    for shader in [&shaders::TRANSPORT_IRRADIANCE, &shaders::TRANSPORT_BINS] {
+    // Reals, then words, in both precisions: offsets in numbers of reals and of words.
+    let laid_out = |shader: &RealShader, name: &str, reals: &[(&str, u32)], words: &[&str]| {
+        for precision in [Precision::F32, Precision::F64] {
+            let (shader, bytes) = (shader.of(precision), precision.bytes() as u32);
+            let first = |(name, at): &(&str, u32)| ((*name).to_owned(), at * bytes);
+            let mut expected: Vec<(String, u32)> = reals.iter().map(first).collect();
+            let (total, reals) = reals.split_last().map_or((0, reals), |((_, total), reals)| (*total, reals));
+            expected.truncate(reals.len());
+            expected
+                .extend(words.iter().zip(0..).map(|(name, k)| ((*name).to_owned(), total * bytes + 4 * k)));
+            assert_eq!(reflect::member_offsets(shader.spirv, name), expected, "{name} of {}", shader.name);
+        }
+    };
+    let facet = [("centre", 0), ("area", 3), ("normal", 4), ("extent", 7), ("", 8)];
+    laid_out(&shaders::NEAR, "Facet", &facet, &[]);
+    let surface = [
+        ("diffuse", 0),
+        ("power", 3),
+        ("emission", 4),
+        ("unused_emission", 7),
+        ("specular", 8),
+        ("unused_specular", 11),
+        ("", 12),
+    ];
+    laid_out(&shaders::REFLECT, "Surface", &surface, &[]);
+    laid_out(&shaders::OBSERVE, "ObservePush", &[("eye", 0), ("", 3)], &["begin", "end"]);
+    laid_out(&shaders::COMBINE, "Push", &[("a", 0), ("b", 1), ("", 2)], &["count"]);
+    for shader in [&shaders::TRANSPORT_IRRADIANCE.f64, &shaders::TRANSPORT_BINS.f32] {
         check!(
             shader,
             "FarPush",
@@ -346,7 +369,7 @@ fn layouts_agree_with_the_shaders() {
         );
     }
     check!(
-        shaders::NEAR,
+        shaders::NEAR.f64,
         "NearPush",
         NearPush,
         [
@@ -363,18 +386,16 @@ fn layouts_agree_with_the_shaders() {
         ]
     );
     check!(
-        shaders::REFLECT,
+        shaders::REFLECT.f64,
         "ReflectPush",
         ReflectPush,
         ["count" = count, "emission" = emission, "reflection" = reflection]
     );
     check!(
-        shaders::REFLECT_GLOSSY,
+        shaders::REFLECT_GLOSSY.f64,
         "GlossyPush",
         GlossyPush,
         ["page" = page, "first" = first, "count" = count]
     );
-    check!(shaders::OBSERVE, "ObservePush", ObservePush, ["eye" = eye, "begin" = begin, "end" = end]);
-    check!(shaders::COMBINE, "Push", CombinePush, ["count" = count, "a" = a, "b" = b]);
-    check!(shaders::DOT, "DotPush", DotPush, ["count" = count]);
+    check!(shaders::DOT.f64, "DotPush", DotPush, ["count" = count]);
 }

@@ -20,7 +20,7 @@ pub use report::{ClassReport, PairReport, PlanReport};
 pub use tiles::{Group, Layout, PADDING, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, TilePairs};
 
 use crate::reference::Facet;
-use crate::scene::{Accuracy, Scene, SolverChoice};
+use crate::scene::{Accuracy, Precision, Scene, SolverChoice};
 use glam::DVec3;
 
 /// What a device offers, and choices that change the work but not the result.
@@ -118,6 +118,9 @@ const LONGEST_RESTART: u32 = 16;
 /// The shortest one that still beats the fixed point.
 const SHORTEST_RESTART: u32 = 4;
 
+/// The smallest relative residual that f32 can tell.
+const F32_TOLERANCE: f64 = 1e-7;
+
 /// Everything the engine needs to know, decided.
 #[derive(Clone, Debug)]
 pub struct Plan {
@@ -141,6 +144,9 @@ pub struct Plan {
 impl Plan {
     /// Plans a forward solve of a checked scene.
     pub fn new(scene: &Scene, limits: &Limits, accuracy: &Accuracy) -> Result<Self, PlanError> {
+        if accuracy.precision == Precision::F32 && accuracy.tolerance < F32_TOLERANCE {
+            return Err(PlanError::Tolerance { wanted: accuracy.tolerance, least: F32_TOLERANCE });
+        }
         let placement = Placement::of(scene);
         let facets: Vec<Facet> = (0..scene.triangles.len())
             .map(|i| Facet::new(scene.corners(i).map(|c| placement.apply(c))))
@@ -161,7 +167,7 @@ impl Plan {
         if order.is_empty() {
             return Err(PlanError::NothingToSolve);
         }
-        let tile_bytes = u64::from(limits.tile) * memory::bin_bytes(&bins, channels);
+        let tile_bytes = u64::from(limits.tile) * memory::bin_bytes(&bins, channels, accuracy.precision);
         let page = limits.page.min(limits.max_buffer);
         let page_tiles = (page / tile_bytes).max(1).min(u64::from(u32::MAX)) as u32;
         let layout = Layout::new(&order, &classes, limits.tile, page_tiles);
@@ -221,7 +227,12 @@ impl Plan {
 
     /// Bytes of the bins of one triangle.
     pub fn bin_bytes(&self) -> u64 {
-        memory::bin_bytes(&self.bins, self.channels)
+        memory::bin_bytes(&self.bins, self.channels, self.accuracy.precision)
+    }
+
+    /// Bytes of one vec4 of reals.
+    pub(crate) fn rgb_bytes(&self) -> u64 {
+        memory::RGB * self.accuracy.precision.bytes()
     }
 
     /// Triangles that take part.

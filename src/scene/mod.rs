@@ -20,7 +20,7 @@ mod statue;
 mod tables;
 mod triangulate;
 
-pub use accuracy::{Accuracy, BinLayout, SolverChoice, Weights};
+pub use accuracy::{Accuracy, BinLayout, Precision, SolverChoice, Weights};
 pub use camera::Camera;
 pub use error::SceneError;
 pub use file::LoadOptions;

@@ -93,6 +93,7 @@ impl Exchange {
     }
 
     fn compile(&self, device: &Device, plan: &Plan, to: &Group, from: &Group) -> Result<Kernels, GpuError> {
+        let precision = plan.accuracy.precision;
         let (blocker, glossy) = (from.class.blocker, from.class.glossy);
         let receiver_bins = to.class.has_bins();
         let mut constants =
@@ -103,12 +104,33 @@ impl Exchange {
         let with_bins = from.class.has_bins() || receiver_bins;
         let far = if with_bins {
             let constants = [&tiles[..], &constants].concat();
-            Pipeline::new(device, &shaders::TRANSPORT_BINS, 8, push, &constants, Some(self.lanes))?
+            Pipeline::new(
+                device,
+                shaders::TRANSPORT_BINS.of(precision),
+                8,
+                push,
+                &constants,
+                Some(self.lanes),
+            )?
         } else {
-            Pipeline::new(device, &shaders::TRANSPORT_IRRADIANCE, 4, push, &tiles, Some(self.lanes))?
+            Pipeline::new(
+                device,
+                shaders::TRANSPORT_IRRADIANCE.of(precision),
+                4,
+                push,
+                &tiles,
+                Some(self.lanes),
+            )?
         };
         let constants = [&[(0, WORKGROUP)][..], &constants].concat();
-        let near = Pipeline::new(device, &shaders::NEAR, 10, size_of::<NearPush>() as u32, &constants, None)?;
+        let near = Pipeline::new(
+            device,
+            shaders::NEAR.of(precision),
+            10,
+            size_of::<NearPush>() as u32,
+            &constants,
+            None,
+        )?;
         let source = match (blocker, glossy) {
             (false, false) => "fronts",
             (true, false) => "fronts and backs",
