@@ -3,8 +3,8 @@
 mod support;
 
 use antirad::reference::{
-    Adjoint, Leaving, Model, State, emission, observe, observe_adjoint, reflect_adjoint, transport,
-    transport_adjoint,
+    Adjoint, Facet, Leaving, Model, State, emission, observe, observe_adjoint, observe_derivative,
+    reflect_adjoint, reflect_derivative, transport, transport_adjoint, transport_derivative,
 };
 use antirad::scene::{Accuracy, BinLayout, Scene, Weights};
 use antirad::solve::{GmresParams, gmres};
@@ -136,5 +136,69 @@ fn the_solve_and_its_adjoint_agree() {
         let loss = dot_states(&state, &adjoint.arriving) + dot_leaving(&leaving, &adjoint.leaving);
         let importance = solve(&mut adjoint);
         assert_same(&name, loss, dot_leaving(&adjoint.leaving(&importance), &emitted), 1e-10);
+    }
+}
+
+/// The loss of a geometry, everything else fixed: classes too, since what the plan leaves out never matters.
+struct Moved<'a> {
+    scene: Scene,
+    base: &'a Model,
+}
+
+impl Moved<'_> {
+    /// With some vertices shifted by `step`.
+    fn model(&self, vertices: &[usize], step: DVec3) -> Model {
+        let mut scene = self.scene.clone();
+        for &v in vertices {
+            scene.vertices[v] += step;
+        }
+        Model::with_classes(&scene, self.base.classes.clone())
+    }
+
+    /// Central differences of `loss` along x, y and z.
+    fn slope(&self, vertices: &[usize], step: f64, loss: &dyn Fn(&Model) -> f64) -> DVec3 {
+        DVec3::from_array(DVec3::AXES.map(|axis| {
+            let at = |step| loss(&self.model(vertices, step * axis));
+            (at(step) - at(-step)) / (2.0 * step)
+        }))
+    }
+}
+
+fn relative(found: &[DVec3], truth: &[DVec3]) -> f64 {
+    let difference: Vec<DVec3> = found.iter().zip(truth).map(|(f, t)| *f - *t).collect();
+    (dot(&difference, &difference) / dot(truth, truth)).sqrt()
+}
+
+#[test]
+fn explore() {
+    let mut random = Random(21);
+    for (name, room, count, subsample) in
+        [("far", 2.0, 12, 0.0), ("mixed", 1.0, 12, 30.0), ("near", 0.3, 8, 30.0)]
+    {
+        for accuracy in accuracies() {
+            let accuracy = Accuracy { subsample, ..accuracy };
+            let scene = Scene { accuracy, ..scattered(31, count, true, false, room) };
+            let base = Model::new(&scene);
+            let (leaving, importance) =
+                (random_leaving(&base, &mut random), random_state(&base, &mut random));
+            let moved = Moved { scene, base: &base };
+            let start = std::time::Instant::now();
+            let found: Vec<DVec3> = transport_derivative(&base, &leaving, &importance)
+                .iter()
+                .zip(&base.facets)
+                .flat_map(|(g, f)| g.to_corners(f))
+                .collect();
+            let loss = |model: &Model| dot_states(&transport(model, &leaving), &importance);
+            for step in [1e-4, 1e-5, 1e-6, 1e-7] {
+                let truth: Vec<DVec3> = (0..found.len()).map(|v| moved.slope(&[v], step, &loss)).collect();
+                println!(
+                    "{name} {} {:?} {step:e}: {:e}",
+                    accuracy.bins,
+                    accuracy.weights,
+                    relative(&found, &truth)
+                );
+            }
+            println!("{:?}", start.elapsed());
+        }
     }
 }

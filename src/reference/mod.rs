@@ -1,6 +1,7 @@
 //! An f64 twin of every kernel of light on the CPU, written to be read: the truth that the kernels are tested against.
 
 mod adjoint;
+mod derivative;
 mod geometry;
 mod near_field;
 mod observation;
@@ -9,6 +10,9 @@ mod reflection;
 mod transport;
 
 pub use adjoint::{Adjoint, observe_adjoint, reflect_adjoint, transport_adjoint};
+pub use derivative::{
+    FacetGradient, MaterialGradient, observe_derivative, reflect_derivative, transport_derivative,
+};
 pub use geometry::{Facet, orthonormal_basis};
 pub use near_field::{QUARTER_RANGE, far_share, projected_solid_angle};
 pub use observation::observe;
