@@ -10,6 +10,7 @@ mod order;
 mod report;
 mod tiles;
 
+pub(crate) use bins::Cells;
 pub use bins::{Bins, Taps};
 pub use classes::{Class, classify};
 pub use error::PlanError;

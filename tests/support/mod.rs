@@ -1,6 +1,8 @@
 //! What several tests need: devices with validation, reference data, errors.
 #![allow(dead_code, reason = "every test crate uses a part")]
 
+pub mod random;
+
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Limits, Plan};
 use antirad::scene::{Accuracy, LoadOptions, Scene};
