@@ -76,4 +76,12 @@ Taps taps(real3 w) {
     return result;
 }
 
+// result += Σ_b T_b values[first + b] over bins in a buffer, which is there as array of real, `grey`, and of packed real3,
+// `rgb`.
+#define GATHER(grey, rgb, first, t, result)                                                       \
+    for (uint tap = 0; tap < 4; tap++) {                                                          \
+        uint at = (first) + t.bin[tap];                                                           \
+        result += t.weight[tap] * (CHANNELS == 1 ? real3(grey[at]) : rgb[at]);                     \
+    }
+
 #endif

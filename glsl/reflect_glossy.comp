@@ -6,7 +6,7 @@
 #include "geometry.glsl"
 #include "surface.glsl"
 #include "bins.glsl"
-#include "power.glsl"
+#include "lobe.glsl"
 
 layout(local_size_x_id = 0) in;
 
@@ -34,12 +34,8 @@ void main() {
     real3 o = bin_table[at % BINS].xyz;
     real3 sum = real3(0.0);
     for (uint b = 0; b < BINS; b++) {
-        // ⟨h, n⟩ is the z of the half vector. pow(0, 0) is undefined: a lobe of power 0 is 1 everywhere.
-        real3 h = bin_table[b].xyz + o;
-        real cosine = h.z * inversesqrt(max(dot(h, h), 1e-20));
-        real lobe = s.power > 0.0 ? power(max(cosine, 1e-20), s.power) : real(1.0);
         uint from = (triangle * BINS + b) * CHANNELS;
-        sum += lobe * bin_table[b].w * (CHANNELS == 1 ? real3(arriving[from])
+        sum += lobe(half_cosine(bin_table[b].xyz, o), s.power) * bin_table[b].w * (CHANNELS == 1 ? real3(arriving[from])
                                      : real3(arriving[from], arriving[from + 1], arriving[from + 2]));
     }
     for (uint c = 0; c < CHANNELS; c++) {

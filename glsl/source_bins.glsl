@@ -7,14 +7,9 @@
 layout(constant_id = 7) const bool SOURCE_BACK = false;
 layout(constant_id = 8) const bool SOURCE_FRONT = false;
 
-#define GATHER(grey, rgb, first, t, result)                                                       \
-    for (uint tap = 0; tap < 4; tap++) {                                                          \
-        uint at = (first) + t.bin[tap];                                                           \
-        result += t.weight[tap] * (CHANNELS == 1 ? real3(grey[at]) : rgb[at]);                     \
-    }
-
 // The part of the radiance that varies with direction: specular from the front, and from the back (J) the negative of
-// what arrived at the front, which is the state itself: its bins hold A(b) = H(b) / c_b. `direction` is that in which light travels; `first`: first bin of the source in its page.
+// what arrived at the front, which is the state itself: its bins hold A(b) = H(b) / c_b. `direction` is that in which
+// light travels; `first`: first bin of the source in its page.
 real3 binned_radiance(real3 normal, uint first, real3 direction, bool front) {
     real3 result = real3(0.0);
     if (SOURCE_BACK || SOURCE_FRONT) {

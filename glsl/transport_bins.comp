@@ -33,12 +33,12 @@ layout(std430, binding = 7) readonly buffer BinTable { real4 bin_table[]; };
 #include "receiver_bins.glsl"
 
 void main() {
-    uint tile = receiver_tile + gl_WorkGroupID.x;
+    uint tile = owner_tile + gl_WorkGroupID.x;
     uint j = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
     Facet receiver = facets[j];
     real3 sum = real3(0.0);
     clear_deposits();
-    for (uint source_tile = source_begin; source_tile < source_end; source_tile++) {
+    for (uint source_tile = other_begin; source_tile < other_end; source_tile++) {
         uint flags = pair_flags(tile, source_tile);
         bool fronts = (flags & PAIR_FRONT) != 0;
         bool backs = SOURCE_BACK && (flags & PAIR_BACK) != 0;
@@ -66,14 +66,14 @@ void main() {
                 for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
                     real3 direction = d * inversesqrt(r2);
                     bool front = from > 0.0;
-                    real3 binned = binned_radiance(n, (i - source_page) * BINS, direction, front);
+                    real3 binned = binned_radiance(n, (i - other_page) * BINS, direction, front);
                     real3 value = weight * (front ? l + binned : binned);
-                    deposit(receiver.normal, -direction, value);
+                    deposit(0, receiver.normal, -direction, value);
                     sum += value;
                 }
             }
         }
     }
     irradiance[j].rgb += sum;
-    flush_deposits((j - receiver_page) * BINS);
+    flush_deposits((j - owner_page) * BINS);
 }

@@ -22,7 +22,7 @@ layout(std430, binding = 3) buffer Irradiance { real4 irradiance[]; };
 #include "far_push.glsl"
 
 void main() {
-    uint tile = receiver_tile + gl_WorkGroupID.x;
+    uint tile = owner_tile + gl_WorkGroupID.x;
     real3 centre[PER_LANE], normal[PER_LANE], sum[PER_LANE];
     real extent[PER_LANE];
     for (uint k = 0; k < PER_LANE; k++) {
@@ -32,7 +32,7 @@ void main() {
         extent[k] = f.extent;
         sum[k] = real3(0.0);
     }
-    for (uint source_tile = source_begin; source_tile < source_end; source_tile++) {
+    for (uint source_tile = other_begin; source_tile < other_end; source_tile++) {
         uint flags = pair_flags(tile, source_tile);
         // Loops that may run zero times: an `if` would not skip the work on a device that executes both sides.
         uint batches = (flags & PAIR_FRONT) != 0 ? TILE / LANES : 0;

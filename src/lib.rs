@@ -38,6 +38,7 @@
 pub mod cli;
 mod engine;
 pub mod gpu;
+mod gradients;
 pub mod image;
 pub mod output;
 pub mod plan;
@@ -48,3 +49,4 @@ pub mod solve;
 pub mod transport;
 
 pub use engine::{Energy, Engine, EngineError, Negative, Solution, SolveParams};
+pub use gradients::{Cotangent, Gradients, MaterialGradients};

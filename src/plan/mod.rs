@@ -9,6 +9,7 @@ mod near;
 mod order;
 mod report;
 mod tiles;
+mod wanted;
 
 pub(crate) use bins::Cells;
 pub use bins::{Bins, Taps};
@@ -19,6 +20,7 @@ pub use memory::{MemoryItem, MemoryPlan};
 pub use near::NearPairs;
 pub use report::{ClassReport, PairReport, PlanReport};
 pub use tiles::{Group, Layout, PADDING, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, TilePairs};
+pub use wanted::Wanted;
 
 use crate::reference::Facet;
 use crate::scene::{Accuracy, Precision, Scene, SolverChoice};
@@ -42,6 +44,11 @@ pub struct Limits {
     /// Leave out pairs of tiles that can't see each other.
     pub cull: bool,
     pub occlusion: Occlusion,
+    /// Give every triangle front bins, glossy or not: for derivatives with respect to emission per bin, and to σ where
+    /// there is none yet.
+    pub front_bins: bool,
+    /// Derivatives that will be asked for.
+    pub gradients: Wanted,
 }
 
 /// Which triangles hold light back.
@@ -68,6 +75,8 @@ impl Default for Limits {
             page: 128 << 20,
             cull: true,
             occlusion: Occlusion::Exact,
+            front_bins: false,
+            gradients: Wanted::NOTHING,
         }
     }
 }
@@ -138,6 +147,8 @@ pub struct Plan {
     pub layout: Layout,
     pub tile_pairs: TilePairs,
     pub near: NearPairs,
+    /// The same by source, where gradients are wanted.
+    pub near_receivers: Option<NearPairs>,
     pub solver: PlannedSolver,
     memory: MemoryPlan,
 }
@@ -160,8 +171,12 @@ impl Plan {
                 classes.iter_mut().zip(&facets).for_each(|(class, f)| class.blocker = f.area > 0.0);
             }
         }
+        if limits.front_bins {
+            classes.iter_mut().zip(&facets).for_each(|(class, f)| class.glossy = f.area > 0.0);
+        }
         let bins = Bins::new(accuracy.bins, accuracy.weights);
-        let channels = if is_grey(scene) { 1 } else { 3 };
+        // A loss may see colours in a grey scene.
+        let channels = if is_grey(scene) && !limits.gradients.any() { 1 } else { 3 };
 
         let mut order = order::spatial_order(&facets);
         order.retain(|&i| facets[i as usize].area > 0.0);
@@ -188,6 +203,7 @@ impl Plan {
             classes,
             layout,
             tile_pairs,
+            near_receivers: limits.gradients.any().then(|| near.transposed()),
             near,
             solver: PlannedSolver::FixedPoint,
             memory: MemoryPlan::default(),
@@ -224,6 +240,17 @@ impl Plan {
     /// Bytes by label.
     pub fn memory(&self) -> &MemoryPlan {
         &self.memory
+    }
+
+    /// Vectors of the state's size: those of the solver, and where gradients are wanted the solution, which is there
+    /// while the solver runs on the adjoint.
+    pub fn vectors(&self) -> u32 {
+        self.solver.vectors() + u32::from(self.limits.gradients.any())
+    }
+
+    /// Bytes of one page of bins.
+    pub fn page_bytes(&self, group: &Group) -> u64 {
+        self.layout.slots_of(&group.tiles).len() as u64 * self.bin_bytes()
     }
 
     /// Bytes of the bins of one triangle.

@@ -3,13 +3,19 @@
 //! as antiradiance. Each is the host side of one or two kernels in `glsl/` and has an f64 twin
 //! in [`crate::reference`].
 
+mod adjoint;
 mod exchange;
+mod exchange_adjoint;
+mod exchange_derivative;
 mod observation;
+mod observation_adjoint;
 mod pace;
 mod real;
 mod reflection;
+mod reflection_adjoint;
 mod scene_buffers;
 mod state;
+mod sweep;
 mod vectors;
 mod watch;
 
@@ -17,8 +23,10 @@ pub use pace::Pace;
 pub use scene_buffers::SceneBuffers;
 pub use state::{Leaving, State};
 
-pub use exchange::{FarPush, NearPush};
+pub use adjoint::{Adjoint, AdjointOperator, LobeSums};
 pub use reflection::{GlossyPush, ReflectPush};
+pub use reflection_adjoint::{GlossyDerivativePush, ReflectAdjointPush};
+pub use sweep::{FarPush, NearPush};
 pub use vectors::DotPush;
 pub use watch::{TransportError, Watcher};
 
@@ -144,6 +152,11 @@ impl Operators {
     /// laid out like [`Operators::bins`]. W/(m² sr).
     pub fn leaving(&mut self, x: &State) -> Result<LeavingValues, GpuError> {
         self.leave(Some(x), true)?;
+        self.leaving_values()
+    }
+
+    /// What leaves at the moment.
+    fn leaving_values(&self) -> Result<LeavingValues, GpuError> {
         let groups = 0..self.context.plan.layout.groups.len();
         Ok(LeavingValues {
             radiance: self.context.slots(&self.context.leaving.radiance)?,

@@ -28,6 +28,11 @@ impl Observation {
         })
     }
 
+    /// The buffer that pictures' colours pass through, vec4 per slot.
+    pub fn colours(&self) -> &Buffer {
+        &self.colours
+    }
+
     /// RGB of every slot towards `eye`, which is in metres. W/(m² sr).
     pub fn run(&self, context: &Context, eye: DVec3) -> Result<Vec<[f64; 4]>, GpuError> {
         let Context { device, plan, scene, leaving } = context;

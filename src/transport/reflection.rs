@@ -26,7 +26,7 @@ pub struct GlossyPush {
 }
 
 /// Workgroups of one dispatch of the glossy kernel: some tens of milliseconds on a CPU.
-const GLOSSY_GROUPS: u32 = 1024;
+pub const GLOSSY_GROUPS: u32 = 1024;
 
 pub struct Reflection {
     diffuse: Pipeline,

@@ -65,7 +65,7 @@ impl SceneBuffers {
             bin_table: reals("bin table", &bin_table)?,
             tile_pairs: filled(device, "tile pairs", &plan.tile_pairs.flags)?,
             near_offsets: filled(device, "near offsets", &plan.near.offsets)?,
-            near_sources: filled(device, "near sources", &plan.near.sources)?,
+            near_sources: filled(device, "near sources", &plan.near.others)?,
             no_bins: reals("no bins", &[0.0])?,
         })
     }

@@ -71,15 +71,16 @@ pub fn page_reals(plan: &Plan, group: &Group) -> u32 {
     plan.layout.slots_of(&group.tiles).len() as u32 * plan.bins.count() as u32 * plan.channels
 }
 
-fn pages(
+/// One buffer of bins for each group that `wanted` picks.
+pub fn pages(
     device: &Device,
     plan: &Plan,
     label: &str,
     wanted: impl Fn(&Group) -> bool,
 ) -> Result<Vec<Option<Buffer>>, GpuError> {
     let page = |group: &Group| {
-        let bytes = u64::from(page_reals(plan, group)) * plan.accuracy.precision.bytes();
-        wanted(group).then(|| Buffer::new(device, label, bytes, BufferKind::Storage)).transpose()
+        let new = || Buffer::new(device, label, plan.page_bytes(group), BufferKind::Storage);
+        wanted(group).then(new).transpose()
     };
     plan.layout.groups.iter().map(page).collect()
 }
@@ -91,7 +92,7 @@ pub struct Pool {
 
 impl Pool {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let states: Result<_, _> = (0..plan.solver.vectors()).map(|_| State::new(device, plan)).collect();
+        let states: Result<_, _> = (0..plan.vectors()).map(|_| State::new(device, plan)).collect();
         Ok(Self { states: states? })
     }
 

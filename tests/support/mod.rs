@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "every test crate uses a part")]
 
 pub mod random;
+pub mod slots;
 
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Limits, Plan};
