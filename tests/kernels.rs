@@ -6,7 +6,7 @@ mod support;
 
 use antirad::plan::{Class, Limits, PADDING, Plan};
 use antirad::reference::{Model, State, observe, transport};
-use antirad::scene::{Accuracy, BinLayout, Weights};
+use antirad::scene::{Accuracy, BinLayout, Scene, Weights};
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers};
 use antirad::{Engine, SolveParams, shaders, transport as device_side};
