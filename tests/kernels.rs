@@ -6,7 +6,7 @@ mod support;
 
 use antirad::plan::{Limits, Plan};
 use antirad::reference::{Model, State, observe, transport};
-use antirad::scene::{Accuracy, BinLayout, Precision, Weights};
+use antirad::scene::{Accuracy, BinLayout, Precision, Scene, Weights};
 use antirad::shaders::RealShader;
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers};

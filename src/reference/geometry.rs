@@ -49,7 +49,7 @@ pub fn quarters([a, b, c]: [DVec3; 3]) -> [[DVec3; 3]; 4] {
 
 /// Columns: two tangents and the normal. Branch-free and continuous but for n.z = 0 (Duff et al., JCGT 2017).
 pub fn orthonormal_basis(n: DVec3) -> DMat3 {
-    let sign = 1.0_f64.copysign(n.z);
+    let sign = basis_sign(n);
     let a = -1.0 / (sign + n.z);
     let b = n.x * n.y * a;
     DMat3::from_cols(
@@ -57,4 +57,9 @@ pub fn orthonormal_basis(n: DVec3) -> DMat3 {
         DVec3::new(b, sign + n.y * n.y * a, -n.y),
         n,
     )
+}
+
+/// The sign that keeps the frame away from its singular normal. The frame jumps where it changes.
+pub(super) fn basis_sign(n: DVec3) -> f64 {
+    1.0_f64.copysign(n.z)
 }

@@ -1,5 +1,6 @@
 //! Back through the frame of a triangle, and through making a vector a unit vector.
 
+use crate::reference::geometry::{basis_sign, orthonormal_basis};
 use glam::DVec3;
 
 /// From the gradient with respect to d/|d| to that with respect to d, `unit` being d/|d|.
@@ -13,25 +14,22 @@ pub struct FrameGradient {
     pub normal: DVec3,
 }
 
-/// From the gradient with respect to Rᵀd, d in the frame R(n) of [`orthonormal_basis`][basis]. The sign in the frame is a
+/// From the gradient with respect to Rᵀd, d in the frame R(n) of [`orthonormal_basis`]. The sign in the frame is a
 /// constant: the frame jumps where it changes.
-///
-/// [basis]: crate::reference::orthonormal_basis
 pub fn pull_local(n: DVec3, d: DVec3, local: DVec3) -> FrameGradient {
-    let sign = 1.0_f64.copysign(n.z);
+    let sign = basis_sign(n);
     let a = -1.0 / (sign + n.z);
     let across = n.x * d.x + n.y * d.y;
     // Rᵀd = (d.x + sign a n.x across - sign d.z n.x, sign d.y + a n.y across - d.z n.y, n·d), with da/dn.z = a².
     let x = sign * DVec3::new(a * (across + n.x * d.x) - d.z, a * n.x * d.y, a * a * n.x * across);
     let y = DVec3::new(a * n.y * d.x, a * (across + n.y * d.y) - d.z, a * a * n.y * across);
-    let basis = crate::reference::orthonormal_basis(n);
+    let basis = orthonormal_basis(n);
     FrameGradient { direction: basis * local, normal: local.x * x + local.y * y + local.z * d }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reference::orthonormal_basis;
 
     /// Central differences at 1e-6, along tangents for the normal, which stays a unit vector: their own error is 1e-10.
     #[test]

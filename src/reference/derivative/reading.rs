@@ -2,9 +2,8 @@
 
 use super::frame::{FrameGradient, pull_local};
 use super::taps::TapSlopes;
+use crate::reference::{Leaving, Model, State, orthonormal_basis};
 use glam::DVec3;
-
-use crate::reference::{Leaving, Model, State};
 
 /// RGB values interpolated between the four taps of a direction.
 #[derive(Clone, Copy)]
@@ -56,7 +55,7 @@ impl Reading {
 
     fn new(model: &Model, normal: DVec3, direction: DVec3, sign: f64, bin: impl Fn(usize) -> DVec3) -> Self {
         let direction = sign * direction;
-        let local = crate::reference::orthonormal_basis(normal).transpose() * direction;
+        let local = orthonormal_basis(normal).transpose() * direction;
         let taps = TapSlopes::new(&model.bins, local);
         let values = taps.index.map(bin);
         let value = taps.weights().into_iter().zip(values).map(|(w, v)| w * v).sum();
