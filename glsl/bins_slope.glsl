@@ -4,6 +4,13 @@
 
 #include "bins.glsl"
 
+// Sines below this are rounding: what there is of an azimuth has no derivative.
+#ifdef F64
+const real POLE = 1e-12;
+#else
+const real POLE = 1e-5;
+#endif
+
 // Derivative of the weight that `clamped` gives to the second cell, per unit of the coordinate.
 real clamped_slope(real coordinate, uint count) {
     real f = min(floor(coordinate), real(count - 2));
@@ -25,7 +32,7 @@ real3 taps_gradient(real3 w, Taps taps, real4 value) {
         real2 a = abs(disk);
         bool wide = a.x >= a.y;
         real longer = max(a.x, a.y);
-        bool pole = !(longer > 0.0);
+        bool pole = !(radius > POLE);
         real angle = pole ? real(0.0) : arctangent(min(a.x, a.y) / longer);
         real side = radius * angle * (4.0 * INV_PI);
         real2 sign_of = real2(disk.x < 0.0 ? -1.0 : 1.0, disk.y < 0.0 ? -1.0 : 1.0);
@@ -45,7 +52,7 @@ real3 taps_gradient(real3 w, Taps taps, real4 value) {
         return real3(gradient * inversesqrt(1.0 + z), by_z);
     }
     real r = length(w.xy);
-    real per_r = r > 0.0 ? 1.0 / r : real(0.0);
+    real per_r = r > POLE ? 1.0 / r : real(0.0);
     real polar = 2.0 * arctangent(min(r / (1.0 + z), real(1.0)));
     polar = above ? polar : 0.5 * PI;
     real rows = 2.0 * INV_PI * real(ROWS);
@@ -60,7 +67,7 @@ real3 taps_gradient(real3 w, Taps taps, real4 value) {
 
 // The gradient with respect to the normal n of g · R(n)ᵀ v, R being the frame of n.
 real3 frame_gradient(real3 n, real3 v, real3 g) {
-    real s = n.z < 0.0 ? -1.0 : 1.0;
+    real s = frame_sign(n);
     real a = -1.0 / (s + n.z);
     real b = n.x * n.y * a;
     real by_b = g.x * s * v.y + g.y * v.x;

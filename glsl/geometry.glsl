@@ -16,9 +16,14 @@ struct Facet {
 // Squared distances below this are rounding: 1e-6 of the scene.
 const real R2_MIN = 1e-12;
 
+// Where the frame jumps: src/reference/geometry.rs says why there.
+real frame_sign(real3 n) {
+    return n.z < -0.6543 ? -1.0 : 1.0;
+}
+
 // Columns: two tangents and the normal (Duff et al., JCGT 2017).
 real33 orthonormal_basis(real3 n) {
-    real s = n.z < 0.0 ? -1.0 : 1.0;
+    real s = frame_sign(n);
     real a = -1.0 / (s + n.z);
     real b = n.x * n.y * a;
     return real33(real3(1.0 + s * n.x * n.x * a, s * b, -s * n.x), real3(b, s + n.y * n.y * a, -n.y), n);

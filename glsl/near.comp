@@ -32,6 +32,7 @@ layout(std430, binding = 9) readonly buffer BinTable { real4 bin_table[]; };
 #include "receiver_bins.glsl"
 
 uint source_first;
+real source_extent;
 real3 receiver_normal, source_normal, source_diffuse;
 real3 sum = real3(0.0);
 
@@ -39,11 +40,12 @@ real3 sum = real3(0.0);
 void piece(real3 p, real3 q, real3 r, real3 point, real diffuse, real binned) {
     real3 offset = point - (p + q + r) * (real(1.0) / 3.0);
     real side = dot(offset, source_normal);
+    bool apart = side != 0.0 && dot(offset, offset) > COINCIDENT * source_extent;
     bool front = side > 0.0;
     diffuse = front ? diffuse : 0.0;
     binned = (SOURCE_FRONT && front) || (SOURCE_BACK && !front && backs != 0) ? binned : 0.0;
     // A loop that may run zero times: an `if` would not skip the work on a device that executes both sides.
-    for (uint once = side != 0.0 && (diffuse > 0.0 || binned > 0.0) ? 1 : 0; once > 0; once--) {
+    for (uint once = apart && (diffuse > 0.0 || binned > 0.0) ? 1 : 0; once > 0; once--) {
         real projected = projected_solid_angle(receiver_normal, p - point, q - point, r - point);
         for (uint seen = projected > 0.0 ? 1 : 0; seen > 0; seen--) {
             real3 direction = normalize(offset);
@@ -71,6 +73,7 @@ void main() {
         uint i = near_others[at];
         Facet source = facets[i];
         source_normal = source.normal;
+        source_extent = source.extent;
         source_diffuse = radiance[i].rgb;
         source_first = (i - other_page) * BINS;
         real3 u = corners[3 * i].xyz, v = corners[3 * i + 1].xyz, w = corners[3 * i + 2].xyz;

@@ -30,6 +30,7 @@ layout(std430, binding = 9) readonly buffer BinTable { real4 bin_table[]; };
 #include "adjoint_bins.glsl"
 
 uint receiver_first;
+real source_extent;
 real3 receiver_normal, receiver_cotangent, source_normal;
 real3 sum = real3(0.0);
 
@@ -37,10 +38,11 @@ real3 sum = real3(0.0);
 void piece(real3 p, real3 q, real3 r, real3 point, real diffuse, real binned) {
     real3 offset = point - (p + q + r) * (real(1.0) / 3.0);
     real side = dot(offset, source_normal);
+    bool apart = side != 0.0 && dot(offset, offset) > COINCIDENT * source_extent;
     bool front = side > 0.0;
     diffuse = front ? diffuse : real(0.0);
     binned = (SOURCE_FRONT && front) || (SOURCE_BACK && !front) ? binned : real(0.0);
-    for (uint once = side != 0.0 && (diffuse > 0.0 || binned > 0.0) ? 1 : 0; once > 0; once--) {
+    for (uint once = apart && (diffuse > 0.0 || binned > 0.0) ? 1 : 0; once > 0; once--) {
         real projected = projected_solid_angle(receiver_normal, p - point, q - point, r - point);
         for (uint seen = projected > 0.0 ? 1 : 0; seen > 0; seen--) {
             real3 direction = normalize(offset);
@@ -58,6 +60,7 @@ void main() {
     i = active_lane ? i : owner_begin;
     Facet source = facets[i];
     source_normal = source.normal;
+    source_extent = source.extent;
     clear_deposits();
     real3 u = corners[3 * i].xyz, v = corners[3 * i + 1].xyz, w = corners[3 * i + 2].xyz;
     uvec2 close = close_others(i, active_lane);

@@ -33,6 +33,7 @@ layout(std430, binding = 9) readonly buffer Corners { real4 corners[]; };
 #include "directional_gradient.glsl"
 
 uint source_first, receiver_first;
+real source_extent;
 real3 source_normal, receiver_normal, source_diffuse, receiver_worth;
 // Of the owner.
 real33 by_corners = real33(0.0);
@@ -58,13 +59,19 @@ real piece(real33 source, real33 receiver, real33 from, real3 to, real diffuse, 
     real3 point = receiver * to;
     real3 offset = point - corner * third;
     real side = dot(offset, source_normal);
+    bool apart = side != 0.0 && dot(offset, offset) > COINCIDENT * source_extent;
     bool front = side > 0.0;
     bool directional = (SOURCE_FRONT && front) || (SOURCE_BACK && !front);
     diffuse = front ? diffuse : real(0.0);
     binned = directional ? binned : real(0.0);
     real by_binned = 0.0;
-    for (uint once = side != 0.0 && (diffuse > 0.0 || directional) ? 1 : 0; once > 0; once--) {
-        real projected = projected_solid_angle(receiver_normal, corner[0] - point, corner[1] - point, corner[2] - point);
+    for (uint once = apart && (diffuse > 0.0 || directional) ? 1 : 0; once > 0; once--) {
+        real3 by_solid_normal;
+        real33 by_piece;
+        real projected = projected_solid_angle_gradient(
+            receiver_normal, corner[0] - point, corner[1] - point, corner[2] - point,
+            by_solid_normal, by_piece[0], by_piece[1], by_piece[2]
+        );
         for (uint seen = projected > 0.0 ? 1 : 0; seen > 0; seen--) {
             real r = length(offset);
             real3 direction = offset / r;
@@ -76,12 +83,6 @@ real piece(real33 source, real33 receiver, real33 from, real3 to, real diffuse, 
             real3 radiance_here = diffuse * e.diffuse + binned * e.binned;
             real value = dot(radiance_here, e.worth);
             by_near += projected * value;
-            real3 by_solid_normal;
-            real33 by_piece;
-            projected_solid_angle_gradient(
-                receiver_normal, corner[0] - point, corner[1] - point, corner[2] - point,
-                by_solid_normal, by_piece[0], by_piece[1], by_piece[2]
-            );
             real3 by_offset = through_normalization(projected * e.by_direction, direction, r);
             if (OWNS_SOURCE) {
                 by_piece *= value;
@@ -115,6 +116,7 @@ void main() {
         source_normal = OWNS_SOURCE ? own.normal : f.normal;
         receiver_normal = OWNS_SOURCE ? f.normal : own.normal;
         source_diffuse = radiance[i].rgb;
+        source_extent = OWNS_SOURCE ? own.extent : f.extent;
         receiver_worth = cotangent_irradiance[j].rgb;
         source_first = (i - (OWNS_SOURCE ? owner_page : other_page)) * BINS;
         receiver_first = (j - (OWNS_SOURCE ? other_page : owner_page)) * BINS;

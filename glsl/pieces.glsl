@@ -7,6 +7,14 @@
 // src/reference/near_field.rs says why.
 const real QUARTER_RANGE = real(1.0) / 24.0;
 
+// Offsets whose square is below this share of the source's extent are rounding, and have no side: the two sides of a
+// sheet do not light each other.
+#ifdef F64
+const real COINCIDENT = 1e-24;
+#else
+const real COINCIDENT = 1e-12;
+#endif
+
 // The quarters of the triangle p, q, r: three at its corners, then the one in the middle.
 void quarter(uint k, inout real3 p, inout real3 q, inout real3 r) {
     real3 pq = 0.5 * (p + q), qr = 0.5 * (q + r), rp = 0.5 * (r + p);

@@ -210,42 +210,62 @@ fn layouts_agree_with_the_shaders() {
         ("", 12),
     ];
     laid_out(&shaders::REFLECT, "Surface", &surface, &[]);
+    let gradient = [
+        ("a", 0),
+        ("area", 3),
+        ("b", 4),
+        ("extent", 7),
+        ("c", 8),
+        ("unused_c", 11),
+        ("normal", 12),
+        ("unused_normal", 15),
+        ("", 16),
+    ];
+    laid_out(&shaders::NEAR_DERIVATIVE, "FacetGradient", &gradient, &[]);
+    laid_out(&shaders::OBSERVE_DERIVATIVE, "ObservePush", &[("eye", 0), ("", 3)], &["begin", "end"]);
     laid_out(&shaders::OBSERVE, "ObservePush", &[("eye", 0), ("", 3)], &["begin", "end"]);
     laid_out(&shaders::COMBINE, "Push", &[("a", 0), ("b", 1), ("", 2)], &["count"]);
-    for shader in [&shaders::TRANSPORT_IRRADIANCE.f64, &shaders::TRANSPORT_BINS.f32] {
+    for shader in [
+        &shaders::TRANSPORT_IRRADIANCE.f64,
+        &shaders::TRANSPORT_BINS.f32,
+        &shaders::TRANSPORT_BINS_ADJOINT.f64,
+        &shaders::TRANSPORT_DERIVATIVE.f64,
+    ] {
         check!(
             shader,
             "FarPush",
             FarPush,
             [
-                "receiver_tile" = receiver_tile,
-                "source_begin" = source_begin,
-                "source_end" = source_end,
+                "owner_tile" = owner_tile,
+                "other_begin" = other_begin,
+                "other_end" = other_end,
                 "row_words" = row_words,
                 "half_range" = half_range,
-                "receiver_page" = receiver_page,
-                "source_page" = source_page,
+                "owner_page" = owner_page,
+                "other_page" = other_page,
                 "passing" = passing,
             ]
         );
     }
-    check!(
-        shaders::NEAR.f64,
-        "NearPush",
-        NearPush,
-        [
-            "receiver_begin" = receiver_begin,
-            "receiver_end" = receiver_end,
-            "source_begin" = source_begin,
-            "source_end" = source_end,
-            "half_range" = half_range,
-            "receiver_page" = receiver_page,
-            "source_page" = source_page,
-            "backs" = backs,
-            "skip" = skip,
-            "take" = take,
-        ]
-    );
+    for shader in [&shaders::NEAR.f64, &shaders::NEAR_ADJOINT.f32, &shaders::NEAR_DERIVATIVE.f64] {
+        check!(
+            shader,
+            "NearPush",
+            NearPush,
+            [
+                "owner_begin" = owner_begin,
+                "owner_end" = owner_end,
+                "other_begin" = other_begin,
+                "other_end" = other_end,
+                "half_range" = half_range,
+                "owner_page" = owner_page,
+                "other_page" = other_page,
+                "backs" = backs,
+                "skip" = skip,
+                "take" = take,
+            ]
+        );
+    }
     check!(
         shaders::REFLECT.f64,
         "ReflectPush",
@@ -254,6 +274,24 @@ fn layouts_agree_with_the_shaders() {
     );
     check!(
         shaders::REFLECT_GLOSSY.f64,
+        "GlossyPush",
+        GlossyPush,
+        ["page" = page, "first" = first, "count" = count]
+    );
+    check!(
+        shaders::REFLECT_ADJOINT.f64,
+        "ReflectAdjointPush",
+        ReflectAdjointPush,
+        ["count" = count, "given" = given]
+    );
+    check!(
+        shaders::REFLECT_GLOSSY_DERIVATIVE.f64,
+        "GlossyDerivativePush",
+        GlossyDerivativePush,
+        ["page" = page, "count" = count, "bin_begin" = bin_begin, "bin_end" = bin_end]
+    );
+    check!(
+        shaders::REFLECT_GLOSSY_ADJOINT.f64,
         "GlossyPush",
         GlossyPush,
         ["page" = page, "first" = first, "count" = count]

@@ -133,6 +133,10 @@ fn visit_near(model: &Model, i: usize, j: usize, share: f64, visit: &mut impl Fn
     }
 }
 
+/// Offsets shorter than this share of a triangle's size are rounding: they have no side and no direction. Without this the
+/// two sides of a sheet would light each other.
+pub(super) const COINCIDENT: f64 = 1e-12;
+
 /// From a piece of the source to the centroid of a piece of the receiver, by Lambert's polygon formula, which is exact
 /// for uniform radiance. The shares are of the two kinds of radiance.
 fn visit_piece(
@@ -147,7 +151,8 @@ fn visit_piece(
     let offset = point - centroid(from);
     let side = offset.dot(model.facets[i].normal);
     let projected = projected_solid_angle(point, model.facets[j].normal, from);
-    if side != 0.0 && projected > 0.0 {
+    let apart = offset.length() > COINCIDENT * model.facets[i].extent.sqrt();
+    if side != 0.0 && apart && projected > 0.0 {
         visit(Beam {
             direction: offset.normalize(),
             front: side > 0.0,

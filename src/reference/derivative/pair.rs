@@ -6,12 +6,10 @@ use super::polygon::projected_solid_angle_gradient;
 use super::reading::Reading;
 use super::share::far_share_slope;
 use crate::reference::geometry::{centroid, quarters};
+use crate::reference::transport::COINCIDENT;
 use crate::reference::{Facet, Leaving, Model, QUARTER_RANGE, State, far_share};
 use glam::DVec3;
 use std::f64::consts::PI;
-
-/// Offsets shorter than this share of a triangle's size are rounding, and have no direction.
-const COINCIDENT: f64 = 1e-12;
 
 /// Of λ·U(leaving), what one pair adds: with respect to its source, and to its receiver.
 #[derive(Clone, Copy, Debug, Default)]
