@@ -274,3 +274,28 @@ fn shipped_scenes_solve() {
     }
     finish(&device);
 }
+
+#[test]
+fn new_materials_and_a_rebuilt_engine_give_what_a_new_engine_gives() {
+    let device = device();
+    let first = room(3, 0.4);
+    let mut second = room(3, 0.6);
+    let (mut engine, before) = solve(&device, &first, &first.accuracy);
+    let (_fresh, expected) = solve(&device, &second, &second.accuracy);
+    let params = SolveParams::from(&second.accuracy);
+    engine.set_materials(&second).expect("materials that fit the plan");
+    assert_eq!(engine.solve(&params).expect("a solution").irradiance, expected.irradiance);
+    engine.set_materials(&first).expect("materials that fit the plan");
+    assert_eq!(engine.solve(&params).expect("a solution").irradiance, before.irradiance);
+    drop((before, expected));
+
+    second.materials[0].specular = [0.1; 3];
+    second.materials[0].power = 10.0;
+    let refused = engine.set_materials(&second).expect_err("a lobe beyond the plan").to_string();
+    assert!(refused.contains("specular lobe") && refused.contains("rebuilt"), "{refused}");
+    let mut engine = engine.rebuilt(&second).expect("an engine");
+    let glossy = engine.solve(&params).expect("a solution");
+    let (_fresh, expected) = solve(&device, &second, &second.accuracy);
+    assert_eq!(glossy.irradiance, expected.irradiance);
+    finish(&device);
+}

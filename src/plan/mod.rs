@@ -270,9 +270,5 @@ impl Plan {
 }
 
 fn is_grey(scene: &Scene) -> bool {
-    let grey = |c: [f64; 3]| c[0] == c[1] && c[1] == c[2];
-    (0..scene.triangles.len()).all(|i| {
-        let m = scene.material(i);
-        grey(m.albedo) && grey(m.specular) && grey(m.emission)
-    })
+    (0..scene.triangles.len()).all(|i| scene.material(i).is_grey())
 }

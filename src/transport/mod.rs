@@ -32,7 +32,7 @@ pub use watch::{TransportError, Watcher};
 
 use crate::gpu::{Buffer, Device, GpuError};
 use crate::plan::Plan;
-use crate::scene::{BinLayout, Precision, Weights};
+use crate::scene::{BinLayout, Precision, Scene, Weights};
 use crate::solve::LightOperator;
 
 /// What all operators work on.
@@ -94,6 +94,11 @@ impl Operators {
             watch: watch::Watch::default(),
             context: Context { leaving: Leaving::new(device, &plan)?, device: device.clone(), plan, scene },
         })
+    }
+
+    /// Replaces the materials; geometry and classes stay as planned.
+    pub fn set_materials(&self, scene: &Scene) -> Result<(), GpuError> {
+        self.context.scene.set_materials(&self.context.device, scene, &self.context.plan)
     }
 
     pub fn plan(&self) -> &Plan {
