@@ -5,7 +5,7 @@ mod support;
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Limits, Plan, PlanError, Residency};
 use antirad::reference::{Model, emission, transport};
-use antirad::scene::{Accuracy, Material, Scene, Shape, SolverChoice, Triangle};
+use antirad::scene::{Accuracy, Material, Precision, Scene, Shape, SolverChoice, Triangle};
 use antirad::solve::{FixedPointParams, SolveError, fixed_point};
 use antirad::{Engine, EngineError, SolveParams};
 use glam::DVec3;
@@ -273,12 +273,13 @@ fn the_least_budget_does_and_a_byte_less_does_not() {
 #[test]
 fn states_on_the_host_change_nothing() {
     let device = device();
-    for (name, scene, solver) in [
-        ("diffuse", room(8, 0.5), SolverChoice::FixedPoint),
-        ("diffuse", room(8, 0.5), SolverChoice::Auto),
-        ("glossy", glossy_room(6), SolverChoice::Auto),
+    for (name, scene, solver, precision) in [
+        ("diffuse", room(6, 0.5), SolverChoice::FixedPoint, Precision::F32),
+        ("diffuse", room(6, 0.5), SolverChoice::Auto, Precision::F32),
+        ("glossy", glossy_room(5), SolverChoice::Auto, Precision::F32),
+        ("glossy", glossy_room(3), SolverChoice::Auto, Precision::F64),
     ] {
-        let accuracy = Accuracy { solver, ..tight(&scene) };
+        let accuracy = Accuracy { solver, precision, ..tight(&scene) };
         let limits = Limits::of(&device);
         let (engine, truth) = solve_within(&device, &scene, &accuracy, &limits);
         assert_eq!(engine.plan().residency, Residency::Device);
@@ -290,7 +291,10 @@ fn states_on_the_host_change_nothing() {
             let (engine, other) = solve_with_budget(&scene, &accuracy, &limits, budget);
             let plan = engine.plan();
             let error = relative_l2(&other.irradiance, &truth.irradiance, &areas(&scene));
-            println!("{name}, {solver:?}, {budget} bytes: {error:.2e}, {:?}", plan.report().states);
+            println!(
+                "{name}, {solver:?}, {precision:?}, {budget} bytes: {error:.2e}, {:?}",
+                plan.report().states
+            );
             assert!(matches!(plan.residency, Residency::Host { .. }));
             assert_eq!(plan.solver, solver_of_plenty);
             assert!(error <= 1e-6, "{name}: {error:e}");

@@ -185,3 +185,27 @@ impl TilePairs {
         receivers.clone().any(|r| sources.clone().any(|s| self.get(r, s) & bits != 0))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cuts_fall_on_pages_and_classes_and_can_be_undone() {
+        let plain = Class::default();
+        let (glossy, blocker) = (Class { glossy: true, ..plain }, Class { blocker: true, ..plain });
+        let classes: Vec<Class> = [(plain, 5), (glossy, 3), (blocker, 8)]
+            .into_iter()
+            .flat_map(|(class, tiles)| std::iter::repeat_n(class, 2 * tiles))
+            .collect();
+        let order: Vec<u32> = (0..classes.len() as u32).rev().collect();
+        let tiles = |layout: &Layout| layout.groups.iter().map(|g| g.tiles.clone()).collect::<Vec<_>>();
+        let mut layout = Layout::new(&order, &classes, 2, 100);
+        assert_eq!(tiles(&layout), [0..5, 5..8, 8..16]);
+        layout.cut(4);
+        assert_eq!(tiles(&layout), [0..5, 5..8, 8..9, 9..13, 13..16]);
+        layout.cut(u32::MAX);
+        assert_eq!(tiles(&layout), [0..5, 5..8, 8..16]);
+        assert_eq!(layout.groups.iter().map(|g| g.class).collect::<Vec<_>>(), [plain, glossy, blocker]);
+    }
+}
