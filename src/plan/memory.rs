@@ -1,12 +1,12 @@
 //! Bytes, by label, before they are allocated. The engine asserts that it allocates these and no others.
 
-use super::{Bins, Plan, PlanError, Residency};
+use super::{Bins, Plan, PlanError, Residency, UNIFORM_SLOTS};
 use crate::scene::Precision;
 
 /// Every buffer's size is rounded up to a multiple of this.
 const ROUNDING: u64 = 256;
 /// Reals of one triangle in the arrays of the same name (glsl/geometry.glsl, glsl/surface.glsl).
-const FACET: u64 = 8;
+pub(super) const FACET: u64 = 8;
 const CORNERS: u64 = 12;
 const SURFACE: u64 = 12;
 pub(super) const RGB: u64 = 4;
@@ -47,10 +47,11 @@ impl MemoryPlan {
         let real = plan.accuracy.precision.bytes();
         let slots = u64::from(plan.layout.slots());
         let mut memory = Self::default();
-        memory.add("facets", slots * FACET * real, 1);
+        let seen = slots + u64::from(UNIFORM_SLOTS);
+        memory.add("facets", seen * FACET * real, 1);
         memory.add("corners", slots * CORNERS * real, 1);
         memory.add("surfaces", slots * SURFACE * real, 1);
-        memory.add("radiance", slots * plan.rgb_bytes(), 1);
+        memory.add("radiance", seen * plan.rgb_bytes(), 1);
         memory.add("face colours", slots * plan.rgb_bytes(), 1);
         memory.add("bin table", plan.bins.count() as u64 * RGB * real, 1);
         memory.add("tile pairs", plan.tile_pairs.flags.len() as u64 * 4, 1);

@@ -22,6 +22,7 @@ pub use near::NearPairs;
 pub use report::{ClassReport, PairReport, PlanReport, StatesReport};
 pub use residency::{Piece, Residency};
 pub use tiles::{Group, Layout, PADDING, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, TilePairs};
+pub(crate) use tiles::{OTHER_TILES, UNIFORM_SLOTS};
 pub use wanted::Wanted;
 
 use crate::reference::Facet;
@@ -284,6 +285,11 @@ impl Plan {
     /// Bytes of the irradiance of a state.
     pub fn irradiance_bytes(&self) -> u64 {
         u64::from(self.layout.slots()) * self.rgb_bytes()
+    }
+
+    /// Bytes of what kernels read of each triangle.
+    pub(crate) fn facet_bytes(&self) -> u64 {
+        memory::FACET * self.accuracy.precision.bytes()
     }
 
     /// Bytes of one vec4 of reals.

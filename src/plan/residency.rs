@@ -1,6 +1,6 @@
 //! Where states live while a scene is solved, and in which pieces a pass goes over them.
 
-use super::{Group, MemoryPlan, PAIR_BACK, PAIR_FRONT, Plan, PlanError};
+use super::{Group, MemoryPlan, OTHER_TILES, PAIR_BACK, PAIR_FRONT, Plan, PlanError};
 use std::ops::Range;
 
 /// Where states live.
@@ -29,8 +29,6 @@ const LEAST_STAGING: u64 = 128 << 10;
 /// Staging buffers come in pairs of multiples of the rounding of buffers.
 const STAGING_STEP: u64 = 512;
 
-/// Tiles of sources of one dispatch, of which a window should hold a multiple.
-const DISPATCHED_SOURCES: u32 = 16;
 /// Bytes of a window at most: it is copied at once, and Ctrl-C waits for that.
 const MOST_WINDOW_BYTES: u64 = 512 << 20;
 
@@ -145,12 +143,12 @@ impl Plan {
         let most = most(page.min(MOST_WINDOW_BYTES)).min(total);
         // First as few sweeps as leave an eighth for sources, or what a dispatch takes of them; then as many sources as
         // these sweeps leave room for. Windows are all of about the same size: as many, and no short one at the end.
-        let reserved = (tiles / 8).max((tiles / 2).min(each * u64::from(DISPATCHED_SOURCES)));
+        let reserved = (tiles / 8).max((tiles / 2).min(each * u64::from(OTHER_TILES)));
         let receivers = u64::from(most).min(1 + tiles - reserved) as u32;
         let receivers = total.div_ceil(total.div_ceil(receivers));
         let left = tiles.saturating_sub(u64::from(receivers - 1)) / each;
         let sources = u64::from(most).min(1 + left) as u32;
-        let step = if sources < DISPATCHED_SOURCES { 1 } else { DISPATCHED_SOURCES };
+        let step = if sources < OTHER_TILES { 1 } else { OTHER_TILES };
         let sources = sources / step * step;
         let sources = total.div_ceil(total.div_ceil(sources)).next_multiple_of(step).min(sources);
         self.set_windows(receivers, sources, least_staging + more_staging);

@@ -3,10 +3,10 @@
 use super::reflection::Reflection;
 use super::residency::{Part, View};
 use super::state::State;
-use super::sweep::{Between, Kernels, Sweep};
+use super::sweep::{Between, Kernels, OfOthers, Sweep};
 use super::watch::{TransportError, Watch};
 use super::{Context, bin_constants};
-use crate::gpu::{Device, GpuError};
+use crate::gpu::{Bindings, Device, GpuError};
 use crate::plan::{Class, Group, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
@@ -82,8 +82,8 @@ impl Exchange {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape| Kernels {
             far: match shape.any_bins() {
-                true => (&shaders::TRANSPORT_BINS, 8),
-                false => (&shaders::TRANSPORT_IRRADIANCE, 4),
+                true => (&shaders::TRANSPORT_BINS, Bindings { storage: 7, uniform: 2 }),
+                false => (&shaders::TRANSPORT_IRRADIANCE, Bindings { storage: 3, uniform: 2 }),
             },
             near: (&shaders::NEAR, 10),
             single: shape.any_bins(),
@@ -110,6 +110,10 @@ impl Exchange {
         let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
         let none = || View::resident(&scene.no_bins, 0, 0);
         let (facets, radiance) = (scene.facets.whole(), leaving.radiance.whole());
+        let others = [
+            OfOthers { buffer: &scene.facets, bytes: plan.facet_bytes() },
+            OfOthers { buffer: &leaving.radiance, bytes: plan.rgb_bytes() },
+        ];
         let irradiance = y.receive(device, &Part::irradiance(plan))?;
         let pieces = plan.pieces();
         for groups in plan.sweeps() {
@@ -157,7 +161,6 @@ impl Exchange {
                     sweep.near(context, between, &plan.near, &near, backs, watch)?;
                     let far = [
                         facets,
-                        radiance,
                         scene.tile_pairs.whole(),
                         irradiance.slice(),
                         antiradiance,
@@ -165,8 +168,8 @@ impl Exchange {
                         arriving.slice(),
                         scene.bin_table.whole(),
                     ];
-                    let far = if shape.any_bins() { &far[..] } else { &far[..4] };
-                    sweep.far(context, between, far, passing, watch)?;
+                    let far = if shape.any_bins() { &far[..] } else { &far[..3] };
+                    sweep.far(context, between, far, &others, passing, watch)?;
                 }
             }
             for (_, arriving) in receivers {

@@ -18,8 +18,8 @@ impl ExchangeAdjoint {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape| Kernels {
             far: match shape.any_bins() {
-                true => (&shaders::TRANSPORT_BINS_ADJOINT, 8),
-                false => (&shaders::TRANSPORT_IRRADIANCE_ADJOINT, 4),
+                true => (&shaders::TRANSPORT_BINS_ADJOINT, 8.into()),
+                false => (&shaders::TRANSPORT_IRRADIANCE_ADJOINT, 4.into()),
             },
             near: (&shaders::NEAR_ADJOINT, 10),
             single: shape.any_bins(),
@@ -79,7 +79,7 @@ impl ExchangeAdjoint {
                     scene.bin_table.whole(),
                 ];
                 let far = if shape.any_bins() { &far[..] } else { &far[..4] };
-                sweep.far(context, between, far, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
+                sweep.far(context, between, far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
             }
         }
         Ok(())

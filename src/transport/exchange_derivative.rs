@@ -28,7 +28,7 @@ pub struct ExchangeDerivative {
 impl ExchangeDerivative {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape, owns_source: bool| Kernels {
-            far: (&shaders::TRANSPORT_DERIVATIVE, 8),
+            far: (&shaders::TRANSPORT_DERIVATIVE, 8.into()),
             near: (&shaders::NEAR_DERIVATIVE, 10),
             single: true,
             constants: [&shape.constants(plan)[..], &[(OWNS_SOURCE, u32::from(owns_source))]].concat(),
@@ -81,7 +81,7 @@ impl ExchangeDerivative {
                         [&both[..], &[offsets.whole(), others.whole(), scene.corners.whole()]].concat();
                     sweep.near(context, between, list, &near, true, watch)?;
                     let far = [&both[..], &[scene.tile_pairs.whole()]].concat();
-                    sweep.far(context, between, &far, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
+                    sweep.far(context, between, &far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
                 }
             }
         }

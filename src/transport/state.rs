@@ -4,7 +4,7 @@ use super::real;
 use super::residency::{Hosted, Part, View, Windows};
 use super::watch::TransportError;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
-use crate::plan::{Group, Plan, Residency};
+use crate::plan::{Group, Plan, Residency, UNIFORM_SLOTS};
 use crate::scene::Precision;
 use std::sync::Arc;
 
@@ -132,7 +132,14 @@ impl Leaving {
                 (plan.layout.groups.iter().map(|_| None).collect(), any.then(window).transpose()?)
             }
         };
-        Ok(Self { radiance: buffer("radiance", plan.irradiance_bytes())?, specular, window })
+        Ok(Self {
+            radiance: buffer(
+                "radiance",
+                plan.irradiance_bytes() + u64::from(UNIFORM_SLOTS) * plan.rgb_bytes(),
+            )?,
+            specular,
+            window,
+        })
     }
 
     /// Where the specular radiance of a piece of a glossy group goes.

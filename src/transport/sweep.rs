@@ -4,8 +4,8 @@
 use super::pace::{Bundle, Pace};
 use super::watch::{TransportError, Watch};
 use super::{Context, WORKGROUP};
-use crate::gpu::{BufferSlice, Device, GpuError, Pipeline};
-use crate::plan::{Group, NearPairs, PAIR_BACK, PAIR_FRONT, Plan};
+use crate::gpu::{Bindings, Buffer, BufferSlice, Device, GpuError, Pipeline};
+use crate::plan::{Group, NearPairs, OTHER_TILES, PAIR_BACK, PAIR_FRONT, Plan, UNIFORM_SLOTS};
 use crate::shaders::RealShader;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::ops::Range;
@@ -40,12 +40,6 @@ pub struct NearPush {
     pub take: u32,
 }
 
-/// Tiles of others per dispatch, after which sums go to memory: always the same, so that sums don't depend on how the
-/// work is cut. Few enough for lavapipe, which leaves every loop of an invocation after 65535 iterations of all its loops
-/// together, without a word: a tile of 64 takes at most 1 + 8 + 64 · 20 of them, even if its compiler
-/// unrolls nothing.
-const OTHER_TILES: u32 = 16;
-
 /// Point-to-point pairs that a close one takes as long as: for the time left, nothing else.
 const NEAR_COST: u64 = 100;
 
@@ -57,8 +51,8 @@ const PIECES: u32 = 16;
 
 /// What a sweep is made of.
 pub struct Kernels<'a> {
-    /// The kernels, with the number of their buffers.
-    pub far: (&'a RealShader, u32),
+    /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the others of a dispatch.
+    pub far: (&'a RealShader, Bindings),
     pub near: (&'a RealShader, u32),
     /// Whether a lane of `far` owns one triangle, or one in each run of lanes of a tile.
     pub single: bool,
@@ -84,6 +78,15 @@ pub struct Sweep {
     /// Bytes that a point-to-point pair and a close pair ask of buffers.
     bytes: [f64; 2],
     shape: String,
+}
+
+/// A buffer of values per slot, of which a dispatch sees those of its others. It goes on for [`UNIFORM_SLOTS`] slots behind
+/// the last, so that there is always that much to see.
+#[derive(Clone, Copy)]
+pub struct OfOthers<'a> {
+    pub buffer: &'a Buffer,
+    /// Per slot.
+    pub bytes: u64,
 }
 
 /// Who owns the lanes, and over whom they walk.
@@ -150,6 +153,7 @@ impl Sweep {
         context: &Context,
         between: Between,
         buffers: &[BufferSlice],
+        uniforms: &[OfOthers],
         passing: u32,
         watch: &mut Watch,
     ) -> Result<(), TransportError> {
@@ -174,11 +178,16 @@ impl Sweep {
                     other_page: others.tiles.start * tile,
                     passing,
                 };
+                let from = u64::from(run.start * tile);
+                let seen = uniforms
+                    .iter()
+                    .map(|of| of.buffer.slice(from * of.bytes, u64::from(UNIFORM_SLOTS) * of.bytes));
+                let buffers: Vec<_> = buffers.iter().copied().chain(seen).collect();
                 let groups = [rows, *workgroups, 1];
                 passed += passing_tiles(plan, between, begin..begin + rows, run.clone(), passing);
                 let pairs = pairs_of_row * u64::from(rows);
                 bundle.add(pairs, pairs, |batch| {
-                    batch.dispatch(far, shape, buffers, bytes_of(&push), groups)
+                    batch.dispatch(far, shape, &buffers, bytes_of(&push), groups)
                 })?;
                 begin += rows;
             }
