@@ -36,6 +36,7 @@
 //! against. SI units, RGB.
 pub mod cli;
 mod engine;
+pub mod fit;
 pub mod gpu;
 pub mod image;
 pub mod output;

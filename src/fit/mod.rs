@@ -1,0 +1,3 @@
+//! Fitting scenes to pictures.
+
+pub mod optimiser;
