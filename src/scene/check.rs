@@ -209,11 +209,11 @@ fn is_flat([a, b, c]: [DVec3; 3]) -> bool {
 }
 
 /// Albedo of the specular lobe for σ = 1, by power and normalization.
-#[derive(Default)]
-struct LobeCache(HashMap<(u64, Normalization), f64>);
+#[derive(Debug, Default)]
+pub(crate) struct LobeCache(HashMap<(u64, Normalization), f64>);
 
 impl LobeCache {
-    fn get(&mut self, material: &Material) -> f64 {
+    pub fn get(&mut self, material: &Material) -> f64 {
         let key = (material.power.to_bits(), material.normalization);
         *self.0.entry(key).or_insert_with(|| material.specular_albedo_per_sigma())
     }

@@ -14,10 +14,13 @@ mod geometry;
 mod material;
 mod mtl;
 mod obj;
+mod save;
 mod shapes;
+mod split;
 mod statements;
 mod statue;
 mod tables;
+mod toml_file;
 mod triangulate;
 
 pub use accuracy::{Accuracy, BinLayout, SolverChoice, Weights};
