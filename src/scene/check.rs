@@ -137,9 +137,14 @@ impl Scene {
         }
     }
 
-    fn find_degenerate(&mut self, strict: bool) -> Result<(), SceneError> {
+    /// Finds the triangles without area anew, after vertices have moved.
+    pub(crate) fn update_degenerate(&mut self) {
         self.degenerate =
             (0..self.triangles.len()).filter(|&t| is_flat(self.corners(t))).map(|t| t as u32).collect();
+    }
+
+    fn find_degenerate(&mut self, strict: bool) -> Result<(), SceneError> {
+        self.update_degenerate();
         let Some(&first) = self.degenerate.first() else {
             return Ok(());
         };
@@ -209,11 +214,11 @@ fn is_flat([a, b, c]: [DVec3; 3]) -> bool {
 }
 
 /// Albedo of the specular lobe for σ = 1, by power and normalization.
-#[derive(Debug, Default)]
-pub(crate) struct LobeCache(HashMap<(u64, Normalization), f64>);
+#[derive(Default)]
+struct LobeCache(HashMap<(u64, Normalization), f64>);
 
 impl LobeCache {
-    pub fn get(&mut self, material: &Material) -> f64 {
+    fn get(&mut self, material: &Material) -> f64 {
         let key = (material.power.to_bits(), material.normalization);
         *self.0.entry(key).or_insert_with(|| material.specular_albedo_per_sigma())
     }

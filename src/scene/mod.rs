@@ -30,6 +30,8 @@ pub use file::LoadOptions;
 pub use material::{Material, Normalization};
 pub use shapes::Shape;
 
+pub(crate) use error::nearest;
+
 use glam::DVec3;
 
 /// One triangle: counter-clockwise seen from its front, which emits and reflects; the back is black and opaque.
