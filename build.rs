@@ -30,20 +30,43 @@ fn build() -> Result<(), String> {
     let mut all = String::new();
     for shader in shaders()? {
         let name = shader.file_stem().and_then(|stem| stem.to_str()).ok_or("a shader's name is not UTF-8")?;
-        let spv = out.join(name).with_extension("spv");
-        compiler::compile(&shader, &spv)?;
-        validate(&shader, &spv)?;
         let constant = name.to_uppercase();
-        let words = words(&spv)?;
-        let _ = writeln!(
-            source,
-            "pub static {constant}: Shader = Shader {{ name: {name:?}, spirv: &{words:?} }};"
-        );
-        let _ = write!(all, "&{constant}, ");
+        let single = compiled(&shader, &out, name, &[])?;
+        if uses_reals(&shader)? {
+            let double = compiled(&shader, &out, &format!("{name}_f64"), &["F64"])?;
+            let _ = writeln!(
+                source,
+                "pub static {constant}: RealShader = RealShader {{ f32: {single}, f64: {double} }};"
+            );
+            let _ = write!(all, "&{constant}.f32, &{constant}.f64, ");
+        } else {
+            let _ = writeln!(source, "pub static {constant}: Shader = {single};");
+            let _ = write!(all, "&{constant}, ");
+        }
     }
     let _ = writeln!(source, "/// Every shader of the crate.\npub static ALL: &[&Shader] = &[{all}];");
     let generated = out.join("shaders.rs");
     fs::write(&generated, source).map_err(|error| format!("{}: {error}", generated.display()))
+}
+
+/// Compiles and checks one variant of a shader; returns it as Rust source.
+fn compiled(shader: &Path, out: &Path, name: &str, defines: &[&str]) -> Result<String, String> {
+    let spv = out.join(name).with_extension("spv");
+    compiler::compile(shader, &spv, defines)?;
+    validate(shader, &spv)?;
+    Ok(format!("Shader {{ name: {name:?}, spirv: &{:?} }}", words(&spv)?))
+}
+
+/// Whether a shader includes the head that makes its numbers f32 or f64, itself or through another head.
+fn uses_reals(shader: &Path) -> Result<bool, String> {
+    let text = fs::read_to_string(shader).map_err(|error| format!("{}: {error}", shader.display()))?;
+    let included = text.lines().filter_map(|line| line.strip_prefix("#include \"")?.strip_suffix('"'));
+    for head in included {
+        if head == "real.glsl" || uses_reals(&Path::new(GLSL).join(head))? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// The compute shaders, sorted so that the generated file is the same on every machine.
@@ -97,12 +120,13 @@ mod compiler {
         `dnf install glslc`, `brew install shaderc` or the Vulkan SDK), or build with `--features shaderc`, \
         which compiles it from source (needs cmake, python3 and a C++ compiler)";
 
-    pub fn compile(shader: &Path, spv: &Path) -> Result<(), String> {
+    pub fn compile(shader: &Path, spv: &Path, defines: &[&str]) -> Result<(), String> {
         let dependencies = spv.with_extension("d");
         // -g keeps the names: validation messages and profilers can be read, and tests check layouts by member name.
         let output = Command::new("glslc")
             .args(["--target-env=vulkan1.2", "-std=450core", "-O", "-g", "-Werror", "-I", GLSL, "-MD", "-MF"])
             .arg(&dependencies)
+            .args(defines.iter().map(|name| format!("-D{name}")))
             .arg("-o")
             .args([spv, shader])
             .output()
@@ -132,7 +156,7 @@ mod compiler {
         TargetEnv,
     };
 
-    pub fn compile(shader: &Path, spv: &Path) -> Result<(), String> {
+    pub fn compile(shader: &Path, spv: &Path, defines: &[&str]) -> Result<(), String> {
         let failed = |error: shaderc::Error| error.to_string();
         let file = shader.display().to_string();
         let source = fs::read_to_string(shader).map_err(|error| format!("{file}: {error}"))?;
@@ -142,6 +166,9 @@ mod compiler {
         options.set_optimization_level(OptimizationLevel::Performance);
         options.set_generate_debug_info();
         options.set_warnings_as_errors();
+        for name in defines {
+            options.add_macro_definition(name, None);
+        }
         options.set_include_callback(|name, _, _, _| {
             let head = Path::new(GLSL).join(name);
             let resolved_name = head.display().to_string();

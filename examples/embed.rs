@@ -66,8 +66,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let floor = |near: &dyn Fn(DVec3) -> bool| {
         let centroid = |i: usize| scene.corners(i).iter().sum::<DVec3>() / 3.0;
         let picked = room.clone().filter(|&i| centroid(i).y == 0.0 && near(centroid(i)));
-        let red: Vec<f32> = picked.map(|i| solution.irradiance[i][0]).collect();
-        red.iter().sum::<f32>() / red.len() as f32
+        let red: Vec<f64> = picked.map(|i| solution.irradiance[i][0]).collect();
+        red.iter().sum::<f64>() / red.len() as f64
     };
     let under = |x: DVec3| (x.x - 0.5).abs().max((x.z - 0.5).abs()) < 0.2;
     println!("red irradiance of the floor under the table: {:.3} W/m²", floor(&under));

@@ -109,7 +109,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let plan = Plan::new(&scene, &Limits::of(&device), &scene.accuracy)?;
     let solution = Engine::new(&device, &scene, plan)?.solve(&SolveParams::from(&scene.accuracy))?;
-    let mean = solution.irradiance.iter().map(|rgb| rgb[0]).sum::<f32>() / solution.irradiance.len() as f32;
+    let mean = solution.irradiance.iter().map(|rgb| rgb[0]).sum::<f64>() / solution.irradiance.len() as f64;
     println!("{}: mean irradiance {mean:.4} W/m², exact 2", device.info().name);
     Ok(())
 }

@@ -1,16 +1,19 @@
 #version 450 core
-// y <- a x + b y over f32 arrays. A grid-stride loop: any number of groups covers all `count` elements, so the caller
+#extension GL_GOOGLE_include_directive : require
+// y <- a x + b y over arrays of reals. A grid-stride loop: any number of groups covers all `count` elements, so the caller
 // bounds the dispatch, not the array. With b = 0, y is not read: it may hold anything.
+
+#include "real.glsl"
 
 layout(local_size_x = 64, local_size_x_id = 0) in;
 
-layout(std430, set = 0, binding = 0) readonly buffer X { float x[]; };
-layout(std430, set = 0, binding = 1) buffer Y { float y[]; };
+layout(std430, set = 0, binding = 0) readonly buffer X { real x[]; };
+layout(std430, set = 0, binding = 1) buffer Y { real y[]; };
 
 layout(push_constant) uniform Push {
+    real a;
+    real b;
     uint count;
-    float a;
-    float b;
 };
 
 void main() {

@@ -1,12 +1,15 @@
 #version 450 core
-// Partial sums of ⟨x, y⟩ over f32 arrays, one a lane; the host adds them up in f64. Which lane sums what depends on
+#extension GL_GOOGLE_include_directive : require
+// Partial sums of ⟨x, y⟩ over arrays of reals, one a lane; the host adds them up in f64. Which lane sums what depends on
 // `count` and on the dispatch alone, so that the result is the same from run to run.
+
+#include "real.glsl"
 
 layout(local_size_x = 64, local_size_x_id = 0) in;
 
-layout(std430, binding = 0) readonly buffer X { float x[]; };
-layout(std430, binding = 1) readonly buffer Y { float y[]; };
-layout(std430, binding = 2) buffer Partial { float partial[]; };
+layout(std430, binding = 0) readonly buffer X { real x[]; };
+layout(std430, binding = 1) readonly buffer Y { real y[]; };
+layout(std430, binding = 2) buffer Partial { real partial[]; };
 
 layout(push_constant) uniform DotPush {
     uint count;
@@ -14,7 +17,7 @@ layout(push_constant) uniform DotPush {
 
 void main() {
     uint stride = gl_NumWorkGroups.x * gl_WorkGroupSize.x;
-    float sum = 0.0;
+    real sum = 0.0;
     for (uint i = gl_GlobalInvocationID.x; i < count; i += stride) {
         sum += x[i] * y[i];
     }

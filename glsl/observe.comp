@@ -10,15 +10,15 @@
 layout(local_size_x_id = 0) in;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
-layout(std430, binding = 1) readonly buffer Radiance { vec4 radiance[]; };
-layout(std430, binding = 2) readonly buffer Antiradiance { float antiradiance[]; };
-layout(scalar, binding = 2) readonly buffer AntiradianceRgb { vec3 antiradiance_rgb[]; };
-layout(std430, binding = 3) readonly buffer Specular { float specular[]; };
-layout(scalar, binding = 3) readonly buffer SpecularRgb { vec3 specular_rgb[]; };
-layout(std430, binding = 4) writeonly buffer Colours { vec4 colours[]; };
+layout(std430, binding = 1) readonly buffer Radiance { real4 radiance[]; };
+layout(std430, binding = 2) readonly buffer Antiradiance { real antiradiance[]; };
+layout(scalar, binding = 2) readonly buffer AntiradianceRgb { real3 antiradiance_rgb[]; };
+layout(std430, binding = 3) readonly buffer Specular { real specular[]; };
+layout(scalar, binding = 3) readonly buffer SpecularRgb { real3 specular_rgb[]; };
+layout(std430, binding = 4) writeonly buffer Colours { real4 colours[]; };
 
 layout(push_constant) uniform ObservePush {
-    vec3 eye;
+    real3 eye;
     // Slots of the group, from `begin` to before `end`.
     uint begin;
     uint end;
@@ -30,9 +30,9 @@ void main() {
     uint i = begin + gl_GlobalInvocationID.x;
     if (i < end) {
         Facet f = facets[i];
-        vec3 to_eye = eye - f.centre;
-        vec3 direction = to_eye * inversesqrt(max(dot(to_eye, to_eye), R2_MIN));
-        vec3 colour = radiance[i].rgb + binned_radiance(f.normal, (i - begin) * BINS, direction, true);
-        colours[i] = vec4(dot(to_eye, f.normal) > 0.0 ? colour : vec3(0.0), 0.0);
+        real3 to_eye = eye - f.centre;
+        real3 direction = to_eye * inversesqrt(max(dot(to_eye, to_eye), R2_MIN));
+        real3 colour = radiance[i].rgb + binned_radiance(f.normal, (i - begin) * BINS, direction, true);
+        colours[i] = real4(dot(to_eye, f.normal) > 0.0 ? colour : real3(0.0), 0.0);
     }
 }

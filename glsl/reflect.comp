@@ -8,8 +8,8 @@
 layout(local_size_x_id = 0) in;
 
 layout(std430, binding = 0) readonly buffer Surfaces { Surface surfaces[]; };
-layout(std430, binding = 1) readonly buffer Irradiance { vec4 irradiance[]; };
-layout(std430, binding = 2) writeonly buffer Radiance { vec4 radiance[]; };
+layout(std430, binding = 1) readonly buffer Irradiance { real4 irradiance[]; };
+layout(std430, binding = 2) writeonly buffer Radiance { real4 radiance[]; };
 
 layout(push_constant) uniform ReflectPush {
     uint count;
@@ -23,7 +23,7 @@ void main() {
     uint i = gl_GlobalInvocationID.x;
     if (i < count) {
         Surface s = surfaces[i];
-        vec3 reflected = reflection > 0.0 ? s.diffuse * INV_PI * irradiance[i].rgb : vec3(0.0);
-        radiance[i] = vec4(emission * s.emission + reflected, 0.0);
+        real3 reflected = reflection > 0.0 ? s.diffuse * INV_PI * irradiance[i].rgb : real3(0.0);
+        radiance[i] = real4(emission * s.emission + reflected, 0.0);
     }
 }

@@ -1,22 +1,17 @@
 #ifndef SOURCE_BINS_GLSL
 #define SOURCE_BINS_GLSL
 // Radiance of a source per direction bin. Expects the buffers of bins of the source: `antiradiance` and `specular` as
-// arrays of float, and the same memory as arrays of packed vec3, `antiradiance_rgb` and `specular_rgb`, which takes one
+// arrays of real, and the same memory as arrays of packed real3, `antiradiance_rgb` and `specular_rgb`, which takes one
 // load where the other takes three.
 
 layout(constant_id = 7) const bool SOURCE_BACK = false;
 layout(constant_id = 8) const bool SOURCE_FRONT = false;
 
-#define GATHER(grey, rgb, first, t, result)                                                       \
-    for (uint tap = 0; tap < 4; tap++) {                                                          \
-        uint at = (first) + t.bin[tap];                                                           \
-        result += t.weight[tap] * (CHANNELS == 1 ? vec3(grey[at]) : rgb[at]);                     \
-    }
-
 // The part of the radiance that varies with direction: specular from the front, and from the back (J) the negative of
-// what arrived at the front, which is the state itself: its bins hold A(b) = H(b) / c_b. `direction` is that in which light travels; `first`: first bin of the source in its page.
-vec3 binned_radiance(vec3 normal, uint first, vec3 direction, bool front) {
-    vec3 result = vec3(0.0);
+// what arrived at the front, which is the state itself: its bins hold A(b) = H(b) / c_b. `direction` is that in which
+// light travels; `first`: first bin of the source in its page.
+real3 binned_radiance(real3 normal, uint first, real3 direction, bool front) {
+    real3 result = real3(0.0);
     if (SOURCE_BACK || SOURCE_FRONT) {
         // What leaves the back arrived at the front from the opposite direction.
         Taps t = taps((front ? direction : -direction) * orthonormal_basis(normal));

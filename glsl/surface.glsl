@@ -1,18 +1,20 @@
 #ifndef SURFACE_GLSL
 #define SURFACE_GLSL
 
+#include "real.glsl"
+
 // The Blinn-Phong material of one triangle.
 struct Surface {
     // δρ.
-    vec3 diffuse;
+    real3 diffuse;
     // p.
-    float power;
+    real power;
     // L_e, W/(m² sr).
-    vec3 emission;
-    float unused_emission;
+    real3 emission;
+    real unused_emission;
     // σ N(p), 1/sr.
-    vec3 specular;
-    float unused_specular;
+    real3 specular;
+    real unused_specular;
 };
 
 #endif

@@ -16,29 +16,29 @@ layout(constant_id = 0) const uint LANES = 8;
 layout(constant_id = 1) const uint TILE = 64;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
-layout(std430, binding = 1) readonly buffer Radiance { vec4 radiance[]; };
+layout(std430, binding = 1) readonly buffer Radiance { real4 radiance[]; };
 layout(std430, binding = 2) readonly buffer TilePairs { uint tile_pairs[]; };
-layout(std430, binding = 3) buffer Irradiance { vec4 irradiance[]; };
-layout(std430, binding = 4) readonly buffer Antiradiance { float antiradiance[]; };
-layout(scalar, binding = 4) readonly buffer AntiradianceRgb { vec3 antiradiance_rgb[]; };
-layout(std430, binding = 5) readonly buffer Specular { float specular[]; };
-layout(scalar, binding = 5) readonly buffer SpecularRgb { vec3 specular_rgb[]; };
-layout(std430, binding = 6) buffer Arriving { float arriving[]; };
-layout(scalar, binding = 6) buffer ArrivingRgb { vec3 arriving_rgb[]; };
+layout(std430, binding = 3) buffer Irradiance { real4 irradiance[]; };
+layout(std430, binding = 4) readonly buffer Antiradiance { real antiradiance[]; };
+layout(scalar, binding = 4) readonly buffer AntiradianceRgb { real3 antiradiance_rgb[]; };
+layout(std430, binding = 5) readonly buffer Specular { real specular[]; };
+layout(scalar, binding = 5) readonly buffer SpecularRgb { real3 specular_rgb[]; };
+layout(std430, binding = 6) buffer Arriving { real arriving[]; };
+layout(scalar, binding = 6) buffer ArrivingRgb { real3 arriving_rgb[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
-layout(std430, binding = 7) readonly buffer BinTable { vec4 bin_table[]; };
+layout(std430, binding = 7) readonly buffer BinTable { real4 bin_table[]; };
 
 #include "far_push.glsl"
 #include "source_bins.glsl"
 #include "receiver_bins.glsl"
 
 void main() {
-    uint tile = receiver_tile + gl_WorkGroupID.x;
+    uint tile = owner_tile + gl_WorkGroupID.x;
     uint j = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
     Facet receiver = facets[j];
-    vec3 sum = vec3(0.0);
+    real3 sum = real3(0.0);
     clear_deposits();
-    for (uint source_tile = source_begin; source_tile < source_end; source_tile++) {
+    for (uint source_tile = other_begin; source_tile < other_end; source_tile++) {
         uint flags = pair_flags(tile, source_tile);
         bool fronts = (flags & PAIR_FRONT) != 0;
         bool backs = SOURCE_BACK && (flags & PAIR_BACK) != 0;
@@ -47,33 +47,33 @@ void main() {
         for (uint batch = 0; batch < batches; batch++) {
             uint mine = source_tile * TILE + batch * LANES + gl_LocalInvocationID.x;
             Facet f = facets[mine];
-            vec3 light = radiance[mine].rgb;
+            real3 light = radiance[mine].rgb;
             for (uint lane = 0; lane < LANES; lane++) {
                 uint i = source_tile * TILE + batch * LANES + lane;
-                vec3 x = subgroupBroadcast(f.centre, lane);
-                vec3 n = subgroupBroadcast(f.normal, lane);
-                vec3 l = subgroupBroadcast(light, lane);
-                float area = subgroupBroadcast(f.area, lane);
-                float extent = subgroupBroadcast(f.extent, lane);
-                vec3 d = receiver.centre - x;
-                float r2 = max(dot(d, d), R2_MIN);
-                float from = dot(d, n);
-                float to = max(-dot(d, receiver.normal), 0.0);
-                float share = near ? far_share(r2, half_range * (extent + receiver.extent)) : 1.0;
-                float side = from > 0.0 ? float(fronts) : float(backs);
-                float weight = side * share * abs(from) * to * area / (r2 * (r2 + area * INV_PI));
+                real3 x = subgroupBroadcast(f.centre, lane);
+                real3 n = subgroupBroadcast(f.normal, lane);
+                real3 l = subgroupBroadcast(light, lane);
+                real area = subgroupBroadcast(f.area, lane);
+                real extent = subgroupBroadcast(f.extent, lane);
+                real3 d = receiver.centre - x;
+                real r2 = max(dot(d, d), R2_MIN);
+                real from = dot(d, n);
+                real to = max(-dot(d, receiver.normal), 0.0);
+                real share = near ? far_share(r2, half_range * (extent + receiver.extent)) : 1.0;
+                real side = from > 0.0 ? real(fronts) : real(backs);
+                real weight = side * share * abs(from) * to * area / (r2 * (r2 + area * INV_PI));
                 // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.
                 for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
-                    vec3 direction = d * inversesqrt(r2);
+                    real3 direction = d * inversesqrt(r2);
                     bool front = from > 0.0;
-                    vec3 binned = binned_radiance(n, (i - source_page) * BINS, direction, front);
-                    vec3 value = weight * (front ? l + binned : binned);
-                    deposit(receiver.normal, -direction, value);
+                    real3 binned = binned_radiance(n, (i - other_page) * BINS, direction, front);
+                    real3 value = weight * (front ? l + binned : binned);
+                    deposit(0, receiver.normal, -direction, value);
                     sum += value;
                 }
             }
         }
     }
     irradiance[j].rgb += sum;
-    flush_deposits((j - receiver_page) * BINS);
+    flush_deposits((j - owner_page) * BINS);
 }

@@ -15,24 +15,24 @@ layout(constant_id = 1) const uint TILE = 64;
 const uint PER_LANE = TILE / LANES;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
-layout(std430, binding = 1) readonly buffer Radiance { vec4 radiance[]; };
+layout(std430, binding = 1) readonly buffer Radiance { real4 radiance[]; };
 layout(std430, binding = 2) readonly buffer TilePairs { uint tile_pairs[]; };
-layout(std430, binding = 3) buffer Irradiance { vec4 irradiance[]; };
+layout(std430, binding = 3) buffer Irradiance { real4 irradiance[]; };
 
 #include "far_push.glsl"
 
 void main() {
-    uint tile = receiver_tile + gl_WorkGroupID.x;
-    vec3 centre[PER_LANE], normal[PER_LANE], sum[PER_LANE];
-    float extent[PER_LANE];
+    uint tile = owner_tile + gl_WorkGroupID.x;
+    real3 centre[PER_LANE], normal[PER_LANE], sum[PER_LANE];
+    real extent[PER_LANE];
     for (uint k = 0; k < PER_LANE; k++) {
         Facet f = facets[tile * TILE + k * LANES + gl_LocalInvocationID.x];
         centre[k] = f.centre;
         normal[k] = f.normal;
         extent[k] = f.extent;
-        sum[k] = vec3(0.0);
+        sum[k] = real3(0.0);
     }
-    for (uint source_tile = source_begin; source_tile < source_end; source_tile++) {
+    for (uint source_tile = other_begin; source_tile < other_end; source_tile++) {
         uint flags = pair_flags(tile, source_tile);
         // Loops that may run zero times: an `if` would not skip the work on a device that executes both sides.
         uint batches = (flags & PAIR_FRONT) != 0 ? TILE / LANES : 0;
@@ -41,31 +41,31 @@ void main() {
         for (uint batch = 0; batch < batches; batch++) {
             uint mine = source_tile * TILE + batch * LANES + gl_LocalInvocationID.x;
             Facet f = facets[mine];
-            vec3 light = radiance[mine].rgb * f.area;
-            float near_area = f.area * INV_PI;
+            real3 light = radiance[mine].rgb * f.area;
+            real near_area = f.area * INV_PI;
             for (uint lane = 0; lane < far_lanes; lane++) {
-                vec3 x = subgroupBroadcast(f.centre, lane);
-                vec3 n = subgroupBroadcast(f.normal, lane);
-                vec3 l = subgroupBroadcast(light, lane);
-                float s = subgroupBroadcast(near_area, lane);
+                real3 x = subgroupBroadcast(f.centre, lane);
+                real3 n = subgroupBroadcast(f.normal, lane);
+                real3 l = subgroupBroadcast(light, lane);
+                real s = subgroupBroadcast(near_area, lane);
                 for (uint k = 0; k < PER_LANE; k++) {
-                    vec3 d = centre[k] - x;
-                    float r2 = max(dot(d, d), R2_MIN);
-                    float cosines = max(dot(d, n), 0.0) * max(-dot(d, normal[k]), 0.0);
+                    real3 d = centre[k] - x;
+                    real r2 = max(dot(d, d), R2_MIN);
+                    real cosines = max(dot(d, n), 0.0) * max(-dot(d, normal[k]), 0.0);
                     sum[k] += l * (cosines / (r2 * (r2 + s)));
                 }
             }
             for (uint lane = 0; lane < near_lanes; lane++) {
-                vec3 x = subgroupBroadcast(f.centre, lane);
-                vec3 n = subgroupBroadcast(f.normal, lane);
-                vec3 l = subgroupBroadcast(light, lane);
-                float s = subgroupBroadcast(near_area, lane);
-                float e = subgroupBroadcast(f.extent, lane);
+                real3 x = subgroupBroadcast(f.centre, lane);
+                real3 n = subgroupBroadcast(f.normal, lane);
+                real3 l = subgroupBroadcast(light, lane);
+                real s = subgroupBroadcast(near_area, lane);
+                real e = subgroupBroadcast(f.extent, lane);
                 for (uint k = 0; k < PER_LANE; k++) {
-                    vec3 d = centre[k] - x;
-                    float r2 = max(dot(d, d), R2_MIN);
-                    float cosines = max(dot(d, n), 0.0) * max(-dot(d, normal[k]), 0.0);
-                    float share = far_share(r2, half_range * (e + extent[k]));
+                    real3 d = centre[k] - x;
+                    real r2 = max(dot(d, d), R2_MIN);
+                    real cosines = max(dot(d, n), 0.0) * max(-dot(d, normal[k]), 0.0);
+                    real share = far_share(r2, half_range * (e + extent[k]));
                     sum[k] += l * (share * cosines / (r2 * (r2 + s)));
                 }
             }

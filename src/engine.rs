@@ -2,9 +2,9 @@
 
 use crate::gpu::{Device, GpuError};
 use crate::plan::{Limits, PADDING, Plan, PlanError, PlannedSolver};
-use crate::scene::{Accuracy, Scene};
+use crate::scene::{Accuracy, Material, Scene};
 use crate::solve::{FixedPointParams, GmresParams, Progress, SolveError, SolveInfo, fixed_point, gmres};
-use crate::transport::{Operators, SceneBuffers, State, TransportError, Watcher};
+use crate::transport::{Adjoint, Operators, SceneBuffers, State, TransportError, Watcher};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::ops::ControlFlow;
@@ -24,6 +24,18 @@ pub enum EngineError {
         "the plan counts {planned} bytes of \"{label}\" and the engine allocated {allocated}: a defect of antirad"
     )]
     Miscounted { label: String, planned: u64, allocated: u64 },
+    #[error(
+        "gradients{}{} were not planned: name them in Limits::gradients before the plan is made",
+        if kinds.is_empty() { "" } else { " of " },
+        kinds.join(", ")
+    )]
+    NotPlanned { kinds: Vec<&'static str> },
+    #[error("the cotangent of {what} has {given} entries, the scene {triangles} triangles")]
+    CotangentLength { what: &'static str, given: usize, triangles: usize },
+    #[error(
+        "the cotangent of {what} is not finite at triangle {triangle}: look for a division by zero in the loss"
+    )]
+    CotangentNotFinite { what: &'static str, triangle: usize },
     #[error("the plan is for {planned} triangles and the scene has {given}")]
     OtherScene { planned: usize, given: usize },
 }
@@ -64,22 +76,26 @@ pub struct Negative {
 /// A solved scene. Holds memory of the device until it is dropped.
 pub struct Solution {
     /// Per triangle of the scene, RGB, W/m²; zero for triangles without area.
-    pub irradiance: Vec<[f32; 3]>,
+    pub irradiance: Vec<[f64; 3]>,
     /// Emitted and reflected power per area, per triangle of the scene, RGB, W/m².
-    pub radiosity: Vec<[f32; 3]>,
+    pub radiosity: Vec<[f64; 3]>,
     pub info: SolveInfo,
     pub energy: Energy,
     pub negative: Negative,
-    state: State,
+    pub(crate) state: State,
 }
 
 /// A planned scene on a device.
 pub struct Engine {
     device: Device,
-    operators: Operators,
-    /// Per triangle of the scene: π L_e, and δρ.
-    exitance: Vec<DVec3>,
-    albedo: Vec<DVec3>,
+    pub(crate) operators: Operators,
+    /// Where the plan wants gradients.
+    pub(crate) adjoint: Option<Adjoint>,
+    /// Per triangle of the scene.
+    pub(crate) materials: Vec<Material>,
+    pub(crate) triangles: Vec<[u32; 3]>,
+    /// Number of vertices of the scene.
+    pub(crate) vertices: usize,
 }
 
 impl Limits {
@@ -104,6 +120,7 @@ impl Engine {
         }
         let before = device.memory();
         let buffers = SceneBuffers::new(device, scene, &plan)?;
+        let adjoint = Adjoint::new(device, &plan)?;
         let operators = Operators::new(device, plan, buffers)?;
         let after = device.memory();
         for item in operators.plan().memory().own() {
@@ -119,12 +136,13 @@ impl Engine {
                 });
             }
         }
-        let materials = || (0..scene.triangles.len()).map(|i| scene.material(i));
         Ok(Self {
             device: device.clone(),
             operators,
-            exitance: materials().map(|m| PI * DVec3::from(m.emission)).collect(),
-            albedo: materials().map(|m| DVec3::from(m.diffuse_albedo())).collect(),
+            adjoint,
+            materials: (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect(),
+            triangles: scene.triangles.iter().map(|t| t.vertices).collect(),
+            vertices: scene.vertices.len(),
         })
     }
 
@@ -159,17 +177,17 @@ impl Engine {
         let irradiance = self.to_scene_order(&self.operators.irradiance(&state)?);
         let radiosity = self.radiosity(&state, &irradiance)?;
         let energy = self.energy(&irradiance, &radiosity);
-        let lowest = irradiance.iter().map(|rgb| rgb.iter().copied().fold(f32::INFINITY, f32::min));
+        let lowest = irradiance.iter().map(|rgb| rgb.iter().copied().fold(f64::INFINITY, f64::min));
         let negative = Negative {
             triangles: lowest.clone().filter(|&h| h < 0.0).count(),
-            minimum: f64::from(lowest.fold(0.0, f32::min)),
+            minimum: lowest.fold(0.0, f64::min),
         };
         Ok(Solution { irradiance, radiosity, info, energy, negative, state })
     }
 
     /// Radiance that each triangle of the scene sends to a point (metres), RGB, W/(m² sr): what the operator S reads.
     /// Zero for triangles whose back it sees.
-    pub fn face_colours(&mut self, solution: &Solution, eye: DVec3) -> Result<Vec<[f32; 3]>, EngineError> {
+    pub fn face_colours(&mut self, solution: &Solution, eye: DVec3) -> Result<Vec<[f64; 3]>, EngineError> {
         let colours = self.operators.observe(&solution.state, eye)?;
         Ok(self.to_scene_order(&colours))
     }
@@ -185,7 +203,7 @@ impl Engine {
         &mut self.operators
     }
 
-    fn to_scene_order(&self, slots: &[[f32; 4]]) -> Vec<[f32; 3]> {
+    pub(crate) fn to_scene_order(&self, slots: &[[f64; 4]]) -> Vec<[f64; 3]> {
         let plan = self.operators.plan();
         let mut values = vec![[0.0; 3]; plan.facets.len()];
         for (&i, &[r, g, b, _]) in plan.layout.order.iter().zip(slots) {
@@ -197,11 +215,11 @@ impl Engine {
     }
 
     /// π L_e + δρ E, and of glossy triangles Σ_o c_o L(o).
-    fn radiosity(&mut self, state: &State, irradiance: &[[f32; 3]]) -> Result<Vec<[f32; 3]>, EngineError> {
+    fn radiosity(&mut self, state: &State, irradiance: &[[f64; 3]]) -> Result<Vec<[f64; 3]>, EngineError> {
         let mut radiosity: Vec<DVec3> = irradiance
             .iter()
-            .zip(self.exitance.iter().zip(&self.albedo))
-            .map(|(h, (&exitance, &albedo))| exitance + albedo * DVec3::from(h.map(f64::from)))
+            .zip(&self.materials)
+            .map(|(h, m)| exitance(m) + DVec3::from(m.diffuse_albedo()) * DVec3::from(*h))
             .collect();
         if self.plan().classes.iter().any(|class| class.glossy) {
             let specular = self.operators.leaving(state)?.specular;
@@ -215,27 +233,32 @@ impl Engine {
                     };
                     for (bin, &c) in lobe.chunks(channels).zip(&plan.bins.projected) {
                         let rgb = if channels == 1 { [bin[0]; 3] } else { [bin[0], bin[1], bin[2]] };
-                        *b += c * DVec3::from(rgb.map(f64::from));
+                        *b += c * DVec3::from(rgb);
                     }
                 }
             }
         }
         let valid = |i: usize| self.operators.plan().facets[i].area > 0.0;
-        let value = |(i, b): (usize, &DVec3)| if valid(i) { b.as_vec3().to_array() } else { [0.0; 3] };
+        let value = |(i, b): (usize, &DVec3)| if valid(i) { b.to_array() } else { [0.0; 3] };
         Ok(radiosity.iter().enumerate().map(value).collect())
     }
 
-    fn energy(&self, irradiance: &[[f32; 3]], radiosity: &[[f32; 3]]) -> Energy {
+    fn energy(&self, irradiance: &[[f64; 3]], radiosity: &[[f64; 3]]) -> Energy {
         let plan = self.operators.plan();
         let metres = 1.0 / plan.placement.scale.powi(2);
         let (mut emitted, mut absorbed) = (DVec3::ZERO, DVec3::ZERO);
         for (i, facet) in plan.facets.iter().enumerate().filter(|(_, f)| f.area > 0.0) {
             let area = facet.area * metres;
-            let reflected = DVec3::from(radiosity[i].map(f64::from)) - self.exitance[i];
-            emitted += area * self.exitance[i];
-            absorbed += area * (DVec3::from(irradiance[i].map(f64::from)) - reflected);
+            let reflected = DVec3::from(radiosity[i]) - exitance(&self.materials[i]);
+            emitted += area * exitance(&self.materials[i]);
+            absorbed += area * (DVec3::from(irradiance[i]) - reflected);
         }
         let (emitted, absorbed, escaped) = (emitted.into(), absorbed.into(), (emitted - absorbed).into());
         Energy { emitted, absorbed, escaped }
     }
+}
+
+/// π L_e, W/m².
+fn exitance(material: &Material) -> DVec3 {
+    PI * DVec3::from(material.emission)
 }

@@ -8,6 +8,7 @@
 //! ```no_run
 //! use antirad::gpu::{Device, DeviceOptions};
 //! use antirad::image::{PictureOptions, Rasterizer, ToneMap};
+//! use antirad::output::single;
 //! use antirad::plan::{Limits, Plan};
 //! use antirad::scene::{LoadOptions, Scene};
 //! use antirad::{Engine, SolveParams};
@@ -22,7 +23,7 @@
 //! println!("{:?} W/m² arrive at triangle 0", solution.irradiance[0]);
 //!
 //! let camera = &scene.cameras[0];
-//! let colours = engine.face_colours(&solution, camera.position)?;
+//! let colours = single(&engine.face_colours(&solution, camera.position)?);
 //! let options = PictureOptions::default();
 //! let picture = Rasterizer::new(&device)?.render(&scene, camera, &colours, &options)?;
 //! picture.write_png("room.png", &ToneMap::default())?;
@@ -38,6 +39,7 @@ pub mod cli;
 mod engine;
 pub mod fit;
 pub mod gpu;
+mod gradients;
 pub mod image;
 pub mod output;
 pub mod plan;
@@ -48,3 +50,4 @@ pub mod solve;
 pub mod transport;
 
 pub use engine::{Energy, Engine, EngineError, Negative, Solution, SolveParams};
+pub use gradients::{Cotangent, Gradients, MaterialGradients};

@@ -40,7 +40,7 @@ fn replace(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> io::
 }
 
 /// Writes RGB rows as a float32 array [rows, 3] (NumPy's format).
-pub fn write_npy(path: &Path, rows: &[[f32; 3]]) -> Result<(), OutputError> {
+pub fn write_npy<T: npyz::AutoSerialize + Copy>(path: &Path, rows: &[[T; 3]]) -> Result<(), OutputError> {
     use npyz::WriterBuilder;
     atomic_write(path, |file| {
         let shape = [rows.len() as u64, 3];
@@ -52,6 +52,11 @@ pub fn write_npy(path: &Path, rows: &[[f32; 3]]) -> Result<(), OutputError> {
         writer.extend(rows.iter().flatten().copied())?;
         writer.finish()
     })
+}
+
+/// RGB values as f32, for pictures and files.
+pub fn single(rows: &[[f64; 3]]) -> Vec<[f32; 3]> {
+    rows.iter().map(|rgb| rgb.map(|x| x as f32)).collect()
 }
 
 /// Writes a value as indented JSON.

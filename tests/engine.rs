@@ -78,7 +78,7 @@ fn the_same_run_twice_gives_the_same_bytes() {
         (solution.irradiance.clone(), solution.radiosity.clone(), colours)
     };
     let (first, second) = (run(), run());
-    let bytes = |v: &[[f32; 3]]| bytemuck::cast_slice::<_, u8>(v).to_vec();
+    let bytes = |v: &[[f64; 3]]| bytemuck::cast_slice::<_, u8>(v).to_vec();
     assert!(bytes(&first.0) == bytes(&second.0));
     assert!(bytes(&first.1) == bytes(&second.1));
     assert!(bytes(&first.2) == bytes(&second.2));
@@ -105,7 +105,7 @@ fn solvers_agree_with_each_other_and_with_the_reference() {
         fixed_point(&mut operator, &params, &mut |_, _| ControlFlow::Continue(())).expect("a reference");
     let expected = info.spectral_radius.expect("an estimate");
     assert!(expected > 0.1 && expected < 1.0, "{info:?}");
-    let truth: Vec<[f32; 3]> = truth.irradiance.iter().map(|h| h.as_vec3().to_array()).collect();
+    let truth: Vec<[f64; 3]> = truth.irradiance.iter().map(|h| h.to_array()).collect();
     for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
         let accuracy = Accuracy { solver, tolerance: 1e-6, ..scene.accuracy };
         let (_engine, solution) = solve(&device, &scene, &accuracy);

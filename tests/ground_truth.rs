@@ -32,7 +32,7 @@ fn squares(name: &str, truth: f64, tolerance: f64) {
     let device = device();
     let scene = load(&format!("tests/data/{name}.obj"));
     let (_engine, solution) = solve(&device, &scene, &scene.accuracy);
-    let exitance = f64::from(solution.radiosity.iter().map(|b| b[0]).fold(0.0, f32::max));
+    let exitance = solution.radiosity.iter().map(|b| b[0]).fold(0.0, f64::max);
     let receives = |i: usize| scene.material(i).name == "recv";
     let form_factor = mean(&solution.irradiance, &areas(&scene), receives) / exitance;
     let error = form_factor / truth - 1.0;
@@ -107,10 +107,10 @@ fn cornell_boxes_fine() {
     let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
     let (_engine, solution) = solve(&device, &scene, &scene.accuracy);
     // The four children of a face are consecutive and of the same area.
-    let means: Vec<[f32; 3]> = solution
+    let means: Vec<[f64; 3]> = solution
         .irradiance
         .chunks_exact(4)
-        .map(|four| std::array::from_fn(|c| four.iter().map(|h| h[c]).sum::<f32>() / 4.0))
+        .map(|four| std::array::from_fn(|c| four.iter().map(|h| h[c]).sum::<f64>() / 4.0))
         .collect();
     let error = relative_l2(&means, &truth, &areas(&coarse));
     println!("cornell_boxes_fine: relative L2 {:.3} %, {:?}", 100.0 * error, solution.info);

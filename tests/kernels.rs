@@ -4,157 +4,24 @@
 mod reflect;
 mod support;
 
-use antirad::plan::{Class, Limits, PADDING, Plan};
+use antirad::plan::{Limits, Plan};
 use antirad::reference::{Model, State, observe, transport};
-use antirad::scene::{Accuracy, BinLayout, Material, Scene, Triangle, Weights};
+use antirad::scene::{Accuracy, BinLayout, Precision, Scene, Weights};
+use antirad::shaders::RealShader;
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers};
 use antirad::{Engine, SolveParams, shaders, transport as device_side};
 use glam::DVec3;
+use support::random::{Random, random_scene, scattered};
+use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};
 use support::{device, finish};
 
 /// Relative error of each kernel, in the 2-norm over all its output.
-const TOLERANCE: f64 = 1e-4;
-
-/// A small generator of numbers in [0, 1): the same scenes on every run (splitmix64).
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ z >> 31) >> 11) as f64 / (1u64 << 53) as f64
+fn tolerance(precision: Precision) -> f64 {
+    match precision {
+        Precision::F32 => 1e-4,
+        Precision::F64 => 1e-12,
     }
-
-    fn point(&mut self) -> DVec3 {
-        DVec3::new(self.next(), self.next(), self.next())
-    }
-}
-
-/// Triangles of all sizes and directions in a box; `glossy` of the materials have a lobe.
-fn random_scene(seed: u64, triangles: u32, glossy: bool, grey: bool) -> Scene {
-    scattered(seed, triangles, glossy, grey, 2.0)
-}
-
-/// The same in a cube of side `room`: the smaller, the more close pairs.
-fn scattered(seed: u64, triangles: u32, glossy: bool, grey: bool, room: f64) -> Scene {
-    let mut random = Random(seed);
-    let mut materials = Vec::new();
-    for k in 0..4 {
-        let mut material = Material::named(format!("m{k}"));
-        let shade = |random: &mut Random| {
-            if grey { [random.next(); 3] } else { [random.next(), random.next(), random.next()] }
-        };
-        material.albedo = shade(&mut random).map(|x| 0.5 * x);
-        material.emission = if k == 0 { shade(&mut random).map(|x| 5.0 * x) } else { [0.0; 3] };
-        if glossy && k % 2 == 1 {
-            material.specular = shade(&mut random).map(|x| 0.1 * x);
-            material.power = [0.0, 1.0, 20.0, 200.0][(random.next() * 4.0) as usize];
-        }
-        materials.push(material);
-    }
-    let (mut vertices, mut list) = (Vec::new(), Vec::new());
-    for k in 0..triangles {
-        let centre = random.point() * room;
-        let size = 0.02 + 0.3 * random.next();
-        for _ in 0..3 {
-            vertices.push(centre + size * (random.point() - 0.5));
-        }
-        let first = 3 * k;
-        list.push(Triangle { vertices: [first, first + 1, first + 2], material: k % 4 });
-    }
-    Scene::new("random", vertices, list, materials).expect("a scene")
-}
-
-fn relative(values: &[f64], truth: &[f64]) -> f64 {
-    assert_eq!(values.len(), truth.len());
-    let norm = |v: &mut dyn Iterator<Item = f64>| v.map(|x| x * x).sum::<f64>().sqrt();
-    let size = norm(&mut truth.iter().copied());
-    let error = norm(&mut values.iter().zip(truth).map(|(a, b)| a - b));
-    if size > 0.0 { error / size } else { error }
-}
-
-/// RGB values per slot, of the triangles that take part.
-fn by_slot(plan: &Plan, values: impl Fn(usize) -> DVec3) -> Vec<[f32; 4]> {
-    let value = |&i: &u32| if i == PADDING { DVec3::ZERO } else { values(i as usize) };
-    plan.layout.order.iter().map(|i| value(i).as_vec3().extend(0.0).to_array()).collect()
-}
-
-/// Flattens what the device holds per slot, in the order of the scene.
-fn rgb_of(plan: &Plan, slots: &[[f32; 4]]) -> Vec<f64> {
-    let mut all = vec![0.0; plan.facets.len() * 3];
-    for (&i, value) in plan.layout.order.iter().zip(slots).filter(|(i, _)| **i != PADDING) {
-        for c in 0..3 {
-            all[i as usize * 3 + c] = f64::from(value[c]);
-        }
-    }
-    all
-}
-
-/// Pages of bins as the device holds them, from bins of the reference.
-fn to_pages(model: &Model, plan: &Plan, bins: &[DVec3]) -> Vec<Option<Vec<f32>>> {
-    let channels = plan.channels as usize;
-    let width = model.bins.count() * channels;
-    plan.layout
-        .groups
-        .iter()
-        .map(|group| {
-            group.class.has_bins().then(|| {
-                let slots = plan.layout.slots_of(&group.tiles);
-                let mut page = vec![0.0; slots.len() * width];
-                for (row, slot) in page.chunks_mut(width).zip(slots) {
-                    let i = plan.layout.order[slot as usize];
-                    if i == PADDING {
-                        continue;
-                    }
-                    let Some(range) = model.bins_of(i as usize) else { continue };
-                    for (value, rgb) in row.chunks_mut(channels).zip(&bins[range]) {
-                        for (c, v) in value.iter_mut().enumerate() {
-                            *v = rgb[c] as f32;
-                        }
-                    }
-                }
-                page
-            })
-        })
-        .collect()
-}
-
-/// Flattens pages of the device, in the order of the reference; groups that have none count as zero.
-fn from_pages(model: &Model, plan: &Plan, pages: &[Option<Vec<f32>>], total: usize) -> Vec<f64> {
-    let channels = plan.channels as usize;
-    let width = model.bins.count() * channels;
-    let mut all = vec![0.0; total * 3];
-    for (group, page) in plan.layout.groups.iter().zip(pages) {
-        let Some(page) = page else { continue };
-        for (row, slot) in page.chunks(width).zip(plan.layout.slots_of(&group.tiles)) {
-            let i = plan.layout.order[slot as usize];
-            let Some(range) = (i != PADDING).then(|| model.bins_of(i as usize)).flatten() else { continue };
-            for (b, value) in range.zip(row.chunks(channels)) {
-                for c in 0..3 {
-                    all[b * 3 + c] = f64::from(value[if channels == 1 { 0 } else { c }]);
-                }
-            }
-        }
-    }
-    all
-}
-
-fn flat(rgb: &[DVec3]) -> Vec<f64> {
-    rgb.iter().flat_map(|v| v.to_array()).collect()
-}
-
-/// Masks bins by class: the reference computes both kinds for every triangle with bins.
-fn of_class(model: &Model, bins: &[DVec3], wanted: impl Fn(Class) -> bool) -> Vec<f64> {
-    let mut kept = vec![DVec3::ZERO; bins.len()];
-    for (i, &class) in model.classes.iter().enumerate() {
-        if let Some(range) = model.bins_of(i).filter(|_| wanted(class)) {
-            kept[range.clone()].copy_from_slice(&bins[range]);
-        }
-    }
-    flat(&kept)
 }
 
 fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits) -> Limits) {
@@ -213,11 +80,11 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
     println!(
         "{name}: {} triangles, {blockers} blockers, {} close pairs",
         model.facets.len(),
-        plan.near.sources.len()
+        plan.near.others.len()
     );
     for (kernel, error) in errors {
         println!("  {kernel}: {error:.2e}");
-        assert!(error <= TOLERANCE, "{name}, {kernel}: relative error {error:e}");
+        assert!(error <= tolerance(accuracy.precision), "{name}, {kernel}: relative error {error:e}");
     }
     finish(&device);
 }
@@ -242,6 +109,15 @@ fn other_weights_and_layouts() {
         ..Accuracy::default()
     };
     compare("concentric, smoothstep", &scene, both, |l| l);
+}
+
+#[test]
+fn double_precision() {
+    let scene = random_scene(11, 150, true, false);
+    let double = Accuracy { precision: Precision::F64, ..Accuracy::default() };
+    compare("f64", &scene, double, |l| l);
+    let smooth = Accuracy { weights: Weights::Smoothstep, bins: BinLayout::Concentric { n: 12 }, ..double };
+    compare("f64, concentric, smoothstep", &scene, smooth, |l| l);
 }
 
 /// Lists of close sources longer than one dispatch takes.
@@ -293,9 +169,9 @@ fn a_wrong_kernel_would_be_found() {
     let (truth, _) =
         antirad::solve::fixed_point(&mut operator, &params, &mut |_, _| std::ops::ControlFlow::Continue(()))
             .expect("a reference");
-    let values: Vec<f64> = solution.irradiance.iter().flatten().map(|&x| f64::from(x)).collect();
+    let values: Vec<f64> = solution.irradiance.iter().flatten().copied().collect();
     let error = relative(&values, &flat(&truth.irradiance));
-    assert!(error <= TOLERANCE, "relative error {error:e}");
+    assert!(error <= tolerance(accuracy.precision), "relative error {error:e}");
 }
 
 /// Structures shared with the shaders lie in memory as the shaders see them.
@@ -309,72 +185,116 @@ fn layouts_agree_with_the_shaders() {
         };
     }
     use device_side::*;
-    check!(
-        shaders::NEAR,
-        "Facet",
-        FacetData,
-        ["centre" = centre, "area" = area, "normal" = normal, "extent" = extent]
-    );
-    check!(
-        shaders::REFLECT,
-        "Surface",
-        SurfaceData,
-        [
-            "diffuse" = diffuse,
-            "power" = power,
-            "emission" = emission,
-            "unused_emission" = unused_emission,
-            "specular" = specular,
-            "unused_specular" = unused_specular,
-        ]
-    );
-    for shader in [&shaders::TRANSPORT_IRRADIANCE, &shaders::TRANSPORT_BINS] {
+    // Reals, then words, in both precisions: offsets in numbers of reals and of words.
+    let laid_out = |shader: &RealShader, name: &str, reals: &[(&str, u32)], words: &[&str]| {
+        for precision in [Precision::F32, Precision::F64] {
+            let (shader, bytes) = (shader.of(precision), precision.bytes() as u32);
+            let first = |(name, at): &(&str, u32)| ((*name).to_owned(), at * bytes);
+            let mut expected: Vec<(String, u32)> = reals.iter().map(first).collect();
+            let (total, reals) = reals.split_last().map_or((0, reals), |((_, total), reals)| (*total, reals));
+            expected.truncate(reals.len());
+            expected
+                .extend(words.iter().zip(0..).map(|(name, k)| ((*name).to_owned(), total * bytes + 4 * k)));
+            assert_eq!(reflect::member_offsets(shader.spirv, name), expected, "{name} of {}", shader.name);
+        }
+    };
+    let facet = [("centre", 0), ("area", 3), ("normal", 4), ("extent", 7), ("", 8)];
+    laid_out(&shaders::NEAR, "Facet", &facet, &[]);
+    let surface = [
+        ("diffuse", 0),
+        ("power", 3),
+        ("emission", 4),
+        ("unused_emission", 7),
+        ("specular", 8),
+        ("unused_specular", 11),
+        ("", 12),
+    ];
+    laid_out(&shaders::REFLECT, "Surface", &surface, &[]);
+    let gradient = [
+        ("a", 0),
+        ("area", 3),
+        ("b", 4),
+        ("extent", 7),
+        ("c", 8),
+        ("unused_c", 11),
+        ("normal", 12),
+        ("unused_normal", 15),
+        ("", 16),
+    ];
+    laid_out(&shaders::NEAR_DERIVATIVE, "FacetGradient", &gradient, &[]);
+    laid_out(&shaders::OBSERVE_DERIVATIVE, "ObservePush", &[("eye", 0), ("", 3)], &["begin", "end"]);
+    laid_out(&shaders::OBSERVE, "ObservePush", &[("eye", 0), ("", 3)], &["begin", "end"]);
+    laid_out(&shaders::COMBINE, "Push", &[("a", 0), ("b", 1), ("", 2)], &["count"]);
+    for shader in [
+        &shaders::TRANSPORT_IRRADIANCE.f64,
+        &shaders::TRANSPORT_BINS.f32,
+        &shaders::TRANSPORT_BINS_ADJOINT.f64,
+        &shaders::TRANSPORT_DERIVATIVE.f64,
+    ] {
         check!(
             shader,
             "FarPush",
             FarPush,
             [
-                "receiver_tile" = receiver_tile,
-                "source_begin" = source_begin,
-                "source_end" = source_end,
+                "owner_tile" = owner_tile,
+                "other_begin" = other_begin,
+                "other_end" = other_end,
                 "row_words" = row_words,
                 "half_range" = half_range,
-                "receiver_page" = receiver_page,
-                "source_page" = source_page,
+                "owner_page" = owner_page,
+                "other_page" = other_page,
                 "passing" = passing,
             ]
         );
     }
+    for shader in [&shaders::NEAR.f64, &shaders::NEAR_ADJOINT.f32, &shaders::NEAR_DERIVATIVE.f64] {
+        check!(
+            shader,
+            "NearPush",
+            NearPush,
+            [
+                "owner_begin" = owner_begin,
+                "owner_end" = owner_end,
+                "other_begin" = other_begin,
+                "other_end" = other_end,
+                "half_range" = half_range,
+                "owner_page" = owner_page,
+                "other_page" = other_page,
+                "backs" = backs,
+                "skip" = skip,
+                "take" = take,
+            ]
+        );
+    }
     check!(
-        shaders::NEAR,
-        "NearPush",
-        NearPush,
-        [
-            "receiver_begin" = receiver_begin,
-            "receiver_end" = receiver_end,
-            "source_begin" = source_begin,
-            "source_end" = source_end,
-            "half_range" = half_range,
-            "receiver_page" = receiver_page,
-            "source_page" = source_page,
-            "backs" = backs,
-            "skip" = skip,
-            "take" = take,
-        ]
-    );
-    check!(
-        shaders::REFLECT,
+        shaders::REFLECT.f64,
         "ReflectPush",
         ReflectPush,
         ["count" = count, "emission" = emission, "reflection" = reflection]
     );
     check!(
-        shaders::REFLECT_GLOSSY,
+        shaders::REFLECT_GLOSSY.f64,
         "GlossyPush",
         GlossyPush,
         ["page" = page, "first" = first, "count" = count]
     );
-    check!(shaders::OBSERVE, "ObservePush", ObservePush, ["eye" = eye, "begin" = begin, "end" = end]);
-    check!(shaders::COMBINE, "Push", CombinePush, ["count" = count, "a" = a, "b" = b]);
-    check!(shaders::DOT, "DotPush", DotPush, ["count" = count]);
+    check!(
+        shaders::REFLECT_ADJOINT.f64,
+        "ReflectAdjointPush",
+        ReflectAdjointPush,
+        ["count" = count, "given" = given]
+    );
+    check!(
+        shaders::REFLECT_GLOSSY_DERIVATIVE.f64,
+        "GlossyDerivativePush",
+        GlossyDerivativePush,
+        ["page" = page, "count" = count, "bin_begin" = bin_begin, "bin_end" = bin_end]
+    );
+    check!(
+        shaders::REFLECT_GLOSSY_ADJOINT.f64,
+        "GlossyPush",
+        GlossyPush,
+        ["page" = page, "first" = first, "count" = count]
+    );
+    check!(shaders::DOT.f64, "DotPush", DotPush, ["count" = count]);
 }

@@ -1,5 +1,6 @@
 //! Derivatives of a loss by what a scene is made of.
 
+use crate::plan::Wanted;
 use crate::scene::Scene;
 use glam::DVec3;
 
@@ -49,17 +50,6 @@ impl Quantity {
             Self::Position => "position",
         }
     }
-}
-
-/// Which derivatives are needed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Wanted {
-    pub emission: bool,
-    pub diffuse: bool,
-    pub albedo: bool,
-    pub specular: bool,
-    pub power: bool,
-    pub positions: bool,
 }
 
 /// Derivatives of a loss, as far as they were wanted.

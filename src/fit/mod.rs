@@ -10,7 +10,7 @@ mod regulariser;
 mod selection;
 mod target;
 
-pub use gradient::{Quantity, SceneGradient, Wanted};
+pub use gradient::{Quantity, SceneGradient};
 pub use loss::{Loss, LossKind, PictureLoss};
 pub use parameters::{Fit, MotionKind, ParameterError, Parameters, Per, Recovered};
 pub use regulariser::{Regulariser, Regularisers};

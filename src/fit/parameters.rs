@@ -5,11 +5,12 @@
 //! [`Parameters::bounds`], the materials are possible ones: emission, δ, ρ, σ and p have boxes, and σ passes through the
 //! soft limit of [`limit`](super::limit).
 
-use super::gradient::{Quantity, SceneGradient, Wanted};
+use super::gradient::{Quantity, SceneGradient};
 use super::limit::{LIMIT, largest_lobe, limit, lobe, unlimited};
 use super::motion::Motion;
 use super::optimiser::Bounds;
 use super::selection::{self, Selected};
+use crate::plan::Wanted;
 use crate::scene::{Material, Scene};
 use glam::DVec3;
 use serde::Serialize;
@@ -198,7 +199,7 @@ impl Parameters {
             bounds: Bounds::free(0),
             start: Vec::new(),
             fit_of: HashMap::new(),
-            wanted: Wanted::default(),
+            wanted: Wanted::NOTHING,
         };
         for (fit, selected) in selected.iter().enumerate() {
             parameters.add(fit, selected, brightness.max(f64::MIN_POSITIVE));
@@ -289,14 +290,14 @@ impl Parameters {
                     for &m in materials {
                         set(&mut self.base.materials[m as usize], *quantity, value);
                     }
-                    for channel in 0..quantity.channels() {
-                        self.start[first + channel] = to_unknown(*quantity, value[channel], block.scale);
+                    for (channel, &value) in value.iter().enumerate().take(quantity.channels()) {
+                        self.start[first + channel] = to_unknown(*quantity, value, block.scale);
                     }
                 }
                 What::Motion { parts: [true, ..], .. } => {
                     let initial = what.initial.unwrap_or_default();
-                    for axis in 0..3 {
-                        self.start[first + axis] = initial[axis] / block.scale;
+                    for (axis, way) in initial.iter().enumerate() {
+                        self.start[first + axis] = way / block.scale;
                     }
                 }
                 What::Motion { .. } | What::Vertex { .. } => {}
@@ -324,7 +325,8 @@ impl Parameters {
                         let lower = what.lower.map_or(0.0, |l| l[channel]);
                         let upper = what.upper.map_or(natural[channel], |u| u[channel].min(natural[channel]));
                         let asked = what.upper.map_or(f64::INFINITY, |u| u[channel]);
-                        if !(lower >= 0.0) || asked.is_nan() || lower > asked {
+                        let ordered = lower >= 0.0 && lower <= asked;
+                        if !ordered {
                             return Err(refuse(format!(
                                 "{word}: bounds {lower} to {asked}; they must be 0 or more, the lower one first"
                             )));
@@ -770,7 +772,8 @@ impl Parameters {
 fn displacement(fit: &Fit) -> Result<([f64; 3], [f64; 3]), String> {
     let (lower, upper) =
         (fit.lower.unwrap_or([f64::NEG_INFINITY; 3]), fit.upper.unwrap_or([f64::INFINITY; 3]));
-    match (0..3).find(|&axis| !(lower[axis] <= upper[axis])) {
+    let ordered = |axis: &usize| lower[*axis] <= upper[*axis];
+    match (0..3).find(|axis| !ordered(axis)) {
         Some(axis) => {
             Err(format!("position: bounds {} to {}; the lower one comes first", lower[axis], upper[axis]))
         }

@@ -152,7 +152,7 @@ fn term_of(term: &Regulariser, parameters: &Parameters) -> Result<Term, String> 
             let picked = (0..fitted.len()).filter(|&t| fitted[t]).map(|t| (t as u32, area(t)));
             let areas: Vec<(u32, f64)> = picked.collect();
             let total: f64 = areas.iter().map(|(_, area)| area).sum();
-            if !(total > 0.0) {
+            if total == 0.0 {
                 return Err(missing(Quantity::Emission));
             }
             Ok(Term::Sparsity {

@@ -1,5 +1,6 @@
 //! A device opened for compute, and what all that uses it shares.
 
+use std::collections::HashMap;
 use std::env;
 use std::ffi::CString;
 use std::fmt;
@@ -14,6 +15,7 @@ use super::error::{During, GpuError};
 use super::info::{DeviceInfo, Enabled};
 use super::instance::Instance;
 use super::memory::{Memory, MemoryReport};
+use super::pipeline::{Key, Parts};
 use super::profile::{Profile, ProfileRow};
 use super::recorder::Recorder;
 use super::survey::{self, Candidate};
@@ -57,6 +59,8 @@ pub(super) struct Shared {
     pub(super) timestamp_bits: u32,
     pub(super) memory: Mutex<Memory>,
     pub(super) cache: vk::PipelineCache,
+    /// Every kernel that was compiled, to the end of the device.
+    pub(super) pipelines: Mutex<HashMap<Key, Parts>>,
     /// Recorders between two batches: a batch takes one, or makes one when all are busy.
     pub(super) idle: Mutex<Vec<Recorder>>,
     pub(super) staging: Staging,
@@ -129,6 +133,7 @@ impl Device {
             timestamp_bits,
             memory: Mutex::new(memory),
             cache,
+            pipelines: Mutex::default(),
             idle: Mutex::default(),
             staging: Staging::default(),
             profile: Mutex::default(),
@@ -221,6 +226,9 @@ impl Drop for Shared {
         }
         for recorder in std::mem::take(&mut *lock(&self.idle)) {
             recorder.destroy(self);
+        }
+        for parts in std::mem::take(&mut *lock(&self.pipelines)).into_values() {
+            parts.destroy(self);
         }
         for block in self.staging.take() {
             Block::destroy(block, self);

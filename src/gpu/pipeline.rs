@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use ash::vk;
 
-use super::Result;
 use super::device::{Device, Shared};
 use super::error::{During, GpuError};
+use super::{Result, lock};
 use crate::shaders::Shader;
 
 /// What every Vulkan device takes; more goes into a buffer.
@@ -16,7 +16,9 @@ pub const MAX_PUSH_BYTES: u32 = 128;
 /// Storage buffers that one kernel can bind, at most: a batch has this many descriptors at its disposal.
 pub(super) const MAX_BINDINGS: u32 = 64;
 
-/// A kernel that is ready to be dispatched.
+/// A kernel that is ready to be dispatched. Its Vulkan objects belong to the device: making the same one again, for the
+/// next of many engines, costs nothing.
+#[derive(Clone)]
 pub struct Pipeline {
     pub(super) device: Device,
     pub(super) kernel: &'static str,
@@ -31,6 +33,22 @@ pub(super) struct Parts {
     pub(super) set_layout: vk::DescriptorSetLayout,
     pub(super) layout: vk::PipelineLayout,
     pub(super) pipeline: vk::Pipeline,
+}
+
+/// What a compiled kernel depends on: its name, bindings, push constants, specialization and subgroup size.
+pub(super) type Key = (&'static str, u32, u32, Vec<(u32, u32)>, Option<u32>);
+
+impl Parts {
+    pub(super) fn destroy(self, shared: &Shared) {
+        let device = shared.raw();
+        // SAFETY: nothing executes that uses the pipeline: batches hold the device and wait for their end. Null is
+        // ignored.
+        unsafe {
+            device.destroy_pipeline(self.pipeline, None);
+            device.destroy_pipeline_layout(self.layout, None);
+            device.destroy_descriptor_set_layout(self.set_layout, None);
+        }
+    }
 }
 
 impl Pipeline {
@@ -64,11 +82,21 @@ impl Pipeline {
         }
         // Without control all subgroups have the one size that was just checked.
         let required = subgroup_size.filter(|_| info.enabled.subgroup_size_control);
-        let parts = Parts::default();
-        // From here on dropping `pipeline` undoes what is done, on a failure too.
+        let key = (kernel, bindings, push_bytes, specialization.to_vec(), required);
+        // Held while compiling: who wants the same kernel waits for it instead of compiling it, too.
+        let mut compiled = lock(&device.shared.pipelines);
+        let parts = compiled.get(&key).copied().unwrap_or_default();
         let mut pipeline = Self { device: device.clone(), kernel, bindings, push_bytes, parts };
-        pipeline.create_layouts()?;
-        pipeline.create_pipeline(shader.spirv, specialization, required)?;
+        if pipeline.parts.pipeline == vk::Pipeline::null() {
+            let created = pipeline
+                .create_layouts()
+                .and_then(|()| pipeline.create_pipeline(shader.spirv, specialization, required));
+            if let Err(error) = created {
+                pipeline.parts.destroy(&device.shared);
+                return Err(error);
+            }
+            compiled.insert(key, pipeline.parts);
+        }
         Ok(pipeline)
     }
 
@@ -168,21 +196,5 @@ impl Pipeline {
 impl fmt::Debug for Pipeline {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_tuple("Pipeline").field(&self.kernel).finish()
-    }
-}
-
-impl Drop for Pipeline {
-    fn drop(&mut self) {
-        let shared: &Shared = &self.device.shared;
-        if shared.is_hung() {
-            return;
-        }
-        let device = shared.raw();
-        // SAFETY: nothing executes that uses the pipeline: batches borrow it and wait for their end. Null is ignored.
-        unsafe {
-            device.destroy_pipeline(self.parts.pipeline, None);
-            device.destroy_pipeline_layout(self.parts.layout, None);
-            device.destroy_descriptor_set_layout(self.parts.set_layout, None);
-        }
     }
 }

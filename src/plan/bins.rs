@@ -10,6 +10,17 @@ const QUADRATURE: u32 = 64;
 /// The four bins around a direction and their weights, which sum to 1.
 pub type Taps = [(usize, f64); 4];
 
+/// Two neighbouring cells of one coordinate of a layout, and where between their centres a direction lies.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cells {
+    pub first: usize,
+    pub next: usize,
+    /// 0 at the centre of `first`, 1 at that of `next`; what the weights are shaped from.
+    pub fraction: f64,
+    /// Outside the outermost centres, where the weights do not depend on the coordinate.
+    pub clamped: bool,
+}
+
 /// A hemisphere split into bins. Directions are unit vectors in the frame of the triangle, z along the normal.
 #[derive(Clone, Debug)]
 pub struct Bins {
@@ -45,44 +56,48 @@ impl Bins {
     /// T_b(ω): the four taps of a direction of the upper hemisphere. Defined everywhere: at the pole, on the horizon
     /// (directions below it count as on it).
     pub fn taps(&self, direction: DVec3) -> Taps {
+        let (row, column) = self.cells(direction);
+        product(self.shape(row.fraction), self.shape(column.fraction), self.around(row, column))
+    }
+
+    /// Where a direction lies in the two coordinates of the layout: polar angle and azimuth, or v and u of the square.
+    pub(crate) fn cells(&self, direction: DVec3) -> (Cells, Cells) {
         match self.layout {
             BinLayout::EqualAngle { theta, phi } => {
                 let polar = direction.truncate().length().atan2(direction.z.max(0.0));
-                let row = polar * f64::from(theta) / FRAC_PI_2 - 0.5;
-                let (row, row_next, t) = self.clamped(row, theta);
+                let row = clamped(polar * f64::from(theta) / FRAC_PI_2 - 0.5, theta);
                 let azimuth = direction.y.atan2(direction.x) / TAU;
                 let turn = (azimuth - azimuth.floor()) * f64::from(phi) - 0.5;
                 let sector = turn.floor();
-                let s = self.shape(turn - sector);
+                let fraction = turn - sector;
                 let phi = phi as usize;
-                let sector = (sector as i64).rem_euclid(phi as i64) as usize;
-                let sector_next = (sector + 1) % phi;
-                let at = |row: usize, sector: usize| row * phi + sector;
-                product(
-                    t,
-                    s,
-                    [at(row, sector), at(row, sector_next), at(row_next, sector), at(row_next, sector_next)],
-                )
+                let first = (sector as i64).rem_euclid(phi as i64) as usize;
+                (row, Cells { first, next: (first + 1) % phi, fraction, clamped: false })
             }
             BinLayout::Concentric { n } => {
                 let square = concentric_square(direction);
-                let (v, v_next, t) = self.clamped((square.1 + 1.0) * 0.5 * f64::from(n) - 0.5, n);
-                let (u, u_next, s) = self.clamped((square.0 + 1.0) * 0.5 * f64::from(n) - 0.5, n);
-                let at = |v: usize, u: usize| v * n as usize + u;
-                product(t, s, [at(v, u), at(v, u_next), at(v_next, u), at(v_next, u_next)])
+                let cell = |x: f64| clamped((x + 1.0) * 0.5 * f64::from(n) - 0.5, n);
+                (cell(square.1), cell(square.0))
             }
         }
     }
 
-    /// The two cells around a coordinate whose centres are 0, 1, … n-1, and the weight of the second.
-    fn clamped(&self, coordinate: f64, n: u32) -> (usize, usize, f64) {
-        let last = f64::from(n - 1);
-        let coordinate = coordinate.clamp(0.0, last);
-        let first = coordinate.floor().min(last - 1.0);
-        (first as usize, first as usize + 1, self.shape(coordinate - first))
+    /// The bins of the four taps, in the order of [`Bins::taps`].
+    pub(crate) fn around(&self, row: Cells, column: Cells) -> [usize; 4] {
+        let columns = match self.layout {
+            BinLayout::EqualAngle { phi, .. } => phi as usize,
+            BinLayout::Concentric { n } => n as usize,
+        };
+        let at = |row: usize, column: usize| row * columns + column;
+        [
+            at(row.first, column.first),
+            at(row.first, column.next),
+            at(row.next, column.first),
+            at(row.next, column.next),
+        ]
     }
 
-    fn shape(&self, t: f64) -> f64 {
+    pub(crate) fn shape(&self, t: f64) -> f64 {
         match self.weights {
             Weights::Bilinear => t,
             Weights::Smoothstep => t * t * (3.0 - 2.0 * t),
@@ -126,6 +141,19 @@ impl Bins {
         let (sum_w, sum_c) = (w.iter().sum::<f64>(), c.iter().sum::<f64>());
         self.solid_angle = w.iter().map(|x| x * TAU / sum_w).collect();
         self.projected = c.iter().map(|x| x * PI / sum_c).collect();
+    }
+}
+
+/// The two cells around a coordinate whose centres are 0, 1, … n-1.
+fn clamped(coordinate: f64, n: u32) -> Cells {
+    let last = f64::from(n - 1);
+    let inside = coordinate.clamp(0.0, last);
+    let first = inside.floor().min(last - 1.0);
+    Cells {
+        first: first as usize,
+        next: first as usize + 1,
+        fraction: inside - first,
+        clamped: !(0.0 < coordinate && coordinate < last),
     }
 }
 

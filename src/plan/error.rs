@@ -1,8 +1,13 @@
 //! Why there is no plan.
 
 /// One clear line, with the way out.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
+    #[error(
+        "a tolerance of {wanted:e} is more than f32 can tell: choose {least:e} or more, or precision \"f64\" on a \
+         device that has it"
+    )]
+    Tolerance { wanted: f64, least: f64 },
     #[error("the scene has no triangle with an area: there is nothing to solve")]
     NothingToSolve,
     #[error(

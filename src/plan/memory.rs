@@ -1,14 +1,17 @@
 //! Bytes, by label, before they are allocated. The engine asserts that it allocates these and no others.
 
 use super::{Bins, Plan, PlanError};
+use crate::scene::Precision;
 
 /// Every buffer's size is rounded up to a multiple of this.
 const ROUNDING: u64 = 256;
-/// Bytes of one triangle in the arrays of the same name (glsl/geometry.glsl, glsl/surface.glsl).
-const FACET: u64 = 32;
-const CORNERS: u64 = 48;
-const SURFACE: u64 = 48;
-const RGB: u64 = 16;
+/// Reals of one triangle in the arrays of the same name (glsl/geometry.glsl, glsl/surface.glsl).
+const FACET: u64 = 8;
+const CORNERS: u64 = 12;
+const SURFACE: u64 = 12;
+pub(super) const RGB: u64 = 4;
+/// Of glsl/facet_gradient.glsl.
+const FACET_GRADIENT: u64 = 16;
 /// Lanes of the kernel that sums vectors up: enough for any device, few enough to be added up on the host.
 pub(crate) const PARTIAL_SUMS: u64 = 4096;
 
@@ -35,40 +38,62 @@ pub struct MemoryPlan {
 }
 
 /// Bytes of the bins of one triangle.
-pub(super) fn bin_bytes(bins: &Bins, channels: u32) -> u64 {
-    bins.count() as u64 * u64::from(channels) * 4
+pub(super) fn bin_bytes(bins: &Bins, channels: u32, precision: Precision) -> u64 {
+    bins.count() as u64 * u64::from(channels) * precision.bytes()
 }
 
 impl MemoryPlan {
     pub(super) fn of(plan: &Plan) -> Self {
+        let real = plan.accuracy.precision.bytes();
         let slots = u64::from(plan.layout.slots());
         let mut memory = Self::default();
-        memory.add("facets", slots * FACET, 1);
-        memory.add("corners", slots * CORNERS, 1);
-        memory.add("surfaces", slots * SURFACE, 1);
-        memory.add("radiance", slots * RGB, 1);
-        memory.add("face colours", slots * RGB, 1);
-        memory.add("bin table", plan.bins.count() as u64 * 16, 1);
+        memory.add("facets", slots * FACET * real, 1);
+        memory.add("corners", slots * CORNERS * real, 1);
+        memory.add("surfaces", slots * SURFACE * real, 1);
+        memory.add("radiance", slots * plan.rgb_bytes(), 1);
+        memory.add("face colours", slots * plan.rgb_bytes(), 1);
+        memory.add("bin table", plan.bins.count() as u64 * RGB * real, 1);
         memory.add("tile pairs", plan.tile_pairs.flags.len() as u64 * 4, 1);
         memory.add("near offsets", plan.near.offsets.len() as u64 * 4, 1);
-        memory.add("near sources", plan.near.sources.len() as u64 * 4, 1);
-        memory.add("partial sums", PARTIAL_SUMS * 4, 1);
-        memory.add("no bins", 4, 1);
-        let vectors = plan.solver.vectors();
-        memory.add("state: irradiance", slots * RGB, vectors);
+        memory.add("near sources", plan.near.others.len() as u64 * 4, 1);
+        memory.add("partial sums", PARTIAL_SUMS * real, 1);
+        memory.add("no bins", real, 1);
+        let vectors = plan.vectors();
+        memory.add("state: irradiance", slots * plan.rgb_bytes(), vectors);
         for group in plan.layout.groups.iter().filter(|g| g.class.has_bins()) {
-            let bytes =
-                u64::from((group.tiles.end - group.tiles.start) * plan.layout.tile) * plan.bin_bytes();
+            let bytes = plan.page_bytes(group);
             memory.add("state: bins", bytes, vectors);
             if group.class.glossy {
                 memory.add("specular radiance", bytes, 1);
             }
         }
+        memory.add_gradients(plan, slots);
         memory.add(STAGING, plan.limits.staging, 1);
         if plan.limits.pictures > 0 {
             memory.add(PICTURES, plan.limits.pictures, 1);
         }
         memory
+    }
+
+    /// What [`crate::Engine::backward`] needs beyond a solve: the solution's own vector, the loss's cotangent, and what
+    /// gradients are summed up in.
+    fn add_gradients(&mut self, plan: &Plan, slots: u64) {
+        let (wanted, real) = (plan.limits.gradients, plan.accuracy.precision.bytes());
+        let Some(list) = &plan.near_receivers else { return };
+        let rgb = slots * plan.rgb_bytes();
+        self.add("cotangent: irradiance", rgb, 1);
+        self.add("cotangent: radiance", rgb, 1);
+        for group in plan.layout.groups.iter().filter(|g| g.class.glossy) {
+            self.add("cotangent: specular", plan.page_bytes(group), 1);
+        }
+        self.add("near offsets, by source", list.offsets.len() as u64 * 4, 1);
+        self.add("near receivers", list.others.len() as u64 * 4, 1);
+        if wanted.geometry() {
+            self.add("facet gradients", slots * FACET_GRADIENT * real, 1);
+        }
+        if wanted.lobes() && plan.classes.iter().any(|class| class.glossy) {
+            self.add("lobe sums", 2 * rgb, 1);
+        }
     }
 
     fn add(&mut self, label: &str, bytes: u64, count: u32) {

@@ -9,7 +9,9 @@ mod near;
 mod order;
 mod report;
 mod tiles;
+mod wanted;
 
+pub(crate) use bins::Cells;
 pub use bins::{Bins, Taps};
 pub use classes::{Class, classify};
 pub use error::PlanError;
@@ -18,9 +20,10 @@ pub use memory::{MemoryItem, MemoryPlan};
 pub use near::NearPairs;
 pub use report::{ClassReport, PairReport, PlanReport};
 pub use tiles::{Group, Layout, PADDING, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, TilePairs};
+pub use wanted::Wanted;
 
 use crate::reference::Facet;
-use crate::scene::{Accuracy, Scene, SolverChoice};
+use crate::scene::{Accuracy, Precision, Scene, SolverChoice};
 use glam::DVec3;
 
 /// What a device offers, and choices that change the work but not the result.
@@ -41,6 +44,11 @@ pub struct Limits {
     /// Leave out pairs of tiles that can't see each other.
     pub cull: bool,
     pub occlusion: Occlusion,
+    /// Give every triangle front bins, glossy or not: for derivatives with respect to emission per bin, and to σ where
+    /// there is none yet.
+    pub front_bins: bool,
+    /// Derivatives that will be asked for.
+    pub gradients: Wanted,
 }
 
 /// Which triangles hold light back.
@@ -67,6 +75,8 @@ impl Default for Limits {
             page: 128 << 20,
             cull: true,
             occlusion: Occlusion::Exact,
+            front_bins: false,
+            gradients: Wanted::NOTHING,
         }
     }
 }
@@ -118,6 +128,9 @@ const LONGEST_RESTART: u32 = 16;
 /// The shortest one that still beats the fixed point.
 const SHORTEST_RESTART: u32 = 4;
 
+/// The smallest relative residual that f32 can tell.
+const F32_TOLERANCE: f64 = 1e-7;
+
 /// Everything the engine needs to know, decided.
 #[derive(Clone, Debug)]
 pub struct Plan {
@@ -134,6 +147,8 @@ pub struct Plan {
     pub layout: Layout,
     pub tile_pairs: TilePairs,
     pub near: NearPairs,
+    /// The same by source, where gradients are wanted.
+    pub near_receivers: Option<NearPairs>,
     pub solver: PlannedSolver,
     memory: MemoryPlan,
 }
@@ -141,6 +156,9 @@ pub struct Plan {
 impl Plan {
     /// Plans a forward solve of a checked scene.
     pub fn new(scene: &Scene, limits: &Limits, accuracy: &Accuracy) -> Result<Self, PlanError> {
+        if accuracy.precision == Precision::F32 && accuracy.tolerance < F32_TOLERANCE {
+            return Err(PlanError::Tolerance { wanted: accuracy.tolerance, least: F32_TOLERANCE });
+        }
         let placement = Placement::of(scene);
         let facets: Vec<Facet> = (0..scene.triangles.len())
             .map(|i| Facet::new(scene.corners(i).map(|c| placement.apply(c))))
@@ -153,15 +171,19 @@ impl Plan {
                 classes.iter_mut().zip(&facets).for_each(|(class, f)| class.blocker = f.area > 0.0);
             }
         }
+        if limits.front_bins {
+            classes.iter_mut().zip(&facets).for_each(|(class, f)| class.glossy = f.area > 0.0);
+        }
         let bins = Bins::new(accuracy.bins, accuracy.weights);
-        let channels = if is_grey(scene) { 1 } else { 3 };
+        // A loss may see colours in a grey scene.
+        let channels = if is_grey(scene) && !limits.gradients.any() { 1 } else { 3 };
 
         let mut order = order::spatial_order(&facets);
         order.retain(|&i| facets[i as usize].area > 0.0);
         if order.is_empty() {
             return Err(PlanError::NothingToSolve);
         }
-        let tile_bytes = u64::from(limits.tile) * memory::bin_bytes(&bins, channels);
+        let tile_bytes = u64::from(limits.tile) * memory::bin_bytes(&bins, channels, accuracy.precision);
         let page = limits.page.min(limits.max_buffer);
         let page_tiles = (page / tile_bytes).max(1).min(u64::from(u32::MAX)) as u32;
         let layout = Layout::new(&order, &classes, limits.tile, page_tiles);
@@ -181,6 +203,7 @@ impl Plan {
             classes,
             layout,
             tile_pairs,
+            near_receivers: limits.gradients.any().then(|| near.transposed()),
             near,
             solver: PlannedSolver::FixedPoint,
             memory: MemoryPlan::default(),
@@ -219,9 +242,25 @@ impl Plan {
         &self.memory
     }
 
+    /// Vectors of the state's size: those of the solver, and where gradients are wanted the solution, which is there
+    /// while the solver runs on the adjoint.
+    pub fn vectors(&self) -> u32 {
+        self.solver.vectors() + u32::from(self.limits.gradients.any())
+    }
+
+    /// Bytes of one page of bins.
+    pub fn page_bytes(&self, group: &Group) -> u64 {
+        self.layout.slots_of(&group.tiles).len() as u64 * self.bin_bytes()
+    }
+
     /// Bytes of the bins of one triangle.
     pub fn bin_bytes(&self) -> u64 {
-        memory::bin_bytes(&self.bins, self.channels)
+        memory::bin_bytes(&self.bins, self.channels, self.accuracy.precision)
+    }
+
+    /// Bytes of one vec4 of reals.
+    pub(crate) fn rgb_bytes(&self) -> u64 {
+        memory::RGB * self.accuracy.precision.bytes()
     }
 
     /// Triangles that take part.

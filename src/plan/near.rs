@@ -5,12 +5,12 @@ use super::tiles::{Layout, PADDING, PAIR_NEAR, TilePairs};
 use crate::reference::Facet;
 use rayon::prelude::*;
 
-/// For each receiver slot the slots of its close sources, rising.
+/// For each owner slot, a receiver, the slots of its close others, sources, rising; or the other way round.
 #[derive(Clone, Debug, Default)]
 pub struct NearPairs {
     /// Where each slot's list starts; one entry more than there are slots.
     pub offsets: Vec<u32>,
-    pub sources: Vec<u32>,
+    pub others: Vec<u32>,
 }
 
 impl NearPairs {
@@ -49,6 +49,42 @@ impl NearPairs {
         for list in &lists {
             offsets.push(offsets.last().copied().unwrap_or(0) + list.len() as u32);
         }
-        Self { offsets, sources: lists.concat() }
+        Self { offsets, others: lists.concat() }
+    }
+
+    /// The same pairs by the other end.
+    pub fn transposed(&self) -> Self {
+        let slots = self.offsets.len() - 1;
+        let mut offsets = vec![0; slots + 1];
+        for &other in &self.others {
+            offsets[other as usize + 1] += 1;
+        }
+        for slot in 0..slots {
+            offsets[slot + 1] += offsets[slot];
+        }
+        let mut next = offsets.clone();
+        let mut others = vec![0; self.others.len()];
+        for (owner, run) in self.offsets.windows(2).enumerate() {
+            for &other in &self.others[run[0] as usize..run[1] as usize] {
+                others[next[other as usize] as usize] = owner as u32;
+                next[other as usize] += 1;
+            }
+        }
+        Self { offsets, others }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn transposing_keeps_the_pairs_and_their_order() {
+        let list = NearPairs { offsets: vec![0, 2, 2, 5], others: vec![1, 2, 0, 1, 2] };
+        let turned = list.transposed();
+        assert_eq!(turned.offsets, [0, 1, 3, 5]);
+        assert_eq!(turned.others, [2, 0, 2, 0, 2]);
+        let back = turned.transposed();
+        assert_eq!((back.offsets, back.others), (list.offsets, list.others));
     }
 }

@@ -66,7 +66,7 @@ impl Plan {
         let triangles = self.triangles() as u64;
         let mut pairs = PairReport {
             total: triangles * triangles,
-            sub_sampled: self.near.sources.len() as u64,
+            sub_sampled: self.near.others.len() as u64,
             ..PairReport::default()
         };
         for to in &self.layout.groups {

@@ -47,9 +47,10 @@ pub fn quarters([a, b, c]: [DVec3; 3]) -> [[DVec3; 3]; 4] {
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
 }
 
-/// Columns: two tangents and the normal. Branch-free and continuous but for n.z = 0 (Duff et al., JCGT 2017).
+/// Columns: two tangents and the normal. After Duff et al. (JCGT 2017), continuous but
+/// for n.z = [`FRAME_SWITCH`].
 pub fn orthonormal_basis(n: DVec3) -> DMat3 {
-    let sign = 1.0_f64.copysign(n.z);
+    let sign = basis_sign(n);
     let a = -1.0 / (sign + n.z);
     let b = n.x * n.y * a;
     DMat3::from_cols(
@@ -57,4 +58,14 @@ pub fn orthonormal_basis(n: DVec3) -> DMat3 {
         DVec3::new(b, sign + n.y * n.y * a, -n.y),
         n,
     )
+}
+
+/// Where the frame jumps: at a height that no wall, floor or roof of a usual slope has, nor a triangle of a round shape.
+/// At 0, where the published frame jumps, a wall that leans by rounding would have its bins turned, and no derivative
+/// would see it.
+const FRAME_SWITCH: f64 = -0.6543;
+
+/// The sign that keeps the frame away from its singular normal.
+pub(super) fn basis_sign(n: DVec3) -> f64 {
+    if n.z < FRAME_SWITCH { -1.0 } else { 1.0 }
 }

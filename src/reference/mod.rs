@@ -1,5 +1,7 @@
 //! An f64 twin of every kernel of light on the CPU, written to be read: the truth that the kernels are tested against.
 
+mod adjoint;
+mod derivative;
 mod geometry;
 mod near_field;
 mod observation;
@@ -7,6 +9,10 @@ mod operator;
 mod reflection;
 mod transport;
 
+pub use adjoint::{Adjoint, observe_adjoint, reflect_adjoint, transport_adjoint};
+pub use derivative::{
+    FacetGradient, MaterialGradient, observe_derivative, reflect_derivative, transport_derivative,
+};
 pub use geometry::{Facet, orthonormal_basis};
 pub use near_field::{QUARTER_RANGE, far_share, projected_solid_angle};
 pub use observation::observe;
@@ -40,6 +46,7 @@ pub struct State {
 }
 
 /// What leaves. RGB, W/(m² sr).
+#[derive(Clone, Debug)]
 pub struct Leaving {
     /// Diffuse radiance of the front.
     pub diffuse: Vec<DVec3>,
@@ -94,6 +101,12 @@ impl Model {
             irradiance: vec![DVec3::ZERO; self.facets.len()],
             bins: vec![DVec3::ZERO; self.slots.iter().flatten().count() * self.bins.count()],
         }
+    }
+
+    /// Nothing that leaves.
+    pub fn dark(&self) -> Leaving {
+        let State { irradiance, bins } = self.zero();
+        Leaving { diffuse: irradiance, specular: bins.clone(), antiradiance: bins }
     }
 
     /// (K - J) H, without emission.

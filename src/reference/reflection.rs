@@ -1,18 +1,16 @@
 //! K: reflection. Twin of glsl/reflect.comp and glsl/reflect_glossy.comp.
 
 use super::{Leaving, Model, State};
+use crate::plan::Bins;
+use crate::scene::Material;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
 /// E: what is emitted, in the form of light that leaves.
 pub fn emission(model: &Model) -> Leaving {
-    let dark = model.zero();
-    Leaving {
-        diffuse: model.materials.iter().map(|m| DVec3::from(m.emission)).collect(),
-        specular: dark.bins.clone(),
-        antiradiance: dark.bins,
-    }
+    let diffuse = model.materials.iter().map(|m| DVec3::from(m.emission)).collect();
+    Leaving { diffuse, ..model.dark() }
 }
 
 /// L = (δρ/π) Σ_b H(b), and per front bin of glossy triangles Σ_b σ N(p) ⟨h(b,o),n⟩^p H(b).
@@ -34,14 +32,23 @@ pub fn reflect(model: &Model, state: &State) -> Leaving {
 
 fn specular(model: &Model, i: usize, arriving: &[DVec3]) -> Vec<DVec3> {
     let material = &model.materials[i];
-    let scale = DVec3::from(material.specular) * material.specular_normalization();
-    let centre = &model.bins.centre;
-    centre
-        .iter()
-        .map(|&out| {
-            let lobe = |b: usize| (centre[b] + out).normalize_or_zero().z.max(0.0).powf(material.power);
-            let irradiance = |b: usize| model.bins.projected[b] * arriving[b];
-            scale * (0..centre.len()).map(|b| lobe(b) * irradiance(b)).sum::<DVec3>()
-        })
-        .collect()
+    let scale = specular_scale(material);
+    let light = spread(&model.bins, material.power, |b| model.bins.projected[b] * arriving[b]);
+    light.into_iter().map(|light| scale * light).collect()
+}
+
+/// σ N(p), RGB, 1/sr.
+pub(super) fn specular_scale(material: &Material) -> DVec3 {
+    DVec3::from(material.specular) * material.specular_normalization()
+}
+
+/// Σ_b ⟨h(b,o),n⟩^p value(b), per bin o.
+pub(super) fn spread(bins: &Bins, power: f64, value: impl Fn(usize) -> DVec3) -> Vec<DVec3> {
+    let sum = |o: usize| (0..bins.count()).map(|b| half_cosine(bins, b, o).powf(power) * value(b)).sum();
+    (0..bins.count()).map(sum).collect()
+}
+
+/// ⟨h(b,o),n⟩, the cosine between the normal and the half vector of two bins, in [0, 1].
+pub(super) fn half_cosine(bins: &Bins, b: usize, o: usize) -> f64 {
+    (bins.centre[b] + bins.centre[o]).normalize_or_zero().z.max(0.0)
 }

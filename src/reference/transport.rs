@@ -1,11 +1,12 @@
 //! U: light from every triangle to every other, with no visibility test. Twin of glsl/transport_*.comp and
 //! glsl/near.comp.
 
-use super::geometry::{Facet, centroid, quarters};
+use super::geometry::{centroid, quarters};
 use super::near_field::{QUARTER_RANGE, far_share, projected_solid_angle};
 use super::{Leaving, Model, State};
 use glam::DVec3;
 use rayon::prelude::*;
+use std::f64::consts::PI;
 
 /// H_j(b) += T_b(ω_j) max(cos_j, 0) g_ij a_i |cos_i| · (front: L_i(ω_i); back: -A_i(ω_i)), for all i and j; the state
 /// keeps H_j(b) / c_b.
@@ -35,7 +36,6 @@ pub fn transport(model: &Model, leaving: &Leaving) -> State {
 /// What arrives at one triangle.
 struct Arriving<'a> {
     model: &'a Model,
-    receiver: &'a Facet,
     j: usize,
     irradiance: DVec3,
     /// Empty where the receiver has no bins.
@@ -44,96 +44,120 @@ struct Arriving<'a> {
 
 impl<'a> Arriving<'a> {
     fn new(model: &'a Model, j: usize) -> Self {
-        let receiver = &model.facets[j];
-        Self {
-            model,
-            receiver,
-            j,
-            irradiance: DVec3::ZERO,
-            bins: vec![DVec3::ZERO; model.bins_of(j).map_or(0, |range| range.len())],
-        }
+        let bins = vec![DVec3::ZERO; model.bins_of(j).map_or(0, |range| range.len())];
+        Self { model, j, irradiance: DVec3::ZERO, bins }
     }
 
     fn from(&mut self, leaving: &Leaving, i: usize) {
-        let source = &self.model.facets[i];
-        if source.area == 0.0 || self.receiver.area == 0.0 {
-            return;
-        }
-        let r2 = (self.receiver.centroid - source.centroid).length_squared();
-        let share = far_share(r2, self.model.range(i, self.j));
-        if share > 0.0 {
-            self.far(leaving, i, r2, share);
-        }
-        if share < 1.0 {
-            self.near(leaving, i, 1.0 - share);
-        }
-    }
-
-    /// Centroid to centroid.
-    fn far(&mut self, leaving: &Leaving, i: usize, r2: f64, share: f64) {
-        let source = &self.model.facets[i];
-        let direction = (self.receiver.centroid - source.centroid) / r2.sqrt();
-        let (cos_i, cos_j) = (direction.dot(source.normal), -direction.dot(self.receiver.normal));
-        if cos_j > 0.0 && cos_i != 0.0 {
-            let radiance = leaving.radiance(self.model, i, direction, cos_i > 0.0);
-            let g = 1.0 / (r2 + source.area / std::f64::consts::PI);
-            self.deposit(-direction, radiance * (share * cos_j * cos_i.abs() * source.area * g));
-        }
-    }
-
-    /// Quarter to quarter; and for radiance that varies with direction, where two quarters are close for their own size,
-    /// quarter of a quarter to quarter of a quarter.
-    fn near(&mut self, leaving: &Leaving, i: usize, share: f64) {
-        let source = &self.model.facets[i];
-        for to in quarters(self.receiver.corners) {
-            for from in quarters(source.corners) {
-                let r2 = (centroid(to) - centroid(from)).length_squared();
-                let far = match self.model.classes[i].has_bins() {
-                    true => far_share(r2, self.model.range(i, self.j) * QUARTER_RANGE),
-                    false => 1.0,
-                };
-                self.piece(leaving, i, from, centroid(to), share / 4.0, share * far / 4.0);
-                if far < 1.0 {
-                    for to in quarters(to) {
-                        for from in quarters(from) {
-                            self.piece(leaving, i, from, centroid(to), 0.0, share * (1.0 - far) / 16.0);
-                        }
-                    }
-                }
-            }
-        }
-    }
-
-    /// From a piece of the source to a point of the receiver, by Lambert's polygon formula, which is exact for uniform
-    /// radiance: `diffuse` and `binned` are the shares of the two kinds of radiance.
-    fn piece(
-        &mut self,
-        leaving: &Leaving,
-        i: usize,
-        from: [DVec3; 3],
-        point: DVec3,
-        diffuse: f64,
-        binned: f64,
-    ) {
-        let source = &self.model.facets[i];
-        let offset = point - centroid(from);
-        let side = offset.dot(source.normal);
-        let projected = projected_solid_angle(point, self.receiver.normal, from);
-        if side != 0.0 && projected > 0.0 {
-            let direction = offset.normalize();
-            let radiance = diffuse * leaving.diffuse(i, side > 0.0)
-                + binned * leaving.binned(self.model, i, direction, side > 0.0);
-            self.deposit(-direction, radiance * projected);
-        }
+        beams(self.model, i, self.j, |beam| {
+            let radiance = beam.diffuse * leaving.diffuse(i, beam.front)
+                + beam.binned * leaving.binned(self.model, i, beam.direction, beam.front);
+            self.deposit(-beam.direction, radiance);
+        });
     }
 
     /// Irradiance from `direction` (receiver to source).
     fn deposit(&mut self, direction: DVec3, irradiance: DVec3) {
         self.irradiance += irradiance;
         if !self.bins.is_empty() {
-            for (b, weight) in self.model.bins.taps(self.receiver.to_local(direction)) {
+            for (b, weight) in self.model.bins.taps(self.model.facets[self.j].to_local(direction)) {
                 self.bins[b] += weight * irradiance;
             }
         }
+    }
+}
+
+/// Light on one line from a source to a receiver. What arrives is `diffuse` times the uniform part of the radiance and
+/// `binned` times the part that varies with direction.
+pub(super) struct Beam {
+    /// Unit, from the source to the receiver.
+    pub direction: DVec3,
+    /// Whether it leaves the front of the source.
+    pub front: bool,
+    /// Projected solid angle, sr.
+    pub diffuse: f64,
+    /// Projected solid angle, sr.
+    pub binned: f64,
+}
+
+/// U from source `i` to receiver `j`, line by line: the one place that says which, so that U and its transpose agree.
+pub(super) fn beams(model: &Model, i: usize, j: usize, mut visit: impl FnMut(Beam)) {
+    let (source, receiver) = (&model.facets[i], &model.facets[j]);
+    if source.area == 0.0 || receiver.area == 0.0 {
+        return;
+    }
+    let r2 = (receiver.centroid - source.centroid).length_squared();
+    let share = far_share(r2, model.range(i, j));
+    if share > 0.0 {
+        visit_far(model, i, j, share, &mut visit);
+    }
+    if share < 1.0 {
+        visit_near(model, i, j, 1.0 - share, &mut visit);
+    }
+}
+
+/// Centroid to centroid.
+fn visit_far(model: &Model, i: usize, j: usize, share: f64, visit: &mut impl FnMut(Beam)) {
+    let (source, receiver) = (&model.facets[i], &model.facets[j]);
+    let between = receiver.centroid - source.centroid;
+    let r2 = between.length_squared();
+    let direction = between / r2.sqrt();
+    let (cos_i, cos_j) = (direction.dot(source.normal), -direction.dot(receiver.normal));
+    if cos_j > 0.0 && cos_i != 0.0 {
+        let g = 1.0 / (r2 + source.area / PI);
+        let projected = share * cos_j * cos_i.abs() * source.area * g;
+        visit(Beam { direction, front: cos_i > 0.0, diffuse: projected, binned: projected });
+    }
+}
+
+/// Quarter to quarter; and for radiance that varies with direction, where two quarters are close for their own size,
+/// quarter of a quarter to quarter of a quarter.
+fn visit_near(model: &Model, i: usize, j: usize, share: f64, visit: &mut impl FnMut(Beam)) {
+    for to in quarters(model.facets[j].corners) {
+        for from in quarters(model.facets[i].corners) {
+            let r2 = (centroid(to) - centroid(from)).length_squared();
+            let far = match model.classes[i].has_bins() {
+                true => far_share(r2, model.range(i, j) * QUARTER_RANGE),
+                false => 1.0,
+            };
+            visit_piece(model, i, j, [from, to], [share / 4.0, share * far / 4.0], visit);
+            if far < 1.0 {
+                for to in quarters(to) {
+                    for from in quarters(from) {
+                        let binned = share * (1.0 - far) / 16.0;
+                        visit_piece(model, i, j, [from, to], [0.0, binned], visit);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Offsets shorter than this share of a triangle's size are rounding: they have no side and no direction. Without this the
+/// two sides of a sheet would light each other.
+pub(super) const COINCIDENT: f64 = 1e-12;
+
+/// From a piece of the source to the centroid of a piece of the receiver, by Lambert's polygon formula, which is exact
+/// for uniform radiance. The shares are of the two kinds of radiance.
+fn visit_piece(
+    model: &Model,
+    i: usize,
+    j: usize,
+    [from, to]: [[DVec3; 3]; 2],
+    [diffuse, binned]: [f64; 2],
+    visit: &mut impl FnMut(Beam),
+) {
+    let point = centroid(to);
+    let offset = point - centroid(from);
+    let side = offset.dot(model.facets[i].normal);
+    let projected = projected_solid_angle(point, model.facets[j].normal, from);
+    let apart = offset.length() > COINCIDENT * model.facets[i].extent.sqrt();
+    if side != 0.0 && apart && projected > 0.0 {
+        visit(Beam {
+            direction: offset.normalize(),
+            front: side > 0.0,
+            diffuse: diffuse * projected,
+            binned: binned * projected,
+        });
     }
 }

@@ -92,6 +92,28 @@ pub enum SolverChoice {
     Gmres,
 }
 
+/// The numbers of the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Precision {
+    /// Single precision: relative errors of about 1e-6 of irradiance.
+    #[default]
+    F32,
+    /// Double precision, for validation: needs a device with `shaderFloat64`, twice the memory, and several times the
+    /// time.
+    F64,
+}
+
+impl Precision {
+    /// Bytes of one number.
+    pub fn bytes(self) -> u64 {
+        match self {
+            Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+}
+
 /// Settings that trade accuracy for time and memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Accuracy {
@@ -106,6 +128,7 @@ pub struct Accuracy {
     /// Passes (applications of the transport) after which the solve gives up.
     pub max_passes: u32,
     pub solver: SolverChoice,
+    pub precision: Precision,
 }
 
 impl Accuracy {
@@ -134,6 +157,7 @@ impl Default for Accuracy {
             tolerance: 1e-4,
             max_passes: 200,
             solver: SolverChoice::Auto,
+            precision: Precision::F32,
         }
     }
 }

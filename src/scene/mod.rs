@@ -23,7 +23,7 @@ mod tables;
 mod toml_file;
 mod triangulate;
 
-pub use accuracy::{Accuracy, BinLayout, SolverChoice, Weights};
+pub use accuracy::{Accuracy, BinLayout, Precision, SolverChoice, Weights};
 pub use camera::Camera;
 pub use error::SceneError;
 pub use file::LoadOptions;

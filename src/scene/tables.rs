@@ -10,7 +10,7 @@ use serde::{Deserialize, Deserializer};
 use toml::Spanned;
 
 use super::error::{Place, SceneError};
-use super::{Accuracy, BinLayout, Camera, Material, Normalization, Shape, SolverChoice, Weights};
+use super::{Accuracy, BinLayout, Camera, Material, Normalization, Precision, Shape, SolverChoice, Weights};
 
 /// Named tables; the span of the name says where it stands in the file.
 pub(crate) type Named<T> = BTreeMap<Spanned<String>, T>;
@@ -127,6 +127,7 @@ pub(super) struct AccuracyTable {
     pub tolerance: Option<f64>,
     pub max_passes: Option<u32>,
     pub solver: Option<SolverChoice>,
+    pub precision: Option<Precision>,
 }
 
 impl AccuracyTable {
@@ -140,6 +141,7 @@ impl AccuracyTable {
             tolerance: self.tolerance.unwrap_or(default.tolerance),
             max_passes: self.max_passes.unwrap_or(default.max_passes),
             solver: self.solver.unwrap_or(default.solver),
+            precision: self.precision.unwrap_or(default.precision),
         }
     }
 }

@@ -3,28 +3,36 @@
 //! as antiradiance. Each is the host side of one or two kernels in `glsl/` and has an f64 twin
 //! in [`crate::reference`].
 
+mod adjoint;
 mod exchange;
+mod exchange_adjoint;
+mod exchange_derivative;
 mod observation;
+mod observation_adjoint;
 mod pace;
+mod real;
 mod reflection;
+mod reflection_adjoint;
 mod scene_buffers;
 mod state;
+mod sweep;
 mod vectors;
 mod watch;
 
 pub use pace::Pace;
-pub use scene_buffers::{FacetData, SceneBuffers, SurfaceData};
+pub use scene_buffers::SceneBuffers;
 pub use state::{Leaving, State};
 
-pub use exchange::{FarPush, NearPush};
-pub use observation::ObservePush;
+pub use adjoint::{Adjoint, AdjointOperator, LobeSums};
 pub use reflection::{GlossyPush, ReflectPush};
-pub use vectors::{CombinePush, DotPush};
+pub use reflection_adjoint::{GlossyDerivativePush, ReflectAdjointPush};
+pub use sweep::{FarPush, NearPush};
+pub use vectors::DotPush;
 pub use watch::{TransportError, Watcher};
 
 use crate::gpu::{Buffer, Device, GpuError};
 use crate::plan::Plan;
-use crate::scene::{BinLayout, Weights};
+use crate::scene::{BinLayout, Precision, Weights};
 use crate::solve::LightOperator;
 
 /// What all operators work on.
@@ -33,6 +41,15 @@ pub(crate) struct Context {
     plan: Plan,
     scene: SceneBuffers,
     leaving: Leaving,
+}
+
+impl Context {
+    /// What a buffer of one vec4 per slot holds.
+    fn slots(&self, buffer: &Buffer) -> Result<Vec<[f64; 4]>, GpuError> {
+        let count = u64::from(self.plan.layout.slots()) * 4;
+        let values = real::download(&self.device, buffer, self.plan.accuracy.precision, count)?;
+        Ok(values.chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]).collect())
+    }
 }
 
 /// All operators over one planned scene, and what leaves the triangles at the moment.
@@ -62,12 +79,18 @@ fn bin_constants(plan: &Plan) -> [(u32, u32); 5] {
 impl Operators {
     /// Allocates everything the plan names and compiles the kernels.
     pub fn new(device: &Device, plan: Plan, scene: SceneBuffers) -> Result<Self, GpuError> {
+        if plan.accuracy.precision == Precision::F64 && !device.info().enabled.float64 {
+            return Err(GpuError::MissingFeature {
+                device: device.info().name.clone(),
+                features: "shaderFloat64, without which precision \"f64\" can't be; take \"f32\"".to_owned(),
+            });
+        }
         Ok(Self {
             pool: state::Pool::new(device, &plan)?,
             exchange: exchange::Exchange::new(device, &plan)?,
             reflection: reflection::Reflection::new(device, &plan)?,
             observation: observation::Observation::new(device, &plan)?,
-            vectors: vectors::Vectors::new(device)?,
+            vectors: vectors::Vectors::new(device, plan.accuracy.precision)?,
             watch: watch::Watch::default(),
             context: Context { leaving: Leaving::new(device, &plan)?, device: device.clone(), plan, scene },
         })
@@ -88,65 +111,73 @@ impl Operators {
     }
 
     /// Radiance of every slot towards `eye` (metres), W/(m² sr): S (E + (K - J) x).
-    pub fn observe(&mut self, x: &State, eye: glam::DVec3) -> Result<Vec<[f32; 4]>, GpuError> {
+    pub fn observe(&mut self, x: &State, eye: glam::DVec3) -> Result<Vec<[f64; 4]>, GpuError> {
         self.leave(Some(x), true)?;
         self.observation.run(&self.context, eye)
     }
 
     /// Irradiance of every slot, W/m².
-    pub fn irradiance(&self, x: &State) -> Result<Vec<[f32; 4]>, GpuError> {
-        self.context.device.download_slice(&x.irradiance, 0, self.context.plan.layout.slots().into())
+    pub fn irradiance(&self, x: &State) -> Result<Vec<[f64; 4]>, GpuError> {
+        self.context.slots(&x.irradiance)
     }
 
     /// Bins of the triangles of one group, as they lie in memory: triangle, bin, channel. `None` if it has none.
-    pub fn bins(&self, x: &State, group: usize) -> Result<Option<Vec<f32>>, GpuError> {
+    pub fn bins(&self, x: &State, group: usize) -> Result<Option<Vec<f64>>, GpuError> {
         self.page(&x.bins, group)
     }
 
     /// Sets a state: vec4 per slot, and per group what [`Operators::bins`] gives back.
-    pub fn set(&self, x: &State, irradiance: &[[f32; 4]], bins: &[Option<Vec<f32>>]) -> Result<(), GpuError> {
-        self.context.device.upload_slice(&x.irradiance, 0, irradiance)?;
+    pub fn set(&self, x: &State, irradiance: &[[f64; 4]], bins: &[Option<Vec<f64>>]) -> Result<(), GpuError> {
+        let Context { device, plan, .. } = &self.context;
+        let precision = plan.accuracy.precision;
+        real::upload(device, &x.irradiance, precision, irradiance.as_flattened())?;
         for (page, values) in x.bins.iter().zip(bins) {
             if let (Some(page), Some(values)) = (page, values) {
-                self.context.device.upload_slice(page, 0, values)?;
+                real::upload(device, page, precision, values)?;
             }
         }
         Ok(())
     }
 
     /// Sets every value of a state to the same: light everywhere, for measurements.
-    pub fn fill(&mut self, x: &mut State, value: f32) -> Result<(), GpuError> {
-        self.vectors.fill(&self.context, x, value)
+    pub fn fill(&mut self, x: &mut State, value: f64) -> Result<(), GpuError> {
+        let Context { device, plan, .. } = &self.context;
+        for (array, _, count) in x.arrays(x, plan) {
+            real::upload(device, array, plan.accuracy.precision, &vec![value; count as usize])?;
+        }
+        Ok(())
     }
 
     /// What leaves under `x`, emission included: diffuse radiance of every slot, and per group the specular radiance,
     /// laid out like [`Operators::bins`]. W/(m² sr).
     pub fn leaving(&mut self, x: &State) -> Result<LeavingValues, GpuError> {
         self.leave(Some(x), true)?;
+        self.leaving_values()
+    }
+
+    /// What leaves at the moment.
+    fn leaving_values(&self) -> Result<LeavingValues, GpuError> {
         let groups = 0..self.context.plan.layout.groups.len();
         Ok(LeavingValues {
-            radiance: self.context.device.download_slice(
-                &self.context.leaving.radiance,
-                0,
-                self.context.plan.layout.slots().into(),
-            )?,
+            radiance: self.context.slots(&self.context.leaving.radiance)?,
             specular: groups
                 .map(|g| self.page(&self.context.leaving.specular, g))
                 .collect::<Result<_, _>>()?,
         })
     }
 
-    fn page(&self, pages: &[Option<Buffer>], group: usize) -> Result<Option<Vec<f32>>, GpuError> {
-        let floats = state::page_floats(&self.context.plan, &self.context.plan.layout.groups[group]);
-        let download = |page: &Buffer| self.context.device.download_slice(page, 0, floats.into());
+    fn page(&self, pages: &[Option<Buffer>], group: usize) -> Result<Option<Vec<f64>>, GpuError> {
+        let Context { device, plan, .. } = &self.context;
+        let reals = state::page_reals(plan, &plan.layout.groups[group]);
+        let download = |page: &Buffer| real::download(device, page, plan.accuracy.precision, reals.into());
         pages[group].as_ref().map(download).transpose()
     }
 }
 
 /// A copy of what leaves the triangles.
 pub struct LeavingValues {
-    pub radiance: Vec<[f32; 4]>,
-    pub specular: Vec<Option<Vec<f32>>>,
+    pub radiance: Vec<[f64; 4]>,
+    pub specular: Vec<Option<Vec<f64>>>,
 }
 
 impl LightOperator for Operators {
@@ -155,13 +186,13 @@ impl LightOperator for Operators {
 
     fn vector(&mut self) -> Result<State, TransportError> {
         let state = self.pool.take(&self.context.device, &self.context.plan)?;
-        self.vectors.fill(&self.context, &state, 0.0)?;
+        self.vectors.clear(&self.context, &state)?;
         Ok(state)
     }
 
     fn pass(&mut self, x: Option<&State>, emission: bool, y: &mut State) -> Result<(), TransportError> {
         self.leave(x, emission)?;
-        self.vectors.fill(&self.context, y, 0.0)?;
+        self.vectors.clear(&self.context, y)?;
         self.exchange.run(&self.context, x, y, &mut self.watch)
     }
 
@@ -178,9 +209,9 @@ impl LightOperator for Operators {
     }
 
     fn magnitude(&mut self, x: &State) -> Result<f64, TransportError> {
-        let weighted = |(h, &i): (&[f32; 4], &u32)| {
+        let weighted = |(h, &i): (&[f64; 4], &u32)| {
             let area = self.context.plan.facets.get(i as usize).map_or(0.0, |f| f.area);
-            area * h[..3].iter().map(|&h| f64::from(h) * f64::from(h)).sum::<f64>()
+            area * h[..3].iter().map(|&h| h * h).sum::<f64>()
         };
         let irradiance = self.irradiance(x)?;
         Ok(irradiance.iter().zip(&self.context.plan.layout.order).map(weighted).sum::<f64>().sqrt())

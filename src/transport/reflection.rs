@@ -1,6 +1,6 @@
 //! K and E: what triangles emit, and reflect of what arrives.
 
-use super::state::{State, page_floats};
+use super::state::{State, page_reals};
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Device, GpuError, Pipeline};
 use crate::plan::Plan;
@@ -26,7 +26,7 @@ pub struct GlossyPush {
 }
 
 /// Workgroups of one dispatch of the glossy kernel: some tens of milliseconds on a CPU.
-const GLOSSY_GROUPS: u32 = 1024;
+pub const GLOSSY_GROUPS: u32 = 1024;
 
 pub struct Reflection {
     diffuse: Pipeline,
@@ -36,12 +36,13 @@ pub struct Reflection {
 
 impl Reflection {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
+        let precision = plan.accuracy.precision;
         let any_glossy = plan.layout.groups.iter().any(|g| g.class.glossy);
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
         let glossy = || {
             Pipeline::new(
                 device,
-                &shaders::REFLECT_GLOSSY,
+                shaders::REFLECT_GLOSSY.of(precision),
                 4,
                 size_of::<GlossyPush>() as u32,
                 &constants,
@@ -50,7 +51,7 @@ impl Reflection {
         };
         let push = size_of::<ReflectPush>() as u32;
         Ok(Self {
-            diffuse: Pipeline::new(device, &shaders::REFLECT, 3, push, &[(0, WORKGROUP)], None)?,
+            diffuse: Pipeline::new(device, shaders::REFLECT.of(precision), 3, push, &[(0, WORKGROUP)], None)?,
             glossy: any_glossy.then(glossy).transpose()?,
         })
     }
@@ -71,14 +72,14 @@ impl Reflection {
         batch.dispatch(&self.diffuse, "all", &buffers, bytes_of(&push), [slots.div_ceil(WORKGROUP), 1, 1])?;
         for (g, group) in plan.layout.groups.iter().enumerate() {
             let (Some(kernel), Some(specular)) = (&self.glossy, &leaving.specular[g]) else { continue };
-            let floats = page_floats(plan, group);
+            let reals = page_reals(plan, group);
             let Some(arriving) = x.and_then(|x| x.bins[g].as_ref()) else {
-                batch.fill(specular, 0, u64::from(floats) * 4, 0)?;
+                batch.fill(specular, 0, u64::from(reals) * plan.accuracy.precision.bytes(), 0)?;
                 continue;
             };
             let buffers =
                 [scene.surfaces.whole(), scene.bin_table.whole(), arriving.whole(), specular.whole()];
-            let bins = floats / plan.channels;
+            let bins = reals / plan.channels;
             for first in (0..bins).step_by((GLOSSY_GROUPS * WORKGROUP) as usize) {
                 let count = (bins - first).min(GLOSSY_GROUPS * WORKGROUP);
                 let push = GlossyPush { page: group.tiles.start * plan.layout.tile, first, count };

@@ -1,43 +1,40 @@
 //! The scene as the kernels read it, in the order and the coordinates of the plan.
 
+use super::real;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
 use crate::plan::{PADDING, Plan};
+use crate::reference::Facet;
 use crate::scene::{Material, Scene};
-use bytemuck::{Pod, Zeroable};
+use bytemuck::Pod;
 
-/// `Facet` of glsl/geometry.glsl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub struct FacetData {
-    pub centre: [f32; 3],
-    pub area: f32,
-    pub normal: [f32; 3],
-    pub extent: f32,
+/// Reals of a `Facet` of glsl/geometry.glsl: centre, area, normal, extent.
+pub const FACET: usize = 8;
+/// Reals of the corners of a triangle: three vec4.
+pub const CORNERS: usize = 12;
+/// Reals of a `Surface` of glsl/surface.glsl: δρ, p; L_e, unused; σ N(p), unused.
+pub const SURFACE: usize = 12;
+
+fn facet_reals(f: &Facet) -> [f64; FACET] {
+    let ([x, y, z], [u, v, w]) = (f.centroid.to_array(), f.normal.to_array());
+    [x, y, z, f.area, u, v, w, f.extent]
 }
 
-/// `Surface` of glsl/surface.glsl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub struct SurfaceData {
-    pub diffuse: [f32; 3],
-    pub power: f32,
-    pub emission: [f32; 3],
-    pub unused_emission: f32,
-    pub specular: [f32; 3],
-    pub unused_specular: f32,
+fn corner_reals(f: &Facet) -> [f64; CORNERS] {
+    let [[a, b, c], [d, e, g], [h, i, j]] = f.corners.map(|c| c.to_array());
+    [a, b, c, 0.0, d, e, g, 0.0, h, i, j, 0.0]
 }
 
-impl From<&Material> for SurfaceData {
-    fn from(material: &Material) -> Self {
-        let normalization = material.specular_normalization();
-        Self {
-            diffuse: material.diffuse_albedo().map(|x| x as f32),
-            power: material.power as f32,
-            emission: material.emission.map(|x| x as f32),
-            specular: material.specular.map(|x| (x * normalization) as f32),
-            ..Self::default()
-        }
-    }
+fn surface_reals(m: &Material) -> [f64; SURFACE] {
+    let normalization = m.specular_normalization();
+    let ([a, b, c], [d, e, f]) = (m.diffuse_albedo(), m.emission);
+    let [g, h, i] = m.specular.map(|sigma| sigma * normalization);
+    [a, b, c, m.power, d, e, f, 0.0, g, h, i, 0.0]
+}
+
+/// Values of every slot, zero in those that only fill up a tile.
+fn by_slot<const N: usize>(plan: &Plan, value: impl Fn(usize) -> [f64; N]) -> Vec<f64> {
+    let slot = |&i: &u32| if i == PADDING { [0.0; N] } else { value(i as usize) };
+    plan.layout.order.iter().flat_map(slot).collect()
 }
 
 /// Buffers that no operator writes.
@@ -57,51 +54,26 @@ pub struct SceneBuffers {
 
 impl SceneBuffers {
     pub fn new(device: &Device, scene: &Scene, plan: &Plan) -> Result<Self, GpuError> {
-        let slots = || plan.layout.order.iter().map(|&i| (i != PADDING).then_some(i as usize));
-        let facets: Vec<FacetData> = slots()
-            .map(|i| {
-                i.map_or_else(FacetData::default, |i| {
-                    let f = &plan.facets[i];
-                    FacetData {
-                        centre: f.centroid.as_vec3().to_array(),
-                        area: f.area as f32,
-                        normal: f.normal.as_vec3().to_array(),
-                        extent: f.extent as f32,
-                    }
-                })
-            })
-            .collect();
-        let corners: Vec<[f32; 4]> = slots()
-            .flat_map(|i| {
-                i.map_or([[0.0; 4]; 3], |i| {
-                    plan.facets[i].corners.map(|c| c.as_vec3().extend(0.0).to_array())
-                })
-            })
-            .collect();
-        let surfaces: Vec<SurfaceData> =
-            slots().map(|i| i.map_or_else(SurfaceData::default, |i| scene.material(i).into())).collect();
         let bins = plan.bins.centre.iter().zip(&plan.bins.projected);
-        let bin_table: Vec<[f32; 4]> = bins.map(|(c, &p)| c.as_vec3().extend(p as f32).to_array()).collect();
+        let bin_table: Vec<f64> = bins.flat_map(|(c, &p)| [c.x, c.y, c.z, p]).collect();
+        let reals =
+            |label: &str, values: &[f64]| real::filled(device, label, plan.accuracy.precision, values);
         Ok(Self {
-            facets: filled(device, "facets", &facets)?,
-            corners: filled(device, "corners", &corners)?,
-            surfaces: filled(device, "surfaces", &surfaces)?,
-            bin_table: filled(device, "bin table", &bin_table)?,
+            facets: reals("facets", &by_slot(plan, |i| facet_reals(&plan.facets[i])))?,
+            corners: reals("corners", &by_slot(plan, |i| corner_reals(&plan.facets[i])))?,
+            surfaces: reals("surfaces", &by_slot(plan, |i| surface_reals(scene.material(i))))?,
+            bin_table: reals("bin table", &bin_table)?,
             tile_pairs: filled(device, "tile pairs", &plan.tile_pairs.flags)?,
             near_offsets: filled(device, "near offsets", &plan.near.offsets)?,
-            near_sources: filled(device, "near sources", &plan.near.sources)?,
-            no_bins: filled(device, "no bins", &[0.0f32])?,
+            near_sources: filled(device, "near sources", &plan.near.others)?,
+            no_bins: reals("no bins", &[0.0])?,
         })
     }
 
     /// Replaces the materials; geometry and classes stay as planned.
     pub fn set_materials(&self, device: &Device, scene: &Scene, plan: &Plan) -> Result<(), GpuError> {
-        let surface = |&i: &u32| match i {
-            PADDING => SurfaceData::default(),
-            i => scene.material(i as usize).into(),
-        };
-        let surfaces: Vec<SurfaceData> = plan.layout.order.iter().map(surface).collect();
-        device.upload_slice(&self.surfaces, 0, &surfaces)
+        let surfaces = by_slot(plan, |i| surface_reals(scene.material(i)));
+        real::upload(device, &self.surfaces, plan.accuracy.precision, &surfaces)
     }
 }
 

@@ -14,7 +14,7 @@ pub struct State(Arc<StateBuffers>);
 pub struct StateBuffers {
     /// E, W/m², vec4 per slot; the last component is unused and zero.
     pub irradiance: Buffer,
-    /// Per group: A(b) = H(b) / c_b, W/(m² sr), f32 by triangle, bin, channel. Of a blocker it is at once what leaves
+    /// Per group: A(b) = H(b) / c_b, W/(m² sr), reals by triangle, bin, channel. Of a blocker it is at once what leaves
     /// the back as antiradiance: J is the identity on this state.
     pub bins: Vec<Option<Buffer>>,
 }
@@ -37,19 +37,19 @@ impl Deref for State {
 
 impl State {
     fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let bytes = u64::from(plan.layout.slots()) * 16;
+        let bytes = u64::from(plan.layout.slots()) * plan.rgb_bytes();
         Ok(Self(Arc::new(StateBuffers {
             irradiance: Buffer::new(device, "state: irradiance", bytes, BufferKind::Storage)?,
             bins: pages(device, plan, "state: bins", |group| group.class.has_bins())?,
         })))
     }
 
-    /// All arrays of floats of two states, side by side, with their lengths.
+    /// All arrays of reals of two states, side by side, with their lengths.
     pub fn arrays<'a>(&'a self, other: &'a Self, plan: &Plan) -> Vec<(&'a Buffer, &'a Buffer, u32)> {
         let mut arrays = vec![(&self.irradiance, &other.irradiance, plan.layout.slots() * 4)];
         for ((x, y), group) in self.bins.iter().zip(&other.bins).zip(&plan.layout.groups) {
             if let (Some(x), Some(y)) = (x, y) {
-                arrays.push((x, y, page_floats(plan, group)));
+                arrays.push((x, y, page_reals(plan, group)));
             }
         }
         arrays
@@ -58,7 +58,7 @@ impl State {
 
 impl Leaving {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let bytes = u64::from(plan.layout.slots()) * 16;
+        let bytes = u64::from(plan.layout.slots()) * plan.rgb_bytes();
         Ok(Self {
             radiance: Buffer::new(device, "radiance", bytes, BufferKind::Storage)?,
             specular: pages(device, plan, "specular radiance", |group| group.class.glossy)?,
@@ -66,21 +66,21 @@ impl Leaving {
     }
 }
 
-/// Floats of one page of bins.
-pub fn page_floats(plan: &Plan, group: &Group) -> u32 {
-    let triangles = plan.layout.slots_of(&group.tiles).len() as u32;
-    triangles * (plan.bin_bytes() / 4) as u32
+/// Reals of one page of bins.
+pub fn page_reals(plan: &Plan, group: &Group) -> u32 {
+    plan.layout.slots_of(&group.tiles).len() as u32 * plan.bins.count() as u32 * plan.channels
 }
 
-fn pages(
+/// One buffer of bins for each group that `wanted` picks.
+pub fn pages(
     device: &Device,
     plan: &Plan,
     label: &str,
     wanted: impl Fn(&Group) -> bool,
 ) -> Result<Vec<Option<Buffer>>, GpuError> {
     let page = |group: &Group| {
-        let bytes = u64::from(page_floats(plan, group)) * 4;
-        wanted(group).then(|| Buffer::new(device, label, bytes, BufferKind::Storage)).transpose()
+        let new = || Buffer::new(device, label, plan.page_bytes(group), BufferKind::Storage);
+        wanted(group).then(new).transpose()
     };
     plan.layout.groups.iter().map(page).collect()
 }
@@ -92,7 +92,7 @@ pub struct Pool {
 
 impl Pool {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let states: Result<_, _> = (0..plan.solver.vectors()).map(|_| State::new(device, plan)).collect();
+        let states: Result<_, _> = (0..plan.vectors()).map(|_| State::new(device, plan)).collect();
         Ok(Self { states: states? })
     }
 

@@ -1,19 +1,11 @@
 //! States as vectors, for the solvers.
 
 use super::state::State;
-use super::{Context, WORKGROUP};
+use super::{Context, WORKGROUP, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
+use crate::scene::Precision;
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
-
-/// `Push` of glsl/combine.comp.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct CombinePush {
-    pub count: u32,
-    pub a: f32,
-    pub b: f32,
-}
 
 /// `DotPush` of glsl/dot.comp.
 #[repr(C)]
@@ -32,21 +24,36 @@ pub struct Vectors {
 }
 
 impl Vectors {
-    pub fn new(device: &Device) -> Result<Self, GpuError> {
+    pub fn new(device: &Device, precision: Precision) -> Result<Self, GpuError> {
         let workgroup = [(0, WORKGROUP)];
-        let combine_push = size_of::<CombinePush>() as u32;
+        let combine_push = real::push_bytes(precision, 2, 1);
+        let partial = u64::from(LANES) * precision.bytes();
         Ok(Self {
-            combine: Pipeline::new(device, &shaders::COMBINE, 2, combine_push, &workgroup, None)?,
-            dot: Pipeline::new(device, &shaders::DOT, 3, size_of::<DotPush>() as u32, &workgroup, None)?,
-            partial: Buffer::new(device, "partial sums", u64::from(LANES) * 4, BufferKind::Storage)?,
+            combine: Pipeline::new(
+                device,
+                shaders::COMBINE.of(precision),
+                2,
+                combine_push,
+                &workgroup,
+                None,
+            )?,
+            dot: Pipeline::new(
+                device,
+                shaders::DOT.of(precision),
+                3,
+                size_of::<DotPush>() as u32,
+                &workgroup,
+                None,
+            )?,
+            partial: Buffer::new(device, "partial sums", partial, BufferKind::Storage)?,
         })
     }
 
-    /// y = value, everywhere.
-    pub fn fill(&self, context: &Context, y: &State, value: f32) -> Result<(), GpuError> {
+    /// y = 0.
+    pub fn clear(&self, context: &Context, y: &State) -> Result<(), GpuError> {
         let mut batch = context.device.batch()?;
         for (y, _, count) in y.arrays(y, &context.plan) {
-            batch.fill(y, 0, u64::from(count) * 4, value.to_bits())?;
+            batch.fill(y, 0, u64::from(count) * context.plan.accuracy.precision.bytes(), 0)?;
         }
         batch.submit()?;
         Ok(())
@@ -56,9 +63,9 @@ impl Vectors {
     pub fn combine(&self, context: &Context, a: f64, x: &State, b: f64, y: &State) -> Result<(), GpuError> {
         let mut batch = context.device.batch()?;
         for (x, y, count) in x.arrays(y, &context.plan) {
-            let push = CombinePush { count, a: a as f32, b: b as f32 };
+            let push = real::push(context.plan.accuracy.precision, &[a, b], &[count]);
             let groups = [count.div_ceil(WORKGROUP).min(LANES / WORKGROUP), 1, 1];
-            batch.dispatch(&self.combine, "vector", &[x.whole(), y.whole()], bytes_of(&push), groups)?;
+            batch.dispatch(&self.combine, "vector", &[x.whole(), y.whole()], &push, groups)?;
         }
         batch.submit()?;
         Ok(())
@@ -78,8 +85,9 @@ impl Vectors {
             let push = DotPush { count };
             batch.dispatch(&self.dot, "vector", &buffers, bytes_of(&push), [LANES / WORKGROUP, 1, 1])?;
             batch.submit()?;
-            let partial: Vec<f32> = context.device.download_slice(&self.partial, 0, LANES.into())?;
-            sum += partial.into_iter().map(f64::from).sum::<f64>();
+            let precision = context.plan.accuracy.precision;
+            let partial = real::download(&context.device, &self.partial, precision, LANES.into())?;
+            sum += partial.into_iter().sum::<f64>();
         }
         Ok(sum)
     }

@@ -85,7 +85,7 @@ fn slices_bind_a_part_and_leave_the_rest() {
 fn pipelines_and_dispatches_are_checked() {
     let device = device();
     let new = |bindings, push, subgroup| {
-        Pipeline::new(&device, &shaders::COMBINE, bindings, push, &[], subgroup).err()
+        Pipeline::new(&device, &shaders::COMBINE.f32, bindings, push, &[], subgroup).err()
     };
     assert!(matches!(new(2, 132, None), Some(GpuError::PushTooLarge { bytes: 132, .. })));
     assert!(matches!(new(2, 6, None), Some(GpuError::PushTooLarge { .. })));

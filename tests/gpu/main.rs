@@ -15,9 +15,9 @@ use bytemuck::{Pod, Zeroable};
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Axpy {
-    count: u32,
     a: f32,
     b: f32,
+    count: u32,
 }
 
 const AXPY_PUSH: u32 = size_of::<Axpy>() as u32;
@@ -38,7 +38,7 @@ fn finish(device: Device) {
 }
 
 fn axpy_pipeline(device: &Device) -> Pipeline {
-    Pipeline::new(device, &shaders::COMBINE, 2, AXPY_PUSH, &[(0, 32)], None).unwrap()
+    Pipeline::new(device, &shaders::COMBINE.f32, 2, AXPY_PUSH, &[(0, 32)], None).unwrap()
 }
 
 fn filled(device: &Device, label: &str, values: &[f32]) -> Buffer {

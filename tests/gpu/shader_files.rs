@@ -7,11 +7,11 @@ use crate::reflect::member_offsets;
 
 #[test]
 fn layouts_shared_with_shaders_agree() {
-    let offsets = member_offsets(shaders::COMBINE.spirv, "Push");
+    let offsets = member_offsets(shaders::COMBINE.f32.spirv, "Push");
     let expected = [
-        ("count".to_owned(), std::mem::offset_of!(Axpy, count) as u32),
         ("a".to_owned(), std::mem::offset_of!(Axpy, a) as u32),
         ("b".to_owned(), std::mem::offset_of!(Axpy, b) as u32),
+        ("count".to_owned(), std::mem::offset_of!(Axpy, count) as u32),
     ];
     assert_eq!(offsets, expected);
 }

@@ -1,8 +1,8 @@
 //! Scenes that are written come back as they were.
 
 use antirad::scene::{
-    Accuracy, BinLayout, Camera, LoadOptions, Material, Mesh, Normalization, Scene, SolverChoice, Triangle,
-    Weights,
+    Accuracy, BinLayout, Camera, LoadOptions, Material, Mesh, Normalization, Precision, Scene, SolverChoice,
+    Triangle, Weights,
 };
 use glam::DVec3;
 use std::path::Path;
@@ -94,6 +94,7 @@ fn awkward_scenes() {
         tolerance: 1e-7,
         max_passes: 77,
         solver: SolverChoice::FixedPoint,
+        precision: Precision::F64,
     };
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("s.toml");

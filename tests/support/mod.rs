@@ -1,6 +1,9 @@
 //! What several tests need: devices with validation, reference data, errors.
 #![allow(dead_code, reason = "every test crate uses a part")]
 
+pub mod random;
+pub mod slots;
+
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Limits, Plan};
 use antirad::scene::{Accuracy, LoadOptions, Scene};
@@ -42,10 +45,10 @@ pub fn solve_within(
 }
 
 /// Rows of a float32 array [n, 3].
-pub fn read_npy(relative: &str) -> Vec<[f32; 3]> {
+pub fn read_npy(relative: &str) -> Vec<[f64; 3]> {
     let bytes = std::fs::read(path(relative)).expect("reference data");
     let flat: Vec<f32> = npyz::NpyFile::new(&bytes[..]).expect("npy").into_vec().expect("f32");
-    flat.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect()
+    flat.chunks_exact(3).map(|c| [c[0], c[1], c[2]].map(f64::from)).collect()
 }
 
 /// Triangle areas, m².
@@ -58,18 +61,17 @@ pub fn areas(scene: &Scene) -> Vec<f64> {
 }
 
 /// Root of the area-weighted sum of squared differences over that of `truth`.
-pub fn relative_l2(values: &[[f32; 3]], truth: &[[f32; 3]], areas: &[f64]) -> f64 {
+pub fn relative_l2(values: &[[f64; 3]], truth: &[[f64; 3]], areas: &[f64]) -> f64 {
     assert_eq!(values.len(), truth.len());
     let square = |f: &dyn Fn(usize, usize) -> f64| -> f64 {
         (0..truth.len()).map(|i| areas[i] * (0..3).map(|c| f(i, c).powi(2)).sum::<f64>()).sum()
     };
-    let difference = square(&|i, c| f64::from(values[i][c]) - f64::from(truth[i][c]));
-    (difference / square(&|i, c| f64::from(truth[i][c]))).sqrt()
+    let difference = square(&|i, c| values[i][c] - truth[i][c]);
+    (difference / square(&|i, c| truth[i][c])).sqrt()
 }
 
 /// Area-weighted mean of one channel over the triangles that `of` picks.
-pub fn mean(values: &[[f32; 3]], areas: &[f64], of: impl Fn(usize) -> bool) -> f64 {
+pub fn mean(values: &[[f64; 3]], areas: &[f64], of: impl Fn(usize) -> bool) -> f64 {
     let picked = || (0..values.len()).filter(|&i| of(i));
-    picked().map(|i| areas[i] * f64::from(values[i][0])).sum::<f64>()
-        / picked().map(|i| areas[i]).sum::<f64>()
+    picked().map(|i| areas[i] * values[i][0]).sum::<f64>() / picked().map(|i| areas[i]).sum::<f64>()
 }

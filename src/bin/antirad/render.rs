@@ -6,9 +6,9 @@ use crate::settings::SceneSettings;
 use antirad::cli::{Interrupt, SolveBar};
 use antirad::gpu::{Bytes, Device, DeviceOptions};
 use antirad::image::{Exposure, ImageError, Picture, PictureOptions, Rasterizer, ToneMap};
-use antirad::output::{prepare_directory, write_json, write_npy};
+use antirad::output::{prepare_directory, single, write_json, write_npy};
 use antirad::plan::{Limits, Plan};
-use antirad::scene::{Camera, Scene};
+use antirad::scene::{Camera, Precision, Scene};
 use antirad::solve::SolveError;
 use antirad::transport::TransportError;
 use antirad::{Engine, EngineError, Solution, SolveParams};
@@ -113,8 +113,12 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         picture.write_png(directory.join(format!("{}.png", camera.name)), &tone)?;
         files.extend(["exr", "png"].map(|kind| format!("{}.{kind}", camera.name)));
     }
-    write_npy(&directory.join("irradiance.npy"), &solution.irradiance)?;
-    write_npy(&directory.join("radiosity.npy"), &solution.radiosity)?;
+    for (name, rows) in [("irradiance.npy", &solution.irradiance), ("radiosity.npy", &solution.radiosity)] {
+        match scene.accuracy.precision {
+            Precision::F32 => write_npy(&directory.join(name), &single(rows))?,
+            Precision::F64 => write_npy(&directory.join(name), rows)?,
+        }
+    }
     stages.end("write");
 
     if let Some(radius) = solution.info.spectral_radius.filter(|&radius| radius >= 1.0) {
@@ -206,7 +210,7 @@ fn picture(
     camera: &Camera,
     options: &PictureOptions,
 ) -> Result<Picture, Failure> {
-    let colours = engine.face_colours(solution, camera.position)?;
+    let colours = single(&engine.face_colours(solution, camera.position)?);
     let picture: Result<Picture, ImageError> = rasterizer.render(scene, camera, &colours, options);
     Ok(picture?)
 }

@@ -1,7 +1,7 @@
 //! Options that several commands share.
 
 use antirad::cli::parse_size;
-use antirad::scene::{Accuracy, BinLayout, LoadOptions, Scene, SceneError, SolverChoice};
+use antirad::scene::{Accuracy, BinLayout, LoadOptions, Precision, Scene, SceneError, SolverChoice};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -21,6 +21,9 @@ pub struct SceneSettings {
     /// Which solver to run
     #[arg(long, value_name = "auto|fixed-point|gmres", value_parser = parse_solver)]
     solver: Option<SolverChoice>,
+    /// Numbers of the device: f64 is for validation and needs a device that has it
+    #[arg(long, value_name = "f32|f64", value_parser = parse_precision)]
+    precision: Option<Precision>,
     /// Device memory to use at most, e.g. 512MiB [default: what the device has]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     pub memory_budget: Option<u64>,
@@ -39,6 +42,7 @@ impl SceneSettings {
             tolerance: self.tolerance.unwrap_or(file.tolerance),
             max_passes: self.max_passes.unwrap_or(file.max_passes),
             solver: self.solver.unwrap_or(file.solver),
+            precision: self.precision.unwrap_or(file.precision),
             ..file
         };
         for warning in &scene.warnings {
@@ -50,9 +54,17 @@ impl SceneSettings {
 
 fn parse_tolerance(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(tolerance) if (1e-7..1.0).contains(&tolerance) => Ok(tolerance),
-        Ok(_) => Err("a tolerance lies between 1e-7 (what f32 can tell) and 1".to_owned()),
+        Ok(tolerance) if (1e-13..1.0).contains(&tolerance) => Ok(tolerance),
+        Ok(_) => Err("a tolerance lies between 1e-13 (f32 can tell 1e-7) and 1".to_owned()),
         Err(error) => Err(error.to_string()),
+    }
+}
+
+fn parse_precision(text: &str) -> Result<Precision, String> {
+    match text {
+        "f32" => Ok(Precision::F32),
+        "f64" => Ok(Precision::F64),
+        _ => Err("f32 or f64".to_owned()),
     }
 }
 

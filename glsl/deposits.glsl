@@ -1,0 +1,59 @@
+#ifndef DEPOSITS_GLSL
+#define DEPOSITS_GLSL
+// Sums into the bins of the triangle that a lane owns. The lane gathers them in memory of its own, which costs a CPU
+// driver a third of what buffers do, being neither masked nor bounds-checked. Only one lane ever writes a triangle's
+// bins: no atomics, and the same sums in the same order from run to run. Expects `DEPOSIT_SETS`, the number of sets of
+// bins.
+
+const bool DEPOSITING = DEPOSIT_SETS > 0;
+const uint GREY_DEPOSITS = DEPOSITING && CHANNELS == 1 ? DEPOSIT_SETS * BINS : 1;
+const uint RGB_DEPOSITS = DEPOSITING && CHANNELS == 3 ? DEPOSIT_SETS * BINS : 1;
+
+real grey_deposits[GREY_DEPOSITS];
+real3 rgb_deposits[RGB_DEPOSITS];
+
+void clear_deposits() {
+    if (DEPOSITING) {
+        for (uint at = 0; at < DEPOSIT_SETS * BINS; at++) {
+            if (CHANNELS == 1) {
+                grey_deposits[at] = 0.0;
+            } else {
+                rgb_deposits[at] = real3(0.0);
+            }
+        }
+    }
+}
+
+// `direction`: unit, of the world, in the hemisphere of `normal`; `first`: of the set.
+void deposit(uint first, real3 normal, real3 direction, real3 value) {
+    if (DEPOSITING) {
+        Taps t = taps(direction * orthonormal_basis(normal));
+        for (uint tap = 0; tap < 4; tap++) {
+            uint at = first + t.bin[tap];
+            if (CHANNELS == 1) {
+                grey_deposits[at] += t.weight[tap] * value.r;
+            } else {
+                rgb_deposits[at] += t.weight[tap] * value;
+            }
+        }
+    }
+}
+
+// What was gathered for one bin.
+real3 deposited(uint at) {
+    return CHANNELS == 1 ? real3(grey_deposits[at]) : rgb_deposits[at];
+}
+
+// Adds one set to bins in a buffer, which is there as array of real, `grey`, and of packed real3, `rgb`. `factor`
+// may use `bin`.
+#define FLUSH_DEPOSITS(set, grey, rgb, first, factor)                \
+    for (uint bin = 0; bin < BINS; bin++) {                          \
+        real3 sum = deposited((set) + bin) * (factor);               \
+        if (CHANNELS == 1) {                                         \
+            grey[(first) + bin] += sum.r;                            \
+        } else {                                                     \
+            rgb[(first) + bin] += sum;                               \
+        }                                                            \
+    }
+
+#endif

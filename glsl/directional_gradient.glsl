@@ -1,0 +1,83 @@
+#ifndef DIRECTIONAL_GRADIENT_GLSL
+#define DIRECTIONAL_GRADIENT_GLSL
+// The product of the radiance L that a source sends in a direction and of what it is worth at the receiver, λ, with its
+// derivatives. Expects the bins of the source (source_bins.glsl), and those of the receiver, `cotangent` and
+// `cotangent_rgb`: the cotangent of H(b).
+
+layout(constant_id = 9) const bool RECEIVER_BINS = false;
+
+// What depends on the direction between source and receiver.
+struct Exchanged {
+    // L without the shares, diffuse and binned; λ.
+    real3 diffuse;
+    real3 binned;
+    real3 worth;
+    // ∂⟨share_d diffuse + share_b binned, λ⟩ with respect to the direction and to both normals.
+    real3 by_direction;
+    real3 by_source_normal;
+    real3 by_receiver_normal;
+};
+
+// `direction`: unit, from source to receiver. `diffuse_share` and `binned_share`: of the two kinds of radiance.
+Exchanged exchanged(
+    real3 source_normal, uint source_first, real3 source_diffuse, bool front, real3 receiver_normal,
+    uint receiver_first, real3 receiver_worth, real3 direction, real diffuse_share, real binned_share
+) {
+    Exchanged e;
+    e.diffuse = front ? source_diffuse : real3(0.0);
+    e.binned = real3(0.0);
+    e.worth = receiver_worth;
+    e.by_direction = real3(0.0);
+    e.by_source_normal = real3(0.0);
+    e.by_receiver_normal = real3(0.0);
+    real3 sent[4] = real3[4](real3(0.0), real3(0.0), real3(0.0), real3(0.0));
+    real3 worth[4] = real3[4](real3(0.0), real3(0.0), real3(0.0), real3(0.0));
+    bool directional = front ? SOURCE_FRONT : SOURCE_BACK;
+    real3 outward = front ? direction : -direction;
+    Taps from, to;
+    real3 from_local, to_local;
+    for (uint once = directional ? 1 : 0; once > 0; once--) {
+        from_local = outward * orthonormal_basis(source_normal);
+        from = taps(from_local);
+        for (uint tap = 0; tap < 4; tap++) {
+            uint at = source_first + from.bin[tap];
+            if (SOURCE_FRONT && front) {
+                sent[tap] = specular_rgb[at];
+            }
+            if (SOURCE_BACK && !front) {
+                sent[tap] = -antiradiance_rgb[at];
+            }
+            e.binned += from.weight[tap] * sent[tap];
+        }
+    }
+    if (RECEIVER_BINS) {
+        to_local = -direction * orthonormal_basis(receiver_normal);
+        to = taps(to_local);
+        for (uint tap = 0; tap < 4; tap++) {
+            worth[tap] = cotangent_rgb[receiver_first + to.bin[tap]];
+            e.worth += to.weight[tap] * worth[tap];
+        }
+    }
+    for (uint once = directional ? 1 : 0; once > 0; once--) {
+        real4 value = binned_share * real4(dot(sent[0], e.worth), dot(sent[1], e.worth), dot(sent[2], e.worth), dot(sent[3], e.worth));
+        real3 by_local = taps_gradient(from_local, from, value);
+        real3 by_outward = orthonormal_basis(source_normal) * by_local;
+        e.by_direction += front ? by_outward : -by_outward;
+        e.by_source_normal = frame_gradient(source_normal, outward, by_local);
+    }
+    if (RECEIVER_BINS) {
+        real3 radiance = diffuse_share * e.diffuse + binned_share * e.binned;
+        real4 value = real4(dot(worth[0], radiance), dot(worth[1], radiance), dot(worth[2], radiance), dot(worth[3], radiance));
+        real3 by_local = taps_gradient(to_local, to, value);
+        e.by_direction -= orthonormal_basis(receiver_normal) * by_local;
+        e.by_receiver_normal = frame_gradient(receiver_normal, -direction, by_local);
+    }
+    return e;
+}
+
+// From the gradient with respect to d/|d| to that with respect to d.
+real3 through_normalization(real3 by_direction, real3 direction, real length) {
+    return (by_direction - direction * dot(direction, by_direction)) / length;
+}
+
+#endif

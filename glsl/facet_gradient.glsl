@@ -1,0 +1,23 @@
+#ifndef FACET_GRADIENT_GLSL
+#define FACET_GRADIENT_GLSL
+
+#include "real.glsl"
+
+// ∂loss/∂geometry of one triangle, as if all that kernels read of it were independent; the host makes corners of it all.
+// What the centroid has is given to the corners, a third each.
+struct FacetGradient {
+    real3 a;
+    real area;
+    real3 b;
+    real extent;
+    real3 c;
+    real unused_c;
+    real3 normal;
+    real unused_normal;
+};
+
+FacetGradient no_gradient() {
+    return FacetGradient(real3(0.0), 0.0, real3(0.0), 0.0, real3(0.0), 0.0, real3(0.0), 0.0);
+}
+
+#endif

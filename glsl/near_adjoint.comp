@@ -1,0 +1,100 @@
+#version 450 core
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+// U^T between triangles that are close to one another: the twin of near.comp with sources for owners, which walk their
+// lists of close receivers. Twin: src/reference/adjoint.rs.
+
+#include "geometry.glsl"
+#include "near_field.glsl"
+#include "bins.glsl"
+#include "pieces.glsl"
+
+layout(local_size_x_id = 0) in;
+
+layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
+layout(std430, binding = 1) readonly buffer CotangentIrradiance { real4 cotangent_irradiance[]; };
+layout(std430, binding = 2) readonly buffer Corners { real4 corners[]; };
+layout(std430, binding = 3) buffer Radiance { real4 radiance[]; };
+layout(std430, binding = 4) readonly buffer Cotangent { real cotangent[]; };
+layout(scalar, binding = 4) readonly buffer CotangentRgb { real3 cotangent_rgb[]; };
+layout(std430, binding = 5) buffer Back { real leaving_back[]; };
+layout(scalar, binding = 5) buffer BackRgb { real3 leaving_back_rgb[]; };
+layout(std430, binding = 6) buffer Front { real leaving_front[]; };
+layout(scalar, binding = 6) buffer FrontRgb { real3 leaving_front_rgb[]; };
+layout(std430, binding = 7) readonly buffer NearOffsets { uint near_offsets[]; };
+layout(std430, binding = 8) readonly buffer NearOthers { uint near_others[]; };
+// Centre of each bin in the frame of the triangle, and c_b.
+layout(std430, binding = 9) readonly buffer BinTable { real4 bin_table[]; };
+
+#include "near_push.glsl"
+#include "adjoint_bins.glsl"
+
+uint receiver_first;
+real source_extent;
+real3 receiver_normal, receiver_cotangent, source_normal;
+real3 sum = real3(0.0);
+
+// From a piece of the source to a point of the receiver, with the shares of the two kinds of radiance.
+void piece(real3 p, real3 q, real3 r, real3 point, real diffuse, real binned) {
+    real3 offset = point - (p + q + r) * (real(1.0) / 3.0);
+    real side = dot(offset, source_normal);
+    bool apart = side != 0.0 && dot(offset, offset) > COINCIDENT * source_extent;
+    bool front = side > 0.0;
+    diffuse = front ? diffuse : real(0.0);
+    binned = (SOURCE_FRONT && front) || (SOURCE_BACK && !front) ? binned : real(0.0);
+    for (uint once = apart && (diffuse > 0.0 || binned > 0.0) ? 1 : 0; once > 0; once--) {
+        real projected = projected_solid_angle(receiver_normal, p - point, q - point, r - point);
+        for (uint seen = projected > 0.0 ? 1 : 0; seen > 0; seen--) {
+            real3 direction = normalize(offset);
+            real3 value = receiver_cotangent + binned_cotangent(receiver_normal, receiver_first, -direction);
+            value *= projected;
+            deposit_radiance(source_normal, direction, front, binned * value);
+            sum += diffuse * value;
+        }
+    }
+}
+
+void main() {
+    uint i = owner_begin + gl_GlobalInvocationID.x;
+    bool active_lane = i < owner_end;
+    i = active_lane ? i : owner_begin;
+    Facet source = facets[i];
+    source_normal = source.normal;
+    source_extent = source.extent;
+    clear_deposits();
+    real3 u = corners[3 * i].xyz, v = corners[3 * i + 1].xyz, w = corners[3 * i + 2].xyz;
+    uvec2 close = close_others(i, active_lane);
+    for (uint at = close.x; at < close.y; at++) {
+        uint j = near_others[at];
+        Facet receiver = facets[j];
+        receiver_normal = receiver.normal;
+        receiver_cotangent = cotangent_irradiance[j].rgb;
+        receiver_first = (j - other_page) * BINS;
+        real3 a = corners[3 * j].xyz, b = corners[3 * j + 1].xyz, c = corners[3 * j + 2].xyz;
+        real3 between = receiver.centre - source.centre;
+        real range = half_range * (source.extent + receiver.extent);
+        real near = 1.0 - far_share(dot(between, between), range);
+        for (uint pair = 0; pair < 16; pair++) {
+            real3 p = u, q = v, r = w, e = a, f = b, g = c;
+            quarter(pair & 3, p, q, r);
+            quarter(pair >> 2, e, f, g);
+            real3 point = (e + f + g) * (real(1.0) / 3.0);
+            real far = 1.0;
+            if (SOURCE_BACK || SOURCE_FRONT) {
+                real3 d = point - (p + q + r) * (real(1.0) / 3.0);
+                far = far_share(dot(d, d), range * QUARTER_RANGE);
+            }
+            piece(p, q, r, point, near * 0.25, near * far * 0.25);
+            for (uint finer = far < 1.0 ? 0 : 16; finer < 16; finer++) {
+                real3 p2 = p, q2 = q, r2 = r, e2 = e, f2 = f, g2 = g;
+                quarter(finer & 3, p2, q2, r2);
+                quarter(finer >> 2, e2, f2, g2);
+                piece(p2, q2, r2, (e2 + f2 + g2) * (real(1.0) / 3.0), 0.0, near * (1.0 - far) * 0.0625);
+            }
+        }
+    }
+    if (active_lane) {
+        radiance[i].rgb += sum;
+        flush_radiance((i - owner_page) * BINS);
+    }
+}

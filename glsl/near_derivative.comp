@@ -1,0 +1,166 @@
+#version 450 core
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+// The derivative of ⟨λ, U L⟩ with respect to the geometry of the sources or of the receivers, whichever the lanes own,
+// over close pairs. Pieces of a triangle are its corners, as columns, times a matrix of barycentric coordinates, so that
+// what pieces say goes back to the corners by the transpose. Twin: src/reference/derivative/.
+
+#include "geometry.glsl"
+#include "near_field_gradient.glsl"
+#include "bins_slope.glsl"
+#include "pieces.glsl"
+#include "facet_gradient.glsl"
+
+layout(local_size_x_id = 0) in;
+// Whether a lane owns a source, or a receiver.
+layout(constant_id = 10) const bool OWNS_SOURCE = true;
+
+layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
+layout(std430, binding = 1) readonly buffer Radiance { real4 radiance[]; };
+layout(std430, binding = 2) readonly buffer CotangentIrradiance { real4 cotangent_irradiance[]; };
+layout(std430, binding = 3) buffer Gradients { FacetGradient gradients[]; };
+layout(std430, binding = 4) readonly buffer Antiradiance { real antiradiance[]; };
+layout(scalar, binding = 4) readonly buffer AntiradianceRgb { real3 antiradiance_rgb[]; };
+layout(std430, binding = 5) readonly buffer Specular { real specular[]; };
+layout(scalar, binding = 5) readonly buffer SpecularRgb { real3 specular_rgb[]; };
+layout(scalar, binding = 6) readonly buffer CotangentRgb { real3 cotangent_rgb[]; };
+layout(std430, binding = 7) readonly buffer NearOffsets { uint near_offsets[]; };
+layout(std430, binding = 8) readonly buffer NearOthers { uint near_others[]; };
+layout(std430, binding = 9) readonly buffer Corners { real4 corners[]; };
+
+#include "near_push.glsl"
+#include "source_bins.glsl"
+#include "directional_gradient.glsl"
+
+uint source_first, receiver_first;
+real source_extent;
+real3 source_normal, receiver_normal, source_diffuse, receiver_worth;
+// Of the owner.
+real33 by_corners = real33(0.0);
+real3 by_normal = real3(0.0);
+// Of the pair: with respect to the shares that depend on all of it.
+real by_near;
+
+const real33 ONE = real33(1.0);
+
+// Barycentric coordinates of the corners of a quarter, one a column.
+real33 quarter_of(uint k) {
+    real3 p = ONE[0], q = ONE[1], r = ONE[2];
+    quarter(k, p, q, r);
+    return real33(p, q, r);
+}
+
+// A piece of the source, `from` being the barycentric coordinates of its corners, and a point of the receiver at `to`.
+// `diffuse` and `binned` are the shares; returns the derivative with respect to `binned`, and adds to `by_near` that
+// with respect to a factor of both.
+real piece(real33 source, real33 receiver, real33 from, real3 to, real diffuse, real binned) {
+    real3 third = real3(real(1.0) / 3.0);
+    real33 corner = source * from;
+    real3 point = receiver * to;
+    real3 offset = point - corner * third;
+    real side = dot(offset, source_normal);
+    bool apart = side != 0.0 && dot(offset, offset) > COINCIDENT * source_extent;
+    bool front = side > 0.0;
+    bool directional = (SOURCE_FRONT && front) || (SOURCE_BACK && !front);
+    diffuse = front ? diffuse : real(0.0);
+    binned = directional ? binned : real(0.0);
+    real by_binned = 0.0;
+    for (uint once = apart && (diffuse > 0.0 || directional) ? 1 : 0; once > 0; once--) {
+        real3 by_solid_normal;
+        real33 by_piece;
+        real projected = projected_solid_angle_gradient(
+            receiver_normal, corner[0] - point, corner[1] - point, corner[2] - point,
+            by_solid_normal, by_piece[0], by_piece[1], by_piece[2]
+        );
+        for (uint seen = projected > 0.0 ? 1 : 0; seen > 0; seen--) {
+            real r = length(offset);
+            real3 direction = offset / r;
+            Exchanged e = exchanged(
+                source_normal, source_first, source_diffuse, front, receiver_normal, receiver_first, receiver_worth,
+                direction, diffuse, binned
+            );
+            by_binned = projected * dot(e.binned, e.worth);
+            real3 radiance_here = diffuse * e.diffuse + binned * e.binned;
+            real value = dot(radiance_here, e.worth);
+            by_near += projected * value;
+            real3 by_offset = through_normalization(projected * e.by_direction, direction, r);
+            if (OWNS_SOURCE) {
+                by_piece *= value;
+                by_corners += (by_piece - outerProduct(by_offset, third)) * transpose(from);
+                by_normal += projected * e.by_source_normal;
+            } else {
+                real3 by_point = by_offset - value * (by_piece[0] + by_piece[1] + by_piece[2]);
+                by_corners += outerProduct(by_point, to);
+                by_normal += projected * e.by_receiver_normal + value * by_solid_normal;
+            }
+        }
+    }
+    return by_binned;
+}
+
+void main() {
+    uint owner = owner_begin + gl_GlobalInvocationID.x;
+    bool active_lane = owner < owner_end;
+    owner = active_lane ? owner : owner_begin;
+    Facet own = facets[owner];
+    real33 own_corners = real33(corners[3 * owner].xyz, corners[3 * owner + 1].xyz, corners[3 * owner + 2].xyz);
+    real by_extent = 0.0;
+    real3 third = real3(real(1.0) / 3.0);
+    uvec2 close = close_others(owner, active_lane);
+    for (uint at = close.x; at < close.y; at++) {
+        uint other = near_others[at];
+        Facet f = facets[other];
+        real33 other_corners = real33(corners[3 * other].xyz, corners[3 * other + 1].xyz, corners[3 * other + 2].xyz);
+        uint i = OWNS_SOURCE ? owner : other;
+        uint j = OWNS_SOURCE ? other : owner;
+        source_normal = OWNS_SOURCE ? own.normal : f.normal;
+        receiver_normal = OWNS_SOURCE ? f.normal : own.normal;
+        source_diffuse = radiance[i].rgb;
+        source_extent = OWNS_SOURCE ? own.extent : f.extent;
+        receiver_worth = cotangent_irradiance[j].rgb;
+        source_first = (i - (OWNS_SOURCE ? owner_page : other_page)) * BINS;
+        receiver_first = (j - (OWNS_SOURCE ? other_page : owner_page)) * BINS;
+        real33 source = OWNS_SOURCE ? own_corners : other_corners;
+        real33 receiver = OWNS_SOURCE ? other_corners : own_corners;
+        real3 between = own.centre - f.centre;
+        real r2_pair = dot(between, between);
+        real range = half_range * (own.extent + f.extent);
+        real near = 1.0 - far_share(r2_pair, range);
+        real by_range = 0.0;
+        by_near = 0.0;
+        for (uint pair = 0; pair < 16; pair++) {
+            real33 from = quarter_of(pair & 3), onto = quarter_of(pair >> 2);
+            real3 to = onto * third;
+            real3 d = receiver * to - source * (from * third);
+            real r2 = dot(d, d);
+            real far = 1.0;
+            if (SOURCE_BACK || SOURCE_FRONT) {
+                far = far_share(r2, range * QUARTER_RANGE);
+            }
+            real by_far = near * 0.25 * piece(source, receiver, from, to, near * 0.25, near * far * 0.25);
+            for (uint finer = far < 1.0 ? 0 : 16; finer < 16; finer++) {
+                real33 from2 = from * quarter_of(finer & 3);
+                real3 to2 = onto * (quarter_of(finer >> 2) * third);
+                by_far -= near * 0.0625 * piece(source, receiver, from2, to2, 0.0, near * (1.0 - far) * 0.0625);
+            }
+            if (SOURCE_BACK || SOURCE_FRONT) {
+                real2 slopes = by_far * far_share_slopes(r2, range * QUARTER_RANGE);
+                by_range += slopes.y * QUARTER_RANGE;
+                real3 by_d = 2.0 * slopes.x * d;
+                by_corners += OWNS_SOURCE ? outerProduct(-by_d, from * third) : outerProduct(by_d, to);
+            }
+        }
+        // near = 1 - far_share; every piece has it as a factor.
+        real2 slopes = near > 0.0 ? -by_near / near * far_share_slopes(r2_pair, range) : real2(0.0);
+        by_range += slopes.y;
+        by_corners += outerProduct(2.0 * slopes.x * between, third);
+        by_extent += by_range * half_range;
+    }
+    if (active_lane) {
+        gradients[owner].a += by_corners[0];
+        gradients[owner].b += by_corners[1];
+        gradients[owner].c += by_corners[2];
+        gradients[owner].normal += by_normal;
+        gradients[owner].extent += by_extent;
+    }
+}

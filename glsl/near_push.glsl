@@ -1,0 +1,44 @@
+#ifndef NEAR_PUSH_GLSL
+#define NEAR_PUSH_GLSL
+// What the kernels of close pairs are told. A lane owns a triangle, the receiver forwards and the source in the adjoint,
+// and walks its list of close others. Expects `near_offsets`: of each owner, where its list starts in `near_others`, one
+// entry more than there are slots; and `near_others`: slots, rising within each list.
+
+layout(push_constant) uniform NearPush {
+    // Owners, from slot `owner_begin` to before `owner_end`.
+    uint owner_begin;
+    uint owner_end;
+    // Others of other slots are passed over.
+    uint other_begin;
+    uint other_end;
+    float half_range;
+    uint owner_page;
+    uint other_page;
+    // 1 where backs let antiradiance out, 0 in a pass of emission alone.
+    uint backs;
+    // Of the others in range, `take` after the first `skip`.
+    uint skip;
+    uint take;
+};
+
+// First index in a rising part of `near_others` whose slot is at least `slot`, by bisection.
+uint first_at_least(uint slot, uint begin, uint end) {
+    while (begin < end) {
+        uint middle = (begin + end) / 2;
+        bool below = near_others[middle] < slot;
+        begin = below ? middle + 1 : begin;
+        end = below ? end : middle;
+    }
+    return begin;
+}
+
+// The part of its list that `owner` walks in this dispatch; none if the lane is idle.
+uvec2 close_others(uint owner, bool active_lane) {
+    uint end = near_offsets[owner + 1];
+    uint begin = first_at_least(other_begin, near_offsets[owner], end);
+    end = first_at_least(other_end, begin, end);
+    begin = min(begin + skip, end);
+    return uvec2(begin, active_lane ? min(begin + take, end) : begin);
+}
+
+#endif

@@ -1,0 +1,44 @@
+#version 450 core
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+// S^T: adds the cotangent of what each triangle of one group sends to the eye to that of its radiance, fronts only.
+// Twin: src/reference/adjoint.rs.
+
+#include "geometry.glsl"
+#include "bins.glsl"
+
+layout(local_size_x_id = 0) in;
+layout(constant_id = 8) const bool SOURCE_FRONT = false;
+
+layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
+layout(std430, binding = 1) readonly buffer Colours { real4 colours[]; };
+layout(std430, binding = 2) buffer Radiance { real4 radiance[]; };
+layout(std430, binding = 3) buffer Specular { real specular[]; };
+
+layout(push_constant) uniform ObservePush {
+    real3 eye;
+    // Slots of the group, from `begin` to before `end`.
+    uint begin;
+    uint end;
+};
+
+void main() {
+    uint i = begin + gl_GlobalInvocationID.x;
+    if (i < end) {
+        Facet f = facets[i];
+        real3 to_eye = eye - f.centre;
+        bool seen = dot(to_eye, f.normal) > 0.0;
+        real3 colour = seen ? colours[i].rgb : real3(0.0);
+        radiance[i].rgb += colour;
+        for (uint once = SOURCE_FRONT && seen ? 1 : 0; once > 0; once--) {
+            real3 direction = to_eye * inversesqrt(max(dot(to_eye, to_eye), R2_MIN));
+            Taps t = taps(direction * orthonormal_basis(f.normal));
+            for (uint tap = 0; tap < 4; tap++) {
+                uint at = ((i - begin) * BINS + t.bin[tap]) * CHANNELS;
+                for (uint c = 0; c < CHANNELS; c++) {
+                    specular[at + c] += t.weight[tap] * colour[c];
+                }
+            }
+        }
+    }
+}

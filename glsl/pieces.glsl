@@ -1,0 +1,26 @@
+#ifndef PIECES_GLSL
+#define PIECES_GLSL
+// Triangles in quarters. Twin: src/reference/geometry.rs.
+
+#include "real.glsl"
+
+// src/reference/near_field.rs says why.
+const real QUARTER_RANGE = real(1.0) / 24.0;
+
+// Offsets whose square is below this share of the source's extent are rounding, and have no side: the two sides of a
+// sheet do not light each other.
+#ifdef F64
+const real COINCIDENT = 1e-24;
+#else
+const real COINCIDENT = 1e-12;
+#endif
+
+// The quarters of the triangle p, q, r: three at its corners, then the one in the middle.
+void quarter(uint k, inout real3 p, inout real3 q, inout real3 r) {
+    real3 pq = 0.5 * (p + q), qr = 0.5 * (q + r), rp = 0.5 * (r + p);
+    p = k == 0 ? p : k == 1 ? pq : k == 2 ? rp : pq;
+    q = k == 0 ? pq : k == 1 ? q : qr;
+    r = k == 0 ? rp : k == 1 ? qr : k == 2 ? r : rp;
+}
+
+#endif

@@ -1,0 +1,76 @@
+#version 450 core
+#extension GL_KHR_shader_subgroup_ballot : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+// U^T where source, receiver or both have bins, point to point: with w_ij = max(cos_j, 0) |cos_i| g_ij a_i and
+// λ_ij = λ_j + Σ_b T_b(ω_j) λ_j(b), what one unit of irradiance at j from i is worth,
+//     front: μ_i += w_ij λ_ij, μ_i(b) += T_b(ω_i) w_ij λ_ij;   back: -T_b(ω_i) w_ij λ_ij to the antiradiance.
+// The twin of transport_bins.comp with sources for owners. Twin: src/reference/adjoint.rs.
+
+#include "geometry.glsl"
+#include "near_field.glsl"
+#include "bins.glsl"
+
+layout(local_size_x_id = 0) in;
+layout(constant_id = 0) const uint LANES = 8;
+layout(constant_id = 1) const uint TILE = 64;
+
+layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
+layout(std430, binding = 1) readonly buffer CotangentIrradiance { real4 cotangent_irradiance[]; };
+layout(std430, binding = 2) readonly buffer TilePairs { uint tile_pairs[]; };
+layout(std430, binding = 3) buffer Radiance { real4 radiance[]; };
+layout(std430, binding = 4) readonly buffer Cotangent { real cotangent[]; };
+layout(scalar, binding = 4) readonly buffer CotangentRgb { real3 cotangent_rgb[]; };
+layout(std430, binding = 5) buffer Back { real leaving_back[]; };
+layout(scalar, binding = 5) buffer BackRgb { real3 leaving_back_rgb[]; };
+layout(std430, binding = 6) buffer Front { real leaving_front[]; };
+layout(scalar, binding = 6) buffer FrontRgb { real3 leaving_front_rgb[]; };
+// Centre of each bin in the frame of the triangle, and c_b.
+layout(std430, binding = 7) readonly buffer BinTable { real4 bin_table[]; };
+
+#include "far_push.glsl"
+#include "adjoint_bins.glsl"
+
+void main() {
+    uint tile = owner_tile + gl_WorkGroupID.x;
+    uint i = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
+    Facet source = facets[i];
+    real3 sum = real3(0.0);
+    clear_deposits();
+    for (uint other_tile = other_begin; other_tile < other_end; other_tile++) {
+        uint flags = pair_flags(other_tile, tile);
+        bool fronts = (flags & PAIR_FRONT) != 0;
+        bool backs = SOURCE_BACK && (flags & PAIR_BACK) != 0;
+        bool near = (flags & PAIR_NEAR) != 0;
+        uint batches = fronts || backs ? TILE / LANES : 0;
+        for (uint batch = 0; batch < batches; batch++) {
+            uint mine = other_tile * TILE + batch * LANES + gl_LocalInvocationID.x;
+            Facet f = facets[mine];
+            real3 light = cotangent_irradiance[mine].rgb;
+            for (uint lane = 0; lane < LANES; lane++) {
+                uint j = other_tile * TILE + batch * LANES + lane;
+                real3 x = subgroupBroadcast(f.centre, lane);
+                real3 n = subgroupBroadcast(f.normal, lane);
+                real3 l = subgroupBroadcast(light, lane);
+                real extent = subgroupBroadcast(f.extent, lane);
+                real3 d = x - source.centre;
+                real r2 = max(dot(d, d), R2_MIN);
+                real from = dot(d, source.normal);
+                real to = max(-dot(d, n), 0.0);
+                real share = near ? far_share(r2, half_range * (extent + source.extent)) : real(1.0);
+                real side = from > 0.0 ? real(fronts) : real(backs);
+                real weight = side * share * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
+                // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.
+                for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
+                    real3 direction = d * inversesqrt(r2);
+                    bool front = from > 0.0;
+                    real3 value = weight * (l + binned_cotangent(n, (j - other_page) * BINS, -direction));
+                    deposit_radiance(source.normal, direction, front, value);
+                    sum += front ? value : real3(0.0);
+                }
+            }
+        }
+    }
+    radiance[i].rgb += sum;
+    flush_radiance((i - owner_page) * BINS);
+}

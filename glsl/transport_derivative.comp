@@ -1,0 +1,107 @@
+#version 450 core
+#extension GL_KHR_shader_subgroup_ballot : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+// The derivative of ⟨λ, U L⟩ with respect to the geometry of the sources or of the receivers, whichever the lanes own,
+// point to point: of Σ_ij w_ij ⟨L_i(ω_i), λ_ij⟩ with w_ij = share_ij max(cos_j, 0) |cos_i| g_ij a_i. Twin:
+// src/reference/derivative/.
+
+#include "geometry.glsl"
+#include "near_field_gradient.glsl"
+#include "bins_slope.glsl"
+#include "facet_gradient.glsl"
+
+layout(local_size_x_id = 0) in;
+layout(constant_id = 0) const uint LANES = 8;
+layout(constant_id = 1) const uint TILE = 64;
+// Whether a lane owns a source, or a receiver.
+layout(constant_id = 10) const bool OWNS_SOURCE = true;
+
+layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
+layout(std430, binding = 1) readonly buffer Radiance { real4 radiance[]; };
+layout(std430, binding = 2) readonly buffer CotangentIrradiance { real4 cotangent_irradiance[]; };
+layout(std430, binding = 3) buffer Gradients { FacetGradient gradients[]; };
+layout(std430, binding = 4) readonly buffer Antiradiance { real antiradiance[]; };
+layout(scalar, binding = 4) readonly buffer AntiradianceRgb { real3 antiradiance_rgb[]; };
+layout(std430, binding = 5) readonly buffer Specular { real specular[]; };
+layout(scalar, binding = 5) readonly buffer SpecularRgb { real3 specular_rgb[]; };
+layout(scalar, binding = 6) readonly buffer CotangentRgb { real3 cotangent_rgb[]; };
+layout(std430, binding = 7) readonly buffer TilePairs { uint tile_pairs[]; };
+
+#include "far_push.glsl"
+#include "source_bins.glsl"
+#include "directional_gradient.glsl"
+
+void main() {
+    uint tile = owner_tile + gl_WorkGroupID.x;
+    uint owner = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
+    Facet own = facets[owner];
+    real3 own_light = OWNS_SOURCE ? radiance[owner].rgb : cotangent_irradiance[owner].rgb;
+    uint own_first = (owner - owner_page) * BINS;
+    real3 by_centre = real3(0.0), by_normal = real3(0.0);
+    real by_area = 0.0, by_extent = 0.0;
+    for (uint other_tile = other_begin; other_tile < other_end; other_tile++) {
+        uint flags = OWNS_SOURCE ? pair_flags(other_tile, tile) : pair_flags(tile, other_tile);
+        bool fronts = (flags & PAIR_FRONT) != 0;
+        bool backs = SOURCE_BACK && (flags & PAIR_BACK) != 0;
+        bool near = (flags & PAIR_NEAR) != 0;
+        uint batches = fronts || backs ? TILE / LANES : 0;
+        for (uint batch = 0; batch < batches; batch++) {
+            uint mine = other_tile * TILE + batch * LANES + gl_LocalInvocationID.x;
+            Facet f = facets[mine];
+            real3 light = OWNS_SOURCE ? cotangent_irradiance[mine].rgb : radiance[mine].rgb;
+            for (uint lane = 0; lane < LANES; lane++) {
+                uint other = other_tile * TILE + batch * LANES + lane;
+                real3 x = subgroupBroadcast(f.centre, lane);
+                real3 n = subgroupBroadcast(f.normal, lane);
+                real3 l = subgroupBroadcast(light, lane);
+                real area = OWNS_SOURCE ? own.area : subgroupBroadcast(f.area, lane);
+                real extent = subgroupBroadcast(f.extent, lane) + own.extent;
+                real3 d = OWNS_SOURCE ? x - own.centre : own.centre - x;
+                real3 source_normal = OWNS_SOURCE ? own.normal : n;
+                real3 receiver_normal = OWNS_SOURCE ? n : own.normal;
+                real r2 = max(dot(d, d), R2_MIN);
+                real from = dot(d, source_normal);
+                real to = max(-dot(d, receiver_normal), 0.0);
+                real range = half_range * extent;
+                real share = near ? far_share(r2, range) : real(1.0);
+                bool front = from > 0.0;
+                real side = front ? real(fronts) : -real(backs);
+                // w = share · side from · to · kernel.
+                real wide = r2 + area * INV_PI;
+                real kernel = area / (r2 * wide);
+                for (uint once = side * from * to * share * area > 0.0 ? 1 : 0; once > 0; once--) {
+                    real weight = share * side * from * to * kernel;
+                    real r = sqrt(r2);
+                    real3 direction = d / r;
+                    uint other_first = (other - other_page) * BINS;
+                    Exchanged e = exchanged(
+                        source_normal, OWNS_SOURCE ? own_first : other_first, OWNS_SOURCE ? own_light : l, front,
+                        receiver_normal, OWNS_SOURCE ? other_first : own_first, OWNS_SOURCE ? l : own_light,
+                        direction, 1.0, 1.0
+                    );
+                    real value = dot(e.diffuse + e.binned, e.worth);
+                    real2 slopes = near ? far_share_slopes(r2, range) : real2(0.0);
+                    real plain = value * side * from * to * kernel;
+                    real by_from = value * share * side * to * kernel;
+                    real by_to = value * share * side * from * kernel;
+                    real by_r2 = slopes.x * plain - share * plain * (1.0 / r2 + 1.0 / wide);
+                    real3 by_d = by_from * source_normal - by_to * receiver_normal + 2.0 * by_r2 * d
+                        + through_normalization(weight * e.by_direction, direction, r);
+                    by_centre += OWNS_SOURCE ? -by_d : by_d;
+                    by_normal += OWNS_SOURCE ? by_from * d + weight * e.by_source_normal
+                                             : -by_to * d + weight * e.by_receiver_normal;
+                    by_area += OWNS_SOURCE ? share * value * side * from * to / (wide * wide) : real(0.0);
+                    by_extent += slopes.y * plain * half_range;
+                }
+            }
+        }
+    }
+    by_centre *= real(1.0) / 3.0;
+    gradients[owner].a += by_centre;
+    gradients[owner].b += by_centre;
+    gradients[owner].c += by_centre;
+    gradients[owner].normal += by_normal;
+    gradients[owner].area += by_area;
+    gradients[owner].extent += by_extent;
+}

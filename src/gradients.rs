@@ -1,0 +1,287 @@
+//! Derivatives of a loss, by the adjoint of the light equation.
+
+use crate::engine::{Engine, EngineError, Solution, SolveParams};
+use crate::plan::{PADDING, PlannedSolver, Wanted};
+use crate::reference::FacetGradient;
+use crate::scene::Scene;
+use crate::solve::{FixedPointParams, GmresParams, Progress, SolveInfo, fixed_point, gmres};
+use crate::transport::{AdjointOperator, LobeSums};
+use glam::DVec3;
+use std::f64::consts::PI;
+use std::ops::ControlFlow;
+
+/// The derivatives of a loss with respect to what a solve gives: how much it grows per unit of each value. RGB, per
+/// triangle of the scene. A loss may use several of them.
+#[derive(Clone, Debug, Default)]
+pub struct Cotangent {
+    /// Of [`Solution::irradiance`], per W/m².
+    pub irradiance: Option<Vec<DVec3>>,
+    /// Of [`Solution::radiosity`], per W/m².
+    pub radiosity: Option<Vec<DVec3>>,
+    /// Of [`Engine::face_colours`] for eyes (metres), per W/(m² sr).
+    pub colours: Vec<(DVec3, Vec<DVec3>)>,
+}
+
+/// The derivatives of a loss with respect to what a scene is made of; only those that were wanted.
+#[derive(Clone, Debug)]
+pub struct Gradients {
+    /// With respect to L_e, RGB, per triangle. Triangles without area have zero everywhere.
+    pub emission: Option<Vec<DVec3>>,
+    /// With respect to radiance emitted per front bin, RGB, per triangle that has front bins.
+    pub emission_bins: Option<Vec<Option<Vec<DVec3>>>>,
+    /// With respect to the diffuse constant δ, per triangle.
+    pub diffuse: Option<Vec<f64>>,
+    /// With respect to the albedo ρ, RGB, per triangle.
+    pub albedo: Option<Vec<DVec3>>,
+    /// With respect to the specular constant σ, RGB, per triangle; zero where the plan gave no lobe.
+    pub specular: Option<Vec<DVec3>>,
+    /// With respect to the power p, per triangle; zero where the plan gave no lobe.
+    pub power: Option<Vec<f64>>,
+    /// With respect to the corners of each triangle, as if no two triangles shared a vertex, per metre.
+    pub corners: Option<Vec<[DVec3; 3]>>,
+    /// With respect to each vertex of the scene, per metre.
+    pub vertices: Option<Vec<DVec3>>,
+    /// With respect to each eye of [`Cotangent::colours`], per metre.
+    pub eyes: Option<Vec<DVec3>>,
+    /// How the adjoint solve went.
+    pub info: SolveInfo,
+}
+
+impl Engine {
+    /// The derivatives of a loss at a solution, exactly those of the discretised model. `params` are those of the adjoint
+    /// solve; its residual is relative to its 2-norm. The kinds wanted must be among those that the plan foresaw
+    /// ([`crate::plan::Limits::gradients`]).
+    ///
+    /// With λ = λ₀ + (K - J)ᵀ μ, the cotangent of what arrives, and μ = μ₀ + Uᵀ λ, that of what leaves,
+    /// dL = ⟨μ, d(E + K H)⟩ + ⟨λ, dU C⟩ + ⟨colours, dS C⟩.
+    pub fn backward(
+        &mut self,
+        solution: &Solution,
+        cotangent: &Cotangent,
+        wanted: Wanted,
+        params: &SolveParams,
+    ) -> Result<Gradients, EngineError> {
+        self.backward_with(solution, cotangent, wanted, params, &mut |_, _| ControlFlow::Continue(()))
+    }
+
+    /// The same, calling `progress` with the number of passes and the relative residual after each pass.
+    pub fn backward_with(
+        &mut self,
+        solution: &Solution,
+        cotangent: &Cotangent,
+        wanted: Wanted,
+        params: &SolveParams,
+        progress: &mut Progress,
+    ) -> Result<Gradients, EngineError> {
+        self.check(cotangent, wanted)?;
+        let (irradiance, radiance, specular) = self.own_cotangents(cotangent);
+        let views: Vec<(DVec3, Vec<[f64; 4]>)> =
+            cotangent.colours.iter().map(|(eye, colours)| (*eye, self.to_slots(colours))).collect();
+        let solver = self.plan().solver;
+        let SolveParams { tolerance, max_passes } = *params;
+        let Some(adjoint) = &mut self.adjoint else {
+            return Err(EngineError::NotPlanned { kinds: Vec::new() });
+        };
+        let mut operator = AdjointOperator::new(&mut self.operators, adjoint);
+        operator.set(&irradiance, &radiance, &specular)?;
+        for (eye, colours) in &views {
+            operator.add_view(*eye, colours)?;
+        }
+        let (worth, info) = match solver {
+            PlannedSolver::FixedPoint => {
+                fixed_point(&mut operator, &FixedPointParams { tolerance, max_passes }, progress)?
+            }
+            PlannedSolver::Gmres { restart } => {
+                gmres(&mut operator, &GmresParams { tolerance, max_passes, restart }, progress)?
+            }
+        };
+        let leaving = operator.worth_of_leaving(&worth)?;
+        let lobes = if wanted.lobes() { operator.lobe_sums(&solution.state)? } else { None };
+        let (facets, eyes) = match wanted.geometry() {
+            true => operator.geometry(&solution.state, &worth, &views, wanted.positions)?,
+            false => (Vec::new(), Vec::new()),
+        };
+
+        let metres = self.plan().placement.scale;
+        let of_radiance: Vec<DVec3> =
+            self.to_scene_order(&leaving.radiance).into_iter().map(DVec3::from).collect();
+        // ∂(δρ/π E): the same for δ, given ρ, and for ρ, given δ.
+        let of_albedo: Vec<DVec3> =
+            of_radiance.iter().zip(&solution.irradiance).map(|(&m, &h)| m * DVec3::from(h) / PI).collect();
+        let materials = || of_albedo.iter().zip(&self.materials);
+        let lobes = lobes.map(|sums| self.lobe_gradients(&sums));
+        let corners = wanted.positions.then(|| self.corner_gradients(&facets, metres));
+        Ok(Gradients {
+            emission_bins: wanted.emission_bins.then(|| self.emission_bins(&leaving.specular)),
+            diffuse: wanted.diffuse.then(|| materials().map(|(&g, m)| g.dot(m.albedo.into())).collect()),
+            albedo: wanted.albedo.then(|| materials().map(|(&g, m)| m.diffuse * g).collect()),
+            specular: wanted.specular.then(|| match &lobes {
+                Some(lobes) => lobes.iter().map(|(sigma, _)| *sigma).collect(),
+                None => vec![DVec3::ZERO; of_radiance.len()],
+            }),
+            power: wanted.power.then(|| match &lobes {
+                Some(lobes) => lobes.iter().map(|(_, power)| *power).collect(),
+                None => vec![0.0; of_radiance.len()],
+            }),
+            emission: wanted.emission.then_some(of_radiance),
+            vertices: corners.as_ref().map(|corners| self.vertex_gradients(corners)),
+            corners,
+            eyes: wanted.camera.then(|| eyes.into_iter().map(|eye| eye * metres).collect()),
+            info,
+        })
+    }
+
+    fn check(&self, cotangent: &Cotangent, wanted: Wanted) -> Result<(), EngineError> {
+        let kinds = wanted.beyond(self.plan().limits.gradients);
+        if !kinds.is_empty() || self.adjoint.is_none() {
+            return Err(EngineError::NotPlanned { kinds });
+        }
+        let triangles = self.plan().facets.len();
+        let check = |what: &'static str, values: &[DVec3]| {
+            if values.len() != triangles {
+                return Err(EngineError::CotangentLength { what, given: values.len(), triangles });
+            }
+            match values.iter().position(|v| !v.is_finite()) {
+                Some(triangle) => Err(EngineError::CotangentNotFinite { what, triangle }),
+                None => Ok(()),
+            }
+        };
+        if let Some(values) = &cotangent.irradiance {
+            check("irradiance", values)?;
+        }
+        if let Some(values) = &cotangent.radiosity {
+            check("radiosity", values)?;
+        }
+        cotangent.colours.iter().try_for_each(|(_, values)| check("face colours", values))
+    }
+
+    /// λ₀ and μ₀, views apart: with the radiosity B = π L + Σ_o c_o L(o).
+    #[expect(clippy::type_complexity, reason = "three arrays as the operators take them, used once")]
+    fn own_cotangents(&self, cotangent: &Cotangent) -> (Vec<[f64; 4]>, Vec<[f64; 4]>, Vec<Option<Vec<f64>>>) {
+        let plan = self.plan();
+        let none = || vec![[0.0; 4]; plan.layout.slots() as usize];
+        let irradiance = cotangent.irradiance.as_ref().map_or_else(none, |values| self.to_slots(values));
+        let Some(radiosity) = &cotangent.radiosity else {
+            return (irradiance, none(), vec![None; plan.layout.groups.len()]);
+        };
+        let radiosity = self.to_slots(radiosity);
+        let page = |group: &crate::plan::Group| {
+            let slots = plan.layout.slots_of(&group.tiles);
+            let of_slot = |slot: u32| {
+                let [r, g, b, _] = radiosity[slot as usize];
+                plan.bins.projected.iter().flat_map(move |c| [c * r, c * g, c * b])
+            };
+            group.class.glossy.then(|| slots.flat_map(of_slot).collect())
+        };
+        let specular = plan.layout.groups.iter().map(page).collect();
+        (irradiance, radiosity.iter().map(|v| v.map(|x| PI * x)).collect(), specular)
+    }
+
+    /// Values per triangle in the order of the slots.
+    fn to_slots(&self, values: &[DVec3]) -> Vec<[f64; 4]> {
+        let slot = |&i: &u32| match i {
+            PADDING => [0.0; 4],
+            i => values[i as usize].extend(0.0).to_array(),
+        };
+        self.plan().layout.order.iter().map(slot).collect()
+    }
+
+    /// Derivatives with respect to σ and p of every triangle: ∂/∂σ = N S and ∂/∂p = ⟨σ, N' S + N S_ln⟩.
+    fn lobe_gradients(&self, sums: &[LobeSums]) -> Vec<(DVec3, f64)> {
+        let mut gradients = vec![(DVec3::ZERO, 0.0); self.materials.len()];
+        for (&i, [sum, logarithms]) in self.plan().layout.order.iter().zip(sums) {
+            if i == PADDING {
+                continue;
+            }
+            let material = &self.materials[i as usize];
+            let (n, slope) =
+                (material.specular_normalization(), material.specular_normalization_derivative());
+            let power = DVec3::from(material.specular).dot(slope * *sum + n * *logarithms);
+            gradients[i as usize] = (n * *sum, power);
+        }
+        gradients
+    }
+
+    fn corner_gradients(&self, facets: &[FacetGradient], metres: f64) -> Vec<[DVec3; 3]> {
+        let plan = self.plan();
+        let mut corners = vec![[DVec3::ZERO; 3]; plan.facets.len()];
+        for (&i, gradient) in plan.layout.order.iter().zip(facets) {
+            if i != PADDING {
+                corners[i as usize] = gradient.to_corners(&plan.facets[i as usize]).map(|c| c * metres);
+            }
+        }
+        corners
+    }
+
+    fn vertex_gradients(&self, corners: &[[DVec3; 3]]) -> Vec<DVec3> {
+        let mut vertices = vec![DVec3::ZERO; self.vertices];
+        for (triangle, gradients) in self.triangles.iter().zip(corners) {
+            for (&vertex, &gradient) in triangle.iter().zip(gradients) {
+                vertices[vertex as usize] += gradient;
+            }
+        }
+        vertices
+    }
+
+    fn emission_bins(&self, pages: &[Option<Vec<f64>>]) -> Vec<Option<Vec<DVec3>>> {
+        let plan = self.plan();
+        let mut all = vec![None; plan.facets.len()];
+        for (group, page) in plan.layout.groups.iter().zip(pages) {
+            let rows = page.iter().flat_map(|page| page.chunks_exact(plan.bins.count() * 3));
+            for (slot, row) in plan.layout.slots_of(&group.tiles).zip(rows) {
+                if let Some(bins) = all.get_mut(plan.layout.order[slot as usize] as usize) {
+                    *bins = Some(row.chunks_exact(3).map(DVec3::from_slice).collect());
+                }
+            }
+        }
+        all
+    }
+}
+
+impl Gradients {
+    /// Sums over the triangles of each material.
+    pub fn by_material(&self, scene: &Scene) -> Vec<MaterialGradients> {
+        self.sums(scene.materials.len(), |i| Some(scene.triangles[i].material as usize))
+    }
+
+    /// Sums over the triangles of each mesh.
+    pub fn by_mesh(&self, scene: &Scene) -> Vec<MaterialGradients> {
+        let mut mesh_of = vec![None; scene.triangles.len()];
+        for (m, mesh) in scene.meshes.iter().enumerate() {
+            mesh_of[mesh.range.start as usize..mesh.range.end as usize].fill(Some(m));
+        }
+        self.sums(scene.meshes.len(), |i| mesh_of[i])
+    }
+
+    fn sums(&self, count: usize, of: impl Fn(usize) -> Option<usize>) -> Vec<MaterialGradients> {
+        let mut sums = vec![MaterialGradients::default(); count];
+        fn add<T: Copy + std::ops::AddAssign>(
+            values: &Option<Vec<T>>,
+            sums: &mut [MaterialGradients],
+            of: &impl Fn(usize) -> Option<usize>,
+            field: impl Fn(&mut MaterialGradients) -> &mut T,
+        ) {
+            for (i, value) in values.iter().flatten().enumerate() {
+                if let Some(at) = of(i) {
+                    *field(&mut sums[at]) += *value;
+                }
+            }
+        }
+        add(&self.emission, &mut sums, &of, |s| &mut s.emission);
+        add(&self.diffuse, &mut sums, &of, |s| &mut s.diffuse);
+        add(&self.albedo, &mut sums, &of, |s| &mut s.albedo);
+        add(&self.specular, &mut sums, &of, |s| &mut s.specular);
+        add(&self.power, &mut sums, &of, |s| &mut s.power);
+        sums
+    }
+}
+
+/// Derivatives with respect to parameters that several triangles share; zero for kinds that were not wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MaterialGradients {
+    pub emission: DVec3,
+    pub diffuse: f64,
+    pub albedo: DVec3,
+    pub specular: DVec3,
+    pub power: f64,
+}

@@ -1,0 +1,74 @@
+//! Which derivatives are asked for: what is not is neither planned nor computed.
+
+/// Kinds of derivatives of a loss.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Wanted {
+    /// With respect to the emitted radiance L_e.
+    pub emission: bool,
+    /// With respect to radiance emitted per front bin, of the triangles that have front bins.
+    pub emission_bins: bool,
+    /// With respect to the diffuse constant δ.
+    pub diffuse: bool,
+    /// With respect to the albedo ρ.
+    pub albedo: bool,
+    /// With respect to the specular constant σ, of glossy triangles.
+    pub specular: bool,
+    /// With respect to the power p, of glossy triangles.
+    pub power: bool,
+    /// With respect to the positions of vertices.
+    pub positions: bool,
+    /// With respect to the positions of the eyes.
+    pub camera: bool,
+}
+
+impl Wanted {
+    pub const NOTHING: Self = Self {
+        emission: false,
+        emission_bins: false,
+        diffuse: false,
+        albedo: false,
+        specular: false,
+        power: false,
+        positions: false,
+        camera: false,
+    };
+    pub const EVERYTHING: Self = Self {
+        emission: true,
+        emission_bins: true,
+        diffuse: true,
+        albedo: true,
+        specular: true,
+        power: true,
+        positions: true,
+        camera: true,
+    };
+
+    pub fn any(self) -> bool {
+        self != Self::NOTHING
+    }
+
+    /// Those that need the geometry differentiated.
+    pub fn geometry(self) -> bool {
+        self.positions || self.camera
+    }
+
+    /// Those of specular lobes.
+    pub fn lobes(self) -> bool {
+        self.specular || self.power
+    }
+
+    /// The names of those that are wanted here and not in `planned`.
+    pub fn beyond(self, planned: Self) -> Vec<&'static str> {
+        let kinds = [
+            ("emission", self.emission, planned.emission),
+            ("emission_bins", self.emission_bins, planned.emission_bins),
+            ("diffuse", self.diffuse, planned.diffuse),
+            ("albedo", self.albedo, planned.albedo),
+            ("specular", self.specular, planned.specular),
+            ("power", self.power, planned.power),
+            ("positions", self.positions, planned.positions),
+            ("camera", self.camera, planned.camera),
+        ];
+        kinds.into_iter().filter(|&(_, wanted, planned)| wanted && !planned).map(|(name, ..)| name).collect()
+    }
+}

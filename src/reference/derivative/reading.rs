@@ -1,0 +1,74 @@
+//! What one end of a line of light reads from its bins, with the way back to the geometry.
+
+use super::frame::{FrameGradient, pull_local};
+use super::taps::TapSlopes;
+use crate::reference::{Leaving, Model, State, orthonormal_basis};
+use glam::DVec3;
+
+/// RGB values interpolated between the four taps of a direction.
+#[derive(Clone, Copy)]
+pub struct Reading {
+    /// Σ weight · value.
+    pub value: DVec3,
+    /// None where there are no bins.
+    taps: Option<(TapSlopes, [DVec3; 4])>,
+    /// In the frame of the normal: the direction that is looked up.
+    direction: DVec3,
+    normal: DVec3,
+    /// Of the direction of the line in that which is looked up.
+    sign: f64,
+}
+
+impl Reading {
+    /// Radiance of source `i` that varies with `direction`, in which light travels, from its front or its back.
+    pub fn of_source(model: &Model, leaving: &Leaving, i: usize, direction: DVec3, front: bool) -> Self {
+        let class = model.classes[i];
+        let normal = model.facets[i].normal;
+        match model.bins_of(i) {
+            Some(range) if front && class.glossy => {
+                Self::new(model, normal, direction, 1.0, |b| leaving.specular[range.start + b])
+            }
+            // What leaves the back arrived at the front from the opposite direction.
+            Some(range) if !front && class.blocker => {
+                Self::new(model, normal, direction, -1.0, |b| -leaving.antiradiance[range.start + b])
+            }
+            _ => Self::none(),
+        }
+    }
+
+    /// What irradiance from the source is worth to receiver `j`, per bin: λ_A(b) / c_b. `direction` is that in which
+    /// light travels.
+    pub fn of_receiver(model: &Model, importance: &State, j: usize, direction: DVec3) -> Self {
+        let normal = model.facets[j].normal;
+        match model.bins_of(j) {
+            Some(range) => Self::new(model, normal, direction, -1.0, |b| {
+                importance.bins[range.start + b] / model.bins.projected[b]
+            }),
+            None => Self::none(),
+        }
+    }
+
+    fn none() -> Self {
+        let zero = DVec3::ZERO;
+        Self { value: zero, taps: None, direction: zero, normal: zero, sign: 1.0 }
+    }
+
+    fn new(model: &Model, normal: DVec3, direction: DVec3, sign: f64, bin: impl Fn(usize) -> DVec3) -> Self {
+        let direction = sign * direction;
+        let local = orthonormal_basis(normal).transpose() * direction;
+        let taps = TapSlopes::new(&model.bins, local);
+        let values = taps.index.map(bin);
+        let value = taps.weights().into_iter().zip(values).map(|(w, v)| w * v).sum();
+        Self { value, taps: Some((taps, values)), direction, normal, sign }
+    }
+
+    /// From the cotangent of the value to the gradients with respect to the line's direction and to the normal.
+    pub fn pull(&self, cotangent: DVec3) -> FrameGradient {
+        let Some((taps, values)) = self.taps else {
+            return FrameGradient { direction: DVec3::ZERO, normal: DVec3::ZERO };
+        };
+        let local = taps.gradient(values.map(|v| v.dot(cotangent)));
+        let FrameGradient { direction, normal } = pull_local(self.normal, self.direction, local);
+        FrameGradient { direction: self.sign * direction, normal }
+    }
+}

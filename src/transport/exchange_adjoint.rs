@@ -1,0 +1,85 @@
+//! Uᵀ: what the light that leaves each triangle is worth where it arrives.
+
+use super::Context;
+use super::adjoint::AdjointBuffers;
+use super::exchange::{NEAR_TAKE, PLAIN_NEAR_TAKE, Shape, sweep_of};
+use super::state::State;
+use super::sweep::{Between, Kernels, Sweep};
+use super::watch::{TransportError, Watch};
+use crate::gpu::{Device, GpuError};
+use crate::plan::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::shaders;
+
+pub struct ExchangeAdjoint {
+    sweeps: Vec<(Shape, Sweep)>,
+}
+
+impl ExchangeAdjoint {
+    pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
+        let kernels = |shape: Shape| Kernels {
+            far: match shape.any_bins() {
+                true => (&shaders::TRANSPORT_BINS_ADJOINT, 8),
+                false => (&shaders::TRANSPORT_IRRADIANCE_ADJOINT, 4),
+            },
+            near: (&shaders::NEAR_ADJOINT, 10),
+            single: shape.any_bins(),
+            constants: shape.constants(plan),
+            take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
+            shape: shape.name(),
+        };
+        Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)? })
+    }
+
+    /// (radiance, specular; y) += Uᵀ x: the cotangent of diffuse and specular radiance goes to what leaves, that of
+    /// antiradiance to the bins of `y`.
+    pub fn run(
+        &mut self,
+        context: &Context,
+        adjoint: &AdjointBuffers,
+        x: &State,
+        y: &State,
+        watch: &mut Watch,
+    ) -> Result<(), TransportError> {
+        let Context { plan, scene, leaving, .. } = context;
+        watch.begin(Sweep::pairs(plan));
+        let none = &scene.no_bins;
+        for (s, from) in plan.layout.groups.iter().enumerate() {
+            for (t, to) in plan.layout.groups.iter().enumerate() {
+                let shape = Shape::new(from.class, to.class);
+                let Some(sweep) = sweep_of(&mut self.sweeps, shape) else { continue };
+                let between = Between { owners: from, others: to };
+                let irradiance = x.irradiance.whole();
+                let arriving = x.bins[t].as_ref().unwrap_or(none).whole();
+                let back = y.bins[s].as_ref().unwrap_or(none).whole();
+                let front = leaving.specular[s].as_ref().unwrap_or(none).whole();
+                let (facets, radiance) = (scene.facets.whole(), leaving.radiance.whole());
+                let near = [
+                    facets,
+                    irradiance,
+                    scene.corners.whole(),
+                    radiance,
+                    arriving,
+                    back,
+                    front,
+                    adjoint.near_offsets.whole(),
+                    adjoint.near_receivers.whole(),
+                    scene.bin_table.whole(),
+                ];
+                sweep.near(context, between, &adjoint.list, &near, true, watch)?;
+                let far = [
+                    facets,
+                    irradiance,
+                    scene.tile_pairs.whole(),
+                    radiance,
+                    arriving,
+                    back,
+                    front,
+                    scene.bin_table.whole(),
+                ];
+                let far = if shape.any_bins() { &far[..] } else { &far[..4] };
+                sweep.far(context, between, far, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,88 @@
+//! The derivative of ⟨λ, U L⟩ with respect to the geometry of all triangles: twice over all pairs, for the part of each
+//! triangle as a source and for its part as a receiver.
+
+use super::Context;
+use super::adjoint::AdjointBuffers;
+use super::exchange::{Shape, sweep_of};
+use super::state::State;
+use super::sweep::{Between, Kernels, Sweep};
+use super::watch::{TransportError, Watch};
+use crate::gpu::{Buffer, Device, GpuError};
+use crate::plan::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::shaders;
+
+/// Close others per owner and dispatch: an invocation on lavapipe is left after 65535 iterations of all its loops, and one
+/// other takes at most 16 · (1 + 45 · 17).
+const NEAR_TAKE: u32 = 4;
+/// The same where sources have no bins: 16 · 50 iterations.
+const PLAIN_NEAR_TAKE: u32 = 64;
+
+/// Specialization constant of the kernels: whether lanes own sources.
+const OWNS_SOURCE: u32 = 10;
+
+pub struct ExchangeDerivative {
+    by_source: Vec<(Shape, Sweep)>,
+    by_receiver: Vec<(Shape, Sweep)>,
+}
+
+impl ExchangeDerivative {
+    pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
+        let kernels = |shape: Shape, owns_source: bool| Kernels {
+            far: (&shaders::TRANSPORT_DERIVATIVE, 8),
+            near: (&shaders::NEAR_DERIVATIVE, 10),
+            single: true,
+            constants: [&shape.constants(plan)[..], &[(OWNS_SOURCE, u32::from(owns_source))]].concat(),
+            take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
+            shape: format!("{}, by {}", shape.name(), if owns_source { "source" } else { "receiver" }),
+        };
+        Ok(Self {
+            by_source: Shape::sweeps(device, plan, |shape| kernels(shape, true))?,
+            by_receiver: Shape::sweeps(device, plan, |shape| kernels(shape, false))?,
+        })
+    }
+
+    /// Adds to `gradients` what ⟨λ, U (L - J x)⟩ changes by with the geometry; L is what leaves at the moment.
+    pub fn run(
+        &mut self,
+        context: &Context,
+        adjoint: &AdjointBuffers,
+        x: &State,
+        cotangent: &State,
+        gradients: &Buffer,
+        watch: &mut Watch,
+    ) -> Result<(), TransportError> {
+        let Context { plan, scene, leaving, .. } = context;
+        watch.begin(2 * Sweep::pairs(plan));
+        let none = &scene.no_bins;
+        for owns_source in [true, false] {
+            let (sweeps, list, offsets, others) = match owns_source {
+                true => (&mut self.by_source, &adjoint.list, &adjoint.near_offsets, &adjoint.near_receivers),
+                false => (&mut self.by_receiver, &plan.near, &scene.near_offsets, &scene.near_sources),
+            };
+            for (s, from) in plan.layout.groups.iter().enumerate() {
+                for (t, to) in plan.layout.groups.iter().enumerate() {
+                    let Some(sweep) = sweep_of(sweeps, Shape::new(from.class, to.class)) else { continue };
+                    let between = match owns_source {
+                        true => Between { owners: from, others: to },
+                        false => Between { owners: to, others: from },
+                    };
+                    let both = [
+                        scene.facets.whole(),
+                        leaving.radiance.whole(),
+                        cotangent.irradiance.whole(),
+                        gradients.whole(),
+                        x.bins[s].as_ref().unwrap_or(none).whole(),
+                        leaving.specular[s].as_ref().unwrap_or(none).whole(),
+                        cotangent.bins[t].as_ref().unwrap_or(none).whole(),
+                    ];
+                    let near =
+                        [&both[..], &[offsets.whole(), others.whole(), scene.corners.whole()]].concat();
+                    sweep.near(context, between, list, &near, true, watch)?;
+                    let far = [&both[..], &[scene.tile_pairs.whole()]].concat();
+                    sweep.far(context, between, &far, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
+                }
+            }
+        }
+        Ok(())
+    }
+}

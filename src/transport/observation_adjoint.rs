@@ -1,0 +1,98 @@
+//! Sᵀ, and the derivative of S with respect to geometry and eye.
+
+use super::adjoint::AdjointBuffers;
+use super::{Context, WORKGROUP, bin_constants, real};
+use crate::gpu::{Buffer, Device, GpuError, Pipeline};
+use crate::plan::{Group, Plan};
+use crate::shaders;
+use glam::DVec3;
+
+pub struct ObservationAdjoint {
+    /// Of diffuse triangles, and of glossy ones.
+    adjoint: [Pipeline; 2],
+    derivative: Pipeline,
+}
+
+impl ObservationAdjoint {
+    pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
+        let precision = plan.accuracy.precision;
+        let push = real::push_bytes(precision, 3, 2);
+        let constants = |glossy: u32| [&[(0, WORKGROUP), (8, glossy)][..], &bin_constants(plan)].concat();
+        let adjoint = |glossy: u32| {
+            let shader = shaders::OBSERVE_ADJOINT.of(precision);
+            Pipeline::new(device, shader, 4, push, &constants(glossy), None)
+        };
+        let derivative = shaders::OBSERVE_DERIVATIVE.of(precision);
+        Ok(Self {
+            adjoint: [adjoint(0)?, adjoint(1)?],
+            derivative: Pipeline::new(device, derivative, 4, push, &constants(1), None)?,
+        })
+    }
+
+    /// Adds Sᵀ `colours` to the loss's cotangent of what leaves. `eye` in metres; `colours` per slot.
+    pub fn run(
+        &self,
+        context: &Context,
+        adjoint: &AdjointBuffers,
+        face_colours: &Buffer,
+        eye: DVec3,
+        colours: &[[f64; 4]],
+    ) -> Result<(), GpuError> {
+        let Context { device, plan, scene, .. } = context;
+        real::upload(device, face_colours, plan.accuracy.precision, colours.as_flattened())?;
+        let mut batch = device.batch()?;
+        for (g, group) in plan.layout.groups.iter().enumerate() {
+            let buffers = [
+                scene.facets.whole(),
+                face_colours.whole(),
+                adjoint.radiance.whole(),
+                adjoint.specular[g].as_ref().unwrap_or(&scene.no_bins).whole(),
+            ];
+            let kernel = &self.adjoint[usize::from(group.class.glossy)];
+            let (push, groups) = whole_group(plan, group, eye);
+            batch.dispatch(kernel, "all", &buffers, &push, groups)?;
+        }
+        batch.submit()?;
+        Ok(())
+    }
+
+    /// Adds to `gradients` what ⟨`colours`, S L⟩ changes by with the geometry, and returns how it changes with the eye, per
+    /// unit of length of the engine; L is what leaves at the moment. Without glossy triangles nothing depends on
+    /// either: diffuse radiance looks the same from everywhere.
+    pub fn derivative(
+        &self,
+        context: &Context,
+        face_colours: &Buffer,
+        gradients: &Buffer,
+        eye: DVec3,
+        colours: &[[f64; 4]],
+    ) -> Result<DVec3, GpuError> {
+        let Context { device, plan, scene, leaving } = context;
+        real::upload(device, face_colours, plan.accuracy.precision, colours.as_flattened())?;
+        let mut batch = device.batch()?;
+        let glossy = || plan.layout.groups.iter().zip(&leaving.specular);
+        for (group, specular) in glossy() {
+            let Some(specular) = specular else { continue };
+            let buffers = [scene.facets.whole(), face_colours.whole(), specular.whole(), gradients.whole()];
+            let (push, groups) = whole_group(plan, group, eye);
+            batch.dispatch(&self.derivative, "glossy fronts", &buffers, &push, groups)?;
+        }
+        batch.submit()?;
+        let by_eye = context.slots(face_colours)?;
+        let of_group = |group: &Group| {
+            let slots = plan.layout.slots_of(&group.tiles);
+            by_eye[slots.start as usize..slots.end as usize]
+                .iter()
+                .map(|&[x, y, z, _]| DVec3::new(x, y, z))
+                .sum::<DVec3>()
+        };
+        Ok(glossy().filter(|(_, specular)| specular.is_some()).map(|(group, _)| of_group(group)).sum())
+    }
+}
+
+fn whole_group(plan: &Plan, group: &Group, eye: DVec3) -> (Vec<u8>, [u32; 3]) {
+    let slots = plan.layout.slots_of(&group.tiles);
+    let eye = plan.placement.apply(eye).to_array();
+    let push = real::push(plan.accuracy.precision, &eye, &[slots.start, slots.end]);
+    (push, [(slots.len() as u32).div_ceil(WORKGROUP), 1, 1])
+}

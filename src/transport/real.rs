@@ -1,0 +1,62 @@
+//! The device's numbers, f32 or f64 by the plan, as the host sees them: always f64.
+
+use crate::gpu::{Buffer, BufferKind, Device, GpuError};
+use crate::scene::Precision;
+
+/// Push constants of a kernel: its reals, then its words. No kernel mixes them, so that this is their layout in either
+/// precision.
+pub fn push(precision: Precision, reals: &[f64], words: &[u32]) -> Vec<u8> {
+    let mut bytes = encode(precision, reals);
+    bytes.extend(words.iter().flat_map(|word| word.to_ne_bytes()));
+    bytes
+}
+
+/// Bytes of the push constants of so many reals and words.
+pub fn push_bytes(precision: Precision, reals: u32, words: u32) -> u32 {
+    reals * precision.bytes() as u32 + words * 4
+}
+
+/// Writes `values` into the buffer from its start on.
+pub fn upload(
+    device: &Device,
+    buffer: &Buffer,
+    precision: Precision,
+    values: &[f64],
+) -> Result<(), GpuError> {
+    device.upload(buffer, 0, &encode(precision, values))
+}
+
+/// Reads `count` values from the start of the buffer.
+pub fn download(
+    device: &Device,
+    buffer: &Buffer,
+    precision: Precision,
+    count: u64,
+) -> Result<Vec<f64>, GpuError> {
+    match precision {
+        Precision::F32 => {
+            Ok(device.download_slice::<f32>(buffer, 0, count)?.into_iter().map(f64::from).collect())
+        }
+        Precision::F64 => device.download_slice(buffer, 0, count),
+    }
+}
+
+/// A new buffer with these values.
+pub fn filled(
+    device: &Device,
+    label: &str,
+    precision: Precision,
+    values: &[f64],
+) -> Result<Buffer, GpuError> {
+    let bytes = values.len() as u64 * precision.bytes();
+    let buffer = Buffer::new(device, label, bytes, BufferKind::Storage)?;
+    upload(device, &buffer, precision, values)?;
+    Ok(buffer)
+}
+
+fn encode(precision: Precision, values: &[f64]) -> Vec<u8> {
+    match precision {
+        Precision::F32 => values.iter().flat_map(|&x| (x as f32).to_ne_bytes()).collect(),
+        Precision::F64 => bytemuck::cast_slice(values).to_vec(),
+    }
+}

@@ -1,0 +1,131 @@
+//! Kᵀ, and the derivative of K with respect to specular parameters.
+
+use super::adjoint::AdjointBuffers;
+use super::reflection::{GLOSSY_GROUPS, GlossyPush};
+use super::state::{State, page_reals};
+use super::{Context, WORKGROUP, bin_constants};
+use crate::gpu::{Buffer, Device, GpuError, Pipeline};
+use crate::plan::Plan;
+use crate::shaders;
+use bytemuck::{Pod, Zeroable, bytes_of};
+
+/// `ReflectAdjointPush` of glsl/reflect_adjoint.comp.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct ReflectAdjointPush {
+    pub count: u32,
+    pub given: f32,
+}
+
+/// `GlossyDerivativePush` of glsl/reflect_glossy_derivative.comp.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct GlossyDerivativePush {
+    pub page: u32,
+    pub count: u32,
+    pub bin_begin: u32,
+    pub bin_end: u32,
+}
+
+/// Pairs of bins per lane and dispatch of the derivative: lavapipe leaves all loops after 65535 iterations.
+const BIN_PAIRS: u32 = 1 << 14;
+
+pub struct ReflectionAdjoint {
+    diffuse: Pipeline,
+    /// Kᵀ, and the derivative.
+    glossy: Option<(Pipeline, Pipeline)>,
+}
+
+impl ReflectionAdjoint {
+    pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
+        let precision = plan.accuracy.precision;
+        let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
+        let glossy = || -> Result<_, GpuError> {
+            let adjoint = shaders::REFLECT_GLOSSY_ADJOINT.of(precision);
+            let derivative = shaders::REFLECT_GLOSSY_DERIVATIVE.of(precision);
+            let push = [size_of::<GlossyPush>() as u32, size_of::<GlossyDerivativePush>() as u32];
+            Ok((
+                Pipeline::new(device, adjoint, 4, push[0], &constants, None)?,
+                Pipeline::new(device, derivative, 5, push[1], &constants, None)?,
+            ))
+        };
+        let any_glossy = plan.layout.groups.iter().any(|g| g.class.glossy);
+        let push = size_of::<ReflectAdjointPush>() as u32;
+        let diffuse = shaders::REFLECT_ADJOINT.of(precision);
+        Ok(Self {
+            diffuse: Pipeline::new(device, diffuse, 4, push, &[(0, WORKGROUP)], None)?,
+            glossy: any_glossy.then(glossy).transpose()?,
+        })
+    }
+
+    /// y += Kᵀ of the cotangent of what leaves; the loss's own cotangent of irradiance comes on top where it is `given`.
+    pub fn run(
+        &self,
+        context: &Context,
+        adjoint: &AdjointBuffers,
+        given: bool,
+        y: &State,
+    ) -> Result<(), GpuError> {
+        let Context { device, plan, scene, leaving } = context;
+        let slots = plan.layout.slots();
+        let push = ReflectAdjointPush { count: slots, given: if given { 1.0 } else { 0.0 } };
+        let mut batch = device.batch()?;
+        let buffers = [
+            scene.surfaces.whole(),
+            leaving.radiance.whole(),
+            adjoint.irradiance.whole(),
+            y.irradiance.whole(),
+        ];
+        batch.dispatch(&self.diffuse, "all", &buffers, bytes_of(&push), [slots.div_ceil(WORKGROUP), 1, 1])?;
+        for (g, group) in plan.layout.groups.iter().enumerate() {
+            let (Some((kernel, _)), Some(specular), Some(bins)) =
+                (&self.glossy, &leaving.specular[g], &y.bins[g])
+            else {
+                continue;
+            };
+            let buffers = [scene.surfaces.whole(), scene.bin_table.whole(), specular.whole(), bins.whole()];
+            let lanes = page_reals(plan, group) / plan.channels;
+            for first in (0..lanes).step_by((GLOSSY_GROUPS * WORKGROUP) as usize) {
+                let count = (lanes - first).min(GLOSSY_GROUPS * WORKGROUP);
+                let push = GlossyPush { page: group.tiles.start * plan.layout.tile, first, count };
+                let groups = [count.div_ceil(WORKGROUP), 1, 1];
+                batch.dispatch(kernel, "bins to bins", &buffers, bytes_of(&push), groups)?;
+            }
+        }
+        batch.submit()?;
+        Ok(())
+    }
+
+    /// `sums` = what specular parameters are worth under `x`, given the cotangent of what leaves.
+    pub fn derivative(&self, context: &Context, x: &State, sums: &Buffer) -> Result<(), GpuError> {
+        let Context { device, plan, scene, leaving } = context;
+        let mut batch = device.batch()?;
+        batch.fill(sums, 0, 2 * u64::from(plan.layout.slots()) * plan.rgb_bytes(), 0)?;
+        let bins = plan.bins.count() as u32;
+        for (g, group) in plan.layout.groups.iter().enumerate() {
+            let (Some((_, kernel)), Some(specular), Some(arriving)) =
+                (&self.glossy, &leaving.specular[g], &x.bins[g])
+            else {
+                continue;
+            };
+            let buffers = [
+                scene.surfaces.whole(),
+                scene.bin_table.whole(),
+                arriving.whole(),
+                specular.whole(),
+                sums.whole(),
+            ];
+            let slots = plan.layout.slots_of(&group.tiles);
+            let count = slots.len() as u32;
+            let step = (BIN_PAIRS / bins).max(1);
+            for bin_begin in (0..bins).step_by(step as usize) {
+                let bin_end = (bin_begin + step).min(bins);
+                let push = GlossyDerivativePush { page: slots.start, count, bin_begin, bin_end };
+                let groups = [count.div_ceil(WORKGROUP), 1, 1];
+                batch.dispatch(kernel, "bins to bins", &buffers, bytes_of(&push), groups)?;
+            }
+        }
+        batch.submit()?;
+        Ok(())
+    }
+}

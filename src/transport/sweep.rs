@@ -1,0 +1,225 @@
+//! Walking over pairs of triangles: point to point by tiles, and over pieces for close pairs. What U, its transpose and
+//! its derivatives have in common.
+
+use super::pace::Pace;
+use super::watch::{TransportError, Watch};
+use super::{Context, WORKGROUP};
+use crate::gpu::{BufferSlice, Device, GpuError, Pipeline};
+use crate::plan::{Group, NearPairs, Plan};
+use crate::shaders::RealShader;
+use bytemuck::{Pod, Zeroable, bytes_of};
+use std::ops::Range;
+
+/// `FarPush` of glsl/far_push.glsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct FarPush {
+    pub owner_tile: u32,
+    pub other_begin: u32,
+    pub other_end: u32,
+    pub row_words: u32,
+    pub half_range: f32,
+    pub owner_page: u32,
+    pub other_page: u32,
+    pub passing: u32,
+}
+
+/// `NearPush` of glsl/near_push.glsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct NearPush {
+    pub owner_begin: u32,
+    pub owner_end: u32,
+    pub other_begin: u32,
+    pub other_end: u32,
+    pub half_range: f32,
+    pub owner_page: u32,
+    pub other_page: u32,
+    pub backs: u32,
+    pub skip: u32,
+    pub take: u32,
+}
+
+/// Tiles of others per dispatch, after which sums go to memory: always the same, so that sums don't depend on how the
+/// work is cut. Few enough for lavapipe, which leaves every loop of an invocation after 65535 iterations of all its loops
+/// together, without a word: a tile of 64 takes at most 1 + 8 + 64 · 20 of them, even if its compiler
+/// unrolls nothing.
+const OTHER_TILES: u32 = 16;
+
+/// Point-to-point pairs that a close one takes as long as: for the time left, nothing else.
+const NEAR_COST: u64 = 100;
+
+/// What a sweep is made of.
+pub struct Kernels<'a> {
+    /// The kernels, with the number of their buffers.
+    pub far: (&'a RealShader, u32),
+    pub near: (&'a RealShader, u32),
+    /// Whether a lane of `far` owns one triangle, or one in each run of lanes of a tile.
+    pub single: bool,
+    /// Specialization of both, beyond lanes and tiles.
+    pub constants: Vec<(u32, u32)>,
+    /// Close others per owner and dispatch: a bound like [`OTHER_TILES`].
+    pub take: u32,
+    /// For the profile.
+    pub shape: String,
+}
+
+/// Kernels over pairs of triangles of certain classes. A lane owns a triangle and walks over others.
+pub struct Sweep {
+    far: Pipeline,
+    /// Workgroups of `far` per tile of owners.
+    workgroups: u32,
+    near: Pipeline,
+    take: u32,
+    far_pace: Pace,
+    near_pace: Pace,
+    shape: String,
+}
+
+/// Who owns the lanes, and over whom they walk.
+#[derive(Clone, Copy)]
+pub struct Between<'a> {
+    pub owners: &'a Group,
+    pub others: &'a Group,
+}
+
+impl Sweep {
+    pub fn new(device: &Device, plan: &Plan, kernels: Kernels) -> Result<Self, GpuError> {
+        let precision = plan.accuracy.precision;
+        let lanes = device.info().subgroup_size.min(plan.limits.tile);
+        let Kernels { far, near, single, constants, take, shape } = kernels;
+        let of_far = [&[(0, lanes), (1, plan.limits.tile)][..], &constants].concat();
+        let of_near = [&[(0, WORKGROUP)][..], &constants].concat();
+        let far_push = size_of::<FarPush>() as u32;
+        let near_push = size_of::<NearPush>() as u32;
+        Ok(Self {
+            far: Pipeline::new(device, far.0.of(precision), far.1, far_push, &of_far, Some(lanes))?,
+            workgroups: if single { plan.limits.tile / lanes } else { 1 },
+            near: Pipeline::new(device, near.0.of(precision), near.1, near_push, &of_near, None)?,
+            take,
+            far_pace: Pace::new(if single { 2e6 } else { 5e7 }),
+            near_pace: Pace::new(1e5),
+            shape,
+        })
+    }
+
+    /// Pairs of a whole pass, weighted by what they cost.
+    pub fn pairs(plan: &Plan) -> u64 {
+        let slots = u64::from(plan.layout.slots());
+        slots * slots + plan.near.others.len() as u64 * NEAR_COST
+    }
+
+    /// Pairs of tiles. `passing`: what may pass, of the bits that the plan keeps for them.
+    pub fn far(
+        &mut self,
+        context: &Context,
+        between: Between,
+        buffers: &[BufferSlice],
+        passing: u32,
+        watch: &mut Watch,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, .. } = context;
+        let Between { owners, others } = between;
+        let tile = plan.layout.tile;
+        for run in tile_runs(&others.tiles) {
+            let mut begin = owners.tiles.start;
+            while begin < owners.tiles.end {
+                let affordable = self.far_pace.pairs() / u64::from(tile * tile) / run.len() as u64;
+                let rows = (owners.tiles.end - begin).min(affordable.clamp(1, u64::from(u32::MAX)) as u32);
+                let push = FarPush {
+                    owner_tile: begin,
+                    other_begin: run.start,
+                    other_end: run.end,
+                    row_words: plan.tile_pairs.row_words,
+                    half_range: 0.5 * plan.accuracy.subsample as f32,
+                    owner_page: owners.tiles.start * tile,
+                    other_page: others.tiles.start * tile,
+                    passing,
+                };
+                let mut batch = device.batch()?;
+                let groups = [rows, self.workgroups, 1];
+                batch.dispatch(&self.far, &self.shape, buffers, bytes_of(&push), groups)?;
+                let timing = batch.submit()?;
+                let pairs = u64::from(rows * run.len() as u32) * u64::from(tile * tile);
+                self.far_pace.learn(pairs, timing.wall_seconds);
+                watch.done(pairs)?;
+                begin += rows;
+            }
+        }
+        Ok(())
+    }
+
+    /// The close pairs of `list`, which is that of the owners. `backs`: whether there is antiradiance.
+    pub fn near(
+        &mut self,
+        context: &Context,
+        between: Between,
+        list: &NearPairs,
+        buffers: &[BufferSlice],
+        backs: bool,
+        watch: &mut Watch,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, .. } = context;
+        let (owners, others) =
+            (plan.layout.slots_of(&between.owners.tiles), plan.layout.slots_of(&between.others.tiles));
+        let offsets = &list.offsets;
+        let mut begin = owners.start;
+        while begin < owners.end {
+            // Whole workgroups of owners, at least one.
+            let wanted = u64::from(offsets[begin as usize]) + self.near_pace.pairs();
+            let run = &offsets[begin as usize..owners.end as usize];
+            let count = run.partition_point(|&o| u64::from(o) <= wanted) as u32;
+            let end = (begin + count.next_multiple_of(WORKGROUP).max(WORKGROUP)).min(owners.end);
+            let longest = run_lengths(offsets, begin..end).max().unwrap_or(0);
+            for skip in (0..longest).step_by(self.take as usize) {
+                let push = NearPush {
+                    owner_begin: begin,
+                    owner_end: end,
+                    other_begin: others.start,
+                    other_end: others.end,
+                    half_range: 0.5 * plan.accuracy.subsample as f32,
+                    owner_page: owners.start,
+                    other_page: others.start,
+                    backs: u32::from(backs),
+                    skip,
+                    take: self.take,
+                };
+                let taken = run_lengths(offsets, begin..end);
+                let taken: u64 = taken.map(|n| u64::from(n.saturating_sub(skip).min(self.take))).sum();
+                let mut batch = device.batch()?;
+                let groups = [(end - begin).div_ceil(WORKGROUP), 1, 1];
+                batch.dispatch(&self.near, &self.shape, buffers, bytes_of(&push), groups)?;
+                let timing = batch.submit()?;
+                self.near_pace.learn(taken, timing.wall_seconds);
+                watch.done(taken * NEAR_COST / plan.layout.groups.len() as u64)?;
+            }
+            begin = end;
+        }
+        Ok(())
+    }
+}
+
+/// Lengths of the lists of some owners.
+fn run_lengths(offsets: &[u32], owners: Range<u32>) -> impl Iterator<Item = u32> {
+    offsets[owners.start as usize..=owners.end as usize].windows(2).map(|pair| pair[1] - pair[0])
+}
+
+/// Runs of tiles, one a dispatch.
+fn tile_runs(tiles: &Range<u32>) -> impl Iterator<Item = Range<u32>> + use<> {
+    let end = tiles.end;
+    (tiles.start..end).step_by(OTHER_TILES as usize).map(move |start| start..(start + OTHER_TILES).min(end))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tile_runs_cover_everything_once() {
+        for (start, end) in [(0, 1000), (37, 1000), (64, 65), (100, 5000)] {
+            let all: Vec<u32> = tile_runs(&(start..end)).flatten().collect();
+            assert_eq!(all, (start..end).collect::<Vec<_>>());
+            assert!(tile_runs(&(start..end)).all(|run| run.len() <= OTHER_TILES as usize));
+        }
+    }
+}

@@ -1,0 +1,228 @@
+//! The adjoint kernels and the derivative kernels on the device against their f64 twins.
+
+mod support;
+
+use antirad::plan::{Limits, Plan, Wanted};
+use antirad::reference::{
+    FacetGradient, Leaving, Model, State, emission, observe_adjoint, observe_derivative, reflect_adjoint,
+    reflect_derivative, transport_adjoint, transport_derivative,
+};
+use antirad::scene::{Accuracy, BinLayout, Precision, Scene, Weights};
+use antirad::solve::LightOperator;
+use antirad::transport::{Adjoint, AdjointOperator, Operators, SceneBuffers};
+use glam::DVec3;
+use support::random::{Random, random_scene, scattered};
+use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};
+use support::{device, finish};
+
+/// Relative error of each kernel, in the 2-norm over all its output.
+fn tolerance(precision: Precision) -> f64 {
+    match precision {
+        Precision::F32 => 1e-3,
+        Precision::F64 => 1e-10,
+    }
+}
+
+/// Random values of both signs, irradiance and bins independent of each other.
+fn cotangent(model: &Model, random: &mut Random) -> State {
+    let mut state = model.zero();
+    for value in state.irradiance.iter_mut().chain(&mut state.bins) {
+        *value = random.point() - 0.4;
+    }
+    state
+}
+
+/// Bins of a state divided by c_b: from cotangents of H(b)/c_b, as the reference holds them, to those of H(b).
+fn per_irradiance(model: &Model, bins: &[DVec3]) -> Vec<DVec3> {
+    let count = model.bins.count();
+    bins.iter().enumerate().map(|(k, v)| *v / model.bins.projected[k % count]).collect()
+}
+
+fn numbers(gradient: &FacetGradient, scale: f64) -> Vec<f64> {
+    let corners = gradient.corners.iter().flat_map(|c| (*c * scale).to_array());
+    corners
+        .chain(gradient.normal.to_array())
+        .chain([gradient.area, gradient.extent].map(|x| x * scale * scale))
+        .collect()
+}
+
+fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits) -> Limits) {
+    let device = device();
+    let scene = Scene { accuracy, ..scene.clone() };
+    let model = Model::new(&scene);
+    let limits = Limits { gradients: Wanted::EVERYTHING, ..adjust(Limits::of(&device)) };
+    let plan = Plan::new(&scene, &limits, &accuracy).expect("a plan");
+    let buffers = SceneBuffers::new(&device, &scene, &plan).expect("buffers");
+    let mut adjoint = Adjoint::new(&device, &plan).expect("an adjoint").expect("what was planned");
+    let mut operators = Operators::new(&device, plan.clone(), buffers).expect("operators");
+
+    let mut random = Random(7);
+    let light = {
+        let mut state = cotangent(&model, &mut random);
+        for value in state.irradiance.iter_mut().chain(&mut state.bins) {
+            *value = value.abs();
+        }
+        state
+    };
+    let worth = cotangent(&model, &mut random);
+    let eye = DVec3::new(3.0, 0.5, -1.0);
+    let colours: Vec<DVec3> = model.facets.iter().map(|_| random.point() - 0.5).collect();
+
+    let upload = |operators: &mut Operators, state: &State, bins: &[DVec3]| {
+        let x = operators.vector().expect("a vector");
+        let irradiance = by_slot(&plan, |i| state.irradiance[i]);
+        operators.set(&x, &irradiance, &to_pages(&model, &plan, bins)).expect("an upload");
+        x
+    };
+    let h = upload(&mut operators, &light, &light.bins);
+    let x = upload(&mut operators, &worth, &per_irradiance(&model, &worth.bins));
+    let none = by_slot(&plan, |_| DVec3::ZERO);
+    let pages = vec![None; plan.layout.groups.len()];
+    let colours_by_slot = by_slot(&plan, |i| colours[i]);
+
+    let total = worth.bins.len();
+    let mut errors: Vec<(&str, f64)> = Vec::new();
+    let mut operator = AdjointOperator::new(&mut operators, &mut adjoint);
+    operator.set(&none, &none, &pages).expect("cotangents");
+    let leaving = transport_adjoint(&model, &worth);
+    let given = operator.worth_of_leaving(&x).expect("a pass");
+    errors.push((
+        "transport_adjoint, radiance",
+        relative(&rgb_of(&plan, &given.radiance), &flat(&leaving.diffuse)),
+    ));
+    let specular = of_class(&model, &leaving.specular, |c| c.glossy);
+    errors.push((
+        "transport_adjoint, specular",
+        relative(&from_pages(&model, &plan, &given.specular, total), &specular),
+    ));
+    let lobes = operator.lobe_sums(&h).expect("sums");
+    let mut y = operator.vector().expect("a vector");
+    operator.pass(Some(&x), false, &mut y).expect("a pass");
+    let back = reflect_adjoint(&model, &leaving);
+    // The views alone: what they add before any transport.
+    operator.set(&none, &none, &pages).expect("cotangents");
+    operator.add_view(eye, &colours_by_slot).expect("a view");
+    let mut z = operator.vector().expect("a vector");
+    operator.pass(None, true, &mut z).expect("a pass");
+    let seen = reflect_adjoint(&model, &observe_adjoint(&model, eye, &colours));
+    let views = [(eye, colours_by_slot)];
+    let (pairs, _) = operator.geometry(&h, &x, &[], true).expect("derivatives");
+    let (faces, eyes) = operator.geometry(&h, &x, &views, false).expect("derivatives");
+
+    for (name, vector, truth) in [("adjoint pass", &y, &back), ("observe_adjoint", &z, &seen)] {
+        let irradiance = operators.irradiance(vector).expect("values");
+        errors.push((name, relative(&rgb_of(&plan, &irradiance), &flat(&truth.irradiance))));
+        let groups = 0..plan.layout.groups.len();
+        let pages: Vec<_> = groups.map(|g| operators.bins(vector, g).expect("bins")).collect();
+        let bins = per_irradiance(&model, &truth.bins);
+        errors.push((name, relative(&from_pages(&model, &plan, &pages, total), &flat(&bins))));
+    }
+
+    let mut sent: Leaving = model.leave(&light);
+    for (l, e) in sent.diffuse.iter_mut().zip(emission(&model).diffuse) {
+        *l += e;
+    }
+    let scale = plan.placement.scale;
+    let in_order = |slots: &[FacetGradient]| {
+        let mut all = vec![FacetGradient::default(); model.facets.len()];
+        for (&i, gradient) in plan.layout.order.iter().zip(slots) {
+            if let Some(to) = all.get_mut(i as usize) {
+                *to = *gradient;
+            }
+        }
+        all
+    };
+    let mut geometry = |name: [&'static str; 3], given: &[FacetGradient], truth: &[FacetGradient]| {
+        // What a normal's gradient says along the normal means nothing.
+        let tangential =
+            |g: &FacetGradient, n: DVec3| FacetGradient { normal: g.normal.reject_from(n), ..*g };
+        let part = |g: &[FacetGradient], s: f64, range: std::ops::Range<usize>| -> Vec<f64> {
+            let all = g.iter().zip(&model.facets).map(|(g, f)| tangential(g, f.normal));
+            all.flat_map(|g| numbers(&g, s)[range.clone()].to_vec()).collect()
+        };
+        for (name, range) in name.into_iter().zip([0..9, 9..12, 12..14]) {
+            let given = part(given, scale, range.clone());
+            errors.push((name, relative(&given, &part(truth, 1.0, range))));
+        }
+    };
+    geometry(
+        ["derivative, corners", "derivative, normals", "derivative, areas"],
+        &in_order(&pairs),
+        &transport_derivative(&model, &sent, &worth),
+    );
+    let (face_truth, eye_truth) = observe_derivative(&model, &sent, eye, &colours);
+    geometry(
+        ["view derivative, corners", "view derivative, normals", "view derivative, areas"],
+        &in_order(&faces),
+        &face_truth,
+    );
+    errors.push(("view derivative, eye", relative(&(eyes[0] * scale).to_array(), &eye_truth.to_array())));
+
+    let truth = reflect_derivative(&model, &light, &leaving);
+    if let Some(lobes) = lobes {
+        let mut sigma = vec![DVec3::ZERO; model.facets.len()];
+        let mut power = vec![0.0; model.facets.len()];
+        for (&i, [sum, logarithms]) in plan.layout.order.iter().zip(&lobes) {
+            if let Some(m) = model.materials.get(i as usize) {
+                let (n, slope) = (m.specular_normalization(), m.specular_normalization_derivative());
+                sigma[i as usize] = n * *sum;
+                power[i as usize] = DVec3::from(m.specular).dot(slope * *sum + n * *logarithms);
+            }
+        }
+        let glossy = |i: usize| model.classes[i].glossy;
+        let of_truth: Vec<DVec3> =
+            truth.iter().enumerate().map(|(i, g)| if glossy(i) { g.specular } else { DVec3::ZERO }).collect();
+        errors.push(("σ", relative(&flat(&sigma), &flat(&of_truth))));
+        let of_truth: Vec<f64> =
+            truth.iter().enumerate().map(|(i, g)| if glossy(i) { g.power } else { 0.0 }).collect();
+        errors.push(("p", relative(&power, &of_truth)));
+    }
+
+    println!("{name}: {} triangles, {} close pairs", model.facets.len(), plan.near.others.len());
+    for (kernel, error) in &errors {
+        println!("  {kernel}: {error:.2e}");
+    }
+    for (kernel, error) in errors {
+        assert!(error <= tolerance(accuracy.precision), "{name}, {kernel}: relative error {error:e}");
+    }
+    finish(&device);
+}
+
+const DOUBLE: Accuracy = Accuracy {
+    bins: BinLayout::EqualAngle { theta: 10, phi: 13 },
+    weights: Weights::Bilinear,
+    subsample: 30.0,
+    tolerance: 1e-4,
+    max_passes: 200,
+    solver: antirad::scene::SolverChoice::Auto,
+    precision: Precision::F64,
+};
+
+#[test]
+fn double_precision() {
+    compare("diffuse", &random_scene(1, 60, false, false), DOUBLE, |l| l);
+    compare("glossy", &random_scene(2, 131, true, false), DOUBLE, |l| l);
+    compare("crowd", &scattered(10, 80, true, false, 0.5), DOUBLE, |l| l);
+}
+
+#[test]
+fn other_weights_and_layouts() {
+    let scene = random_scene(4, 100, true, false);
+    compare("smoothstep", &scene, Accuracy { weights: Weights::Smoothstep, ..DOUBLE }, |l| l);
+    let concentric = Accuracy { bins: BinLayout::Concentric { n: 12 }, ..DOUBLE };
+    compare("concentric", &scene, concentric, |l| l);
+    compare("both", &scene, Accuracy { weights: Weights::Smoothstep, ..concentric }, |l| l);
+}
+
+#[test]
+fn single_precision() {
+    let single = Accuracy { precision: Precision::F32, ..DOUBLE };
+    compare("f32", &random_scene(3, 300, true, false), single, |l| l);
+    compare("f32, small tiles and pages", &random_scene(6, 200, true, false), single, |l| Limits {
+        tile: 32,
+        page: 1,
+        ..l
+    });
+    let far = Accuracy { subsample: 0.0, ..single };
+    compare("f32, no near field", &random_scene(8, 200, true, true), far, |l| l);
+}

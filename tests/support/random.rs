@@ -1,0 +1,56 @@
+//! Random scenes, the same on every run.
+
+use antirad::scene::{Material, Scene, Triangle};
+use glam::DVec3;
+
+/// A small generator of numbers in [0, 1): the same scenes on every run (splitmix64).
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ z >> 31) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    pub fn point(&mut self) -> DVec3 {
+        DVec3::new(self.next(), self.next(), self.next())
+    }
+}
+
+/// Triangles of all sizes and directions in a box; `glossy` of the materials have a lobe.
+pub fn random_scene(seed: u64, triangles: u32, glossy: bool, grey: bool) -> Scene {
+    scattered(seed, triangles, glossy, grey, 2.0)
+}
+
+/// The same in a cube of side `room`: the smaller, the more close pairs.
+pub fn scattered(seed: u64, triangles: u32, glossy: bool, grey: bool, room: f64) -> Scene {
+    let mut random = Random(seed);
+    let mut materials = Vec::new();
+    for k in 0..4 {
+        let mut material = Material::named(format!("m{k}"));
+        let shade = |random: &mut Random| {
+            if grey { [random.next(); 3] } else { [random.next(), random.next(), random.next()] }
+        };
+        material.albedo = shade(&mut random).map(|x| 0.5 * x);
+        material.emission = if k == 0 { shade(&mut random).map(|x| 5.0 * x) } else { [0.0; 3] };
+        if glossy && k % 2 == 1 {
+            material.specular = shade(&mut random).map(|x| 0.1 * x);
+            material.power = [0.0, 1.0, 20.0, 200.0][(random.next() * 4.0) as usize];
+        }
+        materials.push(material);
+    }
+    let (mut vertices, mut list) = (Vec::new(), Vec::new());
+    for k in 0..triangles {
+        let centre = random.point() * room;
+        let size = 0.02 + 0.3 * random.next();
+        for _ in 0..3 {
+            vertices.push(centre + size * (random.point() - 0.5));
+        }
+        let first = 3 * k;
+        list.push(Triangle { vertices: [first, first + 1, first + 2], material: k % 4 });
+    }
+    Scene::new("random", vertices, list, materials).expect("a scene")
+}
