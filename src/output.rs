@@ -39,17 +39,25 @@ fn replace(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> io::
     Ok(())
 }
 
-/// Writes RGB rows as a float32 array [rows, 3] (NumPy's format).
+/// Writes RGB rows as a float array [rows, 3] (NumPy's format).
 pub fn write_npy<T: npyz::AutoSerialize + Copy>(path: &Path, rows: &[[T; 3]]) -> Result<(), OutputError> {
+    write_array(path, &[rows.len() as u64, 3], rows.iter().flatten().copied())
+}
+
+/// Writes numbers as an array of a shape, the last index running fastest (NumPy's format).
+pub fn write_array<T: npyz::AutoSerialize>(
+    path: &Path,
+    shape: &[u64],
+    numbers: impl Iterator<Item = T>,
+) -> Result<(), OutputError> {
     use npyz::WriterBuilder;
     atomic_write(path, |file| {
-        let shape = [rows.len() as u64, 3];
         let mut writer = npyz::WriteOptions::new()
             .default_dtype()
-            .shape(&shape)
+            .shape(shape)
             .writer(io::BufWriter::new(file))
             .begin_nd()?;
-        writer.extend(rows.iter().flatten().copied())?;
+        writer.extend(numbers)?;
         writer.finish()
     })
 }

@@ -30,7 +30,9 @@ pub use file::LoadOptions;
 pub use material::{Material, Normalization};
 pub use shapes::Shape;
 
-pub(crate) use error::nearest;
+pub(crate) use error::{Place, nearest};
+pub(crate) use tables::{CameraTable, Triple};
+pub(crate) use toml_file::TomlFile;
 
 use glam::DVec3;
 

@@ -1,5 +1,8 @@
 //! Fitting, without a device where none is needed.
 
+mod double;
+mod job_files;
+mod jobs;
 mod parameters;
 
 use antirad::scene::{LoadOptions, Scene};

@@ -30,6 +30,8 @@ pub struct Adam {
     bounds: Bounds,
     start: Vec<f64>,
     point: Option<Point>,
+    /// Adam may step uphill: the lowest value seen, and where.
+    best: Option<(f64, Vec<f64>)>,
     mean: Vec<f64>,
     square: Vec<f64>,
     steps: i32,
@@ -40,11 +42,25 @@ impl Adam {
     pub fn new(mut x: Vec<f64>, bounds: Bounds, options: AdamOptions) -> Self {
         bounds.project(&mut x);
         let zeros = vec![0.0; x.len()];
-        Self { options, bounds, start: x, point: None, mean: zeros.clone(), square: zeros, steps: 0 }
+        Self {
+            options,
+            bounds,
+            start: x,
+            point: None,
+            best: None,
+            mean: zeros.clone(),
+            square: zeros,
+            steps: 0,
+        }
     }
 
     pub fn x(&self) -> &[f64] {
         self.point.as_ref().map_or(&self.start, |point| &point.x)
+    }
+
+    /// The point of lowest value so far.
+    pub fn best(&self) -> &[f64] {
+        self.best.as_ref().map_or(&self.start, |(_, x)| x)
     }
 
     /// One step: one evaluation, two for the first, more where the objective is not finite.
@@ -83,6 +99,11 @@ impl Adam {
                     evaluations,
                     progress: next.x != here.x,
                 };
+                for point in [&here, &next] {
+                    if self.best.as_ref().is_none_or(|(value, _)| point.value < *value) {
+                        self.best = Some((point.value, point.x.clone()));
+                    }
+                }
                 (self.point, self.mean, self.square, self.steps) = (Some(next), mean, square, steps);
                 return Ok(step);
             }
@@ -90,6 +111,7 @@ impl Adam {
         }
         let gradient = self.bounds.projected_gradient(&here.x, &here.gradient);
         let value = here.value;
+        self.best.get_or_insert_with(|| (value, here.x.clone()));
         self.point = Some(here);
         Ok(Step { value, gradient, length: 0.0, evaluations, progress: false })
     }

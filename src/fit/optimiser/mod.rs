@@ -167,6 +167,14 @@ impl Optimiser {
         }
     }
 
+    /// The best point so far: with all but Adam, where the optimiser stands.
+    pub fn best(&self) -> &[f64] {
+        match self {
+            Self::Adam(optimiser) => optimiser.best(),
+            Self::QuasiNewton(_) | Self::LeastSquares(_) => self.x(),
+        }
+    }
+
     /// Bytes of vectors that the optimiser holds for `n` unknowns.
     pub fn bytes(&self, n: usize) -> u64 {
         let vectors = match self {
