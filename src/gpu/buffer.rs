@@ -165,6 +165,10 @@ impl Block {
         .during("binding the memory of", &self.label)
     }
 
+    pub(super) fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
     pub(super) fn mapped(&mut self) -> Option<&mut [u8]> {
         let bytes = usize::try_from(self.bytes).ok()?;
         self.allocation.mapped_slice_mut()?.get_mut(..bytes)

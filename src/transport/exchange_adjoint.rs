@@ -41,13 +41,14 @@ impl ExchangeAdjoint {
         watch: &mut Watch,
     ) -> Result<(), TransportError> {
         let Context { plan, scene, leaving, .. } = context;
+        let (x, y) = (x.resident()?, y.resident()?);
         watch.begin(Sweep::pairs(plan));
         let none = &scene.no_bins;
         for (s, from) in plan.layout.groups.iter().enumerate() {
             for (t, to) in plan.layout.groups.iter().enumerate() {
                 let shape = Shape::new(from.class, to.class);
                 let Some(sweep) = sweep_of(&mut self.sweeps, shape) else { continue };
-                let between = Between { owners: from, others: to };
+                let between = Between::groups(plan, from, to);
                 let irradiance = x.irradiance.whole();
                 let arriving = x.bins[t].as_ref().unwrap_or(none).whole();
                 let back = y.bins[s].as_ref().unwrap_or(none).whole();

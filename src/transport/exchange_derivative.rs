@@ -52,6 +52,7 @@ impl ExchangeDerivative {
         watch: &mut Watch,
     ) -> Result<(), TransportError> {
         let Context { plan, scene, leaving, .. } = context;
+        let (x, cotangent) = (x.resident()?, cotangent.resident()?);
         watch.begin(2 * Sweep::pairs(plan));
         let none = &scene.no_bins;
         for owns_source in [true, false] {
@@ -63,8 +64,8 @@ impl ExchangeDerivative {
                 for (t, to) in plan.layout.groups.iter().enumerate() {
                     let Some(sweep) = sweep_of(sweeps, Shape::new(from.class, to.class)) else { continue };
                     let between = match owns_source {
-                        true => Between { owners: from, others: to },
-                        false => Between { owners: to, others: from },
+                        true => Between::groups(plan, from, to),
+                        false => Between::groups(plan, to, from),
                     };
                     let both = [
                         scene.facets.whole(),

@@ -1,7 +1,7 @@
 //! Walking over pairs of triangles: point to point by tiles, and over pieces for close pairs. What U, its transpose and
 //! its derivatives have in common.
 
-use super::pace::Pace;
+use super::pace::{Bundle, Pace};
 use super::watch::{TransportError, Watch};
 use super::{Context, WORKGROUP};
 use crate::gpu::{BufferSlice, Device, GpuError, Pipeline};
@@ -81,6 +81,15 @@ pub struct Sweep {
 pub struct Between<'a> {
     pub owners: &'a Group,
     pub others: &'a Group,
+    /// The slot whose bins come first in the buffers of the owners.
+    pub first_slot: u32,
+}
+
+impl<'a> Between<'a> {
+    /// Of groups whose bins stand in pages of their own.
+    pub fn groups(plan: &Plan, owners: &'a Group, others: &'a Group) -> Self {
+        Self { owners, others, first_slot: plan.layout.slots_of(&owners.tiles).start }
+    }
 }
 
 impl Sweep {
@@ -103,6 +112,12 @@ impl Sweep {
         })
     }
 
+    /// Pairs of two groups, point to point.
+    pub fn far_pairs(plan: &Plan, one: &Group, other: &Group) -> u64 {
+        let tiles = one.tiles.len() as u64 * other.tiles.len() as u64;
+        tiles * u64::from(plan.layout.tile * plan.layout.tile)
+    }
+
     /// Pairs of a whole pass, weighted by what they cost.
     pub fn pairs(plan: &Plan) -> u64 {
         let slots = u64::from(plan.layout.slots());
@@ -119,34 +134,34 @@ impl Sweep {
         watch: &mut Watch,
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
-        let Between { owners, others } = between;
+        let Between { owners, others, first_slot } = between;
         let tile = plan.layout.tile;
+        let Self { far, far_pace, workgroups, shape, .. } = self;
+        let mut bundle = Bundle::new(device, far_pace, watch);
         for run in tile_runs(&others.tiles) {
+            let pairs_of_row = u64::from(tile * tile) * run.len() as u64;
             let mut begin = owners.tiles.start;
             while begin < owners.tiles.end {
-                let affordable = self.far_pace.pairs() / u64::from(tile * tile) / run.len() as u64;
-                let rows = (owners.tiles.end - begin).min(affordable.clamp(1, u64::from(u32::MAX)) as u32);
+                let rows = bundle.share(owners.tiles.end - begin, pairs_of_row);
                 let push = FarPush {
                     owner_tile: begin,
                     other_begin: run.start,
                     other_end: run.end,
                     row_words: plan.tile_pairs.row_words,
                     half_range: 0.5 * plan.accuracy.subsample as f32,
-                    owner_page: owners.tiles.start * tile,
+                    owner_page: first_slot,
                     other_page: others.tiles.start * tile,
                     passing,
                 };
-                let mut batch = device.batch()?;
-                let groups = [rows, self.workgroups, 1];
-                batch.dispatch(&self.far, &self.shape, buffers, bytes_of(&push), groups)?;
-                let timing = batch.submit()?;
-                let pairs = u64::from(rows * run.len() as u32) * u64::from(tile * tile);
-                self.far_pace.learn(pairs, timing.wall_seconds);
-                watch.done(pairs)?;
+                let groups = [rows, *workgroups, 1];
+                let pairs = pairs_of_row * u64::from(rows);
+                bundle.add(pairs, pairs, |batch| {
+                    batch.dispatch(far, shape, buffers, bytes_of(&push), groups)
+                })?;
                 begin += rows;
             }
         }
-        Ok(())
+        bundle.submit()
     }
 
     /// The close pairs of `list`, which is that of the owners. `backs`: whether there is antiradiance.
@@ -162,46 +177,45 @@ impl Sweep {
         let Context { device, plan, .. } = context;
         let (owners, others) =
             (plan.layout.slots_of(&between.owners.tiles), plan.layout.slots_of(&between.others.tiles));
-        let offsets = &list.offsets;
-        let mut begin = owners.start;
-        while begin < owners.end {
-            // Whole workgroups of owners, at least one.
-            let wanted = u64::from(offsets[begin as usize]) + self.near_pace.pairs();
-            let run = &offsets[begin as usize..owners.end as usize];
-            let count = run.partition_point(|&o| u64::from(o) <= wanted) as u32;
-            let end = (begin + count.next_multiple_of(WORKGROUP).max(WORKGROUP)).min(owners.end);
-            let longest = run_lengths(offsets, begin..end).max().unwrap_or(0);
-            for skip in (0..longest).step_by(self.take as usize) {
+        // How many close others each owner has here.
+        let counts: Vec<u32> = owners.clone().map(|owner| list.of(owner, &others).len() as u32).collect();
+        let Self { near, near_pace, take, shape, .. } = self;
+        let mut bundle = Bundle::new(device, near_pace, watch);
+        let mut begin = 0;
+        while begin < counts.len() {
+            // Owners with something to do, as many whole workgroups as make a submission, at least one.
+            begin += counts[begin..].iter().take_while(|&&n| n == 0).count();
+            let mut work = 0;
+            let workgroups = counts[begin..].chunks(WORKGROUP as usize).take_while(|owners| {
+                work += owners.iter().copied().map(u64::from).sum::<u64>();
+                work <= bundle.affordable()
+            });
+            let end = (begin + workgroups.count().max(1) * WORKGROUP as usize).min(counts.len());
+            let run = &counts[begin..end];
+            let longest = run.iter().copied().max().unwrap_or(0);
+            for skip in (0..longest).step_by(*take as usize) {
                 let push = NearPush {
-                    owner_begin: begin,
-                    owner_end: end,
+                    owner_begin: owners.start + begin as u32,
+                    owner_end: owners.start + end as u32,
                     other_begin: others.start,
                     other_end: others.end,
                     half_range: 0.5 * plan.accuracy.subsample as f32,
-                    owner_page: owners.start,
+                    owner_page: between.first_slot,
                     other_page: others.start,
                     backs: u32::from(backs),
                     skip,
-                    take: self.take,
+                    take: *take,
                 };
-                let taken = run_lengths(offsets, begin..end);
-                let taken: u64 = taken.map(|n| u64::from(n.saturating_sub(skip).min(self.take))).sum();
-                let mut batch = device.batch()?;
-                let groups = [(end - begin).div_ceil(WORKGROUP), 1, 1];
-                batch.dispatch(&self.near, &self.shape, buffers, bytes_of(&push), groups)?;
-                let timing = batch.submit()?;
-                self.near_pace.learn(taken, timing.wall_seconds);
-                watch.done(taken * NEAR_COST / plan.layout.groups.len() as u64)?;
+                let taken = run.iter().map(|n| u64::from(n.saturating_sub(skip).min(*take))).sum();
+                let groups = [(run.len() as u32).div_ceil(WORKGROUP), 1, 1];
+                bundle.add(taken, taken * NEAR_COST, |batch| {
+                    batch.dispatch(near, shape, buffers, bytes_of(&push), groups)
+                })?;
             }
             begin = end;
         }
-        Ok(())
+        bundle.submit()
     }
-}
-
-/// Lengths of the lists of some owners.
-fn run_lengths(offsets: &[u32], owners: Range<u32>) -> impl Iterator<Item = u32> {
-    offsets[owners.start as usize..=owners.end as usize].windows(2).map(|pair| pair[1] - pair[0])
 }
 
 /// Runs of tiles, one a dispatch.

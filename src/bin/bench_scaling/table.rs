@@ -17,11 +17,19 @@ pub struct Row {
     pub size: u32,
     pub triangles: usize,
     pub bins: String,
+    /// Device memory allowed, if limited.
+    #[serde(default)]
+    pub budget: Option<u64>,
     pub bytes_planned: u64,
     pub bytes_allocated: u64,
     pub bytes_peak: u64,
     /// Of them those that do not depend on the scene: staging.
     pub bytes_fixed: u64,
+    /// Of states on the host, and what a bounce moves between it and the device; 0 where they live on the device.
+    #[serde(default)]
+    pub bytes_host: u64,
+    #[serde(default)]
+    pub bytes_moved: u64,
     pub resident_growth: u64,
     pub resident_peak: u64,
     pub pairs: u64,
