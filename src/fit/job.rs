@@ -59,7 +59,8 @@ impl From<RenderError> for FitError {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OptimiserKind {
-    /// Bounded least squares if nothing but emission is fitted by a quadratic loss, else the quasi-Newton method.
+    /// Bounded least squares if nothing but emission is fitted by the loss L2, else the quasi-Newton method, which bears
+    /// the very different weights of a relative loss better.
     #[default]
     Auto,
     QuasiNewton,
@@ -315,7 +316,9 @@ impl Job {
     /// The optimiser that will be used, never [`OptimiserKind::Auto`].
     pub fn optimiser(&self) -> OptimiserKind {
         match self.settings.optimiser {
-            OptimiserKind::Auto if self.is_quadratic() => OptimiserKind::LeastSquares,
+            OptimiserKind::Auto if self.is_quadratic() && self.settings.loss == LossKind::L2 => {
+                OptimiserKind::LeastSquares
+            }
             OptimiserKind::Auto => OptimiserKind::QuasiNewton,
             kind => kind,
         }

@@ -1,6 +1,7 @@
 //! Bounded linear least squares, and any other convex quadratic within bounds, by conjugate gradients on the unknowns
-//! that are free: modified proportioning with reduced gradient projections (Dostál and Schöberl 2005). It needs
-//! products with the Hessian JᵀJ alone, one a step; J itself is never formed.
+//! that are free: modified proportioning with reduced gradient projections (Dostál and Schöberl 2005), whose steps past
+//! a bound are projected whole (Kružík et al. 2020). It needs products with the Hessian JᵀJ alone; J itself is never
+//! formed.
 
 use super::{Bounds, Curvature, Objective, Point, Step, StepError, dot, largest_difference};
 use serde::{Deserialize, Serialize};
@@ -57,7 +58,7 @@ impl LeastSquares {
         (0..point.x.len()).map(of).unzip()
     }
 
-    /// One step: one product with the Hessian, two where a bound is met; the first takes some more.
+    /// One step: one product with the Hessian, two or three where a bound is met; the first takes some more.
     ///
     /// `objective` is asked at the start and every 25 steps, `curvature` for the products.
     pub fn step<E>(
@@ -126,8 +127,8 @@ impl LeastSquares {
             return Ok(step);
         }
         let point = &mut state.point;
-        self.advance(point, &direction, &curved, length);
         if wished <= longest {
+            self.advance(point, &direction, &curved, length);
             let (free, _) = self.split(point);
             state.direction = if proportional {
                 let share = dot(&free, &curved) / bend;
@@ -136,22 +137,36 @@ impl LeastSquares {
                 free
             };
         } else {
-            // A bound was met: go on along the gradient of the free unknowns, bent by all bounds on the way.
-            let (free, _) = self.split(point);
-            let rate = 1.0 / state.stiffness.max(f64::MIN_POSITIVE);
-            let mut bent: Vec<f64> = point.x.iter().zip(&free).map(|(x, f)| x - rate * f).collect();
-            self.bounds.project(&mut bent);
-            let moved: Vec<f64> = point.x.iter().zip(&bent).map(|(x, b)| x - b).collect();
-            if moved.iter().any(|m| *m != 0.0) {
-                let curved = product(&moved)?;
-                evaluations += 1;
-                let bend = dot(&moved, &curved);
-                state.stiffness = state.stiffness.max(bend / dot(&moved, &moved));
-                // Shorter where the estimate of the stiffness was too low, so that the value never rises.
-                let best = if bend > 0.0 { (dot(&moved, &point.gradient) / bend).min(1.0) } else { 1.0 };
-                self.advance(point, &moved, &curved, best);
-                if best == 1.0 {
-                    point.x = bent;
+            // A bound is in the way. The whole step, bent by all bounds that it meets, finds many of them at once.
+            let bent = |point: &Point, length: f64, direction: &[f64]| {
+                let mut bent: Vec<f64> = point.x.iter().zip(direction).map(|(x, d)| x - length * d).collect();
+                self.bounds.project(&mut bent);
+                let moved: Vec<f64> = point.x.iter().zip(&bent).map(|(x, b)| x - b).collect();
+                (bent, moved)
+            };
+            let (whole, moved) = bent(point, wished, &direction);
+            let curved_moved = product(&moved)?;
+            evaluations += 1;
+            if dot(&moved, &point.gradient) > 0.5 * dot(&moved, &curved_moved) {
+                self.advance(point, &moved, &curved_moved, 1.0);
+                point.x = whole;
+            } else {
+                // Bent so far that it leads uphill: only to the first bound, then along the gradient of the free unknowns
+                // by a step that is short enough for any curvature seen.
+                self.advance(point, &direction, &curved, length);
+                let (free, _) = self.split(point);
+                let (whole, moved) = bent(point, 1.0 / state.stiffness.max(f64::MIN_POSITIVE), &free);
+                if moved.iter().any(|m| *m != 0.0) {
+                    let curved_moved = product(&moved)?;
+                    evaluations += 1;
+                    let bend = dot(&moved, &curved_moved);
+                    state.stiffness = state.stiffness.max(bend / dot(&moved, &moved));
+                    // Shorter where the estimate of the stiffness was too low, so that the value never rises.
+                    let best = if bend > 0.0 { (dot(&moved, &point.gradient) / bend).min(1.0) } else { 1.0 };
+                    self.advance(point, &moved, &curved_moved, best);
+                    if best == 1.0 {
+                        point.x = whole;
+                    }
                 }
             }
             state.direction = self.split(point).0;
@@ -161,7 +176,6 @@ impl LeastSquares {
             evaluations += 1;
             if let Some(fresh) = Point::evaluate(state.point.x.clone(), objective)? {
                 state.point = fresh;
-                state.direction = self.split(&state.point).0;
             }
         }
         let step = self.report(&before, &state.point, evaluations, true);
