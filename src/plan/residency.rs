@@ -29,13 +29,10 @@ const LEAST_STAGING: u64 = 128 << 10;
 /// Staging buffers come in pairs of multiples of the rounding of buffers.
 const STAGING_STEP: u64 = 512;
 
-/// Tiles of sources that a window holds at most: a few dispatches' worth. More would not move fewer bytes: all states go
-/// through the window once for each window of receivers, whatever its own size.
-const MOST_SOURCES: u32 = 64;
 /// Tiles of sources of one dispatch, of which a window should hold a multiple.
 const DISPATCHED_SOURCES: u32 = 16;
-/// Bytes of a window of receivers at most: it is copied at once, and Ctrl-C waits for that.
-const MOST_RECEIVER_BYTES: u64 = 512 << 20;
+/// Bytes of a window at most: it is copied at once, and Ctrl-C waits for that.
+const MOST_WINDOW_BYTES: u64 = 512 << 20;
 
 impl Plan {
     /// Tiles with bins: all groups that have some follow one another, at the end.
@@ -125,7 +122,8 @@ impl Plan {
 
     /// Moves all states to the host, with the largest windows on them that the budget allows.
     ///
-    /// Windows for receivers count most: in each pass all sources go once through each of them.
+    /// Windows for receivers count most: in each pass all sources go by each of them. Larger ones for sources move no
+    /// fewer bytes, but lists of close sources are cut less often.
     pub(super) fn stream(&mut self) -> Result<(), PlanError> {
         let budget = self.limits.memory_budget;
         self.set_windows(1, 1, self.limits.staging.min(LEAST_STAGING));
@@ -144,18 +142,18 @@ impl Plan {
         let page = self.limits.page.min(self.limits.max_buffer);
         let most = |bytes: u64| (bytes / self.tile_bytes()).clamp(1, u64::from(u32::MAX)) as u32;
         let total = (self.tiles_with_bins().len() as u32).max(1);
-        let sources = 1 + (tiles / 8 / each).min(u64::from(MOST_SOURCES - 1)) as u32;
-        let sources = sources.min(most(page)).min(total);
-        let sources = if sources < DISPATCHED_SOURCES {
-            sources
-        } else {
-            sources / DISPATCHED_SOURCES * DISPATCHED_SOURCES
-        };
-        let left = tiles - each * u64::from(sources - 1);
-        let receivers = (1 + left).min(u64::from(most(page.min(MOST_RECEIVER_BYTES)))).min(u64::from(total));
-        // All of about the same size: as many sweeps, and no short one at the end.
-        let sweeps = total.div_ceil(receivers as u32);
-        self.set_windows(total.div_ceil(sweeps), sources, least_staging + more_staging);
+        let most = most(page.min(MOST_WINDOW_BYTES)).min(total);
+        // First as few sweeps as leave an eighth for sources, or what a dispatch takes of them; then as many sources as
+        // these sweeps leave room for. Windows are all of about the same size: as many, and no short one at the end.
+        let reserved = (tiles / 8).max((tiles / 2).min(each * u64::from(DISPATCHED_SOURCES)));
+        let receivers = u64::from(most).min(1 + tiles - reserved) as u32;
+        let receivers = total.div_ceil(total.div_ceil(receivers));
+        let left = tiles.saturating_sub(u64::from(receivers - 1)) / each;
+        let sources = u64::from(most).min(1 + left) as u32;
+        let step = if sources < DISPATCHED_SOURCES { 1 } else { DISPATCHED_SOURCES };
+        let sources = sources / step * step;
+        let sources = total.div_ceil(total.div_ceil(sources)).next_multiple_of(step).min(sources);
+        self.set_windows(receivers, sources, least_staging + more_staging);
         if self.memory.total() > budget {
             self.set_windows(1, 1, least_staging);
         }

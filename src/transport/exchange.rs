@@ -89,6 +89,7 @@ impl Exchange {
             single: shape.any_bins(),
             constants: shape.constants(plan),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
+            gathers: u64::from(shape.source.has_bins()),
             shape: shape.name(),
         };
         Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)? })
@@ -135,7 +136,12 @@ impl Exchange {
                 for (to, arriving) in lit {
                     let shape = Shape::new(from.class, to.class);
                     let Some(sweep) = sweep_of(&mut self.sweeps, shape) else { continue };
-                    let between = Between { owners: to, others: from, first_slot: arriving.first_slot };
+                    let between = Between {
+                        owners: to,
+                        others: from,
+                        first_slot: arriving.first_slot,
+                        sources_own: false,
+                    };
                     let near = [
                         facets,
                         radiance,

@@ -25,6 +25,7 @@ impl ExchangeAdjoint {
             single: shape.any_bins(),
             constants: shape.constants(plan),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
+            gathers: u64::from(shape.receiver_bins),
             shape: shape.name(),
         };
         Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)? })
@@ -48,7 +49,7 @@ impl ExchangeAdjoint {
             for (t, to) in plan.layout.groups.iter().enumerate() {
                 let shape = Shape::new(from.class, to.class);
                 let Some(sweep) = sweep_of(&mut self.sweeps, shape) else { continue };
-                let between = Between::groups(plan, from, to);
+                let between = Between::groups(plan, from, to, true);
                 let irradiance = x.irradiance.whole();
                 let arriving = x.bins[t].as_ref().unwrap_or(none).whole();
                 let back = y.bins[s].as_ref().unwrap_or(none).whole();

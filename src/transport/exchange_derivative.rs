@@ -33,6 +33,7 @@ impl ExchangeDerivative {
             single: true,
             constants: [&shape.constants(plan)[..], &[(OWNS_SOURCE, u32::from(owns_source))]].concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
+            gathers: u64::from(shape.source.has_bins()) + u64::from(shape.receiver_bins),
             shape: format!("{}, by {}", shape.name(), if owns_source { "source" } else { "receiver" }),
         };
         Ok(Self {
@@ -64,8 +65,8 @@ impl ExchangeDerivative {
                 for (t, to) in plan.layout.groups.iter().enumerate() {
                     let Some(sweep) = sweep_of(sweeps, Shape::new(from.class, to.class)) else { continue };
                     let between = match owns_source {
-                        true => Between::groups(plan, from, to),
-                        false => Between::groups(plan, to, from),
+                        true => Between::groups(plan, from, to, true),
+                        false => Between::groups(plan, to, from, false),
                     };
                     let both = [
                         scene.facets.whole(),

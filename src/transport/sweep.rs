@@ -5,7 +5,7 @@ use super::pace::{Bundle, Pace};
 use super::watch::{TransportError, Watch};
 use super::{Context, WORKGROUP};
 use crate::gpu::{BufferSlice, Device, GpuError, Pipeline};
-use crate::plan::{Group, NearPairs, Plan};
+use crate::plan::{Group, NearPairs, PAIR_BACK, PAIR_FRONT, Plan};
 use crate::shaders::RealShader;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::ops::Range;
@@ -49,6 +49,12 @@ const OTHER_TILES: u32 = 16;
 /// Point-to-point pairs that a close one takes as long as: for the time left, nothing else.
 const NEAR_COST: u64 = 100;
 
+/// Reals of a `Facet` and of radiance, and of corners: glsl/geometry.glsl.
+const SOURCE_REALS: f64 = 12.0;
+const CORNER_REALS: f64 = 12.0;
+/// Pairs of pieces at the first level of the near field.
+const PIECES: u32 = 16;
+
 /// What a sweep is made of.
 pub struct Kernels<'a> {
     /// The kernels, with the number of their buffers.
@@ -60,6 +66,8 @@ pub struct Kernels<'a> {
     pub constants: Vec<(u32, u32)>,
     /// Close others per owner and dispatch: a bound like [`OTHER_TILES`].
     pub take: u32,
+    /// Bins of which a pair reads four at either end, so many ends: for the profile.
+    pub gathers: u64,
     /// For the profile.
     pub shape: String,
 }
@@ -73,6 +81,8 @@ pub struct Sweep {
     take: u32,
     far_pace: Pace,
     near_pace: Pace,
+    /// Bytes that a point-to-point pair and a close pair ask of buffers.
+    bytes: [f64; 2],
     shape: String,
 }
 
@@ -83,12 +93,14 @@ pub struct Between<'a> {
     pub others: &'a Group,
     /// The slot whose bins come first in the buffers of the owners.
     pub first_slot: u32,
+    /// Whether the owners are sources, or receivers.
+    pub sources_own: bool,
 }
 
 impl<'a> Between<'a> {
     /// Of groups whose bins stand in pages of their own.
-    pub fn groups(plan: &Plan, owners: &'a Group, others: &'a Group) -> Self {
-        Self { owners, others, first_slot: plan.layout.slots_of(&owners.tiles).start }
+    pub fn groups(plan: &Plan, owners: &'a Group, others: &'a Group, sources_own: bool) -> Self {
+        Self { owners, others, first_slot: plan.layout.slots_of(&owners.tiles).start, sources_own }
     }
 }
 
@@ -96,7 +108,11 @@ impl Sweep {
     pub fn new(device: &Device, plan: &Plan, kernels: Kernels) -> Result<Self, GpuError> {
         let precision = plan.accuracy.precision;
         let lanes = device.info().subgroup_size.min(plan.limits.tile);
-        let Kernels { far, near, single, constants, take, shape } = kernels;
+        let Kernels { far, near, single, constants, take, gathers, shape } = kernels;
+        let real = precision.bytes() as f64;
+        let gathered = gathers as f64 * 4.0 * f64::from(plan.channels) * real;
+        // What is read of a source serves all the triangles that a subgroup owns.
+        let owned = f64::from(if single { lanes } else { plan.limits.tile });
         let of_far = [&[(0, lanes), (1, plan.limits.tile)][..], &constants].concat();
         let of_near = [&[(0, WORKGROUP)][..], &constants].concat();
         let far_push = size_of::<FarPush>() as u32;
@@ -108,6 +124,10 @@ impl Sweep {
             take,
             far_pace: Pace::new(if single { 2e6 } else { 5e7 }),
             near_pace: Pace::new(1e5),
+            bytes: [
+                SOURCE_REALS * real / owned + gathered,
+                (SOURCE_REALS + CORNER_REALS) * real + f64::from(PIECES) * gathered,
+            ],
             shape,
         })
     }
@@ -134,9 +154,10 @@ impl Sweep {
         watch: &mut Watch,
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
-        let Between { owners, others, first_slot } = between;
+        let Between { owners, others, first_slot, .. } = between;
         let tile = plan.layout.tile;
-        let Self { far, far_pace, workgroups, shape, .. } = self;
+        let Self { far, far_pace, workgroups, bytes, shape, .. } = self;
+        let mut passed = 0;
         let mut bundle = Bundle::new(device, far_pace, watch);
         for run in tile_runs(&others.tiles) {
             let pairs_of_row = u64::from(tile * tile) * run.len() as u64;
@@ -154,6 +175,7 @@ impl Sweep {
                     passing,
                 };
                 let groups = [rows, *workgroups, 1];
+                passed += passing_tiles(plan, between, begin..begin + rows, run.clone(), passing);
                 let pairs = pairs_of_row * u64::from(rows);
                 bundle.add(pairs, pairs, |batch| {
                     batch.dispatch(far, shape, buffers, bytes_of(&push), groups)
@@ -161,7 +183,10 @@ impl Sweep {
                 begin += rows;
             }
         }
-        bundle.submit()
+        bundle.submit()?;
+        let pairs = passed * u64::from(tile * tile);
+        device.credit(far.kernel(), shape, pairs, (pairs as f64 * bytes[0]) as u64);
+        Ok(())
     }
 
     /// The close pairs of `list`, which is that of the owners. `backs`: whether there is antiradiance.
@@ -179,7 +204,7 @@ impl Sweep {
             (plan.layout.slots_of(&between.owners.tiles), plan.layout.slots_of(&between.others.tiles));
         // How many close others each owner has here.
         let counts: Vec<u32> = owners.clone().map(|owner| list.of(owner, &others).len() as u32).collect();
-        let Self { near, near_pace, take, shape, .. } = self;
+        let Self { near, near_pace, take, bytes, shape, .. } = self;
         let mut bundle = Bundle::new(device, near_pace, watch);
         let mut begin = 0;
         while begin < counts.len() {
@@ -214,8 +239,21 @@ impl Sweep {
             }
             begin = end;
         }
-        bundle.submit()
+        bundle.submit()?;
+        let pairs = counts.iter().copied().map(u64::from).sum();
+        device.credit(near.kernel(), shape, pairs, (pairs as f64 * bytes[1]) as u64);
+        Ok(())
     }
+}
+
+/// Pairs of tiles between which something may pass.
+fn passing_tiles(plan: &Plan, between: Between, owners: Range<u32>, others: Range<u32>, passing: u32) -> u64 {
+    let wanted = passing & (PAIR_FRONT | PAIR_BACK);
+    let passes = |owner: u32, other: u32| {
+        let (receiver, source) = if between.sources_own { (other, owner) } else { (owner, other) };
+        plan.tile_pairs.get(receiver, source) & wanted != 0
+    };
+    owners.map(|owner| others.clone().filter(|&other| passes(owner, other)).count() as u64).sum()
 }
 
 /// Runs of tiles, one a dispatch.

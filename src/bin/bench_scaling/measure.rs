@@ -130,10 +130,7 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
     }
     if arguments.verbose > 0 {
         for row in device.profile() {
-            eprintln!(
-                "{size}: {:8.3} s in {:5} dispatches, {}, {}",
-                row.seconds, row.count, row.kernel, row.shape
-            );
+            eprintln!("{size}: {row}");
         }
     }
     let pairs = report.pairs;
