@@ -97,8 +97,12 @@ impl LogPlot {
             .x_label_area_size(48)
             .y_label_area_size(80)
             .build_cartesian_2d(x, y.log_scale())?;
-        let number =
-            |v: &f64| if *v >= 1e4 || *v < 1e-4 && *v != 0.0 { format!("{v:.0e}") } else { format!("{v}") };
+        // Ticks of logarithmic axes are powers of ten but for rounding.
+        let number = |v: &f64| match v.abs() {
+            0.0 => "0".to_owned(),
+            size if (1e-3..1e4).contains(&size) => format!("{}", (v * 1e6).round() / 1e6),
+            _ => format!("{v:.0e}"),
+        };
         chart
             .configure_mesh()
             .x_desc(&self.x)
@@ -124,7 +128,11 @@ impl LogPlot {
         }
         chart
             .configure_series_labels()
-            .position(SeriesLabelPosition::UpperLeft)
+            .position(if self.linear_x {
+                SeriesLabelPosition::UpperRight
+            } else {
+                SeriesLabelPosition::UpperLeft
+            })
             .label_font(("sans-serif", 16))
             .background_style(WHITE.mix(0.85))
             .border_style(BLACK.mix(0.3))

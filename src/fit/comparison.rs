@@ -19,7 +19,7 @@ const LEAST_WIDTH: u32 = 256;
 pub(super) fn write(path: &Path, target: &Target, fitted: &[DVec3]) -> Result<(), ImageError> {
     let (width, height) = (target.camera.width, target.camera.height);
     let zoom = LEAST_WIDTH.div_ceil(width);
-    let white = percentile(target.pixels.iter().enumerate().filter_map(|(at, p)| {
+    let white = white_point(target.pixels.iter().enumerate().filter_map(|(at, p)| {
         let value = p.max_element();
         (target.mask_at(at) > 0.0 && value > 0.0).then_some(value)
     }));
@@ -62,13 +62,14 @@ pub(super) fn write(path: &Path, target: &Target, fitted: &[DVec3]) -> Result<()
     picture.write_png(path, &ToneMap { exposure: Exposure::Stops(0.0), srgb: true })
 }
 
-/// The 99th of a hundred; 1 if there is none.
-fn percentile(values: impl Iterator<Item = f64>) -> f64 {
+/// The radiance that is shown as white: 95 of a hundred pixels that show something are darker. A lamp in the picture may
+/// well fill some hundredths of it, and is to be white. 1 if nothing shines.
+fn white_point(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     if values.is_empty() {
         return 1.0;
     }
-    let rank = (values.len() - 1) * 99 / 100;
+    let rank = (values.len() - 1) * 95 / 100;
     *values.select_nth_unstable_by(rank, f64::total_cmp).1
 }
 

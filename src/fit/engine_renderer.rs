@@ -3,7 +3,7 @@
 use super::gradient::SceneGradient;
 use super::renderer::{Estimate, RenderError, Renderer};
 use crate::gpu::Device;
-use crate::image::{ImageError, PictureOptions, Rasterizer};
+use crate::image::{Coverage, ImageError, PictureOptions, Rasterizer, geometry_gradient};
 use crate::plan::{Limits, Plan, Wanted};
 use crate::scene::{Camera, Scene};
 use crate::solve::SolveError;
@@ -25,34 +25,54 @@ const SOLVES_OF_GEOMETRY: f64 = 1.0;
 pub struct EngineRenderer {
     device: Device,
     rasterizer: Rasterizer,
+    /// Plans are made for its materials, which need as much as any that will come.
+    planning: Scene,
     cameras: Vec<Camera>,
     supersample: u32,
     wanted: Wanted,
     watch: Watch,
     passes: u64,
+    /// For the positions of [`Self::planning`].
+    engine: Option<Engine>,
+    /// What the cameras see of them.
+    coverage: Vec<Coverage>,
     /// Of the latest pictures. It holds device memory until the next ones are made.
     latest: Option<Latest>,
 }
 
 struct Latest {
-    engine: Engine,
+    scene: Scene,
     solution: Solution,
     params: SolveParams,
-    vertices: Vec<DVec3>,
-    seen: Vec<Seen>,
+    /// Of the faces, by view.
+    colours: Vec<Vec<[f64; 3]>>,
 }
 
 impl EngineRenderer {
-    /// For pictures by some cameras, of `supersample` x `supersample` samples a pixel, and derivatives of some kinds.
+    /// For scenes with the triangles of `planning` and materials that need no more than its own
+    /// ([`Parameters::planning_scene`](super::Parameters::planning_scene)), pictures by some cameras, of `supersample` x
+    /// `supersample` samples a pixel, and derivatives of some kinds.
     pub fn new(
         device: &Device,
+        planning: Scene,
         cameras: Vec<Camera>,
         supersample: u32,
         wanted: Wanted,
         watch: Watch,
     ) -> Result<Self, ImageError> {
-        let (device, rasterizer) = (device.clone(), Rasterizer::new(device)?);
-        Ok(Self { device, rasterizer, cameras, supersample, wanted, watch, passes: 0, latest: None })
+        Ok(Self {
+            device: device.clone(),
+            rasterizer: Rasterizer::new(device)?,
+            planning,
+            cameras,
+            supersample,
+            wanted,
+            watch,
+            passes: 0,
+            engine: None,
+            coverage: Vec::new(),
+            latest: None,
+        })
     }
 
     fn plan(&self, scene: &Scene) -> Result<Plan, RenderError> {
@@ -62,43 +82,32 @@ impl EngineRenderer {
             let bytes = Rasterizer::bytes(scene.triangles.len(), camera, &options).map_err(failed)?;
             pictures = pictures.max(bytes);
         }
-        // Derivatives by positions are not taken from here, see `pull_back`.
-        let gradients = Wanted { positions: false, ..self.wanted };
-        let limits = Limits { pictures, gradients, ..Limits::of(&self.device) };
+        let limits = Limits { pictures, gradients: self.wanted, ..Limits::of(&self.device) };
         Plan::new(scene, &limits, &scene.accuracy).map_err(failed)
     }
 
-    /// What the cameras see: anew only if something has moved.
-    fn look(
-        &self,
-        scene: &Scene,
-        earlier: Option<(Vec<DVec3>, Vec<Seen>)>,
-    ) -> Result<Vec<Seen>, RenderError> {
-        match earlier {
-            Some((vertices, seen)) if vertices == scene.vertices => Ok(seen),
-            _ => self
-                .cameras
-                .iter()
-                .map(|camera| {
-                    let samples = self.rasterizer.visible_samples(scene, camera, self.supersample);
-                    Ok(Seen::new(scene, camera, self.supersample, samples.map_err(failed)?))
-                })
-                .collect(),
+    /// Makes engine and coverage fit the positions of a scene.
+    fn prepare(&mut self, scene: &Scene) -> Result<Engine, RenderError> {
+        if self.engine.is_none() || self.planning.vertices != scene.vertices {
+            // Its memory must be free before the next one takes its own.
+            self.engine = None;
+            self.planning.vertices.clone_from(&scene.vertices);
+            self.planning.degenerate.clone_from(&scene.degenerate);
+            let look = |camera| self.rasterizer.coverage(scene, camera, self.supersample);
+            self.coverage = self.cameras.iter().map(look).collect::<Result<_, _>>().map_err(failed)?;
         }
-    }
-
-    fn solve(&mut self, scene: &Scene) -> Result<(Engine, Solution, SolveParams), RenderError> {
-        let plan = self.plan(scene)?;
-        let mut engine = Engine::new(&self.device, scene, plan).map_err(failed)?;
-        let watch = self.watch.clone();
-        engine.set_watcher(Some(Box::new(move |_, _| watch())));
-        let params = SolveParams::from(&scene.accuracy);
-        let (watch, passes) = (self.watch.clone(), &mut self.passes);
-        let solved = engine.solve_with(&params, &mut |_, _| {
-            *passes += 1;
-            watch()
-        });
-        Ok((engine, solved.map_err(sort_out)?, params))
+        let mut engine = match self.engine.take() {
+            Some(engine) => engine,
+            None => {
+                let plan = self.plan(&self.planning)?;
+                let mut engine = Engine::new(&self.device, &self.planning, plan).map_err(failed)?;
+                let watch = self.watch.clone();
+                engine.set_watcher(Some(Box::new(move |_, _| watch())));
+                engine
+            }
+        };
+        engine.set_materials(scene).map_err(failed)?;
+        Ok(engine)
     }
 }
 
@@ -117,16 +126,25 @@ impl Renderer for EngineRenderer {
         if (self.watch)().is_break() {
             return Err(RenderError::Interrupted);
         }
-        // This also frees the device memory of the last engine, before the next one takes its own.
-        let earlier = self.latest.take().map(|latest| (latest.vertices, latest.seen));
-        let seen = self.look(scene, earlier)?;
-        let (mut engine, solution, params) = self.solve(scene)?;
-        let mut pictures = Vec::with_capacity(seen.len());
-        for (camera, seen) in self.cameras.iter().zip(&seen) {
-            let colours = engine.face_colours(&solution, camera.position).map_err(failed)?;
-            pictures.push(seen.pixels(&colours));
+        self.latest = None;
+        let mut engine = self.prepare(scene)?;
+        let params = SolveParams::from(&scene.accuracy);
+        let (watch, passes) = (self.watch.clone(), &mut self.passes);
+        let solved = engine.solve_with(&params, &mut |_, _| {
+            *passes += 1;
+            watch()
+        });
+        let engine = self.engine.insert(engine);
+        let solution = solved.map_err(sort_out)?;
+        let mut pictures = Vec::with_capacity(self.cameras.len());
+        let mut colours = Vec::with_capacity(self.cameras.len());
+        for (camera, coverage) in self.cameras.iter().zip(&self.coverage) {
+            let shown = engine.face_colours(&solution, camera.position).map_err(sort_out)?;
+            let pixels = coverage.pixels(&shown).map_err(failed)?;
+            pictures.push(pixels.iter().map(|&[r, g, b, _]| DVec3::new(r, g, b)).collect());
+            colours.push(shown);
         }
-        self.latest = Some(Latest { engine, solution, params, vertices: scene.vertices.clone(), seen });
+        self.latest = Some(Latest { scene: scene.clone(), solution, params, colours });
         Ok(pictures)
     }
 
@@ -135,27 +153,31 @@ impl Renderer for EngineRenderer {
         by_pixels: &[Vec<DVec3>],
         wanted: Wanted,
     ) -> Result<Option<SceneGradient>, RenderError> {
-        let Some(latest) = &mut self.latest else { return Ok(None) };
-        // Silhouettes that move have no derivative here.
-        if wanted.positions {
-            return Ok(None);
+        let (Some(latest), Some(engine)) = (&self.latest, &mut self.engine) else { return Ok(None) };
+        // No loss asks for the share of a pixel that shows a face.
+        let by_pixels: Vec<Vec<[f64; 4]>> =
+            by_pixels.iter().map(|view| view.iter().map(|by| by.extend(0.0).to_array()).collect()).collect();
+        let mut cotangent = Cotangent::default();
+        for ((camera, coverage), by_pixels) in self.cameras.iter().zip(&self.coverage).zip(&by_pixels) {
+            let by_colours = coverage.colour_gradient(by_pixels).map_err(failed)?;
+            cotangent.colours.push((camera.position, by_colours));
         }
-        let triangles = latest.engine.plan().facets.len();
-        let colours = self
-            .cameras
-            .iter()
-            .zip(&latest.seen)
-            .zip(by_pixels)
-            .map(|((camera, seen), by_pixels)| (camera.position, seen.colour_gradient(by_pixels, triangles)))
-            .collect();
-        let cotangent = Cotangent { colours, ..Cotangent::default() };
         let (watch, passes) = (self.watch.clone(), &mut self.passes);
         let gradients =
-            latest.engine.backward_with(&latest.solution, &cotangent, wanted, &latest.params, &mut |_, _| {
+            engine.backward_with(&latest.solution, &cotangent, wanted, &latest.params, &mut |_, _| {
                 *passes += 1;
                 watch()
             });
-        gradients.map(|gradients| Some(gradients.into())).map_err(sort_out)
+        let mut gradient = SceneGradient::from(gradients.map_err(sort_out)?);
+        if let Some(positions) = &mut gradient.positions {
+            // What moves in the picture, beside the light that changes.
+            for ((camera, colours), by_pixels) in self.cameras.iter().zip(&latest.colours).zip(&by_pixels) {
+                let by_edges = geometry_gradient(&latest.scene, camera, self.supersample, colours, by_pixels)
+                    .map_err(failed)?;
+                positions.iter_mut().zip(by_edges.vertices).for_each(|(to, by)| *to += by);
+            }
+        }
+        Ok(Some(gradient))
     }
 
     fn passes(&self) -> u64 {
@@ -191,59 +213,5 @@ impl From<Gradients> for SceneGradient {
             power: gradients.power,
             positions: gradients.vertices,
         }
-    }
-}
-
-/// The faces behind the samples of a camera's picture, one colour a face; backs are black.
-struct Seen {
-    width: usize,
-    supersample: usize,
-    /// Row by row of samples; `NOTHING` where there is no front.
-    faces: Vec<u32>,
-}
-
-const NOTHING: u32 = u32::MAX;
-
-impl Seen {
-    fn new(scene: &Scene, camera: &Camera, supersample: u32, mut faces: Vec<u32>) -> Self {
-        for face in faces.iter_mut().filter(|face| **face != NOTHING) {
-            let [a, b, c] = scene.corners(*face as usize);
-            if (b - a).cross(c - a).dot(camera.position - a) <= 0.0 {
-                *face = NOTHING;
-            }
-        }
-        Self { width: camera.width as usize, supersample: supersample as usize, faces }
-    }
-
-    /// Pairs of pixel and face, sample by sample.
-    fn samples(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
-        let row = self.width * self.supersample;
-        self.faces.iter().enumerate().filter(|(_, face)| **face != NOTHING).map(move |(at, &face)| {
-            let pixel = (at / row / self.supersample) * self.width + at % row / self.supersample;
-            (pixel, face as usize)
-        })
-    }
-
-    fn share(&self) -> f64 {
-        1.0 / (self.supersample * self.supersample) as f64
-    }
-
-    /// The picture of some colours, per face.
-    fn pixels(&self, colours: &[[f64; 3]]) -> Vec<DVec3> {
-        let mut pixels = vec![DVec3::ZERO; self.faces.len() / (self.supersample * self.supersample)];
-        for (pixel, face) in self.samples() {
-            pixels[pixel] += DVec3::from(colours[face]);
-        }
-        pixels.iter_mut().for_each(|pixel| *pixel *= self.share());
-        pixels
-    }
-
-    /// The transpose of [`Self::pixels`].
-    fn colour_gradient(&self, by_pixels: &[DVec3], triangles: usize) -> Vec<DVec3> {
-        let mut by_colours = vec![DVec3::ZERO; triangles];
-        for (pixel, face) in self.samples() {
-            by_colours[face] += self.share() * by_pixels[pixel];
-        }
-        by_colours
     }
 }

@@ -1,7 +1,7 @@
 //! How a fit tells of its progress, on standard error.
 
 use super::summary::{Row, Status};
-use super::{by_differences, bytes, quantities};
+use super::{bytes, quantities};
 use antirad::fit::{Estimate, JobFile, Record};
 use antirad::gpu::Device;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -30,9 +30,7 @@ impl Log {
     pub fn begin(&self, file: &JobFile, device: &Device, estimate: &Estimate) {
         let (job, problem) = (&file.job, file.job.problem());
         let (unknowns, views) = (problem.parameters.len(), problem.targets.len());
-        // Pictures alone, for each unknown twice.
-        let factor = if by_differences(file) { 2.0 * unknowns as f64 / 2.0 } else { 1.0 };
-        let seconds = estimate.seconds * factor;
+        let seconds = estimate.seconds;
         self.event(json!({
             "event": "begin",
             "job": job.name,

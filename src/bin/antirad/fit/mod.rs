@@ -6,11 +6,9 @@ mod summary;
 
 use crate::Failure;
 use antirad::cli::{self, Interrupt, parse_size};
-use antirad::fit::{
-    EngineRenderer, FitError, JobFile, Outcome, Quantity, RenderError, RunOptions, Watch, results,
-};
+use antirad::fit::{EngineRenderer, FitError, JobFile, Outcome, RenderError, RunOptions, Watch, results};
 use antirad::gpu::{Bytes, Device, DeviceOptions};
-use antirad::output::prepare_directory;
+use antirad::output::{prepare_directory, remove_unfinished};
 use clap::{Args, ValueEnum};
 use log::Log;
 use std::path::{Path, PathBuf};
@@ -136,6 +134,7 @@ fn run_job(
     }
     let directory = arguments.output.join(&found.name);
     prepare_directory(&directory)?;
+    remove_unfinished(&directory)?;
     if arguments.resume
         && let Some(progress) = file.job.progress(&directory)?
         && progress.finished.is_some()
@@ -151,9 +150,9 @@ fn run_job(
     let watch: Watch = Arc::new(move || asked.flow());
     let problem = file.job.problem();
     let cameras = problem.targets.iter().map(|target| target.camera.clone()).collect();
-    let wanted = problem.parameters.wanted();
+    let (planning, wanted) = (problem.parameters.planning_scene(), problem.parameters.wanted());
     let supersample = file.job.settings().supersample;
-    let mut renderer = EngineRenderer::new(&device, cameras, supersample, wanted, watch)?;
+    let mut renderer = EngineRenderer::new(&device, planning, cameras, supersample, wanted, watch)?;
     let (estimate, host_bytes) = file.job.estimate(&mut renderer)?;
     log.begin(&file, &device, &estimate);
 
@@ -230,11 +229,6 @@ fn quantities(file: &JobFile) -> String {
     words.sort_unstable();
     words.dedup();
     words.join(", ")
-}
-
-/// Derivatives by positions take two renders an unknown.
-fn by_differences(file: &JobFile) -> bool {
-    file.job.settings().fits.iter().any(|fit| fit.quantity == Quantity::Position)
 }
 
 fn bytes(bytes: u64) -> String {
