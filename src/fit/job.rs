@@ -2,15 +2,14 @@
 
 use super::checkpoint::{CheckpointError, Checkpoints, Identity};
 use super::loss::{Loss, LossKind, PictureLoss};
-use super::optimiser::{
-    Adam, AdamOptions, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOptions, Step, StepError,
-};
-use super::parameters::{Fit, ParameterError, Parameters, Recovered};
+use super::optimiser::{Adam, LeastSquares, Optimiser, QuasiNewton, Step, StepError};
+use super::parameters::{ParameterError, Parameters, Recovered};
 use super::problem::Problem;
-use super::regulariser::{Regulariser, Regularisers};
+use super::regulariser::Regularisers;
 use super::renderer::{Estimate, RenderError, Renderer};
+use super::settings::{OptimiserKind, Settings, StopRule};
 use super::target::Target;
-use crate::image::{ImageError, PictureOptions};
+use crate::image::ImageError;
 use crate::output::OutputError;
 use crate::scene::{Scene, SceneError};
 use glam::DVec3;
@@ -55,39 +54,6 @@ impl From<RenderError> for FitError {
     }
 }
 
-/// Which optimiser.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum OptimiserKind {
-    /// Bounded least squares if nothing but emission is fitted by the loss L2, else the quasi-Newton method, which bears
-    /// the very different weights of a relative loss better.
-    #[default]
-    Auto,
-    QuasiNewton,
-    Adam,
-    LeastSquares,
-}
-
-/// When a fit ends: as soon as one of these holds.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct StopRule {
-    pub iterations: u32,
-    /// The loss has fallen by less than this share over the last five iterations (of Adam: fifty); 0 for never.
-    pub relative_decrease: f64,
-    /// The gradient, less what bounds forbid, is below this share of what it was at the start.
-    pub gradient: f64,
-    /// The loss is at or below this.
-    pub loss: f64,
-    /// Of all runs of this job together.
-    pub seconds: f64,
-}
-
-impl Default for StopRule {
-    fn default() -> Self {
-        Self { iterations: 200, relative_decrease: 1e-4, gradient: 1e-7, loss: 0.0, seconds: f64::INFINITY }
-    }
-}
-
 /// Iterations over which a decrease is judged: a single one may be small by chance, and Adam goes up and down.
 const DECREASE_OVER: usize = 5;
 const DECREASE_OVER_ADAM: usize = 50;
@@ -114,39 +80,6 @@ impl Stop {
             Self::Loss => "the loss wanted is reached",
             Self::Seconds => "the time allowed",
             Self::NoProgress => "no lower loss can be found",
-        }
-    }
-}
-
-/// Everything that a fit's way depends on, but its scene and targets, and how long it goes.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Settings {
-    pub fits: Vec<Fit>,
-    pub loss: LossKind,
-    /// W/(m² sr); `None`: a hundredth of the mean target.
-    pub epsilon: Option<f64>,
-    pub regularisers: Vec<Regulariser>,
-    pub optimiser: OptimiserKind,
-    pub quasi_newton: QuasiNewtonOptions,
-    pub adam: AdamOptions,
-    pub supersample: u32,
-    /// Relative residual of solves; `None`: that of the scene, or 1e-5 if that is less.
-    pub tolerance: Option<f64>,
-}
-
-impl Settings {
-    /// Fits some quantities with defaults for all else.
-    pub fn new(fits: Vec<Fit>) -> Self {
-        Self {
-            fits,
-            loss: LossKind::default(),
-            epsilon: None,
-            regularisers: Vec::new(),
-            optimiser: OptimiserKind::default(),
-            quasi_newton: QuasiNewtonOptions::default(),
-            adam: AdamOptions::default(),
-            supersample: PictureOptions::default().supersample,
-            tolerance: None,
         }
     }
 }

@@ -1,12 +1,13 @@
 //! Job files: what to fit to which pictures, in TOML.
 
 use super::gradient::Quantity;
-use super::job::{FitError, Job, OptimiserKind, Settings, StopRule};
+use super::job::{FitError, Job};
 use super::loss::LossKind;
 use super::optimiser::{AdamOptions, QuasiNewtonOptions};
 use super::parameters::{Fit, MotionKind, Per};
 use super::regulariser::Regulariser;
 use super::selection::unknown;
+use super::settings::{OptimiserKind, Settings, StopRule};
 use super::target::{Target, TargetPicture, read_mask};
 use crate::image::MAX_SUPERSAMPLE;
 use crate::scene::{Camera, CameraTable, LoadOptions, Place, Scene, SceneError, TomlFile, Triple};

@@ -21,18 +21,18 @@ mod regulariser;
 mod renderer;
 pub mod results;
 mod selection;
+mod settings;
 mod target;
 
 pub use checkpoint::CheckpointError;
 pub use engine_renderer::{EngineRenderer, Watch};
 pub use gradient::{Quantity, SceneGradient};
-pub use job::{
-    FitError, Job, OptimiserKind, Outcome, Progress, Record, RunOptions, Settings, Stop, StopRule,
-};
+pub use job::{FitError, Job, Outcome, Progress, Record, RunOptions, Stop};
 pub use job_file::JobFile;
 pub use loss::{Loss, LossKind, PictureLoss};
 pub use parameters::{Fit, MotionKind, ParameterError, Parameters, Per, Recovered};
 pub use problem::{Evaluation, Judged, Problem};
 pub use regulariser::{Regulariser, Regularisers};
 pub use renderer::{Estimate, RenderError, Renderer};
+pub use settings::{OptimiserKind, Settings, StopRule};
 pub use target::{Target, TargetError, TargetPicture, read_mask};

@@ -2,8 +2,9 @@
 
 use super::comparison;
 use super::gradient::Quantity;
-use super::job::{FitError, Job, Outcome, Record, StopRule};
+use super::job::{FitError, Job, Outcome, Record};
 use super::renderer::Estimate;
+use super::settings::StopRule;
 use crate::cli::{Curve, LogPlot};
 use crate::image::Picture;
 use crate::output::{OutputError, atomic_write, write_array, write_json};

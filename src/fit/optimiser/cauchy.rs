@@ -34,12 +34,13 @@ fn cauchy_point(point: &Point, bounds: &Bounds, hessian: &Compact) -> Cauchy {
     let mut corners: Vec<usize> = (0..n).filter(|&i| meets[i] > 0.0 && meets[i].is_finite()).collect();
     corners.sort_by(|&a, &b| meets[a].total_cmp(&meets[b]).then(a.cmp(&b)));
 
-    let theta = hessian.theta();
+    let diagonal = hessian.diagonal();
     let mut p = hessian.transposed(&direction);
     let mut along = DVector::zeros(hessian.width());
     // Slope and curvature of the model along the path.
     let mut slope = -direction.iter().map(|d| d * d).sum::<f64>();
-    let mut curvature = -theta * slope - p.dot(&hessian.times_middle(&p));
+    let mut curvature = direction.iter().zip(diagonal).map(|(d, h)| h * d * d).sum::<f64>()
+        - p.dot(&hessian.times_middle(&p));
     let least_curvature = f64::EPSILON * curvature.abs();
     let mut reached = 0.0;
     let mut ahead = if slope < 0.0 { -slope / curvature.max(f64::MIN_POSITIVE) } else { 0.0 };
@@ -54,8 +55,8 @@ fn cauchy_point(point: &Point, bounds: &Bounds, hessian: &Compact) -> Cauchy {
         along += &p * interval;
         let row = hessian.row(corner);
         let middle_row = hessian.times_middle(&row);
-        slope += interval * curvature + g * g + theta * g * moved - g * middle_row.dot(&along);
-        curvature -= theta * g * g + 2.0 * g * middle_row.dot(&p) + g * g * middle_row.dot(&row);
+        slope += interval * curvature + g * g + diagonal[corner] * g * moved - g * middle_row.dot(&along);
+        curvature -= diagonal[corner] * g * g + 2.0 * g * middle_row.dot(&p) + g * g * middle_row.dot(&row);
         // Rounding must not make the model unbounded.
         curvature = curvature.max(least_curvature);
         p += row * g;
@@ -88,22 +89,24 @@ fn improve(
     if free.is_empty() || hessian.width() == 0 {
         return None;
     }
-    let theta = hessian.theta();
+    let diagonal = hessian.diagonal();
     // -(the model's gradient at the Cauchy point), over the free unknowns.
-    let mut residual: Vec<f64> = free.iter().map(|&i| -gradient[i] - theta * (cauchy[i] - from[i])).collect();
+    let mut residual: Vec<f64> =
+        free.iter().map(|&i| -gradient[i] - diagonal[i] * (cauchy[i] - from[i])).collect();
     hessian.add_rows(&hessian.times_middle(along), &free, &mut residual);
 
-    // The inverse of θ I - W M Wᵀ over them, by Sherman, Morrison and Woodbury.
+    // The inverse of D - W M Wᵀ over them, by Sherman, Morrison and Woodbury.
     let mut spread = vec![0.0; from.len()];
     for (&i, &r) in free.iter().zip(&residual) {
-        spread[i] = r;
+        spread[i] = r / diagonal[i];
     }
     let inner = hessian.times_middle(&hessian.transposed(&spread));
     let width = hessian.width();
-    let system = DMatrix::identity(width, width) - hessian.middle() * hessian.gram(&free) / theta;
+    let system = DMatrix::identity(width, width) - hessian.middle() * hessian.gram(&free);
     let inner = system.lu().solve(&inner)?;
-    let mut step: Vec<f64> = residual.iter().map(|r| r / theta).collect();
-    hessian.add_rows(&(inner / (theta * theta)), &free, &mut step);
+    let mut step = residual;
+    hessian.add_rows(&inner, &free, &mut step);
+    step.iter_mut().zip(&free).for_each(|(step, &i)| *step /= diagonal[i]);
     if step.iter().any(|s| !s.is_finite()) {
         return None;
     }

@@ -1,28 +1,37 @@
-//! The limited-memory Hessian B = θ I - W M Wᵀ of the BFGS formula, from the latest steps s and changes y of the
-//! gradient (Byrd, Nocedal, Schnabel 1994).
+//! The limited-memory Hessian B = D - W M Wᵀ of the BFGS formula, from the latest steps s and changes y of the gradient
+//! (Byrd, Nocedal, Schnabel 1994).
+//!
+//! D is diagonal and learns from every step (Gilbert and Lemaréchal 1989): unknowns of a fit differ widely in how much
+//! they matter, a lamp in the picture and a dark corner, and a multiple of the identity, as is usual, takes several times
+//! as many steps.
 
 use super::dot;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
+
+/// Entries of D are at least this share of the largest.
+const LEAST_SHARE: f64 = 1e-12;
 
 /// Steps and changes, the oldest first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Memory {
     pub s: Vec<Vec<f64>>,
     pub y: Vec<Vec<f64>>,
-    /// The scale of the Hessian where nothing is known.
-    pub theta: f64,
+    /// D: the Hessian where nothing else is known.
+    pub diagonal: Vec<f64>,
 }
 
-/// W = [Y, θ S] and M, ready to be multiplied with.
+/// W = [Y, D S] and M, ready to be multiplied with.
 pub(super) struct Compact<'a> {
     memory: &'a Memory,
+    /// D S.
+    scaled: Vec<Vec<f64>>,
     middle: DMatrix<f64>,
 }
 
 impl Memory {
-    pub fn new(theta: f64) -> Self {
-        Self { s: Vec::new(), y: Vec::new(), theta }
+    pub fn new(unknowns: usize) -> Self {
+        Self { s: Vec::new(), y: Vec::new(), diagonal: vec![1.0; unknowns] }
     }
 
     /// Adds a pair and forgets what is older than `length` pairs. A pair without positive curvature is left out: it
@@ -32,7 +41,11 @@ impl Memory {
         if !(sy > 1e-10 * (ss * yy).sqrt() && (yy / sy).is_finite()) {
             return;
         }
-        self.theta = yy / sy;
+        if self.s.is_empty() {
+            // Until now only a guess.
+            self.diagonal.fill(yy / sy);
+        }
+        self.learn(&s, &y, sy);
         self.s.push(s);
         self.y.push(y);
         if self.s.len() > length {
@@ -41,20 +54,35 @@ impl Memory {
         }
     }
 
+    /// The diagonal of the BFGS update of D, scaled before so that it is right along y.
+    fn learn(&mut self, s: &[f64], y: &[f64], sy: f64) {
+        let factor = y.iter().zip(&self.diagonal).map(|(y, d)| y * y / d).sum::<f64>() / sy;
+        let along = s.iter().zip(&self.diagonal).map(|(s, d)| s * s * d).sum::<f64>();
+        let update = |((d, s), y): ((&f64, &f64), &f64)| factor * (d - (d * s).powi(2) / along) + y * y / sy;
+        let learnt: Vec<f64> = self.diagonal.iter().zip(s).zip(y).map(update).collect();
+        // Rounding may leave something that is no curvature.
+        let largest = learnt.iter().copied().fold(0.0, f64::max);
+        if largest.is_finite() && largest > 0.0 {
+            self.diagonal = learnt.into_iter().map(|d| d.max(LEAST_SHARE * largest)).collect();
+        }
+    }
+
     /// `None` where rounding has made the middle matrix singular: then the memory is of no use.
     pub fn compact(&self) -> Option<Compact<'_>> {
         let k = self.s.len();
-        // [-D Lᵀ; L θ SᵀS], with D and L the diagonal of SᵀY and what lies below it.
+        let scaled: Vec<Vec<f64>> =
+            self.s.iter().map(|s| s.iter().zip(&self.diagonal).map(|(s, d)| s * d).collect()).collect();
+        // [-diag Lᵀ; L SᵀDS], with diag and L the diagonal of SᵀY and what lies below it.
         let inverse = DMatrix::from_fn(2 * k, 2 * k, |i, j| match (i < k, j < k) {
             (true, true) if i == j => -dot(&self.s[i], &self.y[i]),
             (true, true) => 0.0,
             (false, true) if i - k > j => dot(&self.s[i - k], &self.y[j]),
             (true, false) if j - k > i => dot(&self.s[j - k], &self.y[i]),
-            (false, false) => self.theta * dot(&self.s[i - k], &self.s[j - k]),
+            (false, false) => dot(&self.s[i - k], &scaled[j - k]),
             _ => 0.0,
         });
         let middle = if k == 0 { inverse } else { inverse.try_inverse()? };
-        middle.iter().all(|m| m.is_finite()).then_some(Compact { memory: self, middle })
+        middle.iter().all(|m| m.is_finite()).then_some(Compact { memory: self, scaled, middle })
     }
 }
 
@@ -64,8 +92,14 @@ impl Compact<'_> {
         self.middle.nrows()
     }
 
-    pub fn theta(&self) -> f64 {
-        self.memory.theta
+    /// D.
+    pub fn diagonal(&self) -> &[f64] {
+        &self.memory.diagonal
+    }
+
+    /// Columns of W.
+    fn columns(&self) -> impl Iterator<Item = &Vec<f64>> {
+        self.memory.y.iter().chain(&self.scaled)
     }
 
     pub fn middle(&self) -> &DMatrix<f64> {
@@ -74,15 +108,12 @@ impl Compact<'_> {
 
     /// Row `i` of W.
     pub fn row(&self, i: usize) -> DVector<f64> {
-        let Memory { s, y, theta } = self.memory;
-        DVector::from_iterator(self.width(), y.iter().map(|y| y[i]).chain(s.iter().map(|s| theta * s[i])))
+        DVector::from_iterator(self.width(), self.columns().map(|column| column[i]))
     }
 
     /// Wᵀ v.
     pub fn transposed(&self, v: &[f64]) -> DVector<f64> {
-        let Memory { s, y, theta } = self.memory;
-        let products = y.iter().map(|y| dot(y, v)).chain(s.iter().map(|s| theta * dot(s, v)));
-        DVector::from_iterator(self.width(), products)
+        DVector::from_iterator(self.width(), self.columns().map(|column| dot(column, v)))
     }
 
     /// M v.
@@ -92,27 +123,20 @@ impl Compact<'_> {
 
     /// Adds W v, for the rows listed.
     pub fn add_rows(&self, v: &DVector<f64>, rows: &[usize], to: &mut [f64]) {
-        let Memory { s, y, theta } = self.memory;
-        let k = s.len();
-        for (column, factor) in v.iter().enumerate() {
-            let (vector, factor) =
-                if column < k { (&y[column], *factor) } else { (&s[column - k], theta * factor) };
+        for (column, factor) in self.columns().zip(v.iter()) {
             for (to, &row) in to.iter_mut().zip(rows) {
-                *to += factor * vector[row];
+                *to += factor * column[row];
             }
         }
     }
 
-    /// Wᵀ W over the rows listed.
+    /// Wᵀ D⁻¹ W over the rows listed.
     pub fn gram(&self, rows: &[usize]) -> DMatrix<f64> {
-        let Memory { s, y, theta } = self.memory;
-        let k = s.len();
-        let column = |c: usize| if c < k { (&y[c], 1.0) } else { (&s[c - k], *theta) };
-        let mut gram = DMatrix::zeros(2 * k, 2 * k);
-        for i in 0..2 * k {
-            for j in 0..=i {
-                let ((a, fa), (b, fb)) = (column(i), column(j));
-                let product = fa * fb * rows.iter().map(|&r| a[r] * b[r]).sum::<f64>();
+        let columns: Vec<&Vec<f64>> = self.columns().collect();
+        let mut gram = DMatrix::zeros(self.width(), self.width());
+        for (i, a) in columns.iter().enumerate() {
+            for (j, b) in columns.iter().enumerate().take(i + 1) {
+                let product = rows.iter().map(|&r| a[r] * b[r] / self.memory.diagonal[r]).sum();
                 gram[(i, j)] = product;
                 gram[(j, i)] = product;
             }
@@ -126,8 +150,8 @@ mod tests {
     use super::*;
 
     /// B from the rank-two updates, one after the other.
-    fn dense(memory: &Memory, n: usize) -> DMatrix<f64> {
-        let mut b = DMatrix::identity(n, n) * memory.theta;
+    fn dense(memory: &Memory) -> DMatrix<f64> {
+        let mut b = DMatrix::from_diagonal(&DVector::from_column_slice(&memory.diagonal));
         for (s, y) in memory.s.iter().zip(&memory.y) {
             let (s, y) = (DVector::from_column_slice(s), DVector::from_column_slice(y));
             let bs = &b * &s;
@@ -139,7 +163,7 @@ mod tests {
     #[test]
     fn is_the_bfgs_matrix() {
         let n = 5;
-        let mut memory = Memory::new(1.0);
+        let mut memory = Memory::new(n);
         let wave = |a: f64, b: f64| (0..n).map(|i| (a + b * i as f64).sin()).collect::<Vec<f64>>();
         for k in 0..4 {
             let s = wave(k as f64, 1.3);
@@ -148,25 +172,25 @@ mod tests {
         }
         assert_eq!(memory.s.len(), 3);
         let compact = memory.compact().expect("regular");
-        let b = dense(&memory, n);
+        let b = dense(&memory);
         for i in 0..n {
             let mut unit = vec![0.0; n];
             unit[i] = 1.0;
-            let mut column: Vec<f64> = unit.iter().map(|u| u * memory.theta).collect();
+            let mut column: Vec<f64> = unit.iter().zip(&memory.diagonal).map(|(u, d)| u * d).collect();
             let inner = -compact.times_middle(&compact.transposed(&unit));
             compact.add_rows(&inner, &(0..n).collect::<Vec<_>>(), &mut column);
             for (j, value) in column.iter().enumerate() {
-                assert!((value - b[(j, i)]).abs() < 1e-10 * memory.theta, "{i} {j}");
+                assert!((value - b[(j, i)]).abs() < 1e-10 * memory.diagonal[0], "{i} {j}");
             }
         }
     }
 
     #[test]
     fn pairs_without_curvature_are_left_out() {
-        let mut memory = Memory::new(2.0);
+        let mut memory = Memory::new(2);
         memory.push(vec![1.0, 0.0], vec![-1.0, 0.0], 5);
         memory.push(vec![0.0, 0.0], vec![0.0, 0.0], 5);
         memory.push(vec![1.0, 0.0], vec![0.0, 1.0], 5);
-        assert_eq!((memory.s.len(), memory.theta), (0, 2.0));
+        assert_eq!((memory.s.len(), memory.diagonal), (0, vec![1.0; 2]));
     }
 }
