@@ -38,6 +38,7 @@
 //! against. SI units, RGB.
 pub mod cli;
 mod engine;
+pub mod fit;
 pub mod gpu;
 mod gradients;
 pub mod image;

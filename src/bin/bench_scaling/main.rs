@@ -58,7 +58,7 @@ const EXAMPLES: &str = "Examples:
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    cli::start_logging(arguments.quiet, arguments.verbose);
+    cli::start_logging(arguments.quiet, arguments.verbose, false);
     let interrupt = Interrupt::catch();
     let result =
         if arguments.only { measure::only(&arguments, &interrupt) } else { all(&arguments, &interrupt) };

@@ -1,6 +1,6 @@
 //! The measurements as a table and as plots.
 
-use antirad::cli::{Curve, LogLogPlot, slope};
+use antirad::cli::{Curve, LogPlot, slope};
 use antirad::gpu::Bytes;
 use antirad::output::{OutputError, atomic_write};
 use std::error::Error;
@@ -85,7 +85,7 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
     let bins = rows.first().map_or("", |row| &row.bins);
     let ours = memory(rows);
     let published = points(rows, |row| PUBLISHED_BYTES * row.triangles as f64);
-    LogLogPlot {
+    LogPlot {
         title: format!("Device memory of one bounce, {bins} bins, every triangle a blocker"),
         x: "triangles".to_owned(),
         y: "bytes, fixed costs apart".to_owned(),
@@ -93,14 +93,16 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
             Curve { label: with_slope("antirad", &ours), points: ours, reference: false },
             Curve { label: "published: 36 kB per triangle".to_owned(), points: published, reference: true },
         ],
+        linear_x: false,
     }
     .write(&directory.join("memory"))?;
     let ours = seconds(rows);
-    LogLogPlot {
+    LogPlot {
         title: format!("Time of one bounce, {bins} bins, every triangle a blocker"),
         x: "triangles".to_owned(),
         y: "seconds".to_owned(),
         curves: vec![Curve { label: with_slope("antirad", &ours), points: ours, reference: false }],
+        linear_x: false,
     }
     .write(&directory.join("time"))
 }
