@@ -27,9 +27,8 @@ pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<
         positions: true,
         ..Wanted::NOTHING
     };
-    let plan = |gradients: Wanted| {
-        Plan::new(&scene, &Limits { gradients, ..Limits::of(&device) }, &scene.accuracy)
-    };
+    let plan =
+        |gradients: Wanted| Plan::new(&scene, &Limits { gradients, ..Limits::of(&device) }, &scene.accuracy);
     let without = plan(Wanted::NOTHING)?.memory().total();
     let with = plan(wanted)?;
     let (triangles, bytes) = (with.triangles() as f64, with.memory().total());
@@ -53,7 +52,10 @@ pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<
         backward = backward.min(start.elapsed().as_secs_f64());
         (there, back) = (solution.info.passes, gradients.info.passes);
     }
-    println!("{}, {triangles} triangles, tolerance {:.0e}, the fastest of {REPEATS} runs", scene.name, params.tolerance);
+    println!(
+        "{}, {triangles} triangles, tolerance {:.0e}, the fastest of {REPEATS} runs",
+        scene.name, params.tolerance
+    );
     println!("  solve     {forward:8.2} s, {there} passes, {}", Bytes(without));
     println!("  gradients {backward:8.2} s, {back} passes, {} in all", Bytes(bytes));
     println!("  gradients take {:.2} times the solve (must be 4 or less)", backward / forward);

@@ -15,8 +15,6 @@ use std::error::Error;
 
 /// 1e-1 to 1e-8.
 const STEPS: i32 = 8;
-/// Gradients below this share of the largest of their kind count as none: their differences are held against the largest.
-const NO_INFLUENCE: f64 = 1e-6;
 /// Solves take this many times what it takes to look at a solution.
 const SOLVE_COST: u64 = 50;
 
@@ -56,9 +54,8 @@ pub struct Bench<'a> {
 impl Bench<'_> {
     /// In units of looking at a solution.
     pub fn cost(&self) -> u64 {
-        let of_sample = |sample: &Sample| match (sample.kind, sample.kind.shape()) {
-            (Kind::Camera, _) => 6,
-            (_, Shape::Position) => 6 * SOLVE_COST,
+        let of_sample = |sample: &Sample| match sample.kind {
+            Kind::Camera => 6,
             _ => 2 * SOLVE_COST,
         };
         10 * SOLVE_COST + STEPS as u64 * self.samples.iter().map(of_sample).sum::<u64>()
@@ -94,33 +91,35 @@ impl Bench<'_> {
             // Per step of 1.
             let found: Vec<DVec3> = samples
                 .iter()
-                .map(|s| Some(s.gradient(&gradients)? * s.size(&self.scene, &eyes)))
+                .map(|s| {
+                    let per_step = s.gradient(&gradients)? * s.size(&self.scene, &eyes);
+                    Some(match kind.shape() {
+                        Shape::Direction => DVec3::new(per_step.dot(s.direction()), 0.0, 0.0),
+                        _ => per_step,
+                    })
+                })
                 .collect::<Option<_>>()
                 .ok_or("gradients are missing: a defect of antirad")?;
-            let largest = found.iter().map(|g| g.length()).fold(0.0, f64::max);
             for power in 1..=STEPS {
-                if samples.is_empty() {
-                    continue;
-                }
                 let step = 10.0_f64.powi(-power);
-                bar.set_message(format!("{} mesh, {}: {}, ε = 1e-{power}", self.mesh, self.weights(), kind.name()));
-                let mut errors = Vec::new();
+                let at = format!("{} mesh, {}: {}, ε = 1e-{power}", self.mesh, self.weights(), kind.name());
                 for (sample, gradient) in samples.iter().zip(&found) {
+                    bar.set_message(at.clone());
                     let slope = self.slope(sample, step, &loss, (&mut engine, &solution), bar)?;
-                    errors.push(error(slope, *gradient, largest));
+                    let row = Row {
+                        mesh: self.mesh.to_owned(),
+                        weights: self.weights().to_owned(),
+                        bins: self.scene.accuracy.bins.to_string(),
+                        kind,
+                        index: sample.index,
+                        step,
+                        gradient: gradient.length(),
+                        slope: slope.length(),
+                        difference: slope.distance(*gradient),
+                    };
+                    tracing::debug!("{at}: {:.1e} of {:.1e}", row.error(), row.gradient);
+                    rows.push(row);
                 }
-                tracing::debug!("{} {} {} {step:e}: {errors:?}", self.mesh, self.weights(), kind.name());
-                rows.push(Row {
-                    mesh: self.mesh.to_owned(),
-                    weights: self.weights().to_owned(),
-                    bins: self.scene.accuracy.bins.to_string(),
-                    kind,
-                    step,
-                    samples: samples.len(),
-                    error: errors.iter().sum::<f64>() / errors.len() as f64,
-                    // NaN must not vanish.
-                    worst: errors.iter().copied().fold(0.0, |a, b| if b.is_nan() || b > a { b } else { a }),
-                });
             }
         }
         Ok(rows)
@@ -158,6 +157,10 @@ impl Bench<'_> {
         match sample.kind.shape() {
             Shape::Rgb => difference(step * size),
             Shape::Scalar => Ok(DVec3::new(difference(step * size)?.element_sum(), 0.0, 0.0)),
+            Shape::Direction => {
+                let slope = difference(step * size * sample.direction())?;
+                Ok(DVec3::new(slope.element_sum(), 0.0, 0.0))
+            }
             Shape::Position => {
                 let mut slope = DVec3::ZERO;
                 for (k, axis) in DVec3::AXES.into_iter().enumerate() {
@@ -166,32 +169,5 @@ impl Bench<'_> {
                 Ok(slope)
             }
         }
-    }
-}
-
-/// |fd - ∇| / (|fd| + |∇|), and without influence |fd - ∇| against the largest gradient of the kind.
-fn error(slope: DVec3, gradient: DVec3, largest: f64) -> f64 {
-    let size = slope.length() + gradient.length();
-    let difference = slope.distance(gradient);
-    if difference == 0.0 {
-        0.0
-    } else if gradient.length() > NO_INFLUENCE * largest {
-        difference / size
-    } else {
-        difference / largest.max(f64::MIN_POSITIVE)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn errors_are_relative_where_there_is_influence() {
-        let x = DVec3::X;
-        assert_eq!(error(1.5 * x, 0.5 * x, 2.0), 0.5);
-        assert_eq!(error(DVec3::ZERO, DVec3::ZERO, 2.0), 0.0);
-        assert_eq!(error(1e-9 * x, DVec3::ZERO, 2.0), 5e-10);
-        assert!(error(f64::NAN * x, x, 2.0).is_nan() && error(x, f64::NAN * x, 2.0).is_nan());
     }
 }

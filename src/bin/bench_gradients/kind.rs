@@ -1,6 +1,6 @@
 //! The kinds of parameters: how one is changed, by how much, and where its gradient stands.
 
-use crate::room::{bounds, mean_edge};
+use crate::room::{Random, bounds, mean_edge};
 use antirad::Gradients;
 use antirad::scene::{Material, Scene, Triangle};
 use glam::DVec3;
@@ -25,7 +25,9 @@ pub enum Shape {
     Rgb,
     /// One number, which all channels depend on.
     Scalar,
-    /// One after another.
+    /// A position, of which one fixed random direction stands for all: every axis would take solves of its own.
+    Direction,
+    /// A position, one axis after another.
     Position,
 }
 
@@ -52,7 +54,8 @@ impl Kind {
         match self {
             Self::Emission | Self::Albedo | Self::Specular => Shape::Rgb,
             Self::Diffuse | Self::Power => Shape::Scalar,
-            Self::Centroid | Self::Vertex | Self::Camera => Shape::Position,
+            Self::Centroid | Self::Vertex => Shape::Direction,
+            Self::Camera => Shape::Position,
         }
     }
 
@@ -105,6 +108,11 @@ impl Sample {
             }
             Kind::Camera => DVec3::splat(eyes[self.index].distance(bounds(scene).0)),
         }
+    }
+
+    /// The direction in which a position is moved: unit, the same on every run.
+    pub fn direction(&self) -> DVec3 {
+        Random(self.index as u64 + 1000).direction()
     }
 
     /// The scene and the eyes with this parameter changed.

@@ -22,7 +22,7 @@ use std::process::ExitCode;
 ///
 /// e(ε) = |fd - ∇| / (|fd| + |∇|), averaged over a fixed subset of triangles. Steps are relative: to the highest emission
 /// of the scene; to 1 for δ and the albedo; to σ and p themselves; to the mean edge of a triangle for its position and
-/// that of its vertices; to the distance of the camera from the middle of the scene.
+/// that of its vertices, along one fixed random direction; to the distance of the camera from the middle of the scene.
 #[derive(Parser)]
 #[command(version, about, after_help = EXAMPLES)]
 struct Arguments {
@@ -30,7 +30,7 @@ struct Arguments {
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
     /// Triangles in the subset
-    #[arg(long, value_name = "NUMBER", default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, value_name = "NUMBER", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
     triangles: u32,
     /// How far vertices are moved at random on the jittered mesh, in mean edges
     #[arg(long, value_name = "SHARE", default_value_t = 0.05, value_parser = share)]

@@ -5,19 +5,40 @@ use antirad::cli::{Curve, LogLogPlot};
 use antirad::output::{OutputError, atomic_write};
 use std::path::Path;
 
-/// Errors of one kind at one step.
+/// Gradients below this share of the largest of their kind count as none, and their differences are held against the
+/// largest: relative to itself, that of a triangle which hardly matters is rounding.
+const NO_INFLUENCE: f64 = 1e-2;
+
+/// One parameter at one step. The loss per step of 1.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Row {
     pub mesh: String,
     pub weights: String,
     pub bins: String,
     pub kind: Kind,
+    /// Of the triangle, vertex or eye.
+    pub index: usize,
     /// ε, relative to the size of the parameter.
     pub step: f64,
-    pub samples: usize,
-    /// e(ε), the mean over the samples.
-    pub error: f64,
-    pub worst: f64,
+    /// |∇|
+    pub gradient: f64,
+    /// |fd|
+    pub slope: f64,
+    /// |fd - ∇|
+    pub difference: f64,
+}
+
+impl Row {
+    /// |fd - ∇| / (|fd| + |∇|).
+    pub fn error(&self) -> f64 {
+        if self.difference == 0.0 { 0.0 } else { self.difference / (self.slope + self.gradient) }
+    }
+
+    /// The same, or against `largest` where the parameter has no influence.
+    fn error_beside(&self, largest: f64) -> f64 {
+        let matters = self.gradient >= NO_INFLUENCE * largest;
+        if matters || self.difference == 0.0 { self.error() } else { self.difference / largest }
+    }
 }
 
 /// Published minima.
@@ -44,9 +65,25 @@ fn groups(rows: &[Row]) -> impl Iterator<Item = &[Row]> {
     rows.chunk_by(|a, b| (a.kind, &a.mesh, &a.weights) == (b.kind, &b.mesh, &b.weights))
 }
 
-fn curve(rows: &[Row], label: String) -> Curve {
+/// e(ε): the mean over all samples at every step.
+fn errors(group: &[Row]) -> Vec<(f64, f64)> {
+    let largest = group.iter().map(|row| row.gradient).fold(f64::MIN_POSITIVE, f64::max);
+    let mean = |rows: &[Row]| rows.iter().map(|r| r.error_beside(largest)).sum::<f64>() / rows.len() as f64;
+    group.chunk_by(|a, b| a.step == b.step).map(|rows| (rows[0].step, mean(rows))).collect()
+}
+
+/// The largest of the samples' own minima over the step: what remains of the worst of them, relative to itself.
+fn worst_sample(group: &[Row]) -> f64 {
+    let own = |row: &Row| {
+        let same = group.iter().filter(|other| other.index == row.index);
+        same.map(Row::error).min_by(f64::total_cmp).unwrap_or(f64::NAN)
+    };
+    group.iter().map(own).max_by(f64::total_cmp).unwrap_or(f64::NAN)
+}
+
+fn curve(group: &[Row], label: String) -> Curve {
     // A logarithmic axis has no place for zero.
-    let points = rows.iter().map(|row| (row.step, row.error.max(1e-17))).collect();
+    let points = errors(group).into_iter().map(|(step, error)| (step, error.max(1e-17))).collect();
     Curve { label, points, reference: false }
 }
 
@@ -72,7 +109,11 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
             let ends = curves[0].points.iter().map(|&(step, _)| (step, level)).collect();
             curves.push(Curve { label: "published minimum".to_owned(), points: ends, reference: true });
         }
-        draw(&format!("Gradients with respect to {}", panel.name()), curves, &format!("gradients_{}", key(panel)))?;
+        draw(
+            &format!("Gradients with respect to {}", panel.name()),
+            curves,
+            &format!("gradients_{}", key(panel)),
+        )?;
     }
     let rest = groups(rows).filter(|group| !panels.contains(&group[0].kind));
     let curves = rest
@@ -89,29 +130,55 @@ fn key(kind: Kind) -> &'static str {
 }
 
 pub fn print(rows: &[Row], all: bool) {
-    let order = |a: &&Row, b: &&Row| a.error.total_cmp(&b.error);
     println!(
-        "{:<10} {:<11} {:<12} {:>7} {:>10} {:>8} {:>8} {:>10}",
-        "mesh", "weights", "kind", "samples", "minimum", "at ε", "must be", "published"
+        "{:<9} {:<10} {:<10} {:>8} {:>8} {:>8} {:>9} {:>13}",
+        "mesh", "weights", "kind", "minimum", "at ε", "must be", "published", "worst sample"
     );
     for group in groups(rows) {
-        let Some(best) = group.iter().min_by(order) else { continue };
+        let errors = errors(group);
+        let Some((step, error)) = errors.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
         let or_none = |value: Option<f64>| value.map_or_else(String::new, |v| format!("{v:.0e}"));
         println!(
-            "{:<10} {:<11} {:<12} {:>7} {:>10.1e} {:>8.0e} {:>8} {:>10}",
-            best.mesh,
-            best.weights,
-            best.kind.name(),
-            best.samples,
-            best.error,
-            best.step,
-            or_none(best.kind.target(&best.mesh)),
-            or_none(published(best.kind)),
+            "{:<9} {:<10} {:<10} {error:>8.1e} {step:>8.0e} {:>8} {:>9} {:>13.1e}",
+            group[0].mesh,
+            group[0].weights,
+            group[0].kind.name(),
+            or_none(group[0].kind.target(&group[0].mesh)),
+            or_none(published(group[0].kind)),
+            worst_sample(group),
         );
         if all {
-            for row in group {
-                println!("    ε {:.0e}: mean {:.1e}, worst {:.1e}", row.step, row.error, row.worst);
-            }
+            let all: Vec<String> = errors.iter().map(|(_, error)| format!("{error:.1e}")).collect();
+            println!("          from the largest step: {}", all.join(" "));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(index: usize, step: f64, [gradient, slope, difference]: [f64; 3]) -> Row {
+        let (mesh, weights, bins) = ("m".to_owned(), "w".to_owned(), "b".to_owned());
+        Row { mesh, weights, bins, kind: Kind::Albedo, index, step, gradient, slope, difference }
+    }
+
+    #[test]
+    fn errors_are_relative_where_there_is_influence() {
+        let rows = [
+            row(0, 0.1, [0.5, 1.5, 1.0]),
+            row(1, 0.1, [0.0, 0.0, 0.0]),
+            row(0, 0.01, [0.5, 0.5, 1e-6]),
+            row(1, 0.01, [0.0, 1e-6, 1e-6]),
+        ];
+        assert_eq!(errors(&rows), [(0.1, 0.25), (0.01, 1.5e-6)]);
+        assert_eq!(worst_sample(&rows), 1e-6);
+    }
+
+    /// Whatever is no number must stand out.
+    #[test]
+    fn a_nan_is_not_a_minimum() {
+        let rows = [row(0, 0.1, [1.0, f64::NAN, f64::NAN]), row(0, 0.01, [1.0, f64::NAN, f64::NAN])];
+        assert!(errors(&rows).iter().all(|e| e.1.is_nan()) && worst_sample(&rows).is_nan());
     }
 }
