@@ -1,0 +1,64 @@
+//! What gradients cost beside the solve they belong to.
+
+use crate::loss::{Loss, eyes};
+use crate::{Arguments, device};
+use antirad::cli::Interrupt;
+use antirad::gpu::Bytes;
+use antirad::plan::{Limits, Plan, Wanted};
+use antirad::scene::{LoadOptions, Scene};
+use antirad::{Engine, SolveParams};
+use std::error::Error;
+use std::path::Path;
+use std::time::Instant;
+
+/// The fastest counts: other programs share the machine.
+const REPEATS: u32 = 3;
+
+pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
+    let device = device(arguments)?;
+    let mut scene = Scene::load(path, &LoadOptions::default())?;
+    scene.accuracy.bins = arguments.bins;
+    let wanted = Wanted {
+        emission: true,
+        diffuse: true,
+        albedo: true,
+        specular: true,
+        power: true,
+        positions: true,
+        ..Wanted::NOTHING
+    };
+    let plan =
+        |gradients: Wanted| Plan::new(&scene, &Limits { gradients, ..Limits::of(&device) }, &scene.accuracy);
+    let without = plan(Wanted::NOTHING)?.memory().total();
+    let with = plan(wanted)?;
+    let (triangles, bytes) = (with.triangles() as f64, with.memory().total());
+    let staging = with.limits.staging;
+    let mut engine = Engine::new(&device, &scene, with)?;
+    let params = SolveParams::from(&scene.accuracy);
+    let loss = Loss::new(scene.triangles.len());
+    let mut cotangent = loss.cotangent(eyes(&scene));
+    cotangent.colours.truncate(1);
+    let watch = interrupt.clone();
+    engine.set_watcher(Some(Box::new(move |_, _| watch.flow())));
+
+    let (mut forward, mut backward) = (f64::INFINITY, f64::INFINITY);
+    let (mut there, mut back) = (0, 0);
+    for _ in 0..REPEATS {
+        let start = Instant::now();
+        let solution = engine.solve(&params)?;
+        forward = forward.min(start.elapsed().as_secs_f64());
+        let start = Instant::now();
+        let gradients = engine.backward(&solution, &cotangent, wanted, &params)?;
+        backward = backward.min(start.elapsed().as_secs_f64());
+        (there, back) = (solution.info.passes, gradients.info.passes);
+    }
+    println!(
+        "{}, {triangles} triangles, tolerance {:.0e}, the fastest of {REPEATS} runs",
+        scene.name, params.tolerance
+    );
+    println!("  solve     {forward:8.2} s, {there} passes, {}", Bytes(without));
+    println!("  gradients {backward:8.2} s, {back} passes, {} in all", Bytes(bytes));
+    println!("  gradients take {:.2} times the solve (must be 4 or less)", backward / forward);
+    println!("  {:.0} B per triangle in all, staging apart", (bytes - staging) as f64 / triangles);
+    Ok(())
+}

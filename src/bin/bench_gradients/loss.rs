@@ -1,0 +1,85 @@
+//! The loss: fixed random weights on irradiance, radiosity, and what two eyes see.
+
+use crate::room::{Random, bounds};
+use antirad::plan::{Limits, Plan, Wanted};
+use antirad::scene::{Precision, Scene};
+use antirad::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
+use glam::DVec3;
+
+/// All that rounding leaves of the residual: differences at the smallest step need it.
+const TOLERANCE: f64 = 1e-14;
+const MAX_PASSES: u32 = 120;
+
+/// Weights per triangle.
+pub struct Loss {
+    irradiance: Vec<DVec3>,
+    radiosity: Vec<DVec3>,
+    colours: [Vec<DVec3>; 2],
+}
+
+/// Everything that a loss weighs: values of triangles, one array after another.
+pub struct Values(Vec<DVec3>);
+
+/// Where the two eyes are, metres: the first camera, and inside the scene.
+pub fn eyes(scene: &Scene) -> [DVec3; 2] {
+    let (middle, radius) = bounds(scene);
+    let inside = middle + radius * DVec3::new(0.11, 0.23, 0.37);
+    [scene.cameras.first().map_or(middle + radius * DVec3::new(0.7, 0.6, 2.0), |c| c.position), inside]
+}
+
+impl Loss {
+    pub fn new(triangles: usize) -> Self {
+        let mut random = Random(17);
+        let mut weights = |size: f64| (0..triangles).map(|_| size * random.vector()).collect::<Vec<_>>();
+        Self { irradiance: weights(1.0), radiosity: weights(1.0), colours: [weights(3.0), weights(3.0)] }
+    }
+
+    pub fn cotangent(&self, eyes: [DVec3; 2]) -> Cotangent {
+        Cotangent {
+            irradiance: Some(self.irradiance.clone()),
+            radiosity: Some(self.radiosity.clone()),
+            colours: eyes.into_iter().zip(self.colours.clone()).collect(),
+        }
+    }
+
+    /// The loss of a difference of values, per channel: the sum of small differences, not the difference of large sums.
+    pub fn of_difference(&self, above: &Values, below: &Values) -> DVec3 {
+        let weights = [&self.irradiance, &self.radiosity].into_iter().chain(&self.colours).flatten();
+        weights.zip(above.0.iter().zip(&below.0)).map(|(w, (a, b))| *w * (*a - *b)).sum()
+    }
+}
+
+impl Values {
+    pub fn of(engine: &mut Engine, solution: &Solution, eyes: [DVec3; 2]) -> Result<Self, EngineError> {
+        let mut values = Vec::with_capacity(4 * solution.irradiance.len());
+        values.extend(solution.irradiance.iter().chain(&solution.radiosity).copied().map(DVec3::from));
+        for eye in eyes {
+            values.extend(engine.face_colours(solution, eye)?.into_iter().map(DVec3::from));
+        }
+        Ok(Self(values))
+    }
+}
+
+/// An engine in double precision.
+pub fn engine(device: &antirad::gpu::Device, scene: &Scene, wanted: Wanted) -> Result<Engine, EngineError> {
+    let mut accuracy = scene.accuracy;
+    (accuracy.precision, accuracy.tolerance, accuracy.max_passes) = (Precision::F64, TOLERANCE, MAX_PASSES);
+    let plan = Plan::new(scene, &Limits { gradients: wanted, ..Limits::of(device) }, &accuracy)?;
+    Engine::new(device, scene, plan)
+}
+
+pub fn params() -> SolveParams {
+    SolveParams { tolerance: TOLERANCE, max_passes: MAX_PASSES }
+}
+
+/// The gradients of the loss with respect to everything.
+pub fn gradients(
+    engine: &mut Engine,
+    solution: &Solution,
+    loss: &Loss,
+    eyes: [DVec3; 2],
+    progress: &mut antirad::solve::Progress,
+) -> Result<Gradients, EngineError> {
+    let wanted = engine.plan().limits.gradients;
+    engine.backward_with(solution, &loss.cotangent(eyes), wanted, &params(), progress)
+}

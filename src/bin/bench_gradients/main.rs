@@ -1,0 +1,148 @@
+//! Gradients against central differences, in double precision on the device.
+
+mod cost;
+mod curves;
+mod kind;
+mod loss;
+mod room;
+mod table;
+
+use antirad::cli::{self, Interrupt};
+use antirad::gpu::{Device, DeviceOptions};
+use antirad::output::prepare_directory;
+use antirad::scene::{BinLayout, LoadOptions, Scene, Weights};
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressStyle};
+use kind::Kind;
+use std::error::Error;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Relative error of gradients against central differences over the step, for every kind of parameter
+///
+/// e(ε) = |fd - ∇| / (|fd| + |∇|), averaged over a fixed subset of triangles. Steps are relative: to the highest emission
+/// of the scene; to 1 for δ and the albedo; to σ and p themselves; to the mean edge of a triangle for its position and
+/// that of its vertices, along one fixed random direction; to the distance of the camera from the middle of the scene.
+#[derive(Parser)]
+#[command(version, about, after_help = EXAMPLES)]
+struct Arguments {
+    /// Scene, TOML or OBJ [default: a Cornell room with two boxes, one of them glossy, built in]
+    #[arg(long, value_name = "SCENE")]
+    scene: Option<PathBuf>,
+    /// Triangles in the subset
+    #[arg(long, value_name = "NUMBER", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    triangles: u32,
+    /// How far vertices are moved at random on the jittered mesh, in mean edges
+    #[arg(long, value_name = "SHARE", default_value_t = 0.05, value_parser = share)]
+    jitter: f64,
+    /// Direction bins per hemisphere: 10x13 (polar x azimuth) or concentric:12
+    #[arg(long, value_name = "LAYOUT", default_value = "10x13")]
+    bins: BinLayout,
+    /// Kinds of parameters, of emission, albedo, diffuse, specular, power, centroid, vertex, camera [default: all]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    kinds: Vec<Kind>,
+    /// Time and memory of gradients of this scene against those of its solve, instead of errors
+    #[arg(long, value_name = "SCENE", conflicts_with_all = ["scene", "kinds", "triangles", "jitter"])]
+    cost: Option<PathBuf>,
+    /// Where gradients.csv and the plots go
+    #[arg(long, short, value_name = "DIR", default_value = "out/gradients")]
+    output: PathBuf,
+    /// Vulkan device, by its number or a part of its name [env: ANTIRAD_DEVICE]
+    #[arg(long, value_name = "INDEX|NAME")]
+    device: Option<String>,
+    /// No progress, no table: errors alone
+    #[arg(short, long)]
+    quiet: bool,
+    /// Errors of every step, too
+    #[arg(short, long, action = clap::ArgAction::Count)]
+    verbose: u8,
+}
+
+const EXAMPLES: &str = "Examples:
+  bench_gradients
+  bench_gradients --triangles 2 --kinds albedo,vertex
+  bench_gradients --bins concentric:12 --output out/concentric
+  bench_gradients --cost scenes/cornell_boxes.toml";
+
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (0.0..=0.3).contains(&value) => Ok(value),
+        _ => Err("expected a number from 0 to 0.3: beyond that, triangles fold over".to_owned()),
+    }
+}
+
+/// Stopped by the user: not a failure.
+#[derive(Debug, thiserror::Error)]
+#[error("interrupted; nothing was written")]
+struct Interrupted;
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    cli::start_logging(arguments.quiet, arguments.verbose);
+    let interrupt = Interrupt::catch();
+    let result = match &arguments.cost {
+        Some(scene) => cost::run(&arguments, scene, &interrupt),
+        None => all(&arguments, &interrupt),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("bench_gradients: {error}");
+            // A solve that Ctrl-C stopped has an error of its own.
+            ExitCode::from(if interrupt.is_set() { cli::EXIT_INTERRUPTED } else { cli::EXIT_FAILURE })
+        }
+    }
+}
+
+fn device(arguments: &Arguments) -> Result<Device, Box<dyn Error>> {
+    let usual = DeviceOptions::default();
+    let selector = arguments.device.clone().or(usual.selector.clone());
+    Ok(Device::new(&DeviceOptions { selector, ..usual })?)
+}
+
+fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
+    prepare_directory(&arguments.output)?;
+    let device = device(arguments)?;
+    let mut scene = match &arguments.scene {
+        Some(path) => Scene::load(path, &LoadOptions::default())?,
+        None => room::room()?,
+    };
+    scene.accuracy.bins = arguments.bins;
+    room::weld(&mut scene);
+    let wanted = |kinds: &[Kind]| -> Vec<Kind> {
+        let asked = |kind: &Kind| arguments.kinds.is_empty() || arguments.kinds.contains(kind);
+        kinds.iter().copied().filter(asked).collect()
+    };
+    let geometry = [Kind::Centroid, Kind::Vertex, Kind::Camera];
+    let jittered = room::jittered(&scene, arguments.jitter)?;
+    let cases = [
+        ("jittered", &jittered, Weights::Bilinear, wanted(&Kind::ALL)),
+        ("regular", &scene, Weights::Bilinear, wanted(&geometry)),
+        ("regular", &scene, Weights::Smoothstep, wanted(&geometry)),
+    ];
+
+    let mut benches = Vec::new();
+    for (mesh, scene, weights, kinds) in cases {
+        let mut scene = scene.clone();
+        scene.accuracy.weights = weights;
+        let samples = curves::samples(&scene, &kinds, arguments.triangles as usize);
+        benches.push(curves::Bench { mesh, scene, samples, device: &device, interrupt });
+    }
+    let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(0) };
+    if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} gone, {eta} left") {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar.set_length(benches.iter().map(curves::Bench::cost).sum());
+    let mut rows = Vec::new();
+    for bench in &benches {
+        rows.extend(bench.run(&bar)?);
+    }
+    bar.finish_and_clear();
+    table::write(&arguments.output, &rows)?;
+    table::plot(&arguments.output, &rows)?;
+    if !arguments.quiet {
+        table::print(&rows, arguments.verbose > 0);
+        println!("written to {}", arguments.output.display());
+    }
+    Ok(())
+}
