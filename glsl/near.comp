@@ -99,7 +99,8 @@ void main() {
             }
         }
     }
-    if (active_lane) {
+    // A loop that is skipped where nothing was gathered: adding zeros to the bins costs a CPU driver what a pair does.
+    for (uint once = close.x < close.y ? 1 : 0; once > 0; once--) {
         irradiance[j].rgb += sum;
         flush_deposits((j - owner_page) * BINS);
     }

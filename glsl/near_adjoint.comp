@@ -93,7 +93,8 @@ void main() {
             }
         }
     }
-    if (active_lane) {
+    // A loop that is skipped where nothing was gathered: adding zeros to the bins costs a CPU driver what a pair does.
+    for (uint once = close.x < close.y ? 1 : 0; once > 0; once--) {
         radiance[i].rgb += sum;
         flush_radiance((i - owner_page) * BINS);
     }

@@ -7,11 +7,8 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-// Whether colours belong to corners, to be interpolated, or to faces.
-layout(constant_id = 0) const bool SMOOTH = false;
-
 layout(std430, set = 0, binding = 0) readonly buffer Samples { uint sample_face[]; };
-// RGB; one a face, or three.
+// RGB; three a face.
 layout(std430, set = 0, binding = 1) readonly buffer Colours { vec4 colour[]; };
 // Three a face: the function a x + b y + c of the picture's plane that is a corner's weight over the depth.
 layout(std430, set = 0, binding = 2) readonly buffer Corners { vec4 corner[]; };
@@ -53,8 +50,7 @@ void main() {
             // Faces before the page wrap around to large numbers, as the background is one.
             uint face = sample_face[place.y * width + place.x] - first_face;
             if (face < face_count) {
-                vec3 rgb = SMOOTH ? interpolated(face, place) : colour[face].rgb;
-                sum += vec4(rgb, 1.0);
+                sum += vec4(interpolated(face, place), 1.0);
             }
         }
     }

@@ -1,11 +1,9 @@
 #version 450 core
-#extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 // U where source, receiver or both have bins, point to point:
 //     H_j(b) += T_b(ω_j) max(cos_j, 0) |cos_i| g_ij a_i · (front: L_i(ω_i); back: -A_i(ω_i)).
-// A workgroup is one subgroup; a lane owns one receiver. Every lane loads one source, and all lanes take it from there
-// by broadcast. Twin: src/reference/transport.rs.
+// A lane owns one receiver. Twin: src/reference/transport.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -16,17 +14,18 @@ layout(constant_id = 0) const uint LANES = 8;
 layout(constant_id = 1) const uint TILE = 64;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
-layout(std430, binding = 1) readonly buffer Radiance { real4 radiance[]; };
-layout(std430, binding = 2) readonly buffer TilePairs { uint tile_pairs[]; };
-layout(std430, binding = 3) buffer Irradiance { real4 irradiance[]; };
-layout(std430, binding = 4) readonly buffer Antiradiance { real antiradiance[]; };
-layout(scalar, binding = 4) readonly buffer AntiradianceRgb { real3 antiradiance_rgb[]; };
-layout(std430, binding = 5) readonly buffer Specular { real specular[]; };
-layout(scalar, binding = 5) readonly buffer SpecularRgb { real3 specular_rgb[]; };
-layout(std430, binding = 6) buffer Arriving { real arriving[]; };
-layout(scalar, binding = 6) buffer ArrivingRgb { real3 arriving_rgb[]; };
+layout(std430, binding = 1) readonly buffer TilePairs { uint tile_pairs[]; };
+layout(std430, binding = 2) buffer Irradiance { real4 irradiance[]; };
+layout(std430, binding = 3) readonly buffer Antiradiance { real antiradiance[]; };
+layout(scalar, binding = 3) readonly buffer AntiradianceRgb { real3 antiradiance_rgb[]; };
+layout(std430, binding = 4) readonly buffer Specular { real specular[]; };
+layout(scalar, binding = 4) readonly buffer SpecularRgb { real3 specular_rgb[]; };
+layout(std430, binding = 5) buffer Arriving { real arriving[]; };
+layout(scalar, binding = 5) buffer ArrivingRgb { real3 arriving_rgb[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
-layout(std430, binding = 7) readonly buffer BinTable { real4 bin_table[]; };
+layout(std430, binding = 6) readonly buffer BinTable { real4 bin_table[]; };
+#define OTHERS_BINDING 7
+#include "others.glsl"
 
 #include "far_push.glsl"
 #include "source_bins.glsl"
@@ -43,34 +42,26 @@ void main() {
         bool fronts = (flags & PAIR_FRONT) != 0;
         bool backs = SOURCE_BACK && (flags & PAIR_BACK) != 0;
         bool near = (flags & PAIR_NEAR) != 0;
-        uint batches = fronts || backs ? TILE / LANES : 0;
-        for (uint batch = 0; batch < batches; batch++) {
-            uint mine = source_tile * TILE + batch * LANES + gl_LocalInvocationID.x;
-            Facet f = facets[mine];
-            real3 light = radiance[mine].rgb;
-            for (uint lane = 0; lane < LANES; lane++) {
-                uint i = source_tile * TILE + batch * LANES + lane;
-                real3 x = subgroupBroadcast(f.centre, lane);
-                real3 n = subgroupBroadcast(f.normal, lane);
-                real3 l = subgroupBroadcast(light, lane);
-                real area = subgroupBroadcast(f.area, lane);
-                real extent = subgroupBroadcast(f.extent, lane);
-                real3 d = receiver.centre - x;
-                real r2 = max(dot(d, d), R2_MIN);
-                real from = dot(d, n);
-                real to = max(-dot(d, receiver.normal), 0.0);
-                real share = near ? far_share(r2, half_range * (extent + receiver.extent)) : 1.0;
-                real side = from > 0.0 ? real(fronts) : real(backs);
-                real weight = side * share * abs(from) * to * area / (r2 * (r2 + area * INV_PI));
-                // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.
-                for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
-                    real3 direction = d * inversesqrt(r2);
-                    bool front = from > 0.0;
-                    real3 binned = binned_radiance(n, (i - other_page) * BINS, direction, front);
-                    real3 value = weight * (front ? l + binned : binned);
-                    deposit(0, receiver.normal, -direction, value);
-                    sum += value;
-                }
+        uint sources = fronts || backs ? TILE : 0;
+        uint first = (source_tile - other_begin) * TILE;
+        for (uint k = 0; k < sources; k++) {
+            Facet source = others[first + k];
+            real3 d = receiver.centre - source.centre;
+            real r2 = max(dot(d, d), R2_MIN);
+            real from = dot(d, source.normal);
+            real to = max(-dot(d, receiver.normal), 0.0);
+            real share = near ? far_share(r2, half_range * (source.extent + receiver.extent)) : 1.0;
+            real side = from > 0.0 ? real(fronts) : real(backs);
+            real weight = side * share * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
+            // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.
+            for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
+                real3 direction = d * inversesqrt(r2);
+                bool front = from > 0.0;
+                uint bins = (source_tile * TILE + k - other_page) * BINS;
+                real3 binned = binned_radiance(source.normal, bins, direction, front);
+                real3 value = weight * (front ? others_radiance[first + k].rgb + binned : binned);
+                deposit(0, receiver.normal, -direction, value);
+                sum += value;
             }
         }
     }

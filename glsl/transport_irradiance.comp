@@ -1,10 +1,9 @@
 #version 450 core
-#extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_GOOGLE_include_directive : require
 // U from diffuse fronts to triangles without bins, point to point:
 //     E_j += max(cos_j, 0) max(cos_i, 0) g_ij a_i L_i,   g = 1 / (r² + a_i/π).
-// A workgroup is one subgroup and owns one tile of receivers, TILE / LANES of them in the registers of each lane. Every
-// lane loads one source, and all lanes take it from there by broadcast. Twin: src/reference/transport.rs.
+// A workgroup is one subgroup and owns one tile of receivers, TILE / LANES of them in the registers of each lane, which
+// share what is read of a source. Twin: src/reference/transport.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -15,9 +14,10 @@ layout(constant_id = 1) const uint TILE = 64;
 const uint PER_LANE = TILE / LANES;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
-layout(std430, binding = 1) readonly buffer Radiance { real4 radiance[]; };
-layout(std430, binding = 2) readonly buffer TilePairs { uint tile_pairs[]; };
-layout(std430, binding = 3) buffer Irradiance { real4 irradiance[]; };
+layout(std430, binding = 1) readonly buffer TilePairs { uint tile_pairs[]; };
+layout(std430, binding = 2) buffer Irradiance { real4 irradiance[]; };
+#define OTHERS_BINDING 3
+#include "others.glsl"
 
 #include "far_push.glsl"
 
@@ -35,39 +35,31 @@ void main() {
     for (uint source_tile = other_begin; source_tile < other_end; source_tile++) {
         uint flags = pair_flags(tile, source_tile);
         // Loops that may run zero times: an `if` would not skip the work on a device that executes both sides.
-        uint batches = (flags & PAIR_FRONT) != 0 ? TILE / LANES : 0;
-        uint near_lanes = (flags & PAIR_NEAR) != 0 ? LANES : 0;
-        uint far_lanes = LANES - near_lanes;
-        for (uint batch = 0; batch < batches; batch++) {
-            uint mine = source_tile * TILE + batch * LANES + gl_LocalInvocationID.x;
-            Facet f = facets[mine];
-            real3 light = radiance[mine].rgb * f.area;
-            real near_area = f.area * INV_PI;
-            for (uint lane = 0; lane < far_lanes; lane++) {
-                real3 x = subgroupBroadcast(f.centre, lane);
-                real3 n = subgroupBroadcast(f.normal, lane);
-                real3 l = subgroupBroadcast(light, lane);
-                real s = subgroupBroadcast(near_area, lane);
-                for (uint k = 0; k < PER_LANE; k++) {
-                    real3 d = centre[k] - x;
-                    real r2 = max(dot(d, d), R2_MIN);
-                    real cosines = max(dot(d, n), 0.0) * max(-dot(d, normal[k]), 0.0);
-                    sum[k] += l * (cosines / (r2 * (r2 + s)));
-                }
+        uint sources = (flags & PAIR_FRONT) != 0 ? TILE : 0;
+        uint near_sources = (flags & PAIR_NEAR) != 0 ? sources : 0;
+        uint far_sources = sources - near_sources;
+        uint at = (source_tile - other_begin) * TILE;
+        for (uint i = at; i < at + far_sources; i++) {
+            Facet f = others[i];
+            real3 l = others_radiance[i].rgb * f.area;
+            real s = f.area * INV_PI;
+            for (uint k = 0; k < PER_LANE; k++) {
+                real3 d = centre[k] - f.centre;
+                real r2 = max(dot(d, d), R2_MIN);
+                real cosines = max(dot(d, f.normal), 0.0) * max(-dot(d, normal[k]), 0.0);
+                sum[k] += l * (cosines / (r2 * (r2 + s)));
             }
-            for (uint lane = 0; lane < near_lanes; lane++) {
-                real3 x = subgroupBroadcast(f.centre, lane);
-                real3 n = subgroupBroadcast(f.normal, lane);
-                real3 l = subgroupBroadcast(light, lane);
-                real s = subgroupBroadcast(near_area, lane);
-                real e = subgroupBroadcast(f.extent, lane);
-                for (uint k = 0; k < PER_LANE; k++) {
-                    real3 d = centre[k] - x;
-                    real r2 = max(dot(d, d), R2_MIN);
-                    real cosines = max(dot(d, n), 0.0) * max(-dot(d, normal[k]), 0.0);
-                    real share = far_share(r2, half_range * (e + extent[k]));
-                    sum[k] += l * (share * cosines / (r2 * (r2 + s)));
-                }
+        }
+        for (uint i = at; i < at + near_sources; i++) {
+            Facet f = others[i];
+            real3 l = others_radiance[i].rgb * f.area;
+            real s = f.area * INV_PI;
+            for (uint k = 0; k < PER_LANE; k++) {
+                real3 d = centre[k] - f.centre;
+                real r2 = max(dot(d, d), R2_MIN);
+                real cosines = max(dot(d, f.normal), 0.0) * max(-dot(d, normal[k]), 0.0);
+                real share = far_share(r2, half_range * (f.extent + extent[k]));
+                sum[k] += l * (share * cosines / (r2 * (r2 + s)));
             }
         }
     }

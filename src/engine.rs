@@ -36,6 +36,11 @@ pub enum EngineError {
         "the cotangent of {what} is not finite at triangle {triangle}: look for a division by zero in the loss"
     )]
     CotangentNotFinite { what: &'static str, triangle: usize },
+    #[error(
+        "triangle {triangle} {why}, which the plan left out: make the engine again with Engine::rebuilt, or plan with \
+         Limits::front_bins"
+    )]
+    BeyondPlan { triangle: usize, why: &'static str },
     #[error("the plan is for {planned} triangles and the scene has {given}")]
     OtherScene { planned: usize, given: usize },
 }
@@ -144,6 +149,37 @@ impl Engine {
             triangles: scene.triangles.iter().map(|t| t.vertices).collect(),
             vertices: scene.vertices.len(),
         })
+    }
+
+    /// Takes the materials of `scene`, whose geometry must be that of the plan. Lobes and colours that the plan left out are
+    /// refused.
+    pub fn set_materials(&mut self, scene: &Scene) -> Result<(), EngineError> {
+        let plan = self.operators.plan();
+        if plan.facets.len() != scene.triangles.len() {
+            return Err(EngineError::OtherScene { planned: plan.facets.len(), given: scene.triangles.len() });
+        }
+        let materials: Vec<Material> =
+            (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect();
+        for (triangle, material) in materials.iter().enumerate() {
+            if plan.facets[triangle].area > 0.0 && material.is_glossy() && !plan.classes[triangle].glossy {
+                return Err(EngineError::BeyondPlan { triangle, why: "has a specular lobe" });
+            }
+            if plan.channels == 1 && !material.is_grey() {
+                return Err(EngineError::BeyondPlan { triangle, why: "has a colour" });
+            }
+        }
+        self.operators.set_materials(scene)?;
+        self.materials = materials;
+        Ok(())
+    }
+
+    /// The engine for a changed scene: planned anew with the same limits and accuracy. The memory of this one is given back
+    /// first, but for what solutions hold; compiled kernels stay with the device.
+    pub fn rebuilt(self, scene: &Scene) -> Result<Self, EngineError> {
+        let Self { device, operators, adjoint, .. } = self;
+        let (limits, accuracy) = (operators.plan().limits, operators.plan().accuracy);
+        drop((operators, adjoint));
+        Self::new(&device, scene, Plan::new(scene, &limits, &accuracy)?)
     }
 
     pub fn device(&self) -> &Device {

@@ -1,5 +1,6 @@
 //! Directional radiosity with implicit visibility: how light spreads through a scene of triangles, over all bounces and
-//! with shadows, on a Vulkan compute device. The solver runs forwards; gradients are not written yet.
+//! with shadows, on a Vulkan compute device; and the exact gradients of losses with respect to lights, materials, geometry
+//! and cameras ([`Engine::backward`], [`image::geometry_gradient`]).
 //!
 //! What leaves the triangles is C = (1 - (K - J) U)⁻¹ E. E emits; U carries light between all pairs, through
 //! everything; K reflects; J lets what a triangle blocks leave its back as negative light, *antiradiance*, which cancels
@@ -37,6 +38,7 @@
 //! against. SI units, RGB.
 pub mod cli;
 mod engine;
+pub mod fit;
 pub mod gpu;
 mod gradients;
 pub mod image;

@@ -4,6 +4,9 @@ use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
+/// Names of files that are being written start like this.
+const UNFINISHED: &str = ".antirad-";
+
 /// A file could not be written. What was there before is still there.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: cannot be written: {reason}", path.display())]
@@ -32,24 +35,32 @@ fn replace(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> io::
     };
     // Opened here rather than by `tempfile`, whose files only their owner may read.
     let mut file = tempfile::Builder::new()
-        .prefix(".antirad-")
+        .prefix(UNFINISHED)
         .make_in(directory, |path| File::options().read(true).write(true).create_new(true).open(path))?;
     write(file.as_file_mut())?;
     file.persist(&target).map_err(|error| error.error)?;
     Ok(())
 }
 
-/// Writes RGB rows as a float32 array [rows, 3] (NumPy's format).
+/// Writes RGB rows as a float array [rows, 3] (NumPy's format).
 pub fn write_npy<T: npyz::AutoSerialize + Copy>(path: &Path, rows: &[[T; 3]]) -> Result<(), OutputError> {
+    write_array(path, &[rows.len() as u64, 3], rows.iter().flatten().copied())
+}
+
+/// Writes numbers as an array of a shape, the last index running fastest (NumPy's format).
+pub fn write_array<T: npyz::AutoSerialize>(
+    path: &Path,
+    shape: &[u64],
+    numbers: impl Iterator<Item = T>,
+) -> Result<(), OutputError> {
     use npyz::WriterBuilder;
     atomic_write(path, |file| {
-        let shape = [rows.len() as u64, 3];
         let mut writer = npyz::WriteOptions::new()
             .default_dtype()
-            .shape(&shape)
+            .shape(shape)
             .writer(io::BufWriter::new(file))
             .begin_nd()?;
-        writer.extend(rows.iter().flatten().copied())?;
+        writer.extend(numbers)?;
         writer.finish()
     })
 }
@@ -72,7 +83,22 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), Outp
 pub fn prepare_directory(path: &Path) -> Result<(), OutputError> {
     let attempt = || {
         fs::create_dir_all(path)?;
-        tempfile::Builder::new().prefix(".antirad-").tempfile_in(path).map(drop)
+        tempfile::Builder::new().prefix(UNFINISHED).tempfile_in(path).map(drop)
+    };
+    attempt().map_err(|reason| OutputError { path: path.to_path_buf(), reason })
+}
+
+/// Removes what runs that were killed while they wrote have left in a directory. For directories that one run at a time
+/// writes into.
+pub fn remove_unfinished(path: &Path) -> Result<(), OutputError> {
+    let attempt = || {
+        for entry in fs::read_dir(path)? {
+            let entry = entry?;
+            if entry.file_name().to_string_lossy().starts_with(UNFINISHED) {
+                fs::remove_file(entry.path())?;
+            }
+        }
+        Ok(())
     };
     attempt().map_err(|reason| OutputError { path: path.to_path_buf(), reason })
 }

@@ -2,9 +2,10 @@
 
 mod support;
 
-use antirad::plan::{Limits, Plan, PlanError};
+use antirad::gpu::{Device, DeviceOptions};
+use antirad::plan::{Limits, Plan, PlanError, Residency};
 use antirad::reference::{Model, emission, transport};
-use antirad::scene::{Accuracy, Material, Scene, Shape, SolverChoice, Triangle};
+use antirad::scene::{Accuracy, Material, Precision, Scene, Shape, SolverChoice, Triangle};
 use antirad::solve::{FixedPointParams, SolveError, fixed_point};
 use antirad::{Engine, EngineError, SolveParams};
 use glam::DVec3;
@@ -209,18 +210,120 @@ fn too_few_passes_and_interruption_say_what_was_reached() {
     finish(&device);
 }
 
+/// A budget that no plan keeps, and the one that the error names.
+fn least_budget(scene: &Scene, accuracy: &Accuracy, limits: &Limits) -> u64 {
+    match Plan::new(scene, &Limits { memory_budget: 1 << 10, ..*limits }, accuracy) {
+        Err(PlanError::OverBudget { needed, .. }) => needed,
+        other => panic!("{:?}", other.map(|plan| plan.memory().total())),
+    }
+}
+
+/// A room whose walls and box are glossy, too.
+fn glossy_room(cells: u32) -> Scene {
+    let mut scene = room(cells, 0.3);
+    for material in &mut scene.materials[..2] {
+        material.specular = [0.05, 0.04, 0.03];
+        material.power = 20.0;
+    }
+    scene
+}
+
+/// Solves on a device of so many bytes, and compares what was allocated with what was planned.
+fn solve_with_budget(
+    scene: &Scene,
+    accuracy: &Accuracy,
+    limits: &Limits,
+    budget: u64,
+) -> (Engine, antirad::Solution) {
+    let options = DeviceOptions { validation: true, memory_budget: Some(budget), ..Default::default() };
+    let device = Device::new(&options).expect("a Vulkan device");
+    let (mut engine, solution) =
+        solve_within(&device, scene, accuracy, &Limits { memory_budget: budget, ..*limits });
+    engine.face_colours(&solution, DVec3::new(0.5, 0.5, 0.2)).expect("colours");
+    let memory = device.memory();
+    assert!(memory.peak <= budget, "{} of {budget}", memory.peak);
+    assert_eq!(memory.in_use, engine.plan().memory().total());
+    finish(&device);
+    (engine, solution)
+}
+
 #[test]
-fn a_budget_too_small_names_one_that_does() {
+fn the_least_budget_does_and_a_byte_less_does_not() {
     let device = device();
-    let scene = room(4, 0.5);
-    let small = Limits { memory_budget: 1 << 20, ..Limits::of(&device) };
-    let Err(PlanError::OverBudget { needed, .. }) = Plan::new(&scene, &small, &scene.accuracy) else {
-        panic!("1 MiB is too little for the staging buffers alone");
-    };
-    let limits = Limits { memory_budget: needed, ..small };
-    let plan = Plan::new(&scene, &limits, &scene.accuracy).expect("a plan");
-    assert!(plan.memory().total() <= needed);
-    Engine::new(&device, &scene, plan).expect("an engine");
+    for scene in [room(4, 0.5), glossy_room(3)] {
+        let limits = Limits::of(&device);
+        let accuracy = tight(&scene);
+        let needed = least_budget(&scene, &accuracy, &limits);
+        let less = Limits { memory_budget: needed - 1, ..limits };
+        let refused = Plan::new(&scene, &less, &accuracy).map(|plan| plan.memory().total());
+        assert_eq!(refused, Err(PlanError::OverBudget { budget: needed - 1, needed }));
+        let (_engine, truth) = solve_within(&device, &scene, &accuracy, &limits);
+        let (engine, other) = solve_with_budget(&scene, &accuracy, &limits, needed);
+        assert_eq!(engine.plan().residency, Residency::Host { receivers: 1, sources: 1 });
+        assert_eq!(engine.plan().memory().total(), needed);
+        let error = relative_l2(&other.irradiance, &truth.irradiance, &areas(&scene));
+        let error_b = relative_l2(&other.radiosity, &truth.radiosity, &areas(&scene));
+        println!("{needed} bytes: {error:.2e}, radiosity {error_b:.2e}");
+        assert!(error <= 1e-6 && error_b <= 1e-6, "{error:e} {error_b:e}");
+    }
+    finish(&device);
+}
+
+/// From the least to the first that keeps the states on the device: each does with what it has, and finds the same.
+#[test]
+fn states_on_the_host_change_nothing() {
+    let device = device();
+    for (name, scene, solver, precision) in [
+        ("diffuse", room(6, 0.5), SolverChoice::FixedPoint, Precision::F32),
+        ("diffuse", room(6, 0.5), SolverChoice::Auto, Precision::F32),
+        ("glossy", glossy_room(5), SolverChoice::Auto, Precision::F32),
+        ("glossy", glossy_room(3), SolverChoice::Auto, Precision::F64),
+    ] {
+        let accuracy = Accuracy { solver, precision, ..tight(&scene) };
+        let limits = Limits::of(&device);
+        let (engine, truth) = solve_within(&device, &scene, &accuracy, &limits);
+        assert_eq!(engine.plan().residency, Residency::Device);
+        let solver_of_plenty = engine.plan().solver;
+        let needed = least_budget(&scene, &accuracy, &limits);
+        let mut before = u64::MAX;
+        for percent in [105, 250] {
+            let budget = needed * percent / 100;
+            let (engine, other) = solve_with_budget(&scene, &accuracy, &limits, budget);
+            let plan = engine.plan();
+            let error = relative_l2(&other.irradiance, &truth.irradiance, &areas(&scene));
+            println!(
+                "{name}, {solver:?}, {precision:?}, {budget} bytes: {error:.2e}, {:?}",
+                plan.report().states
+            );
+            assert!(matches!(plan.residency, Residency::Host { .. }));
+            assert_eq!(plan.solver, solver_of_plenty);
+            assert!(error <= 1e-6, "{name}: {error:e}");
+            assert!(plan.moved_bytes() <= before, "more memory, more moves");
+            before = plan.moved_bytes();
+        }
+    }
+    finish(&device);
+}
+
+/// With pages of the same size on either side, not a bit depends on where they are.
+#[test]
+fn pages_of_the_same_size_give_the_same_bytes_wherever_they_are() {
+    let device = device();
+    for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
+        let scene = glossy_room(4);
+        let accuracy = Accuracy { solver, ..scene.accuracy };
+        let limits = Limits { page: 1, ..Limits::of(&device) };
+        let (resident, truth) = solve_within(&device, &scene, &accuracy, &limits);
+        let budget = least_budget(&scene, &accuracy, &limits) + (1 << 20);
+        let (hosted, other) = solve_with_budget(&scene, &accuracy, &limits, budget);
+        assert_eq!(resident.plan().residency, Residency::Device);
+        assert_eq!(hosted.plan().residency, Residency::Host { receivers: 1, sources: 1 });
+        assert!(hosted.plan().layout.groups.len() > 3);
+        assert_eq!(resident.plan().layout.groups, hosted.plan().layout.groups);
+        assert_eq!(truth.irradiance, other.irradiance);
+        assert_eq!(truth.radiosity, other.radiosity);
+        assert_eq!(truth.info, other.info);
+    }
     finish(&device);
 }
 
@@ -272,5 +375,30 @@ fn shipped_scenes_solve() {
         assert!(solution.irradiance.iter().flatten().all(|h| h.is_finite()));
         assert!(share.iter().all(|&s| s > 0.0 && s <= 1.05), "{name}: {share:?}");
     }
+    finish(&device);
+}
+
+#[test]
+fn new_materials_and_a_rebuilt_engine_give_what_a_new_engine_gives() {
+    let device = device();
+    let first = room(3, 0.4);
+    let mut second = room(3, 0.6);
+    let (mut engine, before) = solve(&device, &first, &first.accuracy);
+    let (_fresh, expected) = solve(&device, &second, &second.accuracy);
+    let params = SolveParams::from(&second.accuracy);
+    engine.set_materials(&second).expect("materials that fit the plan");
+    assert_eq!(engine.solve(&params).expect("a solution").irradiance, expected.irradiance);
+    engine.set_materials(&first).expect("materials that fit the plan");
+    assert_eq!(engine.solve(&params).expect("a solution").irradiance, before.irradiance);
+    drop((before, expected));
+
+    second.materials[0].specular = [0.1; 3];
+    second.materials[0].power = 10.0;
+    let refused = engine.set_materials(&second).expect_err("a lobe beyond the plan").to_string();
+    assert!(refused.contains("specular lobe") && refused.contains("rebuilt"), "{refused}");
+    let mut engine = engine.rebuilt(&second).expect("an engine");
+    let glossy = engine.solve(&params).expect("a solution");
+    let (_fresh, expected) = solve(&device, &second, &second.accuracy);
+    assert_eq!(glossy.irradiance, expected.irradiance);
     finish(&device);
 }

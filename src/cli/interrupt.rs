@@ -6,13 +6,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Set by the first Ctrl-C (or SIGTERM); a second one ends the process on the spot.
 #[derive(Clone, Default)]
-pub struct Interrupt(Arc<AtomicBool>);
+pub struct Interrupt {
+    set: Arc<AtomicBool>,
+    /// By SIGTERM.
+    terminated: Arc<AtomicBool>,
+}
 
 impl Interrupt {
     /// Catches the signals of this process.
     pub fn catch() -> Self {
         let interrupt = Self::default();
-        let flag = interrupt.0.clone();
+        let flag = interrupt.set.clone();
         let handler = move || {
             if flag.swap(true, Ordering::SeqCst) {
                 std::process::exit(super::EXIT_INTERRUPTED.into());
@@ -21,11 +25,23 @@ impl Interrupt {
         if let Err(error) = ctrlc::set_handler(handler) {
             tracing::warn!("Ctrl-C will end the program at once: {error}");
         }
+        // After the handler above, which it calls: that one cannot tell the signals apart.
+        #[cfg(unix)]
+        if let Err(error) =
+            signal_hook::flag::register(signal_hook::consts::SIGTERM, interrupt.terminated.clone())
+        {
+            tracing::debug!("SIGTERM will look like Ctrl-C: {error}");
+        }
         interrupt
     }
 
     pub fn is_set(&self) -> bool {
-        self.0.load(Ordering::SeqCst)
+        self.set.load(Ordering::SeqCst)
+    }
+
+    /// The exit code that shells expect after the signal.
+    pub fn exit_code(&self) -> u8 {
+        if self.terminated.load(Ordering::SeqCst) { super::EXIT_TERMINATED } else { super::EXIT_INTERRUPTED }
     }
 
     /// For the callbacks of long work.

@@ -6,7 +6,8 @@ mod progress;
 mod size;
 
 pub use interrupt::Interrupt;
-pub use plot::{Curve, LogLogPlot, slope};
+pub(crate) use plot::register_font;
+pub use plot::{Curve, LogPlot, slope};
 pub use progress::SolveBar;
 pub use size::parse_size;
 
@@ -14,9 +15,13 @@ pub use size::parse_size;
 pub const EXIT_FAILURE: u8 = 2;
 /// Exit code after Ctrl-C, as shells expect it.
 pub const EXIT_INTERRUPTED: u8 = 130;
+/// Exit code after SIGTERM.
+pub const EXIT_TERMINATED: u8 = 143;
+/// Exit code of a batch of which a part could not be done.
+pub const EXIT_PARTLY: u8 = 1;
 
-/// Log lines on standard error: warnings, with `verbose` more.
-pub fn start_logging(quiet: bool, verbose: u8) {
+/// Log lines on standard error: warnings, with `verbose` more; with `json` one JSON object a line.
+pub fn start_logging(quiet: bool, verbose: u8, json: bool) {
     let level = match (quiet, verbose) {
         (true, _) => tracing::Level::ERROR,
         (_, 0) => tracing::Level::WARN,
@@ -24,12 +29,12 @@ pub fn start_logging(quiet: bool, verbose: u8) {
         _ => tracing::Level::DEBUG,
     };
     let colours = std::io::IsTerminal::is_terminal(&std::io::stderr());
-    // A logger that is already there stays: embedding tests call this more than once.
-    let _ = tracing_subscriber::fmt()
+    let lines = tracing_subscriber::fmt()
         .with_max_level(level)
         .with_writer(std::io::stderr)
-        .with_ansi(colours)
+        .with_ansi(colours && !json)
         .with_target(false)
-        .without_time()
-        .try_init();
+        .without_time();
+    // A logger that is already there stays: embedding tests call this more than once.
+    let _ = if json { lines.json().flatten_event(true).try_init() } else { lines.try_init() };
 }

@@ -1,7 +1,8 @@
-//! Log-log plots of measurements, as SVG and PNG.
+//! Plots of measurements with logarithmic axes, as SVG and PNG.
 
 use crate::output::{OutputError, atomic_write};
 use plotters::coord::Shift;
+use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
 use plotters::prelude::*;
 use std::io::{self, Write};
 use std::path::Path;
@@ -17,15 +18,17 @@ pub struct Curve {
     pub reference: bool,
 }
 
-/// A plot with logarithmic axes. Axis texts carry the units.
-pub struct LogLogPlot {
+/// A plot with a logarithmic y axis, which shows what is above 0. Axis texts carry the units.
+pub struct LogPlot {
     pub title: String,
     pub x: String,
     pub y: String,
     pub curves: Vec<Curve>,
+    /// A linear x axis, from the first point on; else a logarithmic one.
+    pub linear_x: bool,
 }
 
-impl LogLogPlot {
+impl LogPlot {
     /// Writes `path` with the endings svg and png.
     pub fn write(&self, path: &Path) -> Result<(), OutputError> {
         register_font();
@@ -59,19 +62,47 @@ impl LogLogPlot {
     where
         B::ErrorType: 'static,
     {
-        area.fill(&WHITE)?;
-        let points = || self.curves.iter().flat_map(|c| &c.points);
-        let range = |of: fn(&(f64, f64)) -> f64| {
-            let (low, high) = points().map(of).fold((f64::MAX, 0.0), |(l, h), v| (v.min(l), v.max(h)));
+        let points = || self.curves.iter().flat_map(|c| &c.points).filter(|p| p.1 > 0.0);
+        let ends = |of: fn(&(f64, f64)) -> f64| {
+            let (low, high) = points().map(of).fold((f64::MAX, f64::MIN), |(l, h), v| (v.min(l), v.max(h)));
+            if low <= high { (low, high) } else { (1.0, 1.0) }
+        };
+        let range = |of| {
+            let (low, high) = ends(of);
             low * 0.8..high * 1.25
         };
+        if self.linear_x {
+            let (low, high) = ends(|p| p.0);
+            self.draw_with(area, low..high.max(low + 1.0), range(|p| p.1))
+        } else {
+            self.draw_with(area, range(|p| p.0).log_scale(), range(|p| p.1))
+        }
+    }
+
+    fn draw_with<B: DrawingBackend, X>(
+        &self,
+        area: &DrawingArea<B, Shift>,
+        x: X,
+        y: std::ops::Range<f64>,
+    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>>
+    where
+        B::ErrorType: 'static,
+        X: AsRangedCoord<Value = f64>,
+        X::CoordDescType: ValueFormatter<f64>,
+    {
+        area.fill(&WHITE)?;
         let mut chart = ChartBuilder::on(area)
             .caption(&self.title, ("sans-serif", 24))
             .margin(16)
             .x_label_area_size(48)
             .y_label_area_size(80)
-            .build_cartesian_2d(range(|p| p.0).log_scale(), range(|p| p.1).log_scale())?;
-        let number = |v: &f64| if *v >= 1e4 { format!("{v:.0e}") } else { format!("{v}") };
+            .build_cartesian_2d(x, y.log_scale())?;
+        // Ticks of logarithmic axes are powers of ten but for rounding.
+        let number = |v: &f64| match v.abs() {
+            0.0 => "0".to_owned(),
+            size if (1e-3..1e4).contains(&size) => format!("{}", (v * 1e6).round() / 1e6),
+            _ => format!("{v:.0e}"),
+        };
         chart
             .configure_mesh()
             .x_desc(&self.x)
@@ -81,20 +112,27 @@ impl LogLogPlot {
             .x_label_formatter(&number)
             .y_label_formatter(&number)
             .draw()?;
+        let shown = |curve: &Curve| curve.points.clone().into_iter().filter(|p| p.1 > 0.0);
+        // Many points would hide each other.
+        let mark = if self.curves.iter().map(|c| c.points.len()).sum::<usize>() > 60 { 2 } else { 4 };
         for (k, curve) in self.curves.iter().enumerate() {
             let colour = Palette99::pick(k).to_rgba();
             let width = if curve.reference { 1 } else { 2 };
             chart
-                .draw_series(LineSeries::new(curve.points.iter().copied(), colour.stroke_width(width)))?
+                .draw_series(LineSeries::new(shown(curve), colour.stroke_width(width)))?
                 .label(&curve.label)
                 .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], colour.stroke_width(width)));
             if !curve.reference {
-                chart.draw_series(curve.points.iter().map(|&p| Circle::new(p, 4, colour.filled())))?;
+                chart.draw_series(shown(curve).map(|p| Circle::new(p, mark, colour.filled())))?;
             }
         }
         chart
             .configure_series_labels()
-            .position(SeriesLabelPosition::UpperLeft)
+            .position(if self.linear_x {
+                SeriesLabelPosition::UpperRight
+            } else {
+                SeriesLabelPosition::UpperLeft
+            })
             .label_font(("sans-serif", 16))
             .background_style(WHITE.mix(0.85))
             .border_style(BLACK.mix(0.3))
@@ -115,7 +153,7 @@ pub fn slope(points: &[(f64, f64)]) -> Option<f64> {
 }
 
 /// Texts need a font, and a server may have none: this one comes along.
-fn register_font() {
+pub(crate) fn register_font() {
     // It fails only for a damaged font; then drawing fails too, with an error.
     let _ =
         plotters::style::register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT);
@@ -137,11 +175,12 @@ mod tests {
     fn plots_are_pictures() {
         let folder = tempfile::tempdir().expect("a folder");
         let points = vec![(1e4, 2e6), (1e5, 2.1e7)];
-        let plot = LogLogPlot {
+        let plot = LogPlot {
             title: "memory".to_owned(),
             x: "triangles".to_owned(),
             y: "bytes".to_owned(),
             curves: vec![Curve { label: "ours".to_owned(), points, reference: false }],
+            linear_x: false,
         };
         plot.write(&folder.path().join("plot")).expect("a plot");
         assert!(

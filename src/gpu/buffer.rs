@@ -141,6 +141,7 @@ impl Block {
             .size(self.bytes)
             .usage(
                 vk::BufferUsageFlags::STORAGE_BUFFER
+                    | vk::BufferUsageFlags::UNIFORM_BUFFER
                     | vk::BufferUsageFlags::TRANSFER_SRC
                     | vk::BufferUsageFlags::TRANSFER_DST,
             )
@@ -163,6 +164,10 @@ impl Block {
             device.bind_buffer_memory(self.raw, memory, self.allocation.offset())
         }
         .during("binding the memory of", &self.label)
+    }
+
+    pub(super) fn bytes(&self) -> u64 {
+        self.bytes
     }
 
     pub(super) fn mapped(&mut self) -> Option<&mut [u8]> {

@@ -58,11 +58,11 @@ impl<'a> Batch<'a> {
     ) -> Result<()> {
         let kernel = pipeline.kernel;
         self.check(pipeline, buffers, push, groups)?;
-        self.make_room(pipeline.bindings)?;
+        self.make_room(pipeline.bindings.count())?;
         let shared = &self.device.shared;
         let parts = pipeline.parts;
         let recorder = &mut self.recorder;
-        let set = recorder.descriptor_set(shared, parts.set_layout, pipeline.bindings, kernel)?;
+        let set = recorder.descriptor_set(shared, parts.set_layout, pipeline.bindings.count(), kernel)?;
         let ranges: Vec<_> = buffers
             .iter()
             .map(|slice| {
@@ -78,7 +78,7 @@ impl<'a> Batch<'a> {
                 vk::WriteDescriptorSet::default()
                     .dst_set(set)
                     .dst_binding(binding)
-                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                    .descriptor_type(pipeline.bindings.kind(binding))
                     .buffer_info(range)
             })
             .collect();
@@ -172,7 +172,7 @@ impl<'a> Batch<'a> {
         let info = self.device.info();
         pipeline.check(&self.device)?;
         let arguments = [
-            ("buffers", buffers.len(), pipeline.bindings),
+            ("buffers", buffers.len(), pipeline.bindings.count()),
             ("bytes of push constants", push.len(), pipeline.push_bytes),
         ];
         for (what, given, wanted) in arguments {

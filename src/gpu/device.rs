@@ -161,6 +161,11 @@ impl Device {
         lock(&self.shared.profile).rows()
     }
 
+    /// Says what a kernel does under a shape: items of work, and bytes that it asks of buffers, for its rates.
+    pub fn credit(&self, kernel: &'static str, shape: &str, items: u64, bytes: u64) {
+        lock(&self.shared.profile).credit(kernel, shape, items, bytes);
+    }
+
     pub fn reset_profile(&self) {
         lock(&self.shared.profile).clear();
     }

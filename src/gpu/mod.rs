@@ -47,7 +47,7 @@ pub use embed::RawDevice;
 pub use error::GpuError;
 pub use info::{DeviceInfo, DeviceKind, Enabled, ListedDevice};
 pub use memory::{ALIGN, Bytes, LabelReport, MemoryReport, rounded};
-pub use pipeline::{MAX_PUSH_BYTES, Pipeline};
+pub use pipeline::{Bindings, MAX_PUSH_BYTES, Pipeline};
 pub use profile::ProfileRow;
 pub use survey::list_devices;
 pub use transfer::{STAGING_CHUNK, staging_bytes};

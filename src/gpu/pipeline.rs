@@ -22,7 +22,7 @@ pub(super) const MAX_BINDINGS: u32 = 64;
 pub struct Pipeline {
     pub(super) device: Device,
     pub(super) kernel: &'static str,
-    pub(super) bindings: u32,
+    pub(super) bindings: Bindings,
     pub(super) push_bytes: u32,
     pub(super) parts: Parts,
 }
@@ -35,8 +35,34 @@ pub(super) struct Parts {
     pub(super) pipeline: vk::Pipeline,
 }
 
+/// The buffers that a kernel binds: storage buffers at the first bindings of set 0, uniform buffers behind them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Bindings {
+    pub storage: u32,
+    pub uniform: u32,
+}
+
+impl From<u32> for Bindings {
+    fn from(storage: u32) -> Self {
+        Self { storage, uniform: 0 }
+    }
+}
+
+impl Bindings {
+    pub(super) fn count(self) -> u32 {
+        self.storage + self.uniform
+    }
+
+    pub(super) fn kind(self, binding: u32) -> vk::DescriptorType {
+        match binding < self.storage {
+            true => vk::DescriptorType::STORAGE_BUFFER,
+            false => vk::DescriptorType::UNIFORM_BUFFER,
+        }
+    }
+}
+
 /// What a compiled kernel depends on: its name, bindings, push constants, specialization and subgroup size.
-pub(super) type Key = (&'static str, u32, u32, Vec<(u32, u32)>, Option<u32>);
+pub(super) type Key = (&'static str, Bindings, u32, Vec<(u32, u32)>, Option<u32>);
 
 impl Parts {
     pub(super) fn destroy(self, shared: &Shared) {
@@ -52,13 +78,13 @@ impl Parts {
 }
 
 impl Pipeline {
-    /// The kernel has storage buffers at bindings `0..bindings` of set 0 and `push_bytes` of push constants.
+    /// The kernel has these buffers and `push_bytes` of push constants.
     /// `specialization`: (constant id, value) pairs. `subgroup_size`: lanes that the kernel is written for, if it is
     /// written for a certain number.
     pub fn new(
         device: &Device,
         shader: &Shader,
-        bindings: u32,
+        bindings: impl Into<Bindings>,
         push_bytes: u32,
         specialization: &[(u32, u32)],
         subgroup_size: Option<u32>,
@@ -69,9 +95,10 @@ impl Pipeline {
         if push_bytes > limit || push_bytes % 4 != 0 {
             return Err(GpuError::PushTooLarge { kernel, bytes: push_bytes, limit });
         }
+        let bindings = bindings.into();
         let limit = info.max_storage_buffers.min(MAX_BINDINGS);
-        if bindings > limit {
-            return Err(GpuError::TooManyBindings { kernel, bindings, limit });
+        if bindings.count() > limit {
+            return Err(GpuError::TooManyBindings { kernel, bindings: bindings.count(), limit });
         }
         if let Some(wanted) = subgroup_size {
             let (min, max) = info.subgroup_size_range;
@@ -108,11 +135,11 @@ impl Pipeline {
     fn create_layouts(&mut self) -> Result<()> {
         let shared = &self.device.shared;
         let device = shared.raw();
-        let bindings: Vec<_> = (0..self.bindings)
+        let bindings: Vec<_> = (0..self.bindings.count())
             .map(|binding| {
                 vk::DescriptorSetLayoutBinding::default()
                     .binding(binding)
-                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                    .descriptor_type(self.bindings.kind(binding))
                     .descriptor_count(1)
                     .stage_flags(vk::ShaderStageFlags::COMPUTE)
             })

@@ -1,8 +1,9 @@
 //! Where the device's time goes: one row for each kernel and shape of its work.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ProfileRow {
     pub kernel: String,
     /// What the caller of the dispatch said about its size, e.g. "64x4096".
@@ -11,15 +12,35 @@ pub struct ProfileRow {
     pub count: u64,
     /// Time on the device of all of them; 0 where it keeps no time.
     pub seconds: f64,
+    /// Items of work done, and bytes that kernels asked of buffers for them, as far as callers have said so
+    /// ([`Device::credit`](super::Device::credit)).
+    pub items: u64,
+    pub bytes: u64,
+}
+
+/// What a kernel has done so far.
+#[derive(Clone, Copy, Default)]
+struct Work {
+    count: u64,
+    seconds: f64,
+    items: u64,
+    bytes: u64,
 }
 
 #[derive(Default)]
-pub(super) struct Profile(BTreeMap<(&'static str, String), (u64, f64)>);
+pub(super) struct Profile(BTreeMap<(&'static str, String), Work>);
 
 impl Profile {
     pub(super) fn add(&mut self, kernel: &'static str, shape: String, seconds: f64) {
-        let entry = self.0.entry((kernel, shape)).or_default();
-        *entry = (entry.0 + 1, entry.1 + seconds);
+        let work = self.0.entry((kernel, shape)).or_default();
+        work.count += 1;
+        work.seconds += seconds;
+    }
+
+    pub(super) fn credit(&mut self, kernel: &'static str, shape: &str, items: u64, bytes: u64) {
+        let work = self.0.entry((kernel, shape.to_owned())).or_default();
+        work.items += items;
+        work.bytes += bytes;
     }
 
     pub(super) fn clear(&mut self) {
@@ -28,14 +49,32 @@ impl Profile {
 
     /// The most expensive first.
     pub(super) fn rows(&self) -> Vec<ProfileRow> {
-        let rows = self.0.iter().map(|((kernel, shape), &(count, seconds))| ProfileRow {
+        let rows = self.0.iter().map(|((kernel, shape), work)| ProfileRow {
             kernel: (*kernel).to_owned(),
             shape: shape.clone(),
-            count,
-            seconds,
+            count: work.count,
+            seconds: work.seconds,
+            items: work.items,
+            bytes: work.bytes,
         });
-        let mut rows: Vec<_> = rows.collect();
+        let mut rows: Vec<_> = rows.filter(|row| row.count > 0).collect();
         rows.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
         rows
+    }
+}
+
+impl fmt::Display for ProfileRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:>8.3} s in {:>5} dispatches", self.seconds, self.count)?;
+        match self.items > 0 && self.seconds > 0.0 {
+            true => write!(
+                f,
+                ", {:>8.2} million pairs/s, {:>7.2} GB/s",
+                1e-6 * self.items as f64 / self.seconds,
+                1e-9 * self.bytes as f64 / self.seconds
+            )?,
+            false => write!(f, "{:39}", "")?,
+        }
+        write!(f, ": {}, {}", self.kernel, self.shape)
     }
 }

@@ -62,9 +62,14 @@ impl Recorder {
             .during("creating", "batch command buffer")?;
         self.commands = buffers.into_iter().next().unwrap_or_default();
 
-        let sizes = [vk::DescriptorPoolSize::default()
-            .ty(vk::DescriptorType::STORAGE_BUFFER)
-            .descriptor_count(MAX_DESCRIPTORS)];
+        let sizes = [
+            vk::DescriptorPoolSize::default()
+                .ty(vk::DescriptorType::STORAGE_BUFFER)
+                .descriptor_count(MAX_DESCRIPTORS),
+            vk::DescriptorPoolSize::default()
+                .ty(vk::DescriptorType::UNIFORM_BUFFER)
+                .descriptor_count(MAX_DESCRIPTORS),
+        ];
         let create = vk::DescriptorPoolCreateInfo::default().max_sets(MAX_DISPATCHES).pool_sizes(&sizes);
         // SAFETY: as above.
         self.descriptors = unsafe { device.create_descriptor_pool(&create, None) }

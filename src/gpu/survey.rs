@@ -93,6 +93,9 @@ pub(super) fn choose(mut found: Vec<Candidate>, selector: Option<&str>) -> Resul
     Ok(candidate)
 }
 
+/// What kernels see of a uniform buffer at most; common devices offer that or more.
+const UNIFORM_BYTES: u32 = 1 << 16;
+
 impl Candidate {
     /// `queue_family`: the one to judge, else the first that computes.
     pub(super) fn new(
@@ -131,6 +134,9 @@ impl Candidate {
             missing.push(format!("Vulkan 1.2 (it has {})", info.api_version));
         } else {
             missing.extend(from_extended(instance, physical, &extensions, &mut info));
+        }
+        if core.limits.max_uniform_buffer_range < UNIFORM_BYTES {
+            missing.push(format!("uniform buffers of {UNIFORM_BYTES} bytes"));
         }
         if timestamp_bits == 0 {
             info.timestamp_period_ns = 0.0;

@@ -1,6 +1,7 @@
 //! Transfers between host and device, through staging buffers of a bounded size.
 
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use bytemuck::Pod;
 
@@ -10,8 +11,8 @@ use super::error::GpuError;
 use super::memory::rounded;
 use super::{Result, lock};
 
-/// Bytes of one staging buffer; longer transfers go piece by piece. Large enough that a piece costs more than its
-/// submission, small beside any budget.
+/// Bytes of one staging buffer, unless [`Device::set_staging`] says otherwise; longer transfers go piece by piece. Large
+/// enough that a piece costs more than its submission, small beside most budgets.
 pub const STAGING_CHUNK: u64 = 8 << 20;
 
 /// The device memory that transfers take, for a plan to count: one staging buffer up, one down, made at first use.
@@ -20,10 +21,17 @@ pub const fn staging_bytes() -> u64 {
 }
 
 /// The staging buffers, with the locks that give them to one transfer at a time.
-#[derive(Default)]
 pub(super) struct Staging {
+    /// Bytes of each.
+    chunk: AtomicU64,
     upload: Mutex<Option<Block>>,
     readback: Mutex<Option<Block>>,
+}
+
+impl Default for Staging {
+    fn default() -> Self {
+        Self { chunk: STAGING_CHUNK.into(), upload: Mutex::default(), readback: Mutex::default() }
+    }
 }
 
 impl Staging {
@@ -33,6 +41,20 @@ impl Staging {
 }
 
 impl Device {
+    /// The bytes that both staging buffers take together from now on, [`staging_bytes`] at first. Memory that is short
+    /// is of more use elsewhere.
+    pub fn set_staging(&self, bytes: u64) {
+        let staging = &self.shared.staging;
+        let chunk = rounded(bytes / 2);
+        staging.chunk.store(chunk, Ordering::Relaxed);
+        // Others need the room, perhaps before the next transfer.
+        for slot in [&staging.upload, &staging.readback] {
+            if let Some(other) = lock(slot).take_if(|block| block.bytes() != chunk) {
+                other.destroy(&self.shared);
+            }
+        }
+    }
+
     /// Writes `data` into `buffer` from `offset` (bytes) on.
     pub fn upload(&self, buffer: &Buffer, offset: u64, data: &[u8]) -> Result<()> {
         buffer.check(self, offset, data.len() as u64)?;
@@ -42,7 +64,7 @@ impl Device {
         let mut slot = lock(&self.shared.staging.upload);
         let staging = staging(&self.shared, &mut slot, "staging upload", BufferKind::Upload)?;
         let mut at = offset;
-        for piece in data.chunks(STAGING_CHUNK as usize) {
+        for piece in data.chunks(staging.bytes() as usize) {
             let bytes = piece.len() as u64;
             mapped(staging)?[..piece.len()].copy_from_slice(piece);
             let mut batch = self.batch()?;
@@ -63,7 +85,7 @@ impl Device {
         let mut slot = lock(&self.shared.staging.readback);
         let staging = staging(&self.shared, &mut slot, "staging readback", BufferKind::Readback)?;
         let mut at = offset;
-        for piece in into.chunks_mut(STAGING_CHUNK as usize) {
+        for piece in into.chunks_mut(staging.bytes() as usize) {
             let bytes = piece.len() as u64;
             let mut batch = self.batch()?;
             // SAFETY: as in `upload`.
@@ -101,9 +123,10 @@ fn staging<'a>(
     label: &str,
     kind: BufferKind,
 ) -> Result<&'a mut Block> {
+    let bytes = shared.staging.chunk.load(Ordering::Relaxed);
     match slot {
         Some(block) => Ok(block),
-        None => Ok(slot.insert(Block::new(shared, label, STAGING_CHUNK, kind)?)),
+        None => Ok(slot.insert(Block::new(shared, label, bytes, kind)?)),
     }
 }
 

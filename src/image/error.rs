@@ -23,6 +23,12 @@ pub enum ImageError {
     #[error("{given} colours for {wanted} triangles; give one per triangle, in the scene's order")]
     Colours { given: usize, wanted: usize },
 
+    #[error("a cotangent of {given} pixels for a picture of {wanted}; give one per pixel")]
+    CotangentLength { given: usize, wanted: usize },
+
+    #[error("the cotangent of pixel {pixel} is not finite")]
+    CotangentNotFinite { pixel: usize },
+
     #[error(
         "a picture of {width} x {height} with {pixels} pixels cannot be written; give it width x height of them"
     )]

@@ -69,33 +69,17 @@ impl View {
 
     /// None if the triangle cannot be seen: behind the camera, outside of the picture, seen edge-on, or without area.
     pub(super) fn project(&self, number: u32, corners: [DVec3; 3]) -> Option<Projected> {
-        let [a, b, c] = corners.map(|corner| self.to_frame(corner));
+        let corners @ [a, b, c] = corners.map(|corner| self.to_frame(corner));
         let normal = (b - a).cross(c - a);
         let det = normal.dot(a);
         if a.z.max(b.z).max(c.z) <= 0.0 || det.abs() <= EDGE_ON * normal.length() * a.length() {
             return None;
         }
-        let bounds = Bounds::of([a, b, c])?;
         let edges = [b.cross(c), c.cross(a), a.cross(b)].map(|edge| edge * det.signum());
         // The frame is left-handed: this is the other way round than in the scene.
         let front = det > 0.0;
-        let mut inverse_depth = normal / det;
-        if front {
-            // Of the two sides of a sheet, which differ by rounding only, the front is seen.
-            inverse_depth.z += ROUNDING * l1(inverse_depth);
-        }
-        Some(Projected {
-            number,
-            front,
-            bounds,
-            edges: edges.map(|edge| {
-                let size = l1(edge);
-                let mut unit = if size > 0.0 { edge / size } else { edge };
-                unit.z += ROUNDING;
-                unit
-            }),
-            inverse_depth,
-        })
+        let bounds = Bounds::of(corners)?;
+        Some(Projected { number, front, bounds, corners, edges, inverse_depth: normal / det })
     }
 
     /// The functions of the picture that are the weights of a face's corners over the depth.
@@ -113,9 +97,28 @@ pub(super) struct Projected {
     pub number: u32,
     pub front: bool,
     pub bounds: Bounds,
-    /// At least zero on the triangle; the absolute coefficients sum to 1, before the move by [`ROUNDING`].
+    /// In the frame of the view.
+    pub corners: [DVec3; 3],
+    /// At least zero on the triangle: opposite to each corner, the cross product of the two others, turned inwards.
     pub edges: [DVec3; 3],
     pub inverse_depth: DVec3,
+}
+
+impl Projected {
+    /// The same for an f32 kernel: the absolute coefficients of edges sum to 1, and they are moved by [`ROUNDING`].
+    pub fn rounded(mut self) -> Self {
+        self.edges = self.edges.map(|edge| {
+            let size = l1(edge);
+            let mut unit = if size > 0.0 { edge / size } else { edge };
+            unit.z += ROUNDING;
+            unit
+        });
+        if self.front {
+            // Of the two sides of a sheet, which differ by rounding only, the front is seen.
+            self.inverse_depth.z += ROUNDING * l1(self.inverse_depth);
+        }
+        self
+    }
 }
 
 /// A part of the picture.

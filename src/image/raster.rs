@@ -1,10 +1,12 @@
 //! The rasterizer: from a scene, a camera and colours to a picture.
 
-use super::bands::Grid;
+use super::bands::{Band, Grid};
+use super::coverage::{Coverage, Sides, check_colours};
+use super::projection::Projected;
 use super::resolve::{self, Resolve, Shading};
 use super::visibility::{self, Visibility};
-use super::{ImageError, Picture};
-use crate::gpu::{Device, Pipeline, rounded};
+use super::{ImageError, Picture, View};
+use crate::gpu::{Buffer, Device, GpuError, Pipeline, rounded};
 use crate::scene::{Camera, Scene};
 
 /// A pixel has at most so many samples each way.
@@ -30,8 +32,7 @@ impl Default for PictureOptions {
 pub struct Rasterizer {
     device: Device,
     visibility: Pipeline,
-    flat: Pipeline,
-    smooth: Pipeline,
+    resolve: Pipeline,
 }
 
 impl Rasterizer {
@@ -39,8 +40,7 @@ impl Rasterizer {
         Ok(Self {
             device: device.clone(),
             visibility: visibility::pipeline(device)?,
-            flat: resolve::pipeline(device, false)?,
-            smooth: resolve::pipeline(device, true)?,
+            resolve: resolve::pipeline(device)?,
         })
     }
 
@@ -53,24 +53,39 @@ impl Rasterizer {
         colours: &[[f32; 3]],
         options: &PictureOptions,
     ) -> Result<Picture, ImageError> {
-        let (given, wanted) = (colours.len(), scene.triangles.len());
-        if given != wanted {
-            return Err(ImageError::Colours { given, wanted });
-        }
+        let triangles = scene.triangles.len();
+        check_colours(colours.len(), triangles)?;
         let PictureOptions { supersample, smooth } = *options;
         let grid = grid(camera, supersample)?;
-        let faces = visibility::project(scene, camera);
-        let shading = Shading::new(scene, camera, &faces, colours, smooth)?;
-        let pipeline = if smooth { &self.smooth } else { &self.flat };
-        let triangles = wanted as u64;
-        let visibility = Visibility::new(&self.device, &self.visibility, grid, triangles)?;
-        let resolve = Resolve::new(&self.device, pipeline, grid, triangles, smooth)?;
+        let faces = visibility::project(scene, &View::new(camera));
         let mut pixels = Vec::with_capacity(camera.width as usize * camera.height as usize);
-        for band in grid.bands() {
-            visibility.run(band, &faces)?;
-            pixels.extend(resolve.run(band, &visibility.samples, &shading)?);
+        if smooth {
+            let shading = Shading::new(scene, camera, &faces, colours)?;
+            let resolve = Resolve::new(&self.device, &self.resolve, grid, triangles as u64)?;
+            self.bands(grid, triangles, faces, |band, samples| {
+                pixels.extend(resolve.run(band, samples, &shading)?);
+                Ok(())
+            })?;
+        } else {
+            self.coverage_of_bands(grid, triangles, faces, |band| {
+                pixels.extend(band.picture(colours)?.pixels);
+                Ok(())
+            })?;
         }
         Ok(Picture { width: camera.width, height: camera.height, pixels })
+    }
+
+    /// What a camera sees of a scene that was checked, for pictures of `supersample` x `supersample` samples a pixel in
+    /// any colours, and for their derivatives.
+    pub fn coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
+        let grid = grid(camera, supersample)?;
+        let faces = visibility::project(scene, &View::new(camera));
+        let mut whole = Coverage::empty(&grid, scene.triangles.len());
+        self.coverage_of_bands(grid, scene.triangles.len(), faces, |band| {
+            whole.append(band);
+            Ok(())
+        })?;
+        Ok(whole)
     }
 
     /// The visible face of every sample of a picture, `u32::MAX` where there is none: `supersample` times the width
@@ -83,16 +98,48 @@ impl Rasterizer {
         supersample: u32,
     ) -> Result<Vec<u32>, ImageError> {
         let grid = grid(camera, supersample)?;
-        let faces = visibility::project(scene, camera);
-        let triangles = scene.triangles.len() as u64;
-        let visibility = Visibility::new(&self.device, &self.visibility, grid, triangles)?;
+        let faces = visibility::project(scene, &View::new(camera));
         let mut samples = Vec::with_capacity(grid.width as usize * grid.height as usize);
+        self.bands(grid, scene.triangles.len(), faces, |band, buffer| {
+            samples.extend(self.download(&grid, band, buffer)?);
+            Ok(())
+        })?;
+        Ok(samples)
+    }
+
+    /// Calls `each` with the samples of each band, from the top.
+    fn bands(
+        &self,
+        grid: Grid,
+        triangles: usize,
+        faces: Vec<Projected>,
+        mut each: impl FnMut(Band, &Buffer) -> Result<(), ImageError>,
+    ) -> Result<(), ImageError> {
+        let faces = visibility::rounded(faces);
+        let visibility = Visibility::new(&self.device, &self.visibility, grid, triangles as u64)?;
         for band in grid.bands() {
             visibility.run(band, &faces)?;
-            let count = u64::from(grid.width) * u64::from(band.rows);
-            samples.extend(self.device.download_slice::<u32>(&visibility.samples, 0, count)?);
+            each(band, &visibility.samples)?;
         }
-        Ok(samples)
+        Ok(())
+    }
+
+    fn coverage_of_bands(
+        &self,
+        grid: Grid,
+        triangles: usize,
+        faces: Vec<Projected>,
+        mut each: impl FnMut(Coverage) -> Result<(), ImageError>,
+    ) -> Result<(), ImageError> {
+        let sides = Sides::new(triangles, &faces);
+        self.bands(grid, triangles, faces, |band, buffer| {
+            each(Coverage::of_band(&grid, band, &self.download(&grid, band, buffer)?, &sides))
+        })
+    }
+
+    fn download(&self, grid: &Grid, band: Band, samples: &Buffer) -> Result<Vec<u32>, GpuError> {
+        let count = u64::from(grid.width) * u64::from(band.rows);
+        self.device.download_slice(samples, 0, count)
     }
 
     /// The device memory that [`render`](Self::render) takes for a scene of so many triangles, exactly. The staging
@@ -100,12 +147,14 @@ impl Rasterizer {
     pub fn bytes(triangles: usize, camera: &Camera, options: &PictureOptions) -> Result<u64, ImageError> {
         let grid = grid(camera, options.supersample)?;
         let visibility = visibility::sizes(&grid, triangles as u64);
-        let resolve = resolve::sizes(&grid, triangles as u64, options.smooth);
+        // One colour a face is spread on the host.
+        let resolve = if options.smooth { resolve::sizes(&grid, triangles as u64) } else { [0; 3] };
         Ok(visibility.into_iter().chain(resolve).map(rounded).sum())
     }
 }
 
-fn grid(camera: &Camera, supersample: u32) -> Result<Grid, ImageError> {
+/// The samples of a camera's picture.
+pub(super) fn grid(camera: &Camera, supersample: u32) -> Result<Grid, ImageError> {
     camera.check()?;
     if !supersample.is_power_of_two() || supersample > MAX_SUPERSAMPLE {
         return Err(ImageError::Supersample(supersample));

@@ -1,4 +1,4 @@
-//! Pixels from samples and colours, band by band, on the device.
+//! Pixels from samples and colours of corners, band by band, on the device.
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
@@ -11,7 +11,7 @@ use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
 use crate::scene::{Camera, Scene};
 use crate::shaders;
 
-/// Faces whose colours are on the device at a time: 12 MiB where corners have their own.
+/// Faces whose colours are on the device at a time: 12 MiB with their weights.
 const PAGE: usize = 1 << 17;
 
 /// Pixels a side of the kernel's workgroup.
@@ -29,16 +29,16 @@ struct Push {
     face_count: u32,
 }
 
-pub(super) fn pipeline(device: &Device, smooth: bool) -> Result<Pipeline, GpuError> {
-    let smooth = [(0, u32::from(smooth))];
-    Pipeline::new(device, &shaders::RESOLVE, 4, size_of::<Push>() as u32, &smooth, None)
+pub(super) fn pipeline(device: &Device) -> Result<Pipeline, GpuError> {
+    Pipeline::new(device, &shaders::RESOLVE, 4, size_of::<Push>() as u32, &[], None)
 }
 
 /// What a picture shows on each face of the scene, backs black.
-pub(super) enum Shading {
-    Flat(Vec<[f32; 4]>),
-    /// Colours of corners, and the functions of the picture that weigh them.
-    Smooth(Vec<[[f32; 4]; 3]>, Vec<[[f32; 4]; 3]>),
+pub(super) struct Shading {
+    /// Of corners.
+    colours: Vec<[[f32; 4]; 3]>,
+    /// The functions of the picture that weigh them.
+    weights: Vec<[[f32; 4]; 3]>,
 }
 
 impl Shading {
@@ -46,22 +46,13 @@ impl Shading {
         scene: &Scene,
         camera: &Camera,
         faces: &[Projected],
-        colours: &[[f32; 3]],
-        smooth: bool,
+        face_colours: &[[f32; 3]],
     ) -> Result<Self, ImageError> {
-        let opaque = |[r, g, b]: [f32; 3]| [r, g, b, 1.0];
-        let fronts = || faces.iter().filter(|face| face.front).map(|face| face.number as usize);
-        if !smooth {
-            let mut shown = vec![[0.0; 4]; colours.len()];
-            for number in fronts() {
-                shown[number] = opaque(colours[number]);
-            }
-            return Ok(Self::Flat(shown));
-        }
-        let corners = corner_colours(scene, colours)?;
-        let mut shown = vec![[[0.0; 4]; 3]; colours.len()];
-        for number in fronts() {
-            shown[number] = corners[number].map(opaque);
+        let corners = corner_colours(scene, face_colours)?;
+        let mut colours = vec![[[0.0; 4]; 3]; corners.len()];
+        for face in faces.iter().filter(|face| face.front) {
+            let number = face.number as usize;
+            colours[number] = corners[number].map(|[r, g, b]| [r, g, b, 1.0]);
         }
         let view = View::new(camera);
         let weights = (0..colours.len())
@@ -71,7 +62,7 @@ impl Shading {
                 weights.map(|weight| weight.extend(0.0).as_vec4().to_array())
             })
             .collect();
-        Ok(Self::Smooth(shown, weights))
+        Ok(Self { colours, weights })
     }
 }
 
@@ -92,10 +83,9 @@ impl<'a> Resolve<'a> {
         pipeline: &'a Pipeline,
         grid: Grid,
         triangles: u64,
-        smooth: bool,
     ) -> Result<Self, GpuError> {
         let buffer = |label, bytes| Buffer::new(device, label, bytes, BufferKind::Storage);
-        let [colours, corners, pixels] = sizes(&grid, triangles, smooth);
+        let [colours, corners, pixels] = sizes(&grid, triangles);
         Ok(Self {
             device,
             pipeline,
@@ -115,10 +105,7 @@ impl<'a> Resolve<'a> {
         batch.fill(&self.pixels, 0, count * size_of::<[f32; 4]>() as u64, 0)?;
         batch.submit()?;
 
-        let triangles = match shading {
-            Shading::Flat(colours) => colours.len(),
-            Shading::Smooth(colours, _) => colours.len(),
-        };
+        let triangles = shading.colours.len();
         let groups = [columns.div_ceil(GROUP), rows.div_ceil(GROUP), 1];
         let shape = format!("{columns}x{rows}");
         for first in (0..triangles).step_by(PAGE) {
@@ -132,13 +119,8 @@ impl<'a> Resolve<'a> {
                 first_face: first as u32,
                 face_count: page.len() as u32,
             };
-            match shading {
-                Shading::Flat(colours) => self.device.upload_slice(&self.colours, 0, &colours[page])?,
-                Shading::Smooth(colours, weights) => {
-                    self.device.upload_slice(&self.colours, 0, &colours[page.clone()])?;
-                    self.device.upload_slice(&self.corners, 0, &weights[page])?;
-                }
-            }
+            self.device.upload_slice(&self.colours, 0, &shading.colours[page.clone()])?;
+            self.device.upload_slice(&self.corners, 0, &shading.weights[page])?;
             let buffers = [samples, &self.colours, &self.corners, &self.pixels].map(Buffer::whole);
             let mut batch = self.device.batch()?;
             batch.dispatch(self.pipeline, &shape, &buffers, bytemuck::bytes_of(&push), groups)?;
@@ -149,9 +131,9 @@ impl<'a> Resolve<'a> {
 }
 
 /// Bytes of the buffers of colours, corners and pixels.
-pub(super) fn sizes(grid: &Grid, triangles: u64, smooth: bool) -> [u64; 3] {
+pub(super) fn sizes(grid: &Grid, triangles: u64) -> [u64; 3] {
     let vec4 = size_of::<[f32; 4]>() as u64;
     let corners = 3 * vec4 * triangles.min(PAGE as u64);
     let pixels = vec4 * grid.band_pixels();
-    if smooth { [corners, corners, pixels] } else { [corners / 3, 0, pixels] }
+    [corners, corners, pixels]
 }

@@ -7,7 +7,7 @@ use super::bands::{Band, Grid};
 use super::projection::{Projected, View};
 use super::tiles::{TileLists, max_pairs};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
-use crate::scene::{Camera, Scene};
+use crate::scene::Scene;
 use crate::shaders;
 
 /// In place of a face: the background.
@@ -40,9 +40,8 @@ pub(super) fn pipeline(device: &Device) -> Result<Pipeline, GpuError> {
     Pipeline::new(device, &shaders::VISIBILITY, 6, size_of::<Push>() as u32, &[], None)
 }
 
-/// The faces that a camera may see, in the scene's order.
-pub(super) fn project(scene: &Scene, camera: &Camera) -> Vec<Projected> {
-    let view = View::new(camera);
+/// The faces that a camera may see, in the scene's order, exactly.
+pub(super) fn project(scene: &Scene, view: &View) -> Vec<Projected> {
     let mut skip = vec![false; scene.triangles.len()];
     for &number in &scene.degenerate {
         skip[number as usize] = true;
@@ -52,6 +51,11 @@ pub(super) fn project(scene: &Scene, camera: &Camera) -> Vec<Projected> {
         .filter(|&number| !skip[number])
         .filter_map(|number| view.project(number as u32, scene.corners(number)))
         .collect()
+}
+
+/// The same faces for the kernel.
+pub(super) fn rounded(faces: Vec<Projected>) -> Vec<Projected> {
+    faces.into_par_iter().map(Projected::rounded).collect()
 }
 
 /// The samples of one band at a time.

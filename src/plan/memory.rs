@@ -1,12 +1,12 @@
 //! Bytes, by label, before they are allocated. The engine asserts that it allocates these and no others.
 
-use super::{Bins, Plan, PlanError};
+use super::{Bins, Plan, PlanError, Residency, UNIFORM_SLOTS};
 use crate::scene::Precision;
 
 /// Every buffer's size is rounded up to a multiple of this.
 const ROUNDING: u64 = 256;
 /// Reals of one triangle in the arrays of the same name (glsl/geometry.glsl, glsl/surface.glsl).
-const FACET: u64 = 8;
+pub(super) const FACET: u64 = 8;
 const CORNERS: u64 = 12;
 const SURFACE: u64 = 12;
 pub(super) const RGB: u64 = 4;
@@ -47,10 +47,11 @@ impl MemoryPlan {
         let real = plan.accuracy.precision.bytes();
         let slots = u64::from(plan.layout.slots());
         let mut memory = Self::default();
-        memory.add("facets", slots * FACET * real, 1);
+        let seen = slots + u64::from(UNIFORM_SLOTS);
+        memory.add("facets", seen * FACET * real, 1);
         memory.add("corners", slots * CORNERS * real, 1);
         memory.add("surfaces", slots * SURFACE * real, 1);
-        memory.add("radiance", slots * plan.rgb_bytes(), 1);
+        memory.add("radiance", seen * plan.rgb_bytes(), 1);
         memory.add("face colours", slots * plan.rgb_bytes(), 1);
         memory.add("bin table", plan.bins.count() as u64 * RGB * real, 1);
         memory.add("tile pairs", plan.tile_pairs.flags.len() as u64 * 4, 1);
@@ -58,21 +59,39 @@ impl MemoryPlan {
         memory.add("near sources", plan.near.others.len() as u64 * 4, 1);
         memory.add("partial sums", PARTIAL_SUMS * real, 1);
         memory.add("no bins", real, 1);
-        let vectors = plan.vectors();
-        memory.add("state: irradiance", slots * plan.rgb_bytes(), vectors);
-        for group in plan.layout.groups.iter().filter(|g| g.class.has_bins()) {
-            let bytes = plan.page_bytes(group);
-            memory.add("state: bins", bytes, vectors);
-            if group.class.glossy {
-                memory.add("specular radiance", bytes, 1);
-            }
-        }
+        memory.add_states(plan);
         memory.add_gradients(plan, slots);
-        memory.add(STAGING, plan.limits.staging, 1);
+        memory.add(STAGING, plan.staging, 1);
         if plan.limits.pictures > 0 {
             memory.add(PICTURES, plan.limits.pictures, 1);
         }
         memory
+    }
+
+    /// Vectors of the solver, or the windows on them, and what glossy triangles make of one.
+    fn add_states(&mut self, plan: &Plan) {
+        match plan.residency {
+            Residency::Device => {
+                self.add("state: irradiance", plan.irradiance_bytes(), plan.vectors());
+                for group in plan.layout.groups.iter().filter(|g| g.class.has_bins()) {
+                    self.add("state: bins", plan.page_bytes(group), plan.vectors());
+                    if group.class.glossy {
+                        self.add("specular radiance", plan.page_bytes(group), 1);
+                    }
+                }
+            }
+            Residency::Host { receivers, sources } => {
+                let bins = |tiles: u32| u64::from(tiles) * plan.tile_bytes();
+                self.add("state: irradiance", plan.irradiance_bytes(), 2);
+                if !plan.tiles_with_bins().is_empty() {
+                    self.add("state: bins", bins(receivers), 1);
+                    self.add("state: bins", bins(sources), 1);
+                }
+                if plan.layout.groups.iter().any(|g| g.class.glossy) {
+                    self.add("specular radiance", bins(sources), 1);
+                }
+            }
+        }
     }
 
     /// What [`crate::Engine::backward`] needs beyond a solve: the solution's own vector, the loss's cotangent, and what

@@ -8,6 +8,7 @@ mod memory;
 mod near;
 mod order;
 mod report;
+mod residency;
 mod tiles;
 mod wanted;
 
@@ -18,8 +19,10 @@ pub use error::PlanError;
 pub(crate) use memory::PARTIAL_SUMS;
 pub use memory::{MemoryItem, MemoryPlan};
 pub use near::NearPairs;
-pub use report::{ClassReport, PairReport, PlanReport};
+pub use report::{ClassReport, PairReport, PlanReport, StatesReport};
+pub use residency::{Piece, Residency};
 pub use tiles::{Group, Layout, PADDING, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, TilePairs};
+pub(crate) use tiles::{OTHER_TILES, UNIFORM_SLOTS};
 pub use wanted::Wanted;
 
 use crate::reference::Facet;
@@ -33,7 +36,7 @@ pub struct Limits {
     pub memory_budget: u64,
     /// Largest buffer a kernel can see, bytes.
     pub max_buffer: u64,
-    /// Bytes of the buffers through which data comes and goes.
+    /// Bytes of the buffers through which data comes and goes: the plan takes fewer where memory is short.
     pub staging: u64,
     /// Bytes to leave to others under the same budget: pictures.
     pub pictures: u64,
@@ -150,6 +153,9 @@ pub struct Plan {
     /// The same by source, where gradients are wanted.
     pub near_receivers: Option<NearPairs>,
     pub solver: PlannedSolver,
+    pub residency: Residency,
+    /// Bytes of the staging buffers.
+    pub staging: u64,
     memory: MemoryPlan,
 }
 
@@ -206,13 +212,16 @@ impl Plan {
             near_receivers: limits.gradients.any().then(|| near.transposed()),
             near,
             solver: PlannedSolver::FixedPoint,
+            residency: Residency::Device,
+            staging: limits.staging,
             memory: MemoryPlan::default(),
         };
         plan.choose_solver()?;
         Ok(plan)
     }
 
-    /// The longest basis that fits the budget, or the fixed point, or an error that says what would do.
+    /// The longest basis that fits the budget, or the fixed point; if nothing does, states on the host, or an error that
+    /// says how many bytes would do.
     fn choose_solver(&mut self) -> Result<(), PlanError> {
         let wanted: Vec<PlannedSolver> = {
             let bases = |shortest: u32| {
@@ -225,16 +234,26 @@ impl Plan {
             }
         };
         let mut least = u64::MAX;
-        for solver in wanted {
+        for &solver in &wanted {
             self.solver = solver;
-            self.memory = MemoryPlan::of(self);
-            self.memory.check_buffers(self.limits.max_buffer)?;
-            least = least.min(self.memory.total());
-            if self.memory.total() <= self.limits.memory_budget {
-                return Ok(());
+            for staging in [self.limits.staging, self.short_staging()] {
+                self.staging = staging;
+                self.memory = MemoryPlan::of(self);
+                self.memory.check_buffers(self.limits.max_buffer)?;
+                least = least.min(self.memory.total());
+                if self.memory.total() <= self.limits.memory_budget {
+                    return Ok(());
+                }
             }
         }
-        Err(PlanError::OverBudget { budget: self.limits.memory_budget, needed: least })
+        if self.limits.gradients.any() {
+            // The adjoint works on states of the device alone.
+            return Err(PlanError::OverBudget { budget: self.limits.memory_budget, needed: least });
+        }
+        // Vectors of the host take no memory of the device: the solver can be the one that runs where memory is plenty,
+        // so that the answer does not depend on the budget.
+        self.solver = wanted.first().copied().unwrap_or(PlannedSolver::FixedPoint);
+        self.stream()
     }
 
     /// Bytes by label.
@@ -258,6 +277,21 @@ impl Plan {
         memory::bin_bytes(&self.bins, self.channels, self.accuracy.precision)
     }
 
+    /// Bytes of the bins of one tile.
+    pub fn tile_bytes(&self) -> u64 {
+        u64::from(self.layout.tile) * self.bin_bytes()
+    }
+
+    /// Bytes of the irradiance of a state.
+    pub fn irradiance_bytes(&self) -> u64 {
+        u64::from(self.layout.slots()) * self.rgb_bytes()
+    }
+
+    /// Bytes of what kernels read of each triangle.
+    pub(crate) fn facet_bytes(&self) -> u64 {
+        memory::FACET * self.accuracy.precision.bytes()
+    }
+
     /// Bytes of one vec4 of reals.
     pub(crate) fn rgb_bytes(&self) -> u64 {
         memory::RGB * self.accuracy.precision.bytes()
@@ -270,9 +304,5 @@ impl Plan {
 }
 
 fn is_grey(scene: &Scene) -> bool {
-    let grey = |c: [f64; 3]| c[0] == c[1] && c[1] == c[2];
-    (0..scene.triangles.len()).all(|i| {
-        let m = scene.material(i);
-        grey(m.albedo) && grey(m.specular) && grey(m.emission)
-    })
+    (0..scene.triangles.len()).all(|i| scene.material(i).is_grey())
 }

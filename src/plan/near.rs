@@ -4,6 +4,7 @@ use super::classes::{Class, reaches};
 use super::tiles::{Layout, PADDING, PAIR_NEAR, TilePairs};
 use crate::reference::Facet;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// For each owner slot, a receiver, the slots of its close others, sources, rising; or the other way round.
 #[derive(Clone, Debug, Default)]
@@ -50,6 +51,15 @@ impl NearPairs {
             offsets.push(offsets.last().copied().unwrap_or(0) + list.len() as u32);
         }
         Self { offsets, others: lists.concat() }
+    }
+
+    /// The others of an owner within a range of slots.
+    pub fn of(&self, owner: u32, others: &Range<u32>) -> &[u32] {
+        let list = owner as usize..=owner as usize + 1;
+        let &[begin, end] = &self.offsets[list] else { return &[] };
+        let all = &self.others[begin as usize..end as usize];
+        let before = |bound: u32| all.partition_point(|&other| other < bound);
+        &all[before(others.start)..before(others.end)]
     }
 
     /// The same pairs by the other end.

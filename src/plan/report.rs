@@ -1,12 +1,14 @@
 //! The plan in words and numbers.
 
-use super::{MemoryItem, PADDING, Plan, PlannedSolver};
+use super::{MemoryItem, PADDING, Plan, PlannedSolver, Residency};
 use std::fmt;
 
 /// Pairs per second that estimates of time count on: two cores of a CPU driver.
 const IRRADIANCE_RATE: f64 = 300e6;
 const BINS_RATE: f64 = 15e6;
 const NEAR_RATE: f64 = 0.5e6;
+/// Bytes per second between host and device.
+const MOVE_RATE: f64 = 2e9;
 /// Passes that estimates of time count on: a room of albedo 0.7 to 1e-4.
 const PASSES: f64 = 11.0;
 
@@ -32,6 +34,22 @@ pub struct PairReport {
     pub sub_sampled: u64,
 }
 
+/// Where the states are.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct StatesReport {
+    /// "device" or "host".
+    pub residency: &'static str,
+    /// Bytes of memory of the host for the solver's vectors, if it needs them all.
+    pub host_bytes: u64,
+    /// How often all sources pass by the receivers in a pass.
+    pub sweeps: usize,
+    /// Tiles whose bins the device holds at a time, of receivers and of sources.
+    pub receiver_tiles: u32,
+    pub source_tiles: u32,
+    /// Between host and device.
+    pub bytes_moved_per_pass: u64,
+}
+
 /// Everything worth knowing of a plan, for people and for JSON.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PlanReport {
@@ -46,6 +64,7 @@ pub struct PlanReport {
     pub tiles: u32,
     pub pages: usize,
     pub pairs: PairReport,
+    pub states: StatesReport,
     pub memory: Vec<MemoryItem>,
     pub memory_total: u64,
     pub memory_budget: u64,
@@ -93,7 +112,8 @@ impl Plan {
         let with_bins = self.classes.iter().any(|class| class.has_bins());
         let pass = pairs.irradiance as f64 / IRRADIANCE_RATE
             + pairs.bins as f64 / BINS_RATE
-            + pairs.sub_sampled as f64 / NEAR_RATE;
+            + pairs.sub_sampled as f64 / NEAR_RATE
+            + self.moved_bytes() as f64 / MOVE_RATE;
         PlanReport {
             triangles,
             degenerate: self.facets.len() - triangles,
@@ -108,12 +128,28 @@ impl Plan {
             tiles: self.layout.tiles(),
             pages: self.layout.groups.iter().filter(|g| g.class.has_bins()).count(),
             pairs,
+            states: self.states_report(),
             memory: self.memory.items.clone(),
             memory_total: self.memory.total(),
             memory_budget: self.limits.memory_budget,
             bytes_per_triangle: self.memory.own().map(|item| item.bytes).sum::<u64>() as f64
                 / triangles as f64,
             estimated_seconds: pass * PASSES,
+        }
+    }
+
+    fn states_report(&self) -> StatesReport {
+        let (residency, receiver_tiles, source_tiles) = match self.residency {
+            Residency::Device => ("device", self.layout.tiles(), self.layout.tiles()),
+            Residency::Host { receivers, sources } => ("host", receivers, sources),
+        };
+        StatesReport {
+            residency,
+            host_bytes: self.host_bytes(),
+            sweeps: self.sweeps().len(),
+            receiver_tiles,
+            source_tiles,
+            bytes_moved_per_pass: self.moved_bytes(),
         }
     }
 
@@ -161,6 +197,18 @@ impl fmt::Display for PlanReport {
             "tiles            {} of {} triangles, {} pages of bins",
             self.tiles, self.tile, self.pages
         )?;
+        let states = &self.states;
+        if states.host_bytes == 0 {
+            writeln!(f, "states           on the device")?;
+        } else {
+            writeln!(f, "states           on the host, {} bytes at most", states.host_bytes)?;
+            writeln!(
+                f,
+                "  {:>13}  bytes moved per pass: all sources, {} tiles at a time, go by {} tiles of receivers, {} \
+                 times",
+                states.bytes_moved_per_pass, states.source_tiles, states.receiver_tiles, states.sweeps
+            )?;
+        }
         let pairs = &self.pairs;
         writeln!(f, "pairs per pass   {}", pairs.total)?;
         writeln!(f, "  {:>13}  culled ({:.1} %)", pairs.culled, percent(pairs.culled))?;

@@ -19,7 +19,16 @@ pub const PAIR_NEAR: u32 = 4;
 /// Tile pairs per word of [`TilePairs::flags`].
 const PER_WORD: usize = 8;
 
-/// A run of tiles of one class. The bins of its triangles stand in one page per state.
+/// Tiles of others per dispatch, after which sums go to memory: always the same, so that sums don't depend on how the
+/// work is cut. Few enough for lavapipe, which leaves every loop of an invocation after 65535 iterations of all its loops
+/// together, without a word: a tile of 64 takes at most 1 + 8 + 64 · 20 of them, even if its compiler unrolls
+/// nothing.
+pub const OTHER_TILES: u32 = 16;
+/// Slots that kernels see of uniform buffers (glsl/others.glsl), at least those of [`OTHER_TILES`]: buffers that are bound
+/// so have as many more at their end.
+pub const UNIFORM_SLOTS: u32 = 1024;
+
+/// A run of tiles of one class. Where states live on the device, the bins of its triangles stand in one page of each.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Group {
     pub class: Class,
@@ -37,10 +46,10 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Sorts triangles by class, keeping `order` within each, and fills up the last tile of each class. Groups whose
-    /// triangles have bins are cut so that none has more than `page_tiles` tiles.
+    /// Sorts triangles by class, keeping `order` within each, and fills up the last tile of each class.
     pub fn new(order: &[u32], classes: &[Class], tile: u32, page_tiles: u32) -> Self {
         let mut present: Vec<Class> = order.iter().map(|&i| classes[i as usize]).collect();
+        // Those without bins come first.
         present.sort_unstable();
         present.dedup();
         let mut layout = Self { tile, order: Vec::new(), groups: Vec::new() };
@@ -48,14 +57,32 @@ impl Layout {
             let first = layout.tiles();
             layout.order.extend(order.iter().filter(|&&i| classes[i as usize] == class));
             layout.order.resize(layout.order.len().next_multiple_of(tile as usize), PADDING);
-            let (mut begin, end) = (first, layout.tiles());
-            while begin < end {
-                let cut = if class.has_bins() { (begin + page_tiles).min(end) } else { end };
-                layout.groups.push(Group { class, tiles: begin..cut });
-                begin = cut;
+            layout.groups.push(Group { class, tiles: first..layout.tiles() });
+        }
+        layout.cut(page_tiles);
+        layout
+    }
+
+    /// Cuts the groups whose triangles have bins anew: at every `page_tiles`th tile from the first one with bins on.
+    pub fn cut(&mut self, page_tiles: u32) {
+        let mut whole: Vec<Group> = Vec::new();
+        for group in self.groups.drain(..) {
+            match whole.last_mut() {
+                Some(last) if last.class == group.class => last.tiles.end = group.tiles.end,
+                _ => whole.push(group),
             }
         }
-        layout
+        let first = whole.iter().find(|g| g.class.has_bins()).map_or(0, |g| g.tiles.start);
+        for Group { class, tiles } in whole {
+            let mut begin = tiles.start;
+            while begin < tiles.end {
+                let page = begin.saturating_sub(first) / page_tiles + 1;
+                let next = first.saturating_add(page.saturating_mul(page_tiles));
+                let end = if class.has_bins() { next.min(tiles.end) } else { tiles.end };
+                self.groups.push(Group { class, tiles: begin..end });
+                begin = end;
+            }
+        }
     }
 
     /// Number of slots, padding included.
@@ -160,5 +187,34 @@ impl TilePairs {
     pub fn get(&self, receiver: u32, source: u32) -> u32 {
         let word = self.flags[(receiver * self.row_words) as usize + source as usize / PER_WORD];
         word >> (4 * (source as usize % PER_WORD)) & 15
+    }
+
+    /// True where some pair has one of these bits.
+    pub fn any(&self, receivers: &Range<u32>, sources: &Range<u32>, bits: u32) -> bool {
+        receivers.clone().any(|r| sources.clone().any(|s| self.get(r, s) & bits != 0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cuts_fall_on_pages_and_classes_and_can_be_undone() {
+        let plain = Class::default();
+        let (glossy, blocker) = (Class { glossy: true, ..plain }, Class { blocker: true, ..plain });
+        let classes: Vec<Class> = [(plain, 5), (glossy, 3), (blocker, 8)]
+            .into_iter()
+            .flat_map(|(class, tiles)| std::iter::repeat_n(class, 2 * tiles))
+            .collect();
+        let order: Vec<u32> = (0..classes.len() as u32).rev().collect();
+        let tiles = |layout: &Layout| layout.groups.iter().map(|g| g.tiles.clone()).collect::<Vec<_>>();
+        let mut layout = Layout::new(&order, &classes, 2, 100);
+        assert_eq!(tiles(&layout), [0..5, 5..8, 8..16]);
+        layout.cut(4);
+        assert_eq!(tiles(&layout), [0..5, 5..8, 8..9, 9..13, 13..16]);
+        layout.cut(u32::MAX);
+        assert_eq!(tiles(&layout), [0..5, 5..8, 8..16]);
+        assert_eq!(layout.groups.iter().map(|g| g.class).collect::<Vec<_>>(), [plain, glossy, blocker]);
     }
 }

@@ -137,9 +137,14 @@ impl Scene {
         }
     }
 
-    fn find_degenerate(&mut self, strict: bool) -> Result<(), SceneError> {
+    /// Finds the triangles without area anew, after vertices have moved.
+    pub(crate) fn update_degenerate(&mut self) {
         self.degenerate =
             (0..self.triangles.len()).filter(|&t| is_flat(self.corners(t))).map(|t| t as u32).collect();
+    }
+
+    fn find_degenerate(&mut self, strict: bool) -> Result<(), SceneError> {
+        self.update_degenerate();
         let Some(&first) = self.degenerate.first() else {
             return Ok(());
         };

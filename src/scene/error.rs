@@ -78,7 +78,7 @@ pub enum SceneError {
 
 /// A line of a file, to say where something is.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Place<'a> {
+pub(crate) struct Place<'a> {
     pub path: &'a Path,
     /// From 1.
     pub line: usize,
@@ -98,7 +98,7 @@ impl std::fmt::Display for Place<'_> {
 }
 
 /// The candidate that `word` is most likely a misspelling of, if one is near.
-pub(super) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     candidates
         .into_iter()
         .map(|c| (strsim::damerau_levenshtein(word, c), c))

@@ -1,7 +1,7 @@
 //! Loads a scene from a TOML file, or from a bare OBJ.
 
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::DVec3;
 
@@ -9,7 +9,8 @@ use super::assembly::Assembly;
 use super::check::MAX_TRIANGLES;
 use super::error::{Place, SceneError};
 use super::geometry::{Placement, RawMesh};
-use super::tables::{self, MeshTable};
+use super::tables::{self, MeshTable, SceneTable};
+use super::toml_file::TomlFile;
 use super::{Scene, obj};
 
 /// How to load a scene.
@@ -64,7 +65,7 @@ impl Scene {
         let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         let mut assembly = Assembly::new(path, stem(path));
         match extension.as_deref() {
-            Some("toml") => SceneFile::read(path)?.assemble(&mut assembly)?,
+            Some("toml") => TomlFile::read(path)?.assemble(&mut assembly)?,
             Some("obj") => {
                 let mut mesh = obj::read(path, |_| false, assembly.warnings())?;
                 assembly.add_materials(&mut mesh)?;
@@ -82,32 +83,9 @@ fn stem(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The text of a TOML file, to tell lines of.
-struct SceneFile<'a> {
-    path: &'a Path,
-    text: String,
-}
-
-impl<'a> SceneFile<'a> {
-    fn read(path: &'a Path) -> Result<Self, SceneError> {
-        match std::fs::read_to_string(path) {
-            Ok(text) => Ok(Self { path, text }),
-            Err(reason) => Err(SceneError::Read { path: path.to_path_buf(), reason }),
-        }
-    }
-
-    /// The line where a span starts.
-    fn place(&self, span: Range<usize>) -> Place<'a> {
-        Place { path: self.path, line: tables::line_of(&self.text, span.start) }
-    }
-
-    /// Paths in a scene file are relative to it.
-    fn beside(&self, path: &Path) -> PathBuf {
-        self.path.parent().unwrap_or(Path::new("")).join(path)
-    }
-
+impl TomlFile<'_> {
     fn assemble(&self, assembly: &mut Assembly) -> Result<(), SceneError> {
-        let tables = tables::parse(&self.text, self.path)?;
+        let tables: SceneTable = self.parse()?;
 
         // Materials before triangles: a mesh may use a material that stands further down, or in another mesh's MTL.
         let defined = |name: &str| tables.material.keys().any(|key| key.get_ref() == name);

@@ -49,6 +49,11 @@ impl Material {
         self.specular.iter().any(|&s| s > 0.0)
     }
 
+    /// True where nothing has a colour.
+    pub fn is_grey(&self) -> bool {
+        [self.albedo, self.specular, self.emission].iter().all(|&[r, g, b]| r == g && g == b)
+    }
+
     /// δρ, RGB: the albedo of the diffuse part.
     pub fn diffuse_albedo(&self) -> [f64; 3] {
         self.albedo.map(|rho| self.diffuse * rho)

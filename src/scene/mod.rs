@@ -14,10 +14,13 @@ mod geometry;
 mod material;
 mod mtl;
 mod obj;
+mod save;
 mod shapes;
+mod split;
 mod statements;
 mod statue;
 mod tables;
+mod toml_file;
 mod triangulate;
 
 pub use accuracy::{Accuracy, BinLayout, Precision, SolverChoice, Weights};
@@ -26,6 +29,10 @@ pub use error::SceneError;
 pub use file::LoadOptions;
 pub use material::{Material, Normalization};
 pub use shapes::Shape;
+
+pub(crate) use error::{Place, nearest};
+pub(crate) use tables::{CameraTable, Triple};
+pub(crate) use toml_file::TomlFile;
 
 use glam::DVec3;
 

@@ -1,5 +1,6 @@
 //! Reads MTL files: Kd = albedo (δ = 1), Ks = σ, Ns = p, Ke = emitted radiance in W/(m² sr).
 
+use std::collections::HashMap;
 use std::path::Path;
 
 use super::error::{Place, SceneError, nearest};
@@ -50,13 +51,14 @@ pub(super) fn parse(
     warnings: &mut Vec<String>,
 ) -> Result<Vec<MtlMaterial>, SceneError> {
     let mut materials: Vec<MtlMaterial> = Vec::new();
+    let mut lines = HashMap::new();
     for statement in statements(text) {
         let line = statement.line;
         let place = Place { path, line };
         let key = statement.keyword();
         if key == "newmtl" {
             materials
-                .push(MtlMaterial { material: new_material(statement.rest(), &materials, place)?, line });
+                .push(MtlMaterial { material: new_material(statement.rest(), &mut lines, place)?, line });
             continue;
         }
         let Some(MtlMaterial { material, .. }) = materials.last_mut() else {
@@ -84,15 +86,18 @@ pub(super) fn parse(
     Ok(materials)
 }
 
-fn new_material(name: &str, before: &[MtlMaterial], place: Place) -> Result<Material, SceneError> {
+/// `lines`: of the materials before.
+fn new_material(
+    name: &str,
+    lines: &mut HashMap<String, usize>,
+    place: Place,
+) -> Result<Material, SceneError> {
     if name.is_empty() {
         return Err(place.error("`newmtl` without a name; expected `newmtl NAME`"));
     }
-    match before.iter().find(|m| m.material.name == name) {
-        Some(first) => Err(place.error(format!(
-            "material \"{name}\" is already defined at line {}; rename one of the two",
-            first.line
-        ))),
+    match lines.insert(name.to_owned(), place.line) {
+        Some(first) => Err(place
+            .error(format!("material \"{name}\" is already defined at line {first}; rename one of the two"))),
         None => Ok(Material::named(name)),
     }
 }

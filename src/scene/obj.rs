@@ -3,7 +3,7 @@
 //! Written for this crate because errors must name file and line, and because faces must keep the file's order: the
 //! per-face outputs have it, where general readers regroup faces by material.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
@@ -39,6 +39,7 @@ pub(super) fn read(
         use_indices: HashMap::new(),
         current: None,
         materials: Vec::new(),
+        material_indices: HashMap::new(),
         libraries: Vec::new(),
         unknown: None,
     };
@@ -67,6 +68,7 @@ struct Reader<'a> {
     /// Index into `uses`.
     current: Option<u32>,
     materials: Vec<RawMaterial>,
+    material_indices: HashMap<String, usize>,
     libraries: Vec<PathBuf>,
     /// Line and keyword of the first statement not understood.
     unknown: Option<(usize, String)>,
@@ -145,8 +147,8 @@ impl Reader<'_> {
                 reason,
             })?;
             for mtl::MtlMaterial { material, line } in mtl::parse(&text, &file, self.warnings)? {
-                if let Some(first) = self.materials.iter().find(|m| m.material.name == material.name) {
-                    let before = first
+                if let Some(&first) = self.material_indices.get(&material.name) {
+                    let before = self.materials[first]
                         .origin
                         .as_ref()
                         .map_or(String::new(), |(path, line)| format!(" at {}:{line}", path.display()));
@@ -155,6 +157,7 @@ impl Reader<'_> {
                         material.name
                     )));
                 }
+                self.material_indices.insert(material.name.clone(), self.materials.len());
                 let origin = Some((file.clone(), line));
                 self.materials.push(RawMaterial { material, origin });
             }
@@ -165,11 +168,13 @@ impl Reader<'_> {
 
     /// Only here: an `mtllib` may come after the faces that need it.
     fn finish(mut self, defined_elsewhere: impl Fn(&str) -> bool) -> Result<RawMesh, SceneError> {
+        let known: Vec<String> = self.materials.iter().map(|m| m.material.name.clone()).collect();
+        let known = || known.iter().map(String::as_str);
+        let is_known: HashSet<&str> = known().collect();
         for used in &self.uses {
             let place = Place { path: self.path, line: used.line };
             let name = &used.name;
-            let known = || self.materials.iter().map(|m| m.material.name.as_str());
-            if known().any(|k| k == name) || defined_elsewhere(name) {
+            if is_known.contains(name.as_str()) || defined_elsewhere(name) {
                 continue;
             }
             if used.named && !self.libraries.is_empty() {

@@ -2,18 +2,18 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use glam::DVec3;
 use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use toml::Spanned;
 
-use super::error::{Place, SceneError, nearest};
+use super::error::{Place, SceneError};
 use super::{Accuracy, BinLayout, Camera, Material, Normalization, Precision, Shape, SolverChoice, Weights};
 
 /// Named tables; the span of the name says where it stands in the file.
-pub(super) type Named<T> = BTreeMap<Spanned<String>, T>;
+pub(crate) type Named<T> = BTreeMap<Spanned<String>, T>;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -67,7 +67,7 @@ impl MaterialTable {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct CameraTable {
+pub(crate) struct CameraTable {
     #[serde(deserialize_with = "vector")]
     pub position: DVec3,
     #[serde(deserialize_with = "vector")]
@@ -165,7 +165,7 @@ impl From<BinsTable> for BinLayout {
 
 /// Three finite numbers, or one for all three.
 #[derive(Clone, Copy)]
-pub(super) struct Triple(pub [f64; 3]);
+pub(crate) struct Triple(pub [f64; 3]);
 
 impl<'de> Deserialize<'de> for Triple {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -216,41 +216,9 @@ impl<'de> Visitor<'de> for TripleVisitor {
     }
 }
 
-/// Reads the tables of a scene file.
-pub(super) fn parse(text: &str, path: &Path) -> Result<SceneTable, SceneError> {
-    toml::from_str(text).map_err(|error: toml::de::Error| {
-        let line = error.span().map_or(1, |span| line_of(text, span.start));
-        Place { path, line }.error(one_line(error.message()))
-    })
-}
-
 /// Named tables as they stand in the file.
-pub(super) fn in_file_order<T>(tables: &Named<T>) -> Vec<(&Spanned<String>, &T)> {
+pub(crate) fn in_file_order<T>(tables: &Named<T>) -> Vec<(&Spanned<String>, &T)> {
     let mut ordered: Vec<_> = tables.iter().collect();
     ordered.sort_by_key(|(name, _)| name.span().start);
     ordered
-}
-
-/// The line of a byte, from 1.
-pub(super) fn line_of(text: &str, byte: usize) -> usize {
-    1 + text.bytes().take(byte).filter(|&b| b == b'\n').count()
-}
-
-/// The parser's message on one line, with the nearest known word where one is unknown.
-///
-/// serde lists the known words only in its message, "unknown field `a`, expected one of `b`, `c`". A message of another
-/// form goes through as it is.
-fn one_line(message: &str) -> String {
-    let message = message.lines().map(str::trim).collect::<Vec<_>>().join(", ");
-    let mut quoted = message.split('`').skip(1).step_by(2);
-    let unknown = message.starts_with("unknown field") || message.starts_with("unknown variant");
-    let near = match (unknown, quoted.next()) {
-        (true, Some(word)) => nearest(word, quoted),
-        _ => None,
-    };
-    let message = message.replacen("unknown field", "unknown key", 1);
-    match near {
-        Some(near) => format!("{message}; did you mean `{near}`?"),
-        None => message,
-    }
 }

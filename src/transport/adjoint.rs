@@ -168,7 +168,7 @@ impl<'a> AdjointOperator<'a> {
     }
 
     /// Per slot, what specular parameters are worth, after [`Self::worth_of_leaving`]. `None` where nothing is glossy.
-    pub fn lobe_sums(&mut self, x: &State) -> Result<Option<Vec<LobeSums>>, GpuError> {
+    pub fn lobe_sums(&mut self, x: &State) -> Result<Option<Vec<LobeSums>>, TransportError> {
         let Some(sums) = &self.adjoint.buffers.lobe_sums else { return Ok(None) };
         let context = self.context();
         self.adjoint.reflection.derivative(context, x, sums)?;

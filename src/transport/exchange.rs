@@ -1,11 +1,13 @@
 //! U: light from every triangle to every other.
 
+use super::reflection::Reflection;
+use super::residency::{Part, View};
 use super::state::State;
-use super::sweep::{Between, Kernels, Sweep};
+use super::sweep::{Between, Kernels, OfOthers, Sweep};
 use super::watch::{TransportError, Watch};
 use super::{Context, bin_constants};
-use crate::gpu::{Device, GpuError};
-use crate::plan::{Class, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::gpu::{Bindings, Device, GpuError};
+use crate::plan::{Class, Group, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
 /// Close sources per receiver and dispatch: lavapipe bounds the iterations of all loops of an invocation together by
@@ -80,68 +82,101 @@ impl Exchange {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape| Kernels {
             far: match shape.any_bins() {
-                true => (&shaders::TRANSPORT_BINS, 8),
-                false => (&shaders::TRANSPORT_IRRADIANCE, 4),
+                true => (&shaders::TRANSPORT_BINS, Bindings { storage: 7, uniform: 2 }),
+                false => (&shaders::TRANSPORT_IRRADIANCE, Bindings { storage: 3, uniform: 2 }),
             },
             near: (&shaders::NEAR, 10),
             single: shape.any_bins(),
             constants: shape.constants(plan),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
+            gathers: u64::from(shape.source.has_bins()),
             shape: shape.name(),
         };
         Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)? })
     }
 
-    /// y += U (leaving - J x); without `x` nothing leaves the backs.
+    /// y = U (leaving - J x); without `x` nothing leaves the backs.
     pub fn run(
         &mut self,
         context: &Context,
+        reflection: &mut Reflection,
         x: Option<&State>,
         y: &State,
         watch: &mut Watch,
     ) -> Result<(), TransportError> {
-        let Context { plan, scene, leaving, .. } = context;
+        let Context { device, plan, scene, leaving } = context;
         watch.begin(Sweep::pairs(plan));
         let backs = x.is_some();
         let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
-        let none = &scene.no_bins;
-        for (t, to) in plan.layout.groups.iter().enumerate() {
-            for (s, from) in plan.layout.groups.iter().enumerate() {
-                let shape = Shape::new(from.class, to.class);
-                let Some(sweep) = sweep_of(&mut self.sweeps, shape) else { continue };
-                let between = Between { owners: to, others: from };
-                let irradiance = y.irradiance.whole();
-                let antiradiance = x.and_then(|x| x.bins[s].as_ref()).unwrap_or(none).whole();
-                let specular = leaving.specular[s].as_ref().unwrap_or(none).whole();
-                let arriving = y.bins[t].as_ref().unwrap_or(none).whole();
-                let (facets, radiance) = (scene.facets.whole(), leaving.radiance.whole());
-                let near = [
-                    facets,
-                    radiance,
-                    scene.corners.whole(),
-                    irradiance,
-                    antiradiance,
-                    specular,
-                    arriving,
-                    scene.near_offsets.whole(),
-                    scene.near_sources.whole(),
-                    scene.bin_table.whole(),
-                ];
-                sweep.near(context, between, &plan.near, &near, backs, watch)?;
-                let far = [
-                    facets,
-                    radiance,
-                    scene.tile_pairs.whole(),
-                    irradiance,
-                    antiradiance,
-                    specular,
-                    arriving,
-                    scene.bin_table.whole(),
-                ];
-                let far = if shape.any_bins() { &far[..] } else { &far[..4] };
-                sweep.far(context, between, far, passing, watch)?;
+        let none = || View::resident(&scene.no_bins, 0, 0);
+        let (facets, radiance) = (scene.facets.whole(), leaving.radiance.whole());
+        let others = [
+            OfOthers { buffer: &scene.facets, bytes: plan.facet_bytes() },
+            OfOthers { buffer: &leaving.radiance, bytes: plan.rgb_bytes() },
+        ];
+        let irradiance = y.receive(device, &Part::irradiance(plan))?;
+        let pieces = plan.pieces();
+        for groups in plan.sweeps() {
+            let mut receivers = Vec::new();
+            for t in groups {
+                let to = &plan.layout.groups[t];
+                let arriving = Part::of_group(plan, t, to).map(|part| y.receive(device, &part));
+                receivers.push((to, arriving.transpose()?.unwrap_or_else(none)));
+            }
+            for piece in &pieces {
+                let from = &piece.part;
+                let reached = |to: &Group| plan.anything_passes(&to.tiles, &from.tiles);
+                let (lit, culled): (Vec<_>, Vec<_>) = receivers.iter().partition(|(to, _)| reached(to));
+                for (to, _) in culled {
+                    watch.done(Sweep::far_pairs(plan, to, from))?;
+                }
+                if lit.is_empty() {
+                    continue;
+                }
+                let light = x.zip(Part::of_piece(plan, piece));
+                let light = light.map(|(x, part)| x.show(device, &part)).transpose()?;
+                let specular = reflection.specular_under(context, piece, light.as_ref(), watch)?;
+                let antiradiance = light.unwrap_or_else(none).slice();
+                for (to, arriving) in lit {
+                    let shape = Shape::new(from.class, to.class);
+                    let Some(sweep) = sweep_of(&mut self.sweeps, shape) else { continue };
+                    let between = Between {
+                        owners: to,
+                        others: from,
+                        first_slot: arriving.first_slot,
+                        sources_own: false,
+                    };
+                    let near = [
+                        facets,
+                        radiance,
+                        scene.corners.whole(),
+                        irradiance.slice(),
+                        antiradiance,
+                        specular,
+                        arriving.slice(),
+                        scene.near_offsets.whole(),
+                        scene.near_sources.whole(),
+                        scene.bin_table.whole(),
+                    ];
+                    sweep.near(context, between, &plan.near, &near, backs, watch)?;
+                    let far = [
+                        facets,
+                        scene.tile_pairs.whole(),
+                        irradiance.slice(),
+                        antiradiance,
+                        specular,
+                        arriving.slice(),
+                        scene.bin_table.whole(),
+                    ];
+                    let far = if shape.any_bins() { &far[..] } else { &far[..3] };
+                    sweep.far(context, between, far, &others, passing, watch)?;
+                }
+            }
+            for (_, arriving) in receivers {
+                arriving.store(device)?;
             }
         }
+        irradiance.store(device)?;
         Ok(())
     }
 }

@@ -18,13 +18,14 @@ impl ExchangeAdjoint {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape| Kernels {
             far: match shape.any_bins() {
-                true => (&shaders::TRANSPORT_BINS_ADJOINT, 8),
-                false => (&shaders::TRANSPORT_IRRADIANCE_ADJOINT, 4),
+                true => (&shaders::TRANSPORT_BINS_ADJOINT, 8.into()),
+                false => (&shaders::TRANSPORT_IRRADIANCE_ADJOINT, 4.into()),
             },
             near: (&shaders::NEAR_ADJOINT, 10),
             single: shape.any_bins(),
             constants: shape.constants(plan),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
+            gathers: u64::from(shape.receiver_bins),
             shape: shape.name(),
         };
         Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)? })
@@ -41,13 +42,14 @@ impl ExchangeAdjoint {
         watch: &mut Watch,
     ) -> Result<(), TransportError> {
         let Context { plan, scene, leaving, .. } = context;
+        let (x, y) = (x.resident()?, y.resident()?);
         watch.begin(Sweep::pairs(plan));
         let none = &scene.no_bins;
         for (s, from) in plan.layout.groups.iter().enumerate() {
             for (t, to) in plan.layout.groups.iter().enumerate() {
                 let shape = Shape::new(from.class, to.class);
                 let Some(sweep) = sweep_of(&mut self.sweeps, shape) else { continue };
-                let between = Between { owners: from, others: to };
+                let between = Between::groups(plan, from, to, true);
                 let irradiance = x.irradiance.whole();
                 let arriving = x.bins[t].as_ref().unwrap_or(none).whole();
                 let back = y.bins[s].as_ref().unwrap_or(none).whole();
@@ -77,7 +79,7 @@ impl ExchangeAdjoint {
                     scene.bin_table.whole(),
                 ];
                 let far = if shape.any_bins() { &far[..] } else { &far[..4] };
-                sweep.far(context, between, far, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
+                sweep.far(context, between, far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
             }
         }
         Ok(())

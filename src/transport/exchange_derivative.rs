@@ -28,11 +28,12 @@ pub struct ExchangeDerivative {
 impl ExchangeDerivative {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape, owns_source: bool| Kernels {
-            far: (&shaders::TRANSPORT_DERIVATIVE, 8),
+            far: (&shaders::TRANSPORT_DERIVATIVE, 8.into()),
             near: (&shaders::NEAR_DERIVATIVE, 10),
             single: true,
             constants: [&shape.constants(plan)[..], &[(OWNS_SOURCE, u32::from(owns_source))]].concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
+            gathers: u64::from(shape.source.has_bins()) + u64::from(shape.receiver_bins),
             shape: format!("{}, by {}", shape.name(), if owns_source { "source" } else { "receiver" }),
         };
         Ok(Self {
@@ -52,6 +53,7 @@ impl ExchangeDerivative {
         watch: &mut Watch,
     ) -> Result<(), TransportError> {
         let Context { plan, scene, leaving, .. } = context;
+        let (x, cotangent) = (x.resident()?, cotangent.resident()?);
         watch.begin(2 * Sweep::pairs(plan));
         let none = &scene.no_bins;
         for owns_source in [true, false] {
@@ -63,8 +65,8 @@ impl ExchangeDerivative {
                 for (t, to) in plan.layout.groups.iter().enumerate() {
                     let Some(sweep) = sweep_of(sweeps, Shape::new(from.class, to.class)) else { continue };
                     let between = match owns_source {
-                        true => Between { owners: from, others: to },
-                        false => Between { owners: to, others: from },
+                        true => Between::groups(plan, from, to, true),
+                        false => Between::groups(plan, to, from, false),
                     };
                     let both = [
                         scene.facets.whole(),
@@ -79,7 +81,7 @@ impl ExchangeDerivative {
                         [&both[..], &[offsets.whole(), others.whole(), scene.corners.whole()]].concat();
                     sweep.near(context, between, list, &near, true, watch)?;
                     let far = [&both[..], &[scene.tile_pairs.whole()]].concat();
-                    sweep.far(context, between, &far, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
+                    sweep.far(context, between, &far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
                 }
             }
         }

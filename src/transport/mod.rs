@@ -13,6 +13,7 @@ mod pace;
 mod real;
 mod reflection;
 mod reflection_adjoint;
+mod residency;
 mod scene_buffers;
 mod state;
 mod sweep;
@@ -32,8 +33,9 @@ pub use watch::{TransportError, Watcher};
 
 use crate::gpu::{Buffer, Device, GpuError};
 use crate::plan::Plan;
-use crate::scene::{BinLayout, Precision, Weights};
+use crate::scene::{BinLayout, Precision, Scene, Weights};
 use crate::solve::LightOperator;
+use residency::Part;
 
 /// What all operators work on.
 pub(crate) struct Context {
@@ -48,7 +50,7 @@ impl Context {
     fn slots(&self, buffer: &Buffer) -> Result<Vec<[f64; 4]>, GpuError> {
         let count = u64::from(self.plan.layout.slots()) * 4;
         let values = real::download(&self.device, buffer, self.plan.accuracy.precision, count)?;
-        Ok(values.chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]).collect())
+        Ok(rows(&values))
     }
 }
 
@@ -96,6 +98,11 @@ impl Operators {
         })
     }
 
+    /// Replaces the materials; geometry and classes stay as planned.
+    pub fn set_materials(&self, scene: &Scene) -> Result<(), GpuError> {
+        self.context.scene.set_materials(&self.context.device, scene, &self.context.plan)
+    }
+
     pub fn plan(&self) -> &Plan {
         &self.context.plan
     }
@@ -105,35 +112,42 @@ impl Operators {
         self.watch.watcher = watcher;
     }
 
-    /// Makes the fronts emit and reflect what arrives: E + K x.
-    fn leave(&mut self, x: Option<&State>, emission: bool) -> Result<(), GpuError> {
-        self.reflection.run(&self.context, x, emission)
+    /// Makes the fronts emit and reflect what arrives: E + K x. For states that live on the device.
+    fn leave(&mut self, x: Option<&State>, emission: bool) -> Result<(), TransportError> {
+        self.reflection.diffuse(&self.context, x, emission)?;
+        for piece in self.context.plan.pieces() {
+            self.reflection.specular(&self.context, &piece, x, &mut self.watch)?;
+        }
+        Ok(())
     }
 
     /// Radiance of every slot towards `eye` (metres), W/(m² sr): S (E + (K - J) x).
-    pub fn observe(&mut self, x: &State, eye: glam::DVec3) -> Result<Vec<[f64; 4]>, GpuError> {
-        self.leave(Some(x), true)?;
-        self.observation.run(&self.context, eye)
+    pub fn observe(&mut self, x: &State, eye: glam::DVec3) -> Result<Vec<[f64; 4]>, TransportError> {
+        self.reflection.diffuse(&self.context, Some(x), true)?;
+        self.observation.run(&self.context, &mut self.reflection, x, eye, &mut self.watch)
     }
 
     /// Irradiance of every slot, W/m².
     pub fn irradiance(&self, x: &State) -> Result<Vec<[f64; 4]>, GpuError> {
-        self.context.slots(&x.irradiance)
+        let Context { device, plan, .. } = &self.context;
+        Ok(rows(&x.download(device, &Part::irradiance(plan), plan.accuracy.precision)?))
     }
 
     /// Bins of the triangles of one group, as they lie in memory: triangle, bin, channel. `None` if it has none.
     pub fn bins(&self, x: &State, group: usize) -> Result<Option<Vec<f64>>, GpuError> {
-        self.page(&x.bins, group)
+        let Context { device, plan, .. } = &self.context;
+        let part = Part::of_group(plan, group, &plan.layout.groups[group]);
+        part.map(|part| x.download(device, &part, plan.accuracy.precision)).transpose()
     }
 
     /// Sets a state: vec4 per slot, and per group what [`Operators::bins`] gives back.
     pub fn set(&self, x: &State, irradiance: &[[f64; 4]], bins: &[Option<Vec<f64>>]) -> Result<(), GpuError> {
         let Context { device, plan, .. } = &self.context;
         let precision = plan.accuracy.precision;
-        real::upload(device, &x.irradiance, precision, irradiance.as_flattened())?;
-        for (page, values) in x.bins.iter().zip(bins) {
-            if let (Some(page), Some(values)) = (page, values) {
-                real::upload(device, page, precision, values)?;
+        x.upload(device, &Part::irradiance(plan), precision, irradiance.as_flattened())?;
+        for ((g, group), values) in plan.layout.groups.iter().enumerate().zip(bins) {
+            if let (Some(part), Some(values)) = (Part::of_group(plan, g, group), values) {
+                x.upload(device, &part, precision, values)?;
             }
         }
         Ok(())
@@ -142,20 +156,33 @@ impl Operators {
     /// Sets every value of a state to the same: light everywhere, for measurements.
     pub fn fill(&mut self, x: &mut State, value: f64) -> Result<(), GpuError> {
         let Context { device, plan, .. } = &self.context;
-        for (array, _, count) in x.arrays(x, plan) {
-            real::upload(device, array, plan.accuracy.precision, &vec![value; count as usize])?;
+        let precision = plan.accuracy.precision;
+        for part in Part::all(plan) {
+            let values = vec![value; (part.bytes() / precision.bytes()) as usize];
+            x.upload(device, &part, precision, &values)?;
         }
         Ok(())
     }
 
     /// What leaves under `x`, emission included: diffuse radiance of every slot, and per group the specular radiance,
     /// laid out like [`Operators::bins`]. W/(m² sr).
-    pub fn leaving(&mut self, x: &State) -> Result<LeavingValues, GpuError> {
-        self.leave(Some(x), true)?;
-        self.leaving_values()
+    pub fn leaving(&mut self, x: &State) -> Result<LeavingValues, TransportError> {
+        let Context { device, plan, leaving, .. } = &self.context;
+        self.reflection.diffuse(&self.context, Some(x), true)?;
+        let mut specular: Vec<Option<Vec<f64>>> = vec![None; plan.layout.groups.len()];
+        for piece in plan.pieces() {
+            self.reflection.specular(&self.context, &piece, Some(x), &mut self.watch)?;
+            let buffer = leaving.specular_of(piece.group).filter(|_| piece.part.class.glossy);
+            if let Some(buffer) = buffer {
+                let count = state::page_reals(plan, &piece.part).into();
+                let values = real::download(device, buffer, plan.accuracy.precision, count)?;
+                specular[piece.group].get_or_insert_default().extend(values);
+            }
+        }
+        Ok(LeavingValues { radiance: self.context.slots(&leaving.radiance)?, specular })
     }
 
-    /// What leaves at the moment.
+    /// What leaves at the moment. For states that live on the device.
     fn leaving_values(&self) -> Result<LeavingValues, GpuError> {
         let groups = 0..self.context.plan.layout.groups.len();
         Ok(LeavingValues {
@@ -172,6 +199,11 @@ impl Operators {
         let download = |page: &Buffer| real::download(device, page, plan.accuracy.precision, reals.into());
         pages[group].as_ref().map(download).transpose()
     }
+}
+
+/// Values of one vec4 per slot.
+fn rows(values: &[f64]) -> Vec<[f64; 4]> {
+    values.chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]).collect()
 }
 
 /// A copy of what leaves the triangles.
@@ -191,21 +223,20 @@ impl LightOperator for Operators {
     }
 
     fn pass(&mut self, x: Option<&State>, emission: bool, y: &mut State) -> Result<(), TransportError> {
-        self.leave(x, emission)?;
-        self.vectors.clear(&self.context, y)?;
-        self.exchange.run(&self.context, x, y, &mut self.watch)
+        self.reflection.diffuse(&self.context, x, emission)?;
+        self.exchange.run(&self.context, &mut self.reflection, x, y, &mut self.watch)
     }
 
     fn dot(&mut self, x: &State, y: &State) -> Result<f64, TransportError> {
-        Ok(self.vectors.dot(&self.context, x, y)?)
+        self.vectors.dot(&self.context, x, y, &mut self.watch)
     }
 
     fn combine(&mut self, a: f64, x: &State, b: f64, y: &mut State) -> Result<(), TransportError> {
-        Ok(self.vectors.combine(&self.context, a, x, b, y)?)
+        self.vectors.combine(&self.context, (a, x), (b, y), &mut self.watch)
     }
 
     fn scale(&mut self, b: f64, y: &mut State) -> Result<(), TransportError> {
-        Ok(self.vectors.scale(&self.context, b, y)?)
+        self.vectors.scale(&self.context, b, y, &mut self.watch)
     }
 
     fn magnitude(&mut self, x: &State) -> Result<f64, TransportError> {

@@ -1,5 +1,8 @@
 //! S: the radiance that each triangle sends to a camera.
 
+use super::reflection::Reflection;
+use super::state::State;
+use super::watch::{TransportError, Watch};
 use super::{Context, WORKGROUP, bin_constants, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
 use crate::plan::Plan;
@@ -33,26 +36,33 @@ impl Observation {
         &self.colours
     }
 
-    /// RGB of every slot towards `eye`, which is in metres. W/(m² sr).
-    pub fn run(&self, context: &Context, eye: DVec3) -> Result<Vec<[f64; 4]>, GpuError> {
+    /// RGB of every slot towards `eye`, which is in metres, under the light `x` that made what leaves. W/(m² sr).
+    pub fn run(
+        &self,
+        context: &Context,
+        reflection: &mut Reflection,
+        x: &State,
+        eye: DVec3,
+        watch: &mut Watch,
+    ) -> Result<Vec<[f64; 4]>, TransportError> {
         let Context { device, plan, scene, leaving } = context;
         let eye = plan.placement.apply(eye).to_array();
-        let mut batch = device.batch()?;
-        for (g, group) in plan.layout.groups.iter().enumerate() {
-            let slots = plan.layout.slots_of(&group.tiles);
+        for piece in plan.pieces() {
+            let slots = plan.layout.slots_of(&piece.part.tiles);
             let buffers = [
                 scene.facets.whole(),
                 leaving.radiance.whole(),
                 scene.no_bins.whole(),
-                leaving.specular[g].as_ref().unwrap_or(&scene.no_bins).whole(),
+                reflection.specular(context, &piece, Some(x), watch)?,
                 self.colours.whole(),
             ];
             let push = real::push(plan.accuracy.precision, &eye, &[slots.start, slots.end]);
-            let kernel = &self.kernels[usize::from(group.class.glossy)];
+            let kernel = &self.kernels[usize::from(piece.part.class.glossy)];
             let groups = [(slots.len() as u32).div_ceil(WORKGROUP), 1, 1];
+            let mut batch = device.batch()?;
             batch.dispatch(kernel, "all", &buffers, &push, groups)?;
+            batch.submit()?;
         }
-        batch.submit()?;
-        context.slots(&self.colours)
+        Ok(context.slots(&self.colours)?)
     }
 }

@@ -1,38 +1,108 @@
-//! How much work to give the device at a time: dispatches short enough to be interrupted and not to trip the watchdog
+//! How much work to give the device at a time: submissions short enough to be interrupted and not to trip the watchdog
 //! of a graphics driver, long enough that their number costs nothing. Never changes a result.
 
-/// Seconds a dispatch should take.
+use super::watch::{TransportError, Watch};
+use crate::gpu::{Batch, Device, GpuError};
+
+/// Seconds a submission should take.
 const TARGET: f64 = 0.15;
-/// A dispatch may grow by this much over the one before: rates are noisy.
+/// Workgroups along one axis that every device takes.
+const MOST_GROUPS: u32 = 65_535;
+/// A submission may grow by this much over the one before: rates are noisy.
 const GROWTH: f64 = 4.0;
 
 /// The measured rate of one kernel.
 #[derive(Clone, Copy, Debug)]
 pub struct Pace {
-    pairs_per_dispatch: f64,
+    pairs_per_submission: f64,
 }
 
 impl Pace {
     /// With a first guess of the rate in pairs per second, on the low side.
     pub fn new(rate: f64) -> Self {
-        Self { pairs_per_dispatch: rate * TARGET }
+        Self { pairs_per_submission: rate * TARGET }
     }
 
-    /// Pairs to dispatch next.
+    /// Pairs to submit next.
     pub fn pairs(&self) -> u64 {
-        self.pairs_per_dispatch.max(1.0) as u64
+        self.pairs_per_submission.max(1.0) as u64
     }
 
-    /// Learns from a dispatch.
+    /// How many of `items` of so many pairs each to dispatch at once: in parts of equal size, so that no short one is
+    /// left over.
+    pub fn share(&self, items: u32, pairs: u64) -> u32 {
+        let affordable = (self.pairs() / pairs.max(1)).clamp(1, u64::from(MOST_GROUPS)) as u32;
+        items.div_ceil(items.div_ceil(affordable).max(1)).max(1)
+    }
+
+    /// Learns from a submission.
     pub fn learn(&mut self, pairs: u64, seconds: f64) {
         if pairs > 0 && seconds > 0.0 {
             let wanted = pairs as f64 * TARGET / seconds;
             let small = pairs < self.pairs() / 2;
-            // A short dispatch says little: mostly what starting one costs.
-            let highest = if small { self.pairs_per_dispatch } else { self.pairs_per_dispatch * GROWTH };
-            let lowest = if small { self.pairs_per_dispatch } else { 1.0 };
-            self.pairs_per_dispatch = wanted.clamp(lowest, highest);
+            // A short submission says little: mostly what starting one costs.
+            let highest = if small { self.pairs_per_submission } else { self.pairs_per_submission * GROWTH };
+            let lowest = if small { self.pairs_per_submission } else { 1.0 };
+            self.pairs_per_submission = wanted.clamp(lowest, highest);
         }
+    }
+}
+
+/// Dispatches of one kernel on their way to the device: those that are too short to be submitted alone go together.
+pub struct Bundle<'a, 'b> {
+    device: &'b Device,
+    pace: &'b mut Pace,
+    watch: &'b mut Watch,
+    batch: Option<Batch<'a>>,
+    /// Pairs recorded, and how many of them the watcher is told.
+    pairs: u64,
+    shown: u64,
+}
+
+impl<'a, 'b> Bundle<'a, 'b> {
+    pub fn new(device: &'b Device, pace: &'b mut Pace, watch: &'b mut Watch) -> Self {
+        Self { device, pace, watch, batch: None, pairs: 0, shown: 0 }
+    }
+
+    /// [`Pace::share`], as of now.
+    pub fn share(&self, items: u32, pairs: u64) -> u32 {
+        self.pace.share(items, pairs)
+    }
+
+    /// Pairs to submit next.
+    pub fn affordable(&self) -> u64 {
+        self.pace.pairs()
+    }
+
+    /// Records a dispatch of `pairs` pairs, of which the watcher is told as `shown`. Submits those before it if all
+    /// together would be too many.
+    pub fn add(
+        &mut self,
+        pairs: u64,
+        shown: u64,
+        record: impl FnOnce(&mut Batch<'a>) -> Result<(), GpuError>,
+    ) -> Result<(), TransportError> {
+        if self.pairs + pairs > self.pace.pairs() {
+            self.submit()?;
+        }
+        let batch = match &mut self.batch {
+            Some(batch) => batch,
+            None => self.batch.insert(self.device.batch()?),
+        };
+        record(batch)?;
+        self.pairs += pairs;
+        self.shown += shown;
+        Ok(())
+    }
+
+    /// Submits what is recorded, and waits for it.
+    pub fn submit(&mut self) -> Result<(), TransportError> {
+        if let Some(batch) = self.batch.take() {
+            let seconds = batch.submit()?.wall_seconds;
+            self.pace.learn(std::mem::take(&mut self.pairs), seconds);
+            self.watch.done(std::mem::take(&mut self.shown))?;
+        }
+        Ok(())
     }
 }
 
@@ -51,7 +121,14 @@ mod tests {
     }
 
     #[test]
-    fn short_dispatches_teach_nothing() {
+    fn shares_are_equal() {
+        let pace = Pace::new(1000.0 / TARGET);
+        let shares = [(100, 10), (101, 10), (250, 10), (5, 5000)];
+        assert_eq!(shares.map(|(items, pairs)| pace.share(items, pairs)), [100, 51, 84, 1]);
+    }
+
+    #[test]
+    fn short_submissions_teach_nothing() {
         let mut pace = Pace::new(1e8);
         let before = pace.pairs();
         pace.learn(1000, 1e-3);

@@ -54,9 +54,18 @@ pub fn filled(
     Ok(buffer)
 }
 
-fn encode(precision: Precision, values: &[f64]) -> Vec<u8> {
+/// As the device holds them.
+pub fn encode(precision: Precision, values: &[f64]) -> Vec<u8> {
     match precision {
         Precision::F32 => values.iter().flat_map(|&x| (x as f32).to_ne_bytes()).collect(),
         Precision::F64 => bytemuck::cast_slice(values).to_vec(),
+    }
+}
+
+/// What the device holds.
+pub fn decode(precision: Precision, bytes: &[u8]) -> Vec<f64> {
+    match precision {
+        Precision::F32 => bytemuck::pod_collect_to_vec::<_, f32>(bytes).into_iter().map(f64::from).collect(),
+        Precision::F64 => bytemuck::pod_collect_to_vec(bytes),
     }
 }

@@ -1,9 +1,12 @@
 //! K and E: what triangles emit, and reflect of what arrives.
 
-use super::state::{State, page_reals};
+use super::pace::{Bundle, Pace};
+use super::residency::{Part, View};
+use super::state::State;
+use super::watch::{TransportError, Watch};
 use super::{Context, WORKGROUP, bin_constants};
-use crate::gpu::{Device, GpuError, Pipeline};
-use crate::plan::Plan;
+use crate::gpu::{BufferSlice, Device, GpuError, Pipeline};
+use crate::plan::{Piece, Plan};
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
 
@@ -25,13 +28,12 @@ pub struct GlossyPush {
     pub count: u32,
 }
 
-/// Workgroups of one dispatch of the glossy kernel: some tens of milliseconds on a CPU.
-pub const GLOSSY_GROUPS: u32 = 1024;
-
 pub struct Reflection {
     diffuse: Pipeline,
     /// Only where something is glossy.
     glossy: Option<Pipeline>,
+    /// Of the glossy kernel, in pairs of bins.
+    pace: Pace,
 }
 
 impl Reflection {
@@ -53,11 +55,12 @@ impl Reflection {
         Ok(Self {
             diffuse: Pipeline::new(device, shaders::REFLECT.of(precision), 3, push, &[(0, WORKGROUP)], None)?,
             glossy: any_glossy.then(glossy).transpose()?,
+            pace: Pace::new(2e7),
         })
     }
 
-    /// The radiance of the fronts under `x`, or of their emission alone.
-    pub fn run(&self, context: &Context, x: Option<&State>, emission: bool) -> Result<(), GpuError> {
+    /// The diffuse radiance of the fronts under `x`, or of their emission alone.
+    pub fn diffuse(&self, context: &Context, x: Option<&State>, emission: bool) -> Result<(), GpuError> {
         let Context { device, plan, scene, leaving } = context;
         let slots = plan.layout.slots();
         let push = ReflectPush {
@@ -65,29 +68,63 @@ impl Reflection {
             emission: if emission { 1.0 } else { 0.0 },
             reflection: if x.is_some() { 1.0 } else { 0.0 },
         };
-        let mut batch = device.batch()?;
         // Without a state something has to be bound all the same; it is not read.
-        let arriving = x.map_or(scene.no_bins.whole(), |x| x.irradiance.whole());
+        let irradiance = x.map(|x| x.show(device, &Part::irradiance(plan))).transpose()?;
+        let arriving = irradiance.map_or(scene.no_bins.whole(), |view| view.slice());
         let buffers = [scene.surfaces.whole(), arriving, leaving.radiance.whole()];
+        let mut batch = device.batch()?;
         batch.dispatch(&self.diffuse, "all", &buffers, bytes_of(&push), [slots.div_ceil(WORKGROUP), 1, 1])?;
-        for (g, group) in plan.layout.groups.iter().enumerate() {
-            let (Some(kernel), Some(specular)) = (&self.glossy, &leaving.specular[g]) else { continue };
-            let reals = page_reals(plan, group);
-            let Some(arriving) = x.and_then(|x| x.bins[g].as_ref()) else {
-                batch.fill(specular, 0, u64::from(reals) * plan.accuracy.precision.bytes(), 0)?;
-                continue;
-            };
-            let buffers =
-                [scene.surfaces.whole(), scene.bin_table.whole(), arriving.whole(), specular.whole()];
-            let bins = reals / plan.channels;
-            for first in (0..bins).step_by((GLOSSY_GROUPS * WORKGROUP) as usize) {
-                let count = (bins - first).min(GLOSSY_GROUPS * WORKGROUP);
-                let push = GlossyPush { page: group.tiles.start * plan.layout.tile, first, count };
-                let groups = [count.div_ceil(WORKGROUP), 1, 1];
-                batch.dispatch(kernel, "bins to bins", &buffers, bytes_of(&push), groups)?;
-            }
-        }
         batch.submit()?;
         Ok(())
+    }
+
+    /// The same, specular, of a piece of the sources.
+    pub fn specular<'a>(
+        &mut self,
+        context: &'a Context,
+        piece: &Piece,
+        x: Option<&State>,
+        watch: &mut Watch,
+    ) -> Result<BufferSlice<'a>, TransportError> {
+        let part = Part::of_piece(&context.plan, piece).filter(|_| piece.part.class.glossy);
+        let light = x.zip(part).map(|(x, part)| x.show(&context.device, &part)).transpose()?;
+        self.specular_under(context, piece, light.as_ref(), watch)
+    }
+
+    /// The same under light that is shown already. Where states live on the host, that of the piece before is gone.
+    pub fn specular_under<'a>(
+        &mut self,
+        context: &'a Context,
+        piece: &Piece,
+        light: Option<&View>,
+        watch: &mut Watch,
+    ) -> Result<BufferSlice<'a>, TransportError> {
+        let Context { device, plan, scene, leaving } = context;
+        let (Some(kernel), Some(specular), true) =
+            (&self.glossy, leaving.specular_of(piece.group), piece.part.class.glossy)
+        else {
+            return Ok(scene.no_bins.whole());
+        };
+        let slots = plan.layout.slots_of(&piece.part.tiles);
+        let Some(light) = light else {
+            View::resident(specular, slots.start, plan.page_bytes(&piece.part)).clear(device)?;
+            return Ok(specular.whole());
+        };
+        let buffers = [scene.surfaces.whole(), scene.bin_table.whole(), light.slice(), specular.whole()];
+        let each = plan.bins.count() as u64;
+        let bins = slots.len() as u32 * plan.bins.count() as u32;
+        let mut bundle = Bundle::new(device, &mut self.pace, watch);
+        let mut first = 0;
+        while first < bins {
+            let groups = bundle.share((bins - first).div_ceil(WORKGROUP), u64::from(WORKGROUP) * each);
+            let count = (bins - first).min(groups * WORKGROUP);
+            let push = GlossyPush { page: slots.start, first, count };
+            bundle.add(u64::from(count) * each, 0, |batch| {
+                batch.dispatch(kernel, "bins to bins", &buffers, bytes_of(&push), [groups, 1, 1])
+            })?;
+            first += count;
+        }
+        bundle.submit()?;
+        Ok(specular.whole())
     }
 }

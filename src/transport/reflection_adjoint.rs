@@ -1,8 +1,9 @@
 //! Kᵀ, and the derivative of K with respect to specular parameters.
 
 use super::adjoint::AdjointBuffers;
-use super::reflection::{GLOSSY_GROUPS, GlossyPush};
+use super::reflection::GlossyPush;
 use super::state::{State, page_reals};
+use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Buffer, Device, GpuError, Pipeline};
 use crate::plan::Plan;
@@ -27,6 +28,8 @@ pub struct GlossyDerivativePush {
     pub bin_end: u32,
 }
 
+/// Workgroups of one dispatch of Kᵀ: some tens of milliseconds on a CPU.
+const GLOSSY_GROUPS: u32 = 1024;
 /// Pairs of bins per lane and dispatch of the derivative: lavapipe leaves all loops after 65535 iterations.
 const BIN_PAIRS: u32 = 1 << 14;
 
@@ -65,8 +68,9 @@ impl ReflectionAdjoint {
         adjoint: &AdjointBuffers,
         given: bool,
         y: &State,
-    ) -> Result<(), GpuError> {
+    ) -> Result<(), TransportError> {
         let Context { device, plan, scene, leaving } = context;
+        let y = y.resident()?;
         let slots = plan.layout.slots();
         let push = ReflectAdjointPush { count: slots, given: if given { 1.0 } else { 0.0 } };
         let mut batch = device.batch()?;
@@ -97,8 +101,9 @@ impl ReflectionAdjoint {
     }
 
     /// `sums` = what specular parameters are worth under `x`, given the cotangent of what leaves.
-    pub fn derivative(&self, context: &Context, x: &State, sums: &Buffer) -> Result<(), GpuError> {
+    pub fn derivative(&self, context: &Context, x: &State, sums: &Buffer) -> Result<(), TransportError> {
         let Context { device, plan, scene, leaving } = context;
+        let x = x.resident()?;
         let mut batch = device.batch()?;
         batch.fill(sums, 0, 2 * u64::from(plan.layout.slots()) * plan.rgb_bytes(), 0)?;
         let bins = plan.bins.count() as u32;

@@ -2,7 +2,7 @@
 
 use super::real;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
-use crate::plan::{PADDING, Plan};
+use crate::plan::{PADDING, Plan, UNIFORM_SLOTS};
 use crate::reference::Facet;
 use crate::scene::{Material, Scene};
 use bytemuck::Pod;
@@ -54,12 +54,16 @@ pub struct SceneBuffers {
 
 impl SceneBuffers {
     pub fn new(device: &Device, scene: &Scene, plan: &Plan) -> Result<Self, GpuError> {
+        // Comes first: these buffers are the first to go through staging.
+        device.set_staging(plan.staging);
         let bins = plan.bins.centre.iter().zip(&plan.bins.projected);
         let bin_table: Vec<f64> = bins.flat_map(|(c, &p)| [c.x, c.y, c.z, p]).collect();
+        let mut facets = by_slot(plan, |i| facet_reals(&plan.facets[i]));
+        facets.resize(facets.len() + UNIFORM_SLOTS as usize * FACET, 0.0);
         let reals =
             |label: &str, values: &[f64]| real::filled(device, label, plan.accuracy.precision, values);
         Ok(Self {
-            facets: reals("facets", &by_slot(plan, |i| facet_reals(&plan.facets[i])))?,
+            facets: reals("facets", &facets)?,
             corners: reals("corners", &by_slot(plan, |i| corner_reals(&plan.facets[i])))?,
             surfaces: reals("surfaces", &by_slot(plan, |i| surface_reals(scene.material(i))))?,
             bin_table: reals("bin table", &bin_table)?,

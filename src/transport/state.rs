@@ -1,16 +1,26 @@
-//! What arrives and what leaves, on the device.
+//! What arrives and what leaves.
 
+use super::real;
+use super::residency::{Hosted, Part, View, Windows};
+use super::watch::TransportError;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
-use crate::plan::{Group, Plan};
-use std::ops::Deref;
+use crate::plan::{Group, Plan, Residency, UNIFORM_SLOTS};
+use crate::scene::Precision;
 use std::sync::Arc;
 
-/// What arrives: irradiance of every slot, and radiance per bin for the groups that have bins. A handle: the memory belongs to a
-/// [`Pool`] and is used again when the last handle is gone.
+/// What arrives: irradiance of every slot, and radiance per bin for the groups that have bins. Kernels get at it through
+/// [`View`]s of its parts, wherever it lives. A handle: the memory belongs to a [`Pool`] and is used again when the last
+/// handle is gone.
 #[derive(Clone)]
-pub struct State(Arc<StateBuffers>);
+pub struct State(Arc<Memory>);
 
-/// The memory of a state.
+/// Where the values of a state are.
+enum Memory {
+    Device(StateBuffers),
+    Host(Hosted),
+}
+
+/// The memory of a state on the device.
 pub struct StateBuffers {
     /// E, W/m², vec4 per slot; the last component is unused and zero.
     pub irradiance: Buffer,
@@ -23,46 +33,118 @@ pub struct StateBuffers {
 pub struct Leaving {
     /// Diffuse radiance of the fronts, vec4 per slot.
     pub radiance: Buffer,
-    /// Per group: specular radiance of the fronts of glossy triangles.
+    /// Per group: specular radiance of the fronts of glossy triangles. Where states live on the host, of none.
     pub specular: Vec<Option<Buffer>>,
+    /// There, that of the piece of the sources that sends its light at the moment.
+    window: Option<Buffer>,
 }
 
-impl Deref for State {
-    type Target = StateBuffers;
+impl StateBuffers {
+    fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
+        let bytes = plan.irradiance_bytes();
+        Ok(Self {
+            irradiance: Buffer::new(device, "state: irradiance", bytes, BufferKind::Storage)?,
+            bins: pages(device, plan, "state: bins", |group| group.class.has_bins())?,
+        })
+    }
 
-    fn deref(&self) -> &StateBuffers {
-        &self.0
+    fn view(&self, part: &Part) -> View<'_> {
+        let page = |group: usize| self.bins.get(group).and_then(Option::as_ref);
+        match part {
+            Part::Bins { group, slots, .. } => {
+                View::resident(page(*group).unwrap_or(&self.irradiance), slots.start, part.bytes())
+            }
+            Part::Irradiance { .. } => View::resident(&self.irradiance, 0, part.bytes()),
+        }
     }
 }
 
 impl State {
-    fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let bytes = u64::from(plan.layout.slots()) * plan.rgb_bytes();
-        Ok(Self(Arc::new(StateBuffers {
-            irradiance: Buffer::new(device, "state: irradiance", bytes, BufferKind::Storage)?,
-            bins: pages(device, plan, "state: bins", |group| group.class.has_bins())?,
-        })))
+    /// The buffers of a state that lives on the device, as all do where gradients are wanted.
+    pub fn resident(&self) -> Result<&StateBuffers, TransportError> {
+        match &*self.0 {
+            Memory::Device(buffers) => Ok(buffers),
+            Memory::Host(_) => Err(TransportError::NotResident),
+        }
     }
 
-    /// All arrays of reals of two states, side by side, with their lengths.
-    pub fn arrays<'a>(&'a self, other: &'a Self, plan: &Plan) -> Vec<(&'a Buffer, &'a Buffer, u32)> {
-        let mut arrays = vec![(&self.irradiance, &other.irradiance, plan.layout.slots() * 4)];
-        for ((x, y), group) in self.bins.iter().zip(&other.bins).zip(&plan.layout.groups) {
-            if let (Some(x), Some(y)) = (x, y) {
-                arrays.push((x, y, page_reals(plan, group)));
-            }
+    /// Where kernels can read a part, until another part of a state is shown.
+    pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, GpuError> {
+        match &*self.0 {
+            Memory::Device(buffers) => Ok(buffers.view(part)),
+            Memory::Host(hosted) => hosted.show(device, part),
         }
-        arrays
+    }
+
+    /// Where kernels can gather what arrives in a part, from zero on: together with the other parts of the same sweep,
+    /// until a part of another one is opened, here or in another state. The view must be stored at the end.
+    pub fn receive(&self, device: &Device, part: &Part) -> Result<View<'_>, GpuError> {
+        let view = match &*self.0 {
+            Memory::Device(buffers) => buffers.view(part),
+            Memory::Host(hosted) => hosted.receive(part),
+        };
+        view.clear(device)?;
+        Ok(view)
+    }
+
+    /// Where kernels can change a part, until another part of a state is opened; with `old`, what it holds is there. The
+    /// view must be stored if it was changed.
+    pub fn edit(&self, device: &Device, part: &Part, old: bool) -> Result<View<'_>, GpuError> {
+        match &*self.0 {
+            Memory::Device(buffers) => Ok(buffers.view(part)),
+            Memory::Host(hosted) => hosted.edit(device, part, old),
+        }
+    }
+
+    /// The values of a part.
+    pub fn download(&self, device: &Device, part: &Part, precision: Precision) -> Result<Vec<f64>, GpuError> {
+        let bytes = match &*self.0 {
+            Memory::Device(buffers) => buffers.view(part).download(device)?,
+            Memory::Host(hosted) => hosted.download(part),
+        };
+        Ok(real::decode(precision, &bytes))
+    }
+
+    /// Sets the values of a part.
+    pub fn upload(
+        &self,
+        device: &Device,
+        part: &Part,
+        precision: Precision,
+        values: &[f64],
+    ) -> Result<(), GpuError> {
+        let view = self.edit(device, part, true)?;
+        view.upload(device, &real::encode(precision, values))?;
+        view.store(device)
     }
 }
 
 impl Leaving {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let bytes = u64::from(plan.layout.slots()) * plan.rgb_bytes();
+        let label = "specular radiance";
+        let buffer = |label: &str, bytes: u64| Buffer::new(device, label, bytes, BufferKind::Storage);
+        let glossy = |group: &Group| group.class.glossy;
+        let (specular, window) = match plan.residency {
+            Residency::Device => (pages(device, plan, label, glossy)?, None),
+            Residency::Host { sources, .. } => {
+                let window = || buffer(label, u64::from(sources) * plan.tile_bytes());
+                let any = plan.layout.groups.iter().any(glossy);
+                (plan.layout.groups.iter().map(|_| None).collect(), any.then(window).transpose()?)
+            }
+        };
         Ok(Self {
-            radiance: Buffer::new(device, "radiance", bytes, BufferKind::Storage)?,
-            specular: pages(device, plan, "specular radiance", |group| group.class.glossy)?,
+            radiance: buffer(
+                "radiance",
+                plan.irradiance_bytes() + u64::from(UNIFORM_SLOTS) * plan.rgb_bytes(),
+            )?,
+            specular,
+            window,
         })
+    }
+
+    /// Where the specular radiance of a piece of a glossy group goes.
+    pub fn specular_of(&self, group: usize) -> Option<&Buffer> {
+        self.specular.get(group).and_then(Option::as_ref).or(self.window.as_ref())
     }
 }
 
@@ -85,24 +167,40 @@ pub fn pages(
     plan.layout.groups.iter().map(page).collect()
 }
 
-/// The memory of all states: what the plan counts is made at once.
+/// The memory of all states: what the plan counts on the device is made at once.
 pub struct Pool {
     states: Vec<State>,
+    /// Where states live on the host.
+    windows: Option<Arc<Windows>>,
 }
 
 impl Pool {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let states: Result<_, _> = (0..plan.vectors()).map(|_| State::new(device, plan)).collect();
-        Ok(Self { states: states? })
+        let mut pool = Self { states: Vec::new(), windows: None };
+        match plan.residency {
+            Residency::Device => {
+                for _ in 0..plan.vectors() {
+                    pool.states.push(State(Arc::new(Memory::Device(StateBuffers::new(device, plan)?))));
+                }
+            }
+            Residency::Host { receivers, sources } => {
+                pool.windows = Some(Arc::new(Windows::new(device, plan, receivers, sources)?));
+            }
+        }
+        Ok(pool)
     }
 
-    /// A state that nobody holds, or a new one, beyond the plan, if users hold on to more than it counts. Its values
-    /// are those of its last user.
-    pub fn take(&mut self, device: &Device, plan: &Plan) -> Result<State, GpuError> {
+    /// A state that nobody holds, or a new one. On the device a new one goes beyond the plan: users hold on to more than
+    /// it counts. Its values are those of its last user.
+    pub fn take(&mut self, device: &Device, plan: &Plan) -> Result<State, TransportError> {
         if let Some(idle) = self.states.iter().find(|state| Arc::strong_count(&state.0) == 1) {
             return Ok(idle.clone());
         }
-        self.states.push(State::new(device, plan)?);
-        Ok(self.states[self.states.len() - 1].clone())
+        let state = State(Arc::new(match &self.windows {
+            None => Memory::Device(StateBuffers::new(device, plan)?),
+            Some(windows) => Memory::Host(Hosted::new(windows)?),
+        }));
+        self.states.push(state.clone());
+        Ok(state)
     }
 }

@@ -1,11 +1,11 @@
 //! Walking over pairs of triangles: point to point by tiles, and over pieces for close pairs. What U, its transpose and
 //! its derivatives have in common.
 
-use super::pace::Pace;
+use super::pace::{Bundle, Pace};
 use super::watch::{TransportError, Watch};
 use super::{Context, WORKGROUP};
-use crate::gpu::{BufferSlice, Device, GpuError, Pipeline};
-use crate::plan::{Group, NearPairs, Plan};
+use crate::gpu::{Bindings, Buffer, BufferSlice, Device, GpuError, Pipeline};
+use crate::plan::{Group, NearPairs, OTHER_TILES, PAIR_BACK, PAIR_FRONT, Plan, UNIFORM_SLOTS};
 use crate::shaders::RealShader;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::ops::Range;
@@ -40,19 +40,19 @@ pub struct NearPush {
     pub take: u32,
 }
 
-/// Tiles of others per dispatch, after which sums go to memory: always the same, so that sums don't depend on how the
-/// work is cut. Few enough for lavapipe, which leaves every loop of an invocation after 65535 iterations of all its loops
-/// together, without a word: a tile of 64 takes at most 1 + 8 + 64 · 20 of them, even if its compiler
-/// unrolls nothing.
-const OTHER_TILES: u32 = 16;
-
 /// Point-to-point pairs that a close one takes as long as: for the time left, nothing else.
 const NEAR_COST: u64 = 100;
 
+/// Reals of a `Facet` and of radiance, and of corners: glsl/geometry.glsl.
+const SOURCE_REALS: f64 = 12.0;
+const CORNER_REALS: f64 = 12.0;
+/// Pairs of pieces at the first level of the near field.
+const PIECES: u32 = 16;
+
 /// What a sweep is made of.
 pub struct Kernels<'a> {
-    /// The kernels, with the number of their buffers.
-    pub far: (&'a RealShader, u32),
+    /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the others of a dispatch.
+    pub far: (&'a RealShader, Bindings),
     pub near: (&'a RealShader, u32),
     /// Whether a lane of `far` owns one triangle, or one in each run of lanes of a tile.
     pub single: bool,
@@ -60,6 +60,8 @@ pub struct Kernels<'a> {
     pub constants: Vec<(u32, u32)>,
     /// Close others per owner and dispatch: a bound like [`OTHER_TILES`].
     pub take: u32,
+    /// Bins of which a pair reads four at either end, so many ends: for the profile.
+    pub gathers: u64,
     /// For the profile.
     pub shape: String,
 }
@@ -73,7 +75,18 @@ pub struct Sweep {
     take: u32,
     far_pace: Pace,
     near_pace: Pace,
+    /// Bytes that a point-to-point pair and a close pair ask of buffers.
+    bytes: [f64; 2],
     shape: String,
+}
+
+/// A buffer of values per slot, of which a dispatch sees those of its others. It goes on for [`UNIFORM_SLOTS`] slots behind
+/// the last, so that there is always that much to see.
+#[derive(Clone, Copy)]
+pub struct OfOthers<'a> {
+    pub buffer: &'a Buffer,
+    /// Per slot.
+    pub bytes: u64,
 }
 
 /// Who owns the lanes, and over whom they walk.
@@ -81,13 +94,28 @@ pub struct Sweep {
 pub struct Between<'a> {
     pub owners: &'a Group,
     pub others: &'a Group,
+    /// The slot whose bins come first in the buffers of the owners.
+    pub first_slot: u32,
+    /// Whether the owners are sources, or receivers.
+    pub sources_own: bool,
+}
+
+impl<'a> Between<'a> {
+    /// Of groups whose bins stand in pages of their own.
+    pub fn groups(plan: &Plan, owners: &'a Group, others: &'a Group, sources_own: bool) -> Self {
+        Self { owners, others, first_slot: plan.layout.slots_of(&owners.tiles).start, sources_own }
+    }
 }
 
 impl Sweep {
     pub fn new(device: &Device, plan: &Plan, kernels: Kernels) -> Result<Self, GpuError> {
         let precision = plan.accuracy.precision;
         let lanes = device.info().subgroup_size.min(plan.limits.tile);
-        let Kernels { far, near, single, constants, take, shape } = kernels;
+        let Kernels { far, near, single, constants, take, gathers, shape } = kernels;
+        let real = precision.bytes() as f64;
+        let gathered = gathers as f64 * 4.0 * f64::from(plan.channels) * real;
+        // What is read of a source serves all the triangles that a subgroup owns.
+        let owned = f64::from(if single { lanes } else { plan.limits.tile });
         let of_far = [&[(0, lanes), (1, plan.limits.tile)][..], &constants].concat();
         let of_near = [&[(0, WORKGROUP)][..], &constants].concat();
         let far_push = size_of::<FarPush>() as u32;
@@ -99,8 +127,18 @@ impl Sweep {
             take,
             far_pace: Pace::new(if single { 2e6 } else { 5e7 }),
             near_pace: Pace::new(1e5),
+            bytes: [
+                SOURCE_REALS * real / owned + gathered,
+                (SOURCE_REALS + CORNER_REALS) * real + f64::from(PIECES) * gathered,
+            ],
             shape,
         })
+    }
+
+    /// Pairs of two groups, point to point.
+    pub fn far_pairs(plan: &Plan, one: &Group, other: &Group) -> u64 {
+        let tiles = one.tiles.len() as u64 * other.tiles.len() as u64;
+        tiles * u64::from(plan.layout.tile * plan.layout.tile)
     }
 
     /// Pairs of a whole pass, weighted by what they cost.
@@ -115,37 +153,48 @@ impl Sweep {
         context: &Context,
         between: Between,
         buffers: &[BufferSlice],
+        uniforms: &[OfOthers],
         passing: u32,
         watch: &mut Watch,
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
-        let Between { owners, others } = between;
+        let Between { owners, others, first_slot, .. } = between;
         let tile = plan.layout.tile;
+        let Self { far, far_pace, workgroups, bytes, shape, .. } = self;
+        let mut passed = 0;
+        let mut bundle = Bundle::new(device, far_pace, watch);
         for run in tile_runs(&others.tiles) {
+            let pairs_of_row = u64::from(tile * tile) * run.len() as u64;
             let mut begin = owners.tiles.start;
             while begin < owners.tiles.end {
-                let affordable = self.far_pace.pairs() / u64::from(tile * tile) / run.len() as u64;
-                let rows = (owners.tiles.end - begin).min(affordable.clamp(1, u64::from(u32::MAX)) as u32);
+                let rows = bundle.share(owners.tiles.end - begin, pairs_of_row);
                 let push = FarPush {
                     owner_tile: begin,
                     other_begin: run.start,
                     other_end: run.end,
                     row_words: plan.tile_pairs.row_words,
                     half_range: 0.5 * plan.accuracy.subsample as f32,
-                    owner_page: owners.tiles.start * tile,
+                    owner_page: first_slot,
                     other_page: others.tiles.start * tile,
                     passing,
                 };
-                let mut batch = device.batch()?;
-                let groups = [rows, self.workgroups, 1];
-                batch.dispatch(&self.far, &self.shape, buffers, bytes_of(&push), groups)?;
-                let timing = batch.submit()?;
-                let pairs = u64::from(rows * run.len() as u32) * u64::from(tile * tile);
-                self.far_pace.learn(pairs, timing.wall_seconds);
-                watch.done(pairs)?;
+                let from = u64::from(run.start * tile);
+                let seen = uniforms
+                    .iter()
+                    .map(|of| of.buffer.slice(from * of.bytes, u64::from(UNIFORM_SLOTS) * of.bytes));
+                let buffers: Vec<_> = buffers.iter().copied().chain(seen).collect();
+                let groups = [rows, *workgroups, 1];
+                passed += passing_tiles(plan, between, begin..begin + rows, run.clone(), passing);
+                let pairs = pairs_of_row * u64::from(rows);
+                bundle.add(pairs, pairs, |batch| {
+                    batch.dispatch(far, shape, &buffers, bytes_of(&push), groups)
+                })?;
                 begin += rows;
             }
         }
+        bundle.submit()?;
+        let pairs = passed * u64::from(tile * tile);
+        device.credit(far.kernel(), shape, pairs, (pairs as f64 * bytes[0]) as u64);
         Ok(())
     }
 
@@ -162,46 +211,58 @@ impl Sweep {
         let Context { device, plan, .. } = context;
         let (owners, others) =
             (plan.layout.slots_of(&between.owners.tiles), plan.layout.slots_of(&between.others.tiles));
-        let offsets = &list.offsets;
-        let mut begin = owners.start;
-        while begin < owners.end {
-            // Whole workgroups of owners, at least one.
-            let wanted = u64::from(offsets[begin as usize]) + self.near_pace.pairs();
-            let run = &offsets[begin as usize..owners.end as usize];
-            let count = run.partition_point(|&o| u64::from(o) <= wanted) as u32;
-            let end = (begin + count.next_multiple_of(WORKGROUP).max(WORKGROUP)).min(owners.end);
-            let longest = run_lengths(offsets, begin..end).max().unwrap_or(0);
-            for skip in (0..longest).step_by(self.take as usize) {
+        // How many close others each owner has here.
+        let counts: Vec<u32> = owners.clone().map(|owner| list.of(owner, &others).len() as u32).collect();
+        let Self { near, near_pace, take, bytes, shape, .. } = self;
+        let mut bundle = Bundle::new(device, near_pace, watch);
+        let mut begin = 0;
+        while begin < counts.len() {
+            // Owners with something to do, as many whole workgroups as make a submission, at least one.
+            begin += counts[begin..].iter().take_while(|&&n| n == 0).count();
+            let mut work = 0;
+            let workgroups = counts[begin..].chunks(WORKGROUP as usize).take_while(|owners| {
+                work += owners.iter().copied().map(u64::from).sum::<u64>();
+                work <= bundle.affordable()
+            });
+            let end = (begin + workgroups.count().max(1) * WORKGROUP as usize).min(counts.len());
+            let run = &counts[begin..end];
+            let longest = run.iter().copied().max().unwrap_or(0);
+            for skip in (0..longest).step_by(*take as usize) {
                 let push = NearPush {
-                    owner_begin: begin,
-                    owner_end: end,
+                    owner_begin: owners.start + begin as u32,
+                    owner_end: owners.start + end as u32,
                     other_begin: others.start,
                     other_end: others.end,
                     half_range: 0.5 * plan.accuracy.subsample as f32,
-                    owner_page: owners.start,
+                    owner_page: between.first_slot,
                     other_page: others.start,
                     backs: u32::from(backs),
                     skip,
-                    take: self.take,
+                    take: *take,
                 };
-                let taken = run_lengths(offsets, begin..end);
-                let taken: u64 = taken.map(|n| u64::from(n.saturating_sub(skip).min(self.take))).sum();
-                let mut batch = device.batch()?;
-                let groups = [(end - begin).div_ceil(WORKGROUP), 1, 1];
-                batch.dispatch(&self.near, &self.shape, buffers, bytes_of(&push), groups)?;
-                let timing = batch.submit()?;
-                self.near_pace.learn(taken, timing.wall_seconds);
-                watch.done(taken * NEAR_COST / plan.layout.groups.len() as u64)?;
+                let taken = run.iter().map(|n| u64::from(n.saturating_sub(skip).min(*take))).sum();
+                let groups = [(run.len() as u32).div_ceil(WORKGROUP), 1, 1];
+                bundle.add(taken, taken * NEAR_COST, |batch| {
+                    batch.dispatch(near, shape, buffers, bytes_of(&push), groups)
+                })?;
             }
             begin = end;
         }
+        bundle.submit()?;
+        let pairs = counts.iter().copied().map(u64::from).sum();
+        device.credit(near.kernel(), shape, pairs, (pairs as f64 * bytes[1]) as u64);
         Ok(())
     }
 }
 
-/// Lengths of the lists of some owners.
-fn run_lengths(offsets: &[u32], owners: Range<u32>) -> impl Iterator<Item = u32> {
-    offsets[owners.start as usize..=owners.end as usize].windows(2).map(|pair| pair[1] - pair[0])
+/// Pairs of tiles between which something may pass.
+fn passing_tiles(plan: &Plan, between: Between, owners: Range<u32>, others: Range<u32>, passing: u32) -> u64 {
+    let wanted = passing & (PAIR_FRONT | PAIR_BACK);
+    let passes = |owner: u32, other: u32| {
+        let (receiver, source) = if between.sources_own { (other, owner) } else { (owner, other) };
+        plan.tile_pairs.get(receiver, source) & wanted != 0
+    };
+    owners.map(|owner| others.clone().filter(|&other| passes(owner, other)).count() as u64).sum()
 }
 
 /// Runs of tiles, one a dispatch.

@@ -1,6 +1,8 @@
 //! States as vectors, for the solvers.
 
+use super::residency::Part;
 use super::state::State;
+use super::watch::{TransportError, Watch};
 use super::{Context, WORKGROUP, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
 use crate::scene::Precision;
@@ -51,43 +53,69 @@ impl Vectors {
 
     /// y = 0.
     pub fn clear(&self, context: &Context, y: &State) -> Result<(), GpuError> {
-        let mut batch = context.device.batch()?;
-        for (y, _, count) in y.arrays(y, &context.plan) {
-            batch.fill(y, 0, u64::from(count) * context.plan.accuracy.precision.bytes(), 0)?;
+        for part in Part::all(&context.plan) {
+            let y = y.edit(&context.device, &part, false)?;
+            y.clear(&context.device)?;
+            y.store(&context.device)?;
         }
-        batch.submit()?;
         Ok(())
     }
 
     /// y = a x + b y.
-    pub fn combine(&self, context: &Context, a: f64, x: &State, b: f64, y: &State) -> Result<(), GpuError> {
-        let mut batch = context.device.batch()?;
-        for (x, y, count) in x.arrays(y, &context.plan) {
-            let push = real::push(context.plan.accuracy.precision, &[a, b], &[count]);
+    pub fn combine(
+        &self,
+        context: &Context,
+        (a, x): (f64, &State),
+        (b, y): (f64, &State),
+        watch: &mut Watch,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, .. } = context;
+        let precision = plan.accuracy.precision;
+        for part in Part::all(plan) {
+            let (x, y) = (x.show(device, &part)?, y.edit(device, &part, b != 0.0)?);
+            let count = y.reals(precision);
+            let push = real::push(precision, &[a, b], &[count]);
             let groups = [count.div_ceil(WORKGROUP).min(LANES / WORKGROUP), 1, 1];
-            batch.dispatch(&self.combine, "vector", &[x.whole(), y.whole()], &push, groups)?;
+            let mut batch = device.batch()?;
+            batch.dispatch(&self.combine, "vector", &[x.slice(), y.slice()], &push, groups)?;
+            batch.submit()?;
+            y.store(device)?;
+            watch.done(0)?;
         }
-        batch.submit()?;
         Ok(())
     }
 
     /// y = b y: as b x + 0 y with y in both places.
-    pub fn scale(&self, context: &Context, b: f64, y: &State) -> Result<(), GpuError> {
-        self.combine(context, b, y, 0.0, y)
+    pub fn scale(
+        &self,
+        context: &Context,
+        b: f64,
+        y: &State,
+        watch: &mut Watch,
+    ) -> Result<(), TransportError> {
+        self.combine(context, (b, y), (0.0, y), watch)
     }
 
     /// ⟨x, y⟩.
-    pub fn dot(&self, context: &Context, x: &State, y: &State) -> Result<f64, GpuError> {
+    pub fn dot(
+        &self,
+        context: &Context,
+        x: &State,
+        y: &State,
+        watch: &mut Watch,
+    ) -> Result<f64, TransportError> {
+        let Context { device, plan, .. } = context;
+        let precision = plan.accuracy.precision;
         let mut sum = 0.0;
-        for (x, y, count) in x.arrays(y, &context.plan) {
-            let mut batch = context.device.batch()?;
-            let buffers = [x.whole(), y.whole(), self.partial.whole()];
-            let push = DotPush { count };
+        for part in Part::all(plan) {
+            let (x, y) = (x.show(device, &part)?, y.edit(device, &part, true)?);
+            let push = DotPush { count: y.reals(precision) };
+            let buffers = [x.slice(), y.slice(), self.partial.whole()];
+            let mut batch = device.batch()?;
             batch.dispatch(&self.dot, "vector", &buffers, bytes_of(&push), [LANES / WORKGROUP, 1, 1])?;
             batch.submit()?;
-            let precision = context.plan.accuracy.precision;
-            let partial = real::download(&context.device, &self.partial, precision, LANES.into())?;
-            sum += partial.into_iter().sum::<f64>();
+            sum += real::download(device, &self.partial, precision, LANES.into())?.into_iter().sum::<f64>();
+            watch.done(0)?;
         }
         Ok(sum)
     }

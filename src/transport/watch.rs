@@ -3,7 +3,8 @@
 use crate::gpu::GpuError;
 use std::ops::ControlFlow;
 
-/// Called after every dispatch with the pairs done and the pairs of the whole pass; may stop the work.
+/// Called after every submission, of a quarter of a second at most, with the pairs done and the pairs of the whole pass;
+/// may stop the work.
 pub type Watcher = Box<dyn FnMut(u64, u64) -> ControlFlow<()> + Send>;
 
 /// Why a pass did not end.
@@ -13,6 +14,15 @@ pub enum TransportError {
     Gpu(#[from] GpuError),
     #[error("interrupted")]
     Interrupted,
+    #[error(
+        "the host has no {bytes} bytes for one more vector of the solver: the fixed point needs two (--solver \
+         fixed-point), a larger memory budget of the device none, fewer bins smaller ones"
+    )]
+    HostMemory { bytes: u64 },
+    #[error(
+        "gradients need the solver's vectors on the device, and these are on the host: name the gradients in Limits"
+    )]
+    NotResident,
 }
 
 /// Counts the pairs of a pass.
@@ -29,7 +39,7 @@ impl Watch {
         (self.done, self.total) = (0, total);
     }
 
-    /// A dispatch over `pairs` pairs has ended.
+    /// Work on `pairs` pairs has ended.
     pub fn done(&mut self, pairs: u64) -> Result<(), TransportError> {
         self.done += pairs;
         match self.watcher.as_mut().map(|watcher| watcher(self.done, self.total)) {

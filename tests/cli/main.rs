@@ -1,6 +1,7 @@
 //! The command-line tool, run as people run it: what it refuses and how it says so, and what it leaves behind.
 
 mod examples;
+mod fits;
 mod pictures;
 mod plans;
 mod refusals;

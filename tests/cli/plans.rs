@@ -28,12 +28,32 @@ fn a_plan_needs_no_device() {
 #[test]
 fn a_plan_keeps_to_the_settings_given() {
     let folder = Folder::with(&[]);
-    folder.run("plan room.toml --memory-budget 1MiB").refused(&["1048576 bytes is too small"]);
+    folder.run("plan room.toml --memory-budget 64KiB").refused(&["65536 bytes is too small"]);
     folder.run("plan nowhere.toml").refused(&["nowhere.toml", "cannot be read"]);
     let planned = folder.run("plan room.toml --bins concentric:4 --solver fixed-point --json").succeeded();
     let plan: serde_json::Value = serde_json::from_str(&planned.stdout).expect("JSON");
     assert_eq!(plan["bins"], "concentric:4");
     assert_eq!(plan["solver"], "fixed point");
+}
+
+/// Where memory is short, states go to the host, and the plan says what that takes.
+#[test]
+fn a_plan_for_little_memory() {
+    let folder = Folder::with(&[]);
+    let plan = |budget: &str| -> serde_json::Value {
+        let planned = folder.run(&format!("plan room.toml --json --memory-budget {budget}")).succeeded();
+        serde_json::from_str(&planned.stdout).expect("JSON")
+    };
+    let (plenty, little) = (plan("1GiB"), plan("700kB"));
+    assert_eq!(plenty["states"]["residency"], "device");
+    assert_eq!(plenty["states"]["bytes_moved_per_pass"], 0);
+    assert_eq!(little["states"]["residency"], "host");
+    assert_eq!(little["solver"], plenty["solver"]);
+    assert!(little["memory_total"].as_u64().expect("bytes") <= 700_000);
+    assert!(little["states"]["host_bytes"].as_u64().expect("bytes") > 700_000);
+    let words = folder.run("plan room.toml --memory-budget 700kB").succeeded().stdout;
+    let moved = little["states"]["bytes_moved_per_pass"].to_string();
+    says(&words, &["states           on the host", &format!("{moved}  bytes moved per pass")]);
 }
 
 #[test]

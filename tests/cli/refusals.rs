@@ -131,8 +131,8 @@ fn no_device_or_not_that_one() {
 fn a_budget_that_is_too_small() {
     let folder = Folder::with(&[]);
     for scene_and_bins in ["room.toml", "room.toml --bins 4x6"] {
-        let small = folder.render(&format!("{scene_and_bins} --memory-budget 1MiB"));
-        small.refused(&["1048576 bytes is too small"]);
+        let small = folder.render(&format!("{scene_and_bins} --memory-budget 64KiB"));
+        small.refused(&["65536 bytes is too small"]);
         assert!(folder.results().is_empty());
         let enough = small.stderr.split("--memory-budget ").nth(1).expect("the option that helps");
         let enough: u64 = enough.split(',').next().and_then(|n| n.parse().ok()).expect("a number of bytes");
@@ -143,6 +143,7 @@ fn a_budget_that_is_too_small() {
         let memory = &folder.json("out/report.json")["memory"];
         assert_eq!(memory["budget"], enough);
         assert!(memory["peak"].as_u64().expect("bytes") <= enough, "{memory}");
+        assert_eq!(folder.json("out/report.json")["plan"]["states"]["residency"], "host");
         fs::remove_dir_all(folder.path("out")).expect("the results were there");
     }
 }

@@ -7,17 +7,25 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Dispatches are a quarter of a second at most; the rest is for machines that are busy.
+/// Submissions are a quarter of a second at most; the rest is for machines that are busy.
 const SOON: Duration = Duration::from_secs(2);
 
 #[test]
 fn an_interrupted_render_ends_soon_and_writes_nothing() {
-    for signal in ["-INT", "-TERM"] {
+    // With states on the device, and in a budget that sends them to the host.
+    for (signal, states, limit) in
+        [("-INT", "on the device", None), ("-TERM", "on the host", Some("--memory-budget=16MiB"))]
+    {
         let folder = Folder::with(&[]);
         let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell_boxes_fine.toml");
         let mut tool = folder.tool(["render", "--verbose", "--output", "out", "--tolerance", "1e-7"]);
-        let mut child =
-            tool.arg(scene).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
+        let mut child = tool
+            .args(limit)
+            .arg(scene)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the tool runs");
 
         // Interrupted once a pass is done and the next one is under way.
         let mut stderr = BufReader::new(child.stderr.take().expect("piped"));
@@ -25,6 +33,7 @@ fn an_interrupted_render_ends_soon_and_writes_nothing() {
         while !said.contains("pass 1:") {
             assert!(stderr.read_line(&mut said).expect("text") > 0, "ended early: {said}");
         }
+        assert!(said.contains(&format!("states           {states}")), "{said}");
         let pid = child.id().to_string();
         let sent = Instant::now();
         assert!(Command::new("kill").args([signal, &pid]).status().expect("kill runs").success());

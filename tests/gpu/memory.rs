@@ -22,6 +22,17 @@ fn transfers_beyond_one_staging_chunk() {
     assert_eq!(staging.map(|row| row.bytes).sum::<u64>(), gpu::staging_bytes());
     assert!(report.reserved >= report.in_use);
 
+    // Smaller staging buffers take more pieces, and no more memory at any time.
+    device.set_staging(100_000);
+    let peak = device.memory().peak;
+    assert!(device.download(&buffer, 77, bytes as u64).unwrap() == data);
+    device.upload(&buffer, 0, &data).unwrap();
+    assert!(device.download(&buffer, 0, bytes as u64).unwrap() == data);
+    let report = device.memory();
+    let staging = report.by_label.iter().filter(|row| row.label.starts_with("staging"));
+    assert_eq!(staging.map(|row| row.bytes).sum::<u64>(), 2 * gpu::rounded(50_000));
+    assert_eq!(report.peak, peak);
+
     let beyond = device.download(&buffer, buffer.bytes() - 4, 8);
     assert!(matches!(beyond, Err(GpuError::OutOfRange { .. })));
     let beyond = device.upload_slice(&buffer, u64::MAX, &[1u8]);

@@ -20,7 +20,9 @@ fn layouts_shared_with_shaders_agree() {
 fn all_shaders_are_listed() {
     let names: Vec<_> = shaders::ALL.iter().map(|Shader { name, .. }| *name).collect();
     assert!(names.contains(&"combine"));
-    assert!(names.is_sorted());
+    let single: Vec<_> = names.iter().filter(|name| !name.ends_with("_f64")).collect();
+    assert!(single.is_sorted(), "{names:?}");
+    assert!(names.contains(&"combine_f64"));
     // The magic number of SPIR-V.
     assert!(shaders::ALL.iter().all(|shader| shader.spirv[0] == 0x0723_0203));
 }

@@ -2,6 +2,7 @@
 
 mod checks;
 mod meshes;
+mod save;
 mod scene_file;
 mod shipped;
 
@@ -70,4 +71,10 @@ fn the_good_files_load_without_a_warning() {
     assert_eq!(scene.material(0).name, "lamp");
     assert_eq!(scene.material(1).albedo, [0.5; 3]);
     assert_eq!((scene.meshes[0].name.as_str(), scene.meshes[0].range.clone()), ("m", 0..2));
+}
+
+/// Names of the files in a folder.
+fn names(folder: &std::path::Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).expect("a folder");
+    entries.map(|entry| entry.expect("an entry").file_name().into_string().expect("UTF-8")).collect()
 }

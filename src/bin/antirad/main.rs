@@ -1,6 +1,7 @@
 //! The command-line tool `antirad`.
 
 mod devices;
+mod fit;
 mod plan;
 mod render;
 mod report;
@@ -27,6 +28,7 @@ struct Arguments {
 const EXAMPLES: &str = "Examples:
   antirad render scenes/cornell_boxes.toml --output out/cornell
   antirad render bunny.obj --bins concentric:12 --tolerance 1e-3
+  antirad fit jobs/ --output out/fits --resume
   antirad plan scenes/statue.toml --memory-budget 256MiB
   antirad devices";
 
@@ -34,6 +36,8 @@ const EXAMPLES: &str = "Examples:
 enum Command {
     /// Solve a scene and make its pictures
     Render(render::Arguments),
+    /// Fit scenes to pictures: jobs, one or many
+    Fit(fit::Arguments),
     /// Print what a solve would take, without touching a device
     Plan(plan::Arguments),
     /// List Vulkan devices, with what antirad needs of each
@@ -44,6 +48,8 @@ enum Command {
 enum Failure {
     Error(Box<dyn std::error::Error>),
     Interrupted,
+    /// All was said already.
+    Code(u8),
 }
 
 impl<E: std::error::Error + 'static> From<E> for Failure {
@@ -54,15 +60,18 @@ impl<E: std::error::Error + 'static> From<E> for Failure {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    cli::start_logging(arguments.quiet, arguments.verbose);
+    let json = matches!(&arguments.command, Command::Fit(fit) if fit.json());
+    cli::start_logging(arguments.quiet, arguments.verbose, json);
     let interrupt = Interrupt::catch();
     let result = match arguments.command {
         Command::Render(render) => render::run(&render, arguments.quiet, arguments.verbose, &interrupt),
+        Command::Fit(fit) => fit::run(&fit, arguments.quiet, arguments.verbose, &interrupt),
         Command::Plan(plan) => plan::run(&plan),
         Command::Devices => devices::run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
+        Err(Failure::Code(code)) => ExitCode::from(code),
         Err(Failure::Interrupted) => {
             eprintln!("antirad: interrupted; nothing was written");
             ExitCode::from(cli::EXIT_INTERRUPTED)

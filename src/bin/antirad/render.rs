@@ -1,7 +1,7 @@
 //! `antirad render`.
 
 use crate::Failure;
-use crate::report::{DeviceReport, MemoryUse, Report, SolveReport, kernels};
+use crate::report::{DeviceReport, MemoryUse, Report, SolveReport};
 use crate::settings::SceneSettings;
 use antirad::cli::{Interrupt, SolveBar};
 use antirad::gpu::{Bytes, Device, DeviceOptions};
@@ -139,7 +139,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         negative_irradiance: solution.negative,
         pictures: files,
         seconds: stages.seconds,
-        kernels: kernels(&device),
+        kernels: device.profile(),
     };
     write_json(&directory.join("report.json"), &report)?;
     if !quiet {
@@ -243,10 +243,7 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     println!("memory      {} at the peak of {}", Bytes(report.memory.peak), Bytes(report.memory.budget));
     if verbose > 0 {
         for k in &report.kernels {
-            println!(
-                "kernel      {:>8.3} s in {:>5} dispatches: {}, {}",
-                k.seconds, k.dispatches, k.kernel, k.shape
-            );
+            println!("kernel      {k}");
         }
     }
     println!("written     {}", directory.display());

@@ -1,6 +1,6 @@
 //! `report.json`: everything about a run that a script or a person may ask later.
 
-use antirad::gpu::{Device, DeviceInfo, MemoryReport};
+use antirad::gpu::{DeviceInfo, MemoryReport, ProfileRow};
 use antirad::plan::PlanReport;
 use antirad::{Energy, Negative, Solution};
 use serde::Serialize;
@@ -22,7 +22,7 @@ pub struct Report {
     pub negative_irradiance: Negative,
     pub pictures: Vec<String>,
     pub seconds: BTreeMap<&'static str, f64>,
-    pub kernels: Vec<KernelReport>,
+    pub kernels: Vec<ProfileRow>,
 }
 
 #[derive(Serialize)]
@@ -47,14 +47,6 @@ pub struct SolveReport {
     pub tolerance: f64,
     pub residuals: Vec<f64>,
     pub spectral_radius: Option<f64>,
-}
-
-#[derive(Serialize)]
-pub struct KernelReport {
-    pub kernel: String,
-    pub shape: String,
-    pub dispatches: u64,
-    pub seconds: f64,
 }
 
 impl From<&DeviceInfo> for DeviceReport {
@@ -86,15 +78,4 @@ impl SolveReport {
             spectral_radius: info.spectral_radius,
         }
     }
-}
-
-pub fn kernels(device: &Device) -> Vec<KernelReport> {
-    let rows = device.profile().into_iter();
-    rows.map(|row| KernelReport {
-        kernel: row.kernel,
-        shape: row.shape,
-        dispatches: row.count,
-        seconds: row.seconds,
-    })
-    .collect()
 }

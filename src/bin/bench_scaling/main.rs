@@ -19,7 +19,7 @@ use std::process::ExitCode;
 struct Arguments {
     /// Numbers of triangles
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "10000,20000,50000,100000,200000",
-          value_parser = clap::value_parser!(u32).range(1000..=500_000))]
+          value_parser = clap::value_parser!(u32).range(i64::from(measure::SMALLEST)..=500_000))]
     triangles: Vec<u32>,
     /// Direction bins per hemisphere: 10x13 (polar x azimuth) or concentric:12
     #[arg(long, value_name = "LAYOUT", default_value = "10x13")]
@@ -33,7 +33,7 @@ struct Arguments {
     /// Where scaling.csv and the plots go
     #[arg(long, short, value_name = "DIR", default_value = "out/scaling")]
     output: PathBuf,
-    /// Keep the sizes that DIR/scaling.csv has already, with the same bins
+    /// Keep the sizes that DIR/scaling.csv has already, with the same bins and memory budget
     #[arg(long)]
     resume: bool,
     /// Vulkan device, by its number or a part of its name [env: ANTIRAD_DEVICE]
@@ -58,7 +58,7 @@ const EXAMPLES: &str = "Examples:
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    cli::start_logging(arguments.quiet, arguments.verbose);
+    cli::start_logging(arguments.quiet, arguments.verbose, false);
     let interrupt = Interrupt::catch();
     let result =
         if arguments.only { measure::only(&arguments, &interrupt) } else { all(&arguments, &interrupt) };
@@ -76,7 +76,9 @@ fn main() -> ExitCode {
 fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn std::error::Error>> {
     prepare_directory(&arguments.output)?;
     let mut rows = if arguments.resume { table::read(&arguments.output)? } else { Vec::new() };
-    rows.retain(|row| row.bins == arguments.bins.to_string() && arguments.triangles.contains(&row.size));
+    let bins = arguments.bins.to_string();
+    rows.retain(|row| row.bins == bins && row.budget == arguments.memory_budget);
+    rows.retain(|row| arguments.triangles.contains(&row.size));
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(1000) };
     if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} gone, {eta} left") {
         bar.set_style(style.progress_chars("=> "));
@@ -85,6 +87,11 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn 
     let cost = |size: u32| f64::from(size).powi(2);
     let todo: Vec<u32> =
         arguments.triangles.iter().copied().filter(|&size| rows.iter().all(|row| row.size != size)).collect();
+    if !todo.is_empty() {
+        // Drivers keep the kernels that they compile: what that takes is no part of a size.
+        bar.set_message("compiling kernels");
+        measure::in_child(arguments, measure::SMALLEST, interrupt, &|_| ())?;
+    }
     let total: f64 = todo.iter().map(|&size| cost(size)).sum();
     let mut done = 0.0;
     let mut failures = Vec::new();

@@ -13,7 +13,14 @@ use std::error::Error;
 use std::io::{BufRead, BufReader, Read};
 use std::ops::ControlFlow;
 use std::process::{Command, Stdio};
-use std::time::Instant;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::{Duration, Instant};
+
+/// How soon an interrupt is noticed.
+const POLL: Duration = Duration::from_millis(100);
+
+/// Triangles of the smallest statue.
+pub const SMALLEST: u32 = 1000;
 
 pub enum Outcome {
     Done,
@@ -74,6 +81,7 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
     let limits = Limits { occlusion: Occlusion::Everything, ..Limits::of(&device) };
     let plan = Plan::new(&scene, &limits, &accuracy)?;
     let report = plan.report();
+    let staging = plan.staging;
 
     let resident_before = resident("VmRSS:");
     let buffers = SceneBuffers::new(&device, &scene, &plan)?;
@@ -122,10 +130,7 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
     }
     if arguments.verbose > 0 {
         for row in device.profile() {
-            eprintln!(
-                "{size}: {:8.3} s in {:5} dispatches, {}, {}",
-                row.seconds, row.count, row.kernel, row.shape
-            );
+            eprintln!("{size}: {row}");
         }
     }
     let pairs = report.pairs;
@@ -133,10 +138,13 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
         size,
         triangles: report.triangles,
         bins: arguments.bins.to_string(),
+        budget: arguments.memory_budget,
         bytes_planned: planned,
         bytes_allocated: memory.in_use,
         bytes_peak: memory.peak,
-        bytes_fixed: limits.staging,
+        bytes_fixed: staging,
+        bytes_host: report.states.host_bytes,
+        bytes_moved: report.states.bytes_moved_per_pass,
         resident_growth: resident("VmRSS:").saturating_sub(resident_before),
         resident_peak: resident("VmHWM:"),
         pairs: pairs.total,
@@ -145,7 +153,7 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
         seconds_gpu: gpu,
         seconds_wall: wall,
         pairs_per_second: pairs.total as f64 / wall,
-        bytes_per_triangle: (memory.in_use - limits.staging) as f64 / report.triangles as f64,
+        bytes_per_triangle: (memory.in_use - staging) as f64 / report.triangles as f64,
     }))?;
     Ok(Outcome::Done)
 }
@@ -187,17 +195,30 @@ pub fn in_child(
     let (Some(output), Some(mut errors)) = (child.stdout.take(), child.stderr.take()) else {
         return Err("the measuring process has no output".into());
     };
-    // Read on a thread of its own, so that neither pipe can fill up and stop the process.
+    // Both pipes are read on threads of their own: neither can fill up and stop the process, and an interrupt need not
+    // wait for the next message.
     let errors = std::thread::spawn(move || {
         let mut text = String::new();
         let _ = errors.read_to_string(&mut text);
         text
     });
+    let (sender, lines) = mpsc::channel();
+    std::thread::spawn(move || BufReader::new(output).lines().try_for_each(|line| sender.send(line)));
     let mut row = None;
-    for line in BufReader::new(output).lines() {
-        match serde_json::from_str(&line?)? {
-            Message::Progress(share) => progress(share),
-            Message::Row(measured) => row = Some(measured),
+    loop {
+        if interrupt.is_set() {
+            // It writes no files.
+            child.kill()?;
+            child.wait()?;
+            return Ok(Size::Interrupted);
+        }
+        match lines.recv_timeout(POLL) {
+            Ok(line) => match serde_json::from_str(&line?)? {
+                Message::Progress(share) => progress(share),
+                Message::Row(measured) => row = Some(measured),
+            },
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => break,
         }
     }
     let status = child.wait()?;

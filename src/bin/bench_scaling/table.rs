@@ -1,6 +1,6 @@
 //! The measurements as a table and as plots.
 
-use antirad::cli::{Curve, LogLogPlot, slope};
+use antirad::cli::{Curve, LogPlot, slope};
 use antirad::gpu::Bytes;
 use antirad::output::{OutputError, atomic_write};
 use std::error::Error;
@@ -17,11 +17,19 @@ pub struct Row {
     pub size: u32,
     pub triangles: usize,
     pub bins: String,
+    /// Device memory allowed, if limited.
+    #[serde(default)]
+    pub budget: Option<u64>,
     pub bytes_planned: u64,
     pub bytes_allocated: u64,
     pub bytes_peak: u64,
     /// Of them those that do not depend on the scene: staging.
     pub bytes_fixed: u64,
+    /// Of states on the host, and what a bounce moves between it and the device; 0 where they live on the device.
+    #[serde(default)]
+    pub bytes_host: u64,
+    #[serde(default)]
+    pub bytes_moved: u64,
     pub resident_growth: u64,
     pub resident_peak: u64,
     pub pairs: u64,
@@ -77,7 +85,7 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
     let bins = rows.first().map_or("", |row| &row.bins);
     let ours = memory(rows);
     let published = points(rows, |row| PUBLISHED_BYTES * row.triangles as f64);
-    LogLogPlot {
+    LogPlot {
         title: format!("Device memory of one bounce, {bins} bins, every triangle a blocker"),
         x: "triangles".to_owned(),
         y: "bytes, fixed costs apart".to_owned(),
@@ -85,14 +93,16 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
             Curve { label: with_slope("antirad", &ours), points: ours, reference: false },
             Curve { label: "published: 36 kB per triangle".to_owned(), points: published, reference: true },
         ],
+        linear_x: false,
     }
     .write(&directory.join("memory"))?;
     let ours = seconds(rows);
-    LogLogPlot {
+    LogPlot {
         title: format!("Time of one bounce, {bins} bins, every triangle a blocker"),
         x: "triangles".to_owned(),
         y: "seconds".to_owned(),
         curves: vec![Curve { label: with_slope("antirad", &ours), points: ours, reference: false }],
+        linear_x: false,
     }
     .write(&directory.join("time"))
 }

@@ -1,0 +1,236 @@
+//! `antirad fit`: one job, or a batch of them.
+
+mod batch;
+mod log;
+mod summary;
+
+use crate::Failure;
+use antirad::cli::{self, Interrupt, parse_size};
+use antirad::fit::{EngineRenderer, FitError, JobFile, Outcome, RenderError, RunOptions, Watch, results};
+use antirad::gpu::{Bytes, Device, DeviceOptions};
+use antirad::output::{prepare_directory, remove_unfinished};
+use clap::{Args, ValueEnum};
+use log::Log;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use summary::{Row, Status};
+
+#[derive(Args)]
+pub struct Arguments {
+    /// Job files, or folders whose job files (*.toml that name a scene to fit) are all run
+    #[arg(required = true, value_name = "JOB.toml|DIR")]
+    jobs: Vec<PathBuf>,
+    /// Each job writes into a folder of its name in here
+    #[arg(long, short, value_name = "DIR", default_value = "out")]
+    output: PathBuf,
+    /// Go on from the checkpoints that are there; jobs that are done are left alone
+    #[arg(long)]
+    resume: bool,
+    /// Try the other jobs even after a failure that they are likely to share: a full disk, a lost device
+    #[arg(long)]
+    keep_going: bool,
+    /// Device memory to use at most, e.g. 512MiB [default: what the device has]
+    #[arg(long, value_name = "SIZE", value_parser = parse_size)]
+    memory_budget: Option<u64>,
+    /// Vulkan device, by its number or a part of its name (see `antirad devices`) [env: ANTIRAD_DEVICE]
+    #[arg(long, value_name = "INDEX|NAME")]
+    device: Option<String>,
+    /// How progress is told on standard error
+    #[arg(long, value_enum, default_value_t = LogFormat::Text)]
+    log_format: LogFormat,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum LogFormat {
+    /// A bar on a terminal, else a line per iteration
+    Text,
+    /// A JSON object per line
+    Json,
+}
+
+impl Arguments {
+    pub fn json(&self) -> bool {
+        self.log_format == LogFormat::Json
+    }
+
+    fn device_options(&self) -> DeviceOptions {
+        let usual = DeviceOptions::default();
+        DeviceOptions {
+            selector: self.device.clone().or(usual.selector.clone()),
+            memory_budget: self.memory_budget,
+            ..usual
+        }
+    }
+}
+
+pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrupt) -> Result<(), Failure> {
+    let jobs = batch::find(&arguments.jobs)?;
+    prepare_directory(&arguments.output)?;
+    // What no job could do without, before any of them is blamed for it.
+    drop(Device::new(&arguments.device_options())?);
+    let log = Log::new(arguments.json(), quiet, verbose);
+    let mut rows: Vec<Row> = Vec::new();
+    let mut stopped = false;
+    for job in &jobs {
+        let row = if stopped || interrupt.is_set() {
+            Row::new(&job.name, Status::NotStarted)
+        } else {
+            let (row, shared_cause) = run_guarded(arguments, job, &log, interrupt);
+            stopped = shared_cause && !arguments.keep_going;
+            row
+        };
+        log.ended(&row);
+        rows.push(row);
+        if jobs.len() > 1 {
+            // After every job: whoever kills the batch finds what was done.
+            summary::write(&arguments.output, &rows)?;
+        }
+    }
+    if jobs.len() > 1 && !quiet && !arguments.json() {
+        summary::print(&rows, &arguments.output);
+    }
+    if interrupt.is_set() {
+        return Err(Failure::Code(interrupt.exit_code()));
+    }
+    match rows.iter().all(|row| row.status.is_good()) {
+        true => Ok(()),
+        false => Err(Failure::Code(cli::EXIT_PARTLY)),
+    }
+}
+
+/// Runs a job so that nothing it does, not even a defect of the program, stops the others. The second value: whether
+/// the others are likely to fail alike.
+fn run_guarded(arguments: &Arguments, job: &batch::Found, log: &Log, interrupt: &Interrupt) -> (Row, bool) {
+    let attempt = std::panic::AssertUnwindSafe(|| run_job(arguments, job, log, interrupt));
+    match std::panic::catch_unwind(attempt) {
+        Ok(Ok(row)) => (row, false),
+        Ok(Err(FitError::Interrupted { iteration })) => {
+            (Row { iterations: Some(iteration), ..Row::new(&job.name, Status::Interrupted) }, false)
+        }
+        Ok(Err(error)) => {
+            let shared = match &error {
+                FitError::Write(_) => true,
+                FitError::Render(RenderError::Failed(cause)) => cause.to_string().contains("device lost"),
+                _ => false,
+            };
+            (Row { message: error.to_string(), ..Row::new(&job.name, Status::Failed) }, shared)
+        }
+        Err(_) => {
+            let message = String::from("a defect of antirad, see the message above; please report it");
+            (Row { message, ..Row::new(&job.name, Status::Failed) }, false)
+        }
+    }
+}
+
+fn run_job(
+    arguments: &Arguments,
+    found: &batch::Found,
+    log: &Log,
+    interrupt: &Interrupt,
+) -> Result<Row, FitError> {
+    let mut file = JobFile::load(&found.path)?;
+    for warning in &file.warnings {
+        tracing::warn!("{}: {warning}", found.name);
+    }
+    let directory = arguments.output.join(&found.name);
+    prepare_directory(&directory)?;
+    remove_unfinished(&directory)?;
+    if arguments.resume
+        && let Some(progress) = file.job.progress(&directory)?
+        && progress.finished.is_some()
+        && directory.join(results::REPORT).is_file()
+    {
+        return Ok(Row::of_history(&found.name, Status::FinishedBefore, &progress.history, progress.seconds));
+    }
+
+    let failed = |error: antirad::gpu::GpuError| FitError::Render(RenderError::Failed(Box::new(error)));
+    // One for each job: what it does to a device ends with it.
+    let device = Device::new(&arguments.device_options()).map_err(failed)?;
+    let asked = interrupt.clone();
+    let watch: Watch = Arc::new(move || asked.flow());
+    let problem = file.job.problem();
+    let cameras = problem.targets.iter().map(|target| target.camera.clone()).collect();
+    let (planning, wanted) = (problem.parameters.planning_scene(), problem.parameters.wanted());
+    let supersample = file.job.settings().supersample;
+    let mut renderer = EngineRenderer::new(&device, planning, cameras, supersample, wanted, watch)?;
+    let (estimate, host_bytes) = file.job.estimate(&mut renderer)?;
+    log.begin(&file, &device, &estimate);
+
+    let options = RunOptions {
+        checkpoints: Some(directory.clone()),
+        checkpoint_every: file.checkpoint_every,
+        resume: arguments.resume,
+        stop: file.stop,
+    };
+    let progress = log.job(&found.name, file.stop.iterations);
+    let result = file.job.run(&mut renderer, &options, &mut |record, _| {
+        progress.iteration(record);
+        interrupt.flow()
+    });
+    progress.finish();
+    let outcome = result?;
+    let about = results::Circumstances {
+        scene: file.scene_file.display().to_string(),
+        stop: file.stop,
+        estimate,
+        host_bytes,
+        warnings: file.warnings.clone(),
+        more: more(&device),
+    };
+    results::write(&directory, &file.job, &outcome, &about)?;
+    if !arguments.json() {
+        log.results(|| print(&found.name, &outcome, &directory));
+    }
+    Ok(Row {
+        stop: Some(outcome.stop.reason()),
+        ..Row::of_history(&found.name, Status::Finished, &outcome.history, outcome.seconds)
+    })
+}
+
+/// Device and memory, for the report.
+fn more(device: &Device) -> serde_json::Value {
+    serde_json::json!({
+        "device": crate::report::DeviceReport::from(device.info()),
+        "memory": crate::report::MemoryUse::from(device.memory()),
+    })
+}
+
+/// Values that are printed at most; the rest is in the files.
+const PRINTED: usize = 24;
+
+fn print(name: &str, outcome: &Outcome, directory: &Path) {
+    let (first, iterations) = match (outcome.history.first(), outcome.history.last()) {
+        (Some(first), Some(last)) => (first.loss, last.iteration),
+        _ => (outcome.loss, 0),
+    };
+    println!("{name}: {iterations} iterations in {:.1} s: {}", outcome.seconds, outcome.stop.reason());
+    println!("  loss        {first:.4e} to {:.4e}", outcome.loss);
+    for value in outcome.recovered.iter().take(PRINTED) {
+        let numbers = |of: &[f64]| of.iter().map(|v| format!("{v:.5}")).collect::<Vec<_>>().join(" ");
+        let bound = if value.at_bound.contains(&true) { ", at a bound" } else { "" };
+        let unit = if value.unit == "1" { "" } else { value.unit };
+        println!(
+            "  {:<11} {} {unit} of {} (from {}{bound})",
+            value.quantity,
+            numbers(&value.value),
+            value.of,
+            numbers(&value.initial)
+        );
+    }
+    if outcome.recovered.len() > PRINTED {
+        println!("  and {} more", outcome.recovered.len() - PRINTED);
+    }
+    println!("  written     {}", directory.display());
+}
+
+/// What is fitted, for one line.
+fn quantities(file: &JobFile) -> String {
+    let mut words: Vec<&str> = file.job.settings().fits.iter().map(|fit| fit.quantity.word()).collect();
+    words.sort_unstable();
+    words.dedup();
+    words.join(", ")
+}
+
+fn bytes(bytes: u64) -> String {
+    Bytes(bytes).to_string()
+}

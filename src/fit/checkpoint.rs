@@ -1,0 +1,308 @@
+//! The state of a fit on disk: whole or not at all, with a checksum, the one before it kept.
+
+use super::job::Progress;
+use crate::output::{OutputError, atomic_write};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+const MAGIC: &[u8; 16] = b"antirad-fit-ckpt";
+/// Changes whenever what is stored does.
+const VERSION: u32 = 1;
+const FILE: &str = "checkpoint";
+const PREVIOUS: &str = "checkpoint.previous";
+/// Magic, version, length, checksum.
+const HEADER: usize = 16 + 4 + 8 + 32;
+
+/// A checkpoint cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CheckpointError {
+    #[error("{}: cannot be read: {reason}", path.display())]
+    Read { path: PathBuf, reason: io::Error },
+    #[error("{}: {damage}; {way_out}", path.display())]
+    Damaged { path: PathBuf, damage: String, way_out: String },
+    #[error(
+        "{}: it has version {found} and this program reads version {VERSION}; continue with the program that wrote it, \
+         or start over without --resume",
+        path.display()
+    )]
+    Version { path: PathBuf, found: u32 },
+    #[error(
+        "{}: it belongs to another job: {what} is not what it was; start over without --resume, or undo the change",
+        path.display()
+    )]
+    OtherJob { path: PathBuf, what: String },
+}
+
+/// What a fit is determined by. Two fits with the same identity take the same way, step by step.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Identity(Vec<(String, [u8; 32])>);
+
+impl Identity {
+    /// Adds a part by what it is called in messages.
+    pub fn add(&mut self, what: impl Into<String>, value: &impl Serialize) -> Result<(), postcard::Error> {
+        let bytes = postcard::to_stdvec(value)?;
+        self.0.push((what.into(), Sha256::digest(bytes).into()));
+        Ok(())
+    }
+
+    /// The first part that differs.
+    fn difference(&self, other: &Self) -> Option<&str> {
+        let pairs = self.0.iter().zip(&other.0);
+        let differs = pairs.clone().find(|(a, b)| a != b).map(|(a, _)| a.0.as_str());
+        differs.or((self.0.len() != other.0.len()).then_some("the number of targets"))
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+struct Payload<'a> {
+    identity: std::borrow::Cow<'a, Identity>,
+    progress: std::borrow::Cow<'a, Progress>,
+}
+
+/// The checkpoints in a folder.
+pub(super) struct Checkpoints {
+    directory: PathBuf,
+}
+
+impl Checkpoints {
+    pub fn new(directory: &Path) -> Self {
+        Self { directory: directory.to_path_buf() }
+    }
+
+    fn current(&self) -> PathBuf {
+        self.directory.join(FILE)
+    }
+
+    fn previous(&self) -> PathBuf {
+        self.directory.join(PREVIOUS)
+    }
+
+    /// Forgets what is there: a fit that starts anew must not be mixed up with one before it.
+    pub fn clear(&self) -> Result<(), OutputError> {
+        for path in [self.current(), self.previous()] {
+            match fs::remove_file(&path) {
+                Err(reason) if reason.kind() != io::ErrorKind::NotFound => {
+                    return Err(OutputError { path, reason });
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Stores a state. If that fails, what was stored before is still there.
+    pub fn write(&self, identity: &Identity, progress: &Progress) -> Result<(), OutputError> {
+        use std::borrow::Cow::Borrowed;
+        let path = self.current();
+        let payload = Payload { identity: Borrowed(identity), progress: Borrowed(progress) };
+        let payload = postcard::to_stdvec(&payload)
+            .map_err(|error| OutputError { path: path.clone(), reason: io::Error::other(error) })?;
+        // First the new one in full under another name: a full disk must not cost the one that is there.
+        let fresh = self.directory.join("checkpoint.new");
+        let written = atomic_write(&fresh, |file| {
+            file.write_all(MAGIC)?;
+            file.write_all(&VERSION.to_le_bytes())?;
+            file.write_all(&(payload.len() as u64).to_le_bytes())?;
+            file.write_all(&Sha256::digest(&payload))?;
+            file.write_all(&payload)?;
+            // On the disk before it takes the place of another: a machine may lose its power, too.
+            file.sync_all()
+        });
+        written.map_err(|error| OutputError { path: path.clone(), reason: error.reason })?;
+        let swap = || {
+            match fs::rename(&path, self.previous()) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+                _ => {}
+            }
+            // Killed here, there is only the previous one, which `read` then takes.
+            fs::rename(&fresh, &path)
+        };
+        swap().map_err(|reason| OutputError { path: path.clone(), reason })
+    }
+
+    /// The state stored last; `None` if there is none.
+    pub fn read(&self, identity: &Identity) -> Result<Option<Progress>, CheckpointError> {
+        for path in [self.current(), self.previous()] {
+            match fs::read(&path) {
+                Ok(bytes) => return self.decode(&path, &bytes, identity).map(Some),
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(reason) => return Err(CheckpointError::Read { path, reason }),
+            }
+        }
+        Ok(None)
+    }
+
+    fn decode(&self, path: &Path, bytes: &[u8], identity: &Identity) -> Result<Progress, CheckpointError> {
+        let damaged = |damage: String| {
+            let previous = self.previous();
+            let way_out = if path != previous && previous.exists() {
+                format!("remove it to continue from the one before it, {}", previous.display())
+            } else {
+                String::from("start over without --resume")
+            };
+            CheckpointError::Damaged { path: path.to_path_buf(), damage, way_out }
+        };
+        let Some((header, payload)) = bytes.split_at_checked(HEADER) else {
+            return Err(damaged(format!("it ends after {} bytes, within its header", bytes.len())));
+        };
+        let (magic, rest) = header.split_at(16);
+        let (version, rest) = rest.split_at(4);
+        let (length, checksum) = rest.split_at(8);
+        if magic != MAGIC {
+            return Err(damaged(String::from("it does not start as a checkpoint does")));
+        }
+        let version = version.iter().rev().fold(0, |n, &b| n << 8 | u32::from(b));
+        if version != VERSION {
+            return Err(CheckpointError::Version { path: path.to_path_buf(), found: version });
+        }
+        let length = length.iter().rev().fold(0, |n, &b| n << 8 | u64::from(b));
+        if payload.len() as u64 != length {
+            return Err(damaged(format!(
+                "it should hold {length} bytes of state and holds {}",
+                payload.len()
+            )));
+        }
+        if Sha256::digest(payload).as_slice() != checksum {
+            return Err(damaged(String::from("its checksum is wrong: some of its bytes have changed")));
+        }
+        let stored: Payload = postcard::from_bytes(payload)
+            .map_err(|error| damaged(format!("its content is wrong: {error}")))?;
+        match stored.identity.difference(identity) {
+            Some(what) => Err(CheckpointError::OtherJob { path: path.to_path_buf(), what: what.to_owned() }),
+            None => Ok(stored.progress.into_owned()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::optimiser::{Adam, AdamOptions, Bounds, Optimiser};
+    use super::*;
+    use tempfile::{TempDir, tempdir};
+
+    fn progress(x: f64) -> Progress {
+        Progress::new(Optimiser::Adam(Adam::new(vec![x; 500], Bounds::free(500), AdamOptions::default())))
+    }
+
+    fn identity(job: &str) -> Identity {
+        let mut identity = Identity::default();
+        identity.add("the job", &job).expect("bytes");
+        identity.add("the scene", &"scene").expect("bytes");
+        identity
+    }
+
+    fn written(states: &[f64]) -> (TempDir, Checkpoints) {
+        let folder = tempdir().expect("a folder");
+        let checkpoints = Checkpoints::new(folder.path());
+        for &x in states {
+            checkpoints.write(&identity("job"), &progress(x)).expect("written");
+        }
+        (folder, checkpoints)
+    }
+
+    fn names(folder: &TempDir) -> Vec<String> {
+        let entries = fs::read_dir(folder.path()).expect("a folder");
+        let mut names: Vec<String> =
+            entries.map(|e| e.expect("an entry").file_name().into_string().expect("UTF-8")).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn the_last_two_are_kept() {
+        let (folder, checkpoints) = written(&[1.0, 2.0, 1.0 / 3.0]);
+        assert_eq!(names(&folder), [FILE, PREVIOUS]);
+        assert_eq!(checkpoints.read(&identity("job")).expect("read"), Some(progress(1.0 / 3.0)));
+        // Killed between the two renames.
+        fs::remove_file(checkpoints.current()).expect("removed");
+        assert_eq!(checkpoints.read(&identity("job")).expect("read"), Some(progress(2.0)));
+        checkpoints.clear().expect("cleared");
+        assert_eq!(checkpoints.read(&identity("job")).expect("read"), None);
+    }
+
+    #[test]
+    fn damage_is_an_error_that_names_the_way_out() {
+        let (folder, checkpoints) = written(&[1.0, 2.0]);
+        let good = fs::read(checkpoints.current()).expect("bytes");
+        let read = |bytes: &[u8]| {
+            fs::write(checkpoints.current(), bytes).expect("written");
+            checkpoints.read(&identity("job")).map_err(|error| error.to_string())
+        };
+        // Cut at every length, and with any byte of the header or some of the rest changed.
+        for length in (0..good.len()).step_by(41).chain(0..HEADER + 2) {
+            let message = read(&good[..length]).expect_err("truncated");
+            assert!(message.contains("checkpoint: ") && message.contains("checkpoint.previous"), "{message}");
+        }
+        for at in (0..HEADER).chain((HEADER..good.len()).step_by(97)) {
+            let mut bytes = good.clone();
+            bytes[at] ^= 0x10;
+            read(&bytes).expect_err("changed");
+        }
+        let mut longer = good.clone();
+        longer.push(0);
+        assert!(read(&longer).expect_err("longer").contains("should hold"));
+        let mut version = good.clone();
+        version[16] = 9;
+        assert!(read(&version).expect_err("of the future").contains("version 9"));
+        // As it says: without the damaged one, the one before it serves.
+        fs::remove_file(checkpoints.current()).expect("removed");
+        assert_eq!(checkpoints.read(&identity("job")).expect("read"), Some(progress(1.0)));
+        drop(folder);
+    }
+
+    #[test]
+    fn another_job_is_refused() {
+        let (_folder, checkpoints) = written(&[1.0]);
+        let message = checkpoints.read(&identity("another")).expect_err("another job").to_string();
+        assert!(message.contains("the job is not what it was"), "{message}");
+        let mut more = identity("job");
+        more.add("target 2", &1).expect("bytes");
+        let message = checkpoints.read(&more).expect_err("another job").to_string();
+        assert!(message.contains("number of targets"), "{message}");
+    }
+
+    /// A disk that is really full: needs the right to mount one.
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_full_disk_leaves_the_previous_checkpoint() {
+        use std::process::Command;
+        let folder = tempdir().expect("a folder");
+        let mount = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", "size=64k", "tmpfs"])
+            .arg(folder.path())
+            .output();
+        if !mount.is_ok_and(|output| output.status.success()) {
+            eprintln!("no right to mount a small disk: not tested");
+            return;
+        }
+        let checkpoints = Checkpoints::new(folder.path());
+        let outcome = std::panic::catch_unwind(|| {
+            checkpoints.write(&identity("job"), &progress(1.0)).expect("written");
+            fs::write(folder.path().join("ballast"), vec![0; 40_000]).expect("room");
+            let mut refused = None;
+            for k in 2..9 {
+                match checkpoints.write(&identity("job"), &progress(f64::from(k))) {
+                    Ok(()) => assert!(refused.is_none()),
+                    Err(error) => refused = Some((k, error.to_string())),
+                }
+            }
+            let (_, message) = refused.expect("the disk is full");
+            assert!(
+                message.contains("checkpoint: cannot be written") && message.contains("space"),
+                "{message}"
+            );
+            let kept = checkpoints.read(&identity("job")).expect("read").expect("a checkpoint");
+            assert!(kept == progress(1.0) || kept == progress(2.0));
+            assert!(!names(&folder).iter().any(|name| name.contains("new") || name.starts_with(".antirad")));
+        });
+        let unmounted = Command::new("umount").arg(folder.path()).status();
+        assert!(unmounted.is_ok_and(|status| status.success()));
+        if let Err(panic) = outcome {
+            std::panic::resume_unwind(panic);
+        }
+    }
+}

@@ -1,0 +1,217 @@
+//! The renderer that solves on a device.
+
+use super::gradient::SceneGradient;
+use super::renderer::{Estimate, RenderError, Renderer};
+use crate::gpu::Device;
+use crate::image::{Coverage, ImageError, PictureOptions, Rasterizer, geometry_gradient};
+use crate::plan::{Limits, Plan, Wanted};
+use crate::scene::{Camera, Scene};
+use crate::solve::SolveError;
+use crate::transport::TransportError;
+use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
+use glam::DVec3;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+/// Asked often during a solve: whether to go on.
+pub type Watch = Arc<dyn Fn() -> ControlFlow<()> + Send + Sync>;
+
+/// Work of an evaluation with derivatives by materials, in solves: the adjoint solve is like the first one.
+const SOLVES: f64 = 2.1;
+/// Passes of [`SOLVES`] that derivatives by positions add, each of them several times as costly.
+const SOLVES_OF_GEOMETRY: f64 = 1.0;
+
+/// Solves scenes on a device, and takes their pictures.
+pub struct EngineRenderer {
+    device: Device,
+    rasterizer: Rasterizer,
+    /// Plans are made for its materials, which need as much as any that will come.
+    planning: Scene,
+    cameras: Vec<Camera>,
+    supersample: u32,
+    wanted: Wanted,
+    watch: Watch,
+    passes: u64,
+    /// For the positions of [`Self::planning`].
+    engine: Option<Engine>,
+    /// What the cameras see of them.
+    coverage: Vec<Coverage>,
+    /// Of the latest pictures. It holds device memory until the next ones are made.
+    latest: Option<Latest>,
+}
+
+struct Latest {
+    scene: Scene,
+    solution: Solution,
+    params: SolveParams,
+    /// Of the faces, by view.
+    colours: Vec<Vec<[f64; 3]>>,
+}
+
+impl EngineRenderer {
+    /// For scenes with the triangles of `planning` and materials that need no more than its own
+    /// ([`Parameters::planning_scene`](super::Parameters::planning_scene)), pictures by some cameras, of `supersample` x
+    /// `supersample` samples a pixel, and derivatives of some kinds.
+    pub fn new(
+        device: &Device,
+        planning: Scene,
+        cameras: Vec<Camera>,
+        supersample: u32,
+        wanted: Wanted,
+        watch: Watch,
+    ) -> Result<Self, ImageError> {
+        Ok(Self {
+            device: device.clone(),
+            rasterizer: Rasterizer::new(device)?,
+            planning,
+            cameras,
+            supersample,
+            wanted,
+            watch,
+            passes: 0,
+            engine: None,
+            coverage: Vec::new(),
+            latest: None,
+        })
+    }
+
+    fn plan(&self, scene: &Scene) -> Result<Plan, RenderError> {
+        let options = PictureOptions { supersample: self.supersample, smooth: false };
+        let mut pictures = 0;
+        for camera in &self.cameras {
+            let bytes = Rasterizer::bytes(scene.triangles.len(), camera, &options).map_err(failed)?;
+            pictures = pictures.max(bytes);
+        }
+        let limits = Limits { pictures, gradients: self.wanted, ..Limits::of(&self.device) };
+        Plan::new(scene, &limits, &scene.accuracy).map_err(failed)
+    }
+
+    /// Makes engine and coverage fit the positions of a scene.
+    fn prepare(&mut self, scene: &Scene) -> Result<Engine, RenderError> {
+        if self.engine.is_none() || self.planning.vertices != scene.vertices {
+            // Its memory must be free before the next one takes its own.
+            self.engine = None;
+            self.planning.vertices.clone_from(&scene.vertices);
+            self.planning.degenerate.clone_from(&scene.degenerate);
+            let look = |camera| self.rasterizer.coverage(scene, camera, self.supersample);
+            self.coverage = self.cameras.iter().map(look).collect::<Result<_, _>>().map_err(failed)?;
+        }
+        let mut engine = match self.engine.take() {
+            Some(engine) => engine,
+            None => {
+                let plan = self.plan(&self.planning)?;
+                let mut engine = Engine::new(&self.device, &self.planning, plan).map_err(failed)?;
+                let watch = self.watch.clone();
+                engine.set_watcher(Some(Box::new(move |_, _| watch())));
+                engine
+            }
+        };
+        engine.set_materials(scene).map_err(failed)?;
+        Ok(engine)
+    }
+}
+
+impl Renderer for EngineRenderer {
+    fn estimate(&mut self, planning: &Scene) -> Result<Estimate, RenderError> {
+        let plan = self.plan(planning)?;
+        let solves = SOLVES + if self.wanted.positions { SOLVES_OF_GEOMETRY } else { 0.0 };
+        Ok(Estimate {
+            device_bytes: plan.memory().total(),
+            device_budget: plan.limits.memory_budget,
+            seconds: solves * plan.report().estimated_seconds,
+        })
+    }
+
+    fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        if (self.watch)().is_break() {
+            return Err(RenderError::Interrupted);
+        }
+        self.latest = None;
+        let mut engine = self.prepare(scene)?;
+        let params = SolveParams::from(&scene.accuracy);
+        let (watch, passes) = (self.watch.clone(), &mut self.passes);
+        let solved = engine.solve_with(&params, &mut |_, _| {
+            *passes += 1;
+            watch()
+        });
+        let engine = self.engine.insert(engine);
+        let solution = solved.map_err(sort_out)?;
+        let mut pictures = Vec::with_capacity(self.cameras.len());
+        let mut colours = Vec::with_capacity(self.cameras.len());
+        for (camera, coverage) in self.cameras.iter().zip(&self.coverage) {
+            let shown = engine.face_colours(&solution, camera.position).map_err(sort_out)?;
+            let pixels = coverage.pixels(&shown).map_err(failed)?;
+            pictures.push(pixels.iter().map(|&[r, g, b, _]| DVec3::new(r, g, b)).collect());
+            colours.push(shown);
+        }
+        self.latest = Some(Latest { scene: scene.clone(), solution, params, colours });
+        Ok(pictures)
+    }
+
+    fn pull_back(
+        &mut self,
+        by_pixels: &[Vec<DVec3>],
+        wanted: Wanted,
+    ) -> Result<Option<SceneGradient>, RenderError> {
+        let (Some(latest), Some(engine)) = (&self.latest, &mut self.engine) else { return Ok(None) };
+        // No loss asks for the share of a pixel that shows a face.
+        let by_pixels: Vec<Vec<[f64; 4]>> =
+            by_pixels.iter().map(|view| view.iter().map(|by| by.extend(0.0).to_array()).collect()).collect();
+        let mut cotangent = Cotangent::default();
+        for ((camera, coverage), by_pixels) in self.cameras.iter().zip(&self.coverage).zip(&by_pixels) {
+            let by_colours = coverage.colour_gradient(by_pixels).map_err(failed)?;
+            cotangent.colours.push((camera.position, by_colours));
+        }
+        let (watch, passes) = (self.watch.clone(), &mut self.passes);
+        let gradients =
+            engine.backward_with(&latest.solution, &cotangent, wanted, &latest.params, &mut |_, _| {
+                *passes += 1;
+                watch()
+            });
+        let mut gradient = SceneGradient::from(gradients.map_err(sort_out)?);
+        if let Some(positions) = &mut gradient.positions {
+            // What moves in the picture, beside the light that changes.
+            for ((camera, colours), by_pixels) in self.cameras.iter().zip(&latest.colours).zip(&by_pixels) {
+                let by_edges = geometry_gradient(&latest.scene, camera, self.supersample, colours, by_pixels)
+                    .map_err(failed)?;
+                positions.iter_mut().zip(by_edges.vertices).for_each(|(to, by)| *to += by);
+            }
+        }
+        Ok(Some(gradient))
+    }
+
+    fn passes(&self) -> u64 {
+        self.passes
+    }
+}
+
+fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RenderError {
+    RenderError::Failed(Box::new(error))
+}
+
+/// What a solver says: that it was interrupted, that this scene has no answer, or that nothing works any more.
+fn sort_out(error: EngineError) -> RenderError {
+    match error {
+        EngineError::Solve(
+            SolveError::Interrupted { .. } | SolveError::Operator(TransportError::Interrupted),
+        )
+        | EngineError::Transport(TransportError::Interrupted) => RenderError::Interrupted,
+        EngineError::Solve(SolveError::Diverged { .. } | SolveError::NoConvergence { .. }) => {
+            RenderError::NoAnswer(error.to_string())
+        }
+        other => failed(other),
+    }
+}
+
+impl From<Gradients> for SceneGradient {
+    fn from(gradients: Gradients) -> Self {
+        Self {
+            emission: gradients.emission,
+            diffuse: gradients.diffuse,
+            albedo: gradients.albedo,
+            specular: gradients.specular,
+            power: gradients.power,
+            positions: gradients.vertices,
+        }
+    }
+}

@@ -1,0 +1,460 @@
+//! A fit from start to end: steps, when to stop, checkpoints.
+
+use super::checkpoint::{CheckpointError, Checkpoints, Identity};
+use super::loss::{Loss, LossKind, PictureLoss};
+use super::optimiser::{Adam, LeastSquares, Optimiser, QuasiNewton, Step, StepError};
+use super::parameters::{ParameterError, Parameters, Recovered};
+use super::problem::Problem;
+use super::regulariser::Regularisers;
+use super::renderer::{Estimate, RenderError, Renderer};
+use super::settings::{OptimiserKind, Settings, StopRule};
+use super::target::Target;
+use crate::image::ImageError;
+use crate::output::OutputError;
+use crate::scene::{Scene, SceneError};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Why a fit has no result.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FitError {
+    /// The job file or its scene.
+    #[error(transparent)]
+    Input(#[from] SceneError),
+    #[error(transparent)]
+    Parameter(#[from] ParameterError),
+    /// An assumption is about nothing; its index.
+    #[error("{message}")]
+    Regulariser { index: usize, message: String },
+    #[error("{0}")]
+    Settings(String),
+    #[error(transparent)]
+    Render(RenderError),
+    /// The optimiser could not go on.
+    #[error("{0}")]
+    Optimiser(String),
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    #[error(transparent)]
+    Write(#[from] OutputError),
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// Stopped from outside, after a checkpoint was written if there is a folder for it.
+    #[error("interrupted after iteration {iteration}")]
+    Interrupted { iteration: u32 },
+}
+
+impl From<RenderError> for FitError {
+    fn from(error: RenderError) -> Self {
+        Self::Render(error)
+    }
+}
+
+/// Iterations over which a decrease is judged: a single one may be small by chance, and Adam goes up and down.
+const DECREASE_OVER: usize = 5;
+const DECREASE_OVER_ADAM: usize = 50;
+
+/// Why a fit has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stop {
+    Iterations,
+    RelativeDecrease,
+    Gradient,
+    Loss,
+    Seconds,
+    /// No lower loss could be found: a minimum, to rounding.
+    NoProgress,
+}
+
+impl Stop {
+    pub fn reason(self) -> &'static str {
+        match self {
+            Self::Iterations => "the number of iterations allowed",
+            Self::RelativeDecrease => "the loss hardly falls any more",
+            Self::Gradient => "the gradient has vanished",
+            Self::Loss => "the loss wanted is reached",
+            Self::Seconds => "the time allowed",
+            Self::NoProgress => "no lower loss can be found",
+        }
+    }
+}
+
+/// One iteration.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// 0 is the start.
+    pub iteration: u32,
+    pub loss: f64,
+    /// Largest derivative by an unknown, less what bounds forbid.
+    pub gradient: f64,
+    /// Largest change of an unknown, in units of its scale.
+    pub step: f64,
+    pub evaluations: u32,
+    /// Applications of the transport.
+    pub passes: u64,
+}
+
+/// How far a fit has come: what a checkpoint stores.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    optimiser: Optimiser,
+    pub history: Vec<Record>,
+    /// Of all runs together.
+    pub seconds: f64,
+    pub finished: Option<Stop>,
+}
+
+impl Progress {
+    pub(super) fn new(optimiser: Optimiser) -> Self {
+        Self { optimiser, history: Vec::new(), seconds: 0.0, finished: None }
+    }
+
+    /// Iterations done.
+    pub fn iteration(&self) -> u32 {
+        self.history.last().map_or(0, |record| record.iteration)
+    }
+
+    fn stop(&self, rule: &StopRule) -> Option<Stop> {
+        let last = self.history.last()?;
+        if last.loss <= rule.loss {
+            return Some(Stop::Loss);
+        }
+        let start = self.history.first().map_or(0.0, |first| first.gradient);
+        if last.gradient <= rule.gradient * start {
+            return Some(Stop::Gradient);
+        }
+        let over = match self.optimiser {
+            Optimiser::Adam(_) => DECREASE_OVER_ADAM,
+            Optimiser::QuasiNewton(_) | Optimiser::LeastSquares(_) => DECREASE_OVER,
+        };
+        let least = |records: &[Record]| records.iter().map(|r| r.loss).fold(f64::INFINITY, f64::min);
+        if let Some(at) = self.history.len().checked_sub(over).filter(|at| *at > 0) {
+            let (before, now) = (least(&self.history[..at]), least(&self.history[at..]));
+            if rule.relative_decrease > 0.0 && before - now < rule.relative_decrease * before.abs() {
+                return Some(Stop::RelativeDecrease);
+            }
+        }
+        if last.iteration >= rule.iterations {
+            return Some(Stop::Iterations);
+        }
+        (self.seconds >= rule.seconds).then_some(Stop::Seconds)
+    }
+}
+
+/// How to run a job.
+#[derive(Clone, Debug)]
+pub struct RunOptions {
+    /// Where checkpoints go; `None`: nowhere.
+    pub checkpoints: Option<PathBuf>,
+    /// Iterations between them.
+    pub checkpoint_every: u32,
+    /// Go on from the checkpoint, if there is one.
+    pub resume: bool,
+    pub stop: StopRule,
+}
+
+impl Default for RunOptions {
+    fn default() -> Self {
+        Self { checkpoints: None, checkpoint_every: 5, resume: false, stop: StopRule::default() }
+    }
+}
+
+/// What a fit has found.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    pub stop: Stop,
+    /// The iteration that this run continued from.
+    pub resumed_from: Option<u32>,
+    pub history: Vec<Record>,
+    /// Of all runs together.
+    pub seconds: f64,
+    pub scene: Scene,
+    pub recovered: Vec<Recovered>,
+    /// By all views, linear RGB, row by row from the top, W/(m² sr).
+    pub pictures: Vec<Vec<DVec3>>,
+    /// Loss and assumptions at the end, and their parts: of each view before weights, of each assumption with its own.
+    pub loss: f64,
+    pub views: Vec<f64>,
+    pub assumptions: Vec<f64>,
+}
+
+/// A fit that is ready to run.
+pub struct Job {
+    pub name: String,
+    problem: Problem,
+    settings: Settings,
+    identity: Identity,
+}
+
+impl Job {
+    /// A job from a scene and its targets in memory. [`JobFile`](super::JobFile) reads one from a file.
+    pub fn new(
+        name: impl Into<String>,
+        scene: Scene,
+        targets: Vec<Target>,
+        settings: Settings,
+    ) -> Result<Self, FitError> {
+        let refuse = |message: &str| Err(FitError::Settings(message.to_owned()));
+        if targets.is_empty() {
+            return refuse("there is no target; give at least one picture");
+        }
+        if settings.fits.is_empty() {
+            return refuse("there is nothing to fit; name at least one quantity");
+        }
+        let mut scene = scene;
+        scene.accuracy.tolerance = settings.tolerance.unwrap_or(scene.accuracy.tolerance.min(1e-5));
+        let identity = identity(&scene, &targets, &settings)
+            .map_err(|error| FitError::Settings(format!("the job cannot be told from others: {error}")))?;
+        let parameters = Parameters::new(&scene, &settings.fits, brightness(&scene, &targets))?;
+        let regularisers = Regularisers::new(&settings.regularisers, &parameters)
+            .map_err(|(index, message)| FitError::Regulariser { index, message })?;
+        let mut loss = Loss::new(settings.loss, &targets);
+        if let Some(epsilon) = settings.epsilon {
+            loss.epsilon = epsilon;
+        }
+        let problem = Problem { parameters, targets, loss: Box::new(loss), regularisers };
+        let job = Self { name: name.into(), problem, settings, identity };
+        if job.settings.optimiser == OptimiserKind::LeastSquares && !job.is_quadratic() {
+            return refuse(
+                "least squares fit emission alone, by the loss l2 or relative-l2; use quasi-newton instead",
+            );
+        }
+        Ok(job)
+    }
+
+    /// Measures pictures by another loss than the settings say. Checkpoints do not know it: resume with the same one.
+    pub fn set_loss(&mut self, loss: Box<dyn PictureLoss + Send>) {
+        self.problem.loss = loss;
+    }
+
+    pub fn problem(&self) -> &Problem {
+        &self.problem
+    }
+
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    fn is_quadratic(&self) -> bool {
+        let mut views = self.problem.targets.iter().enumerate();
+        let quadratic = views.all(|(view, target)| self.problem.loss.curvature(view, target).is_some());
+        self.problem.parameters.is_linear() && quadratic
+    }
+
+    /// The optimiser that will be used, never [`OptimiserKind::Auto`].
+    pub fn optimiser(&self) -> OptimiserKind {
+        match self.settings.optimiser {
+            OptimiserKind::Auto if self.is_quadratic() && self.settings.loss == LossKind::L2 => {
+                OptimiserKind::LeastSquares
+            }
+            OptimiserKind::Auto => OptimiserKind::QuasiNewton,
+            kind => kind,
+        }
+    }
+
+    fn new_optimiser(&self) -> Optimiser {
+        let (x, bounds) =
+            (self.problem.parameters.start().to_vec(), self.problem.parameters.bounds().clone());
+        match self.optimiser() {
+            OptimiserKind::Adam => Optimiser::Adam(Adam::new(x, bounds, self.settings.adam)),
+            OptimiserKind::LeastSquares => Optimiser::LeastSquares(LeastSquares::new(x, bounds)),
+            OptimiserKind::QuasiNewton | OptimiserKind::Auto => {
+                Optimiser::QuasiNewton(QuasiNewton::new(x, bounds, self.settings.quasi_newton))
+            }
+        }
+    }
+
+    /// What an iteration will take, and bytes of host memory for the optimiser. An error if it cannot be done.
+    pub fn estimate(&self, renderer: &mut dyn Renderer) -> Result<(Estimate, u64), FitError> {
+        let estimate = renderer.estimate(&self.problem.parameters.planning_scene())?;
+        let targets: u64 = self.problem.targets.iter().map(|t| 24 * 4 * t.pixels.len() as u64).sum();
+        Ok((estimate, targets + self.new_optimiser().bytes(self.problem.parameters.len())))
+    }
+
+    /// How far an earlier run has come; `None` if there was none.
+    pub fn progress(&self, directory: &std::path::Path) -> Result<Option<Progress>, FitError> {
+        Ok(Checkpoints::new(directory).read(&self.identity)?)
+    }
+
+    /// Runs the job. `watch` is called after every iteration, the start (iteration 0) included, and may stop it; an
+    /// interrupted or killed job continues with `resume` to the same result.
+    pub fn run(
+        &mut self,
+        renderer: &mut dyn Renderer,
+        options: &RunOptions,
+        watch: &mut dyn FnMut(&Record, &Progress) -> ControlFlow<()>,
+    ) -> Result<Outcome, FitError> {
+        let checkpoints = options.checkpoints.as_deref().map(Checkpoints::new);
+        let mut progress = Progress::new(self.new_optimiser());
+        let (mut resumed_from, mut finished_before) = (None, None);
+        if let Some(checkpoints) = &checkpoints {
+            if options.resume {
+                if let Some(stored) = checkpoints.read(&self.identity)? {
+                    resumed_from = Some(stored.iteration());
+                    finished_before = stored.finished;
+                    progress = stored;
+                    // The rule may be another one now: more iterations, above all.
+                    progress.finished = progress.finished.filter(|stop| *stop == Stop::NoProgress);
+                }
+            } else {
+                checkpoints.clear()?;
+            }
+        }
+        let mut clock = Instant::now();
+        let mut store = |progress: &mut Progress| -> Result<(), FitError> {
+            progress.seconds += clock.elapsed().as_secs_f64();
+            clock = Instant::now();
+            match &checkpoints {
+                Some(checkpoints) => Ok(checkpoints.write(&self.identity, progress)?),
+                None => Ok(()),
+            }
+        };
+        let interrupted =
+            |progress: &mut Progress, store: &mut dyn FnMut(&mut Progress) -> Result<(), FitError>| {
+                let iteration = progress.iteration();
+                // Nothing was done that could be lost.
+                if iteration > resumed_from.unwrap_or(0) {
+                    store(progress)?;
+                }
+                Err(FitError::Interrupted { iteration })
+            };
+        let stop = loop {
+            if let Some(stop) = progress.finished.or_else(|| progress.stop(&options.stop)) {
+                break stop;
+            }
+            let step = match step(&self.problem, &mut progress, renderer) {
+                Ok(step) => step,
+                Err(StepError::Objective(RenderError::Interrupted)) => {
+                    return interrupted(&mut progress, &mut store);
+                }
+                Err(StepError::Objective(error)) => return Err(error.into()),
+                Err(error) => return Err(FitError::Optimiser(error.to_string())),
+            };
+            let mut broken = false;
+            for record in step.records {
+                progress.history.push(record);
+                broken |= watch(&record, &progress).is_break();
+            }
+            if !step.progress {
+                break Stop::NoProgress;
+            }
+            if broken {
+                return interrupted(&mut progress, &mut store);
+            }
+            if progress.iteration() % options.checkpoint_every.max(1) == 0 {
+                store(&mut progress)?;
+            }
+        };
+        progress.finished = Some(stop);
+        if resumed_from != Some(progress.iteration()) || finished_before != Some(stop) {
+            store(&mut progress)?;
+        }
+        let judged = match self.problem.judge(progress.optimiser.best(), renderer) {
+            Err(RenderError::Interrupted) => {
+                return Err(FitError::Interrupted { iteration: progress.iteration() });
+            }
+            judged => judged?,
+        };
+        Ok(Outcome {
+            stop,
+            resumed_from,
+            seconds: progress.seconds,
+            recovered: self.problem.parameters.recovered(progress.optimiser.best()),
+            history: progress.history,
+            scene: judged.scene,
+            pictures: judged.pictures,
+            loss: judged.value,
+            views: judged.views,
+            assumptions: judged.assumptions,
+        })
+    }
+}
+
+/// What a step adds to the history; the first one has the start before it.
+struct Stepped {
+    records: Vec<Record>,
+    progress: bool,
+}
+
+fn step(
+    problem: &Problem,
+    progress: &mut Progress,
+    renderer: &mut dyn Renderer,
+) -> Result<Stepped, StepError<RenderError>> {
+    let passes = renderer.passes();
+    let (mut first, mut passes_of_first) = (None, 0);
+    let renderer = std::cell::RefCell::new(renderer);
+    let step: Step = progress.optimiser.step(
+        &mut |x| {
+            let mut renderer = renderer.borrow_mut();
+            let evaluation = problem.evaluate(x, &mut **renderer)?;
+            if first.is_none() {
+                passes_of_first = renderer.passes() - passes;
+                let gradient = problem.parameters.bounds().projected_gradient(x, &evaluation.gradient);
+                first = Some((evaluation.value, gradient));
+            }
+            Ok((evaluation.value, evaluation.gradient))
+        },
+        &mut |p| problem.curvature(p, &mut **renderer.borrow_mut()),
+    )?;
+    let passes = renderer.borrow().passes() - passes;
+    let mut records = Vec::with_capacity(2);
+    let mut record = Record {
+        iteration: progress.iteration() + 1,
+        loss: step.value,
+        gradient: step.gradient,
+        step: step.length,
+        evaluations: step.evaluations,
+        passes,
+    };
+    if let (true, Some((loss, gradient))) = (progress.history.is_empty(), first) {
+        records.push(Record {
+            iteration: 0,
+            loss,
+            gradient,
+            step: 0.0,
+            evaluations: 1,
+            passes: passes_of_first,
+        });
+        record.iteration = 1;
+        record.evaluations -= 1;
+        record.passes -= passes_of_first;
+    }
+    // A step that leads nowhere is no iteration.
+    if step.progress {
+        records.push(record);
+    }
+    Ok(Stepped { records, progress: step.progress })
+}
+
+/// A typical radiance of lamps: the brightest there is, in the scene or in a target.
+fn brightness(scene: &Scene, targets: &[Target]) -> f64 {
+    let emitted = scene.materials.iter().flat_map(|m| m.emission).fold(0.0, f64::max);
+    let seen = |target: &Target| {
+        let pixels = target.pixels.iter().enumerate().filter(|(at, _)| target.mask_at(*at) > 0.0);
+        pixels.map(|(_, pixel)| pixel.max_element()).fold(0.0, f64::max)
+    };
+    let brightest = targets.iter().map(seen).fold(emitted, f64::max);
+    if brightest > 0.0 { brightest } else { 1.0 }
+}
+
+fn identity(scene: &Scene, targets: &[Target], settings: &Settings) -> Result<Identity, postcard::Error> {
+    let mut identity = Identity::default();
+    identity.add("the job's settings", settings)?;
+    let vertices: Vec<[f64; 3]> = scene.vertices.iter().map(|v| v.to_array()).collect();
+    let triangles: Vec<([u32; 3], u32)> = scene.triangles.iter().map(|t| (t.vertices, t.material)).collect();
+    // `Debug` shows every digit of a number.
+    let rest = format!("{:?} {:?} {:?}", scene.meshes, scene.materials, scene.accuracy);
+    identity.add("the scene", &(vertices, triangles, rest))?;
+    for (number, target) in targets.iter().enumerate() {
+        let what = format!("target {} (camera \"{}\")", number + 1, target.camera.name);
+        let pixels: Vec<[f64; 3]> = target.pixels.iter().map(|p| p.to_array()).collect();
+        identity.add(what, &(format!("{:?}", target.camera), pixels, &target.mask, target.weight))?;
+    }
+    Ok(identity)
+}

@@ -1,0 +1,130 @@
+//! Rigid motions and scalings of a mesh, and their derivatives.
+
+use glam::{DMat3, DVec3};
+
+/// x ↦ centre + factor · R(rotation) (x - centre) + translation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Motion {
+    pub centre: DVec3,
+    /// Metres.
+    pub translation: DVec3,
+    /// The axis, as long as the angle in radians.
+    pub rotation: DVec3,
+    /// Natural logarithm of the factor, so that every value is a scaling.
+    pub log_factor: f64,
+}
+
+/// Derivatives of a loss by a motion.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct MotionGradient {
+    pub translation: DVec3,
+    pub rotation: DVec3,
+    pub log_factor: f64,
+}
+
+impl Motion {
+    pub fn at_rest(centre: DVec3) -> Self {
+        Self { centre, translation: DVec3::ZERO, rotation: DVec3::ZERO, log_factor: 0.0 }
+    }
+
+    fn matrix(&self) -> DMat3 {
+        DMat3::from_quat(glam::DQuat::from_scaled_axis(self.rotation))
+    }
+
+    /// Where the motion takes points.
+    pub fn apply<'a>(&'a self, points: impl Iterator<Item = DVec3> + 'a) -> impl Iterator<Item = DVec3> + 'a {
+        let linear = self.log_factor.exp() * self.matrix();
+        // At rest every point stays where it is, to the last bit.
+        let rests = *self == Self::at_rest(self.centre);
+        points
+            .map(move |x| if rests { x } else { self.centre + linear * (x - self.centre) + self.translation })
+    }
+
+    /// From points before the motion, and the derivatives by them after it.
+    ///
+    /// d(R v)/dω = -R [v]× J(ω), with the right Jacobian J of rotation vectors: exact at any ω, not only at 0.
+    pub fn pull_back(&self, pairs: impl Iterator<Item = (DVec3, DVec3)>) -> MotionGradient {
+        let (matrix, factor) = (self.matrix(), self.log_factor.exp());
+        let mut gradient = MotionGradient::default();
+        for (point, by_position) in pairs {
+            let arm = point - self.centre;
+            // The derivative turned back into the frame before the rotation.
+            let local = factor * (matrix.transpose() * by_position);
+            gradient.translation += by_position;
+            gradient.rotation += arm.cross(local);
+            gradient.log_factor += arm.dot(local);
+        }
+        gradient.rotation = right_jacobian(self.rotation).transpose() * gradient.rotation;
+        gradient
+    }
+}
+
+/// J(ω) = I - (1 - cos θ)/θ² [ω]× + (θ - sin θ)/θ³ [ω]×².
+fn right_jacobian(rotation: DVec3) -> DMat3 {
+    let angle2 = rotation.length_squared();
+    let angle = angle2.sqrt();
+    let (a, b) = if angle < 1e-3 {
+        // The first terms of the series: beyond them is less than rounding.
+        (0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0)
+    } else {
+        let half = (angle / 2.0).sin();
+        (2.0 * half * half / angle2, (angle - angle.sin()) / (angle2 * angle))
+    };
+    let DVec3 { x, y, z } = rotation;
+    let cross = DMat3::from_cols(DVec3::new(0.0, z, -y), DVec3::new(-z, 0.0, x), DVec3::new(y, -x, 0.0));
+    DMat3::IDENTITY - a * cross + b * (cross * cross)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn derivatives_are_those_of_finite_differences_at_any_rotation() {
+        let points: Vec<DVec3> =
+            (0..7).map(|i| DVec3::new(f64::from(i).sin(), f64::from(i) * 0.3, 1.0)).collect();
+        let weights: Vec<DVec3> =
+            (0..7).map(|i| DVec3::new(f64::from(i).cos(), 0.5, f64::from(i) * 0.1)).collect();
+        let value = |motion: &Motion| -> f64 {
+            motion.apply(points.iter().copied()).zip(&weights).map(|(x, w)| x.dot(*w)).sum()
+        };
+        for rotation in [
+            DVec3::ZERO,
+            DVec3::new(1e-6, 0.0, 2e-7),
+            DVec3::new(9e-4, 2e-4, 0.0),
+            DVec3::new(0.3, -0.8, 1.1),
+            DVec3::new(3.0, 0.0, 0.2),
+        ] {
+            let motion = Motion {
+                centre: DVec3::new(0.2, 0.1, 0.9),
+                translation: DVec3::new(0.4, 0.0, 2.0),
+                rotation,
+                log_factor: -0.3,
+            };
+            let gradient = motion.pull_back(points.iter().copied().zip(weights.iter().copied()));
+            let h = 1e-5;
+            let numeric = |change: &dyn Fn(&mut Motion, f64)| {
+                let at = |step: f64| {
+                    let mut moved = motion;
+                    change(&mut moved, step);
+                    value(&moved)
+                };
+                (at(h) - at(-h)) / (2.0 * h)
+            };
+            for axis in 0..3 {
+                let by_rotation = numeric(&|m, step| m.rotation[axis] += step);
+                assert!((by_rotation - gradient.rotation[axis]).abs() < 1e-8, "{rotation} {axis}");
+                let by_translation = numeric(&|m, step| m.translation[axis] += step);
+                assert!((by_translation - gradient.translation[axis]).abs() < 1e-8);
+            }
+            assert!((numeric(&|m, step| m.log_factor += step) - gradient.log_factor).abs() < 1e-8);
+        }
+    }
+
+    #[test]
+    fn at_rest_nothing_moves() {
+        let point = DVec3::new(0.1, 1e-17, 1e9);
+        let moved = Motion::at_rest(DVec3::new(0.7, 0.3, 0.0)).apply(std::iter::once(point)).next();
+        assert_eq!(moved, Some(point));
+    }
+}

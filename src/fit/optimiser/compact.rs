@@ -1,0 +1,196 @@
+//! The limited-memory Hessian B = D - W M Wᵀ of the BFGS formula, from the latest steps s and changes y of the gradient
+//! (Byrd, Nocedal, Schnabel 1994).
+//!
+//! D is diagonal and learns from every step (Gilbert and Lemaréchal 1989): unknowns of a fit differ widely in how much
+//! they matter, a lamp in the picture and a dark corner, and a multiple of the identity, as is usual, takes several times
+//! as many steps.
+
+use super::dot;
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+/// Entries of D are at least this share of the largest.
+const LEAST_SHARE: f64 = 1e-12;
+
+/// Steps and changes, the oldest first.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Memory {
+    pub s: Vec<Vec<f64>>,
+    pub y: Vec<Vec<f64>>,
+    /// D: the Hessian where nothing else is known.
+    pub diagonal: Vec<f64>,
+}
+
+/// W = [Y, D S] and M, ready to be multiplied with.
+pub(super) struct Compact<'a> {
+    memory: &'a Memory,
+    /// D S.
+    scaled: Vec<Vec<f64>>,
+    middle: DMatrix<f64>,
+}
+
+impl Memory {
+    pub fn new(unknowns: usize) -> Self {
+        Self { s: Vec::new(), y: Vec::new(), diagonal: vec![1.0; unknowns] }
+    }
+
+    /// Adds a pair and forgets what is older than `length` pairs. A pair without positive curvature is left out: it
+    /// would make the model unbounded.
+    pub fn push(&mut self, s: Vec<f64>, y: Vec<f64>, length: usize) {
+        let (sy, ss, yy) = (dot(&s, &y), dot(&s, &s), dot(&y, &y));
+        if !(sy > 1e-10 * (ss * yy).sqrt() && (yy / sy).is_finite()) {
+            return;
+        }
+        if self.s.is_empty() {
+            // Until now only a guess.
+            self.diagonal.fill(yy / sy);
+        }
+        self.learn(&s, &y, sy);
+        self.s.push(s);
+        self.y.push(y);
+        if self.s.len() > length {
+            self.s.remove(0);
+            self.y.remove(0);
+        }
+    }
+
+    /// The diagonal of the BFGS update of D, scaled before so that it is right along y.
+    fn learn(&mut self, s: &[f64], y: &[f64], sy: f64) {
+        let factor = y.iter().zip(&self.diagonal).map(|(y, d)| y * y / d).sum::<f64>() / sy;
+        let along = s.iter().zip(&self.diagonal).map(|(s, d)| s * s * d).sum::<f64>();
+        let update = |((d, s), y): ((&f64, &f64), &f64)| factor * (d - (d * s).powi(2) / along) + y * y / sy;
+        let learnt: Vec<f64> = self.diagonal.iter().zip(s).zip(y).map(update).collect();
+        // Rounding may leave something that is no curvature.
+        let largest = learnt.iter().copied().fold(0.0, f64::max);
+        if largest.is_finite() && largest > 0.0 {
+            self.diagonal = learnt.into_iter().map(|d| d.max(LEAST_SHARE * largest)).collect();
+        }
+    }
+
+    /// `None` where rounding has made the middle matrix singular: then the memory is of no use.
+    pub fn compact(&self) -> Option<Compact<'_>> {
+        let k = self.s.len();
+        let scaled: Vec<Vec<f64>> =
+            self.s.iter().map(|s| s.iter().zip(&self.diagonal).map(|(s, d)| s * d).collect()).collect();
+        // [-diag Lᵀ; L SᵀDS], with diag and L the diagonal of SᵀY and what lies below it.
+        let inverse = DMatrix::from_fn(2 * k, 2 * k, |i, j| match (i < k, j < k) {
+            (true, true) if i == j => -dot(&self.s[i], &self.y[i]),
+            (true, true) => 0.0,
+            (false, true) if i - k > j => dot(&self.s[i - k], &self.y[j]),
+            (true, false) if j - k > i => dot(&self.s[j - k], &self.y[i]),
+            (false, false) => dot(&self.s[i - k], &scaled[j - k]),
+            _ => 0.0,
+        });
+        let middle = if k == 0 { inverse } else { inverse.try_inverse()? };
+        middle.iter().all(|m| m.is_finite()).then_some(Compact { memory: self, scaled, middle })
+    }
+}
+
+impl Compact<'_> {
+    /// Columns of W.
+    pub fn width(&self) -> usize {
+        self.middle.nrows()
+    }
+
+    /// D.
+    pub fn diagonal(&self) -> &[f64] {
+        &self.memory.diagonal
+    }
+
+    /// Columns of W.
+    fn columns(&self) -> impl Iterator<Item = &Vec<f64>> {
+        self.memory.y.iter().chain(&self.scaled)
+    }
+
+    pub fn middle(&self) -> &DMatrix<f64> {
+        &self.middle
+    }
+
+    /// Row `i` of W.
+    pub fn row(&self, i: usize) -> DVector<f64> {
+        DVector::from_iterator(self.width(), self.columns().map(|column| column[i]))
+    }
+
+    /// Wᵀ v.
+    pub fn transposed(&self, v: &[f64]) -> DVector<f64> {
+        DVector::from_iterator(self.width(), self.columns().map(|column| dot(column, v)))
+    }
+
+    /// M v.
+    pub fn times_middle(&self, v: &DVector<f64>) -> DVector<f64> {
+        &self.middle * v
+    }
+
+    /// Adds W v, for the rows listed.
+    pub fn add_rows(&self, v: &DVector<f64>, rows: &[usize], to: &mut [f64]) {
+        for (column, factor) in self.columns().zip(v.iter()) {
+            for (to, &row) in to.iter_mut().zip(rows) {
+                *to += factor * column[row];
+            }
+        }
+    }
+
+    /// Wᵀ D⁻¹ W over the rows listed.
+    pub fn gram(&self, rows: &[usize]) -> DMatrix<f64> {
+        let columns: Vec<&Vec<f64>> = self.columns().collect();
+        let mut gram = DMatrix::zeros(self.width(), self.width());
+        for (i, a) in columns.iter().enumerate() {
+            for (j, b) in columns.iter().enumerate().take(i + 1) {
+                let product = rows.iter().map(|&r| a[r] * b[r] / self.memory.diagonal[r]).sum();
+                gram[(i, j)] = product;
+                gram[(j, i)] = product;
+            }
+        }
+        gram
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// B from the rank-two updates, one after the other.
+    fn dense(memory: &Memory) -> DMatrix<f64> {
+        let mut b = DMatrix::from_diagonal(&DVector::from_column_slice(&memory.diagonal));
+        for (s, y) in memory.s.iter().zip(&memory.y) {
+            let (s, y) = (DVector::from_column_slice(s), DVector::from_column_slice(y));
+            let bs = &b * &s;
+            b += &y * y.transpose() / y.dot(&s) - &bs * bs.transpose() / s.dot(&bs);
+        }
+        b
+    }
+
+    #[test]
+    fn is_the_bfgs_matrix() {
+        let n = 5;
+        let mut memory = Memory::new(n);
+        let wave = |a: f64, b: f64| (0..n).map(|i| (a + b * i as f64).sin()).collect::<Vec<f64>>();
+        for k in 0..4 {
+            let s = wave(k as f64, 1.3);
+            let y = s.iter().enumerate().map(|(i, s)| s * (1.0 + i as f64) + 0.1 * (k as f64)).collect();
+            memory.push(s, y, 3);
+        }
+        assert_eq!(memory.s.len(), 3);
+        let compact = memory.compact().expect("regular");
+        let b = dense(&memory);
+        for i in 0..n {
+            let mut unit = vec![0.0; n];
+            unit[i] = 1.0;
+            let mut column: Vec<f64> = unit.iter().zip(&memory.diagonal).map(|(u, d)| u * d).collect();
+            let inner = -compact.times_middle(&compact.transposed(&unit));
+            compact.add_rows(&inner, &(0..n).collect::<Vec<_>>(), &mut column);
+            for (j, value) in column.iter().enumerate() {
+                assert!((value - b[(j, i)]).abs() < 1e-10 * memory.diagonal[0], "{i} {j}");
+            }
+        }
+    }
+
+    #[test]
+    fn pairs_without_curvature_are_left_out() {
+        let mut memory = Memory::new(2);
+        memory.push(vec![1.0, 0.0], vec![-1.0, 0.0], 5);
+        memory.push(vec![0.0, 0.0], vec![0.0, 0.0], 5);
+        memory.push(vec![1.0, 0.0], vec![0.0, 1.0], 5);
+        assert_eq!((memory.s.len(), memory.diagonal), (0, vec![1.0; 2]));
+    }
+}

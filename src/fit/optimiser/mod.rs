@@ -1,0 +1,315 @@
+//! Minimisers within bounds, as state machines: a step at a time, each of them serialisable between two steps.
+//!
+//! A step that fails leaves the state as it was, so that an interrupted fit repeats the step and reaches the same
+//! result, to the last bit, as one that was never interrupted. Own code: of the maintained Rust crates none has both
+//! bounds and a state that can be stored.
+
+mod adam;
+mod cauchy;
+mod compact;
+mod least_squares;
+mod line_search;
+mod quasi_newton;
+
+pub use adam::{Adam, AdamOptions};
+pub use least_squares::LeastSquares;
+pub use quasi_newton::{QuasiNewton, QuasiNewtonOptions};
+
+use serde::{Deserialize, Serialize};
+
+/// What is minimised: value and gradient at a point. A value or gradient that is not finite marks a point that cannot
+/// be evaluated; the optimiser then takes a shorter step. An error ends the step.
+pub type Objective<'a, E> = dyn FnMut(&[f64]) -> Result<(f64, Vec<f64>), E> + 'a;
+
+/// The product of the (constant) Hessian of a quadratic objective with a vector.
+pub type Curvature<'a, E> = dyn FnMut(&[f64]) -> Result<Vec<f64>, E> + 'a;
+
+/// A step could not be made. The state is what it was before.
+#[derive(Debug, thiserror::Error)]
+pub enum StepError<E> {
+    #[error(
+        "the objective is not finite at the starting point (value {value}); start from other values, or narrow the \
+         bounds"
+    )]
+    Start { value: f64 },
+    #[error("{got} derivatives for {expected} unknowns: a defect of the objective")]
+    Length { got: usize, expected: usize },
+    /// A linear model gave something that is not finite: there is no shorter step to take.
+    #[error("the product with the Hessian is not finite; the model cannot be evaluated")]
+    Curvature,
+    #[error(transparent)]
+    Objective(E),
+}
+
+/// What a step did.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Step {
+    /// Objective after the step.
+    pub value: f64,
+    /// ‖P(x - g) - x‖∞ after the step: the gradient, less what bounds forbid.
+    pub gradient: f64,
+    /// Largest change of an unknown.
+    pub length: f64,
+    /// Evaluations of the objective, or products with the Hessian, that the step took.
+    pub evaluations: u32,
+    /// False where no lower value could be found: the optimiser is at the end of what rounding lets it see.
+    pub progress: bool,
+}
+
+/// Box constraints; infinite where there is none.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bounds {
+    pub lower: Vec<f64>,
+    pub upper: Vec<f64>,
+}
+
+impl Bounds {
+    /// No bounds on `n` unknowns.
+    pub fn free(n: usize) -> Self {
+        Self { lower: vec![f64::NEG_INFINITY; n], upper: vec![f64::INFINITY; n] }
+    }
+
+    /// Moves a point to the nearest one within the bounds.
+    pub fn project(&self, x: &mut [f64]) {
+        for ((x, &lower), &upper) in x.iter_mut().zip(&self.lower).zip(&self.upper) {
+            *x = x.max(lower).min(upper);
+        }
+    }
+
+    /// True where every unknown lies within its bounds.
+    pub fn contain(&self, x: &[f64]) -> bool {
+        x.iter().zip(&self.lower).zip(&self.upper).all(|((x, lower), upper)| x >= lower && x <= upper)
+    }
+
+    /// ‖P(x - g) - x‖∞: zero at a minimum within the bounds.
+    pub fn projected_gradient(&self, x: &[f64], gradient: &[f64]) -> f64 {
+        let part = |i: usize| ((x[i] - gradient[i]).max(self.lower[i]).min(self.upper[i]) - x[i]).abs();
+        (0..x.len()).map(part).fold(0.0, f64::max)
+    }
+
+    /// The longest step along `direction` from a point within the bounds.
+    fn longest_step(&self, x: &[f64], direction: &[f64]) -> f64 {
+        let room = |i: usize| match direction[i] {
+            d if d > 0.0 => (self.upper[i] - x[i]) / d,
+            d if d < 0.0 => (self.lower[i] - x[i]) / d,
+            _ => f64::INFINITY,
+        };
+        (0..x.len()).map(room).fold(f64::INFINITY, f64::min).max(0.0)
+    }
+}
+
+/// An evaluated point.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Point {
+    x: Vec<f64>,
+    value: f64,
+    gradient: Vec<f64>,
+}
+
+impl Point {
+    /// `None` where the objective is not finite.
+    fn evaluate<E>(x: Vec<f64>, objective: &mut Objective<E>) -> Result<Option<Self>, StepError<E>> {
+        let (value, gradient) = objective(&x).map_err(StepError::Objective)?;
+        if !value.is_finite() {
+            return Ok(None);
+        }
+        if gradient.len() != x.len() {
+            return Err(StepError::Length { got: gradient.len(), expected: x.len() });
+        }
+        let finite = gradient.iter().all(|g| g.is_finite());
+        Ok(finite.then_some(Self { x, value, gradient }))
+    }
+
+    /// The first point, which must be finite.
+    fn start<E>(x: &[f64], objective: &mut Objective<E>) -> Result<Self, StepError<E>> {
+        let mut value = f64::NAN;
+        let mut watched = |x: &[f64]| objective(x).inspect(|(v, _)| value = *v);
+        Self::evaluate(x.to_vec(), &mut watched)?.ok_or(StepError::Start { value })
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+/// One of the optimisers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Optimiser {
+    QuasiNewton(QuasiNewton),
+    Adam(Adam),
+    LeastSquares(LeastSquares),
+}
+
+impl Optimiser {
+    /// One step. `curvature` is asked by [`LeastSquares`] alone.
+    pub fn step<E>(
+        &mut self,
+        objective: &mut Objective<E>,
+        curvature: &mut Curvature<E>,
+    ) -> Result<Step, StepError<E>> {
+        match self {
+            Self::QuasiNewton(optimiser) => optimiser.step(objective),
+            Self::Adam(optimiser) => optimiser.step(objective),
+            Self::LeastSquares(optimiser) => optimiser.step(objective, curvature),
+        }
+    }
+
+    /// Where the optimiser stands, within the bounds.
+    pub fn x(&self) -> &[f64] {
+        match self {
+            Self::QuasiNewton(optimiser) => optimiser.x(),
+            Self::Adam(optimiser) => optimiser.x(),
+            Self::LeastSquares(optimiser) => optimiser.x(),
+        }
+    }
+
+    /// The best point so far: with all but Adam, where the optimiser stands.
+    pub fn best(&self) -> &[f64] {
+        match self {
+            Self::Adam(optimiser) => optimiser.best(),
+            Self::QuasiNewton(_) | Self::LeastSquares(_) => self.x(),
+        }
+    }
+
+    /// Bytes of vectors that the optimiser holds for `n` unknowns.
+    pub fn bytes(&self, n: usize) -> u64 {
+        let vectors = match self {
+            Self::QuasiNewton(optimiser) => optimiser.vectors(),
+            Self::Adam(_) => 7,
+            Self::LeastSquares(_) => 7,
+        };
+        8 * vectors as u64 * n as u64
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use std::convert::Infallible;
+
+    pub type Result<T> = std::result::Result<T, Infallible>;
+
+    /// Σ 100 (x_{i+1} - x_i²)² + (1 - x_i)²: a bent valley.
+    pub fn rosenbrock(x: &[f64]) -> (f64, Vec<f64>) {
+        let mut gradient = vec![0.0; x.len()];
+        let mut value = 0.0;
+        for i in 0..x.len() - 1 {
+            let (a, b) = (x[i + 1] - x[i] * x[i], 1.0 - x[i]);
+            value += 100.0 * a * a + b * b;
+            gradient[i] += -400.0 * x[i] * a - 2.0 * b;
+            gradient[i + 1] += 200.0 * a;
+        }
+        (value, gradient)
+    }
+
+    /// ½ Σ h_i (x_i - c_i)², with a coupling between neighbours.
+    pub fn quadratic(h: &[f64], c: &[f64], coupling: f64, x: &[f64]) -> (f64, Vec<f64>) {
+        let d: Vec<f64> = x.iter().zip(c).map(|(x, c)| x - c).collect();
+        let mut gradient: Vec<f64> = d.iter().zip(h).map(|(d, h)| d * h).collect();
+        let mut value = 0.5 * dot(&gradient, &d);
+        for i in 0..x.len() - 1 {
+            let e = d[i] - d[i + 1];
+            value += 0.5 * coupling * e * e;
+            gradient[i] += coupling * e;
+            gradient[i + 1] -= coupling * e;
+        }
+        (value, gradient)
+    }
+
+    #[test]
+    fn bounds_project_and_measure() {
+        let bounds = Bounds { lower: vec![0.0, -1.0], upper: vec![1.0, f64::INFINITY] };
+        let mut x = [2.0, -3.0];
+        assert!(!bounds.contain(&x));
+        bounds.project(&mut x);
+        assert_eq!(x, [1.0, -1.0]);
+        assert!(bounds.contain(&x));
+        assert_eq!(bounds.projected_gradient(&x, &[-5.0, 5.0]), 0.0);
+        assert_eq!(bounds.projected_gradient(&x, &[0.25, -3.0]), 3.0);
+        assert_eq!(bounds.longest_step(&x, &[-0.5, 1.0]), 2.0);
+    }
+
+    /// Whatever is stored after any step continues to the same bytes.
+    #[test]
+    fn storing_and_restoring_changes_nothing() {
+        let bounds = Bounds { lower: vec![-2.0; 6], upper: vec![0.9, 0.8, 2.0, 2.0, 2.0, 2.0] };
+        let start = vec![-1.2, 0.8, -1.0, 1.0, 0.3, 0.5];
+        let (h, c) = ([3.0, 1e-2, 40.0, 1.0, 7.0, 0.5], [2.0, 1.0, -3.0, 0.5, 0.2, -5.0]);
+        for kind in 0..3 {
+            let new = || match kind {
+                0 => Optimiser::QuasiNewton(QuasiNewton::new(
+                    start.clone(),
+                    bounds.clone(),
+                    QuasiNewtonOptions::default(),
+                )),
+                1 => Optimiser::Adam(Adam::new(start.clone(), bounds.clone(), AdamOptions::default())),
+                _ => Optimiser::LeastSquares(LeastSquares::new(start.clone(), bounds.clone())),
+            };
+            let step = |optimiser: &mut Optimiser| {
+                let mut objective = |x: &[f64]| -> Result<_> {
+                    Ok(if kind == 2 { quadratic(&h, &c, 2.0, x) } else { rosenbrock(x) })
+                };
+                let mut curvature = |p: &[f64]| -> Result<_> { Ok(quadratic(&h, &[0.0; 6], 2.0, p).1) };
+                optimiser.step(&mut objective, &mut curvature).expect("a step")
+            };
+            let mut whole = new();
+            let mut stored = postcard::to_stdvec(&new()).expect("bytes");
+            for iteration in 0..40 {
+                let mut restored: Optimiser = postcard::from_bytes(&stored).expect("an optimiser");
+                assert_eq!(step(&mut whole), step(&mut restored), "kind {kind}, iteration {iteration}");
+                stored = postcard::to_stdvec(&restored).expect("bytes");
+                assert_eq!(postcard::to_stdvec(&whole).expect("bytes"), stored);
+                assert!(bounds.contain(whole.x()));
+            }
+        }
+    }
+
+    /// A step that ends with an error is as if it had never been tried.
+    #[test]
+    fn an_error_leaves_the_state_alone() {
+        let n = 4;
+        let new = |kind: usize| {
+            let (x, bounds) = (vec![-1.0; n], Bounds { lower: vec![-2.0; n], upper: vec![0.7; n] });
+            match kind {
+                0 => Optimiser::QuasiNewton(QuasiNewton::new(x, bounds, QuasiNewtonOptions::default())),
+                1 => Optimiser::Adam(Adam::new(x, bounds, AdamOptions::default())),
+                _ => Optimiser::LeastSquares(LeastSquares::new(x, bounds)),
+            }
+        };
+        for kind in 0..3 {
+            for fails_at in 0..25 {
+                let (mut optimiser, mut calls) = (new(kind), 0);
+                let mut count = || {
+                    calls += 1;
+                    if calls > fails_at { Err("the plug is out") } else { Ok(()) }
+                };
+                let counter = std::cell::RefCell::new(&mut count);
+                let mut objective = |x: &[f64]| -> std::result::Result<_, &str> {
+                    (counter.borrow_mut())()?;
+                    Ok(if kind == 2 { quadratic(&[1.0; 4], &[1.0; 4], 5.0, x) } else { rosenbrock(x) })
+                };
+                let mut curvature = |p: &[f64]| {
+                    (counter.borrow_mut())()?;
+                    Ok(quadratic(&[1.0; 4], &[0.0; 4], 5.0, p).1)
+                };
+                let before = loop {
+                    let before = optimiser.clone();
+                    match optimiser.step(&mut objective, &mut curvature) {
+                        Ok(step) if !step.progress => break optimiser.clone(),
+                        Ok(_) => {}
+                        Err(StepError::Objective(reason)) => {
+                            assert_eq!(reason, "the plug is out");
+                            break before;
+                        }
+                        Err(other) => panic!("{other}"),
+                    }
+                };
+                assert_eq!(optimiser, before, "kind {kind}, call {fails_at}");
+            }
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! Which share of each pixel shows which face: the picture as a linear map from colours of faces, and its transpose.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::bands::{Band, Grid};
+use super::projection::Projected;
+use super::visibility::NONE;
+use super::{ImageError, Picture};
+
+/// In place of a face: the back of any. Black, and no background.
+const BACK: u32 = NONE - 1;
+
+/// What a camera sees of a scene, whatever its colours: for each pixel the faces behind its samples, and how many samples
+/// each one has. It stays right until a vertex or the camera moves.
+///
+/// Takes 4 bytes a pixel and 8 for each face in each pixel, on the host.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Coverage {
+    width: u32,
+    height: u32,
+    /// Samples a side of a pixel.
+    supersample: u32,
+    triangles: usize,
+    /// How many of `shares` each pixel has, row by row from the top.
+    counts: Vec<u32>,
+    /// In ascending order of the faces within a pixel.
+    shares: Vec<Share>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Share {
+    /// In the scene, or [`BACK`].
+    face: u32,
+    samples: u32,
+}
+
+impl Coverage {
+    /// Of no rows.
+    pub(super) fn empty(grid: &Grid, triangles: usize) -> Self {
+        let (counts, shares) = (Vec::new(), Vec::new());
+        Self { width: grid.width / grid.side, height: 0, supersample: grid.side, triangles, counts, shares }
+    }
+
+    /// Of some rows of pixels: those of `samples`, whole rows of the grid.
+    pub(super) fn of_band(grid: &Grid, band: Band, samples: &[u32], sides: &Sides) -> Self {
+        let side = grid.side as usize;
+        let (width, columns) = (grid.width as usize, (grid.width / grid.side) as usize);
+        let pixel_row = |rows: &[u32]| {
+            let (mut counts, mut shares) = (Vec::with_capacity(columns), Vec::with_capacity(columns));
+            let mut seen = Vec::with_capacity(side * side);
+            for column in 0..columns {
+                seen.clear();
+                for row in rows.chunks(width) {
+                    seen.extend(
+                        row[column * side..(column + 1) * side].iter().map(|&face| sides.shown(face)),
+                    );
+                }
+                seen.sort_unstable();
+                let before = shares.len();
+                let runs = seen.chunk_by(|a, b| a == b).filter(|run| run[0] != NONE);
+                shares.extend(runs.map(|run| Share { face: run[0], samples: run.len() as u32 }));
+                counts.push((shares.len() - before) as u32);
+            }
+            (counts, shares)
+        };
+        let rows: Vec<_> = samples.par_chunks(width * side).map(pixel_row).collect();
+        let mut coverage = Self::empty(grid, sides.front.len());
+        coverage.height = band.rows / grid.side;
+        for (counts, shares) in rows {
+            coverage.counts.extend(counts);
+            coverage.shares.extend(shares);
+        }
+        coverage
+    }
+
+    /// Adds the rows below.
+    pub(super) fn append(&mut self, below: Self) {
+        self.height += below.height;
+        self.counts.extend(below.counts);
+        self.shares.extend(below.shares);
+    }
+
+    /// Pixels.
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Pixels.
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// The pixels, row by row from the top: linear RGB, and the share of the pixel that shows a face. `colours`: radiance
+    /// of the front of each triangle, in the scene's order; backs are black. Fails if there are more or fewer.
+    pub fn pixels<C>(&self, colours: &[[C; 3]]) -> Result<Vec<[f64; 4]>, ImageError>
+    where
+        C: Copy + Into<f64>,
+    {
+        check_colours(colours.len(), self.triangles)?;
+        let mut shares = self.shares.iter();
+        let pixel = |&count: &u32| {
+            let mut sum = [0.0; 4];
+            for share in shares.by_ref().take(count as usize) {
+                let samples = f64::from(share.samples);
+                if share.face != BACK {
+                    let colour = colours[share.face as usize];
+                    for channel in 0..3 {
+                        sum[channel] += samples * colour[channel].into();
+                    }
+                }
+                sum[3] += samples;
+            }
+            sum.map(|value| value / self.samples_of_pixel())
+        };
+        Ok(self.counts.iter().map(pixel).collect())
+    }
+
+    /// The same, rounded, as a picture.
+    pub fn picture<C>(&self, colours: &[[C; 3]]) -> Result<Picture, ImageError>
+    where
+        C: Copy + Into<f64>,
+    {
+        let round = |pixel: [f64; 4]| pixel.map(|value| value as f32);
+        let pixels = self.pixels(colours)?.into_iter().map(round).collect();
+        Ok(Picture { width: self.width, height: self.height, pixels })
+    }
+
+    /// The derivatives of a loss with respect to the colour of each triangle, in the scene's order: the transpose of
+    /// [`pixels`](Self::pixels), to which f64 rounding alone is added. `cotangent`: how much the loss grows per unit of
+    /// each pixel's RGB and alpha, row by row from the top; no colour changes alpha. Fails if there is not one, finite,
+    /// per pixel.
+    pub fn colour_gradient(&self, cotangent: &[[f64; 4]]) -> Result<Vec<DVec3>, ImageError> {
+        check_cotangent(cotangent, self.counts.len())?;
+        let mut gradient = vec![DVec3::ZERO; self.triangles];
+        let mut shares = self.shares.iter();
+        // In one order, so that sums are the same every time; a pixel costs a few nanoseconds.
+        for (&count, &[r, g, b, _]) in self.counts.iter().zip(cotangent) {
+            let worth = DVec3::new(r, g, b) / self.samples_of_pixel();
+            for share in shares.by_ref().take(count as usize).filter(|share| share.face != BACK) {
+                gradient[share.face as usize] += f64::from(share.samples) * worth;
+            }
+        }
+        Ok(gradient)
+    }
+
+    fn samples_of_pixel(&self) -> f64 {
+        f64::from(self.supersample * self.supersample)
+    }
+}
+
+/// Which side of each face a camera sees.
+pub(super) struct Sides {
+    /// Per triangle of the scene.
+    front: Vec<bool>,
+}
+
+impl Sides {
+    pub fn new(triangles: usize, faces: &[Projected]) -> Self {
+        let mut front = vec![false; triangles];
+        for face in faces {
+            front[face.number as usize] = face.front;
+        }
+        Self { front }
+    }
+
+    fn shown(&self, face: u32) -> u32 {
+        match self.front.get(face as usize) {
+            Some(true) => face,
+            Some(false) => BACK,
+            None => NONE,
+        }
+    }
+}
+
+/// One colour per triangle.
+pub(super) fn check_colours(given: usize, wanted: usize) -> Result<(), ImageError> {
+    if given == wanted { Ok(()) } else { Err(ImageError::Colours { given, wanted }) }
+}
+
+/// One number per channel of each pixel.
+pub(super) fn check_cotangent(cotangent: &[[f64; 4]], pixels: usize) -> Result<(), ImageError> {
+    if cotangent.len() != pixels {
+        return Err(ImageError::CotangentLength { given: cotangent.len(), wanted: pixels });
+    }
+    match cotangent.iter().position(|pixel| pixel.iter().any(|value| !value.is_finite())) {
+        Some(pixel) => Err(ImageError::CotangentNotFinite { pixel }),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,312 @@
+//! The derivatives of a picture with respect to where things are: edges that move.
+//!
+//! A pixel is the mean of the colours in it, so it changes as the edges in it move: by the jump of the colour across
+//! an edge times the area that the edge sweeps. With x* the place where a row of the picture crosses an edge, that area is
+//! the integral of dx* over y; for edges that are closer to horizontal than to vertical, that of dy* over x, along columns.
+//! Each edge counts along the one direction which crosses it at the larger angle, where the integrand is bounded.
+//! x* is the root of the edge's function e of the picture, e · (x, y, 1) = 0, hence ∂x*/∂e = -(x*, y, 1) / e_x.
+//!
+//! Lines run through the middles of the samples, and what they see is found exactly ([`super::sweep`]).
+
+use std::ops::Range;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::ImageError;
+use super::coverage::{check_colours, check_cotangent};
+use super::projection::{Projected, View};
+use super::raster::grid;
+use super::sweep::{Axis, Cause, Change, Sweep};
+use super::visibility;
+use crate::scene::{Camera, Scene};
+
+/// Lines that are swept together. It decides the order of sums, so it must not depend on the host.
+const BLOCK: u32 = 16;
+
+/// Blocks whose lists of faces and sums are kept at a time.
+const BLOCKS: u32 = 64;
+
+/// The derivatives of a loss with respect to where a scene and its camera are, per metre.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GeometryGradient {
+    /// Of each vertex of the scene.
+    pub vertices: Vec<DVec3>,
+    /// Of [`Camera::position`], with target and up held fixed: the camera turns as it moves.
+    pub position: DVec3,
+    /// Of [`Camera::target`], with position and up held fixed.
+    pub target: DVec3,
+}
+
+/// The derivatives of a loss with respect to where vertices and camera are, through what the picture shows: silhouettes,
+/// what is hidden, edges between colours, and where faces pass through each other. They are those of the picture whose
+/// pixels are exact means over their areas, with one colour a face, along `supersample` lines a pixel each way, a power
+/// of two. That the colours themselves may depend on the geometry is not in it.
+///
+/// `colours` are those of the picture: radiance of the front of each triangle, in the scene's order. `cotangent`: how
+/// much the loss grows per unit of each pixel's RGB and alpha, row by row from the top. Fails if there is not one of
+/// each, and if a cotangent is not finite.
+///
+/// The result is the same every time, to the last bit. No device is used.
+pub fn geometry_gradient<C>(
+    scene: &Scene,
+    camera: &Camera,
+    supersample: u32,
+    colours: &[[C; 3]],
+    cotangent: &[[f64; 4]],
+) -> Result<GeometryGradient, ImageError>
+where
+    C: Copy + Into<f64> + Sync,
+{
+    check_colours(colours.len(), scene.triangles.len())?;
+    let grid = grid(camera, supersample)?;
+    check_cotangent(cotangent, camera.width as usize * camera.height as usize)?;
+    let view = View::new(camera);
+    let faces = visibility::project(scene, &view);
+    let shown = |face: &Projected| match face.front {
+        true => {
+            let [r, g, b] = colours[face.number as usize].map(C::into);
+            [r, g, b, 1.0]
+        }
+        false => [0.0, 0.0, 0.0, 1.0],
+    };
+    let shown: Vec<[f64; 4]> = faces.iter().map(shown).collect();
+
+    // In the frame of the view, see `View`.
+    let mut vertices = vec![DVec3::ZERO; scene.vertices.len()];
+    let size = [camera.width, camera.height];
+    for (axis, lines) in [(Axis::Rows, grid.height), (Axis::Columns, grid.width)] {
+        let lines = Lines { axis, count: lines, side: supersample, size };
+        for first in (0..lines.count).step_by((BLOCK * BLOCKS) as usize) {
+            let lists = lines.faces_of_blocks(first, &faces);
+            let corners = |(number, list): (usize, &Vec<u32>)| {
+                let first = first + number as u32 * BLOCK;
+                let block = first..lines.count.min(first + BLOCK);
+                lines.sweep(block, list, &faces, &shown, cotangent)
+            };
+            let sums: Vec<Vec<(u32, [DVec3; 3])>> = lists.par_iter().enumerate().map(corners).collect();
+            for (face, corners) in sums.into_iter().flatten() {
+                let triangle = scene.triangles[faces[face as usize].number as usize];
+                for (vertex, gradient) in triangle.vertices.into_iter().zip(corners) {
+                    vertices[vertex as usize] += gradient;
+                }
+            }
+        }
+    }
+    Ok(to_metres(scene, camera, &view, vertices))
+}
+
+/// The lines of one direction.
+struct Lines {
+    axis: Axis,
+    /// In the picture.
+    count: u32,
+    /// In a pixel.
+    side: u32,
+    /// Width and height of the picture in pixels.
+    size: [u32; 2],
+}
+
+impl Lines {
+    /// Where line number `line` is, from the top or from the left.
+    fn across(&self, line: u32) -> f64 {
+        let place = f64::from(2 * line + 1) / f64::from(self.count) - 1.0;
+        if self.axis == Axis::Rows { -place } else { place }
+    }
+
+    /// The faces that each of some blocks may cross, in ascending order. The blocks begin with line `first`.
+    fn faces_of_blocks(&self, first: u32, faces: &[Projected]) -> Vec<Vec<u32>> {
+        let blocks = (self.count - first).div_ceil(BLOCK).min(BLOCKS);
+        let mut lists = vec![Vec::new(); blocks as usize];
+        for (number, face) in (0..).zip(faces) {
+            // Conversions saturate.
+            let line = |place: f64| ((place + 1.0) / 2.0 * f64::from(self.count)) as u32;
+            let [low, high] = self.extent(face).map(line);
+            if high >= first {
+                let block = |line: u32| (line.max(first) - first) / BLOCK;
+                let listed = block(low)..(block(high) + 1).min(blocks);
+                for block in listed {
+                    lists[block as usize].push(number);
+                }
+            }
+        }
+        lists
+    }
+
+    /// What a face takes of the picture across the lines, in the order of the lines.
+    fn extent(&self, face: &Projected) -> [f64; 2] {
+        match self.axis {
+            Axis::Rows => {
+                let [low, high] = face.bounds.y;
+                [-high, -low]
+            }
+            Axis::Columns => face.bounds.x,
+        }
+    }
+
+    /// Whether these are the lines that cross the zeros of a function at the larger angle.
+    fn own(&self, function: DVec3) -> bool {
+        let [width, height] = self.size.map(f64::from);
+        let rows = function.x.abs() * height >= function.y.abs() * width;
+        rows == (self.axis == Axis::Rows)
+    }
+
+    /// How much of an edge a line that crosses it stands for, over the distance of lines: halfway to the next line, or to the
+    /// end of the edge if that comes before the next line. So an edge counts with its length, however the lines lie, unless
+    /// it is shorter than their distance: then it counts once if it is crossed, which is right on average.
+    fn lines_near(&self, face: &Projected, edge: usize, across: f64) -> f64 {
+        let mut reach = [f64::INFINITY; 2];
+        for corner in [face.corners[(edge + 1) % 3], face.corners[(edge + 2) % 3]] {
+            // Behind the camera there is no end.
+            if corner.z > 0.0 {
+                let [_, end, _] = self.axis.coefficients(corner / corner.z);
+                let distance = end.clamp(-1.0, 1.0) - across;
+                reach[usize::from(distance > 0.0)] = distance.abs();
+            }
+        }
+        let lines = f64::from(self.count) / 2.0;
+        let [before, after] = reach.map(|distance| distance * lines);
+        let stands_for = |reach: f64| if reach < 1.0 { reach } else { 0.5 };
+        if before + after < 1.0 { 1.0 } else { stands_for(before) + stands_for(after) }
+    }
+
+    /// The pixel of a place.
+    fn pixel(&self, along: f64, line: u32) -> usize {
+        let [width, height] = self.size;
+        let cell = |place: f64, cells: u32| (((place + 1.0) / 2.0 * f64::from(cells)) as u32).min(cells - 1);
+        let (column, row) = match self.axis {
+            Axis::Rows => (cell(along, width), line / self.side),
+            Axis::Columns => (line / self.side, cell(-along, height)),
+        };
+        row as usize * width as usize + column as usize
+    }
+
+    /// What a block of lines adds to the derivatives of each face's corners, for the faces `list` of `faces` in so far as
+    /// they are seen.
+    fn sweep(
+        &self,
+        block: Range<u32>,
+        list: &[u32],
+        faces: &[Projected],
+        shown: &[[f64; 4]],
+        cotangent: &[[f64; 4]],
+    ) -> Vec<(u32, [DVec3; 3])> {
+        // From a distance in the picture, whose side is 2, to an area in pixels.
+        let cells = match self.axis {
+            Axis::Rows => self.size[0],
+            Axis::Columns => self.size[1],
+        };
+        let area = f64::from(cells) / 2.0 / f64::from(self.side);
+        let face = |place: u32| &faces[list[place as usize] as usize];
+        let colour =
+            |place: Option<u32>| place.map_or([0.0; 4], |place| shown[list[place as usize] as usize]);
+
+        let mut worth = vec![Worth::default(); list.len()];
+        let mut sweep = Sweep::default();
+        for line in block {
+            let across = self.across(line);
+            let order = if self.axis == Axis::Rows { -across } else { across };
+            let crossed =
+                (0..).zip(list).map(|(place, &face)| (place, &faces[face as usize])).filter(|(_, face)| {
+                    let [low, high] = self.extent(face);
+                    low <= order && order <= high
+                });
+            sweep.line(crossed, self.axis, across, |Change { at, before, after, cause }| {
+                let pixel = cotangent[self.pixel(at, line)];
+                let (before_colour, after_colour) = (colour(before), colour(after));
+                let gain: f64 = (0..4)
+                    .map(|channel| pixel[channel] * (before_colour[channel] - after_colour[channel]))
+                    .sum();
+                let function = match (cause, before, after) {
+                    (Cause::Edge { face: owner, edge }, ..) => face(owner).edges[edge],
+                    (Cause::Crossing, Some(a), Some(b)) => face(a).inverse_depth - face(b).inverse_depth,
+                    _ => return,
+                };
+                if gain == 0.0 || !self.own(function) {
+                    return;
+                }
+                let [slope, ..] = self.axis.coefficients(function);
+                let lines = match cause {
+                    Cause::Edge { face: owner, edge } => self.lines_near(face(owner), edge, across),
+                    Cause::Crossing => 1.0,
+                };
+                let of_function = -gain * lines * area / slope * self.axis.place(at, across);
+                match (cause, before, after) {
+                    (Cause::Edge { face: owner, edge }, ..) => {
+                        worth[owner as usize].edges[edge] += of_function
+                    }
+                    (Cause::Crossing, Some(a), Some(b)) => {
+                        worth[a as usize].inverse_depth += of_function;
+                        worth[b as usize].inverse_depth -= of_function;
+                    }
+                    _ => {}
+                }
+            });
+        }
+        let sum = |(&number, worth): (&u32, &Worth)| {
+            (*worth != Worth::default()).then(|| (number, worth.of_corners(&faces[number as usize])))
+        };
+        list.iter().zip(&worth).filter_map(sum).collect()
+    }
+}
+
+/// The derivatives of a loss with respect to the functions of a face.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Worth {
+    edges: [DVec3; 3],
+    inverse_depth: DVec3,
+}
+
+impl Worth {
+    /// With respect to its corners, in the frame of the view.
+    fn of_corners(&self, face: &Projected) -> [DVec3; 3] {
+        let [a, b, c] = face.corners;
+        let sign = if face.front { 1.0 } else { -1.0 };
+        // d(b × c) = db × c + b × dc.
+        let [bc, ca, ab] = self.edges.map(|edge| sign * edge);
+        let mut of_a = ca.cross(c) + b.cross(ab);
+        let mut of_b = ab.cross(a) + c.cross(bc);
+        let mut of_c = bc.cross(b) + a.cross(ca);
+        if self.inverse_depth != DVec3::ZERO {
+            // n / (n · a), n = (b - a) × (c - a).
+            let (to_b, to_c) = (b - a, c - a);
+            let normal = to_b.cross(to_c);
+            let det = normal.dot(a);
+            let of_det = -self.inverse_depth.dot(face.inverse_depth) / det;
+            let of_normal = self.inverse_depth / det + of_det * a;
+            let (by_b, by_c) = (to_c.cross(of_normal), of_normal.cross(to_b));
+            of_a += of_det * normal - by_b - by_c;
+            of_b += by_b;
+            of_c += by_c;
+        }
+        [of_a, of_b, of_c]
+    }
+}
+
+/// From the frame of the view to the scene: the transpose of the derivative of [`View::new`] and of the change of frame.
+fn to_metres(scene: &Scene, camera: &Camera, view: &View, in_frame: Vec<DVec3>) -> GeometryGradient {
+    let mut moved = DVec3::ZERO;
+    let [mut of_right, mut of_up, mut of_forward] = [DVec3::ZERO; 3];
+    let per_tangent = DVec3::new(1.0 / view.tan_half_x, 1.0 / view.tan_half_y, 1.0);
+    let to_scene = |(gradient, &vertex): (DVec3, &DVec3)| {
+        let DVec3 { x, y, z } = gradient * per_tangent;
+        let from_camera = vertex - view.position;
+        of_right += x * from_camera;
+        of_up += y * from_camera;
+        of_forward += z * from_camera;
+        let gradient = x * view.right + y * view.up + z * view.forward;
+        moved += gradient;
+        gradient
+    };
+    let vertices = in_frame.into_iter().zip(&scene.vertices).map(to_scene).collect();
+
+    // up = right × forward; right = s / |s|, s = forward × u; forward = f / |f|, f = target - position.
+    let View { right, up: _, forward, .. } = *view;
+    let of_right = of_right + forward.cross(of_up);
+    let of_forward = of_forward + of_up.cross(right);
+    let u = camera.up.normalize();
+    let of_s = of_right.reject_from_normalized(right) / forward.cross(u).length();
+    let of_forward = of_forward + u.cross(of_s);
+    let target = of_forward.reject_from_normalized(forward) / (camera.target - camera.position).length();
+    GeometryGradient { vertices, position: -moved - target, target }
+}

@@ -1,0 +1,167 @@
+//! Where states live while a scene is solved, and in which pieces a pass goes over them.
+
+use super::{Group, MemoryPlan, OTHER_TILES, PAIR_BACK, PAIR_FRONT, Plan, PlanError};
+use std::ops::Range;
+
+/// Where states live.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Residency {
+    /// In buffers of the device, a page of bins for each group.
+    #[default]
+    Device,
+    /// In memory of the host. The device has two windows on them: one to write, for the bins of so many tiles of
+    /// receivers, one to read, for those of so many tiles of sources.
+    Host { receivers: u32, sources: u32 },
+}
+
+/// Tiles of one group whose light is sent together: all of them, or what the window for sources holds.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Piece {
+    /// Index of the group.
+    pub group: usize,
+    pub part: Group,
+}
+
+/// Staging buffers of this size, both together, are enough where memory is short: smaller ones cost time in submissions.
+const SHORT_STAGING: u64 = 2 << 20;
+/// No smaller ones than this are planned.
+const LEAST_STAGING: u64 = 128 << 10;
+/// Staging buffers come in pairs of multiples of the rounding of buffers.
+const STAGING_STEP: u64 = 512;
+
+/// Bytes of a window at most: it is copied at once, and Ctrl-C waits for that.
+const MOST_WINDOW_BYTES: u64 = 512 << 20;
+
+impl Plan {
+    /// Tiles with bins: all groups that have some follow one another, at the end.
+    pub fn tiles_with_bins(&self) -> Range<u32> {
+        let all = self.layout.tiles();
+        let first = self.layout.groups.iter().find(|g| g.class.has_bins()).map_or(all, |g| g.tiles.start);
+        first..all
+    }
+
+    /// Groups whose arriving light is gathered at the same time, while all sources pass by: all of them, or those that
+    /// the window for receivers holds.
+    pub fn sweeps(&self) -> Vec<Range<usize>> {
+        let groups = &self.layout.groups;
+        let Residency::Host { receivers, .. } = self.residency else {
+            return std::iter::once(0..groups.len()).collect();
+        };
+        let first = self.tiles_with_bins().start;
+        // Groups without bins need no window: they join the first sweep.
+        let sweep = |g: usize| groups[g].tiles.start.saturating_sub(first) / receivers;
+        let mut sweeps: Vec<Range<usize>> = Vec::new();
+        for g in 0..groups.len() {
+            match sweeps.last_mut() {
+                Some(last) if sweep(last.start) == sweep(g) => last.end = g + 1,
+                _ => sweeps.push(g..g + 1),
+            }
+        }
+        sweeps
+    }
+
+    /// Sources in the order in which they send their light.
+    pub fn pieces(&self) -> Vec<Piece> {
+        let mut pieces = Vec::new();
+        for (group, g) in self.layout.groups.iter().enumerate() {
+            let step = match self.residency {
+                Residency::Host { sources, .. } if g.class.has_bins() => sources,
+                _ => u32::MAX,
+            };
+            let mut begin = g.tiles.start;
+            while begin < g.tiles.end {
+                let end = begin.saturating_add(step).min(g.tiles.end);
+                pieces.push(Piece { group, part: Group { class: g.class, tiles: begin..end } });
+                begin = end;
+            }
+        }
+        pieces
+    }
+
+    /// True where light can pass from some source to some receiver.
+    pub fn anything_passes(&self, receivers: &Range<u32>, sources: &Range<u32>) -> bool {
+        self.tile_pairs.any(receivers, sources, PAIR_FRONT | PAIR_BACK)
+    }
+
+    /// Bytes of host memory that the solver's vectors take, if all of them are needed.
+    pub fn host_bytes(&self) -> u64 {
+        match self.residency {
+            Residency::Device => 0,
+            Residency::Host { .. } => u64::from(self.vectors()) * self.state_bytes(),
+        }
+    }
+
+    /// Bytes that a pass moves between host and device.
+    pub fn moved_bytes(&self) -> u64 {
+        if self.residency == Residency::Device {
+            return 0;
+        }
+        let bins = |tiles: &Range<u32>| tiles.len() as u64 * self.tile_bytes();
+        let pieces = self.pieces();
+        let sources = pieces.iter().map(|piece| &piece.part).filter(|part| part.class.has_bins());
+        let sources: Vec<&Range<u32>> = sources.map(|part| &part.tiles).collect();
+        let shown = |sweep: &Range<usize>| {
+            let receivers = &self.layout.groups[sweep.clone()];
+            let reached = |s: &&&Range<u32>| receivers.iter().any(|to| self.anything_passes(&to.tiles, s));
+            sources.iter().filter(reached).map(|s| bins(s)).sum::<u64>()
+        };
+        let up: u64 = self.sweeps().iter().map(shown).sum();
+        up + self.state_bytes() + self.irradiance_bytes()
+    }
+
+    fn state_bytes(&self) -> u64 {
+        self.irradiance_bytes() + self.tiles_with_bins().len() as u64 * self.tile_bytes()
+    }
+
+    /// The smaller staging buffers that leave room for a state more.
+    pub(super) fn short_staging(&self) -> u64 {
+        self.limits.staging.min(SHORT_STAGING)
+    }
+
+    /// Moves all states to the host, with the largest windows on them that the budget allows.
+    ///
+    /// Windows for receivers count most: in each pass all sources go by each of them. Larger ones for sources move no
+    /// fewer bytes, but lists of close sources are cut less often.
+    pub(super) fn stream(&mut self) -> Result<(), PlanError> {
+        let budget = self.limits.memory_budget;
+        self.set_windows(1, 1, self.limits.staging.min(LEAST_STAGING));
+        let (least_staging, needed) = (self.staging, self.memory.total());
+        self.memory.check_buffers(self.limits.max_buffer)?;
+        if needed > budget {
+            return Err(PlanError::OverBudget { budget, needed });
+        }
+        // What is left beyond the smallest windows, less what rounding may take.
+        let free = budget - needed;
+        let more_staging = (free / 16).min(self.short_staging().saturating_sub(least_staging));
+        let more_staging = more_staging / STAGING_STEP * STAGING_STEP;
+        let tiles = free.saturating_sub(more_staging + 1024) / self.tile_bytes();
+        // A glossy source takes two tiles: what arrives there, and what it makes of it.
+        let each = if self.layout.groups.iter().any(|g| g.class.glossy) { 2 } else { 1 };
+        let page = self.limits.page.min(self.limits.max_buffer);
+        let most = |bytes: u64| (bytes / self.tile_bytes()).clamp(1, u64::from(u32::MAX)) as u32;
+        let total = (self.tiles_with_bins().len() as u32).max(1);
+        let most = most(page.min(MOST_WINDOW_BYTES)).min(total);
+        // First as few sweeps as leave an eighth for sources, or what a dispatch takes of them; then as many sources as
+        // these sweeps leave room for. Windows are all of about the same size: as many, and no short one at the end.
+        let reserved = (tiles / 8).max((tiles / 2).min(each * u64::from(OTHER_TILES)));
+        let receivers = u64::from(most).min(1 + tiles - reserved) as u32;
+        let receivers = total.div_ceil(total.div_ceil(receivers));
+        let left = tiles.saturating_sub(u64::from(receivers - 1)) / each;
+        let sources = u64::from(most).min(1 + left) as u32;
+        let step = if sources < OTHER_TILES { 1 } else { OTHER_TILES };
+        let sources = sources / step * step;
+        let sources = total.div_ceil(total.div_ceil(sources)).next_multiple_of(step).min(sources);
+        self.set_windows(receivers, sources, least_staging + more_staging);
+        if self.memory.total() > budget {
+            self.set_windows(1, 1, least_staging);
+        }
+        Ok(())
+    }
+
+    fn set_windows(&mut self, receivers: u32, sources: u32, staging: u64) {
+        self.residency = Residency::Host { receivers, sources };
+        self.staging = staging;
+        self.layout.cut(receivers);
+        self.memory = MemoryPlan::of(self);
+    }
+}

@@ -1,0 +1,82 @@
+//! Materials of their own for parts of a scene that share one.
+
+use std::collections::{HashMap, HashSet};
+
+use super::{Material, Scene};
+
+impl Scene {
+    /// Gives triangles that share a material but not a label a material each, which can then be changed alone.
+    ///
+    /// `labels`: one per triangle, in the scene's order; none beyond its end. A material all of whose triangles have
+    /// one label keeps its name; the others become `NAME.1`, `NAME.2` … in the order in which the triangles need them,
+    /// in the place of the old one. Triangles look as they did.
+    pub fn split_materials(&mut self, labels: &[u64]) {
+        // Per material, its labels in order of appearance.
+        let mut parts: Vec<Vec<u64>> = vec![Vec::new(); self.materials.len()];
+        let mut part_of: HashMap<(u32, u64), usize> = HashMap::new();
+        let label = |triangle: usize| labels.get(triangle).copied().unwrap_or(0);
+        for (at, triangle) in self.triangles.iter().enumerate() {
+            let own = &mut parts[triangle.material as usize];
+            part_of.entry((triangle.material, label(at))).or_insert_with(|| {
+                own.push(label(at));
+                own.len() - 1
+            });
+        }
+        let mut taken: HashSet<String> = self.materials.iter().map(|m| m.name.clone()).collect();
+        let mut first = Vec::with_capacity(parts.len());
+        let mut materials = Vec::with_capacity(part_of.len());
+        for (material, parts) in self.materials.drain(..).zip(&parts) {
+            first.push(materials.len());
+            if parts.len() < 2 {
+                materials.push(material);
+                continue;
+            }
+            let mut number = 0u64;
+            for _ in parts {
+                let name = loop {
+                    number += 1;
+                    let name = format!("{}.{number}", material.name);
+                    if taken.insert(name.clone()) {
+                        break name;
+                    }
+                };
+                materials.push(Material { name, ..material.clone() });
+            }
+        }
+        self.materials = materials;
+        for (at, triangle) in self.triangles.iter_mut().enumerate() {
+            let part = part_of.get(&(triangle.material, label(at))).copied().unwrap_or(0);
+            triangle.material = (first[triangle.material as usize] + part) as u32;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Triangle;
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn every_label_gets_a_material_of_its_own() {
+        let vertices = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
+        let triangles = [1, 1, 0, 1, 2].map(|material| Triangle { vertices: [0, 1, 2], material }).to_vec();
+        let material = |name: &str, rho: f64| Material { albedo: [rho; 3], ..Material::named(name) };
+        let materials = vec![
+            material("red", 0.1),
+            material("white", 0.2),
+            material("white.1", 0.3),
+            material("spare", 0.4),
+        ];
+        let mut scene = Scene::new("s", vertices, triangles, materials).expect("a scene");
+        let before: Vec<_> = (0..5).map(|i| scene.material(i).albedo).collect();
+        scene.split_materials(&[7, 9, 7, 7, 3]);
+        let names = |scene: &Scene| (0..5).map(|i| scene.material(i).name.clone()).collect::<Vec<_>>();
+        assert_eq!(names(&scene), ["white.2", "white.3", "red", "white.2", "white.1"]);
+        assert_eq!((0..5).map(|i| scene.material(i).albedo).collect::<Vec<_>>(), before);
+        assert_eq!(scene.materials.last().map(|m| m.name.as_str()), Some("spare"));
+        scene.split_materials(&[0, 1, 2, 3, 4]);
+        assert_eq!(names(&scene), ["white.2.1", "white.3", "red", "white.2.2", "white.1"]);
+        assert!(scene.check(true).is_ok());
+    }
+}

@@ -1,0 +1,60 @@
+//! A TOML file as text, to tell lines of: what scene files and job files share.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+
+use super::error::{Place, SceneError, nearest};
+
+/// A TOML file that was read.
+pub(crate) struct TomlFile<'a> {
+    pub path: &'a Path,
+    pub text: String,
+}
+
+impl<'a> TomlFile<'a> {
+    pub fn read(path: &'a Path) -> Result<Self, SceneError> {
+        match std::fs::read_to_string(path) {
+            Ok(text) => Ok(Self { path, text }),
+            Err(reason) => Err(SceneError::Read { path: path.to_path_buf(), reason }),
+        }
+    }
+
+    /// What the file says. An unknown key is an error that names the nearest known one.
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, SceneError> {
+        toml::from_str(&self.text).map_err(|error: toml::de::Error| {
+            self.place(error.span().unwrap_or(0..0)).error(one_line(error.message()))
+        })
+    }
+
+    /// The line where a span starts.
+    pub fn place(&self, span: Range<usize>) -> Place<'a> {
+        let line = 1 + self.text.bytes().take(span.start).filter(|&b| b == b'\n').count();
+        Place { path: self.path, line }
+    }
+
+    /// Paths in a file are relative to it.
+    pub fn beside(&self, path: &Path) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new("")).join(path)
+    }
+}
+
+/// The parser's message on one line, with the nearest known word where one is unknown.
+///
+/// serde lists the known words only in its message, "unknown field `a`, expected one of `b`, `c`". A message of another
+/// form goes through as it is.
+fn one_line(message: &str) -> String {
+    let message = message.lines().map(str::trim).collect::<Vec<_>>().join(", ");
+    let mut quoted = message.split('`').skip(1).step_by(2);
+    let unknown = message.starts_with("unknown field") || message.starts_with("unknown variant");
+    let near = match (unknown, quoted.next()) {
+        (true, Some(word)) => nearest(word, quoted),
+        _ => None,
+    };
+    let message = message.replacen("unknown field", "unknown key", 1);
+    match near {
+        Some(near) => format!("{message}; did you mean `{near}`?"),
+        None => message,
+    }
+}

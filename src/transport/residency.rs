@@ -1,0 +1,251 @@
+//! States that live on the host: the device sees them part by part, through two windows. What kernels do with a part
+//! does not depend on where it lives, bit for bit.
+
+use super::watch::TransportError;
+use crate::gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError};
+use crate::plan::{Group, Piece, Plan};
+use crate::scene::Precision;
+use std::ops::Range;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// A part of a state that kernels work on at once.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// Irradiance of all slots.
+    Irradiance { bytes: u64 },
+    /// Bins of some slots of a group.
+    Bins { group: usize, slots: Range<u32>, bytes: u64 },
+}
+
+impl Part {
+    pub fn irradiance(plan: &Plan) -> Self {
+        Self::Irradiance { bytes: plan.irradiance_bytes() }
+    }
+
+    /// Of all of a group, or of some of its tiles. None where the class has no bins.
+    pub fn of_group(plan: &Plan, group: usize, of: &Group) -> Option<Self> {
+        let (slots, bytes) = (plan.layout.slots_of(&of.tiles), plan.page_bytes(of));
+        of.class.has_bins().then_some(Self::Bins { group, slots, bytes })
+    }
+
+    /// None where the class has no bins.
+    pub fn of_piece(plan: &Plan, piece: &Piece) -> Option<Self> {
+        Self::of_group(plan, piece.group, &piece.part)
+    }
+
+    /// All parts of a state, one after the other.
+    pub fn all(plan: &Plan) -> Vec<Self> {
+        let pieces = plan.pieces();
+        let bins = pieces.iter().filter_map(|piece| Self::of_piece(plan, piece));
+        std::iter::once(Self::irradiance(plan)).chain(bins).collect()
+    }
+
+    pub fn bytes(&self) -> u64 {
+        match self {
+            Self::Irradiance { bytes } | Self::Bins { bytes, .. } => *bytes,
+        }
+    }
+}
+
+/// A part of a state in a buffer of the device.
+pub struct View<'a> {
+    buffer: &'a Buffer,
+    offset: u64,
+    bytes: u64,
+    /// The slot that the first values of the buffer belong to.
+    pub first_slot: u32,
+    /// Where the values belong, if not here.
+    home: Option<(&'a Hosted, Place)>,
+}
+
+impl<'a> View<'a> {
+    pub fn resident(buffer: &'a Buffer, first_slot: u32, bytes: u64) -> Self {
+        Self { buffer, offset: 0, bytes, first_slot, home: None }
+    }
+
+    /// The whole buffer, to bind to a kernel.
+    pub fn slice(&self) -> BufferSlice<'a> {
+        self.buffer.whole()
+    }
+
+    /// How many reals the part has.
+    pub fn reals(&self, precision: Precision) -> u32 {
+        (self.bytes / precision.bytes()) as u32
+    }
+
+    /// Makes all values zero.
+    pub fn clear(&self, device: &Device) -> Result<(), GpuError> {
+        let mut batch = device.batch()?;
+        batch.fill(self.buffer, self.offset, self.bytes, 0)?;
+        batch.submit()?;
+        Ok(())
+    }
+
+    pub fn upload(&self, device: &Device, values: &[u8]) -> Result<(), GpuError> {
+        device.upload(self.buffer, self.offset, values)
+    }
+
+    pub fn download(&self, device: &Device) -> Result<Vec<u8>, GpuError> {
+        device.download(self.buffer, self.offset, self.bytes)
+    }
+
+    /// Takes the values home.
+    pub fn store(self, device: &Device) -> Result<(), GpuError> {
+        match self.home {
+            None => Ok(()),
+            Some((hosted, place)) => {
+                device.download_into(self.buffer, self.offset, place.of(&mut hosted.values()))
+            }
+        }
+    }
+}
+
+/// What a window holds: the irradiance of a state, and bins of a few tiles.
+struct Window {
+    irradiance: Buffer,
+    /// None where nothing has bins.
+    bins: Option<Buffer>,
+}
+
+impl Window {
+    fn new(device: &Device, plan: &Plan, tiles: u32) -> Result<Self, GpuError> {
+        let buffer = |label, bytes| Buffer::new(device, label, bytes, BufferKind::Storage);
+        let bins = || buffer("state: bins", u64::from(tiles) * plan.tile_bytes());
+        Ok(Self {
+            irradiance: buffer("state: irradiance", plan.irradiance_bytes())?,
+            bins: (!plan.tiles_with_bins().is_empty()).then(bins).transpose()?,
+        })
+    }
+
+    fn buffer(&self, part: &Part) -> &Buffer {
+        match (part, &self.bins) {
+            (Part::Bins { .. }, Some(bins)) => bins,
+            _ => &self.irradiance,
+        }
+    }
+}
+
+/// The two windows that all states share, and what they look on.
+pub struct Windows {
+    read: Window,
+    write: Window,
+    /// Slots with bins, and how many of them a sweep takes.
+    slots: Range<u32>,
+    swept: u32,
+    /// Of the bins of one slot.
+    slot_bytes: u64,
+    irradiance_bytes: u64,
+}
+
+impl Windows {
+    pub fn new(device: &Device, plan: &Plan, receivers: u32, sources: u32) -> Result<Self, GpuError> {
+        Ok(Self {
+            read: Window::new(device, plan, sources)?,
+            write: Window::new(device, plan, receivers)?,
+            slots: plan.layout.slots_of(&plan.tiles_with_bins()),
+            swept: receivers.saturating_mul(plan.layout.tile),
+            slot_bytes: plan.bin_bytes(),
+            irradiance_bytes: plan.irradiance_bytes(),
+        })
+    }
+}
+
+/// A state on the host, byte for byte as the device would hold it.
+pub struct Hosted {
+    windows: Arc<Windows>,
+    values: Mutex<Values>,
+}
+
+struct Values {
+    irradiance: Vec<u8>,
+    /// Of all slots with bins.
+    bins: Vec<u8>,
+}
+
+/// Bytes of the one or the other array.
+enum Place {
+    Irradiance,
+    Bins(Range<usize>),
+}
+
+impl Place {
+    fn of<'a>(&self, values: &'a mut Values) -> &'a mut [u8] {
+        match self {
+            Self::Irradiance => &mut values.irradiance,
+            Self::Bins(range) => values.bins.get_mut(range.clone()).unwrap_or_default(),
+        }
+    }
+}
+
+impl Hosted {
+    pub fn new(windows: &Arc<Windows>) -> Result<Self, TransportError> {
+        let bins = windows.slots.len() as u64 * windows.slot_bytes;
+        let values = Values { irradiance: zeros(windows.irradiance_bytes)?, bins: zeros(bins)? };
+        Ok(Self { windows: windows.clone(), values: Mutex::new(values) })
+    }
+
+    fn values(&self) -> MutexGuard<'_, Values> {
+        self.values.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn place(&self, part: &Part) -> Place {
+        match part {
+            Part::Irradiance { .. } => Place::Irradiance,
+            Part::Bins { slots, bytes, .. } => {
+                let first = u64::from(slots.start - self.windows.slots.start) * self.windows.slot_bytes;
+                Place::Bins(first as usize..(first + bytes) as usize)
+            }
+        }
+    }
+
+    /// The part at the start of a window.
+    fn view<'a>(&'a self, window: &'a Window, part: &Part) -> View<'a> {
+        let first_slot = match part {
+            Part::Irradiance { .. } => 0,
+            Part::Bins { slots, .. } => slots.start,
+        };
+        let home = Some((self, self.place(part)));
+        View { buffer: window.buffer(part), offset: 0, bytes: part.bytes(), first_slot, home }
+    }
+
+    fn bring(&self, device: &Device, view: &View, part: &Part) -> Result<(), GpuError> {
+        view.upload(device, self.place(part).of(&mut self.values()))
+    }
+
+    pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, GpuError> {
+        let view = self.view(&self.windows.read, part);
+        self.bring(device, &view, part)?;
+        Ok(view)
+    }
+
+    pub fn edit(&self, device: &Device, part: &Part, old: bool) -> Result<View<'_>, GpuError> {
+        let view = self.view(&self.windows.write, part);
+        if old {
+            self.bring(device, &view, part)?;
+        }
+        Ok(view)
+    }
+
+    /// All parts of a sweep have their places beside one another.
+    pub fn receive(&self, part: &Part) -> View<'_> {
+        let view = self.view(&self.windows.write, part);
+        let Part::Bins { slots, .. } = part else { return view };
+        let within = (slots.start - self.windows.slots.start) % self.windows.swept;
+        let offset = u64::from(within) * self.windows.slot_bytes;
+        View { offset, first_slot: slots.start - within, ..view }
+    }
+
+    pub fn download(&self, part: &Part) -> Vec<u8> {
+        self.place(part).of(&mut self.values()).to_vec()
+    }
+}
+
+/// Without the abort of a plain vector where there is no memory left.
+fn zeros(bytes: u64) -> Result<Vec<u8>, TransportError> {
+    let short = || TransportError::HostMemory { bytes };
+    let count = usize::try_from(bytes).map_err(|_| short())?;
+    let mut values = Vec::new();
+    values.try_reserve_exact(count).map_err(|_| short())?;
+    values.resize(count, 0);
+    Ok(values)
+}

@@ -1,0 +1,357 @@
+//! `antirad fit`: single jobs, batches, and what is left of them when they are killed.
+
+use crate::{Folder, ROOM, Run, names, run, says};
+use antirad::scene::{LoadOptions, Scene};
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Few bins: these tests are about files and processes.
+const ACCURACY: &str = "\n[accuracy]\nbins = { concentric = 2 }\ntolerance = 1e-5\nsubsample = 4\n";
+
+const JOB: &str = r#"scene = "room.toml"
+
+[[target]]
+picture = "out/main.exr"
+camera = "main"
+
+[[target]]
+picture = "out/side.exr"
+camera = "side"
+
+[[fit]]
+parameter = "albedo"
+materials = ["wall"]
+initial = 0.5
+
+[[fit]]
+parameter = "emission"
+materials = ["lamp"]
+initial = 3
+
+[stop]
+relative_decrease = 0
+iterations = 12
+
+[checkpoint]
+every = 2
+"#;
+
+/// A folder with the room, pictures of it, and jobs besides.
+fn folder(jobs: &[(&str, &str)]) -> Folder {
+    let mut files = vec![("room.toml", format!("{ROOM}{ACCURACY}"))];
+    files.extend(jobs.iter().map(|(name, text)| (*name, (*text).to_owned())));
+    let files: Vec<(&str, &str)> = files.iter().map(|(name, text)| (*name, text.as_str())).collect();
+    let folder = Folder::with(&files);
+    folder.render("room.toml").succeeded();
+    folder
+}
+
+/// Names and bytes of what a job left, but for what tells of time and of the way there.
+fn results(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let differs = ["report.json", "checkpoint", "checkpoint.previous"];
+    let kept = names(folder).into_iter().filter(|name| !differs.contains(&name.as_str()));
+    kept.map(|name| (name.clone(), fs::read(folder.join(name)).expect("a file"))).collect()
+}
+
+#[track_caller]
+fn same_results(a: &Path, b: &Path) {
+    let (a, b) = (results(a), results(b));
+    assert!(a.len() > 10, "{:?}", a.iter().map(|(name, _)| name).collect::<Vec<_>>());
+    for ((name_a, bytes_a), (name_b, bytes_b)) in a.iter().zip(&b) {
+        assert_eq!(name_a, name_b);
+        assert!(bytes_a == bytes_b, "{name_a} differs");
+    }
+    assert_eq!(a.len(), b.len());
+}
+
+fn value(folder: &Folder, file: &str, quantity: &str) -> Vec<f64> {
+    let list = folder.json(file);
+    let found = list.as_array().expect("a list").iter().find(|r| r["quantity"] == quantity).expect("a value");
+    found["value"].as_array().expect("numbers").iter().map(|v| v.as_f64().expect("a number")).collect()
+}
+
+#[test]
+fn a_job_finds_what_the_pictures_were_made_with() {
+    let folder = folder(&[("job.toml", JOB)]);
+    let mut tool = folder.tool(["fit", "job.toml", "--output", "fits"]);
+    let run = run(tool.env("ANTIRAD_VALIDATION", "1")).succeeded();
+    says(&run.stdout, &["job:", "iterations", "albedo", "of wall", "fits/job"]);
+    // A line to begin with and one for each iteration, nothing else: no terminal is there.
+    let lines: Vec<&str> = run.stderr.lines().collect();
+    assert!(lines[0].contains("6 unknowns") && lines[0].contains("s per iteration"), "{lines:?}");
+    assert!(lines[1..].iter().all(|line| line.starts_with("job iteration ")), "{lines:?}");
+    let history = String::from_utf8(folder.read("fits/job/history.csv")).expect("text");
+    assert_eq!(history.lines().count(), lines.len());
+
+    let near = |found: Vec<f64>, truth: [f64; 3], error: f64| {
+        assert!(found.iter().zip(truth).all(|(f, t)| (f - t).abs() < error), "{found:?}, not {truth:?}");
+    };
+    near(value(&folder, "fits/job/parameters.json", "albedo"), [0.7, 0.5, 0.3], 2e-3);
+    near(value(&folder, "fits/job/parameters.json", "emission"), [10.0; 3], 2e-2);
+    let report = folder.json("fits/job/report.json");
+    assert_eq!(report["optimiser"], "quasi-newton");
+    assert!(report["run"]["device"]["name"].is_string());
+    assert!(report["loss"]["fell_by_factor"].as_f64().is_some_and(|factor| factor > 1e4), "{report}");
+    let (peak, planned) = (&report["run"]["memory"]["peak"], &report["estimate"]["device_bytes"]);
+    assert!(peak.as_u64() <= planned.as_u64(), "{peak} of the planned {planned}");
+
+    // The fitted scene is a scene, and its picture is the fitted one.
+    let fitted = Scene::load(&folder.path("fits/job/scene.toml"), &LoadOptions::default()).expect("a scene");
+    assert_eq!((fitted.triangles.len(), fitted.cameras.len()), (200, 2));
+    folder.run("render fits/job/scene.toml --camera main --output again").succeeded();
+    let picture = |name: &str| antirad::image::Picture::read_exr(folder.path(name)).expect("a picture");
+    let pairs = picture("again/main.exr").pixels.into_iter().zip(picture("fits/job/main.exr").pixels);
+    for (again, fitted) in pairs {
+        assert!(
+            (0..3).all(|c| (again[c] - fitted[c]).abs() <= 1e-4 * (0.1 + fitted[c].abs())),
+            "{again:?} {fitted:?}"
+        );
+    }
+}
+
+#[test]
+fn a_box_is_moved_back_by_what_two_views_see() {
+    let boxed = "\n[[mesh]]\nname = \"block\"\nshape = { kind = \"box\", cells = 1 }\nmaterial = \"lamp\"\n\
+                 scale = 0.2\ntranslate = [0.4, 0.1, 0.5]\n";
+    let room =
+        format!("{ROOM}{boxed}{ACCURACY}").replace("width = 32\nheight = 24", "width = 64\nheight = 48");
+    let room = room.replace("width = 16\nheight = 16", "width = 48\nheight = 48");
+    let job = "scene = \"room.toml\"\n[[target]]\npicture = \"out/main.exr\"\ncamera = \"main\"\n[[target]]\n\
+               picture = \"out/side.exr\"\ncamera = \"side\"\n[[fit]]\nparameter = \"position\"\n\
+               meshes = [\"block\"]\nmotion = \"translation\"\ninitial = [0.02, -0.02, 0.02]\n\
+               [stop]\nrelative_decrease = 1e-3\niterations = 25\n[solve]\nsupersample = 8\n";
+    let folder = Folder::with(&[("room.toml", room.as_str()), ("job.toml", job)]);
+    folder.render("room.toml --supersample 8").succeeded();
+    folder.run("fit job.toml --output fits").succeeded();
+    let way = value(&folder, "fits/job/parameters.json", "translation");
+    // A tenth of its size away at first.
+    assert!(way.iter().all(|w| w.abs() < 1e-3), "{way:?}");
+}
+
+#[test]
+fn the_log_can_be_json() {
+    let folder = folder(&[("job.toml", &JOB.replace("iterations = 12", "iterations = 2"))]);
+    let run = folder.run("fit job.toml --output fits --log-format json").succeeded();
+    assert_eq!(run.stdout, "");
+    let events: Vec<Value> = run
+        .stderr
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap_or_else(|_| panic!("{line}")))
+        .collect();
+    let of = |kind: &str| events.iter().filter(|e| e["event"] == kind).count();
+    assert_eq!((of("begin"), of("iteration"), of("end")), (1, 3, 1));
+    assert!(events[1]["loss"].is_f64() && events[1]["passes"].as_u64() > Some(0));
+    assert_eq!(events[4]["result"]["status"], "finished");
+    let quiet = folder.run("fit job.toml --output fits --quiet").succeeded();
+    assert_eq!((quiet.stdout.as_str(), quiet.stderr.as_str()), ("", ""));
+}
+
+/// Each broken job is told of in a line; the others are what they would have been alone.
+#[test]
+fn a_broken_job_harms_no_other() {
+    let short = JOB.replace("iterations = 12", "iterations = 3");
+    let folder = folder(&[]);
+    fs::create_dir(folder.path("jobs")).expect("a folder");
+    for (name, text) in [
+        ("a.toml", short.clone()),
+        ("b.toml", short.replace("albedo", "albido")),
+        ("c.toml", short.replace("main.exr", "none.exr")),
+        ("d.toml", short.replace("initial = 0.5", "initial = 0.4")),
+        ("no_job.toml", format!("{ROOM}{ACCURACY}")),
+        ("notes.txt", String::from("not a job")),
+        ("z.toml", String::from("scene = ")),
+    ] {
+        let text = text.replace("room.toml", "../room.toml").replace("out/", "../out/");
+        fs::write(folder.path("jobs").join(name), text).expect("written");
+    }
+    let batch = folder.run("fit jobs --output fits");
+    assert_eq!(batch.code, Some(1), "{batch:?}");
+    says(
+        &batch.stderr,
+        &[
+            "antirad: b: jobs/b.toml:12",
+            "did you mean `albedo`?",
+            "antirad: c: jobs/c.toml:4",
+            "antirad: z: jobs/z.toml:1",
+        ],
+    );
+    says(&batch.stdout, &["2 of 5 jobs are done", "summary.csv", "finished", "FAILED"]);
+    assert_eq!(names(&folder.path("fits")), ["a", "d", "summary.csv"]);
+    let summary = String::from_utf8(folder.read("fits/summary.csv")).expect("text");
+    let rows: Vec<&str> = summary.lines().collect();
+    assert_eq!(rows.len(), 6);
+    assert!(rows[1].starts_with("a,finished,3,") && rows[2].starts_with("b,failed,,"), "{summary}");
+
+    for name in ["a", "d"] {
+        folder.run(&format!("fit jobs/{name}.toml --output alone")).succeeded();
+        same_results(&folder.path("fits").join(name), &folder.path("alone").join(name));
+    }
+    // Once more: what is done is left alone.
+    let again = folder.run("fit jobs/a.toml jobs/d.toml --output fits --resume").succeeded();
+    says(&again.stderr, &["a: finished before", "d: finished before"]);
+    assert!(!again.stderr.contains("iteration"), "{}", again.stderr);
+}
+
+#[test]
+fn what_is_refused_before_anything_starts() {
+    let folder = folder(&[("job.toml", JOB)]);
+    fs::create_dir_all(folder.path("empty")).expect("a folder");
+    fs::create_dir_all(folder.path("other")).expect("a folder");
+    fs::write(folder.path("other/job.toml"), JOB).expect("written");
+    folder.run("fit empty --output fits").refused(&["empty", "no job file"]);
+    folder.run("fit job.toml other/job.toml --output fits").refused(&["both", "\"job\"", "rename one"]);
+    folder.run("fit job.toml --output room.toml").refused(&["room.toml", "cannot be written"]);
+    folder.run("fit job.toml --output fits --device nonesuch").refused(&["\"nonesuch\""]);
+    let small = folder.run("fit job.toml --output fits --memory-budget 1MiB");
+    assert_eq!(small.code, Some(1), "{small:?}");
+    says(&small.stderr, &["antirad: job: ", "1048576 bytes is too small", "at least"]);
+    assert!(!folder.path("fits/job/report.json").exists());
+    assert_eq!(folder.run("fit").code, Some(2));
+}
+
+#[cfg(unix)]
+mod killed {
+    use super::*;
+    use std::io::{BufRead, BufReader, Read};
+    use std::process::{Command, Stdio};
+
+    /// Starts a fit and sends it a signal once it has told of `iteration`.
+    fn kill_at(folder: &Folder, arguments: &str, iteration: u32, signal: &str) -> Run {
+        let mut tool = folder.tool(arguments.split_whitespace());
+        let mut child = tool.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
+        let mut stderr = BufReader::new(child.stderr.take().expect("piped"));
+        let mut said = String::new();
+        while !said.contains(&format!("iteration {iteration}:")) {
+            assert!(stderr.read_line(&mut said).expect("text") > 0, "ended early: {said}");
+        }
+        let pid = child.id().to_string();
+        assert!(Command::new("kill").args([signal, &pid]).status().expect("kill runs").success());
+        let output = child.wait_with_output().expect("the tool ends");
+        stderr.read_to_string(&mut said).expect("text");
+        Run { stderr: said, ..Run::from(output) }
+    }
+
+    #[test]
+    fn signals_end_it_with_a_checkpoint_and_resuming_leaves_no_trace() {
+        let folder = folder(&[("job.toml", JOB)]);
+        folder.run("fit job.toml --output whole").succeeded();
+        for (signal, code) in [("-TERM", Some(143)), ("-INT", Some(130)), ("-KILL", None)] {
+            let _ = fs::remove_dir_all(folder.path("cut"));
+            // Twice: early, and once more after it went on.
+            for (iteration, resume) in [(3, ""), (7, "--resume")] {
+                let run = kill_at(&folder, &format!("fit job.toml --output cut {resume}"), iteration, signal);
+                assert_eq!(run.code, code, "{run:?}");
+                if code.is_some() {
+                    says(&run.stderr, &["antirad: job: interrupted after iteration", "--resume"]);
+                }
+                assert!(folder.path("cut/job/checkpoint").is_file(), "{run:?}");
+                assert!(!folder.path("cut/job/report.json").exists());
+            }
+            let run = folder.run("fit job.toml --output cut --resume").succeeded();
+            // Only what was lost since the checkpoint, every two iterations, is done again.
+            let first = run.stderr.lines().nth(1).expect("an iteration");
+            assert!(
+                ["6", "7", "8", "9"].iter().any(|n| first.starts_with(&format!("job iteration {n}:"))),
+                "{first}"
+            );
+            same_results(&folder.path("whole/job"), &folder.path("cut/job"));
+        }
+    }
+
+    #[test]
+    fn a_batch_is_killed_twice_and_resumed() {
+        let folder = folder(&[]);
+        fs::create_dir(folder.path("jobs")).expect("a folder");
+        let job = JOB.replace("iterations = 12", "iterations = 4").replace("every = 2", "every = 1");
+        let job = job.replace("room.toml", "../room.toml").replace("out/", "../out/");
+        for k in 0..6 {
+            let text = match k {
+                2 => job.replace("\"wall\"", "\"wal\""),
+                _ => job.replace("initial = 0.5", &format!("initial = 0.{}", 3 + k)),
+            };
+            fs::write(folder.path("jobs").join(format!("j{k}.toml")), text).expect("written");
+        }
+        assert_eq!(folder.run("fit jobs --output whole --keep-going").code, Some(1));
+        let first = kill_at(&folder, "fit jobs --output cut --keep-going", 2, "-KILL");
+        assert_eq!(first.code, None);
+        let mut tool = folder.tool("fit jobs --output cut --keep-going --resume".split_whitespace());
+        let mut child = tool.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
+        let mut stderr = BufReader::new(child.stderr.take().expect("piped"));
+        let mut said = String::new();
+        while !said.contains("j3 iteration 2:") {
+            assert!(stderr.read_line(&mut said).expect("text") > 0, "ended early: {said}");
+        }
+        assert!(
+            Command::new("kill").args(["-TERM", &child.id().to_string()]).status().expect("kill").success()
+        );
+        assert_eq!(child.wait().expect("an end").code(), Some(143));
+        let summary = String::from_utf8(folder.read("cut/summary.csv")).expect("text");
+        says(&summary, &["j3,interrupted", "j4,not-started"]);
+
+        let last = folder.run("fit jobs --output cut --keep-going --resume");
+        assert_eq!(last.code, Some(1));
+        says(&last.stdout, &["5 of 6 jobs are done"]);
+        for k in [0, 1, 3, 4, 5] {
+            // Nothing of the kills is left: no half-written file either.
+            same_results(&folder.path(&format!("whole/j{k}")), &folder.path(&format!("cut/j{k}")));
+        }
+        says(&last.stderr, &["antirad: j2: ", "did you mean \"wall\"?"]);
+    }
+
+    #[test]
+    fn damaged_checkpoints_and_changed_jobs_are_refused() {
+        let folder = folder(&[("job.toml", JOB)]);
+        kill_at(&folder, "fit job.toml --output fits", 5, "-KILL");
+        let path = folder.path("fits/job/checkpoint");
+        let good = fs::read(&path).expect("a checkpoint");
+        fs::write(&path, &good[..good.len() / 2]).expect("written");
+        let run = folder.run("fit job.toml --output fits --resume");
+        assert_eq!(run.code, Some(1), "{run:?}");
+        says(
+            &run.stderr,
+            &["fits/job/checkpoint: ", "should hold", "remove it to continue from", "checkpoint.previous"],
+        );
+        assert_eq!(fs::read(&path).expect("a checkpoint").len(), good.len() / 2);
+        // As it says.
+        fs::remove_file(&path).expect("removed");
+        let changed = JOB.replace("initial = 3", "initial = 4");
+        fs::write(folder.path("job.toml"), &changed).expect("written");
+        let run = folder.run("fit job.toml --output fits --resume");
+        says(&run.stderr, &["checkpoint.previous", "another job", "settings"]);
+        fs::write(folder.path("job.toml"), JOB).expect("written");
+        folder.run("fit job.toml --output fits --resume").succeeded();
+        folder.run("fit job.toml --output whole").succeeded();
+        same_results(&folder.path("whole/job"), &folder.path("fits/job"));
+    }
+
+    /// A disk that is really full: needs the right to mount one.
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_full_disk_is_an_error_and_costs_no_checkpoint() {
+        let folder = folder(&[("job.toml", JOB)]);
+        let disk: PathBuf = folder.path("disk");
+        fs::create_dir(&disk).expect("a folder");
+        let mounted =
+            Command::new("mount").args(["-t", "tmpfs", "-o", "size=96k", "tmpfs"]).arg(&disk).output();
+        if !mounted.is_ok_and(|output| output.status.success()) {
+            eprintln!("no right to mount a small disk: not tested");
+            return;
+        }
+        let run = folder.run("fit job.toml --output disk");
+        let left = names(&disk.join("job"));
+        let checkpoint = fs::read(disk.join("job/checkpoint"));
+        let unmounted = Command::new("umount").arg(&disk).status();
+        assert!(unmounted.is_ok_and(|status| status.success()));
+        assert_eq!(run.code, Some(1), "{run:?}");
+        says(&run.stderr, &["antirad: job: ", "cannot be written", "space"]);
+        assert!(!left.contains(&String::from("report.json")), "{left:?}");
+        assert!(left.iter().all(|name| !name.starts_with(".antirad")), "{left:?}");
+        // With room again, it goes on from there.
+        fs::create_dir_all(folder.path("roomy/job")).expect("a folder");
+        fs::write(folder.path("roomy/job/checkpoint"), checkpoint.expect("a checkpoint")).expect("written");
+        folder.run("fit job.toml --output roomy --resume").succeeded();
+        folder.run("fit job.toml --output whole").succeeded();
+        same_results(&folder.path("whole/job"), &folder.path("roomy/job"));
+    }
+}

@@ -1,0 +1,254 @@
+//! The way from unknowns to scenes, and of derivatives back.
+
+use crate::{says, scene};
+use antirad::fit::{Fit, MotionKind, Parameters, Per, Quantity, Regulariser, Regularisers, SceneGradient};
+use antirad::scene::Scene;
+use glam::DVec3;
+
+fn fit(quantity: Quantity) -> Fit {
+    Fit::new(quantity)
+}
+
+fn of(quantity: Quantity, materials: &[&str], per: Per) -> Fit {
+    let materials = Some(materials.iter().map(|m| m.to_string()).collect());
+    Fit { materials, per, ..fit(quantity) }
+}
+
+fn moving(motion: MotionKind, meshes: &[&str]) -> Fit {
+    Fit { motion, meshes: Some(meshes.iter().map(|m| m.to_string()).collect()), ..fit(Quantity::Position) }
+}
+
+/// Everything that can be fitted at once.
+fn everything() -> Vec<Fit> {
+    vec![
+        Fit { per: Per::Triangle, ..fit(Quantity::Emission) },
+        of(Quantity::Albedo, &["wall"], Per::Triangle),
+        of(Quantity::Albedo, &["gloss", "lamp"], Per::Material),
+        of(Quantity::Diffuse, &["red"], Per::Triangle),
+        of(Quantity::Specular, &["gloss"], Per::Triangle),
+        of(Quantity::Power, &["gloss"], Per::Triangle),
+        moving(MotionKind::Rigid, &["box"]),
+        moving(MotionKind::Similarity, &["table"]),
+        moving(MotionKind::Vertices, &["lamp"]),
+        Fit { together: true, ..moving(MotionKind::Scale, &["room", "shelf"]) },
+    ]
+}
+
+/// Some numbers in -1 to 1, the same every time.
+fn wave(n: usize, a: f64) -> Vec<f64> {
+    (0..n).map(|i| (a * (i as f64 + 1.0)).sin()).collect()
+}
+
+/// A smooth function of all that a scene is made of, and its derivatives.
+fn toy(scene: &Scene, wanted: antirad::plan::Wanted) -> (f64, SceneGradient) {
+    let mut gradient = SceneGradient::zeros(scene, wanted);
+    let mut sum = 0.0;
+    for t in 0..scene.triangles.len() {
+        let m = scene.material(t);
+        for (quantity, value) in [
+            (Quantity::Emission, m.emission),
+            (Quantity::Albedo, m.albedo),
+            (Quantity::Specular, m.specular),
+            (Quantity::Diffuse, [m.diffuse, 0.0, 0.0]),
+            (Quantity::Power, [m.power, 0.0, 0.0]),
+        ] {
+            let weight = [0.3, 0.7, 1.1].map(|a| (a * (t as f64 + 2.0 + quantity as usize as f64)).sin());
+            sum += (0..3).map(|c| weight[c] * (value[c] + 0.1 * value[c] * value[c])).sum::<f64>();
+            gradient.add_to_triangle(quantity, t, [0, 1, 2].map(|c| weight[c] * (1.0 + 0.2 * value[c])));
+        }
+    }
+    for (v, x) in scene.vertices.iter().enumerate() {
+        let weight = DVec3::new((v as f64).sin(), (v as f64).cos(), 0.5);
+        sum += weight.dot(*x) + 0.3 * x.length_squared();
+        if let Some(positions) = &mut gradient.positions {
+            positions[v] += weight + 0.6 * *x;
+        }
+    }
+    (sum, gradient)
+}
+
+/// A point well within the bounds, but near the limits of σ.
+fn inside(parameters: &Parameters, a: f64) -> Vec<f64> {
+    let bounds = parameters.bounds();
+    let random = wave(parameters.len(), a);
+    (0..parameters.len())
+        .map(|i| {
+            let (lower, upper) = (bounds.lower[i].max(-1.5), bounds.upper[i].min(1.5));
+            lower + (upper - lower) * (0.5 + 0.45 * random[i])
+        })
+        .collect()
+}
+
+#[test]
+fn derivatives_are_those_of_finite_differences() {
+    let scene = scene();
+    let parameters = Parameters::new(&scene, &everything(), 10.0).expect("parameters");
+    let terms = [
+        Regulariser::Smoothness { of: Quantity::Albedo, weight: 0.7 },
+        Regulariser::Smoothness { of: Quantity::Specular, weight: 0.7 },
+        Regulariser::Smoothness { of: Quantity::Power, weight: 1.7 },
+        Regulariser::Smoothness { of: Quantity::Diffuse, weight: 1.7 },
+        Regulariser::Smoothness { of: Quantity::Emission, weight: 0.5 },
+        Regulariser::Laplacian { weight: 2.0 },
+        Regulariser::Sparsity { weight: 3.0 },
+        Regulariser::Prior { of: Quantity::Albedo, value: Some([0.5; 3]), weight: 0.3 },
+        Regulariser::Prior { of: Quantity::Power, value: Some([20.0; 3]), weight: 0.3 },
+        Regulariser::Prior { of: Quantity::Position, value: None, weight: 0.3 },
+    ];
+    let regularisers = Regularisers::new(&terms, &parameters).expect("terms");
+    let evaluate = |x: &[f64]| {
+        let scene = parameters.scene(x);
+        let (toy, mut by_scene) = toy(&scene, parameters.wanted());
+        let mut direct = vec![0.0; x.len()];
+        let values = regularisers.evaluate(&parameters, &scene, x, &mut by_scene, &mut direct);
+        assert!(values.iter().all(|v| *v > 0.0), "{values:?}");
+        let mut gradient = parameters.pull_back(x, &by_scene);
+        gradient.iter_mut().zip(&direct).for_each(|(g, d)| *g += d);
+        (toy + values.iter().sum::<f64>(), gradient)
+    };
+    assert!(parameters.len() > 200, "{}", parameters.len());
+    for a in [0.9, 2.3] {
+        let mut x = inside(&parameters, a);
+        let (_, gradient) = evaluate(&x);
+        for i in 0..x.len() {
+            let (h, here) = (1e-5, x[i]);
+            x[i] = here + h;
+            let (above, _) = evaluate(&x);
+            x[i] = here - h;
+            let (below, _) = evaluate(&x);
+            x[i] = here;
+            let numeric = (above - below) / (2.0 * h);
+            let error = (numeric - gradient[i]).abs();
+            assert!(error <= 2e-6 * (1.0 + numeric.abs()), "unknown {i}: {} {numeric}", gradient[i]);
+        }
+    }
+}
+
+/// Whatever the unknowns within the bounds, the scene's own check lets every material through.
+#[test]
+fn every_point_within_the_bounds_is_a_possible_scene() {
+    let scene = scene();
+    let parameters = Parameters::new(&scene, &everything(), 10.0).expect("parameters");
+    let mut corners = vec![parameters.bounds().lower.clone(), parameters.bounds().upper.clone()];
+    for a in [0.7, 1.9, 5.3] {
+        let random = wave(parameters.len(), a);
+        let bounds = parameters.bounds();
+        corners.push(
+            (0..random.len())
+                .map(|i| if random[i] > 0.0 { bounds.upper[i] } else { bounds.lower[i] })
+                .collect(),
+        );
+    }
+    for mut x in corners {
+        // Emission and ways have no upper bound.
+        x.iter_mut().for_each(|x| *x = x.clamp(-3.0, 12.0));
+        let mut scene = parameters.scene(&x);
+        scene.check(false).expect("a possible scene");
+        for t in 0..scene.triangles.len() {
+            let m = scene.material(t);
+            assert!(m.total_albedo() < 1.0 && m.albedo.iter().all(|a| (0.0..1.0).contains(a)), "{m:?}");
+            assert!(m.emission.iter().all(|e| *e >= 0.0));
+        }
+    }
+}
+
+#[test]
+fn the_start_is_the_scene_as_it_was() {
+    let scene = scene();
+    let parameters = Parameters::new(&scene, &everything(), 10.0).expect("parameters");
+    assert!(parameters.bounds().contain(parameters.start()));
+    let start = parameters.scene(parameters.start());
+    assert_eq!(start.vertices, scene.vertices);
+    for t in 0..scene.triangles.len() {
+        let (now, before) = (start.material(t), scene.material(t));
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-12 * (1.0 + b);
+        assert!(
+            (0..3)
+                .all(|c| near(now.albedo[c], before.albedo[c]) && near(now.specular[c], before.specular[c]))
+        );
+        assert!((0..3).all(|c| near(now.emission[c], before.emission[c])));
+        assert!(near(now.power, before.power) && near(now.diffuse, before.diffuse));
+    }
+    let recovered = parameters.recovered(parameters.start());
+    let rigid = recovered.iter().find(|r| r.quantity == "rotation vector").expect("a rotation");
+    assert_eq!((rigid.of.as_str(), rigid.value.as_slice()), ("box", &[0.0; 3][..]));
+}
+
+#[test]
+fn initial_values_and_bounds_are_those_asked_for() {
+    let albedo = Fit {
+        initial: Some([0.5; 3]),
+        lower: Some([0.1; 3]),
+        upper: Some([0.4, 0.9, 2.0]),
+        ..of(Quantity::Albedo, &["wall", "gloss"], Per::Material)
+    };
+    let parameters = Parameters::new(&scene(), &[albedo], 1.0).expect("parameters");
+    let wall = parameters.scene(parameters.start());
+    // Cut by the upper bound.
+    assert_eq!(wall.material(0).albedo, [0.4, 0.5, 0.5]);
+    assert_eq!(parameters.bounds().upper[..3], [0.4, 0.9, 0.99]);
+    // What the fixed σ of the table leaves.
+    let gloss = parameters.bounds().upper[3];
+    assert!(gloss < 0.4 && gloss > 0.1, "{gloss}");
+    assert_eq!(parameters.len(), 6);
+}
+
+#[test]
+fn what_cannot_be_fitted() {
+    let scene = scene();
+    let refused = |fits: &[Fit]| {
+        let error = Parameters::new(&scene, fits, 1.0).expect_err("not possible");
+        (error.fit, error.message)
+    };
+    let twice = [fit(Quantity::Albedo), of(Quantity::Albedo, &["red"], Per::Triangle)];
+    let both = [fit(Quantity::Albedo), fit(Quantity::Diffuse)];
+    let meshed = Fit { materials: Some(vec!["red".into()]), ..moving(MotionKind::Rigid, &["box"]) };
+    for (fits, at, parts) in [
+        (&twice[..], 1, vec!["albedo of triangle", "fitted twice"]),
+        (&both[..], 1, vec!["product", "fit one"]),
+        (&[of(Quantity::Albedo, &["wal"], Per::Mesh)], 0, vec!["material \"wal\"", "did you mean \"wall\"?"]),
+        (&[moving(MotionKind::Rigid, &["bix"])], 0, vec!["mesh \"bix\"", "did you mean \"box\"?"]),
+        (&[of(Quantity::Albedo, &["chrome"], Per::Mesh)], 0, vec!["it has: wall, red, gloss, lamp"]),
+        (&[meshed], 0, vec!["use `meshes`"]),
+        (
+            &[Fit { meshes: Some(vec!["box".into()]), ..of(Quantity::Albedo, &["lamp"], Per::Mesh) }],
+            0,
+            vec!["no triangle"],
+        ),
+        (&[Fit { lower: Some([-1.0; 3]), ..fit(Quantity::Albedo) }], 0, vec!["albedo: bounds -1"]),
+        (
+            &[Fit { lower: Some([0.9; 3]), upper: Some([0.1; 3]), ..fit(Quantity::Albedo) }],
+            0,
+            vec!["0.9 to 0.1"],
+        ),
+        (&[Fit { lower: Some([1.0; 3]), ..fit(Quantity::Albedo) }], 0, vec!["below 0.99"]),
+        (&[Fit { initial: Some([f64::NAN; 3]), ..fit(Quantity::Albedo) }], 0, vec!["initial albedo"]),
+        (
+            &[Fit { initial: Some([1.0; 3]), ..moving(MotionKind::Vertices, &["box"]) }],
+            0,
+            vec!["translation"],
+        ),
+        (&[Fit { max_scale: Some(0.5), ..moving(MotionKind::Scale, &["box"]) }], 0, vec!["max_scale is 0.5"]),
+    ] {
+        let (blamed, message) = refused(fits);
+        assert_eq!(blamed, at, "{message}");
+        says(&message, &parts);
+    }
+}
+
+#[test]
+fn assumptions_about_nothing_are_refused() {
+    let parameters = Parameters::new(&scene(), &[fit(Quantity::Albedo)], 1.0).expect("parameters");
+    for (term, part) in [
+        (Regulariser::Smoothness { of: Quantity::Power, weight: 1.0 }, "power is not fitted"),
+        (Regulariser::Smoothness { of: Quantity::Position, weight: 1.0 }, "laplacian"),
+        (Regulariser::Laplacian { weight: 1.0 }, "no vertices are fitted"),
+        (Regulariser::Sparsity { weight: 1.0 }, "emission is not fitted"),
+        (Regulariser::Prior { of: Quantity::Emission, value: None, weight: 1.0 }, "emission is not fitted"),
+        (Regulariser::Smoothness { of: Quantity::Albedo, weight: -1.0 }, "the weight is -1"),
+    ] {
+        let (at, message) = Regularisers::new(std::slice::from_ref(&term), &parameters).expect_err(part);
+        assert_eq!(at, 0);
+        says(&message, &[part]);
+    }
+}

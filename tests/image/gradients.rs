@@ -1,0 +1,432 @@
+//! Derivatives of pictures: colours against the transpose, places against differences of far finer pictures.
+
+use antirad::image::{GeometryGradient, ImageError, PictureOptions, Rasterizer, geometry_gradient};
+use antirad::scene::{Camera, Scene};
+use glam::{DQuat, DVec3};
+
+use crate::scenes::{Random, above, device, finish, flipped, grid, scene, square, together};
+
+/// Width and height of the pictures whose derivatives are taken.
+const SIZE: [u32; 2] = [36, 27];
+
+/// How much finer each way the pictures are that differences are taken of; each pixel with 16 x 16 samples.
+const FINE: u32 = 6;
+
+/// A loss that is linear in the pixels, with slow waves, so that differences over a part of a pixel are smooth.
+fn cotangent(width: u32, height: u32) -> Vec<[f64; 4]> {
+    let pixel = |at: u32| {
+        let (x, y) = (f64::from(at % width) / f64::from(width), f64::from(at / width) / f64::from(height));
+        [0.3, 1.7, 2.9, 4.1].map(|phase: f64| 0.7 + (4.0 * x + phase).sin() * (3.0 * y - phase).cos())
+    };
+    (0..width * height).map(pixel).collect()
+}
+
+/// What a cotangent of a picture is on one that is `times` finer each way.
+fn finer(cotangent: &[[f64; 4]], width: u32, height: u32, times: u32) -> Vec<[f64; 4]> {
+    let columns = width * times;
+    let pixel = |at: u32| {
+        let coarse = at / columns / times * width + at % columns / times;
+        cotangent[coarse as usize].map(|value| value / f64::from(times * times))
+    };
+    (0..columns * height * times).map(pixel).collect()
+}
+
+/// Something that moves at a constant speed from time 0 to 1.
+struct Motion<'a> {
+    scene: Scene,
+    colours: Vec<[f32; 3]>,
+    camera: Camera,
+    /// Of each vertex.
+    vertices: &'a (dyn Fn(usize) -> DVec3 + Sync),
+    position: DVec3,
+    target: DVec3,
+}
+
+impl<'a> Motion<'a> {
+    fn new(scene: Scene, camera: Camera, vertices: &'a (dyn Fn(usize) -> DVec3 + Sync)) -> Self {
+        let colours = Random::new(5).colours(&scene);
+        Self { scene, colours, camera, vertices, position: DVec3::ZERO, target: DVec3::ZERO }
+    }
+
+    /// The scene and the camera, so much finer, and the cotangent of its picture.
+    fn at(&self, time: f64, times: u32) -> (Scene, Camera, Vec<[f64; 4]>) {
+        let (mut scene, mut camera) = (self.scene.clone(), self.camera.clone());
+        for (number, vertex) in scene.vertices.iter_mut().enumerate() {
+            *vertex += time * (self.vertices)(number);
+        }
+        camera.position += time * self.position;
+        camera.target += time * self.target;
+        let cotangent = cotangent(camera.width, camera.height);
+        let cotangent = finer(&cotangent, camera.width, camera.height, times);
+        (camera.width, camera.height) = (camera.width * times, camera.height * times);
+        (scene, camera, cotangent)
+    }
+
+    fn loss(&self, rasterizer: &Rasterizer, time: f64) -> f64 {
+        let (scene, camera, cotangent) = self.at(time, FINE);
+        let pixels = rasterizer.coverage(&scene, &camera, 16).unwrap().pixels(&self.colours).unwrap();
+        let worth = |(pixel, worth): (&[f64; 4], &[f64; 4])| (0..4).map(|i| pixel[i] * worth[i]).sum::<f64>();
+        pixels.iter().zip(&cotangent).map(worth).sum()
+    }
+
+    fn gradient(&self, time: f64, side: u32, times: u32) -> GeometryGradient {
+        let (scene, camera, cotangent) = self.at(time, times);
+        geometry_gradient(&scene, &camera, side, &self.colours, &cotangent).unwrap()
+    }
+
+    /// The derivative of the loss with respect to time.
+    fn slope(&self, time: f64, side: u32, times: u32) -> f64 {
+        let gradient = self.gradient(time, side, times);
+        let vertices = gradient.vertices.iter().enumerate();
+        vertices.map(|(number, of_vertex)| of_vertex.dot((self.vertices)(number))).sum::<f64>()
+            + gradient.position.dot(self.position)
+            + gradient.target.dot(self.target)
+    }
+
+    /// The size of an error, which must be a number: maxima would pass over others.
+    fn error(value: f64, right: f64, size: f64) -> f64 {
+        let error = (value - right).abs() / size;
+        assert!(error.is_finite(), "{value} {right} {size}");
+        error
+    }
+
+    /// With 8 lines a pixel, all relative to the size of the slope: the mean slope over each quarter of the time against
+    /// the difference of the loss, and the slope at any time against that of far more lines.
+    fn check(&self, rasterizer: &Rasterizer, mean_bound: f64, single_bound: f64) {
+        let losses = [0.0, 0.25, 0.5, 0.75, 1.0].map(|time| self.loss(rasterizer, time));
+        let slopes: Vec<f64> = losses.windows(2).map(|pair| (pair[1] - pair[0]) / 0.25).collect();
+        let size = (slopes.iter().map(|slope| slope * slope).sum::<f64>() / 4.0).sqrt();
+        assert!(size > 1.0, "{size}");
+        let (mut of_mean, mut of_single) = (0.0, 0.0);
+        for (quarter, slope) in (0..).zip(slopes) {
+            let time = |step: u32| f64::from(quarter) / 4.0 + (f64::from(step) + 0.5) / 64.0;
+            let single: Vec<f64> = (0..16).map(|step| self.slope(time(step), 8, 1)).collect();
+            let mean = single.iter().sum::<f64>() / 16.0;
+            of_mean = f64::max(of_mean, Self::error(mean, slope, size));
+            for (step, single) in (0..).zip(single).step_by(5) {
+                let right = self.slope(time(step), 16, FINE);
+                of_single = f64::max(of_single, Self::error(single, right, size));
+            }
+        }
+        println!("mean {of_mean:.1e}, single {of_single:.1e}, of {size:.2}");
+        assert!(of_mean <= mean_bound, "{of_mean:e}");
+        assert!(of_single <= single_bound, "{of_single:e}");
+    }
+}
+
+/// Runs checks on a device under validation.
+fn on_device(checks: impl FnOnce(&Rasterizer)) {
+    let device = device();
+    let rasterizer = Rasterizer::new(&device).unwrap();
+    checks(&rasterizer);
+    drop(rasterizer);
+    finish(device);
+}
+
+fn camera() -> Camera {
+    Camera {
+        up: DVec3::new(0.1, 1.0, 0.0),
+        position: DVec3::new(0.2, 0.1, 1.2),
+        fov_x_degrees: 60.0,
+        ..above(SIZE[0], SIZE[1])
+    }
+}
+
+/// The six sides of a cube, fronts outwards: 24 vertices, 12 triangles.
+fn cube(half: f64, turn: DQuat, centre: DVec3) -> Scene {
+    let side = |normal: DVec3, across: DVec3| {
+        let up = normal.cross(across);
+        grid(1, 1, move |x, y| {
+            centre + turn * (half * (normal + (2.0 * x - 1.0) * across + (2.0 * y - 1.0) * up))
+        })
+    };
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    together(&[side(x, y), side(-x, z), side(y, z), side(-y, x), side(z, x), side(-z, y)])
+}
+
+/// A cube in the air.
+fn flying() -> Scene {
+    let turn = DQuat::from_rotation_x(0.5) * DQuat::from_rotation_y(0.7) * DQuat::from_rotation_z(0.2);
+    cube(0.2, turn, DVec3::new(-0.05, 0.05, 0.0))
+}
+
+/// Behind the cube.
+fn wall() -> Scene {
+    grid(1, 1, |x, y| DVec3::new(3.0 * x - 1.5, 3.0 * y - 1.5, -0.5 - 0.2 * x))
+}
+
+/// A cube, a wall behind it, and before it two strips, of which one shows its black back.
+fn hidden() -> Scene {
+    let strip = |low: f64, z: f64| {
+        grid(1, 1, move |x, y| DVec3::new(0.3 * x - 0.2, low + 0.1 * y + 0.03 * x, z - 0.1 * x))
+    };
+    together(&[flying(), wall(), strip(0.0, 0.5), flipped(strip(0.14, 0.4))])
+}
+
+/// Moves the first mesh, a cube, alone.
+fn cube_moves(by: DVec3) -> impl Fn(usize) -> DVec3 {
+    move |vertex| if vertex < 24 { by } else { DVec3::ZERO }
+}
+
+const FLIGHT: DVec3 = DVec3::new(0.06, 0.04, 0.05);
+
+#[test]
+fn colours_have_the_transpose_of_the_picture() {
+    on_device(|rasterizer| {
+        let scene = hidden();
+        // Several bands, and a size that is no multiple of tiles.
+        let camera = Camera { width: 701, height: 333, ..camera() };
+        let mut random = Random::new(3);
+        let colours = random.colours(&scene);
+        let worth: Vec<[f64; 4]> = (0..701 * 333).map(|_| [0; 4].map(|_| random.next() - 0.5)).collect();
+        for side in [1, 2, 8] {
+            let coverage = rasterizer.coverage(&scene, &camera, side).unwrap();
+            let pixels = coverage.pixels(&colours).unwrap();
+            let picture = coverage.picture(&colours).unwrap();
+            let options = PictureOptions { supersample: side, smooth: false };
+            assert_eq!(picture, rasterizer.render(&scene, &camera, &colours, &options).unwrap());
+
+            // Samples, one by one.
+            let samples = rasterizer.visible_samples(&scene, &camera, side).unwrap();
+            let mut alpha = vec![0u32; pixels.len()];
+            for (at, &face) in (0..).zip(&samples) {
+                let (row, column) = (at / (701 * side), at % (701 * side));
+                alpha[(row / side * 701 + column / side) as usize] += u32::from(face != u32::MAX);
+            }
+            for (pixel, alpha) in pixels.iter().zip(alpha) {
+                assert_eq!(pixel[3], f64::from(alpha) / f64::from(side * side));
+            }
+
+            let gradient = coverage.colour_gradient(&worth).unwrap();
+            assert_eq!(gradient, coverage.clone().colour_gradient(&worth).unwrap());
+            let rgb = |pixel: &[f64; 4]| DVec3::new(pixel[0], pixel[1], pixel[2]);
+            let there: f64 = pixels.iter().zip(&worth).map(|(a, b)| rgb(a).dot(rgb(b))).sum();
+            let back: f64 = gradient.iter().zip(&colours).map(|(a, b)| a.dot(b.map(f64::from).into())).sum();
+            let size: f64 = pixels.iter().zip(&worth).map(|(a, b)| rgb(a).dot(rgb(b)).abs()).sum();
+            assert!((there - back).abs() <= 1e-13 * size, "{there} {back}");
+            // Backs are black whatever their colour, and the last strip shows its back.
+            assert!(gradient[gradient.len() - 2..].iter().all(|of_back| *of_back == DVec3::ZERO));
+            assert!(gradient[gradient.len() - 4].length() > 0.0);
+        }
+    });
+}
+
+/// Whatever the lines hit, the area of a rectangle is exact, hence its derivative too.
+#[test]
+fn a_rectangle_that_grows_gains_its_area() {
+    let mut random = Random::new(9);
+    for side in [1, 2, 4, 8, 16] {
+        for _ in 0..20 {
+            let mut place = || (random.next() - 0.5) / 10.0;
+            let (centre, half) = (DVec3::new(place(), place(), 0.0), 0.5 + place());
+            let mut scene = square(half, 0.0);
+            scene.vertices.iter_mut().for_each(|vertex| *vertex += centre);
+            let camera = above(32, 32);
+            let alpha = vec![[0.0, 0.0, 0.0, 1.0]; 32 * 32];
+            let colours = Random::new(1).colours(&scene);
+            let gradient = geometry_gradient(&scene, &camera, side, &colours, &alpha).unwrap();
+            let grown: f64 =
+                gradient.vertices.iter().zip(&scene.vertices).map(|(g, &v)| g.dot(v - centre)).sum::<f64>()
+                    / half;
+            // 16 pixels a metre.
+            let expected = 8.0 * half * 16.0 * 16.0;
+            assert!((grown / expected - 1.0).abs() <= 1e-12, "{grown} {expected}");
+            let moved: DVec3 = gradient.vertices.iter().sum();
+            assert!(moved.x.abs().max(moved.y.abs()) <= 1e-12 * expected, "{moved}");
+            // Nearer by dz, larger by dz over the distance of 1 m.
+            assert!((moved.z / (2.0 * half * half * 4.0 * 256.0) - 1.0).abs() <= 0.01, "{moved}");
+        }
+    }
+}
+
+#[test]
+fn silhouettes_move_before_the_background() {
+    on_device(|rasterizer| {
+        Motion::new(flying(), camera(), &|_| FLIGHT).check(rasterizer, 2e-3, 5e-3);
+    });
+}
+
+#[test]
+fn silhouettes_move_before_other_faces() {
+    on_device(|rasterizer| {
+        let scene = together(&[flying(), wall()]);
+        Motion::new(scene, camera(), &cube_moves(FLIGHT)).check(rasterizer, 1e-3, 4e-3);
+    });
+}
+
+#[test]
+fn hidden_parts_of_edges_do_not_count() {
+    on_device(|rasterizer| {
+        Motion::new(hidden(), camera(), &cube_moves(FLIGHT)).check(rasterizer, 5e-3, 2.5e-2);
+        // What hides moves.
+        let strips = |vertex: usize| if vertex < 28 { DVec3::ZERO } else { FLIGHT };
+        Motion::new(hidden(), camera(), &strips).check(rasterizer, 7e-3, 8e-2);
+    });
+}
+
+#[test]
+fn cameras_move_and_turn() {
+    on_device(|rasterizer| {
+        let still = Motion::new(hidden(), camera(), &|_| DVec3::ZERO);
+        let by = DVec3::new(0.1, 0.05, 0.08);
+        let moving = Motion { position: by, ..still };
+        moving.check(rasterizer, 8e-3, 4e-2);
+        Motion { position: DVec3::ZERO, target: by, ..moving }.check(rasterizer, 5e-3, 4e-2);
+    });
+}
+
+#[test]
+fn edges_between_colours_move() {
+    on_device(|rasterizer| {
+        let surface = grid(3, 3, |x, y| DVec3::new(x / 3.0 - 0.5, y / 3.0 - 0.5, 0.1 * x));
+        let one = |vertex: usize| if vertex == 5 { 2.0 * FLIGHT } else { DVec3::ZERO };
+        Motion::new(surface, camera(), &one).check(rasterizer, 2e-3, 4e-3);
+    });
+}
+
+#[test]
+fn what_is_outside_of_the_picture_does_not_count() {
+    on_device(|rasterizer| {
+        let scene = together(&[flying(), wall()]);
+        let close = Camera { fov_x_degrees: 25.0, ..camera() };
+        Motion::new(scene, close, &cube_moves(FLIGHT)).check(rasterizer, 1e-3, 8e-3);
+    });
+}
+
+#[test]
+fn edges_reach_from_behind_the_camera_to_the_horizon() {
+    on_device(|rasterizer| {
+        let floor = grid(3, 3, |x, y| DVec3::new(x * 4.0 - 6.0, -1.0, 3.0 - y * 2.0));
+        let camera = Camera { target: DVec3::new(0.2, -0.3, 0.0), ..above(SIZE[0], SIZE[1]) };
+        Motion::new(floor, camera, &|_| DVec3::new(0.3, -0.1, 0.2)).check(rasterizer, 1.5e-3, 8e-3);
+    });
+}
+
+#[test]
+fn faces_pass_through_each_other() {
+    on_device(|rasterizer| {
+        let mut sunk = flying();
+        sunk.vertices.iter_mut().for_each(|vertex| vertex.z -= 0.6);
+        let scene = together(&[sunk, wall()]);
+        let out = cube_moves(DVec3::new(0.02, 0.03, 0.1));
+        Motion::new(scene.clone(), camera(), &out).check(rasterizer, 1.5e-3, 2e-2);
+        let into = |vertex: usize| if vertex < 24 { DVec3::ZERO } else { DVec3::new(0.0, 0.0, 0.05) };
+        Motion::new(scene, camera(), &into).check(rasterizer, 1.5e-3, 2.5e-2);
+    });
+}
+
+/// A cube on a floor: its lowest edges lie in the plane of the floor.
+#[test]
+fn a_cube_slides_on_a_floor() {
+    on_device(|rasterizer| {
+        let floor = grid(1, 1, |x, y| DVec3::new(4.0 * x - 2.0, -0.2, 2.0 - 4.0 * y));
+        let scene = together(&[cube(0.2, DQuat::from_rotation_y(0.3), DVec3::ZERO), floor]);
+        let slide = cube_moves(DVec3::new(0.07, 0.0, 0.05));
+        let camera = Camera { position: DVec3::new(0.2, 0.5, 1.1), ..camera() };
+        Motion::new(scene, camera, &slide).check(rasterizer, 3e-3, 1.5e-2);
+    });
+}
+
+#[test]
+fn random_triangles_move_all_at_once() {
+    on_device(|rasterizer| {
+        let mut random = Random::new(7);
+        // All around the camera: some cross its plane, some are behind it.
+        let mut point = |size: f64| DVec3::from_array([0; 3].map(|_| (random.next() - 0.5) * size));
+        let mut vertices = Vec::new();
+        for _ in 0..80 {
+            let centre = point(6.0);
+            vertices.extend([0; 3].map(|_| centre + point(2.5)));
+        }
+        let velocity: Vec<DVec3> = vertices.iter().map(|_| point(0.2)).collect();
+        let triangles: Vec<[u32; 3]> = (0..80).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let scene = scene(vertices, &triangles);
+        let camera = Camera {
+            target: DVec3::X,
+            fov_x_degrees: 100.0,
+            position: DVec3::splat(0.1),
+            ..above(SIZE[0], SIZE[1])
+        };
+        let velocities = |vertex: usize| velocity[vertex];
+        let by = DVec3::new(-0.05, 0.08, 0.03);
+        Motion { position: by, ..Motion::new(scene, camera, &velocities) }.check(rasterizer, 1.5e-2, 8e-2);
+    });
+}
+
+/// Joints of a surface of one colour do not show, however they lie: of faces with common vertices, with vertices of their
+/// own, and of unlike sizes, near the origin and far from it.
+#[test]
+fn joints_of_one_colour_have_no_derivative() {
+    let tilt = DQuat::from_rotation_x(0.7) * DQuat::from_rotation_z(0.4);
+    for offset in [DVec3::ZERO, DVec3::new(1e4, -2e4, 3e4)] {
+        let half = |columns: u32, rows: u32, left: f64| {
+            let (width, height) = (f64::from(columns), f64::from(rows));
+            grid(columns, rows, move |x, y| {
+                offset + tilt * DVec3::new(left + 0.4 * x / width, 0.8 * y / height - 0.4, 0.0)
+            })
+        };
+        let surface = together(&[half(7, 9, -0.4), half(5, 13, 0.0)]);
+        let apart = surface.triangles.iter().flat_map(|t| t.vertices.map(|v| surface.vertices[v as usize]));
+        let own = scene(
+            apart.collect(),
+            &(0..surface.triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect::<Vec<_>>(),
+        );
+        let place = above(SIZE[0], SIZE[1]);
+        let camera = Camera { position: place.position + offset, target: place.target + offset, ..place };
+        let cotangent = cotangent(SIZE[0], SIZE[1]);
+        for scene in [&surface, &own] {
+            let colours = vec![[0.9f32, 0.5, 0.2]; scene.triangles.len()];
+            let gradient = geometry_gradient(scene, &camera, 8, &colours, &cotangent).unwrap();
+            let mut outline = 0;
+            for (of_vertex, &vertex) in gradient.vertices.iter().zip(&scene.vertices) {
+                let at = tilt.inverse() * (vertex - offset);
+                let inside = at.x.abs().max(at.y.abs()) < 0.399;
+                outline += usize::from(of_vertex.length() > 0.1);
+                assert!(!inside || *of_vertex == DVec3::ZERO, "{at} {of_vertex}");
+            }
+            assert!(outline > 20, "{outline}");
+        }
+    }
+}
+
+/// Nothing changes if all moves together; and nothing but the input decides the result, to the last bit.
+#[test]
+fn the_whole_does_not_matter_and_neither_do_threads() {
+    let still = Motion::new(hidden(), camera(), &|_| DVec3::ZERO);
+    let gradient = still.gradient(0.0, 8, 1);
+    let sum = gradient.vertices.iter().sum::<DVec3>() + gradient.position + gradient.target;
+    let size: f64 = gradient.vertices.iter().map(|of_vertex| of_vertex.length()).sum();
+    assert!(sum.length() <= 1e-13 * size, "{sum} {size}");
+    for threads in [1, 2, 5] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        assert_eq!(pool.install(|| still.gradient(0.0, 8, 1)), gradient);
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    on_device(|rasterizer| {
+        let (scene, camera) = (square(1.0, 0.0), above(8, 8));
+        let (colours, worth) = ([[1.0; 3]; 2], [[1.0; 4]; 64]);
+        let coverage = rasterizer.coverage(&scene, &camera, 2).unwrap();
+        assert_eq!((coverage.width(), coverage.height()), (8, 8));
+        let error = coverage.pixels(&colours[1..]).unwrap_err();
+        assert!(matches!(error, ImageError::Colours { given: 1, wanted: 2 }));
+        let error = coverage.colour_gradient(&worth[1..]).unwrap_err();
+        assert!(matches!(error, ImageError::CotangentLength { given: 63, wanted: 64 }));
+        let error = geometry_gradient(&scene, &camera, 2, &colours, &worth[1..]).unwrap_err();
+        assert!(matches!(error, ImageError::CotangentLength { given: 63, wanted: 64 }));
+        let error = geometry_gradient(&scene, &camera, 2, &colours[1..], &worth).unwrap_err();
+        assert!(matches!(error, ImageError::Colours { given: 1, wanted: 2 }));
+        let error = geometry_gradient(&scene, &camera, 3, &colours, &worth).unwrap_err();
+        assert!(matches!(error, ImageError::Supersample(3)));
+        for wrong in [f64::NAN, f64::INFINITY] {
+            let mut worth = worth;
+            worth[5][2] = wrong;
+            let error = coverage.colour_gradient(&worth).unwrap_err();
+            assert!(matches!(error, ImageError::CotangentNotFinite { pixel: 5 }));
+            let error = geometry_gradient(&scene, &camera, 2, &colours, &worth).unwrap_err();
+            assert!(matches!(error, ImageError::CotangentNotFinite { pixel: 5 }));
+        }
+    });
+}
