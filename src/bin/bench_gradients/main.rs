@@ -78,7 +78,7 @@ struct Interrupted;
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    cli::start_logging(arguments.quiet, arguments.verbose);
+    cli::start_logging(arguments.quiet, arguments.verbose, false);
     let interrupt = Interrupt::catch();
     let result = match &arguments.cost {
         Some(scene) => cost::run(&arguments, scene, &interrupt),

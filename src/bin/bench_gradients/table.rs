@@ -1,7 +1,7 @@
 //! The errors as a table and as plots.
 
 use crate::kind::Kind;
-use antirad::cli::{Curve, LogLogPlot};
+use antirad::cli::{Curve, LogPlot};
 use antirad::output::{OutputError, atomic_write};
 use std::path::Path;
 
@@ -92,11 +92,12 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
     let panels = [Kind::Emission, Kind::Albedo, Kind::Centroid];
     let draw = |title: &str, curves: Vec<Curve>, file: &str| match curves.is_empty() {
         true => Ok(()),
-        false => LogLogPlot {
+        false => LogPlot {
             title: title.to_owned(),
             x: "step ε, relative to the size of the parameter".to_owned(),
             y: "e(ε) = |fd - ∇| / (|fd| + |∇|)".to_owned(),
             curves,
+            linear_x: false,
         }
         .write(&directory.join(file)),
     };
