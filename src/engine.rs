@@ -1,9 +1,12 @@
 //! The engine: a planned scene on a device, solved.
 
 use crate::gpu::{Device, GpuError};
-use crate::plan::{Limits, PADDING, Plan, PlanError, PlannedSolver};
+use crate::plan::{Limits, PADDING, Plan, PlanError, PlannedSolver, Residency};
 use crate::scene::{Accuracy, Material, Scene};
-use crate::solve::{FixedPointParams, GmresParams, Progress, SolveError, SolveInfo, fixed_point, gmres};
+use crate::solve::{
+    FixedPointParams, GmresParams, LightOperator, Progress, SolveError, SolveInfo, fixed_point_from,
+    gmres_from,
+};
 use crate::transport::{Adjoint, Operators, SceneBuffers, State, TransportError, Watcher};
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -88,6 +91,8 @@ pub struct Solution {
     pub energy: Energy,
     pub negative: Negative,
     pub(crate) state: State,
+    /// Of the values in the state.
+    arrangement: Vec<u32>,
 }
 
 /// A planned scene on a device.
@@ -201,13 +206,35 @@ impl Engine {
         params: &SolveParams,
         progress: &mut Progress,
     ) -> Result<Solution, EngineError> {
+        self.solve_from(None, params, progress)
+    }
+
+    /// The same, beginning at the solution of a scene that is much like this one (a few parameters have changed, a vertex
+    /// has moved), which takes fewer passes. From darkness if the plan of that scene puts triangles in another order.
+    pub fn solve_from(
+        &mut self,
+        start: Option<&Solution>,
+        params: &SolveParams,
+        progress: &mut Progress,
+    ) -> Result<Solution, EngineError> {
         let SolveParams { tolerance, max_passes } = *params;
+        let arrangement = self.arrangement();
+        let guess = match start.filter(|start| start.arrangement == arrangement) {
+            Some(start) => {
+                let mut guess = self.operators.vector()?;
+                self.operators.combine(1.0, &start.state, 0.0, &mut guess)?;
+                Some(guess)
+            }
+            None => None,
+        };
         let (state, info) = match self.plan().solver {
             PlannedSolver::FixedPoint => {
-                fixed_point(&mut self.operators, &FixedPointParams { tolerance, max_passes }, progress)?
+                let params = FixedPointParams { tolerance, max_passes };
+                fixed_point_from(&mut self.operators, guess, &params, progress)?
             }
             PlannedSolver::Gmres { restart } => {
-                gmres(&mut self.operators, &GmresParams { tolerance, max_passes, restart }, progress)?
+                let params = GmresParams { tolerance, max_passes, restart };
+                gmres_from(&mut self.operators, guess, &params, progress)?
             }
         };
         let irradiance = self.to_scene_order(&self.operators.irradiance(&state)?);
@@ -218,7 +245,21 @@ impl Engine {
             triangles: lowest.clone().filter(|&h| h < 0.0).count(),
             minimum: lowest.fold(0.0, f64::min),
         };
-        Ok(Solution { irradiance, radiosity, info, energy, negative, state })
+        Ok(Solution { irradiance, radiosity, info, energy, negative, state, arrangement })
+    }
+
+    /// Where which values of a state stand: states of the same arrangement can be added.
+    fn arrangement(&self) -> Vec<u32> {
+        let plan = self.plan();
+        let pages = plan
+            .layout
+            .groups
+            .iter()
+            .flat_map(|group| [group.tiles.start, group.tiles.end, u32::from(group.class.has_bins())]);
+        let precision = plan.accuracy.precision.bytes() as u32;
+        let resident = u32::from(plan.residency == Residency::Device);
+        let bins = [plan.bins.count() as u32, plan.channels, precision, resident];
+        bins.into_iter().chain(pages).chain(plan.layout.order.iter().copied()).collect()
     }
 
     /// Radiance that each triangle of the scene sends to a point (metres), RGB, W/(m² sr): what the operator S reads.

@@ -2,7 +2,7 @@
 
 use super::checkpoint::{CheckpointError, Checkpoints, Identity};
 use super::loss::{Loss, LossKind, PictureLoss};
-use super::optimiser::{Adam, LeastSquares, Optimiser, QuasiNewton, Step, StepError};
+use super::optimiser::{Adam, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOptions, Step, StepError};
 use super::parameters::{ParameterError, Parameters, Recovered};
 use super::problem::Problem;
 use super::regulariser::Regularisers;
@@ -53,6 +53,10 @@ impl From<RenderError> for FitError {
         Self::Render(error)
     }
 }
+
+/// What a solve's residual does to the loss, in its share: the solve stops somewhere below its tolerance, and the same
+/// way at points that are near.
+const NOISE_OF_TOLERANCE: f64 = 0.1;
 
 /// Iterations over which a decrease is judged: a single one may be small by chance, and Adam goes up and down.
 const DECREASE_OVER: usize = 5;
@@ -264,7 +268,10 @@ impl Job {
             OptimiserKind::Adam => Optimiser::Adam(Adam::new(x, bounds, self.settings.adam)),
             OptimiserKind::LeastSquares => Optimiser::LeastSquares(LeastSquares::new(x, bounds)),
             OptimiserKind::QuasiNewton | OptimiserKind::Auto => {
-                Optimiser::QuasiNewton(QuasiNewton::new(x, bounds, self.settings.quasi_newton))
+                let tolerance = self.problem.parameters.base().accuracy.tolerance;
+                let noise = self.settings.noise.unwrap_or(NOISE_OF_TOLERANCE * tolerance);
+                let options = QuasiNewtonOptions { noise, ..self.settings.quasi_newton };
+                Optimiser::QuasiNewton(QuasiNewton::new(x, bounds, options))
             }
         }
     }

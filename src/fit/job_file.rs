@@ -442,8 +442,9 @@ impl OptimiserTable {
         settings.quasi_newton = QuasiNewtonOptions {
             memory: self.memory.unwrap_or(newton.memory),
             first_step: self.first_step.unwrap_or(newton.first_step),
-            noise: self.noise.unwrap_or(newton.noise),
+            ..newton
         };
+        settings.noise = self.noise;
         settings.adam =
             AdamOptions { learning_rate: self.learning_rate.unwrap_or(adam.learning_rate), ..adam };
         Ok(())

@@ -50,6 +50,9 @@ pub struct Settings {
     pub regularisers: Vec<Regulariser>,
     pub optimiser: OptimiserKind,
     pub quasi_newton: QuasiNewtonOptions,
+    /// Rounding of the loss, relative; `None`: a tenth of the tolerance of solves. Takes the place of that in
+    /// [`Self::quasi_newton`].
+    pub noise: Option<f64>,
     pub adam: AdamOptions,
     pub supersample: u32,
     /// Relative residual of solves; `None`: that of the scene, or 1e-5 if that is less.
@@ -66,6 +69,7 @@ impl Settings {
             regularisers: Vec::new(),
             optimiser: OptimiserKind::default(),
             quasi_newton: QuasiNewtonOptions::default(),
+            noise: None,
             adam: AdamOptions::default(),
             supersample: PictureOptions::default().supersample,
             tolerance: None,

@@ -15,20 +15,37 @@ pub fn fixed_point<O: LightOperator>(
     params: &FixedPointParams,
     progress: &mut Progress,
 ) -> Result<(O::Vector, SolveInfo), SolveError<O::Error>> {
+    fixed_point_from(operator, None, params, progress)
+}
+
+/// The same from a first guess rather than from darkness.
+pub fn fixed_point_from<O: LightOperator>(
+    operator: &mut O,
+    guess: Option<O::Vector>,
+    params: &FixedPointParams,
+    progress: &mut Progress,
+) -> Result<(O::Vector, SolveInfo), SolveError<O::Error>> {
     let mut watch = Watch::new(params.tolerance, params.max_passes, progress);
-    let mut old = operator.vector()?;
+    let guessed = guess.is_some();
+    let mut old = match guess {
+        Some(guess) => guess,
+        None => operator.vector()?,
+    };
     let mut new = operator.vector()?;
-    operator.pass(None, true, &mut old)?;
-    if operator.magnitude(&old)? == 0.0 {
-        watch.pass(0.0)?;
-        return Ok((old, watch.info()));
+    if !guessed {
+        operator.pass(None, true, &mut old)?;
+        if operator.magnitude(&old)? == 0.0 {
+            watch.pass(0.0)?;
+            return Ok((old, watch.info()));
+        }
+        watch.pass(1.0)?;
     }
-    watch.pass(1.0)?;
     loop {
         operator.pass(Some(&old), true, &mut new)?;
         let size = operator.magnitude(&new)?;
         operator.combine(1.0, &new, -1.0, &mut old)?;
-        let residual = operator.magnitude(&old)? / size;
+        let change = operator.magnitude(&old)?;
+        let residual = if size > 0.0 { change / size } else { change };
         std::mem::swap(&mut old, &mut new);
         watch.pass(residual)?;
         if watch.converged(residual) {

@@ -3,8 +3,8 @@
 mod fixed_point;
 mod gmres;
 
-pub use fixed_point::{FixedPointParams, fixed_point};
-pub use gmres::{GmresParams, gmres, gmres_scratch};
+pub use fixed_point::{FixedPointParams, fixed_point, fixed_point_from};
+pub use gmres::{GmresParams, gmres, gmres_from, gmres_scratch};
 
 use std::ops::ControlFlow;
 

@@ -147,9 +147,10 @@ impl Bench<'_> {
                 return Ok(Values::of(engine, solution, eyes)?);
             }
             let mut engine = loss::engine(self.device, &scene, Wanted::NOTHING)?;
-            let solution = engine.solve_with(&loss::params(), &mut |_, _| self.interrupt.flow())?;
+            let moved =
+                engine.solve_from(Some(solution), &loss::params(), &mut |_, _| self.interrupt.flow())?;
             bar.inc(SOLVE_COST);
-            Ok(Values::of(&mut engine, &solution, eyes)?)
+            Ok(Values::of(&mut engine, &moved, eyes)?)
         };
         let mut difference = |by: DVec3| -> Result<DVec3, Box<dyn Error>> {
             Ok(loss.of_difference(&at(by)?, &at(-by)?) / (2.0 * step))

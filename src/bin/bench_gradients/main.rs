@@ -89,7 +89,7 @@ fn main() -> ExitCode {
         Err(error) => {
             eprintln!("bench_gradients: {error}");
             // A solve that Ctrl-C stopped has an error of its own.
-            ExitCode::from(if interrupt.is_set() { cli::EXIT_INTERRUPTED } else { cli::EXIT_FAILURE })
+            ExitCode::from(if interrupt.is_set() { interrupt.exit_code() } else { cli::EXIT_FAILURE })
         }
     }
 }

@@ -5,7 +5,7 @@ use super::{Bounds, Objective, Point, StepError, dot};
 /// Sufficient decrease, and how much flatter the end must be: the usual values for quasi-Newton methods.
 const DECREASE: f64 = 1e-4;
 const FLATTER: f64 = 0.9;
-const MAX_EVALUATIONS: u32 = 25;
+const MAX_EVALUATIONS: u32 = 15;
 /// An interval is cut no closer to its ends than this share.
 const MARGIN: f64 = 0.1;
 
@@ -66,12 +66,14 @@ impl Line<'_> {
         let mut high: Option<(f64, Option<End>)> = None;
         let mut step = first.min(self.longest);
         while evaluations < MAX_EVALUATIONS {
-            evaluations += 1;
             let x = self.at(step);
-            if x == self.from.x {
-                // Shorter than rounding.
+            // Shorter than rounding, or, the first step having failed, with less to gain than rounding hides: every
+            // further evaluation would be wasted.
+            let gain = -start.slope * step;
+            if x == self.from.x || (evaluations > 0 && gain <= self.noise * start.value.abs()) {
                 break;
             }
+            evaluations += 1;
             let Some(point) = Point::evaluate(x, objective)? else {
                 high = Some((step, None));
                 step = low.step + (step - low.step) / 4.0;
