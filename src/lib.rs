@@ -42,6 +42,7 @@ pub mod fit;
 pub mod gpu;
 mod gradients;
 pub mod image;
+mod input;
 pub mod output;
 pub mod plan;
 pub mod reference;
@@ -49,6 +50,7 @@ pub mod scene;
 pub mod shaders;
 pub mod solve;
 pub mod transport;
+pub mod warnings;
 
 pub use engine::{Energy, Engine, EngineError, Negative, Solution, SolveParams};
 pub use gradients::{Cotangent, Gradients, MaterialGradients};

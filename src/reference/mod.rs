@@ -7,6 +7,7 @@ mod near_field;
 mod observation;
 mod operator;
 mod reflection;
+mod scenes;
 mod transport;
 
 pub use adjoint::{Adjoint, observe_adjoint, reflect_adjoint, transport_adjoint};
@@ -17,6 +18,7 @@ pub use geometry::{Facet, orthonormal_basis};
 pub use near_field::{QUARTER_RANGE, far_share, projected_solid_angle};
 pub use observation::observe;
 pub use reflection::{emission, reflect};
+pub use scenes::Plates;
 pub use transport::transport;
 
 use crate::plan::{Bins, Class, classify};

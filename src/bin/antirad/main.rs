@@ -1,8 +1,10 @@
 //! The command-line tool `antirad`.
 
+mod check;
 mod devices;
 mod fit;
 mod plan;
+mod refine;
 mod render;
 mod report;
 mod settings;
@@ -30,6 +32,8 @@ const EXAMPLES: &str = "Examples:
   antirad render bunny.obj --bins concentric:12 --tolerance 1e-3
   antirad fit jobs/ --output out/fits --resume
   antirad plan scenes/statue.toml --memory-budget 256MiB
+  antirad check scenes/two_rooms.toml
+  antirad refine scenes/two_rooms.toml --output out/fine
   antirad devices";
 
 #[derive(Subcommand)]
@@ -38,6 +42,10 @@ enum Command {
     Render(render::Arguments),
     /// Fit scenes to pictures: jobs, one or many
     Fit(fit::Arguments),
+    /// List what of a scene will come out wrong, with the triangles to blame, without solving
+    Check(check::Arguments),
+    /// Cut triangles where the warnings of `check` ask for it, and write the finer scene
+    Refine(refine::Arguments),
     /// Print what a solve would take, without touching a device
     Plan(plan::Arguments),
     /// List Vulkan devices, with what antirad needs of each
@@ -66,6 +74,8 @@ fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Render(render) => render::run(&render, arguments.quiet, arguments.verbose, &interrupt),
         Command::Fit(fit) => fit::run(&fit, arguments.quiet, arguments.verbose, &interrupt),
+        Command::Check(check) => check::run(&check),
+        Command::Refine(refine) => refine::run(&refine, arguments.quiet),
         Command::Plan(plan) => plan::run(&plan),
         Command::Devices => devices::run(),
     };
