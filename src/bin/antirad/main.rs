@@ -2,9 +2,11 @@
 
 mod ambiguity;
 mod cameras;
+mod check;
 mod devices;
 mod fit;
 mod plan;
+mod refine;
 mod render;
 mod report;
 mod settings;
@@ -33,6 +35,8 @@ const EXAMPLES: &str = "Examples:
   antirad fit jobs/ --output out/fits --resume
   antirad ambiguity scenes/two_rooms.toml --camera main
   antirad plan scenes/statue.toml --memory-budget 256MiB
+  antirad check scenes/two_rooms.toml
+  antirad refine scenes/two_rooms.toml --output out/fine
   antirad devices";
 
 #[derive(Subcommand)]
@@ -43,6 +47,10 @@ enum Command {
     Fit(fit::Arguments),
     /// What pictures of a scene leave open: which other lights would look the same
     Ambiguity(ambiguity::Arguments),
+    /// List what of a scene will come out wrong, with the triangles to blame, without solving
+    Check(check::Arguments),
+    /// Cut triangles where the warnings of `check` ask for it, and write the finer scene
+    Refine(refine::Arguments),
     /// Print what a solve would take, without touching a device
     Plan(plan::Arguments),
     /// List Vulkan devices, with what antirad needs of each
@@ -72,6 +80,8 @@ fn main() -> ExitCode {
         Command::Render(render) => render::run(&render, arguments.quiet, arguments.verbose, &interrupt),
         Command::Fit(fit) => fit::run(&fit, arguments.quiet, arguments.verbose, &interrupt),
         Command::Ambiguity(ambiguity) => ambiguity::run(&ambiguity, arguments.quiet, &interrupt),
+        Command::Check(check) => check::run(&check),
+        Command::Refine(refine) => refine::run(&refine, arguments.quiet),
         Command::Plan(plan) => plan::run(&plan),
         Command::Devices => devices::run(),
     };
