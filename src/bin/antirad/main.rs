@@ -1,5 +1,7 @@
 //! The command-line tool `antirad`.
 
+mod ambiguity;
+mod cameras;
 mod check;
 mod devices;
 mod fit;
@@ -31,6 +33,7 @@ const EXAMPLES: &str = "Examples:
   antirad render scenes/cornell_boxes.toml --output out/cornell
   antirad render bunny.obj --bins concentric:12 --tolerance 1e-3
   antirad fit jobs/ --output out/fits --resume
+  antirad ambiguity scenes/two_rooms.toml --camera main
   antirad plan scenes/statue.toml --memory-budget 256MiB
   antirad check scenes/two_rooms.toml
   antirad refine scenes/two_rooms.toml --output out/fine
@@ -42,6 +45,8 @@ enum Command {
     Render(render::Arguments),
     /// Fit scenes to pictures: jobs, one or many
     Fit(fit::Arguments),
+    /// What pictures of a scene leave open: which other lights would look the same
+    Ambiguity(ambiguity::Arguments),
     /// List what of a scene will come out wrong, with the triangles to blame, without solving
     Check(check::Arguments),
     /// Cut triangles where the warnings of `check` ask for it, and write the finer scene
@@ -74,6 +79,7 @@ fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Render(render) => render::run(&render, arguments.quiet, arguments.verbose, &interrupt),
         Command::Fit(fit) => fit::run(&fit, arguments.quiet, arguments.verbose, &interrupt),
+        Command::Ambiguity(ambiguity) => ambiguity::run(&ambiguity, arguments.quiet, &interrupt),
         Command::Check(check) => check::run(&check),
         Command::Refine(refine) => refine::run(&refine, arguments.quiet),
         Command::Plan(plan) => plan::run(&plan),
