@@ -10,7 +10,7 @@ use antirad::scene::{Accuracy, BinLayout, Material, Scene, SceneBuilder, Shape, 
 use glam::{DAffine3, DQuat, DVec3};
 use proptest::prelude::*;
 use proptest::test_runner::{FileFailurePersistence, RngSeed};
-use std::sync::OnceLock;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use support::{areas, relative_l2, solve, solve_within};
 
 fn config(cases: u32) -> ProptestConfig {
@@ -27,12 +27,15 @@ fn config(cases: u32) -> ProptestConfig {
     }
 }
 
-/// One for all cases: its kernels are compiled once.
-fn device() -> &'static Device {
-    static DEVICE: OnceLock<Device> = OnceLock::new();
-    DEVICE.get_or_init(|| {
-        Device::new(&DeviceOptions { validation: true, ..DeviceOptions::default() }).expect("a Vulkan device")
-    })
+/// One for all cases, so that its kernels are compiled once, and for one test at a time: an engine counts what its device
+/// allocates meanwhile.
+fn device() -> MutexGuard<'static, Device> {
+    static DEVICE: OnceLock<Mutex<Device>> = OnceLock::new();
+    let device = DEVICE.get_or_init(|| {
+        let options = DeviceOptions { validation: true, ..DeviceOptions::default() };
+        Mutex::new(Device::new(&options).expect("a Vulkan device"))
+    });
+    device.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Any material; of glossy ones with the energy-conserving factor.
@@ -79,25 +82,37 @@ fn thing() -> impl Strategy<Value = (Shape, DAffine3)> {
 }
 
 /// A closed room with up to two closed things that do not touch, and some light.
-fn scene() -> impl Strategy<Value = Scene> {
+#[derive(Clone, Debug)]
+struct Recipe {
+    cells: u32,
+    walls: Material,
+    light: [f64; 3],
+    /// With the corner of the room that each is in.
+    things: Vec<(u32, (Shape, DAffine3), Material)>,
+}
+
+fn recipe() -> impl Strategy<Value = Recipe> {
     let things = prop::collection::vec((0u32..8, thing(), material()), 0..3);
-    (2u32..4, material(), prop::array::uniform3(0.1..5.0), things).prop_map(
-        |(cells, walls, light, things)| {
-            let mut builder = SceneBuilder::new();
-            let walls = Material { emission: light, ..walls };
-            builder.shape("room", Shape::Room { cells }, &walls, DAffine3::IDENTITY);
-            let mut taken = [false; 8];
-            for (corner, (shape, place), material) in things {
-                if !std::mem::replace(&mut taken[corner as usize], true) {
-                    let at =
-                        DVec3::new(f64::from(corner & 1), f64::from(corner >> 1 & 1), f64::from(corner >> 2));
-                    let there = DAffine3::from_translation(0.25 + 0.5 * at);
-                    builder.shape("thing", shape, &material, there * place);
-                }
+    (2u32..4, material(), prop::array::uniform3(0.1..5.0), things)
+        .prop_map(|(cells, walls, light, things)| Recipe { cells, walls, light, things })
+}
+
+impl Recipe {
+    fn scene(&self) -> Scene {
+        let mut builder = SceneBuilder::new();
+        let walls = Material { emission: self.light, ..self.walls.clone() };
+        builder.shape("room", Shape::Room { cells: self.cells }, &walls, DAffine3::IDENTITY);
+        let mut taken = [false; 8];
+        for &(corner, (shape, place), ref material) in &self.things {
+            if !std::mem::replace(&mut taken[corner as usize], true) {
+                let at =
+                    DVec3::new(f64::from(corner & 1), f64::from(corner >> 1 & 1), f64::from(corner >> 2));
+                let there = DAffine3::from_translation(0.25 + 0.5 * at);
+                builder.shape("thing", shape, material, there * place);
             }
-            builder.finish("random").expect("a scene")
-        },
-    )
+        }
+        builder.finish("random").expect("a scene")
+    }
 }
 
 fn tight(scene: &Scene) -> Accuracy {
@@ -109,8 +124,9 @@ proptest! {
 
     /// What is absorbed is at most what is emitted, but for the error of meshes as coarse as these: 2 %.
     #[test]
-    fn energy_is_not_created(scene in scene()) {
-        let (_engine, solution) = solve(device(), &scene, &scene.accuracy);
+    fn energy_is_not_created(recipe in recipe()) {
+        let (device, scene) = (device(), recipe.scene());
+        let (_engine, solution) = solve(&device, &scene, &scene.accuracy);
         prop_assert!(solution.irradiance.iter().chain(&solution.radiosity).flatten().all(|h| h.is_finite()));
         for c in 0..3 {
             let share = solution.energy.absorbed[c] / solution.energy.emitted[c];
@@ -127,14 +143,15 @@ proptest! {
 
     /// Light of two lamps is the sum of the light of each.
     #[test]
-    fn light_is_linear_in_emission(scene in scene(), other in prop::array::uniform3(0.1..5.0), factor in 0.1..10.0) {
+    fn light_is_linear_in_emission(recipe in recipe(), other in prop::array::uniform3(0.1..5.0), factor in 0.1..10.0) {
+        let (device, scene) = (device(), recipe.scene());
         let accuracy = tight(&scene);
         let irradiance = |emission: &dyn Fn(usize, [f64; 3]) -> [f64; 3]| {
             let mut lit = scene.clone();
             for (k, m) in lit.materials.iter_mut().enumerate() {
                 m.emission = emission(k, m.emission);
             }
-            solve(device(), &lit, &accuracy).1.irradiance.clone()
+            solve(&device, &lit, &accuracy).1.irradiance.clone()
         };
         // The walls are the first material.
         let walls = |k: usize, _| if k == 0 { other } else { [0.0; 3] };
@@ -150,11 +167,12 @@ proptest! {
 
     /// Pairs of tiles that are left out say nothing.
     #[test]
-    fn culling_changes_nothing(scene in scene(), concentric in any::<bool>()) {
+    fn culling_changes_nothing(recipe in recipe(), concentric in any::<bool>()) {
+        let (device, scene) = (device(), recipe.scene());
         let bins = if concentric { BinLayout::Concentric { n: 8 } } else { scene.accuracy.bins };
         let accuracy = Accuracy { bins, ..tight(&scene) };
-        let usual = Limits { tile: 32, ..Limits::of(device()) };
-        let run = |cull| solve_within(device(), &scene, &accuracy, &Limits { cull, ..usual }).1.irradiance.clone();
+        let usual = Limits { tile: 32, ..Limits::of(&device) };
+        let run = |cull| solve_within(&device, &scene, &accuracy, &Limits { cull, ..usual }).1.irradiance.clone();
         let error = relative_l2(&run(true), &run(false), &areas(&scene));
         prop_assert!(error <= 1e-5, "{error:e}");
     }
@@ -167,7 +185,7 @@ proptest! {
     /// says would do does.
     #[test]
     fn plans_keep_to_their_budget(
-        scene in scene(),
+        recipe in recipe(),
         budget in (12.0..31.0f64).prop_map(|bits| bits.exp2() as u64),
         max_buffer in (14.0..28.0f64).prop_map(|bits| bits.exp2() as u64),
         page in (10.0..28.0f64).prop_map(|bits| bits.exp2() as u64),
@@ -177,6 +195,7 @@ proptest! {
         solver in prop_oneof![Just(SolverChoice::Auto), Just(SolverChoice::FixedPoint), Just(SolverChoice::Gmres)],
         n in 1u32..8,
     ) {
+        let scene = recipe.scene();
         let accuracy = Accuracy { bins: BinLayout::Concentric { n: 2 * n }, solver, ..scene.accuracy };
         let limits = Limits {
             memory_budget: budget,

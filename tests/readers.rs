@@ -137,3 +137,19 @@ fn scenes() {
 fn jobs() {
     read_all(Reader::Job, "job");
 }
+
+/// They would give bytes without end.
+#[test]
+#[cfg(unix)]
+fn devices_are_no_files() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let refused = |name: &str, text: &str| {
+        let file = folder.path().join(name);
+        std::fs::write(&file, text).expect("a file");
+        let error =
+            antirad::scene::Scene::load(&file, &Default::default()).expect_err("a device").to_string();
+        assert!(error.contains("a device or a pipe") && error.contains(":1: "), "{error}");
+    };
+    refused("s.toml", "mesh = [{ path = \"/dev/zero\" }]\n");
+    refused("m.obj", "mtllib /dev/zero\nv 0 0 0\n");
+}
