@@ -105,3 +105,24 @@ fn a_render_warns_of_what_makes_it_useless() {
     let kinds = report["accuracy_warnings"].as_array().expect("warnings").iter().map(|w| &w["kind"]);
     assert!(kinds.clone().any(|kind| kind == "negative_irradiance"), "{report}");
 }
+
+/// Work of the host alone stops as soon as that of a device.
+#[test]
+#[cfg(unix)]
+fn an_interrupted_refinement_ends_soon_and_writes_nothing() {
+    use std::process::{Command, Stdio};
+    use std::time::{Duration, Instant};
+    let fine = plates(8).replace("kind = \"slab\", cells = 4", "kind = \"slab\", cells = 40");
+    let folder = Folder::with(&[("plates.toml", &fine)]);
+    let mut tool = folder.tool(["refine", "plates.toml", "--output", "out"]);
+    let child = tool.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
+    std::thread::sleep(Duration::from_millis(700));
+    let sent = Instant::now();
+    assert!(
+        Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill runs").success()
+    );
+    let run = crate::Run::from(child.wait_with_output().expect("the tool ends"));
+    assert_eq!(run.code, Some(130), "{run:?}");
+    assert!(run.stderr.ends_with("antirad: interrupted; nothing was written\n"), "{run:?}");
+    assert!(sent.elapsed() < Duration::from_secs(2) && folder.results().is_empty());
+}
