@@ -80,8 +80,8 @@ fn main() -> ExitCode {
         Command::Render(render) => render::run(&render, arguments.quiet, arguments.verbose, &interrupt),
         Command::Fit(fit) => fit::run(&fit, arguments.quiet, arguments.verbose, &interrupt),
         Command::Ambiguity(ambiguity) => ambiguity::run(&ambiguity, arguments.quiet, &interrupt),
-        Command::Check(check) => check::run(&check),
-        Command::Refine(refine) => refine::run(&refine, arguments.quiet),
+        Command::Check(check) => check::run(&check, &interrupt),
+        Command::Refine(refine) => refine::run(&refine, arguments.quiet, &interrupt),
         Command::Plan(plan) => plan::run(&plan),
         Command::Devices => devices::run(),
     };
