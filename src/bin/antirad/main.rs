@@ -1,5 +1,6 @@
 //! The command-line tool `antirad`.
 
+mod compare;
 mod devices;
 mod fit;
 mod plan;
@@ -29,6 +30,7 @@ const EXAMPLES: &str = "Examples:
   antirad render scenes/cornell_boxes.toml --output out/cornell
   antirad render bunny.obj --bins concentric:12 --tolerance 1e-3
   antirad fit jobs/ --output out/fits --resume
+  antirad compare scenes/cornell_boxes.toml out/fits/cornell/scene.toml
   antirad plan scenes/statue.toml --memory-budget 256MiB
   antirad devices";
 
@@ -38,6 +40,8 @@ enum Command {
     Render(render::Arguments),
     /// Fit scenes to pictures: jobs, one or many
     Fit(fit::Arguments),
+    /// Say how a fitted scene differs from the true one
+    Compare(compare::Arguments),
     /// Print what a solve would take, without touching a device
     Plan(plan::Arguments),
     /// List Vulkan devices, with what antirad needs of each
@@ -66,6 +70,7 @@ fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Render(render) => render::run(&render, arguments.quiet, arguments.verbose, &interrupt),
         Command::Fit(fit) => fit::run(&fit, arguments.quiet, arguments.verbose, &interrupt),
+        Command::Compare(compare) => compare::run(&compare),
         Command::Plan(plan) => plan::run(&plan),
         Command::Devices => devices::run(),
     };
