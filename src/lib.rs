@@ -36,6 +36,8 @@
 //! [`gpu`] (Vulkan), [`transport`] (the operators U, K, J, S on the device), [`solve`] (solvers, for any operator),
 //! [`Engine`] (all of it together), [`image`] (pictures). [`mod@reference`] is the f64 twin that the kernels are tested
 //! against. SI units, RGB.
+
+pub mod ambiguity;
 pub mod cli;
 mod engine;
 pub mod fit;

@@ -30,7 +30,7 @@ pub use gradient::{Quantity, SceneGradient};
 pub use job::{FitError, Job, Outcome, Progress, Record, RunOptions, Stop};
 pub use job_file::JobFile;
 pub use loss::{Loss, LossKind, PictureLoss};
-pub use parameters::{Fit, MotionKind, ParameterError, Parameters, Per, Recovered};
+pub use parameters::{Fit, MotionKind, ParameterError, Parameters, Per, Recovered, Unseen};
 pub use problem::{Evaluation, Judged, Problem};
 pub use regulariser::{Regulariser, Regularisers};
 pub use renderer::{Estimate, RenderError, Renderer};

@@ -91,6 +91,11 @@ impl Coverage {
         self.height
     }
 
+    /// The faces whose fronts are seen, pixel by pixel: a face once for each pixel that shows it.
+    pub fn faces(&self) -> impl Iterator<Item = usize> + '_ {
+        self.shares.iter().filter(|share| share.face != BACK).map(|share| share.face as usize)
+    }
+
     /// The pixels, row by row from the top: linear RGB, and the share of the pixel that shows a face. `colours`: radiance
     /// of the front of each triangle, in the scene's order; backs are black. Fails if there are more or fewer.
     pub fn pixels<C>(&self, colours: &[[C; 3]]) -> Result<Vec<[f64; 4]>, ImageError>

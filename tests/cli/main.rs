@@ -1,5 +1,6 @@
 //! The command-line tool, run as people run it: what it refuses and how it says so, and what it leaves behind.
 
+mod ambiguities;
 mod examples;
 mod fits;
 mod pictures;

@@ -252,3 +252,24 @@ fn assumptions_about_nothing_are_refused() {
         says(&message, &[part]);
     }
 }
+
+/// What no view shows is told of by fit, and only that.
+#[test]
+fn unseen_values_are_counted() {
+    let scene = scene();
+    let fits = everything();
+    let parameters = Parameters::new(&scene, &fits, 10.0).expect("parameters");
+    let all = parameters.unseen(&vec![false; scene.triangles.len()]);
+    assert_eq!(all.len(), fits.len());
+    assert!(all.iter().all(|unseen| unseen.unseen == unseen.values && unseen.values > 0), "{all:?}");
+    assert_eq!(parameters.unseen(&vec![true; scene.triangles.len()]), []);
+    // Of one triangle out of view, what it has for itself.
+    let mut seen = vec![true; scene.triangles.len()];
+    seen[0] = false;
+    let one = parameters.unseen(&seen);
+    assert_eq!(
+        (one[0].quantity, one[0].unseen, one[0].values),
+        (Quantity::Emission, 1, scene.triangles.len())
+    );
+    says(&one[0].to_string(), &["1 of ", "emission", "antirad ambiguity"]);
+}

@@ -1,5 +1,7 @@
 //! The command-line tool `antirad`.
 
+mod ambiguity;
+mod cameras;
 mod compare;
 mod devices;
 mod fit;
@@ -30,6 +32,7 @@ const EXAMPLES: &str = "Examples:
   antirad render scenes/cornell_boxes.toml --output out/cornell
   antirad render bunny.obj --bins concentric:12 --tolerance 1e-3
   antirad fit jobs/ --output out/fits --resume
+  antirad ambiguity scenes/two_rooms.toml --camera main
   antirad compare scenes/cornell_boxes.toml out/fits/cornell/scene.toml
   antirad plan scenes/statue.toml --memory-budget 256MiB
   antirad devices";
@@ -40,6 +43,8 @@ enum Command {
     Render(render::Arguments),
     /// Fit scenes to pictures: jobs, one or many
     Fit(fit::Arguments),
+    /// What pictures of a scene leave open: which other lights would look the same
+    Ambiguity(ambiguity::Arguments),
     /// Say how a fitted scene differs from the true one
     Compare(compare::Arguments),
     /// Print what a solve would take, without touching a device
@@ -70,6 +75,7 @@ fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Render(render) => render::run(&render, arguments.quiet, arguments.verbose, &interrupt),
         Command::Fit(fit) => fit::run(&fit, arguments.quiet, arguments.verbose, &interrupt),
+        Command::Ambiguity(ambiguity) => ambiguity::run(&ambiguity, arguments.quiet, &interrupt),
         Command::Compare(compare) => compare::run(&compare),
         Command::Plan(plan) => plan::run(&plan),
         Command::Devices => devices::run(),

@@ -1,6 +1,7 @@
 //! `antirad render`.
 
 use crate::Failure;
+use crate::cameras;
 use crate::report::{DeviceReport, MemoryUse, Report, SolveReport};
 use crate::settings::SceneSettings;
 use antirad::cli::{Interrupt, SolveBar};
@@ -75,7 +76,7 @@ impl Stages {
 pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrupt) -> Result<(), Failure> {
     let mut stages = Stages::new();
     let scene = arguments.settings.load()?;
-    let cameras = choose_cameras(&scene, &arguments.camera)?;
+    let cameras = cameras::choose(&scene, &arguments.camera)?;
     let directory = arguments.output.clone().unwrap_or_else(|| Path::new("out").join(&scene.name));
     prepare_directory(&directory)?;
     stages.end("load");
@@ -146,19 +147,6 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         summarise(&report, &directory, verbose);
     }
     Ok(())
-}
-
-fn choose_cameras<'a>(scene: &'a Scene, names: &[String]) -> Result<Vec<&'a Camera>, Failure> {
-    if names.is_empty() {
-        return Ok(scene.cameras.iter().collect());
-    }
-    let find = |name: &String| {
-        scene.camera(name).ok_or_else(|| {
-            let known: Vec<&str> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
-            Failure::Error(format!("the scene has no camera \"{name}\"; it has: {}", known.join(", ")).into())
-        })
-    };
-    names.iter().map(find).collect()
 }
 
 fn open_device(arguments: &Arguments) -> Result<Device, Failure> {

@@ -95,7 +95,7 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
         false => LogPlot {
             title: title.to_owned(),
             x: "step ε, relative to the size of the parameter".to_owned(),
-            y: "e(ε) = |fd - ∇| / (|fd| + |∇|)".to_owned(),
+            y: "e(ε) = |fd - g| / (|fd| + |g|)".to_owned(),
             curves,
             linear_x: false,
         }

@@ -9,9 +9,11 @@ mod asked;
 mod bounds;
 mod derivative;
 mod recovered;
+mod unseen;
 
 pub use asked::{Fit, MotionKind, Per};
 pub use recovered::Recovered;
+pub use unseen::Unseen;
 
 use super::gradient::Quantity;
 use super::limit::{limit, lobe};

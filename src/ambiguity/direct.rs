@@ -1,0 +1,86 @@
+//! Direct light between triangles, blockers included, in numbers.
+
+use super::AmbiguityError;
+use crate::fit::Watch;
+use crate::gpu::Device;
+use crate::plan::{Limits, Plan};
+use crate::scene::{Material, Scene};
+use crate::{Engine, Solution, SolveParams};
+use nalgebra::DMatrix;
+
+/// Lambertian light from triangles to triangles without any reflection: (1 + U J)⁻¹ U.
+///
+/// The scene's geometry with black materials. Three sources are solved for at once, one in each channel.
+pub struct DirectLight {
+    engine: Engine,
+    scene: Scene,
+    params: SolveParams,
+}
+
+/// Nothing, red, green, blue.
+fn black_materials() -> Vec<Material> {
+    let emitting = |emission: [f64; 3]| Material { albedo: [0.0; 3], emission, ..Material::named("source") };
+    vec![emitting([0.0; 3]), emitting([1.0, 0.0, 0.0]), emitting([0.0, 1.0, 0.0]), emitting([0.0, 0.0, 1.0])]
+}
+
+impl DirectLight {
+    /// `watch` is asked often whether to go on.
+    pub fn new(device: &Device, scene: &Scene, watch: &Watch) -> Result<Self, AmbiguityError> {
+        let mut scene = Scene { materials: black_materials(), ..scene.clone() };
+        // Every channel once, so that the plan has three.
+        for (i, triangle) in scene.triangles.iter_mut().enumerate() {
+            triangle.material = if i < 3 { i as u32 + 1 } else { 0 };
+        }
+        let plan = Plan::new(&scene, &Limits::of(device), &scene.accuracy)?;
+        let params = SolveParams::from(&scene.accuracy);
+        let mut engine = Engine::new(device, &scene, plan)?;
+        let watch = watch.clone();
+        engine.set_watcher(Some(Box::new(move |_, _| watch())));
+        Ok(Self { engine, scene, params })
+    }
+
+    fn solve(&mut self) -> Result<Solution, AmbiguityError> {
+        self.engine.set_materials(&self.scene)?;
+        Ok(self.engine.solve(&self.params)?)
+    }
+
+    /// Irradiance on all triangles from the emission (radiance, RGB, per triangle of the scene), W/m².
+    pub fn irradiance(&mut self, emission: &[[f64; 3]]) -> Result<Vec<[f64; 3]>, AmbiguityError> {
+        // Triangles of one colour share a material.
+        let mut materials = black_materials();
+        materials.truncate(1);
+        for (triangle, &rgb) in self.scene.triangles.iter_mut().zip(emission) {
+            let known = materials.iter().position(|m| m.emission == rgb);
+            triangle.material = known.unwrap_or_else(|| {
+                materials.push(Material { emission: rgb, ..materials[0].clone() });
+                materials.len() - 1
+            }) as u32;
+        }
+        self.scene.materials = materials;
+        Ok(self.solve()?.irradiance)
+    }
+
+    /// Irradiance on all triangles (rows) per radiance of each of some triangles (columns), sr. `progress` is told how
+    /// many columns are done.
+    pub fn columns(
+        &mut self,
+        sources: &[usize],
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<DMatrix<f64>, AmbiguityError> {
+        let mut matrix = DMatrix::zeros(self.scene.triangles.len(), sources.len());
+        self.scene.materials = black_materials();
+        for (batch, three) in sources.chunks(3).enumerate() {
+            self.scene.triangles.iter_mut().for_each(|t| t.material = 0);
+            for (channel, &source) in three.iter().enumerate() {
+                self.scene.triangles[source].material = channel as u32 + 1;
+            }
+            let irradiance = self.solve()?.irradiance;
+            progress(3 * batch + three.len());
+            for channel in 0..three.len() {
+                let arriving = irradiance.iter().map(|h| h[channel]);
+                matrix.column_mut(3 * batch + channel).iter_mut().zip(arriving).for_each(|(to, h)| *to = h);
+            }
+        }
+        Ok(matrix)
+    }
+}

@@ -1,0 +1,111 @@
+//! The first bounce of hidden lights instead of the lights.
+
+use super::AmbiguityError;
+use super::direct::DirectLight;
+use super::views::Views;
+use crate::fit::Watch;
+use crate::gpu::Device;
+use crate::plan::{Limits, Plan};
+use crate::scene::{Camera, Material, Scene};
+use crate::{Engine, SolveParams};
+use glam::DVec3;
+use serde::Serialize;
+use std::f64::consts::PI;
+
+/// A demonstration that a scene with hidden lights looks like the same scene without them, whose walls emit what the
+/// lights would have let them reflect first: V Γ⁻¹ E = V Γ⁻¹ R E for all E with V E = 0.
+#[derive(Clone, Debug, Serialize)]
+pub struct FirstBounce {
+    /// Triangles that emit, and that no camera sees.
+    pub hidden_lights: Vec<usize>,
+    /// The largest difference of a seen face's colour, over the brightest colour seen.
+    pub largest_difference: f64,
+    /// The root of the mean squared difference of pixels over that of the pixels' radiance.
+    pub picture_difference: f64,
+    /// Triangles with a specular lobe: their first bounce has a direction, and the Lambertian emission that stands for it
+    /// has none.
+    pub glossy: usize,
+    /// What the triangles would emit, RGB, W/(m² sr).
+    #[serde(skip)]
+    pub emission: Vec<[f64; 3]>,
+}
+
+impl FirstBounce {
+    /// `None` if no light is hidden.
+    pub fn new(
+        device: &Device,
+        scene: &Scene,
+        cameras: &[&Camera],
+        views: &Views,
+        direct: &mut DirectLight,
+        watch: &Watch,
+    ) -> Result<Option<Self>, AmbiguityError> {
+        let emits = |i: usize| scene.material(i).emission.iter().any(|&e| e > 0.0);
+        let hidden_lights: Vec<usize> = views.unseen(scene).into_iter().filter(|&i| emits(i)).collect();
+        if hidden_lights.is_empty() {
+            return Ok(None);
+        }
+        let mut hidden = vec![[0.0; 3]; scene.triangles.len()];
+        for &light in &hidden_lights {
+            hidden[light] = scene.material(light).emission;
+        }
+        let irradiance = direct.irradiance(&hidden)?;
+        let emission: Vec<[f64; 3]> = (0..scene.triangles.len())
+            .map(|i| {
+                let material = scene.material(i);
+                let rest = DVec3::from(material.emission) - DVec3::from(hidden[i]);
+                let bounce = DVec3::from(material.diffuse_albedo()) * DVec3::from(irradiance[i]) / PI;
+                (rest + bounce).to_array()
+            })
+            .collect();
+
+        let truth = shown(device, scene, cameras, watch)?;
+        let instead = shown(device, &with_emission(scene, &emission), cameras, watch)?;
+        let (mut largest, mut brightest) = (0.0, 0.0);
+        let (mut squared, mut power) = (0.0, 0.0);
+        for (coverage, (truth, instead)) in views.coverage.iter().zip(truth.iter().zip(&instead)) {
+            for face in coverage.faces() {
+                let (a, b) = (DVec3::from(truth[face]), DVec3::from(instead[face]));
+                largest = f64::max(largest, (a - b).abs().max_element());
+                brightest = f64::max(brightest, a.abs().max_element());
+            }
+            for (a, b) in coverage.pixels(truth)?.iter().zip(coverage.pixels(instead)?) {
+                squared += (0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f64>();
+                power += (0..3).map(|c| a[c].powi(2)).sum::<f64>();
+            }
+        }
+        Ok(Some(Self {
+            hidden_lights,
+            largest_difference: largest / brightest,
+            picture_difference: (squared / power).sqrt(),
+            glossy: (0..scene.triangles.len()).filter(|&i| scene.material(i).is_glossy()).count(),
+            emission,
+        }))
+    }
+}
+
+/// The same scene with an emission for each triangle, RGB, W/(m² sr).
+fn with_emission(scene: &Scene, emission: &[[f64; 3]]) -> Scene {
+    let mut changed = scene.clone();
+    changed.materials = (0..scene.triangles.len())
+        .map(|i| Material { emission: emission[i], ..scene.material(i).clone() })
+        .collect();
+    changed.triangles.iter_mut().enumerate().for_each(|(i, t)| t.material = i as u32);
+    changed
+}
+
+/// The colours of all faces, by camera.
+fn shown(
+    device: &Device,
+    scene: &Scene,
+    cameras: &[&Camera],
+    watch: &Watch,
+) -> Result<Vec<Vec<[f64; 3]>>, AmbiguityError> {
+    let plan = Plan::new(scene, &Limits::of(device), &scene.accuracy)?;
+    let mut engine = Engine::new(device, scene, plan)?;
+    let watch = watch.clone();
+    engine.set_watcher(Some(Box::new(move |_, _| watch())));
+    let solution = engine.solve(&SolveParams::from(&scene.accuracy))?;
+    let look = |camera: &&Camera| Ok(engine.face_colours(&solution, camera.position)?);
+    cameras.iter().map(look).collect()
+}

@@ -1,0 +1,18 @@
+//! Which cameras are meant.
+
+use crate::Failure;
+use antirad::scene::{Camera, Scene};
+
+/// Those of these names; all of the scene if there is none.
+pub fn choose<'a>(scene: &'a Scene, names: &[String]) -> Result<Vec<&'a Camera>, Failure> {
+    if names.is_empty() {
+        return Ok(scene.cameras.iter().collect());
+    }
+    let find = |name: &String| {
+        scene.camera(name).ok_or_else(|| {
+            let known: Vec<&str> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
+            Failure::Error(format!("the scene has no camera \"{name}\"; it has: {}", known.join(", ")).into())
+        })
+    };
+    names.iter().map(find).collect()
+}

@@ -1,0 +1,53 @@
+//! What is fitted although no view shows it.
+
+use super::super::gradient::Quantity;
+use super::{Parameters, What};
+use std::fmt;
+
+/// Values of one [`Fit`](super::Fit) none of whose triangles any view shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unseen {
+    pub quantity: Quantity,
+    /// Out of view.
+    pub unseen: usize,
+    /// In all.
+    pub values: usize,
+}
+
+impl fmt::Display for Unseen {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { quantity, unseen, values } = *self;
+        write!(
+            f,
+            "{unseen} of {values} fitted values of {} belong to triangles that no view shows: ",
+            quantity.word()
+        )?;
+        f.write_str(match quantity {
+            Quantity::Emission => {
+                "what they emit looks the same as the walls that they light emitting it; `antirad ambiguity` shows how \
+                 far the pictures leave it open, and a regulariser (sparsity, prior) decides"
+            }
+            _ => "they are found by the light that they send elsewhere alone; a regulariser (prior) holds what that leaves open",
+        })
+    }
+}
+
+impl Parameters {
+    /// By fit; `seen`: per triangle of the scene, whether a view shows it.
+    pub fn unseen(&self, seen: &[bool]) -> Vec<Unseen> {
+        let triangle_seen = |t: &u32| seen[*t as usize];
+        let shown = |what: &What| match what {
+            What::Material { triangles, .. } => triangles.iter().any(triangle_seen),
+            What::Motion { vertices, .. } | What::Vertex { vertices } => {
+                let uses = |t: &usize| self.base.triangles[*t].vertices.iter().any(|v| vertices.contains(v));
+                (0..seen.len()).filter(|t| seen[*t]).any(|t| uses(&t))
+            }
+        };
+        let of = |(fit, what): (usize, &super::Fit)| {
+            let blocks = || self.blocks.iter().filter(move |block| block.fit == fit);
+            let unseen = blocks().filter(|block| !shown(&block.what)).count();
+            Unseen { quantity: what.quantity, unseen, values: blocks().count() }
+        };
+        self.fits.iter().enumerate().map(of).filter(|found| found.unseen > 0).collect()
+    }
+}
