@@ -213,6 +213,7 @@ fn memory_does_not_grow_over_200_iterations() {
     let device = Device::new(&Default::default()).expect("a device");
     let mut scene = crate::scene();
     scene.accuracy.bins = BinLayout::Concentric { n: 2 };
+    scene.accuracy.subsample = 1.0;
     let albedo = of(Quantity::Albedo, &["wall"], 0.5);
     let position = displaced(1).fits.remove(0);
     for (fits, iterations) in [(vec![albedo.clone()], 200), (vec![albedo, position], 25)] {
