@@ -44,6 +44,7 @@ pub mod fit;
 pub mod gpu;
 mod gradients;
 pub mod image;
+mod input;
 pub mod output;
 pub mod plan;
 pub mod reference;
@@ -51,6 +52,7 @@ pub mod scene;
 pub mod shaders;
 pub mod solve;
 pub mod transport;
+pub mod warnings;
 
 pub use engine::{Energy, Engine, EngineError, Negative, Solution, SolveParams};
 pub use gradients::{Cotangent, Gradients, MaterialGradients};

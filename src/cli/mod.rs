@@ -7,7 +7,7 @@ mod size;
 
 pub use interrupt::Interrupt;
 pub(crate) use plot::register_font;
-pub use plot::{Curve, LogPlot, slope};
+pub use plot::{Curve, Drawn, LogPlot, slope};
 pub use progress::SolveBar;
 pub use size::parse_size;
 

@@ -14,8 +14,18 @@ const HEIGHT: u32 = 640;
 pub struct Curve {
     pub label: String,
     pub points: Vec<(f64, f64)>,
-    /// Drawn as a thin line without marks: something to compare with.
-    pub reference: bool,
+    pub drawn: Drawn,
+}
+
+/// How a curve is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Drawn {
+    /// A line with a mark at each point.
+    Curve,
+    /// Marks alone.
+    Points,
+    /// A thin line without marks: something to compare with.
+    Line,
 }
 
 /// A plot with a logarithmic y axis, which shows what is above 0. Axis texts carry the units.
@@ -117,12 +127,13 @@ impl LogPlot {
         let mark = if self.curves.iter().map(|c| c.points.len()).sum::<usize>() > 60 { 2 } else { 4 };
         for (k, curve) in self.curves.iter().enumerate() {
             let colour = Palette99::pick(k).to_rgba();
-            let width = if curve.reference { 1 } else { 2 };
+            let width = if curve.drawn == Drawn::Line { 1 } else { 2 };
+            let line = if curve.drawn == Drawn::Points { Vec::new() } else { shown(curve).collect() };
             chart
-                .draw_series(LineSeries::new(shown(curve), colour.stroke_width(width)))?
+                .draw_series(LineSeries::new(line, colour.stroke_width(width)))?
                 .label(&curve.label)
                 .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], colour.stroke_width(width)));
-            if !curve.reference {
+            if curve.drawn != Drawn::Line {
                 chart.draw_series(shown(curve).map(|p| Circle::new(p, mark, colour.filled())))?;
             }
         }
@@ -179,7 +190,7 @@ mod tests {
             title: "memory".to_owned(),
             x: "triangles".to_owned(),
             y: "bytes".to_owned(),
-            curves: vec![Curve { label: "ours".to_owned(), points, reference: false }],
+            curves: vec![Curve { label: "ours".to_owned(), points, drawn: Drawn::Curve }],
             linear_x: false,
         };
         plot.write(&folder.path().join("plot")).expect("a plot");

@@ -5,7 +5,7 @@ use super::gradient::Quantity;
 use super::job::{FitError, Job, Outcome, Record};
 use super::renderer::Estimate;
 use super::settings::StopRule;
-use crate::cli::{Curve, LogPlot};
+use crate::cli::{Curve, Drawn, LogPlot};
 use crate::image::Picture;
 use crate::output::{OutputError, atomic_write, write_array, write_json};
 use crate::plan::Wanted;
@@ -112,7 +112,7 @@ fn plot(directory: &Path, job: &Job, history: &[Record]) -> Result<(), OutputErr
     let curve = |label: &str, of: fn(&Record) -> f64| Curve {
         label: label.to_owned(),
         points: history.iter().map(|r| (f64::from(r.iteration), of(r))).collect(),
-        reference: false,
+        drawn: Drawn::Curve,
     };
     LogPlot {
         title: format!("Fit of {}", job.name),

@@ -185,7 +185,7 @@ fn extension(path: &Path) -> Option<String> {
 }
 
 fn open_png(path: &Path) -> Result<::image::DynamicImage, String> {
-    let file = std::fs::File::open(path).map_err(|error| error.to_string())?;
+    let file = crate::input::open(path).map_err(|error| error.to_string())?;
     let reader = ::image::ImageReader::with_format(std::io::BufReader::new(file), ::image::ImageFormat::Png);
     reader.decode().map_err(|error| error.to_string())
 }

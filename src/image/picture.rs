@@ -1,6 +1,5 @@
 //! A picture and its files.
 
-use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Write};
 use std::path::Path;
 
@@ -60,7 +59,8 @@ impl Picture {
     pub fn read_exr(path: impl AsRef<Path>) -> Result<Self, ImageError> {
         let path = path.as_ref();
         let refused = |reason: String| ImageError::Read { path: path.to_path_buf(), reason };
-        let open = || File::open(path).map(BufReader::new).map_err(|error| refused(error.to_string()));
+        let open =
+            || crate::input::open(path).map(BufReader::new).map_err(|error| refused(error.to_string()));
         let meta =
             MetaData::read_from_buffered(open()?, false).map_err(|error| refused(error.to_string()))?;
         let pixels = |header: &Header| {

@@ -32,6 +32,12 @@ impl Block {
         let corner = DVec3::select(direction.cmpgt(DVec3::ZERO), self.min, self.max);
         corner.dot(direction)
     }
+
+    /// Squared distance of two boxes.
+    pub fn distance_squared(&self, other: &Self) -> f64 {
+        let gap = (other.min - self.max).max(self.min - other.max);
+        gap.max(DVec3::ZERO).length_squared()
+    }
 }
 
 /// Indices of the facets, sorted by the cube face their normal points to, then along a Morton curve.

@@ -127,12 +127,6 @@ impl Tile {
             farthest - side * height > tolerance
         })
     }
-
-    /// Squared distance of the boxes.
-    fn distance_squared(&self, other: &Self) -> f64 {
-        let gap = (other.bounds.min - self.bounds.max).max(self.bounds.min - other.bounds.max);
-        gap.max(DVec3::ZERO).length_squared()
-    }
 }
 
 /// What can pass between tiles: four bits for each pair of them.
@@ -162,7 +156,8 @@ impl TilePairs {
         let row_words = tiles.len().div_ceil(PER_WORD);
         let pair = |receiver: &Tile, s: usize| {
             let source = &tiles[s];
-            let near = source.distance_squared(receiver) <= half_range * (source.extent + receiver.extent);
+            let near = source.bounds.distance_squared(&receiver.bounds)
+                <= half_range * (source.extent + receiver.extent);
             let near = if near { PAIR_NEAR } else { 0 };
             let back = if blockers[s] { PAIR_BACK } else { 0 };
             if !cull {

@@ -8,6 +8,7 @@ mod observation;
 mod operator;
 mod path_tracer;
 mod reflection;
+mod scenes;
 mod transport;
 
 pub use adjoint::{Adjoint, observe_adjoint, reflect_adjoint, transport_adjoint};
@@ -19,6 +20,7 @@ pub use near_field::{QUARTER_RANGE, far_share, projected_solid_angle};
 pub use observation::observe;
 pub use path_tracer::{Estimate, PathTracer};
 pub use reflection::{emission, reflect};
+pub use scenes::Plates;
 pub use transport::transport;
 
 use crate::plan::{Bins, Class, classify};

@@ -8,15 +8,13 @@ use super::error::{Place, SceneError, nearest};
 use super::file::LoadOptions;
 use super::geometry::RawMesh;
 use super::tables::MaterialTable;
-use super::{Accuracy, Camera, Material, Mesh, Scene, Triangle};
+use super::{Accuracy, Camera, Material, Mesh, Origin, Scene, Triangle};
 
 /// A scene in the making.
 pub(super) struct Assembly {
     /// The file that the user named.
     path: PathBuf,
     scene: Scene,
-    /// One for each mesh.
-    mesh_files: Vec<PathBuf>,
     material_indices: HashMap<String, u32>,
     material_origins: HashMap<String, (PathBuf, usize)>,
     camera_lines: HashMap<String, usize>,
@@ -32,13 +30,13 @@ impl Assembly {
                 vertices: Vec::new(),
                 triangles: Vec::new(),
                 meshes: Vec::new(),
+                origins: Vec::new(),
                 materials: Vec::new(),
                 cameras: Vec::new(),
                 accuracy: Accuracy::default(),
                 degenerate: Vec::new(),
                 warnings: Vec::new(),
             },
-            mesh_files: Vec::new(),
             material_indices: HashMap::new(),
             material_origins: HashMap::new(),
             camera_lines: HashMap::new(),
@@ -151,7 +149,7 @@ impl Assembly {
         let numbered = (2..).map(|n| format!("{name}_{n}"));
         let unique = std::iter::once(name.clone()).chain(numbered).find(|n| !taken(n)).unwrap_or(name);
         scene.meshes.push(Mesh { name: unique, range: first as u32..end as u32 });
-        self.mesh_files.push(file.to_path_buf());
+        scene.origins.push(Origin { file: file.to_path_buf(), lines: mesh.face_lines });
         Ok(())
     }
 
@@ -194,7 +192,7 @@ impl Assembly {
             SceneError::Accuracy { .. } => scene_file(self.accuracy_line),
             SceneError::Vertex { mesh, .. } | SceneError::Degenerate { mesh, .. } => {
                 let at = self.scene.meshes.iter().position(|m| m.name == *mesh);
-                (at.map_or(self.path.clone(), |at| self.mesh_files[at].clone()), None)
+                (at.map_or(self.path.clone(), |at| self.scene.origins[at].file.clone()), None)
             }
             _ => scene_file(None),
         }

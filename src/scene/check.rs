@@ -32,6 +32,7 @@ impl Scene {
             vertices,
             triangles,
             materials,
+            origins: Vec::new(),
             cameras: Vec::new(),
             accuracy: Default::default(),
             degenerate: Vec::new(),

@@ -145,7 +145,10 @@ impl TomlFile<'_> {
                     other => other,
                 })?;
                 match material {
-                    Some(material) => RawMesh::uniform(mesh.vertices, mesh.faces, material),
+                    Some(material) => RawMesh {
+                        face_lines: mesh.face_lines,
+                        ..RawMesh::uniform(mesh.vertices, mesh.faces, material)
+                    },
                     None => mesh,
                 }
             }

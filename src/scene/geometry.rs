@@ -13,6 +13,8 @@ pub(super) struct RawMesh {
     pub faces: Vec<[u32; 3]>,
     /// Per face, an index into `material_names`.
     pub face_materials: Vec<u32>,
+    /// Per face its line in the mesh's file; empty without one.
+    pub face_lines: Vec<u32>,
     pub material_names: Vec<String>,
     /// What the MTL files of the mesh define, and grey stand-ins for what they lack.
     pub materials: Vec<RawMaterial>,
@@ -29,6 +31,7 @@ impl RawMesh {
     pub fn uniform(vertices: Vec<DVec3>, faces: Vec<[u32; 3]>, material: &str) -> Self {
         Self {
             face_materials: vec![0; faces.len()],
+            face_lines: Vec::new(),
             vertices,
             faces,
             material_names: vec![material.to_owned()],
@@ -39,7 +42,9 @@ impl RawMesh {
     /// Halves every edge: four faces for each, consecutive, so that the faces stay in file order.
     pub fn subdivide(&mut self) {
         self.faces = subdivide(&mut self.vertices, &self.faces);
-        self.face_materials = self.face_materials.iter().flat_map(|&m| [m; 4]).collect();
+        for each in [&mut self.face_materials, &mut self.face_lines] {
+            *each = each.iter().flat_map(|&value| [value; 4]).collect();
+        }
     }
 }
 

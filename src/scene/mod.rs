@@ -6,6 +6,7 @@
 mod accuracy;
 mod albedo;
 mod assembly;
+mod builder;
 mod camera;
 mod check;
 mod error;
@@ -14,6 +15,7 @@ mod geometry;
 mod material;
 mod mtl;
 mod obj;
+mod refine;
 mod save;
 mod shapes;
 mod split;
@@ -24,6 +26,7 @@ mod toml_file;
 mod triangulate;
 
 pub use accuracy::{Accuracy, BinLayout, Precision, SolverChoice, Weights};
+pub use builder::SceneBuilder;
 pub use camera::Camera;
 pub use error::SceneError;
 pub use file::LoadOptions;
@@ -35,6 +38,7 @@ pub(crate) use tables::{CameraTable, Triple};
 pub(crate) use toml_file::TomlFile;
 
 use glam::DVec3;
+use std::path::PathBuf;
 
 /// One triangle: counter-clockwise seen from its front, which emits and reflects; the back is black and opaque.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,6 +57,15 @@ pub struct Mesh {
     pub range: std::ops::Range<u32>,
 }
 
+/// Where the triangles of a mesh stand in files.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Origin {
+    /// The mesh's own file, or the scene file that asks for a shape.
+    pub file: PathBuf,
+    /// Line of the face that each triangle was cut from; empty for a shape.
+    pub lines: Vec<u32>,
+}
+
 /// A scene, checked. Triangles stand in file order, mesh after mesh; every per-face output has that order.
 #[derive(Clone, Debug)]
 pub struct Scene {
@@ -61,6 +74,8 @@ pub struct Scene {
     pub vertices: Vec<DVec3>,
     pub triangles: Vec<Triangle>,
     pub meshes: Vec<Mesh>,
+    /// One for each mesh of a scene that came from files, else none.
+    pub origins: Vec<Origin>,
     pub materials: Vec<Material>,
     pub cameras: Vec<Camera>,
     pub accuracy: Accuracy,
@@ -74,6 +89,24 @@ impl Scene {
     /// The three corners of a triangle, in metres.
     pub fn corners(&self, triangle: usize) -> [DVec3; 3] {
         self.triangles[triangle].vertices.map(|v| self.vertices[v as usize])
+    }
+
+    /// Where a triangle is, for people: `room.obj:17 (triangle 5 of mesh "room")`, as far as is known.
+    pub fn place_of(&self, triangle: usize) -> String {
+        let holds = |m: &Mesh| (m.range.start as usize..m.range.end as usize).contains(&triangle);
+        let Some(mesh) = self.meshes.iter().position(holds) else {
+            return format!("triangle {triangle}");
+        };
+        let Mesh { name, range } = &self.meshes[mesh];
+        let named = format!("triangle {triangle} of mesh \"{name}\"");
+        let line = |origin: &Origin| {
+            let line = origin.lines.get(triangle - range.start as usize)?;
+            Some(format!("{}:{line}", origin.file.display()))
+        };
+        match self.origins.get(mesh).and_then(line) {
+            Some(line) => format!("{line} ({named})"),
+            None => named,
+        }
     }
 
     /// The camera of a name.

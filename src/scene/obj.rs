@@ -35,6 +35,7 @@ pub(super) fn read(
         vertices: Vec::new(),
         faces: Vec::new(),
         face_materials: Vec::new(),
+        face_lines: Vec::new(),
         uses: Vec::new(),
         use_indices: HashMap::new(),
         current: None,
@@ -63,6 +64,7 @@ struct Reader<'a> {
     vertices: Vec<DVec3>,
     faces: Vec<[u32; 3]>,
     face_materials: Vec<u32>,
+    face_lines: Vec<u32>,
     uses: Vec<Use>,
     use_indices: HashMap<String, u32>,
     /// Index into `uses`.
@@ -120,6 +122,7 @@ impl Reader<'_> {
         for triangle in triangulate(&positions) {
             self.faces.push(triangle.map(|at| corners[at]));
             self.face_materials.push(material);
+            self.face_lines.push(u32::try_from(place.line).unwrap_or(u32::MAX));
         }
         Ok(())
     }
@@ -207,6 +210,7 @@ impl Reader<'_> {
             vertices: self.vertices,
             faces: self.faces,
             face_materials: self.face_materials,
+            face_lines: self.face_lines,
             material_names: self.uses.into_iter().map(|used| used.name).collect(),
             materials: self.materials,
         })

@@ -27,6 +27,11 @@ pub enum Shape {
         #[serde(default = "one")]
         cells: u32,
     },
+    /// The same with whole sides: two sides of `cells` x `cells` squares, y = 0 and y = 1, and four of `cells` x 1. For plates.
+    Slab {
+        #[serde(default = "one")]
+        cells: u32,
+    },
     /// The unit cube [0, 1]³ seen from inside, `cells` x `cells` squares a side.
     Room {
         #[serde(default = "one")]
@@ -52,6 +57,7 @@ impl Shape {
         match self {
             Self::Quad { .. } => "quad",
             Self::Box { .. } => "box",
+            Self::Slab { .. } => "slab",
             Self::Room { .. } => "room",
             Self::Icosphere { .. } => "icosphere",
             Self::Statue { .. } => "statue",
@@ -64,8 +70,9 @@ impl Shape {
         let number = number.clamp(*range.start(), *range.end());
         match *self {
             Self::Quad { .. } => quad(number),
-            Self::Box { .. } => cube(number, false),
-            Self::Room { .. } => cube(number, true),
+            Self::Box { .. } => cube([number; 3], false),
+            Self::Slab { .. } => cube([number, 1, number], false),
+            Self::Room { .. } => cube([number; 3], true),
             Self::Icosphere { inward, .. } => icosphere(number, inward),
             Self::Statue { .. } => statue::mesh(number),
         }
@@ -88,7 +95,9 @@ impl Shape {
     /// The number that sets how fine the shape is: its name, value and range.
     fn resolution(&self) -> (&'static str, u32, RangeInclusive<u32>) {
         match *self {
-            Self::Quad { cells } | Self::Box { cells } | Self::Room { cells } => ("cells", cells, CELLS),
+            Self::Quad { cells } | Self::Box { cells } | Self::Slab { cells } | Self::Room { cells } => {
+                ("cells", cells, CELLS)
+            }
             Self::Icosphere { level, .. } => ("level", level, LEVELS),
             Self::Statue { triangles } => ("triangles", triangles, STATUE_TRIANGLES),
         }
@@ -96,23 +105,22 @@ impl Shape {
 }
 
 fn quad(cells: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
-    let step = 1.0 / f64::from(cells);
     let mut grid = Grid::default();
-    grid.side(cells, |i, j| [j, 0, i]);
-    grid.finish(step)
+    grid.side([cells, cells], |i, j| [j, 0, i]);
+    grid.finish(DVec3::splat(1.0 / f64::from(cells)))
 }
 
-fn cube(cells: u32, inward: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) {
-    let n = cells;
+/// The unit cube of so many cells along x, y and z.
+fn cube([nx, ny, nz]: [u32; 3], inward: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let mut grid = Grid::default();
     // (i, j) with i x j pointing out of the cube.
-    grid.side(n, |i, j| [i, 0, j]);
-    grid.side(n, |i, j| [j, n, i]);
-    grid.side(n, |i, j| [0, j, i]);
-    grid.side(n, |i, j| [n, j, n - i]);
-    grid.side(n, |i, j| [j, i, 0]);
-    grid.side(n, |i, j| [i, j, n]);
-    let (vertices, mut faces) = grid.finish(1.0 / f64::from(n));
+    grid.side([nx, nz], |i, j| [i, 0, j]);
+    grid.side([nz, nx], |i, j| [j, ny, i]);
+    grid.side([nz, ny], |i, j| [0, j, i]);
+    grid.side([nz, ny], |i, j| [nx, j, nz - i]);
+    grid.side([ny, nx], |i, j| [j, i, 0]);
+    grid.side([nx, ny], |i, j| [i, j, nz]);
+    let (vertices, mut faces) = grid.finish(1.0 / DVec3::new(nx.into(), ny.into(), nz.into()));
     if inward {
         turn_over(&mut faces);
     }
@@ -139,9 +147,9 @@ impl Grid {
         })
     }
 
-    fn side(&mut self, cells: u32, corner: impl Fn(u32, u32) -> [u32; 3]) {
-        for i in 0..cells {
-            for j in 0..cells {
+    fn side(&mut self, [rows, columns]: [u32; 2], corner: impl Fn(u32, u32) -> [u32; 3]) {
+        for i in 0..rows {
+            for j in 0..columns {
                 let [a, b, c, d] =
                     [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]].map(|[i, j]| self.index(corner(i, j)));
                 self.faces.extend([[a, b, c], [a, c, d]]);
@@ -149,7 +157,7 @@ impl Grid {
         }
     }
 
-    fn finish(self, step: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    fn finish(self, step: DVec3) -> (Vec<DVec3>, Vec<[u32; 3]>) {
         let position = |corner: [u32; 3]| DVec3::from(corner.map(f64::from)) * step;
         (self.corners.into_iter().map(position).collect(), self.faces)
     }
@@ -221,9 +229,13 @@ mod tests {
 
     #[test]
     fn cubes_are_closed_and_turned_right() {
-        for (shape, expected) in [(Shape::Box { cells: 4 }, 1.0), (Shape::Room { cells: 4 }, -1.0)] {
+        for (shape, expected, counts) in [
+            (Shape::Box { cells: 4 }, 1.0, (98, 192)),
+            (Shape::Slab { cells: 4 }, 1.0, (50, 96)),
+            (Shape::Room { cells: 4 }, -1.0, (98, 192)),
+        ] {
             let (vertices, faces) = shape.mesh();
-            assert_eq!((vertices.len(), faces.len()), (98, 192));
+            assert_eq!((vertices.len(), faces.len()), counts);
             assert_closed(&faces);
             assert!((volume(&vertices, &faces) - expected).abs() < 1e-12);
         }

@@ -74,7 +74,7 @@ pub(super) fn number(word: &str, place: Place) -> Result<f64, SceneError> {
 
 /// Reads a text file. Bytes that are not UTF-8 (comments in other encodings are common) become replacement characters.
 pub(super) fn read_text(path: &Path) -> std::io::Result<String> {
-    let bytes = std::fs::read(path)?;
+    let bytes = crate::input::read(path)?;
     Ok(match String::from_utf8(bytes) {
         Ok(text) => text,
         Err(error) => String::from_utf8_lossy(error.as_bytes()).into_owned(),

@@ -15,7 +15,7 @@ pub(crate) struct TomlFile<'a> {
 
 impl<'a> TomlFile<'a> {
     pub fn read(path: &'a Path) -> Result<Self, SceneError> {
-        match std::fs::read_to_string(path) {
+        match crate::input::read_text(path) {
             Ok(text) => Ok(Self { path, text }),
             Err(reason) => Err(SceneError::Read { path: path.to_path_buf(), reason }),
         }

@@ -2,10 +2,12 @@
 
 mod ambiguity;
 mod cameras;
+mod check;
 mod compare;
 mod devices;
 mod fit;
 mod plan;
+mod refine;
 mod render;
 mod report;
 mod settings;
@@ -35,6 +37,8 @@ const EXAMPLES: &str = "Examples:
   antirad ambiguity scenes/two_rooms.toml --camera main
   antirad compare scenes/cornell_boxes.toml out/fits/cornell/scene.toml
   antirad plan scenes/statue.toml --memory-budget 256MiB
+  antirad check scenes/two_rooms.toml
+  antirad refine scenes/two_rooms.toml --output out/fine
   antirad devices";
 
 #[derive(Subcommand)]
@@ -45,6 +49,10 @@ enum Command {
     Fit(fit::Arguments),
     /// What pictures of a scene leave open: which other lights would look the same
     Ambiguity(ambiguity::Arguments),
+    /// List what of a scene will come out wrong, with the triangles to blame, without solving
+    Check(check::Arguments),
+    /// Cut triangles where the warnings of `check` ask for it, and write the finer scene
+    Refine(refine::Arguments),
     /// Say how a fitted scene differs from the true one
     Compare(compare::Arguments),
     /// Print what a solve would take, without touching a device
@@ -76,6 +84,8 @@ fn main() -> ExitCode {
         Command::Render(render) => render::run(&render, arguments.quiet, arguments.verbose, &interrupt),
         Command::Fit(fit) => fit::run(&fit, arguments.quiet, arguments.verbose, &interrupt),
         Command::Ambiguity(ambiguity) => ambiguity::run(&ambiguity, arguments.quiet, &interrupt),
+        Command::Check(check) => check::run(&check),
+        Command::Refine(refine) => refine::run(&refine, arguments.quiet),
         Command::Compare(compare) => compare::run(&compare),
         Command::Plan(plan) => plan::run(&plan),
         Command::Devices => devices::run(),

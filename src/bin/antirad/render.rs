@@ -12,6 +12,7 @@ use antirad::plan::{Limits, Plan};
 use antirad::scene::{Camera, Precision, Scene};
 use antirad::solve::SolveError;
 use antirad::transport::TransportError;
+use antirad::warnings::Warnings;
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use clap::Args;
 use std::collections::BTreeMap;
@@ -91,6 +92,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     let plan = Plan::new(&scene, &limits, &scene.accuracy)?;
     let plan_report = plan.report();
     tracing::info!("{}\n{plan_report}", device.info().name);
+    let mut warnings = Warnings::of(&scene, &plan);
     stages.end("plan");
 
     let mut engine = Engine::new(&device, &scene, plan)?;
@@ -122,17 +124,16 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     }
     stages.end("write");
 
-    if let Some(radius) = solution.info.spectral_radius.filter(|&radius| radius >= 1.0) {
-        tracing::warn!(
-            "the spectral radius of the transport is about {radius:.3}: light is created, and the answer is not \
-             physical; look for interpenetrating triangles, or stacked layers closer than a triangle's size"
-        );
+    warnings.list.extend(Warnings::after(&scene, engine.plan(), &solution).list);
+    for warning in warnings.list.iter().filter(|warning| warning.severe) {
+        tracing::warn!("{}: {}; way out: {}", warning.kind.name(), warning.message, warning.way_out);
     }
     let report = Report {
         scene: arguments.settings.scene.display().to_string(),
         version: env!("CARGO_PKG_VERSION"),
         device: DeviceReport::from(device.info()),
         warnings: scene.warnings.clone(),
+        accuracy_warnings: warnings.list,
         plan: plan_report,
         memory: MemoryUse::from(device.memory()),
         solve: SolveReport::new(&solution, scene.accuracy.tolerance),
@@ -227,6 +228,10 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     let negative = report.negative_irradiance;
     if negative.triangles > 0 {
         println!("negative    {} triangles, down to {:.3e} W/m²", negative.triangles, negative.minimum);
+    }
+    if !report.accuracy_warnings.is_empty() {
+        let each = report.accuracy_warnings.iter().map(|w| format!("{} ({})", w.kind.name(), w.count));
+        println!("beware      {}: see antirad check", each.collect::<Vec<_>>().join(", "));
     }
     println!("memory      {} at the peak of {}", Bytes(report.memory.peak), Bytes(report.memory.budget));
     if verbose > 0 {

@@ -2,6 +2,7 @@
 
 use antirad::gpu::{DeviceInfo, MemoryReport, ProfileRow};
 use antirad::plan::PlanReport;
+use antirad::warnings::Warning;
 use antirad::{Energy, Negative, Solution};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -12,6 +13,8 @@ pub struct Report {
     pub version: &'static str,
     pub device: DeviceReport,
     pub warnings: Vec<String>,
+    /// What the method gets wrong in this scene, and where.
+    pub accuracy_warnings: Vec<Warning>,
     /// Units: bytes, pairs of triangles, seconds.
     pub plan: PlanReport,
     pub memory: MemoryUse,

@@ -1,7 +1,7 @@
 //! The errors as a table and as plots.
 
 use crate::kind::Kind;
-use antirad::cli::{Curve, LogPlot};
+use antirad::cli::{Curve, Drawn, LogPlot};
 use antirad::output::{OutputError, atomic_write};
 use std::path::Path;
 
@@ -84,7 +84,7 @@ fn worst_sample(group: &[Row]) -> f64 {
 fn curve(group: &[Row], label: String) -> Curve {
     // A logarithmic axis has no place for zero.
     let points = errors(group).into_iter().map(|(step, error)| (step, error.max(1e-17))).collect();
-    Curve { label, points, reference: false }
+    Curve { label, points, drawn: Drawn::Curve }
 }
 
 /// The published panels (emission, albedo, centroid), each with all its meshes, and one with all other kinds.
@@ -108,7 +108,7 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
             .collect();
         if let (Some(level), false) = (published(panel), curves.is_empty()) {
             let ends = curves[0].points.iter().map(|&(step, _)| (step, level)).collect();
-            curves.push(Curve { label: "published minimum".to_owned(), points: ends, reference: true });
+            curves.push(Curve { label: "published minimum".to_owned(), points: ends, drawn: Drawn::Line });
         }
         draw(
             &format!("Gradients with respect to {}", panel.name()),

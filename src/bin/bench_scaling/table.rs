@@ -1,6 +1,6 @@
 //! The measurements as a table and as plots.
 
-use antirad::cli::{Curve, LogPlot, slope};
+use antirad::cli::{Curve, Drawn, LogPlot, slope};
 use antirad::gpu::Bytes;
 use antirad::output::{OutputError, atomic_write};
 use std::error::Error;
@@ -90,8 +90,12 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
         x: "triangles".to_owned(),
         y: "bytes, fixed costs apart".to_owned(),
         curves: vec![
-            Curve { label: with_slope("antirad", &ours), points: ours, reference: false },
-            Curve { label: "published: 36 kB per triangle".to_owned(), points: published, reference: true },
+            Curve { label: with_slope("antirad", &ours), points: ours, drawn: Drawn::Curve },
+            Curve {
+                label: "published: 36 kB per triangle".to_owned(),
+                points: published,
+                drawn: Drawn::Line,
+            },
         ],
         linear_x: false,
     }
@@ -101,7 +105,7 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
         title: format!("Time of one bounce, {bins} bins, every triangle a blocker"),
         x: "triangles".to_owned(),
         y: "seconds".to_owned(),
-        curves: vec![Curve { label: with_slope("antirad", &ours), points: ours, reference: false }],
+        curves: vec![Curve { label: with_slope("antirad", &ours), points: ours, drawn: Drawn::Curve }],
         linear_x: false,
     }
     .write(&directory.join("time"))

@@ -1,0 +1,52 @@
+//! `antirad check`.
+
+use crate::Failure;
+use crate::settings::SceneSettings;
+use antirad::plan::{Limits, Plan};
+use antirad::warnings::{Warning, Warnings};
+use clap::Args;
+use serde::Serialize;
+
+#[derive(Args)]
+#[command(after_help = "Examples:
+  antirad check scenes/cornell_boxes.toml
+  antirad check room.obj --bins concentric:12 --json")]
+pub struct Arguments {
+    #[command(flatten)]
+    settings: SceneSettings,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    scene: &'a str,
+    triangles: usize,
+    bins: String,
+    /// What the scene's files say that may not be meant.
+    notes: &'a [String],
+    warnings: &'a [Warning],
+}
+
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let scene = arguments.settings.load()?;
+    // Whether a solve fits the memory is the matter of `antirad plan`.
+    let limits = Limits { memory_budget: u64::MAX, max_buffer: u64::MAX, ..Limits::default() };
+    let plan = Plan::new(&scene, &limits, &scene.accuracy)?;
+    let warnings = Warnings::of(&scene, &plan);
+    let bins = scene.accuracy.bins.to_string();
+    if arguments.json {
+        let report = Report {
+            scene: &scene.name,
+            triangles: scene.triangles.len(),
+            bins,
+            notes: &scene.warnings,
+            warnings: &warnings.list,
+        };
+        println!("{}", serde_json::to_string_pretty(&report)?);
+    } else {
+        println!("{}: {} triangles, {bins} bins\n\n{warnings}", scene.name, scene.triangles.len());
+    }
+    Ok(())
+}

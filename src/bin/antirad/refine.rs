@@ -1,0 +1,66 @@
+//! `antirad refine`.
+
+use crate::Failure;
+use crate::settings::SceneSettings;
+use antirad::output::prepare_directory;
+use antirad::plan::Limits;
+use antirad::warnings::{RefineOptions, Warnings, refine};
+use clap::Args;
+use std::path::PathBuf;
+
+#[derive(Args)]
+#[command(
+    after_help = "Cuts triangles into four by the midpoints of their edges, where `antirad check` finds them too \
+large: coarse blockers and the wide sides of narrow gaps. Neighbours that are not cut stay whole: the new vertices lie on \
+their edges, so no crack opens.
+
+Examples:
+  antirad refine scenes/two_rooms.toml --output out/fine
+  antirad render out/fine/two_rooms.toml"
+)]
+pub struct Arguments {
+    #[command(flatten)]
+    settings: SceneSettings,
+    /// Where the finer scene goes: SCENE.toml, with its meshes and materials beside it
+    #[arg(long, short, value_name = "DIR")]
+    output: PathBuf,
+    /// Triangles that the finer scene may have
+    #[arg(long, value_name = "NUMBER", default_value_t = RefineOptions::default().max_triangles)]
+    max_triangles: usize,
+    /// Times that a triangle may be cut
+    #[arg(long, value_name = "NUMBER", default_value_t = RefineOptions::default().levels)]
+    levels: u32,
+}
+
+pub fn run(arguments: &Arguments, quiet: bool) -> Result<(), Failure> {
+    let mut scene = arguments.settings.load()?;
+    let triangles = scene.triangles.len();
+    let options = RefineOptions { max_triangles: arguments.max_triangles, levels: arguments.levels };
+    let refined = refine(&mut scene, &Limits::default(), &options)?;
+    prepare_directory(&arguments.output)?;
+    let path = arguments.output.join(format!("{}.toml", scene.name));
+    scene.save(&path)?;
+    if quiet {
+        return Ok(());
+    }
+    println!("triangles   {triangles} before, {} after {} rounds", scene.triangles.len(), refined.rounds);
+    for (mesh, cut) in &refined.cut {
+        println!("            {cut} triangles of mesh \"{mesh}\" were cut");
+    }
+    println!("warnings    before: {}", summary(&refined.before));
+    println!("            after: {}", summary(&refined.after));
+    if refined.full {
+        println!("            more would be cut, but for --max-triangles {}", options.max_triangles);
+    }
+    println!("written     {}", path.display());
+    Ok(())
+}
+
+fn summary(warnings: &Warnings) -> String {
+    let each = warnings
+        .list
+        .iter()
+        .map(|w| format!("{} {} ({:.2} % of the area)", w.count, w.kind.name(), 100.0 * w.area_share));
+    let all = each.collect::<Vec<_>>().join(", ");
+    if all.is_empty() { "none".to_owned() } else { all }
+}

@@ -1,0 +1,164 @@
+//! Scenes whose answer is known.
+
+use antirad::gpu::Device;
+use antirad::plan::{Limits, Occlusion, Plan};
+use antirad::reference::PathTracer;
+use antirad::scene::{LoadOptions, Material, Scene, SceneBuilder, Shape};
+use antirad::{Engine, SolveParams};
+use glam::{DAffine3, DQuat, DVec3};
+use std::error::Error;
+use std::path::Path;
+
+pub const NAMES: [&str; 13] = [
+    "parallel",
+    "perpendicular",
+    "sphere_l3_r80",
+    "cornell_empty_closed",
+    "cornell_boxes",
+    "glossy_floor",
+    "shadow_0.4_0.25",
+    "shadow_0.4_1",
+    "shadow_0.4_1.5",
+    "shadow_0.1_0.25",
+    "shadow_0.1_1",
+    "shadow_0.1_1.5",
+    "plates_2",
+];
+
+/// Paths for each triangle of a scene without a reference.
+const SAMPLES: u32 = 1024;
+/// For direct light alone, where shadows are.
+const SHADOW_SAMPLES: u32 = 256;
+/// A triangle is in shadow if less than this share of the light of lamps arrives.
+const SHADOW: f64 = 0.5;
+
+/// What irradiance should be.
+pub enum Truth {
+    /// Of each triangle of the unrefined scene, W/m².
+    Triangles(Vec<DVec3>),
+    /// The mean over triangles of a material.
+    Mean { material: &'static str, irradiance: f64 },
+}
+
+pub struct Case {
+    pub name: String,
+    pub scene: Scene,
+    pub truth: Truth,
+    /// m².
+    pub areas: Vec<f64>,
+    /// What arrives from lamps without blockers, and which triangles are in shadow.
+    pub unoccluded: Vec<DVec3>,
+    pub in_shadow: Vec<bool>,
+}
+
+impl Case {
+    pub fn new(name: &str, root: &Path, device: &Device) -> Result<Self, Box<dyn Error>> {
+        let load = |path: &str| Scene::load(&root.join(path), &LoadOptions::default());
+        let data = |name: &str| read(&root.join(format!("tests/data/{name}.irradiance.npy")));
+        let traced = |scene: &Scene| {
+            let found = PathTracer::new(scene).irradiance(SAMPLES);
+            Truth::Triangles(found.into_iter().map(|estimate| estimate.mean).collect())
+        };
+        let square = |name: &str, form_factor: f64| -> Result<_, Box<dyn Error>> {
+            let scene = load(&format!("tests/data/{name}.obj"))?;
+            let exitance = brightest(&scene) * std::f64::consts::PI;
+            Ok((scene, Truth::Mean { material: "recv", irradiance: form_factor * exitance }))
+        };
+        let (scene, truth) = match name {
+            "parallel" => square(name, 0.199_824_895_698)?,
+            "perpendicular" => square(name, 0.200_043_776_075)?,
+            // Exitance 1 and albedo 0.8 everywhere: E = 1 / (1 - ρ).
+            "sphere_l3_r80" => {
+                let scene = load("tests/data/sphere_l3_r80.obj")?;
+                let truth = Truth::Triangles(vec![DVec3::splat(5.0); scene.triangles.len()]);
+                (scene, truth)
+            }
+            "cornell_empty_closed" => {
+                (load("tests/data/cornell_empty_closed.obj")?, Truth::Triangles(data(name)?))
+            }
+            "cornell_boxes" => (load("scenes/cornell_boxes.toml")?, Truth::Triangles(data(name)?)),
+            "plates_2" => {
+                let scene = antirad::reference::Plates { count: 2, ..Default::default() }.scene()?;
+                let truth = traced(&scene);
+                (scene, truth)
+            }
+            "glossy_floor" => {
+                let scene = load("scenes/glossy_floor.toml")?;
+                let truth = traced(&scene);
+                (scene, truth)
+            }
+            _ => {
+                let mut numbers = name.split('_').skip(1).map(str::parse::<f64>);
+                let (Some(Ok(lamp)), Some(Ok(height))) = (numbers.next(), numbers.next()) else {
+                    return Err(format!("{name} is no shadow").into());
+                };
+                let scene = shadow(lamp, height)?;
+                let truth = traced(&scene);
+                (scene, truth)
+            }
+        };
+        let areas: Vec<f64> = (0..scene.triangles.len()).map(|i| area(&scene, i)).collect();
+        let black = black(&scene);
+        let unoccluded = without_blockers(device, &black)?;
+        let direct = PathTracer::new(&black).irradiance(SHADOW_SAMPLES);
+        let lit = unoccluded.iter().zip(&areas).map(|(e, a)| a * e.element_sum()).sum::<f64>()
+            / areas.iter().sum::<f64>();
+        let in_shadow = direct
+            .iter()
+            .zip(&unoccluded)
+            .map(|(d, u)| u.element_sum() > 0.05 * lit && d.mean.element_sum() < SHADOW * u.element_sum())
+            .collect();
+        Ok(Self { name: name.to_owned(), scene, truth, areas, unoccluded, in_shadow })
+    }
+}
+
+pub fn area(scene: &Scene, i: usize) -> f64 {
+    let [a, b, c] = scene.corners(i);
+    0.5 * (b - a).cross(c - a).length()
+}
+
+fn brightest(scene: &Scene) -> f64 {
+    scene.materials.iter().flat_map(|m| m.emission).fold(0.0, f64::max)
+}
+
+/// Lamps alone reflect nothing and shine.
+fn black(scene: &Scene) -> Scene {
+    let mut black = scene.clone();
+    for material in &mut black.materials {
+        *material = Material { emission: material.emission, ..Material::named(material.name.clone()) };
+    }
+    black
+}
+
+fn without_blockers(device: &Device, scene: &Scene) -> Result<Vec<DVec3>, Box<dyn Error>> {
+    let limits = Limits { occlusion: Occlusion::Nothing, ..Limits::of(device) };
+    let plan = Plan::new(scene, &limits, &scene.accuracy)?;
+    let solution = Engine::new(device, scene, plan)?.solve(&SolveParams::from(&scene.accuracy))?;
+    Ok(solution.irradiance.into_iter().map(DVec3::from).collect())
+}
+
+/// A floor of 2 x 2 m below a lamp, a square blocker of 0.8 x 0.8 m in 12 x 12 cells between them, all black.
+fn shadow(lamp: f64, height: f64) -> Result<Scene, Box<dyn Error>> {
+    let at = |side: f64, height: f64, up: f64| {
+        let flip = DAffine3::from_scale(DVec3::new(1.0, up, 1.0));
+        let place = DVec3::new(-0.5 * side, height, -0.5 * side);
+        DAffine3::from_scale_rotation_translation(DVec3::new(side, 1.0, side), DQuat::IDENTITY, place) * flip
+    };
+    let black = Material::named("black");
+    let light = Material { emission: [10.0; 3], ..Material::named("lamp") };
+    let mut builder = SceneBuilder::new();
+    builder
+        .shape("floor", Shape::Quad { cells: 24 }, &black, at(2.0, 0.0, 1.0))
+        .shape("blocker", Shape::Quad { cells: 12 }, &black, at(0.8, height, 1.0))
+        .shape("lamp", Shape::Quad { cells: 2 }, &light, at(lamp, 2.0, -1.0));
+    Ok(builder.finish("shadow")?)
+}
+
+/// Rows of a float32 array [n, 3].
+fn read(path: &Path) -> Result<Vec<DVec3>, Box<dyn Error>> {
+    let name =
+        |error: std::io::Error| format!("{}: {error}; --root names the project's folder", path.display());
+    let bytes = std::fs::read(path).map_err(name)?;
+    let flat: Vec<f32> = npyz::NpyFile::new(&bytes[..]).map_err(name)?.into_vec().map_err(name)?;
+    Ok(flat.chunks_exact(3).map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into())).collect())
+}

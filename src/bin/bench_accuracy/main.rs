@@ -1,0 +1,114 @@
+//! Error against time, for scenes whose answer is known.
+
+mod cases;
+mod measure;
+mod sweep;
+mod table;
+
+use antirad::cli::{self, Interrupt};
+use antirad::gpu::{Device, DeviceOptions};
+use antirad::output::prepare_directory;
+use cases::Case;
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::error::Error;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use sweep::Setting;
+use table::Row;
+
+/// What accuracy costs: errors of irradiance, shadows and pictures, and seconds, passes and bytes, over triangles, direction
+/// bins, weights, near field, precision, solver and tolerance
+///
+/// Truth is a closed form, path-traced irradiance made by others (tests/data), or the project's own path tracer, which is
+/// checked against both.
+#[derive(Parser)]
+#[command(version, about, after_help = EXAMPLES)]
+struct Arguments {
+    /// A scene; may be given several times [default: all]
+    #[arg(long, value_name = "NAME")]
+    scene: Vec<String>,
+    /// Fewer settings, without the finest meshes: minutes instead of an hour
+    #[arg(long)]
+    quick: bool,
+    /// Where the project's scenes/ and tests/data/ are
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    root: PathBuf,
+    /// Where accuracy.csv and the plots go
+    #[arg(long, short, value_name = "DIR", default_value = "out/accuracy")]
+    output: PathBuf,
+    /// Vulkan device, by its number or a part of its name [env: ANTIRAD_DEVICE]
+    #[arg(long, value_name = "INDEX|NAME")]
+    device: Option<String>,
+    /// No progress, no table: errors alone
+    #[arg(short, long)]
+    quiet: bool,
+    /// A line for each measurement, too
+    #[arg(short, long, action = clap::ArgAction::Count)]
+    verbose: u8,
+}
+
+const EXAMPLES: &str = "Examples:
+  bench_accuracy --quick
+  bench_accuracy --scene cornell_boxes --scene shadow_0.4_1 --output out/shadows";
+
+/// Stopped by Ctrl-C.
+#[derive(Debug, thiserror::Error)]
+#[error("interrupted; what was measured is kept")]
+struct Interrupted;
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    cli::start_logging(arguments.quiet, arguments.verbose, false);
+    let interrupt = Interrupt::catch();
+    match run(&arguments, &interrupt) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("bench_accuracy: {error}");
+            ExitCode::from(if interrupt.is_set() { interrupt.exit_code() } else { cli::EXIT_FAILURE })
+        }
+    }
+}
+
+fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
+    let known = cases::NAMES;
+    if let Some(unknown) = arguments.scene.iter().find(|name| !known.contains(&name.as_str())) {
+        return Err(format!("there is no scene \"{unknown}\"; there are: {}", known.join(", ")).into());
+    }
+    let chosen = |name: &&str| arguments.scene.is_empty() || arguments.scene.iter().any(|s| s == name);
+    prepare_directory(&arguments.output)?;
+    let usual = DeviceOptions::default();
+    let selector = arguments.device.clone().or(usual.selector.clone());
+    let device = Device::new(&DeviceOptions { selector, ..usual })?;
+
+    let names: Vec<&str> = known.into_iter().filter(chosen).collect();
+    let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(1000) };
+    if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} gone, {eta} left") {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    let mut rows: Vec<Row> = Vec::new();
+    for (k, name) in names.iter().enumerate() {
+        bar.set_message(format!("{name}: truth"));
+        let case = Case::new(name, &arguments.root, &device)?;
+        let settings = sweep::settings(&case, arguments.quick);
+        let total: f64 = settings.iter().map(Setting::cost).sum();
+        let mut done = 0.0;
+        for setting in &settings {
+            bar.set_message(format!("{name}: {setting}"));
+            let row = measure::measure(&device, &case, setting, interrupt)?;
+            tracing::info!("{name}, {setting}: {row}");
+            rows.push(row);
+            // Whoever stops it keeps what there is.
+            table::write(&arguments.output, &rows)?;
+            done += setting.cost();
+            bar.set_position(((k as f64 + done / total) / names.len() as f64 * 1000.0) as u64);
+        }
+    }
+    bar.finish_and_clear();
+    table::plot(&arguments.output, &rows)?;
+    if !arguments.quiet {
+        table::print(&rows);
+        println!("written to {}", arguments.output.display());
+    }
+    Ok(())
+}

@@ -1,0 +1,139 @@
+//! One setting: solve, and compare.
+
+use crate::Interrupted;
+use crate::cases::{Case, Truth, area};
+use crate::sweep::Setting;
+use crate::table::Row;
+use antirad::cli::Interrupt;
+use antirad::gpu::Device;
+use antirad::image::Rasterizer;
+use antirad::plan::{Limits, Plan};
+use antirad::scene::{Camera, Scene};
+use antirad::solve::SolveError;
+use antirad::{Engine, EngineError, SolveParams};
+use glam::DVec3;
+use std::error::Error;
+use std::f64::consts::PI;
+use std::time::Instant;
+
+/// Samples along each side of a pixel.
+const SUPERSAMPLE: u32 = 2;
+
+pub fn measure(
+    device: &Device,
+    case: &Case,
+    setting: &Setting,
+    interrupt: &Interrupt,
+) -> Result<Row, Box<dyn Error>> {
+    let mut scene = Scene { accuracy: setting.accuracy, ..case.scene.clone() };
+    let mut parents: Vec<u32> = (0..scene.triangles.len() as u32).collect();
+    for _ in 0..setting.level {
+        let all: Vec<u32> = (0..scene.triangles.len() as u32).collect();
+        parents = scene.split(&all).into_iter().map(|parent| parents[parent as usize]).collect();
+    }
+    let plan = Plan::new(&scene, &Limits::of(device), &scene.accuracy)?;
+    let bytes = plan.memory().total();
+    let mut engine = Engine::new(device, &scene, plan)?;
+    // Kernels are compiled by the first dispatches: a first pass is not measured.
+    let stop = interrupt.clone();
+    engine.set_watcher(Some(Box::new(move |_, _| stop.flow())));
+    let warm_up = SolveParams { tolerance: 0.9, max_passes: 3 };
+    match engine.solve(&warm_up) {
+        Ok(_) | Err(EngineError::Solve(SolveError::NoConvergence { .. } | SolveError::Diverged { .. })) => (),
+        Err(error) => return Err(interrupted_or(error, interrupt)),
+    }
+    let start = Instant::now();
+    let solved = engine.solve(&SolveParams::from(&scene.accuracy));
+    let seconds = start.elapsed().as_secs_f64();
+    let mut row = Row::new(case, setting, scene.triangles.len(), seconds, bytes);
+    let solution = match solved {
+        Ok(solution) => solution,
+        Err(EngineError::Solve(error @ (SolveError::Diverged { .. } | SolveError::NoConvergence { .. }))) => {
+            row.failure = error.to_string();
+            return Ok(row);
+        }
+        Err(error) => return Err(interrupted_or(error, interrupt)),
+    };
+    row.passes = solution.info.passes;
+    row.residuals = solution.info.residuals.clone();
+    row.negative = solution.negative.triangles;
+
+    // Of the unrefined triangles: means over area.
+    let mut found = vec![DVec3::ZERO; case.areas.len()];
+    for (i, &parent) in parents.iter().enumerate() {
+        let parent = parent as usize;
+        found[parent] +=
+            area(&scene, i) / case.areas[parent].max(f64::MIN_POSITIVE) * DVec3::from(solution.irradiance[i]);
+    }
+    match &case.truth {
+        Truth::Mean { material, irradiance } => {
+            let receives = |i: &usize| case.scene.material(*i).name == *material;
+            let receivers: Vec<usize> = (0..found.len()).filter(receives).collect();
+            let of = |f: &dyn Fn(usize) -> f64| receivers.iter().map(|&i| f(i)).sum::<f64>();
+            let mean = of(&|i| case.areas[i] * found[i].x) / of(&|i| case.areas[i]);
+            row.error = Some((mean / irradiance - 1.0).abs());
+        }
+        Truth::Triangles(truth) => compare(&mut row, device, case, &found, truth)?,
+    }
+    Ok(row)
+}
+
+fn interrupted_or(error: EngineError, interrupt: &Interrupt) -> Box<dyn Error> {
+    if interrupt.is_set() { Interrupted.into() } else { error.into() }
+}
+
+fn compare(
+    row: &mut Row,
+    device: &Device,
+    case: &Case,
+    found: &[DVec3],
+    truth: &[DVec3],
+) -> Result<(), Box<dyn Error>> {
+    let sum = |of: &dyn Fn(usize) -> f64| (0..truth.len()).map(|i| case.areas[i] * of(i)).sum::<f64>();
+    let difference = |i: usize| (found[i] - truth[i]).length_squared();
+    row.error = Some((sum(&difference) / sum(&|i| truth[i].length_squared())).sqrt());
+    let mean = sum(&|i| truth[i].max_element()) / case.areas.iter().sum::<f64>();
+    let largest = (0..truth.len()).map(|i| (found[i] - truth[i]).abs().max_element()).fold(0.0, f64::max);
+    row.largest_error = Some(largest / mean);
+    let shadowed = |of: &dyn Fn(usize) -> f64| sum(&|i| if case.in_shadow[i] { of(i) } else { 0.0 });
+    let blocked = shadowed(&|i| (case.unoccluded[i] - truth[i]).length_squared());
+    row.shadow_error = (blocked > 0.0).then(|| (shadowed(&difference) / blocked).sqrt());
+    let all_blocked = sum(&|i| (case.unoccluded[i] - truth[i]).length_squared());
+    row.floor_error = case.name.starts_with("shadow").then(|| (sum(&difference) / all_blocked).sqrt());
+
+    let absorbed = |e: &[DVec3]| {
+        sum(&|i| {
+            let albedo = DVec3::from(case.scene.material(i).diffuse_albedo());
+            ((DVec3::ONE - albedo) * e[i]).element_sum()
+        })
+    };
+    row.absorbed_error = Some(absorbed(found) / absorbed(truth) - 1.0);
+    let diffuse = (0..truth.len()).all(|i| !case.scene.material(i).is_glossy());
+    if let (Some(camera), true) = (case.scene.cameras.first(), diffuse) {
+        row.picture_error = Some(picture_error(device, &case.scene, camera, found, truth)?);
+    }
+    Ok(())
+}
+
+/// The mean over pixels of d² / (t² + ε²), ε a hundredth of the mean.
+fn picture_error(
+    device: &Device,
+    scene: &Scene,
+    camera: &Camera,
+    found: &[DVec3],
+    truth: &[DVec3],
+) -> Result<f64, Box<dyn Error>> {
+    let coverage = Rasterizer::new(device)?.coverage(scene, camera, SUPERSAMPLE)?;
+    let colours = |e: &[DVec3]| -> Vec<[f64; 3]> {
+        let colour = |i: usize| {
+            let m = scene.material(i);
+            (DVec3::from(m.emission) + DVec3::from(m.diffuse_albedo()) * e[i] / PI).to_array()
+        };
+        (0..e.len()).map(colour).collect()
+    };
+    let (found, truth) = (coverage.pixels(&colours(found))?, coverage.pixels(&colours(truth))?);
+    let values = || found.iter().zip(&truth).flat_map(|(f, t)| (0..3).map(move |c| (f[c], t[c])));
+    let count = values().count() as f64;
+    let small = 0.01 * values().map(|(_, t)| t).sum::<f64>() / count;
+    Ok(values().map(|(f, t)| (f - t).powi(2) / (t * t + small * small)).sum::<f64>() / count)
+}

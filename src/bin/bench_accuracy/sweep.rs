@@ -1,0 +1,92 @@
+//! Which settings are measured.
+
+use crate::cases::Case;
+use antirad::scene::{Accuracy, BinLayout, Precision, SolverChoice, Weights};
+use std::fmt;
+
+/// One measurement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setting {
+    pub accuracy: Accuracy,
+    /// How often every triangle is cut into four.
+    pub level: u32,
+    /// What is varied here.
+    pub varies: &'static str,
+}
+
+impl Setting {
+    /// About, for the progress bar.
+    pub fn cost(&self) -> f64 {
+        let precision = match self.accuracy.precision {
+            Precision::F32 => 1.0,
+            Precision::F64 => 3.0,
+        };
+        16_f64.powi(self.level as i32) * precision
+    }
+}
+
+impl fmt::Display for Setting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Accuracy { bins, weights, subsample, tolerance, solver, precision, .. } = self.accuracy;
+        let cuts = self.level;
+        write!(f, "{bins} {weights:?} near {subsample} {precision:?} {solver:?} {tolerance:.0e}, {cuts} cuts")
+    }
+}
+
+const TIGHT: f64 = 1e-5;
+
+/// The defaults, and what differs from them in one thing; triangles and bins together. `quick` leaves out finer meshes of
+/// scenes that are large already, and what is known to matter little.
+pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
+    let usual = Accuracy { tolerance: TIGHT, ..Accuracy::default() };
+    let mut settings: Vec<Setting> = Vec::new();
+    let mut add = |varies: &'static str, level: u32, accuracy: Accuracy| {
+        let setting = Setting { accuracy, level, varies };
+        let known = settings.iter().any(|s| s.accuracy == accuracy && s.level == level);
+        if !known {
+            settings.push(setting);
+        }
+    };
+    let equal = |theta, phi| BinLayout::EqualAngle { theta, phi };
+    let square = |n| BinLayout::Concentric { n };
+    let layouts: &[BinLayout] = match quick {
+        true => &[equal(6, 8), equal(10, 13), square(8), square(12)],
+        false => &[
+            equal(4, 6),
+            equal(6, 8),
+            equal(10, 13),
+            equal(14, 18),
+            square(6),
+            square(8),
+            square(12),
+            square(16),
+        ],
+    };
+    let finest = match (case.scene.triangles.len(), quick) {
+        (0..1000, true) | (1000..4000, false) => 1,
+        (0..1000, false) => 2,
+        _ => 0,
+    };
+    for level in 0..=finest {
+        for &bins in layouts {
+            add("bins", level, Accuracy { bins, ..usual });
+        }
+    }
+    add("weights", 0, Accuracy { weights: Weights::Smoothstep, ..usual });
+    let near: &[f64] = if quick { &[0.0, 10.0, 60.0] } else { &[0.0, 3.0, 10.0, 60.0, 120.0] };
+    for &subsample in near {
+        add("near field", 0, Accuracy { subsample, ..usual });
+        add("near field", 0, Accuracy { subsample, bins: square(8), ..usual });
+    }
+    if !quick {
+        add("precision", 0, Accuracy { precision: Precision::F64, ..usual });
+    }
+    let tolerances: &[f64] = if quick { &[1e-2, 1e-3] } else { &[1e-1, 1e-2, 1e-3, 1e-4, 1e-6] };
+    for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
+        add("solver", 0, Accuracy { solver, ..usual });
+        for &tolerance in tolerances {
+            add("tolerance", 0, Accuracy { solver, tolerance, ..usual });
+        }
+    }
+    settings
+}

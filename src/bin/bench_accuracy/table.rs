@@ -1,0 +1,230 @@
+//! The measurements as a table and as plots.
+
+use crate::cases::Case;
+use crate::sweep::Setting;
+use antirad::cli::{Curve, Drawn, LogPlot};
+use antirad::output::{OutputError, atomic_write};
+use antirad::scene::Accuracy;
+use std::fmt;
+use std::path::Path;
+
+/// One measurement. `None`: of no meaning for this scene, or there was no answer.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Row {
+    pub scene: String,
+    pub varies: &'static str,
+    pub triangles: usize,
+    /// How often the scene's triangles are cut into four.
+    pub cuts: u32,
+    pub bins: String,
+    pub bin_count: usize,
+    pub weights: String,
+    pub near_field: f64,
+    pub precision: String,
+    pub solver: String,
+    pub tolerance: f64,
+    /// Of the solve.
+    pub seconds: f64,
+    pub passes: u32,
+    /// Device memory.
+    pub bytes: u64,
+    /// Relative L2 of irradiance, over area.
+    pub error: Option<f64>,
+    /// Of a triangle's irradiance, over the mean.
+    pub largest_error: Option<f64>,
+    /// L2 inside shadows, over what is blocked there.
+    pub shadow_error: Option<f64>,
+    /// L2 over all triangles, over what is blocked.
+    pub floor_error: Option<f64>,
+    /// Relative mean squared error of the picture.
+    pub picture_error: Option<f64>,
+    /// Power absorbed by diffuse surfaces, relative.
+    pub absorbed_error: Option<f64>,
+    /// Triangles with negative irradiance.
+    pub negative: usize,
+    pub failure: String,
+    #[serde(skip)]
+    pub residuals: Vec<f64>,
+}
+
+impl Row {
+    pub fn new(case: &Case, setting: &Setting, triangles: usize, seconds: f64, bytes: u64) -> Self {
+        let Accuracy { bins, weights, subsample, tolerance, solver, precision, .. } = setting.accuracy;
+        Self {
+            scene: case.name.clone(),
+            varies: setting.varies,
+            triangles,
+            cuts: setting.level,
+            bins: bins.to_string(),
+            bin_count: bins.count(),
+            weights: format!("{weights:?}").to_lowercase(),
+            near_field: subsample,
+            precision: format!("{precision:?}").to_lowercase(),
+            solver: format!("{solver:?}").to_lowercase(),
+            tolerance,
+            seconds,
+            passes: 0,
+            bytes,
+            error: None,
+            largest_error: None,
+            shadow_error: None,
+            floor_error: None,
+            picture_error: None,
+            absorbed_error: None,
+            negative: 0,
+            failure: String::new(),
+            residuals: Vec::new(),
+        }
+    }
+
+    fn setting(&self) -> String {
+        let Self { bins, weights, near_field, precision, solver, tolerance, .. } = self;
+        let cuts = match self.cuts {
+            0 => String::new(),
+            n => format!(", cut {n}x"),
+        };
+        format!("{bins} {weights} near {near_field} {precision} {solver} {tolerance:.0e}{cuts}")
+    }
+}
+
+impl fmt::Display for Row {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.error {
+            Some(error) => {
+                write!(f, "{:.3} % in {:.2} s, {} passes", 100.0 * error, self.seconds, self.passes)
+            }
+            None => write!(f, "{}", self.failure),
+        }
+    }
+}
+
+const FILE: &str = "accuracy.csv";
+
+pub fn write(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
+    atomic_write(&directory.join(FILE), |file| {
+        let mut table = csv::Writer::from_writer(file);
+        for row in rows {
+            table.serialize(row).map_err(std::io::Error::other)?;
+        }
+        table.flush()
+    })
+}
+
+/// The measurements of one scene after the other, in their order.
+fn scenes(rows: &[Row]) -> impl Iterator<Item = &[Row]> {
+    rows.chunk_by(|a, b| a.scene == b.scene)
+}
+
+/// Those that no other one beats in both error and time, by time.
+fn front(rows: &[Row]) -> Vec<&Row> {
+    let mut sorted: Vec<&Row> = rows.iter().filter(|row| row.error.is_some()).collect();
+    sorted.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+    let mut best = f64::INFINITY;
+    sorted.retain(|row| {
+        let better = row.error.is_some_and(|error| error < best);
+        if better {
+            best = row.error.unwrap_or(best);
+        }
+        better
+    });
+    sorted
+}
+
+pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
+    for rows in scenes(rows) {
+        let name = &rows[0].scene;
+        let of = |varies: &str| -> Vec<(f64, f64)> {
+            let same = rows.iter().filter(|row| row.varies == varies);
+            same.filter_map(|row| Some((row.seconds, row.error?))).collect()
+        };
+        let mut kinds: Vec<&str> = rows.iter().map(|row| row.varies).collect();
+        kinds.dedup();
+        let mut curves: Vec<Curve> = kinds
+            .iter()
+            .map(|kind| Curve { label: (*kind).to_owned(), points: of(kind), drawn: Drawn::Points })
+            .collect();
+        let best = front(rows).into_iter().filter_map(|row| Some((row.seconds, row.error?))).collect();
+        curves.push(Curve { label: String::from("Pareto front"), points: best, drawn: Drawn::Line });
+        plot_one(
+            directory,
+            "error_seconds",
+            name,
+            "time of the solve / s",
+            "relative error of irradiance",
+            curves,
+        )?;
+
+        let mut layouts: Vec<&str> =
+            rows.iter().filter(|row| row.varies == "bins").map(|row| row.bins.as_str()).collect();
+        layouts.sort_unstable();
+        layouts.dedup();
+        let curve = |bins: &&str| {
+            let same = rows.iter().filter(|row| row.varies == "bins" && row.bins == **bins);
+            let points = same.filter_map(|row| Some((row.triangles as f64, row.error?))).collect();
+            Curve { label: format!("bins {bins}"), points, drawn: Drawn::Curve }
+        };
+        let curves = layouts.iter().map(curve).collect();
+        plot_one(directory, "error_triangles", name, "triangles", "relative error of irradiance", curves)?;
+
+        let solves = rows.iter().filter(|row| row.varies == "solver" && !row.residuals.is_empty());
+        let curves: Vec<Curve> = solves
+            .map(|row| Curve {
+                label: row.solver.clone(),
+                points: row.residuals.iter().enumerate().map(|(k, r)| (k as f64 + 1.0, *r)).collect(),
+                drawn: Drawn::Curve,
+            })
+            .collect();
+        plot_one(directory, "residual_passes", name, "passes", "relative residual", curves)?;
+    }
+    Ok(())
+}
+
+fn plot_one(
+    directory: &Path,
+    kind: &str,
+    scene: &str,
+    x: &str,
+    y: &str,
+    curves: Vec<Curve>,
+) -> Result<(), OutputError> {
+    if curves.iter().all(|curve| curve.points.is_empty()) {
+        return Ok(());
+    }
+    let linear_x = kind == "residual_passes";
+    let (x, y, title) = (x.to_owned(), y.to_owned(), scene.to_owned());
+    // No file's ending begins with a scene's height.
+    let file = format!("{kind}_{}", scene.replace('.', "-"));
+    LogPlot { title, x, y, curves, linear_x }.write(&directory.join(file))
+}
+
+/// The best of each scene.
+pub fn print(rows: &[Row]) {
+    let share =
+        |value: Option<f64>| value.map_or_else(|| String::from("-"), |v| format!("{:.3} %", 100.0 * v));
+    for rows in scenes(rows) {
+        println!("{}", rows[0].scene);
+        println!(
+            "  {:>9} {:>9} {:>9} {:>9} {:>8} {:>7} {:>9}  setting",
+            "error", "largest", "shadows", "picture", "seconds", "passes", "triangles"
+        );
+        let usual = rows.iter().find(|row| row.bins == "10x13" && row.cuts == 0);
+        for (row, mark) in
+            usual.into_iter().map(|row| (row, "usual")).chain(front(rows).into_iter().map(|r| (r, "front")))
+        {
+            println!(
+                "  {:>9} {:>9} {:>9} {:>9} {:>8.2} {:>7} {:>9}  {mark}: {}",
+                share(row.error),
+                share(row.largest_error),
+                share(row.floor_error.or(row.shadow_error)),
+                share(row.picture_error),
+                row.seconds,
+                row.passes,
+                row.triangles,
+                row.setting()
+            );
+        }
+        for row in rows.iter().filter(|row| !row.failure.is_empty()) {
+            println!("  no answer: {}: {}", row.setting(), row.failure);
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! Cuts chosen triangles of a scene.
+
+use super::Scene;
+use super::geometry::subdivide;
+
+impl Scene {
+    /// Cuts each of the triangles (rising, each once) into the four that the midpoints of its edges make, in its place:
+    /// the others keep their order. Neighbours among the chosen share the new vertices. Where only one side of an edge is
+    /// cut, the new vertex lies on that edge (to rounding), which it does not cut: no crack opens.
+    ///
+    /// Returns for each new triangle the one it came from.
+    pub fn split(&mut self, chosen: &[u32]) -> Vec<u32> {
+        let faces: Vec<[u32; 3]> = chosen.iter().map(|&t| self.triangles[t as usize].vertices).collect();
+        let children = subdivide(&mut self.vertices, &faces);
+        let mut children = children.chunks_exact(4).zip(chosen).peekable();
+        let mut parents = Vec::with_capacity(self.triangles.len() + 3 * chosen.len());
+        let old = std::mem::take(&mut self.triangles);
+        let mut meshes = self.meshes.iter_mut().zip((0..).map(|k| self.origins.get(k).cloned()));
+        let mut origins = Vec::new();
+        for (mesh, origin) in &mut meshes {
+            let first = self.triangles.len() as u32;
+            let mut lines = Vec::new();
+            for t in mesh.range.clone() {
+                let triangle = old[t as usize];
+                let line =
+                    origin.as_ref().and_then(|o| o.lines.get((t - mesh.range.start) as usize)).copied();
+                let new = match children.next_if(|(_, chosen)| **chosen == t) {
+                    Some((four, _)) => {
+                        four.iter().map(|&vertices| super::Triangle { vertices, ..triangle }).collect()
+                    }
+                    None => vec![triangle],
+                };
+                parents.extend(new.iter().map(|_| t));
+                lines.extend(new.iter().filter_map(|_| line));
+                self.triangles.extend(new);
+            }
+            mesh.range = first..self.triangles.len() as u32;
+            origins.extend(origin.map(|o| super::Origin { lines, ..o }));
+        }
+        self.origins = origins;
+        self.update_degenerate();
+        parents
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::scene::{Material, SceneBuilder, Shape};
+    use glam::{DAffine3, DVec3};
+
+    #[test]
+    fn chosen_triangles_become_four_in_their_place() {
+        let (grey, white) = (Material::named("grey"), Material::named("white"));
+        let mut builder = SceneBuilder::new();
+        builder.shape("a", Shape::Quad { cells: 1 }, &grey, DAffine3::IDENTITY);
+        builder.shape("b", Shape::Quad { cells: 2 }, &white, DAffine3::from_translation(DVec3::Y));
+        let mut scene = builder.finish("s").expect("a scene");
+        let before = scene.clone();
+        let area = |scene: &crate::scene::Scene, t: usize| {
+            let [a, b, c] = scene.corners(t);
+            (b - a).cross(c - a)
+        };
+        let parents = scene.split(&[1, 2, 3]);
+        assert_eq!(parents, [0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3, 4, 5, 6, 7, 8, 9]);
+        assert_eq!(scene.meshes.iter().map(|m| m.range.clone()).collect::<Vec<_>>(), [0..5, 5..19]);
+        for (t, &parent) in parents.iter().enumerate() {
+            assert_eq!(scene.material(t).name, before.material(parent as usize).name);
+            let times = parents.iter().filter(|&&p| p == parent).count() as f64;
+            assert!((area(&scene, t) * times - area(&before, parent as usize)).length() <= 1e-15);
+        }
+        // Triangles 2 and 3 share an edge, and so one of the new vertices.
+        assert_eq!(scene.vertices.len(), before.vertices.len() + 3 + 5);
+        assert!(scene.check(true).is_ok());
+    }
+}

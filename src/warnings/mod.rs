@@ -1,0 +1,383 @@
+//! What of a scene the method will get wrong, with the triangles to blame: found without solving ([`Warnings::of`]), or
+//! seen in a solution ([`Warnings::after`]). Pure host code between plan and engine.
+
+mod distance;
+mod edges;
+mod gain;
+mod gaps;
+mod layers;
+mod refine;
+
+pub use refine::{RefineError, RefineOptions, Refined, refine};
+
+use crate::Solution;
+use crate::plan::Plan;
+use crate::scene::Scene;
+use crate::solve::SolveError;
+use edges::Edges;
+use gain::{Gain, Gains};
+use layers::Layers;
+use serde::Serialize;
+use std::fmt;
+
+/// Largest a/(d² s_b) that is passed over: beyond it errors of the shadow grow with every triangle's size.
+const GAIN_LIMIT: f64 = 0.5;
+/// Triangles that a warning shows by name.
+const SHOWN: usize = 5;
+/// Product of gains of stacked layers from which on shadows below them are worth nothing.
+const SEVERE_LAYERS: f64 = 10.0;
+/// Share of negative in all irradiance from which on it is more than the usual error.
+const SEVERE_NEGATIVE: f64 = 0.01;
+
+/// What a warning is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// A blocker spans more than a part of a direction bin, seen from a receiver behind it.
+    CoarseBlockers,
+    /// Blockers behind one another whose gains multiply.
+    StackedLayers,
+    /// Triangles face each other closer than they are wide.
+    NarrowGaps,
+    /// Blockers with an edge that nothing closes.
+    OpenBlockers,
+    /// Blockers of which some triangles are turned over.
+    InconsistentBlockers,
+    /// Light is created: the spectral radius of the transport is 1 or more.
+    Unphysical,
+    /// Irradiance below zero.
+    NegativeIrradiance,
+}
+
+impl Kind {
+    /// Two or three words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::CoarseBlockers => "coarse blockers",
+            Self::StackedLayers => "stacked layers",
+            Self::NarrowGaps => "narrow gaps",
+            Self::OpenBlockers => "open blockers",
+            Self::InconsistentBlockers => "inconsistent blockers",
+            Self::Unphysical => "unphysical",
+            Self::NegativeIrradiance => "negative irradiance",
+        }
+    }
+}
+
+/// One of the worst triangles of a warning.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Example {
+    /// Index in the scene.
+    pub triangle: u32,
+    /// `room.obj:17 (triangle 5 of mesh "room")`.
+    pub place: String,
+    /// What it is measured by: see [`Warning::measure`].
+    pub value: f64,
+    /// The triangle that it is bad for or with, if there is one.
+    pub other: Option<u32>,
+    pub other_place: Option<String>,
+}
+
+/// Something of a scene that the method will get wrong.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Warning {
+    pub kind: Kind,
+    /// Whether the result may be useless, not just less accurate.
+    pub severe: bool,
+    /// What is wrong, in a sentence.
+    pub message: String,
+    /// What to do about it.
+    pub way_out: String,
+    /// What the values of the examples are, with the unit.
+    pub measure: &'static str,
+    pub count: usize,
+    /// Of the scene's area, 0 to 1.
+    pub area_share: f64,
+    /// The worst ones.
+    pub worst: Vec<Example>,
+    /// All triangles, the worst first.
+    #[serde(skip)]
+    pub triangles: Vec<u32>,
+}
+
+/// All warnings of a scene under a plan.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Warnings {
+    pub list: Vec<Warning>,
+}
+
+/// A triangle, its value and what it is bad for.
+type Found = (u32, f64, Option<u32>);
+
+impl Warnings {
+    /// What can be told before a solve. Takes about as long as planning: it looks at pairs of triangles that are near.
+    pub fn of(scene: &Scene, plan: &Plan) -> Self {
+        let mut warnings = Self::default();
+        let gains = Gains::above(GAIN_LIMIT, plan);
+        warnings.stacked_layers(scene, plan, &gains);
+        warnings.coarse_blockers(scene, plan, &gains);
+        warnings.narrow_gaps(scene, plan);
+        warnings.bad_edges(scene, plan);
+        warnings
+    }
+
+    /// What a solution shows.
+    pub fn after(scene: &Scene, plan: &Plan, solution: &Solution) -> Self {
+        let mut warnings = Self::default();
+        if let Some(radius) = solution.info.spectral_radius.filter(|&radius| radius >= 1.0) {
+            warnings.list.push(unphysical(scene, plan, radius));
+        }
+        let lowest = |i: usize| solution.irradiance[i].iter().copied().fold(f64::INFINITY, f64::min);
+        let mut found: Vec<Found> = (0..scene.triangles.len())
+            .map(|i| (i as u32, lowest(i), None))
+            .filter(|&(_, h, _)| h < 0.0)
+            .collect();
+        found.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let power = |of: &dyn Fn(f64) -> f64| -> f64 {
+            let sum = |i: usize| solution.irradiance[i].iter().map(|&h| of(h)).sum::<f64>();
+            (0..scene.triangles.len()).map(|i| plan.facets[i].area * sum(i)).sum()
+        };
+        let share = power(&|h| (-h).max(0.0)) / power(&f64::abs).max(f64::MIN_POSITIVE);
+        warnings.push(scene, plan, found, |count| Warning {
+            kind: Kind::NegativeIrradiance,
+            severe: share > SEVERE_NEGATIVE,
+            message: format!(
+                "{count} triangles have negative irradiance, {:.2} % of all light in size: more was taken away there than \
+                 arrived",
+                100.0 * share
+            ),
+            way_out: "antirad refine, or a finer mesh where blockers are near; a little of it is usual".to_owned(),
+            measure: "irradiance, W/m²",
+            ..Warning::blank()
+        });
+        warnings
+    }
+
+    /// What a solve that found nothing says.
+    pub fn after_failure<E>(scene: &Scene, plan: &Plan, error: &SolveError<E>) -> Self {
+        match error {
+            SolveError::Diverged { .. } => Self { list: vec![unphysical(scene, plan, f64::INFINITY)] },
+            _ => Self::default(),
+        }
+    }
+
+    /// The warning of a kind.
+    pub fn get(&self, kind: Kind) -> Option<&Warning> {
+        self.list.iter().find(|w| w.kind == kind)
+    }
+
+    /// Triangles under any warning, each counted once per warning.
+    pub fn count(&self) -> usize {
+        self.list.iter().map(|w| w.count).sum()
+    }
+
+    fn stacked_layers(&mut self, scene: &Scene, plan: &Plan, gains: &Gains) {
+        let layers = Layers::of(gains);
+        let stacked = layers.stacked();
+        let Some(&worst) = stacked.first() else { return };
+        let chain = layers.chain(worst);
+        let mut names: Vec<&str> = chain.triangles.iter().map(|&t| mesh_name(scene, t)).collect();
+        names.dedup();
+        let links = chain.triangles.len() - 1;
+        let product = if chain.endless {
+            "without bound: some blockers lie behind one another in a ring".to_owned()
+        } else {
+            format!("up to {:.1e}", chain.gain)
+        };
+        let found = stacked.iter().map(|&t| (t, layers.product(t), None)).collect();
+        self.push(scene, plan, found, |count| Warning {
+            kind: Kind::StackedLayers,
+            severe: chain.endless || chain.gain > SEVERE_LAYERS,
+            message: format!(
+                "{count} triangles lie behind two or more layers whose errors multiply, {product}; the worst are {links} \
+                 in a row: {}",
+                quoted(&names)
+            ),
+            way_out: "antirad refine, a mesh finer than the distance of the layers, fewer bins, or one layer in place of \
+                      several"
+                .to_owned(),
+            measure: "product of a/(d² s_b) over the layers",
+            ..Warning::blank()
+        });
+    }
+
+    fn coarse_blockers(&mut self, scene: &Scene, plan: &Plan, gains: &Gains) {
+        let mut worst: Vec<Gain> = gains.of_blocker.iter().flatten().copied().collect();
+        worst.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        let receivers = gains.strongest.iter().filter(|list| !list.is_empty()).count();
+        let found = worst.iter().map(|g| (g.blocker, g.gain, Some(g.receiver))).collect();
+        self.push(scene, plan, found, |count| Warning {
+            kind: Kind::CoarseBlockers,
+            severe: false,
+            message: format!(
+                "{count} blockers are too large for {} bins where {receivers} triangles behind them are near: shadows \
+                 there are wrong by about a tenth of a/(d² s_b), which should be below {GAIN_LIMIT}",
+                plan.accuracy.bins
+            ),
+            way_out: "antirad refine, a finer mesh, or fewer bins (--bins)".to_owned(),
+            measure: "a/(d² s_b): the blocker's solid angle, in pieces, over that of a bin",
+            ..Warning::blank()
+        });
+    }
+
+    fn narrow_gaps(&mut self, scene: &Scene, plan: &Plan) {
+        let mut gaps = gaps::gaps(plan);
+        gaps.sort_by(|a, b| a.share.total_cmp(&b.share));
+        let found = gaps.iter().map(|g| (g.wide, g.share, Some(g.other))).collect();
+        self.push(scene, plan, found, |count| Warning {
+            kind: Kind::NarrowGaps,
+            severe: false,
+            message: format!(
+                "{count} triangles face others closer than half their own size: light leaks from the gap"
+            ),
+            way_out: "antirad refine, close the gap, or leave out what lies in it".to_owned(),
+            measure: "width of the gap over the triangle's size √s",
+            ..Warning::blank()
+        });
+    }
+
+    fn bad_edges(&mut self, scene: &Scene, plan: &Plan) {
+        let Edges { open, inconsistent } = Edges::of(plan);
+        let by_area = |mut list: Vec<u32>| -> Vec<Found> {
+            let scale = plan.placement.scale.powi(-2);
+            let area = |t: u32| plan.facets[t as usize].area * scale;
+            list.sort_by(|&a, &b| area(b).total_cmp(&area(a)));
+            list.into_iter().map(|t| (t, area(t), None)).collect()
+        };
+        self.push(scene, plan, by_area(inconsistent), |count| Warning {
+            kind: Kind::InconsistentBlockers,
+            severe: true,
+            message: format!(
+                "{count} blockers share an edge with a triangle that is turned the other way: one of the two shows its \
+                 black back, which holds nothing back"
+            ),
+            way_out: "turn the triangles of each object so that all fronts are outside".to_owned(),
+            measure: "area, m²",
+            ..Warning::blank()
+        });
+        self.push(scene, plan, by_area(open), |count| Warning {
+            kind: Kind::OpenBlockers,
+            severe: false,
+            message: format!(
+                "{count} blockers have an edge that nothing closes: light that meets a back there goes through"
+            ),
+            way_out: "close the object, or give sheets a second side; a lamp close to a ceiling may stay".to_owned(),
+            measure: "area, m²",
+            ..Warning::blank()
+        });
+    }
+
+    /// Adds a warning for what was found, if anything was; the worst come first.
+    fn push(
+        &mut self,
+        scene: &Scene,
+        plan: &Plan,
+        found: Vec<Found>,
+        warning: impl FnOnce(usize) -> Warning,
+    ) {
+        if found.is_empty() {
+            return;
+        }
+        let all: f64 = plan.facets.iter().map(|f| f.area).sum();
+        let area: f64 = found.iter().map(|f| plan.facets[f.0 as usize].area).sum();
+        let example = |&(triangle, value, other): &Found| Example {
+            triangle,
+            place: scene.place_of(triangle as usize),
+            value,
+            other,
+            other_place: other.map(|t| scene.place_of(t as usize)),
+        };
+        self.list.push(Warning {
+            count: found.len(),
+            area_share: area / all,
+            worst: found.iter().take(SHOWN).map(example).collect(),
+            triangles: found.iter().map(|f| f.0).collect(),
+            ..warning(found.len())
+        });
+    }
+}
+
+/// The radius says that, not where: the layers and blockers that are known to be bad are the first to look at.
+fn unphysical(scene: &Scene, plan: &Plan, radius: f64) -> Warning {
+    let before = Warnings::of(scene, plan);
+    let suspects = before.get(Kind::StackedLayers).or(before.get(Kind::CoarseBlockers));
+    let size = if radius.is_finite() { format!("about {radius:.3}") } else { "above 1".to_owned() };
+    Warning {
+        kind: Kind::Unphysical,
+        severe: true,
+        message: format!(
+            "the spectral radius of the transport is {size}: light is created, and the answer is not physical"
+        ),
+        way_out: "look for interpenetrating triangles, and stacked layers closer than a triangle's size"
+            .to_owned(),
+        ..suspects.cloned().unwrap_or(Warning::blank())
+    }
+}
+
+impl Warning {
+    fn blank() -> Self {
+        Self {
+            kind: Kind::Unphysical,
+            severe: false,
+            message: String::new(),
+            way_out: String::new(),
+            measure: "",
+            count: 0,
+            area_share: 0.0,
+            worst: Vec::new(),
+            triangles: Vec::new(),
+        }
+    }
+}
+
+fn mesh_name(scene: &Scene, triangle: u32) -> &str {
+    scene.meshes.iter().find(|m| m.range.contains(&triangle)).map_or("", |m| m.name.as_str())
+}
+
+/// A list of names, its middle left out if it is long.
+fn quoted(names: &[&str]) -> String {
+    const MOST: usize = 12;
+    let quote = |names: &[&str]| names.iter().map(|n| format!("\"{n}\"")).collect::<Vec<_>>().join(", ");
+    match names.len() {
+        0..=MOST => quote(names),
+        n => format!("{}, …, {}", quote(&names[..MOST / 2]), quote(&names[n - MOST / 2..])),
+    }
+}
+
+impl fmt::Display for Warning {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let severe = if self.severe { " (severe)" } else { "" };
+        writeln!(f, "{}{severe}", self.kind.name())?;
+        writeln!(f, "  what         {}", self.message)?;
+        if self.count > 0 {
+            writeln!(f, "  triangles    {}, {:.2} % of the area", self.count, 100.0 * self.area_share)?;
+        }
+        for (k, example) in self.worst.iter().enumerate() {
+            let head = if k == 0 { "worst" } else { "" };
+            write!(f, "  {head:<12} {:>9.3e}  {}", example.value, example.place)?;
+            match &example.other_place {
+                Some(other) => writeln!(f, ", towards {other}")?,
+                None => writeln!(f)?,
+            }
+        }
+        if !self.worst.is_empty() {
+            writeln!(f, "  measured as  {}", self.measure)?;
+        }
+        write!(f, "  way out      {}", self.way_out)
+    }
+}
+
+impl fmt::Display for Warnings {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        if self.list.is_empty() {
+            return write!(f, "nothing to warn of");
+        }
+        for (k, warning) in self.list.iter().enumerate() {
+            if k > 0 {
+                writeln!(f, "\n")?;
+            }
+            write!(f, "{warning}")?;
+        }
+        Ok(())
+    }
+}

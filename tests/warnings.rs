@@ -1,0 +1,267 @@
+//! What is warned of, and of what not; and that refining takes the reasons away.
+
+mod support;
+
+use antirad::plan::{Limits, Plan};
+use antirad::reference::Plates;
+use antirad::scene::{BinLayout, LoadOptions, Material, Scene, SceneBuilder, Shape};
+use antirad::warnings::{Kind, RefineError, RefineOptions, Warnings, refine};
+use glam::{DAffine3, DQuat, DVec3};
+use std::time::Instant;
+use support::{areas, load};
+
+fn warnings(scene: &Scene) -> Warnings {
+    Warnings::of(scene, &plan(scene))
+}
+
+fn plan(scene: &Scene) -> Plan {
+    Plan::new(scene, &Limits::default(), &scene.accuracy).expect("a plan")
+}
+
+fn kinds(warnings: &Warnings) -> Vec<Kind> {
+    warnings.list.iter().map(|w| w.kind).collect()
+}
+
+fn grey() -> Material {
+    Material { albedo: [0.5; 3], ..Material::named("grey") }
+}
+
+fn lamp() -> Material {
+    Material { emission: [10.0; 3], ..Material::named("lamp") }
+}
+
+fn scaled(x: f64, y: f64, z: f64, to: DVec3) -> DAffine3 {
+    DAffine3::from_scale_rotation_translation(DVec3::new(x, y, z), DQuat::IDENTITY, to)
+}
+
+/// A unit room with something in it.
+fn room_with(add: impl FnOnce(&mut SceneBuilder)) -> Scene {
+    let mut builder = SceneBuilder::new();
+    builder.shape("room", Shape::Room { cells: 8 }, &grey(), DAffine3::IDENTITY);
+    add(&mut builder);
+    builder.finish("room").expect("a scene")
+}
+
+#[test]
+fn sound_scenes_are_passed() {
+    for name in ["closed_box", "integrating_sphere"] {
+        let found = warnings(&load(&format!("scenes/{name}.toml")));
+        assert!(found.list.is_empty(), "{name}: {found}");
+    }
+    // A box high enough in the room, fine enough for its bins.
+    let mut scene = room_with(|builder| {
+        builder.shape("box", Shape::Box { cells: 8 }, &grey(), scaled(0.2, 0.2, 0.2, DVec3::splat(0.4)));
+    });
+    scene.accuracy.bins = BinLayout::EqualAngle { theta: 4, phi: 6 };
+    let found = warnings(&scene);
+    assert!(found.list.is_empty(), "{found}");
+}
+
+/// The number that is warned of is the one of the definition, for a pair worked out by hand.
+#[test]
+fn gains_are_those_of_the_formula() {
+    // One blocker of area 1/2 over one receiver, centroid above centroid, 10 apart.
+    let mut builder = SceneBuilder::new();
+    let up = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
+    builder.mesh("floor", up.clone(), vec![[0, 1, 2]], &grey(), DAffine3::IDENTITY);
+    let over = DAffine3::from_translation(10.0 * DVec3::Z);
+    builder.mesh("blocker", up.clone(), vec![[0, 1, 2]], &grey(), over);
+    let mut scene = builder.finish("two").expect("a scene");
+    let gain = |scene: &Scene| {
+        let found = warnings(scene);
+        found.get(Kind::CoarseBlockers).map(|w| (w.worst[0].triangle, w.worst[0].other, w.worst[0].value))
+    };
+    // Along the pole four bins of 64 x 64 meet, all of the same solid angle.
+    scene.accuracy.bins = BinLayout::Concentric { n: 64 };
+    let bin = std::f64::consts::TAU / 4096.0;
+    let (blocker, receiver, found) = gain(&scene).expect("a coarse blocker");
+    let by_hand = 0.5 / ((100.0 + 0.5 / std::f64::consts::PI) * bin);
+    assert_eq!((blocker, receiver), (1, Some(0)));
+    assert!((found / by_hand - 1.0).abs() <= 2e-3, "{found} instead of {by_hand}");
+    // Coarser bins, or a greater distance, do.
+    scene.accuracy.bins = BinLayout::Concentric { n: 12 };
+    assert_eq!(gain(&scene), None);
+}
+
+#[test]
+fn stacked_layers_are_named() {
+    let two = warnings(&Plates { count: 2, ..Plates::default() }.scene().expect("a scene"));
+    let eight = warnings(&Plates { count: 8, cells: 8, ..Plates::default() }.scene().expect("a scene"));
+    let [two, eight] = [&two, &eight].map(|w| w.get(Kind::StackedLayers).expect("a warning").clone());
+    assert!(eight.severe && eight.worst[0].value > 100.0 * two.worst[0].value, "{two}\n{eight}");
+    for k in 1..=8 {
+        assert!(eight.message.contains(&format!("\"plate {k}\"")), "{}", eight.message);
+    }
+    assert!(!two.message.contains("plate 3"), "{}", two.message);
+    // One layer is no stack.
+    let one = warnings(&Plates { count: 1, ..Plates::default() }.scene().expect("a scene"));
+    assert_eq!(kinds(&one), [Kind::CoarseBlockers], "{one}");
+}
+
+#[test]
+fn gaps_below_the_size_of_triangles() {
+    let found = |height: f64, finer: u32| {
+        let scene = room_with(|builder| {
+            let lamp_below_the_ceiling = scaled(0.4, -1.0, 0.4, DVec3::new(0.3, 1.0 - height, 0.3));
+            builder.shape("lamp", Shape::Quad { cells: 2 * finer }, &lamp(), lamp_below_the_ceiling);
+        });
+        let found = warnings(&scene);
+        found.get(Kind::NarrowGaps).map(|w| (w.count, w.worst[0].value, w.worst[0].place.clone()))
+    };
+    let (count, share, place) = found(0.01, 1).expect("a gap");
+    assert!(count >= 8 && place.contains("\"lamp\""), "{count} {place}");
+    // The larger triangles are the lamp's: right ones with legs of .2, s = Σl²/(4√3).
+    let size = (0.16 / (4.0 * 3f64.sqrt())).sqrt();
+    assert!((share - 0.01 / size).abs() <= 1e-9, "{share}");
+    assert_eq!(found(0.2, 1), None);
+    // What touches is no gap: a block on the floor, the corners of the room.
+    let block = room_with(|builder| {
+        builder.shape(
+            "block",
+            Shape::Box { cells: 2 },
+            &grey(),
+            scaled(0.25, 0.25, 0.25, DVec3::new(0.25, 0.0, 0.25)),
+        );
+    });
+    assert!(warnings(&block).get(Kind::NarrowGaps).is_none());
+}
+
+#[test]
+fn open_and_turned_blockers() {
+    let with = |edit: &dyn Fn(&mut Vec<[u32; 3]>)| {
+        room_with(|builder| {
+            let (vertices, mut faces) = Shape::Box { cells: 3 }.mesh();
+            edit(&mut faces);
+            builder.mesh("box", vertices, faces, &grey(), scaled(0.3, 0.3, 0.3, DVec3::splat(0.35)));
+        })
+    };
+    let bad = |scene: &Scene| {
+        let found = warnings(scene);
+        let of = |kind| {
+            found.get(kind).map_or(Vec::new(), |w| {
+                let mut all = w.triangles.clone();
+                all.sort_unstable();
+                all
+            })
+        };
+        (of(Kind::OpenBlockers), of(Kind::InconsistentBlockers))
+    };
+    let first = 12 * 64;
+    assert_eq!(bad(&with(&|_| {})), (vec![], vec![]));
+    // Without one triangle, its three neighbours have an open edge.
+    let open = bad(&with(&|faces| {
+        faces.remove(8);
+    }));
+    assert_eq!((open.0.len(), open.1.len()), (3, 0), "{open:?}");
+    // One turned over: it and its neighbours disagree.
+    let turned = bad(&with(&|faces| faces[8].swap(0, 1)));
+    assert_eq!((turned.0.len(), turned.1.len()), (0, 4), "{turned:?}");
+    assert!(turned.1.contains(&(first + 8)));
+    // Without its bottom, on the floor: the floor closes it, whose vertices lie elsewhere. In the air nothing does.
+    let standing = |height: f64| {
+        room_with(|builder| {
+            let (vertices, faces) = Shape::Box { cells: 3 }.mesh();
+            let sides =
+                faces.into_iter().filter(|f| !f.iter().all(|&v| vertices[v as usize].y == 0.0)).collect();
+            let place = scaled(0.3, 0.3, 0.3, DVec3::new(0.35, height, 0.35));
+            builder.mesh("box", vertices, sides, &grey(), place);
+        })
+    };
+    assert_eq!(bad(&standing(0.0)), (vec![], vec![]));
+    assert_eq!(bad(&standing(0.1)).0.len(), 12);
+    // Two meshes of the same box, cut differently where they meet: closed, though no edge has two triangles.
+    let halves = room_with(|builder| {
+        for (cells, side) in [(2, true), (3, false)] {
+            let (vertices, faces) = Shape::Box { cells }.mesh();
+            let top = |f: &[u32; 3]| f.iter().all(|&v| vertices[v as usize].y == 1.0);
+            let half = faces.iter().copied().filter(|f| top(f) == side).collect();
+            builder.mesh("half", vertices.clone(), half, &grey(), scaled(0.3, 0.3, 0.3, DVec3::splat(0.35)));
+        }
+    });
+    assert_eq!(bad(&halves), (vec![], vec![]));
+}
+
+/// Names have the file and the line of the face, for the children of a subdivided face too.
+#[test]
+fn triangles_are_named_by_file_and_line() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("a file");
+    write("m.mtl", "newmtl white\nKd .5 .5 .5\nKe 1 1 1\n");
+    write("m.obj", "mtllib m.mtl\nusemtl white\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\nf 1 2 3\n");
+    write("s.toml", "[[mesh]]\npath = \"m.obj\"\nsubdivide = 1\n");
+    let scene = Scene::load(&folder.path().join("s.toml"), &LoadOptions::default()).expect("a scene");
+    assert_eq!(scene.origins[0].lines, [vec![7; 8], vec![8; 4]].concat());
+    assert!(scene.place_of(8).ends_with("m.obj:8 (triangle 8 of mesh \"m\")"), "{}", scene.place_of(8));
+}
+
+/// Finer where it was asked for: fewer warnings, the same surfaces and materials, no crack.
+#[test]
+fn refining_takes_the_reasons_away() {
+    for (name, mut scene) in [
+        ("cornell_boxes", load("scenes/cornell_boxes.toml")),
+        ("two_rooms", load("scenes/two_rooms.toml")),
+        ("plates", Plates { cells: 6, gap: 0.3, ..Plates::default() }.scene().expect("a scene")),
+    ] {
+        let old = scene.clone();
+        let refined = refine(&mut scene, &Limits::default(), &RefineOptions::default()).expect("refined");
+        let (before, after) = (&refined.before, warnings(&scene));
+        println!(
+            "{name}: {} to {} triangles, {} to {} warned of",
+            old.triangles.len(),
+            scene.triangles.len(),
+            before.count(),
+            after.count()
+        );
+        assert_eq!(after, refined.after);
+        assert!(before.count() > 10 && after.count() < before.count(), "{name}: {before}\n{after}");
+        assert!(!refined.full && scene.triangles.len() > old.triangles.len());
+        // No new holes where fine meets coarse.
+        assert!(after.get(Kind::OpenBlockers).is_none(), "{name}: {after}");
+        assert_eq!(refined.parents.len(), scene.triangles.len());
+        let mut sum = vec![0.0; old.triangles.len()];
+        for (t, (&parent, area)) in refined.parents.iter().zip(areas(&scene)).enumerate() {
+            let parent = parent as usize;
+            sum[parent] += area;
+            assert_eq!(scene.material(t), old.material(parent));
+        }
+        for (sum, area) in sum.iter().zip(areas(&old)) {
+            assert!((sum - area).abs() <= 1e-12 * area, "{name}: {sum} of {area}");
+        }
+        scene.check(true).expect("a good scene");
+    }
+}
+
+#[test]
+fn refining_keeps_to_its_bounds() {
+    let scene = || Plates { count: 4, cells: 6, ..Plates::default() }.scene().expect("a scene");
+    let count = scene().triangles.len();
+    for most in [count + 1, count + 50, 4 * count] {
+        let mut scene = scene();
+        let options = RefineOptions { max_triangles: most, ..RefineOptions::default() };
+        let refined = refine(&mut scene, &Limits::default(), &options).expect("refined");
+        assert!(refined.full && scene.triangles.len() <= most && scene.triangles.len() + 3 > most);
+    }
+    let none = RefineOptions { max_triangles: count, ..RefineOptions::default() };
+    let refused = refine(&mut scene(), &Limits::default(), &none).expect_err("no room");
+    assert!(matches!(refused, RefineError::Full { .. }) && refused.to_string().contains("--max-triangles"));
+}
+
+/// About as long as a plan takes, and not the square of the number of triangles.
+#[test]
+fn large_scenes_take_seconds() {
+    let mut builder = SceneBuilder::new();
+    builder.shape("statue", Shape::Statue { triangles: 50_000 }, &grey(), DAffine3::IDENTITY);
+    builder.shape(
+        "floor",
+        Shape::Quad { cells: 40 },
+        &grey(),
+        scaled(4.0, 1.0, 4.0, DVec3::new(-2.0, 0.0, -2.0)),
+    );
+    let scene = builder.finish("statue").expect("a scene");
+    let plan = plan(&scene);
+    let begin = Instant::now();
+    let found = Warnings::of(&scene, &plan);
+    let seconds = begin.elapsed().as_secs_f64();
+    println!("{} triangles: {seconds:.2} s, {} warned of", scene.triangles.len(), found.count());
+    assert!(seconds <= 20.0, "{seconds} s");
+}
