@@ -96,6 +96,10 @@ fn a_job_finds_what_the_pictures_were_made_with() {
     let (peak, planned) = (&report["run"]["memory"]["peak"], &report["estimate"]["device_bytes"]);
     assert!(peak.as_u64() <= planned.as_u64(), "{peak} of the planned {planned}");
 
+    let compared = folder.run("compare room.toml fits/job/scene.toml").succeeded().stdout;
+    says(&compared, &["albedo of wall", "0.7000 0.5000 0.3000", "emission of lamp", "power on true lamps"]);
+    assert!(!compared.contains("albedo of lamp") && !compared.contains("vertices"), "{compared}");
+
     // The fitted scene is a scene, and its picture is the fitted one.
     let fitted = Scene::load(&folder.path("fits/job/scene.toml"), &LoadOptions::default()).expect("a scene");
     assert_eq!((fitted.triangles.len(), fitted.cameras.len()), (200, 2));
@@ -208,6 +212,12 @@ fn what_is_refused_before_anything_starts() {
     says(&small.stderr, &["antirad: job: ", "1048576 bytes is too small", "at least"]);
     assert!(!folder.path("fits/job/report.json").exists());
     assert_eq!(folder.run("fit").code, Some(2));
+    fs::write(folder.path("other.toml"), ROOM.replace("cells = 4", "cells = 3")).expect("written");
+    folder.run("compare room.toml other.toml").refused(&[
+        "other.toml",
+        "cannot be compared",
+        "200 and 116 triangles",
+    ]);
 }
 
 #[cfg(unix)]

@@ -23,6 +23,7 @@ pub fn scene(vertices: Vec<DVec3>, triangles: &[[u32; 3]]) -> Scene {
         vertices,
         triangles: triangles.iter().map(triangle).collect(),
         meshes: Vec::new(),
+        origins: Vec::new(),
         materials: vec![Material::named("white")],
         cameras: Vec::new(),
         accuracy: Accuracy::default(),
