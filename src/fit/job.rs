@@ -58,6 +58,10 @@ impl From<RenderError> for FitError {
 /// way at points that are near.
 const NOISE_OF_TOLERANCE: f64 = 0.1;
 
+/// What the sampling of pixels does to the loss of a picture in which things move, in its share: edges pass the samples
+/// one by one, while derivatives are those of exact areas.
+const NOISE_OF_SAMPLES: f64 = 1e-4;
+
 /// Iterations over which a decrease is judged: a single one may be small by chance, and Adam goes up and down.
 const DECREASE_OVER: usize = 5;
 const DECREASE_OVER_ADAM: usize = 50;
@@ -268,8 +272,10 @@ impl Job {
             OptimiserKind::Adam => Optimiser::Adam(Adam::new(x, bounds, self.settings.adam)),
             OptimiserKind::LeastSquares => Optimiser::LeastSquares(LeastSquares::new(x, bounds)),
             OptimiserKind::QuasiNewton | OptimiserKind::Auto => {
-                let tolerance = self.problem.parameters.base().accuracy.tolerance;
-                let noise = self.settings.noise.unwrap_or(NOISE_OF_TOLERANCE * tolerance);
+                let parameters = &self.problem.parameters;
+                let of_solve = NOISE_OF_TOLERANCE * parameters.base().accuracy.tolerance;
+                let of_samples = if parameters.wanted().positions { NOISE_OF_SAMPLES } else { 0.0 };
+                let noise = self.settings.noise.unwrap_or(of_solve.max(of_samples));
                 let options = QuasiNewtonOptions { noise, ..self.settings.quasi_newton };
                 Optimiser::QuasiNewton(QuasiNewton::new(x, bounds, options))
             }

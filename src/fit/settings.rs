@@ -50,8 +50,8 @@ pub struct Settings {
     pub regularisers: Vec<Regulariser>,
     pub optimiser: OptimiserKind,
     pub quasi_newton: QuasiNewtonOptions,
-    /// Rounding of the loss, relative; `None`: a tenth of the tolerance of solves. Takes the place of that in
-    /// [`Self::quasi_newton`].
+    /// Rounding of the loss, relative; `None`: a tenth of the tolerance of solves, or 1e-4 where positions are
+    /// fitted. Takes the place of that in [`Self::quasi_newton`].
     pub noise: Option<f64>,
     pub adam: AdamOptions,
     pub supersample: u32,

@@ -96,6 +96,10 @@ fn a_job_finds_what_the_pictures_were_made_with() {
     let (peak, planned) = (&report["run"]["memory"]["peak"], &report["estimate"]["device_bytes"]);
     assert!(peak.as_u64() <= planned.as_u64(), "{peak} of the planned {planned}");
 
+    let compared = folder.run("compare room.toml fits/job/scene.toml").succeeded().stdout;
+    says(&compared, &["albedo of wall", "0.7000 0.5000 0.3000", "emission of lamp", "power on true lamps"]);
+    assert!(!compared.contains("albedo of lamp") && !compared.contains("vertices"), "{compared}");
+
     // The fitted scene is a scene, and its picture is the fitted one.
     let fitted = Scene::load(&folder.path("fits/job/scene.toml"), &LoadOptions::default()).expect("a scene");
     assert_eq!((fitted.triangles.len(), fitted.cameras.len()), (200, 2));
@@ -208,6 +212,12 @@ fn what_is_refused_before_anything_starts() {
     says(&small.stderr, &["antirad: job: ", "1048576 bytes is too small", "at least"]);
     assert!(!folder.path("fits/job/report.json").exists());
     assert_eq!(folder.run("fit").code, Some(2));
+    fs::write(folder.path("other.toml"), ROOM.replace("cells = 4", "cells = 3")).expect("written");
+    folder.run("compare room.toml other.toml").refused(&[
+        "other.toml",
+        "cannot be compared",
+        "200 and 116 triangles",
+    ]);
 }
 
 #[cfg(unix)]
@@ -216,13 +226,13 @@ mod killed {
     use std::io::{BufRead, BufReader, Read};
     use std::process::{Command, Stdio};
 
-    /// Starts a fit and sends it a signal once it has told of `iteration`.
-    fn kill_at(folder: &Folder, arguments: &str, iteration: u32, signal: &str) -> Run {
+    /// Starts a fit and sends it a signal once it has told of a job's iteration.
+    fn kill_at(folder: &Folder, arguments: &str, iteration: &str, signal: &str) -> Run {
         let mut tool = folder.tool(arguments.split_whitespace());
         let mut child = tool.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
         let mut stderr = BufReader::new(child.stderr.take().expect("piped"));
         let mut said = String::new();
-        while !said.contains(&format!("iteration {iteration}:")) {
+        while !said.contains(iteration) {
             assert!(stderr.read_line(&mut said).expect("text") > 0, "ended early: {said}");
         }
         let pid = child.id().to_string();
@@ -239,7 +249,7 @@ mod killed {
         for (signal, code) in [("-TERM", Some(143)), ("-INT", Some(130)), ("-KILL", None)] {
             let _ = fs::remove_dir_all(folder.path("cut"));
             // Twice: early, and once more after it went on.
-            for (iteration, resume) in [(3, ""), (7, "--resume")] {
+            for (iteration, resume) in [("iteration 3:", ""), ("iteration 7:", "--resume")] {
                 let run = kill_at(&folder, &format!("fit job.toml --output cut {resume}"), iteration, signal);
                 assert_eq!(run.code, code, "{run:?}");
                 if code.is_some() {
@@ -263,46 +273,51 @@ mod killed {
     fn a_batch_is_killed_twice_and_resumed() {
         let folder = folder(&[]);
         fs::create_dir(folder.path("jobs")).expect("a folder");
-        let job = JOB.replace("iterations = 12", "iterations = 4").replace("every = 2", "every = 1");
+        let job = JOB.replace("iterations = 12", "iterations = 3").replace("every = 2", "every = 1");
         let job = job.replace("room.toml", "../room.toml").replace("out/", "../out/");
-        for k in 0..6 {
-            let text = match k {
-                2 => job.replace("\"wall\"", "\"wal\""),
-                _ => job.replace("initial = 0.5", &format!("initial = 0.{}", 3 + k)),
+        let broken = ["j04", "j11"];
+        let names: Vec<String> = (0..20).map(|k| format!("j{k:02}")).collect();
+        for (k, name) in names.iter().enumerate() {
+            let text = match broken.contains(&name.as_str()) {
+                true => job.replace("\"wall\"", "\"wal\""),
+                false => job.replace("initial = 0.5", &format!("initial = 0.{}", 30 + k)),
             };
-            fs::write(folder.path("jobs").join(format!("j{k}.toml")), text).expect("written");
+            fs::write(folder.path("jobs").join(format!("{name}.toml")), text).expect("written");
         }
-        assert_eq!(folder.run("fit jobs --output whole --keep-going").code, Some(1));
-        let first = kill_at(&folder, "fit jobs --output cut --keep-going", 2, "-KILL");
-        assert_eq!(first.code, None);
-        let mut tool = folder.tool("fit jobs --output cut --keep-going --resume".split_whitespace());
-        let mut child = tool.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
-        let mut stderr = BufReader::new(child.stderr.take().expect("piped"));
-        let mut said = String::new();
-        while !said.contains("j3 iteration 2:") {
-            assert!(stderr.read_line(&mut said).expect("text") > 0, "ended early: {said}");
-        }
-        assert!(
-            Command::new("kill").args(["-TERM", &child.id().to_string()]).status().expect("kill").success()
-        );
-        assert_eq!(child.wait().expect("an end").code(), Some(143));
+        assert_eq!(folder.run("fit jobs --output whole").code, Some(1));
+        assert_eq!(kill_at(&folder, "fit jobs --output cut", "j03 iteration 2:", "-KILL").code, None);
+        let resumed = "fit jobs --output cut --resume";
+        let second = kill_at(&folder, resumed, "j12 iteration 1:", "-KILL");
+        assert_eq!(second.code, None);
+        says(&second.stderr, &["j02: finished before", "antirad: j04: ", "antirad: j11: "]);
         let summary = String::from_utf8(folder.read("cut/summary.csv")).expect("text");
-        says(&summary, &["j3,interrupted", "j4,not-started"]);
+        says(&summary, &["j02,finished-before", "j03,finished,3", "j04,failed", "j10,finished,3"]);
 
-        let last = folder.run("fit jobs --output cut --keep-going --resume");
+        let last = folder.run(resumed);
         assert_eq!(last.code, Some(1));
-        says(&last.stdout, &["5 of 6 jobs are done"]);
-        for k in [0, 1, 3, 4, 5] {
+        says(&last.stdout, &["18 of 20 jobs are done"]);
+        says(&last.stderr, &["antirad: j04: ", "antirad: j11: ", "did you mean \"wall\"?"]);
+        for name in names.iter().filter(|name| !broken.contains(&name.as_str())) {
             // Nothing of the kills is left: no half-written file either.
-            same_results(&folder.path(&format!("whole/j{k}")), &folder.path(&format!("cut/j{k}")));
+            same_results(&folder.path(&format!("whole/{name}")), &folder.path(&format!("cut/{name}")));
         }
-        says(&last.stderr, &["antirad: j2: ", "did you mean \"wall\"?"]);
+    }
+
+    /// The batch in which a signal comes tells of every job.
+    #[test]
+    fn a_signal_ends_a_batch() {
+        let job = JOB.replace("iterations = 12", "iterations = 3");
+        let folder = folder(&[("a.toml", &job), ("b.toml", &job), ("c.toml", &job)]);
+        let run = kill_at(&folder, "fit a.toml b.toml c.toml --output cut", "b iteration 1:", "-TERM");
+        assert_eq!(run.code, Some(143), "{run:?}");
+        let summary = String::from_utf8(folder.read("cut/summary.csv")).expect("text");
+        says(&summary, &["a,finished,3", "b,interrupted", "c,not-started"]);
     }
 
     #[test]
     fn damaged_checkpoints_and_changed_jobs_are_refused() {
         let folder = folder(&[("job.toml", JOB)]);
-        kill_at(&folder, "fit job.toml --output fits", 5, "-KILL");
+        kill_at(&folder, "fit job.toml --output fits", "iteration 5:", "-KILL");
         let path = folder.path("fits/job/checkpoint");
         let good = fs::read(&path).expect("a checkpoint");
         fs::write(&path, &good[..good.len() / 2]).expect("written");

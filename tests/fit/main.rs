@@ -4,6 +4,9 @@ mod double;
 mod job_files;
 mod jobs;
 mod parameters;
+mod scenes;
+#[path = "../support/mod.rs"]
+mod support;
 
 use antirad::scene::{LoadOptions, Scene};
 

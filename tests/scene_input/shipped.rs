@@ -40,6 +40,25 @@ fn shipped_scenes_load() {
     assert!(seen >= 7);
 }
 
+/// Jobs, and the scenes that only they use.
+#[test]
+fn shipped_jobs_name_scenes_that_load() {
+    let mut jobs = 0;
+    for entry in std::fs::read_dir(shipped("fits")).expect("the folder of jobs").flatten() {
+        let text = std::fs::read_to_string(entry.path()).expect("a file");
+        let table: toml::Table = text.parse().expect("TOML");
+        let Some(scene) = table.get("scene").and_then(toml::Value::as_str) else { continue };
+        let scene =
+            Scene::load(&shipped("fits").join(scene), &LoadOptions { strict: true }).expect("a scene");
+        for target in table["target"].as_array().expect("targets") {
+            let camera = target["camera"].as_str().expect("a name");
+            assert!(scene.camera(camera).is_some(), "{camera} of {:?}", entry.path());
+        }
+        jobs += 1;
+    }
+    assert_eq!(jobs, 8);
+}
+
 #[test]
 fn shipped_scenes_are_as_large_and_as_closed_as_they_say() {
     for (name, triangles, closed) in [

@@ -3,6 +3,7 @@
 mod ambiguity;
 mod cameras;
 mod check;
+mod compare;
 mod devices;
 mod fit;
 mod plan;
@@ -34,6 +35,7 @@ const EXAMPLES: &str = "Examples:
   antirad render bunny.obj --bins concentric:12 --tolerance 1e-3
   antirad fit jobs/ --output out/fits --resume
   antirad ambiguity scenes/two_rooms.toml --camera main
+  antirad compare scenes/cornell_boxes.toml out/fits/cornell/scene.toml
   antirad plan scenes/statue.toml --memory-budget 256MiB
   antirad check scenes/two_rooms.toml
   antirad refine scenes/two_rooms.toml --output out/fine
@@ -51,6 +53,8 @@ enum Command {
     Check(check::Arguments),
     /// Cut triangles where the warnings of `check` ask for it, and write the finer scene
     Refine(refine::Arguments),
+    /// Say how a fitted scene differs from the true one
+    Compare(compare::Arguments),
     /// Print what a solve would take, without touching a device
     Plan(plan::Arguments),
     /// List Vulkan devices, with what antirad needs of each
@@ -82,6 +86,7 @@ fn main() -> ExitCode {
         Command::Ambiguity(ambiguity) => ambiguity::run(&ambiguity, arguments.quiet, &interrupt),
         Command::Check(check) => check::run(&check, &interrupt),
         Command::Refine(refine) => refine::run(&refine, arguments.quiet, &interrupt),
+        Command::Compare(compare) => compare::run(&compare),
         Command::Plan(plan) => plan::run(&plan),
         Command::Devices => devices::run(),
     };

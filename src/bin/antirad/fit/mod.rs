@@ -156,13 +156,15 @@ fn run_job(
     let problem = file.job.problem();
     let cameras: Vec<Camera> = problem.targets.iter().map(|target| target.camera.clone()).collect();
     let (planning, wanted) = (problem.parameters.planning_scene(), problem.parameters.wanted());
+    let supersample = file.job.settings().supersample;
+    let mut renderer =
+        EngineRenderer::new(&device, planning.clone(), cameras.clone(), supersample, wanted, watch)?;
+    // Before anything takes memory: a job that does not fit is refused with the number of bytes that would do.
+    let (estimate, host_bytes) = file.job.estimate(&mut renderer)?;
     for unseen in unseen(&device, problem, &planning, &cameras)? {
         tracing::warn!("{}: {unseen}", found.name);
         file.warnings.push(unseen);
     }
-    let supersample = file.job.settings().supersample;
-    let mut renderer = EngineRenderer::new(&device, planning, cameras, supersample, wanted, watch)?;
-    let (estimate, host_bytes) = file.job.estimate(&mut renderer)?;
     log.begin(&file, &device, &estimate);
 
     let options = RunOptions {

@@ -1,0 +1,244 @@
+//! Fits on a device: each finds back to the scene that the pictures were made of.
+
+use crate::support::{device, finish, load};
+use antirad::fit::{
+    EngineRenderer, Fit, Job, LossKind, MotionKind, OptimiserKind, Outcome, Quantity, Recovered, Regulariser,
+    Renderer, RunOptions, Settings, StopRule, Target, Watch,
+};
+use antirad::gpu::Device;
+use antirad::image::Rasterizer;
+use antirad::scene::{BinLayout, Camera, Scene};
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+fn watch() -> Watch {
+    Arc::new(|| ControlFlow::Continue(()))
+}
+
+fn cameras(scene: &Scene, names: &[&str]) -> Vec<Camera> {
+    names.iter().map(|name| scene.camera(name).expect("a camera").clone()).collect()
+}
+
+/// A job with pictures of the scene itself for targets, and a renderer for it.
+fn job(device: &Device, scene: &Scene, cameras: Vec<Camera>, settings: Settings) -> (Job, EngineRenderer) {
+    let side = settings.supersample;
+    let nothing = Default::default();
+    let mut renderer = EngineRenderer::new(device, scene.clone(), cameras.clone(), side, nothing, watch())
+        .expect("a renderer");
+    let pictures = renderer.pictures(scene).expect("pictures");
+    let target = |(camera, pixels)| Target::new(camera, pixels, None, 1.0).expect("a target");
+    let targets = cameras.iter().cloned().zip(pictures).map(target).collect();
+    let job = Job::new("test", scene.clone(), targets, settings).expect("a job");
+    let parameters = &job.problem().parameters;
+    let (planning, wanted) = (parameters.planning_scene(), parameters.wanted());
+    let renderer = EngineRenderer::new(device, planning, cameras, side, wanted, watch());
+    (job, renderer.expect("a renderer"))
+}
+
+fn run(scene: &Scene, cameras: Vec<Camera>, settings: Settings, stop: StopRule) -> Outcome {
+    let device = device();
+    let (mut job, mut renderer) = job(&device, scene, cameras, settings);
+    let options = RunOptions { stop, ..RunOptions::default() };
+    let outcome = job.run(&mut renderer, &options, &mut |_, _| ControlFlow::Continue(()));
+    drop(renderer);
+    finish(&device);
+    outcome.expect("an outcome")
+}
+
+const EXACT: StopRule =
+    StopRule { iterations: 60, relative_decrease: 0.0, gradient: 0.0, loss: 0.0, seconds: f64::INFINITY };
+
+/// Coarser than shipped, in smaller pictures: these tests are about what is found, not about how light looks.
+fn coarse(name: &str) -> Scene {
+    let mut scene = load(name);
+    scene.accuracy.bins = BinLayout::Concentric { n: 4 };
+    scene.accuracy.subsample = 10.0;
+    scene.accuracy.tolerance = 1e-5;
+    for camera in &mut scene.cameras {
+        (camera.width, camera.height) = (48, 36);
+    }
+    scene
+}
+
+/// `bound` is relative.
+#[track_caller]
+fn near(outcome: &Outcome, quantity: &str, of: &str, truth: &[f64], bound: f64) {
+    let of_it = |r: &&Recovered| r.quantity == quantity && r.of == of;
+    let found = &outcome.recovered.iter().find(of_it).expect("it was fitted").value;
+    let errors: Vec<f64> = found.iter().zip(truth).map(|(f, t)| (f / t - 1.0).abs()).collect();
+    println!("{quantity} of {of}: {found:?}, errors {errors:?}");
+    assert_eq!(found.len(), truth.len());
+    assert!(errors.iter().all(|error| *error <= bound), "{quantity} of {of}: {found:?}, not {truth:?}");
+}
+
+fn of(quantity: Quantity, materials: &[&str], initial: f64) -> Fit {
+    let materials = Some(materials.iter().map(|m| (*m).to_owned()).collect());
+    Fit { materials, initial: Some([initial; 3]), ..Fit::new(quantity) }
+}
+
+#[test]
+fn albedo_and_lamp_from_grey() {
+    let scene = coarse("scenes/fits/room.toml");
+    let fits = vec![of(Quantity::Albedo, &["grey"], 0.4), of(Quantity::Emission, &["lamp"], 5.0)];
+    let settings = Settings { loss: LossKind::RelativeL2, epsilon: Some(1.0), ..Settings::new(fits) };
+    let outcome = run(&scene, cameras(&scene, &["one"]), settings, StopRule { loss: 1e-11, ..EXACT });
+    near(&outcome, "emission", "lamp", &[15.0, 12.0, 8.0], 1e-4);
+    near(&outcome, "albedo", "grey", &[0.6, 0.55, 0.5], 1e-4);
+}
+
+#[test]
+fn glossy_materials_from_two_views() {
+    let scene = coarse("scenes/fits/glossy.toml");
+    let fits = vec![of(Quantity::Specular, &["gloss"], 0.1), of(Quantity::Power, &["gloss"], 20.0)];
+    let settings = Settings { loss: LossKind::RelativeL2, ..Settings::new(fits) };
+    let outcome =
+        run(&scene, cameras(&scene, &["one", "other"]), settings, StopRule { loss: 1e-10, ..EXACT });
+    near(&outcome, "specular", "gloss", &[0.2, 0.19, 0.17], 1e-3);
+    near(&outcome, "power", "gloss", &[30.0], 1e-3);
+}
+
+const WAY: [f64; 3] = [0.05, -0.04, 0.048];
+
+/// The box starts a tenth of its size off.
+fn displaced(supersample: u32) -> Settings {
+    let fit = Fit {
+        meshes: Some(vec![String::from("box")]),
+        motion: MotionKind::Translation,
+        initial: Some(WAY),
+        ..Fit::new(Quantity::Position)
+    };
+    Settings { supersample, ..Settings::new(vec![fit]) }
+}
+
+#[track_caller]
+fn moved_back(outcome: &Outcome, share: f64) {
+    let length = |way: &[f64]| way.iter().map(|w| w * w).sum::<f64>().sqrt();
+    let left = length(&outcome.recovered[0].value);
+    println!("{left:e} m of {:e} m left after {:?}", length(&WAY), outcome.history.last());
+    assert!(left <= share * length(&WAY), "{:?}", outcome.recovered[0].value);
+}
+
+#[test]
+fn a_box_is_found_from_two_views() {
+    let scene = coarse("scenes/fits/box.toml");
+    let outcome =
+        run(&scene, cameras(&scene, &["one", "other"]), displaced(16), StopRule { loss: 1e-10, ..EXACT });
+    moved_back(&outcome, 0.01);
+}
+
+#[test]
+fn a_box_is_found_from_its_shadow_alone() {
+    let scene = coarse("scenes/fits/box.toml");
+    let views = cameras(&scene, &["shadow"]);
+    // The view shows nothing of the box, neither where it is nor where it starts: if it shone it would stay as dark.
+    let device = device();
+    let rasterizer = Rasterizer::new(&device).expect("a rasterizer");
+    let mut elsewhere = scene.clone();
+    let boxed: Vec<usize> = (0..scene.triangles.len()).filter(|t| scene.material(*t).name == "box").collect();
+    assert_eq!(boxed.len(), 48);
+    let mut vertices: Vec<u32> = boxed.iter().flat_map(|t| scene.triangles[*t].vertices).collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    for v in vertices {
+        elsewhere.vertices[v as usize] += glam::DVec3::from(WAY);
+    }
+    for place in [&scene, &elsewhere] {
+        let coverage = rasterizer.coverage(place, &views[0], 16).expect("a coverage");
+        let mut colours = vec![[0.0; 3]; scene.triangles.len()];
+        boxed.iter().for_each(|t| colours[*t] = [1.0; 3]);
+        let pixels = coverage.pixels(&colours).expect("pixels");
+        assert!(pixels.iter().all(|p| p[..3] == [0.0; 3]));
+    }
+    drop(rasterizer);
+    let outcome = run(&scene, views, displaced(16), StopRule { loss: 1e-11, ..EXACT });
+    moved_back(&outcome, 0.05);
+}
+
+/// The share of the emitted power that leaves the lamp.
+fn share_of_lamp(scene: &Scene) -> f64 {
+    let power = |t: usize| {
+        let [a, b, c] = scene.corners(t);
+        (b - a).cross(c - a).length() * scene.material(t).emission.iter().sum::<f64>()
+    };
+    let lamp = scene.meshes.iter().find(|mesh| mesh.name == "lamp").expect("a lamp").range.clone();
+    lamp.map(|t| power(t as usize)).sum::<f64>() / (0..scene.triangles.len()).map(power).sum::<f64>()
+}
+
+fn emission_of_triangles() -> Settings {
+    let fit =
+        Fit { per: antirad::fit::Per::Triangle, initial: Some([0.0; 3]), ..Fit::new(Quantity::Emission) };
+    Settings::new(vec![fit])
+}
+
+#[test]
+fn a_lamp_in_view_is_found_among_all_triangles() {
+    let scene = coarse("scenes/fits/room.toml");
+    let views = cameras(&scene, &["one", "other"]);
+    let outcome = run(&scene, views, emission_of_triangles(), StopRule { iterations: 15, ..EXACT });
+    let share = share_of_lamp(&outcome.scene);
+    assert!(share > 0.98, "{share}");
+}
+
+/// A lamp that no view shows can be replaced by what it lights: with few emitters for an assumption, the picture comes
+/// out with less power than the lamp has, and the walls seen emit.
+#[test]
+fn a_hidden_lamp_is_not_found_but_replaced() {
+    let scene = coarse("scenes/fits/room.toml");
+    let sparse = Regulariser::Sparsity { weight: 1e-3 };
+    let settings = Settings { regularisers: vec![sparse], ..emission_of_triangles() };
+    let outcome = run(&scene, cameras(&scene, &["low"]), settings, StopRule { iterations: 25, ..EXACT });
+    assert!(
+        outcome.views[0] <= 1e-4 * outcome.history[0].loss,
+        "{:?} of {:?}",
+        outcome.views,
+        outcome.history[0]
+    );
+    let share = share_of_lamp(&outcome.scene);
+    assert!(share < 0.5, "{share}");
+    assert_eq!(outcome.assumptions.len(), 1);
+    assert!(outcome.assumptions[0] > 0.0);
+}
+
+#[cfg(target_os = "linux")]
+fn resident() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/statm").expect("statm");
+    status.split_whitespace().nth(1).and_then(|pages| pages.parse::<u64>().ok()).expect("pages") * 4096
+}
+
+/// On a device, with checkpoints: neither the host's memory nor the driver's grows, which is in host memory for lavapipe.
+/// Where positions are fitted, all of the engine is made anew in every iteration.
+#[test]
+#[cfg(target_os = "linux")]
+fn memory_does_not_grow_over_200_iterations() {
+    let device = Device::new(&Default::default()).expect("a device");
+    let mut scene = crate::scene();
+    scene.accuracy.bins = BinLayout::Concentric { n: 2 };
+    scene.accuracy.subsample = 1.0;
+    let albedo = of(Quantity::Albedo, &["wall"], 0.5);
+    let position = displaced(1).fits.remove(0);
+    for (fits, iterations) in [(vec![albedo.clone()], 200), (vec![albedo, position], 25)] {
+        let optimiser = OptimiserKind::Adam;
+        let settings =
+            Settings { supersample: 2, tolerance: Some(1e-2), optimiser, ..Settings::new(fits.clone()) };
+        let (mut job, mut renderer) = job(&device, &scene, cameras(&scene, &["main"]), settings);
+        let folder = tempfile::tempdir().expect("a folder");
+        // What is allocated once is there after a few iterations.
+        let warm = 10;
+        let options = RunOptions {
+            checkpoints: Some(folder.path().to_owned()),
+            stop: StopRule { iterations: warm + iterations, ..EXACT },
+            ..RunOptions::default()
+        };
+        let mut before = 0;
+        let outcome = job.run(&mut renderer, &options, &mut |record, _| {
+            if record.iteration == warm {
+                before = resident();
+            }
+            ControlFlow::Continue(())
+        });
+        assert_eq!(outcome.expect("an outcome").history.len() as u32, warm + iterations + 1);
+        let grown = resident().saturating_sub(before);
+        println!("{iterations} iterations: {grown} bytes more, {before} before");
+        assert!(grown < 4 << 20, "{iterations} iterations: {grown} bytes more, {before} before");
+    }
+}
