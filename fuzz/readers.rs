@@ -13,7 +13,8 @@ pub enum Reader {
     Job,
 }
 
-const OBJ: &str = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl lamp\nf 1 2 3\nusemtl white\nf 1 3 4\n";
+const OBJ: &str =
+    "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl lamp\nf 1 2 3\nusemtl white\nf 1 3 4\n";
 const MTL: &str = "newmtl white\nKd .5 .5 .5\nnewmtl lamp\nKd .5 .5 .5\nKe 1 1 1\n";
 const SCENE: &str = "[[mesh]]\npath = \"m.obj\"\n[camera.main]\nposition = [0, 0, 5]\ntarget = [0, 0, 0]\n\
                      fov_x_degrees = 40\nwidth = 4\nheight = 4\n";

@@ -86,7 +86,7 @@ fn gains_are_those_of_the_formula() {
 #[test]
 fn stacked_layers_are_named() {
     let two = warnings(&Plates { count: 2, ..Plates::default() }.scene().expect("a scene"));
-    let eight = warnings(&Plates { count: 8, cells: 8, ..Plates::default() }.scene().expect("a scene"));
+    let eight = warnings(&Plates { count: 8, ..Plates::default() }.scene().expect("a scene"));
     let [two, eight] = [&two, &eight].map(|w| w.get(Kind::StackedLayers).expect("a warning").clone());
     assert!(eight.severe && eight.worst[0].value > 100.0 * two.worst[0].value, "{two}\n{eight}");
     for k in 1..=8 {
@@ -200,7 +200,7 @@ fn refining_takes_the_reasons_away() {
     for (name, mut scene) in [
         ("cornell_boxes", load("scenes/cornell_boxes.toml")),
         ("two_rooms", load("scenes/two_rooms.toml")),
-        ("plates", Plates { cells: 6, gap: 0.3, ..Plates::default() }.scene().expect("a scene")),
+        ("plates", Plates { cells: 6, gap: 0.5, ..Plates::default() }.scene().expect("a scene")),
     ] {
         let old = scene.clone();
         let refined = refine(&mut scene, &Limits::default(), &RefineOptions::default()).expect("refined");

@@ -3,6 +3,8 @@
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::RecvTimeoutError;
+use std::time::Duration;
 
 /// Set by the first Ctrl-C (or SIGTERM); a second one ends the process on the spot.
 #[derive(Clone, Default)]
@@ -42,6 +44,24 @@ impl Interrupt {
     /// The exit code that shells expect after the signal.
     pub fn exit_code(&self) -> u8 {
         if self.terminated.load(Ordering::SeqCst) { super::EXIT_TERMINATED } else { super::EXIT_INTERRUPTED }
+    }
+
+    /// Does work that nothing else can interrupt. At the signal the process ends; so the work must not write anything.
+    pub fn while_computing<T>(&self, work: impl FnOnce() -> T) -> T {
+        let (done, finished) = std::sync::mpsc::channel::<()>();
+        let interrupt = self.clone();
+        let watch = move || {
+            while finished.recv_timeout(Duration::from_millis(50)) == Err(RecvTimeoutError::Timeout) {
+                if interrupt.is_set() {
+                    eprintln!("antirad: interrupted; nothing was written");
+                    std::process::exit(interrupt.exit_code().into());
+                }
+            }
+        };
+        std::thread::spawn(watch);
+        let result = work();
+        drop(done);
+        result
     }
 
     /// For the callbacks of long work.

@@ -23,7 +23,7 @@ pub struct Plates {
 
 impl Default for Plates {
     fn default() -> Self {
-        Self { count: 2, cells: 12, side: 1.5, thickness: 0.01, gap: 0.05, height: 0.25, lamp: 0.4 }
+        Self { count: 2, cells: 12, side: 1.0, thickness: 0.01, gap: 0.05, height: 0.25, lamp: 0.4 }
     }
 }
 

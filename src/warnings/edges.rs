@@ -1,4 +1,4 @@
-//! Blockers that are not closed, or not of one orientation.
+//! Blockers that are not closed, or not of one orientation, and triangles that are there twice.
 //!
 //! A triangle holds back what meets its front; what meets its back goes on. So a blocker must be closed, or stand on
 //! something that closes it, with all fronts outside. Edges are compared as chains: along each, the triangles that run one
@@ -8,7 +8,7 @@ use super::distance::to_triangle;
 use crate::plan::{Block, PADDING, Plan, coplanar_tolerance};
 use glam::DVec3;
 use rayon::prelude::*;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// Blockers with bad edges, by triangle of the scene, rising.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -17,6 +17,8 @@ pub struct Edges {
     pub open: Vec<u32>,
     /// With an edge along which all triangles run the same way.
     pub inconsistent: Vec<u32>,
+    /// Triangles, blockers or not, that lie on another one of the same corners and the same front.
+    pub duplicate: Vec<u32>,
 }
 
 impl Edges {
@@ -51,12 +53,23 @@ impl Edges {
             })
             .map(|&(t, _)| t)
             .collect();
+        edges.duplicate = duplicates(&faces);
         for list in [&mut edges.open, &mut edges.inconsistent] {
             list.sort_unstable();
             list.dedup();
         }
         edges
     }
+}
+
+/// All but the first of the triangles that have the same corners in the same turn, rising.
+fn duplicates(faces: &[(u32, [u32; 3])]) -> Vec<u32> {
+    let mut seen = HashSet::new();
+    let again = |&&(_, [a, b, c]): &&(u32, [u32; 3])| {
+        let first = [[a, b, c], [b, c, a], [c, a, b]].into_iter().min();
+        !seen.insert(first)
+    };
+    faces.iter().filter(again).map(|&(t, _)| t).collect()
 }
 
 /// Directed edges of triangles, summed up by their ends.

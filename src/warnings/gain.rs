@@ -17,6 +17,9 @@ use std::f64::consts::PI;
 /// Strongest gains that are remembered per receiver.
 const STRONGEST: usize = 4;
 
+/// Of each receiver its strongest gains.
+type Strongest = Vec<Vec<Gain>>;
+
 /// Gain from the back of a blocker to the front of a receiver. Index = triangle of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gain {
@@ -29,7 +32,7 @@ pub struct Gain {
 #[derive(Clone, Debug, Default)]
 pub struct Gains {
     /// Of each receiver the strongest, from the strongest on; those above the limit alone.
-    pub strongest: Vec<Vec<Gain>>,
+    pub strongest: Strongest,
     /// Of each blocker the strongest towards receivers above the limit, if there is one.
     pub of_blocker: Vec<Option<Gain>>,
 }
@@ -48,7 +51,7 @@ impl Gains {
         };
         let count = plan.facets.len();
         let mut gains = Self { strongest: vec![Vec::new(); count], of_blocker: vec![None; count] };
-        let tiles: Vec<(Vec<Vec<Gain>>, HashMap<u32, Gain>)> = (0..search.tiles.len())
+        let tiles: Vec<(Strongest, HashMap<u32, Gain>)> = (0..search.tiles.len())
             .into_par_iter()
             .map(|to| {
                 let mut of_blocker: HashMap<u32, Gain> = HashMap::new();

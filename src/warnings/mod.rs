@@ -43,6 +43,8 @@ pub enum Kind {
     OpenBlockers,
     /// Blockers of which some triangles are turned over.
     InconsistentBlockers,
+    /// Triangles that are there more than once.
+    DuplicateTriangles,
     /// Light is created: the spectral radius of the transport is 1 or more.
     Unphysical,
     /// Irradiance below zero.
@@ -58,6 +60,7 @@ impl Kind {
             Self::NarrowGaps => "narrow gaps",
             Self::OpenBlockers => "open blockers",
             Self::InconsistentBlockers => "inconsistent blockers",
+            Self::DuplicateTriangles => "duplicate triangles",
             Self::Unphysical => "unphysical",
             Self::NegativeIrradiance => "negative irradiance",
         }
@@ -237,7 +240,7 @@ impl Warnings {
     }
 
     fn bad_edges(&mut self, scene: &Scene, plan: &Plan) {
-        let Edges { open, inconsistent } = Edges::of(plan);
+        let Edges { open, inconsistent, duplicate } = Edges::of(plan);
         let by_area = |mut list: Vec<u32>| -> Vec<Found> {
             let scale = plan.placement.scale.powi(-2);
             let area = |t: u32| plan.facets[t as usize].area * scale;
@@ -262,6 +265,17 @@ impl Warnings {
                 "{count} blockers have an edge that nothing closes: light that meets a back there goes through"
             ),
             way_out: "close the object, or give sheets a second side; a lamp close to a ceiling may stay".to_owned(),
+            measure: "area, m²",
+            ..Warning::blank()
+        });
+        self.push(scene, plan, by_area(duplicate), |count| Warning {
+            kind: Kind::DuplicateTriangles,
+            severe: true,
+            message: format!(
+                "{count} triangles lie on another with the same corners and the same front: each of them emits, reflects \
+                 and holds back light once more"
+            ),
+            way_out: "remove them from the mesh".to_owned(),
             measure: "area, m²",
             ..Warning::blank()
         });

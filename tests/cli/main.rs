@@ -7,6 +7,7 @@ mod pictures;
 mod plans;
 mod refusals;
 mod signals;
+mod warnings;
 
 use std::ffi::OsStr;
 use std::fs;

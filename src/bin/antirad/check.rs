@@ -2,6 +2,7 @@
 
 use crate::Failure;
 use crate::settings::SceneSettings;
+use antirad::cli::Interrupt;
 use antirad::plan::{Limits, Plan};
 use antirad::warnings::{Warning, Warnings};
 use clap::Args;
@@ -29,12 +30,13 @@ struct Report<'a> {
     warnings: &'a [Warning],
 }
 
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
     let scene = arguments.settings.load()?;
     // Whether a solve fits the memory is the matter of `antirad plan`.
     let limits = Limits { memory_budget: u64::MAX, max_buffer: u64::MAX, ..Limits::default() };
-    let plan = Plan::new(&scene, &limits, &scene.accuracy)?;
-    let warnings = Warnings::of(&scene, &plan);
+    let warnings = interrupt.while_computing(|| {
+        Plan::new(&scene, &limits, &scene.accuracy).map(|plan| Warnings::of(&scene, &plan))
+    })?;
     let bins = scene.accuracy.bins.to_string();
     if arguments.json {
         let report = Report {

@@ -2,6 +2,7 @@
 
 use crate::Failure;
 use crate::settings::SceneSettings;
+use antirad::cli::Interrupt;
 use antirad::output::prepare_directory;
 use antirad::plan::Limits;
 use antirad::warnings::{RefineOptions, Warnings, refine};
@@ -32,11 +33,11 @@ pub struct Arguments {
     levels: u32,
 }
 
-pub fn run(arguments: &Arguments, quiet: bool) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<(), Failure> {
     let mut scene = arguments.settings.load()?;
     let triangles = scene.triangles.len();
     let options = RefineOptions { max_triangles: arguments.max_triangles, levels: arguments.levels };
-    let refined = refine(&mut scene, &Limits::default(), &options)?;
+    let refined = interrupt.while_computing(|| refine(&mut scene, &Limits::default(), &options))?;
     prepare_directory(&arguments.output)?;
     let path = arguments.output.join(format!("{}.toml", scene.name));
     scene.save(&path)?;

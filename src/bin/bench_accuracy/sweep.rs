@@ -56,10 +56,12 @@ pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
             equal(6, 8),
             equal(10, 13),
             equal(14, 18),
+            equal(20, 26),
             square(6),
             square(8),
             square(12),
             square(16),
+            square(24),
         ],
     };
     let finest = match (case.scene.triangles.len(), quick) {

@@ -1,0 +1,128 @@
+//! `antirad check`, `antirad refine`, and what a render says of the same.
+
+use crate::{Folder, run, says, without_driver};
+use std::path::Path;
+
+/// A lamp over so many thin plates over a floor.
+fn plates(count: u32) -> String {
+    let mut text = String::from(
+        "[material.black]\n[material.lamp]\nemission = 10\n[[mesh]]\nname = \"floor\"\nmaterial = \"black\"\nshape = { kind = \
+         \"quad\", cells = 4 }\n[[mesh]]\nname = \"lamp\"\nmaterial = \"lamp\"\nshape = { kind = \"quad\" }\nscale = [0.4, -1, \
+         0.4]\ntranslate = [0.3, 2, 0.3]\n[camera.main]\nposition = [0.5, 0.1, 0.5]\ntarget = [0.5, 0, 0.6]\nfov_x_degrees = \
+         60\nwidth = 8\nheight = 8\n",
+    );
+    for k in 1..=count {
+        let height = 0.2 + 0.1 * f64::from(k);
+        text += &format!(
+            "[[mesh]]\nname = \"plate {k}\"\nmaterial = \"black\"\nshape = {{ kind = \"slab\", cells = 4 }}\nscale = [1, 0.01, \
+             1]\ntranslate = [0, {height}, 0]\n"
+        );
+    }
+    text
+}
+
+fn folder() -> Folder {
+    Folder::with(&[("plates.toml", &plates(3)), ("one.toml", &plates(1))])
+}
+
+#[test]
+fn a_check_needs_no_device_and_names_triangles() {
+    let folder = folder();
+    let nowhere = Path::new("/nowhere.json");
+    let checked = run(without_driver(&mut folder.tool(["check", "plates.toml"]), nowhere)).succeeded();
+    assert_eq!(checked.stderr, "");
+    let parts = [
+        "plates: ",
+        "stacked layers (severe)",
+        "\"plate 3\", \"plate 2\", \"plate 1\"",
+        "coarse blockers",
+        "towards",
+        "way out",
+    ];
+    says(&checked.stdout, &parts);
+
+    let json = folder.run("check plates.toml --json").succeeded().stdout;
+    let report: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    let warnings = report["warnings"].as_array().expect("warnings");
+    let kinds: Vec<_> = warnings.iter().map(|w| w["kind"].as_str().expect("a kind")).collect();
+    assert_eq!(kinds, ["stacked_layers", "coarse_blockers", "narrow_gaps"]);
+    for warning in warnings {
+        assert!(
+            warning["count"].as_u64() > Some(0) && warning["area_share"].as_f64() > Some(0.0),
+            "{warning}"
+        );
+        let worst = &warning["worst"][0];
+        assert!(worst["value"].as_f64() > Some(0.0) && worst["triangle"].is_u64(), "{worst}");
+        says(worst["place"].as_str().expect("a place"), &["triangle ", "of mesh \""]);
+    }
+    says(&folder.run("check room.toml").succeeded().stdout, &["200 triangles", "open blockers", "\"lamp\""]);
+    folder.run("check nowhere.toml").refused(&["nowhere.toml", "cannot be read"]);
+    // Fewer bins need no finer mesh.
+    let coarse = folder.run("check one.toml --bins 2x3").succeeded().stdout;
+    assert!(coarse.contains("nothing to warn of"), "{coarse}");
+}
+
+#[test]
+fn a_refined_scene_is_warned_of_less_and_renders() {
+    let folder = folder();
+    let count = |file: &str| -> (u64, u64) {
+        let json = folder.run(&format!("check {file} --json")).succeeded().stdout;
+        let report: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+        let counts = report["warnings"]
+            .as_array()
+            .expect("warnings")
+            .iter()
+            .map(|w| w["count"].as_u64().expect("a count"));
+        (report["triangles"].as_u64().expect("a count"), counts.sum())
+    };
+    let refined = folder.run("refine one.toml --output fine --bins 6x8").succeeded();
+    says(
+        &refined.stdout,
+        &["of mesh \"plate 1\" were cut", "warnings    before: ", "coarse blockers", "after: ", "one.toml"],
+    );
+    let (before, after) = (count("one.toml --bins 6x8"), count("fine/one.toml"));
+    assert!(after.0 > before.0 && after.1 < before.1, "{before:?} {after:?}");
+    folder.render("fine/one.toml").succeeded();
+    // The settings of the command line are those of the finer scene.
+    assert_eq!(folder.json("out/report.json")["plan"]["bins"], "6x8");
+
+    folder
+        .run("refine one.toml --output fine --max-triangles 10")
+        .refused(&["triangles already", "--max-triangles"]);
+    let bounded = folder.run("refine plates.toml --output fine --max-triangles 1000").succeeded().stdout;
+    says(&bounded, &["more would be cut, but for --max-triangles 1000"]);
+    assert!(count("fine/plates.toml").0 <= 1000);
+}
+
+#[test]
+fn a_render_warns_of_what_makes_it_useless() {
+    let folder = folder();
+    let rendered = folder.render("plates.toml --max-passes 2000").succeeded();
+    says(&rendered.stderr, &["WARN stacked layers: ", "\"plate 2\"", "way out: "]);
+    says(&rendered.stdout, &["beware      stacked layers ("]);
+    let report = folder.json("out/report.json");
+    assert_eq!(report["accuracy_warnings"][0]["kind"], "stacked_layers");
+    let kinds = report["accuracy_warnings"].as_array().expect("warnings").iter().map(|w| &w["kind"]);
+    assert!(kinds.clone().any(|kind| kind == "negative_irradiance"), "{report}");
+}
+
+/// Work of the host alone stops as soon as that of a device.
+#[test]
+#[cfg(unix)]
+fn an_interrupted_refinement_ends_soon_and_writes_nothing() {
+    use std::process::{Command, Stdio};
+    use std::time::{Duration, Instant};
+    let fine = plates(8).replace("kind = \"slab\", cells = 4", "kind = \"slab\", cells = 40");
+    let folder = Folder::with(&[("plates.toml", &fine)]);
+    let mut tool = folder.tool(["refine", "plates.toml", "--output", "out"]);
+    let child = tool.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
+    std::thread::sleep(Duration::from_millis(700));
+    let sent = Instant::now();
+    assert!(
+        Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill runs").success()
+    );
+    let run = crate::Run::from(child.wait_with_output().expect("the tool ends"));
+    assert_eq!(run.code, Some(130), "{run:?}");
+    assert!(run.stderr.ends_with("antirad: interrupted; nothing was written\n"), "{run:?}");
+    assert!(sent.elapsed() < Duration::from_secs(2) && folder.results().is_empty());
+}
