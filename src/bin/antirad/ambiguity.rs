@@ -250,7 +250,9 @@ fn intervals(
                 (0..scene.triangles.len()).filter(|i| views.seen[*i] && sum(i) > 0.0).collect();
             lights.sort_by(|a, b| sum(b).total_cmp(&sum(a)));
             lights.truncate(LIGHTS);
-            lights.into_iter().chain(unseen.iter().copied()).collect()
+            // Of what is hidden, lights first: the table shows the first rows.
+            let (emitting, dark): (Vec<usize>, Vec<usize>) = unseen.iter().partition(|i| sum(i) > 0.0);
+            lights.into_iter().chain(emitting).chain(dark).collect()
         }
     };
     let mut rows = Vec::new();

@@ -78,7 +78,9 @@ pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
     let near: &[f64] = if quick { &[0.0, 10.0, 60.0] } else { &[0.0, 3.0, 10.0, 60.0, 120.0] };
     for &subsample in near {
         add("near field", 0, Accuracy { subsample, ..usual });
-        add("near field", 0, Accuracy { subsample, bins: square(8), ..usual });
+        if !quick || subsample <= 10.0 {
+            add("near field", 0, Accuracy { subsample, bins: square(8), ..usual });
+        }
     }
     if !quick {
         add("precision", 0, Accuracy { precision: Precision::F64, ..usual });
