@@ -37,7 +37,7 @@ pub struct Circumstances {
 ///
 /// - `scene.toml` with OBJ and MTL: the fitted scene, for [`Scene::load`](crate::scene::Scene::load).
 /// - `parameters.json`: every fitted value with its start, unit, and whether it stands on a bound.
-/// - `emission.npy`, `albedo.npy` … float64 [triangles, 3] (δ and p: [triangles]), `vertices.npy` [vertices, 3]: of what
+/// - `emission.npy`, `albedo.npy` … float64 of shape `[triangles, 3]` (δ and p: `[triangles]`), `vertices.npy` `[vertices, 3]`: of what
 ///   was fitted, in the order of the scene.
 /// - `history.csv` and `loss.svg`, `loss.png`: the loss over the iterations.
 /// - `VIEW.exr`, `VIEW.png`: the fitted picture, and target, fitted picture and error side by side.

@@ -48,7 +48,7 @@ pub fn quarters([a, b, c]: [DVec3; 3]) -> [[DVec3; 3]; 4] {
 }
 
 /// Columns: two tangents and the normal. After Duff et al. (JCGT 2017), continuous but
-/// for n.z = [`FRAME_SWITCH`].
+/// for n.z = `FRAME_SWITCH`.
 pub fn orthonormal_basis(n: DVec3) -> DMat3 {
     let sign = basis_sign(n);
     let a = -1.0 / (sign + n.z);

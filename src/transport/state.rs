@@ -9,7 +9,7 @@ use crate::scene::Precision;
 use std::sync::Arc;
 
 /// What arrives: irradiance of every slot, and radiance per bin for the groups that have bins. Kernels get at it through
-/// [`View`]s of its parts, wherever it lives. A handle: the memory belongs to a [`Pool`] and is used again when the last
+/// views of its parts, wherever it lives. A handle: the memory belongs to a pool and is used again when the last
 /// handle is gone.
 #[derive(Clone)]
 pub struct State(Arc<Memory>);
