@@ -95,6 +95,17 @@ pub struct Solution {
     arrangement: Vec<u32>,
 }
 
+impl EngineError {
+    /// Whether a progress callback or watcher stopped the work: no failure, and nothing to report.
+    pub fn is_interruption(&self) -> bool {
+        matches!(
+            self,
+            Self::Solve(SolveError::Interrupted { .. } | SolveError::Operator(TransportError::Interrupted))
+                | Self::Transport(TransportError::Interrupted)
+        )
+    }
+}
+
 /// A planned scene on a device.
 pub struct Engine {
     device: Device,

@@ -27,8 +27,6 @@ pub use views::Views;
 
 use crate::EngineError;
 use crate::image::ImageError;
-use crate::solve::SolveError;
-use crate::transport::TransportError;
 
 /// An ambiguity could not be examined.
 #[derive(Debug, thiserror::Error)]
@@ -48,12 +46,6 @@ pub enum AmbiguityError {
 
 impl From<EngineError> for AmbiguityError {
     fn from(error: EngineError) -> Self {
-        match error {
-            EngineError::Solve(
-                SolveError::Interrupted { .. } | SolveError::Operator(TransportError::Interrupted),
-            )
-            | EngineError::Transport(TransportError::Interrupted) => Self::Interrupted,
-            other => Self::Engine(other),
-        }
+        if error.is_interruption() { Self::Interrupted } else { Self::Engine(error) }
     }
 }

@@ -7,7 +7,6 @@ use crate::image::{Coverage, ImageError, PictureOptions, Rasterizer, geometry_gr
 use crate::plan::{Limits, Plan, Wanted};
 use crate::scene::{Camera, Scene};
 use crate::solve::SolveError;
-use crate::transport::TransportError;
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
 use glam::DVec3;
 use std::ops::ControlFlow;
@@ -192,10 +191,7 @@ fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RenderError 
 /// What a solver says: that it was interrupted, that this scene has no answer, or that nothing works any more.
 fn sort_out(error: EngineError) -> RenderError {
     match error {
-        EngineError::Solve(
-            SolveError::Interrupted { .. } | SolveError::Operator(TransportError::Interrupted),
-        )
-        | EngineError::Transport(TransportError::Interrupted) => RenderError::Interrupted,
+        error if error.is_interruption() => RenderError::Interrupted,
         EngineError::Solve(SolveError::Diverged { .. } | SolveError::NoConvergence { .. }) => {
             RenderError::NoAnswer(error.to_string())
         }

@@ -145,10 +145,7 @@ fn term_of(term: &Regulariser, parameters: &Parameters) -> Result<Term, String> 
         }
         Regulariser::Sparsity { .. } => {
             let fitted = parameters.triangles_of(Quantity::Emission);
-            let area = |t: usize| {
-                let [a, b, c] = scene.corners(t);
-                0.5 * (b - a).cross(c - a).length()
-            };
+            let area = |t: usize| scene.area_vector(t).length();
             let picked = (0..fitted.len()).filter(|&t| fitted[t]).map(|t| (t as u32, area(t)));
             let areas: Vec<(u32, f64)> = picked.collect();
             let total: f64 = areas.iter().map(|(_, area)| area).sum();

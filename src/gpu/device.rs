@@ -45,6 +45,14 @@ impl Default for DeviceOptions {
     }
 }
 
+impl DeviceOptions {
+    /// What a command line asked for, over the defaults.
+    pub fn asked(selector: &Option<String>, memory_budget: Option<u64>) -> Self {
+        let usual = Self::default();
+        Self { selector: selector.clone().or(usual.selector), memory_budget, ..usual }
+    }
+}
+
 /// A device opened for compute. Clones are cheap and share it; threads may use it at the same time.
 #[derive(Clone)]
 pub struct Device {

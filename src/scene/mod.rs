@@ -109,6 +109,12 @@ impl Scene {
         }
     }
 
+    /// Normal times area of a triangle, m².
+    pub fn area_vector(&self, triangle: usize) -> DVec3 {
+        let [a, b, c] = self.corners(triangle);
+        0.5 * (b - a).cross(c - a)
+    }
+
     /// The camera of a name.
     pub fn camera(&self, name: &str) -> Option<&Camera> {
         self.cameras.iter().find(|camera| camera.name == name)

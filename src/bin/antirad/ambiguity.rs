@@ -108,12 +108,7 @@ pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<
     let directory =
         arguments.output.clone().unwrap_or_else(|| Path::new("out").join(&scene.name).join("ambiguity"));
     prepare_directory(&directory)?;
-    let usual = DeviceOptions::default();
-    let device = Device::new(&DeviceOptions {
-        selector: arguments.device.clone().or(usual.selector.clone()),
-        memory_budget: arguments.settings.memory_budget,
-        ..usual
-    })?;
+    let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.settings.memory_budget))?;
     let asked = interrupt.clone();
     let watch: Watch = Arc::new(move || asked.flow());
 
@@ -198,11 +193,7 @@ fn reason_to_leave_out(arguments: &Arguments, scene: &Scene, unseen: &[usize]) -
 }
 
 fn areas(scene: &Scene) -> Vec<f64> {
-    let area = |i| {
-        let [a, b, c] = scene.corners(i);
-        0.5 * (b - a).cross(c - a).length()
-    };
-    (0..scene.triangles.len()).map(area).collect()
+    (0..scene.triangles.len()).map(|i| scene.area_vector(i).length()).collect()
 }
 
 /// By channel.
@@ -322,10 +313,7 @@ fn write_determination(
         let way = (framing.position - framing.target) * DVec3::new(side, 1.0, side);
         let camera = Camera { name: String::from(name), position: framing.target + way, ..framing };
         let faces: Vec<usize> = (0..scene.triangles.len())
-            .filter(|&i| {
-                let [a, b, c] = scene.corners(i);
-                (b - a).cross(c - a).dot(camera.position - a) > 0.0
-            })
+            .filter(|&i| scene.area_vector(i).dot(camera.position - scene.corners(i)[0]) > 0.0)
             .collect();
         let facing = Scene {
             triangles: faces.iter().map(|&i| scene.triangles[i]).collect(),

@@ -105,10 +105,7 @@ fn numbers(values: &[f64]) -> String {
 
 /// The share of the power emitted by the fitted scene that leaves triangles which emit in truth.
 fn power_where_true(truth: &Scene, fitted: &Scene) -> f64 {
-    let power = |t: usize| {
-        let [a, b, c] = fitted.corners(t);
-        (b - a).cross(c - a).length() * fitted.material(t).emission.iter().sum::<f64>()
-    };
+    let power = |t: usize| fitted.area_vector(t).length() * fitted.material(t).emission.iter().sum::<f64>();
     let all = 0..truth.triangles.len();
     let shines = |t: &usize| truth.material(*t).emission.iter().any(|e| *e > 0.0);
     all.clone().filter(shines).map(power).sum::<f64>() / all.map(power).sum::<f64>()

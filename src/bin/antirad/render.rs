@@ -10,10 +10,8 @@ use antirad::image::{Exposure, ImageError, Picture, PictureOptions, Rasterizer, 
 use antirad::output::{prepare_directory, single, write_json, write_npy};
 use antirad::plan::{Limits, Plan};
 use antirad::scene::{Camera, Precision, Scene};
-use antirad::solve::SolveError;
-use antirad::transport::TransportError;
 use antirad::warnings::Warnings;
-use antirad::{Engine, EngineError, Solution, SolveParams};
+use antirad::{Engine, Solution, SolveParams};
 use clap::Args;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -83,7 +81,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     stages.end("load");
 
     let options = PictureOptions { supersample: arguments.supersample, smooth: arguments.smooth };
-    let device = open_device(arguments)?;
+    let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.settings.memory_budget))?;
     let mut pictures = 0;
     for camera in &cameras {
         pictures = pictures.max(Rasterizer::bytes(scene.triangles.len(), camera, &options)?);
@@ -150,16 +148,6 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     Ok(())
 }
 
-fn open_device(arguments: &Arguments) -> Result<Device, Failure> {
-    let usual = DeviceOptions::default();
-    let options = DeviceOptions {
-        selector: arguments.device.clone().or(usual.selector.clone()),
-        memory_budget: arguments.settings.memory_budget,
-        ..usual
-    };
-    Ok(Device::new(&options)?)
-}
-
 fn solve(
     engine: &mut Engine,
     scene: &Scene,
@@ -183,12 +171,7 @@ fn solve(
     });
     engine.set_watcher(None);
     bar.finish();
-    result.map_err(|error| match error {
-        EngineError::Solve(
-            SolveError::Interrupted { .. } | SolveError::Operator(TransportError::Interrupted),
-        ) => Failure::Interrupted,
-        error => error.into(),
-    })
+    result.map_err(|error| if error.is_interruption() { Failure::Interrupted } else { error.into() })
 }
 
 fn picture(

@@ -97,7 +97,7 @@ impl Case {
                 (scene, truth)
             }
         };
-        let areas: Vec<f64> = (0..scene.triangles.len()).map(|i| area(&scene, i)).collect();
+        let areas: Vec<f64> = (0..scene.triangles.len()).map(|i| scene.area_vector(i).length()).collect();
         let black = black(&scene);
         let unoccluded = without_blockers(device, &black)?;
         let direct = PathTracer::new(&black).irradiance(SHADOW_SAMPLES);
@@ -110,11 +110,6 @@ impl Case {
             .collect();
         Ok(Self { name: name.to_owned(), scene, truth, areas, unoccluded, in_shadow })
     }
-}
-
-pub fn area(scene: &Scene, i: usize) -> f64 {
-    let [a, b, c] = scene.corners(i);
-    0.5 * (b - a).cross(c - a).length()
 }
 
 fn brightest(scene: &Scene) -> f64 {

@@ -77,9 +77,7 @@ fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
     }
     let chosen = |name: &&str| arguments.scene.is_empty() || arguments.scene.iter().any(|s| s == name);
     prepare_directory(&arguments.output)?;
-    let usual = DeviceOptions::default();
-    let selector = arguments.device.clone().or(usual.selector.clone());
-    let device = Device::new(&DeviceOptions { selector, ..usual })?;
+    let device = Device::new(&DeviceOptions::asked(&arguments.device, None))?;
 
     let names: Vec<&str> = known.into_iter().filter(chosen).collect();
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(1000) };

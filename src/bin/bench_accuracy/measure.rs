@@ -1,7 +1,7 @@
 //! One setting: solve, and compare.
 
 use crate::Interrupted;
-use crate::cases::{Case, Truth, area};
+use crate::cases::{Case, Truth};
 use crate::sweep::Setting;
 use crate::table::Row;
 use antirad::cli::Interrupt;
@@ -62,8 +62,8 @@ pub fn measure(
     let mut found = vec![DVec3::ZERO; case.areas.len()];
     for (i, &parent) in parents.iter().enumerate() {
         let parent = parent as usize;
-        found[parent] +=
-            area(&scene, i) / case.areas[parent].max(f64::MIN_POSITIVE) * DVec3::from(solution.irradiance[i]);
+        found[parent] += scene.area_vector(i).length() / case.areas[parent].max(f64::MIN_POSITIVE)
+            * DVec3::from(solution.irradiance[i]);
     }
     match &case.truth {
         Truth::Mean { material, irradiance } => {

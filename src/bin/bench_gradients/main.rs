@@ -95,9 +95,7 @@ fn main() -> ExitCode {
 }
 
 fn device(arguments: &Arguments) -> Result<Device, Box<dyn Error>> {
-    let usual = DeviceOptions::default();
-    let selector = arguments.device.clone().or(usual.selector.clone());
-    Ok(Device::new(&DeviceOptions { selector, ..usual })?)
+    Ok(Device::new(&DeviceOptions::asked(&arguments.device, None))?)
 }
 
 fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {

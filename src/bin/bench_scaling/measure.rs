@@ -70,12 +70,7 @@ fn statue(triangles: u32) -> Result<Scene, SceneError> {
 /// Measures the one size of the command line and prints messages.
 pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn Error>> {
     let size = arguments.triangles[0];
-    let usual = DeviceOptions::default();
-    let device = Device::new(&DeviceOptions {
-        selector: arguments.device.clone().or(usual.selector.clone()),
-        memory_budget: arguments.memory_budget,
-        ..usual
-    })?;
+    let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.memory_budget))?;
     let scene = statue(size)?;
     let accuracy = Accuracy { bins: arguments.bins, solver: SolverChoice::FixedPoint, ..Accuracy::default() };
     let limits = Limits { occlusion: Occlusion::Everything, ..Limits::of(&device) };

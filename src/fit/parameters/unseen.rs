@@ -36,11 +36,14 @@ impl Parameters {
     /// By fit; `seen`: per triangle of the scene, whether a view shows it.
     pub fn unseen(&self, seen: &[bool]) -> Vec<Unseen> {
         let triangle_seen = |t: &u32| seen[*t as usize];
+        let mut vertex_seen = vec![false; self.base.vertices.len()];
+        for (triangle, _) in self.base.triangles.iter().zip(seen).filter(|(_, seen)| **seen) {
+            triangle.vertices.iter().for_each(|&v| vertex_seen[v as usize] = true);
+        }
         let shown = |what: &What| match what {
             What::Material { triangles, .. } => triangles.iter().any(triangle_seen),
             What::Motion { vertices, .. } | What::Vertex { vertices } => {
-                let uses = |t: &usize| self.base.triangles[*t].vertices.iter().any(|v| vertices.contains(v));
-                (0..seen.len()).filter(|t| seen[*t]).any(|t| uses(&t))
+                vertices.iter().any(|&v| vertex_seen[v as usize])
             }
         };
         let of = |(fit, what): (usize, &super::Fit)| {

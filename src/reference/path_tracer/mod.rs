@@ -79,13 +79,8 @@ fn brdf(material: &Material, normal: DVec3, to_light: DVec3, to_eye: DVec3) -> D
 
 impl<'a> PathTracer<'a> {
     pub fn new(scene: &'a Scene) -> Self {
-        let crosses: Vec<DVec3> = (0..scene.triangles.len())
-            .map(|i| {
-                let [a, b, c] = scene.corners(i);
-                (b - a).cross(c - a)
-            })
-            .collect();
-        let areas: Vec<f64> = crosses.iter().map(|c| 0.5 * c.length()).collect();
+        let vectors: Vec<DVec3> = (0..scene.triangles.len()).map(|i| scene.area_vector(i)).collect();
+        let areas: Vec<f64> = vectors.iter().map(|v| v.length()).collect();
         let power = |i: usize| areas[i] * scene.material(i).emission.iter().sum::<f64>();
         let total: f64 = (0..areas.len()).map(power).sum();
         let mut sum = 0.0;
@@ -99,7 +94,7 @@ impl<'a> PathTracer<'a> {
         Self {
             scene,
             rays: Rays::new(scene),
-            normals: crosses.iter().map(|c| c.normalize_or_zero()).collect(),
+            normals: vectors.iter().map(|v| v.normalize_or_zero()).collect(),
             areas,
             lights,
             chances,

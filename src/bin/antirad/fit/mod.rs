@@ -59,12 +59,7 @@ impl Arguments {
     }
 
     fn device_options(&self) -> DeviceOptions {
-        let usual = DeviceOptions::default();
-        DeviceOptions {
-            selector: self.device.clone().or(usual.selector.clone()),
-            memory_budget: self.memory_budget,
-            ..usual
-        }
+        DeviceOptions::asked(&self.device, self.memory_budget)
     }
 }
 
