@@ -89,7 +89,8 @@ fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
         bar.set_message(format!("{name}: truth"));
         let case = Case::new(name, &arguments.root, &device)?;
         let settings = sweep::settings(&case, arguments.quick);
-        let total: f64 = settings.iter().map(Setting::cost).sum();
+        let asked = sweep::asked(&case, arguments.quick);
+        let total = settings.iter().map(Setting::cost).sum::<f64>() + sweep::ASKED_COST * asked.len() as f64;
         let mut done = 0.0;
         for setting in &settings {
             bar.set_message(format!("{name}: {setting}"));
@@ -99,6 +100,15 @@ fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
             // Whoever stops it keeps what there is.
             table::write(&arguments.output, &rows)?;
             done += setting.cost();
+            bar.set_position(((k as f64 + done / total) / names.len() as f64 * 1000.0) as u64);
+        }
+        for &error in asked {
+            bar.set_message(format!("{name}: settings for {} %", 100.0 * error));
+            let row = measure::measure_asked(&device, &case, error, interrupt)?;
+            tracing::info!("{name}, {} % asked: {row}", 100.0 * error);
+            rows.push(row);
+            table::write(&arguments.output, &rows)?;
+            done += sweep::ASKED_COST;
             bar.set_position(((k as f64 + done / total) / names.len() as f64 * 1000.0) as u64);
         }
     }

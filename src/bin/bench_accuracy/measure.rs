@@ -7,6 +7,7 @@ use crate::table::Row;
 use antirad::cli::Interrupt;
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
+use antirad::ladder::{LadderOptions, solve_within};
 use antirad::plan::{Limits, Plan};
 use antirad::scene::{Camera, Scene};
 use antirad::solve::SolveError;
@@ -42,10 +43,10 @@ pub fn measure(
         Ok(_) | Err(EngineError::Solve(SolveError::NoConvergence { .. } | SolveError::Diverged { .. })) => (),
         Err(error) => return Err(interrupted_or(error, interrupt)),
     }
+    let mut row = Row { triangles: scene.triangles.len(), bytes, ..Row::new(case, setting) };
     let start = Instant::now();
     let solved = engine.solve(&SolveParams::from(&scene.accuracy));
-    let seconds = start.elapsed().as_secs_f64();
-    let mut row = Row::new(case, setting, scene.triangles.len(), seconds, bytes);
+    row.seconds = start.elapsed().as_secs_f64();
     let solution = match solved {
         Ok(solution) => solution,
         Err(EngineError::Solve(error @ (SolveError::Diverged { .. } | SolveError::NoConvergence { .. }))) => {
@@ -65,6 +66,58 @@ pub fn measure(
         found[parent] += scene.area_vector(i).length() / case.areas[parent].max(f64::MIN_POSITIVE)
             * DVec3::from(solution.irradiance[i]);
     }
+    judge(&mut row, device, case, &found)?;
+    Ok(row)
+}
+
+/// Settings found for an error that is asked, and how far off they really are.
+pub fn measure_asked(
+    device: &Device,
+    case: &Case,
+    error: f64,
+    interrupt: &Interrupt,
+) -> Result<Row, Box<dyn Error>> {
+    let start = Instant::now();
+    let stop = interrupt.clone();
+    let mut solve = |engine: &mut Engine, scene: &Scene| {
+        let stop = stop.clone();
+        engine.set_watcher(Some(Box::new(move |_, _| stop.flow())));
+        engine.solve(&SolveParams::from(&scene.accuracy))
+    };
+    let solved = solve_within(device, &case.scene, &LadderOptions::new(error), &|_| 0, &mut solve);
+    let solved = match solved {
+        Ok(solved) => solved,
+        Err(EngineError::Solve(error @ (SolveError::Diverged { .. } | SolveError::NoConvergence { .. }))) => {
+            let setting = Setting { accuracy: case.scene.accuracy, level: 0, varies: ASKED };
+            return Ok(Row { failure: error.to_string(), ..Row::new(case, &setting) });
+        }
+        Err(error) => return Err(interrupted_or(error, interrupt)),
+    };
+    let seconds = start.elapsed().as_secs_f64();
+    let last = solved.climb.steps.last();
+    let level = last.map_or(0, |step| step.cuts);
+    let setting = Setting { accuracy: solved.scene.accuracy, level, varies: ASKED };
+    let mut row = Row {
+        triangles: solved.scene.triangles.len(),
+        asked: Some(error),
+        estimate: last.and_then(|step| step.estimate).map(|estimate| estimate.total),
+        seconds,
+        passes: solved.climb.steps.iter().map(|step| step.passes).sum(),
+        bytes: solved.engine.plan().memory().total(),
+        negative: solved.solution.negative.triangles,
+        ..Row::new(case, &setting)
+    };
+    let found: Vec<DVec3> =
+        solved.on_given(&solved.solution.irradiance).into_iter().map(DVec3::from).collect();
+    judge(&mut row, device, case, &found)?;
+    Ok(row)
+}
+
+/// What is varied where settings are found for an error.
+const ASKED: &str = "asked";
+
+/// `found`: irradiance of the scene's own triangles.
+fn judge(row: &mut Row, device: &Device, case: &Case, found: &[DVec3]) -> Result<(), Box<dyn Error>> {
     match &case.truth {
         Truth::Mean { material, irradiance } => {
             let receives = |i: &usize| case.scene.material(*i).name == *material;
@@ -73,9 +126,9 @@ pub fn measure(
             let mean = of(&|i| case.areas[i] * found[i].x) / of(&|i| case.areas[i]);
             row.error = Some((mean / irradiance - 1.0).abs());
         }
-        Truth::Triangles(truth) => compare(&mut row, device, case, &found, truth)?,
+        Truth::Triangles(truth) => compare(row, device, case, found, truth)?,
     }
-    Ok(row)
+    Ok(())
 }
 
 fn interrupted_or(error: EngineError, interrupt: &Interrupt) -> Box<dyn Error> {
