@@ -216,7 +216,7 @@ impl Job {
         }
         let mut scene = scene;
         // What is fitted is fitted with one setting from the first iteration to the last.
-        scene.choice = Choice::Stated;
+        scene.choice = Choice::STATED;
         scene.accuracy.tolerance = settings.tolerance.unwrap_or(scene.accuracy.tolerance.min(1e-5));
         let identity = identity(&scene, &targets, &settings)
             .map_err(|error| FitError::Settings(format!("the job cannot be told from others: {error}")))?;

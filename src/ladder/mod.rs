@@ -6,15 +6,15 @@ mod estimate;
 mod rungs;
 
 pub use estimate::Estimate;
-pub use rungs::{Layout, layout, usual_bins};
+pub use rungs::{Layout, layout, usual_accuracy};
 
 use crate::gpu::Device;
 use crate::plan::{Limits, Plan, PlanError};
-use crate::scene::{Accuracy, Material, Scene};
+use crate::scene::{Accuracy, Scene};
 use crate::solve::SolveError;
 use crate::{Engine, EngineError, Solution};
 use glam::DVec3;
-use rungs::{Rung, near_field};
+use rungs::{Rung, mean_albedo, near_field};
 use serde::Serialize;
 use std::fmt;
 
@@ -186,10 +186,6 @@ impl<'a> Ground<'a> {
         reserve: &'a dyn Fn(&Scene) -> u64,
     ) -> Result<Self, PlanError> {
         let areas: Vec<f64> = (0..scene.triangles.len()).map(|i| scene.area_vector(i).length()).collect();
-        let of: Vec<f64> = scene.materials.iter().map(Material::total_albedo).collect();
-        let albedos = scene.triangles.iter().map(|t| of[t.material as usize]);
-        let reflecting: f64 = areas.iter().zip(albedos).map(|(area, albedo)| area * albedo).sum();
-        let albedo = reflecting / areas.iter().sum::<f64>().max(f64::MIN_POSITIVE);
         Ok(Self {
             device,
             scene,
@@ -197,8 +193,8 @@ impl<'a> Ground<'a> {
             reserve,
             areas,
             directional: layout(scene, &scene.accuracy)? != Layout::None,
-            albedo,
-            near: near_field(albedo, options.error),
+            albedo: mean_albedo(scene),
+            near: near_field(mean_albedo(scene), options.error),
         })
     }
 
@@ -254,9 +250,13 @@ impl Trial {
         let solved = unless_stopped(solve(&mut engine, &scene))?;
         let on_given = |s: &Solution| means(&scene, &parents, &s.irradiance, &ground.areas);
         let estimate = match (&solved, &other) {
-            (Ok(solution), Ok(other)) => {
-                Some(Estimate::new([&on_given(solution), &on_given(other)], &ground.areas, &scene, solution))
-            }
+            (Ok(solution), Ok(other)) => Some(Estimate::new(
+                [&on_given(solution), &on_given(other)],
+                layout.ratio(),
+                &ground.areas,
+                &scene,
+                solution,
+            )),
             _ => None,
         };
         let passes = [&solved, &other].into_iter().flatten().map(|solution| solution.info.passes).sum();

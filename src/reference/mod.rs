@@ -22,7 +22,7 @@ pub use observation::observe;
 pub use path_tracer::{Estimate, PathTracer};
 pub use random::Random;
 pub use reflection::{emission, reflect};
-pub use scenes::Plates;
+pub use scenes::{Plates, Shadow};
 pub use transport::transport;
 
 use crate::plan::{Bins, Class, classify};

@@ -1,7 +1,10 @@
 //! Scenes whose answer is known in closed form.
 
+use super::geometry::{centroid, quarters};
+use super::near_field::projected_solid_angle;
 use crate::scene::{Material, Scene, SceneBuilder, SceneError, Shape};
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DQuat, DVec2, DVec3};
+use rayon::prelude::*;
 
 /// A lamp over thin closed plates over a floor, all black but the lamp: the plates hide the lamp from all of the floor, so
 /// that no light arrives there.
@@ -21,6 +24,84 @@ pub struct Plates {
     pub lamp: f64,
 }
 
+/// A square lamp 2 m above a floor of 2 x 2 m, and between them a square blocker of 0.8 x 0.8 m in 12 x 12 cells, all black
+/// but the lamp.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shadow {
+    /// Side of the lamp, m.
+    pub lamp: f64,
+    /// Of the blocker above the floor, m.
+    pub height: f64,
+}
+
+impl Shadow {
+    const LAMP_HEIGHT: f64 = 2.0;
+    const RADIANCE: f64 = 10.0;
+    /// Half the side of the blocker.
+    const BLOCKER: f64 = 0.4;
+
+    /// Meshes "floor", "blocker" and "lamp".
+    pub fn scene(&self) -> Result<Scene, SceneError> {
+        let at = |side: f64, height: f64, up: f64| {
+            let flip = DAffine3::from_scale(DVec3::new(1.0, up, 1.0));
+            let place = DVec3::new(-0.5 * side, height, -0.5 * side);
+            DAffine3::from_scale_rotation_translation(DVec3::new(side, 1.0, side), DQuat::IDENTITY, place)
+                * flip
+        };
+        let black = Material::named("black");
+        let light = Material { emission: [Self::RADIANCE; 3], ..Material::named("lamp") };
+        let mut builder = SceneBuilder::new();
+        builder
+            .shape("floor", Shape::Quad { cells: 24 }, &black, at(2.0, 0.0, 1.0))
+            .shape("blocker", Shape::Quad { cells: 12 }, &black, at(2.0 * Self::BLOCKER, self.height, 1.0))
+            .shape("lamp", Shape::Quad { cells: 2 }, &light, at(self.lamp, Self::LAMP_HEIGHT, -1.0));
+        builder.finish("shadow")
+    }
+
+    /// Irradiance in the shadow, and as it would be without the blocker, means over each triangle of [`Shadow::scene`], W/m².
+    /// Exact from a point: the lamp less the part of it that the blocker hides, both rectangles, by Lambert's formula; the mean
+    /// is over 256 points.
+    pub fn irradiance(&self, scene: &Scene) -> Vec<[f64; 2]> {
+        let of = |triangle: usize| {
+            if scene.area_vector(triangle).y <= 0.0 {
+                return [0.0; 2];
+            }
+            let mut pieces = vec![scene.corners(triangle)];
+            for _ in 0..4 {
+                pieces = pieces.into_iter().flat_map(quarters).collect();
+            }
+            let sum = pieces
+                .iter()
+                .map(|&piece| self.at(centroid(piece)))
+                .fold([0.0; 2], |s, e| [s[0] + e[0], s[1] + e[1]]);
+            sum.map(|e| e / pieces.len() as f64)
+        };
+        (0..scene.triangles.len()).into_par_iter().map(of).collect()
+    }
+
+    /// At a point of a surface that faces up: with and without the blocker.
+    fn at(&self, point: DVec3) -> [f64; 2] {
+        let half = 0.5 * self.lamp;
+        let seen = |low: DVec2, high: DVec2| {
+            let corner = |x: f64, z: f64| DVec3::new(x, Self::LAMP_HEIGHT, z);
+            let [a, b, c, d] =
+                [corner(low.x, low.y), corner(high.x, low.y), corner(high.x, high.y), corner(low.x, high.y)];
+            [[a, b, c], [a, c, d]].map(|t| projected_solid_angle(point, DVec3::Y, t)).iter().sum::<f64>()
+        };
+        let open = Self::RADIANCE * seen(DVec2::splat(-half), DVec2::splat(half));
+        if point.y >= self.height {
+            return [open; 2];
+        }
+        // What of the lamp's plane the blocker hides.
+        let stretch = (Self::LAMP_HEIGHT - point.y) / (self.height - point.y);
+        let here = DVec2::new(point.x, point.z);
+        let edge = |side: f64| here + stretch * (DVec2::splat(side * Self::BLOCKER) - here);
+        let (low, high) = (edge(-1.0).max(DVec2::splat(-half)), edge(1.0).min(DVec2::splat(half)));
+        let hidden = if low.x < high.x && low.y < high.y { Self::RADIANCE * seen(low, high) } else { 0.0 };
+        [open - hidden, open]
+    }
+}
+
 impl Default for Plates {
     fn default() -> Self {
         Self { count: 2, cells: 12, side: 1.0, thickness: 0.01, gap: 0.05, height: 0.25, lamp: 0.4 }
@@ -36,7 +117,7 @@ impl Plates {
         let square = |side: f64, height: f64| {
             DAffine3::from_scale_rotation_translation(
                 DVec3::new(side, 1.0, side),
-                glam::DQuat::IDENTITY,
+                DQuat::IDENTITY,
                 DVec3::new(-0.5 * side, height, -0.5 * side),
             )
         };

@@ -132,20 +132,27 @@ pub struct Accuracy {
 }
 
 /// What of a scene's [`Accuracy`] is left to be chosen for it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Choice {
-    /// Nothing.
-    Stated,
-    /// The bins: those that stand there are the usual ones, and others may suit the scene better
-    /// ([`crate::ladder::usual_bins`]).
-    #[default]
-    Bins,
+    /// The bins, the range of the near field, or neither: what is open has its usual value, and another may suit the scene
+    /// better ([`crate::ladder::usual_accuracy`]).
+    Open { bins: bool, subsample: bool },
     /// Bins, near field, mesh and tolerance, such that the relative L2 error of irradiance is about this at most
     /// ([`crate::ladder::solve_within`]).
     Within(f64),
 }
 
+impl Default for Choice {
+    /// Nobody has said anything.
+    fn default() -> Self {
+        Self::Open { bins: true, subsample: true }
+    }
+}
+
 impl Choice {
+    /// All is stated.
+    pub const STATED: Self = Self::Open { bins: false, subsample: false };
+
     /// Says what is wrong with the error asked, if anything.
     pub(super) fn validate(self) -> Result<(), String> {
         match self {

@@ -186,9 +186,15 @@ impl Scene {
                 Normalization::Energy => "energy",
             },
         };
-        let error = match self.choice {
-            Choice::Within(error) => Some(error),
-            Choice::Stated | Choice::Bins => None,
+        // Settings that another program has changed count as stated, whether it said so or not.
+        let usual = Accuracy::default();
+        let (error, state_bins, state_subsample) = match self.choice {
+            Choice::Within(error) => (Some(error), false, false),
+            Choice::Open { bins, subsample } => (
+                None,
+                !bins || self.accuracy.bins != usual.bins,
+                !subsample || self.accuracy.subsample != usual.subsample,
+            ),
         };
         let bins = BTreeMap::from([match self.accuracy.bins {
             BinLayout::EqualAngle { theta, phi } => ("equal_angle", Bins::Two([theta, phi])),
@@ -196,15 +202,12 @@ impl Scene {
         }]);
         let accuracy = AccuracyTable {
             error,
-            // Bins that another program has set count as stated, whether it said so or not.
-            bins: (error.is_none()
-                && (self.choice == Choice::Stated || self.accuracy.bins != Accuracy::default().bins))
-                .then_some(bins),
+            bins: state_bins.then_some(bins),
             weights: match self.accuracy.weights {
                 Weights::Bilinear => "bilinear",
                 Weights::Smoothstep => "smoothstep",
             },
-            subsample: error.is_none().then_some(self.accuracy.subsample),
+            subsample: state_subsample.then_some(self.accuracy.subsample),
             tolerance: error.is_none().then_some(self.accuracy.tolerance),
             max_passes: self.accuracy.max_passes,
             solver: match self.accuracy.solver {

@@ -163,8 +163,7 @@ impl AccuracyTable {
                  one of the two out"
             )),
             (Some(error), None) => Ok(Choice::Within(error)),
-            (None, _) if self.bins.is_some() => Ok(Choice::Stated),
-            (None, _) => Ok(Choice::Bins),
+            (None, _) => Ok(Choice::Open { bins: self.bins.is_none(), subsample: self.subsample.is_none() }),
         }
     }
 }

@@ -98,7 +98,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
             let found = solve_within(&device, &scene, &LadderOptions::new(error), &reserve, &mut solve);
             Answer::climbed(found.map_err(failure)?)
         }
-        Choice::Stated | Choice::Bins => {
+        Choice::Open { .. } => {
             let limits = Limits { pictures, ..Limits::of(&device) };
             let plan = Plan::new(&scene, &limits, &scene.accuracy)?;
             tracing::info!("{}", plan.report());

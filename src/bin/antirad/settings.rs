@@ -2,7 +2,7 @@
 
 use crate::Failure;
 use antirad::cli::parse_size;
-use antirad::ladder::usual_bins;
+use antirad::ladder::usual_accuracy;
 use antirad::scene::{Accuracy, BinLayout, Choice, LoadOptions, Precision, Scene, SolverChoice};
 use clap::Args;
 use std::path::PathBuf;
@@ -40,7 +40,7 @@ pub struct SceneSettings {
 
 impl SceneSettings {
     /// The scene, with the accuracy of its file where the command line has none. An error that is asked for stays an open
-    /// choice; bins that nobody states are chosen.
+    /// choice; bins and near field that nobody states are chosen.
     pub fn load(&self) -> Result<Scene, Failure> {
         let mut scene = Scene::load(&self.scene, &LoadOptions { strict: self.strict })?;
         let file = scene.accuracy;
@@ -52,20 +52,19 @@ impl SceneSettings {
             precision: self.precision.unwrap_or(file.precision),
             ..file
         };
+        let stated = self.bins.is_some();
         scene.choice = match (self.accuracy, scene.choice) {
             (Some(error), _) => Choice::Within(error),
-            (None, Choice::Within(_)) if self.bins.is_some() || self.tolerance.is_some() => Choice::Bins,
-            (None, choice) => choice,
+            (None, Choice::Within(_)) if stated || self.tolerance.is_some() => {
+                Choice::Open { bins: !stated, subsample: true }
+            }
+            (None, Choice::Open { bins, subsample }) => Choice::Open { bins: bins && !stated, subsample },
+            (None, within) => within,
         };
-        if self.bins.is_some() {
-            scene.choice = Choice::Stated;
-        }
         for warning in &scene.warnings {
             tracing::warn!("{warning}");
         }
-        if scene.choice == Choice::Bins {
-            scene.accuracy.bins = usual_bins(&scene)?;
-        }
+        scene.accuracy = usual_accuracy(&scene)?;
         Ok(scene)
     }
 
@@ -76,8 +75,8 @@ impl SceneSettings {
             tracing::warn!(
                 "settings for an error of {error} are found while `antirad render` solves; these are the usual ones"
             );
-            scene.choice = Choice::Bins;
-            scene.accuracy.bins = usual_bins(&scene)?;
+            scene.choice = Choice::default();
+            scene.accuracy = usual_accuracy(&scene)?;
         }
         Ok(scene)
     }

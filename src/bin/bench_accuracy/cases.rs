@@ -4,10 +4,10 @@ use crate::Interrupted;
 use antirad::cli::Interrupt;
 use antirad::gpu::Device;
 use antirad::plan::{Limits, Occlusion, Plan};
-use antirad::reference::{Estimate, PathTracer};
-use antirad::scene::{LoadOptions, Material, Scene, SceneBuilder, Shape};
+use antirad::reference::{Estimate, PathTracer, Shadow};
+use antirad::scene::{LoadOptions, Material, Scene};
 use antirad::{Engine, SolveParams};
-use glam::{DAffine3, DQuat, DVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 use std::error::Error;
 use std::path::Path;
@@ -96,7 +96,13 @@ impl Case {
                 let (Some(Ok(lamp)), Some(Ok(height))) = (numbers.next(), numbers.next()) else {
                     return Err(format!("{name} is no shadow").into());
                 };
-                return Self::traced(name, shadow(lamp, height)?, SAMPLES, device, interrupt);
+                let shadow = Shadow { lamp, height };
+                let scene = shadow.scene()?;
+                let exact = shadow.irradiance(&scene);
+                let truth = exact.iter().map(|[shaded, _]| DVec3::splat(*shaded)).collect();
+                let blocked = exact.iter().map(|[shaded, open]| DVec3::splat(open - shaded)).collect();
+                let case = Self::with_truth(name, scene, Truth::Triangles(truth), device, interrupt)?;
+                return Ok(Self { blocked, ..case });
             }
         };
         Self::with_truth(name, scene, truth, device, interrupt)
@@ -168,23 +174,6 @@ fn without_blockers(device: &Device, scene: &Scene) -> Result<Vec<DVec3>, Box<dy
     let plan = Plan::new(scene, &limits, &scene.accuracy)?;
     let solution = Engine::new(device, scene, plan)?.solve(&SolveParams::from(&scene.accuracy))?;
     Ok(solution.irradiance.into_iter().map(DVec3::from).collect())
-}
-
-/// A floor of 2 x 2 m below a lamp, a square blocker of 0.8 x 0.8 m in 12 x 12 cells between them, all black.
-fn shadow(lamp: f64, height: f64) -> Result<Scene, Box<dyn Error>> {
-    let at = |side: f64, height: f64, up: f64| {
-        let flip = DAffine3::from_scale(DVec3::new(1.0, up, 1.0));
-        let place = DVec3::new(-0.5 * side, height, -0.5 * side);
-        DAffine3::from_scale_rotation_translation(DVec3::new(side, 1.0, side), DQuat::IDENTITY, place) * flip
-    };
-    let black = Material::named("black");
-    let light = Material { emission: [10.0; 3], ..Material::named("lamp") };
-    let mut builder = SceneBuilder::new();
-    builder
-        .shape("floor", Shape::Quad { cells: 24 }, &black, at(2.0, 0.0, 1.0))
-        .shape("blocker", Shape::Quad { cells: 12 }, &black, at(0.8, height, 1.0))
-        .shape("lamp", Shape::Quad { cells: 2 }, &light, at(lamp, 2.0, -1.0));
-    Ok(builder.finish("shadow")?)
 }
 
 /// Rows of a float32 array [n, 3].
