@@ -27,7 +27,7 @@ void clear_deposits() {
 // `direction`: unit, of the world, in the hemisphere of `normal`; `first`: of the set.
 void deposit(uint first, real3 normal, real3 direction, real3 value) {
     if (DEPOSITING) {
-        Taps t = taps(direction * orthonormal_basis(normal));
+        Taps t = taps(in_frame(normal, direction));
         for (uint tap = 0; tap < 4; tap++) {
             uint at = first + t.bin[tap];
             if (CHANNELS == 1) {

@@ -14,7 +14,7 @@ real3 binned_radiance(real3 normal, uint first, real3 direction, bool front) {
     real3 result = real3(0.0);
     if (SOURCE_BACK || SOURCE_FRONT) {
         // What leaves the back arrived at the front from the opposite direction.
-        Taps t = taps((front ? direction : -direction) * orthonormal_basis(normal));
+        Taps t = taps(in_frame(normal, front ? direction : -direction));
         if (SOURCE_FRONT && front) {
             GATHER(specular, specular_rgb, first, t, result)
         }
