@@ -59,7 +59,7 @@ impl Scene {
     /// tolerance = 1e-4
     /// max_passes = 200
     /// solver = "auto"                # or "fixed-point", "gmres"
-    /// precision = "f32"              # or "f64", where the device has it
+    /// precision = "f32"              # or "packed"; "f64", where the device has it
     /// ```
     pub fn load(path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {
         let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);

@@ -101,6 +101,11 @@ pub struct Between<'a> {
 }
 
 impl<'a> Between<'a> {
+    /// Receivers whose bins begin with those of `first_slot`, and sources.
+    pub fn receivers(owners: &'a Group, others: &'a Group, first_slot: u32) -> Self {
+        Self { owners, others, first_slot, sources_own: false }
+    }
+
     /// Of groups whose bins stand in pages of their own.
     pub fn groups(plan: &Plan, owners: &'a Group, others: &'a Group, sources_own: bool) -> Self {
         Self { owners, others, first_slot: plan.layout.slots_of(&owners.tiles).start, sources_own }
