@@ -92,6 +92,7 @@ impl Exchange {
             constants: [&shape.constants(plan)[..], &[(10, u32::from(plan.packs()))]].concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()),
+            deposits: u64::from(shape.receiver_bins),
             shape: shape.name(),
         };
         Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)?, packing: Packing::new(device, plan)? })
