@@ -2,49 +2,27 @@
 
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Limits, Plan};
-use antirad::scene::{Material, Scene, Shape, Triangle};
+use antirad::scene::{Material, SceneBuilder, Shape};
 use antirad::{Engine, SolveParams};
-use glam::DVec3;
+use glam::{DAffine3, DQuat, DVec3};
 use std::error::Error;
-use std::ops::Range;
-
-/// Vertices and triangles as they are put together.
-#[derive(Default)]
-struct Mesh {
-    vertices: Vec<DVec3>,
-    triangles: Vec<Triangle>,
-}
-
-impl Mesh {
-    /// Adds a shape of one material, each of its vertices moved by `place`; returns its triangles' numbers.
-    fn add(&mut self, shape: Shape, material: u32, place: impl Fn(DVec3) -> DVec3) -> Range<usize> {
-        let (vertices, faces) = shape.mesh();
-        let first = self.triangles.len();
-        let base = self.vertices.len() as u32;
-        self.vertices.extend(vertices.into_iter().map(place));
-        self.triangles
-            .extend(faces.iter().map(|face| Triangle { vertices: face.map(|v| base + v), material }));
-        first..self.triangles.len()
-    }
-}
 
 fn main() -> Result<(), Box<dyn Error>> {
-    const WALL: u32 = 0;
-    const LAMP: u32 = 1;
-    let materials = vec![
-        Material { albedo: [0.7, 0.6, 0.5], ..Material::named("wall") },
-        // Radiance, W/(m² sr).
-        Material { emission: [10.0; 3], ..Material::named("lamp") },
-    ];
+    let wall = Material { albedo: [0.7, 0.6, 0.5], ..Material::named("wall") };
+    // Radiance, W/(m² sr).
+    let light = Material { emission: [10.0; 3], ..Material::named("lamp") };
 
     // A room of one metre; under its ceiling a lamp that faces down, and a table that shades the floor.
-    let mut mesh = Mesh::default();
-    let room = mesh.add(Shape::Room { cells: 8 }, WALL, |v| v);
-    // The shape faces up: exchanging x and z turns it over.
-    mesh.add(Shape::Quad { cells: 2 }, LAMP, |v| DVec3::new(0.3 + 0.4 * v.z, 0.95, 0.3 + 0.4 * v.x));
-    mesh.add(Shape::Box { cells: 3 }, WALL, |v| DVec3::new(0.3, 0.4, 0.3) + v * DVec3::new(0.4, 0.05, 0.4));
-
-    let scene = Scene::new("room", mesh.vertices, mesh.triangles, materials)?;
+    let place = |scale: [f64; 3], at: [f64; 3]| {
+        DAffine3::from_scale_rotation_translation(scale.into(), DQuat::IDENTITY, at.into())
+    };
+    let mut builder = SceneBuilder::new();
+    builder
+        .shape("room", Shape::Room { cells: 8 }, &wall, DAffine3::IDENTITY)
+        // The shape faces up: mirrored, it faces down.
+        .shape("lamp", Shape::Quad { cells: 2 }, &light, place([0.4, -1.0, 0.4], [0.3, 0.95, 0.3]))
+        .shape("table", Shape::Box { cells: 3 }, &wall, place([0.4, 0.05, 0.4], [0.3, 0.4, 0.3]));
+    let scene = builder.finish("room")?;
     for warning in &scene.warnings {
         eprintln!("{warning}");
     }
@@ -62,10 +40,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("emitted  {:.3?} W", solution.energy.emitted);
     println!("absorbed {:.3?} W", solution.energy.absorbed);
 
-    // One row per triangle, in the order in which they were given to the scene.
+    // One row per triangle, mesh after mesh; the room is the first.
+    let room = scene.meshes[0].range.clone();
     let floor = |near: &dyn Fn(DVec3) -> bool| {
         let centroid = |i: usize| scene.corners(i).iter().sum::<DVec3>() / 3.0;
-        let picked = room.clone().filter(|&i| centroid(i).y == 0.0 && near(centroid(i)));
+        let of_floor = |i: &usize| centroid(*i).y == 0.0 && near(centroid(*i));
+        let picked = room.clone().map(|i| i as usize).filter(of_floor);
         let red: Vec<f64> = picked.map(|i| solution.irradiance[i][0]).collect();
         red.iter().sum::<f64>() / red.len() as f64
     };

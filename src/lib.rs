@@ -45,6 +45,7 @@ pub mod gpu;
 mod gradients;
 pub mod image;
 mod input;
+pub mod ladder;
 pub mod output;
 pub mod plan;
 pub mod reference;

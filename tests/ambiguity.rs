@@ -6,7 +6,7 @@ use antirad::ambiguity::{DirectLight, FirstBounce, Given, Polytope, Views};
 use antirad::fit::Watch;
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
-use antirad::scene::{Camera, LoadOptions, Material, Scene};
+use antirad::scene::{Camera, LoadOptions, Scene};
 use std::fs;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -80,11 +80,7 @@ impl Case {
 
     /// Colours of seen faces with other emissions.
     fn seen_colours(&self, emission: &[[f64; 3]]) -> Vec<[f64; 3]> {
-        let mut scene = self.scene.clone();
-        scene.materials = (0..scene.triangles.len())
-            .map(|i| Material { emission: emission[i], ..self.scene.material(i).clone() })
-            .collect();
-        scene.triangles.iter_mut().enumerate().for_each(|(i, t)| t.material = i as u32);
+        let scene = self.scene.with_emission(emission);
         let (mut engine, solution) = solve(&self.device, &scene, &scene.accuracy);
         let colours = engine.face_colours(&solution, scene.cameras[0].position).expect("colours");
         colours.into_iter().zip(&self.views.seen).filter(|(_, seen)| **seen).map(|(c, _)| c).collect()

@@ -6,7 +6,7 @@ use super::views::Views;
 use crate::fit::Watch;
 use crate::gpu::Device;
 use crate::plan::{Limits, Plan};
-use crate::scene::{Camera, Material, Scene};
+use crate::scene::{Camera, Scene};
 use crate::{Engine, SolveParams};
 use glam::DVec3;
 use serde::Serialize;
@@ -60,7 +60,7 @@ impl FirstBounce {
             .collect();
 
         let truth = shown(device, scene, cameras, watch)?;
-        let instead = shown(device, &with_emission(scene, &emission), cameras, watch)?;
+        let instead = shown(device, &scene.with_emission(&emission), cameras, watch)?;
         let (mut largest, mut brightest) = (0.0, 0.0);
         let (mut squared, mut power) = (0.0, 0.0);
         for (coverage, (truth, instead)) in views.coverage.iter().zip(truth.iter().zip(&instead)) {
@@ -82,16 +82,6 @@ impl FirstBounce {
             emission,
         }))
     }
-}
-
-/// The same scene with an emission for each triangle, RGB, W/(m² sr).
-fn with_emission(scene: &Scene, emission: &[[f64; 3]]) -> Scene {
-    let mut changed = scene.clone();
-    changed.materials = (0..scene.triangles.len())
-        .map(|i| Material { emission: emission[i], ..scene.material(i).clone() })
-        .collect();
-    changed.triangles.iter_mut().enumerate().for_each(|(i, t)| t.material = i as u32);
-    changed
 }
 
 /// The colours of all faces, by camera.

@@ -21,11 +21,7 @@ impl Views {
     ) -> Result<Self, ImageError> {
         let look = |camera: &&Camera| rasterizer.coverage(scene, camera, supersample);
         let coverage = cameras.iter().map(look).collect::<Result<Vec<_>, _>>()?;
-        let mut seen = vec![false; scene.triangles.len()];
-        for face in coverage.iter().flat_map(Coverage::faces) {
-            seen[face] = true;
-        }
-        Ok(Self { seen, coverage })
+        Ok(Self { seen: Coverage::seen(&coverage, scene.triangles.len()), coverage })
     }
 
     /// The triangles that no camera sees, ascending; those without area are not counted, as they send no light.

@@ -1,14 +1,18 @@
-//! What the command-line tools share: sizes, interruption, progress, logging.
+//! What the command-line tools share: sizes, interruption, progress, logging, plots, sheets of pictures.
 
 mod interrupt;
 mod plot;
 mod progress;
+mod sheet;
 mod size;
 
 pub use interrupt::Interrupt;
-pub(crate) use plot::register_font;
+use plot::register_font;
 pub use plot::{Curve, Drawn, LogPlot, slope};
 pub use progress::SolveBar;
+#[cfg(test)]
+pub(crate) use sheet::{CAPTION, GAP};
+pub use sheet::{Panel, Sheet, heat, percentile, signed_heat, white_point};
 pub use size::parse_size;
 
 /// Exit code of bad input and of work that could not be done.

@@ -164,7 +164,7 @@ pub fn slope(points: &[(f64, f64)]) -> Option<f64> {
 }
 
 /// Texts need a font, and a server may have none: this one comes along.
-pub(crate) fn register_font() {
+pub(super) fn register_font() {
     // It fails only for a damaged font; then drawing fails too, with an error.
     let _ =
         plotters::style::register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT);

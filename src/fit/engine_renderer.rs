@@ -33,7 +33,7 @@ pub struct EngineRenderer {
     passes: u64,
     /// For the positions of [`Self::planning`].
     engine: Option<Engine>,
-    /// What the cameras see of them.
+    /// What the cameras see of them; empty before they looked.
     coverage: Vec<Coverage>,
     /// Of the latest pictures. It holds device memory until the next ones are made.
     latest: Option<Latest>,
@@ -85,16 +85,31 @@ impl EngineRenderer {
         Plan::new(scene, &limits, &scene.accuracy).map_err(failed)
     }
 
-    /// Makes engine and coverage fit the positions of a scene.
-    fn prepare(&mut self, scene: &Scene) -> Result<Engine, RenderError> {
-        if self.engine.is_none() || self.planning.vertices != scene.vertices {
-            // Its memory must be free before the next one takes its own.
-            self.engine = None;
-            self.planning.vertices.clone_from(&scene.vertices);
-            self.planning.degenerate.clone_from(&scene.degenerate);
-            let look = |camera| self.rasterizer.coverage(scene, camera, self.supersample);
+    /// Per triangle, whether one of the pictures shows it: of the latest positions, or those of the planning scene.
+    pub fn seen(&mut self) -> Result<Vec<bool>, RenderError> {
+        self.look()?;
+        Ok(Coverage::seen(&self.coverage, self.planning.triangles.len()))
+    }
+
+    /// What the cameras see of the positions of [`Self::planning`], unless that is known.
+    fn look(&mut self) -> Result<(), RenderError> {
+        if self.coverage.is_empty() {
+            let look = |camera| self.rasterizer.coverage(&self.planning, camera, self.supersample);
             self.coverage = self.cameras.iter().map(look).collect::<Result<_, _>>().map_err(failed)?;
         }
+        Ok(())
+    }
+
+    /// Makes engine and coverage fit the positions of a scene.
+    fn prepare(&mut self, scene: &Scene) -> Result<Engine, RenderError> {
+        if self.planning.vertices != scene.vertices {
+            // Its memory must be free before the next one takes its own.
+            self.engine = None;
+            self.coverage.clear();
+            self.planning.vertices.clone_from(&scene.vertices);
+            self.planning.degenerate.clone_from(&scene.degenerate);
+        }
+        self.look()?;
         let mut engine = match self.engine.take() {
             Some(engine) => engine,
             None => {

@@ -11,7 +11,7 @@ use super::settings::{OptimiserKind, Settings, StopRule};
 use super::target::Target;
 use crate::image::ImageError;
 use crate::output::OutputError;
-use crate::scene::{Scene, SceneError};
+use crate::scene::{Choice, Scene, SceneError};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
@@ -215,6 +215,8 @@ impl Job {
             return refuse("there is nothing to fit; name at least one quantity");
         }
         let mut scene = scene;
+        // What is fitted is fitted with one setting from the first iteration to the last.
+        scene.choice = Choice::Stated;
         scene.accuracy.tolerance = settings.tolerance.unwrap_or(scene.accuracy.tolerance.min(1e-5));
         let identity = identity(&scene, &targets, &settings)
             .map_err(|error| FitError::Settings(format!("the job cannot be told from others: {error}")))?;

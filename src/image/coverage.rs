@@ -96,6 +96,13 @@ impl Coverage {
         self.shares.iter().filter(|share| share.face != BACK).map(|share| share.face as usize)
     }
 
+    /// Per triangle of a scene, whether one of these views of it shows its front, in one sample at least.
+    pub fn seen(views: &[Self], triangles: usize) -> Vec<bool> {
+        let mut seen = vec![false; triangles];
+        views.iter().flat_map(Self::faces).for_each(|face| seen[face] = true);
+        seen
+    }
+
     /// The pixels, row by row from the top: linear RGB, and the share of the pixel that shows a face. `colours`: radiance
     /// of the front of each triangle, in the scene's order; backs are black. Fails if there are more or fewer.
     pub fn pixels<C>(&self, colours: &[[C; 3]]) -> Result<Vec<[f64; 4]>, ImageError>

@@ -3,7 +3,7 @@
 use std::io::{self, BufReader, BufWriter, Write};
 use std::path::Path;
 
-use ::image::codecs::png::PngEncoder;
+use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use ::image::{ExtendedColorType, ImageEncoder};
 use exr::error::Error as ExrError;
 use exr::image::write::WritableImage;
@@ -90,11 +90,21 @@ impl Picture {
 
     /// Writes a PNG of 8 bits a channel, for looking at.
     pub fn write_png(&self, path: impl AsRef<Path>, tone: &ToneMap) -> Result<(), ImageError> {
+        self.write_png_filtered(path, tone, FilterType::Adaptive)
+    }
+
+    /// The same; pictures of flat colours become smaller without a filter.
+    pub(crate) fn write_png_filtered(
+        &self,
+        path: impl AsRef<Path>,
+        tone: &ToneMap,
+        filter: FilterType,
+    ) -> Result<(), ImageError> {
         self.check()?;
         let bytes = tone.apply(&self.pixels);
         atomic_write(path.as_ref(), |file| {
             let mut file = BufWriter::new(file);
-            PngEncoder::new(&mut file)
+            PngEncoder::new_with_quality(&mut file, CompressionType::Default, filter)
                 .write_image(&bytes, self.width, self.height, ExtendedColorType::Rgb8)
                 .map_err(|error| match error {
                     ::image::ImageError::IoError(reason) => reason,

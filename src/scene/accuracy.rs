@@ -145,6 +145,32 @@ pub struct Accuracy {
     pub precision: Precision,
 }
 
+/// What of a scene's [`Accuracy`] is left to be chosen for it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Choice {
+    /// Nothing.
+    Stated,
+    /// The bins: those that stand there are the usual ones, and others may suit the scene better
+    /// ([`crate::ladder::usual_bins`]).
+    #[default]
+    Bins,
+    /// Bins, near field, mesh and tolerance, such that the relative L2 error of irradiance is about this at most
+    /// ([`crate::ladder::solve_within`]).
+    Within(f64),
+}
+
+impl Choice {
+    /// Says what is wrong with the error asked, if anything.
+    pub(super) fn validate(self) -> Result<(), String> {
+        match self {
+            Self::Within(error) if !(error > 0.0 && error < 1.0) => {
+                Err(format!("error = {error} must lie between 0 and 1; 0.02 is 2 %"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
 impl Accuracy {
     /// Says what is wrong with the numbers, if anything.
     pub(super) fn validate(&self) -> Result<(), String> {

@@ -8,7 +8,7 @@ use super::error::{Place, SceneError, nearest};
 use super::file::LoadOptions;
 use super::geometry::RawMesh;
 use super::tables::MaterialTable;
-use super::{Accuracy, Camera, Material, Mesh, Origin, Scene, Triangle};
+use super::{Accuracy, Camera, Choice, Material, Mesh, Origin, Scene, Triangle};
 
 /// A scene in the making.
 pub(super) struct Assembly {
@@ -34,6 +34,7 @@ impl Assembly {
                 materials: Vec::new(),
                 cameras: Vec::new(),
                 accuracy: Accuracy::default(),
+                choice: Default::default(),
                 degenerate: Vec::new(),
                 warnings: Vec::new(),
             },
@@ -158,8 +159,9 @@ impl Assembly {
         self.scene.cameras.push(camera);
     }
 
-    pub fn set_accuracy(&mut self, accuracy: Accuracy, line: usize) {
+    pub fn set_accuracy(&mut self, accuracy: Accuracy, choice: Choice, line: usize) {
         self.scene.accuracy = accuracy;
+        self.scene.choice = choice;
         self.accuracy_line = Some(line);
     }
 

@@ -36,6 +36,7 @@ impl Scene {
             origins: Vec::new(),
             cameras: Vec::new(),
             accuracy: Default::default(),
+            choice: Default::default(),
             degenerate: Vec::new(),
             warnings: Vec::new(),
         };
@@ -61,7 +62,8 @@ impl Scene {
         self.check_triangles()?;
         self.find_degenerate(strict)?;
         self.check_materials()?;
-        self.accuracy.validate().map_err(|message| SceneError::Accuracy { message })?;
+        let valid = self.accuracy.validate().and_then(|()| self.choice.validate());
+        valid.map_err(|message| SceneError::Accuracy { message })?;
         self.cameras.iter().try_for_each(Camera::check)
     }
 

@@ -60,6 +60,7 @@ impl Scene {
     /// max_passes = 200
     /// solver = "auto"                # or "fixed-point", "gmres"
     /// precision = "f32"              # or "packed"; "f64", where the device has it
+    /// # error = 0.02                 # instead of bins, subsample and tolerance: the error of irradiance to solve to
     /// ```
     pub fn load(path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {
         let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
@@ -118,7 +119,10 @@ impl TomlFile<'_> {
             assembly.add_camera(table.camera(name.get_ref().clone(), place)?, place.line);
         }
         if let Some(table) = &tables.accuracy {
-            assembly.set_accuracy(table.get_ref().accuracy(), self.place(table.span()).line);
+            let place = self.place(table.span());
+            let (line, choice) = (place.line, table.get_ref().choice());
+            let choice = choice.map_err(|message| place.error(message))?;
+            assembly.set_accuracy(table.get_ref().accuracy(), choice, line);
         }
         Ok(())
     }

@@ -25,7 +25,7 @@ mod tables;
 mod toml_file;
 mod triangulate;
 
-pub use accuracy::{Accuracy, BinLayout, Precision, SolverChoice, Weights};
+pub use accuracy::{Accuracy, BinLayout, Choice, Precision, SolverChoice, Weights};
 pub use builder::SceneBuilder;
 pub use camera::Camera;
 pub use error::SceneError;
@@ -79,6 +79,8 @@ pub struct Scene {
     pub materials: Vec<Material>,
     pub cameras: Vec<Camera>,
     pub accuracy: Accuracy,
+    /// What of it is left open.
+    pub choice: Choice,
     /// Indices of triangles without area: they keep their row in every output, and take no part.
     pub degenerate: Vec<u32>,
     /// What the user should know, in whole sentences (a camera that was made up, no light, albedo near one).

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{BinLayout, Material, Normalization, Scene, SolverChoice, Weights};
+use super::{Accuracy, BinLayout, Choice, Material, Normalization, Scene, SolverChoice, Weights};
 use crate::output::{OutputError, atomic_write};
 
 #[derive(Serialize)]
@@ -43,10 +43,15 @@ struct CameraTable {
 
 #[derive(Serialize)]
 struct AccuracyTable {
-    bins: BTreeMap<&'static str, Bins>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bins: Option<BTreeMap<&'static str, Bins>>,
     weights: &'static str,
-    subsample: f64,
-    tolerance: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    subsample: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tolerance: Option<f64>,
     max_passes: u32,
     solver: &'static str,
     precision: String,
@@ -181,17 +186,26 @@ impl Scene {
                 Normalization::Energy => "energy",
             },
         };
+        let error = match self.choice {
+            Choice::Within(error) => Some(error),
+            Choice::Stated | Choice::Bins => None,
+        };
+        let bins = BTreeMap::from([match self.accuracy.bins {
+            BinLayout::EqualAngle { theta, phi } => ("equal_angle", Bins::Two([theta, phi])),
+            BinLayout::Concentric { n } => ("concentric", Bins::One(n)),
+        }]);
         let accuracy = AccuracyTable {
-            bins: BTreeMap::from([match self.accuracy.bins {
-                BinLayout::EqualAngle { theta, phi } => ("equal_angle", Bins::Two([theta, phi])),
-                BinLayout::Concentric { n } => ("concentric", Bins::One(n)),
-            }]),
+            error,
+            // Bins that another program has set count as stated, whether it said so or not.
+            bins: (error.is_none()
+                && (self.choice == Choice::Stated || self.accuracy.bins != Accuracy::default().bins))
+                .then_some(bins),
             weights: match self.accuracy.weights {
                 Weights::Bilinear => "bilinear",
                 Weights::Smoothstep => "smoothstep",
             },
-            subsample: self.accuracy.subsample,
-            tolerance: self.accuracy.tolerance,
+            subsample: error.is_none().then_some(self.accuracy.subsample),
+            tolerance: error.is_none().then_some(self.accuracy.tolerance),
             max_passes: self.accuracy.max_passes,
             solver: match self.accuracy.solver {
                 SolverChoice::Auto => "auto",

@@ -49,6 +49,19 @@ impl Scene {
             triangle.material = (first[triangle.material as usize] + part) as u32;
         }
     }
+
+    /// The same scene with an emission for each triangle, RGB, W/(m² sr), in the scene's order; triangles beyond its end keep
+    /// theirs. Each triangle has a material of its own then, of the old name.
+    pub fn with_emission(&self, emission: &[[f64; 3]]) -> Self {
+        let own = |i: usize| {
+            let old = self.material(i);
+            Material { emission: emission.get(i).copied().unwrap_or(old.emission), ..old.clone() }
+        };
+        let materials = (0..self.triangles.len()).map(own).collect();
+        let mut changed = Self { materials, ..self.clone() };
+        changed.triangles.iter_mut().zip(0..).for_each(|(triangle, own)| triangle.material = own);
+        changed
+    }
 }
 
 #[cfg(test)]
@@ -78,5 +91,22 @@ mod tests {
         scene.split_materials(&[0, 1, 2, 3, 4]);
         assert_eq!(names(&scene), ["white.2.1", "white.3", "red", "white.2.2", "white.1"]);
         assert!(scene.check(true).is_ok());
+    }
+
+    #[test]
+    fn emissions_by_triangle() {
+        let triangles = [0, 0, 1].map(|material| Triangle { vertices: [0, 1, 2], material }).to_vec();
+        let lamp = Material { emission: [3.0; 3], albedo: [0.5; 3], ..Material::named("lamp") };
+        let scene = Scene::new(
+            "s",
+            vec![DVec3::ZERO, DVec3::X, DVec3::Y],
+            triangles,
+            vec![Material::named("wall"), lamp],
+        )
+        .expect("a scene");
+        let changed = scene.with_emission(&[[1.0; 3], [2.0; 3]]);
+        assert_eq!([0, 1, 2].map(|i| changed.material(i).emission[0]), [1.0, 2.0, 3.0]);
+        assert_eq!(changed.material(2), scene.material(2));
+        assert_eq!(scene.material(0).emission, [0.0; 3]);
     }
 }

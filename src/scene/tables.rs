@@ -10,7 +10,9 @@ use serde::{Deserialize, Deserializer};
 use toml::Spanned;
 
 use super::error::{Place, SceneError};
-use super::{Accuracy, BinLayout, Camera, Material, Normalization, Precision, Shape, SolverChoice, Weights};
+use super::{
+    Accuracy, BinLayout, Camera, Choice, Material, Normalization, Precision, Shape, SolverChoice, Weights,
+};
 
 /// Named tables; the span of the name says where it stands in the file.
 pub(crate) type Named<T> = BTreeMap<Spanned<String>, T>;
@@ -121,6 +123,7 @@ impl CameraTable {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct AccuracyTable {
+    pub error: Option<f64>,
     pub bins: Option<BinsTable>,
     pub weights: Option<Weights>,
     pub subsample: Option<f64>,
@@ -142,6 +145,26 @@ impl AccuracyTable {
             max_passes: self.max_passes.unwrap_or(default.max_passes),
             solver: self.solver.unwrap_or(default.solver),
             precision: self.precision.unwrap_or(default.precision),
+        }
+    }
+}
+
+impl AccuracyTable {
+    /// What is left open. An error and what would be found for it do not go together.
+    pub fn choice(&self) -> Result<Choice, String> {
+        let stated = [
+            ("bins", self.bins.is_some()),
+            ("subsample", self.subsample.is_some()),
+            ("tolerance", self.tolerance.is_some()),
+        ];
+        match (self.error, stated.iter().find(|(_, stated)| *stated)) {
+            (Some(_), Some((name, _))) => Err(format!(
+                "`error` and `{name}` cannot both be given: bins, subsample and tolerance are found for the error; leave \
+                 one of the two out"
+            )),
+            (Some(error), None) => Ok(Choice::Within(error)),
+            (None, _) if self.bins.is_some() => Ok(Choice::Stated),
+            (None, _) => Ok(Choice::Bins),
         }
     }
 }

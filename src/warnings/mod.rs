@@ -124,6 +124,14 @@ impl Warnings {
         warnings
     }
 
+    /// Share of the scene's area, 0 to 1, that coarse blockers take ([`Kind::CoarseBlockers`]).
+    pub fn coarse_share(plan: &Plan) -> f64 {
+        let area = |triangle: usize| plan.facets[triangle].area;
+        let blockers = Gains::above(GAIN_LIMIT, plan).of_blocker;
+        let coarse: f64 = blockers.iter().flatten().map(|gain| area(gain.blocker as usize)).sum();
+        coarse / (0..plan.facets.len()).map(area).sum::<f64>().max(f64::MIN_POSITIVE)
+    }
+
     /// What a solution shows.
     pub fn after(scene: &Scene, plan: &Plan, solution: &Solution) -> Self {
         let mut warnings = Self::default();

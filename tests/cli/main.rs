@@ -7,6 +7,7 @@ mod pictures;
 mod plans;
 mod refusals;
 mod signals;
+mod truth;
 mod warnings;
 
 use std::ffi::OsStr;
@@ -84,7 +85,8 @@ impl Run {
     fn refused(&self, parts: &[&str]) {
         assert_eq!(self.code, Some(2), "{self:?}");
         assert_eq!(self.stderr.lines().count(), 1, "{self:?}");
-        assert!(self.stderr.starts_with("antirad: "), "{self:?}");
+        let tools = ["antirad: ", "bench_accuracy: "];
+        assert!(tools.iter().any(|tool| self.stderr.starts_with(tool)), "{self:?}");
         assert_eq!(self.stdout, "");
         says(&self.stderr, parts);
     }

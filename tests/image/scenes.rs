@@ -27,6 +27,7 @@ pub fn scene(vertices: Vec<DVec3>, triangles: &[[u32; 3]]) -> Scene {
         materials: vec![Material::named("white")],
         cameras: Vec::new(),
         accuracy: Accuracy::default(),
+        choice: Default::default(),
         degenerate: Vec::new(),
         warnings: Vec::new(),
     }

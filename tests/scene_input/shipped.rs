@@ -27,7 +27,8 @@ fn is_closed(scene: &Scene) -> bool {
 #[test]
 fn shipped_scenes_load() {
     let mut seen = 0;
-    for entry in std::fs::read_dir(shipped("")).expect("the folder of scenes").flatten() {
+    let folder = |name| std::fs::read_dir(shipped(name)).expect("a folder of scenes").flatten();
+    for entry in folder("").chain(folder("weaknesses")) {
         let path = entry.path();
         if path.extension().is_some_and(|e| e == "toml") {
             let scene =
@@ -37,7 +38,7 @@ fn shipped_scenes_load() {
             seen += 1;
         }
     }
-    assert!(seen >= 7);
+    assert!(seen >= 10);
 }
 
 /// Jobs, and the scenes that only they use.

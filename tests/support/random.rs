@@ -1,24 +1,7 @@
 //! Random scenes, the same on every run.
 
+pub use antirad::reference::Random;
 use antirad::scene::{Material, Scene, Triangle};
-use glam::DVec3;
-
-/// A small generator of numbers in [0, 1): the same scenes on every run (splitmix64).
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ z >> 31) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    pub fn point(&mut self) -> DVec3 {
-        DVec3::new(self.next(), self.next(), self.next())
-    }
-}
 
 /// Triangles of all sizes and directions in a box; `glossy` of the materials have a lobe.
 pub fn random_scene(seed: u64, triangles: u32, glossy: bool, grey: bool) -> Scene {

@@ -15,7 +15,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let scene = arguments.settings.load()?;
+    let scene = arguments.settings.load_settled()?;
     let usual = Limits::default();
     let limits =
         Limits { memory_budget: arguments.settings.memory_budget.unwrap_or(usual.memory_budget), ..usual };

@@ -7,11 +7,12 @@ use crate::settings::SceneSettings;
 use antirad::cli::{Interrupt, SolveBar};
 use antirad::gpu::{Bytes, Device, DeviceOptions};
 use antirad::image::{Exposure, ImageError, Picture, PictureOptions, Rasterizer, ToneMap};
+use antirad::ladder::{Climb, LadderOptions, Solved, solve_within};
 use antirad::output::{prepare_directory, single, write_json, write_npy};
 use antirad::plan::{Limits, Plan};
-use antirad::scene::{Camera, Precision, Scene};
+use antirad::scene::{Camera, Choice, Precision, Scene};
 use antirad::warnings::Warnings;
-use antirad::{Engine, Solution, SolveParams};
+use antirad::{Engine, EngineError, Solution, SolveParams};
 use clap::Args;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -86,21 +87,36 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     for camera in &cameras {
         pictures = pictures.max(Rasterizer::bytes(scene.triangles.len(), camera, &options)?);
     }
-    let limits = Limits { pictures, ..Limits::of(&device) };
-    let plan = Plan::new(&scene, &limits, &scene.accuracy)?;
-    let plan_report = plan.report();
-    tracing::info!("{}\n{plan_report}", device.info().name);
-    let mut warnings = Warnings::of(&scene, &plan);
-    stages.end("plan");
-
-    let mut engine = Engine::new(&device, &scene, plan)?;
-    stages.end("prepare");
-    let solution = solve(&mut engine, &scene, quiet, interrupt)?;
+    tracing::info!("{}", device.info().name);
+    let mut solve = |engine: &mut Engine, scene: &Scene| solve(engine, scene, quiet, interrupt);
+    let answer = match scene.choice {
+        Choice::Within(error) => {
+            let reserve = |scene: &Scene| {
+                let of = |camera: &&Camera| Rasterizer::bytes(scene.triangles.len(), camera, &options);
+                cameras.iter().map(of).map(|bytes| bytes.unwrap_or(u64::MAX)).max().unwrap_or(0)
+            };
+            let found = solve_within(&device, &scene, &LadderOptions::new(error), &reserve, &mut solve);
+            Answer::climbed(found.map_err(failure)?)
+        }
+        Choice::Stated | Choice::Bins => {
+            let limits = Limits { pictures, ..Limits::of(&device) };
+            let plan = Plan::new(&scene, &limits, &scene.accuracy)?;
+            tracing::info!("{}", plan.report());
+            stages.end("plan");
+            let mut engine = Engine::new(&device, &scene, plan)?;
+            stages.end("prepare");
+            let solution = solve(&mut engine, &scene).map_err(failure)?;
+            Answer::plain(&scene, engine, solution)
+        }
+    };
     stages.end("solve");
+    let Answer { scene: solved, irradiance, radiosity, mut engine, solution, climb } = answer;
+    let mut warnings = Warnings::of(&solved, engine.plan());
+    stages.end("check");
     let rasterizer = Rasterizer::new(&device)?;
     let pictures = cameras
         .iter()
-        .map(|camera| Ok((*camera, picture(&mut engine, &rasterizer, &scene, &solution, camera, &options)?)))
+        .map(|camera| Ok((*camera, picture(&mut engine, &rasterizer, &solved, &solution, camera, &options)?)))
         .collect::<Result<Vec<_>, Failure>>()?;
     stages.end("pictures");
     if interrupt.is_set() {
@@ -114,7 +130,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         picture.write_png(directory.join(format!("{}.png", camera.name)), &tone)?;
         files.extend(["exr", "png"].map(|kind| format!("{}.{kind}", camera.name)));
     }
-    for (name, rows) in [("irradiance.npy", &solution.irradiance), ("radiosity.npy", &solution.radiosity)] {
+    for (name, rows) in [("irradiance.npy", &irradiance), ("radiosity.npy", &radiosity)] {
         match scene.accuracy.precision {
             Precision::F32 | Precision::Packed => write_npy(&directory.join(name), &single(rows))?,
             Precision::F64 => write_npy(&directory.join(name), rows)?,
@@ -122,7 +138,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     }
     stages.end("write");
 
-    warnings.list.extend(Warnings::after(&scene, engine.plan(), &solution).list);
+    warnings.list.extend(Warnings::after(&solved, engine.plan(), &solution).list);
     for warning in warnings.list.iter().filter(|warning| warning.severe) {
         tracing::warn!("{}: {}; way out: {}", warning.kind.name(), warning.message, warning.way_out);
     }
@@ -132,9 +148,10 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         device: DeviceReport::from(device.info()),
         warnings: scene.warnings.clone(),
         accuracy_warnings: warnings.list,
-        plan: plan_report,
+        plan: engine.plan().report(),
+        climb,
         memory: MemoryUse::from(device.memory()),
-        solve: SolveReport::new(&solution, scene.accuracy.tolerance),
+        solve: SolveReport::new(&solution, solved.accuracy.tolerance),
         energy: solution.energy,
         negative_irradiance: solution.negative,
         pictures: files,
@@ -148,12 +165,40 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     Ok(())
 }
 
+/// A scene as it was solved, with what was found on the triangles of the scene as it was given.
+struct Answer {
+    scene: Scene,
+    irradiance: Vec<[f64; 3]>,
+    radiosity: Vec<[f64; 3]>,
+    engine: Engine,
+    solution: Solution,
+    climb: Option<Climb>,
+}
+
+impl Answer {
+    fn plain(scene: &Scene, engine: Engine, solution: Solution) -> Self {
+        let (irradiance, radiosity) = (solution.irradiance.clone(), solution.radiosity.clone());
+        Self { scene: scene.clone(), irradiance, radiosity, engine, solution, climb: None }
+    }
+
+    fn climbed(solved: Solved) -> Self {
+        let irradiance = solved.on_given(&solved.solution.irradiance);
+        let radiosity = solved.on_given(&solved.solution.radiosity);
+        let Solved { scene, engine, solution, climb, .. } = solved;
+        Self { scene, irradiance, radiosity, engine, solution, climb: Some(climb) }
+    }
+}
+
+fn failure(error: EngineError) -> Failure {
+    if error.is_interruption() { Failure::Interrupted } else { error.into() }
+}
+
 fn solve(
     engine: &mut Engine,
     scene: &Scene,
     quiet: bool,
     interrupt: &Interrupt,
-) -> Result<Solution, Failure> {
+) -> Result<Solution, EngineError> {
     let params = SolveParams::from(&scene.accuracy);
     let bar = SolveBar::new(params.tolerance, quiet);
     let reached = Arc::new(Mutex::new((0, 1.0)));
@@ -163,7 +208,7 @@ fn solve(
         within.show(passes, residual, done as f64 / total.max(1) as f64);
         stop.flow()
     })));
-    let result = engine.solve_with(&params, &mut |passes, residual| {
+    let solved = engine.solve_with(&params, &mut |passes, residual| {
         *reached.lock().unwrap_or_else(PoisonError::into_inner) = (passes, residual);
         tracing::info!("pass {passes}: relative residual {residual:.3e}");
         bar.show(passes, residual, 0.0);
@@ -171,7 +216,7 @@ fn solve(
     });
     engine.set_watcher(None);
     bar.finish();
-    result.map_err(|error| if error.is_interruption() { Failure::Interrupted } else { error.into() })
+    solved
 }
 
 fn picture(
@@ -199,8 +244,19 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
         solve.passes,
         report.seconds.get("solve").copied().unwrap_or(0.0)
     );
+    println!("directions  {} bins", report.plan.bins);
     for class in &report.plan.classes {
         println!("            {} triangles: {} ({})", class.triangles, class.modelled, class.why);
+    }
+    if let Some(climb) = &report.climb {
+        for (step, number) in climb.steps.iter().zip(1..) {
+            println!("step {number:<6} {step}");
+        }
+        for reason in &climb.why {
+            println!("            {reason}");
+        }
+        let verdict = if climb.met { "kept" } else { "NOT KEPT" };
+        println!("accuracy    {:.2} % was asked: {verdict}", 100.0 * climb.error);
     }
     if emitted > 0.0 {
         let share = 100.0 * absorbed / emitted;

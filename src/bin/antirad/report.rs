@@ -1,6 +1,7 @@
 //! `report.json`: everything about a run that a script or a person may ask later.
 
 use antirad::gpu::{DeviceInfo, MemoryReport, ProfileRow};
+use antirad::ladder::Climb;
 use antirad::plan::PlanReport;
 use antirad::warnings::Warning;
 use antirad::{Energy, Negative, Solution};
@@ -17,6 +18,8 @@ pub struct Report {
     pub accuracy_warnings: Vec<Warning>,
     /// Units: bytes, pairs of triangles, seconds.
     pub plan: PlanReport,
+    /// How the settings were found, where an error was asked for.
+    pub climb: Option<Climb>,
     pub memory: MemoryUse,
     pub solve: SolveReport,
     /// RGB, W.

@@ -1,7 +1,9 @@
 //! Options that several commands share.
 
+use crate::Failure;
 use antirad::cli::parse_size;
-use antirad::scene::{Accuracy, BinLayout, LoadOptions, Precision, Scene, SceneError, SolverChoice};
+use antirad::ladder::usual_bins;
+use antirad::scene::{Accuracy, BinLayout, Choice, LoadOptions, Precision, Scene, SolverChoice};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -9,7 +11,11 @@ use std::path::PathBuf;
 pub struct SceneSettings {
     /// A scene in TOML, or a bare OBJ
     pub scene: PathBuf,
-    /// Direction bins per hemisphere: 10x13 (polar x azimuth) or concentric:12
+    /// Find bins, near field, mesh and tolerance for a relative error of irradiance, e.g. 0.02
+    #[arg(long, value_name = "ERROR", value_parser = parse_error, conflicts_with_all = ["bins", "tolerance"])]
+    accuracy: Option<f64>,
+    /// Direction bins per hemisphere: 10x13 (polar x azimuth) or concentric:12 [default: 10x13, or concentric:12 where
+    /// blockers are coarse]
     #[arg(long, value_name = "LAYOUT")]
     bins: Option<BinLayout>,
     /// Relative residual at which the solve stops
@@ -33,8 +39,9 @@ pub struct SceneSettings {
 }
 
 impl SceneSettings {
-    /// The scene, with the accuracy of its file where the command line has none.
-    pub fn load(&self) -> Result<Scene, SceneError> {
+    /// The scene, with the accuracy of its file where the command line has none. An error that is asked for stays an open
+    /// choice; bins that nobody states are chosen.
+    pub fn load(&self) -> Result<Scene, Failure> {
         let mut scene = Scene::load(&self.scene, &LoadOptions { strict: self.strict })?;
         let file = scene.accuracy;
         scene.accuracy = Accuracy {
@@ -45,10 +52,42 @@ impl SceneSettings {
             precision: self.precision.unwrap_or(file.precision),
             ..file
         };
+        scene.choice = match (self.accuracy, scene.choice) {
+            (Some(error), _) => Choice::Within(error),
+            (None, Choice::Within(_)) if self.bins.is_some() || self.tolerance.is_some() => Choice::Bins,
+            (None, choice) => choice,
+        };
+        if self.bins.is_some() {
+            scene.choice = Choice::Stated;
+        }
         for warning in &scene.warnings {
             tracing::warn!("{warning}");
         }
+        if scene.choice == Choice::Bins {
+            scene.accuracy.bins = usual_bins(&scene)?;
+        }
         Ok(scene)
+    }
+
+    /// For commands that do not solve to an error: says that they take the usual settings.
+    pub fn load_settled(&self) -> Result<Scene, Failure> {
+        let mut scene = self.load()?;
+        if let Choice::Within(error) = scene.choice {
+            tracing::warn!(
+                "settings for an error of {error} are found while `antirad render` solves; these are the usual ones"
+            );
+            scene.choice = Choice::Bins;
+            scene.accuracy.bins = usual_bins(&scene)?;
+        }
+        Ok(scene)
+    }
+}
+
+fn parse_error(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(error) if error > 0.0 && error < 1.0 => Ok(error),
+        Ok(_) => Err("an error lies between 0 and 1; 0.02 is 2 %".to_owned()),
+        Err(error) => Err(error.to_string()),
     }
 }
 

@@ -1,11 +1,14 @@
 //! Scenes whose answer is known.
 
+use crate::Interrupted;
+use antirad::cli::Interrupt;
 use antirad::gpu::Device;
 use antirad::plan::{Limits, Occlusion, Plan};
-use antirad::reference::PathTracer;
+use antirad::reference::{Estimate, PathTracer};
 use antirad::scene::{LoadOptions, Material, Scene, SceneBuilder, Shape};
 use antirad::{Engine, SolveParams};
 use glam::{DAffine3, DQuat, DVec3};
+use rayon::prelude::*;
 use std::error::Error;
 use std::path::Path;
 
@@ -26,7 +29,7 @@ pub const NAMES: [&str; 13] = [
 ];
 
 /// Paths for each triangle of a scene without a reference.
-const SAMPLES: u32 = 1024;
+pub const SAMPLES: u32 = 1024;
 /// For direct light alone, where shadows are.
 const SHADOW_SAMPLES: u32 = 256;
 /// A triangle is in shadow if less than this share of the light of lamps arrives.
@@ -44,21 +47,25 @@ pub struct Case {
     pub name: String,
     pub scene: Scene,
     pub truth: Truth,
+    /// Relative L2 of the standard errors of the truth, where it was path-traced here.
+    pub noise: Option<f64>,
     /// m².
     pub areas: Vec<f64>,
-    /// What arrives from lamps without blockers, and which triangles are in shadow.
-    pub unoccluded: Vec<DVec3>,
+    /// What would arrive from lamps if it were not for blockers, W/m², and which triangles are in shadow.
+    pub blocked: Vec<DVec3>,
     pub in_shadow: Vec<bool>,
 }
 
 impl Case {
-    pub fn new(name: &str, root: &Path, device: &Device) -> Result<Self, Box<dyn Error>> {
+    /// One of [`NAMES`].
+    pub fn new(
+        name: &str,
+        root: &Path,
+        device: &Device,
+        interrupt: &Interrupt,
+    ) -> Result<Self, Box<dyn Error>> {
         let load = |path: &str| Scene::load(&root.join(path), &LoadOptions::default());
         let data = |name: &str| read(&root.join(format!("tests/data/{name}.irradiance.npy")));
-        let traced = |scene: &Scene| {
-            let found = PathTracer::new(scene).irradiance(SAMPLES);
-            Truth::Triangles(found.into_iter().map(|estimate| estimate.mean).collect())
-        };
         let square = |name: &str, form_factor: f64| -> Result<_, Box<dyn Error>> {
             let scene = load(&format!("tests/data/{name}.obj"))?;
             let exitance = brightest(&scene) * std::f64::consts::PI;
@@ -78,38 +85,69 @@ impl Case {
             }
             "cornell_boxes" => (load("scenes/cornell_boxes.toml")?, Truth::Triangles(data(name)?)),
             "plates_2" => {
-                let scene = antirad::reference::Plates { count: 2, ..Default::default() }.scene()?;
-                let truth = traced(&scene);
-                (scene, truth)
+                let plates = antirad::reference::Plates { count: 2, ..Default::default() };
+                return Self::traced(name, plates.scene()?, SAMPLES, device, interrupt);
             }
             "glossy_floor" => {
-                let scene = load("scenes/glossy_floor.toml")?;
-                let truth = traced(&scene);
-                (scene, truth)
+                return Self::traced(name, load("scenes/glossy_floor.toml")?, SAMPLES, device, interrupt);
             }
             _ => {
                 let mut numbers = name.split('_').skip(1).map(str::parse::<f64>);
                 let (Some(Ok(lamp)), Some(Ok(height))) = (numbers.next(), numbers.next()) else {
                     return Err(format!("{name} is no shadow").into());
                 };
-                let scene = shadow(lamp, height)?;
-                let truth = traced(&scene);
-                (scene, truth)
+                return Self::traced(name, shadow(lamp, height)?, SAMPLES, device, interrupt);
             }
         };
+        Self::with_truth(name, scene, truth, device, interrupt)
+    }
+
+    /// Any scene; its truth is path-traced, with so many paths for each triangle.
+    pub fn traced(
+        name: &str,
+        scene: Scene,
+        paths: u32,
+        device: &Device,
+        interrupt: &Interrupt,
+    ) -> Result<Self, Box<dyn Error>> {
+        let found = trace(&scene, paths, interrupt)?;
+        let squares = |of: fn(&Estimate) -> DVec3| -> f64 {
+            let each = found.iter().enumerate();
+            each.map(|(i, estimate)| scene.area_vector(i).length() * of(estimate).length_squared()).sum()
+        };
+        let noise = (squares(|e| e.error) / squares(|e| e.mean)).sqrt();
+        let truth = Truth::Triangles(found.into_iter().map(|estimate| estimate.mean).collect());
+        Ok(Self { noise: Some(noise), ..Self::with_truth(name, scene, truth, device, interrupt)? })
+    }
+
+    fn with_truth(
+        name: &str,
+        scene: Scene,
+        truth: Truth,
+        device: &Device,
+        interrupt: &Interrupt,
+    ) -> Result<Self, Box<dyn Error>> {
         let areas: Vec<f64> = (0..scene.triangles.len()).map(|i| scene.area_vector(i).length()).collect();
         let black = black(&scene);
         let unoccluded = without_blockers(device, &black)?;
-        let direct = PathTracer::new(&black).irradiance(SHADOW_SAMPLES);
+        let direct = trace(&black, SHADOW_SAMPLES, interrupt)?;
         let lit = unoccluded.iter().zip(&areas).map(|(e, a)| a * e.element_sum()).sum::<f64>()
             / areas.iter().sum::<f64>();
+        let blocked = direct.iter().zip(&unoccluded).map(|(d, u)| *u - d.mean).collect();
         let in_shadow = direct
             .iter()
             .zip(&unoccluded)
             .map(|(d, u)| u.element_sum() > 0.05 * lit && d.mean.element_sum() < SHADOW * u.element_sum())
             .collect();
-        Ok(Self { name: name.to_owned(), scene, truth, areas, unoccluded, in_shadow })
+        Ok(Self { name: name.to_owned(), scene, truth, noise: None, areas, blocked, in_shadow })
     }
+}
+
+/// The irradiance of each triangle over so many paths.
+fn trace(scene: &Scene, samples: u32, interrupt: &Interrupt) -> Result<Vec<Estimate>, Interrupted> {
+    let tracer = PathTracer::new(scene);
+    let one = |j| (!interrupt.is_set()).then(|| tracer.irradiance_of(j, samples));
+    (0..scene.triangles.len()).into_par_iter().map(one).collect::<Option<_>>().ok_or(Interrupted)
 }
 
 fn brightest(scene: &Scene) -> f64 {

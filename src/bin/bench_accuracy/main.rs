@@ -2,12 +2,14 @@
 
 mod cases;
 mod measure;
+mod pictures;
 mod sweep;
 mod table;
 
 use antirad::cli::{self, Interrupt};
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::output::prepare_directory;
+use antirad::scene::BinLayout;
 use cases::Case;
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -31,6 +33,23 @@ struct Arguments {
     /// Fewer settings, without the finest meshes: minutes instead of an hour
     #[arg(long)]
     quick: bool,
+    /// No sweep: pictures of these scenes beside the path-traced truth, NAME_CAMERA_against_truth.png, and a table of their
+    /// errors in Markdown
+    #[arg(long, value_name = "SCENE", num_args = 1.., conflicts_with_all = ["scene", "quick"])]
+    pictures: Vec<PathBuf>,
+    /// Pictures also of what `antirad refine` makes of the scene, below
+    #[arg(long, requires = "pictures")]
+    refine: bool,
+    /// Pictures also with these direction bins, below: 20x26 or concentric:12
+    #[arg(long, value_name = "LAYOUT", requires = "pictures")]
+    bins: Option<BinLayout>,
+    /// Pictures from this camera only [default: all cameras of the scene]
+    #[arg(long, value_name = "NAME", requires = "pictures")]
+    camera: Option<String>,
+    /// Paths for each triangle of a picture's truth
+    #[arg(long, value_name = "NUMBER", requires = "pictures", default_value_t = cases::SAMPLES,
+          value_parser = clap::value_parser!(u32).range(2..))]
+    paths: u32,
     /// Where the project's scenes/ and tests/data/ are
     #[arg(long, value_name = "DIR", default_value = ".")]
     root: PathBuf,
@@ -50,7 +69,8 @@ struct Arguments {
 
 const EXAMPLES: &str = "Examples:
   bench_accuracy --quick
-  bench_accuracy --scene cornell_boxes --scene shadow_0.4_1 --output out/shadows";
+  bench_accuracy --scene cornell_boxes --scene shadow_0.4_1 --output out/shadows
+  bench_accuracy --pictures scenes/two_rooms.toml --refine --output out/pictures";
 
 /// Stopped by Ctrl-C.
 #[derive(Debug, thiserror::Error)]
@@ -71,6 +91,11 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
+    if !arguments.pictures.is_empty() {
+        prepare_directory(&arguments.output)?;
+        let device = Device::new(&DeviceOptions::asked(&arguments.device, None))?;
+        return pictures::draw(arguments, &device, interrupt);
+    }
     let known = cases::NAMES;
     if let Some(unknown) = arguments.scene.iter().find(|name| !known.contains(&name.as_str())) {
         return Err(format!("there is no scene \"{unknown}\"; there are: {}", known.join(", ")).into());
@@ -87,9 +112,10 @@ fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
     let mut rows: Vec<Row> = Vec::new();
     for (k, name) in names.iter().enumerate() {
         bar.set_message(format!("{name}: truth"));
-        let case = Case::new(name, &arguments.root, &device)?;
+        let case = Case::new(name, &arguments.root, &device, interrupt)?;
         let settings = sweep::settings(&case, arguments.quick);
-        let total: f64 = settings.iter().map(Setting::cost).sum();
+        let asked = sweep::asked(&case, arguments.quick);
+        let total = settings.iter().map(Setting::cost).sum::<f64>() + sweep::ASKED_COST * asked.len() as f64;
         let mut done = 0.0;
         for setting in &settings {
             bar.set_message(format!("{name}: {setting}"));
@@ -99,6 +125,15 @@ fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
             // Whoever stops it keeps what there is.
             table::write(&arguments.output, &rows)?;
             done += setting.cost();
+            bar.set_position(((k as f64 + done / total) / names.len() as f64 * 1000.0) as u64);
+        }
+        for &error in asked {
+            bar.set_message(format!("{name}: settings for {} %", 100.0 * error));
+            let row = measure::measure_asked(&device, &case, error, interrupt)?;
+            tracing::info!("{name}, {} % asked: {row}", 100.0 * error);
+            rows.push(row);
+            table::write(&arguments.output, &rows)?;
+            done += sweep::ASKED_COST;
             bar.set_position(((k as f64 + done / total) / names.len() as f64 * 1000.0) as u64);
         }
     }

@@ -7,6 +7,7 @@ use crate::table::Row;
 use antirad::cli::Interrupt;
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
+use antirad::ladder::{LadderOptions, solve_within};
 use antirad::plan::{Limits, Plan};
 use antirad::scene::{Camera, Scene};
 use antirad::solve::SolveError;
@@ -42,10 +43,10 @@ pub fn measure(
         Ok(_) | Err(EngineError::Solve(SolveError::NoConvergence { .. } | SolveError::Diverged { .. })) => (),
         Err(error) => return Err(interrupted_or(error, interrupt)),
     }
+    let mut row = Row { triangles: scene.triangles.len(), bytes, ..Row::new(case, setting) };
     let start = Instant::now();
     let solved = engine.solve(&SolveParams::from(&scene.accuracy));
-    let seconds = start.elapsed().as_secs_f64();
-    let mut row = Row::new(case, setting, scene.triangles.len(), seconds, bytes);
+    row.seconds = start.elapsed().as_secs_f64();
     let solution = match solved {
         Ok(solution) => solution,
         Err(EngineError::Solve(error @ (SolveError::Diverged { .. } | SolveError::NoConvergence { .. }))) => {
@@ -65,6 +66,58 @@ pub fn measure(
         found[parent] += scene.area_vector(i).length() / case.areas[parent].max(f64::MIN_POSITIVE)
             * DVec3::from(solution.irradiance[i]);
     }
+    judge(&mut row, device, case, &found)?;
+    Ok(row)
+}
+
+/// Settings found for an error that is asked, and how far off they really are.
+pub fn measure_asked(
+    device: &Device,
+    case: &Case,
+    error: f64,
+    interrupt: &Interrupt,
+) -> Result<Row, Box<dyn Error>> {
+    let start = Instant::now();
+    let stop = interrupt.clone();
+    let mut solve = |engine: &mut Engine, scene: &Scene| {
+        let stop = stop.clone();
+        engine.set_watcher(Some(Box::new(move |_, _| stop.flow())));
+        engine.solve(&SolveParams::from(&scene.accuracy))
+    };
+    let solved = solve_within(device, &case.scene, &LadderOptions::new(error), &|_| 0, &mut solve);
+    let solved = match solved {
+        Ok(solved) => solved,
+        Err(EngineError::Solve(error @ (SolveError::Diverged { .. } | SolveError::NoConvergence { .. }))) => {
+            let setting = Setting { accuracy: case.scene.accuracy, level: 0, varies: ASKED };
+            return Ok(Row { failure: error.to_string(), ..Row::new(case, &setting) });
+        }
+        Err(error) => return Err(interrupted_or(error, interrupt)),
+    };
+    let seconds = start.elapsed().as_secs_f64();
+    let last = solved.climb.steps.last();
+    let level = last.map_or(0, |step| step.cuts);
+    let setting = Setting { accuracy: solved.scene.accuracy, level, varies: ASKED };
+    let mut row = Row {
+        triangles: solved.scene.triangles.len(),
+        asked: Some(error),
+        estimate: last.and_then(|step| step.estimate).map(|estimate| estimate.total),
+        seconds,
+        passes: solved.climb.steps.iter().map(|step| step.passes).sum(),
+        bytes: solved.engine.plan().memory().total(),
+        negative: solved.solution.negative.triangles,
+        ..Row::new(case, &setting)
+    };
+    let found: Vec<DVec3> =
+        solved.on_given(&solved.solution.irradiance).into_iter().map(DVec3::from).collect();
+    judge(&mut row, device, case, &found)?;
+    Ok(row)
+}
+
+/// What is varied where settings are found for an error.
+const ASKED: &str = "asked";
+
+/// `found`: irradiance of the scene's own triangles.
+fn judge(row: &mut Row, device: &Device, case: &Case, found: &[DVec3]) -> Result<(), Box<dyn Error>> {
     match &case.truth {
         Truth::Mean { material, irradiance } => {
             let receives = |i: &usize| case.scene.material(*i).name == *material;
@@ -73,13 +126,56 @@ pub fn measure(
             let mean = of(&|i| case.areas[i] * found[i].x) / of(&|i| case.areas[i]);
             row.error = Some((mean / irradiance - 1.0).abs());
         }
-        Truth::Triangles(truth) => compare(&mut row, device, case, &found, truth)?,
+        Truth::Triangles(truth) => compare(row, device, case, found, truth)?,
     }
-    Ok(row)
+    Ok(())
 }
 
-fn interrupted_or(error: EngineError, interrupt: &Interrupt) -> Box<dyn Error> {
+pub fn interrupted_or(error: EngineError, interrupt: &Interrupt) -> Box<dyn Error> {
     if interrupt.is_set() { Interrupted.into() } else { error.into() }
+}
+
+/// How far irradiance is from the truth.
+pub struct Errors {
+    /// Relative L2, over area.
+    pub relative: f64,
+    /// Of a triangle, over the mean.
+    pub largest: f64,
+    /// L2 inside shadows, over what is blocked there. `None`: there is none.
+    pub shadow: Option<f64>,
+    /// The same, over the truth there: what light there is comes on other ways.
+    pub dark: Option<f64>,
+    /// L2 over all triangles, over what is blocked.
+    pub blocked: f64,
+    /// Power absorbed by diffuse surfaces, relative.
+    pub absorbed: f64,
+}
+
+impl Errors {
+    /// Of irradiance of the unrefined triangles, W/m².
+    pub fn new(case: &Case, found: &[DVec3], truth: &[DVec3]) -> Self {
+        let sum = |of: &dyn Fn(usize) -> f64| (0..truth.len()).map(|i| case.areas[i] * of(i)).sum::<f64>();
+        let difference = |i: usize| (found[i] - truth[i]).length_squared();
+        let mean = sum(&|i| truth[i].max_element()) / case.areas.iter().sum::<f64>();
+        let largest = (0..truth.len()).map(|i| (found[i] - truth[i]).abs().max_element()).fold(0.0, f64::max);
+        let blocked = |i: usize| case.blocked[i].length_squared();
+        let shadowed = |of: &dyn Fn(usize) -> f64| sum(&|i| if case.in_shadow[i] { of(i) } else { 0.0 });
+        let shadowed_over = |over: f64| (over > 0.0).then(|| (shadowed(&difference) / over).sqrt());
+        let absorbed = |e: &[DVec3]| {
+            sum(&|i| {
+                let albedo = DVec3::from(case.scene.material(i).diffuse_albedo());
+                ((DVec3::ONE - albedo) * e[i]).element_sum()
+            })
+        };
+        Self {
+            relative: (sum(&difference) / sum(&|i| truth[i].length_squared())).sqrt(),
+            largest: largest / mean,
+            shadow: shadowed_over(shadowed(&blocked)),
+            dark: shadowed_over(shadowed(&|i| truth[i].length_squared())),
+            blocked: (sum(&difference) / sum(&blocked)).sqrt(),
+            absorbed: absorbed(found) / absorbed(truth) - 1.0,
+        }
+    }
 }
 
 fn compare(
@@ -89,32 +185,31 @@ fn compare(
     found: &[DVec3],
     truth: &[DVec3],
 ) -> Result<(), Box<dyn Error>> {
-    let sum = |of: &dyn Fn(usize) -> f64| (0..truth.len()).map(|i| case.areas[i] * of(i)).sum::<f64>();
-    let difference = |i: usize| (found[i] - truth[i]).length_squared();
-    row.error = Some((sum(&difference) / sum(&|i| truth[i].length_squared())).sqrt());
-    let mean = sum(&|i| truth[i].max_element()) / case.areas.iter().sum::<f64>();
-    let largest = (0..truth.len()).map(|i| (found[i] - truth[i]).abs().max_element()).fold(0.0, f64::max);
-    row.largest_error = Some(largest / mean);
-    let shadowed = |of: &dyn Fn(usize) -> f64| sum(&|i| if case.in_shadow[i] { of(i) } else { 0.0 });
-    let blocked = shadowed(&|i| (case.unoccluded[i] - truth[i]).length_squared());
-    row.shadow_error = (blocked > 0.0).then(|| (shadowed(&difference) / blocked).sqrt());
-    let all_blocked = sum(&|i| (case.unoccluded[i] - truth[i]).length_squared());
-    row.floor_error = case.name.starts_with("shadow").then(|| (sum(&difference) / all_blocked).sqrt());
-
-    let absorbed = |e: &[DVec3]| {
-        sum(&|i| {
-            let albedo = DVec3::from(case.scene.material(i).diffuse_albedo());
-            ((DVec3::ONE - albedo) * e[i]).element_sum()
-        })
-    };
-    row.absorbed_error = Some(absorbed(found) / absorbed(truth) - 1.0);
-    let diffuse = (0..truth.len()).all(|i| !case.scene.material(i).is_glossy());
+    let errors = Errors::new(case, found, truth);
+    row.error = Some(errors.relative);
+    row.largest_error = Some(errors.largest);
+    row.shadow_error = errors.shadow;
+    row.floor_error = case.name.starts_with("shadow").then_some(errors.blocked);
+    row.absorbed_error = Some(errors.absorbed);
     // A camera that was made up looks at closed rooms from outside.
     let camera = case.scene.cameras.first().filter(|camera| camera.name != "auto");
-    if let (Some(camera), true) = (camera, diffuse) {
+    if let (Some(camera), true) = (camera, is_diffuse(&case.scene)) {
         row.picture_error = Some(picture_error(device, &case.scene, camera, found, truth)?);
     }
     Ok(())
+}
+
+pub fn is_diffuse(scene: &Scene) -> bool {
+    (0..scene.triangles.len()).all(|i| !scene.material(i).is_glossy())
+}
+
+/// Radiance of the fronts of diffuse triangles, W/(m² sr), by irradiance.
+pub fn colours(scene: &Scene, irradiance: &[DVec3]) -> Vec<[f64; 3]> {
+    let colour = |i: usize| {
+        let m = scene.material(i);
+        (DVec3::from(m.emission) + DVec3::from(m.diffuse_albedo()) * irradiance[i] / PI).to_array()
+    };
+    (0..irradiance.len()).map(colour).collect()
 }
 
 /// The mean over pixels of d² / (t² + ε²), ε a hundredth of the mean.
@@ -126,14 +221,7 @@ fn picture_error(
     truth: &[DVec3],
 ) -> Result<f64, Box<dyn Error>> {
     let coverage = Rasterizer::new(device)?.coverage(scene, camera, SUPERSAMPLE)?;
-    let colours = |e: &[DVec3]| -> Vec<[f64; 3]> {
-        let colour = |i: usize| {
-            let m = scene.material(i);
-            (DVec3::from(m.emission) + DVec3::from(m.diffuse_albedo()) * e[i] / PI).to_array()
-        };
-        (0..e.len()).map(colour).collect()
-    };
-    let (found, truth) = (coverage.pixels(&colours(found))?, coverage.pixels(&colours(truth))?);
+    let (found, truth) = (coverage.pixels(&colours(scene, found))?, coverage.pixels(&colours(scene, truth))?);
     let values = || found.iter().zip(&truth).flat_map(|(f, t)| (0..3).map(move |c| (f[c], t[c])));
     let count = values().count() as f64;
     let small = 0.01 * values().map(|(_, t)| t).sum::<f64>() / count;

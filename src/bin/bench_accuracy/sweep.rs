@@ -33,6 +33,17 @@ impl fmt::Display for Setting {
     }
 }
 
+/// Errors that are asked for, so that settings are found. The cost of one is about [`ASKED_COST`].
+pub fn asked(case: &Case, quick: bool) -> &'static [f64] {
+    match (case.scene.triangles.len(), quick) {
+        (0..1500, _) | (_, false) => &[0.1, 0.05, 0.02],
+        _ => &[0.1, 0.05],
+    }
+}
+
+/// As [`Setting::cost`].
+pub const ASKED_COST: f64 = 20.0;
+
 const TIGHT: f64 = 1e-5;
 
 /// The defaults, and what differs from them in one thing; triangles and bins together. `quick` leaves out finer meshes of

@@ -23,7 +23,11 @@ pub struct Row {
     pub precision: String,
     pub solver: String,
     pub tolerance: f64,
-    /// Of the solve.
+    /// The error that settings were found for.
+    pub asked: Option<f64>,
+    /// What it was estimated to be.
+    pub estimate: Option<f64>,
+    /// Of the solve; with an error asked, of all that was tried.
     pub seconds: f64,
     pub passes: u32,
     /// Device memory.
@@ -48,12 +52,12 @@ pub struct Row {
 }
 
 impl Row {
-    pub fn new(case: &Case, setting: &Setting, triangles: usize, seconds: f64, bytes: u64) -> Self {
+    pub fn new(case: &Case, setting: &Setting) -> Self {
         let Accuracy { bins, weights, subsample, tolerance, solver, precision, .. } = setting.accuracy;
         Self {
             scene: case.name.clone(),
             varies: setting.varies,
-            triangles,
+            triangles: 0,
             cuts: setting.level,
             bins: bins.to_string(),
             bin_count: bins.count(),
@@ -62,9 +66,11 @@ impl Row {
             precision: format!("{precision:?}").to_lowercase(),
             solver: format!("{solver:?}").to_lowercase(),
             tolerance,
-            seconds,
+            asked: None,
+            estimate: None,
+            seconds: 0.0,
             passes: 0,
-            bytes,
+            bytes: 0,
             error: None,
             largest_error: None,
             shadow_error: None,
@@ -83,7 +89,13 @@ impl Row {
             0 => String::new(),
             n => format!(", cut {n}x"),
         };
-        format!("{bins} {weights} near {near_field} {precision} {solver} {tolerance:.0e}{cuts}")
+        let asked = match (self.asked, self.estimate) {
+            (Some(asked), Some(estimate)) => {
+                format!(" (asked {:.1} %, estimated {:.2} %)", 100.0 * asked, 100.0 * estimate)
+            }
+            _ => String::new(),
+        };
+        format!("{bins} {weights} near {near_field} {precision} {solver} {tolerance:.0e}{cuts}{asked}")
     }
 }
 
@@ -208,8 +220,12 @@ pub fn print(rows: &[Row]) {
             "error", "largest", "shadows", "picture", "seconds", "passes", "triangles"
         );
         let usual = rows.iter().find(|row| row.bins == "10x13" && row.cuts == 0);
-        for (row, mark) in
-            usual.into_iter().map(|row| (row, "usual")).chain(front(rows).into_iter().map(|r| (r, "front")))
+        let asked = rows.iter().filter(|row| row.asked.is_some());
+        for (row, mark) in usual
+            .into_iter()
+            .map(|row| (row, "usual"))
+            .chain(front(rows).into_iter().map(|row| (row, "front")))
+            .chain(asked.map(|row| (row, "asked")))
         {
             println!(
                 "  {:>9} {:>9} {:>9} {:>9} {:>8.2} {:>7} {:>9}  {mark}: {}",

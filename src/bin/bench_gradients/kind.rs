@@ -1,7 +1,8 @@
 //! The kinds of parameters: how one is changed, by how much, and where its gradient stands.
 
-use crate::room::{Random, bounds, mean_edge};
+use crate::room::{bounds, mean_edge};
 use antirad::Gradients;
+use antirad::reference::Random;
 use antirad::scene::{Material, Scene, Triangle};
 use glam::DVec3;
 

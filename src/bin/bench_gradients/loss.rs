@@ -1,7 +1,8 @@
 //! The loss: fixed random weights on irradiance, radiosity, and what two eyes see.
 
-use crate::room::{Random, bounds};
+use crate::room::bounds;
 use antirad::plan::{Limits, Plan, Wanted};
+use antirad::reference::Random;
 use antirad::scene::{Precision, Scene};
 use antirad::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
 use glam::DVec3;

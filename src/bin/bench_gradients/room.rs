@@ -1,5 +1,6 @@
 //! The mesh: a Cornell room, welded, jittered.
 
+use antirad::reference::Random;
 use antirad::scene::{Camera, Material, Scene, SceneError, Shape, Triangle};
 use glam::{DMat3, DVec3};
 use std::collections::HashMap;
@@ -126,31 +127,4 @@ pub fn jittered(scene: &Scene, share: f64) -> Result<Scene, SceneError> {
     }
     scene.check(false)?;
     Ok(scene)
-}
-
-/// The same numbers on every run (splitmix64).
-pub struct Random(pub u64);
-
-impl Random {
-    /// In [-1, 1).
-    pub fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ z >> 31) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-
-    pub fn vector(&mut self) -> DVec3 {
-        DVec3::new(self.next(), self.next(), self.next())
-    }
-
-    pub fn direction(&mut self) -> DVec3 {
-        loop {
-            let v = self.vector();
-            if (0.01..1.0).contains(&v.length_squared()) {
-                return v.normalize();
-            }
-        }
-    }
 }

@@ -9,6 +9,7 @@
 
 mod rays;
 
+use super::Random;
 use crate::scene::{Material, Scene};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -37,20 +38,6 @@ pub struct PathTracer<'a> {
     lights: Vec<(usize, f64)>,
     /// Of each triangle to be chosen, per area, 1/m².
     chances: Vec<f64>,
-}
-
-/// Random numbers: splitmix64, one stream for each triangle, so that results do not depend on the order of work.
-struct Random(u64);
-
-impl Random {
-    /// In [0, 1).
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ z >> 31) >> 11) as f64 / (1u64 << 53) as f64
-    }
 }
 
 /// A point on a triangle, uniform for uniform u, v.
@@ -111,6 +98,7 @@ impl<'a> PathTracer<'a> {
         if self.areas[triangle] <= 0.0 || self.lights.is_empty() || samples == 0 {
             return Estimate::default();
         }
+        // A stream for each triangle: results do not depend on the order of work.
         let mut random = Random((triangle as u64 + 1).wrapping_mul(0x2545_f491_4f6c_dd1d));
         let (mut sum, mut squares) = (DVec3::ZERO, DVec3::ZERO);
         // Points in a grid of √n x √n cells, as far as it goes.

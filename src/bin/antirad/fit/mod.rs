@@ -5,15 +5,11 @@ mod log;
 mod summary;
 
 use crate::Failure;
-use antirad::ambiguity::Views;
 use antirad::cli::{self, Interrupt, parse_size};
-use antirad::fit::{
-    EngineRenderer, FitError, JobFile, Outcome, Problem, RenderError, RunOptions, Watch, results,
-};
+use antirad::fit::{EngineRenderer, FitError, JobFile, Outcome, RenderError, RunOptions, Watch, results};
 use antirad::gpu::{Bytes, Device, DeviceOptions};
-use antirad::image::Rasterizer;
 use antirad::output::{prepare_directory, remove_unfinished};
-use antirad::scene::{Camera, Scene};
+use antirad::scene::Camera;
 use clap::{Args, ValueEnum};
 use log::Log;
 use std::path::{Path, PathBuf};
@@ -152,11 +148,12 @@ fn run_job(
     let cameras: Vec<Camera> = problem.targets.iter().map(|target| target.camera.clone()).collect();
     let (planning, wanted) = (problem.parameters.planning_scene(), problem.parameters.wanted());
     let supersample = file.job.settings().supersample;
-    let mut renderer =
-        EngineRenderer::new(&device, planning.clone(), cameras.clone(), supersample, wanted, watch)?;
+    let mut renderer = EngineRenderer::new(&device, planning, cameras, supersample, wanted, watch)?;
     // Before anything takes memory: a job that does not fit is refused with the number of bytes that would do.
     let (estimate, host_bytes) = file.job.estimate(&mut renderer)?;
-    for unseen in unseen(&device, problem, &planning, &cameras)? {
+    // What is fitted although no view shows it.
+    for unseen in problem.parameters.unseen(&renderer.seen()?) {
+        let unseen = unseen.to_string();
         tracing::warn!("{}: {unseen}", found.name);
         file.warnings.push(unseen);
     }
@@ -193,19 +190,6 @@ fn run_job(
     })
 }
 
-/// What is fitted although no view shows it, in sentences.
-fn unseen(
-    device: &Device,
-    problem: &Problem,
-    scene: &Scene,
-    cameras: &[Camera],
-) -> Result<Vec<String>, FitError> {
-    let look =
-        || Views::new(&Rasterizer::new(device)?, scene, &cameras.iter().collect::<Vec<_>>(), SUPERSAMPLE);
-    let views = look().map_err(|error| RenderError::Failed(Box::new(error)))?;
-    Ok(problem.parameters.unseen(&views.seen).iter().map(ToString::to_string).collect())
-}
-
 /// Device and memory, for the report.
 fn more(device: &Device) -> serde_json::Value {
     serde_json::json!({
@@ -213,9 +197,6 @@ fn more(device: &Device) -> serde_json::Value {
         "memory": crate::report::MemoryUse::from(device.memory()),
     })
 }
-
-/// Samples along each side of a pixel, for what is seen at all.
-const SUPERSAMPLE: u32 = 4;
 
 /// Values that are printed at most; the rest is in the files.
 const PRINTED: usize = 24;

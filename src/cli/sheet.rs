@@ -1,0 +1,173 @@
+//! Pictures side by side under captions, and false colours for differences.
+
+use super::register_font;
+use crate::image::{Exposure, ImageError, Picture, ToneMap};
+use glam::DVec3;
+use image::codecs::png::FilterType;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use std::path::Path;
+
+/// Height of the line of text above each panel, and space between panels, pixels.
+pub(crate) const CAPTION: u32 = 22;
+pub(crate) const GAP: u32 = 6;
+/// Pictures that are smaller are shown larger, so that captions fit.
+const LEAST_WIDTH: u32 = 256;
+/// Of the bar that explains false colours, pixels: its height, that with its numbers, its margins at the sides.
+const BAR: u32 = 12;
+const LEGEND: u32 = 40;
+const MARGIN: u32 = 24;
+
+/// One picture.
+pub struct Panel {
+    pub caption: String,
+    /// Linear, 0 for black and 1 for white, row by row from the top.
+    pub pixels: Vec<DVec3>,
+}
+
+/// Panels of one size in rows, on black.
+pub struct Sheet {
+    /// Of a panel, pixels.
+    pub width: u32,
+    pub height: u32,
+    /// As many panels in each.
+    pub rows: Vec<Vec<Panel>>,
+    /// What ±1 of [`signed_heat`] stands for in the last column, to be explained by a bar below it.
+    pub limit: Option<f64>,
+}
+
+/// A text, and where: the middle of its upper edge, or its upper left corner.
+struct Text {
+    text: String,
+    at: (u32, u32),
+    anchor: HPos,
+}
+
+impl Sheet {
+    /// Writes a PNG. Panels are shown larger by a whole number where captions would not fit.
+    pub fn write(&self, path: &Path) -> Result<(), ImageError> {
+        let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0) as u32;
+        let zoom = LEAST_WIDTH.div_ceil(self.width.max(1));
+        let (wide, high) = (self.width * zoom, self.height * zoom);
+        let legend = if self.limit.is_some() { LEGEND } else { 0 };
+        let whole = (
+            (columns * (wide + GAP)).saturating_sub(GAP),
+            self.rows.len() as u32 * (CAPTION + high) + legend,
+        );
+        let corner = |row: usize, column: usize| {
+            (column as u32 * (wide + GAP), row as u32 * (CAPTION + high) + CAPTION)
+        };
+
+        let mut texts = Vec::new();
+        let mut pixels = vec![DVec3::ZERO; (whole.0 * whole.1) as usize];
+        for (row, panels) in self.rows.iter().enumerate() {
+            for (column, panel) in panels.iter().enumerate() {
+                let (left, top) = corner(row, column);
+                let at = (left + 4, top - CAPTION + 4);
+                texts.push(Text { text: panel.caption.clone(), at, anchor: HPos::Left });
+                for (y, x) in (0..high).flat_map(|y| (0..wide).map(move |x| (y, x))) {
+                    let from = (y / zoom * self.width + x / zoom) as usize;
+                    pixels[((top + y) * whole.0 + left + x) as usize] = panel.pixels[from];
+                }
+            }
+        }
+        if let (Some(limit), true) = (self.limit, columns > 0 && wide > 2 * MARGIN) {
+            let (left, top) = (whole.0 - wide + MARGIN, whole.1 - LEGEND + 6);
+            let length = wide - 2 * MARGIN;
+            for (y, x) in (0..BAR).flat_map(|y| (0..length).map(move |x| (y, x))) {
+                let share = 2.0 * (f64::from(x) + 0.5) / f64::from(length) - 1.0;
+                pixels[((top + y) * whole.0 + left + x) as usize] = signed_heat(share);
+            }
+            for k in 0..=4 {
+                let share = f64::from(k) / 2.0 - 1.0;
+                let text = if k == 2 { "0".to_owned() } else { format!("{:+}", share * limit) };
+                let at = (left + k * length / 4, top + BAR + 3);
+                texts.push(Text { text, at, anchor: HPos::Center });
+            }
+        }
+        for (pixel, text) in pixels.iter_mut().zip(draw(&texts, whole)) {
+            *pixel = pixel.max(DVec3::splat(text));
+        }
+        let pixels = pixels.into_iter().map(|p| p.as_vec3().extend(1.0).to_array()).collect();
+        let picture = Picture { width: whole.0, height: whole.1, pixels };
+        let tone = ToneMap { exposure: Exposure::Stops(0.0), srgb: true };
+        picture.write_png_filtered(path, &tone, FilterType::NoFilter)
+    }
+}
+
+/// Brightness of texts, 0 to 1, for a picture of this size.
+fn draw(texts: &[Text], (width, height): (u32, u32)) -> impl Iterator<Item = f64> {
+    register_font();
+    let mut pixels = vec![0; (3 * width * height) as usize];
+    {
+        let area = BitMapBackend::with_buffer(&mut pixels, (width, height)).into_drawing_area();
+        for Text { text, at, anchor } in texts {
+            let style = ("sans-serif", 15).into_font().color(&WHITE).pos(Pos::new(*anchor, VPos::Top));
+            // A picture without its text is better than none.
+            if let Err(error) = area.draw_text(text, &style, (at.0 as i32, at.1 as i32)) {
+                tracing::debug!("no caption: {error}");
+            }
+        }
+    }
+    (0..(width * height) as usize).map(move |at| f64::from(pixels[3 * at]) / 255.0)
+}
+
+/// The radiance to be shown as white: 95 of a hundred pixels that show something are darker. A lamp in the picture may
+/// well fill some hundredths of it, and is to be white. 1 if nothing shines.
+pub fn white_point(pixels: impl Iterator<Item = DVec3>) -> f64 {
+    percentile(pixels.map(DVec3::max_element), 95).unwrap_or(1.0)
+}
+
+/// Of the values above 0, the one that so many of a hundred lie below.
+pub fn percentile(values: impl Iterator<Item = f64>, percent: usize) -> Option<f64> {
+    let mut values: Vec<f64> = values.filter(|value| *value > 0.0).collect();
+    let rank = values.len().checked_sub(1)? * percent / 100;
+    Some(*values.select_nth_unstable_by(rank, f64::total_cmp).1)
+}
+
+/// Black, red, yellow, white for 0 to 1.
+pub fn heat(share: f64) -> DVec3 {
+    DVec3::new(3.0 * share, 3.0 * share - 1.0, 3.0 * share - 2.0).clamp(DVec3::ZERO, DVec3::ONE)
+}
+
+/// Black for 0; over red to yellow for 1, over blue to cyan for -1.
+pub fn signed_heat(share: f64) -> DVec3 {
+    let warm = heat(share.abs().min(1.0) * 2.0 / 3.0);
+    if share < 0.0 { DVec3::new(warm.z, warm.y, warm.x) } else { warm }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn panels_and_a_bar() {
+        let panel = |caption: &str, value: f64| Panel {
+            caption: caption.to_owned(),
+            pixels: vec![DVec3::splat(value); 300 * 10],
+        };
+        let rows = vec![vec![panel("a", 1.0), panel("", 0.0)], vec![panel("b", 0.0), panel("", 1.0)]];
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("sheet.png");
+        Sheet { width: 300, height: 10, rows, limit: Some(0.5) }.write(&path).expect("written");
+        let picture = image::open(&path).expect("a picture").to_rgb8();
+        let (width, height) = picture.dimensions();
+        assert_eq!((width, height), (2 * 300 + GAP, 2 * (CAPTION + 10) + LEGEND));
+        assert_eq!(picture.get_pixel(5, CAPTION + 5).0, [255; 3]);
+        assert_eq!(picture.get_pixel(5, 2 * CAPTION + 15).0, [0; 3]);
+        assert_eq!(picture.get_pixel(width - 5, 2 * CAPTION + 15).0, [255; 3]);
+        // Cyan to yellow, darkest in the middle.
+        let bar = |x: u32| picture.get_pixel(300 + GAP + x, height - LEGEND + 10).0;
+        assert!(bar(MARGIN)[2] == 255 && bar(MARGIN)[0] == 0 && bar(300 - MARGIN - 1)[0] == 255);
+        assert!(bar(150).iter().all(|value| *value < 40));
+    }
+
+    #[test]
+    fn false_colours() {
+        assert_eq!(signed_heat(0.0), DVec3::ZERO);
+        assert_eq!(signed_heat(7.0), DVec3::new(1.0, 1.0, 0.0));
+        assert_eq!(signed_heat(-1.0), DVec3::new(0.0, 1.0, 1.0));
+        assert_eq!(percentile((0..=100).map(f64::from), 95), Some(95.0));
+        assert_eq!(percentile([0.0, -1.0].into_iter(), 50), None);
+    }
+}

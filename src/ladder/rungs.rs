@@ -1,0 +1,169 @@
+//! Settings from cheap to exact, and which of them a scene starts at.
+
+use crate::plan::{Limits, Plan, PlanError};
+use crate::scene::{Accuracy, BinLayout, Scene};
+use crate::warnings::Warnings;
+use serde::Serialize;
+
+/// One step of a ladder of settings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Rung {
+    /// Polar angle x azimuth: fine around the normal, where lamps over floors and tables are.
+    equal_angle: (u32, u32),
+    /// Side of the equal-area square: bins of one size, which coarse blockers need.
+    concentric: u32,
+    pub subsample: f64,
+    /// Times that every triangle is cut into four.
+    pub cuts: u32,
+    pub tolerance: f64,
+}
+
+const fn rung(equal_angle: (u32, u32), concentric: u32, subsample: f64, cuts: u32, tolerance: f64) -> Rung {
+    Rung { equal_angle, concentric, subsample, cuts, tolerance }
+}
+
+/// Where there are shadows or gloss. Finer bins and finer meshes go together: alone, each makes little better or worse.
+const DIRECTIONAL: [Rung; 5] = [
+    rung((6, 8), 8, 10.0, 0, 3e-3),
+    rung((10, 13), 12, 30.0, 0, 1e-3),
+    rung((14, 18), 16, 30.0, 1, 1e-3),
+    rung((20, 26), 24, 30.0, 1, 3e-4),
+    rung((28, 36), 32, 30.0, 2, 1e-4),
+];
+
+/// Where there are none: bins do not matter, the near field and the mesh do.
+const DIFFUSE: [Rung; 5] = [
+    rung((2, 3), 2, 10.0, 0, 3e-3),
+    rung((2, 3), 2, 30.0, 0, 1e-3),
+    rung((2, 3), 2, 60.0, 1, 3e-4),
+    rung((2, 3), 2, 120.0, 2, 1e-4),
+    rung((2, 3), 2, 400.0, 3, 1e-5),
+];
+
+/// Errors that the sweep of `bench_accuracy` found with the rungs in usual scenes; a scene starts at the first that is within
+/// what is asked.
+const USUAL_DIRECTIONAL: [f64; 5] = [0.06, 0.03, 0.02, 0.012, 0.006];
+const USUAL_DIFFUSE: [f64; 5] = [0.015, 0.006, 0.003, 0.0015, 0.0];
+
+/// Share of the light of a bounce that a near field of this range loses or adds at most, measured in closed rooms and spheres:
+/// it counts ρ/(1 - ρ) times.
+const LOSS: [(f64, f64); 5] = [(10.0, 1.8e-3), (30.0, 8e-4), (60.0, 3e-4), (120.0, 1.5e-4), (400.0, 1e-5)];
+
+/// Share of the area that may be coarse blockers before bins of one size are better.
+const FEW: f64 = 0.05;
+
+/// Which bins a scene asks for, and why.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Layout {
+    /// Equal polar angles: sharpest around the normal.
+    EqualAngle,
+    /// Equal areas: many blockers are coarse for the narrow bins around the normal.
+    Concentric,
+    /// There is neither shadow nor gloss.
+    None,
+}
+
+impl Rung {
+    pub fn ladder(directional: bool) -> &'static [Self] {
+        if directional { &DIRECTIONAL } else { &DIFFUSE }
+    }
+
+    /// The first rung that usually is within `error`.
+    pub fn start(directional: bool, error: f64) -> usize {
+        let usual = if directional { &USUAL_DIRECTIONAL } else { &USUAL_DIFFUSE };
+        usual.iter().position(|&e| e <= error).unwrap_or(usual.len() - 1)
+    }
+
+    pub fn accuracy(&self, layout: Layout, near: f64, base: &Accuracy) -> Accuracy {
+        Accuracy {
+            bins: self.bins(layout, self.concentric),
+            subsample: self.subsample.max(near),
+            tolerance: self.tolerance,
+            ..*base
+        }
+    }
+
+    /// What the answer is compared with: other bins and a third of the near field, errors of the same size or larger that
+    /// have nothing to do with its own. Where narrow bins fail, fewer of one size.
+    pub fn companion(&self, layout: Layout, near: f64, base: &Accuracy) -> Accuracy {
+        let fewer = (self.concentric * 5 / 6).next_multiple_of(2);
+        let bins = match layout {
+            Layout::EqualAngle => self.bins(Layout::Concentric, self.concentric),
+            Layout::Concentric => {
+                self.bins(Layout::Concentric, if fewer < self.concentric { fewer } else { fewer - 2 })
+            }
+            Layout::None => self.bins(layout, self.concentric),
+        };
+        let accuracy = self.accuracy(layout, near, base);
+        Accuracy { bins, subsample: accuracy.subsample / 3.0, ..accuracy }
+    }
+
+    fn bins(&self, layout: Layout, n: u32) -> BinLayout {
+        let (theta, phi) = self.equal_angle;
+        match layout {
+            Layout::Concentric => BinLayout::Concentric { n },
+            Layout::EqualAngle | Layout::None => BinLayout::EqualAngle { theta, phi },
+        }
+    }
+}
+
+/// Range of the near field that loses at most half of `error` over all bounces. `albedo`: of the light that meets a surface,
+/// the share that goes on, on average.
+pub(super) fn near_field(albedo: f64, error: f64) -> f64 {
+    let bounces = albedo / (1.0 - albedo).max(1e-6);
+    let enough = LOSS.iter().find(|(_, loss)| loss * bounces <= 0.5 * error);
+    enough.map_or(LOSS[LOSS.len() - 1].0, |&(range, _)| range)
+}
+
+/// Which bins suit a scene: those of equal polar angle, unless under them coarse blockers take more than a twentieth of
+/// the area ([`Warnings::coarse_share`]). Looks at pairs of triangles that are near, without a device.
+pub fn layout(scene: &Scene, accuracy: &Accuracy) -> Result<Layout, PlanError> {
+    // Only what is near matters here, not whether a solve would fit the memory.
+    let limits = Limits { memory_budget: u64::MAX, max_buffer: u64::MAX, ..Limits::default() };
+    let plan = Plan::new(scene, &limits, accuracy)?;
+    if !plan.classes.iter().any(|class| class.has_bins()) {
+        return Ok(Layout::None);
+    }
+    Ok(if Warnings::coarse_share(&plan) > FEW { Layout::Concentric } else { Layout::EqualAngle })
+}
+
+/// The bins for a scene that states none ([`crate::scene::Choice::Bins`]): the usual ones, or 12 x 12 of one size where
+/// [`layout`] asks for such.
+pub fn usual_bins(scene: &Scene) -> Result<BinLayout, PlanError> {
+    Ok(match layout(scene, &scene.accuracy)? {
+        Layout::Concentric => BinLayout::Concentric { n: 12 },
+        Layout::EqualAngle | Layout::None => scene.accuracy.bins,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn companions_differ_from_what_they_are_compared_with() {
+        for directional in [false, true] {
+            for rung in Rung::ladder(directional) {
+                for layout in [Layout::EqualAngle, Layout::Concentric, Layout::None] {
+                    let own = rung.accuracy(layout, 0.0, &Accuracy::default());
+                    let other = rung.companion(layout, 0.0, &Accuracy::default());
+                    assert!(other.subsample < own.subsample);
+                    assert!(
+                        layout == Layout::None || rung.concentric < 4 || other.bins != own.bins,
+                        "{own:?}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn brighter_rooms_have_wider_near_fields() {
+        assert_eq!(near_field(0.0, 0.01), 10.0);
+        assert_eq!(near_field(0.8, 0.01), 30.0);
+        assert_eq!(near_field(0.95, 0.01), 120.0);
+        assert_eq!(near_field(0.99, 0.01), 400.0);
+        assert_eq!(near_field(1.0, 0.01), 400.0);
+    }
+}

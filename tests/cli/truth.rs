@@ -1,0 +1,53 @@
+//! `bench_accuracy --pictures`: a scene beside the path-traced truth.
+
+use crate::{Folder, ROOM, Run, run};
+use std::process::Command;
+
+fn against_truth(folder: &Folder, arguments: &str) -> Run {
+    let mut tool = Command::new(env!("CARGO_BIN_EXE_bench_accuracy"));
+    tool.current_dir(folder.path("")).args(["--output", "out", "--pictures"]);
+    run(tool.args(arguments.split_whitespace()))
+}
+
+/// The shares of a row of the table.
+fn shares(row: &str) -> Vec<f64> {
+    let cells = row.split('|').filter_map(|cell| cell.trim().strip_suffix(" %"));
+    cells.map(|cell| cell.parse().expect("a number")).collect()
+}
+
+#[test]
+fn a_sheet_for_each_camera_and_a_row_for_each_variation() {
+    let folder = Folder::with(&[]);
+    let run = against_truth(&folder, "room.toml --paths 2048 --bins 6x8").succeeded();
+    assert_eq!(folder.results(), ["room_main_against_truth.png", "room_side_against_truth.png"]);
+    let rows: Vec<&str> = run.stdout.lines().collect();
+    assert_eq!(rows.len(), 4, "{rows:?}");
+    assert!(rows[2].starts_with("| `room` | 200 | 10x13 |") && rows[3].starts_with("| `room` | 200 | 6x8 |"));
+    for row in &rows[2..] {
+        let shares = shares(row);
+        let (error, largest, noise) = (shares[0], shares[1], shares[shares.len() - 1]);
+        assert!((0.1..=15.0).contains(&error) && largest >= error, "{row}");
+        assert!(noise <= 0.5 * error && noise > 0.0, "{row}");
+    }
+
+    let picture = image::open(folder.path("out/room_side_against_truth.png")).expect("a picture").to_rgb8();
+    let (width, height) = picture.dimensions();
+    let mean = |left: u32, channel: usize| {
+        let pixels = (0..256).flat_map(|x| (22..22 + 256).map(move |y| (left + x, y)));
+        pixels.map(|(x, y)| f64::from(picture.get_pixel(x, y).0[channel])).sum::<f64>() / 65536.0
+    };
+    assert!(width > 3 * 256 && height > 2 * 256, "{width} x {height}");
+    let (found, truth) = (mean(0, 0), mean(256 + 6, 0));
+    assert!(truth >= 30.0 && (found / truth - 1.0).abs() <= 0.1, "{found}, {truth}");
+    assert!(mean(2 * (256 + 6), 0) + mean(2 * (256 + 6), 2) > 5.0, "the difference");
+}
+
+#[test]
+fn what_has_no_such_picture_is_refused() {
+    let glossy = ROOM.replace("albedo = [0.7, 0.5, 0.3]", "albedo = 0.2\nspecular = 0.05\npower = 20");
+    let folder = Folder::with(&[("glossy.toml", &glossy)]);
+    against_truth(&folder, "glossy.toml").refused(&["glossy.toml", "glossy materials"]);
+    against_truth(&folder, "room.toml --camera back").refused(&["room.toml", "main, side"]);
+    against_truth(&folder, "nowhere.toml").refused(&["nowhere.toml", "cannot be read"]);
+    assert!(folder.results().is_empty());
+}
