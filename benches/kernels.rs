@@ -3,13 +3,13 @@
 
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Limits, Plan};
-use antirad::scene::{Accuracy, Material, Scene, Shape, Triangle};
+use antirad::scene::{Accuracy, Material, Precision, Scene, SceneBuilder, Shape};
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers};
-use glam::DVec3;
+use glam::{DAffine3, DQuat, DVec3};
 
 /// Repeats; the fastest counts, the machine being shared with others.
-const REPEATS: usize = 12;
+const REPEATS: usize = 40;
 
 struct Case {
     name: &'static str,
@@ -17,27 +17,25 @@ struct Case {
     scene: Scene,
     /// Material of the sources and of the receivers that the shape stands for.
     pairs: (u32, u32),
+    precision: Precision,
 }
 
-/// Horizontal sheets of 2 · cells² triangles each, facing up (or down), one material each.
-fn sheets(name: &str, cells: u32, sheets: &[(f64, bool)]) -> Scene {
-    let (mut vertices, mut triangles, mut materials) = (Vec::new(), Vec::new(), Vec::new());
-    for (k, &(height, up)) in sheets.iter().enumerate() {
-        let (points, faces) = Shape::Quad { cells }.mesh();
-        let first = vertices.len() as u32;
-        vertices.extend(points.iter().map(|x| DVec3::new(x.x + 0.01 * k as f64, height, x.z)));
-        for [a, b, c] in faces {
-            let corners = if up { [a, b, c] } else { [a, c, b] };
-            triangles.push(Triangle { vertices: corners.map(|v| v + first), material: k as u32 });
-        }
-        let emission = if k == 0 { [1.0, 0.8, 0.6] } else { [0.0; 3] };
-        materials.push(Material {
-            albedo: [0.5, 0.4, 0.3],
-            emission,
-            ..Material::named(format!("sheet {k}"))
-        });
+/// Horizontal squares, each of 2 · cells² triangles of a material of its own, the first a lamp that faces down over others
+/// that face up.
+fn sheets(cells: u32, heights: &[f64]) -> Scene {
+    let mut builder = SceneBuilder::new();
+    for (k, &height) in heights.iter().enumerate() {
+        let (emission, up) = if k == 0 { ([1.0, 0.8, 0.6], -1.0) } else { ([0.0; 3], 1.0) };
+        let material =
+            Material { albedo: [0.5, 0.4, 0.3], emission, ..Material::named(format!("sheet {k}")) };
+        let place = DAffine3::from_scale_rotation_translation(
+            DVec3::new(1.0, up, 1.0),
+            DQuat::IDENTITY,
+            DVec3::new(0.01 * k as f64, height, 0.0),
+        );
+        builder.shape(&material.name, Shape::Quad { cells }, &material, place);
     }
-    Scene::new(name, vertices, triangles, materials).expect("a scene")
+    builder.finish("sheets").expect("a scene")
 }
 
 fn main() {
@@ -47,35 +45,52 @@ fn main() {
         Case {
             name: "irradiance alone",
             shape: "fronts to irradiance",
-            scene: sheets("two sheets", 64, &[(2.0, false), (0.0, true)]),
+            scene: sheets(64, &[2.0, 0.0]),
             pairs: (0, 1),
+            precision: Precision::F32,
         },
         Case {
             name: "diffuse fronts to bins",
             shape: "fronts to bins",
-            scene: sheets("lamp over a sheet over a floor", 40, &[(2.0, false), (1.0, true), (0.0, true)]),
+            scene: sheets(20, &[2.0, 1.0, 0.0]),
             pairs: (0, 1),
+            precision: Precision::F32,
         },
         Case {
             name: "bins to irradiance",
             shape: "fronts and backs to irradiance",
-            scene: sheets("lamp over a sheet over a floor", 40, &[(2.0, false), (1.0, true), (0.0, true)]),
+            scene: sheets(20, &[2.0, 1.0, 0.0]),
             pairs: (1, 2),
+            precision: Precision::F32,
+        },
+        Case {
+            name: "bins to irradiance, packed",
+            shape: "fronts and backs to irradiance",
+            scene: sheets(20, &[2.0, 1.0, 0.0]),
+            pairs: (1, 2),
+            precision: Precision::Packed,
         },
         Case {
             name: "bins at both ends",
             shape: "fronts and backs to bins",
-            scene: sheets(
-                "lamp over two sheets over a floor",
-                40,
-                &[(3.0, false), (2.0, true), (1.0, true), (0.0, true)],
-            ),
+            scene: sheets(20, &[3.0, 2.0, 1.0, 0.0]),
             pairs: (1, 2),
+            precision: Precision::F32,
+        },
+        Case {
+            name: "bins at both ends, packed",
+            shape: "fronts and backs to bins",
+            scene: sheets(20, &[3.0, 2.0, 1.0, 0.0]),
+            pairs: (1, 2),
+            precision: Precision::Packed,
         },
     ];
-    for case in cases {
+    // As with cargo's own harness: only what matches.
+    let wanted: Vec<String> = std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
+    let matches = |case: &Case| wanted.is_empty() || wanted.iter().any(|name| case.name.contains(name));
+    for case in cases.into_iter().filter(matches) {
         // The near field is a kernel of its own.
-        let accuracy = Accuracy { subsample: 0.0, ..Accuracy::default() };
+        let accuracy = Accuracy { subsample: 0.0, precision: case.precision, ..Accuracy::default() };
         let plan = Plan::new(&case.scene, &Limits::of(&device), &accuracy).expect("a plan");
         let of =
             |material: u32| case.scene.triangles.iter().filter(|t| t.material == material).count() as f64;

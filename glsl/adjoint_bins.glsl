@@ -19,7 +19,7 @@ const uint FRONT_SET = BACK_SETS * BINS;
 real3 binned_cotangent(real3 normal, uint first, real3 direction) {
     real3 result = real3(0.0);
     if (RECEIVER_BINS) {
-        Taps t = taps(direction * orthonormal_basis(normal));
+        Taps t = taps(in_frame(normal, direction));
         GATHER(cotangent, cotangent_rgb, first, t, result)
     }
     return result;

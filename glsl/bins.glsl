@@ -23,55 +23,72 @@ real shape(real t) {
     return SMOOTHSTEP ? t * t * (3.0 - 2.0 * t) : t;
 }
 
-// The two cells around a coordinate whose centres are 0, 1, … count - 1.
-void clamped(real coordinate, uint count, out uint first, out real weight) {
+#ifdef F64
+real short_arctangent(real t) {
+    return arctangent(t);
+}
+
+real arccosine(real z) {
+    return 2.0 * arctangent(sqrt((1.0 - z) / (1.0 + z)));
+}
+#else
+// To 2.5e-7 and 9e-8 for arguments in [0, 1], which is less than what rounding does to the coordinates of a layout.
+real short_arctangent(real t) {
+    real u = t * t;
+    return t * ((((((0.00681179107 * u - 0.0336042135) * u + 0.0796236637) * u - 0.132333416) * u + 0.198078154) * u - 0.33317368) * u + 0.999996112);
+}
+
+real arccosine(real z) {
+    return sqrt(1.0 - z) * ((((((0.00261172047 * z - 0.0120033948) * z + 0.0277629132) * z - 0.0491974368) * z + 0.0888358857) * z - 0.214591089) * z + 1.57079624);
+}
+#endif
+
+// The two cells around a coordinate whose centres are 0, 1, … count - 1: the number of the first.
+real clamped(real coordinate, uint count, out real weight) {
     real c = clamp(coordinate, 0.0, real(count - 1));
-    real f = min(floor(c), real(count - 2));
-    first = uint(f);
-    weight = shape(c - f);
+    real first = min(floor(c), real(count - 2));
+    weight = shape(c - first);
+    return first;
 }
 
-// atan2 in turns, in [0, 1): by the tangent of the half angle, y / (r + x), which lies in [0, 1] for x >= 0.
-real turns(real x, real y, real r) {
-    real half_angle = r > 0.0 ? arctangent(min(abs(y) / (r + abs(x)), 1.0)) : 0.0;
-    real t = half_angle * INV_PI;
-    t = x < 0.0 ? 0.5 - t : t;
-    return y < 0.0 ? 1.0 - t : t;
+// atan2 in turns, in [0, 1].
+real turns(real x, real y) {
+    real2 a = abs(real2(x, y));
+    real octant = short_arctangent(min(a.x, a.y) / max(max(a.x, a.y), 1e-30)) * (0.5 * INV_PI);
+    real quadrant = a.x < a.y ? 0.25 - octant : octant;
+    real half_plane = x < 0.0 ? 0.5 - quadrant : quadrant;
+    return y < 0.0 ? 1.0 - half_plane : half_plane;
 }
 
-// `w` in the frame of the triangle; below the horizon counts as on it.
+// `w`, unit, in the frame of the triangle; below the horizon counts as on it.
 Taps taps(real3 w) {
-    real z = max(w.z, 0.0);
-    uint row, row_next, column, column_next;
-    real t, s;
+    real z = clamp(w.z, 0.0, 1.0);
+    real row, column, t, s;
+    bool wraps = false;
     if (CONCENTRIC) {
         real2 disk = w.xy * inversesqrt(1.0 + z);
         real radius = length(disk);
         real2 a = abs(disk);
         real longer = max(a.x, a.y);
-        real side = longer > 0.0 ? radius * arctangent(min(a.x, a.y) / longer) * (4.0 * INV_PI) : 0.0;
+        real side = longer > 0.0 ? radius * short_arctangent(min(a.x, a.y) / longer) * (4.0 * INV_PI) : 0.0;
         real2 square = a.x >= a.y ? real2(radius, side) : real2(side, radius);
         square = real2(disk.x < 0.0 ? -square.x : square.x, disk.y < 0.0 ? -square.y : square.y);
         square = (square + 1.0) * (0.5 * real(ROWS)) - 0.5;
-        clamped(square.y, ROWS, row, t);
-        clamped(square.x, ROWS, column, s);
-        column_next = column + 1;
+        row = clamped(square.y, ROWS, t);
+        column = clamped(square.x, ROWS, s);
     } else {
-        real r = length(w.xy);
-        real polar = 2.0 * arctangent(min(r / (1.0 + z), 1.0));
-        // Of a direction below the horizon r and z do not belong together.
-        polar = w.z > 0.0 ? polar : 0.5 * PI;
-        clamped(polar * (2.0 * INV_PI * real(ROWS)) - 0.5, ROWS, row, t);
-        real turn = turns(w.x, w.y, r) * real(COLUMNS) - 0.5;
+        row = clamped(arccosine(z) * (2.0 * INV_PI * real(ROWS)) - 0.5, ROWS, t);
+        real turn = turns(w.x, w.y) * real(COLUMNS) - 0.5;
         real sector = floor(turn);
         s = shape(turn - sector);
-        column = sector < 0.0 ? COLUMNS - 1 : min(uint(sector), COLUMNS - 1);
-        column_next = column + 1 == COLUMNS ? 0 : column + 1;
+        column = sector < 0.0 ? real(COLUMNS - 1) : sector;
+        wraps = column == real(COLUMNS - 1);
     }
-    row_next = row + 1;
-    uvec2 first = uvec2(row, row_next) * COLUMNS;
+    // In reals, which hold it exactly: integers are multiplied and converted slowly by CPUs.
+    uint first = uint(int(row * real(COLUMNS) + column));
+    uint next = wraps ? first - (COLUMNS - 1) : first + 1;
     Taps result;
-    result.bin = uvec4(first.x + column, first.x + column_next, first.y + column, first.y + column_next);
+    result.bin = uvec4(first, next, first + COLUMNS, next + COLUMNS);
     result.weight = real4((1.0 - t) * (1.0 - s), (1.0 - t) * s, t * (1.0 - s), t * s);
     return result;
 }

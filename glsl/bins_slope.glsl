@@ -33,7 +33,7 @@ real3 taps_gradient(real3 w, Taps taps, real4 value) {
         bool wide = a.x >= a.y;
         real longer = max(a.x, a.y);
         bool pole = !(radius > POLE);
-        real angle = pole ? real(0.0) : arctangent(min(a.x, a.y) / longer);
+        real angle = pole ? real(0.0) : short_arctangent(min(a.x, a.y) / longer);
         real side = radius * angle * (4.0 * INV_PI);
         real2 sign_of = real2(disk.x < 0.0 ? -1.0 : 1.0, disk.y < 0.0 ? -1.0 : 1.0);
         real2 square = sign_of * (wide ? real2(radius, side) : real2(side, radius));
@@ -53,11 +53,10 @@ real3 taps_gradient(real3 w, Taps taps, real4 value) {
     }
     real r = length(w.xy);
     real per_r = r > POLE ? 1.0 / r : real(0.0);
-    real polar = 2.0 * arctangent(min(r / (1.0 + z), real(1.0)));
-    polar = above ? polar : 0.5 * PI;
+    real polar = arccosine(min(z, real(1.0)));
     real rows = 2.0 * INV_PI * real(ROWS);
     real row_slope = above ? by_row * clamped_slope(polar * rows - 0.5, ROWS) * rows / (r * r + z * z) : real(0.0);
-    real turn = turns(w.x, w.y, r) * real(COLUMNS) - 0.5;
+    real turn = turns(w.x, w.y) * real(COLUMNS) - 0.5;
     real fraction = turn - floor(turn);
     real column_slope = by_column * (SMOOTHSTEP ? 6.0 * fraction * (1.0 - fraction) : real(1.0))
         * (0.5 * INV_PI * real(COLUMNS)) * per_r;

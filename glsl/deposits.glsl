@@ -1,22 +1,35 @@
 #ifndef DEPOSITS_GLSL
 #define DEPOSITS_GLSL
-// Sums into the bins of the triangle that a lane owns. The lane gathers them in memory of its own, which costs a CPU
-// driver a third of what buffers do, being neither masked nor bounds-checked. Only one lane ever writes a triangle's
+// Sums into the bins of the triangle that a lane owns. The lane gathers them in memory of its own or of the workgroup, which
+// costs a CPU driver a third of what buffers do, not being bounds-checked. Only one lane ever writes a triangle's
 // bins: no atomics, and the same sums in the same order from run to run. Expects `DEPOSIT_SETS`, the number of sets of
 // bins.
+
+// Whether three channels stand in memory of the workgroup instead. On CPU drivers the lanes' own is read and written
+// channel by channel, this a bin at a time.
+layout(constant_id = 11) const bool SHARED_DEPOSITS = false;
 
 const bool DEPOSITING = DEPOSIT_SETS > 0;
 const uint GREY_DEPOSITS = DEPOSITING && CHANNELS == 1 ? DEPOSIT_SETS * BINS : 1;
 const uint RGB_DEPOSITS = DEPOSITING && CHANNELS == 3 ? DEPOSIT_SETS * BINS : 1;
+const uint OWN_RGB_DEPOSITS = SHARED_DEPOSITS ? 1 : RGB_DEPOSITS;
+const uint SHARED_RGB_DEPOSITS = SHARED_DEPOSITS ? RGB_DEPOSITS * gl_WorkGroupSize.x : 1;
 
 real grey_deposits[GREY_DEPOSITS];
-real3 rgb_deposits[RGB_DEPOSITS];
+real3 rgb_deposits[OWN_RGB_DEPOSITS];
+shared real3 shared_deposits[SHARED_RGB_DEPOSITS];
+
+uint in_shared(uint at) {
+    return gl_LocalInvocationID.x * RGB_DEPOSITS + at;
+}
 
 void clear_deposits() {
     if (DEPOSITING) {
         for (uint at = 0; at < DEPOSIT_SETS * BINS; at++) {
             if (CHANNELS == 1) {
                 grey_deposits[at] = 0.0;
+            } else if (SHARED_DEPOSITS) {
+                shared_deposits[in_shared(at)] = real3(0.0);
             } else {
                 rgb_deposits[at] = real3(0.0);
             }
@@ -27,11 +40,13 @@ void clear_deposits() {
 // `direction`: unit, of the world, in the hemisphere of `normal`; `first`: of the set.
 void deposit(uint first, real3 normal, real3 direction, real3 value) {
     if (DEPOSITING) {
-        Taps t = taps(direction * orthonormal_basis(normal));
+        Taps t = taps(in_frame(normal, direction));
         for (uint tap = 0; tap < 4; tap++) {
             uint at = first + t.bin[tap];
             if (CHANNELS == 1) {
                 grey_deposits[at] += t.weight[tap] * value.r;
+            } else if (SHARED_DEPOSITS) {
+                shared_deposits[in_shared(at)] += t.weight[tap] * value;
             } else {
                 rgb_deposits[at] += t.weight[tap] * value;
             }
@@ -41,7 +56,10 @@ void deposit(uint first, real3 normal, real3 direction, real3 value) {
 
 // What was gathered for one bin.
 real3 deposited(uint at) {
-    return CHANNELS == 1 ? real3(grey_deposits[at]) : rgb_deposits[at];
+    if (CHANNELS == 1) {
+        return real3(grey_deposits[at]);
+    }
+    return SHARED_DEPOSITS ? shared_deposits[in_shared(at)] : rgb_deposits[at];
 }
 
 // Adds one set to bins in a buffer, which is there as array of real, `grey`, and of packed real3, `rgb`. `factor`

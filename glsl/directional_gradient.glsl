@@ -37,7 +37,7 @@ Exchanged exchanged(
     Taps from, to;
     real3 from_local, to_local;
     for (uint once = directional ? 1 : 0; once > 0; once--) {
-        from_local = outward * orthonormal_basis(source_normal);
+        from_local = in_frame(source_normal, outward);
         from = taps(from_local);
         for (uint tap = 0; tap < 4; tap++) {
             uint at = source_first + from.bin[tap];
@@ -51,7 +51,7 @@ Exchanged exchanged(
         }
     }
     if (RECEIVER_BINS) {
-        to_local = -direction * orthonormal_basis(receiver_normal);
+        to_local = in_frame(receiver_normal, -direction);
         to = taps(to_local);
         for (uint tap = 0; tap < 4; tap++) {
             worth[tap] = cotangent_rgb[receiver_first + to.bin[tap]];

@@ -29,4 +29,12 @@ real33 orthonormal_basis(real3 n) {
     return real33(real3(1.0 + s * n.x * n.x * a, s * b, -s * n.x), real3(b, s + n.y * n.y * a, -n.y), n);
 }
 
+// v · orthonormal_basis(n), multiplied out.
+real3 in_frame(real3 n, real3 v) {
+    real s = frame_sign(n);
+    real along = dot(n, v);
+    real k = (along + s * v.z) / (s + n.z);
+    return real3(v.x - s * n.x * k, s * v.y - n.y * k, along);
+}
+
 #endif

@@ -32,7 +32,7 @@ void main() {
         radiance[i].rgb += colour;
         for (uint once = SOURCE_FRONT && seen ? 1 : 0; once > 0; once--) {
             real3 direction = to_eye * inversesqrt(max(dot(to_eye, to_eye), R2_MIN));
-            Taps t = taps(direction * orthonormal_basis(f.normal));
+            Taps t = taps(in_frame(f.normal, direction));
             for (uint tap = 0; tap < 4; tap++) {
                 uint at = ((i - begin) * BINS + t.bin[tap]) * CHANNELS;
                 for (uint c = 0; c < CHANNELS; c++) {

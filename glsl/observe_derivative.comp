@@ -32,7 +32,7 @@ void main() {
         for (uint once = dot(to_eye, f.normal) > 0.0 ? 1 : 0; once > 0; once--) {
             real r = length(to_eye);
             real3 direction = to_eye / r;
-            real3 local = direction * orthonormal_basis(f.normal);
+            real3 local = in_frame(f.normal, direction);
             Taps t = taps(local);
             real4 value;
             for (uint tap = 0; tap < 4; tap++) {

@@ -2,7 +2,20 @@
 #define SOURCE_BINS_GLSL
 // Radiance of a source per direction bin. Expects the buffers of bins of the source: `antiradiance` and `specular` as
 // arrays of real, and the same memory as arrays of packed real3, `antiradiance_rgb` and `specular_rgb`, which takes one
-// load where the other takes three.
+// load where the other takes three. Where PACKED_SOURCES is defined they may be packed instead, as `antiradiance_packed`
+// and `specular_packed`.
+
+#ifdef PACKED_SOURCES
+#include "packed.glsl"
+#define GATHER_SOURCE(of, first, t, result)                                                       \
+    if (PACKED) {                                                                                 \
+        GATHER_PACKED(of##_packed, first, t, result)                                              \
+    } else {                                                                                      \
+        GATHER(of, of##_rgb, first, t, result)                                                    \
+    }
+#else
+#define GATHER_SOURCE(of, first, t, result) GATHER(of, of##_rgb, first, t, result)
+#endif
 
 layout(constant_id = 7) const bool SOURCE_BACK = false;
 layout(constant_id = 8) const bool SOURCE_FRONT = false;
@@ -14,12 +27,12 @@ real3 binned_radiance(real3 normal, uint first, real3 direction, bool front) {
     real3 result = real3(0.0);
     if (SOURCE_BACK || SOURCE_FRONT) {
         // What leaves the back arrived at the front from the opposite direction.
-        Taps t = taps((front ? direction : -direction) * orthonormal_basis(normal));
+        Taps t = taps(in_frame(normal, front ? direction : -direction));
         if (SOURCE_FRONT && front) {
-            GATHER(specular, specular_rgb, first, t, result)
+            GATHER_SOURCE(specular, first, t, result)
         }
         if (SOURCE_BACK && !front) {
-            GATHER(antiradiance, antiradiance_rgb, first, t, result)
+            GATHER_SOURCE(antiradiance, first, t, result)
             result = -result;
         }
     }

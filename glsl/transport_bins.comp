@@ -18,8 +18,10 @@ layout(std430, binding = 1) readonly buffer TilePairs { uint tile_pairs[]; };
 layout(std430, binding = 2) buffer Irradiance { real4 irradiance[]; };
 layout(std430, binding = 3) readonly buffer Antiradiance { real antiradiance[]; };
 layout(scalar, binding = 3) readonly buffer AntiradianceRgb { real3 antiradiance_rgb[]; };
+layout(scalar, binding = 3) readonly buffer AntiradiancePacked { uvec3 antiradiance_packed[]; };
 layout(std430, binding = 4) readonly buffer Specular { real specular[]; };
 layout(scalar, binding = 4) readonly buffer SpecularRgb { real3 specular_rgb[]; };
+layout(scalar, binding = 4) readonly buffer SpecularPacked { uvec3 specular_packed[]; };
 layout(std430, binding = 5) buffer Arriving { real arriving[]; };
 layout(scalar, binding = 5) buffer ArrivingRgb { real3 arriving_rgb[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
@@ -28,6 +30,7 @@ layout(std430, binding = 6) readonly buffer BinTable { real4 bin_table[]; };
 #include "others.glsl"
 
 #include "far_push.glsl"
+#define PACKED_SOURCES
 #include "source_bins.glsl"
 #include "receiver_bins.glsl"
 

@@ -21,7 +21,7 @@ pub struct RealShader {
 impl RealShader {
     pub fn of(&self, precision: Precision) -> &Shader {
         match precision {
-            Precision::F32 => &self.f32,
+            Precision::F32 | Precision::Packed => &self.f32,
             Precision::F64 => &self.f64,
         }
     }

@@ -309,9 +309,13 @@ fn states_on_the_host_change_nothing() {
 #[test]
 fn pages_of_the_same_size_give_the_same_bytes_wherever_they_are() {
     let device = device();
-    for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
+    for (solver, precision) in [
+        (SolverChoice::FixedPoint, Precision::F32),
+        (SolverChoice::Gmres, Precision::F32),
+        (SolverChoice::Gmres, Precision::Packed),
+    ] {
         let scene = glossy_room(4);
-        let accuracy = Accuracy { solver, ..scene.accuracy };
+        let accuracy = Accuracy { solver, precision, ..scene.accuracy };
         let limits = Limits { page: 1, ..Limits::of(&device) };
         let (resident, truth) = solve_within(&device, &scene, &accuracy, &limits);
         let budget = least_budget(&scene, &accuracy, &limits) + (1 << 20);
@@ -324,6 +328,32 @@ fn pages_of_the_same_size_give_the_same_bytes_wherever_they_are() {
         assert_eq!(truth.radiosity, other.radiosity);
         assert_eq!(truth.info, other.info);
     }
+    finish(&device);
+}
+
+/// Sources read in half the bits: the answer is nearly the same, and the solvers need few passes more to confirm it.
+#[test]
+fn packed_sources_change_little() {
+    let device = device();
+    for (name, scene, solver) in [
+        ("cornell_boxes", load("scenes/cornell_boxes.toml"), SolverChoice::Gmres),
+        ("glossy", glossy_room(5), SolverChoice::Gmres),
+        ("glossy", glossy_room(5), SolverChoice::FixedPoint),
+    ] {
+        let [(engine, packed), (_, usual)] = [Precision::Packed, Precision::F32].map(|precision| {
+            let accuracy = Accuracy { solver, precision, tolerance: 1e-4, ..scene.accuracy };
+            solve_within(&device, &scene, &accuracy, &Limits::of(&device))
+        });
+        assert!(engine.plan().packs() && engine.plan().memory().of_label("packed bins") > 0);
+        let error = relative_l2(&packed.irradiance, &usual.irradiance, &areas(&scene));
+        let [passes, usual_passes] = [&packed, &usual].map(|solution| solution.info.passes);
+        println!("{name}, {solver:?}: {error:.2e}, {passes} passes against {usual_passes}");
+        assert!(error > 0.0 && error <= 5e-4, "{name}: {error:e}");
+        assert!(passes <= usual_passes + 4, "{name}: {passes} passes against {usual_passes}");
+    }
+    let accuracy = Accuracy { precision: Precision::Packed, tolerance: 1e-6, ..Accuracy::default() };
+    let refused = Plan::new(&glossy_room(2), &Limits::default(), &accuracy);
+    assert!(matches!(refused, Err(PlanError::Tolerance { .. })), "{refused:?}");
     finish(&device);
 }
 

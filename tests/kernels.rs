@@ -5,7 +5,7 @@ mod reflect;
 mod support;
 
 use antirad::plan::{Limits, Plan};
-use antirad::reference::{Model, State, observe, transport};
+use antirad::reference::{Model, State, observe, packed, transport};
 use antirad::scene::{Accuracy, BinLayout, Precision, Scene, Weights};
 use antirad::shaders::RealShader;
 use antirad::solve::LightOperator;
@@ -19,7 +19,7 @@ use support::{device, finish};
 /// Relative error of each kernel, in the 2-norm over all its output.
 fn tolerance(precision: Precision) -> f64 {
     match precision {
-        Precision::F32 => 1e-4,
+        Precision::F32 | Precision::Packed => 1e-4,
         Precision::F64 => 1e-12,
     }
 }
@@ -62,6 +62,12 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
     errors.push(("reflect_glossy", relative(&from_pages(&model, &plan, &given.specular, total), &specular)));
     let mut y = operators.vector().expect("a vector");
     operators.pass(Some(&x), true, &mut y).expect("a pass");
+    let unpacked = leaving.clone();
+    if plan.packs() {
+        let packs = |bins: &mut Vec<DVec3>| bins.iter_mut().for_each(|value| *value = packed(*value));
+        packs(&mut leaving.specular);
+        packs(&mut leaving.antiradiance);
+    }
     let arriving = transport(&model, &leaving);
     let irradiance = operators.irradiance(&y).expect("irradiance");
     errors
@@ -74,7 +80,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
 
     let eye = DVec3::new(3.0, 0.5, -1.0);
     let colours = operators.observe(&x, eye).expect("colours");
-    errors.push(("observe", relative(&rgb_of(&plan, &colours), &flat(&observe(&model, &leaving, eye)))));
+    errors.push(("observe", relative(&rgb_of(&plan, &colours), &flat(&observe(&model, &unpacked, eye)))));
 
     let blockers = model.classes.iter().filter(|c| c.blocker).count();
     println!(
@@ -118,6 +124,19 @@ fn double_precision() {
     compare("f64", &scene, double, |l| l);
     let smooth = Accuracy { weights: Weights::Smoothstep, bins: BinLayout::Concentric { n: 12 }, ..double };
     compare("f64, concentric, smoothstep", &scene, smooth, |l| l);
+}
+
+/// Close pairs are not packed: without them all sources are.
+#[test]
+fn packed_sources() {
+    let usual = Accuracy { precision: Precision::Packed, subsample: 0.0, ..Accuracy::default() };
+    compare("packed", &random_scene(12, 500, true, false), usual, |l| l);
+    let small = |l| Limits { tile: 32, page: 1, ..l };
+    compare("packed, tiles of 32", &random_scene(13, 300, true, false), usual, small);
+    let concentric =
+        Accuracy { weights: Weights::Smoothstep, bins: BinLayout::Concentric { n: 12 }, ..usual };
+    compare("packed, concentric, smoothstep", &random_scene(14, 150, true, false), concentric, |l| l);
+    compare("packed, grey", &random_scene(15, 100, true, true), usual, |l| l);
 }
 
 /// Lists of close sources longer than one dispatch takes.
@@ -296,5 +315,6 @@ fn layouts_agree_with_the_shaders() {
         GlossyPush,
         ["page" = page, "first" = first, "count" = count]
     );
+    check!(shaders::PACK, "PackPush", PackPush, ["first" = first]);
     check!(shaders::DOT.f64, "DotPush", DotPush, ["count" = count]);
 }

@@ -1,13 +1,15 @@
 //! Why there is no plan.
 
+use crate::scene::Precision;
+
 /// One clear line, with the way out.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
     #[error(
-        "a tolerance of {wanted:e} is more than f32 can tell: choose {least:e} or more, or precision \"f64\" on a \
-         device that has it"
+        "a tolerance of {wanted:e} is more than precision \"{precision}\" can tell: choose {least:e} or more, or another \
+         precision (\"f64\" on a device that has it)"
     )]
-    Tolerance { wanted: f64, least: f64 },
+    Tolerance { wanted: f64, least: f64, precision: Precision },
     #[error("the scene has no triangle with an area: there is nothing to solve")]
     NothingToSolve,
     #[error(

@@ -1,6 +1,6 @@
 //! Bytes, by label, before they are allocated. The engine asserts that it allocates these and no others.
 
-use super::{Bins, Plan, PlanError, Residency, UNIFORM_SLOTS};
+use super::{Bins, Group, Plan, PlanError, Residency, UNIFORM_SLOTS};
 use crate::scene::Precision;
 
 /// Every buffer's size is rounded up to a multiple of this.
@@ -10,6 +10,8 @@ pub(super) const FACET: u64 = 8;
 const CORNERS: u64 = 12;
 const SURFACE: u64 = 12;
 pub(super) const RGB: u64 = 4;
+/// Bytes of a bin of glsl/packed.glsl.
+pub(super) const PACKED_BIN: u64 = 12;
 /// Of glsl/facet_gradient.glsl.
 const FACET_GRADIENT: u64 = 16;
 /// Lanes of the kernel that sums vectors up: enough for any device, few enough to be added up on the host.
@@ -60,6 +62,11 @@ impl MemoryPlan {
         memory.add("partial sums", PARTIAL_SUMS * real, 1);
         memory.add("no bins", real, 1);
         memory.add_states(plan);
+        if plan.packs() {
+            let any = |wanted: fn(&Group) -> bool| u32::from(plan.layout.groups.iter().any(wanted));
+            let kinds = any(|group| group.class.blocker) + any(|group| group.class.glossy);
+            memory.add("packed bins", plan.packed_bytes(), kinds);
+        }
         memory.add_gradients(plan, slots);
         memory.add(STAGING, plan.staging, 1);
         if plan.limits.pictures > 0 {

@@ -133,8 +133,14 @@ const LONGEST_RESTART: u32 = 16;
 /// The shortest one that still beats the fixed point.
 const SHORTEST_RESTART: u32 = 4;
 
-/// The smallest relative residual that f32 can tell.
-const F32_TOLERANCE: f64 = 1e-7;
+/// The smallest relative residual that numbers of a precision can tell; packed ones, that solvers were seen to reach.
+fn least_tolerance(precision: Precision) -> f64 {
+    match precision {
+        Precision::F32 => 1e-7,
+        Precision::Packed => 1e-5,
+        Precision::F64 => 0.0,
+    }
+}
 
 /// Everything the engine needs to know, decided.
 #[derive(Clone, Debug)]
@@ -164,8 +170,10 @@ pub struct Plan {
 impl Plan {
     /// Plans a forward solve of a checked scene.
     pub fn new(scene: &Scene, limits: &Limits, accuracy: &Accuracy) -> Result<Self, PlanError> {
-        if accuracy.precision == Precision::F32 && accuracy.tolerance < F32_TOLERANCE {
-            return Err(PlanError::Tolerance { wanted: accuracy.tolerance, least: F32_TOLERANCE });
+        let (wanted, precision) = (accuracy.tolerance, accuracy.precision);
+        let least = least_tolerance(precision);
+        if wanted < least {
+            return Err(PlanError::Tolerance { wanted, least, precision });
         }
         let placement = Placement::of(scene);
         let facets: Vec<Facet> = (0..scene.triangles.len())
@@ -277,6 +285,20 @@ impl Plan {
     /// Bytes of the bins of one triangle.
     pub fn bin_bytes(&self) -> u64 {
         memory::bin_bytes(&self.bins, self.channels, self.accuracy.precision)
+    }
+
+    /// Whether sources are read packed. Without colour one read fetches a bin as it is.
+    pub fn packs(&self) -> bool {
+        let any_bins = self.layout.groups.iter().any(|group| group.class.has_bins());
+        self.accuracy.precision == Precision::Packed && self.channels == 3 && any_bins
+    }
+
+    /// Bytes of packed bins of the sources of one dispatch.
+    pub(crate) fn packed_bytes(&self) -> u64 {
+        (OTHER_TILES as usize).min(self.tiles_with_bins().len()) as u64
+            * u64::from(self.layout.tile)
+            * memory::PACKED_BIN
+            * self.bins.count() as u64
     }
 
     /// Bytes of the bins of one tile.

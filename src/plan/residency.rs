@@ -68,12 +68,7 @@ impl Plan {
                 Residency::Host { sources, .. } if g.class.has_bins() => sources,
                 _ => u32::MAX,
             };
-            let mut begin = g.tiles.start;
-            while begin < g.tiles.end {
-                let end = begin.saturating_add(step).min(g.tiles.end);
-                pieces.push(Piece { group, part: Group { class: g.class, tiles: begin..end } });
-                begin = end;
-            }
+            pieces.extend(g.parts(step).map(|part| Piece { group, part }));
         }
         pieces
     }

@@ -35,6 +35,15 @@ pub struct Group {
     pub tiles: Range<u32>,
 }
 
+impl Group {
+    /// The group cut after every `step` tiles.
+    pub fn parts(&self, step: u32) -> impl Iterator<Item = Self> {
+        let (class, end) = (self.class, self.tiles.end);
+        let cuts = self.tiles.clone().step_by(step as usize);
+        cuts.map(move |begin| Self { class, tiles: begin..begin.saturating_add(step).min(end) })
+    }
+}
+
 /// The order in which the engine holds the triangles.
 #[derive(Clone, Debug)]
 pub struct Layout {

@@ -6,6 +6,7 @@ mod geometry;
 mod near_field;
 mod observation;
 mod operator;
+mod packing;
 mod path_tracer;
 mod random;
 mod reflection;
@@ -19,6 +20,7 @@ pub use derivative::{
 pub use geometry::{Facet, orthonormal_basis};
 pub use near_field::{QUARTER_RANGE, far_share, projected_solid_angle};
 pub use observation::observe;
+pub use packing::packed;
 pub use path_tracer::{Estimate, PathTracer};
 pub use random::Random;
 pub use reflection::{emission, reflect};

@@ -59,7 +59,7 @@ impl Scene {
     /// tolerance = 1e-4
     /// max_passes = 200
     /// solver = "auto"                # or "fixed-point", "gmres"
-    /// precision = "f32"              # or "f64", where the device has it
+    /// precision = "f32"              # or "packed"; "f64", where the device has it
     /// # error = 0.02                 # instead of bins, subsample and tolerance: the error of irradiance to solve to
     /// ```
     pub fn load(path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{Accuracy, BinLayout, Choice, Material, Normalization, Precision, Scene, SolverChoice, Weights};
+use super::{Accuracy, BinLayout, Choice, Material, Normalization, Scene, SolverChoice, Weights};
 use crate::output::{OutputError, atomic_write};
 
 #[derive(Serialize)]
@@ -54,7 +54,7 @@ struct AccuracyTable {
     tolerance: Option<f64>,
     max_passes: u32,
     solver: &'static str,
-    precision: &'static str,
+    precision: String,
 }
 
 #[derive(Serialize)]
@@ -215,10 +215,7 @@ impl Scene {
                 SolverChoice::FixedPoint => "fixed-point",
                 SolverChoice::Gmres => "gmres",
             },
-            precision: match self.accuracy.precision {
-                Precision::F32 => "f32",
-                Precision::F64 => "f64",
-            },
+            precision: self.accuracy.precision.to_string(),
         };
         let scene = SceneTable {
             mesh,

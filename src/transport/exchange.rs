@@ -1,5 +1,6 @@
 //! U: light from every triangle to every other.
 
+use super::packing::Packing;
 use super::reflection::Reflection;
 use super::residency::{Part, View};
 use super::state::State;
@@ -7,7 +8,7 @@ use super::sweep::{Between, Kernels, OfOthers, Sweep};
 use super::watch::{TransportError, Watch};
 use super::{Context, bin_constants};
 use crate::gpu::{Bindings, Device, GpuError};
-use crate::plan::{Class, Group, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::plan::{Class, Group, OTHER_TILES, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
 /// Close sources per receiver and dispatch: lavapipe bounds the iterations of all loops of an invocation together by
@@ -76,6 +77,7 @@ pub fn sweep_of(sweeps: &mut [(Shape, Sweep)], shape: Shape) -> Option<&mut Swee
 
 pub struct Exchange {
     sweeps: Vec<(Shape, Sweep)>,
+    packing: Option<Packing>,
 }
 
 impl Exchange {
@@ -87,12 +89,13 @@ impl Exchange {
             },
             near: (&shaders::NEAR, 10),
             single: shape.any_bins(),
-            constants: shape.constants(plan),
+            constants: [&shape.constants(plan)[..], &[(10, u32::from(plan.packs()))]].concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()),
+            deposits: u64::from(shape.receiver_bins),
             shape: shape.name(),
         };
-        Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)? })
+        Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)?, packing: Packing::new(device, plan)? })
     }
 
     /// y = U (leaving - J x); without `x` nothing leaves the backs.
@@ -136,15 +139,10 @@ impl Exchange {
                 let light = x.zip(Part::of_piece(plan, piece));
                 let light = light.map(|(x, part)| x.show(device, &part)).transpose()?;
                 let specular = reflection.specular_under(context, piece, light.as_ref(), watch)?;
-                let antiradiance = light.unwrap_or_else(none).slice();
-                for (to, arriving) in lit {
-                    let shape = Shape::new(from.class, to.class);
-                    let Some(sweep) = sweep_of(&mut self.sweeps, shape) else { continue };
-                    let between = Between {
-                        owners: to,
-                        others: from,
-                        first_slot: arriving.first_slot,
-                        sources_own: false,
+                let antiradiance = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
+                for (to, arriving) in &lit {
+                    let Some(sweep) = sweep_of(&mut self.sweeps, Shape::new(from.class, to.class)) else {
+                        continue;
                     };
                     let near = [
                         facets,
@@ -158,18 +156,37 @@ impl Exchange {
                         scene.near_sources.whole(),
                         scene.bin_table.whole(),
                     ];
+                    let between = Between::receivers(to, from, arriving.first_slot);
                     sweep.near(context, between, &plan.near, &near, backs, watch)?;
-                    let far = [
-                        facets,
-                        scene.tile_pairs.whole(),
-                        irradiance.slice(),
-                        antiradiance,
-                        specular,
-                        arriving.slice(),
-                        scene.bin_table.whole(),
-                    ];
-                    let far = if shape.any_bins() { &far[..] } else { &far[..3] };
-                    sweep.far(context, between, far, &others, passing, watch)?;
+                }
+                // What is packed lasts for one dispatch of sources.
+                let packing = self.packing.as_ref().filter(|_| from.class.has_bins());
+                let step = if packing.is_some() { OTHER_TILES } else { u32::MAX };
+                for part in from.parts(step) {
+                    let sent = match packing {
+                        Some(packing) => {
+                            let first_slot = plan.layout.slots_of(&from.tiles).start;
+                            let antiradiance = light.as_ref().map(View::slice);
+                            packing.run(context, &part, first_slot, antiradiance, specular)?
+                        }
+                        None => [antiradiance, specular],
+                    };
+                    for (to, arriving) in &lit {
+                        let shape = Shape::new(from.class, to.class);
+                        let Some(sweep) = sweep_of(&mut self.sweeps, shape) else { continue };
+                        let far = [
+                            facets,
+                            scene.tile_pairs.whole(),
+                            irradiance.slice(),
+                            sent[0],
+                            sent[1],
+                            arriving.slice(),
+                            scene.bin_table.whole(),
+                        ];
+                        let far = if shape.any_bins() { &far[..] } else { &far[..3] };
+                        let between = Between::receivers(to, &part, arriving.first_slot);
+                        sweep.far(context, between, far, &others, passing, watch)?;
+                    }
                 }
             }
             for (_, arriving) in receivers {

@@ -34,6 +34,7 @@ impl ExchangeDerivative {
             constants: [&shape.constants(plan)[..], &[(OWNS_SOURCE, u32::from(owns_source))]].concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()) + u64::from(shape.receiver_bins),
+            deposits: 0,
             shape: format!("{}, by {}", shape.name(), if owns_source { "source" } else { "receiver" }),
         };
         Ok(Self {

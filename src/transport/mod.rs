@@ -10,6 +10,7 @@ mod exchange_derivative;
 mod observation;
 mod observation_adjoint;
 mod pace;
+mod packing;
 mod real;
 mod reflection;
 mod reflection_adjoint;
@@ -21,6 +22,7 @@ mod vectors;
 mod watch;
 
 pub use pace::Pace;
+pub use packing::PackPush;
 pub use scene_buffers::SceneBuffers;
 pub use state::{Leaving, State};
 

@@ -4,7 +4,7 @@
 use super::pace::{Bundle, Pace};
 use super::watch::{TransportError, Watch};
 use super::{Context, WORKGROUP};
-use crate::gpu::{Bindings, Buffer, BufferSlice, Device, GpuError, Pipeline};
+use crate::gpu::{Bindings, Buffer, BufferSlice, Device, DeviceKind, GpuError, Pipeline};
 use crate::plan::{Group, NearPairs, OTHER_TILES, PAIR_BACK, PAIR_FRONT, Plan, UNIFORM_SLOTS};
 use crate::shaders::RealShader;
 use bytemuck::{Pod, Zeroable, bytes_of};
@@ -62,6 +62,8 @@ pub struct Kernels<'a> {
     pub take: u32,
     /// Bins of which a pair reads four at either end, so many ends: for the profile.
     pub gathers: u64,
+    /// Sets of bins that a lane of `far` sums up in.
+    pub deposits: u64,
     /// For the profile.
     pub shape: String,
 }
@@ -101,6 +103,11 @@ pub struct Between<'a> {
 }
 
 impl<'a> Between<'a> {
+    /// Receivers whose bins begin with those of `first_slot`, and sources.
+    pub fn receivers(owners: &'a Group, others: &'a Group, first_slot: u32) -> Self {
+        Self { owners, others, first_slot, sources_own: false }
+    }
+
     /// Of groups whose bins stand in pages of their own.
     pub fn groups(plan: &Plan, owners: &'a Group, others: &'a Group, sources_own: bool) -> Self {
         Self { owners, others, first_slot: plan.layout.slots_of(&owners.tiles).start, sources_own }
@@ -111,12 +118,13 @@ impl Sweep {
     pub fn new(device: &Device, plan: &Plan, kernels: Kernels) -> Result<Self, GpuError> {
         let precision = plan.accuracy.precision;
         let lanes = device.info().subgroup_size.min(plan.limits.tile);
-        let Kernels { far, near, single, constants, take, gathers, shape } = kernels;
+        let Kernels { far, near, single, constants, take, gathers, deposits, shape } = kernels;
         let real = precision.bytes() as f64;
         let gathered = gathers as f64 * 4.0 * f64::from(plan.channels) * real;
         // What is read of a source serves all the triangles that a subgroup owns.
         let owned = f64::from(if single { lanes } else { plan.limits.tile });
-        let of_far = [&[(0, lanes), (1, plan.limits.tile)][..], &constants].concat();
+        let shared = u32::from(shares_deposits(device, plan, lanes, deposits));
+        let of_far = [&[(0, lanes), (1, plan.limits.tile), (11, shared)][..], &constants].concat();
         let of_near = [&[(0, WORKGROUP)][..], &constants].concat();
         let far_push = size_of::<FarPush>() as u32;
         let near_push = size_of::<NearPush>() as u32;
@@ -253,6 +261,15 @@ impl Sweep {
         device.credit(near.kernel(), shape, pairs, (pairs as f64 * bytes[1]) as u64);
         Ok(())
     }
+}
+
+/// Whether `lanes` gather so many sets of bins in memory of their workgroup. CPU drivers are quicker at that; on GPUs it
+/// would leave room for a few workgroups only.
+fn shares_deposits(device: &Device, plan: &Plan, lanes: u32, sets: u64) -> bool {
+    let info = device.info();
+    // Drivers may align a vec3 like a vec4.
+    let bytes = sets * u64::from(lanes) * plan.bins.count() as u64 * plan.rgb_bytes();
+    info.kind == DeviceKind::Cpu && plan.channels == 3 && bytes <= u64::from(info.shared_memory_bytes)
 }
 
 /// Pairs of tiles between which something may pass.

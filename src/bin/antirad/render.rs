@@ -132,7 +132,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     }
     for (name, rows) in [("irradiance.npy", &irradiance), ("radiosity.npy", &radiosity)] {
         match scene.accuracy.precision {
-            Precision::F32 => write_npy(&directory.join(name), &single(rows))?,
+            Precision::F32 | Precision::Packed => write_npy(&directory.join(name), &single(rows))?,
             Precision::F64 => write_npy(&directory.join(name), rows)?,
         }
     }

@@ -27,8 +27,8 @@ pub struct SceneSettings {
     /// Which solver to run
     #[arg(long, value_name = "auto|fixed-point|gmres", value_parser = parse_solver)]
     solver: Option<SolverChoice>,
-    /// Numbers of the device: f64 is for validation and needs a device that has it
-    #[arg(long, value_name = "f32|f64", value_parser = parse_precision)]
+    /// Numbers of the device: packed is faster where much is hidden, f64 is for validation and needs a device that has it
+    #[arg(long, value_name = "f32|packed|f64", value_parser = parse_precision)]
     precision: Option<Precision>,
     /// Device memory to use at most, e.g. 512MiB [default: what the device has]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
@@ -101,8 +101,9 @@ fn parse_tolerance(text: &str) -> Result<f64, String> {
 fn parse_precision(text: &str) -> Result<Precision, String> {
     match text {
         "f32" => Ok(Precision::F32),
+        "packed" => Ok(Precision::Packed),
         "f64" => Ok(Precision::F64),
-        _ => Err("f32 or f64".to_owned()),
+        _ => Err("f32, packed or f64".to_owned()),
     }
 }
 

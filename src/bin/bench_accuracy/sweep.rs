@@ -18,7 +18,7 @@ impl Setting {
     /// About, for the progress bar.
     pub fn cost(&self) -> f64 {
         let precision = match self.accuracy.precision {
-            Precision::F32 => 1.0,
+            Precision::F32 | Precision::Packed => 1.0,
             Precision::F64 => 3.0,
         };
         16_f64.powi(self.level as i32) * precision
@@ -93,6 +93,7 @@ pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
             add("near field", 0, Accuracy { subsample, bins: square(8), ..usual });
         }
     }
+    add("precision", 0, Accuracy { precision: Precision::Packed, ..usual });
     if !quick {
         add("precision", 0, Accuracy { precision: Precision::F64, ..usual });
     }

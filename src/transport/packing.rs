@@ -1,0 +1,64 @@
+//! Bins of sources in half the bits, for [`Precision::Packed`](crate::scene::Precision::Packed).
+
+use super::{Context, WORKGROUP};
+use crate::gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
+use crate::plan::{Group, Plan};
+use crate::shaders;
+use bytemuck::{Pod, Zeroable, bytes_of};
+
+/// `PackPush` of glsl/pack.comp.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct PackPush {
+    pub first: u32,
+}
+
+/// Makes packed copies of the bins of the sources of one dispatch, which are all that is packed at a time.
+pub struct Packing {
+    kernel: Pipeline,
+    antiradiance: Option<Buffer>,
+    specular: Option<Buffer>,
+}
+
+impl Packing {
+    /// None where the plan packs nothing.
+    pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
+        if !plan.packs() {
+            return Ok(None);
+        }
+        let any = |wanted: fn(&Group) -> bool| plan.layout.groups.iter().any(wanted);
+        let buffer = || Buffer::new(device, "packed bins", plan.packed_bytes(), BufferKind::Storage);
+        let constants = [&[(0, WORKGROUP)][..], &super::bin_constants(plan)].concat();
+        let push = size_of::<PackPush>() as u32;
+        Ok(Some(Self {
+            kernel: Pipeline::new(device, &shaders::PACK, 2, push, &constants, None)?,
+            antiradiance: any(|group| group.class.blocker).then(buffer).transpose()?,
+            specular: any(|group| group.class.glossy).then(buffer).transpose()?,
+        }))
+    }
+
+    /// Packed copies of the bins of `part`, whose pages start with those of `first_slot`: of its antiradiance, if there is
+    /// some, and its specular radiance.
+    pub fn run<'a>(
+        &'a self,
+        context: &'a Context,
+        part: &Group,
+        first_slot: u32,
+        antiradiance: Option<BufferSlice>,
+        specular: BufferSlice,
+    ) -> Result<[BufferSlice<'a>; 2], GpuError> {
+        let Context { device, plan, scene, .. } = context;
+        let slots = plan.layout.slots_of(&part.tiles);
+        let push = PackPush { first: slots.start - first_slot };
+        let groups = [(plan.bins.count() as u32).div_ceil(WORKGROUP), slots.len() as u32, 1];
+        let none = scene.no_bins.whole();
+        let antiradiance = antiradiance.filter(|_| part.class.blocker).zip(self.antiradiance.as_ref());
+        let specular = part.class.glossy.then_some(specular).zip(self.specular.as_ref());
+        let mut batch = device.batch()?;
+        for (from, to) in antiradiance.iter().chain(&specular) {
+            batch.dispatch(&self.kernel, "bins", &[*from, to.whole()], bytes_of(&push), groups)?;
+        }
+        batch.submit()?;
+        Ok([antiradiance, specular].map(|packed| packed.map_or(none, |(_, to)| to.whole())))
+    }
+}
