@@ -128,7 +128,7 @@ fn bins_suit_the_scene() {
     assert_eq!(chosen(&cornell()), usual);
     assert_eq!(chosen(&furnace(0.5)), usual);
     assert_eq!(layout(&furnace(0.5), &furnace(0.5).accuracy), Ok(Layout::None));
-    assert_eq!(chosen(&plates), BinLayout::Concentric { n: 12 });
+    assert_eq!(chosen(&plates), BinLayout::Concentric { n: 10 });
     plates.choice = Choice::STATED;
     assert_eq!(chosen(&plates), usual);
 }

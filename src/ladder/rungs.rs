@@ -25,7 +25,7 @@ const fn rung(equal_angle: (u32, u32), concentric: u32, subsample: f64, cuts: u3
 /// Where there are shadows or gloss. Finer bins and finer meshes go together: alone, each makes little better or worse.
 const DIRECTIONAL: [Rung; 5] = [
     rung((6, 8), 8, 10.0, 0, 3e-3),
-    rung((10, 13), 12, 30.0, 0, 1e-3),
+    rung((10, 13), 10, 30.0, 0, 1e-3),
     rung((14, 18), 16, 30.0, 1, 1e-3),
     rung((20, 26), 24, 30.0, 1, 3e-4),
     rung((28, 36), 32, 30.0, 2, 1e-4),
@@ -48,6 +48,10 @@ const USUAL_DIFFUSE: [f64; 5] = [0.015, 0.006, 0.003, 0.0015, 0.0];
 /// Share of the light of a bounce that a near field of this range loses or adds at most, measured in closed rooms and spheres:
 /// it counts ρ/(1 - ρ) times.
 const LOSS: [(f64, f64); 5] = [(10.0, 1.8e-3), (30.0, 8e-4), (60.0, 3e-4), (120.0, 1.5e-4), (400.0, 1e-5)];
+
+/// How much wider the near field of coarse blockers is. With 30, two plates closer than a triangle's size let 14 % through 10 x 10
+/// bins of one size, with 60 3.5 %.
+const COARSE_NEAR: f64 = 2.0;
 
 /// Share of the area that may be coarse blockers before bins of one size are better.
 const FEW: f64 = 0.05;
@@ -90,7 +94,10 @@ impl Rung {
     pub fn accuracy(&self, layout: Layout, near: f64, base: &Accuracy) -> Accuracy {
         Accuracy {
             bins: self.bins(layout, self.concentric),
-            subsample: self.subsample.max(near),
+            subsample: near.max(match layout {
+                Layout::Concentric => COARSE_NEAR * self.subsample,
+                Layout::EqualAngle | Layout::None => self.subsample,
+            }),
             tolerance: self.tolerance,
             ..*base
         }
@@ -140,17 +147,21 @@ pub fn layout(scene: &Scene, accuracy: &Accuracy) -> Result<Layout, PlanError> {
     Ok(if Warnings::coarse_share(&plan) > FEW { Layout::Concentric } else { Layout::EqualAngle })
 }
 
-/// Settings for a scene that leaves some open ([`Choice::Open`]): 12 x 12 bins of one size where [`layout`] asks for such, and a
-/// near field that keeps what is lost over all bounces within 1 %. All else is as it stands.
+/// Settings for a scene that leaves some open ([`Choice::Open`]): 10 x 10 bins of one size and a near field twice as wide where
+/// [`layout`] asks for such bins, and a near field that keeps what is lost over all bounces within 1 %. All else is as it
+/// stands.
 pub fn usual_accuracy(scene: &Scene) -> Result<Accuracy, PlanError> {
-    let mut accuracy = scene.accuracy;
-    if let Choice::Open { bins, subsample } = scene.choice {
-        if subsample {
-            accuracy.subsample = accuracy.subsample.max(near_field(mean_albedo(scene), 2.0 * USUAL_LOSS));
-        }
-        if bins && layout(scene, &accuracy)? == Layout::Concentric {
-            accuracy.bins = BinLayout::Concentric { n: 12 };
-        }
+    let given = scene.accuracy;
+    let Choice::Open { bins, subsample } = scene.choice else { return Ok(given) };
+    let coarse = (bins || subsample) && layout(scene, &given)? == Layout::Concentric;
+    let mut accuracy = given;
+    if subsample {
+        let wider = if coarse { COARSE_NEAR } else { 1.0 };
+        let bright = near_field(mean_albedo(scene), 2.0 * USUAL_LOSS);
+        accuracy.subsample = bright.max(wider * given.subsample);
+    }
+    if bins && coarse {
+        accuracy.bins = BinLayout::Concentric { n: 10 };
     }
     Ok(accuracy)
 }

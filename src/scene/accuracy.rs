@@ -100,7 +100,7 @@ pub enum Precision {
     #[default]
     F32,
     /// Single precision, but of sources far away radiance per bin is read in half the bits, with a relative error of up to
-    /// 2⁻⁹ a bin. A pass is faster where there are blockers, but for tolerances below 1e-3 GMRES may need more
+    /// 2⁻⁸ a bin. A pass is faster where there are blockers, but for tolerances below 1e-3 GMRES may need more
     /// passes. Scenes without colour, close pairs and gradients take f32.
     Packed,
     /// Double precision, for validation: needs a device with `shaderFloat64`, twice the memory, and several times the

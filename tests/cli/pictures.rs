@@ -200,6 +200,34 @@ fn options_for_the_solve() {
     assert!(line["solve"]["passes"].as_u64() > file["solve"]["passes"].as_u64());
 }
 
+/// An error that is asked for, in the scene or on the command line: arrays keep the rows of the scene's own triangles.
+#[test]
+fn settings_for_an_error() {
+    let scene = format!("{ROOM}[accuracy]\nerror = 0.5\n");
+    let folder = Folder::with(&[("room.toml", &scene)]);
+    let run = clean_render(&folder, "room.toml");
+    says(&run.stdout, &["step 1", "estimated error", "50.00 % was asked: kept"]);
+    let report = folder.json("out/report.json");
+    let (climb, triangles) = (&report["climb"], rows(&folder, "irradiance.npy").len());
+    assert_eq!((&climb["met"], &climb["error"]), (&true.into(), &0.5.into()));
+    assert_eq!(climb["steps"][0]["triangles"], triangles);
+    let rough = climb["steps"][0]["estimate"]["total"].as_f64().expect("an estimate");
+
+    clean_render(&folder, "room.toml --accuracy 0.005");
+    let climb = &folder.json("out/report.json")["climb"];
+    let last = climb["steps"].as_array().and_then(|steps| steps.last()).expect("a step").clone();
+    println!("{last}");
+    assert!(last["triangles"].as_u64() > Some(triangles as u64), "it cuts them");
+    assert!(last["estimate"]["total"].as_f64().is_some_and(|fine| fine < rough));
+    assert_eq!(rows(&folder, "irradiance.npy").len(), triangles);
+
+    // Stated settings go before the scene's error.
+    clean_render(&folder, "room.toml --bins 6x8");
+    let report = folder.json("out/report.json");
+    assert!(report["climb"].is_null());
+    assert_eq!(report["plan"]["bins"], "6x8");
+}
+
 /// A bare mesh gets a camera, and is told so; without `--output` the results go to a folder of the scene's name.
 #[test]
 fn a_bare_mesh() {

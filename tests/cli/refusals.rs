@@ -168,6 +168,8 @@ fn arguments_that_say_nothing() {
         ("--bins 10", ["--bins", "10x13"]),
         ("--bins concentric:5", ["--bins", "must be even"]),
         ("--bins 1x13", ["--bins", "theta = 1"]),
+        ("--accuracy 0", ["--accuracy", "0.02 is 2 %"]),
+        ("--accuracy 0.1 --bins 10x13", ["--accuracy", "--bins"]),
         ("--tolerance 1", ["--tolerance", "1e-7"]),
         ("--tolerance nan", ["--tolerance", "1e-7"]),
         ("--tolerance small", ["--tolerance", "small"]),

@@ -1,8 +1,8 @@
 //! Scenes that are written come back as they were.
 
 use antirad::scene::{
-    Accuracy, BinLayout, Camera, LoadOptions, Material, Mesh, Normalization, Precision, Scene, SolverChoice,
-    Triangle, Weights,
+    Accuracy, BinLayout, Camera, Choice, LoadOptions, Material, Mesh, Normalization, Precision, Scene,
+    SolverChoice, Triangle, Weights,
 };
 use glam::DVec3;
 use std::path::Path;
@@ -19,6 +19,7 @@ fn same(a: &Scene, b: &Scene) {
     assert_eq!(a.materials, b.materials);
     assert_eq!(a.cameras, b.cameras);
     assert_eq!(a.accuracy, b.accuracy);
+    assert_eq!(a.choice, b.choice);
     assert_eq!(a.degenerate, b.degenerate);
 }
 
@@ -87,6 +88,7 @@ fn awkward_scenes() {
         };
         scene.set_camera(camera).expect("a camera");
     }
+    scene.choice = Choice::STATED;
     scene.accuracy = Accuracy {
         bins: BinLayout::Concentric { n: 8 },
         weights: Weights::Smoothstep,
@@ -106,6 +108,13 @@ fn awkward_scenes() {
     let mut files = crate::names(folder.path());
     files.sort();
     assert_eq!(files, ["s.mtl", "s.toml", "s_1.obj", "s_2.obj", "s_3.obj"]);
+
+    // An error that is asked for stands alone: what would be found for it is left out.
+    scene.choice = Choice::Within(0.05);
+    scene.save(&path).expect("written");
+    let Accuracy { bins, subsample, tolerance, .. } = Accuracy::default();
+    scene.accuracy = Accuracy { bins, subsample, tolerance, ..scene.accuracy };
+    same(&scene, &load(&path));
 }
 
 /// Meshes in memory that share vertices: every corner is where it was.

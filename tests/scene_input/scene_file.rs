@@ -1,6 +1,6 @@
 //! TOML scene files.
 
-use antirad::scene::{Accuracy, BinLayout, Weights};
+use antirad::scene::{Accuracy, BinLayout, Choice, Weights};
 
 use super::{Folder, OBJ, TOML, assert_refused, assert_says, good, with_mesh};
 
@@ -67,6 +67,12 @@ fn broken_accuracy() {
         ("solver = \"gmre\"", vec!["s.toml:10", "did you mean `gmres`?"]),
         ("subsample = -1", vec!["s.toml:9", "subsample = -1"]),
         ("tolerance = 0", vec!["s.toml:9", "tolerance = 0", "between 0 and 1"]),
+        ("error = 0", vec!["s.toml:9", "error = 0", "0.02 is 2 %"]),
+        ("error = 2", vec!["s.toml:9", "between 0 and 1"]),
+        (
+            "error = 0.1\ntolerance = 1e-3",
+            vec!["s.toml:9", "`error` and `tolerance`", "leave one of the two out"],
+        ),
         ("max_passes = 0", vec!["s.toml:9", "max_passes"]),
         ("max_pases = 3", vec!["s.toml:10", "did you mean `max_passes`?"]),
     ] {
@@ -75,6 +81,21 @@ fn broken_accuracy() {
     let text = "[accuracy]\nbins = { concentric = 12 }\nweights = \"smoothstep\"\nsolver = \"fixed-point\"\n";
     let accuracy = good("s.toml", &[("s.toml", &with_mesh(text))]).accuracy;
     assert_eq!((accuracy.bins, accuracy.weights), (BinLayout::Concentric { n: 12 }, Weights::Smoothstep));
+}
+
+/// What is not stated is open.
+#[test]
+fn what_is_left_to_be_chosen() {
+    for (lines, choice) in [
+        ("", Choice::default()),
+        ("tolerance = 1e-3", Choice::Open { bins: true, subsample: true }),
+        ("bins = { concentric = 12 }", Choice::Open { bins: false, subsample: true }),
+        ("subsample = 30\nbins = { equal_angle = [10, 13] }", Choice::STATED),
+        ("error = 0.02\nmax_passes = 30", Choice::Within(0.02)),
+    ] {
+        let scene = good("s.toml", &[("s.toml", &with_mesh(&format!("[accuracy]\n{lines}\n")))]);
+        assert_eq!(scene.choice, choice, "{lines}");
+    }
 }
 
 #[test]

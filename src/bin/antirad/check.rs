@@ -31,7 +31,7 @@ struct Report<'a> {
 }
 
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
-    let scene = arguments.settings.load_settled()?;
+    let scene = arguments.settings.load_settled(interrupt)?;
     // Whether a solve fits the memory is the matter of `antirad plan`.
     let limits = Limits { memory_budget: u64::MAX, max_buffer: u64::MAX, ..Limits::default() };
     let warnings = interrupt.while_computing(|| {

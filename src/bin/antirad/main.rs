@@ -87,7 +87,7 @@ fn main() -> ExitCode {
         Command::Check(check) => check::run(&check, &interrupt),
         Command::Refine(refine) => refine::run(&refine, arguments.quiet, &interrupt),
         Command::Compare(compare) => compare::run(&compare),
-        Command::Plan(plan) => plan::run(&plan),
+        Command::Plan(plan) => plan::run(&plan, &interrupt),
         Command::Devices => devices::run(),
     };
     match result {

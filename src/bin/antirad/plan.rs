@@ -2,6 +2,7 @@
 
 use crate::Failure;
 use crate::settings::SceneSettings;
+use antirad::cli::Interrupt;
 use antirad::plan::{Limits, Plan};
 use clap::Args;
 
@@ -14,8 +15,8 @@ pub struct Arguments {
     json: bool,
 }
 
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let scene = arguments.settings.load_settled()?;
+pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
+    let scene = arguments.settings.load_settled(interrupt)?;
     let usual = Limits::default();
     let limits =
         Limits { memory_budget: arguments.settings.memory_budget.unwrap_or(usual.memory_budget), ..usual };

@@ -75,7 +75,7 @@ impl Stages {
 
 pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrupt) -> Result<(), Failure> {
     let mut stages = Stages::new();
-    let scene = arguments.settings.load()?;
+    let scene = arguments.settings.load(interrupt)?;
     let cameras = cameras::choose(&scene, &arguments.camera)?;
     let directory = arguments.output.clone().unwrap_or_else(|| Path::new("out").join(&scene.name));
     prepare_directory(&directory)?;
@@ -95,8 +95,9 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
                 let of = |camera: &&Camera| Rasterizer::bytes(scene.triangles.len(), camera, &options);
                 cameras.iter().map(of).map(|bytes| bytes.unwrap_or(u64::MAX)).max().unwrap_or(0)
             };
-            let found = solve_within(&device, &scene, &LadderOptions::new(error), &reserve, &mut solve);
-            Answer::climbed(found.map_err(failure)?)
+            let options = LadderOptions::new(error);
+            let climb = || solve_within(&device, &scene, &options, &reserve, &mut solve);
+            Answer::climbed(interrupt.while_computing(climb).map_err(failure)?)
         }
         Choice::Open { .. } => {
             let limits = Limits { pictures, ..Limits::of(&device) };
@@ -111,7 +112,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     };
     stages.end("solve");
     let Answer { scene: solved, irradiance, radiosity, mut engine, solution, climb } = answer;
-    let mut warnings = Warnings::of(&solved, engine.plan());
+    let mut warnings = interrupt.while_computing(|| Warnings::of(&solved, engine.plan()));
     stages.end("check");
     let rasterizer = Rasterizer::new(&device)?;
     let pictures = cameras

@@ -1,7 +1,7 @@
 //! Options that several commands share.
 
 use crate::Failure;
-use antirad::cli::parse_size;
+use antirad::cli::{Interrupt, parse_size};
 use antirad::ladder::usual_accuracy;
 use antirad::scene::{Accuracy, BinLayout, Choice, LoadOptions, Precision, Scene, SolverChoice};
 use clap::Args;
@@ -41,7 +41,7 @@ pub struct SceneSettings {
 impl SceneSettings {
     /// The scene, with the accuracy of its file where the command line has none. An error that is asked for stays an open
     /// choice; bins and near field that nobody states are chosen.
-    pub fn load(&self) -> Result<Scene, Failure> {
+    pub fn load(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
         let mut scene = Scene::load(&self.scene, &LoadOptions { strict: self.strict })?;
         let file = scene.accuracy;
         scene.accuracy = Accuracy {
@@ -64,19 +64,19 @@ impl SceneSettings {
         for warning in &scene.warnings {
             tracing::warn!("{warning}");
         }
-        scene.accuracy = usual_accuracy(&scene)?;
+        scene.accuracy = interrupt.while_computing(|| usual_accuracy(&scene))?;
         Ok(scene)
     }
 
     /// For commands that do not solve to an error: says that they take the usual settings.
-    pub fn load_settled(&self) -> Result<Scene, Failure> {
-        let mut scene = self.load()?;
+    pub fn load_settled(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
+        let mut scene = self.load(interrupt)?;
         if let Choice::Within(error) = scene.choice {
             tracing::warn!(
                 "settings for an error of {error} are found while `antirad render` solves; these are the usual ones"
             );
             scene.choice = Choice::default();
-            scene.accuracy = usual_accuracy(&scene)?;
+            scene.accuracy = interrupt.while_computing(|| usual_accuracy(&scene))?;
         }
         Ok(scene)
     }

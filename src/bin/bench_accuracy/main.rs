@@ -127,10 +127,11 @@ fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
             done += setting.cost();
             bar.set_position(((k as f64 + done / total) / names.len() as f64 * 1000.0) as u64);
         }
-        for &error in asked {
-            bar.set_message(format!("{name}: settings for {} %", 100.0 * error));
-            let row = measure::measure_asked(&device, &case, error, interrupt)?;
-            tracing::info!("{name}, {} % asked: {row}", 100.0 * error);
+        for options in &asked {
+            let percent = 100.0 * options.error;
+            bar.set_message(format!("{name}: settings for {percent} %"));
+            let row = measure::measure_asked(&device, &case, options, interrupt)?;
+            tracing::info!("{name}, {percent} % asked: {row}");
             rows.push(row);
             table::write(&arguments.output, &rows)?;
             done += sweep::ASKED_COST;

@@ -74,7 +74,7 @@ pub fn measure(
 pub fn measure_asked(
     device: &Device,
     case: &Case,
-    error: f64,
+    options: &LadderOptions,
     interrupt: &Interrupt,
 ) -> Result<Row, Box<dyn Error>> {
     let start = Instant::now();
@@ -84,7 +84,7 @@ pub fn measure_asked(
         engine.set_watcher(Some(Box::new(move |_, _| stop.flow())));
         engine.solve(&SolveParams::from(&scene.accuracy))
     };
-    let solved = solve_within(device, &case.scene, &LadderOptions::new(error), &|_| 0, &mut solve);
+    let solved = solve_within(device, &case.scene, options, &|_| 0, &mut solve);
     let solved = match solved {
         Ok(solved) => solved,
         Err(EngineError::Solve(error @ (SolveError::Diverged { .. } | SolveError::NoConvergence { .. }))) => {
@@ -99,7 +99,7 @@ pub fn measure_asked(
     let setting = Setting { accuracy: solved.scene.accuracy, level, varies: ASKED };
     let mut row = Row {
         triangles: solved.scene.triangles.len(),
-        asked: Some(error),
+        asked: Some(options.error),
         estimate: last.and_then(|step| step.estimate).map(|estimate| estimate.total),
         seconds,
         passes: solved.climb.steps.iter().map(|step| step.passes).sum(),

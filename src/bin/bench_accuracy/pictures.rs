@@ -6,6 +6,7 @@ use crate::measure::{Errors, colours, interrupted_or, is_diffuse};
 use antirad::cli::{Interrupt, Panel, Sheet, percentile, signed_heat, white_point};
 use antirad::gpu::Device;
 use antirad::image::{Coverage, ImageError, Rasterizer};
+use antirad::ladder::usual_accuracy;
 use antirad::plan::{Limits, Plan};
 use antirad::scene::{Accuracy, Camera, LoadOptions, Scene};
 use antirad::warnings::{RefineOptions, refine};
@@ -51,7 +52,8 @@ pub fn draw(arguments: &Arguments, device: &Device, interrupt: &Interrupt) -> Re
         String::from("|---|---|---|---|---|---|---|---|"),
     ];
     for path in &arguments.pictures {
-        let scene = Scene::load(path, &LoadOptions::default())?;
+        let mut scene = Scene::load(path, &LoadOptions::default())?;
+        scene.accuracy = usual_accuracy(&scene)?;
         if !is_diffuse(&scene) {
             return Err(format!(
                 "{} has glossy materials, whose colours the path tracer does not tell; take diffuse ones",

@@ -1,6 +1,7 @@
 //! Which settings are measured.
 
 use crate::cases::Case;
+use antirad::ladder::LadderOptions;
 use antirad::scene::{Accuracy, BinLayout, Precision, SolverChoice, Weights};
 use std::fmt;
 
@@ -34,11 +35,16 @@ impl fmt::Display for Setting {
 }
 
 /// Errors that are asked for, so that settings are found. The cost of one is about [`ASKED_COST`].
-pub fn asked(case: &Case, quick: bool) -> &'static [f64] {
-    match (case.scene.triangles.len(), quick) {
+pub fn asked(case: &Case, quick: bool) -> Vec<LadderOptions> {
+    let errors: &[f64] = match (case.scene.triangles.len(), quick) {
         (0..1500, _) | (_, false) => &[0.1, 0.05, 0.02],
         _ => &[0.1, 0.05],
-    }
+    };
+    let options = |&error| match quick {
+        true => LadderOptions { error, max_triangles: 6000 },
+        false => LadderOptions::new(error),
+    };
+    errors.iter().map(options).collect()
 }
 
 /// As [`Setting::cost`].
