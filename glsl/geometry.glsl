@@ -33,7 +33,9 @@ real33 orthonormal_basis(real3 n) {
 real3 in_frame(real3 n, real3 v) {
     real s = frame_sign(n);
     real along = dot(n, v);
-    real k = (along + s * v.z) / (s + n.z);
+    // Of the triangle alone: it leaves the loops over others.
+    real inverse = 1.0 / (s + n.z);
+    real k = (along + s * v.z) * inverse;
     return real3(v.x - s * n.x * k, s * v.y - n.y * k, along);
 }
 

@@ -53,7 +53,11 @@ void main() {
             real r2 = max(dot(d, d), R2_MIN);
             real from = dot(d, source.normal);
             real to = max(-dot(d, receiver.normal), 0.0);
-            real share = near ? far_share(r2, half_range * (source.extent + receiver.extent)) : 1.0;
+            real share = 1.0;
+            // A loop: tiles that are far apart, nearly all, skip it.
+            for (uint once = near ? 1 : 0; once > 0; once--) {
+                share = far_share(r2, half_range * (source.extent + receiver.extent));
+            }
             real side = from > 0.0 ? real(fronts) : real(backs);
             real weight = side * share * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
             // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.

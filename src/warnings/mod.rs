@@ -204,8 +204,8 @@ impl Warnings {
                  in a row: {}",
                 quoted(&names)
             ),
-            way_out: "antirad refine, a mesh finer than the distance of the layers, fewer bins, or one layer in place of \
-                      several"
+            way_out: "antirad refine, a mesh finer than the distance of the layers, bins of one size (--bins \
+                      concentric:10), or one layer in place of several"
                 .to_owned(),
             measure: "product of a/(d² s_b) over the layers",
             ..Warning::blank()
@@ -225,7 +225,7 @@ impl Warnings {
                  there are wrong by about a tenth of a/(d² s_b), which should be below {GAIN_LIMIT}",
                 plan.accuracy.bins
             ),
-            way_out: "antirad refine, a finer mesh, or fewer bins (--bins)".to_owned(),
+            way_out: "antirad refine, a finer mesh, or bins of one size (--bins concentric:10)".to_owned(),
             measure: "a/(d² s_b): the blocker's solid angle, in pieces, over that of a bin",
             ..Warning::blank()
         });

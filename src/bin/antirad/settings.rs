@@ -14,7 +14,7 @@ pub struct SceneSettings {
     /// Find bins, near field, mesh and tolerance for a relative error of irradiance, e.g. 0.02
     #[arg(long, value_name = "ERROR", value_parser = parse_error, conflicts_with_all = ["bins", "tolerance"])]
     accuracy: Option<f64>,
-    /// Direction bins per hemisphere: 10x13 (polar x azimuth) or concentric:12 [default: 10x13, or concentric:12 where
+    /// Direction bins per hemisphere: 10x13 (polar x azimuth) or concentric:12 [default: 10x13, or concentric:10 where
     /// blockers are coarse]
     #[arg(long, value_name = "LAYOUT")]
     bins: Option<BinLayout>,
