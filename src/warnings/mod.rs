@@ -124,10 +124,11 @@ impl Warnings {
         warnings
     }
 
-    /// Share of the scene's area, 0 to 1, that coarse blockers take ([`Kind::CoarseBlockers`]).
+    /// Share of the scene's area, 0 to 1, that blockers take whose a/(d² s_b) is above 1, so that what they do wrong grows from
+    /// layer to layer ([`Kind::CoarseBlockers`] are those above one half).
     pub fn coarse_share(plan: &Plan) -> f64 {
         let area = |triangle: usize| plan.facets[triangle].area;
-        let blockers = Gains::above(GAIN_LIMIT, plan).of_blocker;
+        let blockers = Gains::above(1.0, plan).of_blocker;
         let coarse: f64 = blockers.iter().flatten().map(|gain| area(gain.blocker as usize)).sum();
         coarse / (0..plan.facets.len()).map(area).sum::<f64>().max(f64::MIN_POSITIVE)
     }

@@ -208,7 +208,7 @@ fn settings_for_an_error() {
     let run = clean_render(&folder, "room.toml");
     says(&run.stdout, &["step 1", "estimated error", "50.00 % was asked: kept"]);
     let report = folder.json("out/report.json");
-    let (climb, triangles) = (&report["climb"], rows(&folder, "irradiance.npy").len());
+    let (climb, triangles) = (&report["climb"], rows(&folder, "out/irradiance.npy").len());
     assert_eq!((&climb["met"], &climb["error"]), (&true.into(), &0.5.into()));
     assert_eq!(climb["steps"][0]["triangles"], triangles);
     let rough = climb["steps"][0]["estimate"]["total"].as_f64().expect("an estimate");
@@ -219,7 +219,7 @@ fn settings_for_an_error() {
     println!("{last}");
     assert!(last["triangles"].as_u64() > Some(triangles as u64), "it cuts them");
     assert!(last["estimate"]["total"].as_f64().is_some_and(|fine| fine < rough));
-    assert_eq!(rows(&folder, "irradiance.npy").len(), triangles);
+    assert_eq!(rows(&folder, "out/irradiance.npy").len(), triangles);
 
     // Stated settings go before the scene's error.
     clean_render(&folder, "room.toml --bins 6x8");
