@@ -6,6 +6,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
+/// How long work that watches the signal itself has to end by itself.
+const GRACE: Duration = Duration::from_millis(400);
+
 /// Set by the first Ctrl-C (or SIGTERM); a second one ends the process on the spot.
 #[derive(Clone, Default)]
 pub struct Interrupt {
@@ -46,13 +49,15 @@ impl Interrupt {
         if self.terminated.load(Ordering::SeqCst) { super::EXIT_TERMINATED } else { super::EXIT_INTERRUPTED }
     }
 
-    /// Does work that nothing else can interrupt. At the signal the process ends; so the work must not write anything.
+    /// Does work that is not all interruptible by itself. Soon after the signal the process ends; so the work must not write
+    /// anything.
     pub fn while_computing<T>(&self, work: impl FnOnce() -> T) -> T {
         let (done, finished) = std::sync::mpsc::channel::<()>();
         let interrupt = self.clone();
         let watch = move || {
             while finished.recv_timeout(Duration::from_millis(50)) == Err(RecvTimeoutError::Timeout) {
-                if interrupt.is_set() {
+                // What can stop by itself is given the time to.
+                if interrupt.is_set() && finished.recv_timeout(GRACE) == Err(RecvTimeoutError::Timeout) {
                     eprintln!("antirad: interrupted; nothing was written");
                     std::process::exit(interrupt.exit_code().into());
                 }

@@ -28,9 +28,12 @@ pub struct LadderOptions {
 }
 
 impl LadderOptions {
-    /// With room for 200 000 triangles.
+    /// What is allowed if nobody says otherwise.
+    pub const MAX_TRIANGLES: usize = 200_000;
+
+    /// With room for [`LadderOptions::MAX_TRIANGLES`].
     pub fn new(error: f64) -> Self {
-        Self { error, max_triangles: 200_000 }
+        Self { error, max_triangles: Self::MAX_TRIANGLES }
     }
 }
 
@@ -157,7 +160,7 @@ struct Ground<'a> {
 enum NoRoom {
     #[error(transparent)]
     Plan(#[from] PlanError),
-    #[error("it takes {triangles} triangles, and {allowed} are allowed")]
+    #[error("it takes {triangles} triangles, and {allowed} are allowed (--max-triangles)")]
     Triangles { triangles: usize, allowed: usize },
 }
 

@@ -50,3 +50,28 @@ fn an_interrupted_render_ends_soon_and_writes_nothing() {
         assert!(took < SOON, "{took:?} from the signal to the end");
     }
 }
+
+/// Settings are found by planning and solving in turn; it stops in either.
+#[test]
+fn an_interrupted_search_for_settings_ends_soon_and_writes_nothing() {
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell_boxes_fine.toml");
+    for wait in [300, 1500] {
+        let folder = Folder::with(&[]);
+        let mut tool = folder.tool(["render", "--output", "out", "--accuracy", "0.01"]);
+        let child =
+            tool.arg(&scene).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
+        std::thread::sleep(Duration::from_millis(wait));
+        let sent = Instant::now();
+        assert!(
+            Command::new("kill")
+                .args(["-INT", &child.id().to_string()])
+                .status()
+                .expect("kill runs")
+                .success()
+        );
+        let run = Run::from(child.wait_with_output().expect("the tool ends"));
+        assert_eq!(run.code, Some(130), "{run:?}");
+        assert_eq!(run.stderr, "antirad: interrupted; nothing was written\n");
+        assert!(sent.elapsed() < SOON && folder.results().is_empty(), "{:?}", sent.elapsed());
+    }
+}

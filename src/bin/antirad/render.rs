@@ -14,6 +14,7 @@ use antirad::scene::{Camera, Choice, Precision, Scene};
 use antirad::warnings::Warnings;
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use clap::Args;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -26,6 +27,9 @@ pub struct Arguments {
     /// Picture from this camera only; may be given several times [default: all cameras of the scene]
     #[arg(long, value_name = "NAME")]
     camera: Vec<String>,
+    /// Triangles that --accuracy may cut the scene to
+    #[arg(long, value_name = "NUMBER", default_value_t = LadderOptions::MAX_TRIANGLES)]
+    max_triangles: usize,
     /// Where the results go [default: out/SCENE]
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -95,7 +99,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
                 let of = |camera: &&Camera| Rasterizer::bytes(scene.triangles.len(), camera, &options);
                 cameras.iter().map(of).map(|bytes| bytes.unwrap_or(u64::MAX)).max().unwrap_or(0)
             };
-            let options = LadderOptions::new(error);
+            let options = LadderOptions { error, max_triangles: arguments.max_triangles };
             let climb = || solve_within(&device, &scene, &options, &reserve, &mut solve);
             Answer::climbed(interrupt.while_computing(climb).map_err(failure)?)
         }
@@ -167,8 +171,8 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
 }
 
 /// A scene as it was solved, with what was found on the triangles of the scene as it was given.
-struct Answer {
-    scene: Scene,
+struct Answer<'a> {
+    scene: Cow<'a, Scene>,
     irradiance: Vec<[f64; 3]>,
     radiosity: Vec<[f64; 3]>,
     engine: Engine,
@@ -176,17 +180,17 @@ struct Answer {
     climb: Option<Climb>,
 }
 
-impl Answer {
-    fn plain(scene: &Scene, engine: Engine, solution: Solution) -> Self {
+impl<'a> Answer<'a> {
+    fn plain(scene: &'a Scene, engine: Engine, solution: Solution) -> Self {
         let (irradiance, radiosity) = (solution.irradiance.clone(), solution.radiosity.clone());
-        Self { scene: scene.clone(), irradiance, radiosity, engine, solution, climb: None }
+        Self { scene: Cow::Borrowed(scene), irradiance, radiosity, engine, solution, climb: None }
     }
 
     fn climbed(solved: Solved) -> Self {
         let irradiance = solved.on_given(&solved.solution.irradiance);
         let radiosity = solved.on_given(&solved.solution.radiosity);
         let Solved { scene, engine, solution, climb, .. } = solved;
-        Self { scene, irradiance, radiosity, engine, solution, climb: Some(climb) }
+        Self { scene: Cow::Owned(scene), irradiance, radiosity, engine, solution, climb: Some(climb) }
     }
 }
 
