@@ -96,6 +96,11 @@ pub struct Solution {
 }
 
 impl EngineError {
+    /// Whether the solver ran and found no answer: what is asked has none, and all else works.
+    pub fn is_without_answer(&self) -> bool {
+        matches!(self, Self::Solve(SolveError::Diverged { .. } | SolveError::NoConvergence { .. }))
+    }
+
     /// Whether a progress callback or watcher stopped the work: no failure, and nothing to report.
     pub fn is_interruption(&self) -> bool {
         matches!(

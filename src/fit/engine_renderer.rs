@@ -6,7 +6,6 @@ use crate::gpu::Device;
 use crate::image::{Coverage, ImageError, PictureOptions, Rasterizer, geometry_gradient};
 use crate::plan::{Limits, Plan, Wanted};
 use crate::scene::{Camera, Scene};
-use crate::solve::SolveError;
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
 use glam::DVec3;
 use std::ops::ControlFlow;
@@ -207,9 +206,7 @@ fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RenderError 
 fn sort_out(error: EngineError) -> RenderError {
     match error {
         error if error.is_interruption() => RenderError::Interrupted,
-        EngineError::Solve(SolveError::Diverged { .. } | SolveError::NoConvergence { .. }) => {
-            RenderError::NoAnswer(error.to_string())
-        }
+        error if error.is_without_answer() => RenderError::NoAnswer(error.to_string()),
         other => failed(other),
     }
 }

@@ -11,10 +11,8 @@ pub use rungs::{Layout, layout, usual_accuracy};
 use crate::gpu::Device;
 use crate::plan::{Limits, Plan, PlanError};
 use crate::scene::{Accuracy, Scene};
-use crate::solve::SolveError;
 use crate::{Engine, EngineError, Solution};
-use glam::DVec3;
-use rungs::{Rung, mean_albedo, near_field};
+use rungs::{Rung, is_directional, mean_albedo, near_field};
 use serde::Serialize;
 use std::fmt;
 
@@ -84,7 +82,7 @@ pub struct Solved {
 impl Solved {
     /// Values per triangle of the solved scene, as means over area on the triangles of the given one: a row for each.
     pub fn on_given(&self, values: &[[f64; 3]]) -> Vec<[f64; 3]> {
-        means(&self.scene, &self.parents, values, &self.areas)
+        self.scene.means_on(&self.parents, &self.areas, values)
     }
 }
 
@@ -100,10 +98,10 @@ pub fn solve_within(
     reserve: &dyn Fn(&Scene) -> u64,
     solve: &mut Solve,
 ) -> Result<Solved, EngineError> {
-    let ground = Ground::new(device, scene, options, reserve)?;
+    let ground = Ground::new(device, scene, options, reserve);
     let ladder = Rung::ladder(ground.directional);
     // Rather less exact than not at all: the start is the highest rung that fits.
-    let mut number = Rung::start(ground.directional, options.error);
+    let mut number = Rung::start(ladder, options.error);
     let mut trial = loop {
         match ground.trial(&ladder[number]) {
             Err(NoRoom::Plan(error)) if number == 0 => return Err(error.into()),
@@ -187,18 +185,18 @@ impl<'a> Ground<'a> {
         scene: &'a Scene,
         options: &'a LadderOptions,
         reserve: &'a dyn Fn(&Scene) -> u64,
-    ) -> Result<Self, PlanError> {
+    ) -> Self {
         let areas: Vec<f64> = (0..scene.triangles.len()).map(|i| scene.area_vector(i).length()).collect();
-        Ok(Self {
+        Self {
             device,
             scene,
             options,
             reserve,
             areas,
-            directional: layout(scene, &scene.accuracy)? != Layout::None,
+            directional: is_directional(scene),
             albedo: mean_albedo(scene),
             near: near_field(mean_albedo(scene), options.error),
-        })
+        }
     }
 
     fn reason(&self) -> String {
@@ -216,11 +214,7 @@ impl<'a> Ground<'a> {
             return Err(NoRoom::Triangles { triangles, allowed: self.options.max_triangles });
         }
         let mut scene = self.scene.clone();
-        let mut parents: Vec<u32> = (0..scene.triangles.len() as u32).collect();
-        for _ in 0..rung.cuts {
-            let all: Vec<u32> = (0..scene.triangles.len() as u32).collect();
-            parents = scene.split(&all).into_iter().map(|parent| parents[parent as usize]).collect();
-        }
+        let parents = scene.split_all(rung.cuts);
         let given = &self.scene.accuracy;
         let layout = layout(&scene, &rung.accuracy(Layout::EqualAngle, self.near, given))?;
         scene.accuracy = rung.accuracy(layout, self.near, given);
@@ -251,7 +245,7 @@ impl Trial {
         scene.accuracy = own;
         let mut engine = Engine::new(ground.device, &scene, plan)?;
         let solved = unless_stopped(solve(&mut engine, &scene))?;
-        let on_given = |s: &Solution| means(&scene, &parents, &s.irradiance, &ground.areas);
+        let on_given = |s: &Solution| scene.means_on(&parents, &ground.areas, &s.irradiance);
         let estimate = match (&solved, &other) {
             (Ok(solution), Ok(other)) => Some(Estimate::new(
                 [&on_given(solution), &on_given(other)],
@@ -283,21 +277,10 @@ fn unless_stopped(
     result: Result<Solution, EngineError>,
 ) -> Result<Result<Solution, EngineError>, EngineError> {
     match result {
-        Err(error @ EngineError::Solve(SolveError::Diverged { .. } | SolveError::NoConvergence { .. })) => {
-            Ok(Err(error))
-        }
+        Err(error) if error.is_without_answer() => Ok(Err(error)),
         Err(error) => Err(error),
         Ok(solution) => Ok(Ok(solution)),
     }
-}
-
-/// Means over area of values per triangle, by the triangles that they are parts of.
-fn means(scene: &Scene, parents: &[u32], values: &[[f64; 3]], areas: &[f64]) -> Vec<[f64; 3]> {
-    let mut sums = vec![DVec3::ZERO; areas.len()];
-    for (i, (&parent, &value)) in parents.iter().zip(values).enumerate() {
-        sums[parent as usize] += scene.area_vector(i).length() * DVec3::from(value);
-    }
-    sums.iter().zip(areas).map(|(sum, area)| (*sum / area.max(f64::MIN_POSITIVE)).to_array()).collect()
 }
 
 impl fmt::Display for Step {

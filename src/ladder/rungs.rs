@@ -1,6 +1,6 @@
 //! Settings from cheap to exact, and which of them a scene starts at.
 
-use crate::plan::{Limits, Plan, PlanError};
+use crate::plan::{Limits, Plan, PlanError, classify};
 use crate::scene::{Accuracy, BinLayout, Choice, Material, Scene};
 use crate::warnings::Warnings;
 use serde::Serialize;
@@ -16,34 +16,38 @@ pub(super) struct Rung {
     /// Times that every triangle is cut into four.
     pub cuts: u32,
     pub tolerance: f64,
+    /// Error that the sweep of `bench_accuracy` found with it in usual scenes.
+    usual: f64,
 }
 
-const fn rung(equal_angle: (u32, u32), concentric: u32, subsample: f64, cuts: u32, tolerance: f64) -> Rung {
-    Rung { equal_angle, concentric, subsample, cuts, tolerance }
+const fn rung(
+    equal_angle: (u32, u32),
+    concentric: u32,
+    subsample: f64,
+    cuts: u32,
+    tolerance: f64,
+    usual: f64,
+) -> Rung {
+    Rung { equal_angle, concentric, subsample, cuts, tolerance, usual }
 }
 
 /// Where there are shadows or gloss. Finer bins and finer meshes go together: alone, each makes little better or worse.
 const DIRECTIONAL: [Rung; 5] = [
-    rung((6, 8), 8, 10.0, 0, 3e-3),
-    rung((10, 13), 10, 30.0, 0, 1e-3),
-    rung((14, 18), 16, 30.0, 1, 1e-3),
-    rung((20, 26), 24, 30.0, 1, 3e-4),
-    rung((28, 36), 32, 30.0, 2, 1e-4),
+    rung((6, 8), 8, 10.0, 0, 3e-3, 0.08),
+    rung((10, 13), 10, 30.0, 0, 1e-3, 0.04),
+    rung((14, 18), 16, 30.0, 1, 1e-3, 0.025),
+    rung((20, 26), 24, 30.0, 1, 3e-4, 0.02),
+    rung((28, 36), 32, 30.0, 2, 1e-4, 0.01),
 ];
 
 /// Where there are none: bins do not matter, the near field and the mesh do.
 const DIFFUSE: [Rung; 5] = [
-    rung((2, 3), 2, 10.0, 0, 3e-3),
-    rung((2, 3), 2, 30.0, 0, 1e-3),
-    rung((2, 3), 2, 60.0, 1, 3e-4),
-    rung((2, 3), 2, 120.0, 2, 1e-4),
-    rung((2, 3), 2, 400.0, 3, 1e-5),
+    rung((2, 3), 2, 10.0, 0, 3e-3, 0.015),
+    rung((2, 3), 2, 30.0, 0, 1e-3, 0.006),
+    rung((2, 3), 2, 60.0, 1, 3e-4, 0.003),
+    rung((2, 3), 2, 120.0, 2, 1e-4, 0.0015),
+    rung((2, 3), 2, 400.0, 3, 1e-5, 0.0),
 ];
-
-/// Errors that the sweep of `bench_accuracy` found with the rungs in usual scenes; a scene starts at the first that is within
-/// what is asked.
-const USUAL_DIRECTIONAL: [f64; 5] = [0.08, 0.04, 0.025, 0.02, 0.01];
-const USUAL_DIFFUSE: [f64; 5] = [0.015, 0.006, 0.003, 0.0015, 0.0];
 
 /// Share of the light of a bounce that a near field of this range loses or adds at most, measured in closed rooms and spheres:
 /// it counts ρ/(1 - ρ) times.
@@ -85,10 +89,9 @@ impl Rung {
         if directional { &DIRECTIONAL } else { &DIFFUSE }
     }
 
-    /// The first rung that usually is within `error`.
-    pub fn start(directional: bool, error: f64) -> usize {
-        let usual = if directional { &USUAL_DIRECTIONAL } else { &USUAL_DIFFUSE };
-        usual.iter().position(|&e| e <= error).unwrap_or(usual.len() - 1)
+    /// The first rung of a ladder that usually is within `error`.
+    pub fn start(ladder: &[Self], error: f64) -> usize {
+        ladder.iter().position(|rung| rung.usual <= error).unwrap_or(ladder.len() - 1)
     }
 
     pub fn accuracy(&self, layout: Layout, near: f64, base: &Accuracy) -> Accuracy {
@@ -135,15 +138,19 @@ pub(super) fn near_field(albedo: f64, error: f64) -> f64 {
     enough.map_or(LOSS[LOSS.len() - 1].0, |&(range, _)| range)
 }
 
+/// Whether there is shadow or gloss.
+pub(super) fn is_directional(scene: &Scene) -> bool {
+    classify(scene).iter().any(|class| class.has_bins())
+}
+
 /// Which bins suit a scene: those of equal polar angle, unless under them coarse blockers take more than a twentieth of
 /// the area ([`Warnings::coarse_share`]). Looks at pairs of triangles that are near, without a device.
 pub fn layout(scene: &Scene, accuracy: &Accuracy) -> Result<Layout, PlanError> {
-    // Only what is near matters here, not whether a solve would fit the memory.
-    let limits = Limits { memory_budget: u64::MAX, max_buffer: u64::MAX, ..Limits::default() };
-    let plan = Plan::new(scene, &limits, accuracy)?;
-    if !plan.classes.iter().any(|class| class.has_bins()) {
+    if !is_directional(scene) {
         return Ok(Layout::None);
     }
+    // Only what is near matters here, not whether a solve would fit the memory.
+    let plan = Plan::new(scene, &Limits::default().boundless(), accuracy)?;
     Ok(if Warnings::coarse_share(&plan) > FEW { Layout::Concentric } else { Layout::EqualAngle })
 }
 

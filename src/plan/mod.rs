@@ -68,6 +68,13 @@ pub enum Occlusion {
     Everything,
 }
 
+impl Limits {
+    /// With room for everything: for plans that are looked at and never run.
+    pub fn boundless(self) -> Self {
+        Self { memory_budget: u64::MAX, max_buffer: u64::MAX, ..self }
+    }
+}
+
 impl Default for Limits {
     /// Lavapipe: a heap of 2 GiB, 128 MiB per storage buffer.
     fn default() -> Self {

@@ -3,7 +3,7 @@
 use super::geometry::{centroid, quarters};
 use super::near_field::projected_solid_angle;
 use crate::scene::{Material, Scene, SceneBuilder, SceneError, Shape};
-use glam::{DAffine3, DQuat, DVec2, DVec3};
+use glam::{DAffine3, DVec2, DVec3};
 use rayon::prelude::*;
 
 /// A lamp over thin closed plates over a floor, all black but the lamp: the plates hide the lamp from all of the floor, so
@@ -24,6 +24,15 @@ pub struct Plates {
     pub lamp: f64,
 }
 
+/// Puts a unit square of the ground at a height, m, centred over the origin, with sides of so many metres.
+fn square(side: f64, height: f64) -> DAffine3 {
+    DAffine3::from_translation(DVec3::new(-0.5 * side, height, -0.5 * side))
+        * DAffine3::from_scale(DVec3::new(side, 1.0, side))
+}
+
+/// Turns what faces up.
+const DOWN: DAffine3 = DAffine3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::Z, DVec3::ZERO);
+
 /// A square lamp 2 m above a floor of 2 x 2 m, and between them a square blocker of 0.8 x 0.8 m in 12 x 12 cells, all black
 /// but the lamp.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,19 +51,13 @@ impl Shadow {
 
     /// Meshes "floor", "blocker" and "lamp".
     pub fn scene(&self) -> Result<Scene, SceneError> {
-        let at = |side: f64, height: f64, up: f64| {
-            let flip = DAffine3::from_scale(DVec3::new(1.0, up, 1.0));
-            let place = DVec3::new(-0.5 * side, height, -0.5 * side);
-            DAffine3::from_scale_rotation_translation(DVec3::new(side, 1.0, side), DQuat::IDENTITY, place)
-                * flip
-        };
         let black = Material::named("black");
         let light = Material { emission: [Self::RADIANCE; 3], ..Material::named("lamp") };
         let mut builder = SceneBuilder::new();
         builder
-            .shape("floor", Shape::Quad { cells: 24 }, &black, at(2.0, 0.0, 1.0))
-            .shape("blocker", Shape::Quad { cells: 12 }, &black, at(2.0 * Self::BLOCKER, self.height, 1.0))
-            .shape("lamp", Shape::Quad { cells: 2 }, &light, at(self.lamp, Self::LAMP_HEIGHT, -1.0));
+            .shape("floor", Shape::Quad { cells: 24 }, &black, square(2.0, 0.0))
+            .shape("blocker", Shape::Quad { cells: 12 }, &black, square(2.0 * Self::BLOCKER, self.height))
+            .shape("lamp", Shape::Quad { cells: 2 }, &light, square(self.lamp, Self::LAMP_HEIGHT) * DOWN);
         builder.finish("shadow")
     }
 
@@ -114,16 +117,8 @@ impl Plates {
         let black = Material::named("black");
         let lamp = Material { emission: [10.0; 3], ..Material::named("lamp") };
         let mut builder = SceneBuilder::new();
-        let square = |side: f64, height: f64| {
-            DAffine3::from_scale_rotation_translation(
-                DVec3::new(side, 1.0, side),
-                DQuat::IDENTITY,
-                DVec3::new(-0.5 * side, height, -0.5 * side),
-            )
-        };
         builder.shape("floor", Shape::Quad { cells: self.cells }, &black, square(1.0, 0.0));
-        let down = DAffine3::from_scale(DVec3::new(1.0, -1.0, 1.0));
-        builder.shape("lamp", Shape::Quad { cells: 2 }, &lamp, square(self.lamp, 2.0) * down);
+        builder.shape("lamp", Shape::Quad { cells: 2 }, &lamp, square(self.lamp, 2.0) * DOWN);
         for k in 0..self.count {
             let bottom = self.height + f64::from(k) * (self.thickness + self.gap);
             let place =

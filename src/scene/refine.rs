@@ -2,6 +2,7 @@
 
 use super::Scene;
 use super::geometry::subdivide;
+use glam::DVec3;
 
 impl Scene {
     /// Cuts each of the triangles (rising, each once) into the four that the midpoints of its edges make, in its place:
@@ -40,6 +41,28 @@ impl Scene {
         self.origins = origins;
         self.update_degenerate();
         parents
+    }
+
+    /// Cuts every triangle into four, so many times. Returns for each new triangle the first one that it came from.
+    pub fn split_all(&mut self, times: u32) -> Vec<u32> {
+        let every = |scene: &Self| -> Vec<u32> { (0..scene.triangles.len() as u32).collect() };
+        let mut parents = every(self);
+        for _ in 0..times {
+            let cut = self.split(&every(self));
+            parents = cut.into_iter().map(|parent| parents[parent as usize]).collect();
+        }
+        parents
+    }
+
+    /// Values per triangle of a scene that was split, as means over area on the triangles of the scene before.
+    ///
+    /// `parents`: per triangle the one that it came from; `areas`: of those, m².
+    pub fn means_on(&self, parents: &[u32], areas: &[f64], values: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        let mut sums = vec![DVec3::ZERO; areas.len()];
+        for (i, (&parent, &value)) in parents.iter().zip(values).enumerate() {
+            sums[parent as usize] += self.area_vector(i).length() * DVec3::from(value);
+        }
+        sums.iter().zip(areas).map(|(sum, area)| (*sum / area.max(f64::MIN_POSITIVE)).to_array()).collect()
     }
 }
 

@@ -49,11 +49,7 @@ pub enum RefineError {
 pub fn refine(scene: &mut Scene, limits: &Limits, options: &RefineOptions) -> Result<Refined, RefineError> {
     let plan = |scene: &Scene| {
         // Only what is near matters here, not whether a solve would fit the memory.
-        Plan::new(
-            scene,
-            &Limits { memory_budget: u64::MAX, max_buffer: u64::MAX, ..*limits },
-            &scene.accuracy,
-        )
+        Plan::new(scene, &limits.boundless(), &scene.accuracy)
     };
     let (count, allowed) = (scene.triangles.len(), options.max_triangles);
     let before = Warnings::of(scene, &plan(scene)?);

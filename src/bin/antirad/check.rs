@@ -33,7 +33,7 @@ struct Report<'a> {
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
     let scene = arguments.settings.load_settled(interrupt)?;
     // Whether a solve fits the memory is the matter of `antirad plan`.
-    let limits = Limits { memory_budget: u64::MAX, max_buffer: u64::MAX, ..Limits::default() };
+    let limits = Limits::default().boundless();
     let warnings = interrupt.while_computing(|| {
         Plan::new(&scene, &limits, &scene.accuracy).map(|plan| Warnings::of(&scene, &plan))
     })?;

@@ -10,7 +10,6 @@ use antirad::image::Rasterizer;
 use antirad::ladder::{LadderOptions, solve_within};
 use antirad::plan::{Limits, Plan};
 use antirad::scene::{Camera, Scene};
-use antirad::solve::SolveError;
 use antirad::{Engine, EngineError, SolveParams};
 use glam::DVec3;
 use std::error::Error;
@@ -27,11 +26,7 @@ pub fn measure(
     interrupt: &Interrupt,
 ) -> Result<Row, Box<dyn Error>> {
     let mut scene = Scene { accuracy: setting.accuracy, ..case.scene.clone() };
-    let mut parents: Vec<u32> = (0..scene.triangles.len() as u32).collect();
-    for _ in 0..setting.level {
-        let all: Vec<u32> = (0..scene.triangles.len() as u32).collect();
-        parents = scene.split(&all).into_iter().map(|parent| parents[parent as usize]).collect();
-    }
+    let parents = scene.split_all(setting.level);
     let plan = Plan::new(&scene, &Limits::of(device), &scene.accuracy)?;
     let bytes = plan.memory().total();
     let mut engine = Engine::new(device, &scene, plan)?;
@@ -40,8 +35,8 @@ pub fn measure(
     engine.set_watcher(Some(Box::new(move |_, _| stop.flow())));
     let warm_up = SolveParams { tolerance: 0.9, max_passes: 3 };
     match engine.solve(&warm_up) {
-        Ok(_) | Err(EngineError::Solve(SolveError::NoConvergence { .. } | SolveError::Diverged { .. })) => (),
-        Err(error) => return Err(interrupted_or(error, interrupt)),
+        Err(error) if !error.is_without_answer() => return Err(interrupted_or(error, interrupt)),
+        _ => (),
     }
     let mut row = Row { triangles: scene.triangles.len(), bytes, ..Row::new(case, setting) };
     let start = Instant::now();
@@ -49,7 +44,7 @@ pub fn measure(
     row.seconds = start.elapsed().as_secs_f64();
     let solution = match solved {
         Ok(solution) => solution,
-        Err(EngineError::Solve(error @ (SolveError::Diverged { .. } | SolveError::NoConvergence { .. }))) => {
+        Err(error) if error.is_without_answer() => {
             row.failure = error.to_string();
             return Ok(row);
         }
@@ -59,14 +54,7 @@ pub fn measure(
     row.residuals = solution.info.residuals.clone();
     row.negative = solution.negative.triangles;
 
-    // Of the unrefined triangles: means over area.
-    let mut found = vec![DVec3::ZERO; case.areas.len()];
-    for (i, &parent) in parents.iter().enumerate() {
-        let parent = parent as usize;
-        found[parent] += scene.area_vector(i).length() / case.areas[parent].max(f64::MIN_POSITIVE)
-            * DVec3::from(solution.irradiance[i]);
-    }
-    judge(&mut row, device, case, &found)?;
+    judge(&mut row, device, case, scene.means_on(&parents, &case.areas, &solution.irradiance))?;
     Ok(row)
 }
 
@@ -87,7 +75,7 @@ pub fn measure_asked(
     let solved = solve_within(device, &case.scene, options, &|_| 0, &mut solve);
     let solved = match solved {
         Ok(solved) => solved,
-        Err(EngineError::Solve(error @ (SolveError::Diverged { .. } | SolveError::NoConvergence { .. }))) => {
+        Err(error) if error.is_without_answer() => {
             let setting = Setting { accuracy: case.scene.accuracy, level: 0, varies: ASKED };
             return Ok(Row { failure: error.to_string(), ..Row::new(case, &setting) });
         }
@@ -107,9 +95,7 @@ pub fn measure_asked(
         negative: solved.solution.negative.triangles,
         ..Row::new(case, &setting)
     };
-    let found: Vec<DVec3> =
-        solved.on_given(&solved.solution.irradiance).into_iter().map(DVec3::from).collect();
-    judge(&mut row, device, case, &found)?;
+    judge(&mut row, device, case, solved.on_given(&solved.solution.irradiance))?;
     Ok(row)
 }
 
@@ -117,7 +103,8 @@ pub fn measure_asked(
 const ASKED: &str = "asked";
 
 /// `found`: irradiance of the scene's own triangles.
-fn judge(row: &mut Row, device: &Device, case: &Case, found: &[DVec3]) -> Result<(), Box<dyn Error>> {
+fn judge(row: &mut Row, device: &Device, case: &Case, found: Vec<[f64; 3]>) -> Result<(), Box<dyn Error>> {
+    let found: Vec<DVec3> = found.into_iter().map(DVec3::from).collect();
     match &case.truth {
         Truth::Mean { material, irradiance } => {
             let receives = |i: &usize| case.scene.material(*i).name == *material;
@@ -126,7 +113,7 @@ fn judge(row: &mut Row, device: &Device, case: &Case, found: &[DVec3]) -> Result
             let mean = of(&|i| case.areas[i] * found[i].x) / of(&|i| case.areas[i]);
             row.error = Some((mean / irradiance - 1.0).abs());
         }
-        Truth::Triangles(truth) => compare(row, device, case, found, truth)?,
+        Truth::Triangles(truth) => compare(row, device, case, &found, truth)?,
     }
     Ok(())
 }
