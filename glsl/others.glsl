@@ -4,8 +4,12 @@
 // for that, and lavapipe takes a quarter of what a broadcast from lane to lane costs. Expects OTHERS_BINDING, the first
 // of two bindings.
 
-// Of sixteen tiles of 64: 64 KiB in double precision, which is what devices promise.
+// 64 KiB of facets, which is what common devices offer.
+#ifdef F64
 const uint OTHERS = 1024;
+#else
+const uint OTHERS = 2048;
+#endif
 
 layout(std140, binding = OTHERS_BINDING) uniform Others { Facet others[OTHERS]; };
 layout(std140, binding = OTHERS_BINDING + 1) uniform OthersRadiance { real4 others_radiance[OTHERS]; };

@@ -49,6 +49,7 @@ pub use info::{DeviceInfo, DeviceKind, Enabled, ListedDevice};
 pub use memory::{ALIGN, Bytes, LabelReport, MemoryReport, rounded};
 pub use pipeline::{Bindings, MAX_PUSH_BYTES, Pipeline};
 pub use profile::ProfileRow;
+pub(crate) use survey::UNIFORM_BYTES;
 pub use survey::list_devices;
 pub use transfer::{STAGING_CHUNK, staging_bytes};
 pub use validation::ValidationLog;

@@ -94,7 +94,7 @@ pub(super) fn choose(mut found: Vec<Candidate>, selector: Option<&str>) -> Resul
 }
 
 /// What kernels see of a uniform buffer at most; common devices offer that or more.
-const UNIFORM_BYTES: u32 = 1 << 16;
+pub(crate) const UNIFORM_BYTES: u32 = 1 << 16;
 
 impl Candidate {
     /// `queue_family`: the one to judge, else the first that computes.

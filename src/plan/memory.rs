@@ -1,6 +1,6 @@
 //! Bytes, by label, before they are allocated. The engine asserts that it allocates these and no others.
 
-use super::{Bins, Group, Plan, PlanError, Residency, UNIFORM_SLOTS};
+use super::{Bins, Group, Plan, PlanError, Residency};
 use crate::scene::Precision;
 
 /// Every buffer's size is rounded up to a multiple of this.
@@ -49,7 +49,7 @@ impl MemoryPlan {
         let real = plan.accuracy.precision.bytes();
         let slots = u64::from(plan.layout.slots());
         let mut memory = Self::default();
-        let seen = slots + u64::from(UNIFORM_SLOTS);
+        let seen = slots + u64::from(plan.other_slots());
         memory.add("facets", seen * FACET * real, 1);
         memory.add("corners", slots * CORNERS * real, 1);
         memory.add("surfaces", slots * SURFACE * real, 1);

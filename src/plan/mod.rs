@@ -24,9 +24,9 @@ pub(crate) use order::{Block, morton};
 pub use report::{ClassReport, PairReport, PlanReport, StatesReport};
 pub use residency::{Piece, Residency};
 pub use tiles::{Group, Layout, PADDING, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, TilePairs};
-pub(crate) use tiles::{OTHER_TILES, UNIFORM_SLOTS};
 pub use wanted::Wanted;
 
+use crate::gpu::UNIFORM_BYTES;
 use crate::reference::Facet;
 use crate::scene::{Accuracy, Precision, Scene, SolverChoice};
 use glam::DVec3;
@@ -302,7 +302,7 @@ impl Plan {
 
     /// Bytes of packed bins of the sources of one dispatch.
     pub(crate) fn packed_bytes(&self) -> u64 {
-        (OTHER_TILES as usize).min(self.tiles_with_bins().len()) as u64
+        u64::from(self.other_tiles()).min(self.tiles_with_bins().len() as u64)
             * u64::from(self.layout.tile)
             * memory::PACKED_BIN
             * self.bins.count() as u64
@@ -321,6 +321,21 @@ impl Plan {
     /// Bytes of what kernels read of each triangle.
     pub(crate) fn facet_bytes(&self) -> u64 {
         memory::FACET * self.accuracy.precision.bytes()
+    }
+
+    /// Slots of others that a dispatch sees (glsl/others.glsl): buffers that are bound so go on for as many more behind the
+    /// last one. After a dispatch sums go to memory: the number is always the same, so that sums don't depend on how the
+    /// work is cut.
+    ///
+    /// Few enough for lavapipe, which leaves every loop of an invocation after 65535 iterations of all its loops together,
+    /// without a word: 64 others take at most 1 + 8 + 64 · 20 of them, even if its compiler unrolls nothing.
+    pub(crate) fn other_slots(&self) -> u32 {
+        UNIFORM_BYTES / self.facet_bytes() as u32
+    }
+
+    /// The same in tiles.
+    pub(crate) fn other_tiles(&self) -> u32 {
+        self.other_slots() / self.layout.tile
     }
 
     /// Bytes of one vec4 of reals.

@@ -1,6 +1,6 @@
 //! Where states live while a scene is solved, and in which pieces a pass goes over them.
 
-use super::{Group, MemoryPlan, OTHER_TILES, PAIR_BACK, PAIR_FRONT, Plan, PlanError};
+use super::{Group, MemoryPlan, PAIR_BACK, PAIR_FRONT, Plan, PlanError};
 use std::ops::Range;
 
 /// Where states live.
@@ -138,12 +138,13 @@ impl Plan {
         let most = most(page.min(MOST_WINDOW_BYTES)).min(total);
         // First as few sweeps as leave an eighth for sources, or what a dispatch takes of them; then as many sources as
         // these sweeps leave room for. Windows are all of about the same size: as many, and no short one at the end.
-        let reserved = (tiles / 8).max((tiles / 2).min(each * u64::from(OTHER_TILES)));
+        let dispatch = self.other_tiles();
+        let reserved = (tiles / 8).max((tiles / 2).min(each * u64::from(dispatch)));
         let receivers = u64::from(most).min(1 + tiles - reserved) as u32;
         let receivers = total.div_ceil(total.div_ceil(receivers));
         let left = tiles.saturating_sub(u64::from(receivers - 1)) / each;
         let sources = u64::from(most).min(1 + left) as u32;
-        let step = if sources < OTHER_TILES { 1 } else { OTHER_TILES };
+        let step = if sources < dispatch { 1 } else { dispatch };
         let sources = sources / step * step;
         let sources = total.div_ceil(total.div_ceil(sources)).next_multiple_of(step).min(sources);
         self.set_windows(receivers, sources, least_staging + more_staging);

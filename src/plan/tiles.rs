@@ -19,15 +19,6 @@ pub const PAIR_NEAR: u32 = 4;
 /// Tile pairs per word of [`TilePairs::flags`].
 const PER_WORD: usize = 8;
 
-/// Tiles of others per dispatch, after which sums go to memory: always the same, so that sums don't depend on how the
-/// work is cut. Few enough for lavapipe, which leaves every loop of an invocation after 65535 iterations of all its loops
-/// together, without a word: a tile of 64 takes at most 1 + 8 + 64 · 20 of them, even if its compiler unrolls
-/// nothing.
-pub const OTHER_TILES: u32 = 16;
-/// Slots that kernels see of uniform buffers (glsl/others.glsl), at least those of [`OTHER_TILES`]: buffers that are bound
-/// so have as many more at their end.
-pub const UNIFORM_SLOTS: u32 = 1024;
-
 /// A run of tiles of one class. Where states live on the device, the bins of its triangles stand in one page of each.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Group {

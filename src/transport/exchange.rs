@@ -8,7 +8,7 @@ use super::sweep::{Between, Kernels, OfOthers, Sweep};
 use super::watch::{TransportError, Watch};
 use super::{Context, bin_constants};
 use crate::gpu::{Bindings, Device, GpuError};
-use crate::plan::{Class, Group, OTHER_TILES, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::plan::{Class, Group, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
 /// Close sources per receiver and dispatch: lavapipe bounds the iterations of all loops of an invocation together by
@@ -161,7 +161,7 @@ impl Exchange {
                 }
                 // What is packed lasts for one dispatch of sources.
                 let packing = self.packing.as_ref().filter(|_| from.class.has_bins());
-                let step = if packing.is_some() { OTHER_TILES } else { u32::MAX };
+                let step = if packing.is_some() { plan.other_tiles() } else { u32::MAX };
                 for part in from.parts(step) {
                     let sent = match packing {
                         Some(packing) => {

@@ -2,7 +2,7 @@
 
 use super::real;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
-use crate::plan::{PADDING, Plan, UNIFORM_SLOTS};
+use crate::plan::{PADDING, Plan};
 use crate::reference::Facet;
 use crate::scene::{Material, Scene};
 use bytemuck::Pod;
@@ -59,7 +59,7 @@ impl SceneBuffers {
         let bins = plan.bins.centre.iter().zip(&plan.bins.projected);
         let bin_table: Vec<f64> = bins.flat_map(|(c, &p)| [c.x, c.y, c.z, p]).collect();
         let mut facets = by_slot(plan, |i| facet_reals(&plan.facets[i]));
-        facets.resize(facets.len() + UNIFORM_SLOTS as usize * FACET, 0.0);
+        facets.resize(facets.len() + plan.other_slots() as usize * FACET, 0.0);
         let reals =
             |label: &str, values: &[f64]| real::filled(device, label, plan.accuracy.precision, values);
         Ok(Self {

@@ -4,7 +4,7 @@ use super::real;
 use super::residency::{Hosted, Part, View, Windows};
 use super::watch::TransportError;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
-use crate::plan::{Group, Plan, Residency, UNIFORM_SLOTS};
+use crate::plan::{Group, Plan, Residency};
 use crate::scene::Precision;
 use std::sync::Arc;
 
@@ -135,7 +135,7 @@ impl Leaving {
         Ok(Self {
             radiance: buffer(
                 "radiance",
-                plan.irradiance_bytes() + u64::from(UNIFORM_SLOTS) * plan.rgb_bytes(),
+                plan.irradiance_bytes() + u64::from(plan.other_slots()) * plan.rgb_bytes(),
             )?,
             specular,
             window,

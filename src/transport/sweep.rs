@@ -5,7 +5,7 @@ use super::pace::{Bundle, Pace};
 use super::watch::{TransportError, Watch};
 use super::{Context, WORKGROUP};
 use crate::gpu::{Bindings, Buffer, BufferSlice, Device, DeviceKind, GpuError, Pipeline};
-use crate::plan::{Group, NearPairs, OTHER_TILES, PAIR_BACK, PAIR_FRONT, Plan, UNIFORM_SLOTS};
+use crate::plan::{Group, NearPairs, PAIR_BACK, PAIR_FRONT, Plan};
 use crate::shaders::RealShader;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::ops::Range;
@@ -58,7 +58,7 @@ pub struct Kernels<'a> {
     pub single: bool,
     /// Specialization of both, beyond lanes and tiles.
     pub constants: Vec<(u32, u32)>,
-    /// Close others per owner and dispatch: a bound like [`OTHER_TILES`].
+    /// Close others per owner and dispatch: bounded as [`Plan::other_slots`] is.
     pub take: u32,
     /// Bins of which a pair reads four at either end, so many ends: for the profile.
     pub gathers: u64,
@@ -82,7 +82,7 @@ pub struct Sweep {
     shape: String,
 }
 
-/// A buffer of values per slot, of which a dispatch sees those of its others. It goes on for [`UNIFORM_SLOTS`] slots behind
+/// A buffer of values per slot, of which a dispatch sees those of its others. It goes on for [`Plan::other_slots`] behind
 /// the last, so that there is always that much to see.
 #[derive(Clone, Copy)]
 pub struct OfOthers<'a> {
@@ -171,7 +171,7 @@ impl Sweep {
         let Self { far, far_pace, workgroups, bytes, shape, .. } = self;
         let mut passed = 0;
         let mut bundle = Bundle::new(device, far_pace, watch);
-        for run in tile_runs(&others.tiles) {
+        for run in tile_runs(&others.tiles, plan.other_tiles()) {
             let pairs_of_row = u64::from(tile * tile) * run.len() as u64;
             let mut begin = owners.tiles.start;
             while begin < owners.tiles.end {
@@ -189,7 +189,7 @@ impl Sweep {
                 let from = u64::from(run.start * tile);
                 let seen = uniforms
                     .iter()
-                    .map(|of| of.buffer.slice(from * of.bytes, u64::from(UNIFORM_SLOTS) * of.bytes));
+                    .map(|of| of.buffer.slice(from * of.bytes, u64::from(plan.other_slots()) * of.bytes));
                 let buffers: Vec<_> = buffers.iter().copied().chain(seen).collect();
                 let groups = [rows, *workgroups, 1];
                 passed += passing_tiles(plan, between, begin..begin + rows, run.clone(), passing);
@@ -282,10 +282,10 @@ fn passing_tiles(plan: &Plan, between: Between, owners: Range<u32>, others: Rang
     owners.map(|owner| others.clone().filter(|&other| passes(owner, other)).count() as u64).sum()
 }
 
-/// Runs of tiles, one a dispatch.
-fn tile_runs(tiles: &Range<u32>) -> impl Iterator<Item = Range<u32>> + use<> {
+/// Runs of at most so many tiles, one a dispatch.
+fn tile_runs(tiles: &Range<u32>, most: u32) -> impl Iterator<Item = Range<u32>> + use<> {
     let end = tiles.end;
-    (tiles.start..end).step_by(OTHER_TILES as usize).map(move |start| start..(start + OTHER_TILES).min(end))
+    (tiles.start..end).step_by(most as usize).map(move |start| start..(start + most).min(end))
 }
 
 #[cfg(test)]
@@ -295,9 +295,9 @@ mod tests {
     #[test]
     fn tile_runs_cover_everything_once() {
         for (start, end) in [(0, 1000), (37, 1000), (64, 65), (100, 5000)] {
-            let all: Vec<u32> = tile_runs(&(start..end)).flatten().collect();
+            let all: Vec<u32> = tile_runs(&(start..end), 32).flatten().collect();
             assert_eq!(all, (start..end).collect::<Vec<_>>());
-            assert!(tile_runs(&(start..end)).all(|run| run.len() <= OTHER_TILES as usize));
+            assert!(tile_runs(&(start..end), 32).all(|run| run.len() <= 32));
         }
     }
 }
