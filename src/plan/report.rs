@@ -4,8 +4,8 @@ use super::{MemoryItem, PADDING, Plan, PlannedSolver, Residency};
 use std::fmt;
 
 /// Pairs per second that estimates of time count on: two cores of a CPU driver.
-const IRRADIANCE_RATE: f64 = 300e6;
-const BINS_RATE: f64 = 15e6;
+const IRRADIANCE_RATE: f64 = 1e9;
+const BINS_RATE: f64 = 60e6;
 const NEAR_RATE: f64 = 0.5e6;
 /// Bytes per second between host and device.
 const MOVE_RATE: f64 = 2e9;
