@@ -25,6 +25,7 @@ layout(std430, binding = 7) readonly buffer NearOffsets { uint near_offsets[]; }
 layout(std430, binding = 8) readonly buffer NearOthers { uint near_others[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
 layout(std430, binding = 9) readonly buffer BinTable { real4 bin_table[]; };
+layout(std430, binding = 10) readonly buffer NearOwners { uint near_owners[]; };
 
 #include "near_push.glsl"
 #include "adjoint_bins.glsl"
@@ -55,9 +56,8 @@ void piece(real3 p, real3 q, real3 r, real3 point, real diffuse, real binned) {
 }
 
 void main() {
-    uint i = owner_begin + gl_GlobalInvocationID.x;
-    bool active_lane = i < owner_end;
-    i = active_lane ? i : owner_begin;
+    bool active_lane = gl_GlobalInvocationID.x < owners;
+    uint i = owned(active_lane);
     Facet source = facets[i];
     source_normal = source.normal;
     source_extent = source.extent;

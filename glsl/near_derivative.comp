@@ -27,6 +27,7 @@ layout(scalar, binding = 6) readonly buffer CotangentRgb { real3 cotangent_rgb[]
 layout(std430, binding = 7) readonly buffer NearOffsets { uint near_offsets[]; };
 layout(std430, binding = 8) readonly buffer NearOthers { uint near_others[]; };
 layout(std430, binding = 9) readonly buffer Corners { real4 corners[]; };
+layout(std430, binding = 10) readonly buffer NearOwners { uint near_owners[]; };
 
 #include "near_push.glsl"
 #include "source_bins.glsl"
@@ -99,9 +100,8 @@ real piece(real33 source, real33 receiver, real33 from, real3 to, real diffuse, 
 }
 
 void main() {
-    uint owner = owner_begin + gl_GlobalInvocationID.x;
-    bool active_lane = owner < owner_end;
-    owner = active_lane ? owner : owner_begin;
+    bool active_lane = gl_GlobalInvocationID.x < owners;
+    uint owner = owned(active_lane);
     Facet own = facets[owner];
     real33 own_corners = real33(corners[3 * owner].xyz, corners[3 * owner + 1].xyz, corners[3 * owner + 2].xyz);
     real by_extent = 0.0;

@@ -1,13 +1,13 @@
 #ifndef NEAR_PUSH_GLSL
 #define NEAR_PUSH_GLSL
 // What the kernels of close pairs are told. A lane owns a triangle, the receiver forwards and the source in the adjoint,
-// and walks its list of close others. Expects `near_offsets`: of each owner, where its list starts in `near_others`, one
-// entry more than there are slots; and `near_others`: slots, rising within each list.
+// and walks its list of close others. Expects `near_owners`: slots of owners; `near_offsets`: of each slot, where its list
+// starts in `near_others`, one entry more than there are slots; and `near_others`: slots, rising within each list.
 
 layout(push_constant) uniform NearPush {
-    // Owners, from slot `owner_begin` to before `owner_end`.
+    // The first of `near_owners`, and how many of them.
     uint owner_begin;
-    uint owner_end;
+    uint owners;
     // Others of other slots are passed over.
     uint other_begin;
     uint other_end;
@@ -30,6 +30,11 @@ uint first_at_least(uint slot, uint begin, uint end) {
         end = below ? end : middle;
     }
     return begin;
+}
+
+// The slot that this lane owns; that of the first lane if it is idle.
+uint owned(bool active_lane) {
+    return near_owners[active_lane ? owner_begin + gl_GlobalInvocationID.x : owner_begin];
 }
 
 // The part of its list that `owner` walks in this dispatch; none if the lane is idle.

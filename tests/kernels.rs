@@ -273,7 +273,7 @@ fn layouts_agree_with_the_shaders() {
             NearPush,
             [
                 "owner_begin" = owner_begin,
-                "owner_end" = owner_end,
+                "owners" = owners,
                 "other_begin" = other_begin,
                 "other_end" = other_end,
                 "half_range" = half_range,

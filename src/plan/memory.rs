@@ -58,6 +58,7 @@ impl MemoryPlan {
         memory.add("bin table", plan.bins.count() as u64 * RGB * real, 1);
         memory.add("tile pairs", plan.tile_pairs.flags.len() as u64 * 4, 1);
         memory.add("near offsets", plan.near.offsets.len() as u64 * 4, 1);
+        memory.add("near owners", slots * 4, 1);
         memory.add("near sources", plan.near.others.len() as u64 * 4, 1);
         memory.add("partial sums", PARTIAL_SUMS * real, 1);
         memory.add("no bins", real, 1);

@@ -87,7 +87,7 @@ impl Exchange {
                 true => (&shaders::TRANSPORT_BINS, Bindings { storage: 7, uniform: 2 }),
                 false => (&shaders::TRANSPORT_IRRADIANCE, Bindings { storage: 3, uniform: 2 }),
             },
-            near: (&shaders::NEAR, 10),
+            near: (&shaders::NEAR, 11),
             single: shape.any_bins(),
             constants: [&shape.constants(plan)[..], &[(10, u32::from(plan.packs()))]].concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },

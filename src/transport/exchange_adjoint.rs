@@ -21,7 +21,7 @@ impl ExchangeAdjoint {
                 true => (&shaders::TRANSPORT_BINS_ADJOINT, 8.into()),
                 false => (&shaders::TRANSPORT_IRRADIANCE_ADJOINT, 4.into()),
             },
-            near: (&shaders::NEAR_ADJOINT, 10),
+            near: (&shaders::NEAR_ADJOINT, 11),
             single: shape.any_bins(),
             constants: shape.constants(plan),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },

@@ -29,7 +29,7 @@ impl ExchangeDerivative {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape, owns_source: bool| Kernels {
             far: (&shaders::TRANSPORT_DERIVATIVE, 8.into()),
-            near: (&shaders::NEAR_DERIVATIVE, 10),
+            near: (&shaders::NEAR_DERIVATIVE, 11),
             single: true,
             constants: [&shape.constants(plan)[..], &[(OWNS_SOURCE, u32::from(owns_source))]].concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },

@@ -7,7 +7,7 @@ use crate::gpu::{Batch, Device, GpuError};
 /// Seconds a submission should take.
 const TARGET: f64 = 0.15;
 /// Workgroups along one axis that every device takes.
-const MOST_GROUPS: u32 = 65_535;
+pub const MOST_GROUPS: u32 = 65_535;
 /// A submission may grow by this much over the one before: rates are noisy.
 const GROWTH: f64 = 4.0;
 

@@ -48,6 +48,8 @@ pub struct SceneBuffers {
     pub tile_pairs: Buffer,
     pub near_offsets: Buffer,
     pub near_sources: Buffer,
+    /// Slots of the owners of a sweep over close pairs, in the order in which lanes take them.
+    pub near_owners: Buffer,
     /// Bound where a kernel has no use for bins.
     pub no_bins: Buffer,
 }
@@ -70,6 +72,12 @@ impl SceneBuffers {
             tile_pairs: filled(device, "tile pairs", &plan.tile_pairs.flags)?,
             near_offsets: filled(device, "near offsets", &plan.near.offsets)?,
             near_sources: filled(device, "near sources", &plan.near.others)?,
+            near_owners: Buffer::new(
+                device,
+                "near owners",
+                u64::from(plan.layout.slots()) * 4,
+                BufferKind::Storage,
+            )?,
             no_bins: reals("no bins", &[0.0])?,
         })
     }

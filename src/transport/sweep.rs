@@ -1,13 +1,14 @@
 //! Walking over pairs of triangles: point to point by tiles, and over pieces for close pairs. What U, its transpose and
 //! its derivatives have in common.
 
-use super::pace::{Bundle, Pace};
+use super::Context;
+use super::pace::{Bundle, MOST_GROUPS, Pace};
 use super::watch::{TransportError, Watch};
-use super::{Context, WORKGROUP};
 use crate::gpu::{Bindings, Buffer, BufferSlice, Device, DeviceKind, GpuError, Pipeline};
 use crate::plan::{Group, NearPairs, PAIR_BACK, PAIR_FRONT, Plan};
 use crate::shaders::RealShader;
 use bytemuck::{Pod, Zeroable, bytes_of};
+use std::cmp::Reverse;
 use std::ops::Range;
 
 /// `FarPush` of glsl/far_push.glsl.
@@ -29,7 +30,7 @@ pub struct FarPush {
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct NearPush {
     pub owner_begin: u32,
-    pub owner_end: u32,
+    pub owners: u32,
     pub other_begin: u32,
     pub other_end: u32,
     pub half_range: f32,
@@ -51,7 +52,8 @@ const PIECES: u32 = 16;
 
 /// What a sweep is made of.
 pub struct Kernels<'a> {
-    /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the others of a dispatch.
+    /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the others of a dispatch; the last
+    /// buffer of `near` is that of owners.
     pub far: (&'a RealShader, Bindings),
     pub near: (&'a RealShader, u32),
     /// Whether a lane of `far` owns one triangle, or one in each run of lanes of a tile.
@@ -74,6 +76,8 @@ pub struct Sweep {
     /// Workgroups of `far` per tile of owners.
     workgroups: u32,
     near: Pipeline,
+    /// Lanes of a workgroup of `near`.
+    lanes: u32,
     take: u32,
     far_pace: Pace,
     near_pace: Pace,
@@ -125,13 +129,14 @@ impl Sweep {
         let owned = f64::from(if single { lanes } else { plan.limits.tile });
         let shared = u32::from(shares_deposits(device, plan, lanes, deposits));
         let of_far = [&[(0, lanes), (1, plan.limits.tile), (11, shared)][..], &constants].concat();
-        let of_near = [&[(0, WORKGROUP)][..], &constants].concat();
+        let of_near = [&[(0, lanes), (11, shared)][..], &constants].concat();
         let far_push = size_of::<FarPush>() as u32;
         let near_push = size_of::<NearPush>() as u32;
         Ok(Self {
             far: Pipeline::new(device, far.0.of(precision), far.1, far_push, &of_far, Some(lanes))?,
             workgroups: if single { plan.limits.tile / lanes } else { 1 },
             near: Pipeline::new(device, near.0.of(precision), near.1, near_push, &of_near, None)?,
+            lanes,
             take,
             far_pace: Pace::new(if single { 2e6 } else { 5e7 }),
             near_pace: Pace::new(1e5),
@@ -216,29 +221,37 @@ impl Sweep {
         backs: bool,
         watch: &mut Watch,
     ) -> Result<(), TransportError> {
-        let Context { device, plan, .. } = context;
-        let (owners, others) =
-            (plan.layout.slots_of(&between.owners.tiles), plan.layout.slots_of(&between.others.tiles));
-        // How many close others each owner has here.
-        let counts: Vec<u32> = owners.clone().map(|owner| list.of(owner, &others).len() as u32).collect();
-        let Self { near, near_pace, take, bytes, shape, .. } = self;
+        let Context { device, plan, scene, .. } = context;
+        let others = plan.layout.slots_of(&between.others.tiles);
+        let owners = busy_owners(list, plan.layout.slots_of(&between.owners.tiles), &others);
+        if owners.is_empty() {
+            return Ok(());
+        }
+        let slots: Vec<u32> = owners.iter().map(|owner| owner.slot).collect();
+        device.upload_slice(&scene.near_owners, 0, &slots)?;
+        let buffers = [buffers, &[scene.near_owners.whole()]].concat();
+        let Self { near, near_pace, lanes, take, bytes, shape, .. } = self;
         let mut bundle = Bundle::new(device, near_pace, watch);
-        let mut begin = 0;
-        while begin < counts.len() {
-            // Owners with something to do, as many whole workgroups as make a submission, at least one.
-            begin += counts[begin..].iter().take_while(|&&n| n == 0).count();
-            let mut work = 0;
-            let workgroups = counts[begin..].chunks(WORKGROUP as usize).take_while(|owners| {
-                work += owners.iter().copied().map(u64::from).sum::<u64>();
-                work <= bundle.affordable()
-            });
-            let end = (begin + workgroups.count().max(1) * WORKGROUP as usize).min(counts.len());
-            let run = &counts[begin..end];
-            let longest = run.iter().copied().max().unwrap_or(0);
-            for skip in (0..longest).step_by(*take as usize) {
+        let longest = owners.iter().map(|owner| owner.others).max().unwrap_or(0);
+        for skip in (0..longest).step_by(*take as usize) {
+            let left = |owner: &Owner| u64::from(owner.others.saturating_sub(skip).min(*take));
+            let end = owners.iter().rposition(|owner| left(owner) > 0).map_or(0, |last| last + 1);
+            let mut begin = 0;
+            while begin < end {
+                // As many whole workgroups as make a submission, at least one.
+                let mut pairs = 0;
+                let workgroups = owners[begin..end].chunks(*lanes as usize).take(MOST_GROUPS as usize);
+                let workgroups = workgroups.take_while(|group| {
+                    let more = group.iter().map(left).sum::<u64>();
+                    let fits = pairs == 0 || pairs + more <= bundle.affordable();
+                    pairs += if fits { more } else { 0 };
+                    fits
+                });
+                let workgroups = workgroups.count() as u32;
+                let count = (workgroups * *lanes).min((end - begin) as u32);
                 let push = NearPush {
-                    owner_begin: owners.start + begin as u32,
-                    owner_end: owners.start + end as u32,
+                    owner_begin: begin as u32,
+                    owners: count,
                     other_begin: others.start,
                     other_end: others.end,
                     half_range: 0.5 * plan.accuracy.subsample as f32,
@@ -248,19 +261,33 @@ impl Sweep {
                     skip,
                     take: *take,
                 };
-                let taken = run.iter().map(|n| u64::from(n.saturating_sub(skip).min(*take))).sum();
-                let groups = [(run.len() as u32).div_ceil(WORKGROUP), 1, 1];
-                bundle.add(taken, taken * NEAR_COST, |batch| {
-                    batch.dispatch(near, shape, buffers, bytes_of(&push), groups)
+                bundle.add(pairs, pairs * NEAR_COST, |batch| {
+                    batch.dispatch(near, shape, &buffers, bytes_of(&push), [workgroups, 1, 1])
                 })?;
+                begin += count as usize;
             }
-            begin = end;
         }
         bundle.submit()?;
-        let pairs = counts.iter().copied().map(u64::from).sum();
+        let pairs = owners.iter().map(|owner| u64::from(owner.others)).sum();
         device.credit(near.kernel(), shape, pairs, (pairs as f64 * bytes[1]) as u64);
         Ok(())
     }
+}
+
+/// Who has close others, and how many.
+struct Owner {
+    slot: u32,
+    others: u32,
+}
+
+/// Those of a range of slots with close ones among `others`: who has many comes first, so that lanes that work together
+/// have about as much to do; who has about as many stand by slot, so that they share what they read.
+fn busy_owners(list: &NearPairs, owners: Range<u32>, others: &Range<u32>) -> Vec<Owner> {
+    let of = |slot| Owner { slot, others: list.of(slot, others).len() as u32 };
+    let mut owners: Vec<Owner> = owners.map(of).filter(|owner| owner.others > 0).collect();
+    // Steps of a ninth.
+    owners.sort_by_key(|owner| Reverse((8.0 * f64::from(owner.others).log2()) as u32));
+    owners
 }
 
 /// Whether `lanes` gather so many sets of bins in memory of their workgroup. CPU drivers are quicker at that; on GPUs it

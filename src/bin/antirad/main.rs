@@ -16,15 +16,18 @@ use antirad::cli::{self, Interrupt};
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
+/// Help lists these options behind those of each command, which count from 0.
+const LAST: usize = 100;
+
 /// What a scene is made of, from pictures of it; and pictures of a scene, with full global illumination.
 #[derive(Parser)]
 #[command(version, about, after_help = EXAMPLES)]
 struct Arguments {
     /// No progress, no summary, no warnings: errors alone
-    #[arg(short, long, global = true)]
+    #[arg(short, long, global = true, display_order = LAST)]
     quiet: bool,
     /// More to read: once for what is done, twice for everything
-    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    #[arg(short, long, global = true, display_order = LAST, action = clap::ArgAction::Count)]
     verbose: u8,
     #[command(subcommand)]
     command: Command,
