@@ -39,7 +39,7 @@ real3 sum = real3(0.0);
 void piece(real3 p, real3 q, real3 r, real3 point, real diffuse, real binned) {
     real3 offset = point - (p + q + r) * (real(1.0) / 3.0);
     real side = dot(offset, source_normal);
-    bool apart = side != 0.0 && dot(offset, offset) > COINCIDENT * source_extent;
+    bool apart = side * side > COINCIDENT * source_extent;
     bool front = side > 0.0;
     diffuse = front ? diffuse : real(0.0);
     binned = (SOURCE_FRONT && front) || (SOURCE_BACK && !front) ? binned : real(0.0);
@@ -74,22 +74,34 @@ void main() {
         real3 between = receiver.centre - source.centre;
         real range = half_range * (source.extent + receiver.extent);
         real near = 1.0 - far_share(dot(between, between), range);
-        for (uint pair = 0; pair < 16; pair++) {
-            real3 p = u, q = v, r = w, e = a, f = b, g = c;
-            quarter(pair & 3, p, q, r);
-            quarter(pair >> 2, e, f, g);
+        for (uint onto = 0; onto < 4; onto++) {
+            real3 e = a, f = b, g = c;
+            quarter(onto, e, f, g);
             real3 point = (e + f + g) * (real(1.0) / 3.0);
-            real far = 1.0;
-            if (SOURCE_BACK || SOURCE_FRONT) {
-                real3 d = point - (p + q + r) * (real(1.0) / 3.0);
-                far = far_share(dot(d, d), range * QUARTER_RANGE);
-            }
-            piece(p, q, r, point, near * 0.25, near * far * 0.25);
-            for (uint finer = far < 1.0 ? 0 : 16; finer < 16; finer++) {
-                real3 p2 = p, q2 = q, r2 = r, e2 = e, f2 = f, g2 = g;
-                quarter(finer & 3, p2, q2, r2);
-                quarter(finer >> 2, e2, f2, g2);
-                piece(p2, q2, r2, (e2 + f2 + g2) * (real(1.0) / 3.0), 0.0, near * (1.0 - far) * 0.0625);
+            real3 heights = real3(dot(e - source.centre, source_normal), dot(f - source.centre, source_normal), dot(g - source.centre, source_normal));
+            bool front = max(max(heights.x, heights.y), heights.z) > 0.0;
+            bool back = min(min(heights.x, heights.y), heights.z) < 0.0;
+            bool directional = (SOURCE_FRONT && front) || (SOURCE_BACK && back);
+            // Where directions tell nothing at either end, Lambert's formula is exact for the source as it is.
+            bool whole = !directional && !RECEIVER_BINS;
+            uint pieces = !front && !directional ? 0 : whole ? 1 : 4;
+            for (uint from = 0; from < pieces; from++) {
+                real3 p = u, q = v, r = w;
+                if (!whole) {
+                    quarter(from, p, q, r);
+                }
+                real far = 1.0;
+                if (directional) {
+                    real3 d = point - (p + q + r) * (real(1.0) / 3.0);
+                    far = far_share(dot(d, d), range * QUARTER_RANGE);
+                }
+                piece(p, q, r, point, near * 0.25, near * far * 0.25);
+                for (uint finer = far < 1.0 ? 0 : 16; finer < 16; finer++) {
+                    real3 p2 = p, q2 = q, r2 = r, e2 = e, f2 = f, g2 = g;
+                    quarter(finer & 3, p2, q2, r2);
+                    quarter(finer >> 2, e2, f2, g2);
+                    piece(p2, q2, r2, (e2 + f2 + g2) * (real(1.0) / 3.0), 0.0, near * (1.0 - far) * 0.0625);
+                }
             }
         }
     }

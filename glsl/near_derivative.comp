@@ -60,7 +60,7 @@ real piece(real33 source, real33 receiver, real33 from, real3 to, real diffuse, 
     real3 point = receiver * to;
     real3 offset = point - corner * third;
     real side = dot(offset, source_normal);
-    bool apart = side != 0.0 && dot(offset, offset) > COINCIDENT * source_extent;
+    bool apart = side * side > COINCIDENT * source_extent;
     bool front = side > 0.0;
     bool directional = (SOURCE_FRONT && front) || (SOURCE_BACK && !front);
     diffuse = front ? diffuse : real(0.0);

@@ -30,28 +30,26 @@ real3 side_vector(real3 a, real3 b) {
     return sine > SHORTEST * (dot(a, a) + dot(b, b)) ? c * (angle / sine) : real3(0.0);
 }
 
+// The part of a side above the horizon: its angle times the unit normal of its plane, along `normal`. Where it crosses,
+// the crossing becomes the point at which the outline leaves the upper half-space, or enters it again.
+real upper_side(real3 normal, real3 a, real3 b, real ha, real hb, inout real3 leave, inout real3 enter) {
+    bool above_a = ha > 0.0, above_b = hb > 0.0;
+    real3 crossing = above_a != above_b ? mix(a, b, ha / (ha - hb)) : real3(0.0);
+    leave = above_a && !above_b ? crossing : leave;
+    enter = above_b && !above_a ? crossing : enter;
+    // Of crossings alone there is no angle.
+    return dot(side_vector(above_a ? a : crossing, above_b ? b : crossing), normal);
+}
+
 // ∫ cosθ dω over a triangle whose corners are given relative to the point, clipped at the horizon of the normal, in
 // [0, π]: Lambert's polygon formula. The sign of the triangle's orientation is dropped.
 real projected_solid_angle(real3 normal, real3 p, real3 q, real3 r) {
-    real3 corner[3] = real3[3](p, q, r);
-    real3 height = real3(dot(p, normal), dot(q, normal), dot(r, normal));
-    // Only ever used together: where the outline leaves the upper half-space and where it comes back.
+    real hp = dot(p, normal), hq = dot(q, normal), hr = dot(r, normal);
+    // Only ever used together.
     real3 leave = real3(0.0), enter = real3(0.0);
-    real sum = 0.0;
-    for (uint k = 0; k < 3; k++) {
-        uint next = k == 2 ? 0 : k + 1;
-        real3 a = corner[k], b = corner[next];
-        real ha = height[k], hb = height[next];
-        bool above_a = ha > 0.0, above_b = hb > 0.0;
-        if (above_a != above_b) {
-            real3 crossing = mix(a, b, ha / (ha - hb));
-            leave = above_a ? crossing : leave;
-            enter = above_a ? enter : crossing;
-            a = above_a ? a : crossing;
-            b = above_a ? crossing : b;
-        }
-        sum += above_a || above_b ? dot(side_vector(a, b), normal) : 0.0;
-    }
+    real sum = upper_side(normal, p, q, hp, hq, leave, enter);
+    sum += upper_side(normal, q, r, hq, hr, leave, enter);
+    sum += upper_side(normal, r, p, hr, hp, leave, enter);
     sum += dot(side_vector(leave, enter), normal);
     return 0.5 * abs(sum);
 }

@@ -133,7 +133,7 @@ fn visit_near(model: &Model, i: usize, j: usize, share: f64, visit: &mut impl Fn
     }
 }
 
-/// Offsets shorter than this share of a triangle's size are rounding: they have no side and no direction. Without this the
+/// Distances from a plane below this share of the triangle's size are rounding: they have no side. Without this the
 /// two sides of a sheet would light each other.
 pub(super) const COINCIDENT: f64 = 1e-12;
 
@@ -151,8 +151,8 @@ fn visit_piece(
     let offset = point - centroid(from);
     let side = offset.dot(model.facets[i].normal);
     let projected = projected_solid_angle(point, model.facets[j].normal, from);
-    let apart = offset.length() > COINCIDENT * model.facets[i].extent.sqrt();
-    if side != 0.0 && apart && projected > 0.0 {
+    let apart = side.abs() > COINCIDENT * model.facets[i].extent.sqrt();
+    if apart && projected > 0.0 {
         visit(Beam {
             direction: offset.normalize(),
             front: side > 0.0,

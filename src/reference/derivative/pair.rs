@@ -154,7 +154,7 @@ impl Pair<'_> {
         let offset = point - from.centroid();
         let side = offset.dot(self.source.normal);
         let length = offset.length();
-        if side == 0.0 || length <= COINCIDENT * self.source.extent.sqrt() {
+        if side.abs() <= COINCIDENT * self.source.extent.sqrt() {
             return Worth::default();
         }
         let polygon = projected_solid_angle_gradient(point, self.receiver.normal, from.corners);
