@@ -25,7 +25,7 @@ pub(super) fn write(path: &Path, target: &Target, fitted: &[DVec3]) -> Result<()
         Panel { caption: format!("target, white = {white:.3} W/(m² sr)"), pixels: shown(&target.pixels) },
         Panel { caption: String::from("fitted"), pixels: shown(fitted) },
         Panel {
-            caption: format!("|difference|, 0 to {most:.2e}"),
+            caption: format!("|difference|, to {most:.1e} W/(m² sr)"),
             pixels: (0..differences.len()).map(error).collect(),
         },
     ];

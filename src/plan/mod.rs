@@ -26,10 +26,12 @@ pub use residency::{Piece, Residency};
 pub use tiles::{Group, Layout, PADDING, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, TilePairs};
 pub use wanted::Wanted;
 
-use crate::gpu::UNIFORM_BYTES;
 use crate::reference::Facet;
 use crate::scene::{Accuracy, Precision, Scene, SolverChoice};
 use glam::DVec3;
+
+/// Bytes of the facets of others that a dispatch sees.
+pub(crate) const OTHER_BYTES: u32 = 1 << 16;
 
 /// What a device offers, and choices that change the work but not the result.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -330,7 +332,7 @@ impl Plan {
     /// Few enough for lavapipe, which leaves every loop of an invocation after 65535 iterations of all its loops together,
     /// without a word: 64 others take at most 1 + 8 + 64 · 20 of them, even if its compiler unrolls nothing.
     pub(crate) fn other_slots(&self) -> u32 {
-        UNIFORM_BYTES / self.facet_bytes() as u32
+        OTHER_BYTES / self.facet_bytes() as u32
     }
 
     /// The same in tiles.

@@ -6,7 +6,7 @@ use std::fmt;
 /// Pairs per second that estimates of time count on: two cores of a CPU driver.
 const IRRADIANCE_RATE: f64 = 1e9;
 const BINS_RATE: f64 = 60e6;
-const NEAR_RATE: f64 = 0.5e6;
+const NEAR_RATE: f64 = 1e6;
 /// Bytes per second between host and device.
 const MOVE_RATE: f64 = 2e9;
 /// Passes that estimates of time count on: a room of albedo 0.7 to 1e-4.

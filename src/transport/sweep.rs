@@ -4,12 +4,15 @@
 use super::Context;
 use super::pace::{Bundle, MOST_GROUPS, Pace};
 use super::watch::{TransportError, Watch};
-use crate::gpu::{Bindings, Buffer, BufferSlice, Device, DeviceKind, GpuError, Pipeline};
-use crate::plan::{Group, NearPairs, PAIR_BACK, PAIR_FRONT, Plan};
+use crate::gpu::{Bindings, Buffer, BufferSlice, Device, DeviceKind, GpuError, Pipeline, UNIFORM_BYTES};
+use crate::plan::{Group, NearPairs, OTHER_BYTES, PAIR_BACK, PAIR_FRONT, Plan};
 use crate::shaders::RealShader;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::cmp::Reverse;
 use std::ops::Range;
+
+// Others of a dispatch stand in a uniform buffer.
+const _: () = assert!(OTHER_BYTES <= UNIFORM_BYTES);
 
 /// `FarPush` of glsl/far_push.glsl.
 #[repr(C)]
@@ -318,6 +321,16 @@ fn tile_runs(tiles: &Range<u32>, most: u32) -> impl Iterator<Item = Range<u32>> 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn owners_with_many_others_come_first() {
+        // Others of slots 0 to 3: 2, none, 9, 2 of which one is out of range.
+        let others = [vec![1, 2], vec![], (0..9).collect(), vec![3, 20]].concat();
+        let list = NearPairs { offsets: vec![0, 2, 2, 11, 13], others };
+        let owners = busy_owners(&list, 0..4, &(0..10));
+        let found: Vec<_> = owners.iter().map(|owner| (owner.slot, owner.others)).collect();
+        assert_eq!(found, [(2, 9), (0, 2), (3, 1)]);
+    }
 
     #[test]
     fn tile_runs_cover_everything_once() {
