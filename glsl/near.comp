@@ -85,9 +85,8 @@ void main() {
             real3 e = a, f = b, g = c;
             quarter(onto, e, f, g);
             real3 point = (e + f + g) * (real(1.0) / 3.0);
-            real3 heights = real3(dot(e - source.centre, source_normal), dot(f - source.centre, source_normal), dot(g - source.centre, source_normal));
-            bool front = max(max(heights.x, heights.y), heights.z) > 0.0;
-            bool back = min(min(heights.x, heights.y), heights.z) < 0.0;
+            bool front, back;
+            sides(source.centre, source_normal, e, f, g, front, back);
             bool directional = (SOURCE_FRONT && front) || (SOURCE_BACK && backs != 0 && back);
             // Where directions tell nothing at either end, Lambert's formula is exact for the source as it is.
             bool whole = !directional && !RECEIVER_BINS;

@@ -23,4 +23,11 @@ void quarter(uint k, inout real3 p, inout real3 q, inout real3 r) {
     r = k == 0 ? rp : k == 1 ? qr : k == 2 ? r : rp;
 }
 
+// On which sides of a plane the triangle p, q, r lies: on both, where it crosses.
+void sides(real3 centre, real3 normal, real3 p, real3 q, real3 r, out bool front, out bool back) {
+    real3 height = real3(dot(p - centre, normal), dot(q - centre, normal), dot(r - centre, normal));
+    front = max(max(height.x, height.y), height.z) > 0.0;
+    back = min(min(height.x, height.y), height.z) < 0.0;
+}
+
 #endif
