@@ -62,6 +62,8 @@ void piece(real3 p, real3 q, real3 r, real3 point, real diffuse, real binned) {
     }
 }
 
+#include "near_walk.glsl"
+
 void main() {
     bool active_lane = gl_GlobalInvocationID.x < owners;
     uint j = owned(active_lane);
@@ -81,35 +83,7 @@ void main() {
         real3 between = receiver.centre - source.centre;
         real range = half_range * (source.extent + receiver.extent);
         real near = 1.0 - far_share(dot(between, between), range);
-        for (uint onto = 0; onto < 4; onto++) {
-            real3 e = a, f = b, g = c;
-            quarter(onto, e, f, g);
-            real3 point = (e + f + g) * (real(1.0) / 3.0);
-            bool front, back;
-            sides(source.centre, source_normal, e, f, g, front, back);
-            bool directional = (SOURCE_FRONT && front) || (SOURCE_BACK && backs != 0 && back);
-            // Where directions tell nothing at either end, Lambert's formula is exact for the source as it is.
-            bool whole = !directional && !RECEIVER_BINS;
-            uint pieces = !front && !directional ? 0 : whole ? 1 : 4;
-            for (uint from = 0; from < pieces; from++) {
-                real3 p = u, q = v, r = w;
-                if (!whole) {
-                    quarter(from, p, q, r);
-                }
-                real far = 1.0;
-                if (directional) {
-                    real3 d = point - (p + q + r) * (real(1.0) / 3.0);
-                    far = far_share(dot(d, d), range * QUARTER_RANGE);
-                }
-                piece(p, q, r, point, near * 0.25, near * far * 0.25);
-                for (uint finer = far < 1.0 ? 0 : 16; finer < 16; finer++) {
-                    real3 p2 = p, q2 = q, r2 = r, e2 = e, f2 = f, g2 = g;
-                    quarter(finer & 3, p2, q2, r2);
-                    quarter(finer >> 2, e2, f2, g2);
-                    piece(p2, q2, r2, (e2 + f2 + g2) * (real(1.0) / 3.0), 0.0, near * (1.0 - far) * 0.0625);
-                }
-            }
-        }
+        walk_pieces(source.centre, u, v, w, a, b, c, near, range);
     }
     // A loop that is skipped where nothing was gathered: adding zeros to the bins costs a CPU driver what a pair does.
     for (uint once = close.x < close.y ? 1 : 0; once > 0; once--) {
