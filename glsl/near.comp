@@ -82,7 +82,7 @@ void main() {
         real3 u = corners[3 * i].xyz, v = corners[3 * i + 1].xyz, w = corners[3 * i + 2].xyz;
         real3 between = receiver.centre - source.centre;
         real range = half_range * (source.extent + receiver.extent);
-        real near = 1.0 - far_share(dot(between, between), range);
+        real near = 1.0 - far_weight(dot(between, between), range);
         walk_pieces(source.centre, u, v, w, a, b, c, near, range);
     }
     // A loop that is skipped where nothing was gathered: adding zeros to the bins costs a CPU driver what a pair does.

@@ -75,7 +75,7 @@ void main() {
         real3 a = corners[3 * j].xyz, b = corners[3 * j + 1].xyz, c = corners[3 * j + 2].xyz;
         real3 between = receiver.centre - source.centre;
         real range = half_range * (source.extent + receiver.extent);
-        real near = 1.0 - far_share(dot(between, between), range);
+        real near = 1.0 - far_weight(dot(between, between), range);
         walk_pieces(source.centre, u, v, w, a, b, c, near, range);
     }
     // A loop that is skipped where nothing was gathered: adding zeros to the bins costs a CPU driver what a pair does.

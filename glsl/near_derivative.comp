@@ -125,7 +125,7 @@ void main() {
         real3 between = own.centre - f.centre;
         real r2_pair = dot(between, between);
         real range = half_range * (own.extent + f.extent);
-        real near = 1.0 - far_share(r2_pair, range);
+        real near = 1.0 - far_weight(r2_pair, range);
         real by_range = 0.0;
         by_near = 0.0;
         for (uint pair = 0; pair < 16; pair++) {
@@ -135,7 +135,7 @@ void main() {
             real r2 = dot(d, d);
             real far = 1.0;
             if (SOURCE_BACK || SOURCE_FRONT) {
-                far = far_share(r2, range * QUARTER_RANGE);
+                far = far_weight(r2, range * QUARTER_RANGE);
             }
             real by_far = near * 0.25 * piece(source, receiver, from, to, near * 0.25, near * far * 0.25);
             for (uint finer = far < 1.0 ? 0 : 16; finer < 16; finer++) {
@@ -144,14 +144,14 @@ void main() {
                 by_far -= near * 0.0625 * piece(source, receiver, from2, to2, 0.0, near * (1.0 - far) * 0.0625);
             }
             if (SOURCE_BACK || SOURCE_FRONT) {
-                real2 slopes = by_far * far_share_slopes(r2, range * QUARTER_RANGE);
+                real2 slopes = by_far * far_weight_slopes(r2, range * QUARTER_RANGE);
                 by_range += slopes.y * QUARTER_RANGE;
                 real3 by_d = 2.0 * slopes.x * d;
                 by_corners += OWNS_SOURCE ? outerProduct(-by_d, from * third) : outerProduct(by_d, to);
             }
         }
-        // near = 1 - far_share; every piece has it as a factor.
-        real2 slopes = near > 0.0 ? -by_near / near * far_share_slopes(r2_pair, range) : real2(0.0);
+        // near = 1 - far_weight; every piece has it as a factor.
+        real2 slopes = near > 0.0 ? -by_near / near * far_weight_slopes(r2_pair, range) : real2(0.0);
         by_range += slopes.y;
         by_corners += outerProduct(2.0 * slopes.x * between, third);
         by_extent += by_range * half_range;

@@ -12,7 +12,7 @@ const real SHORTEST = 1e-7;
 #endif
 
 // Share of the point-to-point kernel in a pair at squared distance r2; the near field has the rest.
-real far_share(real r2, real range) {
+real far_weight(real r2, real range) {
     real t = range > 0.0 ? clamp(2.0 * r2 / range - 1.0, 0.0, 1.0) : 1.0;
     return t * t * (3.0 - 2.0 * t);
 }

@@ -4,8 +4,8 @@
 
 #include "near_field.glsl"
 
-// ∂far_share/∂r2 and ∂far_share/∂range.
-real2 far_share_slopes(real r2, real range) {
+// ∂far_weight/∂r2 and ∂far_weight/∂range.
+real2 far_weight_slopes(real r2, real range) {
     real t = range > 0.0 ? clamp(2.0 * r2 / range - 1.0, 0.0, 1.0) : real(1.0);
     real by_t = 6.0 * t * (1.0 - t);
     return by_t > 0.0 ? by_t * 2.0 / range * real2(1.0, -r2 / range) : real2(0.0);

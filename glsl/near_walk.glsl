@@ -29,7 +29,7 @@ void walk_pieces(
             real far = 1.0;
             if (directional) {
                 real3 d = point - (p + q + r) * (real(1.0) / 3.0);
-                far = far_share(dot(d, d), range * QUARTER_RANGE);
+                far = far_weight(dot(d, d), range * QUARTER_RANGE);
             }
             piece(p, q, r, point, near * 0.25, near * far * 0.25);
             for (uint finer = far < 1.0 ? 0 : 16; finer < 16; finer++) {

@@ -56,7 +56,7 @@ void main() {
             real share = 1.0;
             // A loop: tiles that are far apart, nearly all, skip it.
             for (uint once = near ? 1 : 0; once > 0; once--) {
-                share = far_share(r2, half_range * (source.extent + receiver.extent));
+                share = far_weight(r2, half_range * (source.extent + receiver.extent));
             }
             real side = from > 0.0 ? real(fronts) : real(backs);
             real weight = side * share * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));

@@ -57,7 +57,7 @@ void main() {
                 real r2 = max(dot(d, d), R2_MIN);
                 real from = dot(d, source.normal);
                 real to = max(-dot(d, n), 0.0);
-                real share = near ? far_share(r2, half_range * (extent + source.extent)) : real(1.0);
+                real share = near ? far_weight(r2, half_range * (extent + source.extent)) : real(1.0);
                 real side = from > 0.0 ? real(fronts) : real(backs);
                 real weight = side * share * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
                 // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.

@@ -64,7 +64,7 @@ void main() {
                 real from = dot(d, source_normal);
                 real to = max(-dot(d, receiver_normal), 0.0);
                 real range = half_range * extent;
-                real share = near ? far_share(r2, range) : real(1.0);
+                real share = near ? far_weight(r2, range) : real(1.0);
                 bool front = from > 0.0;
                 real side = front ? real(fronts) : -real(backs);
                 // w = share · side from · to · kernel.
@@ -81,7 +81,7 @@ void main() {
                         direction, 1.0, 1.0
                     );
                     real value = dot(e.diffuse + e.binned, e.worth);
-                    real2 slopes = near ? far_share_slopes(r2, range) : real2(0.0);
+                    real2 slopes = near ? far_weight_slopes(r2, range) : real2(0.0);
                     real plain = value * side * from * to * kernel;
                     real by_from = value * share * side * to * kernel;
                     real by_to = value * share * side * from * kernel;

@@ -58,7 +58,7 @@ void main() {
                 real3 d = centre[k] - f.centre;
                 real r2 = max(dot(d, d), R2_MIN);
                 real cosines = max(dot(d, f.normal), 0.0) * max(-dot(d, normal[k]), 0.0);
-                real share = far_share(r2, half_range * (f.extent + extent[k]));
+                real share = far_weight(r2, half_range * (f.extent + extent[k]));
                 sum[k] += l * (share * cosines / (r2 * (r2 + s)));
             }
         }

@@ -51,7 +51,7 @@ void main() {
                     real3 d = x - centre[k];
                     real r2 = max(dot(d, d), R2_MIN);
                     real cosines = max(dot(d, normal[k]), 0.0) * max(-dot(d, n), 0.0);
-                    real share = near ? far_share(r2, half_range * (e + extent[k])) : real(1.0);
+                    real share = near ? far_weight(r2, half_range * (e + extent[k])) : real(1.0);
                     sum[k] += l * (share * cosines / (r2 * (r2 + area[k] * INV_PI)));
                 }
             }

@@ -1,8 +1,8 @@
 //! Derivatives of a loss, by the adjoint of the light equation.
 
 use crate::engine::{Engine, EngineError, Solution, SolveParams};
+use crate::model::FacetGradient;
 use crate::plan::{PADDING, PlannedSolver, Wanted};
-use crate::reference::FacetGradient;
 use crate::scene::Scene;
 use crate::solve::{FixedPointParams, GmresParams, Progress, SolveInfo, fixed_point, gmres};
 use crate::transport::{AdjointOperator, LobeSums};

@@ -46,6 +46,7 @@ mod gradients;
 pub mod image;
 mod input;
 pub mod ladder;
+pub mod model;
 pub mod output;
 pub mod plan;
 pub mod reference;

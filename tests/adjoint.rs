@@ -2,10 +2,10 @@
 
 mod support;
 
-use antirad::plan::Class;
+use antirad::model::{Class, Facet};
 use antirad::reference::{
-    Adjoint, Facet, Leaving, Model, State, emission, observe, observe_adjoint, observe_derivative,
-    reflect_adjoint, reflect_derivative, transport, transport_adjoint, transport_derivative,
+    Adjoint, Leaving, Model, State, emission, observe, observe_adjoint, observe_derivative, reflect_adjoint,
+    reflect_derivative, transport, transport_adjoint, transport_derivative,
 };
 use antirad::scene::{Accuracy, BinLayout, Material, Normalization, Scene, Triangle, Weights};
 use antirad::solve::{GmresParams, gmres};

@@ -127,7 +127,7 @@ fn classes_are_exact() {
     let planned = Model::new(&scene);
     let without = planned.classes.iter().filter(|c| !c.has_bins()).count();
     assert!(without > 50 && without < planned.classes.len(), "{without}");
-    let everything = planned.classes.iter().map(|&c| antirad::plan::Class { blocker: true, ..c }).collect();
+    let everything = planned.classes.iter().map(|&c| antirad::model::Class { blocker: true, ..c }).collect();
     let everything = Model::with_classes(&scene, everything);
     let bounces = |model: &Model| {
         let mut state = transport(model, &emission(model));

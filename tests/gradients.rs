@@ -2,9 +2,10 @@
 
 mod support;
 
+use antirad::model::FacetGradient;
 use antirad::plan::{Limits, Plan, Wanted};
 use antirad::reference::{
-    FacetGradient, Leaving, Model, State, emission, observe_adjoint, observe_derivative, reflect_adjoint,
+    Leaving, Model, State, emission, observe_adjoint, observe_derivative, reflect_adjoint,
     reflect_derivative, transport_adjoint, transport_derivative,
 };
 use antirad::scene::{Accuracy, BinLayout, Precision, Scene, Weights};

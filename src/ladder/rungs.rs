@@ -1,6 +1,7 @@
 //! Settings from cheap to exact, and which of them a scene starts at.
 
-use crate::plan::{Limits, Plan, PlanError, classify};
+use crate::model::classify;
+use crate::plan::{Limits, Plan, PlanError};
 use crate::scene::{Accuracy, BinLayout, Choice, Material, Scene};
 use crate::warnings::Warnings;
 use serde::Serialize;

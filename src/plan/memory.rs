@@ -1,6 +1,7 @@
 //! Bytes, by label, before they are allocated. The engine asserts that it allocates these and no others.
 
-use super::{Bins, Group, Plan, PlanError, Residency};
+use super::{Group, Plan, PlanError, Residency};
+use crate::model::Bins;
 use crate::scene::Precision;
 
 /// Every buffer's size is rounded up to a multiple of this.

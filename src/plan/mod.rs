@@ -1,32 +1,24 @@
 //! What is to be done, worked out before any device is touched: which triangles need what, in which order they stand,
 //! which tiles exchange light, how many bytes and pairs that takes. Pure host code.
 
-mod bins;
-mod classes;
 mod error;
 mod memory;
 mod near;
-mod order;
 mod report;
 mod residency;
 mod tiles;
 mod wanted;
 
-pub(crate) use bins::Cells;
-pub use bins::{Bins, Taps};
-pub use classes::{Class, classify};
-pub(crate) use classes::{coplanar_tolerance, reaches};
 pub use error::PlanError;
 pub(crate) use memory::PARTIAL_SUMS;
 pub use memory::{MemoryItem, MemoryPlan};
 pub use near::NearPairs;
-pub(crate) use order::{Block, morton};
 pub use report::{ClassReport, PairReport, PlanReport, StatesReport};
 pub use residency::{Piece, Residency};
 pub use tiles::{Group, Layout, PADDING, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, TilePairs};
 pub use wanted::Wanted;
 
-use crate::reference::Facet;
+use crate::model::{Bins, Class, Facet, classify, coplanar_tolerance, spatial_order};
 use crate::scene::{Accuracy, Precision, Scene, SolverChoice};
 use glam::DVec3;
 
@@ -203,7 +195,7 @@ impl Plan {
         // A loss may see colours in a grey scene.
         let channels = if is_grey(scene) && !limits.gradients.any() { 1 } else { 3 };
 
-        let mut order = order::spatial_order(&facets);
+        let mut order = spatial_order(&facets);
         order.retain(|&i| facets[i as usize].area > 0.0);
         if order.is_empty() {
             return Err(PlanError::NothingToSolve);
@@ -214,7 +206,7 @@ impl Plan {
         let layout = Layout::new(&order, &classes, limits.tile, page_tiles);
 
         let half_range = 0.5 * accuracy.subsample;
-        let tolerance = classes::coplanar_tolerance(&facets);
+        let tolerance = coplanar_tolerance(&facets);
         let tile_pairs = TilePairs::new(&layout, &facets, half_range, tolerance, limits.cull);
         let near = NearPairs::new(&layout, &tile_pairs, &facets, &classes, half_range, tolerance);
 

@@ -1,8 +1,7 @@
 //! Pairs so close that they are integrated over pieces: O(N) of them.
 
-use super::classes::{Class, reaches};
 use super::tiles::{Layout, PADDING, PAIR_NEAR, TilePairs};
-use crate::reference::Facet;
+use crate::model::{Class, Facet, reaches};
 use rayon::prelude::*;
 use std::ops::Range;
 

@@ -1,8 +1,6 @@
 //! Tiles: runs of triangles of one class, and what can pass between two of them.
 
-use super::classes::Class;
-use super::order::Block;
-use crate::reference::Facet;
+use crate::model::{Block, Class, Facet};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;

@@ -13,7 +13,7 @@
 use super::reflection::{specular_scale, spread};
 use super::transport::beams;
 use super::{Leaving, Model, State};
-use crate::plan::Class;
+use crate::model::{Class, Taps};
 use crate::solve::LightOperator;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -99,7 +99,7 @@ impl<'a> Departing<'a> {
     }
 }
 
-fn deposit(bins: &mut [DVec3], taps: crate::plan::Taps, value: DVec3) {
+fn deposit(bins: &mut [DVec3], taps: Taps, value: DVec3) {
     for (b, weight) in taps {
         bins[b] += weight * value;
     }

@@ -2,7 +2,6 @@
 
 mod adjoint;
 mod derivative;
-mod geometry;
 mod near_field;
 mod observation;
 mod operator;
@@ -14,11 +13,8 @@ mod scenes;
 mod transport;
 
 pub use adjoint::{Adjoint, observe_adjoint, reflect_adjoint, transport_adjoint};
-pub use derivative::{
-    FacetGradient, MaterialGradient, observe_derivative, reflect_derivative, transport_derivative,
-};
-pub use geometry::{Facet, orthonormal_basis};
-pub use near_field::{QUARTER_RANGE, far_share, projected_solid_angle};
+pub use derivative::{MaterialGradient, observe_derivative, reflect_derivative, transport_derivative};
+pub use near_field::projected_solid_angle;
 pub use observation::observe;
 pub use packing::packed;
 pub use path_tracer::{Estimate, PathTracer};
@@ -27,7 +23,7 @@ pub use reflection::{emission, reflect};
 pub use scenes::{Plates, Shadow};
 pub use transport::transport;
 
-use crate::plan::{Bins, Class, classify};
+use crate::model::{Bins, Class, Facet, classify};
 use crate::scene::{Material, Scene};
 use glam::DVec3;
 use std::ops::Range;

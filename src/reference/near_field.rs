@@ -43,18 +43,3 @@ fn edge(a: DVec3, b: DVec3) -> DVec3 {
     }
     cross * (sine.atan2(a.dot(b)) / sine)
 }
-
-/// Range, as a share of that of the whole pair, within which two quarters are cut once more. A quarter of 1/4 would make
-/// quarters look at one another as wholes do; this is a sixth of that, since it must only resolve neighbours that touch:
-/// without it a blocker that stands on its receiver shines through in the few directions it is sampled at.
-pub const QUARTER_RANGE: f64 = 1.0 / 24.0;
-
-/// Share of the point-to-point kernel in a pair at squared distance `r2`; the near field has the rest. Smooth, 0 within
-/// half the range, 1 beyond it. `range` is `subsample` · (s_i + s_j) / 2.
-pub fn far_share(r2: f64, range: f64) -> f64 {
-    if range <= 0.0 {
-        return 1.0;
-    }
-    let t = (2.0 * r2 / range - 1.0).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
-}

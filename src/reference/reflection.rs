@@ -1,7 +1,7 @@
 //! K: reflection. Twin of glsl/reflect.comp and glsl/reflect_glossy.comp.
 
 use super::{Leaving, Model, State};
-use crate::plan::Bins;
+use crate::model::Bins;
 use crate::scene::Material;
 use glam::DVec3;
 use rayon::prelude::*;

@@ -1,7 +1,7 @@
 //! Scenes whose answer is known in closed form.
 
-use super::geometry::{centroid, quarters};
 use super::near_field::projected_solid_angle;
+use crate::model::{centroid, quarters};
 use crate::scene::{Material, Scene, SceneBuilder, SceneError, Shape};
 use glam::{DAffine3, DVec2, DVec3};
 use rayon::prelude::*;

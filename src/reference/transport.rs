@@ -1,9 +1,9 @@
 //! U: light from every triangle to every other, with no visibility test. Twin of glsl/transport_*.comp and
 //! glsl/near.comp.
 
-use super::geometry::{centroid, quarters};
-use super::near_field::{QUARTER_RANGE, far_share, projected_solid_angle};
+use super::near_field::projected_solid_angle;
 use super::{Leaving, Model, State};
+use crate::model::{QUARTER_RANGE, centroid, far_weight, quarters};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -87,7 +87,7 @@ pub(super) fn beams(model: &Model, i: usize, j: usize, mut visit: impl FnMut(Bea
         return;
     }
     let r2 = (receiver.centroid - source.centroid).length_squared();
-    let share = far_share(r2, model.range(i, j));
+    let share = far_weight(r2, model.range(i, j));
     if share > 0.0 {
         visit_far(model, i, j, share, &mut visit);
     }
@@ -117,7 +117,7 @@ fn visit_near(model: &Model, i: usize, j: usize, share: f64, visit: &mut impl Fn
         for from in quarters(model.facets[i].corners) {
             let r2 = (centroid(to) - centroid(from)).length_squared();
             let far = match model.classes[i].has_bins() {
-                true => far_share(r2, model.range(i, j) * QUARTER_RANGE),
+                true => far_weight(r2, model.range(i, j) * QUARTER_RANGE),
                 false => 1.0,
             };
             visit_piece(model, i, j, [from, to], [share / 4.0, share * far / 4.0], visit);

@@ -9,8 +9,8 @@ use super::state::{State, pages};
 use super::watch::TransportError;
 use super::{Context, Operators, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
+use crate::model::FacetGradient;
 use crate::plan::{NearPairs, Plan};
-use crate::reference::FacetGradient;
 use crate::solve::LightOperator;
 use glam::DVec3;
 

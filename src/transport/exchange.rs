@@ -8,7 +8,8 @@ use super::sweep::{Between, Kernels, OfOthers, Sweep};
 use super::watch::{TransportError, Watch};
 use super::{Context, bin_constants};
 use crate::gpu::{Bindings, Device, GpuError};
-use crate::plan::{Class, Group, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::model::Class;
+use crate::plan::{Group, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
 /// Close sources per receiver and dispatch: lavapipe bounds the iterations of all loops of an invocation together by

@@ -2,8 +2,8 @@
 
 use super::real;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
+use crate::model::Facet;
 use crate::plan::{PADDING, Plan};
-use crate::reference::Facet;
 use crate::scene::{Material, Scene};
 use bytemuck::Pod;
 

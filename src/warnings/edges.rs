@@ -5,7 +5,8 @@
 //! way are counted against those that run the other way, after edges have been cut where vertices of others lie on them.
 
 use super::distance::to_triangle;
-use crate::plan::{Block, PADDING, Plan, coplanar_tolerance};
+use crate::model::{Block, coplanar_tolerance};
+use crate::plan::{PADDING, Plan};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};

@@ -7,8 +7,8 @@
 //! others. That factor is the gain here, with the pieces of the near field in place of the whole blocker.
 
 use super::distance::between;
-use crate::plan::{Block, PADDING, PAIR_BACK, Plan, coplanar_tolerance, morton, reaches};
-use crate::reference::{Facet, QUARTER_RANGE, far_share};
+use crate::model::{Block, Facet, QUARTER_RANGE, coplanar_tolerance, far_weight, morton, reaches};
+use crate::plan::{PADDING, PAIR_BACK, Plan};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -179,7 +179,7 @@ impl<'a> Search<'a> {
             return None;
         }
         let range = 0.5 * plan.accuracy.subsample * (from.extent + to.extent);
-        let (far, middle) = (far_share(r2, range), far_share(r2, range * QUARTER_RANGE));
+        let (far, middle) = (far_weight(r2, range), far_weight(r2, range * QUARTER_RANGE));
         let piece = from.area * (far + (1.0 - far) * (middle / 4.0 + (1.0 - middle) / 16.0));
         let back = -between / r2.sqrt();
         let solid_angle = piece * back.dot(from.normal) / (r2 + piece / PI);

@@ -1,8 +1,8 @@
 //! Layers that face each other closer than their triangles are wide: light between them leaks past.
 
 use super::distance::between;
-use crate::plan::{Block, PADDING, Plan, coplanar_tolerance, reaches};
-use crate::reference::Facet;
+use crate::model::{Block, Facet, coplanar_tolerance, reaches};
+use crate::plan::{PADDING, Plan};
 use glam::DVec3;
 use rayon::prelude::*;
 

@@ -1,6 +1,7 @@
 //! Between the order and form of the device's values and those of the reference.
 
-use antirad::plan::{Class, PADDING, Plan};
+use antirad::model::Class;
+use antirad::plan::{PADDING, Plan};
 use antirad::reference::Model;
 use glam::DVec3;
 

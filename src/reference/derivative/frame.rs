@@ -1,6 +1,6 @@
 //! Back through the frame of a triangle, and through making a vector a unit vector.
 
-use crate::reference::geometry::{basis_sign, orthonormal_basis};
+use crate::model::{basis_sign, orthonormal_basis};
 use glam::DVec3;
 
 /// From the gradient with respect to d/|d| to that with respect to d, `unit` being d/|d|.

@@ -1,6 +1,6 @@
 //! The derivatives of E and K with respect to materials.
 
-use crate::plan::Bins;
+use crate::model::Bins;
 use crate::reference::reflection::half_cosine;
 use crate::reference::{Leaving, Model, State};
 use glam::DVec3;

@@ -6,18 +6,16 @@
 //! pole, a triangle that lies in another's horizon) or nothing is exchanged, it counts as zero or as that of one side,
 //! and is finite.
 
-mod facet;
+mod far_weight;
 mod frame;
 mod material;
 mod observation;
 mod pair;
 mod polygon;
 mod reading;
-mod share;
 mod taps;
 mod transport;
 
-pub use facet::FacetGradient;
 pub use material::{MaterialGradient, reflect_derivative};
 pub use observation::observe_derivative;
 pub use transport::transport_derivative;

@@ -1,8 +1,8 @@
 //! The derivative of S with respect to the triangles and the eye.
 
-use super::facet::FacetGradient;
 use super::frame::pull_unit;
 use super::reading::Reading;
+use crate::model::FacetGradient;
 use crate::reference::{Leaving, Model};
 use glam::DVec3;
 

@@ -1,13 +1,12 @@
 //! The derivative of U from one triangle to another. Twin of glsl/near_derivative.comp and glsl/far_derivative.comp.
 
-use super::facet::FacetGradient;
+use super::far_weight::far_weight_slope;
 use super::frame::pull_unit;
 use super::polygon::projected_solid_angle_gradient;
 use super::reading::Reading;
-use super::share::far_share_slope;
-use crate::reference::geometry::{centroid, quarters};
+use crate::model::{Facet, FacetGradient, QUARTER_RANGE, centroid, far_weight, quarters};
 use crate::reference::transport::COINCIDENT;
-use crate::reference::{Facet, Leaving, Model, QUARTER_RANGE, State, far_share};
+use crate::reference::{Leaving, Model, State};
 use glam::DVec3;
 use std::f64::consts::PI;
 
@@ -48,7 +47,7 @@ pub fn pair_derivative(
     let pair = Pair { model, leaving, importance, i, j, source, receiver };
     let between = receiver.centroid - source.centroid;
     let (r2, range) = (between.length_squared(), model.range(i, j));
-    let share = far_share(r2, range);
+    let share = far_weight(r2, range);
     // Derivatives with respect to the share, and to the range of the near field.
     let (mut at_share, mut at_range) = (0.0, 0.0);
     if share > 0.0 {
@@ -59,7 +58,7 @@ pub fn pair_derivative(
         at_share -= near.share;
         at_range += near.range;
     }
-    let slope = far_share_slope(r2, range);
+    let slope = far_weight_slope(r2, range);
     at_range += at_share * slope.range;
     gradient.add_between(2.0 * at_share * slope.r2 * between);
     let at_extent = 0.5 * model.subsample * at_range;
@@ -124,7 +123,7 @@ impl Pair<'_> {
             for from in Piece::whole(self.source).quarters() {
                 let between = to.centroid() - from.centroid();
                 let (r2, range) = (between.length_squared(), range * QUARTER_RANGE);
-                let far = if has_bins { far_share(r2, range) } else { 1.0 };
+                let far = if has_bins { far_weight(r2, range) } else { 1.0 };
                 let worth = self.piece(from, to, share / 4.0, share * far / 4.0, gradient);
                 slope.share += (worth.diffuse + far * worth.binned) / 4.0;
                 let mut at_far = share * worth.binned / 4.0;
@@ -138,7 +137,7 @@ impl Pair<'_> {
                     }
                 }
                 if has_bins {
-                    let far_slope = far_share_slope(r2, range);
+                    let far_slope = far_weight_slope(r2, range);
                     slope.range += at_far * far_slope.range * QUARTER_RANGE;
                     gradient.add_piece_between(from, to, 2.0 * at_far * far_slope.r2 * between);
                 }

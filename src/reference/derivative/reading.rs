@@ -2,7 +2,8 @@
 
 use super::frame::{FrameGradient, pull_local};
 use super::taps::TapSlopes;
-use crate::reference::{Leaving, Model, State, orthonormal_basis};
+use crate::model::orthonormal_basis;
+use crate::reference::{Leaving, Model, State};
 use glam::DVec3;
 
 /// RGB values interpolated between the four taps of a direction.

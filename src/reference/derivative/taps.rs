@@ -1,6 +1,6 @@
 //! How the taps of a direction change as it turns.
 
-use crate::plan::{Bins, Cells};
+use crate::model::{Bins, Cells};
 use crate::scene::{BinLayout, Weights};
 use glam::{DVec2, DVec3, Vec2Swizzles};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};

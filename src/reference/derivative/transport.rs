@@ -1,7 +1,7 @@
 //! The derivative of U with respect to the triangles.
 
-use super::facet::FacetGradient;
 use super::pair::pair_derivative;
+use crate::model::FacetGradient;
 use crate::reference::{Leaving, Model, State};
 use rayon::prelude::*;
 

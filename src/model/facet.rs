@@ -66,6 +66,6 @@ pub fn orthonormal_basis(n: DVec3) -> DMat3 {
 const FRAME_SWITCH: f64 = -0.6543;
 
 /// The sign that keeps the frame away from its singular normal.
-pub(super) fn basis_sign(n: DVec3) -> f64 {
+pub fn basis_sign(n: DVec3) -> f64 {
     if n.z < FRAME_SWITCH { -1.0 } else { 1.0 }
 }

@@ -1,7 +1,7 @@
 //! Order in space: neighbours of like orientation stand side by side, so that groups of them have small boxes and
 //! narrow normal cones.
 
-use crate::reference::Facet;
+use super::facet::Facet;
 use glam::DVec3;
 use std::ops::Range;
 

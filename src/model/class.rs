@@ -1,7 +1,7 @@
 //! Which triangles need direction bins, and why: exact, for whatever the lights and materials are.
 
+use super::facet::Facet;
 use super::order::{Block, blocks, spatial_order};
-use crate::reference::Facet;
 use crate::scene::Scene;
 use rayon::prelude::*;
 

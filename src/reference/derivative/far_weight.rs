@@ -1,38 +1,38 @@
 //! The slope of the blending between the near and the far field.
 
-/// Derivative of [`far_share`](crate::reference::far_share), per square metre.
+/// Derivative of [`far_weight`](crate::model::far_weight), per square metre.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct ShareSlope {
+pub struct FarWeightSlope {
     /// With respect to the squared distance.
     pub r2: f64,
     pub range: f64,
 }
 
 /// Zero at both ends of the blending and beyond: a smoothstep.
-pub fn far_share_slope(r2: f64, range: f64) -> ShareSlope {
+pub fn far_weight_slope(r2: f64, range: f64) -> FarWeightSlope {
     if range <= 0.0 {
-        return ShareSlope::default();
+        return FarWeightSlope::default();
     }
     let t = (2.0 * r2 / range - 1.0).clamp(0.0, 1.0);
     let slope = 6.0 * t * (1.0 - t) * 2.0 / range;
-    ShareSlope { r2: slope, range: -slope * r2 / range }
+    FarWeightSlope { r2: slope, range: -slope * r2 / range }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reference::far_share;
+    use crate::model::far_weight;
 
     /// Central differences at 1e-6: their own error is 1e-9 on these slopes of up to 6.
     #[test]
     fn slopes_are_those_of_the_share() {
         for range in [0.0, 0.5, 2.0] {
             for r2 in [0.0, 0.1, 0.3, 0.41, 1.3, 1.9, 5.0] {
-                let found = far_share_slope(r2, range);
-                let r2_slope = (far_share(r2 + 1e-6, range) - far_share(r2 - 1e-6, range)) / 2e-6;
+                let found = far_weight_slope(r2, range);
+                let r2_slope = (far_weight(r2 + 1e-6, range) - far_weight(r2 - 1e-6, range)) / 2e-6;
                 assert!((found.r2 - r2_slope).abs() <= 1e-8, "{r2} {range}: {found:?} {r2_slope}");
                 if range > 0.0 {
-                    let slope = (far_share(r2, range + 1e-6) - far_share(r2, range - 1e-6)) / 2e-6;
+                    let slope = (far_weight(r2, range + 1e-6) - far_weight(r2, range - 1e-6)) / 2e-6;
                     assert!((found.range - slope).abs() <= 1e-8, "{r2} {range}: {found:?} {slope}");
                 }
             }

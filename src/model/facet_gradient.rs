@@ -1,6 +1,6 @@
 //! The gradient with respect to what the operators read of a triangle, and from there to its corners.
 
-use crate::reference::Facet;
+use super::facet::Facet;
 use glam::DVec3;
 use std::ops::AddAssign;
 

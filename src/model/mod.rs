@@ -1,0 +1,19 @@
+//! What every layer means by a triangle, a direction bin and a class of triangles: neutral ground between the planner, the
+//! kernels' host side and the f64 reference, none of which depends on another for it.
+
+mod bins;
+mod class;
+mod facet;
+mod facet_gradient;
+mod near_field;
+mod order;
+
+pub(crate) use bins::Cells;
+pub use bins::{Bins, Taps};
+pub use class::{Class, classify};
+pub(crate) use class::{coplanar_tolerance, reaches};
+pub use facet::{Facet, orthonormal_basis};
+pub(crate) use facet::{basis_sign, centroid, quarters};
+pub use facet_gradient::FacetGradient;
+pub(crate) use near_field::{QUARTER_RANGE, far_weight};
+pub(crate) use order::{Block, morton, spatial_order};
