@@ -2,10 +2,9 @@
 
 use super::gradient::{Quantity, SceneGradient};
 use super::parameters::{MotionKind, Parameters};
-use crate::scene::Scene;
+use crate::scene::{Edges, Scene, Welded, sides};
 use glam::DVec3;
 use serde::Serialize;
-use std::collections::{BTreeSet, HashMap};
 
 /// An assumption, and how much it counts beside the loss of the pictures. Quantities are measured in units of their
 /// scale ([`Parameters::scale`]), so that weights are plain numbers, alike for scenes of any size.
@@ -246,57 +245,40 @@ fn laplacian(
     sum
 }
 
-/// A number for each place where vertices are.
-fn place_numbers(scene: &Scene) -> Vec<u32> {
-    let mut numbers = HashMap::new();
-    let key = |v: &DVec3| v.to_array().map(|x| (x + 0.0).to_bits());
-    scene
-        .vertices
-        .iter()
-        .map(|v| {
-            let next = numbers.len() as u32;
-            *numbers.entry(key(v)).or_insert(next)
-        })
-        .collect()
-}
-
 /// Pairs of triangles of a mesh that share an edge, by where its ends are: meshes often write a corner more than once.
 fn neighbours(scene: &Scene) -> Vec<[u32; 2]> {
-    let places = place_numbers(scene);
-    let mut pairs = BTreeSet::new();
+    let welded = Welded::exactly(scene.vertices.iter().copied());
+    let mut pairs = Vec::new();
     for mesh in &scene.meshes {
-        let mut sides: HashMap<[u32; 2], Vec<u32>> = HashMap::new();
-        for t in mesh.range.clone() {
-            let [a, b, c] = scene.triangles[t as usize].vertices.map(|v| places[v as usize]);
-            for [from, to] in [[a, b], [b, c], [c, a]] {
-                let others = sides.entry([from.min(to), from.max(to)]).or_default();
-                pairs.extend(others.iter().map(|&other| [other, t]).filter(|[a, b]| a != b));
-                others.push(t);
+        let corners = |t: u32| welded.positions(scene.triangles[t as usize].vertices);
+        let directed = mesh.range.clone().flat_map(|t| sides(corners(t)).map(|side| (t, side)));
+        for edge in Edges::new(directed).iter() {
+            let mut rest = edge.triangles();
+            while let Some(a) = rest.next() {
+                pairs.extend(rest.clone().filter(|&b| a != b).map(|b| [a, b]));
             }
         }
     }
-    pairs.into_iter().collect()
+    pairs.sort_unstable();
+    pairs.dedup();
+    pairs
 }
 
-/// Per fitted place, the fitted places at the other ends of its edges.
+/// Per fitted place, the fitted places at the other ends of its edges, rising.
 fn adjacent_places(scene: &Scene, places: &[Vec<u32>]) -> Vec<Vec<usize>> {
-    let mut place_of: HashMap<u32, usize> = HashMap::new();
-    for (place, vertices) in places.iter().enumerate() {
-        vertices.iter().for_each(|&v| {
-            place_of.insert(v, place);
-        });
+    let mut place_of: Vec<Option<u32>> = vec![None; scene.vertices.len()];
+    for (place, vertices) in (0..).zip(places) {
+        vertices.iter().for_each(|&v| place_of[v as usize] = Some(place));
     }
-    let mut around = vec![BTreeSet::new(); places.len()];
-    for triangle in &scene.triangles {
-        let [a, b, c] = triangle.vertices.map(|v| place_of.get(&v).copied());
-        for (from, to) in [(a, b), (b, c), (c, a)] {
-            if let (Some(from), Some(to)) = (from, to)
-                && from != to
-            {
-                around[from].insert(to);
-                around[to].insert(from);
-            }
-        }
+    let place = |v: u32| place_of[v as usize];
+    let directed = (0..).zip(&scene.triangles).flat_map(|(t, triangle)| {
+        sides(triangle.vertices).into_iter().filter_map(move |[a, b]| Some((t, [place(a)?, place(b)?])))
+    });
+    let mut around = vec![Vec::new(); places.len()];
+    for edge in Edges::new(directed).iter() {
+        let [a, b] = edge.ends();
+        around[a as usize].push(b as usize);
+        around[b as usize].push(a as usize);
     }
-    around.into_iter().map(|set| set.into_iter().collect()).collect()
+    around
 }

@@ -2,7 +2,7 @@
 
 use super::gradient::Quantity;
 use super::parameters::{Fit, MotionKind, ParameterError, Per};
-use crate::scene::{Scene, nearest};
+use crate::scene::{Scene, Welded, nearest};
 use std::collections::HashMap;
 
 /// What a [`Fit`] picks.
@@ -72,14 +72,10 @@ fn vertices(scene: &Scene, fit: &Fit, meshes: Option<Vec<usize>>) -> Result<Sele
         all.sort_unstable();
         all.dedup();
         // Vertices at the same place are one corner, written twice: moved apart, they would tear the surface.
-        let mut place_of: HashMap<[u64; 3], usize> = HashMap::new();
-        for v in all {
-            let key = scene.vertices[v as usize].to_array().map(|x| (x + 0.0).to_bits());
-            let group = *place_of.entry(key).or_insert_with(|| {
-                groups.push((format!("vertex {v}"), Vec::new()));
-                groups.len() - 1
-            });
-            groups[group].1.push(v);
+        let welded = Welded::exactly(all.iter().map(|&v| scene.vertices[v as usize]));
+        groups.extend(welded.first.iter().map(|&at| (format!("vertex {}", all[at as usize]), Vec::new())));
+        for (v, position) in all.into_iter().zip(welded.position) {
+            groups[position as usize].1.push(v);
         }
     } else if fit.together {
         let name = meshes.iter().map(|&m| scene.meshes[m].name.as_str()).collect::<Vec<_>>().join(" + ");

@@ -1,10 +1,9 @@
 //! How far off an answer may be, from the answer itself and one of other settings.
 
-use crate::scene::Scene;
+use crate::scene::{Edges, Scene, Welded};
 use crate::{Energy, Solution};
 use glam::DVec3;
 use serde::Serialize;
-use std::collections::HashMap;
 use std::fmt;
 
 /// Estimated error of the irradiance: relative L2 over all triangles, weighted with area.
@@ -75,18 +74,14 @@ fn norm(areas: &[f64], of: impl Fn(usize) -> DVec3) -> f64 {
 /// Whether no light can leave: all edges are shared by triangles that run them both ways, and the fronts enclose something.
 /// A box that stands on a floor without a bottom of its own makes a room look open, which costs the check, no more.
 fn is_closed(scene: &Scene) -> bool {
-    let mut runs: HashMap<[[u64; 3]; 2], i64> = HashMap::new();
-    let mut volume = 0.0;
-    for triangle in 0..scene.triangles.len() {
-        let corners = scene.corners(triangle);
-        volume += corners[0].dot(corners[1].cross(corners[2])) / 6.0;
-        // Zeros of either sign are one place.
-        let ids = corners.map(|corner| (corner + 0.0).to_array().map(f64::to_bits));
-        for [p, q] in [[ids[0], ids[1]], [ids[1], ids[2]], [ids[2], ids[0]]] {
-            *runs.entry([p.min(q), p.max(q)]).or_default() += if p < q { 1 } else { -1 };
-        }
-    }
-    volume < 0.0 && runs.values().all(|&balance| balance == 0)
+    let volume = |triangle: usize| {
+        let [a, b, c] = scene.corners(triangle);
+        a.dot(b.cross(c)) / 6.0
+    };
+    let volume: f64 = (0..scene.triangles.len()).map(volume).sum();
+    let welded = Welded::exactly(scene.vertices.iter().copied());
+    let edges = Edges::of(scene.triangles.iter().map(|t| welded.positions(t.vertices)));
+    volume < 0.0 && edges.iter().all(|edge| edge.balance() == 0)
 }
 
 /// Normals of neighbours that are closer than this count as one surface.
@@ -98,16 +93,9 @@ fn unevenness(scene: &Scene, irradiance: &[[f64; 3]]) -> f64 {
     let count = scene.triangles.len();
     let vectors: Vec<DVec3> = (0..count).map(|i| scene.area_vector(i)).collect();
     let areas: Vec<f64> = vectors.iter().map(|v| v.length()).collect();
-    let mut sharing: HashMap<[u32; 2], Vec<usize>> = HashMap::new();
-    for (i, triangle) in scene.triangles.iter().enumerate() {
-        let [a, b, c] = triangle.vertices;
-        for [p, q] in [[a, b], [b, c], [c, a]] {
-            sharing.entry([p.min(q), p.max(q)]).or_default().push(i);
-        }
-    }
     let mut around = vec![(DVec3::ZERO, 0.0); count];
-    for triangles in sharing.values() {
-        let &[i, j] = triangles.as_slice() else { continue };
+    for edge in Edges::of(scene.triangles.iter().map(|t| t.vertices)).iter() {
+        let Some([i, j]) = edge.pair().map(|pair| pair.map(|t| t as usize)) else { continue };
         if vectors[i].dot(vectors[j]) > COPLANAR * areas[i] * areas[j] {
             for (own, other) in [(i, j), (j, i)] {
                 around[own].0 += DVec3::from(irradiance[other]);
@@ -125,7 +113,7 @@ fn unevenness(scene: &Scene, irradiance: &[[f64; 3]]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Material, SceneBuilder, Shape};
+    use crate::scene::{Material, SceneBuilder, Shape, Triangle};
     use glam::DAffine3;
 
     fn scene(shape: Shape) -> Scene {
@@ -139,6 +127,13 @@ mod tests {
         assert!(is_closed(&scene(Shape::Room { cells: 3 })));
         assert!(!is_closed(&scene(Shape::Box { cells: 3 })));
         assert!(!is_closed(&scene(Shape::Quad { cells: 3 })));
+        // What has no area closes nothing and opens nothing.
+        let mut room = scene(Shape::Room { cells: 3 });
+        room.triangles[0].vertices = [0, 1, 1];
+        assert!(!is_closed(&room));
+        let mut room = scene(Shape::Room { cells: 3 });
+        room.triangles.extend([[0, 0, 0], [0, 1, 1]].map(|vertices| Triangle { vertices, material: 0 }));
+        assert!(is_closed(&room));
     }
 
     /// E = x² over a square of n x n cells: the mean over a triangle with legs h is h²/18 off the value at its centroid.

@@ -4,6 +4,7 @@
 //! may rely on finite vertices, indices in range and physical materials. SI units: metres, W/(m² sr).
 
 mod accuracy;
+mod adjacency;
 mod albedo;
 mod assembly;
 mod builder;
@@ -33,6 +34,7 @@ pub use file::LoadOptions;
 pub use material::{Material, Normalization};
 pub use shapes::Shape;
 
+pub(crate) use adjacency::{Edges, Fans, Welded, sides};
 pub(crate) use error::{Place, nearest};
 pub(crate) use tables::{CameraTable, Triple};
 pub(crate) use toml_file::TomlFile;

@@ -7,9 +7,10 @@
 use super::distance::to_triangle;
 use crate::model::{Block, coplanar_tolerance};
 use crate::plan::{PADDING, Plan};
+use crate::scene::{self, Welded, sides};
 use glam::DVec3;
 use rayon::prelude::*;
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 
 /// Blockers with bad edges, by triangle of the scene, rising.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -26,23 +27,21 @@ impl Edges {
     pub fn of(plan: &Plan) -> Self {
         let tolerance = coplanar_tolerance(&plan.facets);
         let (vertices, faces) = weld(plan, tolerance);
-        let whole =
-            Chain::of(faces.iter().flat_map(|&(t, [a, b, c])| [(t, [a, b]), (t, [b, c]), (t, [c, a])]));
-        let loose: Vec<(u32, [u32; 2])> = whole.unbalanced().collect();
+        let whole = scene::Edges::new(faces.iter().flat_map(|&(t, abc)| sides(abc).map(|side| (t, side))));
+        let unbalanced = whole.iter().filter(|edge| edge.balance() != 0);
+        let loose: Vec<(u32, [u32; 2])> = unbalanced.flat_map(|edge| edge.directed()).collect();
         // What is not balanced may be where one edge meets several shorter ones.
-        let cut = Chain::of(cut(&vertices, &loose, tolerance));
+        let cut = scene::Edges::new(cut(&vertices, &loose, tolerance));
 
-        let blocker = |t: &&u32| plan.classes[**t as usize].blocker;
+        let blocker = |t: &u32| plan.classes[*t as usize].blocker;
         let mut edges = Self::default();
         let mut lonely = Vec::new();
-        for (&ends, edge) in cut.edges.iter().filter(|(_, edge)| edge.sum != 0) {
-            match edge.triangles.as_slice() {
-                [alone] if blocker(&alone) => lonely.push((*alone, ends)),
-                several if several.len() > 1 && edge.sum.unsigned_abs() as usize == several.len() => {
-                    edges.inconsistent.extend(several.iter().filter(blocker));
-                }
-                // Alone and no blocker; or a sheet that ends on a surface that goes on.
-                _ => {}
+        // The others balance, or end on a surface that goes on.
+        for edge in cut.iter().filter(|edge| edge.balance().unsigned_abs() as usize == edge.len()) {
+            let blockers = edge.triangles().filter(blocker);
+            match edge.len() {
+                1 => lonely.extend(blockers.map(|alone| (alone, edge.ends()))),
+                _ => edges.inconsistent.extend(blockers),
             }
         }
         let standing = Standing::new(plan, tolerance);
@@ -73,64 +72,14 @@ fn duplicates(faces: &[(u32, [u32; 3])]) -> Vec<u32> {
     faces.iter().filter(again).map(|&(t, _)| t).collect()
 }
 
-/// Directed edges of triangles, summed up by their ends.
-struct Chain {
-    edges: HashMap<[u32; 2], Edge>,
-}
-
-#[derive(Default)]
-struct Edge {
-    triangles: Vec<u32>,
-    /// Triangles that run from the lower to the higher end, less those that run back.
-    sum: i32,
-}
-
-impl Chain {
-    fn of(directed: impl IntoIterator<Item = (u32, [u32; 2])>) -> Self {
-        let mut edges: HashMap<[u32; 2], Edge> = HashMap::new();
-        for (triangle, [a, b]) in directed.into_iter().filter(|(_, [a, b])| a != b) {
-            let edge = edges.entry([a.min(b), a.max(b)]).or_default();
-            edge.triangles.push(triangle);
-            edge.sum += if a < b { 1 } else { -1 };
-        }
-        Self { edges }
-    }
-
-    /// The edges that do not cancel, with each of their triangles, in its direction.
-    fn unbalanced(&self) -> impl Iterator<Item = (u32, [u32; 2])> {
-        self.edges.iter().filter(|(_, edge)| edge.sum != 0).flat_map(|(&[low, high], edge)| {
-            let forward = (edge.triangles.len() as i32 + edge.sum) / 2;
-            edge.triangles.iter().enumerate().map(move |(k, &t)| {
-                // Which of the triangles run which way does not matter: only numbers are compared.
-                (t, if (k as i32) < forward { [low, high] } else { [high, low] })
-            })
-        })
-    }
-}
-
-/// Vertices that coincide within the tolerance become one. Triangles without area are left out.
+/// The positions and corners of triangles, welded within the tolerance. Triangles without area are left out.
 fn weld(plan: &Plan, tolerance: f64) -> (Vec<DVec3>, Vec<(u32, [u32; 3])>) {
-    let cell = |x: DVec3| (x / (2.0 * tolerance)).floor().as_i64vec3();
-    let mut vertices: Vec<DVec3> = Vec::new();
-    let mut cells: HashMap<glam::I64Vec3, Vec<u32>> = HashMap::new();
-    let mut index = |x: DVec3| {
-        // Whatever lies within the tolerance is in one of the cells at the corners of a cube around the point.
-        for corner in 0..8 {
-            let side = |axis: u32| if corner >> axis & 1 == 1 { tolerance } else { -tolerance };
-            let near = cell(x + DVec3::new(side(0), side(1), side(2)));
-            let known = cells.get(&near).into_iter().flatten();
-            if let Some(&v) = known.into_iter().find(|&&v| vertices[v as usize].distance(x) <= tolerance) {
-                return v;
-            }
-        }
-        vertices.push(x);
-        let new = vertices.len() as u32 - 1;
-        cells.entry(cell(x)).or_default().push(new);
-        new
-    };
-    let with_area = (0u32..).zip(&plan.facets).filter(|(_, facet)| facet.area > 0.0);
-    let faces = with_area.map(|(t, facet)| (t, facet.corners.map(&mut index))).collect();
-    (vertices, faces)
+    let with_area = || (0u32..).zip(&plan.facets).filter(|(_, facet)| facet.area > 0.0);
+    let corners: Vec<DVec3> = with_area().flat_map(|(_, facet)| facet.corners).collect();
+    let welded = Welded::within(tolerance, corners.iter().copied());
+    let faces =
+        with_area().zip(welded.position.chunks_exact(3)).map(|((t, _), abc)| (t, [abc[0], abc[1], abc[2]]));
+    (welded.first.iter().map(|&v| corners[v as usize]).collect(), faces.collect())
 }
 
 /// The same edges, cut at the ends of others that lie on them.
