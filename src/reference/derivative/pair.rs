@@ -1,4 +1,4 @@
-//! The derivative of U from one triangle to another. Twin of glsl/near_derivative.comp and glsl/far_derivative.comp.
+//! The derivative of U from one triangle to another. Twin of glsl/near_derivative.comp and glsl/transport_derivative.comp.
 
 use super::facet::FacetGradient;
 use super::frame::pull_unit;
