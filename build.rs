@@ -1,6 +1,9 @@
-//! Compiles every `glsl/NAME.comp` to SPIR-V and writes `$OUT_DIR/shaders.rs`, which `src/shaders.rs` includes.
-//! Heads (`glsl/*.glsl`) are reached with `#include`; any shader error stops the build with the compiler's message.
+//! Writes `$OUT_DIR/shaders.rs`, which `src/shaders.rs` includes: every `glsl/NAME.comp` as SPIR-V. Modules come from
+//! `spirv/` while they belong to the sources as they are, so that a build needs no shader compiler; `glslc` compiles what
+//! was edited since. `spirv/manifest` says what each module was compiled from. `scripts/shaders` renews the folder: it runs
+//! this program with the argument `renew`.
 
+use std::collections::BTreeMap;
 use std::env;
 use std::fmt::Write as _;
 use std::fs;
@@ -8,11 +11,23 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
-/// Relative to the package root, where cargo runs build scripts: no path of the building machine gets into the SPIR-V.
+/// Relative to the root, where `glslc` runs: no path of the building machine gets into the SPIR-V.
 const GLSL: &str = "glsl";
+const SPIRV: &str = "spirv";
+const MANIFEST: &str = "manifest";
+/// `-g` keeps the names: validation messages and profilers can be read, and tests check layouts by member name.
+const OPTIONS: [&str; 7] = ["--target-env=vulkan1.2", "-std=450core", "-O", "-g", "-Werror", "-I", GLSL];
+const INSTALL: &str = "`glslc` compiles edited shaders and is not in PATH: install it (`apt install glslc`, `dnf install \
+    glslc`, `brew install shaderc` or the Vulkan SDK), or undo the edit";
 
 fn main() -> ExitCode {
-    match build() {
+    let sources = Sources { root: Path::new("."), glslc: "glslc" };
+    let done = match env::var_os("OUT_DIR").map(PathBuf::from) {
+        None => Err("OUT_DIR is not set: run through cargo or scripts/shaders".to_owned()),
+        Some(out) if env::args().any(|argument| argument == "renew") => sources.renew(&out),
+        Some(out) => build(&sources, &out),
+    };
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
             for line in message.lines() {
@@ -23,77 +38,239 @@ fn main() -> ExitCode {
     }
 }
 
-fn build() -> Result<(), String> {
+fn build(sources: &Sources, out: &Path) -> Result<(), String> {
     println!("cargo::rerun-if-changed={GLSL}");
-    let out = PathBuf::from(env::var_os("OUT_DIR").ok_or("OUT_DIR is not set: run through cargo")?);
-    let mut source = String::new();
-    let mut all = String::new();
-    for shader in shaders()? {
-        let name = shader.file_stem().and_then(|stem| stem.to_str()).ok_or("a shader's name is not UTF-8")?;
-        let constant = name.to_uppercase();
-        let single = compiled(&shader, &out, name, &[])?;
-        if uses_reals(&shader)? {
-            let double = compiled(&shader, &out, &format!("{name}_f64"), &["F64"])?;
-            let _ = writeln!(
-                source,
-                "pub static {constant}: RealShader = RealShader {{ f32: {single}, f64: {double} }};"
-            );
-            let _ = write!(all, "&{constant}.f32, &{constant}.f64, ");
-        } else {
-            let _ = writeln!(source, "pub static {constant}: Shader = {single};");
-            let _ = write!(all, "&{constant}, ");
-        }
-    }
-    let _ = writeln!(source, "/// Every shader of the crate.\npub static ALL: &[&Shader] = &[{all}];");
+    println!("cargo::rerun-if-changed={SPIRV}");
     let generated = out.join("shaders.rs");
-    fs::write(&generated, source).map_err(|error| format!("{}: {error}", generated.display()))
+    fs::write(&generated, sources.rust(out)?).map_err(|error| format!("{}: {error}", generated.display()))
 }
 
-/// Compiles and checks one variant of a shader; returns it as Rust source.
-fn compiled(shader: &Path, out: &Path, name: &str, defines: &[&str]) -> Result<String, String> {
-    let spv = out.join(name).with_extension("spv");
-    compiler::compile(shader, &spv, defines)?;
-    validate(shader, &spv)?;
-    Ok(format!("Shader {{ name: {name:?}, spirv: &{:?} }}", words(&spv)?))
+/// A root with `glsl/` and `spirv/`, and the compiler's command.
+pub struct Sources<'a> {
+    pub root: &'a Path,
+    pub glslc: &'a str,
 }
 
-/// Whether a shader includes the head that makes its numbers f32 or f64, itself or through another head.
-fn uses_reals(shader: &Path) -> Result<bool, String> {
-    let text = fs::read_to_string(shader).map_err(|error| format!("{}: {error}", shader.display()))?;
-    let included = text.lines().filter_map(|line| line.strip_prefix("#include \"")?.strip_suffix('"'));
-    for head in included {
-        if head == "real.glsl" || uses_reals(&Path::new(GLSL).join(head))? {
-            return Ok(true);
+/// One module: a shader compiled with some macros defined.
+pub struct Module {
+    /// Name of its file in `spirv/`, without the ending.
+    pub name: String,
+    /// File name in `glsl/`.
+    shader: String,
+    defines: &'static [&'static str],
+    /// Of all that it is compiled from.
+    pub fingerprint: u64,
+}
+
+/// What `spirv/` holds.
+pub struct Manifest {
+    /// What compiled the modules, as it calls itself.
+    pub compiler: String,
+    /// Of what each was compiled from.
+    pub fingerprints: BTreeMap<String, u64>,
+}
+
+impl Sources<'_> {
+    /// Each shader, and each that includes `real.glsl` a second time in f64, sorted by the shader's name, so that the
+    /// generated file is the same on every machine.
+    pub fn modules(&self) -> Result<Vec<Module>, String> {
+        let folder = self.root.join(GLSL);
+        let failed = |error| format!("{}: {error}", folder.display());
+        let mut shaders = Vec::new();
+        for entry in fs::read_dir(&folder).map_err(failed)? {
+            let shader = entry.map_err(failed)?.file_name();
+            shaders.push(shader.into_string().map_err(|name| format!("{name:?}: a name that is not UTF-8"))?);
         }
+        shaders.sort();
+        let mut modules = Vec::new();
+        for shader in shaders {
+            let Some(name) = shader.strip_suffix(".comp") else { continue };
+            let mut files = BTreeMap::new();
+            self.gather(&shader, &mut files)?;
+            let module = |name: String, defines: &'static [&str]| Module {
+                name,
+                shader: shader.clone(),
+                defines,
+                fingerprint: fingerprint(&files, defines),
+            };
+            modules.push(module(name.to_owned(), &[]));
+            if files.contains_key("real.glsl") {
+                modules.push(module(format!("{name}_f64"), &["F64"]));
+            }
+        }
+        Ok(modules)
     }
-    Ok(false)
+
+    /// A file of `glsl/` and what it includes, itself or through another: name and text.
+    fn gather(&self, file: &str, files: &mut BTreeMap<String, String>) -> Result<(), String> {
+        if files.contains_key(file) {
+            return Ok(());
+        }
+        let path = self.root.join(GLSL).join(file);
+        let text = fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+        files.insert(file.to_owned(), text.clone());
+        let included = text.lines().filter_map(|line| line.strip_prefix("#include \"")?.strip_suffix('"'));
+        for head in included {
+            self.gather(head, files)?;
+        }
+        Ok(())
+    }
+
+    /// The Rust source of all shaders. `out` takes what is compiled.
+    pub fn rust(&self, out: &Path) -> Result<String, String> {
+        let shipped = self.manifest()?.fingerprints;
+        let mut literals = Vec::new();
+        for module in self.modules()? {
+            let words = match shipped.get(&module.name) {
+                Some(fingerprint) if *fingerprint == module.fingerprint => self.shipped(&module.name)?,
+                _ => self.compiled(&module, out, &[])?,
+            };
+            literals.push((format!("Shader {{ name: {:?}, spirv: &{words:?} }}", module.name), module));
+        }
+        let mut source = String::new();
+        let mut all = String::new();
+        let mut rest = literals.iter().peekable();
+        while let Some((single, module)) = rest.next() {
+            let constant = module.name.to_uppercase();
+            if let Some((double, _)) = rest.next_if(|(_, next)| next.shader == module.shader) {
+                let _ = writeln!(
+                    source,
+                    "pub static {constant}: RealShader = RealShader {{ f32: {single}, f64: {double} }};"
+                );
+                let _ = write!(all, "&{constant}.f32, &{constant}.f64, ");
+            } else {
+                let _ = writeln!(source, "pub static {constant}: Shader = {single};");
+                let _ = write!(all, "&{constant}, ");
+            }
+        }
+        let _ = writeln!(source, "/// Every shader of the crate.\npub static ALL: &[&Shader] = &[{all}];");
+        Ok(source)
+    }
+
+    /// A folder without a manifest is one without modules.
+    pub fn manifest(&self) -> Result<Manifest, String> {
+        let path = self.root.join(SPIRV).join(MANIFEST);
+        let text = match fs::read_to_string(&path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
+            read => read.map_err(|error| format!("{}: {error}", path.display()))?,
+        };
+        let mut manifest = Manifest { compiler: String::new(), fingerprints: BTreeMap::new() };
+        for (at, line) in text.lines().enumerate() {
+            let broken = || format!("{}:{}: not written by scripts/shaders; run it", path.display(), at + 1);
+            let (name, value) = line.split_once(": ").ok_or_else(broken)?;
+            if name == "compiler" {
+                manifest.compiler = value.to_owned();
+            } else {
+                let fingerprint = u64::from_str_radix(value, 16).map_err(|_| broken())?;
+                manifest.fingerprints.insert(name.to_owned(), fingerprint);
+            }
+        }
+        Ok(manifest)
+    }
+
+    /// The words of a module in `spirv/`.
+    pub fn shipped(&self, name: &str) -> Result<Vec<u32>, String> {
+        words(&self.root.join(SPIRV).join(name).with_extension("spv"))
+    }
+
+    /// Compiles and checks a module; `out` takes the file. Of options that contradict each other the last counts.
+    pub fn compiled(&self, module: &Module, out: &Path, more: &[&str]) -> Result<Vec<u32>, String> {
+        let spv = out.join(&module.name).with_extension("spv");
+        let output = Command::new(self.glslc)
+            .current_dir(self.root)
+            .args(OPTIONS)
+            .args(more)
+            .args(module.defines.iter().map(|name| format!("-D{name}")))
+            .arg("-o")
+            .arg(&spv)
+            .arg(format!("{GLSL}/{}", module.shader))
+            .output()
+            .map_err(|error| match error.kind() {
+                ErrorKind::NotFound => format!("{GLSL}/{}: {INSTALL}", module.shader),
+                _ => format!("{}: {error}", self.glslc),
+            })?;
+        if !output.status.success() {
+            return Err(text(&output.stdout, &output.stderr));
+        }
+        let words = without_source(&words(&spv)?);
+        write_words(&spv, &words)?;
+        validate(module, &spv)?;
+        Ok(words)
+    }
+
+    /// What the compiler calls itself.
+    pub fn compiler(&self) -> Result<String, String> {
+        let output =
+            Command::new(self.glslc).arg("--version").output().map_err(|_| INSTALL.to_owned())?.stdout;
+        let version = String::from_utf8_lossy(&output);
+        Ok(version.lines().take_while(|line| !line.is_empty()).collect::<Vec<_>>().join(", "))
+    }
+
+    /// Compiles everything anew, in `out`; `spirv/` is written if all went well.
+    fn renew(&self, out: &Path) -> Result<(), String> {
+        let folder = self.root.join(SPIRV);
+        let failed = |error| format!("{}: {error}", folder.display());
+        let mut manifest = format!("compiler: {}\n", self.compiler()?);
+        let compiled = |module: Module| Ok((self.compiled(&module, out, &[])?, module));
+        let modules = self.modules()?.into_iter().map(compiled).collect::<Result<Vec<_>, String>>()?;
+        match fs::remove_dir_all(&folder) {
+            Err(error) if error.kind() != ErrorKind::NotFound => return Err(failed(error)),
+            _ => fs::create_dir(&folder).map_err(failed)?,
+        }
+        for (words, module) in modules {
+            write_words(&folder.join(&module.name).with_extension("spv"), &words)?;
+            let _ = writeln!(manifest, "{}: {:016x}", module.name, module.fingerprint);
+        }
+        fs::write(folder.join(MANIFEST), manifest).map_err(failed)
+    }
 }
 
-/// The compute shaders, sorted so that the generated file is the same on every machine.
-fn shaders() -> Result<Vec<PathBuf>, String> {
-    let entries = match fs::read_dir(GLSL) {
-        Ok(entries) => entries,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(error) => return Err(format!("{GLSL}: {error}")),
-    };
-    let mut shaders = Vec::new();
-    for entry in entries {
-        let path = entry.map_err(|error| format!("{GLSL}: {error}"))?.path();
-        if path.extension().is_some_and(|extension| extension == "comp") {
-            shaders.push(path);
+/// FNV-1a of options and files. Lines are taken without their ends, which git may change.
+fn fingerprint(files: &BTreeMap<String, String>, defines: &[&str]) -> u64 {
+    let of_files = files.iter().flat_map(|(name, text)| [name.as_str()].into_iter().chain(text.lines()));
+    let lines = OPTIONS.iter().chain(defines).copied().chain(of_files);
+    let bytes = lines.flat_map(|line| line.bytes().chain([b'\n']));
+    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
+/// The module without the text it was compiled from and the numbers of its lines, which would be half of it and change
+/// with every comment. Names stay.
+fn without_source(words: &[u32]) -> Vec<u32> {
+    const HEADER: usize = 5;
+    const OP_SOURCE_CONTINUED: u32 = 2;
+    const OP_SOURCE: u32 = 3;
+    const OP_LINE: u32 = 8;
+    const OP_NO_LINE: u32 = 317;
+    let (header, mut rest) = words.split_at(HEADER.min(words.len()));
+    let mut kept = header.to_vec();
+    while let Some(&first) = rest.first() {
+        let (instruction, tail) = rest.split_at(((first >> 16) as usize).clamp(1, rest.len()));
+        match first & 0xffff {
+            OP_SOURCE_CONTINUED | OP_LINE | OP_NO_LINE => {}
+            // Language and version alone.
+            OP_SOURCE => kept.extend([OP_SOURCE | 3 << 16, instruction[1], instruction[2]]),
+            _ => kept.extend(instruction),
         }
+        rest = tail;
     }
-    shaders.sort();
-    Ok(shaders)
+    kept
 }
 
 fn words(spv: &Path) -> Result<Vec<u32>, String> {
     let bytes = fs::read(spv).map_err(|error| format!("{}: {error}", spv.display()))?;
-    Ok(bytes.chunks_exact(4).map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]])).collect())
+    let (words, []) = bytes.as_chunks::<4>() else {
+        return Err(format!("{}: not a whole number of words", spv.display()));
+    };
+    Ok(words.iter().copied().map(u32::from_le_bytes).collect())
+}
+
+fn write_words(spv: &Path, words: &[u32]) -> Result<(), String> {
+    let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+    fs::write(spv, bytes).map_err(|error| format!("{}: {error}", spv.display()))
 }
 
 /// Runs `spirv-val` where there is one: a second opinion that most hosts have, not worth a dependency.
-fn validate(shader: &Path, spv: &Path) -> Result<(), String> {
+fn validate(module: &Module, spv: &Path) -> Result<(), String> {
     match Command::new("spirv-val")
         .args(["--target-env", "vulkan1.2", "--scalar-block-layout"])
         .arg(spv)
@@ -101,7 +278,8 @@ fn validate(shader: &Path, spv: &Path) -> Result<(), String> {
     {
         Ok(output) if output.status.success() => Ok(()),
         Ok(output) => {
-            Err(format!("{}: spirv-val: {}", shader.display(), text(&output.stdout, &output.stderr)))
+            let said = text(&output.stdout, &output.stderr);
+            Err(format!("{GLSL}/{}: spirv-val: {said}", module.shader))
         }
         Err(_) => Ok(()),
     }
@@ -109,79 +287,4 @@ fn validate(shader: &Path, spv: &Path) -> Result<(), String> {
 
 fn text(stdout: &[u8], stderr: &[u8]) -> String {
     format!("{}{}", String::from_utf8_lossy(stdout), String::from_utf8_lossy(stderr))
-}
-
-/// `glslc` from PATH: a fraction of a second a shader, and packaged nearly everywhere.
-#[cfg(not(feature = "shaderc"))]
-mod compiler {
-    use super::{Command, ErrorKind, GLSL, Path, fs, text};
-
-    const INSTALL: &str = "`glslc` compiles the shaders and is not in PATH: install it (`apt install glslc`, \
-        `dnf install glslc`, `brew install shaderc` or the Vulkan SDK), or build with `--features shaderc`, \
-        which compiles it from source (needs cmake, python3 and a C++ compiler)";
-
-    pub fn compile(shader: &Path, spv: &Path, defines: &[&str]) -> Result<(), String> {
-        let dependencies = spv.with_extension("d");
-        // -g keeps the names: validation messages and profilers can be read, and tests check layouts by member name.
-        let output = Command::new("glslc")
-            .args(["--target-env=vulkan1.2", "-std=450core", "-O", "-g", "-Werror", "-I", GLSL, "-MD", "-MF"])
-            .arg(&dependencies)
-            .args(defines.iter().map(|name| format!("-D{name}")))
-            .arg("-o")
-            .args([spv, shader])
-            .output()
-            .map_err(|error| match error.kind() {
-                ErrorKind::NotFound => INSTALL.to_owned(),
-                _ => format!("glslc: {error}"),
-            })?;
-        if !output.status.success() {
-            return Err(text(&output.stdout, &output.stderr));
-        }
-        // One line, "NAME.spv: glsl/NAME.comp glsl/HEAD.glsl ..."
-        let list = fs::read_to_string(&dependencies)
-            .map_err(|error| format!("{}: {error}", dependencies.display()))?;
-        for file in list.split_once(": ").map_or("", |(_, files)| files).split_whitespace() {
-            println!("cargo::rerun-if-changed={file}");
-        }
-        Ok(())
-    }
-}
-
-/// The same compiler front end built from source, for hosts without `glslc`.
-#[cfg(feature = "shaderc")]
-mod compiler {
-    use super::{GLSL, Path, fs};
-    use shaderc::{
-        CompileOptions, Compiler, EnvVersion, GlslProfile, OptimizationLevel, ResolvedInclude, ShaderKind,
-        TargetEnv,
-    };
-
-    pub fn compile(shader: &Path, spv: &Path, defines: &[&str]) -> Result<(), String> {
-        let failed = |error: shaderc::Error| error.to_string();
-        let file = shader.display().to_string();
-        let source = fs::read_to_string(shader).map_err(|error| format!("{file}: {error}"))?;
-        let mut options = CompileOptions::new().map_err(failed)?;
-        options.set_target_env(TargetEnv::Vulkan, EnvVersion::Vulkan1_2 as u32);
-        options.set_forced_version_profile(450, GlslProfile::Core);
-        options.set_optimization_level(OptimizationLevel::Performance);
-        options.set_generate_debug_info();
-        options.set_warnings_as_errors();
-        for name in defines {
-            options.add_macro_definition(name, None);
-        }
-        options.set_include_callback(|name, _, _, _| {
-            let head = Path::new(GLSL).join(name);
-            let resolved_name = head.display().to_string();
-            println!("cargo::rerun-if-changed={resolved_name}");
-            let content = fs::read_to_string(&head).map_err(|error| format!("{resolved_name}: {error}"))?;
-            Ok(ResolvedInclude { resolved_name, content })
-        });
-        let artifact = Compiler::new()
-            .and_then(|compiler| {
-                compiler.compile_into_spirv(&source, ShaderKind::Compute, &file, "main", Some(&options))
-            })
-            .map_err(failed)?;
-        println!("cargo::rerun-if-changed={file}");
-        fs::write(spv, artifact.as_binary_u8()).map_err(|error| format!("{}: {error}", spv.display()))
-    }
 }

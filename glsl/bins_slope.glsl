@@ -1,6 +1,6 @@
 #ifndef BINS_SLOPE_GLSL
 #define BINS_SLOPE_GLSL
-// How the weights T_b change with the direction. Twin: src/reference/taps_gradient.rs.
+// How the weights T_b change with the direction. Twin: src/reference/derivative/taps.rs.
 
 #include "bins.glsl"
 

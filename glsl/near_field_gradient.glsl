@@ -1,6 +1,6 @@
 #ifndef NEAR_FIELD_GRADIENT_GLSL
 #define NEAR_FIELD_GRADIENT_GLSL
-// Derivatives of near_field.glsl. Twin: src/reference/near_field_gradient.rs.
+// Derivatives of near_field.glsl. Twins: src/reference/derivative/polygon.rs and share.rs.
 
 #include "near_field.glsl"
 

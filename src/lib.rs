@@ -38,6 +38,7 @@
 //! against. SI units, RGB.
 
 pub mod ambiguity;
+#[cfg(feature = "cli")]
 pub mod cli;
 mod engine;
 pub mod fit;

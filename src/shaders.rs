@@ -1,4 +1,4 @@
-//! The compute shaders of `glsl/`, compiled by `build.rs`: one static per file, named after it (`combine.comp` is
+//! The compute shaders of `glsl/`, as SPIR-V by `build.rs`: one static per file, named after it (`combine.comp` is
 //! [`COMBINE`]). Those that include `real.glsl` are there twice, as a [`RealShader`].
 
 use crate::scene::Precision;

@@ -3,9 +3,10 @@
 //! A [`Job`] has a scene, [`Target`] pictures with their cameras, a list of what to [`Fit`], a [`PictureLoss`], assumptions
 //! ([`Regulariser`]) and an [`optimiser`]. [`Parameters`] leads from a vector of unknowns to a scene and pulls derivatives
 //! back; a [`Renderer`] makes pictures and derivatives of scenes; [`Problem`] puts both together. [`JobFile`] reads a job
-//! from TOML, [`results`] writes what was found.
+//! from TOML, `results` (feature `cli`) writes what was found.
 
 mod checkpoint;
+#[cfg(feature = "cli")]
 mod comparison;
 mod engine_renderer;
 mod gradient;
@@ -19,6 +20,7 @@ mod parameters;
 mod problem;
 mod regulariser;
 mod renderer;
+#[cfg(feature = "cli")]
 pub mod results;
 mod selection;
 mod settings;

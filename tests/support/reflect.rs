@@ -4,7 +4,7 @@
 pub fn member_offsets(spirv: &[u32], name: &str) -> Vec<(String, u32)> {
     use rspirv::dr::Operand::{Decoration, IdRef, LiteralBit32, LiteralString};
     use rspirv::spirv::{Decoration as Kind, Op};
-    let module = rspirv::dr::load_words(without_source(spirv)).unwrap();
+    let module = rspirv::dr::load_words(spirv).unwrap();
     // A struct that is used both in a buffer and as a local variable is there twice, with offsets only in the buffer.
     let laid_out = |id: u32| {
         module.annotations.iter().any(|line| match line.operands.as_slice() {
@@ -41,22 +41,4 @@ pub fn member_offsets(spirv: &[u32], name: &str) -> Vec<(String, u32)> {
         .collect();
     members.sort_unstable();
     members.into_iter().map(|(member, offset)| (member_name(member).unwrap(), offset)).collect()
-}
-
-/// The module without the text it was compiled from: long texts are cut in the middle of characters, which the parser
-/// does not take.
-fn without_source(spirv: &[u32]) -> Vec<u32> {
-    const HEADER: usize = 5;
-    const OP_SOURCE_CONTINUED: u32 = 2;
-    const OP_SOURCE: u32 = 3;
-    let mut words = spirv[..HEADER].to_vec();
-    let mut rest = &spirv[HEADER..];
-    while let Some(&first) = rest.first() {
-        let (instruction, tail) = rest.split_at((first >> 16) as usize);
-        if ![OP_SOURCE_CONTINUED, OP_SOURCE].contains(&(first & 0xffff)) {
-            words.extend(instruction);
-        }
-        rest = tail;
-    }
-    words
 }

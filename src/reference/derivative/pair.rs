@@ -1,4 +1,4 @@
-//! The derivative of U from one triangle to another. Twin of glsl/near_derivative.comp and glsl/far_derivative.comp.
+//! The derivative of U from one triangle to another. Twin of glsl/near_derivative.comp and glsl/transport_derivative.comp.
 
 use super::far_weight::far_weight_slope;
 use super::frame::pull_unit;
