@@ -1,6 +1,7 @@
 //! Compiles every `glsl/NAME.comp` to SPIR-V and writes `$OUT_DIR/shaders.rs`, which `src/shaders.rs` includes.
 //! Heads (`glsl/*.glsl`) are reached with `#include`; any shader error stops the build with the compiler's message.
 
+use std::collections::BTreeSet;
 use std::env;
 use std::fmt::Write as _;
 use std::fs;
@@ -28,11 +29,18 @@ fn build() -> Result<(), String> {
     let out = PathBuf::from(env::var_os("OUT_DIR").ok_or("OUT_DIR is not set: run through cargo")?);
     let mut source = String::new();
     let mut all = String::new();
+    let mut names = BTreeSet::new();
     for shader in shaders()? {
         let name = shader.file_stem().and_then(|stem| stem.to_str()).ok_or("a shader's name is not UTF-8")?;
         let constant = name.to_uppercase();
         let single = compiled(&shader, &out, name, &[])?;
-        if uses_reals(&shader)? {
+        let doubles = uses_reals(&shader)?;
+        for name in [Some(name.to_owned()), doubles.then(|| format!("{name}_f64"))].into_iter().flatten() {
+            if !names.insert(name.clone()) {
+                return Err(format!("{}: there are two shaders \"{name}\": rename one", shader.display()));
+            }
+        }
+        if doubles {
             let double = compiled(&shader, &out, &format!("{name}_f64"), &["F64"])?;
             let _ = writeln!(
                 source,

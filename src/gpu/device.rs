@@ -272,17 +272,10 @@ fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<
     if has(khr::portability_subset::NAME) {
         names.push(khr::portability_subset::NAME.as_ptr());
     }
-    let features =
-        vk::PhysicalDeviceFeatures::default().shader_float64(enabled.float64).shader_int64(enabled.int64);
+    let features = vk::PhysicalDeviceFeatures::default().shader_float64(enabled.float64);
     let mut sizes = vk::PhysicalDeviceSubgroupSizeControlFeatures::default().subgroup_size_control(true);
-    let mut atomics = vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT::default()
-        .shader_buffer_float32_atomics(true)
-        .shader_buffer_float32_atomic_add(true);
     if enabled.subgroup_size_control {
         names.push(ext::subgroup_size_control::NAME.as_ptr());
-    }
-    if enabled.atomic_float_add {
-        names.push(ext::shader_atomic_float::NAME.as_ptr());
     }
     let queues = [vk::DeviceQueueCreateInfo::default()
         .queue_family_index(candidate.queue_family)
@@ -295,9 +288,6 @@ fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<
         .enabled_features(&features);
     if enabled.subgroup_size_control {
         create = create.push_next(&mut sizes);
-    }
-    if enabled.atomic_float_add {
-        create = create.push_next(&mut atomics);
     }
     // SAFETY: all pointers in `create` outlive the call; the device lists the extensions and features.
     unsafe { instance.raw().create_device(candidate.physical, &create, None) }
