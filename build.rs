@@ -3,7 +3,7 @@
 //! was edited since. `spirv/manifest` says what each module was compiled from. `scripts/shaders` renews the folder: it runs
 //! this program with the argument `renew`.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::env;
 use std::fmt::Write as _;
 use std::fs;
@@ -98,7 +98,12 @@ impl Sources<'_> {
                 modules.push(module(format!("{name}_f64"), &["F64"]));
             }
         }
-        Ok(modules)
+        let mut names = BTreeSet::new();
+        match modules.iter().find(|module| !names.insert(module.name.as_str())) {
+            // Pipelines are cached by the name of their shader.
+            Some(twice) => Err(format!("{GLSL}/{}: there are two shaders \"{}\": rename one", twice.shader, twice.name)),
+            None => Ok(modules),
+        }
     }
 
     /// A file of `glsl/` and what it includes, itself or through another: name and text.

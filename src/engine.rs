@@ -125,11 +125,11 @@ pub struct Engine {
 }
 
 impl Limits {
-    /// What a device allows.
+    /// What a device allows, less what is in use there: other engines, solutions that are held, pictures.
     pub fn of(device: &Device) -> Self {
-        let info = device.info();
+        let (info, memory) = (device.info(), device.memory());
         Self {
-            memory_budget: device.memory().budget,
+            memory_budget: memory.budget.saturating_sub(memory.in_use),
             max_buffer: info.max_storage_buffer_range,
             staging: crate::gpu::staging_bytes(),
             page: info.max_storage_buffer_range,
@@ -144,16 +144,15 @@ impl Engine {
         if plan.facets.len() != scene.triangles.len() {
             return Err(EngineError::OtherScene { planned: plan.facets.len(), given: scene.triangles.len() });
         }
-        let before = device.memory();
-        let buffers = SceneBuffers::new(device, scene, &plan)?;
-        let adjoint = Adjoint::new(device, &plan)?;
-        let operators = Operators::new(device, plan, buffers)?;
-        let after = device.memory();
+        // Counted apart from what else there is on the device, other engines of other threads among it.
+        let own = device.scope(plan.staging);
+        let buffers = SceneBuffers::new(&own, scene, &plan)?;
+        let adjoint = Adjoint::new(&own, &plan)?;
+        let operators = Operators::new(&own, plan, buffers)?;
+        let allocated = own.scope_memory();
         for item in operators.plan().memory().own() {
-            let of = |report: &crate::gpu::MemoryReport| {
-                report.by_label.iter().find(|l| l.label == item.label).map_or(0, |l| l.bytes)
-            };
-            let allocated = of(&after).saturating_sub(of(&before));
+            let row = allocated.iter().find(|row| row.label == item.label);
+            let allocated = row.map_or(0, |row| row.bytes);
             if allocated != item.bytes {
                 return Err(EngineError::Miscounted {
                     label: item.label.clone(),

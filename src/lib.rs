@@ -36,6 +36,9 @@
 //! [`gpu`] (Vulkan), [`transport`] (the operators U, K, J, S on the device), [`solve`] (solvers, for any operator),
 //! [`Engine`] (all of it together), [`image`] (pictures). [`mod@reference`] is the f64 twin that the kernels are tested
 //! against. SI units, RGB.
+//!
+//! Threads: what is given and what comes out can be shared, and so can a [`gpu::Device`], on which several engines can work
+//! at once. An [`Engine`] belongs to one thread at a time.
 
 pub mod ambiguity;
 #[cfg(feature = "cli")]
@@ -59,3 +62,29 @@ pub mod warnings;
 
 pub use engine::{Energy, Engine, EngineError, Negative, Solution, SolveParams};
 pub use gradients::{Cotangent, Gradients, MaterialGradients};
+
+/// What threads may do with the types of the API: a change that takes it away does not compile.
+const _: () = {
+    const fn moved<T: Send>() {}
+    const fn shared<T: Send + Sync>() {}
+    shared::<scene::Scene>();
+    shared::<scene::SceneError>();
+    shared::<plan::Limits>();
+    shared::<plan::Plan>();
+    shared::<gpu::Device>();
+    shared::<gpu::Buffer>();
+    shared::<gpu::Pipeline>();
+    shared::<gpu::GpuError>();
+    shared::<gpu::ValidationLog>();
+    shared::<Solution>();
+    shared::<EngineError>();
+    shared::<Cotangent>();
+    shared::<Gradients>();
+    shared::<image::Rasterizer>();
+    shared::<image::Picture>();
+    shared::<image::ImageError>();
+    // A watcher may be of one thread at a time, a recording batch always is.
+    moved::<Engine>();
+    moved::<transport::Operators>();
+    moved::<gpu::Batch<'static>>();
+};

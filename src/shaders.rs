@@ -3,22 +3,35 @@
 
 use crate::scene::Precision;
 
-/// A compute shader with the entry point `main`.
+/// A compute shader with the entry point `main`. There are those of the build and no others, which is why safe code can run
+/// them: none was made by hand.
 #[derive(Debug)]
 pub struct Shader {
-    /// The file's name without `.comp`; it names the pipeline, its profile rows and its errors.
-    pub name: &'static str,
-    pub spirv: &'static [u32],
+    name: &'static str,
+    spirv: &'static [u32],
 }
 
-/// A shader in both precisions.
+impl Shader {
+    /// The file's name without `.comp`; it names the pipeline, its profile rows and its errors.
+    pub fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// The words of the module.
+    pub fn spirv(&self) -> &'static [u32] {
+        self.spirv
+    }
+}
+
+/// A shader in both kinds of numbers.
 #[derive(Debug)]
 pub struct RealShader {
-    pub f32: Shader,
-    pub f64: Shader,
+    f32: Shader,
+    f64: Shader,
 }
 
 impl RealShader {
+    /// The one whose numbers are those of a precision.
     pub fn of(&self, precision: Precision) -> &Shader {
         match precision {
             Precision::F32 | Precision::Packed => &self.f32,
@@ -28,3 +41,11 @@ impl RealShader {
 }
 
 include!(concat!(env!("OUT_DIR"), "/shaders.rs"));
+
+#[cfg(test)]
+impl Shader {
+    /// Another kernel under the name of this one, which the build never makes.
+    pub(crate) fn impostor(&self, code: &Self) -> Self {
+        Self { name: self.name, spirv: code.spirv }
+    }
+}

@@ -2,14 +2,15 @@
 
 mod support;
 
-use antirad::gpu::{Device, DeviceOptions};
-use antirad::plan::{Limits, Plan, PlanError, Residency};
+use antirad::gpu::{Buffer, BufferKind, Device, DeviceOptions};
+use antirad::plan::{Limits, Plan, PlanError, Residency, Wanted};
 use antirad::reference::{Model, emission, transport};
 use antirad::scene::{Accuracy, Material, Precision, Scene, Shape, SolverChoice, Triangle};
 use antirad::solve::{FixedPointParams, SolveError, fixed_point};
-use antirad::{Engine, EngineError, SolveParams};
+use antirad::{Cotangent, Engine, EngineError, SolveParams};
 use glam::DVec3;
 use std::ops::ControlFlow;
+use std::sync::Barrier;
 use support::{areas, device, finish, load, relative_l2, solve, solve_within};
 
 /// A room with a lamp under the ceiling and a box on the floor.
@@ -405,6 +406,78 @@ fn shipped_scenes_solve() {
         assert!(solution.irradiance.iter().flatten().all(|h| h.is_finite()));
         assert!(share.iter().all(|&s| s > 0.0 && s <= 1.05), "{name}: {share:?}");
     }
+    finish(&device);
+}
+
+/// Four engines at once on one device, each in a thread of its own, with staging buffers of different sizes: each counts
+/// its own memory alone, and finds what it finds when nobody else is there.
+#[test]
+fn engines_in_threads_find_what_they_find_alone() {
+    let device = device();
+    let usual = Limits::of(&device);
+    let wanted = Wanted { albedo: true, positions: true, ..Wanted::NOTHING };
+    let (plain, glossy) = (room(4, 0.5), glossy_room(3));
+    let packed = Accuracy { precision: Precision::Packed, tolerance: 1e-4, ..glossy.accuracy };
+    let least = least_budget(&glossy, &glossy.accuracy, &usual);
+    let jobs = [
+        (&plain, plain.accuracy, Limits { gradients: wanted, ..usual }),
+        (&glossy, packed, Limits { staging: 1 << 20, ..usual }),
+        (&glossy, glossy.accuracy, Limits { memory_budget: least + (1 << 16), ..usual }),
+        (&plain, Accuracy { precision: Precision::F64, ..plain.accuracy }, usual),
+    ];
+    let run = |(scene, accuracy, limits): &(&Scene, Accuracy, Limits)| {
+        let (mut engine, solution) = solve_within(&device, scene, accuracy, limits);
+        let colours = engine.face_colours(&solution, DVec3::new(0.5, 0.5, 0.2)).expect("colours");
+        let gradients = limits.gradients.any().then(|| {
+            let cotangent = Cotangent {
+                irradiance: Some(vec![DVec3::ONE; scene.triangles.len()]),
+                ..Cotangent::default()
+            };
+            let params = SolveParams::from(accuracy);
+            let found = engine.backward(&solution, &cotangent, wanted, &params).expect("gradients");
+            (found.albedo, found.vertices)
+        });
+        (solution.irradiance.clone(), solution.radiosity.clone(), solution.info.clone(), colours, gradients)
+    };
+    let alone: Vec<_> = jobs.iter().map(run).collect();
+    assert_eq!(device.memory().in_use, 0);
+    let start = Barrier::new(jobs.len());
+    std::thread::scope(|scope| {
+        for (job, alone) in jobs.iter().zip(&alone) {
+            let (run, start) = (&run, &start);
+            scope.spawn(move || {
+                for round in 0..2 {
+                    start.wait();
+                    assert!(run(job) == *alone, "{:?}, round {round}", job.2);
+                }
+            });
+        }
+    });
+    assert_eq!(device.memory().in_use, 0);
+    finish(&device);
+}
+
+/// Limits are what is left by those who are there already.
+#[test]
+fn limits_leave_alone_what_others_use() {
+    let budget = 64 << 20;
+    let options = DeviceOptions { validation: true, memory_budget: Some(budget), ..Default::default() };
+    let device = Device::new(&options).expect("a Vulkan device");
+    let scene = room(4, 0.5);
+    assert_eq!(Limits::of(&device).memory_budget, budget);
+    let (first, solution) = solve(&device, &scene, &scene.accuracy);
+    assert_eq!(Limits::of(&device).memory_budget, budget - first.plan().memory().total());
+    let buffer = |bytes| Buffer::new(&device, "another's", bytes, BufferKind::Storage).expect("a buffer");
+    let rest = Limits::of(&device).memory_budget;
+    let taken = buffer(rest - (4 << 20));
+    let (second, other) = solve(&device, &scene, &scene.accuracy);
+    assert_eq!(second.plan().limits.memory_budget, 4 << 20);
+    assert!(second.plan().memory().total() <= 4 << 20);
+    assert!(relative_l2(&other.irradiance, &solution.irradiance, &areas(&scene)) <= 1e-4);
+    drop(taken);
+    // Nothing left is nothing, not a number that has wrapped around.
+    let _all = buffer(Limits::of(&device).memory_budget);
+    assert_eq!(Limits::of(&device).memory_budget, 0);
     finish(&device);
 }
 

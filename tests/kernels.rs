@@ -198,9 +198,9 @@ fn a_wrong_kernel_would_be_found() {
 fn layouts_agree_with_the_shaders() {
     macro_rules! check {
         ($shader:expr, $name:literal, $type:ty, [$($glsl:literal = $field:ident),* $(,)?]) => {
-            let offsets = reflect::member_offsets($shader.spirv, $name);
+            let offsets = reflect::member_offsets($shader.spirv(), $name);
             let expected = [$(($glsl.to_owned(), std::mem::offset_of!($type, $field) as u32)),*];
-            assert_eq!(offsets, expected, "{} of {}", $name, $shader.name);
+            assert_eq!(offsets, expected, "{} of {}", $name, $shader.name());
         };
     }
     use device_side::*;
@@ -214,7 +214,12 @@ fn layouts_agree_with_the_shaders() {
             expected.truncate(reals.len());
             expected
                 .extend(words.iter().zip(0..).map(|(name, k)| ((*name).to_owned(), total * bytes + 4 * k)));
-            assert_eq!(reflect::member_offsets(shader.spirv, name), expected, "{name} of {}", shader.name);
+            assert_eq!(
+                reflect::member_offsets(shader.spirv(), name),
+                expected,
+                "{name} of {}",
+                shader.name()
+            );
         }
     };
     let facet = [("centre", 0), ("area", 3), ("normal", 4), ("extent", 7), ("", 8)];
@@ -245,10 +250,10 @@ fn layouts_agree_with_the_shaders() {
     laid_out(&shaders::OBSERVE, "ObservePush", &[("eye", 0), ("", 3)], &["begin", "end"]);
     laid_out(&shaders::COMBINE, "Push", &[("a", 0), ("b", 1), ("", 2)], &["count"]);
     for shader in [
-        &shaders::TRANSPORT_IRRADIANCE.f64,
-        &shaders::TRANSPORT_BINS.f32,
-        &shaders::TRANSPORT_BINS_ADJOINT.f64,
-        &shaders::TRANSPORT_DERIVATIVE.f64,
+        shaders::TRANSPORT_IRRADIANCE.of(Precision::F64),
+        shaders::TRANSPORT_BINS.of(Precision::F32),
+        shaders::TRANSPORT_BINS_ADJOINT.of(Precision::F64),
+        shaders::TRANSPORT_DERIVATIVE.of(Precision::F64),
     ] {
         check!(
             shader,
@@ -266,7 +271,11 @@ fn layouts_agree_with_the_shaders() {
             ]
         );
     }
-    for shader in [&shaders::NEAR.f64, &shaders::NEAR_ADJOINT.f32, &shaders::NEAR_DERIVATIVE.f64] {
+    for shader in [
+        shaders::NEAR.of(Precision::F64),
+        shaders::NEAR_ADJOINT.of(Precision::F32),
+        shaders::NEAR_DERIVATIVE.of(Precision::F64),
+    ] {
         check!(
             shader,
             "NearPush",
@@ -286,35 +295,35 @@ fn layouts_agree_with_the_shaders() {
         );
     }
     check!(
-        shaders::REFLECT.f64,
+        shaders::REFLECT.of(Precision::F64),
         "ReflectPush",
         ReflectPush,
         ["count" = count, "emission" = emission, "reflection" = reflection]
     );
     check!(
-        shaders::REFLECT_GLOSSY.f64,
+        shaders::REFLECT_GLOSSY.of(Precision::F64),
         "GlossyPush",
         GlossyPush,
         ["page" = page, "first" = first, "count" = count]
     );
     check!(
-        shaders::REFLECT_ADJOINT.f64,
+        shaders::REFLECT_ADJOINT.of(Precision::F64),
         "ReflectAdjointPush",
         ReflectAdjointPush,
         ["count" = count, "given" = given]
     );
     check!(
-        shaders::REFLECT_GLOSSY_DERIVATIVE.f64,
+        shaders::REFLECT_GLOSSY_DERIVATIVE.of(Precision::F64),
         "GlossyDerivativePush",
         GlossyDerivativePush,
         ["page" = page, "count" = count, "bin_begin" = bin_begin, "bin_end" = bin_end]
     );
     check!(
-        shaders::REFLECT_GLOSSY_ADJOINT.f64,
+        shaders::REFLECT_GLOSSY_ADJOINT.of(Precision::F64),
         "GlossyPush",
         GlossyPush,
         ["page" = page, "first" = first, "count" = count]
     );
     check!(shaders::PACK, "PackPush", PackPush, ["first" = first]);
-    check!(shaders::DOT.f64, "DotPush", DotPush, ["count" = count]);
+    check!(shaders::DOT.of(Precision::F64), "DotPush", DotPush, ["count" = count]);
 }

@@ -9,7 +9,7 @@ use gpu_allocator::vulkan::Allocation;
 
 use super::device::{Device, Shared};
 use super::error::{During, GpuError};
-use super::memory::{Bytes, rounded};
+use super::memory::{Bytes, ScopeId, rounded};
 use super::{Result, lock};
 
 /// Where a buffer lives. Kernels and copies can use every kind.
@@ -25,7 +25,7 @@ pub enum BufferKind {
 
 /// A buffer of a device. The label names it in errors, reports and debuggers.
 pub struct Buffer {
-    device: Device,
+    shared: Arc<Shared>,
     block: Block,
 }
 
@@ -40,8 +40,8 @@ pub struct BufferSlice<'a> {
 impl Buffer {
     /// `bytes` are rounded up as [`rounded`] says. The content is undefined.
     pub fn new(device: &Device, label: &str, bytes: u64, kind: BufferKind) -> Result<Self> {
-        let block = Block::new(&device.shared, label, bytes, kind)?;
-        Ok(Self { device: device.clone(), block })
+        let block = Block::new(&device.shared, device.scope.id(), label, bytes, kind)?;
+        Ok(Self { shared: device.shared.clone(), block })
     }
 
     pub fn label(&self) -> &str {
@@ -77,7 +77,7 @@ impl Buffer {
     /// That the buffer belongs to `device` and has these bytes.
     pub(super) fn check(&self, device: &Device, offset: u64, bytes: u64) -> Result<()> {
         let label = || self.label().to_owned();
-        if !Arc::ptr_eq(&self.device.shared, &device.shared) {
+        if !Arc::ptr_eq(&self.shared, &device.shared) {
             return Err(GpuError::OtherDevice { label: label() });
         }
         let size = self.bytes();
@@ -103,7 +103,7 @@ impl fmt::Debug for Buffer {
 
 impl Drop for Buffer {
     fn drop(&mut self) {
-        mem::take(&mut self.block).destroy(&self.device.shared);
+        mem::take(&mut self.block).destroy(&self.shared);
     }
 }
 
@@ -112,21 +112,28 @@ impl Drop for Buffer {
 pub(super) struct Block {
     pub(super) raw: vk::Buffer,
     allocation: Allocation,
+    scope: ScopeId,
     label: String,
     bytes: u64,
 }
 
 impl Block {
-    pub(super) fn new(shared: &Shared, label: &str, bytes: u64, kind: BufferKind) -> Result<Self> {
+    pub(super) fn new(
+        shared: &Shared,
+        scope: ScopeId,
+        label: &str,
+        bytes: u64,
+        kind: BufferKind,
+    ) -> Result<Self> {
         let bytes = rounded(bytes);
         let limit = shared.info.max_storage_buffer_range.min(shared.info.max_allocation);
         if bytes > limit {
             let (bytes, limit) = (Bytes(bytes), Bytes(limit));
             return Err(GpuError::BufferTooLarge { label: label.to_owned(), bytes, limit });
         }
-        lock(&shared.memory).take(label, bytes)?;
+        lock(&shared.memory).take(scope, label, bytes)?;
         // From here on `destroy` undoes what is done, on a failure too.
-        let mut block = Self { label: label.to_owned(), bytes, ..Self::default() };
+        let mut block = Self { scope, label: label.to_owned(), bytes, ..Self::default() };
         match block.create(shared, kind) {
             Ok(()) => Ok(block),
             Err(error) => {
@@ -183,6 +190,6 @@ impl Block {
         unsafe { shared.raw().destroy_buffer(self.raw, None) };
         let mut memory = lock(&shared.memory);
         memory.free(self.allocation);
-        memory.give_back(&self.label, self.bytes);
+        memory.give_back(self.scope, &self.label, self.bytes);
     }
 }

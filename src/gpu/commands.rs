@@ -9,6 +9,7 @@ use ash::vk;
 use super::buffer::{Buffer, BufferSlice};
 use super::device::Device;
 use super::error::GpuError;
+use super::memory::{ALIGN, Bytes};
 use super::pipeline::Pipeline;
 use super::recorder::Recorder;
 use super::{Result, lock};
@@ -185,9 +186,12 @@ impl<'a> Batch<'a> {
         if groups.iter().zip(&limit).any(|(groups, limit)| groups > limit) {
             return Err(GpuError::TooManyGroups { kernel, groups, limit });
         }
-        for BufferSlice { buffer, offset, bytes } in buffers {
+        for (binding, BufferSlice { buffer, offset, bytes }) in (0..).zip(buffers) {
             buffer.check(&self.device, *offset, *bytes)?;
-            buffer.check_aligned(*offset, 0, info.storage_buffer_alignment)?;
+            match pipeline.bindings.kind(binding) == vk::DescriptorType::UNIFORM_BUFFER {
+                true => check_uniform(buffer, *offset, *bytes, info.max_uniform_buffer_range)?,
+                false => buffer.check_aligned(*offset, 0, info.storage_buffer_alignment)?,
+            }
             if *bytes == 0 {
                 // Vulkan cannot bind nothing.
                 let (label, size) = (buffer.label().to_owned(), buffer.bytes());
@@ -253,6 +257,17 @@ impl<'a> Batch<'a> {
             device.cmd_pipeline_barrier(self.recorder.commands, from, to, none, &barrier, &[], &[]);
         }
     }
+}
+
+/// That a part of a buffer can be a uniform buffer. The alignment is the largest that Vulkan lets a device ask, whatever
+/// this one asks: what goes here goes on every device.
+fn check_uniform(buffer: &Buffer, offset: u64, bytes: u64, limit: u64) -> Result<()> {
+    buffer.check_aligned(offset, 0, ALIGN)?;
+    if bytes > limit {
+        let (bytes, limit) = (Bytes(bytes), Bytes(limit));
+        return Err(GpuError::BufferTooLarge { label: buffer.label().to_owned(), bytes, limit });
+    }
+    Ok(())
 }
 
 impl Drop for Batch<'_> {

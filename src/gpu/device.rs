@@ -4,22 +4,21 @@ use std::collections::HashMap;
 use std::env;
 use std::ffi::CString;
 use std::fmt;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use ash::ext::debug_utils;
 use ash::{ext, khr, vk};
 
-use super::buffer::Block;
 use super::error::{During, GpuError};
 use super::info::{DeviceInfo, Enabled};
 use super::instance::Instance;
-use super::memory::{Memory, MemoryReport};
+use super::memory::{LabelReport, Memory, MemoryReport};
 use super::pipeline::{Key, Parts};
 use super::profile::{Profile, ProfileRow};
 use super::recorder::Recorder;
 use super::survey::{self, Candidate};
-use super::transfer::Staging;
+use super::transfer::{STAGING_CHUNK, Scope};
 use super::validation::ValidationLog;
 use super::{Result, lock};
 
@@ -57,6 +56,7 @@ impl DeviceOptions {
 #[derive(Clone)]
 pub struct Device {
     pub(super) shared: Arc<Shared>,
+    pub(super) scope: Arc<Scope>,
 }
 
 pub(super) struct Shared {
@@ -71,7 +71,8 @@ pub(super) struct Shared {
     pub(super) pipelines: Mutex<HashMap<Key, Parts>>,
     /// Recorders between two batches: a batch takes one, or makes one when all are busy.
     pub(super) idle: Mutex<Vec<Recorder>>,
-    pub(super) staging: Staging,
+    /// How many scopes were made so far.
+    pub(super) scopes: AtomicU64,
     pub(super) profile: Mutex<Profile>,
     /// The device stopped answering: it may use its objects for ever, so none may be destroyed.
     hung: AtomicBool,
@@ -143,7 +144,7 @@ impl Device {
             cache,
             pipelines: Mutex::default(),
             idle: Mutex::default(),
-            staging: Staging::default(),
+            scopes: AtomicU64::new(0),
             profile: Mutex::default(),
             hung: AtomicBool::new(false),
             names,
@@ -151,7 +152,15 @@ impl Device {
             instance,
         };
         shared.name(cache, "pipeline cache");
-        Ok(Self { shared: Arc::new(shared) })
+        let shared = Arc::new(shared);
+        Ok(Self { scope: Scope::new(&shared, 2 * STAGING_CHUNK), shared })
+    }
+
+    /// A handle on the same device for one user of it among several, an engine for instance: what it allocates is counted
+    /// apart ([`Self::scope_memory`]), under the one budget, and it has staging buffers of its own for its transfers, which
+    /// take `staging` bytes together from the first transfer on, to the end of the last clone of the handle.
+    pub fn scope(&self, staging: u64) -> Self {
+        Self { scope: Scope::new(&self.shared, staging), shared: self.shared.clone() }
     }
 
     /// What the device is, and which optional capabilities are switched on.
@@ -162,6 +171,11 @@ impl Device {
     /// What the buffers take, those that the host can see included.
     pub fn memory(&self) -> MemoryReport {
         lock(&self.shared.memory).report()
+    }
+
+    /// By label, what the buffers take that were made with this handle or its clones, staging buffers included.
+    pub fn scope_memory(&self) -> Vec<LabelReport> {
+        lock(&self.shared.memory).report_of(self.scope.id())
     }
 
     /// Time on the device since the start or the last [`reset_profile`](Self::reset_profile), the most expensive first.
@@ -243,9 +257,6 @@ impl Drop for Shared {
         for parts in std::mem::take(&mut *lock(&self.pipelines)).into_values() {
             parts.destroy(self);
         }
-        for block in self.staging.take() {
-            Block::destroy(block, self);
-        }
         // SAFETY: this is the last reference: no buffer, pipeline or batch is left, and each batch waited for its end.
         unsafe {
             self.logical.raw.destroy_pipeline_cache(self.cache, None);
@@ -261,17 +272,10 @@ fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<
     if has(khr::portability_subset::NAME) {
         names.push(khr::portability_subset::NAME.as_ptr());
     }
-    let features =
-        vk::PhysicalDeviceFeatures::default().shader_float64(enabled.float64).shader_int64(enabled.int64);
+    let features = vk::PhysicalDeviceFeatures::default().shader_float64(enabled.float64);
     let mut sizes = vk::PhysicalDeviceSubgroupSizeControlFeatures::default().subgroup_size_control(true);
-    let mut atomics = vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT::default()
-        .shader_buffer_float32_atomics(true)
-        .shader_buffer_float32_atomic_add(true);
     if enabled.subgroup_size_control {
         names.push(ext::subgroup_size_control::NAME.as_ptr());
-    }
-    if enabled.atomic_float_add {
-        names.push(ext::shader_atomic_float::NAME.as_ptr());
     }
     let queues = [vk::DeviceQueueCreateInfo::default()
         .queue_family_index(candidate.queue_family)
@@ -284,9 +288,6 @@ fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<
         .enabled_features(&features);
     if enabled.subgroup_size_control {
         create = create.push_next(&mut sizes);
-    }
-    if enabled.atomic_float_add {
-        create = create.push_next(&mut atomics);
     }
     // SAFETY: all pointers in `create` outlive the call; the device lists the extensions and features.
     unsafe { instance.raw().create_device(candidate.physical, &create, None) }

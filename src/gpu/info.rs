@@ -26,13 +26,9 @@ impl std::fmt::Display for DeviceKind {
 /// Optional capabilities that are switched on in a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Enabled {
-    /// `shaderFloat64`.
+    /// `shaderFloat64`: precision "f64" needs it.
     pub float64: bool,
-    /// `shaderInt64`.
-    pub int64: bool,
-    /// `shaderBufferFloat32AtomicAdd` of VK_EXT_shader_atomic_float.
-    pub atomic_float_add: bool,
-    /// `subgroupSizeControl` of VK_EXT_subgroup_size_control.
+    /// `subgroupSizeControl` of VK_EXT_subgroup_size_control: far kernels are as wide as subgroups.
     pub subgroup_size_control: bool,
     /// The instance extension VK_EXT_debug_utils: objects get names.
     pub debug_utils: bool,
@@ -54,6 +50,10 @@ pub struct DeviceInfo {
     /// What VK_EXT_memory_budget leaves to this process, where there is that extension.
     pub available_bytes: Option<u64>,
     pub storage_buffer_alignment: u64,
+    /// Of offsets of uniform buffers. At most [`ALIGN`](super::ALIGN), which batches demand on every device.
+    pub uniform_buffer_alignment: u64,
+    /// What a kernel sees of a uniform buffer at most.
+    pub max_uniform_buffer_range: u64,
     /// Storage buffers that one kernel can bind.
     pub max_storage_buffers: u32,
     pub max_push_bytes: u32,

@@ -77,10 +77,16 @@ struct Ledger {
     /// Bytes and number of buffers.
     labels: BTreeMap<String, (u64, u64)>,
     peaks: BTreeMap<String, u64>,
+    /// The same bytes and numbers, by the scope of the buffers.
+    scopes: BTreeMap<ScopeId, BTreeMap<String, (u64, u64)>>,
 }
 
+/// Which handle a buffer was made with: [`Device::scope`](super::Device::scope).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct ScopeId(pub(super) u64);
+
 impl Ledger {
-    fn take(&mut self, label: &str, bytes: u64) -> Result<()> {
+    fn take(&mut self, scope: ScopeId, label: &str, bytes: u64) -> Result<()> {
         // Written without a sum, which could overflow, and without trusting that in_use <= budget.
         if bytes > self.budget.saturating_sub(self.in_use) {
             return Err(GpuError::OverBudget {
@@ -92,6 +98,8 @@ impl Ledger {
         }
         self.in_use += bytes;
         self.peak = self.peak.max(self.in_use);
+        let own = self.scopes.entry(scope).or_default().entry(label.to_owned()).or_default();
+        *own = (own.0 + bytes, own.1 + 1);
         let entry = self.labels.entry(label.to_owned()).or_default();
         *entry = (entry.0 + bytes, entry.1 + 1);
         let peak = self.peaks.entry(label.to_owned()).or_default();
@@ -99,15 +107,32 @@ impl Ledger {
         Ok(())
     }
 
-    fn give_back(&mut self, label: &str, bytes: u64) {
+    fn give_back(&mut self, scope: ScopeId, label: &str, bytes: u64) {
         self.in_use = self.in_use.saturating_sub(bytes);
-        if let Some(entry) = self.labels.get_mut(label) {
-            *entry = (entry.0.saturating_sub(bytes), entry.1.saturating_sub(1));
-            if entry.1 == 0 {
-                self.labels.remove(label);
+        forget(&mut self.labels, label, bytes);
+        if let Some(own) = self.scopes.get_mut(&scope) {
+            forget(own, label, bytes);
+            if own.is_empty() {
+                self.scopes.remove(&scope);
             }
         }
     }
+}
+
+/// Takes one buffer of `bytes` out of the counts.
+fn forget(labels: &mut BTreeMap<String, (u64, u64)>, label: &str, bytes: u64) {
+    if let Some(entry) = labels.get_mut(label) {
+        *entry = (entry.0.saturating_sub(bytes), entry.1.saturating_sub(1));
+        if entry.1 == 0 {
+            labels.remove(label);
+        }
+    }
+}
+
+fn rows(labels: &BTreeMap<String, (u64, u64)>) -> Vec<LabelReport> {
+    let row =
+        |(label, &(bytes, count)): (&String, &(u64, u64))| LabelReport { label: label.clone(), bytes, count };
+    labels.iter().map(row).collect()
 }
 
 pub(super) struct Memory {
@@ -141,12 +166,12 @@ impl Memory {
     }
 
     /// Counts `bytes` under `label`, or says that they are beyond the budget. Comes before `allocate`.
-    pub(super) fn take(&mut self, label: &str, bytes: u64) -> Result<()> {
-        self.ledger.take(label, bytes)
+    pub(super) fn take(&mut self, scope: ScopeId, label: &str, bytes: u64) -> Result<()> {
+        self.ledger.take(scope, label, bytes)
     }
 
-    pub(super) fn give_back(&mut self, label: &str, bytes: u64) {
-        self.ledger.give_back(label, bytes);
+    pub(super) fn give_back(&mut self, scope: ScopeId, label: &str, bytes: u64) {
+        self.ledger.give_back(scope, label, bytes);
     }
 
     pub(super) fn allocate(
@@ -176,19 +201,20 @@ impl Memory {
     }
 
     pub(super) fn report(&self) -> MemoryReport {
-        let Ledger { budget, in_use, peak, labels, peaks } = &self.ledger;
-        let rows = labels.iter().map(|(label, &(bytes, count))| {
-            let label = label.clone();
-            LabelReport { label, bytes, count }
-        });
+        let Ledger { budget, in_use, peak, labels, peaks, .. } = &self.ledger;
         MemoryReport {
             budget: *budget,
             in_use: *in_use,
             peak: *peak,
             reserved: self.allocator.capacity(),
-            by_label: rows.collect(),
+            by_label: rows(labels),
             peak_by_label: peaks.iter().map(|(label, &bytes)| (label.clone(), bytes)).collect(),
         }
+    }
+
+    /// By label, what the buffers of one scope take.
+    pub(super) fn report_of(&self, scope: ScopeId) -> Vec<LabelReport> {
+        self.ledger.scopes.get(&scope).map(rows).unwrap_or_default()
     }
 
     /// Hands all blocks back to the driver.
@@ -222,17 +248,33 @@ mod tests {
 
     #[test]
     fn ledger_counts_and_refuses() {
+        let scope = ScopeId(3);
         let mut ledger = Ledger { budget: 1000, ..Ledger::default() };
-        assert!(ledger.take("a", 600).is_ok());
-        assert!(ledger.take("b", 401).is_err());
-        assert!(ledger.take("b", u64::MAX).is_err());
-        assert!(ledger.take("b", 400).is_ok());
-        ledger.give_back("a", 600);
+        assert!(ledger.take(scope, "a", 600).is_ok());
+        assert!(ledger.take(scope, "b", 401).is_err());
+        assert!(ledger.take(scope, "b", u64::MAX).is_err());
+        assert!(ledger.take(scope, "b", 400).is_ok());
+        ledger.give_back(scope, "a", 600);
         assert_eq!((ledger.in_use, ledger.peak), (400, 1000));
         assert_eq!(ledger.labels.keys().collect::<Vec<_>>(), ["b"]);
         assert_eq!(ledger.peaks.keys().collect::<Vec<_>>(), ["a", "b"]);
         // A budget below what is in use must refuse, not wrap.
         ledger.budget = 100;
-        assert!(ledger.take("c", 1).is_err());
+        assert!(ledger.take(scope, "c", 1).is_err());
+    }
+
+    #[test]
+    fn scopes_are_counted_apart() {
+        let (one, other) = (ScopeId(1), ScopeId(2));
+        let mut ledger = Ledger { budget: 1000, ..Ledger::default() };
+        for (scope, label, bytes) in [(one, "a", 100), (other, "a", 200), (one, "a", 10), (one, "b", 1)] {
+            ledger.take(scope, label, bytes).unwrap();
+        }
+        assert_eq!(ledger.scopes[&one], BTreeMap::from([("a".into(), (110, 2)), ("b".into(), (1, 1))]));
+        assert_eq!(ledger.scopes[&other], BTreeMap::from([("a".into(), (200, 1))]));
+        assert_eq!((ledger.labels["a"], ledger.in_use), ((310, 3), 311));
+        ledger.give_back(other, "a", 200);
+        assert_eq!(ledger.scopes.keys().collect::<Vec<_>>(), [&one]);
+        assert_eq!((ledger.labels["a"], ledger.in_use), ((110, 2), 111));
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! ```no_run
 //! use antirad::gpu::{Buffer, BufferKind, Device, DeviceOptions, Pipeline};
+//! use antirad::scene::Precision;
 //! use antirad::shaders;
 //!
 //! # fn main() -> Result<(), antirad::gpu::GpuError> {
@@ -11,7 +12,7 @@
 //! device.upload_slice(&x, 0, &[1.0f32; 1024])?;
 //! device.upload_slice(&y, 0, &[2.0f32; 1024])?;
 //!
-//! let combine = Pipeline::new(&device, &shaders::COMBINE.f32, 2, 12, &[], None)?;
+//! let combine = Pipeline::new(&device, shaders::COMBINE.of(Precision::F32), 2, 12, &[], None)?;
 //! let (count, a, b) = (1024u32, 3.0f32, 1.0f32);
 //! let push = [count.to_ne_bytes(), a.to_ne_bytes(), b.to_ne_bytes()].concat();
 //! let mut batch = device.batch()?;

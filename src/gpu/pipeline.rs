@@ -61,8 +61,9 @@ impl Bindings {
     }
 }
 
-/// What a compiled kernel depends on: its name, bindings, push constants, specialization and subgroup size.
-pub(super) type Key = (&'static str, Bindings, u32, Vec<(u32, u32)>, Option<u32>);
+/// What a compiled kernel depends on: the place of its code, which unlike its name no other kernel has, its bindings, push
+/// constants, specialization and subgroup size.
+pub(super) type Key = (usize, Bindings, u32, Vec<(u32, u32)>, Option<u32>);
 
 impl Parts {
     pub(super) fn destroy(self, shared: &Shared) {
@@ -89,7 +90,7 @@ impl Pipeline {
         specialization: &[(u32, u32)],
         subgroup_size: Option<u32>,
     ) -> Result<Self> {
-        let kernel = shader.name;
+        let kernel = shader.name();
         let info = device.info();
         let limit = info.max_push_bytes.min(MAX_PUSH_BYTES);
         if push_bytes > limit || push_bytes % 4 != 0 {
@@ -109,7 +110,8 @@ impl Pipeline {
         }
         // Without control all subgroups have the one size that was just checked.
         let required = subgroup_size.filter(|_| info.enabled.subgroup_size_control);
-        let key = (kernel, bindings, push_bytes, specialization.to_vec(), required);
+        let code = shader.spirv();
+        let key = (code.as_ptr() as usize, bindings, push_bytes, specialization.to_vec(), required);
         // Held while compiling: who wants the same kernel waits for it instead of compiling it, too.
         let mut compiled = lock(&device.shared.pipelines);
         let parts = compiled.get(&key).copied().unwrap_or_default();
@@ -117,7 +119,7 @@ impl Pipeline {
         if pipeline.parts.pipeline == vk::Pipeline::null() {
             let created = pipeline
                 .create_layouts()
-                .and_then(|()| pipeline.create_pipeline(shader.spirv, specialization, required));
+                .and_then(|()| pipeline.create_pipeline(code, specialization, required));
             if let Err(error) = created {
                 pipeline.parts.destroy(&device.shared);
                 return Err(error);
@@ -173,7 +175,7 @@ impl Pipeline {
         let shared = &self.device.shared;
         let device = shared.raw();
         let create = vk::ShaderModuleCreateInfo::default().code(spirv);
-        // SAFETY: `spirv` comes from the compiler.
+        // SAFETY: `spirv` comes from the compiler: there are no shaders but those of the build.
         let module =
             unsafe { device.create_shader_module(&create, None) }.during("loading kernel", self.kernel)?;
         shared.name(module, self.kernel);
@@ -223,5 +225,25 @@ impl Pipeline {
 impl fmt::Debug for Pipeline {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_tuple("Pipeline").field(&self.kernel).finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::DeviceOptions;
+    use crate::scene::Precision;
+    use crate::shaders;
+
+    #[test]
+    fn kernels_of_one_name_are_not_taken_for_one_another() {
+        let device = Device::new(&DeviceOptions::default()).expect("a Vulkan device");
+        let new =
+            |shader: &Shader| Pipeline::new(&device, shader, 3, 12, &[], None).expect("a pipeline").parts;
+        let combine = shaders::COMBINE.of(Precision::F32);
+        let other = combine.impostor(shaders::DOT.of(Precision::F32));
+        let (parts, others) = (new(combine), new(&other));
+        assert_ne!(parts.pipeline, others.pipeline);
+        assert_eq!((new(combine).pipeline, new(&other).pipeline), (parts.pipeline, others.pipeline));
     }
 }

@@ -8,6 +8,7 @@ use super::Result;
 use super::error::{During, GpuError};
 use super::info::{DeviceInfo, DeviceKind, Enabled, ListedDevice};
 use super::instance::Instance;
+use super::memory::ALIGN;
 
 /// Vulkan 1.2: subgroup operations and the SPIR-V 1.5 that the kernels are compiled to.
 pub(super) const API_VERSION: u32 = vk::API_VERSION_1_2;
@@ -138,6 +139,10 @@ impl Candidate {
         if core.limits.max_uniform_buffer_range < UNIFORM_BYTES {
             missing.push(format!("uniform buffers of {UNIFORM_BYTES} bytes"));
         }
+        if info.uniform_buffer_alignment > ALIGN {
+            // Against the specification.
+            missing.push(format!("uniform buffers at multiples of {ALIGN} bytes"));
+        }
         if timestamp_bits == 0 {
             info.timestamp_period_ns = 0.0;
         }
@@ -175,6 +180,8 @@ fn from_core(core: &vk::PhysicalDeviceProperties, name: String) -> DeviceInfo {
         ),
         max_storage_buffer_range: u64::from(limits.max_storage_buffer_range),
         storage_buffer_alignment: limits.min_storage_buffer_offset_alignment.max(1),
+        uniform_buffer_alignment: limits.min_uniform_buffer_offset_alignment.max(1),
+        max_uniform_buffer_range: u64::from(limits.max_uniform_buffer_range),
         max_storage_buffers: limits
             .max_per_stage_descriptor_storage_buffers
             .min(limits.max_descriptor_set_storage_buffers),
@@ -195,7 +202,6 @@ fn from_extended(
     info: &mut DeviceInfo,
 ) -> Vec<String> {
     let sizes_listed = has_extension(extensions, ext::subgroup_size_control::NAME);
-    let atomics_listed = has_extension(extensions, ext::shader_atomic_float::NAME);
 
     let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
@@ -206,15 +212,11 @@ fn from_extended(
         .push_next(&mut driver)
         .push_next(&mut allocation);
     let mut size_control = vk::PhysicalDeviceSubgroupSizeControlFeatures::default();
-    let mut atomics = vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT::default();
     let mut layout = vk::PhysicalDeviceScalarBlockLayoutFeatures::default();
     let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut layout);
     if sizes_listed {
         properties = properties.push_next(&mut sizes);
         features = features.push_next(&mut size_control);
-    }
-    if atomics_listed {
-        features = features.push_next(&mut atomics);
     }
     // SAFETY: a device of at least Vulkan 1.2; the chained structures belong to it or to extensions that it lists.
     let core = unsafe {
@@ -240,8 +242,6 @@ fn from_extended(
     };
     info.enabled = Enabled {
         float64: core.shader_float64 == vk::TRUE,
-        int64: core.shader_int64 == vk::TRUE,
-        atomic_float_add: atomics.shader_buffer_float32_atomic_add == vk::TRUE,
         subgroup_size_control: size_control,
         debug_utils: instance.debug_utils(),
     };

@@ -1,17 +1,17 @@
 //! Transfers between host and device, through staging buffers of a bounded size.
 
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex};
 
 use bytemuck::Pod;
 
 use super::buffer::{Block, Buffer, BufferKind};
 use super::device::{Device, Shared};
 use super::error::GpuError;
-use super::memory::rounded;
+use super::memory::{ScopeId, rounded};
 use super::{Result, lock};
 
-/// Bytes of one staging buffer, unless [`Device::set_staging`] says otherwise; longer transfers go piece by piece. Large
+/// Bytes of one staging buffer, unless [`Device::scope`] says otherwise; longer transfers go piece by piece. Large
 /// enough that a piece costs more than its submission, small beside most budgets.
 pub const STAGING_CHUNK: u64 = 8 << 20;
 
@@ -20,49 +20,68 @@ pub const fn staging_bytes() -> u64 {
     2 * rounded(STAGING_CHUNK)
 }
 
-/// The staging buffers, with the locks that give them to one transfer at a time.
-pub(super) struct Staging {
-    /// Bytes of each.
-    chunk: AtomicU64,
+/// What one user of a device has for itself: a number under which its buffers are counted, and staging buffers, with the
+/// locks that give them to one transfer at a time.
+pub(super) struct Scope {
+    shared: Arc<Shared>,
+    id: ScopeId,
+    /// Bytes of each staging buffer.
+    chunk: u64,
     upload: Mutex<Option<Block>>,
     readback: Mutex<Option<Block>>,
 }
 
-impl Default for Staging {
-    fn default() -> Self {
-        Self { chunk: STAGING_CHUNK.into(), upload: Mutex::default(), readback: Mutex::default() }
+impl Scope {
+    /// With `staging` bytes for both staging buffers together.
+    pub(super) fn new(shared: &Arc<Shared>, staging: u64) -> Arc<Self> {
+        let id = ScopeId(shared.scopes.fetch_add(1, Ordering::Relaxed));
+        let chunk = rounded(staging / 2);
+        Arc::new(Self {
+            shared: shared.clone(),
+            id,
+            chunk,
+            upload: Mutex::default(),
+            readback: Mutex::default(),
+        })
+    }
+
+    pub(super) fn id(&self) -> ScopeId {
+        self.id
+    }
+
+    /// The staging buffer of a slot, made at its first use.
+    fn staging<'a>(
+        &self,
+        slot: &'a mut Option<Block>,
+        label: &str,
+        kind: BufferKind,
+    ) -> Result<&'a mut Block> {
+        match slot {
+            Some(block) => Ok(block),
+            None => Ok(slot.insert(Block::new(&self.shared, self.id, label, self.chunk, kind)?)),
+        }
     }
 }
 
-impl Staging {
-    pub(super) fn take(&self) -> impl Iterator<Item = Block> {
-        [lock(&self.upload).take(), lock(&self.readback).take()].into_iter().flatten()
+impl Drop for Scope {
+    fn drop(&mut self) {
+        for slot in [&self.upload, &self.readback] {
+            if let Some(block) = lock(slot).take() {
+                block.destroy(&self.shared);
+            }
+        }
     }
 }
 
 impl Device {
-    /// The bytes that both staging buffers take together from now on, [`staging_bytes`] at first. Memory that is short
-    /// is of more use elsewhere.
-    pub fn set_staging(&self, bytes: u64) {
-        let staging = &self.shared.staging;
-        let chunk = rounded(bytes / 2);
-        staging.chunk.store(chunk, Ordering::Relaxed);
-        // Others need the room, perhaps before the next transfer.
-        for slot in [&staging.upload, &staging.readback] {
-            if let Some(other) = lock(slot).take_if(|block| block.bytes() != chunk) {
-                other.destroy(&self.shared);
-            }
-        }
-    }
-
     /// Writes `data` into `buffer` from `offset` (bytes) on.
     pub fn upload(&self, buffer: &Buffer, offset: u64, data: &[u8]) -> Result<()> {
         buffer.check(self, offset, data.len() as u64)?;
         if data.is_empty() {
             return Ok(());
         }
-        let mut slot = lock(&self.shared.staging.upload);
-        let staging = staging(&self.shared, &mut slot, "staging upload", BufferKind::Upload)?;
+        let mut slot = lock(&self.scope.upload);
+        let staging = self.scope.staging(&mut slot, "staging upload", BufferKind::Upload)?;
         let mut at = offset;
         for piece in data.chunks(staging.bytes() as usize) {
             let bytes = piece.len() as u64;
@@ -82,8 +101,8 @@ impl Device {
         if into.is_empty() {
             return Ok(());
         }
-        let mut slot = lock(&self.shared.staging.readback);
-        let staging = staging(&self.shared, &mut slot, "staging readback", BufferKind::Readback)?;
+        let mut slot = lock(&self.scope.readback);
+        let staging = self.scope.staging(&mut slot, "staging readback", BufferKind::Readback)?;
         let mut at = offset;
         for piece in into.chunks_mut(staging.bytes() as usize) {
             let bytes = piece.len() as u64;
@@ -114,19 +133,6 @@ impl Device {
         let mut values = vec![T::zeroed(); count as usize];
         self.download_into(buffer, offset, bytemuck::cast_slice_mut(&mut values))?;
         Ok(values)
-    }
-}
-
-fn staging<'a>(
-    shared: &Shared,
-    slot: &'a mut Option<Block>,
-    label: &str,
-    kind: BufferKind,
-) -> Result<&'a mut Block> {
-    let bytes = shared.staging.chunk.load(Ordering::Relaxed);
-    match slot {
-        Some(block) => Ok(block),
-        None => Ok(slot.insert(Block::new(shared, label, bytes, kind)?)),
     }
 }
 

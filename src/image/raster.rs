@@ -9,6 +9,10 @@ use super::{ImageError, Picture, View};
 use crate::gpu::{Buffer, Device, GpuError, Pipeline, rounded};
 use crate::scene::{Camera, Scene};
 
+/// Bytes of the staging buffers of a rasterizer, both together: it has its own beside those of engines, so that what it
+/// takes does not depend on theirs.
+const STAGING: u64 = 1 << 20;
+
 /// A pixel has at most so many samples each way.
 pub const MAX_SUPERSAMPLE: u32 = 16;
 
@@ -37,11 +41,9 @@ pub struct Rasterizer {
 
 impl Rasterizer {
     pub fn new(device: &Device) -> Result<Self, ImageError> {
-        Ok(Self {
-            device: device.clone(),
-            visibility: visibility::pipeline(device)?,
-            resolve: resolve::pipeline(device)?,
-        })
+        let device = device.scope(STAGING);
+        let (visibility, resolve) = (visibility::pipeline(&device)?, resolve::pipeline(&device)?);
+        Ok(Self { device, visibility, resolve })
     }
 
     /// The picture of a scene that was checked. `colours`: radiance of the front of each triangle, in the scene's
@@ -142,14 +144,14 @@ impl Rasterizer {
         self.device.download_slice(samples, 0, count)
     }
 
-    /// The device memory that [`render`](Self::render) takes for a scene of so many triangles, exactly. The staging
-    /// buffers of transfers ([`staging_bytes`](crate::gpu::staging_bytes)) are not in it.
+    /// The device memory that [`render`](Self::render) takes for a scene of so many triangles, exactly, staging buffers
+    /// included.
     pub fn bytes(triangles: usize, camera: &Camera, options: &PictureOptions) -> Result<u64, ImageError> {
         let grid = grid(camera, options.supersample)?;
         let visibility = visibility::sizes(&grid, triangles as u64);
         // One colour a face is spread on the host.
         let resolve = if options.smooth { resolve::sizes(&grid, triangles as u64) } else { [0; 3] };
-        Ok(visibility.into_iter().chain(resolve).map(rounded).sum())
+        Ok(STAGING + visibility.into_iter().chain(resolve).map(rounded).sum::<u64>())
     }
 }
 

@@ -337,6 +337,11 @@ impl Plan {
         memory::RGB * self.accuracy.precision.bytes()
     }
 
+    /// The groups of glossy triangles, with their numbers.
+    pub(crate) fn glossy_groups(&self) -> impl Iterator<Item = (usize, &Group)> {
+        self.layout.groups.iter().enumerate().filter(|(_, group)| group.class.glossy)
+    }
+
     /// Triangles that take part.
     pub fn triangles(&self) -> usize {
         self.layout.order.iter().filter(|&&i| i != PADDING).count()

@@ -5,7 +5,7 @@ use super::exchange_adjoint::ExchangeAdjoint;
 use super::exchange_derivative::ExchangeDerivative;
 use super::observation_adjoint::ObservationAdjoint;
 use super::reflection_adjoint::ReflectionAdjoint;
-use super::state::{State, pages};
+use super::state::{State, page, pages};
 use super::watch::TransportError;
 use super::{Context, Operators, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
@@ -87,34 +87,35 @@ impl AdjointBuffers {
         irradiance: &[[f64; 4]],
         radiance: &[[f64; 4]],
         specular: &[Option<Vec<f64>>],
-    ) -> Result<(), GpuError> {
+    ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
         let precision = plan.accuracy.precision;
         real::upload(device, &self.irradiance, precision, irradiance.as_flattened())?;
         real::upload(device, &self.radiance, precision, radiance.as_flattened())?;
-        for ((page, values), group) in self.specular.iter().zip(specular).zip(&plan.layout.groups) {
-            match (page, values) {
-                (Some(page), Some(values)) => real::upload(device, page, precision, values)?,
-                (Some(page), None) => {
+        for (g, group) in plan.glossy_groups() {
+            let page = page(&self.specular, g)?;
+            match specular.get(g).and_then(Option::as_ref) {
+                Some(values) => real::upload(device, page, precision, values)?,
+                None => {
                     let mut batch = device.batch()?;
                     batch.fill(page, 0, plan.page_bytes(group), 0)?;
                     batch.submit()?;
                 }
-                (None, _) => {}
             }
         }
         Ok(())
     }
 
     /// Makes what leaves the loss's own cotangent μ₀ of it, or zero.
-    fn start(&self, context: &Context, given: bool) -> Result<(), GpuError> {
+    fn start(&self, context: &Context, given: bool) -> Result<(), TransportError> {
         let Context { device, plan, leaving, .. } = context;
         let rgb = u64::from(plan.layout.slots()) * plan.rgb_bytes();
+        let mut copies = vec![(&self.radiance, &leaving.radiance, rgb)];
+        for (g, group) in plan.glossy_groups() {
+            copies.push((page(&self.specular, g)?, page(&leaving.specular, g)?, plan.page_bytes(group)));
+        }
         let mut batch = device.batch()?;
-        let specular = self.specular.iter().zip(&leaving.specular).zip(&plan.layout.groups);
-        let specular =
-            specular.filter_map(|((from, to), g)| Some((from.as_ref()?, to.as_ref()?, plan.page_bytes(g))));
-        for (from, to, bytes) in [(&self.radiance, &leaving.radiance, rgb)].into_iter().chain(specular) {
+        for (from, to, bytes) in copies {
             match given {
                 true => batch.copy(from, 0, to, 0, bytes)?,
                 false => batch.fill(to, 0, bytes, 0)?,
@@ -147,12 +148,12 @@ impl<'a> AdjointOperator<'a> {
         irradiance: &[[f64; 4]],
         radiance: &[[f64; 4]],
         specular: &[Option<Vec<f64>>],
-    ) -> Result<(), GpuError> {
+    ) -> Result<(), TransportError> {
         self.adjoint.buffers.set(self.context(), irradiance, radiance, specular)
     }
 
     /// Adds the cotangent of what every slot sends to `eye` (metres).
-    pub fn add_view(&mut self, eye: DVec3, colours: &[[f64; 4]]) -> Result<(), GpuError> {
+    pub fn add_view(&mut self, eye: DVec3, colours: &[[f64; 4]]) -> Result<(), TransportError> {
         let face_colours = self.operators.observation.colours();
         let Adjoint { observation, buffers, .. } = &*self.adjoint;
         observation.run(self.context(), buffers, face_colours, eye, colours)
@@ -193,7 +194,7 @@ impl<'a> AdjointOperator<'a> {
         let Operators { context, observation, watch, .. } = &mut *self.operators;
         let Adjoint { buffers, derivative, observation: views_derivative, .. } = &mut *self.adjoint;
         let (Some(gradients), Some(derivative)) = (&buffers.gradients, derivative) else {
-            return Ok((Vec::new(), Vec::new()));
+            return Err(TransportError::missing("derivatives with respect to geometry"));
         };
         let count = u64::from(context.plan.layout.slots()) * 16;
         let precision = context.plan.accuracy.precision;

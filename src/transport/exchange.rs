@@ -72,8 +72,9 @@ impl Shape {
 }
 
 /// The sweep of a shape.
-pub fn sweep_of(sweeps: &mut [(Shape, Sweep)], shape: Shape) -> Option<&mut Sweep> {
-    sweeps.iter_mut().find(|(known, _)| *known == shape).map(|(_, sweep)| sweep)
+pub fn sweep_of(sweeps: &mut [(Shape, Sweep)], shape: Shape) -> Result<&mut Sweep, TransportError> {
+    let sweep = sweeps.iter_mut().find(|(known, _)| *known == shape).map(|(_, sweep)| sweep);
+    sweep.ok_or_else(|| TransportError::missing(format!("a kernel from {}", shape.name())))
 }
 
 pub struct Exchange {
@@ -142,9 +143,7 @@ impl Exchange {
                 let specular = reflection.specular_under(context, piece, light.as_ref(), watch)?;
                 let antiradiance = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
                 for (to, arriving) in &lit {
-                    let Some(sweep) = sweep_of(&mut self.sweeps, Shape::new(from.class, to.class)) else {
-                        continue;
-                    };
+                    let sweep = sweep_of(&mut self.sweeps, Shape::new(from.class, to.class))?;
                     let near = [
                         facets,
                         radiance,
@@ -174,7 +173,7 @@ impl Exchange {
                     };
                     for (to, arriving) in &lit {
                         let shape = Shape::new(from.class, to.class);
-                        let Some(sweep) = sweep_of(&mut self.sweeps, shape) else { continue };
+                        let sweep = sweep_of(&mut self.sweeps, shape)?;
                         let far = [
                             facets,
                             scene.tile_pairs.whole(),
@@ -196,5 +195,23 @@ impl Exchange {
         }
         irradiance.store(device)?;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::operators;
+    use super::*;
+    use crate::solve::LightOperator;
+
+    #[test]
+    fn a_kernel_that_is_missing_is_an_error_not_darkness() {
+        let mut operators = operators();
+        let x = operators.vector().expect("a vector");
+        let mut y = operators.vector().expect("a vector");
+        operators.pass(Some(&x), true, &mut y).expect("a pass");
+        operators.exchange.sweeps.pop();
+        let error = operators.pass(Some(&x), true, &mut y).expect_err("a kernel is missing");
+        assert!(matches!(&error, TransportError::Missing { what } if what.contains("kernel")), "{error}");
     }
 }

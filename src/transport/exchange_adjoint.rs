@@ -3,7 +3,7 @@
 use super::Context;
 use super::adjoint::AdjointBuffers;
 use super::exchange::{NEAR_TAKE, PLAIN_NEAR_TAKE, Shape, sweep_of};
-use super::state::State;
+use super::state::{State, page_of};
 use super::sweep::{Between, Kernels, Sweep};
 use super::watch::{TransportError, Watch};
 use crate::gpu::{Device, GpuError};
@@ -49,12 +49,12 @@ impl ExchangeAdjoint {
         for (s, from) in plan.layout.groups.iter().enumerate() {
             for (t, to) in plan.layout.groups.iter().enumerate() {
                 let shape = Shape::new(from.class, to.class);
-                let Some(sweep) = sweep_of(&mut self.sweeps, shape) else { continue };
+                let sweep = sweep_of(&mut self.sweeps, shape)?;
                 let between = Between::groups(plan, from, to, true);
                 let irradiance = x.irradiance.whole();
-                let arriving = x.bins[t].as_ref().unwrap_or(none).whole();
-                let back = y.bins[s].as_ref().unwrap_or(none).whole();
-                let front = leaving.specular[s].as_ref().unwrap_or(none).whole();
+                let arriving = page_of(&x.bins, t, to.class.has_bins(), none)?;
+                let back = page_of(&y.bins, s, from.class.has_bins(), none)?;
+                let front = page_of(&leaving.specular, s, from.class.glossy, none)?;
                 let (facets, radiance) = (scene.facets.whole(), leaving.radiance.whole());
                 let near = [
                     facets,

@@ -4,7 +4,7 @@
 use super::Context;
 use super::adjoint::AdjointBuffers;
 use super::exchange::{Shape, sweep_of};
-use super::state::State;
+use super::state::{State, page_of};
 use super::sweep::{Between, Kernels, Sweep};
 use super::watch::{TransportError, Watch};
 use crate::gpu::{Buffer, Device, GpuError};
@@ -64,7 +64,7 @@ impl ExchangeDerivative {
             };
             for (s, from) in plan.layout.groups.iter().enumerate() {
                 for (t, to) in plan.layout.groups.iter().enumerate() {
-                    let Some(sweep) = sweep_of(sweeps, Shape::new(from.class, to.class)) else { continue };
+                    let sweep = sweep_of(sweeps, Shape::new(from.class, to.class))?;
                     let between = match owns_source {
                         true => Between::groups(plan, from, to, true),
                         false => Between::groups(plan, to, from, false),
@@ -74,9 +74,9 @@ impl ExchangeDerivative {
                         leaving.radiance.whole(),
                         cotangent.irradiance.whole(),
                         gradients.whole(),
-                        x.bins[s].as_ref().unwrap_or(none).whole(),
-                        leaving.specular[s].as_ref().unwrap_or(none).whole(),
-                        cotangent.bins[t].as_ref().unwrap_or(none).whole(),
+                        page_of(&x.bins, s, from.class.has_bins(), none)?,
+                        page_of(&leaving.specular, s, from.class.glossy, none)?,
+                        page_of(&cotangent.bins, t, to.class.has_bins(), none)?,
                     ];
                     let near =
                         [&both[..], &[offsets.whole(), others.whole(), scene.corners.whole()]].concat();

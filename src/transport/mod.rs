@@ -130,20 +130,25 @@ impl Operators {
     }
 
     /// Irradiance of every slot, W/m².
-    pub fn irradiance(&self, x: &State) -> Result<Vec<[f64; 4]>, GpuError> {
+    pub fn irradiance(&self, x: &State) -> Result<Vec<[f64; 4]>, TransportError> {
         let Context { device, plan, .. } = &self.context;
         Ok(rows(&x.download(device, &Part::irradiance(plan), plan.accuracy.precision)?))
     }
 
     /// Bins of the triangles of one group, as they lie in memory: triangle, bin, channel. `None` if it has none.
-    pub fn bins(&self, x: &State, group: usize) -> Result<Option<Vec<f64>>, GpuError> {
+    pub fn bins(&self, x: &State, group: usize) -> Result<Option<Vec<f64>>, TransportError> {
         let Context { device, plan, .. } = &self.context;
         let part = Part::of_group(plan, group, &plan.layout.groups[group]);
         part.map(|part| x.download(device, &part, plan.accuracy.precision)).transpose()
     }
 
     /// Sets a state: vec4 per slot, and per group what [`Operators::bins`] gives back.
-    pub fn set(&self, x: &State, irradiance: &[[f64; 4]], bins: &[Option<Vec<f64>>]) -> Result<(), GpuError> {
+    pub fn set(
+        &self,
+        x: &State,
+        irradiance: &[[f64; 4]],
+        bins: &[Option<Vec<f64>>],
+    ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = &self.context;
         let precision = plan.accuracy.precision;
         x.upload(device, &Part::irradiance(plan), precision, irradiance.as_flattened())?;
@@ -156,7 +161,7 @@ impl Operators {
     }
 
     /// Sets every value of a state to the same: light everywhere, for measurements.
-    pub fn fill(&mut self, x: &mut State, value: f64) -> Result<(), GpuError> {
+    pub fn fill(&mut self, x: &mut State, value: f64) -> Result<(), TransportError> {
         let Context { device, plan, .. } = &self.context;
         let precision = plan.accuracy.precision;
         for part in Part::all(plan) {
@@ -174,8 +179,8 @@ impl Operators {
         let mut specular: Vec<Option<Vec<f64>>> = vec![None; plan.layout.groups.len()];
         for piece in plan.pieces() {
             self.reflection.specular(&self.context, &piece, Some(x), &mut self.watch)?;
-            let buffer = leaving.specular_of(piece.group).filter(|_| piece.part.class.glossy);
-            if let Some(buffer) = buffer {
+            if piece.part.class.glossy {
+                let buffer = leaving.specular_of(piece.group)?;
                 let count = state::page_reals(plan, &piece.part).into();
                 let values = real::download(device, buffer, plan.accuracy.precision, count)?;
                 specular[piece.group].get_or_insert_default().extend(values);
@@ -248,5 +253,46 @@ impl LightOperator for Operators {
         };
         let irradiance = self.irradiance(x)?;
         Ok(irradiance.iter().zip(&self.context.plan.layout.order).map(weighted).sum::<f64>().sqrt())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::DeviceOptions;
+    use crate::plan::{Limits, Wanted};
+    use crate::scene::{Material, SceneBuilder, Shape};
+    use glam::{DAffine3, DVec3};
+
+    /// A glossy floor, a blocker over it and a lamp over both: triangles with bins and without.
+    pub fn scene() -> Scene {
+        let floor = Material { specular: [0.2; 3], power: 10.0, ..Material::named("floor") };
+        let lamp = Material { emission: [5.0; 3], ..Material::named("lamp") };
+        let down = DAffine3::from_scale(DVec3::new(1.0, -1.0, 1.0));
+        let at = |height: f64| DAffine3::from_translation(DVec3::new(0.0, height, 0.0));
+        let mut builder = SceneBuilder::new();
+        builder
+            .shape("floor", Shape::Quad { cells: 3 }, &floor, at(0.0))
+            .shape("blocker", Shape::Quad { cells: 2 }, &Material::named("blocker"), at(0.5))
+            .shape("lamp", Shape::Quad { cells: 1 }, &lamp, at(1.0) * down);
+        builder.finish("three quads").expect("a scene")
+    }
+
+    pub fn plan(device: &Device, scene: &Scene) -> Plan {
+        let limits = Limits { gradients: Wanted::EVERYTHING, ..Limits::of(device) };
+        Plan::new(scene, &limits, &scene.accuracy).expect("a plan")
+    }
+
+    pub fn operators() -> Operators {
+        let device = Device::new(&DeviceOptions::default()).expect("a Vulkan device");
+        let scene = scene();
+        let plan = plan(&device, &scene);
+        let buffers = SceneBuffers::new(&device, &scene, &plan).expect("buffers");
+        Operators::new(&device, plan, buffers).expect("operators")
+    }
+
+    pub fn adjoint(operators: &Operators) -> Adjoint {
+        let Context { device, plan, .. } = &operators.context;
+        Adjoint::new(device, plan).expect("an adjoint").expect("gradients")
     }
 }

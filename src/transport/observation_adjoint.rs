@@ -1,6 +1,8 @@
 //! Sᵀ, and the derivative of S with respect to geometry and eye.
 
 use super::adjoint::AdjointBuffers;
+use super::state::{page, page_of};
+use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants, real};
 use crate::gpu::{Buffer, Device, GpuError, Pipeline};
 use crate::plan::{Group, Plan};
@@ -37,7 +39,7 @@ impl ObservationAdjoint {
         face_colours: &Buffer,
         eye: DVec3,
         colours: &[[f64; 4]],
-    ) -> Result<(), GpuError> {
+    ) -> Result<(), TransportError> {
         let Context { device, plan, scene, .. } = context;
         real::upload(device, face_colours, plan.accuracy.precision, colours.as_flattened())?;
         let mut batch = device.batch()?;
@@ -46,7 +48,7 @@ impl ObservationAdjoint {
                 scene.facets.whole(),
                 face_colours.whole(),
                 adjoint.radiance.whole(),
-                adjoint.specular[g].as_ref().unwrap_or(&scene.no_bins).whole(),
+                page_of(&adjoint.specular, g, group.class.glossy, &scene.no_bins)?,
             ];
             let kernel = &self.adjoint[usize::from(group.class.glossy)];
             let (push, groups) = whole_group(plan, group, eye);
@@ -66,13 +68,12 @@ impl ObservationAdjoint {
         gradients: &Buffer,
         eye: DVec3,
         colours: &[[f64; 4]],
-    ) -> Result<DVec3, GpuError> {
+    ) -> Result<DVec3, TransportError> {
         let Context { device, plan, scene, leaving } = context;
         real::upload(device, face_colours, plan.accuracy.precision, colours.as_flattened())?;
         let mut batch = device.batch()?;
-        let glossy = || plan.layout.groups.iter().zip(&leaving.specular);
-        for (group, specular) in glossy() {
-            let Some(specular) = specular else { continue };
+        for (g, group) in plan.glossy_groups() {
+            let specular = page(&leaving.specular, g)?;
             let buffers = [scene.facets.whole(), face_colours.whole(), specular.whole(), gradients.whole()];
             let (push, groups) = whole_group(plan, group, eye);
             batch.dispatch(&self.derivative, "glossy fronts", &buffers, &push, groups)?;
@@ -86,7 +87,7 @@ impl ObservationAdjoint {
                 .map(|&[x, y, z, _]| DVec3::new(x, y, z))
                 .sum::<DVec3>()
         };
-        Ok(glossy().filter(|(_, specular)| specular.is_some()).map(|(group, _)| of_group(group)).sum())
+        Ok(plan.glossy_groups().map(|(_, group)| of_group(group)).sum())
     }
 }
 

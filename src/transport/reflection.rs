@@ -60,7 +60,12 @@ impl Reflection {
     }
 
     /// The diffuse radiance of the fronts under `x`, or of their emission alone.
-    pub fn diffuse(&self, context: &Context, x: Option<&State>, emission: bool) -> Result<(), GpuError> {
+    pub fn diffuse(
+        &self,
+        context: &Context,
+        x: Option<&State>,
+        emission: bool,
+    ) -> Result<(), TransportError> {
         let Context { device, plan, scene, leaving } = context;
         let slots = plan.layout.slots();
         let push = ReflectPush {
@@ -100,11 +105,11 @@ impl Reflection {
         watch: &mut Watch,
     ) -> Result<BufferSlice<'a>, TransportError> {
         let Context { device, plan, scene, leaving } = context;
-        let (Some(kernel), Some(specular), true) =
-            (&self.glossy, leaving.specular_of(piece.group), piece.part.class.glossy)
-        else {
+        if !piece.part.class.glossy {
             return Ok(scene.no_bins.whole());
-        };
+        }
+        let kernel = self.glossy.as_ref().ok_or_else(|| TransportError::missing("specular reflection"))?;
+        let specular = leaving.specular_of(piece.group)?;
         let slots = plan.layout.slots_of(&piece.part.tiles);
         let Some(light) = light else {
             View::resident(specular, slots.start, plan.page_bytes(&piece.part)).clear(device)?;

@@ -2,7 +2,7 @@
 
 use super::adjoint::AdjointBuffers;
 use super::reflection::GlossyPush;
-use super::state::{State, page_reals};
+use super::state::{State, page, page_reals};
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Buffer, Device, GpuError, Pipeline};
@@ -61,6 +61,10 @@ impl ReflectionAdjoint {
         })
     }
 
+    fn glossy(&self) -> Result<&(Pipeline, Pipeline), TransportError> {
+        self.glossy.as_ref().ok_or_else(|| TransportError::missing("specular reflection"))
+    }
+
     /// y += Kᵀ of the cotangent of what leaves; the loss's own cotangent of irradiance comes on top where it is `given`.
     pub fn run(
         &self,
@@ -81,12 +85,9 @@ impl ReflectionAdjoint {
             y.irradiance.whole(),
         ];
         batch.dispatch(&self.diffuse, "all", &buffers, bytes_of(&push), [slots.div_ceil(WORKGROUP), 1, 1])?;
-        for (g, group) in plan.layout.groups.iter().enumerate() {
-            let (Some((kernel, _)), Some(specular), Some(bins)) =
-                (&self.glossy, &leaving.specular[g], &y.bins[g])
-            else {
-                continue;
-            };
+        for (g, group) in plan.glossy_groups() {
+            let (kernel, _) = self.glossy()?;
+            let (specular, bins) = (page(&leaving.specular, g)?, page(&y.bins, g)?);
             let buffers = [scene.surfaces.whole(), scene.bin_table.whole(), specular.whole(), bins.whole()];
             let lanes = page_reals(plan, group) / plan.channels;
             for first in (0..lanes).step_by((GLOSSY_GROUPS * WORKGROUP) as usize) {
@@ -107,12 +108,9 @@ impl ReflectionAdjoint {
         let mut batch = device.batch()?;
         batch.fill(sums, 0, 2 * u64::from(plan.layout.slots()) * plan.rgb_bytes(), 0)?;
         let bins = plan.bins.count() as u32;
-        for (g, group) in plan.layout.groups.iter().enumerate() {
-            let (Some((_, kernel)), Some(specular), Some(arriving)) =
-                (&self.glossy, &leaving.specular[g], &x.bins[g])
-            else {
-                continue;
-            };
+        for (g, group) in plan.glossy_groups() {
+            let (_, kernel) = self.glossy()?;
+            let (specular, arriving) = (page(&leaving.specular, g)?, page(&x.bins, g)?);
             let buffers = [
                 scene.surfaces.whole(),
                 scene.bin_table.whole(),

@@ -90,13 +90,11 @@ impl<'a> View<'a> {
     }
 
     /// Takes the values home.
-    pub fn store(self, device: &Device) -> Result<(), GpuError> {
-        match self.home {
-            None => Ok(()),
-            Some((hosted, place)) => {
-                device.download_into(self.buffer, self.offset, place.of(&mut hosted.values()))
-            }
+    pub fn store(self, device: &Device) -> Result<(), TransportError> {
+        if let Some((hosted, place)) = self.home {
+            device.download_into(self.buffer, self.offset, place.of(&mut hosted.values())?)?;
         }
+        Ok(())
     }
 }
 
@@ -117,10 +115,12 @@ impl Window {
         })
     }
 
-    fn buffer(&self, part: &Part) -> &Buffer {
-        match (part, &self.bins) {
-            (Part::Bins { .. }, Some(bins)) => bins,
-            _ => &self.irradiance,
+    fn buffer(&self, part: &Part) -> Result<&Buffer, TransportError> {
+        match part {
+            Part::Irradiance { .. } => Ok(&self.irradiance),
+            Part::Bins { .. } => {
+                self.bins.as_ref().ok_or_else(|| TransportError::missing("a window on bins"))
+            }
         }
     }
 }
@@ -148,6 +148,12 @@ impl Windows {
             irradiance_bytes: plan.irradiance_bytes(),
         })
     }
+
+    /// The number of the first of some slots among those with bins.
+    fn slot(&self, slots: &Range<u32>) -> Result<u32, TransportError> {
+        let number = slots.start.checked_sub(self.slots.start);
+        number.ok_or_else(|| TransportError::missing(format!("bins of slot {}", slots.start)))
+    }
 }
 
 /// A state on the host, byte for byte as the device would hold it.
@@ -163,16 +169,22 @@ struct Values {
 }
 
 /// Bytes of the one or the other array.
+#[derive(Debug)]
 enum Place {
     Irradiance,
-    Bins(Range<usize>),
+    Bins(Range<u64>),
 }
 
 impl Place {
-    fn of<'a>(&self, values: &'a mut Values) -> &'a mut [u8] {
+    fn of<'a>(&self, values: &'a mut Values) -> Result<&'a mut [u8], TransportError> {
         match self {
-            Self::Irradiance => &mut values.irradiance,
-            Self::Bins(range) => values.bins.get_mut(range.clone()).unwrap_or_default(),
+            Self::Irradiance => Ok(&mut values.irradiance),
+            Self::Bins(range) => {
+                let bytes = values.bins.len() as u64;
+                let outside = TransportError::OutsideOfState { begin: range.start, end: range.end, bytes };
+                let range = range.start as usize..range.end as usize;
+                values.bins.get_mut(range).ok_or(outside)
+            }
         }
     }
 }
@@ -188,38 +200,38 @@ impl Hosted {
         self.values.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn place(&self, part: &Part) -> Place {
+    fn place(&self, part: &Part) -> Result<Place, TransportError> {
         match part {
-            Part::Irradiance { .. } => Place::Irradiance,
+            Part::Irradiance { .. } => Ok(Place::Irradiance),
             Part::Bins { slots, bytes, .. } => {
-                let first = u64::from(slots.start - self.windows.slots.start) * self.windows.slot_bytes;
-                Place::Bins(first as usize..(first + bytes) as usize)
+                let first = u64::from(self.windows.slot(slots)?) * self.windows.slot_bytes;
+                Ok(Place::Bins(first..first + bytes))
             }
         }
     }
 
     /// The part at the start of a window.
-    fn view<'a>(&'a self, window: &'a Window, part: &Part) -> View<'a> {
+    fn view<'a>(&'a self, window: &'a Window, part: &Part) -> Result<View<'a>, TransportError> {
         let first_slot = match part {
             Part::Irradiance { .. } => 0,
             Part::Bins { slots, .. } => slots.start,
         };
-        let home = Some((self, self.place(part)));
-        View { buffer: window.buffer(part), offset: 0, bytes: part.bytes(), first_slot, home }
+        let home = Some((self, self.place(part)?));
+        Ok(View { buffer: window.buffer(part)?, offset: 0, bytes: part.bytes(), first_slot, home })
     }
 
-    fn bring(&self, device: &Device, view: &View, part: &Part) -> Result<(), GpuError> {
-        view.upload(device, self.place(part).of(&mut self.values()))
+    fn bring(&self, device: &Device, view: &View, part: &Part) -> Result<(), TransportError> {
+        Ok(view.upload(device, self.place(part)?.of(&mut self.values())?)?)
     }
 
-    pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, GpuError> {
-        let view = self.view(&self.windows.read, part);
+    pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
+        let view = self.view(&self.windows.read, part)?;
         self.bring(device, &view, part)?;
         Ok(view)
     }
 
-    pub fn edit(&self, device: &Device, part: &Part, old: bool) -> Result<View<'_>, GpuError> {
-        let view = self.view(&self.windows.write, part);
+    pub fn edit(&self, device: &Device, part: &Part, old: bool) -> Result<View<'_>, TransportError> {
+        let view = self.view(&self.windows.write, part)?;
         if old {
             self.bring(device, &view, part)?;
         }
@@ -227,16 +239,16 @@ impl Hosted {
     }
 
     /// All parts of a sweep have their places beside one another.
-    pub fn receive(&self, part: &Part) -> View<'_> {
-        let view = self.view(&self.windows.write, part);
-        let Part::Bins { slots, .. } = part else { return view };
-        let within = (slots.start - self.windows.slots.start) % self.windows.swept;
+    pub fn receive(&self, part: &Part) -> Result<View<'_>, TransportError> {
+        let view = self.view(&self.windows.write, part)?;
+        let Part::Bins { slots, .. } = part else { return Ok(view) };
+        let within = self.windows.slot(slots)? % self.windows.swept;
         let offset = u64::from(within) * self.windows.slot_bytes;
-        View { offset, first_slot: slots.start - within, ..view }
+        Ok(View { offset, first_slot: slots.start - within, ..view })
     }
 
-    pub fn download(&self, part: &Part) -> Vec<u8> {
-        self.place(part).of(&mut self.values()).to_vec()
+    pub fn download(&self, part: &Part) -> Result<Vec<u8>, TransportError> {
+        Ok(self.place(part)?.of(&mut self.values())?.to_vec())
     }
 }
 
@@ -248,4 +260,38 @@ fn zeros(bytes: u64) -> Result<Vec<u8>, TransportError> {
     values.try_reserve_exact(count).map_err(|_| short())?;
     values.resize(count, 0);
     Ok(values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{plan, scene};
+    use super::*;
+    use crate::gpu::DeviceOptions;
+
+    #[test]
+    fn parts_that_a_state_does_not_have_are_errors_not_empty() {
+        let device = Device::new(&DeviceOptions::default()).expect("a Vulkan device");
+        let plan = plan(&device, &scene());
+        let windows = Arc::new(Windows::new(&device, &plan, 1, 1).expect("windows"));
+        let hosted = Hosted::new(&windows).expect("a state");
+        let (g, group) = plan.glossy_groups().next().expect("a glossy group");
+        let Some(Part::Bins { slots, bytes, .. }) = Part::of_group(&plan, g, group) else {
+            panic!("no bins")
+        };
+        let part = |slots: Range<u32>| Part::Bins { group: g, slots, bytes };
+        assert_eq!(hosted.download(&part(slots.clone())).expect("bins").len() as u64, bytes);
+        let end = plan.layout.slots();
+        let error = hosted.download(&part(end..end + slots.len() as u32)).expect_err("beyond the end");
+        assert!(matches!(error, TransportError::OutsideOfState { .. }), "{error}");
+        assert!(matches!(
+            hosted.show(&device, &part(end..end + 1)),
+            Err(TransportError::OutsideOfState { .. })
+        ));
+        let view = hosted.receive(&part(end..end + 1)).expect("a view");
+        assert!(matches!(view.store(&device), Err(TransportError::OutsideOfState { .. })));
+        // Slots without bins come before the first that has some.
+        let first = plan.layout.slots_of(&plan.tiles_with_bins()).start;
+        assert!(first > 0);
+        assert!(matches!(hosted.edit(&device, &part(0..1), false), Err(TransportError::Missing { .. })));
+    }
 }

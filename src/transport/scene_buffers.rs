@@ -56,8 +56,6 @@ pub struct SceneBuffers {
 
 impl SceneBuffers {
     pub fn new(device: &Device, scene: &Scene, plan: &Plan) -> Result<Self, GpuError> {
-        // Comes first: these buffers are the first to go through staging.
-        device.set_staging(plan.staging);
         let bins = plan.bins.centre.iter().zip(&plan.bins.projected);
         let bin_table: Vec<f64> = bins.flat_map(|(c, &p)| [c.x, c.y, c.z, p]).collect();
         let mut facets = by_slot(plan, |i| facet_reals(&plan.facets[i]));

@@ -3,7 +3,7 @@
 use super::real;
 use super::residency::{Hosted, Part, View, Windows};
 use super::watch::TransportError;
-use crate::gpu::{Buffer, BufferKind, Device, GpuError};
+use crate::gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError};
 use crate::plan::{Group, Plan, Residency};
 use crate::scene::Precision;
 use std::sync::Arc;
@@ -48,13 +48,12 @@ impl StateBuffers {
         })
     }
 
-    fn view(&self, part: &Part) -> View<'_> {
-        let page = |group: usize| self.bins.get(group).and_then(Option::as_ref);
+    fn view(&self, part: &Part) -> Result<View<'_>, TransportError> {
         match part {
             Part::Bins { group, slots, .. } => {
-                View::resident(page(*group).unwrap_or(&self.irradiance), slots.start, part.bytes())
+                Ok(View::resident(page(&self.bins, *group)?, slots.start, part.bytes()))
             }
-            Part::Irradiance { .. } => View::resident(&self.irradiance, 0, part.bytes()),
+            Part::Irradiance { .. } => Ok(View::resident(&self.irradiance, 0, part.bytes())),
         }
     }
 }
@@ -69,19 +68,19 @@ impl State {
     }
 
     /// Where kernels can read a part, until another part of a state is shown.
-    pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, GpuError> {
+    pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
-            Memory::Device(buffers) => Ok(buffers.view(part)),
+            Memory::Device(buffers) => buffers.view(part),
             Memory::Host(hosted) => hosted.show(device, part),
         }
     }
 
     /// Where kernels can gather what arrives in a part, from zero on: together with the other parts of the same sweep,
     /// until a part of another one is opened, here or in another state. The view must be stored at the end.
-    pub fn receive(&self, device: &Device, part: &Part) -> Result<View<'_>, GpuError> {
+    pub fn receive(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         let view = match &*self.0 {
-            Memory::Device(buffers) => buffers.view(part),
-            Memory::Host(hosted) => hosted.receive(part),
+            Memory::Device(buffers) => buffers.view(part)?,
+            Memory::Host(hosted) => hosted.receive(part)?,
         };
         view.clear(device)?;
         Ok(view)
@@ -89,18 +88,23 @@ impl State {
 
     /// Where kernels can change a part, until another part of a state is opened; with `old`, what it holds is there. The
     /// view must be stored if it was changed.
-    pub fn edit(&self, device: &Device, part: &Part, old: bool) -> Result<View<'_>, GpuError> {
+    pub fn edit(&self, device: &Device, part: &Part, old: bool) -> Result<View<'_>, TransportError> {
         match &*self.0 {
-            Memory::Device(buffers) => Ok(buffers.view(part)),
+            Memory::Device(buffers) => buffers.view(part),
             Memory::Host(hosted) => hosted.edit(device, part, old),
         }
     }
 
     /// The values of a part.
-    pub fn download(&self, device: &Device, part: &Part, precision: Precision) -> Result<Vec<f64>, GpuError> {
+    pub fn download(
+        &self,
+        device: &Device,
+        part: &Part,
+        precision: Precision,
+    ) -> Result<Vec<f64>, TransportError> {
         let bytes = match &*self.0 {
-            Memory::Device(buffers) => buffers.view(part).download(device)?,
-            Memory::Host(hosted) => hosted.download(part),
+            Memory::Device(buffers) => buffers.view(part)?.download(device)?,
+            Memory::Host(hosted) => hosted.download(part)?,
         };
         Ok(real::decode(precision, &bytes))
     }
@@ -112,7 +116,7 @@ impl State {
         part: &Part,
         precision: Precision,
         values: &[f64],
-    ) -> Result<(), GpuError> {
+    ) -> Result<(), TransportError> {
         let view = self.edit(device, part, true)?;
         view.upload(device, &real::encode(precision, values))?;
         view.store(device)
@@ -143,14 +147,30 @@ impl Leaving {
     }
 
     /// Where the specular radiance of a piece of a glossy group goes.
-    pub fn specular_of(&self, group: usize) -> Option<&Buffer> {
-        self.specular.get(group).and_then(Option::as_ref).or(self.window.as_ref())
+    pub fn specular_of(&self, group: usize) -> Result<&Buffer, TransportError> {
+        self.window.as_ref().map_or_else(|| page(&self.specular, group), Ok)
     }
 }
 
 /// Reals of one page of bins.
 pub fn page_reals(plan: &Plan, group: &Group) -> u32 {
     plan.layout.slots_of(&group.tiles).len() as u32 * plan.bins.count() as u32 * plan.channels
+}
+
+/// The page of a group that has one.
+pub fn page(pages: &[Option<Buffer>], group: usize) -> Result<&Buffer, TransportError> {
+    let page = pages.get(group).and_then(Option::as_ref);
+    page.ok_or_else(|| TransportError::missing(format!("bins of group {group}")))
+}
+
+/// The same to bind, if the group's class has such a page; else `none`, which kernels of that class don't read.
+pub fn page_of<'a>(
+    pages: &'a [Option<Buffer>],
+    group: usize,
+    there: bool,
+    none: &'a Buffer,
+) -> Result<BufferSlice<'a>, TransportError> {
+    Ok(if there { page(pages, group)? } else { none }.whole())
 }
 
 /// One buffer of bins for each group that `wanted` picks.
@@ -202,5 +222,47 @@ impl Pool {
         }));
         self.states.push(state.clone());
         Ok(state)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::adjoint::AdjointOperator;
+    use super::super::tests::{adjoint, operators};
+    use super::*;
+    use crate::solve::LightOperator;
+
+    /// Kernels that read irradiance in the place of bins would give an answer that looks like one.
+    #[test]
+    fn a_page_that_is_missing_is_an_error_not_other_light() {
+        let mut operators = operators();
+        let mut adjoint = adjoint(&operators);
+        let plan = operators.plan();
+        let (g, group) = plan.glossy_groups().next().expect("a glossy group");
+        let part = Part::of_group(plan, g, group).expect("bins");
+        let device = operators.context.device.clone();
+        let mut buffers = StateBuffers::new(&device, plan).expect("buffers");
+        buffers.bins[g] = None;
+        let mut holed = State(Arc::new(Memory::Device(buffers)));
+        let missing = |error: Option<TransportError>| {
+            assert!(
+                matches!(&error, Some(TransportError::Missing { what }) if what.contains("bins")),
+                "{error:?}"
+            );
+        };
+        missing(holed.show(&device, &part).err());
+        missing(holed.receive(&device, &part).err());
+        missing(holed.edit(&device, &part, true).err());
+        missing(holed.download(&device, &part, Precision::F32).err());
+        let whole = operators.vector().expect("a vector");
+        let mut out = operators.vector().expect("a vector");
+        missing(operators.pass(Some(&holed), true, &mut out).err());
+        missing(operators.pass(Some(&whole), true, &mut holed).err());
+        let mut transposed = AdjointOperator::new(&mut operators, &mut adjoint);
+        transposed.pass(Some(&whole), false, &mut out).expect("a pass");
+        missing(transposed.pass(Some(&holed), false, &mut out).err());
+        missing(transposed.pass(Some(&whole), false, &mut holed).err());
+        missing(transposed.lobe_sums(&holed).err());
+        missing(transposed.geometry(&whole, &holed, &[], true).err());
     }
 }

@@ -52,7 +52,7 @@ impl Vectors {
     }
 
     /// y = 0.
-    pub fn clear(&self, context: &Context, y: &State) -> Result<(), GpuError> {
+    pub fn clear(&self, context: &Context, y: &State) -> Result<(), TransportError> {
         for part in Part::all(&context.plan) {
             let y = y.edit(&context.device, &part, false)?;
             y.clear(&context.device)?;

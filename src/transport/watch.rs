@@ -23,6 +23,20 @@ pub enum TransportError {
         "gradients need the solver's vectors on the device, and these are on the host: name the gradients in Limits"
     )]
     NotResident,
+    /// Going on without it would lose light and give a wrong answer that looks like a right one.
+    #[error("the plan has work for {what}, which the engine was made without: a defect of antirad")]
+    Missing { what: String },
+    /// The same of a part of a state on the host.
+    #[error(
+        "bytes {begin}..{end} are outside of the {bytes} bytes of bins of a state on the host: a defect of antirad"
+    )]
+    OutsideOfState { begin: u64, end: u64, bytes: u64 },
+}
+
+impl TransportError {
+    pub(super) fn missing(what: impl Into<String>) -> Self {
+        Self::Missing { what: what.into() }
+    }
 }
 
 /// Counts the pairs of a pass.

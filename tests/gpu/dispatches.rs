@@ -3,7 +3,8 @@
 use std::thread;
 use std::time::Instant;
 
-use antirad::gpu::{self, ALIGN, GpuError, Pipeline};
+use antirad::gpu::{self, ALIGN, Bindings, Buffer, BufferKind, GpuError, Pipeline};
+use antirad::scene::Precision;
 use antirad::shaders;
 
 use crate::{AXPY_PUSH, Axpy, axpy, axpy_pipeline, device, filled, finish, ramp};
@@ -81,11 +82,40 @@ fn slices_bind_a_part_and_leave_the_rest() {
     finish(device);
 }
 
+/// Uniform buffers begin where every device lets them begin, not only this one.
+#[test]
+fn uniform_buffers_are_checked() {
+    let device = device();
+    let limit = device.info().max_uniform_buffer_range;
+    assert!(limit >= 1 << 16 && ALIGN % device.info().uniform_buffer_alignment == 0);
+    let shader = shaders::TRANSPORT_IRRADIANCE.of(Precision::F32);
+    let pipeline =
+        Pipeline::new(&device, shader, Bindings { storage: 3, uniform: 2 }, 32, &[], None).unwrap();
+    let storage = filled(&device, "storage", &[0.0]);
+    let uniform = Buffer::new(&device, "uniform", limit + 2 * ALIGN, BufferKind::Storage).unwrap();
+    let mut batch = device.batch().unwrap();
+    let mut refused = |offset, bytes| {
+        let (whole, part) = (storage.whole(), uniform.slice(offset, bytes));
+        let buffers = [whole, whole, whole, uniform.slice(ALIGN, limit), part];
+        batch.dispatch(&pipeline, "", &buffers, &[0; 32], [0, 1, 1]).err()
+    };
+    for offset in [16, 64, 128, ALIGN + 128] {
+        let error = refused(offset, 256);
+        assert!(matches!(&error, Some(GpuError::Misaligned { alignment: ALIGN, .. })), "{offset}: {error:?}");
+    }
+    assert!(matches!(refused(0, limit + 4), Some(GpuError::BufferTooLarge { .. })));
+    assert!(matches!(refused(4 * ALIGN, limit), Some(GpuError::OutOfRange { .. })));
+    assert!(refused(ALIGN, 256).is_none());
+    batch.submit().unwrap();
+    drop((pipeline, storage, uniform));
+    finish(device);
+}
+
 #[test]
 fn pipelines_and_dispatches_are_checked() {
     let device = device();
     let new = |bindings, push, subgroup| {
-        Pipeline::new(&device, &shaders::COMBINE.f32, bindings, push, &[], subgroup).err()
+        Pipeline::new(&device, shaders::COMBINE.of(Precision::F32), bindings, push, &[], subgroup).err()
     };
     assert!(matches!(new(2, 132, None), Some(GpuError::PushTooLarge { bytes: 132, .. })));
     assert!(matches!(new(2, 6, None), Some(GpuError::PushTooLarge { .. })));

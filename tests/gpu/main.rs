@@ -9,6 +9,7 @@ mod reflect;
 mod shader_files;
 
 use antirad::gpu::{Buffer, BufferKind, Device, DeviceOptions, Pipeline};
+use antirad::scene::Precision;
 use antirad::shaders;
 use bytemuck::{Pod, Zeroable};
 
@@ -38,7 +39,7 @@ fn finish(device: Device) {
 }
 
 fn axpy_pipeline(device: &Device) -> Pipeline {
-    Pipeline::new(device, &shaders::COMBINE.f32, 2, AXPY_PUSH, &[(0, 32)], None).unwrap()
+    Pipeline::new(device, shaders::COMBINE.of(Precision::F32), 2, AXPY_PUSH, &[(0, 32)], None).unwrap()
 }
 
 fn filled(device: &Device, label: &str, values: &[f32]) -> Buffer {

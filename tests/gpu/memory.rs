@@ -22,16 +22,22 @@ fn transfers_beyond_one_staging_chunk() {
     assert_eq!(staging.map(|row| row.bytes).sum::<u64>(), gpu::staging_bytes());
     assert!(report.reserved >= report.in_use);
 
-    // Smaller staging buffers take more pieces, and no more memory at any time.
-    device.set_staging(100_000);
-    let peak = device.memory().peak;
-    assert!(device.download(&buffer, 77, bytes as u64).unwrap() == data);
-    device.upload(&buffer, 0, &data).unwrap();
+    // Another user of the device has staging buffers of another size: more pieces, the same bytes.
+    let before = device.memory().in_use;
+    let other = device.scope(100_000);
+    assert!(other.download(&buffer, 77, bytes as u64).unwrap() == data);
+    other.upload(&buffer, 0, &data).unwrap();
+    assert!(other.download(&buffer, 0, bytes as u64).unwrap() == data);
     assert!(device.download(&buffer, 0, bytes as u64).unwrap() == data);
-    let report = device.memory();
-    let staging = report.by_label.iter().filter(|row| row.label.starts_with("staging"));
-    assert_eq!(staging.map(|row| row.bytes).sum::<u64>(), 2 * gpu::rounded(50_000));
-    assert_eq!(report.peak, peak);
+    let of = |device: &Device| {
+        device.scope_memory().into_iter().map(|row| (row.label, row.bytes)).collect::<Vec<_>>()
+    };
+    let staging = |bytes| [("staging readback".to_owned(), bytes), ("staging upload".to_owned(), bytes)];
+    assert_eq!(of(&other), staging(gpu::rounded(50_000)));
+    assert_eq!(of(&device)[1..], staging(STAGING_CHUNK));
+    assert_eq!(device.memory().in_use, before + 2 * gpu::rounded(50_000));
+    drop(other);
+    assert_eq!(device.memory().in_use, before);
 
     let beyond = device.download(&buffer, buffer.bytes() - 4, 8);
     assert!(matches!(beyond, Err(GpuError::OutOfRange { .. })));

@@ -79,8 +79,9 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
     let staging = plan.staging;
 
     let resident_before = resident("VmRSS:");
-    let buffers = SceneBuffers::new(&device, &scene, &plan)?;
-    let mut operators = Operators::new(&device, plan, buffers)?;
+    let own = device.scope(staging);
+    let buffers = SceneBuffers::new(&own, &scene, &plan)?;
+    let mut operators = Operators::new(&own, plan, buffers)?;
     let mut x = operators.vector()?;
     let mut y = operators.vector()?;
     operators.fill(&mut x, 1.0)?;
