@@ -4,8 +4,9 @@
 mod bins;
 mod classes;
 mod error;
+mod hierarchy;
+mod interactions;
 mod memory;
-mod near;
 mod order;
 mod report;
 mod residency;
@@ -17,13 +18,14 @@ pub use bins::{Bins, Taps};
 pub use classes::{Class, classify};
 pub(crate) use classes::{coplanar_tolerance, reaches};
 pub use error::PlanError;
+pub(crate) use hierarchy::{Hierarchy, Node};
+pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
 pub(crate) use memory::PARTIAL_SUMS;
 pub use memory::{MemoryItem, MemoryPlan};
-pub use near::NearPairs;
 pub(crate) use order::{Block, morton};
 pub use report::{ClassReport, PairReport, PlanReport, StatesReport};
 pub use residency::{Piece, Residency};
-pub use tiles::{Group, Layout, PADDING, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, TilePairs};
+pub use tiles::{Group, Layout, PADDING};
 pub use wanted::Wanted;
 
 use crate::reference::Facet;
@@ -165,10 +167,7 @@ pub struct Plan {
     /// Index = triangle of the scene.
     pub classes: Vec<Class>,
     pub layout: Layout,
-    pub tile_pairs: TilePairs,
-    pub near: NearPairs,
-    /// The same by source, where gradients are wanted.
-    pub near_receivers: Option<NearPairs>,
+    interactions: Interactions,
     pub solver: PlannedSolver,
     pub residency: Residency,
     /// Bytes of the staging buffers.
@@ -214,9 +213,8 @@ impl Plan {
         let layout = Layout::new(&order, &classes, limits.tile, page_tiles);
 
         let half_range = 0.5 * accuracy.subsample;
-        let tolerance = classes::coplanar_tolerance(&facets);
-        let tile_pairs = TilePairs::new(&layout, &facets, half_range, tolerance, limits.cull);
-        let near = NearPairs::new(&layout, &tile_pairs, &facets, &classes, half_range, tolerance);
+        let by_source = limits.gradients.any();
+        let interactions = Interactions::new(&layout, &facets, &classes, half_range, limits.cull, by_source)?;
 
         let mut plan = Self {
             limits: *limits,
@@ -227,9 +225,7 @@ impl Plan {
             placement,
             classes,
             layout,
-            tile_pairs,
-            near_receivers: limits.gradients.any().then(|| near.transposed()),
-            near,
+            interactions,
             solver: PlannedSolver::FixedPoint,
             residency: Residency::Device,
             staging: limits.staging,
@@ -273,6 +269,11 @@ impl Plan {
         // so that the answer does not depend on the budget.
         self.solver = wanted.first().copied().unwrap_or(PlannedSolver::FixedPoint);
         self.stream()
+    }
+
+    /// Which pairs exchange light.
+    pub fn interactions(&self) -> &Interactions {
+        &self.interactions
     }
 
     /// Bytes by label.

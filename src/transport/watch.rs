@@ -23,6 +23,8 @@ pub enum TransportError {
         "gradients need the solver's vectors on the device, and these are on the host: name the gradients in Limits"
     )]
     NotResident,
+    #[error("gradients were not planned: name them in Limits::gradients before the plan is made")]
+    NotPlanned,
 }
 
 /// Counts the pairs of a pass.
