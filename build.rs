@@ -101,7 +101,9 @@ impl Sources<'_> {
         let mut names = BTreeSet::new();
         match modules.iter().find(|module| !names.insert(module.name.as_str())) {
             // Pipelines are cached by the name of their shader.
-            Some(twice) => Err(format!("{GLSL}/{}: there are two shaders \"{}\": rename one", twice.shader, twice.name)),
+            Some(twice) => {
+                Err(format!("{GLSL}/{}: there are two shaders \"{}\": rename one", twice.shader, twice.name))
+            }
             None => Ok(modules),
         }
     }

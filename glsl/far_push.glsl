@@ -1,7 +1,9 @@
 #ifndef FAR_PUSH_GLSL
 #define FAR_PUSH_GLSL
-// What the point-to-point kernels are told, and the four bits the plan keeps for each pair of tiles. A lane owns a
-// triangle, the receiver forwards and the source in the adjoint, and walks over the others.
+// What the point-to-point kernels are told, and the runs of tiles between which the same may pass. A lane owns a triangle,
+// the receiver forwards and the source in the adjoint, and walks over the others. Expects `far_runs`, those of the owners:
+// for each tile of them the index of its first run, one entry more than there are tiles; then all runs, `end << 4 | bits`,
+// where a run goes from the end of the one before, or the first tile of all, to before tile `end`.
 
 layout(push_constant) uniform FarPush {
     // First tile of owners; the workgroup's index counts from it.
@@ -9,8 +11,6 @@ layout(push_constant) uniform FarPush {
     // Tiles of others, from `other_begin` to before `other_end`.
     uint other_begin;
     uint other_end;
-    // Words per row of `tile_pairs`.
-    uint row_words;
     // Half of the near field's range in units of the extents: half_range · (s_i + s_j), area.
     float half_range;
     // First slots of the pages that are bound.
@@ -24,8 +24,26 @@ const uint PAIR_FRONT = 1;
 const uint PAIR_BACK = 2;
 const uint PAIR_NEAR = 4;
 
-uint pair_flags(uint receiver, uint source) {
-    return tile_pairs[receiver * row_words + (source >> 3)] >> ((source & 7) * 4) & passing;
+// The run of an owner's tile in which the other tile `first` lies, by bisection.
+uint first_run(uint owner, uint first) {
+    uint begin = far_runs[owner];
+    uint end = far_runs[owner + 1];
+    while (begin < end) {
+        uint middle = (begin + end) / 2;
+        bool before = far_runs[middle] >> 4 <= first;
+        begin = before ? middle + 1 : begin;
+        end = before ? end : middle;
+    }
+    return begin;
+}
+
+// The end of a run within this dispatch, and what may pass in it.
+uint run_end(uint run) {
+    return min(far_runs[run] >> 4, other_end);
+}
+
+uint run_flags(uint run) {
+    return far_runs[run] & passing;
 }
 
 #endif

@@ -14,7 +14,7 @@ layout(constant_id = 0) const uint LANES = 8;
 layout(constant_id = 1) const uint TILE = 64;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
-layout(std430, binding = 1) readonly buffer TilePairs { uint tile_pairs[]; };
+layout(std430, binding = 1) readonly buffer FarRuns { uint far_runs[]; };
 layout(std430, binding = 2) buffer Irradiance { real4 irradiance[]; };
 layout(std430, binding = 3) readonly buffer Antiradiance { real antiradiance[]; };
 layout(scalar, binding = 3) readonly buffer AntiradianceRgb { real3 antiradiance_rgb[]; };
@@ -40,13 +40,16 @@ void main() {
     Facet receiver = facets[j];
     real3 sum = real3(0.0);
     clear_deposits();
-    for (uint source_tile = other_begin; source_tile < other_end; source_tile++) {
-        uint flags = pair_flags(tile, source_tile);
+    uint end = other_begin;
+    for (uint run = first_run(tile, other_begin); end < other_end; run++) {
+        uint begin = end;
+        end = run_end(run);
+        uint flags = run_flags(run);
         bool fronts = (flags & PAIR_FRONT) != 0;
         bool backs = SOURCE_BACK && (flags & PAIR_BACK) != 0;
         bool near = (flags & PAIR_NEAR) != 0;
-        uint sources = fronts || backs ? TILE : 0;
-        uint first = (source_tile - other_begin) * TILE;
+        uint sources = fronts || backs ? (end - begin) * TILE : 0;
+        uint first = (begin - other_begin) * TILE;
         for (uint k = 0; k < sources; k++) {
             Facet source = others[first + k];
             real3 d = receiver.centre - source.centre;
@@ -64,7 +67,7 @@ void main() {
             for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
                 real3 direction = d * inversesqrt(r2);
                 bool front = from > 0.0;
-                uint bins = (source_tile * TILE + k - other_page) * BINS;
+                uint bins = (begin * TILE + k - other_page) * BINS;
                 real3 binned = binned_radiance(source.normal, bins, direction, front);
                 real3 value = weight * (front ? others_radiance[first + k].rgb + binned : binned);
                 deposit(0, receiver.normal, -direction, value);

@@ -17,7 +17,7 @@ layout(constant_id = 1) const uint TILE = 64;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
 layout(std430, binding = 1) readonly buffer CotangentIrradiance { real4 cotangent_irradiance[]; };
-layout(std430, binding = 2) readonly buffer TilePairs { uint tile_pairs[]; };
+layout(std430, binding = 2) readonly buffer FarRuns { uint far_runs[]; };
 layout(std430, binding = 3) buffer Radiance { real4 radiance[]; };
 layout(std430, binding = 4) readonly buffer Cotangent { real cotangent[]; };
 layout(scalar, binding = 4) readonly buffer CotangentRgb { real3 cotangent_rgb[]; };
@@ -37,18 +37,21 @@ void main() {
     Facet source = facets[i];
     real3 sum = real3(0.0);
     clear_deposits();
-    for (uint other_tile = other_begin; other_tile < other_end; other_tile++) {
-        uint flags = pair_flags(other_tile, tile);
+    uint end = other_begin;
+    for (uint run = first_run(tile, other_begin); end < other_end; run++) {
+        uint begin = end;
+        end = run_end(run);
+        uint flags = run_flags(run);
         bool fronts = (flags & PAIR_FRONT) != 0;
         bool backs = SOURCE_BACK && (flags & PAIR_BACK) != 0;
         bool near = (flags & PAIR_NEAR) != 0;
-        uint batches = fronts || backs ? TILE / LANES : 0;
+        uint batches = fronts || backs ? (end - begin) * (TILE / LANES) : 0;
         for (uint batch = 0; batch < batches; batch++) {
-            uint mine = other_tile * TILE + batch * LANES + gl_LocalInvocationID.x;
+            uint mine = begin * TILE + batch * LANES + gl_LocalInvocationID.x;
             Facet f = facets[mine];
             real3 light = cotangent_irradiance[mine].rgb;
             for (uint lane = 0; lane < LANES; lane++) {
-                uint j = other_tile * TILE + batch * LANES + lane;
+                uint j = begin * TILE + batch * LANES + lane;
                 real3 x = subgroupBroadcast(f.centre, lane);
                 real3 n = subgroupBroadcast(f.normal, lane);
                 real3 l = subgroupBroadcast(light, lane);

@@ -26,7 +26,7 @@ layout(scalar, binding = 4) readonly buffer AntiradianceRgb { real3 antiradiance
 layout(std430, binding = 5) readonly buffer Specular { real specular[]; };
 layout(scalar, binding = 5) readonly buffer SpecularRgb { real3 specular_rgb[]; };
 layout(scalar, binding = 6) readonly buffer CotangentRgb { real3 cotangent_rgb[]; };
-layout(std430, binding = 7) readonly buffer TilePairs { uint tile_pairs[]; };
+layout(std430, binding = 7) readonly buffer FarRuns { uint far_runs[]; };
 
 #include "far_push.glsl"
 #include "source_bins.glsl"
@@ -40,18 +40,21 @@ void main() {
     uint own_first = (owner - owner_page) * BINS;
     real3 by_centre = real3(0.0), by_normal = real3(0.0);
     real by_area = 0.0, by_extent = 0.0;
-    for (uint other_tile = other_begin; other_tile < other_end; other_tile++) {
-        uint flags = OWNS_SOURCE ? pair_flags(other_tile, tile) : pair_flags(tile, other_tile);
+    uint end = other_begin;
+    for (uint run = first_run(tile, other_begin); end < other_end; run++) {
+        uint begin = end;
+        end = run_end(run);
+        uint flags = run_flags(run);
         bool fronts = (flags & PAIR_FRONT) != 0;
         bool backs = SOURCE_BACK && (flags & PAIR_BACK) != 0;
         bool near = (flags & PAIR_NEAR) != 0;
-        uint batches = fronts || backs ? TILE / LANES : 0;
+        uint batches = fronts || backs ? (end - begin) * (TILE / LANES) : 0;
         for (uint batch = 0; batch < batches; batch++) {
-            uint mine = other_tile * TILE + batch * LANES + gl_LocalInvocationID.x;
+            uint mine = begin * TILE + batch * LANES + gl_LocalInvocationID.x;
             Facet f = facets[mine];
             real3 light = OWNS_SOURCE ? cotangent_irradiance[mine].rgb : radiance[mine].rgb;
             for (uint lane = 0; lane < LANES; lane++) {
-                uint other = other_tile * TILE + batch * LANES + lane;
+                uint other = begin * TILE + batch * LANES + lane;
                 real3 x = subgroupBroadcast(f.centre, lane);
                 real3 n = subgroupBroadcast(f.normal, lane);
                 real3 l = subgroupBroadcast(light, lane);

@@ -14,7 +14,7 @@ layout(constant_id = 1) const uint TILE = 64;
 const uint PER_LANE = TILE / LANES;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
-layout(std430, binding = 1) readonly buffer TilePairs { uint tile_pairs[]; };
+layout(std430, binding = 1) readonly buffer FarRuns { uint far_runs[]; };
 layout(std430, binding = 2) buffer Irradiance { real4 irradiance[]; };
 #define OTHERS_BINDING 3
 #include "others.glsl"
@@ -32,13 +32,16 @@ void main() {
         extent[k] = f.extent;
         sum[k] = real3(0.0);
     }
-    for (uint source_tile = other_begin; source_tile < other_end; source_tile++) {
-        uint flags = pair_flags(tile, source_tile);
+    uint end = other_begin;
+    for (uint run = first_run(tile, other_begin); end < other_end; run++) {
+        uint begin = end;
+        end = run_end(run);
+        uint flags = run_flags(run);
         // Loops that may run zero times: an `if` would not skip the work on a device that executes both sides.
-        uint sources = (flags & PAIR_FRONT) != 0 ? TILE : 0;
+        uint sources = (flags & PAIR_FRONT) != 0 ? (end - begin) * TILE : 0;
         uint near_sources = (flags & PAIR_NEAR) != 0 ? sources : 0;
         uint far_sources = sources - near_sources;
-        uint at = (source_tile - other_begin) * TILE;
+        uint at = (begin - other_begin) * TILE;
         for (uint i = at; i < at + far_sources; i++) {
             Facet f = others[i];
             real3 l = others_radiance[i].rgb * f.area;

@@ -16,7 +16,7 @@ const uint PER_LANE = TILE / LANES;
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
 // λ, the cotangent of irradiance.
 layout(std430, binding = 1) readonly buffer Cotangent { real4 cotangent_irradiance[]; };
-layout(std430, binding = 2) readonly buffer TilePairs { uint tile_pairs[]; };
+layout(std430, binding = 2) readonly buffer FarRuns { uint far_runs[]; };
 // μ, the cotangent of radiance.
 layout(std430, binding = 3) buffer Radiance { real4 radiance[]; };
 
@@ -34,12 +34,15 @@ void main() {
         area[k] = f.area;
         sum[k] = real3(0.0);
     }
-    for (uint other_tile = other_begin; other_tile < other_end; other_tile++) {
-        uint flags = pair_flags(other_tile, tile);
+    uint end = other_begin;
+    for (uint run = first_run(tile, other_begin); end < other_end; run++) {
+        uint begin = end;
+        end = run_end(run);
+        uint flags = run_flags(run);
         bool near = (flags & PAIR_NEAR) != 0;
-        uint batches = (flags & PAIR_FRONT) != 0 ? TILE / LANES : 0;
+        uint batches = (flags & PAIR_FRONT) != 0 ? (end - begin) * (TILE / LANES) : 0;
         for (uint batch = 0; batch < batches; batch++) {
-            uint mine = other_tile * TILE + batch * LANES + gl_LocalInvocationID.x;
+            uint mine = begin * TILE + batch * LANES + gl_LocalInvocationID.x;
             Facet f = facets[mine];
             real3 light = cotangent_irradiance[mine].rgb;
             for (uint lane = 0; lane < LANES; lane++) {

@@ -179,7 +179,11 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
         errors.push(("p", relative(&power, &of_truth)));
     }
 
-    println!("{name}: {} triangles, {} close pairs", model.facets.len(), plan.near.others.len());
+    println!(
+        "{name}: {} triangles, {} close pairs",
+        model.facets.len(),
+        plan.interactions().by_receiver.near.others.len()
+    );
     for (kernel, error) in &errors {
         println!("  {kernel}: {error:.2e}");
     }

@@ -86,7 +86,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
     println!(
         "{name}: {} triangles, {blockers} blockers, {} close pairs",
         model.facets.len(),
-        plan.near.others.len()
+        plan.interactions().by_receiver.near.others.len()
     );
     for (kernel, error) in errors {
         println!("  {kernel}: {error:.2e}");
@@ -263,7 +263,6 @@ fn layouts_agree_with_the_shaders() {
                 "owner_tile" = owner_tile,
                 "other_begin" = other_begin,
                 "other_end" = other_end,
-                "row_words" = row_words,
                 "half_range" = half_range,
                 "owner_page" = owner_page,
                 "other_page" = other_page,

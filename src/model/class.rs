@@ -1,7 +1,8 @@
 //! Which triangles need direction bins, and why: exact, for whatever the lights and materials are.
 
 use super::facet::Facet;
-use super::order::{Block, blocks, spatial_order};
+use super::hierarchy::{Hierarchy, Sight, Step};
+use super::order::{Block, spatial_order};
 use crate::scene::Scene;
 use rayon::prelude::*;
 
@@ -25,16 +26,17 @@ impl Class {
 /// subdivided and rotated, must not count as being behind one another.
 const COPLANAR: f64 = 1e-6;
 
+/// Triangles per leaf of the search for receivers.
+const LEAF: usize = 16;
+
 /// The class of every triangle of the scene.
 pub fn classify(scene: &Scene) -> Vec<Class> {
     let facets: Vec<Facet> = (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect();
-    let order = spatial_order(&facets);
-    let blocks = blocks(&facets, &order);
-    let tolerance = coplanar_tolerance(&facets);
+    let search = Search::new(&facets);
     (0..facets.len())
         .into_par_iter()
         .map(|i| Class {
-            blocker: facets[i].area > 0.0 && casts_shadow(&facets, &order, &blocks, i, tolerance),
+            blocker: facets[i].area > 0.0 && search.casts_shadow(i),
             glossy: facets[i].area > 0.0 && scene.material(i).is_glossy(),
         })
         .collect()
@@ -53,14 +55,41 @@ pub fn reaches(source: &Facet, receiver: &Facet, side: f64, tolerance: f64) -> b
         && source.corners.iter().any(|&c| beyond(receiver, c) > tolerance)
 }
 
-/// True where some triangle can receive antiradiance from the back of triangle `i`.
-fn casts_shadow(facets: &[Facet], order: &[u32], blocks: &[Block], i: usize, tolerance: f64) -> bool {
-    let source = &facets[i];
-    blocks.iter().any(|block| {
-        block.lowest(source.normal) - source.normal.dot(source.centroid) < -tolerance
-            && order[block.range.clone()].iter().any(|&j| {
-                let receiver = &facets[j as usize];
-                j as usize != i && receiver.area > 0.0 && reaches(source, receiver, -1.0, tolerance)
-            })
-    })
+/// Finds what lies behind triangles.
+struct Search<'a> {
+    facets: &'a [Facet],
+    /// Triangles with an area.
+    order: Vec<u32>,
+    tree: Hierarchy,
+    tolerance: f64,
+}
+
+impl<'a> Search<'a> {
+    fn new(facets: &'a [Facet]) -> Self {
+        let mut order = spatial_order(facets);
+        order.retain(|&i| facets[i as usize].area > 0.0);
+        let tolerance = coplanar_tolerance(facets);
+        let tree = Hierarchy::new(facets, &order, LEAF, tolerance);
+        Self { facets, order, tree, tolerance }
+    }
+
+    /// True where some triangle can receive antiradiance from the back of triangle `i`.
+    fn casts_shadow(&self, i: usize) -> bool {
+        let source = &self.facets[i];
+        let height = source.normal.dot(source.centroid);
+        let bounds = Block::around(std::iter::once(source));
+        self.tree.walk(|node| {
+            let behind = node.bounds.lowest(source.normal) - height < -self.tolerance;
+            if !behind || self.tree.sight(node, &bounds, 1.0, true) == Sight::Nothing {
+                return Step::Past;
+            }
+            let slots = node.leaves.start * LEAF..(node.leaves.end * LEAF).min(self.order.len());
+            let receives =
+                |&j: &u32| j as usize != i && reaches(source, &self.facets[j as usize], -1.0, self.tolerance);
+            match node.is_leaf() && self.order[slots].iter().any(receives) {
+                true => Step::Stop,
+                false => Step::Into,
+            }
+        })
+    }
 }

@@ -5,6 +5,7 @@ mod bins;
 mod class;
 mod facet;
 mod facet_gradient;
+mod hierarchy;
 mod near_field;
 mod order;
 
@@ -15,5 +16,7 @@ pub(crate) use class::{coplanar_tolerance, reaches};
 pub use facet::{Facet, orthonormal_basis};
 pub(crate) use facet::{basis_sign, centroid, quarters};
 pub use facet_gradient::FacetGradient;
+pub(crate) use hierarchy::{Hierarchy, Node, Sight, Step};
 pub(crate) use near_field::{QUARTER_RANGE, far_weight};
+pub use order::PADDING;
 pub(crate) use order::{Block, morton, spatial_order};

@@ -3,15 +3,13 @@
 
 use super::facet::Facet;
 use glam::DVec3;
-use std::ops::Range;
 
-/// Triangles per block of the searches on the host.
-const BLOCK: usize = 64;
+/// Triangle index of the slots that only fill up a tile.
+pub const PADDING: u32 = u32::MAX;
 
-/// A run of triangles and the box around their corners.
+/// The box around the corners of some triangles.
 #[derive(Clone, Debug)]
 pub struct Block {
-    pub range: Range<usize>,
     pub min: DVec3,
     pub max: DVec3,
 }
@@ -24,7 +22,7 @@ impl Block {
             min = min.min(corner);
             max = max.max(corner);
         }
-        Self { range: 0..0, min, max }
+        Self { min, max }
     }
 
     /// The smallest ⟨direction, x⟩ of the box.
@@ -51,15 +49,6 @@ pub fn spatial_order(facets: &[Facet]) -> Vec<u32> {
         .collect();
     keyed.sort_unstable();
     keyed.into_iter().map(|(_, _, i)| i).collect()
-}
-
-/// Runs of at most [`BLOCK`] facets of an order, with their boxes.
-pub fn blocks(facets: &[Facet], order: &[u32]) -> Vec<Block> {
-    let run = |(k, run): (usize, &[u32])| Block {
-        range: k * BLOCK..k * BLOCK + run.len(),
-        ..Block::around(run.iter().map(|&i| &facets[i as usize]))
-    };
-    order.chunks(BLOCK).enumerate().map(run).collect()
 }
 
 /// 0..6: the axis nearest to a direction, and its sign.

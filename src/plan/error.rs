@@ -22,4 +22,9 @@ pub enum PlanError {
          fewer triangles, or a smaller near field (accuracy.subsample)"
     )]
     BufferTooLarge { label: String, bytes: u64, limit: u64 },
+    #[error(
+        "{count} {what} are more than 32-bit indices can tell apart: fewer triangles, or a smaller near field \
+         (accuracy.subsample)"
+    )]
+    TooManyPairs { what: &'static str, count: u64 },
 }

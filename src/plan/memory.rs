@@ -1,6 +1,6 @@
 //! Bytes, by label, before they are allocated. The engine asserts that it allocates these and no others.
 
-use super::{Group, Plan, PlanError, Residency};
+use super::{Group, PairLists, Plan, PlanError, Residency};
 use crate::model::Bins;
 use crate::scene::Precision;
 
@@ -57,10 +57,11 @@ impl MemoryPlan {
         memory.add("radiance", seen * plan.rgb_bytes(), 1);
         memory.add("face colours", slots * plan.rgb_bytes(), 1);
         memory.add("bin table", plan.bins.count() as u64 * RGB * real, 1);
-        memory.add("tile pairs", plan.tile_pairs.flags.len() as u64 * 4, 1);
-        memory.add("near offsets", plan.near.offsets.len() as u64 * 4, 1);
+        let PairLists { far, near } = &plan.interactions.by_receiver;
+        memory.add("far runs", size_of_val(far.words()) as u64, 1);
+        memory.add("near offsets", near.offsets.len() as u64 * 4, 1);
         memory.add("near owners", slots * 4, 1);
-        memory.add("near sources", plan.near.others.len() as u64 * 4, 1);
+        memory.add("near sources", near.others.len() as u64 * 4, 1);
         memory.add("partial sums", PARTIAL_SUMS * real, 1);
         memory.add("no bins", real, 1);
         memory.add_states(plan);
@@ -107,15 +108,16 @@ impl MemoryPlan {
     /// gradients are summed up in.
     fn add_gradients(&mut self, plan: &Plan, slots: u64) {
         let (wanted, real) = (plan.limits.gradients, plan.accuracy.precision.bytes());
-        let Some(list) = &plan.near_receivers else { return };
+        let Some(PairLists { far, near }) = &plan.interactions.by_source else { return };
         let rgb = slots * plan.rgb_bytes();
         self.add("cotangent: irradiance", rgb, 1);
         self.add("cotangent: radiance", rgb, 1);
         for group in plan.layout.groups.iter().filter(|g| g.class.glossy) {
             self.add("cotangent: specular", plan.page_bytes(group), 1);
         }
-        self.add("near offsets, by source", list.offsets.len() as u64 * 4, 1);
-        self.add("near receivers", list.others.len() as u64 * 4, 1);
+        self.add("far runs, by source", size_of_val(far.words()) as u64, 1);
+        self.add("near offsets, by source", near.offsets.len() as u64 * 4, 1);
+        self.add("near receivers", near.others.len() as u64 * 4, 1);
         if wanted.geometry() {
             self.add("facet gradients", slots * FACET_GRADIENT * real, 1);
         }

@@ -2,23 +2,24 @@
 //! which tiles exchange light, how many bytes and pairs that takes. Pure host code.
 
 mod error;
+mod interactions;
 mod memory;
-mod near;
 mod report;
 mod residency;
 mod tiles;
 mod wanted;
 
+pub use crate::model::PADDING;
 pub use error::PlanError;
+pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
 pub(crate) use memory::PARTIAL_SUMS;
 pub use memory::{MemoryItem, MemoryPlan};
-pub use near::NearPairs;
 pub use report::{ClassReport, PairReport, PlanReport, StatesReport};
 pub use residency::{Piece, Residency};
-pub use tiles::{Group, Layout, PADDING, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, TilePairs};
+pub use tiles::{Group, Layout};
 pub use wanted::Wanted;
 
-use crate::model::{Bins, Class, Facet, classify, coplanar_tolerance, spatial_order};
+use crate::model::{Bins, Class, Facet, classify, spatial_order};
 use crate::scene::{Accuracy, Precision, Scene, SolverChoice};
 use glam::DVec3;
 
@@ -157,10 +158,7 @@ pub struct Plan {
     /// Index = triangle of the scene.
     pub classes: Vec<Class>,
     pub layout: Layout,
-    pub tile_pairs: TilePairs,
-    pub near: NearPairs,
-    /// The same by source, where gradients are wanted.
-    pub near_receivers: Option<NearPairs>,
+    interactions: Interactions,
     pub solver: PlannedSolver,
     pub residency: Residency,
     /// Bytes of the staging buffers.
@@ -206,9 +204,8 @@ impl Plan {
         let layout = Layout::new(&order, &classes, limits.tile, page_tiles);
 
         let half_range = 0.5 * accuracy.subsample;
-        let tolerance = coplanar_tolerance(&facets);
-        let tile_pairs = TilePairs::new(&layout, &facets, half_range, tolerance, limits.cull);
-        let near = NearPairs::new(&layout, &tile_pairs, &facets, &classes, half_range, tolerance);
+        let by_source = limits.gradients.any();
+        let interactions = Interactions::new(&layout, &facets, &classes, half_range, limits.cull, by_source)?;
 
         let mut plan = Self {
             limits: *limits,
@@ -219,9 +216,7 @@ impl Plan {
             placement,
             classes,
             layout,
-            tile_pairs,
-            near_receivers: limits.gradients.any().then(|| near.transposed()),
-            near,
+            interactions,
             solver: PlannedSolver::FixedPoint,
             residency: Residency::Device,
             staging: limits.staging,
@@ -265,6 +260,11 @@ impl Plan {
         // so that the answer does not depend on the budget.
         self.solver = wanted.first().copied().unwrap_or(PlannedSolver::FixedPoint);
         self.stream()
+    }
+
+    /// Which pairs exchange light.
+    pub fn interactions(&self) -> &Interactions {
+        &self.interactions
     }
 
     /// Bytes by label.

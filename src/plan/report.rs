@@ -1,6 +1,6 @@
 //! The plan in words and numbers.
 
-use super::{MemoryItem, PADDING, Plan, PlannedSolver, Residency};
+use super::{MemoryItem, PADDING, PairLists, Plan, PlannedSolver, Residency};
 use std::fmt;
 
 /// Pairs per second that estimates of time count on: two cores of a CPU driver.
@@ -76,24 +76,27 @@ pub struct PlanReport {
 impl Plan {
     /// Counts pairs.
     pub fn pairs(&self) -> PairReport {
-        let real: Vec<u64> = self
-            .layout
-            .order
-            .chunks(self.layout.tile as usize)
-            .map(|slots| slots.iter().filter(|&&i| i != PADDING).count() as u64)
-            .collect();
+        let real = |slots: &[u32]| slots.iter().filter(|&&i| i != PADDING).count() as u64;
+        let of_tile: Vec<u64> = self.layout.order.chunks(self.layout.tile as usize).map(real).collect();
+        let mut ends = vec![0];
+        ends.extend(of_tile.iter().scan(0, |sum, count| {
+            *sum += count;
+            Some(*sum)
+        }));
+        let PairLists { far, near } = &self.interactions.by_receiver;
         let triangles = self.triangles() as u64;
         let mut pairs = PairReport {
             total: triangles * triangles,
-            sub_sampled: self.near.others.len() as u64,
+            sub_sampled: near.others.len() as u64,
             ..PairReport::default()
         };
         for to in &self.layout.groups {
             for from in &self.layout.groups {
-                for r in to.tiles.clone() {
-                    for s in from.tiles.clone() {
-                        let count = real[r as usize] * real[s as usize];
-                        match self.tile_pairs.get(r, s) {
+                for receiver in to.tiles.clone() {
+                    for (run, passing) in far.of(receiver, &from.tiles) {
+                        let sources = ends[run.end as usize] - ends[run.start as usize];
+                        let count = of_tile[receiver as usize] * sources;
+                        match passing {
                             0 => pairs.culled += count,
                             _ if to.class.has_bins() || from.class.has_bins() => pairs.bins += count,
                             _ => pairs.irradiance += count,

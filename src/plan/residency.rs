@@ -75,7 +75,7 @@ impl Plan {
 
     /// True where light can pass from some source to some receiver.
     pub fn anything_passes(&self, receivers: &Range<u32>, sources: &Range<u32>) -> bool {
-        self.tile_pairs.any(receivers, sources, PAIR_FRONT | PAIR_BACK)
+        self.interactions.by_receiver.far.any(receivers, sources, PAIR_FRONT | PAIR_BACK)
     }
 
     /// Bytes of host memory that the solver's vectors take, if all of them are needed.

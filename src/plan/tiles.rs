@@ -1,21 +1,7 @@
-//! Tiles: runs of triangles of one class, and what can pass between two of them.
+//! Tiles: runs of triangles of one class.
 
-use crate::model::{Block, Class, Facet};
-use glam::DVec3;
-use rayon::prelude::*;
+use crate::model::{Class, PADDING};
 use std::ops::Range;
-
-/// Triangle index of the slots that only fill up a tile.
-pub const PADDING: u32 = u32::MAX;
-
-/// Light can leave the fronts of the sources and arrive at fronts of the receivers.
-pub const PAIR_FRONT: u32 = 1;
-/// Antiradiance can leave the backs of the sources and arrive at fronts of the receivers.
-pub const PAIR_BACK: u32 = 2;
-/// Some pair may be so close that the near field has a share in it.
-pub const PAIR_NEAR: u32 = 4;
-/// Tile pairs per word of [`TilePairs::flags`].
-const PER_WORD: usize = 8;
 
 /// A run of tiles of one class. Where states live on the device, the bins of its triangles stand in one page of each.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -95,96 +81,6 @@ impl Layout {
     /// The slots of some tiles.
     pub fn slots_of(&self, tiles: &Range<u32>) -> Range<u32> {
         tiles.start * self.tile..tiles.end * self.tile
-    }
-}
-
-/// Bounds of a tile.
-#[derive(Clone, Debug)]
-pub struct Tile {
-    bounds: Block,
-    /// Of each triangle: normal n and height ⟨n, x⟩ of its plane.
-    planes: Vec<(DVec3, f64)>,
-    /// Largest extent, m².
-    extent: f64,
-}
-
-impl Tile {
-    fn new(facets: &[&Facet]) -> Self {
-        Self {
-            bounds: Block::around(facets.iter().copied()),
-            planes: facets.iter().map(|f| (f.normal, f.normal.dot(f.centroid))).collect(),
-            extent: facets.iter().map(|f| f.extent).fold(0.0, f64::max),
-        }
-    }
-
-    /// True where a part of the box of `other` lies above (`side` = 1) or below (`side` = -1) the plane of some triangle
-    /// of this tile, by more than `tolerance`.
-    fn sees(&self, other: &Self, side: f64, tolerance: f64) -> bool {
-        self.planes.iter().any(|&(normal, height)| {
-            let farthest = -other.bounds.lowest(-side * normal);
-            farthest - side * height > tolerance
-        })
-    }
-}
-
-/// What can pass between tiles: four bits for each pair of them.
-#[derive(Clone, Debug)]
-pub struct TilePairs {
-    /// Words per receiver tile.
-    pub row_words: u32,
-    /// Rows of receivers; eight sources to a word, the lowest bits first.
-    pub flags: Vec<u32>,
-}
-
-impl TilePairs {
-    /// Finds what can pass. Never loses a pair whose contribution is more than rounding; with `cull` off, loses none.
-    pub fn new(layout: &Layout, facets: &[Facet], half_range: f64, tolerance: f64, cull: bool) -> Self {
-        let tiles: Vec<Tile> = layout
-            .order
-            .chunks(layout.tile as usize)
-            .map(|slots| {
-                let real = slots.iter().filter(|&&i| i != PADDING).map(|&i| &facets[i as usize]);
-                Tile::new(&real.collect::<Vec<_>>())
-            })
-            .collect();
-        let mut blockers = vec![false; tiles.len()];
-        for group in &layout.groups {
-            blockers[group.tiles.start as usize..group.tiles.end as usize].fill(group.class.blocker);
-        }
-        let row_words = tiles.len().div_ceil(PER_WORD);
-        let pair = |receiver: &Tile, s: usize| {
-            let source = &tiles[s];
-            let near = source.bounds.distance_squared(&receiver.bounds)
-                <= half_range * (source.extent + receiver.extent);
-            let near = if near { PAIR_NEAR } else { 0 };
-            let back = if blockers[s] { PAIR_BACK } else { 0 };
-            if !cull {
-                return PAIR_FRONT | back | near;
-            }
-            if !receiver.sees(source, 1.0, tolerance) {
-                return 0;
-            }
-            let front = if source.sees(receiver, 1.0, tolerance) { PAIR_FRONT } else { 0 };
-            let back = if back != 0 && source.sees(receiver, -1.0, tolerance) { back } else { 0 };
-            if front | back == 0 { 0 } else { front | back | near }
-        };
-        let mut flags = vec![0u32; tiles.len() * row_words];
-        flags.par_chunks_mut(row_words.max(1)).zip(&tiles).for_each(|(row, receiver)| {
-            for s in 0..tiles.len() {
-                row[s / PER_WORD] |= pair(receiver, s) << (4 * (s % PER_WORD));
-            }
-        });
-        Self { row_words: row_words as u32, flags }
-    }
-
-    pub fn get(&self, receiver: u32, source: u32) -> u32 {
-        let word = self.flags[(receiver * self.row_words) as usize + source as usize / PER_WORD];
-        word >> (4 * (source as usize % PER_WORD)) & 15
-    }
-
-    /// True where some pair has one of these bits.
-    pub fn any(&self, receivers: &Range<u32>, sources: &Range<u32>, bits: u32) -> bool {
-        receivers.clone().any(|r| sources.clone().any(|s| self.get(r, s) & bits != 0))
     }
 }
 

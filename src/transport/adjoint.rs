@@ -10,7 +10,7 @@ use super::watch::TransportError;
 use super::{Context, Operators, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
 use crate::model::FacetGradient;
-use crate::plan::{NearPairs, Plan};
+use crate::plan::{PairLists, Plan};
 use crate::solve::LightOperator;
 use glam::DVec3;
 
@@ -22,10 +22,10 @@ pub struct AdjointBuffers {
     pub radiance: Buffer,
     /// μ₀: of specular radiance, per glossy group.
     pub specular: Vec<Option<Buffer>>,
+    /// [`crate::plan::FarRuns`] by source.
+    pub far_runs: Buffer,
     pub near_offsets: Buffer,
     pub near_receivers: Buffer,
-    /// The same lists on the host.
-    pub list: NearPairs,
     /// `FacetGradient` of glsl/facet_gradient.glsl, per slot.
     gradients: Option<Buffer>,
     /// Two vec4 per slot: glsl/reflect_glossy_derivative.comp.
@@ -47,7 +47,7 @@ pub type LobeSums = [DVec3; 2];
 impl Adjoint {
     /// What the plan has foreseen; nothing if it wants no gradients.
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
-        let Some(list) = &plan.near_receivers else { return Ok(None) };
+        let Some(PairLists { far, near }) = &plan.interactions().by_source else { return Ok(None) };
         let wanted = plan.limits.gradients;
         let rgb = u64::from(plan.layout.slots()) * plan.rgb_bytes();
         let storage = |label: &str, bytes: u64| Buffer::new(device, label, bytes, BufferKind::Storage);
@@ -62,9 +62,9 @@ impl Adjoint {
             irradiance: storage("cotangent: irradiance", rgb)?,
             radiance: storage("cotangent: radiance", rgb)?,
             specular: pages(device, plan, "cotangent: specular", |group| group.class.glossy)?,
-            near_offsets: words("near offsets, by source", &list.offsets)?,
-            near_receivers: words("near receivers", &list.others)?,
-            list: list.clone(),
+            far_runs: words("far runs, by source", far.words())?,
+            near_offsets: words("near offsets, by source", &near.offsets)?,
+            near_receivers: words("near receivers", &near.others)?,
             gradients: geometry.then(|| storage("facet gradients", 4 * rgb)).transpose()?,
             lobe_sums: lobes.then(|| storage("lobe sums", 2 * rgb)).transpose()?,
         };

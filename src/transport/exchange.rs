@@ -156,8 +156,8 @@ impl Exchange {
                         scene.near_sources.whole(),
                         scene.bin_table.whole(),
                     ];
-                    let between = Between::receivers(to, from, arriving.first_slot);
-                    sweep.near(context, between, &plan.near, &near, backs, watch)?;
+                    let between = Between::receivers(plan, to, from, arriving.first_slot);
+                    sweep.near(context, between, &near, backs, watch)?;
                 }
                 // What is packed lasts for one dispatch of sources.
                 let packing = self.packing.as_ref().filter(|_| from.class.has_bins());
@@ -176,7 +176,7 @@ impl Exchange {
                         let sweep = sweep_of(&mut self.sweeps, shape)?;
                         let far = [
                             facets,
-                            scene.tile_pairs.whole(),
+                            scene.far_runs.whole(),
                             irradiance.slice(),
                             sent[0],
                             sent[1],
@@ -184,7 +184,7 @@ impl Exchange {
                             scene.bin_table.whole(),
                         ];
                         let far = if shape.any_bins() { &far[..] } else { &far[..3] };
-                        let between = Between::receivers(to, &part, arriving.first_slot);
+                        let between = Between::receivers(plan, to, &part, arriving.first_slot);
                         sweep.far(context, between, far, &others, passing, watch)?;
                     }
                 }

@@ -44,13 +44,14 @@ impl ExchangeAdjoint {
     ) -> Result<(), TransportError> {
         let Context { plan, scene, leaving, .. } = context;
         let (x, y) = (x.resident()?, y.resident()?);
+        let lists = plan.interactions().by_source.as_ref().ok_or(TransportError::NotPlanned)?;
         watch.begin(Sweep::pairs(plan));
         let none = &scene.no_bins;
         for (s, from) in plan.layout.groups.iter().enumerate() {
             for (t, to) in plan.layout.groups.iter().enumerate() {
                 let shape = Shape::new(from.class, to.class);
                 let sweep = sweep_of(&mut self.sweeps, shape)?;
-                let between = Between::groups(plan, from, to, true);
+                let between = Between::groups(plan, lists, from, to);
                 let irradiance = x.irradiance.whole();
                 let arriving = page_of(&x.bins, t, to.class.has_bins(), none)?;
                 let back = page_of(&y.bins, s, from.class.has_bins(), none)?;
@@ -68,11 +69,11 @@ impl ExchangeAdjoint {
                     adjoint.near_receivers.whole(),
                     scene.bin_table.whole(),
                 ];
-                sweep.near(context, between, &adjoint.list, &near, true, watch)?;
+                sweep.near(context, between, &near, true, watch)?;
                 let far = [
                     facets,
                     irradiance,
-                    scene.tile_pairs.whole(),
+                    adjoint.far_runs.whole(),
                     radiance,
                     arriving,
                     back,

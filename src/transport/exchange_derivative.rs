@@ -8,7 +8,7 @@ use super::state::{State, page_of};
 use super::sweep::{Between, Kernels, Sweep};
 use super::watch::{TransportError, Watch};
 use crate::gpu::{Buffer, Device, GpuError};
-use crate::plan::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::plan::{Interactions, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
 /// Close others per owner and dispatch: an invocation on lavapipe is left after 65535 iterations of all its loops, and one
@@ -55,19 +55,25 @@ impl ExchangeDerivative {
     ) -> Result<(), TransportError> {
         let Context { plan, scene, leaving, .. } = context;
         let (x, cotangent) = (x.resident()?, cotangent.resident()?);
+        let Interactions { by_receiver, by_source } = plan.interactions();
+        let by_source = by_source.as_ref().ok_or(TransportError::NotPlanned)?;
         watch.begin(2 * Sweep::pairs(plan));
         let none = &scene.no_bins;
         for owns_source in [true, false] {
-            let (sweeps, list, offsets, others) = match owns_source {
-                true => (&mut self.by_source, &adjoint.list, &adjoint.near_offsets, &adjoint.near_receivers),
-                false => (&mut self.by_receiver, &plan.near, &scene.near_offsets, &scene.near_sources),
+            let (sweeps, lists, runs) = match owns_source {
+                true => (&mut self.by_source, by_source, &adjoint.far_runs),
+                false => (&mut self.by_receiver, by_receiver, &scene.far_runs),
+            };
+            let (offsets, others) = match owns_source {
+                true => (&adjoint.near_offsets, &adjoint.near_receivers),
+                false => (&scene.near_offsets, &scene.near_sources),
             };
             for (s, from) in plan.layout.groups.iter().enumerate() {
                 for (t, to) in plan.layout.groups.iter().enumerate() {
                     let sweep = sweep_of(sweeps, Shape::new(from.class, to.class))?;
                     let between = match owns_source {
-                        true => Between::groups(plan, from, to, true),
-                        false => Between::groups(plan, to, from, false),
+                        true => Between::groups(plan, lists, from, to),
+                        false => Between::groups(plan, lists, to, from),
                     };
                     let both = [
                         scene.facets.whole(),
@@ -80,8 +86,8 @@ impl ExchangeDerivative {
                     ];
                     let near =
                         [&both[..], &[offsets.whole(), others.whole(), scene.corners.whole()]].concat();
-                    sweep.near(context, between, list, &near, true, watch)?;
-                    let far = [&both[..], &[scene.tile_pairs.whole()]].concat();
+                    sweep.near(context, between, &near, true, watch)?;
+                    let far = [&both[..], &[runs.whole()]].concat();
                     sweep.far(context, between, &far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
                 }
             }

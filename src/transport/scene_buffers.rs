@@ -3,7 +3,7 @@
 use super::real;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
 use crate::model::Facet;
-use crate::plan::{PADDING, Plan};
+use crate::plan::{PADDING, PairLists, Plan};
 use crate::scene::{Material, Scene};
 use bytemuck::Pod;
 
@@ -45,7 +45,8 @@ pub struct SceneBuffers {
     pub surfaces: Buffer,
     /// Centre of each bin, and c_b.
     pub bin_table: Buffer,
-    pub tile_pairs: Buffer,
+    /// [`crate::plan::FarRuns`] by receiver.
+    pub far_runs: Buffer,
     pub near_offsets: Buffer,
     pub near_sources: Buffer,
     /// Slots of the owners of a sweep over close pairs, in the order in which lanes take them.
@@ -62,14 +63,15 @@ impl SceneBuffers {
         facets.resize(facets.len() + plan.other_slots() as usize * FACET, 0.0);
         let reals =
             |label: &str, values: &[f64]| real::filled(device, label, plan.accuracy.precision, values);
+        let PairLists { far, near } = &plan.interactions().by_receiver;
         Ok(Self {
             facets: reals("facets", &facets)?,
             corners: reals("corners", &by_slot(plan, |i| corner_reals(&plan.facets[i])))?,
             surfaces: reals("surfaces", &by_slot(plan, |i| surface_reals(scene.material(i))))?,
             bin_table: reals("bin table", &bin_table)?,
-            tile_pairs: filled(device, "tile pairs", &plan.tile_pairs.flags)?,
-            near_offsets: filled(device, "near offsets", &plan.near.offsets)?,
-            near_sources: filled(device, "near sources", &plan.near.others)?,
+            far_runs: filled(device, "far runs", far.words())?,
+            near_offsets: filled(device, "near offsets", &near.offsets)?,
+            near_sources: filled(device, "near sources", &near.others)?,
             near_owners: Buffer::new(
                 device,
                 "near owners",

@@ -5,7 +5,7 @@ use super::Context;
 use super::pace::{Bundle, MOST_GROUPS, Pace};
 use super::watch::{TransportError, Watch};
 use crate::gpu::{Bindings, Buffer, BufferSlice, Device, DeviceKind, GpuError, Pipeline, UNIFORM_BYTES};
-use crate::plan::{Group, NearPairs, OTHER_BYTES, PAIR_BACK, PAIR_FRONT, Plan};
+use crate::plan::{Group, NearPairs, OTHER_BYTES, PAIR_BACK, PAIR_FRONT, PairLists, Plan};
 use crate::shaders::RealShader;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::cmp::Reverse;
@@ -21,7 +21,6 @@ pub struct FarPush {
     pub owner_tile: u32,
     pub other_begin: u32,
     pub other_end: u32,
-    pub row_words: u32,
     pub half_range: f32,
     pub owner_page: u32,
     pub other_page: u32,
@@ -103,21 +102,21 @@ pub struct OfOthers<'a> {
 pub struct Between<'a> {
     pub owners: &'a Group,
     pub others: &'a Group,
+    /// By owner, receivers or sources.
+    pub lists: &'a PairLists,
     /// The slot whose bins come first in the buffers of the owners.
     pub first_slot: u32,
-    /// Whether the owners are sources, or receivers.
-    pub sources_own: bool,
 }
 
 impl<'a> Between<'a> {
     /// Receivers whose bins begin with those of `first_slot`, and sources.
-    pub fn receivers(owners: &'a Group, others: &'a Group, first_slot: u32) -> Self {
-        Self { owners, others, first_slot, sources_own: false }
+    pub fn receivers(plan: &'a Plan, owners: &'a Group, others: &'a Group, first_slot: u32) -> Self {
+        Self { owners, others, lists: &plan.interactions().by_receiver, first_slot }
     }
 
     /// Of groups whose bins stand in pages of their own.
-    pub fn groups(plan: &Plan, owners: &'a Group, others: &'a Group, sources_own: bool) -> Self {
-        Self { owners, others, first_slot: plan.layout.slots_of(&owners.tiles).start, sources_own }
+    pub fn groups(plan: &Plan, lists: &'a PairLists, owners: &'a Group, others: &'a Group) -> Self {
+        Self { owners, others, lists, first_slot: plan.layout.slots_of(&owners.tiles).start }
     }
 }
 
@@ -160,7 +159,7 @@ impl Sweep {
     /// Pairs of a whole pass, weighted by what they cost.
     pub fn pairs(plan: &Plan) -> u64 {
         let slots = u64::from(plan.layout.slots());
-        slots * slots + plan.near.others.len() as u64 * NEAR_COST
+        slots * slots + plan.interactions().by_receiver.near.others.len() as u64 * NEAR_COST
     }
 
     /// Pairs of tiles. `passing`: what may pass, of the bits that the plan keeps for them.
@@ -174,7 +173,7 @@ impl Sweep {
         watch: &mut Watch,
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
-        let Between { owners, others, first_slot, .. } = between;
+        let Between { owners, others, lists, first_slot } = between;
         let tile = plan.layout.tile;
         let Self { far, far_pace, workgroups, bytes, shape, .. } = self;
         let mut passed = 0;
@@ -188,7 +187,6 @@ impl Sweep {
                     owner_tile: begin,
                     other_begin: run.start,
                     other_end: run.end,
-                    row_words: plan.tile_pairs.row_words,
                     half_range: 0.5 * plan.accuracy.subsample as f32,
                     owner_page: first_slot,
                     other_page: others.tiles.start * tile,
@@ -200,7 +198,7 @@ impl Sweep {
                     .map(|of| of.buffer.slice(from * of.bytes, u64::from(plan.other_slots()) * of.bytes));
                 let buffers: Vec<_> = buffers.iter().copied().chain(seen).collect();
                 let groups = [rows, *workgroups, 1];
-                passed += passing_tiles(plan, between, begin..begin + rows, run.clone(), passing);
+                passed += passing_tiles(lists, begin..begin + rows, &run, passing);
                 let pairs = pairs_of_row * u64::from(rows);
                 bundle.add(pairs, pairs, |batch| {
                     batch.dispatch(far, shape, &buffers, bytes_of(&push), groups)
@@ -214,19 +212,18 @@ impl Sweep {
         Ok(())
     }
 
-    /// The close pairs of `list`, which is that of the owners. `backs`: whether there is antiradiance.
+    /// The close pairs. `backs`: whether there is antiradiance.
     pub fn near(
         &mut self,
         context: &Context,
         between: Between,
-        list: &NearPairs,
         buffers: &[BufferSlice],
         backs: bool,
         watch: &mut Watch,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, .. } = context;
         let others = plan.layout.slots_of(&between.others.tiles);
-        let owners = busy_owners(list, plan.layout.slots_of(&between.owners.tiles), &others);
+        let owners = busy_owners(&between.lists.near, plan.layout.slots_of(&between.owners.tiles), &others);
         if owners.is_empty() {
             return Ok(());
         }
@@ -303,13 +300,9 @@ fn shares_deposits(device: &Device, plan: &Plan, lanes: u32, sets: u64) -> bool 
 }
 
 /// Pairs of tiles between which something may pass.
-fn passing_tiles(plan: &Plan, between: Between, owners: Range<u32>, others: Range<u32>, passing: u32) -> u64 {
+fn passing_tiles(lists: &PairLists, owners: Range<u32>, others: &Range<u32>, passing: u32) -> u64 {
     let wanted = passing & (PAIR_FRONT | PAIR_BACK);
-    let passes = |owner: u32, other: u32| {
-        let (receiver, source) = if between.sources_own { (other, owner) } else { (owner, other) };
-        plan.tile_pairs.get(receiver, source) & wanted != 0
-    };
-    owners.map(|owner| others.clone().filter(|&other| passes(owner, other)).count() as u64).sum()
+    owners.map(|owner| lists.far.passing(owner, others, wanted).count() as u64).sum()
 }
 
 /// Runs of at most so many tiles, one a dispatch.

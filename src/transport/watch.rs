@@ -31,6 +31,8 @@ pub enum TransportError {
         "bytes {begin}..{end} are outside of the {bytes} bytes of bins of a state on the host: a defect of antirad"
     )]
     OutsideOfState { begin: u64, end: u64, bytes: u64 },
+    #[error("gradients were not planned: name them in Limits::gradients before the plan is made")]
+    NotPlanned,
 }
 
 impl TransportError {

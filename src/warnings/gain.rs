@@ -127,8 +127,14 @@ impl<'a> Search<'a> {
 
     /// The receivers of a tile, each with blockers that may be near.
     fn pairs(&self, to: usize) -> impl Iterator<Item = (u32, impl Iterator<Item = u32>)> {
-        let near: Vec<u32> = (0..self.tiles.len())
-            .filter(|&from| self.plan.tile_pairs.get(to as u32, from as u32) & PAIR_BACK != 0)
+        let all = 0..self.tiles.len() as u32;
+        let near: Vec<u32> = self
+            .plan
+            .interactions()
+            .by_receiver
+            .far
+            .passing(to as u32, &all, PAIR_BACK)
+            .map(|from| from as usize)
             .filter(|&from| {
                 let apart = self.tiles[from].distance_squared(&self.tiles[to]);
                 self.areas[from] > self.limit * self.finest * apart

@@ -1,7 +1,7 @@
 //! Layers that face each other closer than their triangles are wide: light between them leaks past.
 
 use super::distance::between;
-use crate::model::{Block, Facet, coplanar_tolerance, reaches};
+use crate::model::{Facet, Hierarchy, Node, coplanar_tolerance, reaches};
 use crate::plan::{PADDING, Plan};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -27,11 +27,11 @@ pub fn gaps(plan: &Plan) -> Vec<Gap> {
     let facets = &plan.facets;
     let real =
         |t: usize| plan.layout.order[t * tile..(t + 1) * tile].iter().copied().filter(|&i| i != PADDING);
-    let tiles = plan.layout.tiles() as usize;
-    let boxes: Vec<Block> = (0..tiles).map(|t| Block::around(real(t).map(|i| &facets[i as usize]))).collect();
     let size = |i: u32| facets[i as usize].extent.sqrt();
-    let sizes: Vec<f64> = (0..tiles).map(|t| real(t).map(size).fold(0.0, f64::max)).collect();
     let tolerance = coplanar_tolerance(facets);
+    let tree = Hierarchy::new(facets, &plan.layout.order, tile, tolerance);
+    let tiles: Vec<&Node> = tree.leaf_nodes().collect();
+    let far = &plan.interactions().by_receiver.far;
     let passes = |i: usize, j: usize| {
         reaches(&facets[i], &facets[j], 1.0, tolerance)
             || plan.classes[i].blocker && reaches(&facets[i], &facets[j], -1.0, tolerance)
@@ -49,17 +49,12 @@ pub fn gaps(plan: &Plan) -> Vec<Gap> {
             .filter(|()| passes(i, j) || passes(j, i))
             .map(|()| Gap { wide, other, share: width / size(wide) })
     };
-    (0..tiles)
+    (0..tiles.len())
         .into_par_iter()
         .flat_map_iter(|t| {
-            let range = NARROW * sizes[t];
-            let near: Vec<usize> = (0..tiles)
-                .filter(|&o| boxes[t].distance_squared(&boxes[o]) < range * range)
-                .filter(|&o| {
-                    let (t, o) = (t as u32, o as u32);
-                    plan.tile_pairs.get(t, o) | plan.tile_pairs.get(o, t) != 0
-                })
-                .collect();
+            let range = NARROW * tiles[t].extent.sqrt();
+            let mut near = tree.leaves(|o| tiles[t].bounds.distance_squared(&o.bounds) < range * range);
+            near.retain(|&o| far.get(t as u32, o as u32) | far.get(o as u32, t as u32) != 0);
             real(t)
                 .filter_map(|wide| {
                     near.iter()

@@ -149,11 +149,11 @@ fn the_interface_is_that_of_the_shader_not_of_the_optimiser() {
     assert_eq!(interfaces.len(), others.len(), "no two shaders look alike");
 
     // What must not go unnoticed.
-    let mut moved = Interface::of(shaders::COMBINE.f32.spirv);
-    let combine = Interface::of(shaders::COMBINE.f32.spirv);
+    let mut moved = Interface::of(shaders::COMBINE.of(Precision::F32).spirv());
+    let combine = Interface::of(shaders::COMBINE.of(Precision::F32).spirv());
     moved.members.insert(("Push".to_owned(), "b".to_owned()), 8);
     assert_eq!(moved.against(&combine), ["(\"Push\", \"b\") at 8 and at 4"]);
-    assert!(!Interface::of(shaders::COMBINE.f64.spirv).against(&combine).is_empty());
+    assert!(!Interface::of(shaders::COMBINE.of(Precision::F64).spirv()).against(&combine).is_empty());
     assert!(combine.lines.contains("X Binding [LiteralBit32(0)]"), "{:?}", combine.lines);
 }
 

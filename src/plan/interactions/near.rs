@@ -1,7 +1,9 @@
 //! Pairs so close that they are integrated over pieces: O(N) of them.
 
-use super::tiles::{Layout, PADDING, PAIR_NEAR, TilePairs};
-use crate::model::{Class, Facet, reaches};
+use super::{FarRuns, PAIR_NEAR};
+use crate::model::{Class, Facet, PADDING, reaches};
+use crate::plan::Layout;
+use crate::plan::PlanError;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -16,12 +18,12 @@ pub struct NearPairs {
 impl NearPairs {
     pub fn new(
         layout: &Layout,
-        pairs: &TilePairs,
+        far: &FarRuns,
         facets: &[Facet],
         classes: &[Class],
         half_range: f64,
         tolerance: f64,
-    ) -> Self {
+    ) -> Result<Self, PlanError> {
         let tile = layout.tile as usize;
         let real = |slot: usize| Some(layout.order[slot]).filter(|&i| i != PADDING).map(|i| i as usize);
         let close = |j: usize, i: usize| {
@@ -35,21 +37,23 @@ impl NearPairs {
             .into_par_iter()
             .map(|slot| {
                 let Some(j) = real(slot) else { return Vec::new() };
-                let near = |&s: &u32| pairs.get((slot / tile) as u32, s) & PAIR_NEAR != 0;
-                (0..layout.tiles())
-                    .filter(near)
+                far.passing((slot / tile) as u32, &(0..layout.tiles()), PAIR_NEAR)
                     .flat_map(|s| s as usize * tile..(s as usize + 1) * tile)
                     .filter(|&source| real(source).is_some_and(|i| close(j, i)))
                     .map(|source| source as u32)
                     .collect()
             })
             .collect();
+        let count = lists.iter().map(Vec::len).sum::<usize>();
+        if u32::try_from(count).is_err() {
+            return Err(PlanError::TooManyPairs { what: "close pairs", count: count as u64 });
+        }
         let mut offsets = Vec::with_capacity(lists.len() + 1);
         offsets.push(0);
         for list in &lists {
             offsets.push(offsets.last().copied().unwrap_or(0) + list.len() as u32);
         }
-        Self { offsets, others: lists.concat() }
+        Ok(Self { offsets, others: lists.concat() })
     }
 
     /// The others of an owner within a range of slots.

@@ -1,0 +1,259 @@
+//! A binary tree over runs of neighbouring triangles: what holds for all of a branch is not asked of its leaves.
+
+use super::facet::Facet;
+use super::order::{Block, PADDING};
+use glam::DVec3;
+use std::ops::Range;
+
+/// Share of the tolerance by which bounds must clear it, so that rounding in them decides nothing.
+const MARGIN: f64 = 1e-3;
+/// The same as a share of the largest coordinate.
+const ROUNDING: f64 = 1e-13;
+
+/// A branch of the tree, or a leaf: a run of leaves, and bounds of their triangles.
+#[derive(Clone, Debug)]
+pub struct Node {
+    pub leaves: Range<usize>,
+    pub bounds: Block,
+    /// Largest characteristic area.
+    pub extent: f64,
+    planes: Planes,
+    /// Where the walk goes on behind this branch.
+    next: usize,
+}
+
+/// What of some things lies on one side of the planes of a branch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sight {
+    /// Nothing, of any of them, beyond any of the planes.
+    Nothing,
+    /// It takes a closer look to say.
+    Unknown,
+    /// A part of each, beyond each of the planes.
+    Each,
+}
+
+/// How a walk goes on after a node.
+pub enum Step {
+    /// To the first of its branches, or behind a leaf.
+    Into,
+    /// Behind it.
+    Past,
+    Stop,
+}
+
+/// Nodes in the order of a walk: each before its branches.
+#[derive(Clone, Debug)]
+pub struct Hierarchy {
+    nodes: Vec<Node>,
+    tolerance: f64,
+    margin: f64,
+}
+
+/// What a tree is made of: the triangle of each slot, or [`PADDING`], and slots per leaf.
+struct Source<'a> {
+    facets: &'a [Facet],
+    order: &'a [u32],
+    leaf: usize,
+}
+
+impl Source<'_> {
+    fn facets(&self, leaves: &Range<usize>) -> impl Iterator<Item = &Facet> + Clone {
+        let end = (leaves.end * self.leaf).min(self.order.len());
+        let slots = &self.order[leaves.start * self.leaf..end];
+        slots.iter().filter(|&&i| i != PADDING).map(|&i| &self.facets[i as usize])
+    }
+
+    fn node(&self, leaves: Range<usize>) -> Node {
+        let facets = self.facets(&leaves);
+        Node {
+            bounds: Block::around(facets.clone()),
+            extent: facets.clone().map(|f| f.extent).fold(0.0, f64::max),
+            planes: Planes::of(facets),
+            leaves,
+            next: 0,
+        }
+    }
+
+    fn grow(&self, leaves: Range<usize>, nodes: &mut Vec<Node>) {
+        let at = nodes.len();
+        nodes.push(self.node(leaves.clone()));
+        if leaves.len() > 1 {
+            let middle = leaves.start.midpoint(leaves.end);
+            self.grow(leaves.start..middle, nodes);
+            self.grow(middle..leaves.end, nodes);
+        }
+        nodes[at].next = nodes.len();
+    }
+}
+
+impl Hierarchy {
+    /// Over runs of `leaf` slots of an order. `tolerance`: height above a plane that counts as lying in it.
+    pub fn new(facets: &[Facet], order: &[u32], leaf: usize, tolerance: f64) -> Self {
+        let leaves = order.len().div_ceil(leaf);
+        let mut nodes = Vec::with_capacity(2 * leaves);
+        if leaves > 0 {
+            Source { facets, order, leaf }.grow(0..leaves, &mut nodes);
+        }
+        let farthest = nodes.first().map_or(0.0, |root: &Node| {
+            root.bounds.min.abs().max_element().max(root.bounds.max.abs().max_element())
+        });
+        Self { nodes, tolerance, margin: MARGIN * tolerance + ROUNDING * farthest }
+    }
+
+    /// Calls `visit` for nodes, in the order of their leaves and each before its branches, and goes where it says. True if it
+    /// stopped.
+    pub fn walk(&self, mut visit: impl FnMut(&Node) -> Step) -> bool {
+        let mut at = 0;
+        while let Some(node) = self.nodes.get(at) {
+            at = match visit(node) {
+                Step::Into => at + 1,
+                Step::Past => node.next,
+                Step::Stop => return true,
+            };
+        }
+        false
+    }
+
+    /// The leaves whose branches all pass a test.
+    pub fn leaves(&self, mut test: impl FnMut(&Node) -> bool) -> Vec<usize> {
+        let mut found = Vec::new();
+        self.walk(|node| {
+            if !test(node) {
+                return Step::Past;
+            }
+            if node.is_leaf() {
+                found.push(node.leaves.start);
+            }
+            Step::Into
+        });
+        found
+    }
+
+    /// The nodes of the leaves, in their order.
+    pub fn leaf_nodes(&self) -> impl Iterator<Item = &Node> {
+        self.nodes.iter().filter(|node| node.is_leaf())
+    }
+
+    /// What of boxes lies above (`side` = 1) or below (`side` = -1) the planes of a branch. `one`: whether `bounds` is the box
+    /// itself, or only goes around all boxes.
+    pub fn sight(&self, of: &Node, bounds: &Block, side: f64, one: bool) -> Sight {
+        let [least, most] = of.planes.heights(bounds, side, one);
+        if most <= self.tolerance - self.margin {
+            Sight::Nothing
+        } else if least > self.tolerance + self.margin {
+            Sight::Each
+        } else {
+            Sight::Unknown
+        }
+    }
+}
+
+impl Node {
+    pub fn is_leaf(&self) -> bool {
+        self.leaves.len() == 1
+    }
+}
+
+/// Bounds of planes ⟨n, x - centre⟩ = height: least and most of the normals, by component, and of the heights.
+#[derive(Clone, Debug)]
+struct Planes {
+    centre: DVec3,
+    normals: [DVec3; 2],
+    heights: [f64; 2],
+}
+
+impl Planes {
+    fn of<'a>(facets: impl Iterator<Item = &'a Facet> + Clone) -> Self {
+        let bounds = Block::around(facets.clone());
+        let centre = bounds.min.midpoint(bounds.max);
+        let none = Self {
+            centre,
+            normals: [DVec3::INFINITY, DVec3::NEG_INFINITY],
+            heights: [f64::INFINITY, f64::NEG_INFINITY],
+        };
+        facets.fold(none, |Self { normals: [low, high], heights: [least, most], .. }, facet| {
+            let height = facet.normal.dot(facet.centroid - centre);
+            Self {
+                centre,
+                normals: [low.min(facet.normal), high.max(facet.normal)],
+                heights: [least.min(height), most.max(height)],
+            }
+        })
+    }
+
+    /// Least and most, over the planes, of the height of the farthest corner of a box, or of any box inside of it.
+    fn heights(&self, bounds: &Block, side: f64, one: bool) -> [f64; 2] {
+        let [low, high] = self.normals;
+        let (low, high) = if side > 0.0 { (low, high) } else { (-high, -low) };
+        let [least, most] = self.heights;
+        let (least, most) = if side > 0.0 { (least, most) } else { (-most, -least) };
+        let to = bounds.min.midpoint(bounds.max) - self.centre;
+        let half = 0.5 * (bounds.max - bounds.min);
+        let steepest = low.abs().max(high.abs());
+        let flattest = low.max(-high).max(DVec3::ZERO);
+        let middle = [(low * to).min(high * to).element_sum(), (low * to).max(high * to).element_sum()];
+        let (farthest, farther) = if one {
+            (flattest.dot(half), steepest.dot(half))
+        } else {
+            (-steepest.dot(half), steepest.dot(half))
+        };
+        [middle[0] + farthest - most, middle[1] + farther - least]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Shape;
+
+    /// A sphere, whose neighbours face about the same way.
+    fn sphere() -> Vec<Facet> {
+        let (vertices, faces) = Shape::Icosphere { level: 2, inward: false }.mesh();
+        faces.iter().map(|face| Facet::new(face.map(|v| vertices[v as usize]))).collect()
+    }
+
+    /// What is said of a branch holds for each plane and each box in it.
+    #[test]
+    fn bounds_hold_for_everything_inside() {
+        const TOLERANCE: f64 = 1e-6;
+        let facets = sphere();
+        let order = super::super::order::spatial_order(&facets);
+        let tree = Hierarchy::new(&facets, &order, 4, TOLERANCE);
+        let of = |node: &Node| order[node.leaves.start * 4..node.leaves.end * 4].iter();
+        let mut said = [0; 3];
+        for (planes, boxes) in tree.nodes.iter().flat_map(|p| tree.nodes.iter().map(move |b| (p, b))) {
+            for (side, one) in [(1.0, false), (-1.0, false), (1.0, true), (-1.0, true)] {
+                let sight = tree.sight(planes, &boxes.bounds, side, one);
+                said[sight as usize] += 1;
+                let beyond = |plane: &Facet, of: &Block| {
+                    -of.lowest(-side * plane.normal) - side * plane.normal.dot(plane.centroid) > TOLERANCE
+                };
+                let around = |&i: &u32| Block::around([&facets[i as usize]].into_iter());
+                let inside: Vec<Block> =
+                    if one { vec![boxes.bounds.clone()] } else { of(boxes).map(around).collect() };
+                let mut pairs = of(planes).flat_map(|&i| inside.iter().map(move |of| (i, of)));
+                let holds = match sight {
+                    Sight::Nothing => pairs.all(|(i, of)| !beyond(&facets[i as usize], of)),
+                    Sight::Each => pairs.all(|(i, of)| beyond(&facets[i as usize], of)),
+                    Sight::Unknown => true,
+                };
+                assert!(holds, "{:?} of {:?}: {sight:?}", boxes.leaves, planes.leaves);
+            }
+        }
+        assert!(said.iter().all(|&count| count > 10_000), "{said:?}");
+    }
+
+    #[test]
+    fn leaves_come_in_order_and_once() {
+        let facets = sphere();
+        let order: Vec<u32> = (0..100).collect();
+        for leaf in [1, 3, 64, 200] {
+            let tree = Hierarchy::new(&facets, &order, leaf, 1e-6);
+            let all: Vec<usize> = (0..100usize.div_ceil(leaf)).collect();
+            assert_eq!(tree.leaves(|_| true), all);
+            assert_eq!(tree.leaf_nodes().map(|node| node.leaves.start).collect::<Vec<_>>(), all);
+        }
+        assert!(!Hierarchy::new(&[], &[], 1, 0.0).walk(|_| Step::Stop));
+    }
+}

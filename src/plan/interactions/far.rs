@@ -1,0 +1,184 @@
+//! Which tiles exchange light from point to point, as runs of tiles between which the same may pass.
+
+use crate::plan::PlanError;
+use std::ops::Range;
+
+/// Bits of a run that say what may pass; the rest is the tile behind its last one.
+const PASSING_BITS: u32 = 4;
+const PASSING: u32 = (1 << PASSING_BITS) - 1;
+
+/// For each owner tile, receivers or sources, the runs of all others: from the end of the one before, a word each,
+/// `end << 4 | passing`, the ends rising up to the number of tiles. Kernels read the same words (glsl/far_push.glsl).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FarRuns {
+    tiles: u32,
+    /// Of each owner, where its runs begin in these words, and where those of the last end; then all runs.
+    words: Vec<u32>,
+}
+
+/// The runs of one owner in the making.
+#[derive(Clone, Debug, Default)]
+pub struct Row {
+    words: Vec<u32>,
+}
+
+impl Row {
+    /// Says what may pass up to before `end`, from where the row ends.
+    pub fn extend(&mut self, end: u32, passing: u32) {
+        match self.words.last_mut() {
+            Some(last) if *last & PASSING == passing => *last = word(end, passing),
+            _ => self.words.push(word(end, passing)),
+        }
+    }
+}
+
+fn word(end: u32, passing: u32) -> u32 {
+    end << PASSING_BITS | passing
+}
+
+impl FarRuns {
+    /// From a row for each tile that covers all tiles.
+    pub fn new(rows: &[Row]) -> Result<Self, PlanError> {
+        let count = rows.len() + 1 + rows.iter().map(|row| row.words.len()).sum::<usize>();
+        let mut words = Vec::with_capacity(count);
+        let mut begin = rows.len() + 1;
+        for row in rows {
+            words.push(begin as u32);
+            begin += row.words.len();
+        }
+        if u32::try_from(begin).is_err() {
+            return Err(PlanError::TooManyPairs { what: "runs of tiles", count: begin as u64 });
+        }
+        words.push(begin as u32);
+        rows.iter().for_each(|row| words.extend_from_slice(&row.words));
+        Ok(Self { tiles: rows.len() as u32, words })
+    }
+
+    /// What kernels read.
+    pub fn words(&self) -> &[u32] {
+        &self.words
+    }
+
+    /// Number of runs.
+    pub fn count(&self) -> usize {
+        self.words.len() - self.tiles as usize - 1
+    }
+
+    fn row(&self, owner: u32) -> &[u32] {
+        let [begin, end] = [owner, owner + 1].map(|k| self.words[k as usize] as usize);
+        &self.words[begin..end]
+    }
+
+    /// The runs of an owner within a range of others, with what may pass.
+    pub fn of(&self, owner: u32, others: &Range<u32>) -> impl Iterator<Item = (Range<u32>, u32)> + use<'_> {
+        let (mut begin, end) = (others.start, others.end);
+        let row = self.row(owner);
+        let first = row.partition_point(|run| run >> PASSING_BITS <= begin);
+        row[first..].iter().map_while(move |run| {
+            let from = std::mem::replace(&mut begin, (run >> PASSING_BITS).min(end));
+            (from < end).then_some((from..begin, run & PASSING))
+        })
+    }
+
+    /// What may pass between two tiles.
+    pub fn get(&self, owner: u32, other: u32) -> u32 {
+        self.of(owner, &(other..other + 1)).next().map_or(0, |(_, passing)| passing)
+    }
+
+    /// The tiles of a range with which an owner exchanges something of these bits.
+    pub fn passing(&self, owner: u32, others: &Range<u32>, bits: u32) -> impl Iterator<Item = u32> + use<'_> {
+        self.of(owner, others).filter(move |(_, passing)| passing & bits != 0).flat_map(|(run, _)| run)
+    }
+
+    /// True where some pair has one of these bits.
+    pub fn any(&self, owners: &Range<u32>, others: &Range<u32>, bits: u32) -> bool {
+        owners.clone().any(|owner| self.passing(owner, others, bits).next().is_some())
+    }
+
+    /// The same pairs by the other end.
+    pub fn transposed(&self) -> Result<Self, PlanError> {
+        let all = 0..self.tiles;
+        let mut rows = vec![Row::default(); self.tiles as usize];
+        // Where a row differs from the one before, the runs of those others end.
+        for owner in 1..self.tiles {
+            for other in self.changes(owner, &all) {
+                let (tile, passing) = other;
+                rows[tile as usize].extend(owner, passing);
+            }
+        }
+        if let Some(last) = self.tiles.checked_sub(1) {
+            for (run, passing) in self.of(last, &all) {
+                run.for_each(|tile| rows[tile as usize].extend(self.tiles, passing));
+            }
+        }
+        Self::new(&rows)
+    }
+
+    /// The others with which the owner exchanges something else than the owner before it, and what that was.
+    fn changes(&self, owner: u32, all: &Range<u32>) -> impl Iterator<Item = (u32, u32)> + use<'_> {
+        let mut runs = self.of(owner, all);
+        let mut run = runs.next();
+        let mut before = self.of(owner - 1, all);
+        let mut old = before.next();
+        let mut begin = 0;
+        std::iter::from_fn(move || {
+            let ((new, now), (last, was)) = (run.clone()?, old.clone()?);
+            let piece = begin..new.end.min(last.end);
+            begin = piece.end;
+            if new.end == begin {
+                run = runs.next();
+            }
+            if last.end == begin {
+                old = before.next();
+            }
+            Some((if now == was { 0..0 } else { piece }, was))
+        })
+        .flat_map(|(piece, was)| piece.map(move |tile| (tile, was)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn runs(rows: &[&[u32]]) -> FarRuns {
+        let row = |states: &&[u32]| {
+            let mut row = Row::default();
+            states.iter().zip(1..).for_each(|(&state, end)| row.extend(end, state));
+            row
+        };
+        FarRuns::new(&rows.iter().map(row).collect::<Vec<_>>()).expect("few runs")
+    }
+
+    fn states(runs: &FarRuns) -> Vec<Vec<u32>> {
+        let all = 0..runs.tiles;
+        let row = |owner| runs.of(owner, &all).flat_map(|(run, state)| run.map(move |_| state)).collect();
+        all.clone().map(row).collect()
+    }
+
+    #[test]
+    fn equal_neighbours_are_one_run_and_ranges_cut_runs() {
+        let runs = runs(&[&[1, 1, 3, 3], &[0; 4], &[0, 1, 0, 1], &[7; 4]]);
+        assert_eq!(
+            runs.words(),
+            [5, 7, 8, 12, 13, 2 << 4 | 1, 4 << 4 | 3, 4 << 4, 16, 33, 48, 65, 4 << 4 | 7]
+        );
+        assert_eq!(runs.of(0, &(1..3)).collect::<Vec<_>>(), [(1..2, 1), (2..3, 3)]);
+        assert_eq!(runs.of(0, &(1..1)).count(), 0);
+        assert_eq!(runs.passing(2, &(0..4), 5).collect::<Vec<_>>(), [1, 3]);
+        assert!(runs.any(&(0..2), &(2..4), 2) && !runs.any(&(1..3), &(0..1), 7));
+        assert_eq!(runs.count(), 8);
+    }
+
+    #[test]
+    fn transposing_swaps_owners_and_others() {
+        let rows: [&[u32]; 5] = [&[1, 1, 3, 3, 0], &[0; 5], &[0, 1, 0, 1, 2], &[7; 5], &[7, 7, 3, 0, 0]];
+        let list = runs(&rows);
+        let turned = list.transposed().expect("few runs");
+        for (r, row) in states(&turned).iter().enumerate() {
+            assert_eq!(*row, rows.map(|other| other[r]));
+        }
+        assert_eq!(turned.transposed().expect("few runs"), list);
+        assert_eq!(runs(&[]).transposed().expect("no runs"), runs(&[]));
+    }
+}

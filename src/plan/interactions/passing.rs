@@ -1,0 +1,125 @@
+//! What can pass between tiles: whole branches of tiles at a time, where bounds tell.
+
+use super::far::{FarRuns, Row};
+use super::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
+use crate::model::{Facet, Hierarchy, Node, PADDING, Sight, Step};
+use crate::plan::Layout;
+use crate::plan::PlanError;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Finds what can pass between tiles.
+pub struct Passing<'a> {
+    half_range: f64,
+    tolerance: f64,
+    cull: bool,
+    tree: &'a Hierarchy,
+    /// By tile, its leaf and of each triangle the normal n and height ⟨n, x⟩ of its plane.
+    tiles: Vec<(&'a Node, Vec<(DVec3, f64)>)>,
+    /// Blockers among the tiles before each one.
+    blockers: Vec<u32>,
+}
+
+impl<'a> Passing<'a> {
+    pub fn new(
+        layout: &Layout,
+        facets: &[Facet],
+        tree: &'a Hierarchy,
+        half_range: f64,
+        tolerance: f64,
+        cull: bool,
+    ) -> Self {
+        let plane = |&i: &u32| {
+            let Facet { normal, centroid, .. } = facets[i as usize];
+            (normal, normal.dot(centroid))
+        };
+        let planes = layout
+            .order
+            .chunks(layout.tile as usize)
+            .map(|slots| slots.iter().filter(|&&i| i != PADDING).map(plane).collect());
+        let tiles: Vec<_> = tree.leaf_nodes().zip(planes).collect();
+        let mut blockers = vec![0];
+        for group in &layout.groups {
+            let before = blockers.last().copied().unwrap_or(0);
+            let each = u32::from(group.class.blocker);
+            blockers.extend((1..=group.tiles.len() as u32).map(|k| before + k * each));
+        }
+        Self { half_range, tolerance, cull, tree, tiles, blockers }
+    }
+
+    /// For each receiver tile, what sources send it. Never loses a pair whose contribution is more than rounding; without
+    /// culling, loses none.
+    pub fn runs(&self) -> Result<FarRuns, PlanError> {
+        let rows: Vec<Row> =
+            (0..self.tiles.len()).into_par_iter().map(|receiver| self.row(receiver)).collect();
+        FarRuns::new(&rows)
+    }
+
+    fn row(&self, receiver: usize) -> Row {
+        let mut row = Row::default();
+        self.tree.walk(|sources| {
+            let passing = self.from_branch(receiver, sources);
+            let passing = passing.or_else(|| sources.is_leaf().then(|| self.from_tile(receiver, sources)));
+            let Some(passing) = passing else { return Step::Into };
+            row.extend(sources.leaves.end as u32, passing);
+            Step::Past
+        });
+        row
+    }
+
+    /// What each tile of a branch sends, if that is the same for all and bounds can tell.
+    fn from_branch(&self, receiver: usize, sources: &Node) -> Option<u32> {
+        let to = self.tiles[receiver].0;
+        let [before, after] = [sources.leaves.start, sources.leaves.end].map(|tile| self.blockers[tile]);
+        let blockers = (after - before) as usize;
+        let sight = |of: &Node, at: &Node, side: f64| match self.cull {
+            true => self.tree.sight(of, &at.bounds, side, at.is_leaf()),
+            false => Sight::Each,
+        };
+        let received = sight(to, sources, 1.0);
+        if received == Sight::Nothing {
+            return Some(0);
+        }
+        let front = sight(sources, to, 1.0);
+        let back = if blockers == 0 { Sight::Nothing } else { sight(sources, to, -1.0) };
+        if front == Sight::Nothing && back == Sight::Nothing {
+            return Some(0);
+        }
+        let some_block = back != Sight::Nothing && blockers < sources.leaves.len();
+        if [received, front, back].contains(&Sight::Unknown) || some_block {
+            return None;
+        }
+        let near = self.near(to, sources);
+        if near && !sources.is_leaf() {
+            return None;
+        }
+        let bit = |sight: Sight, bit: u32| if sight == Sight::Each { bit } else { 0 };
+        Some(bit(front, PAIR_FRONT) | bit(back, PAIR_BACK) | if near { PAIR_NEAR } else { 0 })
+    }
+
+    /// What one tile sends, from the planes of its triangles.
+    fn from_tile(&self, receiver: usize, source: &Node) -> u32 {
+        let (to, from) = (self.tiles[receiver].0, source.leaves.start);
+        let sees = |tile: usize, other: &Node, side: f64| {
+            self.tiles[tile].1.iter().any(|&(normal, height)| {
+                let farthest = -other.bounds.lowest(-side * normal);
+                farthest - side * height > self.tolerance
+            })
+        };
+        if !sees(receiver, source, 1.0) {
+            return 0;
+        }
+        let blocker = self.blockers[from] < self.blockers[from + 1];
+        let front = if sees(from, to, 1.0) { PAIR_FRONT } else { 0 };
+        let back = if blocker && sees(from, to, -1.0) { PAIR_BACK } else { 0 };
+        match front | back {
+            0 => 0,
+            passing => passing | if self.near(to, source) { PAIR_NEAR } else { 0 },
+        }
+    }
+
+    /// Whether the near field may have a share in some pair.
+    fn near(&self, a: &Node, b: &Node) -> bool {
+        a.bounds.distance_squared(&b.bounds) <= self.half_range * (b.extent + a.extent)
+    }
+}
