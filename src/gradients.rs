@@ -1,6 +1,6 @@
 //! Derivatives of a loss, by the adjoint of the light equation.
 
-use crate::engine::{Engine, EngineError, Solution, SolveParams};
+use crate::engine::{Engine, EngineError, Solution, SolveParams, check_position};
 use crate::plan::{PADDING, PlannedSolver, Wanted};
 use crate::reference::FacetGradient;
 use crate::scene::Scene;
@@ -73,7 +73,9 @@ impl Engine {
         params: &SolveParams,
         progress: &mut Progress,
     ) -> Result<Gradients, EngineError> {
+        self.check_own(solution)?;
         self.check(cotangent, wanted)?;
+        params.check()?;
         let (irradiance, radiance, specular) = self.own_cotangents(cotangent);
         let views: Vec<(DVec3, Vec<[f64; 4]>)> =
             cotangent.colours.iter().map(|(eye, colours)| (*eye, self.to_slots(colours))).collect();
@@ -152,7 +154,10 @@ impl Engine {
         if let Some(values) = &cotangent.radiosity {
             check("radiosity", values)?;
         }
-        cotangent.colours.iter().try_for_each(|(_, values)| check("face colours", values))
+        cotangent.colours.iter().try_for_each(|(eye, values)| {
+            check_position(*eye)?;
+            check("face colours", values)
+        })
     }
 
     /// λ₀ and μ₀, views apart: with the radiosity B = π L + Σ_o c_o L(o).

@@ -49,6 +49,7 @@ pub mod ladder;
 pub mod output;
 pub mod plan;
 pub mod reference;
+mod revision;
 pub mod scene;
 pub mod shaders;
 pub mod solve;
@@ -56,4 +57,6 @@ pub mod transport;
 pub mod warnings;
 
 pub use engine::{Energy, Engine, EngineError, Negative, Solution, SolveParams};
+/// The vectors of this interface, in the version that it takes.
+pub use glam;
 pub use gradients::{Cotangent, Gradients, MaterialGradients};

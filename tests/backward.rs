@@ -59,12 +59,12 @@ fn value(engine: &mut Engine, solution: &Solution, loss: &Cotangent) -> f64 {
 }
 
 fn solve(engine: &mut Engine) -> Solution {
-    let params = SolveParams::from(&engine.plan().accuracy);
+    let params = SolveParams::from(engine.plan().accuracy());
     engine.solve(&params).expect("a solution")
 }
 
 fn backward(engine: &mut Engine, solution: &Solution, loss: &Cotangent) -> Gradients {
-    let (params, wanted) = (SolveParams::from(&engine.plan().accuracy), engine.plan().limits.gradients);
+    let (params, wanted) = (SolveParams::from(engine.plan().accuracy()), engine.plan().limits().gradients);
     engine.backward(solution, loss, wanted, &params).expect("gradients")
 }
 
@@ -93,24 +93,24 @@ fn kinds(gradients: &Gradients) -> Vec<(&'static str, Vec<f64>)> {
 type Arrays = (Vec<[f64; 4]>, Vec<Option<Vec<f64>>>);
 
 fn download(operators: &Operators, x: &State) -> Arrays {
-    let groups = 0..operators.plan().layout.groups.len();
+    let groups = 0..operators.plan().layout().groups.len();
     let bins = groups.map(|g| operators.bins(x, g).expect("bins")).collect();
     (operators.irradiance(x).expect("irradiance"), bins)
 }
 
 /// Random values where there are triangles.
 fn random_arrays(plan: &Plan, random: &mut Random, has_bins: impl Fn(usize) -> bool) -> Arrays {
-    let real = |slot: u32| plan.layout.order[slot as usize] != PADDING;
-    let slots = (0..plan.layout.slots())
+    let real = |slot: u32| plan.layout().order[slot as usize] != PADDING;
+    let slots = (0..plan.layout().slots())
         .map(|slot| if real(slot) { (random.point() - 0.3).extend(0.0).to_array() } else { [0.0; 4] })
         .collect();
-    let width = plan.bins.count() * 3;
-    let bins = plan.layout.groups.iter().enumerate().map(|(g, group)| {
+    let width = plan.bins().count() * 3;
+    let bins = plan.layout().groups.iter().enumerate().map(|(g, group)| {
         has_bins(g).then(|| {
             let row = |slot: u32| -> Vec<f64> {
                 (0..width).map(|_| if real(slot) { random.next() - 0.3 } else { 0.0 }).collect()
             };
-            plan.layout.slots_of(&group.tiles).flat_map(row).collect()
+            plan.layout().slots_of(&group.tiles).flat_map(row).collect()
         })
     });
     (slots, bins.collect())
@@ -119,9 +119,9 @@ fn random_arrays(plan: &Plan, random: &mut Random, has_bins: impl Fn(usize) -> b
 /// ⟨x, y⟩; of bins times c_b where one holds H(b)/c_b and the other the cotangent of H(b).
 fn dot(plan: &Plan, x: &Arrays, y: &Arrays, times_c: bool) -> f64 {
     let slots: f64 = x.0.iter().zip(&y.0).map(|(a, b)| (0..3).map(|c| a[c] * b[c]).sum::<f64>()).sum();
-    let count = plan.bins.count();
+    let count = plan.bins().count();
     let bins = x.1.iter().zip(&y.1).filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?)));
-    let c = |k: usize| if times_c { plan.bins.projected[k / 3 % count] } else { 1.0 };
+    let c = |k: usize| if times_c { plan.bins().projected[k / 3 % count] } else { 1.0 };
     slots
         + bins
             .map(|(a, b)| a.iter().zip(b).enumerate().map(|(k, (a, b))| c(k) * a * b).sum::<f64>())
@@ -152,8 +152,8 @@ fn dot_products(name: &str, scene: &Scene, bound: f64) {
     let mut adjoint = Adjoint::new(&device, &plan).expect("an adjoint").expect("what was planned");
     let mut operators = Operators::new(&device, plan.clone(), buffers).expect("operators");
     let mut random = Random(3);
-    let has_bins = |g: usize| plan.layout.groups[g].class.has_bins();
-    let glossy = |g: usize| plan.layout.groups[g].class.glossy;
+    let has_bins = |g: usize| plan.layout().groups[g].class.has_bins();
+    let glossy = |g: usize| plan.layout().groups[g].class.glossy;
     let arriving = random_arrays(&plan, &mut random, has_bins);
     let cotangent = random_arrays(&plan, &mut random, has_bins);
     let leaving = random_arrays(&plan, &mut random, glossy);
@@ -180,11 +180,11 @@ fn dot_products(name: &str, scene: &Scene, bound: f64) {
     };
     let emission = from(&mut operators, &dark);
     let reflected = minus(&from(&mut operators, &x), &emission);
-    let no_bins = vec![None; plan.layout.groups.len()];
+    let no_bins = vec![None; plan.layout().groups.len()];
     let seen = operators.observe(&x, eye).expect("a view");
     let seen = minus(&(seen, no_bins.clone()), &(operators.observe(&dark, eye).expect("a view"), vec![]));
 
-    let none = vec![[0.0; 4]; plan.layout.slots() as usize];
+    let none = vec![[0.0; 4]; plan.layout().slots() as usize];
     let mut transposed = AdjointOperator::new(&mut operators, &mut adjoint);
     let mut z = transposed.vector().expect("a vector");
     transposed.set(&none, &none, &no_bins).expect("cotangents");

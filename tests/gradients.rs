@@ -77,7 +77,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     let h = upload(&mut operators, &light, &light.bins);
     let x = upload(&mut operators, &worth, &per_irradiance(&model, &worth.bins));
     let none = by_slot(&plan, |_| DVec3::ZERO);
-    let pages = vec![None; plan.layout.groups.len()];
+    let pages = vec![None; plan.layout().groups.len()];
     let colours_by_slot = by_slot(&plan, |i| colours[i]);
 
     let total = worth.bins.len();
@@ -112,7 +112,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     for (name, vector, truth) in [("adjoint pass", &y, &back), ("observe_adjoint", &z, &seen)] {
         let irradiance = operators.irradiance(vector).expect("values");
         errors.push((name, relative(&rgb_of(&plan, &irradiance), &flat(&truth.irradiance))));
-        let groups = 0..plan.layout.groups.len();
+        let groups = 0..plan.layout().groups.len();
         let pages: Vec<_> = groups.map(|g| operators.bins(vector, g).expect("bins")).collect();
         let bins = per_irradiance(&model, &truth.bins);
         errors.push((name, relative(&from_pages(&model, &plan, &pages, total), &flat(&bins))));
@@ -122,10 +122,10 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     for (l, e) in sent.diffuse.iter_mut().zip(emission(&model).diffuse) {
         *l += e;
     }
-    let scale = plan.placement.scale;
+    let scale = plan.placement().scale;
     let in_order = |slots: &[FacetGradient]| {
         let mut all = vec![FacetGradient::default(); model.facets.len()];
-        for (&i, gradient) in plan.layout.order.iter().zip(slots) {
+        for (&i, gradient) in plan.layout().order.iter().zip(slots) {
             if let Some(to) = all.get_mut(i as usize) {
                 *to = *gradient;
             }
@@ -162,7 +162,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     if let Some(lobes) = lobes {
         let mut sigma = vec![DVec3::ZERO; model.facets.len()];
         let mut power = vec![0.0; model.facets.len()];
-        for (&i, [sum, logarithms]) in plan.layout.order.iter().zip(&lobes) {
+        for (&i, [sum, logarithms]) in plan.layout().order.iter().zip(&lobes) {
             if let Some(m) = model.materials.get(i as usize) {
                 let (n, slope) = (m.specular_normalization(), m.specular_normalization_derivative());
                 sigma[i as usize] = n * *sum;
@@ -178,7 +178,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
         errors.push(("p", relative(&power, &of_truth)));
     }
 
-    println!("{name}: {} triangles, {} close pairs", model.facets.len(), plan.near.others.len());
+    println!("{name}: {} triangles, {} close pairs", model.facets.len(), plan.pairs().sub_sampled);
     for (kernel, error) in &errors {
         println!("  {kernel}: {error:.2e}");
     }

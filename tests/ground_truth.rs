@@ -56,7 +56,7 @@ fn closed_box() {
     let device = device();
     let scene = load("tests/data/cornell_empty_closed.obj");
     let (engine, solution) = solve(&device, &scene, &scene.accuracy);
-    let classes = &engine.plan().classes;
+    let classes = engine.plan().classes();
     assert!(classes.iter().all(|c| !c.has_bins()), "nothing hides anything: no bins, no J");
     let truth = read_npy("tests/data/cornell_empty_closed.irradiance.npy");
     let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));

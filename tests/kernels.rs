@@ -34,7 +34,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
 
     // Some light everywhere: a random state, the irradiance being the sum of the bins where there are any.
     let mut random = Random(7);
-    let mut light = |_| if plan.channels == 1 { DVec3::splat(random.next()) } else { random.point() };
+    let mut light = |_| if plan.channels() == 1 { DVec3::splat(random.next()) } else { random.point() };
     let mut state: State = model.zero();
     for j in 0..model.facets.len() {
         state.irradiance[j] = light(());
@@ -72,7 +72,8 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
     let irradiance = operators.irradiance(&y).expect("irradiance");
     errors
         .push(("transport, irradiance", relative(&rgb_of(&plan, &irradiance), &flat(&arriving.irradiance))));
-    let pages: Vec<_> = (0..plan.layout.groups.len()).map(|g| operators.bins(&y, g).expect("bins")).collect();
+    let pages: Vec<_> =
+        (0..plan.layout().groups.len()).map(|g| operators.bins(&y, g).expect("bins")).collect();
     errors.push((
         "transport, bins",
         relative(&from_pages(&model, &plan, &pages, total), &flat(&arriving.bins)),
@@ -86,7 +87,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
     println!(
         "{name}: {} triangles, {blockers} blockers, {} close pairs",
         model.facets.len(),
-        plan.near.others.len()
+        plan.pairs().sub_sampled
     );
     for (kernel, error) in errors {
         println!("  {kernel}: {error:.2e}");
@@ -150,7 +151,7 @@ fn one_channel() {
     let scene = random_scene(5, 100, true, true);
     let device = device();
     let plan = Plan::new(&scene, &Limits::of(&device), &Accuracy::default()).expect("a plan");
-    assert_eq!(plan.channels, 1);
+    assert_eq!(plan.channels(), 1);
     compare("grey", &scene, Accuracy::default(), |l| l);
 }
 

@@ -127,7 +127,7 @@ fn bins_suit_the_scene() {
     let mut plates = Plates::default().scene().expect("a scene");
     assert_eq!(chosen(&cornell()), usual);
     assert_eq!(chosen(&furnace(0.5)), usual);
-    assert_eq!(layout(&furnace(0.5), &furnace(0.5).accuracy), Ok(Layout::None));
+    assert_eq!(layout(&furnace(0.5), &furnace(0.5).accuracy).expect("a layout"), Layout::None);
     assert_eq!(chosen(&plates), BinLayout::Concentric { n: 10 });
     plates.choice = Choice::STATED;
     assert_eq!(chosen(&plates), usual);

@@ -40,7 +40,7 @@ impl DirectLight {
     }
 
     fn solve(&mut self) -> Result<Solution, AmbiguityError> {
-        self.engine.set_materials(&self.scene)?;
+        self.engine.set_linear_materials(&self.scene)?;
         Ok(self.engine.solve(&self.params)?)
     }
 

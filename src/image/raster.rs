@@ -5,7 +5,7 @@ use super::coverage::{Coverage, Sides, check_colours};
 use super::projection::Projected;
 use super::resolve::{self, Resolve, Shading};
 use super::visibility::{self, Visibility};
-use super::{ImageError, Picture, View};
+use super::{ImageError, Picture};
 use crate::gpu::{Buffer, Device, GpuError, Pipeline, rounded};
 use crate::scene::{Camera, Scene};
 
@@ -44,7 +44,7 @@ impl Rasterizer {
         })
     }
 
-    /// The picture of a scene that was checked. `colours`: radiance of the front of each triangle, in the scene's
+    /// The picture of a scene. `colours`: radiance of the front of each triangle, in the scene's
     /// order.
     pub fn render(
         &self,
@@ -57,7 +57,7 @@ impl Rasterizer {
         check_colours(colours.len(), triangles)?;
         let PictureOptions { supersample, smooth } = *options;
         let grid = grid(camera, supersample)?;
-        let faces = visibility::project(scene, &View::new(camera));
+        let faces = visibility::project(scene, camera)?;
         let mut pixels = Vec::with_capacity(camera.width as usize * camera.height as usize);
         if smooth {
             let shading = Shading::new(scene, camera, &faces, colours)?;
@@ -75,11 +75,11 @@ impl Rasterizer {
         Ok(Picture { width: camera.width, height: camera.height, pixels })
     }
 
-    /// What a camera sees of a scene that was checked, for pictures of `supersample` x `supersample` samples a pixel in
+    /// What a camera sees of a scene, for pictures of `supersample` x `supersample` samples a pixel in
     /// any colours, and for their derivatives.
     pub fn coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
         let grid = grid(camera, supersample)?;
-        let faces = visibility::project(scene, &View::new(camera));
+        let faces = visibility::project(scene, camera)?;
         let mut whole = Coverage::empty(&grid, scene.triangles.len());
         self.coverage_of_bands(grid, scene.triangles.len(), faces, |band| {
             whole.append(band);
@@ -98,7 +98,7 @@ impl Rasterizer {
         supersample: u32,
     ) -> Result<Vec<u32>, ImageError> {
         let grid = grid(camera, supersample)?;
-        let faces = visibility::project(scene, &View::new(camera));
+        let faces = visibility::project(scene, camera)?;
         let mut samples = Vec::with_capacity(grid.width as usize * grid.height as usize);
         self.bands(grid, scene.triangles.len(), faces, |band, buffer| {
             samples.extend(self.download(&grid, band, buffer)?);

@@ -19,6 +19,7 @@ pub fn corner_colours(scene: &Scene, colours: &[[f32; 3]]) -> Result<Vec<[[f32; 
     if given != wanted {
         return Err(ImageError::Colours { given, wanted });
     }
+    scene.check_geometry()?;
     let around = FacesAround::new(scene);
     let face = |number: usize| {
         let [a, b, c] = scene.corners(number);

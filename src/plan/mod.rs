@@ -142,6 +142,9 @@ const LONGEST_RESTART: u32 = 16;
 /// The shortest one that still beats the fixed point.
 const SHORTEST_RESTART: u32 = 4;
 
+/// Triangles per tile that kernels are made for.
+const TILES: [u32; 2] = [32, 64];
+
 /// The smallest relative residual that numbers of a precision can tell; packed ones, that solvers were seen to reach.
 fn least_tolerance(precision: Precision) -> f64 {
     match precision {
@@ -154,31 +157,36 @@ fn least_tolerance(precision: Precision) -> f64 {
 /// Everything the engine needs to know, decided.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    pub limits: Limits,
-    pub accuracy: Accuracy,
-    pub bins: Bins,
+    pub(crate) limits: Limits,
+    pub(crate) accuracy: Accuracy,
+    pub(crate) bins: Bins,
     /// 3, or 1 where nothing in the scene has a colour.
-    pub channels: u32,
+    pub(crate) channels: u32,
     /// In the engine's coordinates; index = triangle of the scene.
-    pub facets: Vec<Facet>,
-    pub placement: Placement,
+    pub(crate) facets: Vec<Facet>,
+    pub(crate) placement: Placement,
     /// Index = triangle of the scene.
-    pub classes: Vec<Class>,
-    pub layout: Layout,
-    pub tile_pairs: TilePairs,
-    pub near: NearPairs,
+    pub(crate) classes: Vec<Class>,
+    pub(crate) layout: Layout,
+    pub(crate) tile_pairs: TilePairs,
+    pub(crate) near: NearPairs,
     /// The same by source, where gradients are wanted.
-    pub near_receivers: Option<NearPairs>,
-    pub solver: PlannedSolver,
-    pub residency: Residency,
+    pub(crate) near_receivers: Option<NearPairs>,
+    pub(crate) solver: PlannedSolver,
+    pub(crate) residency: Residency,
     /// Bytes of the staging buffers.
-    pub staging: u64,
+    pub(crate) staging: u64,
     memory: MemoryPlan,
 }
 
 impl Plan {
-    /// Plans a forward solve of a checked scene.
+    /// Plans a solve of a scene, which is checked first.
     pub fn new(scene: &Scene, limits: &Limits, accuracy: &Accuracy) -> Result<Self, PlanError> {
+        scene.validate()?;
+        accuracy.check()?;
+        if !TILES.contains(&limits.tile) {
+            return Err(PlanError::Tile(limits.tile));
+        }
         let (wanted, precision) = (accuracy.tolerance, accuracy.precision);
         let least = least_tolerance(precision);
         if wanted < least {
@@ -273,6 +281,62 @@ impl Plan {
         // so that the answer does not depend on the budget.
         self.solver = wanted.first().copied().unwrap_or(PlannedSolver::FixedPoint);
         self.stream()
+    }
+
+    /// What the plan was made for.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    pub fn accuracy(&self) -> &Accuracy {
+        &self.accuracy
+    }
+
+    pub fn bins(&self) -> &Bins {
+        &self.bins
+    }
+
+    /// 3, or 1 where nothing in the scene has a colour.
+    pub fn channels(&self) -> u32 {
+        self.channels
+    }
+
+    /// In the engine's coordinates; index = triangle of the scene.
+    pub fn facets(&self) -> &[Facet] {
+        &self.facets
+    }
+
+    pub fn placement(&self) -> Placement {
+        self.placement
+    }
+
+    /// Index = triangle of the scene.
+    pub fn classes(&self) -> &[Class] {
+        &self.classes
+    }
+
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    pub fn solver(&self) -> PlannedSolver {
+        self.solver
+    }
+
+    pub fn residency(&self) -> Residency {
+        self.residency
+    }
+
+    /// Bytes of the staging buffers.
+    pub fn staging(&self) -> u64 {
+        self.staging
+    }
+
+    /// The first triangle of the scene that is not where the plan has it.
+    pub(crate) fn moved_triangle(&self, scene: &Scene) -> Option<usize> {
+        let moved =
+            |(i, facet): (usize, &Facet)| scene.corners(i).map(|c| self.placement.apply(c)) != facet.corners;
+        self.facets.iter().enumerate().position(moved)
     }
 
     /// Bytes by label.

@@ -6,6 +6,8 @@ use std::str::FromStr;
 
 use serde::Deserialize;
 
+use super::SceneError;
+
 /// How a hemisphere is split into direction bins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BinLayout {
@@ -180,7 +182,11 @@ impl Choice {
 
 impl Accuracy {
     /// Says what is wrong with the numbers, if anything.
-    pub(super) fn validate(&self) -> Result<(), String> {
+    pub fn check(&self) -> Result<(), SceneError> {
+        self.validate().map_err(|message| SceneError::Accuracy { message })
+    }
+
+    fn validate(&self) -> Result<(), String> {
         self.bins.validate()?;
         if !(self.subsample >= 0.0 && self.subsample.is_finite()) {
             return Err(format!("subsample = {} must be 0 or more, and finite", self.subsample));

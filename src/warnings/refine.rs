@@ -36,7 +36,7 @@ pub struct Refined {
 }
 
 /// Why there is nothing refined.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum RefineError {
     #[error(transparent)]
     Plan(#[from] PlanError),

@@ -1,8 +1,8 @@
 //! Which face is behind which sample.
 
 use antirad::gpu::staging_bytes;
-use antirad::image::{ImageError, PictureOptions, Rasterizer, View};
-use antirad::scene::{Camera, Scene};
+use antirad::image::{ImageError, PictureOptions, Rasterizer, View, corner_colours, geometry_gradient};
+use antirad::scene::{Camera, Scene, SceneError};
 use glam::DVec3;
 
 use crate::scenes::{Random, above, device, finish, flipped, grid, rays, scene, square, together, trace};
@@ -168,7 +168,40 @@ fn what_cannot_be_pictured_is_refused() {
     assert!(matches!(error, ImageError::Colours { given: 1, wanted: 2 }));
     let nowhere = Camera { target: DVec3::Z, ..above(8, 8) };
     let error = rasterizer.render(&scene, &nowhere, &[[1.0; 3]; 2], &options).unwrap_err();
-    assert!(matches!(error, ImageError::Camera(_)));
+    assert!(matches!(error, ImageError::Scene(SceneError::Camera { .. })));
+
+    // Cameras and scenes that come by code.
+    let sound = above(8, 8);
+    let cameras = [
+        Camera { position: DVec3::NAN, ..sound.clone() },
+        Camera { up: sound.target - sound.position, ..sound.clone() },
+        Camera { fov_x_degrees: f64::NAN, ..sound.clone() },
+        Camera { width: 0, ..sound.clone() },
+    ];
+    let pictures = |scene: &Scene, camera: &Camera| -> [Option<ImageError>; 4] {
+        let (colours, pixels) = ([[1.0_f32; 3]; 2], vec![[1.0; 4]; (camera.width * camera.height) as usize]);
+        [
+            rasterizer.render(scene, camera, &colours, &options).err(),
+            rasterizer.coverage(scene, camera, 1).err(),
+            rasterizer.visible_samples(scene, camera, 1).err(),
+            geometry_gradient(scene, camera, 1, &colours, &pixels).err(),
+        ]
+    };
+    for camera in &cameras {
+        for refused in pictures(&scene, camera) {
+            let named = matches!(refused, Some(ImageError::Scene(SceneError::Camera { .. })));
+            assert!(named, "{camera:?}: {refused:?}");
+        }
+    }
+    let [mut indices, mut places] = [scene.clone(), scene.clone()];
+    indices.triangles[1].vertices[2] = 99;
+    places.vertices[0].x = f64::NAN;
+    for scene in [&indices, &places] {
+        let corners = corner_colours(scene, &[[1.0; 3]; 2]).err();
+        for refused in pictures(scene, &sound).into_iter().chain([corners]) {
+            assert!(matches!(refused, Some(ImageError::Scene(_))), "{refused:?}");
+        }
+    }
     drop(rasterizer);
     finish(device);
 }

@@ -32,7 +32,7 @@ pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<
     let without = plan(Wanted::NOTHING)?.memory().total();
     let with = plan(wanted)?;
     let (triangles, bytes) = (with.triangles() as f64, with.memory().total());
-    let staging = with.limits.staging;
+    let staging = with.limits().staging;
     let mut engine = Engine::new(&device, &scene, with)?;
     let params = SolveParams::from(&scene.accuracy);
     let loss = Loss::new(scene.triangles.len());

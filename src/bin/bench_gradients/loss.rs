@@ -81,6 +81,6 @@ pub fn gradients(
     eyes: [DVec3; 2],
     progress: &mut antirad::solve::Progress,
 ) -> Result<Gradients, EngineError> {
-    let wanted = engine.plan().limits.gradients;
+    let wanted = engine.plan().limits().gradients;
     engine.backward_with(solution, &loss.cotangent(eyes), wanted, &params(), progress)
 }

@@ -76,7 +76,7 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
     let limits = Limits { occlusion: Occlusion::Everything, ..Limits::of(&device) };
     let plan = Plan::new(&scene, &limits, &accuracy)?;
     let report = plan.report();
-    let staging = plan.staging;
+    let staging = plan.staging();
 
     let resident_before = resident("VmRSS:");
     let buffers = SceneBuffers::new(&device, &scene, &plan)?;
