@@ -1,6 +1,7 @@
 //! The engine: a planned scene on a device, solved.
 
 use crate::gpu::{Device, GpuError};
+use crate::options::setters;
 use crate::plan::{Limits, PADDING, Plan, PlanError, PlannedSolver, Residency};
 use crate::revision::{Difference, Revision};
 use crate::scene::{Accuracy, BinLayout, Material, Precision, Scene, SceneError, Weights};
@@ -42,8 +43,8 @@ pub enum EngineError {
     )]
     CotangentNotFinite { what: &'static str, triangle: usize },
     #[error(
-        "triangle {triangle} {why}, which the plan left out: make the engine again with Engine::rebuilt, or plan with \
-         Limits::front_bins"
+        "triangle {triangle} {why}, which the plan left out: make the engine again with Engine::rebuilt, or plan a scene \
+         that has it"
     )]
     BeyondPlan { triangle: usize, why: &'static str },
     #[error("the plan is for {planned} triangles and the scene has {given}")]
@@ -77,11 +78,14 @@ pub enum EngineError {
 
 /// When a solve stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct SolveParams {
     /// Relative residual ‖U (E + (K - J) H) - H‖ / ‖H‖ of irradiance, area-weighted.
     pub tolerance: f64,
     pub max_passes: u32,
 }
+
+setters!(SolveParams { tolerance: f64, max_passes: u32 });
 
 impl SolveParams {
     pub(crate) fn check(&self) -> Result<(), EngineError> {
@@ -90,6 +94,13 @@ impl SolveParams {
             return Err(EngineError::Tolerance { tolerance });
         }
         if max_passes == 0 { Err(EngineError::NoPasses) } else { Ok(()) }
+    }
+}
+
+impl Default for SolveParams {
+    /// Those of the default accuracy.
+    fn default() -> Self {
+        Self::from(&Accuracy::default())
     }
 }
 
@@ -358,11 +369,6 @@ impl Engine {
     /// stop the solve, which then ends with [`TransportError::Interrupted`].
     pub fn set_watcher(&mut self, watcher: Option<Watcher>) {
         self.operators.set_watcher(watcher);
-    }
-
-    /// The operators themselves, for what is built on top of them.
-    pub fn operators(&mut self) -> &mut Operators {
-        &mut self.operators
     }
 
     pub(crate) fn to_scene_order(&self, slots: &[[f64; 4]]) -> Vec<[f64; 3]> {

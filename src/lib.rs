@@ -10,7 +10,6 @@
 //! use antirad::gpu::{Device, DeviceOptions};
 //! use antirad::image::{PictureOptions, Rasterizer, ToneMap};
 //! use antirad::output::single;
-//! use antirad::plan::{Limits, Plan};
 //! use antirad::scene::{LoadOptions, Scene};
 //! use antirad::{Engine, SolveParams};
 //! use std::path::Path;
@@ -18,8 +17,7 @@
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let device = Device::new(&DeviceOptions::default())?;
 //! let scene = Scene::load(Path::new("scenes/cornell_boxes.toml"), &LoadOptions::default())?;
-//! let plan = Plan::new(&scene, &Limits::of(&device), &scene.accuracy)?;
-//! let mut engine = Engine::new(&device, &scene, plan)?;
+//! let mut engine = Engine::builder(&device, &scene).build()?;
 //! let solution = engine.solve(&SolveParams::from(&scene.accuracy))?;
 //! println!("{:?} W/m² arrive at triangle 0", solution.irradiance[0]);
 //!
@@ -40,12 +38,14 @@
 pub mod ambiguity;
 pub mod cli;
 mod engine;
+mod engine_builder;
 pub mod fit;
 pub mod gpu;
 mod gradients;
 pub mod image;
 mod input;
 pub mod ladder;
+mod options;
 pub mod output;
 pub mod plan;
 pub mod reference;
@@ -57,6 +57,12 @@ pub mod transport;
 pub mod warnings;
 
 pub use engine::{Energy, Engine, EngineError, Negative, Solution, SolveParams};
+pub use engine_builder::EngineBuilder;
 /// The vectors of this interface, in the version that it takes.
 pub use glam;
 pub use gradients::{Cotangent, Gradients, MaterialGradients};
+
+/// The snippets of README.md compile as they stand.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

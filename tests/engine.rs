@@ -43,7 +43,7 @@ fn room(cells: u32, albedo: f64) -> Scene {
 }
 
 fn tight(scene: &Scene) -> Accuracy {
-    Accuracy { tolerance: 1e-6, ..scene.accuracy }
+    scene.accuracy.tolerance(1e-6)
 }
 
 #[test]
@@ -56,9 +56,9 @@ fn culling_tiles_and_pages_change_nothing() {
     assert!(engine.plan().pairs().culled > 0);
     let areas = areas(&scene);
     for (name, limits) in [
-        ("no culling", Limits { cull: false, ..usual }),
-        ("tiles of 32", Limits { tile: 32, ..usual }),
-        ("pages of 1 MiB", Limits { page: 1 << 20, ..usual }),
+        ("no culling", usual.cull(false)),
+        ("tiles of 32", usual.tile(32)),
+        ("pages of 1 MiB", usual.page(1 << 20)),
     ] {
         let (engine, other) = solve_within(&device, &scene, &accuracy, &limits);
         let error = relative_l2(&other.irradiance, &truth.irradiance, &areas);
@@ -86,6 +86,23 @@ fn the_same_run_twice_gives_the_same_bytes() {
 }
 
 #[test]
+fn the_builder_makes_the_same_engine() {
+    let device = device();
+    let scene = room(3, 0.5);
+    let accuracy = scene.accuracy.tolerance(1e-3);
+    let (long, expected) = solve(&device, &scene, &accuracy);
+    let mut short = Engine::builder(&device, &scene).accuracy(accuracy).build().expect("an engine");
+    assert_eq!((short.plan().limits(), short.plan().accuracy()), (long.plan().limits(), &accuracy));
+    let solution = short.solve(&SolveParams::from(&accuracy)).expect("a solution");
+    assert_eq!(solution.irradiance, expected.irradiance);
+    let small = Limits::of(&device).tile(32);
+    let wanted = antirad::plan::Wanted::NOTHING.albedo(true);
+    let other = Engine::builder(&device, &scene).limits(small).gradients(wanted).build().expect("an engine");
+    assert_eq!(other.plan().limits(), &small.gradients(wanted));
+    finish(&device);
+}
+
+#[test]
 fn solving_again_on_the_same_engine_gives_the_same() {
     let device = device();
     let scene = room(4, 0.5);
@@ -108,7 +125,7 @@ fn solvers_agree_with_each_other_and_with_the_reference() {
     assert!(expected > 0.1 && expected < 1.0, "{info:?}");
     let truth: Vec<[f64; 3]> = truth.irradiance.iter().map(|h| h.to_array()).collect();
     for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
-        let accuracy = Accuracy { solver, tolerance: 1e-6, ..scene.accuracy };
+        let accuracy = scene.accuracy.solver(solver).tolerance(1e-6);
         let (_engine, solution) = solve(&device, &scene, &accuracy);
         let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
         let radius = solution.info.spectral_radius.expect("an estimate");
@@ -163,7 +180,7 @@ fn no_light_is_black() {
     let mut scene = room(3, 0.5);
     scene.materials[2].emission = [0.0; 3];
     for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
-        let (_engine, solution) = solve(&device, &scene, &Accuracy { solver, ..scene.accuracy });
+        let (_engine, solution) = solve(&device, &scene, &scene.accuracy.solver(solver));
         assert!(solution.irradiance.iter().flatten().all(|&h| h == 0.0));
     }
     finish(&device);
@@ -189,10 +206,10 @@ fn too_few_passes_and_interruption_say_what_was_reached() {
     let device = device();
     let scene = room(3, 0.8);
     for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
-        let accuracy = Accuracy { solver, ..scene.accuracy };
+        let accuracy = scene.accuracy.solver(solver);
         let plan = Plan::new(&scene, &Limits::of(&device), &accuracy).expect("a plan");
         let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
-        match engine.solve(&SolveParams { tolerance: 1e-6, max_passes: 3 }) {
+        match engine.solve(&SolveParams::default().tolerance(1e-6).max_passes(3)) {
             Err(EngineError::Solve(SolveError::NoConvergence { passes: 3, residual, residuals, .. })) => {
                 assert!(residual > 1e-6 && residual < 1.0 && residuals.len() == 3);
             }
@@ -200,19 +217,19 @@ fn too_few_passes_and_interruption_say_what_was_reached() {
         }
         let mut stop =
             |passes, _| if passes < 2 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-        match engine.solve_with(&SolveParams { tolerance: 1e-6, max_passes: 100 }, &mut stop) {
+        match engine.solve_with(&SolveParams::default().tolerance(1e-6).max_passes(100), &mut stop) {
             Err(EngineError::Solve(SolveError::Interrupted { passes: 2 })) => {}
             other => panic!("{:?}", other.err()),
         }
         // And works on afterwards.
-        engine.solve(&SolveParams { tolerance: 1e-4, max_passes: 100 }).expect("a solution");
+        engine.solve(&SolveParams::default().tolerance(1e-4).max_passes(100)).expect("a solution");
     }
     finish(&device);
 }
 
 /// A budget that no plan keeps, and the one that the error names.
 fn least_budget(scene: &Scene, accuracy: &Accuracy, limits: &Limits) -> u64 {
-    match Plan::new(scene, &Limits { memory_budget: 1 << 10, ..*limits }, accuracy) {
+    match Plan::new(scene, &limits.memory_budget(1 << 10), accuracy) {
         Err(PlanError::OverBudget { needed, .. }) => needed,
         other => panic!("{:?}", other.map(|plan| plan.memory().total())),
     }
@@ -235,10 +252,9 @@ fn solve_with_budget(
     limits: &Limits,
     budget: u64,
 ) -> (Engine, antirad::Solution) {
-    let options = DeviceOptions { validation: true, memory_budget: Some(budget), ..Default::default() };
+    let options = DeviceOptions::default().validation(true).memory_budget(Some(budget));
     let device = Device::new(&options).expect("a Vulkan device");
-    let (mut engine, solution) =
-        solve_within(&device, scene, accuracy, &Limits { memory_budget: budget, ..*limits });
+    let (mut engine, solution) = solve_within(&device, scene, accuracy, &limits.memory_budget(budget));
     engine.face_colours(&solution, DVec3::new(0.5, 0.5, 0.2)).expect("colours");
     let memory = device.memory();
     assert!(memory.peak <= budget, "{} of {budget}", memory.peak);
@@ -254,7 +270,7 @@ fn the_least_budget_does_and_a_byte_less_does_not() {
         let limits = Limits::of(&device);
         let accuracy = tight(&scene);
         let needed = least_budget(&scene, &accuracy, &limits);
-        let less = Limits { memory_budget: needed - 1, ..limits };
+        let less = limits.memory_budget(needed - 1);
         let refused = Plan::new(&scene, &less, &accuracy).map(|plan| plan.memory().total());
         let (budget, least) = (needed - 1, needed);
         let named = matches!(refused, Err(PlanError::OverBudget { budget: b, needed: n }) if (b, n) == (budget, least));
@@ -281,7 +297,7 @@ fn states_on_the_host_change_nothing() {
         ("glossy", glossy_room(5), SolverChoice::Auto, Precision::F32),
         ("glossy", glossy_room(3), SolverChoice::Auto, Precision::F64),
     ] {
-        let accuracy = Accuracy { solver, precision, ..tight(&scene) };
+        let accuracy = tight(&scene).solver(solver).precision(precision);
         let limits = Limits::of(&device);
         let (engine, truth) = solve_within(&device, &scene, &accuracy, &limits);
         assert_eq!(engine.plan().residency(), Residency::Device);
@@ -317,8 +333,8 @@ fn pages_of_the_same_size_give_the_same_bytes_wherever_they_are() {
         (SolverChoice::Gmres, Precision::Packed),
     ] {
         let scene = glossy_room(4);
-        let accuracy = Accuracy { solver, precision, ..scene.accuracy };
-        let limits = Limits { page: 1, ..Limits::of(&device) };
+        let accuracy = scene.accuracy.solver(solver).precision(precision);
+        let limits = Limits::of(&device).page(1);
         let (resident, truth) = solve_within(&device, &scene, &accuracy, &limits);
         let budget = least_budget(&scene, &accuracy, &limits) + (1 << 20);
         let (hosted, other) = solve_with_budget(&scene, &accuracy, &limits, budget);
@@ -343,7 +359,7 @@ fn packed_sources_change_little() {
         ("glossy", glossy_room(5), SolverChoice::FixedPoint),
     ] {
         let [(engine, packed), (_, usual)] = [Precision::Packed, Precision::F32].map(|precision| {
-            let accuracy = Accuracy { solver, precision, tolerance: 1e-4, ..scene.accuracy };
+            let accuracy = scene.accuracy.solver(solver).precision(precision).tolerance(1e-4);
             solve_within(&device, &scene, &accuracy, &Limits::of(&device))
         });
         assert!(engine.plan().packs() && engine.plan().memory().of_label("packed bins") > 0);
@@ -353,7 +369,7 @@ fn packed_sources_change_little() {
         assert!(error > 0.0 && error <= 5e-4, "{name}: {error:e}");
         assert!(passes <= usual_passes + 4, "{name}: {passes} passes against {usual_passes}");
     }
-    let accuracy = Accuracy { precision: Precision::Packed, tolerance: 1e-6, ..Accuracy::default() };
+    let accuracy = Accuracy::default().precision(Precision::Packed).tolerance(1e-6);
     let refused = Plan::new(&glossy_room(2), &Limits::default(), &accuracy);
     assert!(matches!(refused, Err(PlanError::Tolerance { .. })), "{refused:?}");
     finish(&device);
@@ -376,7 +392,7 @@ fn unphysical_soup_is_not_passed_over_in_silence() {
     let scene = Scene::new("soup", vertices, triangles, vec![soup]).expect("a scene");
     let run = |solver| {
         // Without the near field, which tames this soup.
-        let accuracy = Accuracy { solver, subsample: 0.0, max_passes: 60, ..scene.accuracy };
+        let accuracy = scene.accuracy.solver(solver).subsample(0.0).max_passes(60);
         let plan = Plan::new(&scene, &Limits::of(&device), &accuracy).expect("a plan");
         let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
         engine.solve(&SolveParams::from(&accuracy)).map(|solution| solution.info)

@@ -50,7 +50,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     let device = device();
     let scene = Scene { accuracy, ..scene.clone() };
     let model = Model::new(&scene);
-    let limits = Limits { gradients: Wanted::EVERYTHING, ..adjust(Limits::of(&device)) };
+    let limits = adjust(Limits::of(&device)).gradients(Wanted::EVERYTHING);
     let plan = Plan::new(&scene, &limits, &accuracy).expect("a plan");
     let buffers = SceneBuffers::new(&device, &scene, &plan).expect("buffers");
     let mut adjoint = Adjoint::new(&device, &plan).expect("an adjoint").expect("what was planned");
@@ -188,41 +188,31 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     finish(&device);
 }
 
-const DOUBLE: Accuracy = Accuracy {
-    bins: BinLayout::EqualAngle { theta: 10, phi: 13 },
-    weights: Weights::Bilinear,
-    subsample: 30.0,
-    tolerance: 1e-4,
-    max_passes: 200,
-    solver: antirad::scene::SolverChoice::Auto,
-    precision: Precision::F64,
-};
+fn double() -> Accuracy {
+    Accuracy::default().precision(Precision::F64)
+}
 
 #[test]
 fn double_precision() {
-    compare("diffuse", &random_scene(1, 60, false, false), DOUBLE, |l| l);
-    compare("glossy", &random_scene(2, 131, true, false), DOUBLE, |l| l);
-    compare("crowd", &scattered(10, 80, true, false, 0.5), DOUBLE, |l| l);
+    compare("diffuse", &random_scene(1, 60, false, false), double(), |l| l);
+    compare("glossy", &random_scene(2, 131, true, false), double(), |l| l);
+    compare("crowd", &scattered(10, 80, true, false, 0.5), double(), |l| l);
 }
 
 #[test]
 fn other_weights_and_layouts() {
     let scene = random_scene(4, 100, true, false);
-    compare("smoothstep", &scene, Accuracy { weights: Weights::Smoothstep, ..DOUBLE }, |l| l);
-    let concentric = Accuracy { bins: BinLayout::Concentric { n: 12 }, ..DOUBLE };
+    compare("smoothstep", &scene, double().weights(Weights::Smoothstep), |l| l);
+    let concentric = double().bins(BinLayout::Concentric { n: 12 });
     compare("concentric", &scene, concentric, |l| l);
-    compare("both", &scene, Accuracy { weights: Weights::Smoothstep, ..concentric }, |l| l);
+    compare("both", &scene, concentric.weights(Weights::Smoothstep), |l| l);
 }
 
 #[test]
 fn single_precision() {
-    let single = Accuracy { precision: Precision::F32, ..DOUBLE };
+    let single = double().precision(Precision::F32);
     compare("f32", &random_scene(3, 300, true, false), single, |l| l);
-    compare("f32, small tiles and pages", &random_scene(6, 200, true, false), single, |l| Limits {
-        tile: 32,
-        page: 1,
-        ..l
-    });
-    let far = Accuracy { subsample: 0.0, ..single };
+    compare("f32, small tiles and pages", &random_scene(6, 200, true, false), single, |l| l.tile(32).page(1));
+    let far = single.subsample(0.0);
     compare("f32, no near field", &random_scene(8, 200, true, true), far, |l| l);
 }

@@ -2,9 +2,10 @@
 
 mod support;
 
-use antirad::glam::DVec3;
+use antirad::glam::{DAffine3, DVec3};
+use antirad::ladder::{LadderOptions, solve_within};
 use antirad::plan::{Limits, Plan, PlanError, Wanted};
-use antirad::scene::{Accuracy, Material, Scene, SceneError, Shape, Triangle};
+use antirad::scene::{Accuracy, Material, Scene, SceneBuilder, SceneError, Shape, Triangle};
 use antirad::{Cotangent, Engine, EngineError, Solution, SolveParams};
 use std::ops::ControlFlow;
 use support::{device, finish};
@@ -21,7 +22,7 @@ fn room(cells: u32) -> Scene {
 }
 
 fn limits() -> Limits {
-    Limits { gradients: Wanted { albedo: true, camera: true, ..Wanted::NOTHING }, ..Limits::default() }
+    Limits::default().gradients(Wanted::NOTHING.albedo(true).camera(true))
 }
 
 fn plan(scene: &Scene) -> Plan {
@@ -43,8 +44,8 @@ fn backward(
     params: &SolveParams,
 ) -> Result<Vec<DVec3>, EngineError> {
     let triangles = solution.irradiance.len();
-    let cotangent = Cotangent { irradiance: Some(vec![DVec3::ONE; triangles]), ..Cotangent::default() };
-    let wanted = Wanted { albedo: true, ..Wanted::NOTHING };
+    let cotangent = Cotangent::default().irradiance(Some(vec![DVec3::ONE; triangles]));
+    let wanted = Wanted::NOTHING.albedo(true);
     engine.backward(solution, &cotangent, wanted, params).map(|g| g.albedo.expect("what was asked"))
 }
 
@@ -162,6 +163,35 @@ fn a_scene_by_code_is_checked_like_one_from_a_file() {
     finish(&device);
 }
 
+/// Faces of one mesh cannot use the vertices of the next.
+#[test]
+fn a_mesh_uses_its_own_vertices() {
+    let corners = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
+    let wall = Material::named("wall");
+    for index in [3, u32::MAX] {
+        let mut builder = SceneBuilder::new();
+        builder
+            .mesh("first", corners.clone(), vec![[0, 1, 2]], &wall, DAffine3::IDENTITY)
+            .mesh("second", corners.clone(), vec![[0, 1, 2], [0, 1, index]], &wall, DAffine3::IDENTITY)
+            .mesh("third", corners.clone(), vec![[0, 1, 2]], &wall, DAffine3::IDENTITY);
+        let refused = builder.finish("three").expect_err("an index out of range").to_string();
+        let named = ["triangle 2", "\"second\"", &index.to_string(), "there are 3"];
+        assert!(named.iter().all(|word| refused.contains(word)), "{refused}");
+    }
+}
+
+#[test]
+fn an_error_that_is_asked_for_is_between_zero_and_one() {
+    let device = device();
+    let scene = room(2);
+    let mut solve = |engine: &mut Engine, _: &Scene| engine.solve(&params());
+    for error in [f64::NAN, f64::INFINITY, 0.0, -1.0, 1.0] {
+        let solved = solve_within(&device, &scene, &LadderOptions::new(error), &|_| 0, &mut solve);
+        assert!(matches!(solved.err(), Some(EngineError::Scene(SceneError::Accuracy { .. }))), "{error}");
+    }
+    finish(&device);
+}
+
 #[test]
 fn a_plan_is_for_one_geometry() {
     let device = device();
@@ -206,7 +236,7 @@ fn a_plan_is_for_one_geometry() {
 fn tiles_are_of_32_or_64() {
     let scene = room(2);
     for tile in [0, 1, 16, 48, 128, u32::MAX] {
-        let refused = Plan::new(&scene, &Limits { tile, ..Limits::default() }, &scene.accuracy);
+        let refused = Plan::new(&scene, &Limits::default().tile(tile), &scene.accuracy);
         assert!(matches!(refused, Err(PlanError::Tile(given)) if given == tile), "{tile}: {refused:?}");
     }
 }
@@ -218,21 +248,21 @@ fn a_tolerance_is_between_zero_and_one() {
     let mut engine = engine(&device, &scene);
     let solution = engine.solve(&params()).expect("a solution");
     for tolerance in [f64::INFINITY, f64::NAN, 0.0, -1.0, 1.0, -f64::INFINITY] {
-        let params = SolveParams { tolerance, ..params() };
+        let params = params().tolerance(tolerance);
         let solved = engine.solve(&params).map(|solution| solution.irradiance);
         assert!(matches!(solved, Err(EngineError::Tolerance { .. })), "{tolerance}: {solved:?}");
         let gradients = backward(&mut engine, &solution, &params);
         assert!(matches!(gradients, Err(EngineError::Tolerance { .. })), "{tolerance}: {gradients:?}");
-        let accuracy = Accuracy { tolerance, ..scene.accuracy };
+        let accuracy = scene.accuracy.tolerance(tolerance);
         let planned = Plan::new(&scene, &limits(), &accuracy);
         let refused = matches!(planned, Err(PlanError::Scene(SceneError::Accuracy { .. })));
         assert!(refused, "{tolerance}: {planned:?}");
     }
-    let idle = SolveParams { max_passes: 0, ..params() };
+    let idle = params().max_passes(0);
     let solved = engine.solve(&idle).map(|solution| solution.irradiance);
     assert!(matches!(solved, Err(EngineError::NoPasses)), "{solved:?}");
     for subsample in [f64::NAN, f64::INFINITY, -1.0] {
-        let planned = Plan::new(&scene, &limits(), &Accuracy { subsample, ..scene.accuracy });
+        let planned = Plan::new(&scene, &limits(), &scene.accuracy.subsample(subsample));
         assert!(matches!(planned, Err(PlanError::Scene(SceneError::Accuracy { .. }))), "{planned:?}");
     }
     finish(&device);
@@ -248,8 +278,8 @@ fn a_camera_is_somewhere() {
         let colours = engine.face_colours(&solution, nowhere);
         assert!(matches!(colours, Err(EngineError::CameraPosition { .. })), "{colours:?}");
         let by_colours = vec![DVec3::ONE; scene.triangles.len()];
-        let cotangent = Cotangent { colours: vec![(nowhere, by_colours)], ..Cotangent::default() };
-        let wanted = Wanted { camera: true, ..Wanted::NOTHING };
+        let cotangent = Cotangent::default().colours(vec![(nowhere, by_colours)]);
+        let wanted = Wanted::NOTHING.camera(true);
         let gradients = engine.backward(&solution, &cotangent, wanted, &params()).map(|g| g.eyes);
         assert!(matches!(gradients, Err(EngineError::CameraPosition { .. })), "{gradients:?}");
     }

@@ -7,6 +7,7 @@ use super::resolve::{self, Resolve, Shading};
 use super::visibility::{self, Visibility};
 use super::{ImageError, Picture};
 use crate::gpu::{Buffer, Device, GpuError, Pipeline, rounded};
+use crate::options::setters;
 use crate::scene::{Camera, Scene};
 
 /// A pixel has at most so many samples each way.
@@ -14,12 +15,15 @@ pub const MAX_SUPERSAMPLE: u32 = 16;
 
 /// How a picture is made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct PictureOptions {
     /// Each pixel is the mean of `supersample` x `supersample` samples on a regular grid; a power of two.
     pub supersample: u32,
     /// Interpolate [`corner_colours`](super::corner_colours) instead of showing one colour a face.
     pub smooth: bool,
 }
+
+setters!(PictureOptions { supersample: u32, smooth: bool });
 
 impl Default for PictureOptions {
     fn default() -> Self {

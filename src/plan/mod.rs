@@ -26,6 +26,7 @@ pub use residency::{Piece, Residency};
 pub use tiles::{Group, Layout, PADDING, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, TilePairs};
 pub use wanted::Wanted;
 
+use crate::options::setters;
 use crate::reference::Facet;
 use crate::scene::{Accuracy, Precision, Scene, SolverChoice};
 use glam::DVec3;
@@ -35,6 +36,7 @@ pub(crate) const OTHER_BYTES: u32 = 1 << 16;
 
 /// What a device offers, and choices that change the work but not the result.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Limits {
     /// Bytes that all buffers together may take.
     pub memory_budget: u64,
@@ -51,12 +53,21 @@ pub struct Limits {
     /// Leave out pairs of tiles that can't see each other.
     pub cull: bool,
     pub occlusion: Occlusion,
-    /// Give every triangle front bins, glossy or not: for derivatives with respect to emission per bin, and to σ where
-    /// there is none yet.
-    pub front_bins: bool,
     /// Derivatives that will be asked for.
     pub gradients: Wanted,
 }
+
+setters!(Limits {
+    memory_budget: u64,
+    max_buffer: u64,
+    staging: u64,
+    pictures: u64,
+    tile: u32,
+    page: u64,
+    cull: bool,
+    occlusion: Occlusion,
+    gradients: Wanted,
+});
 
 /// Which triangles hold light back.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -89,7 +100,6 @@ impl Default for Limits {
             page: 128 << 20,
             cull: true,
             occlusion: Occlusion::Exact,
-            front_bins: false,
             gradients: Wanted::NOTHING,
         }
     }
@@ -203,9 +213,6 @@ impl Plan {
             Occlusion::Everything => {
                 classes.iter_mut().zip(&facets).for_each(|(class, f)| class.blocker = f.area > 0.0);
             }
-        }
-        if limits.front_bins {
-            classes.iter_mut().zip(&facets).for_each(|(class, f)| class.glossy = f.area > 0.0);
         }
         let bins = Bins::new(accuracy.bins, accuracy.weights);
         // A loss may see colours in a grey scene.

@@ -1,5 +1,6 @@
 //! The accuracy asked of a solve: bins, weights, near field, tolerance.
 
+use crate::options::setters;
 use std::fmt;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
@@ -132,6 +133,7 @@ impl fmt::Display for Precision {
 
 /// Settings that trade accuracy for time and memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Accuracy {
     pub bins: BinLayout,
     pub weights: Weights,
@@ -146,6 +148,16 @@ pub struct Accuracy {
     pub solver: SolverChoice,
     pub precision: Precision,
 }
+
+setters!(Accuracy {
+    bins: BinLayout,
+    weights: Weights,
+    subsample: f64,
+    tolerance: f64,
+    max_passes: u32,
+    solver: SolverChoice,
+    precision: Precision,
+});
 
 /// What of a scene's [`Accuracy`] is left to be chosen for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -170,11 +182,11 @@ impl Choice {
     pub const STATED: Self = Self::Open { bins: false, subsample: false };
 
     /// Says what is wrong with the error asked, if anything.
-    pub(super) fn validate(self) -> Result<(), String> {
+    pub fn check(self) -> Result<(), SceneError> {
         match self {
-            Self::Within(error) if !(error > 0.0 && error < 1.0) => {
-                Err(format!("error = {error} must lie between 0 and 1; 0.02 is 2 %"))
-            }
+            Self::Within(error) if !(error > 0.0 && error < 1.0) => Err(SceneError::Accuracy {
+                message: format!("error = {error} must lie between 0 and 1; 0.02 is 2 %"),
+            }),
             _ => Ok(()),
         }
     }

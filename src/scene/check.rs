@@ -58,17 +58,19 @@ impl Scene {
     ///
     /// Fills [`Scene::degenerate`] and adds to [`Scene::warnings`]. With `strict`, triangles without area are an error.
     pub fn check(&mut self, strict: bool) -> Result<(), SceneError> {
-        self.check_geometry()?;
+        self.check_counts()?;
+        self.check_triangles()?;
         self.find_degenerate(strict)?;
         self.check_materials(Emission::Light)?.into_iter().for_each(|warning| self.warn(warning));
         self.accuracy.check()?;
-        self.choice.validate().map_err(|message| SceneError::Accuracy { message })?;
+        self.choice.check()?;
         self.cameras.iter().try_for_each(Camera::check)
     }
 
     /// Checks what the light depends on, geometry and materials, and changes nothing. Whatever takes a scene to solve it
     /// checks that itself: the fields of a scene are open.
     pub fn validate(&self) -> Result<(), SceneError> {
+        self.check_counts()?;
         self.check_geometry()?;
         self.check_materials(Emission::Light).map(drop)
     }
@@ -76,13 +78,13 @@ impl Scene {
     /// The same for a scene whose emission may be negative: light is linear in it, so that differences of scenes can be
     /// solved, too.
     pub(crate) fn validate_linear(&self) -> Result<(), SceneError> {
+        self.check_counts()?;
         self.check_geometry()?;
         self.check_materials(Emission::Difference).map(drop)
     }
 
-    /// Counts, indices and coordinates: what pictures rely on.
+    /// Indices and coordinates: what pictures rely on.
     pub(crate) fn check_geometry(&self) -> Result<(), SceneError> {
-        self.check_counts()?;
         self.check_triangles()?;
         match self.degenerate.iter().find(|&&t| t as usize >= self.triangles.len()) {
             Some(&triangle) => Err(SceneError::UnknownDegenerate { triangle, count: self.triangles.len() }),
@@ -262,7 +264,7 @@ impl LobeCache {
 }
 
 impl Material {
-    /// The total albedo, or what is wrong and the way out.
+    /// The total albedo, or below [`HIGH_ALBEDO`] a bound of it; or what is wrong and the way out.
     fn problem(&self, emission: Emission, lobes: &mut LobeCache) -> Result<f64, String> {
         let emission = match emission {
             Emission::Light => self.emission,
@@ -282,6 +284,11 @@ impl Material {
         }
         if self.power > MAX_POWER {
             return Err(format!("power is {}; it must lie in 0 to {MAX_POWER}", self.power));
+        }
+        let most = self.total_albedo_with(if self.is_glossy() { self.specular_albedo_bound() } else { 0.0 });
+        if most < HIGH_ALBEDO {
+            // Without the integral over the lobe, which takes milliseconds.
+            return Ok(most);
         }
         let lobe = if self.is_glossy() { lobes.get(self) } else { 0.0 };
         let total = self.total_albedo_with(lobe);

@@ -139,7 +139,7 @@ fn bands_do_not_show() {
     let camera = Camera { up: DVec3::new(0.2, 1.0, 0.0), ..above(1001, 333) };
     assert!(compare(&rasterizer, &scene, &camera, 4) < 0.01);
 
-    let options = PictureOptions { supersample: 4, smooth: true };
+    let options = PictureOptions::default().supersample(4).smooth(true);
     let colours = Random::new(3).colours(&scene);
     rasterizer.render(&scene, &camera, &colours, &options).unwrap();
     let planned = Rasterizer::bytes(scene.triangles.len(), &camera, &options).unwrap();
@@ -147,7 +147,7 @@ fn bands_do_not_show() {
     assert_eq!(device.memory().peak, planned + staging_bytes());
     for supersample in [1, 2, 4, 8, 16] {
         let camera = Camera { width: 16384, height: 16384, ..camera.clone() };
-        let options = PictureOptions { supersample, smooth: true };
+        let options = PictureOptions::default().supersample(supersample).smooth(true);
         assert!(Rasterizer::bytes(10_000_000, &camera, &options).unwrap() < 64 << 20);
     }
     drop(rasterizer);
