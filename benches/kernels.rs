@@ -90,7 +90,7 @@ fn main() {
     let matches = |case: &Case| wanted.is_empty() || wanted.iter().any(|name| case.name.contains(name));
     for case in cases.into_iter().filter(matches) {
         // The near field is a kernel of its own.
-        let accuracy = Accuracy { subsample: 0.0, precision: case.precision, ..Accuracy::default() };
+        let accuracy = Accuracy::default().subsample(0.0).precision(case.precision);
         let plan = Plan::new(&case.scene, &Limits::of(&device), &accuracy).expect("a plan");
         let of =
             |material: u32| case.scene.triangles.iter().filter(|t| t.material == material).count() as f64;

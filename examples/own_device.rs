@@ -1,7 +1,7 @@
 // The embedder's own Vulkan device, lent to antirad for a solve: cargo run --release --example own_device
 
-use antirad::gpu::{Device, Enabled, RawDevice};
-use antirad::plan::{Limits, Plan};
+use antirad::gpu::embed::{RawDevice, ash};
+use antirad::gpu::{Device, Enabled};
 use antirad::scene::{Material, Scene, Shape, Triangle};
 use antirad::{Engine, SolveParams};
 use ash::vk;
@@ -107,8 +107,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let triangles = faces.into_iter().map(|vertices| Triangle { vertices, material: 0 }).collect();
     let scene = Scene::new("sphere", vertices, triangles, vec![wall])?;
 
-    let plan = Plan::new(&scene, &Limits::of(&device), &scene.accuracy)?;
-    let solution = Engine::new(&device, &scene, plan)?.solve(&SolveParams::from(&scene.accuracy))?;
+    let mut engine = Engine::builder(&device, &scene).build()?;
+    let solution = engine.solve(&SolveParams::from(&scene.accuracy))?;
     let mean = solution.irradiance.iter().map(|rgb| rgb[0]).sum::<f64>() / solution.irradiance.len() as f64;
     println!("{}: mean irradiance {mean:.4} W/m², exact 2", device.info().name);
     Ok(())

@@ -1,8 +1,10 @@
 //! The engine: a planned scene on a device, solved.
 
 use crate::gpu::{Device, GpuError};
+use crate::options::setters;
 use crate::plan::{Limits, PADDING, Plan, PlanError, PlannedSolver, Residency};
-use crate::scene::{Accuracy, Material, Scene};
+use crate::revision::{Difference, Revision};
+use crate::scene::{Accuracy, BinLayout, Material, Precision, Scene, SceneError, Weights};
 use crate::solve::{
     FixedPointParams, GmresParams, LightOperator, Progress, SolveError, SolveInfo, fixed_point_from,
     gmres_from,
@@ -10,10 +12,11 @@ use crate::solve::{
 use crate::transport::{Adjoint, Operators, SceneBuffers, State, TransportError, Watcher};
 use glam::DVec3;
 use std::f64::consts::PI;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 
 /// Why the engine could not do what it was asked.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum EngineError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
@@ -40,20 +43,65 @@ pub enum EngineError {
     )]
     CotangentNotFinite { what: &'static str, triangle: usize },
     #[error(
-        "triangle {triangle} {why}, which the plan left out: make the engine again with Engine::rebuilt, or plan with \
-         Limits::front_bins"
+        "triangle {triangle} {why}, which the plan left out: make the engine again with Engine::rebuilt, or plan a scene \
+         that has it"
     )]
     BeyondPlan { triangle: usize, why: &'static str },
     #[error("the plan is for {planned} triangles and the scene has {given}")]
     OtherScene { planned: usize, given: usize },
+    #[error(
+        "triangle {triangle} is not where the plan has it: plan this scene, or make the engine again with \
+         Engine::rebuilt"
+    )]
+    OtherGeometry { triangle: usize },
+    /// The scene cannot be solved.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    #[error(
+        "the solution was found by another engine, and its values stand in that one's order: ask the engine that found \
+         it, or solve here, perhaps from there (Engine::solve_from)"
+    )]
+    OtherEngine,
+    #[error(
+        "materials have changed since the solution was found: solve again, perhaps from there (Engine::solve_from)"
+    )]
+    OutdatedSolution,
+    #[error(
+        "a tolerance of {tolerance} stops no solver where it should: choose one above 0 and below 1, such as 1e-4"
+    )]
+    Tolerance { tolerance: f64 },
+    #[error("no passes are allowed: max_passes must be 1 or more")]
+    NoPasses,
+    #[error("the camera's position is {position}; it must be finite")]
+    CameraPosition { position: DVec3 },
 }
 
 /// When a solve stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct SolveParams {
     /// Relative residual ‖U (E + (K - J) H) - H‖ / ‖H‖ of irradiance, area-weighted.
     pub tolerance: f64,
     pub max_passes: u32,
+}
+
+setters!(SolveParams { tolerance: f64, max_passes: u32 });
+
+impl SolveParams {
+    pub(crate) fn check(&self) -> Result<(), EngineError> {
+        let Self { tolerance, max_passes } = *self;
+        if !(tolerance > 0.0 && tolerance < 1.0) {
+            return Err(EngineError::Tolerance { tolerance });
+        }
+        if max_passes == 0 { Err(EngineError::NoPasses) } else { Ok(()) }
+    }
+}
+
+impl Default for SolveParams {
+    /// Those of the default accuracy.
+    fn default() -> Self {
+        Self::from(&Accuracy::default())
+    }
 }
 
 impl From<&Accuracy> for SolveParams {
@@ -81,7 +129,34 @@ pub struct Negative {
     pub minimum: f64,
 }
 
-/// A solved scene. Holds memory of the device until it is dropped.
+/// Which value of a state stands where: states of the same arrangement can be added.
+#[derive(Clone, Debug, PartialEq)]
+struct Arrangement {
+    bins: (BinLayout, Weights),
+    channels: u32,
+    precision: Precision,
+    residency: Residency,
+    /// Tiles of each group, and whether they have bins.
+    groups: Vec<(Range<u32>, bool)>,
+    /// Triangle of each slot.
+    order: Vec<u32>,
+}
+
+impl Arrangement {
+    fn of(plan: &Plan) -> Self {
+        Self {
+            bins: (plan.accuracy.bins, plan.accuracy.weights),
+            channels: plan.channels,
+            precision: plan.accuracy.precision,
+            residency: plan.residency,
+            groups: plan.layout.groups.iter().map(|g| (g.tiles.clone(), g.class.has_bins())).collect(),
+            order: plan.layout.order.clone(),
+        }
+    }
+}
+
+/// A solved scene. Holds memory of the device until it is dropped. It belongs to the engine that found it, and to the
+/// materials which that one had.
 pub struct Solution {
     /// Per triangle of the scene, RGB, W/m²; zero for triangles without area.
     pub irradiance: Vec<[f64; 3]>,
@@ -91,8 +166,8 @@ pub struct Solution {
     pub energy: Energy,
     pub negative: Negative,
     pub(crate) state: State,
-    /// Of the values in the state.
-    arrangement: Vec<u32>,
+    arrangement: Arrangement,
+    revision: Revision,
 }
 
 impl EngineError {
@@ -122,6 +197,7 @@ pub struct Engine {
     pub(crate) triangles: Vec<[u32; 3]>,
     /// Number of vertices of the scene.
     pub(crate) vertices: usize,
+    revision: Revision,
 }
 
 impl Limits {
@@ -141,9 +217,8 @@ impl Limits {
 impl Engine {
     /// Allocates all memory the plan names, byte for byte, and compiles the kernels.
     pub fn new(device: &Device, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
-        if plan.facets.len() != scene.triangles.len() {
-            return Err(EngineError::OtherScene { planned: plan.facets.len(), given: scene.triangles.len() });
-        }
+        scene.validate()?;
+        check_planned(&plan, scene)?;
         // Counted apart from what else there is on the device, other engines of other threads among it.
         let own = device.scope(plan.staging);
         let buffers = SceneBuffers::new(&own, scene, &plan)?;
@@ -168,28 +243,33 @@ impl Engine {
             materials: (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect(),
             triangles: scene.triangles.iter().map(|t| t.vertices).collect(),
             vertices: scene.vertices.len(),
+            revision: Revision::first(),
         })
     }
 
     /// Takes the materials of `scene`, whose geometry must be that of the plan. Lobes and colours that the plan left out are
-    /// refused.
+    /// refused. Solutions from before are out of date: [`Engine::solve_from`] alone takes them, as a start.
     pub fn set_materials(&mut self, scene: &Scene) -> Result<(), EngineError> {
-        let plan = self.operators.plan();
-        if plan.facets.len() != scene.triangles.len() {
-            return Err(EngineError::OtherScene { planned: plan.facets.len(), given: scene.triangles.len() });
+        scene.validate()?;
+        self.replace_materials(scene)
+    }
+
+    /// The same for emission that may be negative.
+    pub(crate) fn set_linear_materials(&mut self, scene: &Scene) -> Result<(), EngineError> {
+        scene.validate_linear()?;
+        self.replace_materials(scene)
+    }
+
+    fn replace_materials(&mut self, scene: &Scene) -> Result<(), EngineError> {
+        check_planned(self.plan(), scene)?;
+        let other = self.triangles.iter().zip(&scene.triangles).position(|(own, t)| *own != t.vertices);
+        if let Some(triangle) = other {
+            return Err(EngineError::OtherGeometry { triangle });
         }
-        let materials: Vec<Material> =
-            (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect();
-        for (triangle, material) in materials.iter().enumerate() {
-            if plan.facets[triangle].area > 0.0 && material.is_glossy() && !plan.classes[triangle].glossy {
-                return Err(EngineError::BeyondPlan { triangle, why: "has a specular lobe" });
-            }
-            if plan.channels == 1 && !material.is_grey() {
-                return Err(EngineError::BeyondPlan { triangle, why: "has a colour" });
-            }
-        }
+        // First: a transfer that fails may have gone half way.
+        self.revision = self.revision.next();
         self.operators.set_materials(scene)?;
-        self.materials = materials;
+        self.materials = (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect();
         Ok(())
     }
 
@@ -225,15 +305,17 @@ impl Engine {
     }
 
     /// The same, beginning at the solution of a scene that is much like this one (a few parameters have changed, a vertex
-    /// has moved), which takes fewer passes. From darkness if the plan of that scene puts triangles in another order.
+    /// has moved), which takes fewer passes. From darkness if the plan of that scene puts triangles in another order. The
+    /// start may be of any engine on the same device, with any materials.
     pub fn solve_from(
         &mut self,
         start: Option<&Solution>,
         params: &SolveParams,
         progress: &mut Progress,
     ) -> Result<Solution, EngineError> {
+        params.check()?;
         let SolveParams { tolerance, max_passes } = *params;
-        let arrangement = self.arrangement();
+        let arrangement = Arrangement::of(self.plan());
         let guess = match start.filter(|start| start.arrangement == arrangement) {
             Some(start) => {
                 let mut guess = self.operators.vector()?;
@@ -260,26 +342,24 @@ impl Engine {
             triangles: lowest.clone().filter(|&h| h < 0.0).count(),
             minimum: lowest.fold(0.0, f64::min),
         };
-        Ok(Solution { irradiance, radiosity, info, energy, negative, state, arrangement })
+        let revision = self.revision;
+        Ok(Solution { irradiance, radiosity, info, energy, negative, state, arrangement, revision })
     }
 
-    /// Where which values of a state stand: states of the same arrangement can be added.
-    fn arrangement(&self) -> Vec<u32> {
-        let plan = self.plan();
-        let pages = plan
-            .layout
-            .groups
-            .iter()
-            .flat_map(|group| [group.tiles.start, group.tiles.end, u32::from(group.class.has_bins())]);
-        let precision = plan.accuracy.precision.bytes() as u32;
-        let resident = u32::from(plan.residency == Residency::Device);
-        let bins = [plan.bins.count() as u32, plan.channels, precision, resident];
-        bins.into_iter().chain(pages).chain(plan.layout.order.iter().copied()).collect()
+    /// That a solution is of this engine as it is now.
+    pub(crate) fn check_own(&self, solution: &Solution) -> Result<(), EngineError> {
+        match solution.revision.difference(self.revision) {
+            None => Ok(()),
+            Some(Difference::Engine) => Err(EngineError::OtherEngine),
+            Some(Difference::Materials) => Err(EngineError::OutdatedSolution),
+        }
     }
 
     /// Radiance that each triangle of the scene sends to a point (metres), RGB, W/(m² sr): what the operator S reads.
     /// Zero for triangles whose back it sees.
     pub fn face_colours(&mut self, solution: &Solution, eye: DVec3) -> Result<Vec<[f64; 3]>, EngineError> {
+        self.check_own(solution)?;
+        check_position(eye)?;
         let colours = self.operators.observe(&solution.state, eye)?;
         Ok(self.to_scene_order(&colours))
     }
@@ -288,11 +368,6 @@ impl Engine {
     /// stop the solve, which then ends with [`TransportError::Interrupted`].
     pub fn set_watcher(&mut self, watcher: Option<Watcher>) {
         self.operators.set_watcher(watcher);
-    }
-
-    /// The operators themselves, for what is built on top of them.
-    pub fn operators(&mut self) -> &mut Operators {
-        &mut self.operators
     }
 
     pub(crate) fn to_scene_order(&self, slots: &[[f64; 4]]) -> Vec<[f64; 3]> {
@@ -348,6 +423,31 @@ impl Engine {
         let (emitted, absorbed, escaped) = (emitted.into(), absorbed.into(), (emitted - absorbed).into());
         Energy { emitted, absorbed, escaped }
     }
+}
+
+/// That a scene, checked, is one that the plan can stand for: the same triangles, and no lobes and colours beyond it.
+fn check_planned(plan: &Plan, scene: &Scene) -> Result<(), EngineError> {
+    let (planned, given) = (plan.facets.len(), scene.triangles.len());
+    if planned != given {
+        return Err(EngineError::OtherScene { planned, given });
+    }
+    if let Some(triangle) = plan.moved_triangle(scene) {
+        return Err(EngineError::OtherGeometry { triangle });
+    }
+    for triangle in 0..given {
+        let material = scene.material(triangle);
+        if plan.facets[triangle].area > 0.0 && material.is_glossy() && !plan.classes[triangle].glossy {
+            return Err(EngineError::BeyondPlan { triangle, why: "has a specular lobe" });
+        }
+        if plan.channels == 1 && !material.is_grey() {
+            return Err(EngineError::BeyondPlan { triangle, why: "has a colour" });
+        }
+    }
+    Ok(())
+}
+
+pub(crate) fn check_position(position: DVec3) -> Result<(), EngineError> {
+    if position.is_finite() { Ok(()) } else { Err(EngineError::CameraPosition { position }) }
 }
 
 /// π L_e, W/m².

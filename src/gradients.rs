@@ -1,7 +1,8 @@
 //! Derivatives of a loss, by the adjoint of the light equation.
 
-use crate::engine::{Engine, EngineError, Solution, SolveParams};
+use crate::engine::{Engine, EngineError, Solution, SolveParams, check_position};
 use crate::model::FacetGradient;
+use crate::options::setters;
 use crate::plan::{PADDING, PlannedSolver, Wanted};
 use crate::scene::Scene;
 use crate::solve::{FixedPointParams, GmresParams, Progress, SolveInfo, fixed_point, gmres};
@@ -13,6 +14,7 @@ use std::ops::ControlFlow;
 /// The derivatives of a loss with respect to what a solve gives: how much it grows per unit of each value. RGB, per
 /// triangle of the scene. A loss may use several of them.
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct Cotangent {
     /// Of [`Solution::irradiance`], per W/m².
     pub irradiance: Option<Vec<DVec3>>,
@@ -22,13 +24,17 @@ pub struct Cotangent {
     pub colours: Vec<(DVec3, Vec<DVec3>)>,
 }
 
+setters!(Cotangent {
+    irradiance: Option<Vec<DVec3>>,
+    radiosity: Option<Vec<DVec3>>,
+    colours: Vec<(DVec3, Vec<DVec3>)>,
+});
+
 /// The derivatives of a loss with respect to what a scene is made of; only those that were wanted.
 #[derive(Clone, Debug)]
 pub struct Gradients {
     /// With respect to L_e, RGB, per triangle. Triangles without area have zero everywhere.
     pub emission: Option<Vec<DVec3>>,
-    /// With respect to radiance emitted per front bin, RGB, per triangle that has front bins.
-    pub emission_bins: Option<Vec<Option<Vec<DVec3>>>>,
     /// With respect to the diffuse constant δ, per triangle.
     pub diffuse: Option<Vec<f64>>,
     /// With respect to the albedo ρ, RGB, per triangle.
@@ -73,7 +79,9 @@ impl Engine {
         params: &SolveParams,
         progress: &mut Progress,
     ) -> Result<Gradients, EngineError> {
+        self.check_own(solution)?;
         self.check(cotangent, wanted)?;
+        params.check()?;
         let (irradiance, radiance, specular) = self.own_cotangents(cotangent);
         let views: Vec<(DVec3, Vec<[f64; 4]>)> =
             cotangent.colours.iter().map(|(eye, colours)| (*eye, self.to_slots(colours))).collect();
@@ -112,7 +120,6 @@ impl Engine {
         let lobes = lobes.map(|sums| self.lobe_gradients(&sums));
         let corners = wanted.positions.then(|| self.corner_gradients(&facets, metres));
         Ok(Gradients {
-            emission_bins: wanted.emission_bins.then(|| self.emission_bins(&leaving.specular)),
             diffuse: wanted.diffuse.then(|| materials().map(|(&g, m)| g.dot(m.albedo.into())).collect()),
             albedo: wanted.albedo.then(|| materials().map(|(&g, m)| m.diffuse * g).collect()),
             specular: wanted.specular.then(|| match &lobes {
@@ -152,7 +159,10 @@ impl Engine {
         if let Some(values) = &cotangent.radiosity {
             check("radiosity", values)?;
         }
-        cotangent.colours.iter().try_for_each(|(_, values)| check("face colours", values))
+        cotangent.colours.iter().try_for_each(|(eye, values)| {
+            check_position(*eye)?;
+            check("face colours", values)
+        })
     }
 
     /// λ₀ and μ₀, views apart: with the radiosity B = π L + Σ_o c_o L(o).
@@ -221,20 +231,6 @@ impl Engine {
             }
         }
         vertices
-    }
-
-    fn emission_bins(&self, pages: &[Option<Vec<f64>>]) -> Vec<Option<Vec<DVec3>>> {
-        let plan = self.plan();
-        let mut all = vec![None; plan.facets.len()];
-        for (group, page) in plan.layout.groups.iter().zip(pages) {
-            let rows = page.iter().flat_map(|page| page.chunks_exact(plan.bins.count() * 3));
-            for (slot, row) in plan.layout.slots_of(&group.tiles).zip(rows) {
-                if let Some(bins) = all.get_mut(plan.layout.order[slot as usize] as usize) {
-                    *bins = Some(row.chunks_exact(3).map(DVec3::from_slice).collect());
-                }
-            }
-        }
-        all
     }
 }
 

@@ -10,7 +10,6 @@
 //! use antirad::gpu::{Device, DeviceOptions};
 //! use antirad::image::{PictureOptions, Rasterizer, ToneMap};
 //! use antirad::output::single;
-//! use antirad::plan::{Limits, Plan};
 //! use antirad::scene::{LoadOptions, Scene};
 //! use antirad::{Engine, SolveParams};
 //! use std::path::Path;
@@ -18,8 +17,7 @@
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let device = Device::new(&DeviceOptions::default())?;
 //! let scene = Scene::load(Path::new("scenes/cornell_boxes.toml"), &LoadOptions::default())?;
-//! let plan = Plan::new(&scene, &Limits::of(&device), &scene.accuracy)?;
-//! let mut engine = Engine::new(&device, &scene, plan)?;
+//! let mut engine = Engine::builder(&device, &scene).build()?;
 //! let solution = engine.solve(&SolveParams::from(&scene.accuracy))?;
 //! println!("{:?} W/m² arrive at triangle 0", solution.irradiance[0]);
 //!
@@ -44,6 +42,7 @@ pub mod ambiguity;
 #[cfg(feature = "cli")]
 pub mod cli;
 mod engine;
+mod engine_builder;
 pub mod fit;
 pub mod gpu;
 mod gradients;
@@ -51,9 +50,11 @@ pub mod image;
 mod input;
 pub mod ladder;
 pub mod model;
+mod options;
 pub mod output;
 pub mod plan;
 pub mod reference;
+mod revision;
 pub mod scene;
 pub mod shaders;
 pub mod solve;
@@ -61,6 +62,9 @@ pub mod transport;
 pub mod warnings;
 
 pub use engine::{Energy, Engine, EngineError, Negative, Solution, SolveParams};
+pub use engine_builder::EngineBuilder;
+/// The vectors of this interface, in the version that it takes.
+pub use glam;
 pub use gradients::{Cotangent, Gradients, MaterialGradients};
 
 /// What threads may do with the types of the API: a change that takes it away does not compile.
@@ -88,3 +92,7 @@ const _: () = {
     moved::<transport::Operators>();
     moved::<gpu::Batch<'static>>();
 };
+/// The snippets of README.md compile as they stand.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

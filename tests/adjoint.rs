@@ -15,7 +15,7 @@ use support::random::{Random, random_scene, scattered};
 
 /// Both layouts with both weights, coarse: the more directions share a bin, the more of a bin's edge cases are met.
 fn accuracies() -> [Accuracy; 4] {
-    let with = |bins, weights| Accuracy { bins, weights, ..Accuracy::default() };
+    let with = |bins, weights| Accuracy::default().bins(bins).weights(weights);
     let (equal_angle, concentric) =
         (BinLayout::EqualAngle { theta: 4, phi: 7 }, BinLayout::Concentric { n: 6 });
     [
@@ -210,7 +210,7 @@ fn transport_changes_with_every_corner_as_its_derivative_says() {
     let mut random = Random(21);
     for (name, room, count, subsample) in ROOMS {
         for accuracy in accuracies() {
-            let accuracy = Accuracy { subsample, ..accuracy };
+            let accuracy = accuracy.subsample(subsample);
             let model = model(&scattered(31, count, true, false, room), accuracy);
             let (leaving, importance) =
                 (random_leaving(&model, &mut random), random_state(&model, &mut random));
@@ -414,7 +414,7 @@ fn special_geometry_has_finite_gradients() {
             let mut material = Material::named("m");
             (material.albedo, material.specular, material.emission) = ([0.5; 3], [0.1; 3], [1.0; 3]);
             let mut scene = Scene::new("special", vertices, list, vec![material]).expect("a scene");
-            scene.accuracy = Accuracy { subsample, ..accuracy };
+            scene.accuracy = accuracy.subsample(subsample);
             let both =
                 |class: Class| if class.has_bins() { Class { blocker: true, glossy: true } } else { class };
             let model =

@@ -80,10 +80,15 @@ impl Case {
 
     /// Colours of seen faces with other emissions.
     fn seen_colours(&self, emission: &[[f64; 3]]) -> Vec<[f64; 3]> {
-        let scene = self.scene.with_emission(emission);
-        let (mut engine, solution) = solve(&self.device, &scene, &scene.accuracy);
-        let colours = engine.face_colours(&solution, scene.cameras[0].position).expect("colours");
-        colours.into_iter().zip(&self.views.seen).filter(|(_, seen)| **seen).map(|(c, _)| c).collect()
+        // Light is linear in emission, and a scene has none below zero.
+        let part = |sign: f64| {
+            let part: Vec<[f64; 3]> = emission.iter().map(|e| e.map(|e| (sign * e).max(0.0))).collect();
+            let scene = self.scene.with_emission(&part);
+            let (mut engine, solution) = solve(&self.device, &scene, &scene.accuracy);
+            engine.face_colours(&solution, scene.cameras[0].position).expect("colours")
+        };
+        let colours = part(1.0).into_iter().zip(part(-1.0)).map(|(a, b)| [0, 1, 2].map(|c| a[c] - b[c]));
+        colours.zip(&self.views.seen).filter(|(_, seen)| **seen).map(|(c, _)| c).collect()
     }
 
     fn emission(&self) -> Vec<[f64; 3]> {

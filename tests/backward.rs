@@ -3,7 +3,8 @@
 
 mod support;
 
-use antirad::gpu::{Device, Enabled, GpuError, RawDevice};
+use antirad::gpu::embed::RawDevice;
+use antirad::gpu::{Device, Enabled, GpuError};
 use antirad::plan::{Limits, Occlusion, PADDING, Plan, Wanted};
 use antirad::scene::{
     Accuracy, BinLayout, Material, Mesh, Precision, Scene, Shape, SolverChoice, Triangle, Weights,
@@ -20,11 +21,11 @@ const EQUAL_ANGLE: BinLayout = BinLayout::EqualAngle { theta: 10, phi: 13 };
 
 fn accuracy(precision: Precision) -> Accuracy {
     let tolerance = if precision == Precision::F64 { 1e-13 } else { 1e-6 };
-    Accuracy { precision, tolerance, ..Accuracy::default() }
+    Accuracy::default().precision(precision).tolerance(tolerance)
 }
 
 fn engine(device: &Device, scene: &Scene, wanted: Wanted) -> Engine {
-    let limits = Limits { gradients: wanted, ..Limits::of(device) };
+    let limits = Limits::of(device).gradients(wanted);
     let plan = Plan::new(scene, &limits, &scene.accuracy).expect("a plan");
     Engine::new(device, scene, plan).expect("an engine")
 }
@@ -35,14 +36,13 @@ fn signed(random: &mut Random, count: usize) -> Vec<DVec3> {
 
 /// A loss of everything that can be seen, from two eyes.
 fn random_loss(random: &mut Random, triangles: usize) -> Cotangent {
-    Cotangent {
-        irradiance: Some(signed(random, triangles)),
-        radiosity: Some(signed(random, triangles)),
-        colours: vec![
+    Cotangent::default()
+        .irradiance(Some(signed(random, triangles)))
+        .radiosity(Some(signed(random, triangles)))
+        .colours(vec![
             (DVec3::new(0.3, 0.4, 2.6), signed(random, triangles)),
             (DVec3::new(0.4, 0.6, 0.2), signed(random, triangles)),
-        ],
-    }
+        ])
 }
 
 fn value(engine: &mut Engine, solution: &Solution, loss: &Cotangent) -> f64 {
@@ -59,12 +59,12 @@ fn value(engine: &mut Engine, solution: &Solution, loss: &Cotangent) -> f64 {
 }
 
 fn solve(engine: &mut Engine) -> Solution {
-    let params = SolveParams::from(&engine.plan().accuracy);
+    let params = SolveParams::from(engine.plan().accuracy());
     engine.solve(&params).expect("a solution")
 }
 
 fn backward(engine: &mut Engine, solution: &Solution, loss: &Cotangent) -> Gradients {
-    let (params, wanted) = (SolveParams::from(&engine.plan().accuracy), engine.plan().limits.gradients);
+    let (params, wanted) = (SolveParams::from(engine.plan().accuracy()), engine.plan().limits().gradients);
     engine.backward(solution, loss, wanted, &params).expect("gradients")
 }
 
@@ -74,11 +74,9 @@ fn kinds(gradients: &Gradients) -> Vec<(&'static str, Vec<f64>)> {
         values.iter().flatten().flat_map(|v| v.to_array()).collect()
     }
     let plain = |values: &Option<Vec<f64>>| values.clone().unwrap_or_default();
-    let bins = gradients.emission_bins.iter().flatten().flatten().flatten();
     let corners = gradients.corners.iter().flatten().flatten();
     vec![
         ("emission", flat(&gradients.emission)),
-        ("emission_bins", bins.flat_map(|v| v.to_array()).collect()),
         ("diffuse", plain(&gradients.diffuse)),
         ("albedo", flat(&gradients.albedo)),
         ("specular", flat(&gradients.specular)),
@@ -93,24 +91,24 @@ fn kinds(gradients: &Gradients) -> Vec<(&'static str, Vec<f64>)> {
 type Arrays = (Vec<[f64; 4]>, Vec<Option<Vec<f64>>>);
 
 fn download(operators: &Operators, x: &State) -> Arrays {
-    let groups = 0..operators.plan().layout.groups.len();
+    let groups = 0..operators.plan().layout().groups.len();
     let bins = groups.map(|g| operators.bins(x, g).expect("bins")).collect();
     (operators.irradiance(x).expect("irradiance"), bins)
 }
 
 /// Random values where there are triangles.
 fn random_arrays(plan: &Plan, random: &mut Random, has_bins: impl Fn(usize) -> bool) -> Arrays {
-    let real = |slot: u32| plan.layout.order[slot as usize] != PADDING;
-    let slots = (0..plan.layout.slots())
+    let real = |slot: u32| plan.layout().order[slot as usize] != PADDING;
+    let slots = (0..plan.layout().slots())
         .map(|slot| if real(slot) { (random.point() - 0.3).extend(0.0).to_array() } else { [0.0; 4] })
         .collect();
-    let width = plan.bins.count() * 3;
-    let bins = plan.layout.groups.iter().enumerate().map(|(g, group)| {
+    let width = plan.bins().count() * 3;
+    let bins = plan.layout().groups.iter().enumerate().map(|(g, group)| {
         has_bins(g).then(|| {
             let row = |slot: u32| -> Vec<f64> {
                 (0..width).map(|_| if real(slot) { random.next() - 0.3 } else { 0.0 }).collect()
             };
-            plan.layout.slots_of(&group.tiles).flat_map(row).collect()
+            plan.layout().slots_of(&group.tiles).flat_map(row).collect()
         })
     });
     (slots, bins.collect())
@@ -119,9 +117,9 @@ fn random_arrays(plan: &Plan, random: &mut Random, has_bins: impl Fn(usize) -> b
 /// ⟨x, y⟩; of bins times c_b where one holds H(b)/c_b and the other the cotangent of H(b).
 fn dot(plan: &Plan, x: &Arrays, y: &Arrays, times_c: bool) -> f64 {
     let slots: f64 = x.0.iter().zip(&y.0).map(|(a, b)| (0..3).map(|c| a[c] * b[c]).sum::<f64>()).sum();
-    let count = plan.bins.count();
+    let count = plan.bins().count();
     let bins = x.1.iter().zip(&y.1).filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?)));
-    let c = |k: usize| if times_c { plan.bins.projected[k / 3 % count] } else { 1.0 };
+    let c = |k: usize| if times_c { plan.bins().projected[k / 3 % count] } else { 1.0 };
     slots
         + bins
             .map(|(a, b)| a.iter().zip(b).enumerate().map(|(k, (a, b))| c(k) * a * b).sum::<f64>())
@@ -146,14 +144,14 @@ fn assert_same(what: &str, one: f64, other: f64, bound: f64) {
 /// ⟨A x, λ⟩ = ⟨x, Aᵀ λ⟩ of each operator as the device applies it.
 fn dot_products(name: &str, scene: &Scene, bound: f64) {
     let device = device();
-    let limits = Limits { gradients: Wanted::EVERYTHING, ..Limits::of(&device) };
+    let limits = Limits::of(&device).gradients(Wanted::EVERYTHING);
     let plan = Plan::new(scene, &limits, &scene.accuracy).expect("a plan");
     let buffers = SceneBuffers::new(&device, scene, &plan).expect("buffers");
     let mut adjoint = Adjoint::new(&device, &plan).expect("an adjoint").expect("what was planned");
     let mut operators = Operators::new(&device, plan.clone(), buffers).expect("operators");
     let mut random = Random(3);
-    let has_bins = |g: usize| plan.layout.groups[g].class.has_bins();
-    let glossy = |g: usize| plan.layout.groups[g].class.glossy;
+    let has_bins = |g: usize| plan.layout().groups[g].class.has_bins();
+    let glossy = |g: usize| plan.layout().groups[g].class.glossy;
     let arriving = random_arrays(&plan, &mut random, has_bins);
     let cotangent = random_arrays(&plan, &mut random, has_bins);
     let leaving = random_arrays(&plan, &mut random, glossy);
@@ -180,11 +178,11 @@ fn dot_products(name: &str, scene: &Scene, bound: f64) {
     };
     let emission = from(&mut operators, &dark);
     let reflected = minus(&from(&mut operators, &x), &emission);
-    let no_bins = vec![None; plan.layout.groups.len()];
+    let no_bins = vec![None; plan.layout().groups.len()];
     let seen = operators.observe(&x, eye).expect("a view");
     let seen = minus(&(seen, no_bins.clone()), &(operators.observe(&dark, eye).expect("a view"), vec![]));
 
-    let none = vec![[0.0; 4]; plan.layout.slots() as usize];
+    let none = vec![[0.0; 4]; plan.layout().slots() as usize];
     let mut transposed = AdjointOperator::new(&mut operators, &mut adjoint);
     let mut z = transposed.vector().expect("a vector");
     transposed.set(&none, &none, &no_bins).expect("cotangents");
@@ -229,7 +227,7 @@ fn dot_products(name: &str, scene: &Scene, bound: f64) {
 /// The same number from the solve and from that of its adjoint: a loss is linear in the emission.
 fn whole_solve(name: &str, scene: &Scene, bound: f64) {
     let device = device();
-    let mut engine = engine(&device, scene, Wanted { emission: true, ..Wanted::NOTHING });
+    let mut engine = engine(&device, scene, Wanted::NOTHING.emission(true));
     let loss = random_loss(&mut Random(5), scene.triangles.len());
     let solution = solve(&mut engine);
     let gradients = backward(&mut engine, &solution, &loss);
@@ -282,7 +280,7 @@ fn slope(device: &Device, scene: &Scene, loss: &Cotangent, change: &Change, step
     let at = |step: f64| {
         let (mut scene, mut loss) = (scene.clone(), loss.clone());
         change(&mut scene, &mut loss, step);
-        let mut engine = engine(device, &scene, Wanted { camera: true, ..Wanted::NOTHING });
+        let mut engine = engine(device, &scene, Wanted::NOTHING.camera(true));
         let solution = solve(&mut engine);
         value(&mut engine, &solution, &loss)
     };
@@ -303,7 +301,7 @@ fn own_material(scene: &mut Scene, triangle: usize) -> &mut Material {
 #[test]
 fn gradients_are_slopes_of_the_solve() {
     let device = device();
-    let with = |bins, weights| Accuracy { bins, weights, ..accuracy(Precision::F64) };
+    let with = |bins, weights| accuracy(Precision::F64).bins(bins).weights(weights);
     let concentric = BinLayout::Concentric { n: 8 };
     for accuracy in [
         with(EQUAL_ANGLE, Weights::Bilinear),
@@ -544,8 +542,8 @@ fn a_shadow_that_moves_has_its_slope() {
             false => DVec3::ZERO,
         })
         .collect();
-    let loss = Cotangent { irradiance: Some(weights), ..Cotangent::default() };
-    let mut engine_here = engine(&device, &scene, Wanted { positions: true, ..Wanted::NOTHING });
+    let loss = Cotangent::default().irradiance(Some(weights));
+    let mut engine_here = engine(&device, &scene, Wanted::NOTHING.positions(true));
     let solution = solve(&mut engine_here);
     let gradients = backward(&mut engine_here, &solution, &loss);
     let corners = gradients.corners.expect("what was wanted");
@@ -602,7 +600,7 @@ fn special_points_have_finite_gradients() {
         for precision in [Precision::F32, Precision::F64] {
             for bins in [EQUAL_ANGLE, BinLayout::Concentric { n: 12 }] {
                 let tolerance = if precision == Precision::F64 { 1e-10 } else { 1e-5 };
-                let scene = scene_of(&triangles, Accuracy { bins, tolerance, ..accuracy(precision) });
+                let scene = scene_of(&triangles, accuracy(precision).bins(bins).tolerance(tolerance));
                 let count = scene.triangles.len();
                 let mut random = Random(26);
                 let mut loss = random_loss(&mut random, count);
@@ -679,9 +677,8 @@ fn gradients_of_diffuse_scenes_take_8_kb_per_triangle() {
     let mut material = Material::named("marble");
     (material.albedo, material.emission) = ([0.7, 0.6, 0.5], [1.0; 3]);
     let scene = Scene::new("statue", parts.0, parts.1, vec![material]).expect("a scene");
-    let limits =
-        Limits { gradients: Wanted::EVERYTHING, occlusion: Occlusion::Everything, ..Limits::default() };
-    let accuracy = Accuracy { solver: SolverChoice::FixedPoint, ..Accuracy::default() };
+    let limits = Limits::default().gradients(Wanted::EVERYTHING).occlusion(Occlusion::Everything);
+    let accuracy = Accuracy::default().solver(SolverChoice::FixedPoint);
     let plan = Plan::new(&scene, &limits, &accuracy).expect("a plan");
     let bytes = (plan.memory().total() - limits.staging) as f64 / plan.triangles() as f64;
     println!("{bytes:.0} B per triangle");
@@ -692,12 +689,12 @@ fn gradients_of_diffuse_scenes_take_8_kb_per_triangle() {
 fn what_was_not_planned_is_refused() {
     let device = device();
     let scene = scattered(5, 10, false, false, 0.9);
-    let params = SolveParams { tolerance: 1e-4, max_passes: 100 };
-    let emission = Wanted { emission: true, ..Wanted::NOTHING };
+    let params = SolveParams::default().tolerance(1e-4).max_passes(100);
+    let emission = Wanted::NOTHING.emission(true);
     for planned in [Wanted::NOTHING, emission] {
         let mut engine = engine(&device, &scene, planned);
         let solution = solve(&mut engine);
-        let wanted = Wanted { albedo: true, positions: true, ..emission };
+        let wanted = emission.albedo(true).positions(true);
         let loss = random_loss(&mut Random(1), 10);
         let error = engine.backward(&solution, &loss, wanted, &params).expect_err("not planned");
         assert!(
@@ -715,19 +712,19 @@ fn what_was_not_planned_is_refused() {
 fn wrong_cotangents_are_refused() {
     let device = device();
     let scene = scattered(5, 10, false, false, 0.9);
-    let wanted = Wanted { emission: true, ..Wanted::NOTHING };
+    let wanted = Wanted::NOTHING.emission(true);
     let mut engine = engine(&device, &scene, wanted);
     let solution = solve(&mut engine);
-    let params = SolveParams { tolerance: 1e-4, max_passes: 100 };
+    let params = SolveParams::default().tolerance(1e-4).max_passes(100);
     let good = vec![DVec3::ONE; 10];
     let mut bad = good.clone();
     bad[7].y = f64::NAN;
     let losses = |values: &[DVec3]| {
         let none = Cotangent::default();
         [
-            ("irradiance", Cotangent { irradiance: Some(values.to_vec()), ..none.clone() }),
-            ("radiosity", Cotangent { radiosity: Some(values.to_vec()), ..none.clone() }),
-            ("face colours", Cotangent { colours: vec![(DVec3::Z, values.to_vec())], ..none }),
+            ("irradiance", none.clone().irradiance(Some(values.to_vec()))),
+            ("radiosity", none.clone().radiosity(Some(values.to_vec()))),
+            ("face colours", none.colours(vec![(DVec3::Z, values.to_vec())])),
         ]
     };
     for (kind, loss) in losses(&good[..9]) {
@@ -756,10 +753,10 @@ fn wrong_cotangents_are_refused() {
 fn a_failed_adjoint_solve_is_an_error() {
     let device = device();
     let scene = scattered(5, 20, false, false, 0.9);
-    let wanted = Wanted { emission: true, ..Wanted::NOTHING };
+    let wanted = Wanted::NOTHING.emission(true);
     let mut engine = engine(&device, &scene, wanted);
     let solution = solve(&mut engine);
-    let params = SolveParams { tolerance: 1e-6, max_passes: 2 };
+    let params = SolveParams::default().tolerance(1e-6).max_passes(2);
     let loss = random_loss(&mut Random(1), 20);
     let error = engine.backward(&solution, &loss, wanted, &params).expect_err("too few passes");
     assert!(error.to_string().contains("no convergence"), "{error}");
@@ -800,7 +797,7 @@ fn f64_needs_the_feature() {
             let mut scene = scattered(5, 10, false, false, 0.9);
             for gradients in [Wanted::NOTHING, Wanted::EVERYTHING] {
                 scene.accuracy.precision = Precision::F64;
-                let limits = Limits { gradients, ..Limits::of(&device) };
+                let limits = Limits::of(&device).gradients(gradients);
                 let plan = Plan::new(&scene, &limits, &scene.accuracy).expect("a plan");
                 let Err(error) = Engine::new(&device, &scene, plan) else { panic!("there is no f64") };
                 let missing = matches!(error, EngineError::Gpu(GpuError::MissingFeature { .. }));

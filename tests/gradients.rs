@@ -51,7 +51,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     let device = device();
     let scene = Scene { accuracy, ..scene.clone() };
     let model = Model::new(&scene);
-    let limits = Limits { gradients: Wanted::EVERYTHING, ..adjust(Limits::of(&device)) };
+    let limits = adjust(Limits::of(&device)).gradients(Wanted::EVERYTHING);
     let plan = Plan::new(&scene, &limits, &accuracy).expect("a plan");
     let buffers = SceneBuffers::new(&device, &scene, &plan).expect("buffers");
     let mut adjoint = Adjoint::new(&device, &plan).expect("an adjoint").expect("what was planned");
@@ -78,7 +78,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     let h = upload(&mut operators, &light, &light.bins);
     let x = upload(&mut operators, &worth, &per_irradiance(&model, &worth.bins));
     let none = by_slot(&plan, |_| DVec3::ZERO);
-    let pages = vec![None; plan.layout.groups.len()];
+    let pages = vec![None; plan.layout().groups.len()];
     let colours_by_slot = by_slot(&plan, |i| colours[i]);
 
     let total = worth.bins.len();
@@ -113,7 +113,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     for (name, vector, truth) in [("adjoint pass", &y, &back), ("observe_adjoint", &z, &seen)] {
         let irradiance = operators.irradiance(vector).expect("values");
         errors.push((name, relative(&rgb_of(&plan, &irradiance), &flat(&truth.irradiance))));
-        let groups = 0..plan.layout.groups.len();
+        let groups = 0..plan.layout().groups.len();
         let pages: Vec<_> = groups.map(|g| operators.bins(vector, g).expect("bins")).collect();
         let bins = per_irradiance(&model, &truth.bins);
         errors.push((name, relative(&from_pages(&model, &plan, &pages, total), &flat(&bins))));
@@ -123,10 +123,10 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     for (l, e) in sent.diffuse.iter_mut().zip(emission(&model).diffuse) {
         *l += e;
     }
-    let scale = plan.placement.scale;
+    let scale = plan.placement().scale;
     let in_order = |slots: &[FacetGradient]| {
         let mut all = vec![FacetGradient::default(); model.facets.len()];
-        for (&i, gradient) in plan.layout.order.iter().zip(slots) {
+        for (&i, gradient) in plan.layout().order.iter().zip(slots) {
             if let Some(to) = all.get_mut(i as usize) {
                 *to = *gradient;
             }
@@ -163,7 +163,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     if let Some(lobes) = lobes {
         let mut sigma = vec![DVec3::ZERO; model.facets.len()];
         let mut power = vec![0.0; model.facets.len()];
-        for (&i, [sum, logarithms]) in plan.layout.order.iter().zip(&lobes) {
+        for (&i, [sum, logarithms]) in plan.layout().order.iter().zip(&lobes) {
             if let Some(m) = model.materials.get(i as usize) {
                 let (n, slope) = (m.specular_normalization(), m.specular_normalization_derivative());
                 sigma[i as usize] = n * *sum;
@@ -179,11 +179,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
         errors.push(("p", relative(&power, &of_truth)));
     }
 
-    println!(
-        "{name}: {} triangles, {} close pairs",
-        model.facets.len(),
-        plan.interactions().by_receiver.near.others.len()
-    );
+    println!("{name}: {} triangles, {} close pairs", model.facets.len(), plan.pairs().sub_sampled);
     for (kernel, error) in &errors {
         println!("  {kernel}: {error:.2e}");
     }
@@ -193,41 +189,31 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     finish(&device);
 }
 
-const DOUBLE: Accuracy = Accuracy {
-    bins: BinLayout::EqualAngle { theta: 10, phi: 13 },
-    weights: Weights::Bilinear,
-    subsample: 30.0,
-    tolerance: 1e-4,
-    max_passes: 200,
-    solver: antirad::scene::SolverChoice::Auto,
-    precision: Precision::F64,
-};
+fn double() -> Accuracy {
+    Accuracy::default().precision(Precision::F64)
+}
 
 #[test]
 fn double_precision() {
-    compare("diffuse", &random_scene(1, 60, false, false), DOUBLE, |l| l);
-    compare("glossy", &random_scene(2, 131, true, false), DOUBLE, |l| l);
-    compare("crowd", &scattered(10, 80, true, false, 0.5), DOUBLE, |l| l);
+    compare("diffuse", &random_scene(1, 60, false, false), double(), |l| l);
+    compare("glossy", &random_scene(2, 131, true, false), double(), |l| l);
+    compare("crowd", &scattered(10, 80, true, false, 0.5), double(), |l| l);
 }
 
 #[test]
 fn other_weights_and_layouts() {
     let scene = random_scene(4, 100, true, false);
-    compare("smoothstep", &scene, Accuracy { weights: Weights::Smoothstep, ..DOUBLE }, |l| l);
-    let concentric = Accuracy { bins: BinLayout::Concentric { n: 12 }, ..DOUBLE };
+    compare("smoothstep", &scene, double().weights(Weights::Smoothstep), |l| l);
+    let concentric = double().bins(BinLayout::Concentric { n: 12 });
     compare("concentric", &scene, concentric, |l| l);
-    compare("both", &scene, Accuracy { weights: Weights::Smoothstep, ..concentric }, |l| l);
+    compare("both", &scene, concentric.weights(Weights::Smoothstep), |l| l);
 }
 
 #[test]
 fn single_precision() {
-    let single = Accuracy { precision: Precision::F32, ..DOUBLE };
+    let single = double().precision(Precision::F32);
     compare("f32", &random_scene(3, 300, true, false), single, |l| l);
-    compare("f32, small tiles and pages", &random_scene(6, 200, true, false), single, |l| Limits {
-        tile: 32,
-        page: 1,
-        ..l
-    });
-    let far = Accuracy { subsample: 0.0, ..single };
+    compare("f32, small tiles and pages", &random_scene(6, 200, true, false), single, |l| l.tile(32).page(1));
+    let far = single.subsample(0.0);
     compare("f32, no near field", &random_scene(8, 200, true, true), far, |l| l);
 }

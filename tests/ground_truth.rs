@@ -56,7 +56,7 @@ fn closed_box() {
     let device = device();
     let scene = load("tests/data/cornell_empty_closed.obj");
     let (engine, solution) = solve(&device, &scene, &scene.accuracy);
-    let classes = &engine.plan().classes;
+    let classes = engine.plan().classes();
     assert!(classes.iter().all(|c| !c.has_bins()), "nothing hides anything: no bins, no J");
     let truth = read_npy("tests/data/cornell_empty_closed.irradiance.npy");
     let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
@@ -91,7 +91,7 @@ fn cornell_boxes_without_occlusion() {
     let device = device();
     let scene = load("scenes/cornell_boxes.toml");
     let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
-    let limits = Limits { occlusion: Occlusion::Nothing, ..Limits::of(&device) };
+    let limits = Limits::of(&device).occlusion(Occlusion::Nothing);
     let (_engine, solution) = solve_within(&device, &scene, &scene.accuracy, &limits);
     let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
     println!("cornell_boxes without J: relative L2 {:.3} %", 100.0 * error);

@@ -53,7 +53,7 @@ fn warned(scene: &Scene, accuracy: &Accuracy) -> Warnings {
 }
 
 fn with_solver(scene: &Scene, solver: SolverChoice) -> Accuracy {
-    Accuracy { solver, tolerance: 1e-6, max_passes: 4000, ..scene.accuracy }
+    scene.accuracy.solver(solver).tolerance(1e-6).max_passes(4000)
 }
 
 /// Right within 1 % with a wide near field, and within 1.5 % at albedo 0.95 without. Beyond that the scene says what to set.
@@ -62,7 +62,7 @@ fn closed_boxes_of_high_albedo() {
     let device = device();
     for (albedo, subsample, bound) in [(0.95, 30.0, 0.015), (0.95, 400.0, 0.01), (0.99, 400.0, 0.01)] {
         let scene = furnace(8, albedo, |_, _| {});
-        let accuracy = Accuracy { subsample, ..with_solver(&scene, SolverChoice::Gmres) };
+        let accuracy = with_solver(&scene, SolverChoice::Gmres).subsample(subsample);
         let (_engine, solution) = solve(&device, &scene, &accuracy);
         let (mean, rms) = furnace_error(&scene, &solution, albedo);
         println!(
@@ -94,8 +94,7 @@ fn closed_boxes_take_a_third_of_the_passes() {
         println!("albedo {albedo}: {passes} passes of GMRES, {error:.1e} from the reference");
         assert!(error <= 1e-4, "{error:e}");
 
-        let accuracy =
-            Accuracy { max_passes: 3 * passes - 1, ..with_solver(&scene, SolverChoice::FixedPoint) };
+        let accuracy = with_solver(&scene, SolverChoice::FixedPoint).max_passes(3 * passes - 1);
         let plan = Plan::new(&scene, &Limits::of(&device), &accuracy).expect("a plan");
         let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
         match engine.solve(&SolveParams::from(&accuracy)) {
@@ -238,7 +237,7 @@ fn under(device: &Device, plates: &Plates) -> Result<f64, EngineError> {
     let floor = scene.meshes[0].range.start as usize..scene.meshes[0].range.end as usize;
     let accuracy = usual_accuracy(&scene)?;
     let run = |occlusion| {
-        let limits = Limits { occlusion, ..Limits::of(device) };
+        let limits = Limits::of(device).occlusion(occlusion);
         let plan = Plan::new(&scene, &limits, &accuracy)?;
         let mut engine = Engine::new(device, &scene, plan)?;
         let solution = engine.solve(&SolveParams::from(&accuracy))?;

@@ -24,7 +24,7 @@ fn room() -> Scene {
 }
 
 fn tight(scene: &Scene) -> Accuracy {
-    Accuracy { tolerance: 1e-6, ..scene.accuracy }
+    scene.accuracy.tolerance(1e-6)
 }
 
 #[test]
@@ -92,7 +92,7 @@ fn rotation() {
         ("10x13", &with_shadows, equal_angle, 0.02),
         ("concentric:12", &with_shadows, BinLayout::Concentric { n: 12 }, 0.02),
     ] {
-        let accuracy = Accuracy { bins, ..tight(scene) };
+        let accuracy = tight(scene).bins(bins);
         let (_engine, truth) = solve(&device, scene, &accuracy);
         for turn in &turns {
             let mut turned = scene.clone();

@@ -34,7 +34,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
 
     // Some light everywhere: a random state, the irradiance being the sum of the bins where there are any.
     let mut random = Random(7);
-    let mut light = |_| if plan.channels == 1 { DVec3::splat(random.next()) } else { random.point() };
+    let mut light = |_| if plan.channels() == 1 { DVec3::splat(random.next()) } else { random.point() };
     let mut state: State = model.zero();
     for j in 0..model.facets.len() {
         state.irradiance[j] = light(());
@@ -72,7 +72,8 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
     let irradiance = operators.irradiance(&y).expect("irradiance");
     errors
         .push(("transport, irradiance", relative(&rgb_of(&plan, &irradiance), &flat(&arriving.irradiance))));
-    let pages: Vec<_> = (0..plan.layout.groups.len()).map(|g| operators.bins(&y, g).expect("bins")).collect();
+    let pages: Vec<_> =
+        (0..plan.layout().groups.len()).map(|g| operators.bins(&y, g).expect("bins")).collect();
     errors.push((
         "transport, bins",
         relative(&from_pages(&model, &plan, &pages, total), &flat(&arriving.bins)),
@@ -86,7 +87,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
     println!(
         "{name}: {} triangles, {blockers} blockers, {} close pairs",
         model.facets.len(),
-        plan.interactions().by_receiver.near.others.len()
+        plan.pairs().sub_sampled
     );
     for (kernel, error) in errors {
         println!("  {kernel}: {error:.2e}");
@@ -105,36 +106,31 @@ fn diffuse_and_glossy_scenes_of_all_sizes() {
 #[test]
 fn other_weights_and_layouts() {
     let scene = random_scene(4, 150, true, false);
-    let smooth = Accuracy { weights: Weights::Smoothstep, ..Accuracy::default() };
+    let smooth = Accuracy::default().weights(Weights::Smoothstep);
     compare("smoothstep", &scene, smooth, |l| l);
-    let concentric = Accuracy { bins: BinLayout::Concentric { n: 12 }, ..Accuracy::default() };
+    let concentric = Accuracy::default().bins(BinLayout::Concentric { n: 12 });
     compare("concentric", &scene, concentric, |l| l);
-    let both = Accuracy {
-        weights: Weights::Smoothstep,
-        bins: BinLayout::Concentric { n: 4 },
-        ..Accuracy::default()
-    };
+    let both = Accuracy::default().weights(Weights::Smoothstep).bins(BinLayout::Concentric { n: 4 });
     compare("concentric, smoothstep", &scene, both, |l| l);
 }
 
 #[test]
 fn double_precision() {
     let scene = random_scene(11, 150, true, false);
-    let double = Accuracy { precision: Precision::F64, ..Accuracy::default() };
+    let double = Accuracy::default().precision(Precision::F64);
     compare("f64", &scene, double, |l| l);
-    let smooth = Accuracy { weights: Weights::Smoothstep, bins: BinLayout::Concentric { n: 12 }, ..double };
+    let smooth = double.weights(Weights::Smoothstep).bins(BinLayout::Concentric { n: 12 });
     compare("f64, concentric, smoothstep", &scene, smooth, |l| l);
 }
 
 /// Close pairs are not packed: without them all sources are.
 #[test]
 fn packed_sources() {
-    let usual = Accuracy { precision: Precision::Packed, subsample: 0.0, ..Accuracy::default() };
+    let usual = Accuracy::default().precision(Precision::Packed).subsample(0.0);
     compare("packed", &random_scene(12, 500, true, false), usual, |l| l);
-    let small = |l| Limits { tile: 32, page: 1, ..l };
+    let small = |l: Limits| l.tile(32).page(1);
     compare("packed, tiles of 32", &random_scene(13, 300, true, false), usual, small);
-    let concentric =
-        Accuracy { weights: Weights::Smoothstep, bins: BinLayout::Concentric { n: 12 }, ..usual };
+    let concentric = usual.weights(Weights::Smoothstep).bins(BinLayout::Concentric { n: 12 });
     compare("packed, concentric, smoothstep", &random_scene(14, 150, true, false), concentric, |l| l);
     compare("packed, grey", &random_scene(15, 100, true, true), usual, |l| l);
 }
@@ -150,24 +146,20 @@ fn one_channel() {
     let scene = random_scene(5, 100, true, true);
     let device = device();
     let plan = Plan::new(&scene, &Limits::of(&device), &Accuracy::default()).expect("a plan");
-    assert_eq!(plan.channels, 1);
+    assert_eq!(plan.channels(), 1);
     compare("grey", &scene, Accuracy::default(), |l| l);
 }
 
 #[test]
 fn small_tiles_and_pages() {
     let scene = random_scene(6, 300, true, false);
-    compare("tiles of 32, one page a tile", &scene, Accuracy::default(), |l| Limits {
-        tile: 32,
-        page: 1,
-        ..l
-    });
+    compare("tiles of 32, one page a tile", &scene, Accuracy::default(), |l| l.tile(32).page(1));
 }
 
 #[test]
 fn without_a_near_field() {
     let scene = random_scene(8, 200, true, false);
-    compare("no sub-samples", &scene, Accuracy { subsample: 0.0, ..Accuracy::default() }, |l| l);
+    compare("no sub-samples", &scene, Accuracy::default().subsample(0.0), |l| l);
 }
 
 /// The harness can fail: against the reference of another scene it does.
@@ -181,7 +173,7 @@ fn a_wrong_kernel_would_be_found() {
     let mut other = scene.clone();
     other.materials[1].albedo = [0.9, 0.1, 0.2];
     let mut engine = Engine::new(&device, &other, plan).expect("an engine");
-    let solution = engine.solve(&SolveParams { tolerance: 1e-6, max_passes: 100 }).expect("a solution");
+    let solution = engine.solve(&SolveParams::default().tolerance(1e-6).max_passes(100)).expect("a solution");
     let model = Model::new(&scene);
     let mut operator = &model;
     let params = antirad::solve::FixedPointParams { tolerance: 1e-6, max_passes: 100 };

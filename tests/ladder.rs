@@ -127,7 +127,7 @@ fn bins_suit_the_scene() {
     let mut plates = Plates::default().scene().expect("a scene");
     assert_eq!(chosen(&cornell()), usual);
     assert_eq!(chosen(&furnace(0.5)), usual);
-    assert_eq!(layout(&furnace(0.5), &furnace(0.5).accuracy), Ok(Layout::None));
+    assert_eq!(layout(&furnace(0.5), &furnace(0.5).accuracy).expect("a layout"), Layout::None);
     assert_eq!(chosen(&plates), BinLayout::Concentric { n: 10 });
     plates.choice = Choice::STATED;
     assert_eq!(chosen(&plates), usual);
@@ -139,7 +139,7 @@ fn an_error_that_cannot_be_kept() {
     let device = device();
     let scene = Shadow { lamp: 0.1, height: 1.0 }.scene().expect("a scene");
     let mut run = |engine: &mut Engine, scene: &Scene| engine.solve(&SolveParams::from(&scene.accuracy));
-    let options = LadderOptions { error: 0.001, max_triangles: 2000 };
+    let options = LadderOptions::new(0.001).max_triangles(2000);
     let solved = solve_within(&device, &scene, &options, &|_| 0, &mut run).expect("a solution");
     assert!(!solved.climb.met);
     assert_eq!(solved.scene.triangles.len(), scene.triangles.len());

@@ -32,7 +32,7 @@ fn config(cases: u32) -> ProptestConfig {
 fn device() -> MutexGuard<'static, Device> {
     static DEVICE: OnceLock<Mutex<Device>> = OnceLock::new();
     let device = DEVICE.get_or_init(|| {
-        let options = DeviceOptions { validation: true, ..DeviceOptions::default() };
+        let options = DeviceOptions::default().validation(true);
         Mutex::new(Device::new(&options).expect("a Vulkan device"))
     });
     device.lock().unwrap_or_else(PoisonError::into_inner)
@@ -116,7 +116,7 @@ impl Recipe {
 }
 
 fn tight(scene: &Scene) -> Accuracy {
-    Accuracy { tolerance: 1e-6, ..scene.accuracy }
+    scene.accuracy.tolerance(1e-6)
 }
 
 proptest! {
@@ -170,9 +170,9 @@ proptest! {
     fn culling_changes_nothing(recipe in recipe(), concentric in any::<bool>()) {
         let (device, scene) = (device(), recipe.scene());
         let bins = if concentric { BinLayout::Concentric { n: 8 } } else { scene.accuracy.bins };
-        let accuracy = Accuracy { bins, ..tight(&scene) };
-        let usual = Limits { tile: 32, ..Limits::of(&device) };
-        let run = |cull| solve_within(&device, &scene, &accuracy, &Limits { cull, ..usual }).1.irradiance.clone();
+        let accuracy = tight(&scene).bins(bins);
+        let usual = Limits::of(&device).tile(32);
+        let run = |cull| solve_within(&device, &scene, &accuracy, &usual.cull(cull)).1.irradiance.clone();
         let error = relative_l2(&run(true), &run(false), &areas(&scene));
         prop_assert!(error <= 1e-5, "{error:e}");
     }
@@ -196,16 +196,8 @@ proptest! {
         n in 1u32..8,
     ) {
         let scene = recipe.scene();
-        let accuracy = Accuracy { bins: BinLayout::Concentric { n: 2 * n }, solver, ..scene.accuracy };
-        let limits = Limits {
-            memory_budget: budget,
-            max_buffer,
-            page,
-            staging,
-            tile: if small_tiles { 32 } else { 64 },
-            gradients: if gradients { Wanted::EVERYTHING } else { Wanted::NOTHING },
-            ..Limits::default()
-        };
+        let accuracy = scene.accuracy.bins(BinLayout::Concentric { n: 2 * n }).solver(solver);
+        let limits = Limits::default().memory_budget(budget).max_buffer(max_buffer).page(page).staging(staging).tile(if small_tiles { 32 } else { 64 }).gradients(if gradients { Wanted::EVERYTHING } else { Wanted::NOTHING });
         let keeps = |plan: &Plan, limits: &Limits| {
             let memory = plan.memory();
             prop_assert!(memory.total() <= limits.memory_budget);
@@ -216,7 +208,7 @@ proptest! {
             Ok(plan) => keeps(&plan, &limits)?,
             Err(PlanError::OverBudget { budget: said, needed }) => {
                 prop_assert!(said == budget && needed > budget);
-                let enough = Limits { memory_budget: needed, ..limits };
+                let enough = limits.memory_budget(needed);
                 match Plan::new(&scene, &enough, &accuracy) {
                     Ok(plan) => keeps(&plan, &enough)?,
                     Err(error) => prop_assert!(false, "{} bytes do not do: {}", needed, error),

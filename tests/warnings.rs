@@ -237,11 +237,11 @@ fn refining_keeps_to_its_bounds() {
     let count = scene().triangles.len();
     for most in [count + 1, count + 50, 4 * count] {
         let mut scene = scene();
-        let options = RefineOptions { max_triangles: most, ..RefineOptions::default() };
+        let options = RefineOptions::default().max_triangles(most);
         let refined = refine(&mut scene, &Limits::default(), &options).expect("refined");
         assert!(refined.full && scene.triangles.len() <= most && scene.triangles.len() + 3 > most);
     }
-    let none = RefineOptions { max_triangles: count, ..RefineOptions::default() };
+    let none = RefineOptions::default().max_triangles(count);
     let refused = refine(&mut scene(), &Limits::default(), &none).expect_err("no room");
     assert!(matches!(refused, RefineError::Full { .. }) && refused.to_string().contains("--max-triangles"));
 }

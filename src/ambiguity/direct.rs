@@ -1,12 +1,11 @@
 //! Direct light between triangles, blockers included, in numbers.
 
-use super::AmbiguityError;
+use super::{AmbiguityError, LightMatrix};
 use crate::fit::Watch;
 use crate::gpu::Device;
 use crate::plan::{Limits, Plan};
 use crate::scene::{Material, Scene};
 use crate::{Engine, Solution, SolveParams};
-use nalgebra::DMatrix;
 
 /// Lambertian light from triangles to triangles without any reflection: (1 + U J)⁻¹ U.
 ///
@@ -40,7 +39,7 @@ impl DirectLight {
     }
 
     fn solve(&mut self) -> Result<Solution, AmbiguityError> {
-        self.engine.set_materials(&self.scene)?;
+        self.engine.set_linear_materials(&self.scene)?;
         Ok(self.engine.solve(&self.params)?)
     }
 
@@ -66,8 +65,8 @@ impl DirectLight {
         &mut self,
         sources: &[usize],
         progress: &mut dyn FnMut(usize),
-    ) -> Result<DMatrix<f64>, AmbiguityError> {
-        let mut matrix = DMatrix::zeros(self.scene.triangles.len(), sources.len());
+    ) -> Result<LightMatrix, AmbiguityError> {
+        let mut matrix = LightMatrix::new(self.scene.triangles.len());
         self.scene.materials = black_materials();
         for (batch, three) in sources.chunks(3).enumerate() {
             self.scene.triangles.iter_mut().for_each(|t| t.material = 0);
@@ -77,8 +76,7 @@ impl DirectLight {
             let irradiance = self.solve()?.irradiance;
             progress(3 * batch + three.len());
             for channel in 0..three.len() {
-                let arriving = irradiance.iter().map(|h| h[channel]);
-                matrix.column_mut(3 * batch + channel).iter_mut().zip(arriving).for_each(|(to, h)| *to = h);
+                matrix.push(irradiance.iter().map(|h| h[channel]));
             }
         }
         Ok(matrix)

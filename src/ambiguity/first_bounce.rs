@@ -59,8 +59,14 @@ impl FirstBounce {
             })
             .collect();
 
-        let truth = shown(device, scene, cameras, watch)?;
-        let instead = shown(device, &scene.with_emission(&emission), cameras, watch)?;
+        let plan = Plan::new(scene, &Limits::of(device), &scene.accuracy)?;
+        let mut engine = Engine::new(device, scene, plan)?;
+        let watch = watch.clone();
+        engine.set_watcher(Some(Box::new(move |_, _| watch())));
+        let truth = shown(&mut engine, scene, cameras)?;
+        // The bounce may be a little below zero: the discretised antiradiance takes away more than there is.
+        engine.set_linear_materials(&scene.with_emission(&emission))?;
+        let instead = shown(&mut engine, scene, cameras)?;
         let (mut largest, mut brightest) = (0.0, 0.0);
         let (mut squared, mut power) = (0.0, 0.0);
         for (coverage, (truth, instead)) in views.coverage.iter().zip(truth.iter().zip(&instead)) {
@@ -86,15 +92,10 @@ impl FirstBounce {
 
 /// The colours of all faces, by camera.
 fn shown(
-    device: &Device,
+    engine: &mut Engine,
     scene: &Scene,
     cameras: &[&Camera],
-    watch: &Watch,
 ) -> Result<Vec<Vec<[f64; 3]>>, AmbiguityError> {
-    let plan = Plan::new(scene, &Limits::of(device), &scene.accuracy)?;
-    let mut engine = Engine::new(device, scene, plan)?;
-    let watch = watch.clone();
-    engine.set_watcher(Some(Box::new(move |_, _| watch())));
     let solution = engine.solve(&SolveParams::from(&scene.accuracy))?;
     let look = |camera: &&Camera| Ok(engine.face_colours(&solution, camera.position)?);
     cameras.iter().map(look).collect()

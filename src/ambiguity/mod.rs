@@ -17,11 +17,13 @@
 
 mod direct;
 mod first_bounce;
+mod light_matrix;
 mod polytope;
 mod views;
 
 pub use direct::DirectLight;
 pub use first_bounce::FirstBounce;
+pub use light_matrix::LightMatrix;
 pub use polytope::{Given, Interval, Method, Polytope, PolytopeError};
 pub use views::Views;
 

@@ -1,8 +1,10 @@
 //! All emissions that explain a picture.
 
+use super::LightMatrix;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 use serde::Serialize;
+use std::error::Error;
 use std::f64::consts::PI;
 
 /// The polytope could not be made or searched.
@@ -14,7 +16,7 @@ pub enum PolytopeError {
     )]
     Singular,
     #[error("the linear program of triangle {triangle} has no solution: {source}")]
-    LinearProgram { triangle: usize, source: microlp::Error },
+    LinearProgram { triangle: usize, source: Box<dyn Error + Send + Sync> },
     #[error("the linear program of triangle {triangle} was left unfinished")]
     Unfinished { triangle: usize },
 }
@@ -62,8 +64,8 @@ pub struct Polytope {
 
 /// What a polytope is made of, for one channel.
 pub struct Given<'a> {
-    /// Irradiance on all triangles per radiance of the unseen ones, sr, [`DirectLight::columns`](super::DirectLight).
-    pub direct: &'a DMatrix<f64>,
+    /// Irradiance on all triangles per radiance of the unseen ones, sr, [`DirectLight::columns`](super::DirectLight::columns).
+    pub direct: &'a LightMatrix,
     /// δρ, per triangle.
     pub albedo: &'a [f64],
     /// An explanation of the picture, radiance, per triangle.
@@ -83,7 +85,7 @@ impl Polytope {
         let unseen = given.unseen.to_vec();
         let seen: Vec<usize> = (0..albedo.len()).filter(|&i| given.seen[i]).collect();
         let reflected = |rows: &[usize]| {
-            DMatrix::from_fn(rows.len(), unseen.len(), |i, u| albedo[rows[i]] / PI * direct[(rows[i], u)])
+            DMatrix::from_fn(rows.len(), unseen.len(), |i, u| albedo[rows[i]] / PI * direct.get(rows[i], u))
         };
         let among_unseen = DMatrix::identity(unseen.len(), unseen.len()) - reflected(&unseen);
         // A (1 - R_uu) = R_vu.
@@ -161,7 +163,9 @@ impl Polytope {
                 variables.iter().copied().zip(row.iter().copied()).filter(|(_, a)| *a > 0.0).collect();
             program.add_constraint(&terms, microlp::ComparisonOp::Le, s.max(0.0) + self.noise);
         }
-        let outcome = program.solve().map_err(|source| PolytopeError::LinearProgram { triangle, source })?;
+        let outcome = program
+            .solve()
+            .map_err(|source| PolytopeError::LinearProgram { triangle, source: source.into() })?;
         let microlp::SolveOutcome::Solution(solution) = outcome else {
             return Err(PolytopeError::Unfinished { triangle });
         };
@@ -199,9 +203,9 @@ mod tests {
 
     /// Two unseen triangles (0, 1) and two seen ones (2, 3). Triangle 0 lights 2 and 3, triangle 1 nothing that is seen.
     fn polytope(noise: f64) -> Polytope {
-        let mut direct = DMatrix::zeros(4, 2);
-        (direct[(2, 0)], direct[(3, 0)]) = (0.2 * PI, 0.1 * PI);
-        (direct[(0, 1)], direct[(1, 0)]) = (0.0, 0.4 * PI);
+        let mut direct = LightMatrix::new(4);
+        direct.push([0.0, 0.4, 0.2, 0.1].map(|part| part * PI));
+        direct.push([0.0; 4]);
         Polytope::new(&Given {
             direct: &direct,
             albedo: &[0.5; 4],

@@ -4,7 +4,7 @@ use super::gradient::SceneGradient;
 use super::renderer::{Estimate, RenderError, Renderer};
 use crate::gpu::Device;
 use crate::image::{Coverage, ImageError, PictureOptions, Rasterizer, geometry_gradient};
-use crate::plan::{Limits, Plan, Wanted};
+use crate::plan::{Limits, Plan, PlanError, Wanted};
 use crate::scene::{Camera, Scene};
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
 use glam::DVec3;
@@ -81,7 +81,7 @@ impl EngineRenderer {
             pictures = pictures.max(bytes);
         }
         let limits = Limits { pictures, gradients: self.wanted, ..Limits::of(&self.device) };
-        Plan::new(scene, &limits, &scene.accuracy).map_err(failed)
+        Plan::new(scene, &limits, &scene.accuracy).map_err(|error| sort_out(error.into()))
     }
 
     /// Per triangle, whether one of the pictures shows it: of the latest positions, or those of the planning scene.
@@ -113,13 +113,14 @@ impl EngineRenderer {
             Some(engine) => engine,
             None => {
                 let plan = self.plan(&self.planning)?;
-                let mut engine = Engine::new(&self.device, &self.planning, plan).map_err(failed)?;
+                let mut engine = Engine::new(&self.device, &self.planning, plan).map_err(sort_out)?;
                 let watch = self.watch.clone();
                 engine.set_watcher(Some(Box::new(move |_, _| watch())));
                 engine
             }
         };
-        engine.set_materials(scene).map_err(failed)?;
+        // The scene of a linear least-squares step is a difference.
+        engine.set_linear_materials(scene).map_err(sort_out)?;
         Ok(engine)
     }
 }
@@ -207,6 +208,10 @@ fn sort_out(error: EngineError) -> RenderError {
     match error {
         error if error.is_interruption() => RenderError::Interrupted,
         error if error.is_without_answer() => RenderError::NoAnswer(error.to_string()),
+        // A step went beyond what numbers or materials can be.
+        error @ (EngineError::Scene(_) | EngineError::Plan(PlanError::Scene(_))) => {
+            RenderError::NoAnswer(error.to_string())
+        }
         other => failed(other),
     }
 }

@@ -10,6 +10,7 @@ use super::renderer::{Estimate, RenderError, Renderer};
 use super::settings::{OptimiserKind, Settings, StopRule};
 use super::target::Target;
 use crate::image::ImageError;
+use crate::options::setters;
 use crate::output::OutputError;
 use crate::scene::{Choice, Scene, SceneError};
 use glam::DVec3;
@@ -156,6 +157,7 @@ impl Progress {
 
 /// How to run a job.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct RunOptions {
     /// Where checkpoints go; `None`: nowhere.
     pub checkpoints: Option<PathBuf>,
@@ -165,6 +167,13 @@ pub struct RunOptions {
     pub resume: bool,
     pub stop: StopRule,
 }
+
+setters!(RunOptions {
+    checkpoints: Option<PathBuf>,
+    checkpoint_every: u32,
+    resume: bool,
+    stop: StopRule,
+});
 
 impl Default for RunOptions {
     fn default() -> Self {

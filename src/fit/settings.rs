@@ -5,6 +5,7 @@ use super::optimiser::{AdamOptions, QuasiNewtonOptions};
 use super::parameters::Fit;
 use super::regulariser::Regulariser;
 use crate::image::PictureOptions;
+use crate::options::setters;
 use serde::{Deserialize, Serialize};
 
 /// Which optimiser.
@@ -22,6 +23,7 @@ pub enum OptimiserKind {
 
 /// When a fit ends: as soon as one of these holds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct StopRule {
     pub iterations: u32,
     /// The loss has fallen by less than this share over the last five iterations (of Adam: fifty); 0 for never.
@@ -34,6 +36,8 @@ pub struct StopRule {
     pub seconds: f64,
 }
 
+setters!(StopRule { iterations: u32, relative_decrease: f64, gradient: f64, loss: f64, seconds: f64 });
+
 impl Default for StopRule {
     fn default() -> Self {
         Self { iterations: 200, relative_decrease: 1e-4, gradient: 1e-7, loss: 0.0, seconds: f64::INFINITY }
@@ -42,6 +46,7 @@ impl Default for StopRule {
 
 /// Everything that a fit's way depends on, but its scene and targets, and how long it goes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Settings {
     pub fits: Vec<Fit>,
     pub loss: LossKind,
@@ -58,6 +63,19 @@ pub struct Settings {
     /// Relative residual of solves; `None`: that of the scene, or 1e-5 if that is less.
     pub tolerance: Option<f64>,
 }
+
+setters!(Settings {
+    fits: Vec<Fit>,
+    loss: LossKind,
+    epsilon: Option<f64>,
+    regularisers: Vec<Regulariser>,
+    optimiser: OptimiserKind,
+    quasi_newton: QuasiNewtonOptions,
+    noise: Option<f64>,
+    adam: AdamOptions,
+    supersample: u32,
+    tolerance: Option<f64>,
+});
 
 impl Settings {
     /// Fits some quantities with defaults for all else.

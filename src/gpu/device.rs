@@ -1,5 +1,6 @@
 //! A device opened for compute, and what all that uses it shares.
 
+use crate::options::setters;
 use std::collections::HashMap;
 use std::env;
 use std::ffi::CString;
@@ -22,8 +23,9 @@ use super::transfer::{STAGING_CHUNK, Scope};
 use super::validation::ValidationLog;
 use super::{Result, lock};
 
-/// `Default` reads the environment; `DeviceOptions { validation: true, ..DeviceOptions::default() }` overrides it.
+/// `Default` reads the environment; `DeviceOptions::default().validation(true)` overrides it.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct DeviceOptions {
     /// Position in [`list_devices`](super::list_devices) or part of the name, in any case; none: the best device.
     /// Default: ANTIRAD_DEVICE.
@@ -33,6 +35,12 @@ pub struct DeviceOptions {
     /// Bytes that buffers may take; none: what VK_EXT_memory_budget leaves to this process, or the whole heap.
     pub memory_budget: Option<u64>,
 }
+
+setters!(DeviceOptions {
+    selector: Option<String>,
+    validation: bool,
+    memory_budget: Option<u64>,
+});
 
 impl Default for DeviceOptions {
     fn default() -> Self {

@@ -2,6 +2,9 @@
 
 use ash::vk;
 
+/// The bindings whose handles are taken, in the version that is taken.
+pub use ash;
+
 use super::Result;
 use super::device::{Device, Logical};
 use super::info::Enabled;

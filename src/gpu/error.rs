@@ -2,9 +2,11 @@
 
 use ash::prelude::VkResult;
 use ash::vk;
-use gpu_allocator::AllocationError;
 
 use super::memory::Bytes;
+
+/// What the loader or the allocator say.
+type Source = Box<dyn std::error::Error + Send + Sync>;
 
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -12,7 +14,7 @@ pub enum GpuError {
     #[error(
         "no Vulkan loader: {0}; install one (`apt install libvulkan1 mesa-vulkan-drivers` also brings a CPU device)"
     )]
-    NoLoader(#[source] ash::LoadingError),
+    NoLoader(#[source] Source),
     #[error("no Vulkan device matches {wanted}; there is: {found}")]
     NoDevice { wanted: String, found: String },
     #[error("device \"{device}\" lacks {features}; choose another one (ANTIRAD_DEVICE) or update its driver")]
@@ -26,7 +28,7 @@ pub enum GpuError {
     )]
     OverBudget { label: String, requested: Bytes, in_use: Bytes, budget: Bytes },
     #[error("the driver refused {bytes} for \"{label}\": {source}; close other programs or lower the budget")]
-    Allocation { label: String, bytes: Bytes, source: AllocationError },
+    Allocation { label: String, bytes: Bytes, source: Source },
     #[error("buffer \"{label}\" of {bytes} is above the device's limit of {limit}; split it into pages")]
     BufferTooLarge { label: String, bytes: Bytes, limit: Bytes },
     #[error("bytes {offset}..{offset}+{bytes} are outside of \"{label}\", which has {size} bytes")]
@@ -58,7 +60,7 @@ pub enum GpuError {
     )]
     DeviceLost(String),
     #[error("the driver failed while {what}: {result}")]
-    Vulkan { what: String, result: vk::Result },
+    Vulkan { what: String, result: String },
     #[error("Vulkan validation: {}", .0.join("; "))]
     Validation(Vec<String>),
 }
@@ -75,7 +77,7 @@ impl<T> During<T> for VkResult<T> {
             let what = format!("{action} \"{label}\"");
             match result {
                 vk::Result::ERROR_DEVICE_LOST => GpuError::DeviceLost(what),
-                result => GpuError::Vulkan { what, result },
+                result => GpuError::Vulkan { what, result: result.to_string() },
             }
         })
     }

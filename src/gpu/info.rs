@@ -1,5 +1,7 @@
 //! What a plan has to know of a device.
 
+use crate::options::setters;
+
 /// In the order of preference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DeviceKind {
@@ -25,6 +27,7 @@ impl std::fmt::Display for DeviceKind {
 
 /// Optional capabilities that are switched on in a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Enabled {
     /// `shaderFloat64`: precision "f64" needs it.
     pub float64: bool,
@@ -33,6 +36,8 @@ pub struct Enabled {
     /// The instance extension VK_EXT_debug_utils: objects get names.
     pub debug_utils: bool,
 }
+
+setters!(Enabled { float64: bool, subgroup_size_control: bool, debug_utils: bool });
 
 /// What a plan has to know of a device. Sizes in bytes.
 #[derive(Clone, Debug, Default)]

@@ -23,7 +23,7 @@ pub(super) struct Instance {
 impl Instance {
     pub(super) fn new(validation: bool) -> Result<Self> {
         // SAFETY: loads the system's Vulkan loader, whose initialisers are trusted as those of any linked library are.
-        let entry = unsafe { ash::Entry::load() }.map_err(GpuError::NoLoader)?;
+        let entry = unsafe { ash::Entry::load() }.map_err(|source| GpuError::NoLoader(source.into()))?;
         let extensions = instance_extensions(&entry)?;
         let has = |name: &CStr| survey::has_extension(&extensions, name);
         let debug_utils = has(debug_utils::NAME);

@@ -159,7 +159,7 @@ impl Memory {
         .map_err(|source| GpuError::Allocation {
             label: "allocator".into(),
             bytes: Bytes(0),
-            source,
+            source: source.into(),
         })?;
         let ledger = Ledger { budget, ..Ledger::default() };
         Ok(Self { ledger, allocator: ManuallyDrop::new(allocator) })
@@ -190,7 +190,7 @@ impl Memory {
         self.allocator.allocate(&description).map_err(|source| GpuError::Allocation {
             label: label.to_owned(),
             bytes: Bytes(requirements.size),
-            source,
+            source: source.into(),
         })
     }
 

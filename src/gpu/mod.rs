@@ -29,7 +29,7 @@
 mod buffer;
 mod commands;
 mod device;
-mod embed;
+pub mod embed;
 mod error;
 mod info;
 mod instance;
@@ -44,7 +44,6 @@ mod validation;
 pub use buffer::{Buffer, BufferKind, BufferSlice};
 pub use commands::{Batch, BatchTiming};
 pub use device::{Device, DeviceOptions};
-pub use embed::RawDevice;
 pub use error::GpuError;
 pub use info::{DeviceInfo, DeviceKind, Enabled, ListedDevice};
 pub use memory::{ALIGN, Bytes, LabelReport, MemoryReport, rounded};

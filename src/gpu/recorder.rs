@@ -205,7 +205,7 @@ impl Recorder {
             Err(result) => {
                 // The work may still execute.
                 shared.hang();
-                return Err(GpuError::Vulkan { what: self.describe(), result });
+                return Err(GpuError::Vulkan { what: self.describe(), result: result.to_string() });
             }
         }
         let seconds = self.seconds(shared)?;

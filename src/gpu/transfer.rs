@@ -138,6 +138,6 @@ impl Device {
 
 fn mapped(block: &mut Block) -> Result<&mut [u8]> {
     let what = "mapping a staging buffer".to_owned();
-    let result = ash::vk::Result::ERROR_MEMORY_MAP_FAILED;
+    let result = ash::vk::Result::ERROR_MEMORY_MAP_FAILED.to_string();
     block.mapped().ok_or(GpuError::Vulkan { what, result })
 }

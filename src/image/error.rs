@@ -13,9 +13,9 @@ pub enum ImageError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
 
-    /// The camera cannot take pictures.
+    /// The camera cannot take pictures, or the scene cannot be shown.
     #[error(transparent)]
-    Camera(#[from] SceneError),
+    Scene(#[from] SceneError),
 
     #[error("supersample = {0} must be a power of two, at most {MAX_SUPERSAMPLE}")]
     Supersample(u32),

@@ -61,8 +61,8 @@ where
     check_colours(colours.len(), scene.triangles.len())?;
     let grid = grid(camera, supersample)?;
     check_cotangent(cotangent, camera.width as usize * camera.height as usize)?;
+    let faces = visibility::project(scene, camera)?;
     let view = View::new(camera);
-    let faces = visibility::project(scene, &view);
     let shown = |face: &Projected| match face.front {
         true => {
             let [r, g, b] = colours[face.number as usize].map(C::into);

@@ -14,7 +14,7 @@
 //! # fn picture(scene: &antirad::scene::Scene) -> Result<(), antirad::image::ImageError> {
 //! let device = Device::new(&DeviceOptions::default())?;
 //! let colours = vec![[1.0, 0.5, 0.25]; scene.triangles.len()];
-//! let options = PictureOptions { supersample: 8, smooth: true };
+//! let options = PictureOptions::default().supersample(8).smooth(true);
 //! let picture = Rasterizer::new(&device)?.render(scene, &scene.cameras[0], &colours, &options)?;
 //! picture.write_png("scene.png", &ToneMap::default())?;
 //! # Ok(())

@@ -5,8 +5,9 @@ use super::coverage::{Coverage, Sides, check_colours};
 use super::projection::Projected;
 use super::resolve::{self, Resolve, Shading};
 use super::visibility::{self, Visibility};
-use super::{ImageError, Picture, View};
+use super::{ImageError, Picture};
 use crate::gpu::{Buffer, Device, GpuError, Pipeline, rounded};
+use crate::options::setters;
 use crate::scene::{Camera, Scene};
 
 /// Bytes of the staging buffers of a rasterizer, both together: it has its own beside those of engines, so that what it
@@ -18,12 +19,15 @@ pub const MAX_SUPERSAMPLE: u32 = 16;
 
 /// How a picture is made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct PictureOptions {
     /// Each pixel is the mean of `supersample` x `supersample` samples on a regular grid; a power of two.
     pub supersample: u32,
     /// Interpolate [`corner_colours`](super::corner_colours) instead of showing one colour a face.
     pub smooth: bool,
 }
+
+setters!(PictureOptions { supersample: u32, smooth: bool });
 
 impl Default for PictureOptions {
     fn default() -> Self {
@@ -46,7 +50,7 @@ impl Rasterizer {
         Ok(Self { device, visibility, resolve })
     }
 
-    /// The picture of a scene that was checked. `colours`: radiance of the front of each triangle, in the scene's
+    /// The picture of a scene. `colours`: radiance of the front of each triangle, in the scene's
     /// order.
     pub fn render(
         &self,
@@ -59,7 +63,7 @@ impl Rasterizer {
         check_colours(colours.len(), triangles)?;
         let PictureOptions { supersample, smooth } = *options;
         let grid = grid(camera, supersample)?;
-        let faces = visibility::project(scene, &View::new(camera));
+        let faces = visibility::project(scene, camera)?;
         let mut pixels = Vec::with_capacity(camera.width as usize * camera.height as usize);
         if smooth {
             let shading = Shading::new(scene, camera, &faces, colours)?;
@@ -77,11 +81,11 @@ impl Rasterizer {
         Ok(Picture { width: camera.width, height: camera.height, pixels })
     }
 
-    /// What a camera sees of a scene that was checked, for pictures of `supersample` x `supersample` samples a pixel in
+    /// What a camera sees of a scene, for pictures of `supersample` x `supersample` samples a pixel in
     /// any colours, and for their derivatives.
     pub fn coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
         let grid = grid(camera, supersample)?;
-        let faces = visibility::project(scene, &View::new(camera));
+        let faces = visibility::project(scene, camera)?;
         let mut whole = Coverage::empty(&grid, scene.triangles.len());
         self.coverage_of_bands(grid, scene.triangles.len(), faces, |band| {
             whole.append(band);
@@ -100,7 +104,7 @@ impl Rasterizer {
         supersample: u32,
     ) -> Result<Vec<u32>, ImageError> {
         let grid = grid(camera, supersample)?;
-        let faces = visibility::project(scene, &View::new(camera));
+        let faces = visibility::project(scene, camera)?;
         let mut samples = Vec::with_capacity(grid.width as usize * grid.height as usize);
         self.bands(grid, scene.triangles.len(), faces, |band, buffer| {
             samples.extend(self.download(&grid, band, buffer)?);

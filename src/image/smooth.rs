@@ -17,6 +17,7 @@ pub fn corner_colours(scene: &Scene, colours: &[[f32; 3]]) -> Result<Vec<[[f32; 
     if given != wanted {
         return Err(ImageError::Colours { given, wanted });
     }
+    scene.check_geometry()?;
     let welded = Welded::exactly(scene.vertices.iter().copied());
     let around = Fans::of(welded.first.len(), scene.triangles.iter().map(|t| welded.positions(t.vertices)));
     let face = |number: usize| {

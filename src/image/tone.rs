@@ -1,5 +1,7 @@
 //! From radiance to the 8 bits of a screen.
 
+use crate::options::setters;
+
 /// How bright a picture is shown.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Exposure {
@@ -13,11 +15,14 @@ pub enum Exposure {
 
 /// How radiance becomes the 8 bits of a PNG: scaled, cut at 0 and 1, encoded, rounded to nearest. NaN is shown as black.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct ToneMap {
     pub exposure: Exposure,
     /// Encode for a screen, as PNG viewers expect; else linear values.
     pub srgb: bool,
 }
+
+setters!(ToneMap { exposure: Exposure, srgb: bool });
 
 impl Default for ToneMap {
     fn default() -> Self {

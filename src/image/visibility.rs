@@ -7,7 +7,7 @@ use super::bands::{Band, Grid};
 use super::projection::{Projected, View};
 use super::tiles::{TileLists, max_pairs};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
-use crate::scene::Scene;
+use crate::scene::{Camera, Scene, SceneError};
 use crate::shaders;
 
 /// In place of a face: the background.
@@ -40,17 +40,20 @@ pub(super) fn pipeline(device: &Device) -> Result<Pipeline, GpuError> {
     Pipeline::new(device, &shaders::VISIBILITY, 6, size_of::<Push>() as u32, &[], None)
 }
 
-/// The faces that a camera may see, in the scene's order, exactly.
-pub(super) fn project(scene: &Scene, view: &View) -> Vec<Projected> {
+/// The faces that a camera may see, in the scene's order, exactly. The scene and the camera are checked first.
+pub(super) fn project(scene: &Scene, camera: &Camera) -> Result<Vec<Projected>, SceneError> {
+    scene.check_geometry()?;
+    camera.check()?;
+    let view = View::new(camera);
     let mut skip = vec![false; scene.triangles.len()];
     for &number in &scene.degenerate {
         skip[number as usize] = true;
     }
-    (0..scene.triangles.len())
+    Ok((0..scene.triangles.len())
         .into_par_iter()
         .filter(|&number| !skip[number])
         .filter_map(|number| view.project(number as u32, scene.corners(number)))
-        .collect()
+        .collect())
 }
 
 /// The same faces for the kernel.

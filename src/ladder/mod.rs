@@ -9,8 +9,9 @@ pub use estimate::Estimate;
 pub use rungs::{Layout, layout, usual_accuracy};
 
 use crate::gpu::Device;
+use crate::options::setters;
 use crate::plan::{Limits, Plan, PlanError};
-use crate::scene::{Accuracy, Scene};
+use crate::scene::{Accuracy, Choice, Scene};
 use crate::{Engine, EngineError, Solution};
 use rungs::{Rung, is_directional, mean_albedo, near_field};
 use serde::Serialize;
@@ -18,12 +19,15 @@ use std::fmt;
 
 /// What is asked.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct LadderOptions {
     /// Relative L2 error of irradiance over the scene, 0.05 for 5 %.
     pub error: f64,
     /// Triangles that the scene may be cut to.
     pub max_triangles: usize,
 }
+
+setters!(LadderOptions { error: f64, max_triangles: usize });
 
 impl LadderOptions {
     /// What is allowed if nobody says otherwise.
@@ -98,6 +102,8 @@ pub fn solve_within(
     reserve: &dyn Fn(&Scene) -> u64,
     solve: &mut Solve,
 ) -> Result<Solved, EngineError> {
+    scene.validate()?;
+    Choice::Within(options.error).check()?;
     let ground = Ground::new(device, scene, options, reserve);
     let ladder = Rung::ladder(ground.directional);
     // Rather less exact than not at all: the start is the highest rung that fits.

@@ -1,10 +1,16 @@
 //! Why there is no plan.
 
-use crate::scene::Precision;
+use crate::scene::{Precision, SceneError};
 
 /// One clear line, with the way out.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum PlanError {
+    /// The scene or the accuracy cannot be solved.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    #[error("tiles of {0} triangles: kernels take 32 or 64")]
+    Tile(u32),
     #[error(
         "a tolerance of {wanted:e} is more than precision \"{precision}\" can tell: choose {least:e} or more, or another \
          precision (\"f64\" on a device that has it)"

@@ -20,6 +20,7 @@ pub use tiles::{Group, Layout};
 pub use wanted::Wanted;
 
 use crate::model::{Bins, Class, Facet, classify, spatial_order};
+use crate::options::setters;
 use crate::scene::{Accuracy, Precision, Scene, SolverChoice};
 use glam::DVec3;
 
@@ -28,6 +29,7 @@ pub(crate) const OTHER_BYTES: u32 = 1 << 16;
 
 /// What a device offers, and choices that change the work but not the result.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Limits {
     /// Bytes that all buffers together may take.
     pub memory_budget: u64,
@@ -44,12 +46,21 @@ pub struct Limits {
     /// Leave out pairs of tiles that can't see each other.
     pub cull: bool,
     pub occlusion: Occlusion,
-    /// Give every triangle front bins, glossy or not: for derivatives with respect to emission per bin, and to σ where
-    /// there is none yet.
-    pub front_bins: bool,
     /// Derivatives that will be asked for.
     pub gradients: Wanted,
 }
+
+setters!(Limits {
+    memory_budget: u64,
+    max_buffer: u64,
+    staging: u64,
+    pictures: u64,
+    tile: u32,
+    page: u64,
+    cull: bool,
+    occlusion: Occlusion,
+    gradients: Wanted,
+});
 
 /// Which triangles hold light back.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -82,7 +93,6 @@ impl Default for Limits {
             page: 128 << 20,
             cull: true,
             occlusion: Occlusion::Exact,
-            front_bins: false,
             gradients: Wanted::NOTHING,
         }
     }
@@ -135,6 +145,9 @@ const LONGEST_RESTART: u32 = 16;
 /// The shortest one that still beats the fixed point.
 const SHORTEST_RESTART: u32 = 4;
 
+/// Triangles per tile that kernels are made for.
+const TILES: [u32; 2] = [32, 64];
+
 /// The smallest relative residual that numbers of a precision can tell; packed ones, that solvers were seen to reach.
 fn least_tolerance(precision: Precision) -> f64 {
     match precision {
@@ -147,28 +160,33 @@ fn least_tolerance(precision: Precision) -> f64 {
 /// Everything the engine needs to know, decided.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    pub limits: Limits,
-    pub accuracy: Accuracy,
-    pub bins: Bins,
+    pub(crate) limits: Limits,
+    pub(crate) accuracy: Accuracy,
+    pub(crate) bins: Bins,
     /// 3, or 1 where nothing in the scene has a colour.
-    pub channels: u32,
+    pub(crate) channels: u32,
     /// In the engine's coordinates; index = triangle of the scene.
-    pub facets: Vec<Facet>,
-    pub placement: Placement,
+    pub(crate) facets: Vec<Facet>,
+    pub(crate) placement: Placement,
     /// Index = triangle of the scene.
-    pub classes: Vec<Class>,
-    pub layout: Layout,
-    interactions: Interactions,
-    pub solver: PlannedSolver,
-    pub residency: Residency,
+    pub(crate) classes: Vec<Class>,
+    pub(crate) layout: Layout,
+    pub(crate) interactions: Interactions,
+    pub(crate) solver: PlannedSolver,
+    pub(crate) residency: Residency,
     /// Bytes of the staging buffers.
-    pub staging: u64,
+    pub(crate) staging: u64,
     memory: MemoryPlan,
 }
 
 impl Plan {
-    /// Plans a forward solve of a checked scene.
+    /// Plans a solve of a scene, which is checked first.
     pub fn new(scene: &Scene, limits: &Limits, accuracy: &Accuracy) -> Result<Self, PlanError> {
+        scene.validate()?;
+        accuracy.check()?;
+        if !TILES.contains(&limits.tile) {
+            return Err(PlanError::Tile(limits.tile));
+        }
         let (wanted, precision) = (accuracy.tolerance, accuracy.precision);
         let least = least_tolerance(precision);
         if wanted < least {
@@ -185,9 +203,6 @@ impl Plan {
             Occlusion::Everything => {
                 classes.iter_mut().zip(&facets).for_each(|(class, f)| class.blocker = f.area > 0.0);
             }
-        }
-        if limits.front_bins {
-            classes.iter_mut().zip(&facets).for_each(|(class, f)| class.glossy = f.area > 0.0);
         }
         let bins = Bins::new(accuracy.bins, accuracy.weights);
         // A loss may see colours in a grey scene.
@@ -265,6 +280,62 @@ impl Plan {
     /// Which pairs exchange light.
     pub fn interactions(&self) -> &Interactions {
         &self.interactions
+    }
+
+    /// What the plan was made for.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    pub fn accuracy(&self) -> &Accuracy {
+        &self.accuracy
+    }
+
+    pub fn bins(&self) -> &Bins {
+        &self.bins
+    }
+
+    /// 3, or 1 where nothing in the scene has a colour.
+    pub fn channels(&self) -> u32 {
+        self.channels
+    }
+
+    /// In the engine's coordinates; index = triangle of the scene.
+    pub fn facets(&self) -> &[Facet] {
+        &self.facets
+    }
+
+    pub fn placement(&self) -> Placement {
+        self.placement
+    }
+
+    /// Index = triangle of the scene.
+    pub fn classes(&self) -> &[Class] {
+        &self.classes
+    }
+
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    pub fn solver(&self) -> PlannedSolver {
+        self.solver
+    }
+
+    pub fn residency(&self) -> Residency {
+        self.residency
+    }
+
+    /// Bytes of the staging buffers.
+    pub fn staging(&self) -> u64 {
+        self.staging
+    }
+
+    /// The first triangle of the scene that is not where the plan has it.
+    pub(crate) fn moved_triangle(&self, scene: &Scene) -> Option<usize> {
+        let moved =
+            |(i, facet): (usize, &Facet)| scene.corners(i).map(|c| self.placement.apply(c)) != facet.corners;
+        self.facets.iter().enumerate().position(moved)
     }
 
     /// Bytes by label.

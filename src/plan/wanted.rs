@@ -1,12 +1,13 @@
 //! Which derivatives are asked for: what is not is neither planned nor computed.
 
+use crate::options::setters;
+
 /// Kinds of derivatives of a loss.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Wanted {
     /// With respect to the emitted radiance L_e.
     pub emission: bool,
-    /// With respect to radiance emitted per front bin, of the triangles that have front bins.
-    pub emission_bins: bool,
     /// With respect to the diffuse constant δ.
     pub diffuse: bool,
     /// With respect to the albedo ρ.
@@ -21,10 +22,19 @@ pub struct Wanted {
     pub camera: bool,
 }
 
+setters!(Wanted {
+    emission: bool,
+    diffuse: bool,
+    albedo: bool,
+    specular: bool,
+    power: bool,
+    positions: bool,
+    camera: bool,
+});
+
 impl Wanted {
     pub const NOTHING: Self = Self {
         emission: false,
-        emission_bins: false,
         diffuse: false,
         albedo: false,
         specular: false,
@@ -34,7 +44,6 @@ impl Wanted {
     };
     pub const EVERYTHING: Self = Self {
         emission: true,
-        emission_bins: true,
         diffuse: true,
         albedo: true,
         specular: true,
@@ -61,7 +70,6 @@ impl Wanted {
     pub fn beyond(self, planned: Self) -> Vec<&'static str> {
         let kinds = [
             ("emission", self.emission, planned.emission),
-            ("emission_bins", self.emission_bins, planned.emission_bins),
             ("diffuse", self.diffuse, planned.diffuse),
             ("albedo", self.albedo, planned.albedo),
             ("specular", self.specular, planned.specular),

@@ -1,10 +1,13 @@
 //! The accuracy asked of a solve: bins, weights, near field, tolerance.
 
+use crate::options::setters;
 use std::fmt;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use serde::Deserialize;
+
+use super::SceneError;
 
 /// How a hemisphere is split into direction bins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -130,6 +133,7 @@ impl fmt::Display for Precision {
 
 /// Settings that trade accuracy for time and memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Accuracy {
     pub bins: BinLayout,
     pub weights: Weights,
@@ -144,6 +148,16 @@ pub struct Accuracy {
     pub solver: SolverChoice,
     pub precision: Precision,
 }
+
+setters!(Accuracy {
+    bins: BinLayout,
+    weights: Weights,
+    subsample: f64,
+    tolerance: f64,
+    max_passes: u32,
+    solver: SolverChoice,
+    precision: Precision,
+});
 
 /// What of a scene's [`Accuracy`] is left to be chosen for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -168,11 +182,11 @@ impl Choice {
     pub const STATED: Self = Self::Open { bins: false, subsample: false };
 
     /// Says what is wrong with the error asked, if anything.
-    pub(super) fn validate(self) -> Result<(), String> {
+    pub fn check(self) -> Result<(), SceneError> {
         match self {
-            Self::Within(error) if !(error > 0.0 && error < 1.0) => {
-                Err(format!("error = {error} must lie between 0 and 1; 0.02 is 2 %"))
-            }
+            Self::Within(error) if !(error > 0.0 && error < 1.0) => Err(SceneError::Accuracy {
+                message: format!("error = {error} must lie between 0 and 1; 0.02 is 2 %"),
+            }),
             _ => Ok(()),
         }
     }
@@ -180,7 +194,11 @@ impl Choice {
 
 impl Accuracy {
     /// Says what is wrong with the numbers, if anything.
-    pub(super) fn validate(&self) -> Result<(), String> {
+    pub fn check(&self) -> Result<(), SceneError> {
+        self.validate().map_err(|message| SceneError::Accuracy { message })
+    }
+
+    fn validate(&self) -> Result<(), String> {
         self.bins.validate()?;
         if !(self.subsample >= 0.0 && self.subsample.is_finite()) {
             return Err(format!("subsample = {} must be 0 or more, and finite", self.subsample));

@@ -21,6 +21,11 @@ impl Material {
             .fold(0.0, f64::max)
     }
 
+    /// At least [`Self::specular_albedo_per_sigma`]: ⟨ω,h⟩ cosθ ≤ 1 in the integral over half vectors.
+    pub(super) fn specular_albedo_bound(&self) -> f64 {
+        8.0 * PI * self.specular_normalization() / (self.power + 1.0)
+    }
+
     /// The largest part of the light of one channel and direction that is reflected: diffuse plus specular.
     ///
     /// At 1 and above a closed room of this material never settles.
@@ -53,7 +58,7 @@ impl Material {
             }
         }
         let mean = sum / f64::from(POLAR_STEPS * AZIMUTH_STEPS);
-        8.0 * PI * self.specular_normalization() / (self.power + 1.0) * mean
+        self.specular_albedo_bound() * mean
     }
 }
 
@@ -80,6 +85,7 @@ mod tests {
             let material = Material { normalization: Normalization::Energy, ..lobe(power) };
             let albedo = material.specular_albedo_per_sigma();
             assert!(albedo < 1.01, "p = {power}: {albedo}");
+            assert!(albedo <= material.specular_albedo_bound(), "p = {power}: {albedo}");
         }
     }
 

@@ -11,6 +11,16 @@ pub struct SceneBuilder {
     triangles: Vec<Triangle>,
     meshes: Vec<Mesh>,
     materials: Vec<Material>,
+    /// The first face that names a vertex its mesh does not have.
+    out_of_range: Option<OutOfRange>,
+}
+
+#[derive(Clone, Debug)]
+struct OutOfRange {
+    mesh: String,
+    triangle: usize,
+    index: u32,
+    count: usize,
 }
 
 impl SceneBuilder {
@@ -24,7 +34,8 @@ impl SceneBuilder {
         self.mesh(name, vertices, faces, material, place)
     }
 
-    /// Adds a mesh: vertices in metres, faces counter-clockwise seen from their front.
+    /// Adds a mesh: vertices in metres, faces counter-clockwise seen from their front. [`SceneBuilder::finish`] refuses faces
+    /// with vertices that the mesh does not have.
     pub fn mesh(
         &mut self,
         name: &str,
@@ -34,7 +45,13 @@ impl SceneBuilder {
         place: DAffine3,
     ) -> &mut Self {
         let material = self.material(material);
-        let first = self.vertices.len() as u32;
+        let (first, count) = (self.vertices.len() as u32, vertices.len());
+        let beyond = |face: &[u32; 3]| face.iter().copied().find(|&v| v as usize >= count);
+        if let Some((f, index)) = (0..).zip(&faces).find_map(|(f, face)| Some((f, beyond(face)?))) {
+            let triangle = self.triangles.len() + f;
+            self.out_of_range.get_or_insert(OutOfRange { mesh: name.to_owned(), triangle, index, count });
+            return self;
+        }
         self.vertices.extend(vertices.into_iter().map(|v| place.transform_point3(v)));
         let mirrors = place.matrix3.determinant() < 0.0;
         let start = self.triangles.len() as u32;
@@ -48,7 +65,10 @@ impl SceneBuilder {
 
     /// The checked scene, with default accuracy and no camera.
     pub fn finish(&self, name: &str) -> Result<Scene, SceneError> {
-        let Self { vertices, triangles, meshes, materials } = self.clone();
+        let Self { vertices, triangles, meshes, materials, out_of_range } = self.clone();
+        if let Some(OutOfRange { mesh, triangle, index, count }) = out_of_range {
+            return Err(SceneError::Index { mesh, triangle, what: "vertex", index, count });
+        }
         let mut scene = Scene::new(name, vertices, triangles, materials)?;
         scene.meshes = meshes;
         scene.warnings.clear();

@@ -61,10 +61,35 @@ impl Scene {
         self.check_counts()?;
         self.check_triangles()?;
         self.find_degenerate(strict)?;
-        self.check_materials()?;
-        let valid = self.accuracy.validate().and_then(|()| self.choice.validate());
-        valid.map_err(|message| SceneError::Accuracy { message })?;
+        self.check_materials(Emission::Light)?.into_iter().for_each(|warning| self.warn(warning));
+        self.accuracy.check()?;
+        self.choice.check()?;
         self.cameras.iter().try_for_each(Camera::check)
+    }
+
+    /// Checks what the light depends on, geometry and materials, and changes nothing. Whatever takes a scene to solve it
+    /// checks that itself: the fields of a scene are open.
+    pub fn validate(&self) -> Result<(), SceneError> {
+        self.check_counts()?;
+        self.check_geometry()?;
+        self.check_materials(Emission::Light).map(drop)
+    }
+
+    /// The same for a scene whose emission may be negative: light is linear in it, so that differences of scenes can be
+    /// solved, too.
+    pub(crate) fn validate_linear(&self) -> Result<(), SceneError> {
+        self.check_counts()?;
+        self.check_geometry()?;
+        self.check_materials(Emission::Difference).map(drop)
+    }
+
+    /// Indices and coordinates: what pictures rely on.
+    pub(crate) fn check_geometry(&self) -> Result<(), SceneError> {
+        self.check_triangles()?;
+        match self.degenerate.iter().find(|&&t| t as usize >= self.triangles.len()) {
+            Some(&triangle) => Err(SceneError::UnknownDegenerate { triangle, count: self.triangles.len() }),
+            None => Ok(()),
+        }
     }
 
     /// Name of the mesh of a triangle.
@@ -167,7 +192,8 @@ impl Scene {
         Ok(())
     }
 
-    fn check_materials(&mut self) -> Result<(), SceneError> {
+    /// Fails at the first material that is not physical; else says what the user should know of them.
+    fn check_materials(&self, emission: Emission) -> Result<Vec<String>, SceneError> {
         let mut used = vec![false; self.materials.len()];
         for triangle in &self.triangles {
             used[triangle.material as usize] = true;
@@ -177,7 +203,7 @@ impl Scene {
         let mut warnings = Vec::new();
         for (material, used) in self.materials.iter().zip(used) {
             let name = &material.name;
-            match (material.problem(&mut lobes), used) {
+            match (material.problem(emission, &mut lobes), used) {
                 (Err(message), true) => {
                     return Err(SceneError::Material { name: name.clone(), message });
                 }
@@ -198,8 +224,7 @@ impl Scene {
                 "No material in use has an emission, so there is no light: the picture will be black.",
             ));
         }
-        warnings.into_iter().for_each(|warning| self.warn(warning));
-        Ok(())
+        Ok(warnings)
     }
 }
 
@@ -218,6 +243,15 @@ fn is_flat([a, b, c]: [DVec3; 3]) -> bool {
     area.is_nan() || area < FLAT * squared
 }
 
+/// What the emission of a material stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Emission {
+    /// Radiance, which is not negative.
+    Light,
+    /// A difference of radiances.
+    Difference,
+}
+
 /// Albedo of the specular lobe for σ = 1, by power and normalization.
 #[derive(Default)]
 struct LobeCache(HashMap<(u64, Normalization), f64>);
@@ -230,14 +264,18 @@ impl LobeCache {
 }
 
 impl Material {
-    /// The total albedo, or what is wrong and the way out.
-    fn problem(&self, lobes: &mut LobeCache) -> Result<f64, String> {
+    /// The total albedo, or below [`HIGH_ALBEDO`] a bound of it; or what is wrong and the way out.
+    fn problem(&self, emission: Emission, lobes: &mut LobeCache) -> Result<f64, String> {
+        let emission = match emission {
+            Emission::Light => self.emission,
+            Emission::Difference => self.emission.map(f64::abs),
+        };
         let numbers = [
             ("diffuse", vec![self.diffuse]),
             ("albedo", self.albedo.to_vec()),
             ("specular", self.specular.to_vec()),
             ("power", vec![self.power]),
-            ("emission", self.emission.to_vec()),
+            ("emission", emission.to_vec()),
         ];
         for (what, values) in numbers {
             if let Some(value) = values.iter().find(|v| !(v.is_finite() && **v >= 0.0)) {
@@ -246,6 +284,11 @@ impl Material {
         }
         if self.power > MAX_POWER {
             return Err(format!("power is {}; it must lie in 0 to {MAX_POWER}", self.power));
+        }
+        let most = self.total_albedo_with(if self.is_glossy() { self.specular_albedo_bound() } else { 0.0 });
+        if most < HIGH_ALBEDO {
+            // Without the integral over the lobe, which takes milliseconds.
+            return Ok(most);
         }
         let lobe = if self.is_glossy() { lobes.get(self) } else { 0.0 };
         let total = self.total_albedo_with(lobe);

@@ -61,6 +61,11 @@ pub enum SceneError {
     )]
     Degenerate { count: usize, mesh: String, triangle: usize },
 
+    #[error(
+        "triangle {triangle} is listed as degenerate, and there are {count}: Scene::check lists them anew"
+    )]
+    UnknownDegenerate { triangle: u32, count: usize },
+
     #[error("material \"{name}\": {message}")]
     Material { name: String, message: String },
 

@@ -1,5 +1,6 @@
 //! Loads a scene from a TOML file, or from a bare OBJ.
 
+use crate::options::setters;
 use std::ops::Range;
 use std::path::Path;
 
@@ -15,10 +16,13 @@ use super::{Scene, obj};
 
 /// How to load a scene.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct LoadOptions {
     /// Refuse triangles without area instead of recording them in [`Scene::degenerate`].
     pub strict: bool,
 }
+
+setters!(LoadOptions { strict: bool });
 
 impl Scene {
     /// Loads and checks a `.toml` scene, or an `.obj` mesh with its MTL.

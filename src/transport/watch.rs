@@ -9,6 +9,7 @@ pub type Watcher = Box<dyn FnMut(u64, u64) -> ControlFlow<()> + Send>;
 
 /// Why a pass did not end.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum TransportError {
     #[error(transparent)]
     Gpu(#[from] GpuError),

@@ -1,18 +1,22 @@
 //! Finer meshes where warnings ask for them.
 
 use super::{Kind, Warnings};
+use crate::options::setters;
 use crate::plan::{Limits, Plan, PlanError};
 use crate::scene::Scene;
 use std::collections::BTreeMap;
 
 /// How far to refine.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct RefineOptions {
     /// Triangles that the scene may have in the end.
     pub max_triangles: usize,
     /// Times that a triangle may be cut.
     pub levels: u32,
 }
+
+setters!(RefineOptions { max_triangles: usize, levels: u32 });
 
 impl Default for RefineOptions {
     fn default() -> Self {
@@ -36,7 +40,8 @@ pub struct Refined {
 }
 
 /// Why there is nothing refined.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum RefineError {
     #[error(transparent)]
     Plan(#[from] PlanError),

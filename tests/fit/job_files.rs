@@ -174,7 +174,7 @@ fn png_targets_are_decoded_and_clipped_pixels_left_out() {
     shown.pixels[7] = [5.0, 0.2, 0.1, 1.0];
     let text = job("p.exr\"", "p.png\"\nwhite = 2");
     let folder = folder(&[("j.toml", &text)]);
-    let tone = ToneMap { exposure: Exposure::Stops(0.0), srgb: true };
+    let tone = ToneMap::default().exposure(Exposure::Stops(0.0)).srgb(true);
     shown.write_png(folder.path().join("p.png"), &tone).expect("written");
     let file = load(&folder).expect("a job");
     let target = &file.job.problem().targets[0];

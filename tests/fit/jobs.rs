@@ -12,7 +12,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 fn of(quantity: Quantity, material: &str) -> Fit {
-    Fit { materials: Some(vec![material.to_owned()]), ..Fit::new(quantity) }
+    Fit::new(quantity).materials(Some(vec![material.to_owned()]))
 }
 
 fn job(settings: Settings) -> Job {
@@ -21,8 +21,8 @@ fn job(settings: Settings) -> Job {
 
 /// Albedos and lamp from grey.
 fn from_grey() -> Settings {
-    let albedo = |material: &str| Fit { initial: Some([0.5; 3]), ..of(Quantity::Albedo, material) };
-    let lamp = Fit { initial: Some([3.0; 3]), ..of(Quantity::Emission, "lamp") };
+    let albedo = |material: &str| of(Quantity::Albedo, material).initial(Some([0.5; 3]));
+    let lamp = of(Quantity::Emission, "lamp").initial(Some([3.0; 3]));
     Settings::new(vec![albedo("wall"), albedo("red"), lamp])
 }
 
@@ -31,13 +31,19 @@ fn run_with(job: &mut Job, renderer: &mut dyn Renderer, options: &RunOptions) ->
 }
 
 fn run(settings: Settings, stop: StopRule) -> Outcome {
-    let options = RunOptions { stop, ..RunOptions::default() };
+    let options = RunOptions::default().stop(stop);
     run_with(&mut job(settings), &mut Double::new(2), &options).expect("an outcome")
 }
 
 /// To the end of what rounding shows.
-const EXACT: StopRule =
-    StopRule { iterations: 500, relative_decrease: 0.0, gradient: 1e-12, loss: 0.0, seconds: f64::INFINITY };
+fn exact() -> StopRule {
+    StopRule::default()
+        .iterations(500)
+        .relative_decrease(0.0)
+        .gradient(1e-12)
+        .loss(0.0)
+        .seconds(f64::INFINITY)
+}
 
 #[track_caller]
 fn found(outcome: &Outcome, quantity: &str, of: &str, truth: &[f64], error: f64) {
@@ -50,7 +56,7 @@ fn found(outcome: &Outcome, quantity: &str, of: &str, truth: &[f64], error: f64)
 
 #[test]
 fn albedo_and_lamp_from_grey() {
-    let outcome = run(from_grey(), EXACT);
+    let outcome = run(from_grey(), exact());
     let (first, last) = (outcome.history[0].loss, outcome.loss);
     assert!(last < 1e-14 * first, "{first} to {last}");
     found(&outcome, "albedo", "wall", &[0.7, 0.5, 0.3], 1e-6);
@@ -62,17 +68,15 @@ fn albedo_and_lamp_from_grey() {
 #[test]
 fn glossy_material_and_motion() {
     let fits = vec![
-        Fit { initial: Some([0.1; 3]), ..of(Quantity::Specular, "gloss") },
-        Fit {
-            meshes: Some(vec!["box".to_owned()]),
-            motion: MotionKind::Translation,
-            initial: Some([0.05, 0.0, 0.0]),
-            upper: Some([1.0, 0.0, 0.0]),
-            lower: Some([-1.0, 0.0, 0.0]),
-            ..Fit::new(Quantity::Position)
-        },
+        of(Quantity::Specular, "gloss").initial(Some([0.1; 3])),
+        Fit::new(Quantity::Position)
+            .meshes(Some(vec!["box".to_owned()]))
+            .motion(MotionKind::Translation)
+            .initial(Some([0.05, 0.0, 0.0]))
+            .upper(Some([1.0, 0.0, 0.0]))
+            .lower(Some([-1.0, 0.0, 0.0])),
     ];
-    let outcome = run(Settings::new(fits), EXACT);
+    let outcome = run(Settings::new(fits), exact());
     found(&outcome, "specular", "gloss", &[0.2, 0.1, 0.05], 1e-6);
     found(&outcome, "translation", "box", &[0.0, 0.0, 0.0], 1e-5);
 }
@@ -80,8 +84,8 @@ fn glossy_material_and_motion() {
 /// Adam goes slowly, but it goes; its best point is the result.
 #[test]
 fn adam_lowers_a_loss_with_kinks() {
-    let settings = Settings { optimiser: OptimiserKind::Adam, loss: LossKind::LogL1, ..from_grey() };
-    let outcome = run(settings, EXACT);
+    let settings = from_grey().optimiser(OptimiserKind::Adam).loss(LossKind::LogL1);
+    let outcome = run(settings, exact());
     assert_eq!(outcome.stop, Stop::Iterations);
     let least = outcome.history.iter().map(|r| r.loss).fold(f64::INFINITY, f64::min);
     assert!(outcome.loss <= least * (1.0 + 1e-12) && least < 0.05 * outcome.history[0].loss, "{least}");
@@ -91,16 +95,16 @@ fn adam_lowers_a_loss_with_kinks() {
 /// Emission alone is linear, and is solved as such.
 #[test]
 fn emission_alone_is_least_squares() {
-    let everywhere = Fit { per: Per::Triangle, initial: Some([1.0; 3]), ..Fit::new(Quantity::Emission) };
+    let everywhere = Fit::new(Quantity::Emission).per(Per::Triangle).initial(Some([1.0; 3]));
     for (loss, error) in [(LossKind::L2, 1e-3), (LossKind::RelativeL2, 5e-2)] {
-        let settings = Settings { loss, ..Settings::new(vec![everywhere.clone()]) };
+        let settings = Settings::new(vec![everywhere.clone()]).loss(loss);
         let job = job(settings.clone());
         let expected = match loss {
             LossKind::L2 => OptimiserKind::LeastSquares,
             _ => OptimiserKind::QuasiNewton,
         };
         assert_eq!(job.optimiser(), expected);
-        let outcome = run(settings, EXACT);
+        let outcome = run(settings, exact());
         assert!(outcome.loss < 1e-8 * outcome.history[0].loss, "{loss:?}: {}", outcome.loss);
         let scene = scene();
         for t in 0..scene.triangles.len() {
@@ -113,29 +117,27 @@ fn emission_alone_is_least_squares() {
             }
         }
     }
-    let others = Settings { optimiser: OptimiserKind::LeastSquares, ..from_grey() };
+    let others = from_grey().optimiser(OptimiserKind::LeastSquares);
     let refused = Job::new("j", scene(), Double::targets(&scene(), 1), others).err().expect("refused");
     says(&refused.to_string(), &["emission alone", "quasi-newton"]);
-    let kinks = Settings { loss: LossKind::L1, ..Settings::new(vec![everywhere]) };
+    let kinks = Settings::new(vec![everywhere]).loss(LossKind::L1);
     assert_eq!(job(kinks).optimiser(), OptimiserKind::QuasiNewton);
 }
 
 /// Assumptions take part in the linear solve too.
 #[test]
 fn least_squares_with_assumptions() {
-    let everywhere = Fit { per: Per::Triangle, initial: Some([1.0; 3]), ..Fit::new(Quantity::Emission) };
-    let with = |optimiser| Settings {
-        optimiser,
-        regularisers: vec![
+    let everywhere = Fit::new(Quantity::Emission).per(Per::Triangle).initial(Some([1.0; 3]));
+    let with = |optimiser| {
+        Settings::new(vec![everywhere.clone()]).optimiser(optimiser).regularisers(vec![
             Regulariser::Sparsity { weight: 3e-2 },
             Regulariser::Smoothness { of: Quantity::Emission, weight: 1e-2 },
             Regulariser::Prior { of: Quantity::Emission, value: Some([0.1; 3]), weight: 1e-2 },
-        ],
-        ..Settings::new(vec![everywhere.clone()])
+        ])
     };
     let (linear, general) = (
-        run(with(OptimiserKind::LeastSquares), EXACT),
-        run(with(OptimiserKind::QuasiNewton), StopRule { iterations: 3000, ..EXACT }),
+        run(with(OptimiserKind::LeastSquares), exact()),
+        run(with(OptimiserKind::QuasiNewton), exact().iterations(3000)),
     );
     assert!((linear.loss / general.loss - 1.0).abs() < 1e-6, "{} {}", linear.loss, general.loss);
     assert!(linear.assumptions.iter().all(|a| *a > 0.0));
@@ -144,7 +146,7 @@ fn least_squares_with_assumptions() {
 #[test]
 fn the_rule_says_when_to_stop() {
     let rule = |change: &dyn Fn(&mut StopRule)| {
-        let mut rule = EXACT;
+        let mut rule = exact();
         change(&mut rule);
         run(from_grey(), rule)
     };
@@ -161,28 +163,23 @@ fn the_rule_says_when_to_stop() {
 /// Interrupted after any iteration or in the middle of it, and continued: the same result to the last bit.
 #[test]
 fn interruptions_leave_no_trace() {
-    let emission = Fit { per: Per::Triangle, initial: Some([1.0; 3]), ..Fit::new(Quantity::Emission) };
-    for settings in [
-        from_grey(),
-        Settings { optimiser: OptimiserKind::Adam, ..from_grey() },
-        Settings::new(vec![emission]),
-    ] {
-        let stop = StopRule { iterations: 12, ..EXACT };
+    let emission = Fit::new(Quantity::Emission).per(Per::Triangle).initial(Some([1.0; 3]));
+    for settings in [from_grey(), from_grey().optimiser(OptimiserKind::Adam), Settings::new(vec![emission])] {
+        let stop = exact().iterations(12);
         let whole = run(settings.clone(), stop);
         let renders = {
             let mut renderer = Double::new(2);
-            let options = RunOptions { stop, ..RunOptions::default() };
+            let options = RunOptions::default().stop(stop);
             run_with(&mut job(settings.clone()), &mut renderer, &options).expect("an outcome");
             renderer.pictures
         };
         for at in 1..=renders {
             let folder = tempfile::tempdir().expect("a folder");
-            let options = RunOptions {
-                checkpoints: Some(folder.path().to_owned()),
-                checkpoint_every: 4,
-                resume: true,
-                stop,
-            };
+            let options = RunOptions::default()
+                .checkpoints(Some(folder.path().to_owned()))
+                .checkpoint_every(4)
+                .resume(true)
+                .stop(stop);
             let mut renderer = Double { interrupt_at: Some(at), ..Double::new(2) };
             let first = run_with(&mut job(settings.clone()), &mut renderer, &options);
             assert!(matches!(first, Err(FitError::Interrupted { .. })), "render {at} of {renders}");
@@ -192,12 +189,8 @@ fn interruptions_leave_no_trace() {
         }
         // By the callback, after every single iteration.
         let folder = tempfile::tempdir().expect("a folder");
-        let options = RunOptions {
-            checkpoints: Some(folder.path().to_owned()),
-            resume: true,
-            stop,
-            ..RunOptions::default()
-        };
+        let options =
+            RunOptions::default().checkpoints(Some(folder.path().to_owned())).resume(true).stop(stop);
         let mut last = None;
         for _ in 0..40 {
             let mut seen = 0;
@@ -228,13 +221,8 @@ fn same(a: &Outcome, b: &Outcome) {
 #[test]
 fn a_checkpoint_of_another_job_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
-    let stop = StopRule { iterations: 2, ..EXACT };
-    let options = RunOptions {
-        checkpoints: Some(folder.path().to_owned()),
-        resume: true,
-        stop,
-        ..RunOptions::default()
-    };
+    let stop = exact().iterations(2);
+    let options = RunOptions::default().checkpoints(Some(folder.path().to_owned())).resume(true).stop(stop);
     run_with(&mut job(from_grey()), &mut Double::new(2), &options).expect("an outcome");
     let refused = |settings: Settings, scene: Scene, targets: Vec<Target>| {
         let mut job = Job::new("j", scene, targets, settings).expect("a job");
@@ -242,7 +230,7 @@ fn a_checkpoint_of_another_job_is_refused() {
     };
     let targets = || Double::targets(&scene(), 2);
     says(
-        &refused(Settings { loss: LossKind::L1, ..from_grey() }, scene(), targets()),
+        &refused(from_grey().loss(LossKind::L1), scene(), targets()),
         &["checkpoint", "the job's settings", "start over"],
     );
     let mut moved = scene();
@@ -252,10 +240,10 @@ fn a_checkpoint_of_another_job_is_refused() {
     changed[1].pixels[3].y += 1e-9;
     says(&refused(from_grey(), scene(), changed), &["target 2 (camera \"view 1\")"]);
     // More iterations are the same job; starting over is always possible.
-    let longer = RunOptions { stop: StopRule { iterations: 5, ..EXACT }, ..options.clone() };
+    let longer = options.clone().stop(exact().iterations(5));
     let outcome = run_with(&mut job(from_grey()), &mut Double::new(2), &longer).expect("an outcome");
     assert_eq!((outcome.resumed_from, outcome.history.len()), (Some(2), 6));
-    let anew = RunOptions { resume: false, ..options };
+    let anew = options.resume(false);
     let outcome = run_with(&mut job(from_grey()), &mut Double::new(2), &anew).expect("an outcome");
     assert_eq!((outcome.resumed_from, outcome.history.len()), (None, 3));
 }
@@ -264,7 +252,7 @@ fn a_checkpoint_of_another_job_is_refused() {
 #[test]
 fn scenes_without_an_answer() {
     let mut renderer = Double { limit: Some(0.71), ..Double::new(2) };
-    let options = RunOptions { stop: EXACT, ..RunOptions::default() };
+    let options = RunOptions::default().stop(exact());
     let outcome = run_with(&mut job(from_grey()), &mut renderer, &options).expect("an outcome");
     found(&outcome, "albedo", "wall", &[0.7, 0.5, 0.3], 1e-5);
     let mut renderer = Double { limit: Some(0.4), ..Double::new(2) };
@@ -274,11 +262,11 @@ fn scenes_without_an_answer() {
 
 #[test]
 fn differences_serve_where_there_are_no_derivatives() {
-    let options = RunOptions { stop: StopRule { iterations: 60, ..EXACT }, ..RunOptions::default() };
+    let options = RunOptions::default().stop(exact().iterations(60));
     let mut renderer = Double { without_derivatives: true, ..Double::new(2) };
     let outcome = run_with(&mut job(from_grey()), &mut renderer, &options).expect("an outcome");
     found(&outcome, "albedo", "wall", &[0.7, 0.5, 0.3], 1e-4);
-    let lamp = Settings::new(vec![Fit { initial: Some([1.0; 3]), ..of(Quantity::Emission, "lamp") }]);
+    let lamp = Settings::new(vec![of(Quantity::Emission, "lamp").initial(Some([1.0; 3]))]);
     let mut renderer = Double { without_derivatives: true, ..Double::new(2) };
     let outcome = run_with(&mut job(lamp), &mut renderer, &options).expect("an outcome");
     found(&outcome, "emission", "lamp", &[10.0, 9.0, 5.0], 1e-4);
@@ -298,7 +286,7 @@ impl PictureLoss for Red {
 fn a_loss_of_ones_own() {
     let mut job = job(from_grey());
     job.set_loss(Box::new(Red));
-    let options = RunOptions { stop: EXACT, ..RunOptions::default() };
+    let options = RunOptions::default().stop(exact());
     let outcome = run_with(&mut job, &mut Double::new(2), &options).expect("an outcome");
     found(&outcome, "albedo", "wall", &[0.7, 0.5, 0.5], 1e-5);
     found(&outcome, "emission", "lamp", &[10.0, 3.0, 3.0], 1e-4);
@@ -311,14 +299,10 @@ fn the_gradient_of_a_problem_is_that_of_differences() {
         of(Quantity::Specular, "gloss"),
         of(Quantity::Power, "gloss"),
         of(Quantity::Emission, "lamp"),
-        Fit {
-            meshes: Some(vec!["table".to_owned()]),
-            motion: MotionKind::Similarity,
-            ..Fit::new(Quantity::Position)
-        },
+        Fit::new(Quantity::Position).meshes(Some(vec!["table".to_owned()])).motion(MotionKind::Similarity),
     ];
     for loss in [LossKind::L2, LossKind::RelativeL2, LossKind::LogL1] {
-        let settings = Settings { loss, ..Settings::new(fits.clone()) };
+        let settings = Settings::new(fits.clone()).loss(loss);
         let job = job(settings);
         let mut renderer = Double::new(2);
         let mut x: Vec<f64> = job
@@ -357,7 +341,7 @@ fn results_are_files_that_are_the_same_every_time() {
     let write = || {
         let folder = tempfile::tempdir().expect("a folder");
         let mut job = job(from_grey());
-        let options = RunOptions { stop: StopRule { iterations: 6, ..EXACT }, ..RunOptions::default() };
+        let options = RunOptions::default().stop(exact().iterations(6));
         let outcome = run_with(&mut job, &mut Double::new(2), &options).expect("an outcome");
         results::write(folder.path(), &job, &outcome, &Default::default()).expect("written");
         (folder, outcome)
@@ -420,12 +404,10 @@ fn memory_does_not_grow_over_many_iterations() {
         status.split_whitespace().nth(1).and_then(|pages| pages.parse::<u64>().ok()).expect("pages") * 4096
     };
     let folder = tempfile::tempdir().expect("a folder");
-    let options = RunOptions {
-        checkpoints: Some(folder.path().to_owned()),
-        stop: StopRule { iterations: 400, gradient: 0.0, ..EXACT },
-        ..RunOptions::default()
-    };
-    let settings = Settings { optimiser: OptimiserKind::Adam, ..from_grey() };
+    let options = RunOptions::default()
+        .checkpoints(Some(folder.path().to_owned()))
+        .stop(exact().iterations(400).gradient(0.0));
+    let settings = from_grey().optimiser(OptimiserKind::Adam);
     let mut early = 0;
     let outcome = job(settings).run(&mut Double::new(2), &options, &mut |record, _| {
         if record.iteration == 200 {

@@ -11,17 +11,17 @@ fn fit(quantity: Quantity) -> Fit {
 
 fn of(quantity: Quantity, materials: &[&str], per: Per) -> Fit {
     let materials = Some(materials.iter().map(|m| m.to_string()).collect());
-    Fit { materials, per, ..fit(quantity) }
+    fit(quantity).materials(materials).per(per)
 }
 
 fn moving(motion: MotionKind, meshes: &[&str]) -> Fit {
-    Fit { motion, meshes: Some(meshes.iter().map(|m| m.to_string()).collect()), ..fit(Quantity::Position) }
+    fit(Quantity::Position).motion(motion).meshes(Some(meshes.iter().map(|m| m.to_string()).collect()))
 }
 
 /// Everything that can be fitted at once.
 fn everything() -> Vec<Fit> {
     vec![
-        Fit { per: Per::Triangle, ..fit(Quantity::Emission) },
+        fit(Quantity::Emission).per(Per::Triangle),
         of(Quantity::Albedo, &["wall"], Per::Triangle),
         of(Quantity::Albedo, &["gloss", "lamp"], Per::Material),
         of(Quantity::Diffuse, &["red"], Per::Triangle),
@@ -30,7 +30,7 @@ fn everything() -> Vec<Fit> {
         moving(MotionKind::Rigid, &["box"]),
         moving(MotionKind::Similarity, &["table"]),
         moving(MotionKind::Vertices, &["lamp"]),
-        Fit { together: true, ..moving(MotionKind::Scale, &["room", "shelf"]) },
+        moving(MotionKind::Scale, &["room", "shelf"]).together(true),
     ]
 }
 
@@ -176,12 +176,10 @@ fn the_start_is_the_scene_as_it_was() {
 
 #[test]
 fn initial_values_and_bounds_are_those_asked_for() {
-    let albedo = Fit {
-        initial: Some([0.5; 3]),
-        lower: Some([0.1; 3]),
-        upper: Some([0.4, 0.9, 2.0]),
-        ..of(Quantity::Albedo, &["wall", "gloss"], Per::Material)
-    };
+    let albedo = of(Quantity::Albedo, &["wall", "gloss"], Per::Material)
+        .initial(Some([0.5; 3]))
+        .lower(Some([0.1; 3]))
+        .upper(Some([0.4, 0.9, 2.0]));
     let parameters = Parameters::new(&scene(), &[albedo], 1.0).expect("parameters");
     let wall = parameters.scene(parameters.start());
     // Cut by the upper bound.
@@ -202,7 +200,7 @@ fn what_cannot_be_fitted() {
     };
     let twice = [fit(Quantity::Albedo), of(Quantity::Albedo, &["red"], Per::Triangle)];
     let both = [fit(Quantity::Albedo), fit(Quantity::Diffuse)];
-    let meshed = Fit { materials: Some(vec!["red".into()]), ..moving(MotionKind::Rigid, &["box"]) };
+    let meshed = moving(MotionKind::Rigid, &["box"]).materials(Some(vec!["red".into()]));
     for (fits, at, parts) in [
         (&twice[..], 1, vec!["albedo of triangle", "fitted twice"]),
         (&both[..], 1, vec!["product", "fit one"]),
@@ -211,24 +209,16 @@ fn what_cannot_be_fitted() {
         (&[of(Quantity::Albedo, &["chrome"], Per::Mesh)], 0, vec!["it has: wall, red, gloss, lamp"]),
         (&[meshed], 0, vec!["use `meshes`"]),
         (
-            &[Fit { meshes: Some(vec!["box".into()]), ..of(Quantity::Albedo, &["lamp"], Per::Mesh) }],
+            &[of(Quantity::Albedo, &["lamp"], Per::Mesh).meshes(Some(vec!["box".into()]))],
             0,
             vec!["no triangle"],
         ),
-        (&[Fit { lower: Some([-1.0; 3]), ..fit(Quantity::Albedo) }], 0, vec!["albedo: bounds -1"]),
-        (
-            &[Fit { lower: Some([0.9; 3]), upper: Some([0.1; 3]), ..fit(Quantity::Albedo) }],
-            0,
-            vec!["0.9 to 0.1"],
-        ),
-        (&[Fit { lower: Some([1.0; 3]), ..fit(Quantity::Albedo) }], 0, vec!["below 0.99"]),
-        (&[Fit { initial: Some([f64::NAN; 3]), ..fit(Quantity::Albedo) }], 0, vec!["initial albedo"]),
-        (
-            &[Fit { initial: Some([1.0; 3]), ..moving(MotionKind::Vertices, &["box"]) }],
-            0,
-            vec!["translation"],
-        ),
-        (&[Fit { max_scale: Some(0.5), ..moving(MotionKind::Scale, &["box"]) }], 0, vec!["max_scale is 0.5"]),
+        (&[fit(Quantity::Albedo).lower(Some([-1.0; 3]))], 0, vec!["albedo: bounds -1"]),
+        (&[fit(Quantity::Albedo).lower(Some([0.9; 3])).upper(Some([0.1; 3]))], 0, vec!["0.9 to 0.1"]),
+        (&[fit(Quantity::Albedo).lower(Some([1.0; 3]))], 0, vec!["below 0.99"]),
+        (&[fit(Quantity::Albedo).initial(Some([f64::NAN; 3]))], 0, vec!["initial albedo"]),
+        (&[moving(MotionKind::Vertices, &["box"]).initial(Some([1.0; 3]))], 0, vec!["translation"]),
+        (&[moving(MotionKind::Scale, &["box"]).max_scale(Some(0.5))], 0, vec!["max_scale is 0.5"]),
     ] {
         let (blamed, message) = refused(fits);
         assert_eq!(blamed, at, "{message}");

@@ -38,15 +38,16 @@ fn job(device: &Device, scene: &Scene, cameras: Vec<Camera>, settings: Settings)
 fn run(scene: &Scene, cameras: Vec<Camera>, settings: Settings, stop: StopRule) -> Outcome {
     let device = device();
     let (mut job, mut renderer) = job(&device, scene, cameras, settings);
-    let options = RunOptions { stop, ..RunOptions::default() };
+    let options = RunOptions::default().stop(stop);
     let outcome = job.run(&mut renderer, &options, &mut |_, _| ControlFlow::Continue(()));
     drop(renderer);
     finish(&device);
     outcome.expect("an outcome")
 }
 
-const EXACT: StopRule =
-    StopRule { iterations: 60, relative_decrease: 0.0, gradient: 0.0, loss: 0.0, seconds: f64::INFINITY };
+fn exact() -> StopRule {
+    StopRule::default().iterations(60).relative_decrease(0.0).gradient(0.0).loss(0.0).seconds(f64::INFINITY)
+}
 
 /// Coarser than shipped, in smaller pictures: these tests are about what is found, not about how light looks.
 fn coarse(name: &str) -> Scene {
@@ -73,15 +74,15 @@ fn near(outcome: &Outcome, quantity: &str, of: &str, truth: &[f64], bound: f64) 
 
 fn of(quantity: Quantity, materials: &[&str], initial: f64) -> Fit {
     let materials = Some(materials.iter().map(|m| (*m).to_owned()).collect());
-    Fit { materials, initial: Some([initial; 3]), ..Fit::new(quantity) }
+    Fit::new(quantity).materials(materials).initial(Some([initial; 3]))
 }
 
 #[test]
 fn albedo_and_lamp_from_grey() {
     let scene = coarse("scenes/fits/room.toml");
     let fits = vec![of(Quantity::Albedo, &["grey"], 0.4), of(Quantity::Emission, &["lamp"], 5.0)];
-    let settings = Settings { loss: LossKind::RelativeL2, epsilon: Some(1.0), ..Settings::new(fits) };
-    let outcome = run(&scene, cameras(&scene, &["one"]), settings, StopRule { loss: 1e-11, ..EXACT });
+    let settings = Settings::new(fits).loss(LossKind::RelativeL2).epsilon(Some(1.0));
+    let outcome = run(&scene, cameras(&scene, &["one"]), settings, exact().loss(1e-11));
     near(&outcome, "emission", "lamp", &[15.0, 12.0, 8.0], 1e-4);
     near(&outcome, "albedo", "grey", &[0.6, 0.55, 0.5], 1e-4);
 }
@@ -90,9 +91,8 @@ fn albedo_and_lamp_from_grey() {
 fn glossy_materials_from_two_views() {
     let scene = coarse("scenes/fits/glossy.toml");
     let fits = vec![of(Quantity::Specular, &["gloss"], 0.1), of(Quantity::Power, &["gloss"], 20.0)];
-    let settings = Settings { loss: LossKind::RelativeL2, ..Settings::new(fits) };
-    let outcome =
-        run(&scene, cameras(&scene, &["one", "other"]), settings, StopRule { loss: 1e-10, ..EXACT });
+    let settings = Settings::new(fits).loss(LossKind::RelativeL2);
+    let outcome = run(&scene, cameras(&scene, &["one", "other"]), settings, exact().loss(1e-10));
     near(&outcome, "specular", "gloss", &[0.2, 0.19, 0.17], 1e-3);
     near(&outcome, "power", "gloss", &[30.0], 1e-3);
 }
@@ -101,13 +101,11 @@ const WAY: [f64; 3] = [0.05, -0.04, 0.048];
 
 /// The box starts a tenth of its size off.
 fn displaced(supersample: u32) -> Settings {
-    let fit = Fit {
-        meshes: Some(vec![String::from("box")]),
-        motion: MotionKind::Translation,
-        initial: Some(WAY),
-        ..Fit::new(Quantity::Position)
-    };
-    Settings { supersample, ..Settings::new(vec![fit]) }
+    let fit = Fit::new(Quantity::Position)
+        .meshes(Some(vec![String::from("box")]))
+        .motion(MotionKind::Translation)
+        .initial(Some(WAY));
+    Settings::new(vec![fit]).supersample(supersample)
 }
 
 #[track_caller]
@@ -121,8 +119,7 @@ fn moved_back(outcome: &Outcome, share: f64) {
 #[test]
 fn a_box_is_found_from_two_views() {
     let scene = coarse("scenes/fits/box.toml");
-    let outcome =
-        run(&scene, cameras(&scene, &["one", "other"]), displaced(16), StopRule { loss: 1e-10, ..EXACT });
+    let outcome = run(&scene, cameras(&scene, &["one", "other"]), displaced(16), exact().loss(1e-10));
     moved_back(&outcome, 0.01);
 }
 
@@ -150,7 +147,7 @@ fn a_box_is_found_from_its_shadow_alone() {
         assert!(pixels.iter().all(|p| p[..3] == [0.0; 3]));
     }
     drop(rasterizer);
-    let outcome = run(&scene, views, displaced(16), StopRule { loss: 1e-11, ..EXACT });
+    let outcome = run(&scene, views, displaced(16), exact().loss(1e-11));
     moved_back(&outcome, 0.05);
 }
 
@@ -165,8 +162,7 @@ fn share_of_lamp(scene: &Scene) -> f64 {
 }
 
 fn emission_of_triangles() -> Settings {
-    let fit =
-        Fit { per: antirad::fit::Per::Triangle, initial: Some([0.0; 3]), ..Fit::new(Quantity::Emission) };
+    let fit = Fit::new(Quantity::Emission).per(antirad::fit::Per::Triangle).initial(Some([0.0; 3]));
     Settings::new(vec![fit])
 }
 
@@ -174,7 +170,7 @@ fn emission_of_triangles() -> Settings {
 fn a_lamp_in_view_is_found_among_all_triangles() {
     let scene = coarse("scenes/fits/room.toml");
     let views = cameras(&scene, &["one", "other"]);
-    let outcome = run(&scene, views, emission_of_triangles(), StopRule { iterations: 15, ..EXACT });
+    let outcome = run(&scene, views, emission_of_triangles(), exact().iterations(15));
     let share = share_of_lamp(&outcome.scene);
     assert!(share > 0.98, "{share}");
 }
@@ -185,8 +181,8 @@ fn a_lamp_in_view_is_found_among_all_triangles() {
 fn a_hidden_lamp_is_not_found_but_replaced() {
     let scene = coarse("scenes/fits/room.toml");
     let sparse = Regulariser::Sparsity { weight: 1e-3 };
-    let settings = Settings { regularisers: vec![sparse], ..emission_of_triangles() };
-    let outcome = run(&scene, cameras(&scene, &["low"]), settings, StopRule { iterations: 25, ..EXACT });
+    let settings = emission_of_triangles().regularisers(vec![sparse]);
+    let outcome = run(&scene, cameras(&scene, &["low"]), settings, exact().iterations(25));
     assert!(
         outcome.views[0] <= 1e-4 * outcome.history[0].loss,
         "{:?} of {:?}",
@@ -218,17 +214,14 @@ fn memory_does_not_grow_over_200_iterations() {
     let position = displaced(1).fits.remove(0);
     for (fits, iterations) in [(vec![albedo.clone()], 200), (vec![albedo, position], 25)] {
         let optimiser = OptimiserKind::Adam;
-        let settings =
-            Settings { supersample: 2, tolerance: Some(1e-2), optimiser, ..Settings::new(fits.clone()) };
+        let settings = Settings::new(fits.clone()).supersample(2).tolerance(Some(1e-2)).optimiser(optimiser);
         let (mut job, mut renderer) = job(&device, &scene, cameras(&scene, &["main"]), settings);
         let folder = tempfile::tempdir().expect("a folder");
         // What is allocated once is there after a few iterations.
         let warm = 10;
-        let options = RunOptions {
-            checkpoints: Some(folder.path().to_owned()),
-            stop: StopRule { iterations: warm + iterations, ..EXACT },
-            ..RunOptions::default()
-        };
+        let options = RunOptions::default()
+            .checkpoints(Some(folder.path().to_owned()))
+            .stop(exact().iterations(warm + iterations));
         let mut before = 0;
         let outcome = job.run(&mut renderer, &options, &mut |record, _| {
             if record.iteration == warm {

@@ -1,6 +1,7 @@
 //! Devices: found, chosen, shared, lent by an embedder, watched by validation.
 
-use antirad::gpu::{self, Device, DeviceOptions, Enabled, GpuError, RawDevice};
+use antirad::gpu::embed::RawDevice;
+use antirad::gpu::{self, Device, Enabled, GpuError};
 use ash::vk;
 
 use crate::{Axpy, axpy_pipeline, device, filled, finish, options};
@@ -20,7 +21,7 @@ fn device_tells_what_it_is() {
     assert!(same.missing.is_empty());
     // The position selects it, and so does a part of the name in another case.
     for selector in [info.index.to_string(), info.name[..4].to_uppercase()] {
-        let options = DeviceOptions { selector: Some(selector), ..options() };
+        let options = options().selector(Some(selector));
         finish(Device::new(&options).unwrap());
     }
     finish(device);
@@ -30,7 +31,7 @@ fn device_tells_what_it_is() {
 fn unknown_device_is_an_error_that_lists_what_is_there() {
     let name = device().info().name.clone();
     for selector in ["no such device", "4711"] {
-        let options = DeviceOptions { selector: Some(selector.into()), ..options() };
+        let options = options().selector(Some(selector.into()));
         let Err(error) = Device::new(&options) else { panic!("there is a device {selector}") };
         let error = error.to_string();
         assert!(error.contains(selector) && error.contains(&name), "{error}");

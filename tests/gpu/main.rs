@@ -24,7 +24,7 @@ struct Axpy {
 const AXPY_PUSH: u32 = size_of::<Axpy>() as u32;
 
 fn options() -> DeviceOptions {
-    DeviceOptions { validation: true, ..DeviceOptions::default() }
+    DeviceOptions::default().validation(true)
 }
 
 fn device() -> Device {

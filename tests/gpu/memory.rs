@@ -1,6 +1,6 @@
 //! Buffers, their budget, and transfers.
 
-use antirad::gpu::{self, ALIGN, Buffer, BufferKind, Device, DeviceOptions, GpuError, STAGING_CHUNK};
+use antirad::gpu::{self, ALIGN, Buffer, BufferKind, Device, GpuError, STAGING_CHUNK};
 
 use crate::{device, finish, options};
 
@@ -70,7 +70,7 @@ fn mapped_buffers_need_no_staging() {
 #[test]
 fn budget_refuses_by_name_and_freed_memory_is_uncounted() {
     let budget = gpu::staging_bytes() + (1 << 20);
-    let device = Device::new(&DeviceOptions { memory_budget: Some(budget), ..options() }).unwrap();
+    let device = Device::new(&options().memory_budget(Some(budget))).unwrap();
     let buffer = |label: &str, bytes| Buffer::new(&device, label, bytes, BufferKind::Storage).map(drop);
     let small = Buffer::new(&device, "small", 100, BufferKind::Storage).unwrap();
     assert_eq!((small.bytes(), device.memory().in_use), (ALIGN, ALIGN));
@@ -101,7 +101,7 @@ fn budget_refuses_by_name_and_freed_memory_is_uncounted() {
 
 #[test]
 fn buffers_beyond_the_binding_limit_are_refused() {
-    let device = Device::new(&DeviceOptions { memory_budget: Some(u64::MAX), ..options() }).unwrap();
+    let device = Device::new(&options().memory_budget(Some(u64::MAX))).unwrap();
     for bytes in [device.info().max_storage_buffer_range + 1, u64::MAX] {
         let error = Buffer::new(&device, "huge", bytes, BufferKind::Storage).err().unwrap();
         assert!(matches!(error, GpuError::BufferTooLarge { .. }));

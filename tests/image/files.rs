@@ -41,7 +41,7 @@ fn exr_keeps_every_bit() {
 #[test]
 fn png_is_srgb() {
     let shown = picture(2, &[[0.0, 0.5, 1.0], [0.002, -1.0, 2.0], [f32::NAN, f32::INFINITY, 0.25], [0.1; 3]]);
-    let stops = |stops, srgb| ToneMap { exposure: Exposure::Stops(stops), srgb };
+    let stops = |stops, srgb| ToneMap::default().exposure(Exposure::Stops(stops)).srgb(srgb);
     let bytes = png(&shown, &stops(0.0, true));
     assert_eq!(bytes, [0, 188, 255, 7, 0, 255, 0, 255, 137, 89, 89, 89]);
     let bytes = png(&shown, &stops(-1.0, false));
@@ -55,7 +55,7 @@ fn automatic_exposure_puts_the_brightest_hundredth_at_white() {
     pixels[199] = [1e6, 0.0, 0.0];
     pixels.extend([[0.0; 3]; 2000]);
     pixels.extend([[f32::NAN; 3]; 200]);
-    let tone = ToneMap { exposure: Exposure::Auto, srgb: false };
+    let tone = ToneMap::default().exposure(Exposure::Auto).srgb(false);
     let bytes = png(&picture(100, &pixels), &tone);
     // Pixel 197 of 0..200 is the 99th percentile.
     assert_eq!(bytes[3 * 197 + 1], (0.99f64 * 255.0).round() as u8);
@@ -97,7 +97,7 @@ fn the_same_picture_is_the_same_file() {
     let colours = Random::new(1).colours(&surface);
     let files = |name: &str| {
         let rasterizer = Rasterizer::new(&device).unwrap();
-        let options = PictureOptions { supersample: 4, smooth: true };
+        let options = PictureOptions::default().supersample(4).smooth(true);
         let picture = rasterizer.render(&surface, &above(200, 100), &colours, &options).unwrap();
         let [exr, png] = ["exr", "png"].map(|end| directory.path().join(name).with_extension(end));
         picture.write_exr(&exr).unwrap();

@@ -6,7 +6,7 @@ use antirad::scene::{Accuracy, Camera, Material, Scene, Triangle};
 use glam::DVec3;
 
 pub fn device() -> Device {
-    Device::new(&DeviceOptions { validation: true, ..DeviceOptions::default() }).unwrap()
+    Device::new(&DeviceOptions::default().validation(true)).unwrap()
 }
 
 /// Every test ends here.

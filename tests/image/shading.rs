@@ -45,7 +45,7 @@ fn near_faces_hide_far_ones_and_backs_are_black() {
     // A small square before a large one, in either order of the list.
     let (far, near) = (square(0.9, 0.0), square(0.2, 0.5));
     for smooth in [false, true] {
-        let options = PictureOptions { smooth, ..PictureOptions::default() };
+        let options = PictureOptions::default().smooth(smooth);
         let centre = |scene: &Scene, colours: &[[f32; 3]]| {
             let picture = rasterizer.render(scene, &above(32, 32), colours, &options).unwrap();
             (picture.pixels[15 * 32 + 15], picture.pixels[6 * 32 + 6])
@@ -69,7 +69,7 @@ fn every_face_of_a_large_scene_has_its_colour() {
     let surface = grid(300, 300, |x, y| DVec3::new(x / 150.0 - 1.0, y / 150.0 - 1.0, 0.0));
     let camera = above(60, 60);
     let colours = Random::new(4).colours(&surface);
-    let options = PictureOptions { supersample: 1, smooth: false };
+    let options = PictureOptions::default().supersample(1).smooth(false);
     let picture = rasterizer.render(&surface, &camera, &colours, &options).unwrap();
     let faces = rasterizer.visible_samples(&surface, &camera, 1).unwrap();
     assert!(faces.iter().any(|&face| face < 2000) && faces.iter().any(|&face| face > 178_000));
@@ -93,7 +93,7 @@ fn coverage_of_an_edge_is_its_area() {
     };
     let half_plane = grid(1, 1, |x, y| corner(9.0 * x, 18.0 * y - 9.0));
     for supersample in [2, 4, 16] {
-        let options = PictureOptions { supersample, smooth: false };
+        let options = PictureOptions::default().supersample(supersample).smooth(false);
         let picture = rasterizer.render(&half_plane, &above(32, 32), &[RED; 2], &options).unwrap();
         for (at, pixel) in picture.pixels.iter().enumerate() {
             let low = DVec2::new((at % 32) as f64 / 16.0 - 1.0, 1.0 - (at / 32) as f64 / 16.0 - 1.0 / 16.0);
@@ -123,7 +123,7 @@ fn smooth_colours_are_interpolated_in_perspective() {
     let camera = Camera { target: DVec3::new(0.2, -0.3, 0.0), ..above(48, 40) };
     let colours = Random::new(11).colours(&floor);
     let corners = corner_colours(&floor, &colours).unwrap();
-    let options = PictureOptions { supersample: 1, smooth: true };
+    let options = PictureOptions::default().supersample(1).smooth(true);
     let picture = rasterizer.render(&floor, &camera, &colours, &options).unwrap();
     let mut compared = 0;
     for (ray, pixel) in rays(&camera, 1).zip(&picture.pixels) {

@@ -1,7 +1,7 @@
 //! Which face is behind which sample.
 
-use antirad::image::{ImageError, PictureOptions, Rasterizer, View};
-use antirad::scene::{Camera, Scene};
+use antirad::image::{ImageError, PictureOptions, Rasterizer, View, corner_colours, geometry_gradient};
+use antirad::scene::{Camera, Scene, SceneError};
 use glam::DVec3;
 
 use crate::scenes::{Random, above, device, finish, flipped, grid, rays, scene, square, together, trace};
@@ -138,7 +138,7 @@ fn bands_do_not_show() {
     let camera = Camera { up: DVec3::new(0.2, 1.0, 0.0), ..above(1001, 333) };
     assert!(compare(&rasterizer, &scene, &camera, 4) < 0.01);
 
-    let options = PictureOptions { supersample: 4, smooth: true };
+    let options = PictureOptions::default().supersample(4).smooth(true);
     let colours = Random::new(3).colours(&scene);
     rasterizer.render(&scene, &camera, &colours, &options).unwrap();
     let planned = Rasterizer::bytes(scene.triangles.len(), &camera, &options).unwrap();
@@ -146,7 +146,7 @@ fn bands_do_not_show() {
     assert_eq!(device.memory().peak, planned);
     for supersample in [1, 2, 4, 8, 16] {
         let camera = Camera { width: 16384, height: 16384, ..camera.clone() };
-        let options = PictureOptions { supersample, smooth: true };
+        let options = PictureOptions::default().supersample(supersample).smooth(true);
         assert!(Rasterizer::bytes(10_000_000, &camera, &options).unwrap() < 64 << 20);
     }
     drop(rasterizer);
@@ -167,7 +167,40 @@ fn what_cannot_be_pictured_is_refused() {
     assert!(matches!(error, ImageError::Colours { given: 1, wanted: 2 }));
     let nowhere = Camera { target: DVec3::Z, ..above(8, 8) };
     let error = rasterizer.render(&scene, &nowhere, &[[1.0; 3]; 2], &options).unwrap_err();
-    assert!(matches!(error, ImageError::Camera(_)));
+    assert!(matches!(error, ImageError::Scene(SceneError::Camera { .. })));
+
+    // Cameras and scenes that come by code.
+    let sound = above(8, 8);
+    let cameras = [
+        Camera { position: DVec3::NAN, ..sound.clone() },
+        Camera { up: sound.target - sound.position, ..sound.clone() },
+        Camera { fov_x_degrees: f64::NAN, ..sound.clone() },
+        Camera { width: 0, ..sound.clone() },
+    ];
+    let pictures = |scene: &Scene, camera: &Camera| -> [Option<ImageError>; 4] {
+        let (colours, pixels) = ([[1.0_f32; 3]; 2], vec![[1.0; 4]; (camera.width * camera.height) as usize]);
+        [
+            rasterizer.render(scene, camera, &colours, &options).err(),
+            rasterizer.coverage(scene, camera, 1).err(),
+            rasterizer.visible_samples(scene, camera, 1).err(),
+            geometry_gradient(scene, camera, 1, &colours, &pixels).err(),
+        ]
+    };
+    for camera in &cameras {
+        for refused in pictures(&scene, camera) {
+            let named = matches!(refused, Some(ImageError::Scene(SceneError::Camera { .. })));
+            assert!(named, "{camera:?}: {refused:?}");
+        }
+    }
+    let [mut indices, mut places] = [scene.clone(), scene.clone()];
+    indices.triangles[1].vertices[2] = 99;
+    places.vertices[0].x = f64::NAN;
+    for scene in [&indices, &places] {
+        let corners = corner_colours(scene, &[[1.0; 3]; 2]).err();
+        for refused in pictures(scene, &sound).into_iter().chain([corners]) {
+            assert!(matches!(refused, Some(ImageError::Scene(_))), "{refused:?}");
+        }
+    }
     drop(rasterizer);
     finish(device);
 }

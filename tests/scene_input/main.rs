@@ -28,7 +28,7 @@ impl Folder {
     }
 
     fn load(&self, name: &str, strict: bool) -> Result<Scene, SceneError> {
-        Scene::load(&self.0.path().join(name), &LoadOptions { strict })
+        Scene::load(&self.0.path().join(name), &LoadOptions::default().strict(strict))
     }
 }
 

@@ -89,15 +89,14 @@ fn awkward_scenes() {
         scene.set_camera(camera).expect("a camera");
     }
     scene.choice = Choice::STATED;
-    scene.accuracy = Accuracy {
-        bins: BinLayout::Concentric { n: 8 },
-        weights: Weights::Smoothstep,
-        subsample: third,
-        tolerance: 1e-7,
-        max_passes: 77,
-        solver: SolverChoice::FixedPoint,
-        precision: Precision::F64,
-    };
+    scene.accuracy = Accuracy::default()
+        .bins(BinLayout::Concentric { n: 8 })
+        .weights(Weights::Smoothstep)
+        .subsample(third)
+        .tolerance(1e-7)
+        .max_passes(77)
+        .solver(SolverChoice::FixedPoint)
+        .precision(Precision::F64);
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("s.toml");
     scene.save(&path).expect("written");
@@ -113,7 +112,7 @@ fn awkward_scenes() {
     scene.choice = Choice::Within(0.05);
     scene.save(&path).expect("written");
     let Accuracy { bins, subsample, tolerance, .. } = Accuracy::default();
-    scene.accuracy = Accuracy { bins, subsample, tolerance, ..scene.accuracy };
+    scene.accuracy = scene.accuracy.bins(bins).subsample(subsample).tolerance(tolerance);
     same(&scene, &load(&path));
 }
 

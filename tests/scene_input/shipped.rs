@@ -31,8 +31,8 @@ fn shipped_scenes_load() {
     for entry in folder("").chain(folder("weaknesses")) {
         let path = entry.path();
         if path.extension().is_some_and(|e| e == "toml") {
-            let scene =
-                Scene::load(&path, &LoadOptions { strict: true }).unwrap_or_else(|error| panic!("{error}"));
+            let scene = Scene::load(&path, &LoadOptions::default().strict(true))
+                .unwrap_or_else(|error| panic!("{error}"));
             assert_eq!(scene.warnings, [""; 0], "{}", scene.name);
             assert!(scene.camera("main").is_some(), "{}", scene.name);
             seen += 1;
@@ -50,7 +50,7 @@ fn shipped_jobs_name_scenes_that_load() {
         let table: toml::Table = text.parse().expect("TOML");
         let Some(scene) = table.get("scene").and_then(toml::Value::as_str) else { continue };
         let scene =
-            Scene::load(&shipped("fits").join(scene), &LoadOptions { strict: true }).expect("a scene");
+            Scene::load(&shipped("fits").join(scene), &LoadOptions::default().strict(true)).expect("a scene");
         for target in table["target"].as_array().expect("targets") {
             let camera = target["camera"].as_str().expect("a name");
             assert!(scene.camera(camera).is_some(), "{camera} of {:?}", entry.path());

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 /// The device under test. Every message of the validation layers fails the test that calls [`finish`].
 pub fn device() -> Device {
-    Device::new(&DeviceOptions { validation: true, ..DeviceOptions::default() }).expect("a Vulkan device")
+    Device::new(&DeviceOptions::default().validation(true)).expect("a Vulkan device")
 }
 
 pub fn finish(device: &Device) {

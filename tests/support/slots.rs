@@ -16,13 +16,13 @@ pub fn relative(values: &[f64], truth: &[f64]) -> f64 {
 /// RGB values per slot, of the triangles that take part.
 pub fn by_slot(plan: &Plan, values: impl Fn(usize) -> DVec3) -> Vec<[f64; 4]> {
     let value = |&i: &u32| if i == PADDING { DVec3::ZERO } else { values(i as usize) };
-    plan.layout.order.iter().map(|i| value(i).extend(0.0).to_array()).collect()
+    plan.layout().order.iter().map(|i| value(i).extend(0.0).to_array()).collect()
 }
 
 /// Flattens what the device holds per slot, in the order of the scene.
 pub fn rgb_of(plan: &Plan, slots: &[[f64; 4]]) -> Vec<f64> {
-    let mut all = vec![0.0; plan.facets.len() * 3];
-    for (&i, value) in plan.layout.order.iter().zip(slots).filter(|(i, _)| **i != PADDING) {
+    let mut all = vec![0.0; plan.facets().len() * 3];
+    for (&i, value) in plan.layout().order.iter().zip(slots).filter(|(i, _)| **i != PADDING) {
         for c in 0..3 {
             all[i as usize * 3 + c] = value[c];
         }
@@ -32,17 +32,17 @@ pub fn rgb_of(plan: &Plan, slots: &[[f64; 4]]) -> Vec<f64> {
 
 /// Pages of bins as the device holds them, from bins of the reference.
 pub fn to_pages(model: &Model, plan: &Plan, bins: &[DVec3]) -> Vec<Option<Vec<f64>>> {
-    let channels = plan.channels as usize;
+    let channels = plan.channels() as usize;
     let width = model.bins.count() * channels;
-    plan.layout
+    plan.layout()
         .groups
         .iter()
         .map(|group| {
             group.class.has_bins().then(|| {
-                let slots = plan.layout.slots_of(&group.tiles);
+                let slots = plan.layout().slots_of(&group.tiles);
                 let mut page = vec![0.0; slots.len() * width];
                 for (row, slot) in page.chunks_mut(width).zip(slots) {
-                    let i = plan.layout.order[slot as usize];
+                    let i = plan.layout().order[slot as usize];
                     if i == PADDING {
                         continue;
                     }
@@ -61,13 +61,13 @@ pub fn to_pages(model: &Model, plan: &Plan, bins: &[DVec3]) -> Vec<Option<Vec<f6
 
 /// Flattens pages of the device, in the order of the reference; groups that have none count as zero.
 pub fn from_pages(model: &Model, plan: &Plan, pages: &[Option<Vec<f64>>], total: usize) -> Vec<f64> {
-    let channels = plan.channels as usize;
+    let channels = plan.channels() as usize;
     let width = model.bins.count() * channels;
     let mut all = vec![0.0; total * 3];
-    for (group, page) in plan.layout.groups.iter().zip(pages) {
+    for (group, page) in plan.layout().groups.iter().zip(pages) {
         let Some(page) = page else { continue };
-        for (row, slot) in page.chunks(width).zip(plan.layout.slots_of(&group.tiles)) {
-            let i = plan.layout.order[slot as usize];
+        for (row, slot) in page.chunks(width).zip(plan.layout().slots_of(&group.tiles)) {
+            let i = plan.layout().order[slot as usize];
             let Some(range) = (i != PADDING).then(|| model.bins_of(i as usize)).flatten() else { continue };
             for (b, value) in range.zip(row.chunks(channels)) {
                 for c in 0..3 {

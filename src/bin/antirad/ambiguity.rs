@@ -3,7 +3,9 @@
 use crate::Failure;
 use crate::cameras;
 use crate::settings::SceneSettings;
-use antirad::ambiguity::{AmbiguityError, DirectLight, FirstBounce, Given, Interval, Polytope, Views};
+use antirad::ambiguity::{
+    AmbiguityError, DirectLight, FirstBounce, Given, Interval, LightMatrix, Polytope, Views,
+};
 use antirad::cli::Interrupt;
 use antirad::fit::Watch;
 use antirad::gpu::{Bytes, Device, DeviceOptions};
@@ -202,7 +204,7 @@ fn polytopes(
     scene: &Scene,
     views: &Views,
     unseen: &[usize],
-    direct: &nalgebra::DMatrix<f64>,
+    direct: &LightMatrix,
 ) -> Result<Vec<Polytope>, Failure> {
     let areas = areas(scene);
     let of = |channel: usize| {
@@ -301,7 +303,7 @@ fn write_determination(
     let mut shoot = |scene: &Scene, camera: &Camera, colours: &[[f64; 3]]| -> Result<(), Failure> {
         let path = directory.join(format!("{}.png", camera.name));
         let picture = rasterizer.coverage(scene, camera, SUPERSAMPLE)?.picture(colours)?;
-        picture.write_png(&path, &ToneMap { exposure: Exposure::Stops(0.0), srgb: false })?;
+        picture.write_png(&path, &ToneMap::default().exposure(Exposure::Stops(0.0)).srgb(false))?;
         files.push(path);
         Ok(())
     };

@@ -18,8 +18,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
     let scene = arguments.settings.load_settled(interrupt)?;
     let usual = Limits::default();
-    let limits =
-        Limits { memory_budget: arguments.settings.memory_budget.unwrap_or(usual.memory_budget), ..usual };
+    let limits = usual.memory_budget(arguments.settings.memory_budget.unwrap_or(usual.memory_budget));
     let report = Plan::new(&scene, &limits, &scene.accuracy)?.report();
     if arguments.json {
         println!("{}", serde_json::to_string_pretty(&report)?);

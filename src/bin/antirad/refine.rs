@@ -36,7 +36,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<(), Failure> {
     let mut scene = arguments.settings.load_settled(interrupt)?;
     let triangles = scene.triangles.len();
-    let options = RefineOptions { max_triangles: arguments.max_triangles, levels: arguments.levels };
+    let options = RefineOptions::default().max_triangles(arguments.max_triangles).levels(arguments.levels);
     let refined = interrupt.while_computing(|| refine(&mut scene, &Limits::default(), &options))?;
     prepare_directory(&arguments.output)?;
     let path = arguments.output.join(format!("{}.toml", scene.name));

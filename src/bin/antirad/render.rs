@@ -85,7 +85,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     prepare_directory(&directory)?;
     stages.end("load");
 
-    let options = PictureOptions { supersample: arguments.supersample, smooth: arguments.smooth };
+    let options = PictureOptions::default().supersample(arguments.supersample).smooth(arguments.smooth);
     let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.settings.memory_budget))?;
     let mut pictures = 0;
     for camera in &cameras {
@@ -99,12 +99,12 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
                 let of = |camera: &&Camera| Rasterizer::bytes(scene.triangles.len(), camera, &options);
                 cameras.iter().map(of).map(|bytes| bytes.unwrap_or(u64::MAX)).max().unwrap_or(0)
             };
-            let options = LadderOptions { error, max_triangles: arguments.max_triangles };
+            let options = LadderOptions::new(error).max_triangles(arguments.max_triangles);
             let climb = || solve_within(&device, &scene, &options, &reserve, &mut solve);
             Answer::climbed(interrupt.while_computing(climb).map_err(failure)?)
         }
         Choice::Open { .. } => {
-            let limits = Limits { pictures, ..Limits::of(&device) };
+            let limits = Limits::of(&device).pictures(pictures);
             let plan = Plan::new(&scene, &limits, &scene.accuracy)?;
             tracing::info!("{}", plan.report());
             stages.end("plan");
@@ -128,7 +128,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         return Err(Failure::Interrupted);
     }
 
-    let tone = ToneMap { exposure: arguments.exposure, srgb: !arguments.linear_png };
+    let tone = ToneMap::default().exposure(arguments.exposure).srgb(!arguments.linear_png);
     let mut files = Vec::new();
     for (camera, picture) in &pictures {
         picture.write_exr(directory.join(format!("{}.exr", camera.name)))?;

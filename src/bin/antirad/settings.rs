@@ -3,7 +3,7 @@
 use crate::Failure;
 use antirad::cli::{Interrupt, parse_size};
 use antirad::ladder::usual_accuracy;
-use antirad::scene::{Accuracy, BinLayout, Choice, LoadOptions, Precision, Scene, SolverChoice};
+use antirad::scene::{BinLayout, Choice, LoadOptions, Precision, Scene, SolverChoice};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -42,16 +42,14 @@ impl SceneSettings {
     /// The scene, with the accuracy of its file where the command line has none. An error that is asked for stays an open
     /// choice; bins and near field that nobody states are chosen.
     pub fn load(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
-        let mut scene = Scene::load(&self.scene, &LoadOptions { strict: self.strict })?;
+        let mut scene = Scene::load(&self.scene, &LoadOptions::default().strict(self.strict))?;
         let file = scene.accuracy;
-        scene.accuracy = Accuracy {
-            bins: self.bins.unwrap_or(file.bins),
-            tolerance: self.tolerance.unwrap_or(file.tolerance),
-            max_passes: self.max_passes.unwrap_or(file.max_passes),
-            solver: self.solver.unwrap_or(file.solver),
-            precision: self.precision.unwrap_or(file.precision),
-            ..file
-        };
+        scene.accuracy = file
+            .bins(self.bins.unwrap_or(file.bins))
+            .tolerance(self.tolerance.unwrap_or(file.tolerance))
+            .max_passes(self.max_passes.unwrap_or(file.max_passes))
+            .solver(self.solver.unwrap_or(file.solver))
+            .precision(self.precision.unwrap_or(file.precision));
         let stated = self.bins.is_some();
         scene.choice = match (self.accuracy, scene.choice) {
             (Some(error), _) => Choice::Within(error),

@@ -170,7 +170,7 @@ fn black(scene: &Scene) -> Scene {
 }
 
 fn without_blockers(device: &Device, scene: &Scene) -> Result<Vec<DVec3>, Box<dyn Error>> {
-    let limits = Limits { occlusion: Occlusion::Nothing, ..Limits::of(device) };
+    let limits = Limits::of(device).occlusion(Occlusion::Nothing);
     let plan = Plan::new(scene, &limits, &scene.accuracy)?;
     let solution = Engine::new(device, scene, plan)?.solve(&SolveParams::from(&scene.accuracy))?;
     Ok(solution.irradiance.into_iter().map(DVec3::from).collect())

@@ -33,7 +33,7 @@ pub fn measure(
     // Kernels are compiled by the first dispatches: a first pass is not measured.
     let stop = interrupt.clone();
     engine.set_watcher(Some(Box::new(move |_, _| stop.flow())));
-    let warm_up = SolveParams { tolerance: 0.9, max_passes: 3 };
+    let warm_up = SolveParams::default().tolerance(0.9).max_passes(3);
     match engine.solve(&warm_up) {
         Err(error) if !error.is_without_answer() => return Err(interrupted_or(error, interrupt)),
         _ => (),

@@ -8,7 +8,7 @@ use antirad::gpu::Device;
 use antirad::image::{Coverage, ImageError, Rasterizer};
 use antirad::ladder::usual_accuracy;
 use antirad::plan::{Limits, Plan};
-use antirad::scene::{Accuracy, Camera, LoadOptions, Scene};
+use antirad::scene::{Camera, LoadOptions, Scene};
 use antirad::warnings::{RefineOptions, refine};
 use antirad::{Engine, SolveParams};
 use glam::DVec3;
@@ -97,7 +97,7 @@ fn variations(
         more.push((format!("refined to {} triangles", finer.triangles.len()), finer));
     }
     if let Some(bins) = arguments.bins {
-        let accuracy = Accuracy { bins, ..scene.accuracy };
+        let accuracy = scene.accuracy.bins(bins);
         more.push((format!("{bins} bins"), Scene { accuracy, ..scene.clone() }));
     }
     let usual = match arguments.bins {

@@ -41,7 +41,7 @@ pub fn asked(case: &Case, quick: bool) -> Vec<LadderOptions> {
         _ => &[0.1, 0.05],
     };
     let options = |&error| match quick {
-        true => LadderOptions { error, max_triangles: 6000 },
+        true => LadderOptions::new(error).max_triangles(6000),
         false => LadderOptions::new(error),
     };
     errors.iter().map(options).collect()
@@ -55,7 +55,7 @@ const TIGHT: f64 = 1e-5;
 /// The defaults, and what differs from them in one thing; triangles and bins together. `quick` leaves out finer meshes of
 /// scenes that are large already, and what is known to matter little.
 pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
-    let usual = Accuracy { tolerance: TIGHT, ..Accuracy::default() };
+    let usual = Accuracy::default().tolerance(TIGHT);
     let mut settings: Vec<Setting> = Vec::new();
     let mut add = |varies: &'static str, level: u32, accuracy: Accuracy| {
         let setting = Setting { accuracy, level, varies };
@@ -88,26 +88,26 @@ pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
     };
     for level in 0..=finest {
         for &bins in layouts {
-            add("bins", level, Accuracy { bins, ..usual });
+            add("bins", level, usual.bins(bins));
         }
     }
-    add("weights", 0, Accuracy { weights: Weights::Smoothstep, ..usual });
+    add("weights", 0, usual.weights(Weights::Smoothstep));
     let near: &[f64] = if quick { &[0.0, 10.0, 60.0] } else { &[0.0, 3.0, 10.0, 60.0, 120.0] };
     for &subsample in near {
-        add("near field", 0, Accuracy { subsample, ..usual });
+        add("near field", 0, usual.subsample(subsample));
         if !quick || subsample <= 10.0 {
-            add("near field", 0, Accuracy { subsample, bins: square(8), ..usual });
+            add("near field", 0, usual.subsample(subsample).bins(square(8)));
         }
     }
-    add("precision", 0, Accuracy { precision: Precision::Packed, ..usual });
+    add("precision", 0, usual.precision(Precision::Packed));
     if !quick {
-        add("precision", 0, Accuracy { precision: Precision::F64, ..usual });
+        add("precision", 0, usual.precision(Precision::F64));
     }
     let tolerances: &[f64] = if quick { &[1e-2, 1e-3] } else { &[1e-1, 1e-2, 1e-3, 1e-4, 1e-6] };
     for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
-        add("solver", 0, Accuracy { solver, ..usual });
+        add("solver", 0, usual.solver(solver));
         for &tolerance in tolerances {
-            add("tolerance", 0, Accuracy { solver, tolerance, ..usual });
+            add("tolerance", 0, usual.solver(solver).tolerance(tolerance));
         }
     }
     settings

@@ -18,21 +18,14 @@ pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<
     let device = device(arguments)?;
     let mut scene = Scene::load(path, &LoadOptions::default())?;
     scene.accuracy.bins = arguments.bins;
-    let wanted = Wanted {
-        emission: true,
-        diffuse: true,
-        albedo: true,
-        specular: true,
-        power: true,
-        positions: true,
-        ..Wanted::NOTHING
-    };
+    let wanted =
+        Wanted::NOTHING.emission(true).diffuse(true).albedo(true).specular(true).power(true).positions(true);
     let plan =
-        |gradients: Wanted| Plan::new(&scene, &Limits { gradients, ..Limits::of(&device) }, &scene.accuracy);
+        |gradients: Wanted| Plan::new(&scene, &Limits::of(&device).gradients(gradients), &scene.accuracy);
     let without = plan(Wanted::NOTHING)?.memory().total();
     let with = plan(wanted)?;
     let (triangles, bytes) = (with.triangles() as f64, with.memory().total());
-    let staging = with.limits.staging;
+    let staging = with.limits().staging;
     let mut engine = Engine::new(&device, &scene, with)?;
     let params = SolveParams::from(&scene.accuracy);
     let loss = Loss::new(scene.triangles.len());

@@ -36,11 +36,10 @@ impl Loss {
     }
 
     pub fn cotangent(&self, eyes: [DVec3; 2]) -> Cotangent {
-        Cotangent {
-            irradiance: Some(self.irradiance.clone()),
-            radiosity: Some(self.radiosity.clone()),
-            colours: eyes.into_iter().zip(self.colours.clone()).collect(),
-        }
+        Cotangent::default()
+            .irradiance(Some(self.irradiance.clone()))
+            .radiosity(Some(self.radiosity.clone()))
+            .colours(eyes.into_iter().zip(self.colours.clone()).collect())
     }
 
     /// The loss of a difference of values, per channel: the sum of small differences, not the difference of large sums.
@@ -65,12 +64,12 @@ impl Values {
 pub fn engine(device: &antirad::gpu::Device, scene: &Scene, wanted: Wanted) -> Result<Engine, EngineError> {
     let mut accuracy = scene.accuracy;
     (accuracy.precision, accuracy.tolerance, accuracy.max_passes) = (Precision::F64, TOLERANCE, MAX_PASSES);
-    let plan = Plan::new(scene, &Limits { gradients: wanted, ..Limits::of(device) }, &accuracy)?;
+    let plan = Plan::new(scene, &Limits::of(device).gradients(wanted), &accuracy)?;
     Engine::new(device, scene, plan)
 }
 
 pub fn params() -> SolveParams {
-    SolveParams { tolerance: TOLERANCE, max_passes: MAX_PASSES }
+    SolveParams::default().tolerance(TOLERANCE).max_passes(MAX_PASSES)
 }
 
 /// The gradients of the loss with respect to everything.
@@ -81,6 +80,6 @@ pub fn gradients(
     eyes: [DVec3; 2],
     progress: &mut antirad::solve::Progress,
 ) -> Result<Gradients, EngineError> {
-    let wanted = engine.plan().limits.gradients;
+    let wanted = engine.plan().limits().gradients;
     engine.backward_with(solution, &loss.cotangent(eyes), wanted, &params(), progress)
 }

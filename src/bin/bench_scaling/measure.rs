@@ -72,11 +72,11 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
     let size = arguments.triangles[0];
     let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.memory_budget))?;
     let scene = statue(size)?;
-    let accuracy = Accuracy { bins: arguments.bins, solver: SolverChoice::FixedPoint, ..Accuracy::default() };
-    let limits = Limits { occlusion: Occlusion::Everything, ..Limits::of(&device) };
+    let accuracy = Accuracy::default().bins(arguments.bins).solver(SolverChoice::FixedPoint);
+    let limits = Limits::of(&device).occlusion(Occlusion::Everything);
     let plan = Plan::new(&scene, &limits, &accuracy)?;
     let report = plan.report();
-    let staging = plan.staging;
+    let staging = plan.staging();
 
     let resident_before = resident("VmRSS:");
     let own = device.scope(staging);

@@ -1,16 +1,20 @@
 //! Adam, projected onto bounds: for losses with kinks, and where values are noisy.
 
 use super::{Bounds, Objective, Point, Step, StepError, largest_difference};
+use crate::options::setters;
 use serde::{Deserialize, Serialize};
 
 /// How Adam goes about.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct AdamOptions {
     /// Largest change of an unknown in a step, in units of its scale.
     pub learning_rate: f64,
     /// Share of the old mean of the gradient that stays in a step, and of that of its square.
     pub decay: [f64; 2],
 }
+
+setters!(AdamOptions { learning_rate: f64, decay: [f64; 2] });
 
 impl Default for AdamOptions {
     fn default() -> Self {

@@ -26,6 +26,7 @@ pub type Curvature<'a, E> = dyn FnMut(&[f64]) -> Result<Vec<f64>, E> + 'a;
 
 /// A step could not be made. The state is what it was before.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum StepError<E> {
     #[error(
         "the objective is not finite at the starting point (value {value}); start from other values, or narrow the \

@@ -4,10 +4,12 @@ use super::cauchy::model_minimum;
 use super::compact::Memory;
 use super::line_search::{Found, Line};
 use super::{Bounds, Objective, Point, Step, StepError, dot, largest_difference};
+use crate::options::setters;
 use serde::{Deserialize, Serialize};
 
 /// How the quasi-Newton method goes about.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct QuasiNewtonOptions {
     /// Steps whose change of gradient is remembered.
     pub memory: usize,
@@ -16,6 +18,8 @@ pub struct QuasiNewtonOptions {
     /// Rounding of the objective, relative to its value.
     pub noise: f64,
 }
+
+setters!(QuasiNewtonOptions { memory: usize, first_step: f64, noise: f64 });
 
 impl Default for QuasiNewtonOptions {
     fn default() -> Self {

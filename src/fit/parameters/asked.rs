@@ -1,6 +1,7 @@
 //! What to fit, as it is asked for.
 
 use super::super::gradient::Quantity;
+use crate::options::setters;
 use serde::Serialize;
 
 /// What shares one value.
@@ -43,6 +44,7 @@ impl MotionKind {
 
 /// One thing to fit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Fit {
     pub quantity: Quantity,
     /// Names of materials and meshes: what has both is fitted. `None`: all.
@@ -62,6 +64,20 @@ pub struct Fit {
     /// Largest factor of size, and largest to divide it by.
     pub max_scale: Option<f64>,
 }
+
+setters!(Fit {
+    quantity: Quantity,
+    materials: Option<Vec<String>>,
+    meshes: Option<Vec<String>>,
+    per: Per,
+    motion: MotionKind,
+    together: bool,
+    lower: Option<[f64; 3]>,
+    upper: Option<[f64; 3]>,
+    initial: Option<[f64; 3]>,
+    max_rotation_degrees: Option<f64>,
+    max_scale: Option<f64>,
+});
 
 impl Fit {
     /// A quantity of the whole scene, per material; positions as rigid motions of each mesh.

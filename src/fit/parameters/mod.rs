@@ -302,7 +302,7 @@ impl Parameters {
                 match quantity {
                     Quantity::Specular => {
                         material.specular = material.specular.map(|s| s.max(1e-6));
-                        material.specular[1] *= 1.5;
+                        material.specular[1] *= 0.9;
                     }
                     Quantity::Albedo => material.albedo[1] = 0.9 * material.albedo[1] + 1e-6,
                     Quantity::Emission => material.emission[1] = 0.9 * material.emission[1] + 1e-6,

@@ -159,12 +159,11 @@ fn run_job(
     }
     log.begin(&file, &device, &estimate);
 
-    let options = RunOptions {
-        checkpoints: Some(directory.clone()),
-        checkpoint_every: file.checkpoint_every,
-        resume: arguments.resume,
-        stop: file.stop,
-    };
+    let options = RunOptions::default()
+        .checkpoints(Some(directory.clone()))
+        .checkpoint_every(file.checkpoint_every)
+        .resume(arguments.resume)
+        .stop(file.stop);
     let progress = log.job(&found.name, file.stop.iterations);
     let result = file.job.run(&mut renderer, &options, &mut |record, _| {
         progress.iteration(record);
