@@ -17,10 +17,8 @@ pub use size::parse_size;
 
 /// Exit code of bad input and of work that could not be done.
 pub const EXIT_FAILURE: u8 = 2;
-/// Exit code after Ctrl-C, as shells expect it.
+/// Exit code after Ctrl-C, as shells expect it: 128 and the number of the signal.
 pub const EXIT_INTERRUPTED: u8 = 130;
-/// Exit code after SIGTERM.
-pub const EXIT_TERMINATED: u8 = 143;
 /// Exit code of a batch of which a part could not be done.
 pub const EXIT_PARTLY: u8 = 1;
 
