@@ -54,6 +54,8 @@ pub mod shaders;
 pub mod solve;
 pub mod transport;
 pub mod warnings;
+mod watch;
 
 pub use engine::{Energy, Engine, EngineError, Negative, Solution, SolveParams};
 pub use gradients::{Cotangent, Gradients, MaterialGradients};
+pub use watch::Watch;

@@ -1,17 +1,18 @@
 //! What the command-line tools share: sizes, interruption, progress, logging, plots, sheets of pictures.
 
+mod comparison;
+mod draw_fit;
 mod interrupt;
 mod plot;
 mod progress;
 mod sheet;
 mod size;
 
+pub use draw_fit::draw_fit;
 pub use interrupt::Interrupt;
 use plot::register_font;
 pub use plot::{Curve, Drawn, LogPlot, slope};
 pub use progress::SolveBar;
-#[cfg(test)]
-pub(crate) use sheet::{CAPTION, GAP};
 pub use sheet::{Panel, Sheet, heat, percentile, signed_heat, white_point};
 pub use size::parse_size;
 

@@ -9,8 +9,8 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::path::Path;
 
 /// Height of the line of text above each panel, and space between panels, pixels.
-pub(crate) const CAPTION: u32 = 22;
-pub(crate) const GAP: u32 = 6;
+pub(super) const CAPTION: u32 = 22;
+pub(super) const GAP: u32 = 6;
 /// Pictures that are smaller are shown larger, so that captions fit.
 const LEAST_WIDTH: u32 = 256;
 /// Of the bar that explains false colours, pixels: its height, that with its numbers, its margins at the sides.

@@ -2,9 +2,10 @@
 
 use crate::double::Double;
 use crate::{says, scene};
+use antirad::cli::draw_fit;
 use antirad::fit::{
-    Fit, FitError, Job, LossKind, MotionKind, OptimiserKind, Outcome, Per, PictureLoss, Quantity, Recovered,
-    Regulariser, Renderer, RunOptions, Settings, Stop, StopRule, Target, results,
+    Fit, FitError, Job, LossKind, MotionKind, OnCheckpoint, OptimiserKind, Outcome, Per, PictureLoss,
+    Quantity, Recovered, Regulariser, Renderer, RunOptions, Settings, Stop, StopRule, Target, results,
 };
 use antirad::scene::{LoadOptions, Scene};
 use glam::DVec3;
@@ -180,7 +181,7 @@ fn interruptions_leave_no_trace() {
             let options = RunOptions {
                 checkpoints: Some(folder.path().to_owned()),
                 checkpoint_every: 4,
-                resume: true,
+                on_checkpoint: OnCheckpoint::Resume,
                 stop,
             };
             let mut renderer = Double { interrupt_at: Some(at), ..Double::new(2) };
@@ -194,7 +195,7 @@ fn interruptions_leave_no_trace() {
         let folder = tempfile::tempdir().expect("a folder");
         let options = RunOptions {
             checkpoints: Some(folder.path().to_owned()),
-            resume: true,
+            on_checkpoint: OnCheckpoint::Resume,
             stop,
             ..RunOptions::default()
         };
@@ -231,7 +232,7 @@ fn a_checkpoint_of_another_job_is_refused() {
     let stop = StopRule { iterations: 2, ..EXACT };
     let options = RunOptions {
         checkpoints: Some(folder.path().to_owned()),
-        resume: true,
+        on_checkpoint: OnCheckpoint::Resume,
         stop,
         ..RunOptions::default()
     };
@@ -255,7 +256,10 @@ fn a_checkpoint_of_another_job_is_refused() {
     let longer = RunOptions { stop: StopRule { iterations: 5, ..EXACT }, ..options.clone() };
     let outcome = run_with(&mut job(from_grey()), &mut Double::new(2), &longer).expect("an outcome");
     assert_eq!((outcome.resumed_from, outcome.history.len()), (Some(2), 6));
-    let anew = RunOptions { resume: false, ..options };
+    let unsaid = RunOptions { on_checkpoint: OnCheckpoint::default(), ..options.clone() };
+    let error = run_with(&mut job(from_grey()), &mut Double::new(2), &unsaid).expect_err("progress is there");
+    says(&error.to_string(), &["checkpoint", "--resume", "--restart"]);
+    let anew = RunOptions { on_checkpoint: OnCheckpoint::Discard, ..options };
     let outcome = run_with(&mut job(from_grey()), &mut Double::new(2), &anew).expect("an outcome");
     assert_eq!((outcome.resumed_from, outcome.history.len()), (None, 3));
 }
@@ -359,6 +363,7 @@ fn results_are_files_that_are_the_same_every_time() {
         let mut job = job(from_grey());
         let options = RunOptions { stop: StopRule { iterations: 6, ..EXACT }, ..RunOptions::default() };
         let outcome = run_with(&mut job, &mut Double::new(2), &options).expect("an outcome");
+        draw_fit(folder.path(), &job, &outcome).expect("drawn");
         results::write(folder.path(), &job, &outcome, &Default::default()).expect("written");
         (folder, outcome)
     };

@@ -1,7 +1,7 @@
 //! Target, fitted picture and error side by side.
 
-use super::target::Target;
-use crate::cli::{Panel, Sheet, heat, white_point};
+use super::sheet::{Panel, Sheet, heat, white_point};
+use crate::fit::Target;
 use crate::image::ImageError;
 use glam::DVec3;
 use std::path::Path;
@@ -36,7 +36,7 @@ pub(super) fn write(path: &Path, target: &Target, fitted: &[DVec3]) -> Result<()
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::{CAPTION, GAP};
+    use crate::cli::sheet::{CAPTION, GAP};
     use crate::scene::Camera;
 
     #[test]
