@@ -7,6 +7,7 @@ mod plot;
 mod progress;
 mod sheet;
 mod size;
+mod values;
 
 pub use draw_fit::draw_fit;
 pub use interrupt::Interrupt;
