@@ -6,7 +6,12 @@ use std::path::Path;
 
 /// Opens an ordinary file.
 pub(crate) fn open(path: &Path) -> io::Result<File> {
-    let kind = std::fs::metadata(path)?;
+    let kind = std::fs::metadata(path).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound if path.is_symlink() => {
+            io::Error::new(io::ErrorKind::NotFound, "it is a link to a file that is not there")
+        }
+        _ => error,
+    })?;
     // Reading a folder fails with the system's own words.
     if kind.is_file() || kind.is_dir() {
         return File::open(path);

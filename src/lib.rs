@@ -60,12 +60,14 @@ pub mod shaders;
 pub mod solve;
 pub mod transport;
 pub mod warnings;
+mod watch;
 
 pub use engine::{Energy, Engine, EngineError, Negative, Solution, SolveParams};
 pub use engine_builder::EngineBuilder;
 /// The vectors of this interface, in the version that it takes.
 pub use glam;
 pub use gradients::{Cotangent, Gradients, MaterialGradients};
+pub use watch::Watch;
 
 /// What threads may do with the types of the API: a change that takes it away does not compile.
 const _: () = {

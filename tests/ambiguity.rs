@@ -2,8 +2,8 @@
 
 mod support;
 
+use antirad::Watch;
 use antirad::ambiguity::{DirectLight, FirstBounce, Given, Polytope, Views};
-use antirad::fit::Watch;
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
 use antirad::scene::{Camera, LoadOptions, Scene};

@@ -1,11 +1,10 @@
 //! Direct light between triangles, blockers included, in numbers.
 
 use super::{AmbiguityError, LightMatrix};
-use crate::fit::Watch;
 use crate::gpu::Device;
 use crate::plan::{Limits, Plan};
 use crate::scene::{Material, Scene};
-use crate::{Engine, Solution, SolveParams};
+use crate::{Engine, Solution, SolveParams, Watch};
 
 /// Lambertian light from triangles to triangles without any reflection: (1 + U J)⁻¹ U.
 ///

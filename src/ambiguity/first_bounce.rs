@@ -3,11 +3,10 @@
 use super::AmbiguityError;
 use super::direct::DirectLight;
 use super::views::Views;
-use crate::fit::Watch;
 use crate::gpu::Device;
 use crate::plan::{Limits, Plan};
 use crate::scene::{Camera, Scene};
-use crate::{Engine, SolveParams};
+use crate::{Engine, SolveParams, Watch};
 use glam::DVec3;
 use serde::Serialize;
 use std::f64::consts::PI;

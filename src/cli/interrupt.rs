@@ -1,52 +1,77 @@
-//! Ctrl-C: work stops at the next dispatch, and nothing half-written stays behind.
+//! Signals that end the work: it stops at the next dispatch, and nothing half-written stays behind.
 
+use signal_hook::consts::SIGINT;
+use std::io;
 use std::ops::ControlFlow;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
+#[cfg(unix)]
+use std::time::Instant;
 
 /// How long work that watches the signal itself has to end by itself.
 const GRACE: Duration = Duration::from_millis(400);
+/// Within this time signals are one: `timeout` signals its child and then the group that the child is in.
+#[cfg(unix)]
+const REPEAT: Duration = Duration::from_secs(2);
 
-/// Set by the first Ctrl-C (or SIGTERM); a second one ends the process on the spot.
+/// Set by the first Ctrl-C, SIGTERM or SIGHUP. One that comes two seconds later or more ends the process
+/// on the spot.
 #[derive(Clone, Default)]
 pub struct Interrupt {
-    set: Arc<AtomicBool>,
-    /// By SIGTERM.
-    terminated: Arc<AtomicBool>,
+    /// Number of the first signal; 0 before it.
+    signal: Arc<AtomicUsize>,
 }
 
 impl Interrupt {
     /// Catches the signals of this process.
     pub fn catch() -> Self {
         let interrupt = Self::default();
-        let flag = interrupt.set.clone();
-        let handler = move || {
-            if flag.swap(true, Ordering::SeqCst) {
-                std::process::exit(super::EXIT_INTERRUPTED.into());
-            }
-        };
-        if let Err(error) = ctrlc::set_handler(handler) {
+        if let Err(error) = interrupt.listen() {
             tracing::warn!("Ctrl-C will end the program at once: {error}");
-        }
-        // After the handler above, which it calls: that one cannot tell the signals apart.
-        #[cfg(unix)]
-        if let Err(error) =
-            signal_hook::flag::register(signal_hook::consts::SIGTERM, interrupt.terminated.clone())
-        {
-            tracing::debug!("SIGTERM will look like Ctrl-C: {error}");
         }
         interrupt
     }
 
-    pub fn is_set(&self) -> bool {
-        self.set.load(Ordering::SeqCst)
+    #[cfg(unix)]
+    fn listen(&self) -> io::Result<()> {
+        use signal_hook::consts::{SIGHUP, SIGTERM};
+        let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM, SIGHUP])?;
+        let first = self.signal.clone();
+        let handle = move || {
+            let mut repeats = Repeats::default();
+            for signal in signals.forever() {
+                let number = signal.unsigned_abs() as usize;
+                if repeats.insist(Instant::now()) {
+                    std::process::exit(exit_code(number).into());
+                }
+                let _ = first.compare_exchange(0, number, Ordering::SeqCst, Ordering::SeqCst);
+            }
+        };
+        std::thread::Builder::new().name(String::from("signals")).spawn(handle).map(drop)
     }
 
-    /// The exit code that shells expect after the signal.
+    #[cfg(not(unix))]
+    fn listen(&self) -> io::Result<()> {
+        use signal_hook::flag;
+        let again = Arc::default();
+        // In this order: the first Ctrl-C finds the flag clear, and sets it.
+        flag::register_conditional_shutdown(SIGINT, super::EXIT_INTERRUPTED.into(), Arc::clone(&again))?;
+        flag::register(SIGINT, again)?;
+        flag::register_usize(SIGINT, self.signal.clone(), SIGINT.unsigned_abs() as usize).map(drop)
+    }
+
+    pub fn is_set(&self) -> bool {
+        self.signal.load(Ordering::SeqCst) != 0
+    }
+
+    /// The exit code that shells expect after the signal; after Ctrl-C if there was none.
     pub fn exit_code(&self) -> u8 {
-        if self.terminated.load(Ordering::SeqCst) { super::EXIT_TERMINATED } else { super::EXIT_INTERRUPTED }
+        match self.signal.load(Ordering::SeqCst) {
+            0 => super::EXIT_INTERRUPTED,
+            number => exit_code(number),
+        }
     }
 
     /// Does work that is not all interruptible by itself. Soon after the signal the process ends; so the work must not write
@@ -72,5 +97,40 @@ impl Interrupt {
     /// For the callbacks of long work.
     pub fn flow(&self) -> ControlFlow<()> {
         if self.is_set() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+}
+
+fn exit_code(signal: usize) -> u8 {
+    u8::try_from(128 + signal).unwrap_or(super::EXIT_INTERRUPTED)
+}
+
+/// Tells a signal that repeats another from one that insists.
+#[cfg(unix)]
+#[derive(Default)]
+struct Repeats {
+    first: Option<Instant>,
+}
+
+#[cfg(unix)]
+impl Repeats {
+    /// Whether a signal that comes now means that the process is to end at once.
+    fn insist(&mut self, now: Instant) -> bool {
+        now.duration_since(*self.first.get_or_insert(now)) >= REPEAT
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn signals_close_together_are_one() {
+        let start = Instant::now();
+        let mut repeats = Repeats::default();
+        let mut insists = |ms| repeats.insist(start + Duration::from_millis(ms));
+        for ms in [0, 1, 700, 1999] {
+            assert!(!insists(ms), "after {ms} ms");
+        }
+        assert!(insists(2000) && insists(60_000));
     }
 }

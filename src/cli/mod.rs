@@ -1,26 +1,26 @@
 //! What the command-line tools share: sizes, interruption, progress, logging, plots, sheets of pictures.
 
+mod comparison;
+mod draw_fit;
 mod interrupt;
 mod plot;
 mod progress;
 mod sheet;
 mod size;
+mod values;
 
+pub use draw_fit::draw_fit;
 pub use interrupt::Interrupt;
 use plot::register_font;
 pub use plot::{Curve, Drawn, LogPlot, slope};
 pub use progress::SolveBar;
-#[cfg(test)]
-pub(crate) use sheet::{CAPTION, GAP};
 pub use sheet::{Panel, Sheet, heat, percentile, signed_heat, white_point};
 pub use size::parse_size;
 
 /// Exit code of bad input and of work that could not be done.
 pub const EXIT_FAILURE: u8 = 2;
-/// Exit code after Ctrl-C, as shells expect it.
+/// Exit code after Ctrl-C, as shells expect it: 128 and the number of the signal.
 pub const EXIT_INTERRUPTED: u8 = 130;
-/// Exit code after SIGTERM.
-pub const EXIT_TERMINATED: u8 = 143;
 /// Exit code of a batch of which a part could not be done.
 pub const EXIT_PARTLY: u8 = 1;
 

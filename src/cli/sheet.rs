@@ -9,8 +9,8 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::path::Path;
 
 /// Height of the line of text above each panel, and space between panels, pixels.
-pub(crate) const CAPTION: u32 = 22;
-pub(crate) const GAP: u32 = 6;
+pub(super) const CAPTION: u32 = 22;
+pub(super) const GAP: u32 = 6;
 /// Pictures that are smaller are shown larger, so that captions fit.
 const LEAST_WIDTH: u32 = 256;
 /// Of the bar that explains false colours, pixels: its height, that with its numbers, its margins at the sides.
@@ -125,15 +125,23 @@ pub fn percentile(values: impl Iterator<Item = f64>, percent: usize) -> Option<f
     Some(*values.select_nth_unstable_by(rank, f64::total_cmp).1)
 }
 
-/// Black, red, yellow, white for 0 to 1.
+/// Black, violet, red, yellow for 0 to 1 (Matplotlib's "inferno").
 pub fn heat(share: f64) -> DVec3 {
-    DVec3::new(3.0 * share, 3.0 * share - 1.0, 3.0 * share - 2.0).clamp(DVec3::ZERO, DVec3::ONE)
+    linear(colorous::INFERNO.eval_continuous(share.clamp(0.0, 1.0)))
 }
 
-/// Black for 0; over red to yellow for 1, over blue to cyan for -1.
+/// White for 0; to dark red for 1, to dark blue for -1 (ColorBrewer's "RdBu").
 pub fn signed_heat(share: f64) -> DVec3 {
-    let warm = heat(share.abs().min(1.0) * 2.0 / 3.0);
-    if share < 0.0 { DVec3::new(warm.z, warm.y, warm.x) } else { warm }
+    linear(colorous::RED_BLUE.eval_continuous((0.5 - 0.5 * share).clamp(0.0, 1.0)))
+}
+
+/// Of a colour in sRGB, by the transfer curve of IEC 61966-2-1.
+fn linear(colour: colorous::Color) -> DVec3 {
+    let channel = |byte: u8| match f64::from(byte) / 255.0 {
+        encoded if encoded <= 0.040_45 => encoded / 12.92,
+        encoded => ((encoded + 0.055) / 1.055).powf(2.4),
+    };
+    DVec3::new(channel(colour.r), channel(colour.g), channel(colour.b))
 }
 
 #[cfg(test)]
@@ -156,17 +164,32 @@ mod tests {
         assert_eq!(picture.get_pixel(5, CAPTION + 5).0, [255; 3]);
         assert_eq!(picture.get_pixel(5, 2 * CAPTION + 15).0, [0; 3]);
         assert_eq!(picture.get_pixel(width - 5, 2 * CAPTION + 15).0, [255; 3]);
-        // Cyan to yellow, darkest in the middle.
+        // Blue to red, brightest in the middle.
         let bar = |x: u32| picture.get_pixel(300 + GAP + x, height - LEGEND + 10).0;
-        assert!(bar(MARGIN)[2] == 255 && bar(MARGIN)[0] == 0 && bar(300 - MARGIN - 1)[0] == 255);
-        assert!(bar(150).iter().all(|value| *value < 40));
+        let (blue, red) = (bar(MARGIN), bar(300 - MARGIN - 1));
+        assert!(blue[2] > 2 * blue[0] && red[0] > 2 * red[2], "{blue:?} {red:?}");
+        assert!(bar(150).iter().all(|value| *value > 220));
     }
 
     #[test]
     fn false_colours() {
-        assert_eq!(signed_heat(0.0), DVec3::ZERO);
-        assert_eq!(signed_heat(7.0), DVec3::new(1.0, 1.0, 0.0));
-        assert_eq!(signed_heat(-1.0), DVec3::new(0.0, 1.0, 1.0));
+        // Shown on a screen, they are the colours of the maps.
+        let folder = tempfile::tempdir().expect("a folder");
+        let shown = |colour: DVec3| {
+            let path = folder.path().join("colour.png");
+            let picture =
+                Picture { width: 1, height: 1, pixels: vec![colour.as_vec3().extend(1.0).to_array()] };
+            picture
+                .write_png(&path, &ToneMap { exposure: Exposure::Stops(0.0), srgb: true })
+                .expect("written");
+            image::open(&path).expect("a picture").to_rgb8().get_pixel(0, 0).0
+        };
+        for share in [0.0, 0.013, 0.3, 0.5, 1.0] {
+            assert_eq!(shown(heat(share)), colorous::INFERNO.eval_continuous(share).as_array());
+        }
+        assert_eq!(shown(signed_heat(0.0)), colorous::RED_BLUE.eval_continuous(0.5).as_array());
+        assert_eq!(shown(signed_heat(7.0)), colorous::RED_BLUE.eval_continuous(0.0).as_array());
+        assert_eq!(shown(signed_heat(-1.0)), colorous::RED_BLUE.eval_continuous(1.0).as_array());
         assert_eq!(percentile((0..=100).map(f64::from), 95), Some(95.0));
         assert_eq!(percentile([0.0, -1.0].into_iter(), 50), None);
     }

@@ -20,18 +20,23 @@ const HEADER: usize = 16 + 4 + 8 + 32;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CheckpointError {
+    #[error(
+        "{}: holds the progress of an earlier fit; --resume continues it, --restart discards it and starts over",
+        path.display()
+    )]
+    Present { path: PathBuf },
     #[error("{}: cannot be read: {reason}", path.display())]
     Read { path: PathBuf, reason: io::Error },
     #[error("{}: {damage}; {way_out}", path.display())]
     Damaged { path: PathBuf, damage: String, way_out: String },
     #[error(
         "{}: it has version {found} and this program reads version {VERSION}; continue with the program that wrote it, \
-         or start over without --resume",
+         or start over with --restart",
         path.display()
     )]
     Version { path: PathBuf, found: u32 },
     #[error(
-        "{}: it belongs to another job: {what} is not what it was; start over without --resume, or undo the change",
+        "{}: it belongs to another job: {what} is not what it was; start over with --restart, or undo the change",
         path.display()
     )]
     OtherJob { path: PathBuf, what: String },
@@ -94,6 +99,14 @@ impl Checkpoints {
         Ok(())
     }
 
+    /// An error if there is anything to lose.
+    pub fn refuse(&self) -> Result<(), CheckpointError> {
+        match [self.current(), self.previous()].into_iter().find(|path| path.exists()) {
+            Some(path) => Err(CheckpointError::Present { path }),
+            None => Ok(()),
+        }
+    }
+
     /// Stores a state. If that fails, what was stored before is still there.
     pub fn write(&self, identity: &Identity, progress: &Progress) -> Result<(), OutputError> {
         use std::borrow::Cow::Borrowed;
@@ -142,7 +155,7 @@ impl Checkpoints {
             let way_out = if path != previous && previous.exists() {
                 format!("remove it to continue from the one before it, {}", previous.display())
             } else {
-                String::from("start over without --resume")
+                String::from("start over with --restart")
             };
             CheckpointError::Damaged { path: path.to_path_buf(), damage, way_out }
         };
@@ -220,8 +233,11 @@ mod tests {
         // Killed between the two renames.
         fs::remove_file(checkpoints.current()).expect("removed");
         assert_eq!(checkpoints.read(&identity("job")).expect("read"), Some(progress(2.0)));
+        let message = checkpoints.refuse().expect_err("something to lose").to_string();
+        assert!(message.contains("--resume") && message.contains("--restart"), "{message}");
         checkpoints.clear().expect("cleared");
         assert_eq!(checkpoints.read(&identity("job")).expect("read"), None);
+        checkpoints.refuse().expect("nothing to lose");
     }
 
     #[test]
@@ -265,44 +281,37 @@ mod tests {
         assert!(message.contains("number of targets"), "{message}");
     }
 
-    /// A disk that is really full: needs the right to mount one.
+    /// Where this is set, a process may write no files above some size.
+    const LIMITED: &str = "ANTIRAD_TEST_LIMITED";
+
+    /// What a disk without room does, a limit of the process does without a right to mount one: writes end half-way. A limit
+    /// is for good and for all threads, so this test runs itself in a process of its own.
     #[test]
-    #[cfg(target_os = "linux")]
-    fn a_full_disk_leaves_the_previous_checkpoint() {
-        use std::process::Command;
-        let folder = tempdir().expect("a folder");
-        let mount = Command::new("mount")
-            .args(["-t", "tmpfs", "-o", "size=64k", "tmpfs"])
-            .arg(folder.path())
-            .output();
-        if !mount.is_ok_and(|output| output.status.success()) {
-            eprintln!("no right to mount a small disk: not tested");
+    #[cfg(unix)]
+    fn a_failed_write_leaves_the_previous_checkpoint() {
+        if std::env::var_os(LIMITED).is_none() {
+            let name = "fit::checkpoint::tests::a_failed_write_leaves_the_previous_checkpoint";
+            let limit = "trap '' XFSZ; ulimit -f 64; exec \"$0\" \"$@\"";
+            let output = std::process::Command::new("sh")
+                .args(["-c", limit])
+                .arg(std::env::current_exe().expect("this program"))
+                .args(["--exact", name])
+                .env(LIMITED, "1")
+                .output()
+                .expect("a shell");
+            let said = String::from_utf8_lossy(&output.stdout);
+            assert!(output.status.success() && said.contains("1 passed"), "{said}");
             return;
         }
-        let checkpoints = Checkpoints::new(folder.path());
-        let outcome = std::panic::catch_unwind(|| {
-            checkpoints.write(&identity("job"), &progress(1.0)).expect("written");
-            fs::write(folder.path().join("ballast"), vec![0; 40_000]).expect("room");
-            let mut refused = None;
-            for k in 2..9 {
-                match checkpoints.write(&identity("job"), &progress(f64::from(k))) {
-                    Ok(()) => assert!(refused.is_none()),
-                    Err(error) => refused = Some((k, error.to_string())),
-                }
-            }
-            let (_, message) = refused.expect("the disk is full");
-            assert!(
-                message.contains("checkpoint: cannot be written") && message.contains("space"),
-                "{message}"
-            );
-            let kept = checkpoints.read(&identity("job")).expect("read").expect("a checkpoint");
-            assert!(kept == progress(1.0) || kept == progress(2.0));
-            assert!(!names(&folder).iter().any(|name| name.contains("new") || name.starts_with(".antirad")));
-        });
-        let unmounted = Command::new("umount").arg(folder.path()).status();
-        assert!(unmounted.is_ok_and(|status| status.success()));
-        if let Err(panic) = outcome {
-            std::panic::resume_unwind(panic);
-        }
+        let (folder, checkpoints) = written(&[1.0, 2.0]);
+        let large = Adam::new(vec![3.0; 50_000], Bounds::free(50_000), AdamOptions::default());
+        let large = Progress::new(Optimiser::Adam(large));
+        let message = checkpoints.write(&identity("job"), &large).expect_err("too large").to_string();
+        assert!(message.contains("checkpoint: cannot be written: File too large"), "{message}");
+        assert_eq!(checkpoints.read(&identity("job")).expect("read"), Some(progress(2.0)));
+        assert_eq!(names(&folder), [FILE, PREVIOUS]);
+        // With room again.
+        checkpoints.write(&identity("job"), &progress(4.0)).expect("written");
+        assert_eq!(checkpoints.read(&identity("job")).expect("read"), Some(progress(4.0)));
     }
 }

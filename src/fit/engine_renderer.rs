@@ -6,13 +6,8 @@ use crate::gpu::Device;
 use crate::image::{Coverage, ImageError, PictureOptions, Rasterizer, geometry_gradient};
 use crate::plan::{Limits, Plan, PlanError, Wanted};
 use crate::scene::{Camera, Scene};
-use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
+use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams, Watch};
 use glam::DVec3;
-use std::ops::ControlFlow;
-use std::sync::Arc;
-
-/// Asked often during a solve: whether to go on.
-pub type Watch = Arc<dyn Fn() -> ControlFlow<()> + Send + Sync>;
 
 /// Work of an evaluation with derivatives by materials, in solves: the adjoint solve is like the first one.
 const SOLVES: f64 = 2.1;

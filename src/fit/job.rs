@@ -1,6 +1,7 @@
 //! A fit from start to end: steps, when to stop, checkpoints.
 
 use super::checkpoint::{CheckpointError, Checkpoints, Identity};
+use super::lock::LockError;
 use super::loss::{Loss, LossKind, PictureLoss};
 use super::optimiser::{Adam, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOptions, Step, StepError};
 use super::parameters::{ParameterError, Parameters, Recovered};
@@ -16,7 +17,7 @@ use crate::scene::{Choice, Scene, SceneError};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Why a fit has no result.
@@ -40,6 +41,8 @@ pub enum FitError {
     Optimiser(String),
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+    #[error(transparent)]
+    Lock(#[from] LockError),
     #[error(transparent)]
     Write(#[from] OutputError),
     #[error(transparent)]
@@ -155,29 +158,46 @@ impl Progress {
     }
 }
 
+/// What to do where an earlier run has left a checkpoint.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OnCheckpoint {
+    /// An error: hours of work may be in it.
+    #[default]
+    Refuse,
+    /// Go on from it.
+    Resume,
+    /// Remove it and start over.
+    Discard,
+}
+
 /// How to run a job.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct RunOptions {
-    /// Where checkpoints go; `None`: nowhere.
+    /// Where checkpoints go; `None`: nowhere. Where other processes may fit in that folder, take a
+    /// [`FolderLock`](super::FolderLock) first.
     pub checkpoints: Option<PathBuf>,
     /// Iterations between them.
     pub checkpoint_every: u32,
-    /// Go on from the checkpoint, if there is one.
-    pub resume: bool,
+    pub on_checkpoint: OnCheckpoint,
     pub stop: StopRule,
 }
 
 setters!(RunOptions {
     checkpoints: Option<PathBuf>,
     checkpoint_every: u32,
-    resume: bool,
+    on_checkpoint: OnCheckpoint,
     stop: StopRule,
 });
 
 impl Default for RunOptions {
     fn default() -> Self {
-        Self { checkpoints: None, checkpoint_every: 5, resume: false, stop: StopRule::default() }
+        Self {
+            checkpoints: None,
+            checkpoint_every: 5,
+            on_checkpoint: OnCheckpoint::Refuse,
+            stop: StopRule::default(),
+        }
     }
 }
 
@@ -300,13 +320,22 @@ impl Job {
         Ok((estimate, targets + self.new_optimiser().bytes(self.problem.parameters.len())))
     }
 
-    /// How far an earlier run has come; `None` if there was none.
-    pub fn progress(&self, directory: &std::path::Path) -> Result<Option<Progress>, FitError> {
-        Ok(Checkpoints::new(directory).read(&self.identity)?)
+    /// How far an earlier run has come that is to be continued; `None` if this one starts anew.
+    pub fn progress(
+        &self,
+        directory: &Path,
+        on_checkpoint: OnCheckpoint,
+    ) -> Result<Option<Progress>, FitError> {
+        let checkpoints = Checkpoints::new(directory);
+        match on_checkpoint {
+            OnCheckpoint::Refuse => Ok(checkpoints.refuse().map(|()| None)?),
+            OnCheckpoint::Resume => Ok(checkpoints.read(&self.identity)?),
+            OnCheckpoint::Discard => Ok(None),
+        }
     }
 
     /// Runs the job. `watch` is called after every iteration, the start (iteration 0) included, and may stop it; an
-    /// interrupted or killed job continues with `resume` to the same result.
+    /// interrupted or killed job continues with [`OnCheckpoint::Resume`] to the same result.
     pub fn run(
         &mut self,
         renderer: &mut dyn Renderer,
@@ -316,15 +345,13 @@ impl Job {
         let checkpoints = options.checkpoints.as_deref().map(Checkpoints::new);
         let mut progress = Progress::new(self.new_optimiser());
         let (mut resumed_from, mut finished_before) = (None, None);
-        if let Some(checkpoints) = &checkpoints {
-            if options.resume {
-                if let Some(stored) = checkpoints.read(&self.identity)? {
-                    resumed_from = Some(stored.iteration());
-                    finished_before = stored.finished;
-                    progress = stored;
-                    // The rule may be another one now: more iterations, above all.
-                    progress.finished = progress.finished.filter(|stop| *stop == Stop::NoProgress);
-                }
+        if let (Some(directory), Some(checkpoints)) = (&options.checkpoints, &checkpoints) {
+            if let Some(stored) = self.progress(directory, options.on_checkpoint)? {
+                resumed_from = Some(stored.iteration());
+                finished_before = stored.finished;
+                progress = stored;
+                // The rule may be another one now: more iterations, above all.
+                progress.finished = progress.finished.filter(|stop| *stop == Stop::NoProgress);
             } else {
                 checkpoints.clear()?;
             }
@@ -370,7 +397,7 @@ impl Job {
             if broken {
                 return interrupted(&mut progress, &mut store);
             }
-            if progress.iteration() % options.checkpoint_every.max(1) == 0 {
+            if progress.iteration().is_multiple_of(options.checkpoint_every.max(1)) {
                 store(&mut progress)?;
             }
         };

@@ -3,16 +3,15 @@
 //! A [`Job`] has a scene, [`Target`] pictures with their cameras, a list of what to [`Fit`], a [`PictureLoss`], assumptions
 //! ([`Regulariser`]) and an [`optimiser`]. [`Parameters`] leads from a vector of unknowns to a scene and pulls derivatives
 //! back; a [`Renderer`] makes pictures and derivatives of scenes; [`Problem`] puts both together. [`JobFile`] reads a job
-//! from TOML, `results` (feature `cli`) writes what was found.
+//! from TOML, [`results`] writes what was found. A [`FolderLock`] keeps other processes out.
 
 mod checkpoint;
-#[cfg(feature = "cli")]
-mod comparison;
 mod engine_renderer;
 mod gradient;
 mod job;
 mod job_file;
 mod limit;
+mod lock;
 mod loss;
 mod motion;
 pub mod optimiser;
@@ -20,17 +19,17 @@ mod parameters;
 mod problem;
 mod regulariser;
 mod renderer;
-#[cfg(feature = "cli")]
 pub mod results;
 mod selection;
 mod settings;
 mod target;
 
 pub use checkpoint::CheckpointError;
-pub use engine_renderer::{EngineRenderer, Watch};
+pub use engine_renderer::EngineRenderer;
 pub use gradient::{Quantity, SceneGradient};
-pub use job::{FitError, Job, Outcome, Progress, Record, RunOptions, Stop};
+pub use job::{FitError, Job, OnCheckpoint, Outcome, Progress, Record, RunOptions, Stop};
 pub use job_file::JobFile;
+pub use lock::{FolderLock, LockError};
 pub use loss::{Loss, LossKind, PictureLoss};
 pub use parameters::{Fit, MotionKind, ParameterError, Parameters, Per, Recovered, Unseen};
 pub use problem::{Evaluation, Judged, Problem};

@@ -1,11 +1,9 @@
 //! The files that a fit leaves behind.
 
-use super::comparison;
 use super::gradient::Quantity;
 use super::job::{FitError, Job, Outcome, Record};
 use super::renderer::Estimate;
 use super::settings::StopRule;
-use crate::cli::{Curve, Drawn, LogPlot};
 use crate::image::Picture;
 use crate::output::{OutputError, atomic_write, write_array, write_json};
 use crate::plan::Wanted;
@@ -39,28 +37,28 @@ pub struct Circumstances {
 /// - `parameters.json`: every fitted value with its start, unit, and whether it stands on a bound.
 /// - `emission.npy`, `albedo.npy` … float64 of shape `[triangles, 3]` (δ and p: `[triangles]`), `vertices.npy` `[vertices, 3]`: of what
 ///   was fitted, in the order of the scene.
-/// - `history.csv` and `loss.svg`, `loss.png`: the loss over the iterations.
-/// - `VIEW.exr`, `VIEW.png`: the fitted picture, and target, fitted picture and error side by side.
+/// - `history.csv`: the loss over the iterations.
+/// - `VIEW.exr`: the fitted picture.
 /// - `report.json`.
+///
+/// What is to be looked at is drawn by [`cli::draw_fit`](crate::cli::draw_fit), best before this.
 pub fn write(directory: &Path, job: &Job, outcome: &Outcome, about: &Circumstances) -> Result<(), FitError> {
     outcome.scene.save(&directory.join(SCENE))?;
     write_json(&directory.join("parameters.json"), &outcome.recovered)?;
     write_arrays(directory, job.problem().parameters.wanted(), outcome)?;
     write_history(directory, &outcome.history)?;
-    plot(directory, job, &outcome.history)?;
     let names = view_names(job);
     for ((target, fitted), name) in job.problem().targets.iter().zip(&outcome.pictures).zip(&names) {
         let pixels = fitted.iter().map(|p| p.as_vec3().extend(1.0).to_array()).collect();
         let picture = Picture { width: target.camera.width, height: target.camera.height, pixels };
         picture.write_exr(directory.join(format!("{name}.exr")))?;
-        comparison::write(&directory.join(format!("{name}.png")), target, fitted)?;
     }
     write_json(&directory.join(REPORT), &report(job, outcome, about, &names))?;
     Ok(())
 }
 
 /// File names of the views: their cameras', numbered where one camera has several targets.
-fn view_names(job: &Job) -> Vec<String> {
+pub fn view_names(job: &Job) -> Vec<String> {
     let mut taken: HashSet<String> = [SCENE, "loss", "report"].map(String::from).into();
     let name = |name: &str| {
         let name: String =
@@ -106,22 +104,6 @@ fn write_history(directory: &Path, history: &[Record]) -> Result<(), OutputError
         }
         writer.flush()
     })
-}
-
-fn plot(directory: &Path, job: &Job, history: &[Record]) -> Result<(), OutputError> {
-    let curve = |label: &str, of: fn(&Record) -> f64| Curve {
-        label: label.to_owned(),
-        points: history.iter().map(|r| (f64::from(r.iteration), of(r))).collect(),
-        drawn: Drawn::Curve,
-    };
-    LogPlot {
-        title: format!("Fit of {}", job.name),
-        x: "iteration".to_owned(),
-        y: "loss, and largest derivative by an unknown".to_owned(),
-        curves: vec![curve("loss", |r| r.loss), curve("gradient", |r| r.gradient)],
-        linear_x: true,
-    }
-    .write(&directory.join("loss"))
 }
 
 #[derive(Serialize)]

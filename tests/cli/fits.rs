@@ -4,10 +4,13 @@ use crate::{Folder, ROOM, Run, names, run, says};
 use antirad::scene::{LoadOptions, Scene};
 use serde_json::Value;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Few bins: these tests are about files and processes.
 const ACCURACY: &str = "\n[accuracy]\nbins = { concentric = 2 }\ntolerance = 1e-5\nsubsample = 4\n";
+
+/// What runs leave with something of their own in it.
+const DIFFERS: [&str; 4] = [".lock", "checkpoint", "checkpoint.previous", "report.json"];
 
 const JOB: &str = r#"scene = "room.toml"
 
@@ -49,8 +52,7 @@ fn folder(jobs: &[(&str, &str)]) -> Folder {
 
 /// Names and bytes of what a job left, but for what tells of time and of the way there.
 fn results(folder: &Path) -> Vec<(String, Vec<u8>)> {
-    let differs = ["report.json", "checkpoint", "checkpoint.previous"];
-    let kept = names(folder).into_iter().filter(|name| !differs.contains(&name.as_str()));
+    let kept = names(folder).into_iter().filter(|name| !DIFFERS.contains(&name.as_str()));
     kept.map(|name| (name.clone(), fs::read(folder.join(name)).expect("a file"))).collect()
 }
 
@@ -147,7 +149,7 @@ fn the_log_can_be_json() {
     assert_eq!((of("begin"), of("iteration"), of("end")), (1, 3, 1));
     assert!(events[1]["loss"].is_f64() && events[1]["passes"].as_u64() > Some(0));
     assert_eq!(events[4]["result"]["status"], "finished");
-    let quiet = folder.run("fit job.toml --output fits --quiet").succeeded();
+    let quiet = folder.run("fit job.toml --output fits --quiet --restart").succeeded();
     assert_eq!((quiet.stdout.as_str(), quiet.stderr.as_str()), ("", ""));
 }
 
@@ -225,10 +227,14 @@ mod killed {
     use super::*;
     use std::io::{BufRead, BufReader, Read};
     use std::process::{Command, Stdio};
+    use std::time::Duration;
 
     /// Starts a fit and sends it a signal once it has told of a job's iteration.
     fn kill_at(folder: &Folder, arguments: &str, iteration: &str, signal: &str) -> Run {
-        let mut tool = folder.tool(arguments.split_whitespace());
+        kill_tool_at(folder.tool(arguments.split_whitespace()), iteration, signal)
+    }
+
+    fn kill_tool_at(mut tool: Command, iteration: &str, signal: &str) -> Run {
         let mut child = tool.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
         let mut stderr = BufReader::new(child.stderr.take().expect("piped"));
         let mut said = String::new();
@@ -237,6 +243,9 @@ mod killed {
         }
         let pid = child.id().to_string();
         assert!(Command::new("kill").args([signal, &pid]).status().expect("kill runs").success());
+        // Signals come in twos: `timeout` signals its child, and then the group that the child is in.
+        std::thread::sleep(Duration::from_millis(5));
+        let _ = Command::new("kill").args([signal, &pid]).status();
         let output = child.wait_with_output().expect("the tool ends");
         stderr.read_to_string(&mut said).expect("text");
         Run { stderr: said, ..Run::from(output) }
@@ -267,6 +276,40 @@ mod killed {
             );
             same_results(&folder.path("whole/job"), &folder.path("cut/job"));
         }
+    }
+
+    /// `timeout` of GNU signals its child and, within milliseconds, the group that the child is in.
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_timeout_ends_it_with_a_checkpoint() {
+        let long = JOB.replace("iterations = 12", "iterations = 100000") + "[optimiser]\nkind = \"adam\"\n";
+        let folder = folder(&[("job.toml", &long)]);
+        let timeout = |limit: &str| {
+            let mut tool = Command::new("timeout");
+            tool.current_dir(folder.path(""))
+                .args(["--preserve-status", limit, env!("CARGO_BIN_EXE_antirad")])
+                .args(["fit", "job.toml", "--output", "cut", "--resume"]);
+            tool
+        };
+        let ended = |run: &Run| {
+            assert_eq!(run.code, Some(143), "{run:?}");
+            says(&run.stderr, &["antirad: job: interrupted after iteration", "--resume"]);
+        };
+        // Told to end it passes that on in the same way. The checkpoint before the signal may be one of an earlier iteration.
+        let run = kill_tool_at(timeout("1h"), "iteration 3:", "-TERM");
+        ended(&run);
+        let reached: u32 = last_iteration(&run.stderr);
+        // Its time over by itself.
+        let run = Run::from(timeout("4s").output().expect("timeout runs"));
+        ended(&run);
+        let first = run.stderr.lines().nth(1).expect("an iteration");
+        assert!(first.starts_with(&format!("job iteration {}:", reached + 1)), "{reached}, then {first}");
+    }
+
+    /// The one that is told of last.
+    fn last_iteration(stderr: &str) -> u32 {
+        let mut told = stderr.lines().filter_map(|line| line.strip_prefix("job iteration ")?.split_once(':'));
+        told.next_back().and_then(|(number, _)| number.parse().ok()).expect("an iteration")
     }
 
     #[test]
@@ -340,33 +383,90 @@ mod killed {
         same_results(&folder.path("whole/job"), &folder.path("fits/job"));
     }
 
-    /// A disk that is really full: needs the right to mount one.
+    /// What a disk without room does, a limit on the size of files does without a right to mount one: writes end half-way.
     #[test]
-    #[cfg(target_os = "linux")]
-    fn a_full_disk_is_an_error_and_costs_no_checkpoint() {
+    fn a_failed_write_is_an_error_and_costs_no_checkpoint() {
         let folder = folder(&[("job.toml", JOB)]);
-        let disk: PathBuf = folder.path("disk");
-        fs::create_dir(&disk).expect("a folder");
-        let mounted =
-            Command::new("mount").args(["-t", "tmpfs", "-o", "size=96k", "tmpfs"]).arg(&disk).output();
-        if !mounted.is_ok_and(|output| output.status.success()) {
-            eprintln!("no right to mount a small disk: not tested");
-            return;
-        }
-        let run = folder.run("fit job.toml --output disk");
-        let left = names(&disk.join("job"));
-        let checkpoint = fs::read(disk.join("job/checkpoint"));
-        let unmounted = Command::new("umount").arg(&disk).status();
-        assert!(unmounted.is_ok_and(|status| status.success()));
+        let mut limited = Command::new("sh");
+        // Some KiB: a checkpoint has two, pictures and plots have more.
+        limited.args(["-c", "trap '' XFSZ; ulimit -f 8; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_antirad")]);
+        limited.args(["fit", "job.toml", "--output", "full"]).current_dir(folder.path(""));
+        let run = run(&mut limited);
         assert_eq!(run.code, Some(1), "{run:?}");
-        says(&run.stderr, &["antirad: job: ", "cannot be written", "space"]);
+        says(&run.stderr, &["antirad: job: full/job/", "cannot be written: File too large"]);
+        let left = names(&folder.path("full/job"));
+        assert!(left.contains(&String::from("checkpoint")), "{left:?}");
         assert!(!left.contains(&String::from("report.json")), "{left:?}");
         assert!(left.iter().all(|name| !name.starts_with(".antirad")), "{left:?}");
         // With room again, it goes on from there.
-        fs::create_dir_all(folder.path("roomy/job")).expect("a folder");
-        fs::write(folder.path("roomy/job/checkpoint"), checkpoint.expect("a checkpoint")).expect("written");
-        folder.run("fit job.toml --output roomy --resume").succeeded();
+        let resumed = folder.run("fit job.toml --output full --resume").succeeded();
+        assert!(!resumed.stderr.contains("iteration 1:"), "{}", resumed.stderr);
         folder.run("fit job.toml --output whole").succeeded();
-        same_results(&folder.path("whole/job"), &folder.path("roomy/job"));
+        same_results(&folder.path("whole/job"), &folder.path("full/job"));
+    }
+
+    /// Without a word on what is there, it stays as it is.
+    #[test]
+    fn progress_is_not_destroyed_in_silence() {
+        let folder = folder(&[("job.toml", JOB)]);
+        kill_at(&folder, "fit job.toml --output cut", "iteration 5:", "-TERM");
+        let kept = folder.read("cut/job/checkpoint");
+        let refused = folder.run("fit job.toml --output cut");
+        assert_eq!(refused.code, Some(1), "{refused:?}");
+        says(&refused.stderr, &["antirad: job: cut/job/checkpoint: ", "--resume", "--restart"]);
+        assert!(!refused.stderr.contains("iteration"), "{}", refused.stderr);
+        assert!(folder.read("cut/job/checkpoint") == kept);
+        assert_eq!(folder.run("fit job.toml --output cut --resume --restart").code, Some(2));
+        let anew = folder.run("fit job.toml --output cut --restart").succeeded();
+        says(&anew.stderr, &["job iteration 0:", "job iteration 12:"]);
+        // A fit that has ended is as much work.
+        says(&folder.run("fit job.toml --output cut").stderr, &["--resume", "--restart"]);
+    }
+
+    #[test]
+    fn two_processes_do_not_fit_in_one_folder() {
+        let long = JOB.replace("iterations = 12", "iterations = 100000") + "[optimiser]\nkind = \"adam\"\n";
+        let folder = folder(&[("job.toml", &long), ("other.toml", &JOB.replace("12", "2"))]);
+        let mut first = folder.tool("fit job.toml --output fits".split_whitespace());
+        let mut first = first.stderr(Stdio::piped()).spawn().expect("the tool runs");
+        let mut stderr = BufReader::new(first.stderr.take().expect("piped"));
+        let mut said = String::new();
+        while !said.contains("iteration 2:") {
+            assert!(stderr.read_line(&mut said).expect("text") > 0, "ended early: {said}");
+        }
+        let second = folder.run("fit job.toml other.toml --output fits --restart");
+        assert!(Command::new("kill").arg(first.id().to_string()).status().expect("kill runs").success());
+        stderr.read_to_string(&mut said).expect("text");
+        assert_eq!(first.wait().expect("the tool ends").code(), Some(143), "{said}");
+        assert_eq!(second.code, Some(1), "{second:?}");
+        let holder = format!("antirad: job: fits/job: process {} on ", first.id());
+        says(&second.stderr, &[&holder, "at work in this folder", "other iteration 2:"]);
+        // The first one lost nothing by it, and its lock has gone with it.
+        let resumed = kill_at(&folder, "fit job.toml --output fits --resume", "iteration ", "-TERM");
+        assert!(!resumed.stderr.contains("iteration 1:"), "{}", resumed.stderr);
+    }
+
+    /// Whatever ends like a job and cannot be read as one.
+    #[test]
+    fn files_that_say_nothing_are_told_of() {
+        let short = JOB.replace("iterations = 12", "iterations = 2");
+        let folder = folder(&[]);
+        fs::create_dir_all(folder.path("jobs/folder.toml")).expect("a folder");
+        let good = short.replace("room.toml", "../room.toml").replace("out/", "../out/");
+        fs::write(folder.path("jobs/a.toml"), good).expect("written");
+        fs::write(folder.path("jobs/empty.toml"), "").expect("written");
+        std::os::unix::fs::symlink("gone.toml", folder.path("jobs/link.toml")).expect("a link");
+        let batch = folder.run("fit jobs --output fits");
+        assert_eq!(batch.code, Some(1), "{batch:?}");
+        says(&batch.stdout, &["1 of 3 jobs are done"]);
+        says(
+            &batch.stderr,
+            &[
+                "antirad: empty: jobs/empty.toml:1: ",
+                "missing field `scene`",
+                "antirad: link: jobs/link.toml: ",
+                "a link to a file that is not there",
+            ],
+        );
     }
 }

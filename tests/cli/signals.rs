@@ -1,4 +1,4 @@
-//! Ctrl-C in the middle of a solve.
+//! Ctrl-C and SIGTERM in the middle of a solve.
 #![cfg(unix)]
 
 use crate::{Folder, Run};
@@ -13,8 +13,8 @@ const SOON: Duration = Duration::from_secs(2);
 #[test]
 fn an_interrupted_render_ends_soon_and_writes_nothing() {
     // With states on the device, and in a budget that sends them to the host.
-    for (signal, states, limit) in
-        [("-INT", "on the device", None), ("-TERM", "on the host", Some("--memory-budget=16MiB"))]
+    for (signal, code, states, limit) in
+        [("-INT", 130, "on the device", None), ("-TERM", 143, "on the host", Some("--memory-budget=16MiB"))]
     {
         let folder = Folder::with(&[]);
         let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell_boxes_fine.toml");
@@ -42,7 +42,7 @@ fn an_interrupted_render_ends_soon_and_writes_nothing() {
 
         stderr.read_to_string(&mut said).expect("text");
         let run = Run::from(output);
-        assert_eq!(run.code, Some(130), "{said}");
+        assert_eq!(run.code, Some(code), "{said}");
         assert_eq!(run.stdout, "");
         assert!(said.ends_with("antirad: interrupted; nothing was written\n"), "{said}");
         assert!(!said.contains("panicked"), "{said}");

@@ -2,9 +2,10 @@
 
 use crate::double::Double;
 use crate::{says, scene};
+use antirad::cli::draw_fit;
 use antirad::fit::{
-    Fit, FitError, Job, LossKind, MotionKind, OptimiserKind, Outcome, Per, PictureLoss, Quantity, Recovered,
-    Regulariser, Renderer, RunOptions, Settings, Stop, StopRule, Target, results,
+    Fit, FitError, Job, LossKind, MotionKind, OnCheckpoint, OptimiserKind, Outcome, Per, PictureLoss,
+    Quantity, Recovered, Regulariser, Renderer, RunOptions, Settings, Stop, StopRule, Target, results,
 };
 use antirad::scene::{LoadOptions, Scene};
 use glam::DVec3;
@@ -178,7 +179,7 @@ fn interruptions_leave_no_trace() {
             let options = RunOptions::default()
                 .checkpoints(Some(folder.path().to_owned()))
                 .checkpoint_every(4)
-                .resume(true)
+                .on_checkpoint(OnCheckpoint::Resume)
                 .stop(stop);
             let mut renderer = Double { interrupt_at: Some(at), ..Double::new(2) };
             let first = run_with(&mut job(settings.clone()), &mut renderer, &options);
@@ -189,8 +190,10 @@ fn interruptions_leave_no_trace() {
         }
         // By the callback, after every single iteration.
         let folder = tempfile::tempdir().expect("a folder");
-        let options =
-            RunOptions::default().checkpoints(Some(folder.path().to_owned())).resume(true).stop(stop);
+        let options = RunOptions::default()
+            .checkpoints(Some(folder.path().to_owned()))
+            .on_checkpoint(OnCheckpoint::Resume)
+            .stop(stop);
         let mut last = None;
         for _ in 0..40 {
             let mut seen = 0;
@@ -222,7 +225,10 @@ fn same(a: &Outcome, b: &Outcome) {
 fn a_checkpoint_of_another_job_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let stop = exact().iterations(2);
-    let options = RunOptions::default().checkpoints(Some(folder.path().to_owned())).resume(true).stop(stop);
+    let options = RunOptions::default()
+        .checkpoints(Some(folder.path().to_owned()))
+        .on_checkpoint(OnCheckpoint::Resume)
+        .stop(stop);
     run_with(&mut job(from_grey()), &mut Double::new(2), &options).expect("an outcome");
     let refused = |settings: Settings, scene: Scene, targets: Vec<Target>| {
         let mut job = Job::new("j", scene, targets, settings).expect("a job");
@@ -243,7 +249,10 @@ fn a_checkpoint_of_another_job_is_refused() {
     let longer = options.clone().stop(exact().iterations(5));
     let outcome = run_with(&mut job(from_grey()), &mut Double::new(2), &longer).expect("an outcome");
     assert_eq!((outcome.resumed_from, outcome.history.len()), (Some(2), 6));
-    let anew = options.resume(false);
+    let unsaid = options.clone().on_checkpoint(OnCheckpoint::default());
+    let error = run_with(&mut job(from_grey()), &mut Double::new(2), &unsaid).expect_err("progress is there");
+    says(&error.to_string(), &["checkpoint", "--resume", "--restart"]);
+    let anew = options.on_checkpoint(OnCheckpoint::Discard);
     let outcome = run_with(&mut job(from_grey()), &mut Double::new(2), &anew).expect("an outcome");
     assert_eq!((outcome.resumed_from, outcome.history.len()), (None, 3));
 }
@@ -343,6 +352,7 @@ fn results_are_files_that_are_the_same_every_time() {
         let mut job = job(from_grey());
         let options = RunOptions::default().stop(exact().iterations(6));
         let outcome = run_with(&mut job, &mut Double::new(2), &options).expect("an outcome");
+        draw_fit(folder.path(), &job, &outcome).expect("drawn");
         results::write(folder.path(), &job, &outcome, &Default::default()).expect("written");
         (folder, outcome)
     };

@@ -1,9 +1,10 @@
 //! Fits on a device: each finds back to the scene that the pictures were made of.
 
 use crate::support::{device, finish, load};
+use antirad::Watch;
 use antirad::fit::{
     EngineRenderer, Fit, Job, LossKind, MotionKind, OptimiserKind, Outcome, Quantity, Recovered, Regulariser,
-    Renderer, RunOptions, Settings, StopRule, Target, Watch,
+    Renderer, RunOptions, Settings, StopRule, Target,
 };
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;

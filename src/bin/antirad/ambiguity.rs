@@ -3,11 +3,11 @@
 use crate::Failure;
 use crate::cameras;
 use crate::settings::SceneSettings;
+use antirad::Watch;
 use antirad::ambiguity::{
     AmbiguityError, DirectLight, FirstBounce, Given, Interval, LightMatrix, Polytope, Views,
 };
 use antirad::cli::Interrupt;
-use antirad::fit::Watch;
 use antirad::gpu::{Bytes, Device, DeviceOptions};
 use antirad::image::{Exposure, Rasterizer, ToneMap};
 use antirad::output::{atomic_write, prepare_directory, write_array, write_json};

@@ -98,7 +98,7 @@ fn main() -> ExitCode {
         Err(Failure::Code(code)) => ExitCode::from(code),
         Err(Failure::Interrupted) => {
             eprintln!("antirad: interrupted; nothing was written");
-            ExitCode::from(cli::EXIT_INTERRUPTED)
+            ExitCode::from(interrupt.exit_code())
         }
         Err(Failure::Error(error)) => {
             eprintln!("antirad: {error}");

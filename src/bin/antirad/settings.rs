@@ -25,10 +25,10 @@ pub struct SceneSettings {
     #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(1..))]
     max_passes: Option<u32>,
     /// Which solver to run
-    #[arg(long, value_name = "auto|fixed-point|gmres", value_parser = parse_solver)]
+    #[arg(long, value_name = "SOLVER", value_enum)]
     solver: Option<SolverChoice>,
     /// Numbers of the device: packed is faster where much is hidden, f64 is for validation and needs a device that has it
-    #[arg(long, value_name = "f32|packed|f64", value_parser = parse_precision)]
+    #[arg(long, value_name = "NUMBERS", value_enum)]
     precision: Option<Precision>,
     /// Device memory to use at most, e.g. 512MiB [default: what the device has]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
@@ -93,23 +93,5 @@ fn parse_tolerance(text: &str) -> Result<f64, String> {
         Ok(tolerance) if (1e-13..1.0).contains(&tolerance) => Ok(tolerance),
         Ok(_) => Err("a tolerance lies between 1e-13 (f32 can tell 1e-7) and 1".to_owned()),
         Err(error) => Err(error.to_string()),
-    }
-}
-
-fn parse_precision(text: &str) -> Result<Precision, String> {
-    match text {
-        "f32" => Ok(Precision::F32),
-        "packed" => Ok(Precision::Packed),
-        "f64" => Ok(Precision::F64),
-        _ => Err("f32, packed or f64".to_owned()),
-    }
-}
-
-fn parse_solver(text: &str) -> Result<SolverChoice, String> {
-    match text {
-        "auto" => Ok(SolverChoice::Auto),
-        "fixed-point" => Ok(SolverChoice::FixedPoint),
-        "gmres" => Ok(SolverChoice::Gmres),
-        _ => Err("auto, fixed-point or gmres".to_owned()),
     }
 }

@@ -64,7 +64,7 @@ fn main() -> ExitCode {
         if arguments.only { measure::only(&arguments, &interrupt) } else { all(&arguments, &interrupt) };
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Interrupted) => ExitCode::from(cli::EXIT_INTERRUPTED),
+        Ok(Outcome::Interrupted) => ExitCode::from(interrupt.exit_code()),
         Err(error) => {
             eprintln!("bench_scaling: {error}");
             ExitCode::from(cli::EXIT_FAILURE)

@@ -24,8 +24,10 @@ pub fn find(paths: &[PathBuf]) -> Result<Vec<Found>, Failure> {
         }
         let refuse = |reason: String| Failure::Error(format!("{}: {reason}", path.display()).into());
         let entries = std::fs::read_dir(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
-        let mut inside: Vec<PathBuf> =
-            entries.filter_map(|entry| entry.ok().map(|entry| entry.path())).filter(|p| is_job(p)).collect();
+        let inside: std::io::Result<Vec<PathBuf>> =
+            entries.map(|entry| entry.map(|entry| entry.path())).collect();
+        let mut inside = inside.map_err(|error| refuse(format!("cannot be read: {error}")))?;
+        inside.retain(|path| is_job(path));
         inside.sort();
         if inside.is_empty() {
             return Err(refuse(
@@ -51,11 +53,14 @@ pub fn find(paths: &[PathBuf]) -> Result<Vec<Found>, Failure> {
     Ok(found)
 }
 
-/// Scene files lie beside job files. A file that is no TOML at all counts as a job, so that it is complained of.
+/// Scene files lie beside job files. What is no scene counts as a job, so that it is complained of: a file that is empty
+/// or no TOML at all, a link to nowhere.
 fn is_job(path: &Path) -> bool {
-    let toml = path.is_file() && path.extension().is_some_and(|end| end.eq_ignore_ascii_case("toml"));
-    toml && match std::fs::read_to_string(path).map(|text| text.parse::<toml::Table>()) {
-        Ok(Ok(table)) => KEYS.iter().any(|key| table.contains_key(*key)),
-        _ => true,
+    let toml = !path.is_dir() && path.extension().is_some_and(|end| end.eq_ignore_ascii_case("toml"));
+    let says = || std::fs::read_to_string(path).ok()?.parse::<toml::Table>().ok();
+    // A pipe would not end.
+    toml && match path.is_file().then(says).flatten() {
+        Some(table) => table.is_empty() || KEYS.iter().any(|key| table.contains_key(*key)),
+        None => true,
     }
 }

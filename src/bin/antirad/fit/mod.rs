@@ -5,8 +5,12 @@ mod log;
 mod summary;
 
 use crate::Failure;
+use antirad::Watch;
 use antirad::cli::{self, Interrupt, parse_size};
-use antirad::fit::{EngineRenderer, FitError, JobFile, Outcome, RenderError, RunOptions, Watch, results};
+use antirad::fit::{
+    EngineRenderer, FitError, FolderLock, JobFile, LockError, OnCheckpoint, Outcome, RenderError, RunOptions,
+    results,
+};
 use antirad::gpu::{Bytes, Device, DeviceOptions};
 use antirad::output::{prepare_directory, remove_unfinished};
 use antirad::scene::Camera;
@@ -27,6 +31,9 @@ pub struct Arguments {
     /// Go on from the checkpoints that are there; jobs that are done are left alone
     #[arg(long)]
     resume: bool,
+    /// Start over where there are checkpoints, and discard them
+    #[arg(long, conflicts_with = "resume")]
+    restart: bool,
     /// Try the other jobs even after a failure that they are likely to share: a full disk, a lost device
     #[arg(long)]
     keep_going: bool,
@@ -52,6 +59,14 @@ enum LogFormat {
 impl Arguments {
     pub fn json(&self) -> bool {
         self.log_format == LogFormat::Json
+    }
+
+    fn on_checkpoint(&self) -> OnCheckpoint {
+        match (self.resume, self.restart) {
+            (true, _) => OnCheckpoint::Resume,
+            (false, true) => OnCheckpoint::Discard,
+            (false, false) => OnCheckpoint::Refuse,
+        }
     }
 
     fn device_options(&self) -> DeviceOptions {
@@ -105,7 +120,7 @@ fn run_guarded(arguments: &Arguments, job: &batch::Found, log: &Log, interrupt: 
         }
         Ok(Err(error)) => {
             let shared = match &error {
-                FitError::Write(_) => true,
+                FitError::Write(_) | FitError::Lock(LockError::Write(_)) => true,
                 FitError::Render(RenderError::Failed(cause)) => cause.to_string().contains("device lost"),
                 _ => false,
             };
@@ -130,9 +145,15 @@ fn run_job(
     }
     let directory = arguments.output.join(&found.name);
     prepare_directory(&directory)?;
+    let _lock = match FolderLock::take(&directory) {
+        Err(unavailable @ LockError::Unavailable { .. }) => {
+            tracing::warn!("{}: {unavailable}", found.name);
+            None
+        }
+        taken => Some(taken?),
+    };
     remove_unfinished(&directory)?;
-    if arguments.resume
-        && let Some(progress) = file.job.progress(&directory)?
+    if let Some(progress) = file.job.progress(&directory, arguments.on_checkpoint())?
         && progress.finished.is_some()
         && directory.join(results::REPORT).is_file()
     {
@@ -162,7 +183,7 @@ fn run_job(
     let options = RunOptions::default()
         .checkpoints(Some(directory.clone()))
         .checkpoint_every(file.checkpoint_every)
-        .resume(arguments.resume)
+        .on_checkpoint(arguments.on_checkpoint())
         .stop(file.stop);
     let progress = log.job(&found.name, file.stop.iterations);
     let result = file.job.run(&mut renderer, &options, &mut |record, _| {
@@ -179,6 +200,7 @@ fn run_job(
         warnings: file.warnings.clone(),
         more: more(&device),
     };
+    cli::draw_fit(&directory, &file.job, &outcome)?;
     results::write(&directory, &file.job, &outcome, &about)?;
     if !arguments.json() {
         log.results(|| print(&found.name, &outcome, &directory));

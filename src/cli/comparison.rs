@@ -1,13 +1,13 @@
 //! Target, fitted picture and error side by side.
 
-use super::target::Target;
-use crate::cli::{Panel, Sheet, heat, white_point};
+use super::sheet::{Panel, Sheet, heat, white_point};
+use crate::fit::Target;
 use crate::image::ImageError;
 use glam::DVec3;
 use std::path::Path;
 
 /// Writes a PNG: the target, the fitted picture in the same exposure, and how far they are apart, black for not at all
-/// over red and yellow to white for the most. Pixels that did not count are blue in the third.
+/// over violet and red to yellow for the most. Pixels that did not count are grey in the third.
 pub(super) fn write(path: &Path, target: &Target, fitted: &[DVec3]) -> Result<(), ImageError> {
     let counts = |at: usize| target.mask_at(at) > 0.0;
     let counted = (0..target.pixels.len()).filter(|at| counts(*at));
@@ -16,9 +16,9 @@ pub(super) fn write(path: &Path, target: &Target, fitted: &[DVec3]) -> Result<()
         target.pixels.iter().zip(fitted).map(|(t, f)| (*t - *f).abs().element_sum() / 3.0).collect();
     let most = counted.map(|at| differences[at]).fold(0.0, f64::max);
     let error = |at: usize| match counts(at) {
-        false => DVec3::new(0.0, 0.0, 0.3),
+        false => DVec3::splat(0.2),
         _ if most > 0.0 => heat(differences[at] / most),
-        _ => DVec3::ZERO,
+        _ => heat(0.0),
     };
     let shown = |pixels: &[DVec3]| pixels.iter().map(|p| *p / white).collect();
     let row = vec![
@@ -36,7 +36,7 @@ pub(super) fn write(path: &Path, target: &Target, fitted: &[DVec3]) -> Result<()
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::{CAPTION, GAP};
+    use crate::cli::sheet::{CAPTION, GAP};
     use crate::scene::Camera;
 
     #[test]
@@ -54,9 +54,9 @@ mod tests {
         let picture = image::open(&path).expect("a picture").to_rgb8();
         assert_eq!(picture.dimensions(), (3 * 256 + 2 * GAP, CAPTION + 128));
         let third = 2 * (256 + GAP);
-        assert_eq!(picture.get_pixel(third + 3, CAPTION + 3).0, [255; 3], "the one difference");
-        assert_eq!(picture.get_pixel(third + 40, CAPTION + 3).0, [0; 3]);
-        assert!(picture.get_pixel(third + 255, CAPTION + 127).0[2] > 100, "what does not count");
+        assert_eq!(picture.get_pixel(third + 3, CAPTION + 3).0, [252, 255, 164], "the one difference");
+        assert_eq!(picture.get_pixel(third + 40, CAPTION + 3).0, [0, 0, 4]);
+        assert_eq!(picture.get_pixel(third + 255, CAPTION + 127).0, [124; 3], "what does not count");
         let text = (0..256).flat_map(|x| (0..CAPTION).map(move |y| (x, y)));
         assert!(text.filter(|&(x, y)| picture.get_pixel(x, y).0[0] > 128).count() > 50);
     }

@@ -1,0 +1,58 @@
+//! Settings as words of the command line.
+
+use crate::scene::{Precision, SolverChoice};
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
+
+impl ValueEnum for Precision {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self::F32, Self::Packed, Self::F64]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(match self {
+            Self::F32 => "f32",
+            Self::Packed => "packed",
+            Self::F64 => "f64",
+        }))
+    }
+}
+
+impl ValueEnum for SolverChoice {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self::Auto, Self::FixedPoint, Self::Gmres]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(match self {
+            Self::Auto => "auto",
+            Self::FixedPoint => "fixed-point",
+            Self::Gmres => "gmres",
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Deserialize;
+    use serde::de::value::{Error, StrDeserializer};
+
+    /// Scene files and the command line say the same words.
+    fn agree<T: ValueEnum + PartialEq + std::fmt::Debug + for<'de> Deserialize<'de>>(count: usize) {
+        assert_eq!(T::value_variants().len(), count);
+        for variant in T::value_variants() {
+            let word = variant.to_possible_value().expect("a word");
+            let file: StrDeserializer<Error> =
+                serde::de::IntoDeserializer::into_deserializer(word.get_name());
+            assert_eq!(T::deserialize(file).as_ref(), Ok(variant));
+            assert_eq!(T::from_str(word.get_name(), false).as_ref(), Ok(variant));
+        }
+    }
+
+    #[test]
+    fn words_are_those_of_scene_files() {
+        agree::<Precision>(3);
+        agree::<SolverChoice>(3);
+    }
+}

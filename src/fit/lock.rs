@@ -1,0 +1,97 @@
+//! One process at a time fits in a folder.
+
+use crate::output::OutputError;
+use std::fs::{File, TryLockError};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// It stays behind, without any meaning: removing it would let two processes lock two files of this name.
+const FILE: &str = ".lock";
+
+/// A folder that this process alone fits in, until it is dropped or the process ends. Advisory: it binds those who ask.
+#[derive(Debug)]
+pub struct FolderLock {
+    _file: File,
+}
+
+/// A folder is not this process' own.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LockError {
+    #[error("{}: {holder} is at work in this folder; wait for its end, or give this one another --output", path.display())]
+    Held { path: PathBuf, holder: String },
+    /// The file system has no locks, as with some network drives.
+    #[error(
+        "{}: cannot be locked: {reason}; see to it that no other process fits in this folder",
+        path.display()
+    )]
+    Unavailable { path: PathBuf, reason: io::Error },
+    #[error(transparent)]
+    Write(#[from] OutputError),
+}
+
+impl FolderLock {
+    /// Locks a folder, which exists and can be written to.
+    pub fn take(directory: &Path) -> Result<Self, LockError> {
+        let path = directory.join(FILE);
+        let failed = |reason| OutputError { path: path.clone(), reason };
+        // Open for writing, which locks need on NFS.
+        let mut file = File::options()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(&path)
+            .map_err(failed)?;
+        file.try_lock().map_err(|error| refusal(directory, error))?;
+        let host = gethostname::gethostname();
+        let holder = format!("process {} on {}\n", std::process::id(), host.display());
+        file.set_len(0).and_then(|()| file.write_all(holder.as_bytes())).map_err(failed)?;
+        Ok(Self { _file: file })
+    }
+}
+
+fn refusal(directory: &Path, error: TryLockError) -> LockError {
+    let path = directory.to_path_buf();
+    match error {
+        TryLockError::WouldBlock => {
+            let holder = std::fs::read_to_string(directory.join(FILE)).unwrap_or_default();
+            let holder = if holder.is_empty() { "another process" } else { holder.trim_end() };
+            LockError::Held { path, holder: holder.to_owned() }
+        }
+        TryLockError::Error(reason) => LockError::Unavailable { path, reason },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_second_is_told_of_the_first() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let first = FolderLock::take(folder.path()).expect("free");
+        let message = FolderLock::take(folder.path()).expect_err("taken").to_string();
+        let host = gethostname::gethostname();
+        let holder = format!("process {} on {}", std::process::id(), host.display());
+        assert!(message.contains(&holder) && message.contains("--output"), "{message}");
+        drop(first);
+        FolderLock::take(folder.path()).expect("free again");
+    }
+
+    #[test]
+    fn what_cannot_be_locked() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let reason = io::Error::from(io::ErrorKind::Unsupported);
+        let message = refusal(folder.path(), TryLockError::Error(reason)).to_string();
+        assert!(message.contains("cannot be locked") && message.contains("no other process"), "{message}");
+        let gone = folder.path().join("gone");
+        let message = FolderLock::take(&gone).expect_err("no folder").to_string();
+        assert!(message.contains("cannot be written"), "{message}");
+        // Killed between locking and writing, it has no name.
+        let file = File::create(folder.path().join(FILE)).expect("a file");
+        file.try_lock().expect("free");
+        let message = FolderLock::take(folder.path()).expect_err("taken").to_string();
+        assert!(message.contains("another process is at work"), "{message}");
+    }
+}
