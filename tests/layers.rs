@@ -1,0 +1,129 @@
+//! Which layer may use which: the graph of ARCHITECTURE.md, held against the `crate::` paths of the sources.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+/// Each layer, and all that it may use. The graph has no cycles, and a layer stands below those that it uses.
+const LAYERS: [(&str, &[&str]); 18] = [
+    ("input", &[]),
+    ("output", &[]),
+    ("scene", &["input", "output"]),
+    ("model", &["scene"]),
+    ("solve", &[]),
+    ("reference", &["model", "scene", "solve"]),
+    ("plan", &["model", "scene"]),
+    ("gpu", &[]),
+    ("shaders", &["gpu", "scene"]),
+    ("transport", &["gpu", "model", "plan", "scene", "shaders", "solve"]),
+    ("engine", &["gpu", "model", "plan", "scene", "solve", "transport"]),
+    ("gradients", &["engine", "model", "plan", "scene", "solve", "transport"]),
+    ("image", &["gpu", "input", "output", "scene", "shaders"]),
+    ("warnings", &["model", "plan", "scene"]),
+    ("target_error", &["engine", "gpu", "model", "plan", "scene", "solve", "warnings"]),
+    ("fit", &["engine", "gpu", "gradients", "image", "input", "output", "plan", "scene", "solve"]),
+    ("ambiguity", &["engine", "gpu", "image", "plan", "scene", "solve"]),
+    ("cli", &["engine", "fit", "gpu", "image", "output", "plan", "scene", "solve"]),
+];
+
+/// What the root re-exports, by the layer it comes from.
+fn layer_of(name: &str) -> &str {
+    match name {
+        "Gradients" | "MaterialGradients" | "Cotangent" => "gradients",
+        name if name.starts_with(char::is_uppercase) => "engine",
+        name => name,
+    }
+}
+
+/// The first names of all paths that start at the crate's root, comments apart.
+fn used(source: &str) -> Vec<String> {
+    let code: String = source.lines().map(|line| line.split("//").next().unwrap_or("").to_owned() + "\n").collect();
+    let mut names = Vec::new();
+    for (at, _) in code.match_indices("crate::") {
+        let boundary = code[..at].chars().next_back().is_none_or(|c| !c.is_alphanumeric() && c != '_' && c != '$');
+        let rest = &code[at + "crate::".len()..];
+        if !boundary {
+            continue;
+        }
+        match rest.strip_prefix('{') {
+            // `use crate::{a::B, C}`: the names at the first level.
+            Some(list) => {
+                let (mut depth, mut start) = (0, true);
+                let mut name = String::new();
+                for c in list.chars() {
+                    match c {
+                        '{' => depth += 1,
+                        '}' if depth == 0 => break,
+                        '}' => depth -= 1,
+                        ',' if depth == 0 => {
+                            names.push(std::mem::take(&mut name));
+                            start = true;
+                        }
+                        c if depth == 0 && start && (c.is_alphanumeric() || c == '_') => name.push(c),
+                        ' ' | '\n' => {}
+                        _ => start = false,
+                    }
+                }
+                names.push(name);
+            }
+            None => names.push(rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect()),
+        }
+    }
+    names.retain(|name| !name.is_empty());
+    names
+}
+
+fn sources(path: &Path, found: &mut Vec<(String, String)>) {
+    if path.is_dir() {
+        for entry in fs::read_dir(path).expect("a folder of sources") {
+            sources(&entry.expect("an entry").path(), found);
+        }
+    } else if path.extension().is_some_and(|extension| extension == "rs") {
+        found.push((path.display().to_string(), fs::read_to_string(path).expect("a source file")));
+    }
+}
+
+#[test]
+fn arrows_go_one_way() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let allowed: BTreeMap<&str, &[&str]> = LAYERS.into_iter().collect();
+    let mut wrong = Vec::new();
+    for entry in fs::read_dir(&root).expect("src") {
+        let path = entry.expect("an entry").path();
+        let name = path.file_stem().and_then(|name| name.to_str()).expect("a name").to_owned();
+        if name == "bin" || name == "lib" {
+            continue;
+        }
+        let Some(uses) = allowed.get(name.as_str()) else {
+            wrong.push(format!("{name} is not among the layers"));
+            continue;
+        };
+        let mut files = Vec::new();
+        sources(&path, &mut files);
+        for (file, text) in files {
+            for used in used(&text) {
+                let layer = layer_of(&used);
+                if layer != name && !uses.contains(&layer) {
+                    wrong.push(format!("{file}: {name} may not use {layer} (crate::{used})"));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn the_graph_has_no_cycles() {
+    let position: BTreeMap<&str, usize> = LAYERS.iter().enumerate().map(|(i, (name, _))| (*name, i)).collect();
+    for (name, uses) in LAYERS {
+        for used in uses {
+            assert!(position[used] < position[name], "{name} uses {used}, which stands below it");
+        }
+    }
+}
+
+#[test]
+fn paths_are_found() {
+    let source = "use crate::{a::B, C, d::{e, f}};\nuse crate::g::{h};\n// crate::i\nlet x = crate::J::new(); mycrate::k";
+    assert_eq!(used(source), ["a", "C", "d", "g", "J"]);
+}
