@@ -37,7 +37,9 @@ impl Interrupt {
     #[cfg(unix)]
     fn listen(&self) -> io::Result<()> {
         use signal_hook::consts::{SIGHUP, SIGTERM};
-        let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM, SIGHUP])?;
+        // `nohup` lets a process ignore the end of its terminal.
+        let hangup = (!ignored(SIGHUP)).then_some(SIGHUP);
+        let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM].into_iter().chain(hangup))?;
         let first = self.signal.clone();
         let handle = move || {
             let mut repeats = Repeats::default();
@@ -102,6 +104,15 @@ impl Interrupt {
 
 fn exit_code(signal: usize) -> u8 {
     u8::try_from(128 + signal).unwrap_or(super::EXIT_INTERRUPTED)
+}
+
+/// Whether this process was started to ignore a signal; false where that cannot be told.
+#[cfg(unix)]
+fn ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|hex| u64::from_str_radix(hex.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
 
 /// Tells a signal that repeats another from one that insists.

@@ -41,7 +41,7 @@ pub struct Circumstances {
 /// - `VIEW.exr`: the fitted picture.
 /// - `report.json`.
 ///
-/// What is to be looked at is drawn by [`cli::draw_fit`](crate::cli::draw_fit), best before this.
+/// Plots and pictures side by side are drawn by `cli::draw_fit`, which goes before this.
 pub fn write(directory: &Path, job: &Job, outcome: &Outcome, about: &Circumstances) -> Result<(), FitError> {
     outcome.scene.save(&directory.join(SCENE))?;
     write_json(&directory.join("parameters.json"), &outcome.recovered)?;

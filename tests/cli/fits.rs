@@ -306,6 +306,17 @@ mod killed {
         assert!(first.starts_with(&format!("job iteration {}:", reached + 1)), "{reached}, then {first}");
     }
 
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn nohup_outlives_its_terminal() {
+        let folder = folder(&[("job.toml", JOB)]);
+        let mut tool = Command::new("nohup");
+        tool.current_dir(folder.path("")).arg(env!("CARGO_BIN_EXE_antirad"));
+        tool.args(["fit", "job.toml", "--output", "fits"]);
+        let run = kill_tool_at(tool, "iteration 3:", "-HUP");
+        assert_eq!(run.code, Some(0), "{run:?}");
+    }
+
     /// The one that is told of last.
     fn last_iteration(stderr: &str) -> u32 {
         let mut told = stderr.lines().filter_map(|line| line.strip_prefix("job iteration ")?.split_once(':'));
