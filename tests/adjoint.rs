@@ -85,7 +85,7 @@ fn cases() -> impl Iterator<Item = (String, Model)> {
 /// ⟨A x, y⟩ = ⟨x, Aᵀ y⟩ of U, K - J and S: rounding of some 1e5 additions, below 1e-12.
 #[test]
 fn operators_and_their_transposes_agree() {
-    let mut random = Random(11);
+    let mut random = Random::new(11);
     for (name, model) in cases() {
         let (state, importance) = (random_state(&model, &mut random), random_state(&model, &mut random));
         let (leaving, cotangent) = (random_leaving(&model, &mut random), random_leaving(&model, &mut random));
@@ -123,7 +123,7 @@ where
 /// to 1e-13 of their own size.
 #[test]
 fn the_solve_and_its_adjoint_agree() {
-    let mut random = Random(12);
+    let mut random = Random::new(12);
     for (name, model) in cases() {
         let state = solve(&mut &model);
         let emitted = emission(&model);
@@ -207,7 +207,7 @@ const ROOMS: [(&str, f64, u32, f64); 3] =
 
 #[test]
 fn transport_changes_with_every_corner_as_its_derivative_says() {
-    let mut random = Random(21);
+    let mut random = Random::new(21);
     for (name, room, count, subsample) in ROOMS {
         for accuracy in accuracies() {
             let accuracy = accuracy.subsample(subsample);
@@ -227,7 +227,7 @@ fn transport_changes_with_every_corner_as_its_derivative_says() {
 /// A triangle that moves as a whole keeps normal, area and extent: only its centroid and the pieces move.
 #[test]
 fn transport_changes_with_every_centroid_as_its_derivative_says() {
-    let mut random = Random(22);
+    let mut random = Random::new(22);
     for accuracy in accuracies() {
         let model = model(&scattered(32, 10, true, false, 0.8), accuracy);
         let (leaving, importance) = (random_leaving(&model, &mut random), random_state(&model, &mut random));
@@ -247,7 +247,7 @@ fn transport_changes_with_every_centroid_as_its_derivative_says() {
 
 #[test]
 fn colours_change_with_corners_and_eye_as_their_derivative_says() {
-    let mut random = Random(23);
+    let mut random = Random::new(23);
     for accuracy in accuracies() {
         let model = model(&scattered(33, 12, true, false, 0.8), accuracy);
         let leaving = random_leaving(&model, &mut random);
@@ -268,7 +268,7 @@ fn colours_change_with_corners_and_eye_as_their_derivative_says() {
 /// Linear in all but the power, so that a step of 1e-3 leaves rounding alone; of fourth order in the power, at 1e-3 too.
 #[test]
 fn reflection_changes_with_materials_as_its_derivative_says() {
-    let mut random = Random(24);
+    let mut random = Random::new(24);
     for (k, accuracy) in accuracies().into_iter().enumerate() {
         let mut model = model(&scattered(34, 16, true, false, 0.8), accuracy);
         let glossy = (0..16).filter(|&i| model.classes[i].glossy).collect::<Vec<_>>();
@@ -310,7 +310,7 @@ fn reflection_changes_with_materials_as_its_derivative_says() {
 /// The derivative of a loss through the whole solve, along directions in which everything moves at once.
 #[test]
 fn losses_of_solutions_change_as_the_adjoint_says() {
-    let mut random = Random(25);
+    let mut random = Random::new(25);
     for accuracy in accuracies() {
         let base = model(&scattered(35, 10, true, false, 0.9), accuracy);
         let eye = DVec3::new(0.4, 0.3, 1.3);
@@ -404,7 +404,7 @@ fn special_geometry_has_finite_gradients() {
         ("almost touching", vec![up, at([o, y, x], 1e-9 * z), at(up, -1e-9 * z)]),
         ("needle", vec![[o, x, 0.5 * x + 1e-7 * y], at([o, y, x], 0.3 * z), at(up, -0.01 * z)]),
     ];
-    let mut random = Random(26);
+    let mut random = Random::new(26);
     for (name, triangles) in cases {
         for (accuracy, subsample) in accuracies().into_iter().flat_map(|a| [(a, 30.0), (a, 0.0)]) {
             let vertices = triangles.iter().flatten().copied().collect();

@@ -149,7 +149,7 @@ fn dot_products(name: &str, scene: &Scene, bound: f64) {
     let buffers = SceneBuffers::new(&device, scene, &plan).expect("buffers");
     let mut adjoint = Adjoint::new(&device, &plan).expect("an adjoint").expect("what was planned");
     let mut operators = Operators::new(&device, plan.clone(), buffers).expect("operators");
-    let mut random = Random(3);
+    let mut random = Random::new(3);
     let has_bins = |g: usize| plan.layout().groups[g].class.has_bins();
     let glossy = |g: usize| plan.layout().groups[g].class.glossy;
     let arriving = random_arrays(&plan, &mut random, has_bins);
@@ -228,7 +228,7 @@ fn dot_products(name: &str, scene: &Scene, bound: f64) {
 fn whole_solve(name: &str, scene: &Scene, bound: f64) {
     let device = device();
     let mut engine = engine(&device, scene, Wanted::NOTHING.emission(true));
-    let loss = random_loss(&mut Random(5), scene.triangles.len());
+    let loss = random_loss(&mut Random::new(5), scene.triangles.len());
     let solution = solve(&mut engine);
     let gradients = backward(&mut engine, &solution, &loss);
     let emission = gradients.emission.expect("what was wanted");
@@ -320,7 +320,7 @@ fn gradients_are_slopes_of_the_solve() {
         }
         scene.meshes =
             vec![Mesh { name: "one".to_owned(), range: 0..5 }, Mesh { name: "two".to_owned(), range: 5..12 }];
-        let loss = random_loss(&mut Random(8), 12);
+        let loss = random_loss(&mut Random::new(8), 12);
         let mut engine = engine(&device, &scene, Wanted::EVERYTHING);
         let solution = solve(&mut engine);
         let gradients = backward(&mut engine, &solution, &loss);
@@ -426,7 +426,7 @@ fn sums_are_over_the_triangles_of_materials_and_meshes() {
     ];
     let mut engine = engine(&device, &scene, Wanted::EVERYTHING);
     let solution = solve(&mut engine);
-    let gradients = backward(&mut engine, &solution, &random_loss(&mut Random(9), 20));
+    let gradients = backward(&mut engine, &solution, &random_loss(&mut Random::new(9), 20));
     let sum = |picked: &dyn Fn(usize) -> bool| {
         let mut sum = MaterialGradients::default();
         for i in (0..20).filter(|&i| picked(i)) {
@@ -457,7 +457,7 @@ fn relative(values: &[f64], truth: &[f64]) -> f64 {
 /// The relative error of gradients in the 2-norm of every kind, in one precision and tolerance against another one.
 fn gradients_agree(name: &str, scene: &Scene, settings: [(Precision, f64); 2], bound: f64) {
     let device = device();
-    let loss = random_loss(&mut Random(6), scene.triangles.len());
+    let loss = random_loss(&mut Random::new(6), scene.triangles.len());
     let [given, truth] = settings.map(|(precision, tolerance)| {
         let mut scene = scene.clone();
         (scene.accuracy.precision, scene.accuracy.tolerance) = (precision, tolerance);
@@ -602,7 +602,7 @@ fn special_points_have_finite_gradients() {
                 let tolerance = if precision == Precision::F64 { 1e-10 } else { 1e-5 };
                 let scene = scene_of(&triangles, accuracy(precision).bins(bins).tolerance(tolerance));
                 let count = scene.triangles.len();
-                let mut random = Random(26);
+                let mut random = Random::new(26);
                 let mut loss = random_loss(&mut random, count);
                 // One eye on the pole of the first triangle, one in its plane, one at its centroid.
                 let centre = DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.0);
@@ -649,7 +649,7 @@ fn without_influence_gradients_are_zero() {
             facing[2].swap(1, 2);
         }
         let scene = scene_of(&facing, accuracy(precision));
-        let mut loss = random_loss(&mut Random(2), 3);
+        let mut loss = random_loss(&mut Random::new(2), 3);
         for weights in [&mut loss.irradiance, &mut loss.radiosity] {
             weights.as_mut().expect("given")[2] = DVec3::ZERO;
         }
@@ -695,7 +695,7 @@ fn what_was_not_planned_is_refused() {
         let mut engine = engine(&device, &scene, planned);
         let solution = solve(&mut engine);
         let wanted = emission.albedo(true).positions(true);
-        let loss = random_loss(&mut Random(1), 10);
+        let loss = random_loss(&mut Random::new(1), 10);
         let error = engine.backward(&solution, &loss, wanted, &params).expect_err("not planned");
         assert!(
             matches!(&error, EngineError::NotPlanned { kinds } if kinds.ends_with(&["albedo", "positions"])),
@@ -757,7 +757,7 @@ fn a_failed_adjoint_solve_is_an_error() {
     let mut engine = engine(&device, &scene, wanted);
     let solution = solve(&mut engine);
     let params = SolveParams::default().tolerance(1e-6).max_passes(2);
-    let loss = random_loss(&mut Random(1), 20);
+    let loss = random_loss(&mut Random::new(1), 20);
     let error = engine.backward(&solution, &loss, wanted, &params).expect_err("too few passes");
     assert!(error.to_string().contains("no convergence"), "{error}");
     finish(&device);

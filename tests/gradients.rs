@@ -57,7 +57,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     let mut adjoint = Adjoint::new(&device, &plan).expect("an adjoint").expect("what was planned");
     let mut operators = Operators::new(&device, plan.clone(), buffers).expect("operators");
 
-    let mut random = Random(7);
+    let mut random = Random::new(7);
     let light = {
         let mut state = cotangent(&model, &mut random);
         for value in state.irradiance.iter_mut().chain(&mut state.bins) {

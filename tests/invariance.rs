@@ -49,7 +49,7 @@ fn scale_place_and_order() {
     }
 
     let mut order: Vec<usize> = (0..scene.triangles.len()).collect();
-    let mut random = Random(7);
+    let mut random = Random::new(7);
     for k in (1..order.len()).rev() {
         order.swap(k, (random.next() * (k + 1) as f64) as usize);
     }
@@ -73,7 +73,7 @@ fn scale_place_and_order() {
 #[test]
 fn rotation() {
     let device = device();
-    let mut random = Random(11);
+    let mut random = Random::new(11);
     let turns: Vec<DQuat> = (0..2)
         .map(|_| {
             let (axis, angle) = ((random.point() - 0.5).normalize(), 6.0 * random.next());

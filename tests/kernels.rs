@@ -33,7 +33,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, limits: impl Fn(Limits
     let mut operators = Operators::new(&device, plan.clone(), buffers).expect("operators");
 
     // Some light everywhere: a random state, the irradiance being the sum of the bins where there are any.
-    let mut random = Random(7);
+    let mut random = Random::new(7);
     let mut light = |_| if plan.channels() == 1 { DVec3::splat(random.next()) } else { random.point() };
     let mut state: State = model.zero();
     for j in 0..model.facets.len() {

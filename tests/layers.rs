@@ -37,10 +37,12 @@ fn layer_of(name: &str) -> &str {
 
 /// The first names of all paths that start at the crate's root, comments apart.
 fn used(source: &str) -> Vec<String> {
-    let code: String = source.lines().map(|line| line.split("//").next().unwrap_or("").to_owned() + "\n").collect();
+    let code: String =
+        source.lines().map(|line| line.split("//").next().unwrap_or("").to_owned() + "\n").collect();
     let mut names = Vec::new();
     for (at, _) in code.match_indices("crate::") {
-        let boundary = code[..at].chars().next_back().is_none_or(|c| !c.is_alphanumeric() && c != '_' && c != '$');
+        let boundary =
+            code[..at].chars().next_back().is_none_or(|c| !c.is_alphanumeric() && c != '_' && c != '$');
         let rest = &code[at + "crate::".len()..];
         if !boundary {
             continue;
@@ -114,7 +116,8 @@ fn arrows_go_one_way() {
 
 #[test]
 fn the_graph_has_no_cycles() {
-    let position: BTreeMap<&str, usize> = LAYERS.iter().enumerate().map(|(i, (name, _))| (*name, i)).collect();
+    let position: BTreeMap<&str, usize> =
+        LAYERS.iter().enumerate().map(|(i, (name, _))| (*name, i)).collect();
     for (name, uses) in LAYERS {
         for used in uses {
             assert!(position[used] < position[name], "{name} uses {used}, which stands below it");

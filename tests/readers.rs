@@ -112,7 +112,7 @@ fn read_all(reader: Reader, name: &str) {
     let corpus = corpus(name);
     corpus.iter().for_each(|data| read(data));
     let count = std::env::var("ANTIRAD_MUTATIONS").ok().and_then(|n| n.parse().ok()).unwrap_or(MUTATIONS);
-    let mut random = Random(1);
+    let mut random = Random::new(1);
     for _ in 0..count {
         read(&mutated(&corpus, &mut random));
     }

@@ -1,4 +1,6 @@
 //! Reads MTL files: Kd = albedo (δ = 1), Ks = σ, Ns = p, Ke = emitted radiance in W/(m² sr).
+//!
+//! Why not with `tobj`: see [`super::obj`]. It panics at `Kd .3`, among others.
 
 use std::collections::HashMap;
 use std::path::Path;

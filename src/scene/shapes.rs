@@ -163,6 +163,8 @@ impl Grid {
     }
 }
 
+/// Not of the crate `hexasphere`: its positions are f32, which `icospheres_are_closed_and_turned_right` refuses, and its
+/// triangles come in another order than those of the reference data.
 fn icosphere(level: u32, inward: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let golden = (1.0 + 5f64.sqrt()) / 2.0;
     let mut vertices = Vec::with_capacity(10 * 4usize.pow(level) + 2);

@@ -88,6 +88,7 @@ fn crosses(a: [DVec3; 3], b: [DVec3; 3]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reference::Random;
 
     const UNIT: [DVec3; 3] = [DVec3::ZERO, DVec3::X, DVec3::Y];
 
@@ -116,13 +117,9 @@ mod tests {
     /// No point of a grid on one is nearer to the other than the distance, and one is nearly as near.
     #[test]
     fn distances_by_sampling() {
-        let mut state = 7u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as f64 / (1u64 << 31) as f64
-        };
+        let mut random = Random::new(7);
         for _ in 0..200 {
-            let mut triangle = || [0; 3].map(|_| DVec3::new(random(), random(), random()));
+            let mut triangle = || [0; 3].map(|_| random.point());
             let (a, b) = (triangle(), triangle());
             let distance = between(a, b).length();
             let mut sampled = f64::INFINITY;

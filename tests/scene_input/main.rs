@@ -1,5 +1,6 @@
 //! What the scene layer says of input, good and bad.
 
+mod against_tobj;
 mod checks;
 mod meshes;
 mod save;

@@ -10,7 +10,7 @@ pub fn random_scene(seed: u64, triangles: u32, glossy: bool, grey: bool) -> Scen
 
 /// The same in a cube of side `room`: the smaller, the more close pairs.
 pub fn scattered(seed: u64, triangles: u32, glossy: bool, grey: bool, room: f64) -> Scene {
-    let mut random = Random(seed);
+    let mut random = Random::new(seed);
     let mut materials = Vec::new();
     for k in 0..4 {
         let mut material = Material::named(format!("m{k}"));

@@ -113,7 +113,7 @@ impl Sample {
 
     /// The direction in which a position is moved: unit, the same on every run.
     pub fn direction(&self) -> DVec3 {
-        Random(self.index as u64 + 1000).direction()
+        Random::new(self.index as u64 + 1000).direction()
     }
 
     /// The scene and the eyes with this parameter changed.

@@ -30,7 +30,7 @@ pub fn eyes(scene: &Scene) -> [DVec3; 2] {
 
 impl Loss {
     pub fn new(triangles: usize) -> Self {
-        let mut random = Random(17);
+        let mut random = Random::new(17);
         let mut weights = |size: f64| (0..triangles).map(|_| size * random.vector()).collect::<Vec<_>>();
         Self { irradiance: weights(1.0), radiosity: weights(1.0), colours: [weights(3.0), weights(3.0)] }
     }

@@ -118,7 +118,7 @@ pub fn jittered(scene: &Scene, share: f64) -> Result<Scene, SceneError> {
             *count += 1.0;
         }
     }
-    let mut random = Random(5);
+    let mut random = Random::new(5);
     let mut scene = scene.clone();
     for (x, (sum, count)) in scene.vertices.iter_mut().zip(edges) {
         if count > 0.0 {

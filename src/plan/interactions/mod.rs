@@ -88,7 +88,7 @@ mod tests {
 
     /// Triangles anywhere, some without area, and a wall that some of them lie in.
     fn random(seed: u64, count: u32) -> Scene {
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let mut vertices = Vec::new();
         for k in 0..count {
             let (at, size) =

@@ -99,7 +99,7 @@ impl<'a> PathTracer<'a> {
             return Estimate::default();
         }
         // A stream for each triangle: results do not depend on the order of work.
-        let mut random = Random((triangle as u64 + 1).wrapping_mul(0x2545_f491_4f6c_dd1d));
+        let mut random = Random::new((triangle as u64 + 1).wrapping_mul(0x2545_f491_4f6c_dd1d));
         let (mut sum, mut squares) = (DVec3::ZERO, DVec3::ZERO);
         // Points in a grid of √n x √n cells, as far as it goes.
         let side = f64::from(samples).sqrt().floor().max(1.0) as u32;

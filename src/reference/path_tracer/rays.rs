@@ -1,4 +1,8 @@
 //! Rays against triangles, through a hierarchy of boxes.
+//!
+//! The crate `bvh` (0.11, the last one for Rust 1.85) finds the same hits in 0.7 of the time in a room of 2400 triangles,
+//! but takes 1.3 times as long in one of 60 000 and 1.6 times among 20 000 scattered ones, as it cannot leave out boxes
+//! behind the nearest hit so far; and it brings thirteen crates, a second `rand` among them.
 
 use crate::scene::Scene;
 use glam::DVec3;
