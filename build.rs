@@ -44,11 +44,13 @@ fn build() -> Result<(), String> {
             let double = compiled(&shader, &out, &format!("{name}_f64"), &["F64"])?;
             let _ = writeln!(
                 source,
-                "pub static {constant}: RealShader = RealShader {{ f32: {single}, f64: {double} }};"
+                "/// `{}`.\npub static {constant}: RealShader = RealShader {{ f32: {single}, f64: {double} }};",
+                shader.display()
             );
             let _ = write!(all, "&{constant}.f32, &{constant}.f64, ");
         } else {
-            let _ = writeln!(source, "pub static {constant}: Shader = {single};");
+            let _ =
+                writeln!(source, "/// `{}`.\npub static {constant}: Shader = {single};", shader.display());
             let _ = write!(all, "&{constant}, ");
         }
     }

@@ -40,6 +40,7 @@ impl Interrupt {
         interrupt
     }
 
+    /// Whether the signal came.
     pub fn is_set(&self) -> bool {
         self.set.load(Ordering::SeqCst)
     }

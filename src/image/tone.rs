@@ -14,6 +14,7 @@ pub enum Exposure {
 /// How radiance becomes the 8 bits of a PNG: scaled, cut at 0 and 1, encoded, rounded to nearest. NaN is shown as black.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ToneMap {
+    /// What the radiance is multiplied by.
     pub exposure: Exposure,
     /// Encode for a screen, as PNG viewers expect; else linear values.
     pub srgb: bool,

@@ -50,6 +50,7 @@ pub struct Limits {
     pub page: u64,
     /// Leave out pairs of tiles that can't see each other.
     pub cull: bool,
+    /// Which triangles hold light back.
     pub occlusion: Occlusion,
     /// Give every triangle front bins, glossy or not: for derivatives with respect to emission per bin, and to σ where
     /// there is none yet.
@@ -107,6 +108,7 @@ pub struct Placement {
 }
 
 impl Placement {
+    /// The box around the vertices that triangles use, put around the origin.
     pub fn of(scene: &Scene) -> Self {
         let used = scene.triangles.iter().flat_map(|t| t.vertices).map(|v| scene.vertices[v as usize]);
         let (min, max) =
@@ -115,6 +117,7 @@ impl Placement {
         Self { centre: 0.5 * (min + max), scale: if radius > 0.0 { 1.0 / radius } else { 1.0 } }
     }
 
+    /// From metres to the engine's coordinates.
     pub fn apply(&self, point: DVec3) -> DVec3 {
         (point - self.centre) * self.scale
     }
@@ -123,8 +126,13 @@ impl Placement {
 /// Which solver runs, with how much memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlannedSolver {
+    /// A bounce per pass.
     FixedPoint,
-    Gmres { restart: u32 },
+    /// Restarted GMRES.
+    Gmres {
+        /// Length of the Krylov basis.
+        restart: u32,
+    },
 }
 
 impl PlannedSolver {
@@ -154,22 +162,31 @@ fn least_tolerance(precision: Precision) -> f64 {
 /// Everything the engine needs to know, decided.
 #[derive(Clone, Debug)]
 pub struct Plan {
+    /// What the plan had to keep to.
     pub limits: Limits,
+    /// How exact the solve is, as the scene asks.
     pub accuracy: Accuracy,
+    /// Directions of the hemisphere, and their integrals.
     pub bins: Bins,
     /// 3, or 1 where nothing in the scene has a colour.
     pub channels: u32,
     /// In the engine's coordinates; index = triangle of the scene.
     pub facets: Vec<Facet>,
+    /// From metres to the engine's coordinates.
     pub placement: Placement,
     /// Index = triangle of the scene.
     pub classes: Vec<Class>,
+    /// The order of the triangles, in tiles and groups.
     pub layout: Layout,
+    /// What can pass between two tiles.
     pub tile_pairs: TilePairs,
+    /// Close sources of each slot.
     pub near: NearPairs,
     /// The same by source, where gradients are wanted.
     pub near_receivers: Option<NearPairs>,
+    /// The solver that fits the budget.
     pub solver: PlannedSolver,
+    /// Where states live while it runs.
     pub residency: Residency,
     /// Bytes of the staging buffers.
     pub staging: u64,

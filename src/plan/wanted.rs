@@ -22,6 +22,7 @@ pub struct Wanted {
 }
 
 impl Wanted {
+    /// No derivatives.
     pub const NOTHING: Self = Self {
         emission: false,
         emission_bins: false,
@@ -32,6 +33,7 @@ impl Wanted {
         positions: false,
         camera: false,
     };
+    /// All kinds of derivatives.
     pub const EVERYTHING: Self = Self {
         emission: true,
         emission_bins: true,
@@ -43,6 +45,7 @@ impl Wanted {
         camera: true,
     };
 
+    /// Whether anything is wanted at all.
     pub fn any(self) -> bool {
         self != Self::NOTHING
     }
