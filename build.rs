@@ -142,11 +142,16 @@ impl Sources<'_> {
             if let Some((double, _)) = rest.next_if(|(_, next)| next.shader == module.shader) {
                 let _ = writeln!(
                     source,
-                    "pub static {constant}: RealShader = RealShader {{ f32: {single}, f64: {double} }};"
+                    "/// `{GLSL}/{}`.\npub static {constant}: RealShader = RealShader {{ f32: {single}, f64: {double} }};",
+                    module.shader
                 );
                 let _ = write!(all, "&{constant}.f32, &{constant}.f64, ");
             } else {
-                let _ = writeln!(source, "pub static {constant}: Shader = {single};");
+                let _ = writeln!(
+                    source,
+                    "/// `{GLSL}/{}`.\npub static {constant}: Shader = {single};",
+                    module.shader
+                );
                 let _ = write!(all, "&{constant}, ");
             }
         }

@@ -17,6 +17,7 @@ struct Own {
     queue_family: u32,
 }
 
+#[allow(unsafe_code, reason = "plain Vulkan, as an embedder calls it")]
 impl Own {
     fn open() -> Result<Self, Box<dyn Error>> {
         // SAFETY: the loader is the system's; the instance is destroyed by `drop`, or here where there is no device.
@@ -84,6 +85,7 @@ impl Own {
     }
 }
 
+#[allow(unsafe_code, reason = "plain Vulkan, as an embedder calls it")]
 impl Drop for Own {
     fn drop(&mut self) {
         // SAFETY: all that antirad made is gone: it borrowed the device from a value that lives in `main`.
@@ -94,6 +96,7 @@ impl Drop for Own {
     }
 }
 
+#[allow(unsafe_code, reason = "plain Vulkan, as an embedder calls it")]
 fn main() -> Result<(), Box<dyn Error>> {
     // Declared first, dropped last: the device outlives everything that antirad makes from it.
     let own = Own::open()?;

@@ -275,9 +275,14 @@ impl Gradients {
 /// Derivatives with respect to parameters that several triangles share; zero for kinds that were not wanted.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MaterialGradients {
+    /// With respect to L_e, RGB, per W/(m² sr).
     pub emission: DVec3,
+    /// With respect to the diffuse constant δ.
     pub diffuse: f64,
+    /// With respect to the albedo ρ, RGB.
     pub albedo: DVec3,
+    /// With respect to the specular constant σ, RGB.
     pub specular: DVec3,
+    /// With respect to the power p.
     pub power: f64,
 }

@@ -11,6 +11,7 @@ const UNFINISHED: &str = ".antirad-";
 #[derive(Debug, thiserror::Error)]
 #[error("{}: cannot be written: {reason}", path.display())]
 pub struct OutputError {
+    /// The file that could not be written.
     pub path: PathBuf,
     /// The system's reason. Not a `source`: the message holds it already.
     pub reason: io::Error,

@@ -1,5 +1,6 @@
 //! Gradients of the engine: transposes and derivatives on the device against what they must agree with, in both
 //! precisions; and where no gradient can be had.
+#![allow(unsafe_code, reason = "one test lends a device that plain Vulkan calls opened")]
 
 mod support;
 

@@ -110,7 +110,8 @@ fn interrupted_it_ends_soon_and_goes_on_where_it_was() {
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{stderr}");
     assert_eq!(stderr, "bench_scaling: interrupted; go on with --resume\n");
-    assert!(took < Duration::from_secs(1), "{took:?} from the signal to the end");
+    // A bounce that is not interrupted takes minutes.
+    assert!(took < Duration::from_secs(20), "{took:?} from the signal to the end");
     assert_eq!(names(&out), ["scaling.csv"]);
     let kept = rows(&out);
     assert_eq!(sizes(&out), ["1000"]);

@@ -246,22 +246,26 @@ fn refining_keeps_to_its_bounds() {
     assert!(matches!(refused, RefineError::Full { .. }) && refused.to_string().contains("--max-triangles"));
 }
 
-/// About as long as a plan takes, and not the square of the number of triangles.
+/// The time grows with the number of triangles, and not with its square: sixteen times as many take about that much
+/// longer. By the fastest of several runs, since others may use the machine.
 #[test]
 fn large_scenes_take_seconds() {
-    let mut builder = SceneBuilder::new();
-    builder.shape("statue", Shape::Statue { triangles: 50_000 }, &grey(), DAffine3::IDENTITY);
-    builder.shape(
-        "floor",
-        Shape::Quad { cells: 40 },
-        &grey(),
-        scaled(4.0, 1.0, 4.0, DVec3::new(-2.0, 0.0, -2.0)),
-    );
-    let scene = builder.finish("statue").expect("a scene");
-    let plan = plan(&scene);
-    let begin = Instant::now();
-    let found = Warnings::of(&scene, &plan);
-    let seconds = begin.elapsed().as_secs_f64();
-    println!("{} triangles: {seconds:.2} s, {} warned of", scene.triangles.len(), found.count());
-    assert!(seconds <= 20.0, "{seconds} s");
+    let seconds = |triangles: u32, cells: u32| {
+        let mut builder = SceneBuilder::new();
+        builder.shape("statue", Shape::Statue { triangles }, &grey(), DAffine3::IDENTITY);
+        let floor = scaled(4.0, 1.0, 4.0, DVec3::new(-2.0, 0.0, -2.0));
+        builder.shape("floor", Shape::Quad { cells }, &grey(), floor);
+        let scene = builder.finish("statue").expect("a scene");
+        let plan = plan(&scene);
+        let run = |_| {
+            let begin = Instant::now();
+            let found = Warnings::of(&scene, &plan);
+            (begin.elapsed().as_secs_f64(), found.count())
+        };
+        let (seconds, warned) = (0..3).map(run).min_by(|a, b| a.0.total_cmp(&b.0)).expect("runs");
+        println!("{} triangles: {seconds:.3} s, {warned} warned of", scene.triangles.len());
+        seconds
+    };
+    let ratio = seconds(50_000, 40) / seconds(3_125, 10);
+    assert!(ratio <= 80.0, "{ratio:.1} times as long");
 }

@@ -34,14 +34,19 @@ use crate::image::ImageError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum AmbiguityError {
+    /// Light could not be computed.
     #[error(transparent)]
     Engine(EngineError),
+    /// There is no plan for the scene.
     #[error(transparent)]
     Plan(#[from] crate::plan::PlanError),
+    /// What cameras see could not be found.
     #[error(transparent)]
     Image(#[from] ImageError),
+    /// The emissions that explain a picture could not be found.
     #[error(transparent)]
     Polytope(#[from] PolytopeError),
+    /// A watcher stopped the work.
     #[error("interrupted")]
     Interrupted,
 }

@@ -11,14 +11,25 @@ use std::f64::consts::PI;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PolytopeError {
+    /// Light between unseen triangles never dies away.
     #[error(
         "light between unseen triangles does not die away: the spectral radius of what they reflect is not below 1"
     )]
     Singular,
+    /// The simplex method failed.
     #[error("the linear program of triangle {triangle} has no solution: {source}")]
-    LinearProgram { triangle: usize, source: Box<dyn Error + Send + Sync> },
+    LinearProgram {
+        /// Index in the scene.
+        triangle: usize,
+        /// What the solver says.
+        source: Box<dyn Error + Send + Sync>,
+    },
+    /// The simplex method was stopped before its end.
     #[error("the linear program of triangle {triangle} was left unfinished")]
-    Unfinished { triangle: usize },
+    Unfinished {
+        /// Index in the scene.
+        triangle: usize,
+    },
 }
 
 /// How the ends of an interval were found.
@@ -34,9 +45,11 @@ pub enum Method {
 /// The emissions of a triangle in one channel that explain the pictures, radiance, W/(m² sr).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Interval {
+    /// The darkest that it can be.
     pub least: f64,
     /// `None` where there is no bound: nothing that is seen receives this triangle's light.
     pub most: Option<f64>,
+    /// How both ends were found.
     pub method: Method,
 }
 
@@ -72,6 +85,7 @@ pub struct Given<'a> {
     pub emission: &'a [f64],
     /// m², per triangle.
     pub areas: &'a [f64],
+    /// Whether a camera sees it, per triangle.
     pub seen: &'a [bool],
     /// The columns of `direct`.
     pub unseen: &'a [usize],
@@ -80,6 +94,7 @@ pub struct Given<'a> {
 }
 
 impl Polytope {
+    /// Solves for what seen triangles would emit; fails where light between unseen ones does not die away.
     pub fn new(given: &Given) -> Result<Self, PolytopeError> {
         let Given { direct, albedo, emission, areas, .. } = *given;
         let unseen = given.unseen.to_vec();

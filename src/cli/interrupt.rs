@@ -64,6 +64,7 @@ impl Interrupt {
         flag::register_usize(SIGINT, self.signal.clone(), SIGINT.unsigned_abs() as usize).map(drop)
     }
 
+    /// Whether a signal came.
     pub fn is_set(&self) -> bool {
         self.signal.load(Ordering::SeqCst) != 0
     }

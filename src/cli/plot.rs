@@ -12,8 +12,11 @@ const HEIGHT: u32 = 640;
 
 /// One curve: points in the plot's units, and its text in the legend.
 pub struct Curve {
+    /// Its text in the legend.
     pub label: String,
+    /// x and y, in the units of the axes.
     pub points: Vec<(f64, f64)>,
+    /// As a line, as marks, or both.
     pub drawn: Drawn,
 }
 
@@ -30,9 +33,13 @@ pub enum Drawn {
 
 /// A plot with a logarithmic y axis, which shows what is above 0. Axis texts carry the units.
 pub struct LogPlot {
+    /// Above the plot.
     pub title: String,
+    /// Text of the x axis.
     pub x: String,
+    /// Text of the y axis.
     pub y: String,
+    /// In the order of the legend.
     pub curves: Vec<Curve>,
     /// A linear x axis, from the first point on; else a logarithmic one.
     pub linear_x: bool,

@@ -35,6 +35,7 @@ impl SolveBar {
         });
     }
 
+    /// Takes the bar off the terminal.
     pub fn finish(&self) {
         self.bar.finish_and_clear();
     }

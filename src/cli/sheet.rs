@@ -20,6 +20,7 @@ const MARGIN: u32 = 24;
 
 /// One picture.
 pub struct Panel {
+    /// Text above the picture.
     pub caption: String,
     /// Linear, 0 for black and 1 for white, row by row from the top.
     pub pixels: Vec<DVec3>,
@@ -29,6 +30,7 @@ pub struct Panel {
 pub struct Sheet {
     /// Of a panel, pixels.
     pub width: u32,
+    /// Of a panel, pixels.
     pub height: u32,
     /// As many panels in each.
     pub rows: Vec<Vec<Panel>>,

@@ -44,6 +44,7 @@ impl Buffer {
         Ok(Self { shared: device.shared.clone(), block })
     }
 
+    /// What the buffer is called in errors, reports and debuggers.
     pub fn label(&self) -> &str {
         &self.block.label
     }

@@ -17,6 +17,7 @@ use super::{Result, lock};
 /// How long a batch took.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BatchTiming {
+    /// Number of kernels that ran; copies and fills are not counted.
     pub dispatches: u64,
     /// Of the dispatches alone, by the device's clock; 0 where it keeps none.
     pub device_seconds: f64,

@@ -196,6 +196,7 @@ impl Device {
         lock(&self.shared.profile).credit(kernel, shape, items, bytes);
     }
 
+    /// Forgets all times and credits so far.
     pub fn reset_profile(&self) {
         lock(&self.shared.profile).clear();
     }

@@ -15,11 +15,17 @@ use super::survey::Candidate;
 /// `scalarBlockLayout`.
 #[derive(Clone)]
 pub struct RawDevice {
+    /// The loaded Vulkan library.
     pub entry: ash::Entry,
+    /// That the device was opened from.
     pub instance: ash::Instance,
+    /// Which device of the machine it is.
     pub physical_device: vk::PhysicalDevice,
+    /// The logical device.
     pub device: ash::Device,
+    /// Family of `queue`; it must offer compute.
     pub queue_family: u32,
+    /// Where all work is submitted.
     pub queue: vk::Queue,
     /// The optional features and extensions that `device` was created with; `Enabled::default()` for none.
     pub enabled: Enabled,

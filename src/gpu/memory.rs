@@ -48,15 +48,20 @@ impl fmt::Display for Bytes {
 /// The memory in use under one label.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LabelReport {
+    /// Of the buffers.
     pub label: String,
+    /// Of all of them together, rounded up.
     pub bytes: u64,
+    /// Number of buffers.
     pub count: u64,
 }
 
 /// All in bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MemoryReport {
+    /// What buffers may take together.
     pub budget: u64,
+    /// What they take now.
     pub in_use: u64,
     /// The largest `in_use` so far.
     pub peak: u64,

@@ -25,6 +25,7 @@
 //!
 //! The calls are safe as far as the host can check them: ranges, alignments, limits and lifetimes. What a kernel
 //! reads and writes inside its buffers is the kernel's own responsibility.
+#![allow(unsafe_code, reason = "calls into Vulkan; here and nowhere else, each with what makes it sound")]
 
 mod buffer;
 mod commands;
@@ -56,6 +57,7 @@ pub use validation::ValidationLog;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+/// What calls of this layer return.
 pub type Result<T, E = GpuError> = std::result::Result<T, E>;
 
 /// A thread that panicked while it held a lock left counters and lists that are still whole: go on.

@@ -38,7 +38,9 @@ pub(super) struct Parts {
 /// The buffers that a kernel binds: storage buffers at the first bindings of set 0, uniform buffers behind them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Bindings {
+    /// Number of storage buffers, bindings 0 and up.
     pub storage: u32,
+    /// Number of uniform buffers, at the bindings behind them.
     pub uniform: u32,
 }
 

@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+/// What one kernel has done under one shape.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ProfileRow {
+    /// Its name: the file of the shader without `.comp`.
     pub kernel: String,
     /// What the caller of the dispatch said about its size, e.g. "64x4096".
     pub shape: String,
@@ -15,6 +17,7 @@ pub struct ProfileRow {
     /// Items of work done, and bytes that kernels asked of buffers for them, as far as callers have said so
     /// ([`Device::credit`](super::Device::credit)).
     pub items: u64,
+    /// Bytes of those reads and writes.
     pub bytes: u64,
 }
 

@@ -22,7 +22,9 @@ const MAX_PIXELS: usize = 1 << 28;
 /// Radiance per pixel, W/(m² sr).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
+    /// Pixels a row.
     pub width: u32,
+    /// Rows.
     pub height: u32,
     /// Row by row from the top: linear RGB, and the share of the pixel that shows a face.
     pub pixels: Vec<[f32; 4]>,

@@ -21,12 +21,17 @@ const EDGE_ON: f64 = 1e-13;
 /// Where a camera stands and looks, with an orthonormal frame.
 #[derive(Clone, Debug)]
 pub struct View {
+    /// Where the camera is, m.
     pub position: DVec3,
+    /// Unit vector to the right of the picture.
     pub right: DVec3,
+    /// Unit vector to the top of the picture.
     pub up: DVec3,
+    /// Unit vector along the line of sight.
     pub forward: DVec3,
     /// Tangents of half the fields of view; their ratio is that of width to height.
     pub tan_half_x: f64,
+    /// Tangent of half the vertical angle of view.
     pub tan_half_y: f64,
     width: f64,
     height: f64,

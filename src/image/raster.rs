@@ -44,6 +44,7 @@ pub struct Rasterizer {
 }
 
 impl Rasterizer {
+    /// Compiles the kernels; memory is taken while pictures are made.
     pub fn new(device: &Device) -> Result<Self, ImageError> {
         let device = device.scope(STAGING);
         let (visibility, resolve) = (visibility::pipeline(&device)?, resolve::pipeline(&device)?);

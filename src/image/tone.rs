@@ -17,6 +17,7 @@ pub enum Exposure {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct ToneMap {
+    /// What the radiance is multiplied by.
     pub exposure: Exposure,
     /// Encode for a screen, as PNG viewers expect; else linear values.
     pub srgb: bool,

@@ -24,7 +24,9 @@ pub(crate) struct Cells {
 /// A hemisphere split into bins. Directions are unit vectors in the frame of the triangle, z along the normal.
 #[derive(Clone, Debug)]
 pub struct Bins {
+    /// How the hemisphere is cut.
     pub layout: BinLayout,
+    /// How T_b falls from one bin to the next.
     pub weights: Weights,
     /// w_b = ∫ T_b dω, sr; sums to 2π.
     pub solid_angle: Vec<f64>,
@@ -35,6 +37,7 @@ pub struct Bins {
 }
 
 impl Bins {
+    /// Computes the integrals by quadrature of T_b.
     pub fn new(layout: BinLayout, weights: Weights) -> Self {
         let count = layout.count();
         let mut bins = Self {

@@ -5,10 +5,13 @@ use glam::{DMat3, DVec3};
 /// A triangle with everything the operators read of it.
 #[derive(Clone, Copy, Debug)]
 pub struct Facet {
+    /// Counter-clockwise, seen from the front.
     pub corners: [DVec3; 3],
+    /// The mean of the corners.
     pub centroid: DVec3,
     /// Unit normal; zero for a triangle without area.
     pub normal: DVec3,
+    /// Of the triangle.
     pub area: f64,
     /// s = Σl²/(4√3): the area of the equilateral triangle with the same sum of squared edges. At least `area`
     /// (Weitzenböck's inequality), equal for equilateral triangles, and large for needles, whose area says little
@@ -17,6 +20,7 @@ pub struct Facet {
 }
 
 impl Facet {
+    /// Of corners in any unit; areas have its square.
     pub fn new(corners: [DVec3; 3]) -> Self {
         let [a, b, c] = corners;
         let cross = (b - a).cross(c - a);

@@ -25,9 +25,11 @@ const PICTURES: &str = "pictures";
 /// One kind of buffer.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct MemoryItem {
+    /// What the buffers are called in errors, reports and debuggers.
     pub label: String,
     /// Of all buffers of this label together.
     pub bytes: u64,
+    /// Number of buffers.
     pub count: u32,
     /// Of the largest of them.
     #[serde(skip)]
@@ -37,6 +39,7 @@ pub struct MemoryItem {
 /// All device memory of an engine.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MemoryPlan {
+    /// One for each label.
     pub items: Vec<MemoryItem>,
 }
 
@@ -141,6 +144,7 @@ impl MemoryPlan {
         }
     }
 
+    /// Bytes of all of it.
     pub fn total(&self) -> u64 {
         self.items.iter().map(|item| item.bytes).sum()
     }

@@ -45,6 +45,7 @@ pub struct Limits {
     pub page: u64,
     /// Leave out pairs of tiles that can't see each other.
     pub cull: bool,
+    /// Which triangles hold light back.
     pub occlusion: Occlusion,
     /// Derivatives that will be asked for.
     pub gradients: Wanted,
@@ -110,6 +111,7 @@ pub struct Placement {
 }
 
 impl Placement {
+    /// The box around the vertices that triangles use, put around the origin.
     pub fn of(scene: &Scene) -> Self {
         let used = scene.triangles.iter().flat_map(|t| t.vertices).map(|v| scene.vertices[v as usize]);
         let (min, max) =
@@ -118,6 +120,7 @@ impl Placement {
         Self { centre: 0.5 * (min + max), scale: if radius > 0.0 { 1.0 / radius } else { 1.0 } }
     }
 
+    /// From metres to the engine's coordinates.
     pub fn apply(&self, point: DVec3) -> DVec3 {
         (point - self.centre) * self.scale
     }
@@ -126,8 +129,13 @@ impl Placement {
 /// Which solver runs, with how much memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlannedSolver {
+    /// A bounce per pass.
     FixedPoint,
-    Gmres { restart: u32 },
+    /// Restarted GMRES.
+    Gmres {
+        /// Length of the Krylov basis.
+        restart: u32,
+    },
 }
 
 impl PlannedSolver {

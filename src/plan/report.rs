@@ -15,14 +15,18 @@ const PASSES: f64 = 11.0;
 /// What is modelled of some triangles, and why.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ClassReport {
+    /// Number of triangles.
     pub triangles: usize,
+    /// What the kernels compute of them, in words.
     pub modelled: String,
+    /// What makes that necessary.
     pub why: String,
 }
 
 /// Pairs (receiver, source) of triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct PairReport {
+    /// All of them.
     pub total: u64,
     /// Left out with their tiles, exactly.
     pub culled: u64,
@@ -45,6 +49,7 @@ pub struct StatesReport {
     pub sweeps: usize,
     /// Tiles whose bins the device holds at a time, of receivers and of sources.
     pub receiver_tiles: u32,
+    /// The same of sources.
     pub source_tiles: u32,
     /// Between host and device.
     pub bytes_moved_per_pass: u64,
@@ -53,21 +58,35 @@ pub struct StatesReport {
 /// Everything worth knowing of a plan, for people and for JSON.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PlanReport {
+    /// Triangles that take part.
     pub triangles: usize,
     /// Triangles without area, left out.
     pub degenerate: usize,
+    /// 3, or 1 where nothing has a colour.
     pub channels: u32,
+    /// The layout of directions ("8x16"), or "none" where nothing has bins.
     pub bins: String,
+    /// The solver, with the length of its basis.
     pub solver: String,
+    /// What is modelled of which triangles.
     pub classes: Vec<ClassReport>,
+    /// Triangles per tile.
     pub tile: u32,
+    /// Number of tiles.
     pub tiles: u32,
+    /// Groups of tiles that have bins, each a page of them.
     pub pages: usize,
+    /// How many pairs of triangles a pass goes over.
     pub pairs: PairReport,
+    /// Where states live, and what that moves.
     pub states: StatesReport,
+    /// Bytes by label.
     pub memory: Vec<MemoryItem>,
+    /// Bytes of all labels.
     pub memory_total: u64,
+    /// Bytes that the plan may take.
     pub memory_budget: u64,
+    /// All memory but staging, over the triangles that take part.
     pub bytes_per_triangle: f64,
     /// Rough: of two cores of a CPU driver.
     pub estimated_seconds: f64,

@@ -11,7 +11,12 @@ pub enum Residency {
     Device,
     /// In memory of the host. The device has two windows on them: one to write, for the bins of so many tiles of
     /// receivers, one to read, for those of so many tiles of sources.
-    Host { receivers: u32, sources: u32 },
+    Host {
+        /// Tiles of receivers that the window to write holds.
+        receivers: u32,
+        /// Tiles of sources that the window to read holds.
+        sources: u32,
+    },
 }
 
 /// Tiles of one group whose light is sent together: all of them, or what the window for sources holds.
@@ -19,6 +24,7 @@ pub enum Residency {
 pub struct Piece {
     /// Index of the group.
     pub group: usize,
+    /// The class of the group, and those of its tiles.
     pub part: Group,
 }
 

@@ -33,6 +33,7 @@ setters!(Wanted {
 });
 
 impl Wanted {
+    /// No derivatives.
     pub const NOTHING: Self = Self {
         emission: false,
         diffuse: false,
@@ -42,6 +43,7 @@ impl Wanted {
         positions: false,
         camera: false,
     };
+    /// All kinds of derivatives.
     pub const EVERYTHING: Self = Self {
         emission: true,
         diffuse: true,
@@ -52,6 +54,7 @@ impl Wanted {
         camera: true,
     };
 
+    /// Whether anything is wanted at all.
     pub fn any(self) -> bool {
         self != Self::NOTHING
     }

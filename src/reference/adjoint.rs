@@ -152,6 +152,7 @@ pub fn observe_adjoint(model: &Model, eye: DVec3, colours: &[DVec3]) -> Leaving 
 /// The equation λ = λ0 + (K - J)ᵀ (μ0 + Uᵀ λ) for the solvers of [`crate::solve`]: its emission is
 /// λ0 + (K - J)ᵀ μ0.
 pub struct Adjoint<'a> {
+    /// The scene.
     pub model: &'a Model,
     /// λ0, the cotangent of what arrives.
     pub arriving: State,

@@ -30,10 +30,15 @@ use std::ops::Range;
 
 /// A scene made ready: facets, materials, and which triangles have bins. Index = index in the scene.
 pub struct Model {
+    /// Geometry of each triangle.
     pub facets: Vec<Facet>,
+    /// Of each triangle.
     pub materials: Vec<Material>,
+    /// What each triangle needs.
     pub classes: Vec<Class>,
+    /// Directions of the hemisphere.
     pub bins: Bins,
+    /// The range of the near field, as in [`Accuracy`](crate::scene::Accuracy).
     pub subsample: f64,
     /// First bin of each triangle in [`State::bins`]; `None` where it has no bins.
     slots: Vec<Option<usize>>,

@@ -10,11 +10,13 @@ use rayon::prelude::*;
 /// that no light arrives there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plates {
+    /// Number of plates.
     pub count: u32,
     /// Squares along each side of a plate and of the floor.
     pub cells: u32,
     /// Side of the plates, m; that of the floor is 1.
     pub side: f64,
+    /// Of each plate, m.
     pub thickness: f64,
     /// Between two plates, m.
     pub gap: f64,

@@ -2,10 +2,12 @@
 
 use super::{LightOperator, Progress, SolveError, SolveInfo, Watch};
 
+/// When the fixed point stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FixedPointParams {
     /// Relative residual at which to stop.
     pub tolerance: f64,
+    /// Bounces at most; beyond that the solve fails.
     pub max_passes: u32,
 }
 

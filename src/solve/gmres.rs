@@ -3,10 +3,12 @@
 
 use super::{LightOperator, Progress, SolveError, SolveInfo, Watch};
 
+/// When GMRES stops, and how much it remembers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GmresParams {
     /// Relative residual at which to stop.
     pub tolerance: f64,
+    /// Passes at most; beyond that the solve fails.
     pub max_passes: u32,
     /// Vectors of the Krylov basis kept before a restart, at least 1.
     pub restart: u32,

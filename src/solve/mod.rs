@@ -10,7 +10,9 @@ use std::ops::ControlFlow;
 
 /// The affine map of the light equation, and the vector space it acts on.
 pub trait LightOperator {
+    /// What the solvers add and multiply.
     type Vector;
+    /// Why a pass may fail.
     type Error;
 
     /// A vector of zeros.
@@ -52,14 +54,37 @@ pub enum SolveError<E> {
         "the solve diverges: relative residual {residual:.3e} after {passes} passes. Light is created in the scene: \
          look for interpenetrating triangles, stacked layers closer than a triangle's size, or an albedo near 1"
     )]
-    Diverged { passes: u32, residual: f64, residuals: Vec<f64> },
+    /// The residual grows: light gains more by a bounce than it loses.
+    Diverged {
+        /// Passes made so far.
+        passes: u32,
+        /// The last relative residual.
+        residual: f64,
+        /// The relative residual after each pass.
+        residuals: Vec<f64>,
+    },
     #[error(
         "no convergence: relative residual {residual:.3e} after {passes} passes, wanted {tolerance:.1e}. Allow more \
          passes or a larger tolerance, or choose the other solver"
     )]
-    NoConvergence { passes: u32, residual: f64, tolerance: f64, residuals: Vec<f64> },
+    /// `max_passes` were not enough.
+    NoConvergence {
+        /// Passes made so far.
+        passes: u32,
+        /// The last relative residual.
+        residual: f64,
+        /// The relative residual that was asked for.
+        tolerance: f64,
+        /// The relative residual after each pass.
+        residuals: Vec<f64>,
+    },
+    /// The progress callback stopped the solve.
     #[error("interrupted after {passes} passes")]
-    Interrupted { passes: u32 },
+    Interrupted {
+        /// Passes made so far.
+        passes: u32,
+    },
+    /// A pass failed.
     #[error(transparent)]
     Operator(#[from] E),
 }

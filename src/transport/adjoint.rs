@@ -133,6 +133,7 @@ pub struct AdjointOperator<'a> {
 }
 
 impl<'a> AdjointOperator<'a> {
+    /// Borrows both for one solve; [`Self::set`] comes first.
     pub fn new(operators: &'a mut Operators, adjoint: &'a mut Adjoint) -> Self {
         Self { operators, adjoint }
     }

@@ -105,6 +105,7 @@ impl Operators {
         self.context.scene.set_materials(&self.context.device, scene, &self.context.plan)
     }
 
+    /// The plan they were made for.
     pub fn plan(&self) -> &Plan {
         &self.context.plan
     }
@@ -215,7 +216,9 @@ fn rows(values: &[f64]) -> Vec<[f64; 4]> {
 
 /// A copy of what leaves the triangles.
 pub struct LeavingValues {
+    /// Diffuse radiance of every slot, RGB and an unused fourth, W/(m² sr).
     pub radiance: Vec<[f64; 4]>,
+    /// Specular radiance per group, by triangle, bin and channel, W/(m² sr); `None` where the group is not glossy.
     pub specular: Vec<Option<Vec<f64>>>,
 }
 

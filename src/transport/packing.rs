@@ -10,6 +10,7 @@ use bytemuck::{Pod, Zeroable, bytes_of};
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct PackPush {
+    /// Slot of the first source, counted from the start of its page.
     pub first: u32,
 }
 

@@ -14,8 +14,11 @@ use bytemuck::{Pod, Zeroable, bytes_of};
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct ReflectPush {
+    /// Number of slots.
     pub count: u32,
+    /// 1 to emit, 0 not to.
     pub emission: f32,
+    /// 1 to reflect what arrives, 0 not to.
     pub reflection: f32,
 }
 
@@ -23,8 +26,11 @@ pub struct ReflectPush {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct GlossyPush {
+    /// The slot that the page begins with.
     pub page: u32,
+    /// The first bin of the page that this dispatch makes.
     pub first: u32,
+    /// How many bins it makes.
     pub count: u32,
 }
 

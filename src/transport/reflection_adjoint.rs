@@ -14,7 +14,9 @@ use bytemuck::{Pod, Zeroable, bytes_of};
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct ReflectAdjointPush {
+    /// Number of slots.
     pub count: u32,
+    /// 1 to add the loss's own cotangent of irradiance, 0 not to.
     pub given: f32,
 }
 
@@ -22,9 +24,13 @@ pub struct ReflectAdjointPush {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct GlossyDerivativePush {
+    /// The slot that the page begins with.
     pub page: u32,
+    /// Number of slots in the page.
     pub count: u32,
+    /// The first incident bin of this dispatch.
     pub bin_begin: u32,
+    /// The one behind its last.
     pub bin_end: u32,
 }
 

@@ -39,15 +39,19 @@ fn by_slot<const N: usize>(plan: &Plan, value: impl Fn(usize) -> [f64; N]) -> Ve
 
 /// Buffers that no operator writes.
 pub struct SceneBuffers {
+    /// Centroid, area, normal and characteristic area per slot: `Facet` of glsl/geometry.glsl.
     pub facets: Buffer,
     /// Three vec4 per slot.
     pub corners: Buffer,
+    /// Material per slot: `Surface` of glsl/surface.glsl.
     pub surfaces: Buffer,
     /// Centre of each bin, and c_b.
     pub bin_table: Buffer,
     /// [`crate::plan::FarRuns`] by receiver.
     pub far_runs: Buffer,
+    /// Where the close sources of each slot begin in `near_sources`, and where the last end.
     pub near_offsets: Buffer,
+    /// Slots of close sources, by receiver.
     pub near_sources: Buffer,
     /// Slots of the owners of a sweep over close pairs, in the order in which lanes take them.
     pub near_owners: Buffer,
@@ -56,6 +60,7 @@ pub struct SceneBuffers {
 }
 
 impl SceneBuffers {
+    /// Uploads scene and plan; the bytes are those that the plan counts.
     pub fn new(device: &Device, scene: &Scene, plan: &Plan) -> Result<Self, GpuError> {
         let bins = plan.bins.centre.iter().zip(&plan.bins.projected);
         let bin_table: Vec<f64> = bins.flat_map(|(c, &p)| [c.x, c.y, c.z, p]).collect();

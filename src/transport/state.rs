@@ -124,6 +124,7 @@ impl State {
 }
 
 impl Leaving {
+    /// Allocates what the plan counts; nothing leaves yet.
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let label = "specular radiance";
         let buffer = |label: &str, bytes: u64| Buffer::new(device, label, bytes, BufferKind::Storage);

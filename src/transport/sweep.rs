@@ -18,12 +18,19 @@ const _: () = assert!(OTHER_BYTES <= UNIFORM_BYTES);
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct FarPush {
+    /// The first tile whose triangles own lanes.
     pub owner_tile: u32,
+    /// The first tile they walk over.
     pub other_begin: u32,
+    /// The one behind the last.
     pub other_end: u32,
+    /// Half of the near field: pairs with r² below this times the sum of their characteristic areas are close.
     pub half_range: f32,
+    /// The slot that the bins of the owners begin with in their buffer.
     pub owner_page: u32,
+    /// The same of the others.
     pub other_page: u32,
+    /// What may pass, of the bits of a tile pair.
     pub passing: u32,
 }
 
@@ -31,15 +38,25 @@ pub struct FarPush {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct NearPush {
+    /// Index of the first owner in the list of owners.
     pub owner_begin: u32,
+    /// How many follow from there.
     pub owners: u32,
+    /// The first slot of the others.
     pub other_begin: u32,
+    /// The one behind the last.
     pub other_end: u32,
+    /// Half of the near field: pairs with r² below this times the sum of their characteristic areas are close.
     pub half_range: f32,
+    /// The slot that the bins of the owners begin with in their buffer.
     pub owner_page: u32,
+    /// The same of the others.
     pub other_page: u32,
+    /// 1 where antiradiance leaves the backs, else 0.
     pub backs: u32,
+    /// Close others of each owner that earlier dispatches took.
     pub skip: u32,
+    /// How many this one takes at most.
     pub take: u32,
 }
 

@@ -13,6 +13,7 @@ use bytemuck::{Pod, Zeroable, bytes_of};
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct DotPush {
+    /// Reals in each of the two vectors.
     pub count: u32,
 }
 

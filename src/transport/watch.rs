@@ -11,27 +11,45 @@ pub type Watcher = Box<dyn FnMut(u64, u64) -> ControlFlow<()> + Send>;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TransportError {
+    /// The device, or a call into it, failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    /// A watcher stopped the pass; what it would have written is undefined.
     #[error("interrupted")]
     Interrupted,
     #[error(
         "the host has no {bytes} bytes for one more vector of the solver: the fixed point needs two (--solver \
          fixed-point), a larger memory budget of the device none, fewer bins smaller ones"
     )]
-    HostMemory { bytes: u64 },
+    /// States live on the host, and it has no room for another one.
+    HostMemory {
+        /// Size of the state, or of the part that did not fit.
+        bytes: u64,
+    },
+    /// An adjoint was asked of states that live on the host.
     #[error(
         "gradients need the solver's vectors on the device, and these are on the host: name the gradients in Limits"
     )]
     NotResident,
     /// Going on without it would lose light and give a wrong answer that looks like a right one.
     #[error("the plan has work for {what}, which the engine was made without: a defect of antirad")]
-    Missing { what: String },
+    Missing {
+        /// What is missing, in words.
+        what: String,
+    },
     /// The same of a part of a state on the host.
     #[error(
         "bytes {begin}..{end} are outside of the {bytes} bytes of bins of a state on the host: a defect of antirad"
     )]
-    OutsideOfState { begin: u64, end: u64, bytes: u64 },
+    OutsideOfState {
+        /// First byte of the part.
+        begin: u64,
+        /// The byte behind its last.
+        end: u64,
+        /// What there is.
+        bytes: u64,
+    },
+    /// Derivatives that the plan did not foresee.
     #[error("gradients were not planned: name them in Limits::gradients before the plan is made")]
     NotPlanned,
 }

@@ -78,12 +78,14 @@ pub struct Example {
     pub value: f64,
     /// The triangle that it is bad for or with, if there is one.
     pub other: Option<u32>,
+    /// The mesh of that triangle, and its place there.
     pub other_place: Option<String>,
 }
 
 /// Something of a scene that the method will get wrong.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Warning {
+    /// What sort of thing it is.
     pub kind: Kind,
     /// Whether the result may be useless, not just less accurate.
     pub severe: bool,
@@ -93,6 +95,7 @@ pub struct Warning {
     pub way_out: String,
     /// What the values of the examples are, with the unit.
     pub measure: &'static str,
+    /// Number of triangles it is true of.
     pub count: usize,
     /// Of the scene's area, 0 to 1.
     pub area_share: f64,
@@ -106,6 +109,7 @@ pub struct Warning {
 /// All warnings of a scene under a plan.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Warnings {
+    /// One for each kind of thing that was found.
     pub list: Vec<Warning>,
 }
 

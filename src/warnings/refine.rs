@@ -27,7 +27,9 @@ impl Default for RefineOptions {
 /// What was done.
 #[derive(Clone, Debug)]
 pub struct Refined {
+    /// Warnings of the scene as it was given.
     pub before: Warnings,
+    /// Those that are left.
     pub after: Warnings,
     /// Per new triangle the one of the old scene that it is a part of.
     pub parents: Vec<u32>,
@@ -43,10 +45,17 @@ pub struct Refined {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RefineError {
+    /// There is no plan to judge the scene by.
     #[error(transparent)]
     Plan(#[from] PlanError),
+    /// The scene is as large as it may be before anything is cut.
     #[error("the scene has {triangles} triangles already; allow more than {allowed} (--max-triangles)")]
-    Full { triangles: usize, allowed: usize },
+    Full {
+        /// Number of triangles it has.
+        triangles: usize,
+        /// Number that it may have.
+        allowed: usize,
+    },
 }
 
 /// Cuts coarse blockers, those of stacked layers, and the wide sides of narrow gaps, the worst first, until there are none,

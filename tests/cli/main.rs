@@ -5,6 +5,8 @@ mod examples;
 mod fits;
 mod pictures;
 mod plans;
+#[path = "../support/process.rs"]
+mod process;
 mod refusals;
 mod signals;
 mod truth;

@@ -110,19 +110,19 @@ fn a_render_warns_of_what_makes_it_useless() {
 #[test]
 #[cfg(unix)]
 fn an_interrupted_refinement_ends_soon_and_writes_nothing() {
-    use std::process::{Command, Stdio};
-    use std::time::{Duration, Instant};
+    use crate::process::{until_caught, work_after};
+    use std::process::Stdio;
+    use std::time::Duration;
     let fine = plates(8).replace("kind = \"slab\", cells = 4", "kind = \"slab\", cells = 40");
     let folder = Folder::with(&[("plates.toml", &fine)]);
     let mut tool = folder.tool(["refine", "plates.toml", "--output", "out"]);
-    let child = tool.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
-    std::thread::sleep(Duration::from_millis(700));
-    let sent = Instant::now();
-    assert!(
-        Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill runs").success()
-    );
+    let mut child = tool.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
+    until_caught(&mut child);
+    std::thread::sleep(Duration::from_millis(500));
+    let worked = work_after(&mut child, "-INT");
     let run = crate::Run::from(child.wait_with_output().expect("the tool ends"));
     assert_eq!(run.code, Some(130), "{run:?}");
     assert!(run.stderr.ends_with("antirad: interrupted; nothing was written\n"), "{run:?}");
-    assert!(sent.elapsed() < Duration::from_secs(2) && folder.results().is_empty());
+    assert!(worked.is_none_or(|worked| worked < Duration::from_secs(2)), "{worked:?}");
+    assert!(folder.results().is_empty());
 }

@@ -1,4 +1,8 @@
 //! Devices: found, chosen, shared, lent by an embedder, watched by validation.
+#![allow(
+    unsafe_code,
+    reason = "devices that plain Vulkan calls opened, and mistakes that validation must find"
+)]
 
 use antirad::gpu::embed::RawDevice;
 use antirad::gpu::{self, Device, Enabled, GpuError};

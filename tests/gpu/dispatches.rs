@@ -171,17 +171,20 @@ fn thousands_of_submits_neither_leak_nor_crawl() {
     let (x, y) = (filled(&device, "x", &ramp(100)), filled(&device, "y", &[0.0; 100]));
     let push = Axpy { count: 100, a: 1.0, b: 1.0 };
     let before = device.memory();
-    let start = Instant::now();
+    let mut seconds = Vec::with_capacity(2000);
     for _ in 0..2000 {
+        let start = Instant::now();
         let mut batch = device.batch().unwrap();
         let buffers = [x.whole(), y.whole()];
         batch.dispatch(&pipeline, "100", &buffers, bytemuck::bytes_of(&push), [1, 1, 1]).unwrap();
         batch.submit().unwrap();
+        seconds.push(start.elapsed().as_secs_f64());
     }
-    let seconds = start.elapsed().as_secs_f64();
-    println!("{:.0} µs a submit", seconds / 2000.0 * 1e6);
-    // Ten times what a busy two-core machine takes, with validation.
-    assert!(seconds < 40.0, "{seconds} s");
+    // The fastest of many is what a submit costs, whoever else uses the machine. What piles up would show in all the last.
+    let fastest = |some: &[f64]| some.iter().copied().fold(f64::INFINITY, f64::min);
+    let (first, last) = (fastest(&seconds[..500]), fastest(&seconds[1500..]));
+    println!("{:.0} µs a submit at first, {:.0} µs at last", 1e6 * first, 1e6 * last);
+    assert!(last <= 3.0 * first, "{last} s after {first} s");
     assert_eq!(device.memory(), before);
     let expected = axpy(2000.0, &ramp(100), &[0.0; 100]);
     assert_eq!(device.download_slice::<f32>(&y, 0, 100).unwrap(), expected);

@@ -12,10 +12,12 @@ use std::ops::Range;
 pub struct NearPairs {
     /// Where each slot's list starts; one entry more than there are slots.
     pub offsets: Vec<u32>,
+    /// Slots of the close triangles, list after list, ascending in each.
     pub others: Vec<u32>,
 }
 
 impl NearPairs {
+    /// Finds the close pairs among the tiles that may hold some.
     pub fn new(
         layout: &Layout,
         far: &FarRuns,

@@ -24,7 +24,9 @@ const LONGEST: u32 = 1000;
 /// A mean and its standard error, RGB, W/m².
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Estimate {
+    /// Of all paths.
     pub mean: DVec3,
+    /// Its standard error.
     pub error: DVec3,
 }
 
@@ -65,6 +67,7 @@ fn brdf(material: &Material, normal: DVec3, to_light: DVec3, to_eye: DVec3) -> D
 }
 
 impl<'a> PathTracer<'a> {
+    /// Sorts the triangles for finding what rays hit.
     pub fn new(scene: &'a Scene) -> Self {
         let vectors: Vec<DVec3> = (0..scene.triangles.len()).map(|i| scene.area_vector(i)).collect();
         let areas: Vec<f64> = vectors.iter().map(|v| v.length()).collect();

@@ -1,0 +1,55 @@
+//! What a process has worked, which a busy machine does not change, unlike the time it took.
+#![cfg(unix)]
+
+use std::process::Child;
+use std::time::Duration;
+
+/// What Linux tells of a process; elsewhere nothing is known, and bounds on it are not checked.
+struct Stat {
+    ended: bool,
+    worked: Duration,
+}
+
+impl Stat {
+    fn of(process: u32) -> Option<Self> {
+        let text = std::fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
+        // The name in front may hold anything, blanks and parentheses too.
+        let fields: Vec<&str> = text.rsplit_once(") ")?.1.split_whitespace().collect();
+        let ticks = |k: usize| fields.get(k)?.parse::<u64>().ok();
+        // Hundredths of a second on every architecture.
+        let worked = Duration::from_millis(10 * (ticks(11)? + ticks(12)?));
+        Some(Self { ended: fields.first() == Some(&"Z"), worked })
+    }
+}
+
+/// Sends a signal, and says how much CPU time the process takes from then to its end.
+pub fn work_after(child: &mut Child, signal: &str) -> Option<Duration> {
+    let process = child.id();
+    let before = Stat::of(process).map(|stat| stat.worked);
+    let sent = std::process::Command::new("kill").args([signal, &process.to_string()]).status();
+    assert!(sent.expect("kill runs").success());
+    // Until it is waited for, a process that has ended still tells what it worked.
+    let mut last = Stat::of(process)?;
+    while !last.ended {
+        std::thread::sleep(Duration::from_millis(10));
+        last = Stat::of(process)?;
+    }
+    Some(last.worked - before?)
+}
+
+/// Waits until a process catches Ctrl-C.
+pub fn until_caught(child: &mut Child) {
+    let status = format!("/proc/{}/status", child.id());
+    let catches = || {
+        let text = std::fs::read_to_string(&status).ok()?;
+        let mask = text.lines().find_map(|line| line.strip_prefix("SigCgt:"))?;
+        Some(u64::from_str_radix(mask.trim(), 16).ok()? >> 1 & 1 == 1)
+    };
+    if catches().is_none() {
+        std::thread::sleep(Duration::from_secs(1));
+    }
+    while catches() == Some(false) {
+        assert!(child.try_wait().expect("a child").is_none(), "ended early");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
