@@ -9,7 +9,7 @@ mod size;
 pub use interrupt::Interrupt;
 use plot::register_font;
 pub use plot::{Curve, Drawn, LogPlot, slope};
-pub use progress::SolveBar;
+pub use progress::{SolveBar, Working};
 #[cfg(test)]
 pub(crate) use sheet::{CAPTION, GAP};
 pub use sheet::{Panel, Sheet, heat, percentile, signed_heat, white_point};

@@ -18,11 +18,11 @@ pub use bins::{Bins, Taps};
 pub use classes::{Class, classify};
 pub(crate) use classes::{coplanar_tolerance, reaches};
 pub use error::PlanError;
-pub(crate) use hierarchy::{Hierarchy, Node};
+pub(crate) use hierarchy::{Hierarchy, Node, Sight};
 pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
 pub(crate) use memory::PARTIAL_SUMS;
 pub use memory::{MemoryItem, MemoryPlan};
-pub(crate) use order::{Block, morton};
+pub(crate) use order::{Block, morton, spatial_order};
 pub use report::{ClassReport, PairReport, PlanReport, StatesReport};
 pub use residency::{Piece, Residency};
 pub use tiles::{Group, Layout, PADDING};
@@ -120,6 +120,12 @@ impl Placement {
     pub fn apply(&self, point: DVec3) -> DVec3 {
         (point - self.centre) * self.scale
     }
+
+    /// The triangles of a scene, in the engine's coordinates.
+    pub(crate) fn facets(&self, scene: &Scene) -> Vec<Facet> {
+        let placed = |i: usize| Facet::new(scene.corners(i).map(|c| self.apply(c)));
+        (0..scene.triangles.len()).map(placed).collect()
+    }
 }
 
 /// Which solver runs, with how much memory.
@@ -184,9 +190,7 @@ impl Plan {
             return Err(PlanError::Tolerance { wanted, least, precision });
         }
         let placement = Placement::of(scene);
-        let facets: Vec<Facet> = (0..scene.triangles.len())
-            .map(|i| Facet::new(scene.corners(i).map(|c| placement.apply(c))))
-            .collect();
+        let facets = placement.facets(scene);
         let mut classes = classify(scene);
         match limits.occlusion {
             Occlusion::Exact => {}
@@ -202,8 +206,7 @@ impl Plan {
         // A loss may see colours in a grey scene.
         let channels = if is_grey(scene) && !limits.gradients.any() { 1 } else { 3 };
 
-        let mut order = order::spatial_order(&facets);
-        order.retain(|&i| facets[i as usize].area > 0.0);
+        let order = spatial_order(&facets);
         if order.is_empty() {
             return Err(PlanError::NothingToSolve);
         }
