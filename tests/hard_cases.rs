@@ -235,7 +235,7 @@ fn gaps_below_the_size_of_triangles() {
 fn under(device: &Device, plates: &Plates) -> Result<f64, EngineError> {
     let scene = plates.scene().expect("a scene");
     let floor = scene.meshes[0].range.start as usize..scene.meshes[0].range.end as usize;
-    let accuracy = usual_accuracy(&scene)?;
+    let accuracy = usual_accuracy(&scene);
     let run = |occlusion| {
         let limits = Limits::of(device).occlusion(occlusion);
         let plan = Plan::new(&scene, &limits, &accuracy)?;
@@ -284,7 +284,7 @@ fn stacks_of_plates_that_are_too_close() {
         let plates = Plates { count, cells, ..Plates::default() };
         let scene = plates.scene().expect("a scene");
         named_layers(&scene, count);
-        let accuracy = usual_accuracy(&scene).expect("settings");
+        let accuracy = usual_accuracy(&scene);
         assert!(warned(&scene, &accuracy).get(Kind::CoarseBlockers).is_some(), "{count} plates of {cells}");
         let leak = under(&device, &plates).expect("a solution");
         println!("{count} plates of {cells} squares: {:.1} % of the light comes through", 100.0 * leak);

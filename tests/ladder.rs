@@ -106,7 +106,7 @@ fn closed_rooms_of_high_albedo() {
         assert!(estimate.balance.is_some(), "the room is closed");
 
         // And with the settings that are chosen where none are stated.
-        let accuracy = usual_accuracy(&scene).expect("settings");
+        let accuracy = usual_accuracy(&scene);
         let (_engine, solution) = solve(&device, &scene, &accuracy);
         let error = relative_l2(&solution.radiosity, &truth, &areas(&scene));
         println!(
@@ -122,12 +122,12 @@ fn closed_rooms_of_high_albedo() {
 /// Bins of one size where blockers are coarse, unless others are stated.
 #[test]
 fn bins_suit_the_scene() {
-    let chosen = |scene: &Scene| usual_accuracy(scene).expect("settings").bins;
+    let chosen = |scene: &Scene| usual_accuracy(scene).bins;
     let usual = BinLayout::EqualAngle { theta: 10, phi: 13 };
     let mut plates = Plates::default().scene().expect("a scene");
     assert_eq!(chosen(&cornell()), usual);
     assert_eq!(chosen(&furnace(0.5)), usual);
-    assert_eq!(layout(&furnace(0.5), &furnace(0.5).accuracy).expect("a layout"), Layout::None);
+    assert_eq!(layout(&furnace(0.5), &furnace(0.5).accuracy), Layout::None);
     assert_eq!(chosen(&plates), BinLayout::Concentric { n: 10 });
     plates.choice = Choice::STATED;
     assert_eq!(chosen(&plates), usual);

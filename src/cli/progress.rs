@@ -1,6 +1,78 @@
-//! The progress bar of a solve: on a terminal, with a time left; elsewhere nothing.
+//! That long work goes on: on a terminal a bar, or what turns where nobody knows how much is left; elsewhere a line every
+//! ten seconds.
 
 use indicatif::{ProgressBar, ProgressStyle};
+use std::io::IsTerminal;
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Between two lines, and before the first.
+const PERIOD: Duration = Duration::from_secs(10);
+
+/// Work of the host that goes on until this is dropped.
+pub struct Working {
+    bar: ProgressBar,
+    lines: Option<(Sender<()>, JoinHandle<()>)>,
+}
+
+impl Working {
+    /// Says that `what` is being done, unless warnings are switched off.
+    pub fn on(what: &'static str) -> Self {
+        if !tracing::enabled!(tracing::Level::WARN) {
+            return Self { bar: ProgressBar::hidden(), lines: None };
+        }
+        if !std::io::stderr().is_terminal() {
+            return Self::every(PERIOD, move |gone| eprintln!("{what}: {} s", gone.as_secs()));
+        }
+        let bar = ProgressBar::new_spinner().with_message(what);
+        if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}, {elapsed} gone") {
+            bar.set_style(style);
+        }
+        bar.enable_steady_tick(Duration::from_millis(200));
+        Self { bar, lines: None }
+    }
+
+    /// Tells `say` in every period how long it has taken.
+    fn every(period: Duration, say: impl Fn(Duration) + Send + 'static) -> Self {
+        let (done, finished) = channel();
+        let start = Instant::now();
+        let lines = std::thread::spawn(move || {
+            while finished.recv_timeout(period) == Err(RecvTimeoutError::Timeout) {
+                say(start.elapsed());
+            }
+        });
+        Self { bar: ProgressBar::hidden(), lines: Some((done, lines)) }
+    }
+}
+
+impl Drop for Working {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+        if let Some((done, lines)) = self.lines.take() {
+            drop(done);
+            // What it has said is said; nothing follows.
+            let _ = lines.join();
+        }
+    }
+}
+
+/// When it is time for a line.
+struct Lines {
+    period: Duration,
+    last: Instant,
+}
+
+impl Lines {
+    fn due(&mut self, now: Instant) -> bool {
+        let due = now.duration_since(self.last) >= self.period;
+        if due {
+            self.last = now;
+        }
+        due
+    }
+}
 
 /// Steps of the whole bar.
 const STEPS: u64 = 1000;
@@ -10,17 +82,21 @@ const STEPS: u64 = 1000;
 #[derive(Clone)]
 pub struct SolveBar {
     bar: ProgressBar,
+    /// Where there is no terminal.
+    lines: Option<Arc<Mutex<Lines>>>,
     tolerance: f64,
 }
 
 impl SolveBar {
-    /// A bar that is hidden where standard error is no terminal, or `quiet`.
+    /// A bar where standard error is a terminal, lines elsewhere, nothing if `quiet`.
     pub fn new(tolerance: f64, quiet: bool) -> Self {
         let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new(STEPS) };
         if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} gone, {eta} left") {
             bar.set_style(style.progress_chars("=> "));
         }
-        Self { bar, tolerance }
+        let lines = Lines { period: PERIOD, last: Instant::now() };
+        let lines = (!quiet && !std::io::stderr().is_terminal()).then(|| Arc::new(Mutex::new(lines)));
+        Self { bar, lines, tolerance }
     }
 
     /// After `passes` passes, which reached `residual`, and `share` of the next one (0 to 1).
@@ -28,15 +104,58 @@ impl SolveBar {
         let done = if passes == 0 { 0.0 } else { (residual.ln() / self.tolerance.ln()).clamp(0.0, 1.0) };
         // The first passes say little of the rate: ten of them are usual.
         let step = if passes < 2 { 0.1 } else { done / f64::from(passes - 1) };
-        self.bar.set_position(((done + share * step).min(1.0) * STEPS as f64) as u64);
-        self.bar.set_message(match passes {
+        let done = (done + share * step).min(1.0);
+        self.bar.set_position((done * STEPS as f64) as u64);
+        let message = match passes {
             0 => "first pass".to_owned(),
             _ => format!("pass {}, residual {residual:.1e} of {:.0e}", passes + 1, self.tolerance),
-        });
+        };
+        let due = |lines: &Arc<Mutex<Lines>>| {
+            lines.lock().unwrap_or_else(PoisonError::into_inner).due(Instant::now())
+        };
+        if self.lines.as_ref().is_some_and(due) {
+            eprintln!("{message}: {:.0} % done, {} s", 100.0 * done, self.bar.elapsed().as_secs());
+        }
+        self.bar.set_message(message);
     }
 
     /// Takes the bar off the terminal.
     pub fn finish(&self) {
         self.bar.finish_and_clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_work_is_told_of_until_it_ends() {
+        let (said, heard) = channel();
+        let working = Working::every(Duration::from_millis(5), move |gone| {
+            let _ = said.send(gone);
+        });
+        let times: Vec<Duration> = heard.iter().take(3).collect();
+        assert!(times.is_sorted() && times[0] >= Duration::from_millis(5), "{times:?}");
+        drop(working);
+        heard.try_iter().for_each(drop);
+        assert!(heard.recv().is_err(), "nobody is left to say more");
+    }
+
+    #[test]
+    fn short_work_is_not_told_of() {
+        let (said, heard) = channel();
+        drop(Working::every(Duration::from_secs(3600), move |gone| {
+            let _ = said.send(gone);
+        }));
+        assert!(heard.recv().is_err());
+    }
+
+    #[test]
+    fn lines_come_once_a_period() {
+        let start = Instant::now();
+        let mut lines = Lines { period: Duration::from_secs(10), last: start };
+        let due = [1, 9, 10, 11, 19, 20, 45, 46].map(|s| lines.due(start + Duration::from_secs(s)));
+        assert_eq!(due, [false, false, true, false, false, true, true, false]);
     }
 }

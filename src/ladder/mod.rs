@@ -222,7 +222,7 @@ impl<'a> Ground<'a> {
         let mut scene = self.scene.clone();
         let parents = scene.split_all(rung.cuts);
         let given = &self.scene.accuracy;
-        let layout = layout(&scene, &rung.accuracy(Layout::EqualAngle, self.near, given))?;
+        let layout = layout(&scene, &rung.accuracy(Layout::EqualAngle, self.near, given));
         scene.accuracy = rung.accuracy(layout, self.near, given);
         let plan = self.plan(&scene, &scene.accuracy)?;
         let companion = rung.companion(layout, self.near, given);

@@ -1,9 +1,9 @@
 //! Settings from cheap to exact, and which of them a scene starts at.
 
-use crate::model::classify;
-use crate::plan::{Limits, Plan, PlanError};
+use crate::model::{Bins, classify, spatial_order};
+use crate::plan::Placement;
 use crate::scene::{Accuracy, BinLayout, Choice, Material, Scene};
-use crate::warnings::Warnings;
+use crate::warnings::{Surfaces, Warnings};
 use serde::Serialize;
 
 /// One step of a ladder of settings.
@@ -146,22 +146,29 @@ pub(super) fn is_directional(scene: &Scene) -> bool {
 
 /// Which bins suit a scene: those of equal polar angle, unless under them coarse blockers take more than a twentieth of
 /// the area ([`Warnings::coarse_share`]). Looks at pairs of triangles that are near, without a device.
-pub fn layout(scene: &Scene, accuracy: &Accuracy) -> Result<Layout, PlanError> {
-    if !is_directional(scene) {
-        return Ok(Layout::None);
+pub fn layout(scene: &Scene, accuracy: &Accuracy) -> Layout {
+    let classes = classify(scene);
+    if !classes.iter().any(|class| class.has_bins()) {
+        return Layout::None;
     }
-    // Only what is near matters here, not whether a solve would fit the memory.
-    let plan = Plan::new(scene, &Limits::default().boundless(), accuracy)?;
-    Ok(if Warnings::coarse_share(&plan) > FEW { Layout::Concentric } else { Layout::EqualAngle })
+    let facets = Placement::of(scene).facets(scene);
+    let surfaces = Surfaces {
+        facets: &facets,
+        classes: &classes,
+        order: &spatial_order(&facets),
+        bins: &Bins::new(accuracy.bins, accuracy.weights),
+        subsample: accuracy.subsample,
+    };
+    if Warnings::coarse_share(surfaces) > FEW { Layout::Concentric } else { Layout::EqualAngle }
 }
 
 /// Settings for a scene that leaves some open ([`Choice::Open`]): 10 x 10 bins of one size and a near field twice as wide where
 /// [`layout`] asks for such bins, and a near field that keeps what is lost over all bounces within 1 %. All else is as it
 /// stands.
-pub fn usual_accuracy(scene: &Scene) -> Result<Accuracy, PlanError> {
+pub fn usual_accuracy(scene: &Scene) -> Accuracy {
     let given = scene.accuracy;
-    let Choice::Open { bins, subsample } = scene.choice else { return Ok(given) };
-    let coarse = (bins || subsample) && layout(scene, &given)? == Layout::Concentric;
+    let Choice::Open { bins, subsample } = scene.choice else { return given };
+    let coarse = (bins || subsample) && layout(scene, &given) == Layout::Concentric;
     let mut accuracy = given;
     if subsample {
         let wider = if coarse { COARSE_NEAR } else { 1.0 };
@@ -171,7 +178,7 @@ pub fn usual_accuracy(scene: &Scene) -> Result<Accuracy, PlanError> {
     if bins && coarse {
         accuracy.bins = BinLayout::Concentric { n: 10 };
     }
-    Ok(accuracy)
+    accuracy
 }
 
 /// Of all light, what the usual near field may lose.

@@ -3,6 +3,7 @@
 use crate::scene::{BinLayout, Weights};
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::sync::{Mutex, PoisonError};
 
 /// Midpoint samples per bin and axis of the quadrature: its error of c_b is below 1e-6 of c_b.
 const QUADRATURE: u32 = 64;
@@ -36,9 +37,21 @@ pub struct Bins {
     pub centre: Vec<DVec3>,
 }
 
+/// All bins that this process has made: their quadrature takes as long as planning a small scene.
+static MADE: Mutex<Vec<Bins>> = Mutex::new(Vec::new());
+
 impl Bins {
     /// Computes the integrals by quadrature of T_b.
     pub fn new(layout: BinLayout, weights: Weights) -> Self {
+        let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = made.iter().find(|bins| bins.layout == layout && bins.weights == weights);
+        known.cloned().unwrap_or_else(|| {
+            made.push(Self::integrated(layout, weights));
+            made[made.len() - 1].clone()
+        })
+    }
+
+    fn integrated(layout: BinLayout, weights: Weights) -> Self {
         let count = layout.count();
         let mut bins = Self {
             layout,
@@ -241,6 +254,15 @@ mod tests {
                 assert!(taps.iter().all(|&(b, w)| b < bins.count() && (0.0..=1.0).contains(&w)));
             }
         }
+    }
+
+    #[test]
+    fn bins_of_a_layout_are_made_once() {
+        let (layout, weights) = (BinLayout::EqualAngle { theta: 3, phi: 7 }, Weights::Smoothstep);
+        let all = [0; 3].map(|_| Bins::new(layout, weights).projected);
+        assert!(all.iter().all(|projected| *projected == Bins::integrated(layout, weights).projected));
+        let made = MADE.lock().expect("no test panics with it");
+        assert_eq!(made.iter().filter(|bins| bins.layout == layout).count(), 1);
     }
 
     #[test]

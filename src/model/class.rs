@@ -1,7 +1,7 @@
 //! Which triangles need direction bins, and why: exact, for whatever the lights and materials are.
 
 use super::facet::Facet;
-use super::hierarchy::{Hierarchy, Sight, Step};
+use super::hierarchy::{Hierarchy, Node, Sight};
 use super::order::{Block, spatial_order};
 use crate::scene::Scene;
 use rayon::prelude::*;
@@ -66,8 +66,7 @@ struct Search<'a> {
 
 impl<'a> Search<'a> {
     fn new(facets: &'a [Facet]) -> Self {
-        let mut order = spatial_order(facets);
-        order.retain(|&i| facets[i as usize].area > 0.0);
+        let order = spatial_order(facets);
         let tolerance = coplanar_tolerance(facets);
         let tree = Hierarchy::new(facets, &order, LEAF, tolerance);
         Self { facets, order, tree, tolerance }
@@ -76,20 +75,12 @@ impl<'a> Search<'a> {
     /// True where some triangle can receive antiradiance from the back of triangle `i`.
     fn casts_shadow(&self, i: usize) -> bool {
         let source = &self.facets[i];
-        let height = source.normal.dot(source.centroid);
         let bounds = Block::around(std::iter::once(source));
-        self.tree.walk(|node| {
-            let behind = node.bounds.lowest(source.normal) - height < -self.tolerance;
-            if !behind || self.tree.sight(node, &bounds, 1.0, true) == Sight::Nothing {
-                return Step::Past;
-            }
-            let slots = node.leaves.start * LEAF..(node.leaves.end * LEAF).min(self.order.len());
-            let receives =
-                |&j: &u32| j as usize != i && reaches(source, &self.facets[j as usize], -1.0, self.tolerance);
-            match node.is_leaf() && self.order[slots].iter().any(receives) {
-                true => Step::Stop,
-                false => Step::Into,
-            }
-        })
+        let behind = |node: &Node| {
+            !self.tree.misses(source, &node.bounds, -1.0)
+                && self.tree.sight(node, &bounds, 1.0, true) != Sight::Nothing
+        };
+        let mut slots = self.tree.leaves(behind).flat_map(|leaf| leaf.slots(LEAF, &self.order));
+        slots.any(|&j| j as usize != i && reaches(source, &self.facets[j as usize], -1.0, self.tolerance))
     }
 }

@@ -15,7 +15,8 @@ const ROUNDING: f64 = 1e-13;
 pub struct Node {
     pub leaves: Range<usize>,
     pub bounds: Block,
-    /// Largest characteristic area.
+    /// Largest area, and characteristic area.
+    pub area: f64,
     pub extent: f64,
     planes: Planes,
     /// Where the walk goes on behind this branch.
@@ -31,15 +32,6 @@ pub enum Sight {
     Unknown,
     /// A part of each, beyond each of the planes.
     Each,
-}
-
-/// How a walk goes on after a node.
-pub enum Step {
-    /// To the first of its branches, or behind a leaf.
-    Into,
-    /// Behind it.
-    Past,
-    Stop,
 }
 
 /// Nodes in the order of a walk: each before its branches.
@@ -68,6 +60,7 @@ impl Source<'_> {
         let facets = self.facets(&leaves);
         Node {
             bounds: Block::around(facets.clone()),
+            area: facets.clone().map(|f| f.area).fold(0.0, f64::max),
             extent: facets.clone().map(|f| f.extent).fold(0.0, f64::max),
             planes: Planes::of(facets),
             leaves,
@@ -101,38 +94,38 @@ impl Hierarchy {
         Self { nodes, tolerance, margin: MARGIN * tolerance + ROUNDING * farthest }
     }
 
-    /// Calls `visit` for nodes, in the order of their leaves and each before its branches, and goes where it says. True if it
-    /// stopped.
-    pub fn walk(&self, mut visit: impl FnMut(&Node) -> Step) -> bool {
+    /// Calls `enter` for nodes, in the order of their leaves and each before its branches, to which it goes where that is true.
+    pub fn walk(&self, mut enter: impl FnMut(&Node) -> bool) {
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
-            at = match visit(node) {
-                Step::Into => at + 1,
-                Step::Past => node.next,
-                Step::Stop => return true,
-            };
+            at = if enter(node) { at + 1 } else { node.next };
         }
-        false
     }
 
-    /// The leaves whose branches all pass a test.
-    pub fn leaves(&self, mut test: impl FnMut(&Node) -> bool) -> Vec<usize> {
-        let mut found = Vec::new();
-        self.walk(|node| {
-            if !test(node) {
-                return Step::Past;
+    /// The leaves that pass a test, as all branches around them do.
+    pub fn leaves(&self, test: impl Fn(&Node) -> bool) -> impl Iterator<Item = &Node> {
+        let mut at = 0;
+        std::iter::from_fn(move || {
+            while let Some(node) = self.nodes.get(at) {
+                let passes = test(node);
+                at = if passes { at + 1 } else { node.next };
+                if passes && node.is_leaf() {
+                    return Some(node);
+                }
             }
-            if node.is_leaf() {
-                found.push(node.leaves.start);
-            }
-            Step::Into
-        });
-        found
+            None
+        })
     }
 
     /// The nodes of the leaves, in their order.
     pub fn leaf_nodes(&self) -> impl Iterator<Item = &Node> {
         self.nodes.iter().filter(|node| node.is_leaf())
+    }
+
+    /// True where no part of a box lies above (`side` = 1) or below (`side` = -1) the plane of a triangle.
+    pub fn misses(&self, plane: &Facet, bounds: &Block, side: f64) -> bool {
+        let normal = side * plane.normal;
+        -bounds.lowest(-normal) - normal.dot(plane.centroid) <= self.tolerance - self.margin
     }
 
     /// What of boxes lies above (`side` = 1) or below (`side` = -1) the planes of a branch. `one`: whether `bounds` is the box
@@ -150,6 +143,11 @@ impl Hierarchy {
 }
 
 impl Node {
+    /// Its slots of an order, of which `leaf` make a leaf.
+    pub fn slots<'a>(&self, leaf: usize, order: &'a [u32]) -> &'a [u32] {
+        &order[self.leaves.start * leaf..(self.leaves.end * leaf).min(order.len())]
+    }
+
     pub fn is_leaf(&self) -> bool {
         self.leaves.len() == 1
     }
@@ -251,9 +249,9 @@ mod tests {
         for leaf in [1, 3, 64, 200] {
             let tree = Hierarchy::new(&facets, &order, leaf, 1e-6);
             let all: Vec<usize> = (0..100usize.div_ceil(leaf)).collect();
-            assert_eq!(tree.leaves(|_| true), all);
+            assert_eq!(tree.leaves(|_| true).map(|node| node.leaves.start).collect::<Vec<_>>(), all);
             assert_eq!(tree.leaf_nodes().map(|node| node.leaves.start).collect::<Vec<_>>(), all);
         }
-        assert!(!Hierarchy::new(&[], &[], 1, 0.0).walk(|_| Step::Stop));
+        assert_eq!(Hierarchy::new(&[], &[], 1, 0.0).leaves(|_| true).count(), 0);
     }
 }

@@ -16,7 +16,7 @@ pub(crate) use class::{coplanar_tolerance, reaches};
 pub use facet::{Facet, orthonormal_basis};
 pub(crate) use facet::{basis_sign, centroid, quarters};
 pub use facet_gradient::FacetGradient;
-pub(crate) use hierarchy::{Hierarchy, Node, Sight, Step};
+pub(crate) use hierarchy::{Hierarchy, Node, Sight};
 pub(crate) use near_field::{QUARTER_RANGE, far_weight};
 pub use order::PADDING;
 pub(crate) use order::{Block, morton, spatial_order};

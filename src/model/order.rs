@@ -38,13 +38,14 @@ impl Block {
     }
 }
 
-/// Indices of the facets, sorted by the cube face their normal points to, then along a Morton curve.
+/// Indices of the facets with an area, sorted by the cube face their normal points to, then along a Morton curve.
 pub fn spatial_order(facets: &[Facet]) -> Vec<u32> {
     let bounds = Block::around(facets.iter());
     let size = (bounds.max - bounds.min).max_element().max(f64::MIN_POSITIVE);
     let mut keyed: Vec<(u8, u64, u32)> = facets
         .iter()
         .zip(0u32..)
+        .filter(|(facet, _)| facet.area > 0.0)
         .map(|(facet, i)| (cube_face(facet.normal), morton((facet.centroid - bounds.min) / size), i))
         .collect();
     keyed.sort_unstable();

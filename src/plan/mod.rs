@@ -124,6 +124,12 @@ impl Placement {
     pub fn apply(&self, point: DVec3) -> DVec3 {
         (point - self.centre) * self.scale
     }
+
+    /// The triangles of a scene, in the engine's coordinates.
+    pub(crate) fn facets(&self, scene: &Scene) -> Vec<Facet> {
+        let placed = |i: usize| Facet::new(scene.corners(i).map(|c| self.apply(c)));
+        (0..scene.triangles.len()).map(placed).collect()
+    }
 }
 
 /// Which solver runs, with how much memory.
@@ -201,9 +207,7 @@ impl Plan {
             return Err(PlanError::Tolerance { wanted, least, precision });
         }
         let placement = Placement::of(scene);
-        let facets: Vec<Facet> = (0..scene.triangles.len())
-            .map(|i| Facet::new(scene.corners(i).map(|c| placement.apply(c))))
-            .collect();
+        let facets = placement.facets(scene);
         let mut classes = classify(scene);
         match limits.occlusion {
             Occlusion::Exact => {}
@@ -216,8 +220,7 @@ impl Plan {
         // A loss may see colours in a grey scene.
         let channels = if is_grey(scene) && !limits.gradients.any() { 1 } else { 3 };
 
-        let mut order = spatial_order(&facets);
-        order.retain(|&i| facets[i as usize].area > 0.0);
+        let order = spatial_order(&facets);
         if order.is_empty() {
             return Err(PlanError::NothingToSolve);
         }

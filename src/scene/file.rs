@@ -7,7 +7,6 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::assembly::Assembly;
-use super::check::MAX_TRIANGLES;
 use super::error::{Place, SceneError};
 use super::geometry::{Placement, RawMesh};
 use super::tables::{self, MeshTable, SceneTable};
@@ -23,6 +22,8 @@ pub struct LoadOptions {
 }
 
 setters!(LoadOptions { strict: bool });
+/// Triangles that `subdivide` may make of a mesh: as many as the finest statue has.
+const MOST_SUBDIVIDED: u64 = 10_000_000;
 
 impl Scene {
     /// Loads and checks a `.toml` scene, or an `.obj` mesh with its MTL.
@@ -200,15 +201,18 @@ impl TomlFile<'_> {
         let Some(levels) = &table.subdivide else {
             return Ok(());
         };
-        let factor = 4u64.checked_pow(*levels.get_ref()).unwrap_or(u64::MAX);
-        let faces = mesh.faces.len();
-        if factor.saturating_mul(faces.max(1) as u64) > MAX_TRIANGLES {
-            let levels_asked = levels.get_ref();
+        let (faces, times) = (mesh.faces.len() as u64, *levels.get_ref());
+        let triangles = |times: u32| 4u64.checked_pow(times)?.checked_mul(faces);
+        let fits = |&times: &u32| triangles(times).is_some_and(|count| count <= MOST_SUBDIVIDED);
+        if times > 0 && !fits(&times) {
+            let count = triangles(times).map_or("more than 10^19".to_owned(), |count| count.to_string());
+            let highest = (1..).take_while(fits).last().unwrap_or(0);
             return Err(self.place(levels.span()).error(format!(
-                "subdivide = {levels_asked} makes more than {MAX_TRIANGLES} triangles of {faces}; use a lower one"
+                "subdivide = {times} makes {count} triangles of {faces}, and at most {MOST_SUBDIVIDED} are possible; \
+                 {highest} is the highest"
             )));
         }
-        for _ in 0..*levels.get_ref() {
+        for _ in 0..times {
             mesh.subdivide();
         }
         Ok(())

@@ -5,12 +5,15 @@
 //! way are counted against those that run the other way, after edges have been cut where vertices of others lie on them.
 
 use super::distance::to_triangle;
-use crate::model::{Block, coplanar_tolerance};
+use crate::model::{Block, Hierarchy, coplanar_tolerance};
 use crate::plan::{PADDING, Plan};
 use crate::scene::{self, Welded, sides};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashSet;
+
+/// Triangles per leaf of the search for what edges stand on.
+const LEAF: usize = 8;
 
 /// Blockers with bad edges, by triangle of the scene, rising.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -120,26 +123,27 @@ fn cut(vertices: &[DVec3], edges: &[(u32, [u32; 2])], tolerance: f64) -> Vec<(u3
 /// Finds what a point lies on.
 struct Standing<'a> {
     plan: &'a Plan,
-    tiles: Vec<(Block, Vec<u32>)>,
+    order: Vec<u32>,
+    tree: Hierarchy,
     tolerance: f64,
 }
 
 impl<'a> Standing<'a> {
     fn new(plan: &'a Plan, tolerance: f64) -> Self {
-        let tile = |slots: &[u32]| {
-            let real: Vec<u32> = slots.iter().copied().filter(|&i| i != PADDING).collect();
-            (Block::around(real.iter().map(|&i| &plan.facets[i as usize])), real)
-        };
-        let tiles = plan.layout.order.chunks(plan.layout.tile as usize).map(tile).collect();
-        Self { plan, tiles, tolerance }
+        let order: Vec<u32> = plan.layout.order.iter().copied().filter(|&i| i != PADDING).collect();
+        let tree = Hierarchy::new(&plan.facets, &order, LEAF, tolerance);
+        Self { plan, order, tree, tolerance }
     }
 
     /// True where a triangle other than `triangle` holds the point.
     fn on_another(&self, triangle: u32, point: DVec3) -> bool {
-        let near = |block: &Block| (block.min - point).max(point - block.max).max_element() <= self.tolerance;
-        self.tiles.iter().filter(|(block, _)| near(block)).flat_map(|(_, real)| real).any(|&i| {
+        let near =
+            |Block { min, max }: &Block| (*min - point).max(point - *max).max_element() <= self.tolerance;
+        let holds = |&i: &u32| {
             i != triangle
                 && to_triangle(point, self.plan.facets[i as usize].corners).length() <= self.tolerance
-        })
+        };
+        let mut leaves = self.tree.leaves(|node| near(&node.bounds));
+        leaves.any(|node| node.slots(LEAF, &self.order).iter().any(holds))
     }
 }

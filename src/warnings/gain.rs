@@ -7,8 +7,11 @@
 //! others. That factor is the gain here, with the pieces of the near field in place of the whole blocker.
 
 use super::distance::between;
-use crate::model::{Block, Facet, QUARTER_RANGE, coplanar_tolerance, far_weight, morton, reaches};
-use crate::plan::{PADDING, PAIR_BACK, Plan};
+use crate::model::{
+    Bins, Block, Class, Facet, Hierarchy, Node, PADDING, QUARTER_RANGE, Sight, coplanar_tolerance,
+    far_weight, morton, reaches,
+};
+use crate::plan::Plan;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -16,6 +19,10 @@ use std::f64::consts::PI;
 
 /// Strongest gains that are remembered per receiver.
 const STRONGEST: usize = 4;
+
+/// Triangles per leaf of the search, and receivers that are looked at together.
+const LEAF: usize = 8;
+const RUN: usize = 64;
 
 /// Of each receiver its strongest gains.
 type Strongest = Vec<Vec<Gain>>;
@@ -37,33 +44,52 @@ pub struct Gains {
     pub of_blocker: Vec<Option<Gain>>,
 }
 
+/// What gains depend on: triangles, with their classes, and the transport between them.
+#[derive(Clone, Copy)]
+pub struct Surfaces<'a> {
+    pub facets: &'a [Facet],
+    pub classes: &'a [Class],
+    /// Triangles that take part, neighbours side by side, and [`PADDING`].
+    pub order: &'a [u32],
+    pub bins: &'a Bins,
+    pub subsample: f64,
+}
+
+impl<'a> From<&'a Plan> for Surfaces<'a> {
+    fn from(plan: &'a Plan) -> Self {
+        Self {
+            facets: &plan.facets,
+            classes: &plan.classes,
+            order: &plan.layout.order,
+            bins: &plan.bins,
+            subsample: plan.accuracy.subsample,
+        }
+    }
+}
+
 impl Gains {
     /// All pairs that can exchange antiradiance and whose gain is above `limit`, but those where surfaces meet: towards the
     /// place where a blocker touches a receiver, gains stay the same however fine the mesh is, and what shrinks is the area
     /// concerned.
-    pub fn above(limit: f64, plan: &Plan) -> Self {
-        let search = Search::new(limit, plan);
+    pub fn above(limit: f64, surfaces: Surfaces) -> Self {
+        let Surfaces { facets, order, .. } = surfaces;
+        let search = Search::new(limit, surfaces);
         let meeting = Nearest::new(search.meeting());
-        let to_meeting: Vec<f64> =
-            plan.facets.par_iter().map(|facet| meeting.distance(facet.centroid)).collect();
-        let meets = |blocker: usize, receiver: usize, apart: f64| {
-            to_meeting[blocker].max(to_meeting[receiver]) <= apart
+        let to_meeting: Vec<f64> = facets.par_iter().map(|facet| meeting.distance(facet.centroid)).collect();
+        let meets = |g: &Gain| {
+            let (i, j) = (g.blocker as usize, g.receiver as usize);
+            to_meeting[i].max(to_meeting[j]) <= facets[i].centroid.distance(facets[j].centroid)
         };
-        let count = plan.facets.len();
+        let count = facets.len();
         let mut gains = Self { strongest: vec![Vec::new(); count], of_blocker: vec![None; count] };
-        let tiles: Vec<(Strongest, HashMap<u32, Gain>)> = (0..search.tiles.len())
-            .into_par_iter()
-            .map(|to| {
+        let runs: Vec<(Strongest, HashMap<u32, Gain>)> = order
+            .par_chunks(RUN)
+            .map(|receivers| {
                 let mut of_blocker: HashMap<u32, Gain> = HashMap::new();
                 let mut strongest = Vec::new();
-                for (receiver, blockers) in search.pairs(to) {
-                    let mut all: Vec<Gain> = blockers
-                        .filter_map(|blocker| search.gain(blocker, receiver))
-                        .filter(|g| {
-                            let (i, j) = (g.blocker as usize, g.receiver as usize);
-                            !meets(i, j, plan.facets[i].centroid.distance(plan.facets[j].centroid))
-                        })
-                        .collect();
+                for receiver in real(receivers) {
+                    let mut all = search.gains(receiver);
+                    all.retain(|g| !meets(g));
                     for g in &all {
                         let best = of_blocker.entry(g.blocker).or_insert(*g);
                         if g.gain > best.gain {
@@ -77,7 +103,7 @@ impl Gains {
                 (strongest, of_blocker)
             })
             .collect();
-        for (strongest, of_blocker) in tiles {
+        for (strongest, of_blocker) in runs {
             for list in strongest {
                 if let Some(receiver) = list.first().map(|g| g.receiver) {
                     gains.strongest[receiver as usize] = list;
@@ -94,77 +120,73 @@ impl Gains {
     }
 }
 
-/// Walks over pairs that may have a gain above a limit, tile by tile.
+/// Finds pairs of a receiver and blockers that it lies behind.
 struct Search<'a> {
-    plan: &'a Plan,
+    surfaces: Surfaces<'a>,
     limit: f64,
     /// The smallest solid angle of a bin, sr.
     finest: f64,
-    tiles: Vec<Block>,
-    /// The largest triangle of each tile.
-    areas: Vec<f64>,
+    /// In the order of the surfaces.
+    blockers: Vec<u32>,
+    tree: Hierarchy,
     tolerance: f64,
 }
 
 impl<'a> Search<'a> {
-    fn new(limit: f64, plan: &'a Plan) -> Self {
-        let runs = || plan.layout.order.chunks(plan.layout.tile as usize);
-        let facets = |slots: &'a [u32]| real(slots).map(|i| &plan.facets[i as usize]);
+    fn new(limit: f64, surfaces: Surfaces<'a>) -> Self {
+        let Surfaces { facets, classes, order, bins, .. } = surfaces;
+        let tolerance = coplanar_tolerance(facets);
+        let blockers: Vec<u32> = real(order).filter(|&i| classes[i as usize].blocker).collect();
         Self {
-            plan,
+            surfaces,
             limit,
-            finest: plan.bins.solid_angle.iter().copied().fold(f64::INFINITY, f64::min),
-            tiles: runs().map(|slots| Block::around(facets(slots))).collect(),
-            areas: runs().map(|slots| facets(slots).map(|f| f.area).fold(0.0, f64::max)).collect(),
-            tolerance: coplanar_tolerance(&plan.facets),
+            finest: bins.solid_angle.iter().copied().fold(f64::INFINITY, f64::min),
+            tree: Hierarchy::new(facets, &blockers, LEAF, tolerance),
+            blockers,
+            tolerance,
         }
     }
 
-    fn of_tile(&self, tile: usize) -> impl Iterator<Item = u32> + Clone + use<'a> {
-        let size = self.plan.layout.tile as usize;
-        real(&self.plan.layout.order[tile * size..(tile + 1) * size])
+    /// The blockers that a receiver may lie behind, of the branches that are near its box.
+    fn before(&self, receiver: u32, near: impl Fn(&Block, &Node) -> bool) -> impl Iterator<Item = u32> {
+        let to = &self.surfaces.facets[receiver as usize];
+        let bounds = Block::around(std::iter::once(to));
+        let may = move |node: &Node| {
+            near(&bounds, node)
+                && !self.tree.misses(to, &node.bounds, 1.0)
+                && self.tree.sight(node, &bounds, -1.0, true) != Sight::Nothing
+        };
+        let slots = self.tree.leaves(may).flat_map(|node| node.slots(LEAF, &self.blockers));
+        slots.copied().filter(move |&blocker| blocker != receiver)
     }
 
-    /// The receivers of a tile, each with blockers that may be near.
-    fn pairs(&self, to: usize) -> impl Iterator<Item = (u32, impl Iterator<Item = u32>)> {
-        let all = 0..self.tiles.len() as u32;
-        let near: Vec<u32> = self
-            .plan
-            .interactions()
-            .by_receiver
-            .far
-            .passing(to as u32, &all, PAIR_BACK)
-            .map(|from| from as usize)
-            .filter(|&from| {
-                let apart = self.tiles[from].distance_squared(&self.tiles[to]);
-                self.areas[from] > self.limit * self.finest * apart
-            })
-            .flat_map(|from| self.of_tile(from))
-            .filter(|&blocker| self.plan.classes[blocker as usize].blocker)
-            .collect();
-        self.of_tile(to)
-            .map(move |receiver| (receiver, near.clone().into_iter().filter(move |&i| i != receiver)))
+    /// Gains towards a receiver.
+    fn gains(&self, receiver: u32) -> Vec<Gain> {
+        let large = |bounds: &Block, node: &Node| {
+            node.area > self.limit * self.finest * node.bounds.distance_squared(bounds)
+        };
+        self.before(receiver, large).filter_map(|blocker| self.gain(blocker, receiver)).collect()
     }
 
     /// Middles of pairs of a blocker and what it should keep dark that touch.
     fn meeting(&self) -> Vec<DVec3> {
-        let facet = |i: u32| &self.plan.facets[i as usize];
-        let reach = |f: &Facet| f.corners.iter().map(|&c| c.distance(f.centroid)).fold(0.0, f64::max);
-        let touch = |blocker: u32, receiver: u32| {
-            let (from, to) = (facet(blocker), facet(receiver));
-            (from.centroid.distance(to.centroid) <= reach(from) + reach(to)
-                && self.passes(from, to)
-                && between(from.corners, to.corners).length() <= self.tolerance)
-                .then(|| from.centroid.midpoint(to.centroid))
+        let most = (2.0 * self.tolerance).powi(2);
+        let near = |bounds: &Block, node: &Node| node.bounds.distance_squared(bounds) <= most;
+        let receivers: Vec<u32> = real(self.surfaces.order).collect();
+        let meeting = |&receiver: &u32| {
+            self.before(receiver, near).filter_map(move |blocker| self.touching(blocker, receiver))
         };
-        (0..self.tiles.len())
-            .into_par_iter()
-            .flat_map_iter(|to| {
-                self.pairs(to)
-                    .flat_map(|(receiver, near)| near.filter_map(move |blocker| touch(blocker, receiver)))
-                    .collect::<Vec<_>>()
-            })
-            .collect()
+        receivers.par_iter().flat_map_iter(meeting).collect()
+    }
+
+    /// The middle of a blocker and a receiver behind it that touch.
+    fn touching(&self, blocker: u32, receiver: u32) -> Option<DVec3> {
+        let [from, to] = [blocker, receiver].map(|i| &self.surfaces.facets[i as usize]);
+        let reach = |f: &Facet| f.corners.iter().map(|&c| c.distance(f.centroid)).fold(0.0, f64::max);
+        (from.centroid.distance(to.centroid) <= reach(from) + reach(to)
+            && self.passes(from, to)
+            && between(from.corners, to.corners).length() <= self.tolerance)
+            .then(|| from.centroid.midpoint(to.centroid))
     }
 
     /// True where antiradiance goes from centroid to centroid.
@@ -177,14 +199,14 @@ impl<'a> Search<'a> {
 
     /// a cos_i / (d² s_b), with the pieces that the transport cuts the blocker into, if it is above the limit.
     fn gain(&self, blocker: u32, receiver: u32) -> Option<Gain> {
-        let plan = self.plan;
-        let (from, to) = (&plan.facets[blocker as usize], &plan.facets[receiver as usize]);
+        let Surfaces { facets, bins, subsample, .. } = self.surfaces;
+        let (from, to) = (&facets[blocker as usize], &facets[receiver as usize]);
         let between = to.centroid - from.centroid;
         let r2 = between.length_squared();
-        if from.area <= self.limit * self.finest * r2 {
+        if from.area <= self.limit * self.finest * r2 || between.dot(from.normal) >= 0.0 {
             return None;
         }
-        let range = 0.5 * plan.accuracy.subsample * (from.extent + to.extent);
+        let range = 0.5 * subsample * (from.extent + to.extent);
         let (far, middle) = (far_weight(r2, range), far_weight(r2, range * QUARTER_RANGE));
         let piece = from.area * (far + (1.0 - far) * (middle / 4.0 + (1.0 - middle) / 16.0));
         let back = -between / r2.sqrt();
@@ -192,8 +214,8 @@ impl<'a> Search<'a> {
         if solid_angle <= self.limit * self.finest || !self.passes(from, to) {
             return None;
         }
-        let taps = plan.bins.taps(from.to_local(back));
-        let bin: f64 = taps.iter().map(|&(b, t)| t * plan.bins.solid_angle[b]).sum();
+        let taps = bins.taps(from.to_local(back));
+        let bin: f64 = taps.iter().map(|&(b, t)| t * bins.solid_angle[b]).sum();
         let gain = solid_angle / bin;
         (gain > self.limit).then_some(Gain { blocker, receiver, gain })
     }
@@ -237,4 +259,46 @@ impl Nearest {
 fn bounds(points: &[DVec3]) -> (DVec3, DVec3) {
     let around = |(low, high): (DVec3, DVec3), &p: &DVec3| (low.min(p), high.max(p));
     points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), around)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::Limits;
+    use crate::reference::Plates;
+    use crate::scene::{LoadOptions, Material, Scene, SceneBuilder, Shape};
+    use glam::DAffine3;
+    use std::path::Path;
+
+    /// A statue that stands on a floor.
+    fn statue() -> Scene {
+        let (floor, stone) = (Material::named("floor"), Material::named("stone"));
+        let mut builder = SceneBuilder::new();
+        let place = DAffine3::from_scale(DVec3::splat(4.0)) * DAffine3::from_translation(-DVec3::X / 2.0);
+        builder.shape("floor", Shape::Quad { cells: 12 }, &floor, place);
+        builder.shape("statue", Shape::Statue { triangles: 1500 }, &stone, DAffine3::IDENTITY);
+        builder.finish("statue").expect("a scene")
+    }
+
+    #[test]
+    fn the_search_finds_all_pairs() {
+        let rooms = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/two_rooms.toml");
+        let rooms = Scene::load(&rooms, &LoadOptions::default()).expect("a shipped scene");
+        let (mut gains, mut touching) = (0, 0);
+        for scene in [statue(), rooms, Plates::default().scene().expect("a scene")] {
+            let plan = Plan::new(&scene, &Limits::default().boundless(), &scene.accuracy).expect("a plan");
+            let search = Search::new(0.5, (&plan).into());
+            let others = |receiver: u32| search.blockers.iter().copied().filter(move |&i| i != receiver);
+            let mut meeting = Vec::new();
+            for receiver in real(&plan.layout.order) {
+                let all: Vec<Gain> = others(receiver).filter_map(|i| search.gain(i, receiver)).collect();
+                assert_eq!(search.gains(receiver), all, "{}: triangle {receiver}", scene.name);
+                meeting.extend(others(receiver).filter_map(|i| search.touching(i, receiver)));
+                gains += all.len();
+            }
+            assert_eq!(search.meeting(), meeting, "{}", scene.name);
+            touching += meeting.len();
+        }
+        assert!(gains > 1000 && touching > 10, "{gains} gains, {touching} that touch");
+    }
 }

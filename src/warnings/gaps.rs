@@ -1,7 +1,7 @@
 //! Layers that face each other closer than their triangles are wide: light between them leaks past.
 
 use super::distance::between;
-use crate::model::{Facet, Hierarchy, Node, coplanar_tolerance, reaches};
+use crate::model::{Block, Facet, Hierarchy, coplanar_tolerance, reaches};
 use crate::plan::{PADDING, Plan};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -10,6 +10,9 @@ use rayon::prelude::*;
 const NARROW: f64 = 0.5;
 /// Least cosine of the gap with both normals: what meets at an angle is an edge, not a gap.
 const FACING: f64 = 0.7;
+
+/// Triangles per leaf of the search.
+const LEAF: usize = 8;
 
 /// Two triangles that face each other. Index = triangle of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,15 +26,11 @@ pub struct Gap {
 
 /// Of each triangle the narrowest gap to a smaller one, if light or antiradiance passes it.
 pub fn gaps(plan: &Plan) -> Vec<Gap> {
-    let tile = plan.layout.tile as usize;
     let facets = &plan.facets;
-    let real =
-        |t: usize| plan.layout.order[t * tile..(t + 1) * tile].iter().copied().filter(|&i| i != PADDING);
+    let order: Vec<u32> = plan.layout.order.iter().copied().filter(|&i| i != PADDING).collect();
     let size = |i: u32| facets[i as usize].extent.sqrt();
     let tolerance = coplanar_tolerance(facets);
-    let tree = Hierarchy::new(facets, &plan.layout.order, tile, tolerance);
-    let tiles: Vec<&Node> = tree.leaf_nodes().collect();
-    let far = &plan.interactions().by_receiver.far;
+    let tree = Hierarchy::new(facets, &order, LEAF, tolerance);
     let passes = |i: usize, j: usize| {
         reaches(&facets[i], &facets[j], 1.0, tolerance)
             || plan.classes[i].blocker && reaches(&facets[i], &facets[j], -1.0, tolerance)
@@ -49,22 +48,15 @@ pub fn gaps(plan: &Plan) -> Vec<Gap> {
             .filter(|()| passes(i, j) || passes(j, i))
             .map(|()| Gap { wide, other, share: width / size(wide) })
     };
-    (0..tiles.len())
-        .into_par_iter()
-        .flat_map_iter(|t| {
-            let range = NARROW * tiles[t].extent.sqrt();
-            let mut near = tree.leaves(|o| tiles[t].bounds.distance_squared(&o.bounds) < range * range);
-            near.retain(|&o| far.get(t as u32, o as u32) | far.get(o as u32, t as u32) != 0);
-            real(t)
-                .filter_map(|wide| {
-                    near.iter()
-                        .flat_map(|&o| real(o))
-                        .filter_map(|other| narrow(wide, other))
-                        .min_by(|a, b| a.share.total_cmp(&b.share))
-                })
-                .collect::<Vec<_>>()
-        })
-        .collect()
+    let narrowest = |&wide: &u32| {
+        let around = Block::around(std::iter::once(&facets[wide as usize]));
+        let range = NARROW * size(wide);
+        tree.leaves(|node| around.distance_squared(&node.bounds) < range * range)
+            .flat_map(|node| node.slots(LEAF, &order))
+            .filter_map(|&other| narrow(wide, other))
+            .min_by(|a, b| a.share.total_cmp(&b.share))
+    };
+    order.par_iter().filter_map(narrowest).collect()
 }
 
 /// The shortest vector between two facets of like planes, or `None` where it is surely longer than `most`.

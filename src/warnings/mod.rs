@@ -15,6 +15,7 @@ use crate::plan::Plan;
 use crate::scene::Scene;
 use crate::solve::SolveError;
 use edges::Edges;
+pub(crate) use gain::Surfaces;
 use gain::{Gain, Gains};
 use layers::Layers;
 use serde::Serialize;
@@ -120,7 +121,7 @@ impl Warnings {
     /// What can be told before a solve. Takes about as long as planning: it looks at pairs of triangles that are near.
     pub fn of(scene: &Scene, plan: &Plan) -> Self {
         let mut warnings = Self::default();
-        let gains = Gains::above(GAIN_LIMIT, plan);
+        let gains = Gains::above(GAIN_LIMIT, plan.into());
         warnings.stacked_layers(scene, plan, &gains);
         warnings.coarse_blockers(scene, plan, &gains);
         warnings.narrow_gaps(scene, plan);
@@ -130,11 +131,11 @@ impl Warnings {
 
     /// Share of the scene's area, 0 to 1, that blockers take whose a/(d² s_b) is above 1, so that what they do wrong grows from
     /// layer to layer ([`Kind::CoarseBlockers`] are those above one half).
-    pub fn coarse_share(plan: &Plan) -> f64 {
-        let area = |triangle: usize| plan.facets[triangle].area;
-        let blockers = Gains::above(1.0, plan).of_blocker;
+    pub(crate) fn coarse_share(surfaces: Surfaces) -> f64 {
+        let area = |triangle: usize| surfaces.facets[triangle].area;
+        let blockers = Gains::above(1.0, surfaces).of_blocker;
         let coarse: f64 = blockers.iter().flatten().map(|gain| area(gain.blocker as usize)).sum();
-        coarse / (0..plan.facets.len()).map(area).sum::<f64>().max(f64::MIN_POSITIVE)
+        coarse / (0..surfaces.facets.len()).map(area).sum::<f64>().max(f64::MIN_POSITIVE)
     }
 
     /// What a solution shows.

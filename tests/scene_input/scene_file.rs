@@ -49,7 +49,14 @@ fn broken_toml() {
         ("[[mesh]]\npath = \"m.obj\"\nscale = [1, 0, 1]", vec!["s.toml:3", "scale of 0"]),
         ("[[mesh]]\npath = \"m.obj\"\ntranslate = [1, inf, 1]", vec!["s.toml:3", "not finite"]),
         ("[[mesh]]\npath = \"m.obj\"\ntranslate = 1", vec!["s.toml:3", "three numbers"]),
-        ("[[mesh]]\npath = \"m.obj\"\nsubdivide = 40", vec!["s.toml:3", "subdivide = 40", "lower"]),
+        (
+            "[[mesh]]\npath = \"m.obj\"\nsubdivide = 40",
+            vec!["s.toml:3", "subdivide = 40", "more than 10^19", "at most 10000000"],
+        ),
+        (
+            "[[mesh]]\npath = \"m.obj\"\nsubdivide = 12",
+            vec!["s.toml:3", "33554432 triangles of 2,", "11 is the highest"],
+        ),
         ("[[mesh]]\npath = \"m.obj\"\nsubdivide = -1", vec!["s.toml:3"]),
     ] {
         assert_refused("s.toml", text, &parts);

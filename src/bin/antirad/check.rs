@@ -2,7 +2,7 @@
 
 use crate::Failure;
 use crate::settings::SceneSettings;
-use antirad::cli::Interrupt;
+use antirad::cli::{Interrupt, Working};
 use antirad::plan::{Limits, Plan};
 use antirad::warnings::{Warning, Warnings};
 use clap::Args;
@@ -34,9 +34,11 @@ pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> 
     let scene = arguments.settings.load_settled(interrupt)?;
     // Whether a solve fits the memory is the matter of `antirad plan`.
     let limits = Limits::default().boundless();
+    let working = Working::on("looking for what will come out wrong");
     let warnings = interrupt.while_computing(|| {
         Plan::new(&scene, &limits, &scene.accuracy).map(|plan| Warnings::of(&scene, &plan))
     })?;
+    drop(working);
     let bins = scene.accuracy.bins.to_string();
     if arguments.json {
         let report = Report {

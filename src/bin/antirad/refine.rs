@@ -2,7 +2,7 @@
 
 use crate::Failure;
 use crate::settings::SceneSettings;
-use antirad::cli::Interrupt;
+use antirad::cli::{Interrupt, Working};
 use antirad::output::prepare_directory;
 use antirad::plan::Limits;
 use antirad::warnings::{RefineOptions, Warnings, refine};
@@ -37,7 +37,9 @@ pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<
     let mut scene = arguments.settings.load_settled(interrupt)?;
     let triangles = scene.triangles.len();
     let options = RefineOptions::default().max_triangles(arguments.max_triangles).levels(arguments.levels);
+    let working = Working::on("refining");
     let refined = interrupt.while_computing(|| refine(&mut scene, &Limits::default(), &options))?;
+    drop(working);
     prepare_directory(&arguments.output)?;
     let path = arguments.output.join(format!("{}.toml", scene.name));
     scene.save(&path)?;

@@ -4,7 +4,7 @@ use crate::Failure;
 use crate::cameras;
 use crate::report::{DeviceReport, MemoryUse, Report, SolveReport};
 use crate::settings::SceneSettings;
-use antirad::cli::{Interrupt, SolveBar};
+use antirad::cli::{Interrupt, SolveBar, Working};
 use antirad::gpu::{Bytes, Device, DeviceOptions};
 use antirad::image::{Exposure, ImageError, Picture, PictureOptions, Rasterizer, ToneMap};
 use antirad::ladder::{Climb, LadderOptions, Solved, solve_within};
@@ -105,7 +105,9 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         }
         Choice::Open { .. } => {
             let limits = Limits::of(&device).pictures(pictures);
+            let working = Working::on("planning");
             let plan = Plan::new(&scene, &limits, &scene.accuracy)?;
+            drop(working);
             tracing::info!("{}", plan.report());
             stages.end("plan");
             let mut engine = Engine::new(&device, &scene, plan)?;
@@ -116,7 +118,9 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     };
     stages.end("solve");
     let Answer { scene: solved, irradiance, radiosity, mut engine, solution, climb } = answer;
+    let working = Working::on("looking for what came out wrong");
     let mut warnings = interrupt.while_computing(|| Warnings::of(&solved, engine.plan()));
+    drop(working);
     stages.end("check");
     let rasterizer = Rasterizer::new(&device)?;
     let pictures = cameras

@@ -1,7 +1,7 @@
 //! Options that several commands share.
 
 use crate::Failure;
-use antirad::cli::{Interrupt, parse_size};
+use antirad::cli::{Interrupt, Working, parse_size};
 use antirad::ladder::usual_accuracy;
 use antirad::scene::{BinLayout, Choice, LoadOptions, Precision, Scene, SolverChoice};
 use clap::Args;
@@ -42,6 +42,7 @@ impl SceneSettings {
     /// The scene, with the accuracy of its file where the command line has none. An error that is asked for stays an open
     /// choice; bins and near field that nobody states are chosen.
     pub fn load(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
+        let _working = Working::on("reading the scene and choosing bins");
         let mut scene = Scene::load(&self.scene, &LoadOptions::default().strict(self.strict))?;
         let file = scene.accuracy;
         scene.accuracy = file
@@ -62,7 +63,7 @@ impl SceneSettings {
         for warning in &scene.warnings {
             tracing::warn!("{warning}");
         }
-        scene.accuracy = interrupt.while_computing(|| usual_accuracy(&scene))?;
+        scene.accuracy = interrupt.while_computing(|| usual_accuracy(&scene));
         Ok(scene)
     }
 
@@ -74,7 +75,7 @@ impl SceneSettings {
                 "settings for an error of {error} are found while `antirad render` solves; these are the usual ones"
             );
             scene.choice = Choice::default();
-            scene.accuracy = interrupt.while_computing(|| usual_accuracy(&scene))?;
+            scene.accuracy = interrupt.while_computing(|| usual_accuracy(&scene));
         }
         Ok(scene)
     }

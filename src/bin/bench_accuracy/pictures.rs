@@ -53,7 +53,7 @@ pub fn draw(arguments: &Arguments, device: &Device, interrupt: &Interrupt) -> Re
     ];
     for path in &arguments.pictures {
         let mut scene = Scene::load(path, &LoadOptions::default())?;
-        scene.accuracy = usual_accuracy(&scene)?;
+        scene.accuracy = usual_accuracy(&scene);
         if !is_diffuse(&scene) {
             return Err(format!(
                 "{} has glossy materials, whose colours the path tracer does not tell; take diffuse ones",

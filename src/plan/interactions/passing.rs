@@ -2,7 +2,7 @@
 
 use super::far::{FarRuns, Row};
 use super::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
-use crate::model::{Facet, Hierarchy, Node, PADDING, Sight, Step};
+use crate::model::{Facet, Hierarchy, Node, PADDING, Sight};
 use crate::plan::Layout;
 use crate::plan::PlanError;
 use glam::DVec3;
@@ -60,9 +60,9 @@ impl<'a> Passing<'a> {
         self.tree.walk(|sources| {
             let passing = self.from_branch(receiver, sources);
             let passing = passing.or_else(|| sources.is_leaf().then(|| self.from_tile(receiver, sources)));
-            let Some(passing) = passing else { return Step::Into };
+            let Some(passing) = passing else { return true };
             row.extend(sources.leaves.end as u32, passing);
-            Step::Past
+            false
         });
         row
     }
