@@ -361,7 +361,7 @@ impl Job {
             if broken {
                 return interrupted(&mut progress, &mut store);
             }
-            if progress.iteration() % options.checkpoint_every.max(1) == 0 {
+            if progress.iteration().is_multiple_of(options.checkpoint_every.max(1)) {
                 store(&mut progress)?;
             }
         };

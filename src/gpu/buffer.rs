@@ -88,7 +88,7 @@ impl Buffer {
     }
 
     pub(super) fn check_aligned(&self, offset: u64, bytes: u64, alignment: u64) -> Result<()> {
-        if offset % alignment == 0 && bytes % alignment == 0 {
+        if offset.is_multiple_of(alignment) && bytes.is_multiple_of(alignment) {
             return Ok(());
         }
         Err(GpuError::Misaligned { label: self.label().to_owned(), offset, bytes, alignment })

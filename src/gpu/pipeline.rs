@@ -92,7 +92,7 @@ impl Pipeline {
         let kernel = shader.name;
         let info = device.info();
         let limit = info.max_push_bytes.min(MAX_PUSH_BYTES);
-        if push_bytes > limit || push_bytes % 4 != 0 {
+        if push_bytes > limit || !push_bytes.is_multiple_of(4) {
             return Err(GpuError::PushTooLarge { kernel, bytes: push_bytes, limit });
         }
         let bindings = bindings.into();

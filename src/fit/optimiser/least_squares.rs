@@ -172,7 +172,7 @@ impl LeastSquares {
             state.direction = self.split(point).0;
         }
         let steps = self.steps + 1;
-        if steps % REFRESH == 0 {
+        if steps.is_multiple_of(REFRESH) {
             evaluations += 1;
             if let Some(fresh) = Point::evaluate(state.point.x.clone(), objective)? {
                 state.point = fresh;
