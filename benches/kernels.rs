@@ -1,5 +1,10 @@
 //! Rates of the transport kernels in pairs per second, minima of time over many repeats, with nothing culled within the
 //! measured shape. `LP_NUM_THREADS=1 cargo bench --bench kernels` gives rates per core of lavapipe.
+//!
+//! A harness of its own, for what is measured is the device's time in one shape of one kernel out of a pass, and what counts is
+//! the fastest: `divan` reports fastest times, but only of whole calls; `criterion` takes times as given (`iter_custom`), but
+//! reports means, which on a busy machine never came near the rate: 11 to 15 million pairs/s for diffuse fronts to bins in
+//! three runs in turn with this harness, which found 15, 46 and 29, where a quiet machine gives 44.
 
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Limits, Plan};
