@@ -40,6 +40,8 @@ fn scale_place_and_order() {
     for (name, changed) in [
         ("a thousandth of the size", moved(&|x| 1e-3 * x)),
         ("10⁴ times the size", moved(&|x| 1e4 * x)),
+        ("10³⁰ times the size", moved(&|x| 1e30 * x)),
+        ("10³⁰ times smaller", moved(&|x| 1e-30 * x)),
         ("moved by 10⁴", moved(&|x| x + DVec3::new(1e4, -1e4, 1e4))),
     ] {
         let (_engine, other) = solve(&device, &changed, &tight(&scene));

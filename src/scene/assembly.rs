@@ -192,7 +192,9 @@ impl Assembly {
             },
             SceneError::Camera { name, .. } => scene_file(self.camera_lines.get(name).copied()),
             SceneError::Accuracy { .. } => scene_file(self.accuracy_line),
-            SceneError::Vertex { mesh, .. } | SceneError::Degenerate { mesh, .. } => {
+            SceneError::Vertex { mesh, .. }
+            | SceneError::Degenerate { mesh, .. }
+            | SceneError::Outlier { mesh, .. } => {
                 let at = self.scene.meshes.iter().position(|m| m.name == *mesh);
                 (at.map_or(self.path.clone(), |at| self.scene.origins[at].file.clone()), None)
             }

@@ -61,6 +61,7 @@ impl Scene {
         self.check_counts()?;
         self.check_triangles()?;
         self.find_degenerate(strict)?;
+        self.check_size()?;
         self.check_materials(Emission::Light)?.into_iter().for_each(|warning| self.warn(warning));
         self.accuracy.check()?;
         self.choice.check()?;
@@ -93,12 +94,12 @@ impl Scene {
     }
 
     /// Name of the mesh of a triangle.
-    fn mesh_name(&self, triangle: usize) -> String {
+    pub(super) fn mesh_name(&self, triangle: usize) -> String {
         let holds = |m: &&Mesh| (m.range.start as usize..m.range.end as usize).contains(&triangle);
         self.meshes.iter().find(holds).map_or(String::new(), |m| m.name.clone())
     }
 
-    fn warn(&mut self, warning: String) {
+    pub(super) fn warn(&mut self, warning: String) {
         // A second check of the same scene says nothing new.
         if !self.warnings.contains(&warning) {
             self.warnings.push(warning);

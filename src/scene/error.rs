@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use super::size::SIZES;
+
 /// Why a scene was refused. Triangles are numbered from 0 over the whole scene, as in every per-face output.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -34,6 +36,24 @@ pub enum SceneError {
 
     #[error("none of the scene's triangles has an area: check the meshes' coordinates and scale")]
     NoArea,
+
+    #[error(
+        "the scene measures {size:.3e} m, but light can be computed from {:.0e} to {:.0e} m; scale its meshes, \
+         which changes no irradiance",
+        SIZES.start(), SIZES.end()
+    )]
+    Size {
+        /// Of its bounding box, along the longest side.
+        size: f64,
+    },
+
+    /// One corner makes the scene so large that most triangles are nothing beside it.
+    #[error(
+        "triangle {triangle} of mesh \"{mesh}\": vertex {vertex} is at ({:e}, {:e}, {:e}), so far off that the scene \
+         measures {size:.3e} m, beside which most triangles are too small for light between them; correct or remove it",
+        position.x, position.y, position.z
+    )]
+    Outlier { mesh: String, triangle: usize, vertex: u32, position: DVec3, size: f64 },
 
     #[error("{count} {what}, but at most {limit} are possible; use fewer or a lower `subdivide`")]
     TooMany { what: &'static str, count: u64, limit: u64 },

@@ -19,6 +19,7 @@ mod obj;
 mod refine;
 mod save;
 mod shapes;
+mod size;
 mod split;
 mod statements;
 mod statue;

@@ -88,15 +88,16 @@ pub fn above(width: u32, height: u32) -> Camera {
 }
 
 /// Numbers in 0..1, always the same ones.
-pub struct Random(antirad::reference::Random);
+pub struct Random(u64);
 
 impl Random {
     pub fn new(seed: u64) -> Self {
-        Self(antirad::reference::Random::new(seed))
+        Self(seed)
     }
 
     pub fn next(&mut self) -> f64 {
-        self.0.next()
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
     }
 
     pub fn colours(&mut self, scene: &Scene) -> Vec<[f32; 3]> {

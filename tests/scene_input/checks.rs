@@ -82,11 +82,37 @@ fn triangles_without_area_are_dropped_or_refused() {
 
 #[test]
 fn area_is_judged_at_every_scale() {
-    for scale in ["1e-150", "1e-3", "1e4", "1e150"] {
-        let text = TOML.replace("path = \"m.obj\"", &format!("path = \"m.obj\"\nscale = {scale}"));
-        let scene = good("s.toml", &[("s.toml", &text)]);
-        assert!(scene.degenerate.is_empty(), "{scale}");
+    let scaled = |scale| TOML.replace("path = \"m.obj\"", &format!("path = \"m.obj\"\nscale = {scale}"));
+    for scale in ["1e-60", "1e-30", "1e-3", "1e4", "1e30", "1e60"] {
+        let scene = good("s.toml", &[("s.toml", &scaled(scale))]);
+        assert!(scene.degenerate.is_empty() && scene.warnings.is_empty(), "{scale}: {:?}", scene.warnings);
     }
+    for scale in ["1e-150", "1e150", "1e300"] {
+        let size = format!("measures {:.3e} m", scale.parse::<f64>().expect("a number"));
+        assert_refused("s.toml", &scaled(scale), &[size.as_str(), "1e-60 to 1e60 m", "scale its meshes"]);
+    }
+}
+
+/// A vertex at 1e30, in a triangle with an area or without one, once hid every other triangle: they came out as
+/// duplicates of each other.
+#[test]
+fn a_vertex_far_off_is_named() {
+    for (far, x) in [("1e30 0 0", "1e30"), ("1e9 -7 2", "1e9")] {
+        let text = format!("{OBJ}f 2 4 3\nv {far}\nf 2 3 5\n");
+        assert_refused(
+            "m.obj",
+            &text,
+            &["m.obj", "triangle 3 of mesh \"m\"", "vertex 4 is at", x, "correct or remove it"],
+        );
+    }
+    // Small triangles in a large scene are no error.
+    let text = format!("{OBJ}v 1e9 0 0\nv 0 1e9 0\nv 0 0 1e9\nf 5 6 7\nf 1 6 5\nf 1 7 6\n");
+    let scene = good("m.obj", &[("m.obj", &text)]);
+    let warnings = scene.warnings.join("\n");
+    assert!(
+        warnings.contains("2 triangle(s) are smaller than 1e-6 of the scene, which measures 1.000e9 m"),
+        "{warnings}"
+    );
 }
 
 #[test]
