@@ -143,7 +143,9 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     }
     stages.end("write");
 
-    warnings.list.extend(Warnings::after(&solved, engine.plan(), &solution).list);
+    warnings.list.extend(
+        Warnings::after(&solved, engine.plan(), &solution.irradiance, solution.info.spectral_radius).list,
+    );
     for warning in warnings.list.iter().filter(|warning| warning.severe) {
         tracing::warn!("{}: {}; way out: {}", warning.kind.name(), warning.message, warning.way_out);
     }
