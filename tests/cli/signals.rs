@@ -57,7 +57,7 @@ fn an_interrupted_search_for_settings_ends_soon_and_writes_nothing() {
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell_boxes_fine.toml");
     for wait in [300, 1500] {
         let folder = Folder::with(&[]);
-        let mut tool = folder.tool(["render", "--output", "out", "--accuracy", "0.01"]);
+        let mut tool = folder.tool(["render", "--output", "out", "--target-error", "0.01"]);
         let child =
             tool.arg(&scene).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
         std::thread::sleep(Duration::from_millis(wait));

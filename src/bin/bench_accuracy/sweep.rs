@@ -41,7 +41,7 @@ pub fn asked(case: &Case, quick: bool) -> Vec<LadderOptions> {
         _ => &[0.1, 0.05],
     };
     let options = |&error| match quick {
-        true => LadderOptions { error, max_triangles: 6000 },
+        true => LadderOptions { max_triangles: 6000, ..LadderOptions::new(error) },
         false => LadderOptions::new(error),
     };
     errors.iter().map(options).collect()
