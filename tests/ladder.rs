@@ -5,7 +5,7 @@ mod support;
 use antirad::gpu::{Bytes, Device, GpuError};
 use antirad::image::Rasterizer;
 use antirad::ladder::{
-    Estimate, LadderError, LadderOptions, Layout, Solved, Stage, layout, solve_within, usual_accuracy,
+    Climb, Estimate, LadderError, LadderOptions, Layout, Solved, Stage, layout, solve_within, usual_accuracy,
     usual_plan,
 };
 use antirad::plan::{Limits, Plan};
@@ -264,6 +264,11 @@ fn the_best_answer_stays() {
     let solved = failing(&device, 0.04, |solve| solve == 1, no_memory).expect("a lower level's answer");
     assert_eq!((solved.climb.steps.len(), solved.climb.steps[0].bins.as_str()), (1, "6x8"));
     assert!(solved.climb.why.join("\n").contains("left out"), "{:?}", solved.climb.why);
+    // No level from the first on has an answer, but one below.
+    let solved = failing(&device, 0.04, |solve| solve <= 6, diverged).expect("a lower level's answer");
+    let Climb { steps, chosen, .. } = &solved.climb;
+    assert_eq!((steps.len(), *chosen, steps[3].bins.as_str()), (4, 3, "6x8"));
+    assert!(steps[3].estimate.is_some() && steps[..3].iter().all(|step| step.failure.is_some()));
     // Nothing at all.
     let error = failing(&device, 0.04, |_| true, diverged).err().expect("no answer");
     assert!(error.is_without_answer(), "{error}");

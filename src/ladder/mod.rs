@@ -186,9 +186,9 @@ pub fn solve_within(
     let mut why = search.reasons();
     // Rather less exact than not at all: the first level is the highest that can be run, up to the one that usually suffices.
     let (mut number, mut barrier) = (Level::start(search.levels, options.error), None);
-    let (step, mut best) = loop {
+    let mut tried = loop {
         match search.run(number, number, solve) {
-            Ok(run) => break run,
+            Ok((step, best)) => break Tried { steps: vec![step], chosen: 0, best },
             Err(error) if number == 0 || error.is_interruption() => return Err(error),
             Err(error) => {
                 tracing::info!("level {} cannot be run: {error}", number + 1);
@@ -197,16 +197,15 @@ pub fn solve_within(
             }
         }
     };
-    let (first, mut steps, mut chosen) = (number, vec![step], 0);
-    while number + 1 < search.levels.len() && !steps[steps.len() - 1].meets(options.error) {
+    let first = number;
+    while !tried.last_meets(options.error) {
         number += 1;
+        if number == search.levels.len() {
+            why.push("there is no finer level".to_owned());
+            break;
+        }
         match barrier.take().map_or_else(|| search.run(number, first, solve), Err) {
-            Ok((step, found)) => {
-                if best.is_err() || (found.is_ok() && !steps[chosen].is_better_than(&step)) {
-                    (chosen, best) = (steps.len(), found);
-                }
-                steps.push(step);
-            }
+            Ok((step, found)) => tried.add(step, found),
             Err(error) if error.is_interruption() => return Err(error),
             Err(error) => {
                 why.push(format!("the next level was left out: {error}"));
@@ -214,9 +213,15 @@ pub fn solve_within(
             }
         }
     }
-    if number + 1 == search.levels.len() && !steps[steps.len() - 1].meets(options.error) {
-        why.push("there is no finer level".to_owned());
+    // Where no solver has found an answer, one may with fewer bins.
+    for number in (0..first).rev() {
+        if tried.best.is_ok() {
+            break;
+        }
+        let (step, found) = search.run(number, number, solve)?;
+        tried.add(step, found);
     }
+    let Tried { steps, chosen, best } = tried;
     let Found { scene, parents, answer } = best?;
     let Step { severe, .. } = &steps[chosen];
     if !severe.is_empty() {
@@ -225,6 +230,29 @@ pub fn solve_within(
     let met = steps[chosen].meets(options.error);
     let climb = Climb { error: options.error, met, why, steps, chosen };
     Ok(Solved { scene, parents, areas: search.areas, answer, climb })
+}
+
+/// What came of the levels that were solved.
+struct Tried {
+    /// At least one.
+    steps: Vec<Step>,
+    /// Index of the step that `best` is of.
+    chosen: usize,
+    /// The best answer, or why the first solver found none.
+    best: Result<Found, EngineError>,
+}
+
+impl Tried {
+    fn add(&mut self, step: Step, found: Result<Found, EngineError>) {
+        if found.is_ok() && (self.best.is_err() || !self.steps[self.chosen].is_better_than(&step)) {
+            (self.chosen, self.best) = (self.steps.len(), found);
+        }
+        self.steps.push(step);
+    }
+
+    fn last_meets(&self, error: f64) -> bool {
+        self.steps.last().is_some_and(|step| step.meets(error))
+    }
 }
 
 /// What all levels share.
