@@ -3,7 +3,7 @@
 mod support;
 
 use antirad::glam::{DAffine3, DVec3};
-use antirad::ladder::{LadderOptions, solve_within};
+use antirad::ladder::{LadderError, LadderOptions, Stage, solve_within};
 use antirad::plan::{Limits, Plan, PlanError, Wanted};
 use antirad::scene::{Accuracy, Material, Scene, SceneBuilder, SceneError, Shape, Triangle};
 use antirad::{Cotangent, Engine, EngineError, Solution, SolveParams};
@@ -184,10 +184,13 @@ fn a_mesh_uses_its_own_vertices() {
 fn an_error_that_is_asked_for_is_between_zero_and_one() {
     let device = device();
     let scene = room(2);
-    let mut solve = |engine: &mut Engine, _: &Scene| engine.solve(&params());
+    let mut solve = |engine: &mut Engine, _: &Scene, _: &Stage| engine.solve(&params());
     for error in [f64::NAN, f64::INFINITY, 0.0, -1.0, 1.0] {
         let solved = solve_within(&device, &scene, &LadderOptions::new(error), &|_| 0, &mut solve);
-        assert!(matches!(solved.err(), Some(EngineError::Scene(SceneError::Accuracy { .. }))), "{error}");
+        let refused = solved.err();
+        let named =
+            matches!(refused, Some(LadderError::Engine(EngineError::Scene(SceneError::Accuracy { .. }))));
+        assert!(named, "{error}: {refused:?}");
     }
     finish(&device);
 }

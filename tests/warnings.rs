@@ -269,3 +269,24 @@ fn large_scenes_take_seconds() {
     let ratio = seconds(50_000, 40) / seconds(3_125, 10);
     assert!(ratio <= 80.0, "{ratio:.1} times as long");
 }
+
+/// What a solve found is told from numbers alone: no device, no solution.
+#[test]
+fn results_are_looked_at_without_a_device() {
+    let scene = room_with(|_| ());
+    let plan = plan(&scene);
+    let mut irradiance = vec![[1.0, 2.0, 3.0]; scene.triangles.len()];
+    let after = |irradiance: &[[f64; 3]], radius| Warnings::after(&scene, &plan, irradiance, radius);
+    assert_eq!(after(&irradiance, Some(0.9)).list, []);
+    assert_eq!(after(&irradiance, None).list, []);
+    irradiance[3] = [1.0, -1e-3, 1.0];
+    let little = after(&irradiance, Some(1.1));
+    assert_eq!(kinds(&little), [Kind::Unphysical, Kind::NegativeIrradiance]);
+    let negative = little.get(Kind::NegativeIrradiance).expect("a warning");
+    assert_eq!((negative.triangles.as_slice(), negative.severe), (&[3][..], false));
+    assert_eq!(negative.worst[0].value, -1e-3);
+    irradiance[5] = [-500.0; 3];
+    let much = after(&irradiance, None);
+    let negative = much.get(Kind::NegativeIrradiance).expect("a warning");
+    assert_eq!((negative.triangles.as_slice(), negative.severe), (&[5, 3][..], true));
+}

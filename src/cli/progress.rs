@@ -3,6 +3,7 @@
 
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
+use std::ops::Range;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -85,6 +86,10 @@ pub struct SolveBar {
     /// Where there is no terminal.
     lines: Option<Arc<Mutex<Lines>>>,
     tolerance: f64,
+    /// What is solved, if it is one of several solves.
+    name: Option<String>,
+    /// Of the whole bar, 0 to 1.
+    range: Range<f64>,
 }
 
 impl SolveBar {
@@ -96,7 +101,13 @@ impl SolveBar {
         }
         let lines = Lines { period: PERIOD, last: Instant::now() };
         let lines = (!quiet && !std::io::stderr().is_terminal()).then(|| Arc::new(Mutex::new(lines)));
-        Self { bar, lines, tolerance }
+        Self { bar, lines, tolerance, name: None, range: 0.0..1.0 }
+    }
+
+    /// For one of several solves, which goes on over a part of the same bar (0 to 1).
+    pub fn part(&self, tolerance: f64, name: &str, range: Range<f64>) -> Self {
+        let (bar, lines) = (self.bar.clone(), self.lines.clone());
+        Self { bar, lines, tolerance, name: Some(name.to_owned()), range }
     }
 
     /// After `passes` passes, which reached `residual`, and `share` of the next one (0 to 1).
@@ -104,11 +115,15 @@ impl SolveBar {
         let done = if passes == 0 { 0.0 } else { (residual.ln() / self.tolerance.ln()).clamp(0.0, 1.0) };
         // The first passes say little of the rate: ten of them are usual.
         let step = if passes < 2 { 0.1 } else { done / f64::from(passes - 1) };
-        let done = (done + share * step).min(1.0);
+        let done = self.range.start + (self.range.end - self.range.start) * (done + share * step).min(1.0);
         self.bar.set_position((done * STEPS as f64) as u64);
-        let message = match passes {
+        let pass = match passes {
             0 => "first pass".to_owned(),
             _ => format!("pass {}, residual {residual:.1e} of {:.0e}", passes + 1, self.tolerance),
+        };
+        let message = match &self.name {
+            Some(name) => format!("{name}: {pass}"),
+            None => pass,
         };
         let due = |lines: &Arc<Mutex<Lines>>| {
             lines.lock().unwrap_or_else(PoisonError::into_inner).due(Instant::now())
@@ -157,5 +172,26 @@ mod tests {
         let mut lines = Lines { period: Duration::from_secs(10), last: start };
         let due = [1, 9, 10, 11, 19, 20, 45, 46].map(|s| lines.due(start + Duration::from_secs(s)));
         assert_eq!(due, [false, false, true, false, false, true, true, false]);
+    }
+
+    #[test]
+    fn several_solves_move_one_bar_on() {
+        let whole = SolveBar::new(1e-4, true);
+        let first = whole.part(1e-2, "first", 0.0..0.25);
+        let second = whole.part(1e-4, "second", 0.25..1.0);
+        let mut before = 0;
+        for (bar, passes, residual, share) in [
+            (&first, 1, 0.1, 0.5),
+            (&first, 2, 1e-2, 0.0),
+            (&second, 0, 1.0, 0.0),
+            (&second, 0, 1.0, 0.9),
+            (&second, 3, 1e-2, 0.0),
+            (&second, 5, 1e-5, 0.0),
+        ] {
+            bar.show(passes, residual, share);
+            assert!(whole.bar.position() >= before, "{} after {before}", whole.bar.position());
+            before = whole.bar.position();
+        }
+        assert_eq!(before, STEPS);
     }
 }

@@ -4,13 +4,16 @@ use super::gradient::Quantity;
 use super::job::{FitError, Job, Outcome, Record};
 use super::renderer::Estimate;
 use super::settings::StopRule;
+use super::target::Target;
 use crate::image::Picture;
 use crate::output::{OutputError, atomic_write, write_array, write_json};
 use crate::plan::Wanted;
+use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::path::Path;
+use std::slice::from_ref;
 
 /// Name of the fitted scene's files.
 const SCENE: &str = "scene.toml";
@@ -55,6 +58,28 @@ pub fn write(directory: &Path, job: &Job, outcome: &Outcome, about: &Circumstanc
     }
     write_json(&directory.join(REPORT), &report(job, outcome, about, &names))?;
     Ok(())
+}
+
+/// Relative L2 difference of fitted pictures from their targets, over the pixels that count.
+pub fn picture_error(targets: &[Target], fitted: &[Vec<DVec3>]) -> f64 {
+    let (mut off, mut all) = (0.0, 0.0);
+    for (target, fitted) in targets.iter().zip(fitted) {
+        for (at, (wanted, found)) in target.pixels.iter().zip(fitted).enumerate() {
+            // Pixels that are masked out may hold anything.
+            let counts = target.mask_at(at);
+            if counts > 0.0 {
+                off += counts * (*found - *wanted).length_squared();
+                all += counts * wanted.length_squared();
+            }
+        }
+    }
+    if off == 0.0 { 0.0 } else { (off / all).sqrt() }
+}
+
+/// That of all views together in a folder that [`write`] has written, if it says it.
+pub fn written_picture_error(directory: &Path) -> Option<f64> {
+    let text = std::fs::read(directory.join(REPORT)).ok()?;
+    serde_json::from_slice::<Value>(&text).ok()?.get("picture_error")?.as_f64()
 }
 
 /// File names of the views: their cameras', numbered where one camera has several targets.
@@ -113,6 +138,8 @@ struct View<'a> {
     /// Before its weight.
     loss: f64,
     weight: f64,
+    /// See [`picture_error`].
+    picture_error: f64,
 }
 
 fn report(job: &Job, outcome: &Outcome, about: &Circumstances, names: &[String]) -> Value {
@@ -126,12 +153,13 @@ fn report(job: &Job, outcome: &Outcome, about: &Circumstances, names: &[String])
         .targets
         .iter()
         .zip(names)
-        .zip(&outcome.views)
-        .map(|((target, name), &loss)| View {
+        .zip(outcome.views.iter().zip(&outcome.pictures))
+        .map(|((target, name), (&loss, fitted))| View {
             name,
             camera: &target.camera.name,
             loss,
             weight: target.weight,
+            picture_error: picture_error(from_ref(target), from_ref(fitted)),
         })
         .collect();
     let assumptions: Vec<Value> = settings
@@ -154,6 +182,7 @@ fn report(job: &Job, outcome: &Outcome, about: &Circumstances, names: &[String])
         "iterations": iterations,
         "resumed_from_iteration": outcome.resumed_from,
         "loss": { "start": first, "end": outcome.loss, "fell_by_factor": first / outcome.loss },
+        "picture_error": picture_error(&problem.targets, &outcome.pictures),
         "views": views,
         "assumptions": assumptions,
         "at_bound": outcome.recovered.iter().filter(|r| r.at_bound.contains(&true)).count(),
@@ -188,5 +217,33 @@ impl From<StopRule> for StopReport {
             loss,
             seconds: seconds.is_finite().then_some(seconds),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Camera;
+
+    #[test]
+    fn picture_errors_are_relative_and_heed_the_mask() {
+        let camera = Camera { width: 2, height: 2, ..Camera::framing(&[]) };
+        let target = |pixels: [f64; 4], mask| {
+            let pixels = pixels.map(DVec3::splat).to_vec();
+            Target::new(camera.clone(), pixels, mask, 1.0).expect("a target")
+        };
+        let found = |pixels: [f64; 4]| pixels.map(DVec3::splat).to_vec();
+        let whole = target([1.0, 2.0, 2.0, 4.0], None);
+        // 1 of 25.
+        let near = found([1.0, 2.0, 3.0, 4.0]);
+        assert_eq!(picture_error(from_ref(&whole), from_ref(&near)), 0.2);
+        let masked = target([1.0, 2.0, f64::NAN, 4.0], Some(vec![1.0, 1.0, 0.0, 0.5]));
+        assert_eq!(picture_error(from_ref(&masked), from_ref(&near)), 0.0);
+        // Half of 4² more of 1 + 4 + half of 4².
+        let far = found([1.0, 2.0, 0.0, 8.0]);
+        assert_eq!(picture_error(from_ref(&masked), from_ref(&far)), (8.0f64 / 13.0).sqrt());
+        // 1 + 8 of 25 + 13.
+        let error = picture_error(&[whole, masked], &[near, far]);
+        assert_eq!(error, (9.0f64 / 38.0).sqrt());
     }
 }

@@ -1,14 +1,25 @@
 //! How far off an answer may be, from the answer itself and one of other settings.
 
+use super::Answer;
+use super::pictures::Visible;
 use crate::scene::{Edges, Scene, Welded};
-use crate::{Energy, Solution};
 use glam::DVec3;
 use serde::Serialize;
 use std::fmt;
 
-/// Estimated error of the irradiance: relative L2 over all triangles, weighted with area.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+/// Estimated errors of an answer, on the triangles that were solved.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Estimate {
+    /// The largest of irradiance and pictures.
+    pub total: f64,
+    pub irradiance: IrradianceEstimate,
+    /// One per camera.
+    pub pictures: Vec<PictureEstimate>,
+}
+
+/// Of the means over triangles: relative L2, weighted with area.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct IrradianceEstimate {
     /// Root of the sum of squares of `compared`, `mesh` and `residual`, which have different causes; at least `balance`.
     pub total: f64,
     /// Difference from a solve with other bins and a smaller near field, times what errors were over such differences in
@@ -23,52 +34,134 @@ pub struct Estimate {
     pub balance: Option<f64>,
 }
 
+/// Of the picture of a camera with one colour a triangle: relative L2 over its pixels, of reflected light alone, since a lamp
+/// in view is exact and would outshine every error.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PictureEstimate {
+    pub camera: String,
+    /// Root of the sum of squares of the parts.
+    pub total: f64,
+    /// As for irradiance.
+    pub compared: f64,
+    /// What light varies within triangles, from the differences between coplanar neighbours of one material: edges of shadows
+    /// that one colour a triangle does not show.
+    pub within: f64,
+    /// As for irradiance.
+    pub residual: f64,
+}
+
 impl Estimate {
-    /// `irradiance` and `companion` on the triangles of the scene as it was given (`areas`), `solution` on those of the
-    /// scene as it was solved; `ratio`: see [`Estimate::compared`].
-    pub(super) fn new(
-        [irradiance, companion]: [&[[f64; 3]]; 2],
-        ratio: f64,
-        areas: &[f64],
+    /// `own` is the answer, `other` that of the comparison solve; `ratio`: see [`IrradianceEstimate::compared`].
+    pub(super) fn new(scene: &Scene, own: &Answer, other: &Answer, ratio: f64, visible: &[Visible]) -> Self {
+        let surface = Surface::new(scene);
+        let left = 1.0 - own.info.spectral_radius.unwrap_or(0.0).clamp(0.0, 0.999);
+        let residual = own.info.residuals.last().copied().unwrap_or(0.0) / left;
+        let irradiance = IrradianceEstimate::new(scene, &surface, own, other, ratio, residual);
+        let colours = own.colours.iter().zip(&other.colours);
+        let pictures: Vec<PictureEstimate> = visible
+            .iter()
+            .zip(colours)
+            .map(|(visible, (own, other))| {
+                PictureEstimate::new(scene, &surface, visible, [own, other], ratio, residual)
+            })
+            .collect();
+        let total = pictures.iter().map(|picture| picture.total).fold(irradiance.total, f64::max);
+        Self { total, irradiance, pictures }
+    }
+}
+
+impl IrradianceEstimate {
+    fn new(
         scene: &Scene,
-        solution: &Solution,
+        surface: &Surface,
+        own: &Answer,
+        other: &Answer,
+        ratio: f64,
+        residual: f64,
     ) -> Self {
-        let all = norm(areas, |i| DVec3::from(irradiance[i]));
-        let over = |error: f64| if all > 0.0 { error / all } else { 0.0 };
-        let difference = |i: usize| DVec3::from(irradiance[i]) - DVec3::from(companion[i]);
-        let compared = ratio * over(norm(areas, difference));
-        let mesh = over(unevenness(scene, &solution.irradiance));
-        let left = 1.0 - solution.info.spectral_radius.unwrap_or(0.0).clamp(0.0, 0.999);
-        let residual = solution.info.residuals.last().copied().unwrap_or(0.0) / left;
-        let parts = (compared * compared + mesh * mesh + residual * residual).sqrt();
+        let values = vectors(&own.irradiance);
+        let norm = |of: &dyn Fn(usize) -> DVec3| norm(&surface.areas, of);
+        let over = relative_to(norm(&|i| values[i]));
+        let compared = ratio * over(norm(&|i| values[i] - DVec3::from(other.irradiance[i])));
+        let mesh = over(norm(&|i| surface.off_neighbours(&values, i)));
+        let parts = root_of_squares([compared, mesh, residual]);
         let sum = |rgb: [f64; 3]| rgb.iter().sum::<f64>();
-        let escaped =
-            |energy: &Energy| (sum(energy.escaped) / sum(energy.emitted).max(f64::MIN_POSITIVE)).abs();
-        let balance = is_closed(scene).then(|| escaped(&solution.energy));
+        let escaped = (sum(own.energy.escaped) / sum(own.energy.emitted).max(f64::MIN_POSITIVE)).abs();
+        let balance = is_closed(scene).then_some(escaped);
         Self { total: balance.map_or(parts, |balance| parts.max(balance)), compared, mesh, residual, balance }
+    }
+}
+
+impl PictureEstimate {
+    fn new(
+        scene: &Scene,
+        surface: &Surface,
+        visible: &Visible,
+        [own, other]: [&[[f64; 3]]; 2],
+        ratio: f64,
+        residual: f64,
+    ) -> Self {
+        let reflected = |colours: &[[f64; 3]]| -> Vec<DVec3> {
+            let of = |(i, colour): (usize, &[f64; 3])| match visible.fronts[i] {
+                true => DVec3::from(*colour) - DVec3::from(scene.material(i).emission),
+                false => DVec3::ZERO,
+            };
+            colours.iter().enumerate().map(of).collect()
+        };
+        let (own, other) = (reflected(own), reflected(other));
+        let norm = |of: &dyn Fn(usize) -> DVec3| norm(&visible.samples, of);
+        let over = relative_to(norm(&|i| own[i]));
+        let compared = ratio * over(norm(&|i| own[i] - other[i]));
+        let within = over(norm(&|i| surface.within(&own, i)));
+        let total = root_of_squares([compared, within, residual]);
+        Self { camera: visible.camera.clone(), total, compared, within, residual }
     }
 }
 
 impl fmt::Display for Estimate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { total, compared, mesh, residual, balance } = self;
+        let IrradianceEstimate { total, compared, mesh, residual, balance } = self.irradiance;
+        let percent = |share: f64| format!("{:.2} %", 100.0 * share);
         write!(
             f,
-            "{:.2} % (other bins and near field {:.2} %, mesh {:.2} %, residual {:.2} %",
-            100.0 * total,
-            100.0 * compared,
-            100.0 * mesh,
-            100.0 * residual
+            "{} of irradiance (other bins and near field {}, mesh {}, residual {}",
+            percent(total),
+            percent(compared),
+            percent(mesh),
+            percent(residual)
         )?;
-        match balance {
-            Some(balance) => write!(f, ", energy {:.2} %)", 100.0 * balance),
-            None => f.write_str(")"),
+        if let Some(balance) = balance {
+            write!(f, ", energy {}", percent(balance))?;
         }
+        f.write_str(")")?;
+        for PictureEstimate { camera, total, compared, within, .. } in &self.pictures {
+            write!(
+                f,
+                ", {} of picture {camera} (other bins and near field {}, within triangles {})",
+                percent(*total),
+                percent(*compared),
+                percent(*within)
+            )?;
+        }
+        Ok(())
     }
 }
 
-fn norm(areas: &[f64], of: impl Fn(usize) -> DVec3) -> f64 {
-    areas.iter().enumerate().map(|(i, area)| area * of(i).length_squared()).sum::<f64>().sqrt()
+fn vectors(rows: &[[f64; 3]]) -> Vec<DVec3> {
+    rows.iter().copied().map(DVec3::from).collect()
+}
+
+fn root_of_squares<const N: usize>(parts: [f64; N]) -> f64 {
+    parts.iter().map(|part| part * part).sum::<f64>().sqrt()
+}
+
+fn norm(weights: &[f64], of: &dyn Fn(usize) -> DVec3) -> f64 {
+    weights.iter().enumerate().map(|(i, weight)| weight * of(i).length_squared()).sum::<f64>().sqrt()
+}
+
+/// What is in darkness has no relative error.
+fn relative_to(all: f64) -> impl Fn(f64) -> f64 {
+    move |error| if all > 0.0 { error / all } else { 0.0 }
 }
 
 /// Whether no light can leave: all edges are shared by triangles that run them both ways, and the fronts enclose something.
@@ -87,33 +180,66 @@ fn is_closed(scene: &Scene) -> bool {
 /// Normals of neighbours that are closer than this count as one surface.
 const COPLANAR: f64 = 0.999;
 
-/// ‖(mean of the neighbours - own value) / 4‖. For light that is smooth within an equilateral triangle of side s, its mean is
-/// off the value at the centroid by s²/48 ∇²E, and the mean of the three neighbours by s²/12 ∇²E.
-fn unevenness(scene: &Scene, irradiance: &[[f64; 3]]) -> f64 {
-    let count = scene.triangles.len();
-    let vectors: Vec<DVec3> = (0..count).map(|i| scene.area_vector(i)).collect();
-    let areas: Vec<f64> = vectors.iter().map(|v| v.length()).collect();
-    let mut around = vec![(DVec3::ZERO, 0.0); count];
-    for edge in Edges::of(scene.triangles.iter().map(|t| t.vertices)).iter() {
-        let Some([i, j]) = edge.pair().map(|pair| pair.map(|t| t as usize)) else { continue };
-        if vectors[i].dot(vectors[j]) > COPLANAR * areas[i] * areas[j] {
-            for (own, other) in [(i, j), (j, i)] {
-                around[own].0 += DVec3::from(irradiance[other]);
-                around[own].1 += 1.0;
+/// Areas, and which triangles go on in which.
+struct Surface {
+    /// m².
+    areas: Vec<f64>,
+    /// Coplanar ones across an edge.
+    neighbours: Vec<Vec<u32>>,
+    /// Per triangle.
+    materials: Vec<u32>,
+}
+
+impl Surface {
+    fn new(scene: &Scene) -> Self {
+        let count = scene.triangles.len();
+        let vectors: Vec<DVec3> = (0..count).map(|i| scene.area_vector(i)).collect();
+        let areas: Vec<f64> = vectors.iter().map(|v| v.length()).collect();
+        let mut neighbours = vec![Vec::new(); count];
+        for edge in Edges::of(scene.triangles.iter().map(|t| t.vertices)).iter() {
+            let Some([i, j]) = edge.pair().map(|pair| pair.map(|t| t as usize)) else { continue };
+            if vectors[i].dot(vectors[j]) > COPLANAR * areas[i] * areas[j] {
+                neighbours[i].push(j as u32);
+                neighbours[j].push(i as u32);
             }
         }
+        let materials = scene.triangles.iter().map(|t| t.material).collect();
+        Self { areas, neighbours, materials }
     }
-    norm(&areas, |i| match around[i] {
-        // At the rim a slope would look like a bend.
-        (sum, neighbours) if neighbours == 3.0 => 0.25 * (sum / neighbours - DVec3::from(irradiance[i])),
-        _ => DVec3::ZERO,
-    })
+
+    /// (mean of the neighbours - own value) / 4. For light that is smooth within an equilateral triangle of side s, its mean is
+    /// off the value at the centroid by s²/48 ∇²E, and the mean of the three neighbours by s²/12 ∇²E.
+    fn off_neighbours(&self, values: &[DVec3], triangle: usize) -> DVec3 {
+        match self.neighbours[triangle].as_slice() {
+            // At the rim a slope would look like a bend.
+            list if list.len() == 3 => {
+                let sum: DVec3 = list.iter().map(|&j| values[j as usize]).sum();
+                0.25 * (sum / 3.0 - values[triangle])
+            }
+            _ => DVec3::ZERO,
+        }
+    }
+
+    /// Root of the mean squared deviation of light within a triangle from its mean, by the differences to its neighbours. For
+    /// light with slope g within equilateral triangles of side s it is g²s²/24, a quarter of the mean squared difference: their
+    /// centroids are s/√3 apart, in three directions. Along the edge of a shadow a quarter says 1/8 of the squared step where
+    /// 1/6 is true. A third is right there, and too much by a sixth for the slope.
+    fn within(&self, values: &[DVec3], triangle: usize) -> DVec3 {
+        let of_one_material = |&&j: &&u32| self.materials[j as usize] == self.materials[triangle];
+        let (mut squares, mut count) = (DVec3::ZERO, 0.0);
+        for &j in self.neighbours[triangle].iter().filter(of_one_material) {
+            let difference = values[j as usize] - values[triangle];
+            squares += difference * difference;
+            count += 1.0;
+        }
+        if count > 0.0 { (squares / (3.0 * count)).map(f64::sqrt) } else { DVec3::ZERO }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Material, SceneBuilder, Shape, Triangle};
+    use crate::scene::{Material, SceneBuilder, Shape};
     use glam::DAffine3;
 
     fn scene(shape: Shape) -> Scene {
@@ -122,31 +248,59 @@ mod tests {
         builder.finish("scene").expect("a scene")
     }
 
+    /// Values of a function of x at the centroids.
+    fn centroids(scene: &Scene, of: impl Fn(f64) -> f64) -> Vec<DVec3> {
+        let at = |i: usize| (scene.corners(i).iter().sum::<DVec3>() / 3.0).x;
+        (0..scene.triangles.len()).map(|i| DVec3::new(of(at(i)), 0.0, 0.0)).collect()
+    }
+
     #[test]
     fn rooms_are_closed_and_boxes_and_sheets_are_not() {
         assert!(is_closed(&scene(Shape::Room { cells: 3 })));
         assert!(!is_closed(&scene(Shape::Box { cells: 3 })));
         assert!(!is_closed(&scene(Shape::Quad { cells: 3 })));
-        // What has no area closes nothing and opens nothing.
-        let mut room = scene(Shape::Room { cells: 3 });
-        room.triangles[0].vertices = [0, 1, 1];
-        assert!(!is_closed(&room));
-        let mut room = scene(Shape::Room { cells: 3 });
-        room.triangles.extend([[0, 0, 0], [0, 1, 1]].map(|vertices| Triangle { vertices, material: 0 }));
-        assert!(is_closed(&room));
     }
 
     /// E = x² over a square of n x n cells: the mean over a triangle with legs h is h²/18 off the value at its centroid.
     #[test]
-    fn unevenness_is_that_of_the_mean_over_a_triangle() {
+    fn neighbours_say_what_the_mean_over_a_triangle_is() {
         for cells in [8, 32] {
             let scene = scene(Shape::Quad { cells });
-            let at = |i: usize| (scene.corners(i).iter().sum::<DVec3>() / 3.0).x.powi(2);
-            let values: Vec<[f64; 3]> = (0..scene.triangles.len()).map(|i| [at(i), 0.0, 0.0]).collect();
+            let (surface, values) = (Surface::new(&scene), centroids(&scene, |x| x * x));
             let exact = (1.0 / f64::from(cells)).powi(2) / 18.0;
-            let found = unevenness(&scene, &values);
+            let found = norm(&surface.areas, &|i| surface.off_neighbours(&values, i));
             println!("{cells} cells: {found:.2e}, exact {exact:.2e}");
             assert!(found / exact >= 0.5 && found / exact <= 2.0, "{found} {exact}");
         }
+    }
+
+    /// E = x: the mean squared deviation within a right triangle with legs h is h²/18, a quarter of the mean squared difference.
+    #[test]
+    fn neighbours_say_how_light_varies_within_a_triangle() {
+        for cells in [8, 32] {
+            let scene = scene(Shape::Quad { cells });
+            let surface = Surface::new(&scene);
+            let values = centroids(&scene, |x| x);
+            let slope = norm(&surface.areas, &|i| surface.within(&values, i));
+            let exact = 1.0 / (f64::from(cells) * 18f64.sqrt());
+            let expected = exact * (4.0f64 / 3.0).sqrt();
+            println!("{cells} cells, slope: {slope:.2e}, exact {exact:.2e}");
+            // Less the rim, where neighbours are missing.
+            assert!((slope / expected - 1.0).abs() <= 0.5 / f64::from(cells), "{slope} {expected}");
+        }
+    }
+
+    /// Steps of albedo are no light that varies within a triangle.
+    #[test]
+    fn borders_of_materials_are_no_shadows() {
+        let (black, white) = (Material::named("black"), Material::named("white"));
+        let mut scene = scene(Shape::Quad { cells: 2 });
+        scene.materials = vec![black, white];
+        for (i, triangle) in scene.triangles.iter_mut().enumerate() {
+            triangle.material = i as u32 % 2;
+        }
+        let surface = Surface::new(&scene);
+        let values: Vec<DVec3> = (0..scene.triangles.len()).map(|i| DVec3::splat((i % 2) as f64)).collect();
+        assert!((0..values.len()).all(|i| surface.within(&values, i) == DVec3::ZERO));
     }
 }

@@ -1,14 +1,14 @@
 //! Settings from cheap to exact, and which of them a scene starts at.
 
 use crate::model::{Bins, classify, spatial_order};
-use crate::plan::Placement;
+use crate::plan::{Limits, Placement, Plan, PlanError};
 use crate::scene::{Accuracy, BinLayout, Choice, Material, Scene};
 use crate::warnings::{Surfaces, Warnings};
 use serde::Serialize;
 
-/// One step of a ladder of settings.
+/// One refinement level.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Rung {
+pub(super) struct Level {
     /// Polar angle x azimuth: fine around the normal, where lamps over floors and tables are.
     equal_angle: (u32, u32),
     /// Side of the equal-area square: bins of one size, which coarse blockers need.
@@ -21,33 +21,33 @@ pub(super) struct Rung {
     usual: f64,
 }
 
-const fn rung(
+const fn level(
     equal_angle: (u32, u32),
     concentric: u32,
     subsample: f64,
     cuts: u32,
     tolerance: f64,
     usual: f64,
-) -> Rung {
-    Rung { equal_angle, concentric, subsample, cuts, tolerance, usual }
+) -> Level {
+    Level { equal_angle, concentric, subsample, cuts, tolerance, usual }
 }
 
 /// Where there are shadows or gloss. Finer bins and finer meshes go together: alone, each makes little better or worse.
-const DIRECTIONAL: [Rung; 5] = [
-    rung((6, 8), 8, 10.0, 0, 3e-3, 0.08),
-    rung((10, 13), 10, 30.0, 0, 1e-3, 0.04),
-    rung((14, 18), 16, 30.0, 1, 1e-3, 0.025),
-    rung((20, 26), 24, 30.0, 1, 3e-4, 0.02),
-    rung((28, 36), 32, 30.0, 2, 1e-4, 0.01),
+const DIRECTIONAL: [Level; 5] = [
+    level((6, 8), 8, 10.0, 0, 3e-3, 0.08),
+    level((10, 13), 10, 30.0, 0, 1e-3, 0.04),
+    level((14, 18), 16, 30.0, 1, 1e-3, 0.025),
+    level((20, 26), 24, 30.0, 1, 3e-4, 0.02),
+    level((28, 36), 32, 30.0, 2, 1e-4, 0.01),
 ];
 
 /// Where there are none: bins do not matter, the near field and the mesh do.
-const DIFFUSE: [Rung; 5] = [
-    rung((2, 3), 2, 10.0, 0, 3e-3, 0.015),
-    rung((2, 3), 2, 30.0, 0, 1e-3, 0.006),
-    rung((2, 3), 2, 60.0, 1, 3e-4, 0.003),
-    rung((2, 3), 2, 120.0, 2, 1e-4, 0.0015),
-    rung((2, 3), 2, 400.0, 3, 1e-5, 0.0),
+const DIFFUSE: [Level; 5] = [
+    level((2, 3), 2, 10.0, 0, 3e-3, 0.015),
+    level((2, 3), 2, 30.0, 0, 1e-3, 0.006),
+    level((2, 3), 2, 60.0, 1, 3e-4, 0.003),
+    level((2, 3), 2, 120.0, 2, 1e-4, 0.0015),
+    level((2, 3), 2, 400.0, 3, 1e-5, 0.0),
 ];
 
 /// Share of the light of a bounce that a near field of this range loses or adds at most, measured in closed rooms and spheres:
@@ -74,7 +74,7 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// What errors were over the differences from companions, in nearly all scenes of the sweep. Companions of the same kind
+    /// What errors were over the differences from comparison solves, in nearly all scenes of the sweep. Bins of the same kind
     /// have errors of the same kind.
     pub(super) fn ratio(self) -> f64 {
         match self {
@@ -85,14 +85,14 @@ impl Layout {
     }
 }
 
-impl Rung {
-    pub fn ladder(directional: bool) -> &'static [Self] {
+impl Level {
+    pub fn all(directional: bool) -> &'static [Self] {
         if directional { &DIRECTIONAL } else { &DIFFUSE }
     }
 
-    /// The first rung of a ladder that usually is within `error`.
-    pub fn start(ladder: &[Self], error: f64) -> usize {
-        ladder.iter().position(|rung| rung.usual <= error).unwrap_or(ladder.len() - 1)
+    /// The first of these levels that usually is within `error`.
+    pub fn start(levels: &[Self], error: f64) -> usize {
+        levels.iter().position(|level| level.usual <= error).unwrap_or(levels.len() - 1)
     }
 
     pub fn accuracy(&self, layout: Layout, near: f64, base: &Accuracy) -> Accuracy {
@@ -109,7 +109,7 @@ impl Rung {
 
     /// What the answer is compared with: other bins and a third of the near field, errors of the same size or larger that
     /// have nothing to do with its own. Where narrow bins fail, fewer of one size.
-    pub fn companion(&self, layout: Layout, near: f64, base: &Accuracy) -> Accuracy {
+    pub fn comparison(&self, layout: Layout, near: f64, base: &Accuracy) -> Accuracy {
         let fewer = (self.concentric * 5 / 6).next_multiple_of(2);
         let bins = match layout {
             Layout::EqualAngle => self.bins(Layout::Concentric, self.concentric),
@@ -120,6 +120,12 @@ impl Rung {
         };
         let accuracy = self.accuracy(layout, near, base);
         Accuracy { bins, subsample: accuracy.subsample / 3.0, ..accuracy }
+    }
+
+    /// What a solve and its comparison take, as far as it grows with bins and triangles.
+    pub fn work(&self) -> f64 {
+        let (theta, phi) = self.equal_angle;
+        f64::from(theta * phi + self.concentric.pow(2)) * 16f64.powi(self.cuts as i32)
     }
 
     fn bins(&self, layout: Layout, n: u32) -> BinLayout {
@@ -166,14 +172,27 @@ pub fn layout(scene: &Scene, accuracy: &Accuracy) -> Layout {
 /// [`layout`] asks for such bins, and a near field that keeps what is lost over all bounces within 1 %. All else is as it
 /// stands.
 pub fn usual_accuracy(scene: &Scene) -> Accuracy {
-    let given = scene.accuracy;
-    let Choice::Open { bins, subsample } = scene.choice else { return given };
-    let coarse = (bins || subsample) && layout(scene, &given) == Layout::Concentric;
-    let mut accuracy = given;
+    if is_open(scene) { usual(scene, layout(scene, &scene.accuracy)) } else { scene.accuracy }
+}
+
+/// These settings with their plan, the only one that is made.
+pub fn usual_plan(scene: &Scene, limits: &Limits) -> Result<(Accuracy, Plan), PlanError> {
+    let accuracy = usual_accuracy(scene);
+    Ok((accuracy, Plan::new(scene, limits, &accuracy)?))
+}
+
+fn is_open(scene: &Scene) -> bool {
+    matches!(scene.choice, Choice::Open { bins, subsample } if bins || subsample)
+}
+
+fn usual(scene: &Scene, layout: Layout) -> Accuracy {
+    let mut accuracy = scene.accuracy;
+    let Choice::Open { bins, subsample } = scene.choice else { return accuracy };
+    let coarse = layout == Layout::Concentric;
     if subsample {
         let wider = if coarse { COARSE_NEAR } else { 1.0 };
         let bright = near_field(mean_albedo(scene), 2.0 * USUAL_LOSS);
-        accuracy.subsample = bright.max(wider * given.subsample);
+        accuracy.subsample = bright.max(wider * scene.accuracy.subsample);
     }
     if bins && coarse {
         accuracy.bins = BinLayout::Concentric { n: 10 };
@@ -201,15 +220,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn companions_differ_from_what_they_are_compared_with() {
+    fn comparisons_have_other_settings() {
         for directional in [false, true] {
-            for rung in Rung::ladder(directional) {
+            for level in Level::all(directional) {
                 for layout in [Layout::EqualAngle, Layout::Concentric, Layout::None] {
-                    let own = rung.accuracy(layout, 0.0, &Accuracy::default());
-                    let other = rung.companion(layout, 0.0, &Accuracy::default());
+                    let own = level.accuracy(layout, 0.0, &Accuracy::default());
+                    let other = level.comparison(layout, 0.0, &Accuracy::default());
                     assert!(other.subsample < own.subsample);
                     assert!(
-                        layout == Layout::None || rung.concentric < 4 || other.bins != own.bins,
+                        layout == Layout::None || level.concentric < 4 || other.bins != own.bins,
                         "{own:?}"
                     );
                 }

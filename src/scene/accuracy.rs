@@ -165,7 +165,7 @@ pub enum Choice {
     /// The bins, the range of the near field, or neither: what is open has its usual value, and another may suit the scene
     /// better ([`crate::ladder::usual_accuracy`]).
     Open { bins: bool, subsample: bool },
-    /// Bins, near field, mesh and tolerance, such that the relative L2 error of irradiance is about this at most
+    /// Bins, near field, mesh and tolerance, such that the relative L2 error of irradiance and of pictures is about this at most
     /// ([`crate::ladder::solve_within`]).
     Within(f64),
 }

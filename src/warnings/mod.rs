@@ -10,7 +10,6 @@ mod refine;
 
 pub use refine::{RefineError, RefineOptions, Refined, refine};
 
-use crate::Solution;
 use crate::plan::Plan;
 use crate::scene::Scene;
 use crate::solve::SolveError;
@@ -138,20 +137,21 @@ impl Warnings {
         coarse / (0..surfaces.facets.len()).map(area).sum::<f64>().max(f64::MIN_POSITIVE)
     }
 
-    /// What a solution shows.
-    pub fn after(scene: &Scene, plan: &Plan, solution: &Solution) -> Self {
+    /// What the result of a solve shows: `irradiance` per triangle of the scene, W/m², and the estimate of the spectral radius,
+    /// if the solver has one.
+    pub fn after(scene: &Scene, plan: &Plan, irradiance: &[[f64; 3]], spectral_radius: Option<f64>) -> Self {
         let mut warnings = Self::default();
-        if let Some(radius) = solution.info.spectral_radius.filter(|&radius| radius >= 1.0) {
+        if let Some(radius) = spectral_radius.filter(|&radius| radius >= 1.0) {
             warnings.list.push(unphysical(scene, plan, radius));
         }
-        let lowest = |i: usize| solution.irradiance[i].iter().copied().fold(f64::INFINITY, f64::min);
+        let lowest = |i: usize| irradiance[i].iter().copied().fold(f64::INFINITY, f64::min);
         let mut found: Vec<Found> = (0..scene.triangles.len())
             .map(|i| (i as u32, lowest(i), None))
             .filter(|&(_, h, _)| h < 0.0)
             .collect();
         found.sort_by(|a, b| a.1.total_cmp(&b.1));
         let power = |of: &dyn Fn(f64) -> f64| -> f64 {
-            let sum = |i: usize| solution.irradiance[i].iter().map(|&h| of(h)).sum::<f64>();
+            let sum = |i: usize| irradiance[i].iter().map(|&h| of(h)).sum::<f64>();
             (0..scene.triangles.len()).map(|i| plan.facets[i].area * sum(i)).sum()
         };
         let share = power(&|h| (-h).max(0.0)) / power(&f64::abs).max(f64::MIN_POSITIVE);

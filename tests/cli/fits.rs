@@ -188,6 +188,15 @@ fn a_broken_job_harms_no_other() {
     let rows: Vec<&str> = summary.lines().collect();
     assert_eq!(rows.len(), 6);
     assert!(rows[1].starts_with("a,finished,3,") && rows[2].starts_with("b,failed,,"), "{summary}");
+    says(&batch.stdout, &["picture error"]);
+    let picture_error = |rows: &[&str], row: usize| {
+        let column = rows[0].split(',').position(|name| name == "picture_error").expect("a column");
+        rows[row].split(',').nth(column).and_then(|cell| cell.parse::<f64>().ok())
+    };
+    let report = folder.json("fits/a/report.json");
+    let error = report["picture_error"].as_f64();
+    assert!(error.is_some_and(|error| error > 0.0 && error < 0.5), "{report}");
+    assert_eq!((picture_error(&rows, 1), picture_error(&rows, 2)), (error, None), "{summary}");
 
     for name in ["a", "d"] {
         folder.run(&format!("fit jobs/{name}.toml --output alone")).succeeded();
@@ -196,6 +205,8 @@ fn a_broken_job_harms_no_other() {
     // Once more: what is done is left alone.
     let again = folder.run("fit jobs/a.toml jobs/d.toml --output fits --resume").succeeded();
     says(&again.stderr, &["a: finished before", "d: finished before"]);
+    let summary = String::from_utf8(folder.read("fits/summary.csv")).expect("text");
+    assert_eq!(picture_error(&summary.lines().collect::<Vec<_>>(), 1), error, "{summary}");
     assert!(!again.stderr.contains("iteration"), "{}", again.stderr);
 }
 

@@ -206,14 +206,17 @@ fn settings_for_an_error() {
     let scene = format!("{ROOM}[accuracy]\nerror = 0.5\n");
     let folder = Folder::with(&[("room.toml", &scene)]);
     let run = clean_render(&folder, "room.toml");
-    says(&run.stdout, &["step 1", "estimated error", "50.00 % was asked: kept"]);
+    says(
+        &run.stdout,
+        &["step 1", "estimated error", "of picture main", "of picture side", "50.00 % was asked: kept"],
+    );
     let report = folder.json("out/report.json");
     let (climb, triangles) = (&report["climb"], rows(&folder, "out/irradiance.npy").len());
     assert_eq!((&climb["met"], &climb["error"]), (&true.into(), &0.5.into()));
     assert_eq!(climb["steps"][0]["triangles"], triangles);
     let rough = climb["steps"][0]["estimate"]["total"].as_f64().expect("an estimate");
 
-    clean_render(&folder, "room.toml --accuracy 0.005");
+    clean_render(&folder, "room.toml --target-error 0.005");
     let climb = &folder.json("out/report.json")["climb"];
     let last = climb["steps"].as_array().and_then(|steps| steps.last()).expect("a step").clone();
     println!("{last}");
@@ -226,6 +229,40 @@ fn settings_for_an_error() {
     let report = folder.json("out/report.json");
     assert!(report["climb"].is_null());
     assert_eq!(report["plan"]["bins"], "6x8");
+}
+
+/// The comparison solve of a level holds no memory when the level itself is solved: with what that takes at least, there is
+/// the same answer as with plenty.
+#[test]
+fn a_target_error_in_little_memory() {
+    let scene = "[[mesh]]\nshape = { kind = \"quad\", cells = 12 }\nmaterial = \"grey\"\nscale = 4\ntranslate = [-2, 0, -2]\n\
+                 [[mesh]]\nshape = { kind = \"statue\", triangles = 2000 }\nmaterial = \"grey\"\n\
+                 [[mesh]]\nshape = { kind = \"quad\", cells = 2 }\nmaterial = \"lamp\"\nscale = [1.6, -1, 1.6]\n\
+                 translate = [-0.2, 3.5, 1]\n[material.grey]\nalbedo = 0.5\n[material.lamp]\nemission = 10\n\
+                 [camera.main]\nposition = [1.2, 1.6, 4.2]\ntarget = [0, 0.9, 0]\nfov_x_degrees = 30\nwidth = 24\nheight = 32\n";
+    let folder = Folder::with(&[("statue.toml", scene)]);
+    let render = "statue.toml --target-error 0.3 --max-triangles 3000";
+    clean_render(&folder, render);
+    let plenty = folder.json("out/report.json");
+    let (irradiance, picture) = (folder.read("out/irradiance.npy"), folder.read("out/main.exr"));
+    assert_eq!(plenty["climb"]["steps"].as_array().map(Vec::len), Some(1), "{plenty}");
+    let budget = plenty["plan"]["memory_total"].as_u64().expect("bytes");
+    clean_render(&folder, &format!("{render} --memory-budget {budget}B"));
+    let little = folder.json("out/report.json");
+    assert!(little["memory"]["peak"].as_u64() <= Some(budget));
+    assert_eq!(little["climb"]["met"], plenty["climb"]["met"]);
+    assert!(folder.read("out/irradiance.npy") == irradiance && folder.read("out/main.exr") == picture);
+}
+
+/// For one version.
+#[test]
+fn the_former_name_of_the_target_error() {
+    let folder = Folder::with(&[]);
+    let run = folder.run("render room.toml --output out --accuracy 0.5 --max-triangles 200").succeeded();
+    says(&run.stderr, &["WARN", "--accuracy is called --target-error now"]);
+    says(&run.stdout, &["50.00 % was asked"]);
+    let help = folder.run("render --help").succeeded().stdout;
+    assert!(help.contains("--target-error") && !help.contains("--accuracy"), "{help}");
 }
 
 /// A bare mesh gets a camera, and is told so; without `--output` the results go to a folder of the scene's name.

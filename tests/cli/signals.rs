@@ -56,7 +56,7 @@ fn an_interrupted_search_for_settings_ends_soon_and_writes_nothing() {
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell_boxes_fine.toml");
     for solving in [false, true] {
         let folder = Folder::with(&[]);
-        let mut tool = folder.tool(["render", "--verbose", "--output", "out", "--accuracy", "0.01"]);
+        let mut tool = folder.tool(["render", "--verbose", "--output", "out", "--target-error", "0.01"]);
         let mut child =
             tool.arg(&scene).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
         let mut stderr = BufReader::new(child.stderr.take().expect("piped"));

@@ -3,7 +3,7 @@
 use crate::Failure;
 use crate::settings::SceneSettings;
 use antirad::cli::{Interrupt, Working};
-use antirad::plan::{Limits, Plan};
+use antirad::plan::Limits;
 use antirad::warnings::{Warning, Warnings};
 use clap::Args;
 use serde::Serialize;
@@ -31,13 +31,11 @@ struct Report<'a> {
 }
 
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
-    let scene = arguments.settings.load_settled(interrupt)?;
     // Whether a solve fits the memory is the matter of `antirad plan`.
     let limits = Limits::default().boundless();
+    let (scene, plan) = arguments.settings.load_planned(&limits, interrupt)?;
     let working = Working::on("looking for what will come out wrong");
-    let warnings = interrupt.while_computing(|| {
-        Plan::new(&scene, &limits, &scene.accuracy).map(|plan| Warnings::of(&scene, &plan))
-    })?;
+    let warnings = interrupt.while_computing(|| Warnings::of(&scene, &plan));
     drop(working);
     let bins = scene.accuracy.bins.to_string();
     if arguments.json {

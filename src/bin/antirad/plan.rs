@@ -2,8 +2,8 @@
 
 use crate::Failure;
 use crate::settings::SceneSettings;
-use antirad::cli::{Interrupt, Working};
-use antirad::plan::{Limits, Plan};
+use antirad::cli::Interrupt;
+use antirad::plan::Limits;
 use clap::Args;
 
 #[derive(Args)]
@@ -16,12 +16,10 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
-    let scene = arguments.settings.load_settled(interrupt)?;
     let usual = Limits::default();
     let limits = usual.memory_budget(arguments.settings.memory_budget.unwrap_or(usual.memory_budget));
-    let working = Working::on("planning");
-    let report = Plan::new(&scene, &limits, &scene.accuracy)?.report();
-    drop(working);
+    let (_, plan) = arguments.settings.load_planned(&limits, interrupt)?;
+    let report = plan.report();
     if arguments.json {
         println!("{}", serde_json::to_string_pretty(&report)?);
     } else {

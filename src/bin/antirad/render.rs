@@ -6,10 +6,10 @@ use crate::report::{DeviceReport, MemoryUse, Report, SolveReport};
 use crate::settings::SceneSettings;
 use antirad::cli::{Interrupt, SolveBar, Working};
 use antirad::gpu::{Bytes, Device, DeviceOptions};
-use antirad::image::{Exposure, ImageError, Picture, PictureOptions, Rasterizer, ToneMap};
-use antirad::ladder::{Climb, LadderOptions, Solved, solve_within};
+use antirad::image::{Exposure, PictureOptions, Rasterizer, ToneMap};
+use antirad::ladder::{Answer, Climb, LadderOptions, Solved, Stage, solve_within, usual_plan};
 use antirad::output::{prepare_directory, single, write_json, write_npy};
-use antirad::plan::{Limits, Plan};
+use antirad::plan::Limits;
 use antirad::scene::{Camera, Choice, Precision, Scene};
 use antirad::warnings::Warnings;
 use antirad::{Engine, EngineError, Solution, SolveParams};
@@ -27,7 +27,7 @@ pub struct Arguments {
     /// Picture from this camera only; may be given several times [default: all cameras of the scene]
     #[arg(long, value_name = "NAME")]
     camera: Vec<String>,
-    /// Triangles that --accuracy may cut the scene to
+    /// Triangles that --target-error may cut the scene to
     #[arg(long, value_name = "NUMBER", default_value_t = LadderOptions::MAX_TRIANGLES)]
     max_triangles: usize,
     /// Where the results go [default: out/SCENE]
@@ -79,8 +79,8 @@ impl Stages {
 
 pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrupt) -> Result<(), Failure> {
     let mut stages = Stages::new();
-    let scene = arguments.settings.load(interrupt)?;
-    let cameras = cameras::choose(&scene, &arguments.camera)?;
+    let mut scene = arguments.settings.load()?;
+    let cameras: Vec<Camera> = cameras::choose(&scene, &arguments.camera)?.into_iter().cloned().collect();
     let directory = arguments.output.clone().unwrap_or_else(|| Path::new("out").join(&scene.name));
     prepare_directory(&directory)?;
     stages.end("load");
@@ -92,40 +92,58 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         pictures = pictures.max(Rasterizer::bytes(scene.triangles.len(), camera, &options)?);
     }
     tracing::info!("{}", device.info().name);
-    let mut solve = |engine: &mut Engine, scene: &Scene| solve(engine, scene, quiet, interrupt);
-    let answer = match scene.choice {
+    let result = match scene.choice {
         Choice::Within(error) => {
             let reserve = |scene: &Scene| {
-                let of = |camera: &&Camera| Rasterizer::bytes(scene.triangles.len(), camera, &options);
+                let of = |camera: &Camera| Rasterizer::bytes(scene.triangles.len(), camera, &options);
                 cameras.iter().map(of).map(|bytes| bytes.unwrap_or(u64::MAX)).max().unwrap_or(0)
             };
-            let options = LadderOptions::new(error).max_triangles(arguments.max_triangles);
-            let climb = || solve_within(&device, &scene, &options, &reserve, &mut solve);
-            Answer::climbed(interrupt.while_computing(climb).map_err(failure)?)
+            let options =
+                LadderOptions::new(error).max_triangles(arguments.max_triangles).cameras(cameras.clone());
+            let bar = SolveBar::new(scene.accuracy.tolerance, quiet);
+            let mut run = |engine: &mut Engine, scene: &Scene, stage: &Stage| {
+                let part = bar.part(scene.accuracy.tolerance, &stage.name, stage.begin..stage.end);
+                solve(engine, scene, &part, interrupt)
+            };
+            let refined =
+                interrupt.while_computing(|| solve_within(&device, &scene, &options, &reserve, &mut run));
+            bar.finish();
+            let refined = refined
+                .map_err(|error| if error.is_interruption() { Failure::Interrupted } else { error.into() })?;
+            stages.end("solve");
+            Rendered::refined(refined)
         }
         Choice::Open { .. } => {
             let limits = Limits::of(&device).pictures(pictures);
             let working = Working::on("planning");
-            let plan = Plan::new(&scene, &limits, &scene.accuracy)?;
+            let (accuracy, plan) = interrupt.while_computing(|| usual_plan(&scene, &limits))?;
             drop(working);
+            scene.accuracy = accuracy;
             tracing::info!("{}", plan.report());
             stages.end("plan");
             let mut engine = Engine::new(&device, &scene, plan)?;
             stages.end("prepare");
-            let solution = solve(&mut engine, &scene).map_err(failure)?;
-            Answer::plain(&scene, engine, solution)
+            let bar = SolveBar::new(accuracy.tolerance, quiet);
+            let solved = solve(&mut engine, &scene, &bar, interrupt);
+            bar.finish();
+            let solution = solved.map_err(failure)?;
+            stages.end("solve");
+            let working = Working::on("looking for what came out wrong");
+            let warnings = interrupt.while_computing(|| Warnings::of(&scene, engine.plan()));
+            drop(working);
+            stages.end("check");
+            let answer = Answer::new(&mut engine, &scene, solution, &cameras, warnings)?;
+            Rendered::plain(&scene, answer, engine)
         }
     };
-    stages.end("solve");
-    let Answer { scene: solved, irradiance, radiosity, mut engine, solution, climb } = answer;
-    let working = Working::on("looking for what came out wrong");
-    let mut warnings = interrupt.while_computing(|| Warnings::of(&solved, engine.plan()));
-    drop(working);
-    stages.end("check");
+    let Rendered { scene: solved, irradiance, radiosity, answer, climb, engine } = result;
     let rasterizer = Rasterizer::new(&device)?;
     let pictures = cameras
         .iter()
-        .map(|camera| Ok((*camera, picture(&mut engine, &rasterizer, &solved, &solution, camera, &options)?)))
+        .zip(&answer.colours)
+        .map(|(camera, colours)| {
+            Ok((camera, rasterizer.render(&solved, camera, &single(colours), &options)?))
+        })
         .collect::<Result<Vec<_>, Failure>>()?;
     stages.end("pictures");
     if interrupt.is_set() {
@@ -140,33 +158,34 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         files.extend(["exr", "png"].map(|kind| format!("{}.{kind}", camera.name)));
     }
     for (name, rows) in [("irradiance.npy", &irradiance), ("radiosity.npy", &radiosity)] {
-        match scene.accuracy.precision {
+        match solved.accuracy.precision {
             Precision::F32 | Precision::Packed => write_npy(&directory.join(name), &single(rows))?,
             Precision::F64 => write_npy(&directory.join(name), rows)?,
         }
     }
     stages.end("write");
 
-    warnings.list.extend(Warnings::after(&solved, engine.plan(), &solution).list);
-    for warning in warnings.list.iter().filter(|warning| warning.severe) {
+    for warning in answer.warnings.list.iter().filter(|warning| warning.severe) {
         tracing::warn!("{}: {}; way out: {}", warning.kind.name(), warning.message, warning.way_out);
     }
     let report = Report {
         scene: arguments.settings.scene.display().to_string(),
         version: env!("CARGO_PKG_VERSION"),
         device: DeviceReport::from(device.info()),
-        warnings: scene.warnings.clone(),
-        accuracy_warnings: warnings.list,
-        plan: engine.plan().report(),
+        warnings: solved.warnings.clone(),
+        accuracy_warnings: answer.warnings.list,
+        plan: answer.plan,
         climb,
         memory: MemoryUse::from(device.memory()),
-        solve: SolveReport::new(&solution, solved.accuracy.tolerance),
-        energy: solution.energy,
-        negative_irradiance: solution.negative,
+        solve: SolveReport::new(answer.info, solved.accuracy.tolerance),
+        energy: answer.energy,
+        negative_irradiance: answer.negative,
         pictures: files,
         seconds: stages.seconds,
         kernels: device.profile(),
     };
+    // The report says what it holds.
+    drop(engine);
     write_json(&directory.join("report.json"), &report)?;
     if !quiet {
         summarise(&report, &directory, verbose);
@@ -175,26 +194,27 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
 }
 
 /// A scene as it was solved, with what was found on the triangles of the scene as it was given.
-struct Answer<'a> {
+struct Rendered<'a> {
     scene: Cow<'a, Scene>,
     irradiance: Vec<[f64; 3]>,
     radiosity: Vec<[f64; 3]>,
-    engine: Engine,
-    solution: Solution,
+    answer: Answer,
     climb: Option<Climb>,
+    /// If it is still there.
+    engine: Option<Engine>,
 }
 
-impl<'a> Answer<'a> {
-    fn plain(scene: &'a Scene, engine: Engine, solution: Solution) -> Self {
-        let (irradiance, radiosity) = (solution.irradiance.clone(), solution.radiosity.clone());
-        Self { scene: Cow::Borrowed(scene), irradiance, radiosity, engine, solution, climb: None }
+impl<'a> Rendered<'a> {
+    fn plain(scene: &'a Scene, answer: Answer, engine: Engine) -> Self {
+        let (irradiance, radiosity) = (answer.irradiance.clone(), answer.radiosity.clone());
+        Self { scene: Cow::Borrowed(scene), irradiance, radiosity, answer, climb: None, engine: Some(engine) }
     }
 
-    fn climbed(solved: Solved) -> Self {
-        let irradiance = solved.on_given(&solved.solution.irradiance);
-        let radiosity = solved.on_given(&solved.solution.radiosity);
-        let Solved { scene, engine, solution, climb, .. } = solved;
-        Self { scene: Cow::Owned(scene), irradiance, radiosity, engine, solution, climb: Some(climb) }
+    fn refined(solved: Solved) -> Self {
+        let irradiance = solved.on_given(&solved.answer.irradiance);
+        let radiosity = solved.on_given(&solved.answer.radiosity);
+        let Solved { scene, answer, climb, .. } = solved;
+        Self { scene: Cow::Owned(scene), irradiance, radiosity, answer, climb: Some(climb), engine: None }
     }
 }
 
@@ -205,11 +225,10 @@ fn failure(error: EngineError) -> Failure {
 fn solve(
     engine: &mut Engine,
     scene: &Scene,
-    quiet: bool,
+    bar: &SolveBar,
     interrupt: &Interrupt,
 ) -> Result<Solution, EngineError> {
     let params = SolveParams::from(&scene.accuracy);
-    let bar = SolveBar::new(params.tolerance, quiet);
     let reached = Arc::new(Mutex::new((0, 1.0)));
     let (within, shared, stop) = (bar.clone(), reached.clone(), interrupt.clone());
     engine.set_watcher(Some(Box::new(move |done, total| {
@@ -224,21 +243,7 @@ fn solve(
         interrupt.flow()
     });
     engine.set_watcher(None);
-    bar.finish();
     solved
-}
-
-fn picture(
-    engine: &mut Engine,
-    rasterizer: &Rasterizer,
-    scene: &Scene,
-    solution: &Solution,
-    camera: &Camera,
-    options: &PictureOptions,
-) -> Result<Picture, Failure> {
-    let colours = single(&engine.face_colours(solution, camera.position)?);
-    let picture: Result<Picture, ImageError> = rasterizer.render(scene, camera, &colours, options);
-    Ok(picture?)
 }
 
 fn summarise(report: &Report, directory: &Path, verbose: u8) {
@@ -265,7 +270,11 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
             println!("            {reason}");
         }
         let verdict = if climb.met { "kept" } else { "NOT KEPT" };
-        println!("accuracy    {:.2} % was asked: {verdict}", 100.0 * climb.error);
+        println!(
+            "target      {:.2} % was asked: {verdict} by step {}",
+            100.0 * climb.error,
+            climb.chosen + 1
+        );
     }
     if emitted > 0.0 {
         let share = 100.0 * absorbed / emitted;

@@ -3,8 +3,9 @@
 use antirad::gpu::{DeviceInfo, MemoryReport, ProfileRow};
 use antirad::ladder::Climb;
 use antirad::plan::PlanReport;
+use antirad::solve::SolveInfo;
 use antirad::warnings::Warning;
-use antirad::{Energy, Negative, Solution};
+use antirad::{Energy, Negative};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -75,8 +76,7 @@ impl From<MemoryReport> for MemoryUse {
 }
 
 impl SolveReport {
-    pub fn new(solution: &Solution, tolerance: f64) -> Self {
-        let info = solution.info.clone();
+    pub fn new(info: SolveInfo, tolerance: f64) -> Self {
         Self {
             passes: info.passes,
             tolerance,

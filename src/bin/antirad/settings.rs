@@ -2,7 +2,8 @@
 
 use crate::Failure;
 use antirad::cli::{Interrupt, Working, parse_size};
-use antirad::ladder::usual_accuracy;
+use antirad::ladder::{usual_accuracy, usual_plan};
+use antirad::plan::{Limits, Plan};
 use antirad::scene::{BinLayout, Choice, LoadOptions, Precision, Scene, SolverChoice};
 use clap::Args;
 use std::path::PathBuf;
@@ -12,7 +13,11 @@ pub struct SceneSettings {
     /// A scene in TOML, or a bare OBJ
     pub scene: PathBuf,
     /// Find bins, near field, mesh and tolerance for a relative error of irradiance, e.g. 0.02
+    /// and of the pictures
     #[arg(long, value_name = "ERROR", value_parser = parse_error, conflicts_with_all = ["bins", "tolerance"])]
+    target_error: Option<f64>,
+    /// The former name of --target-error
+    #[arg(long, hide = true, value_parser = parse_error, conflicts_with_all = ["target_error", "bins", "tolerance"])]
     accuracy: Option<f64>,
     /// Direction bins per hemisphere: 10x13 (polar x azimuth) or concentric:12 [default: 10x13, or concentric:10 where
     /// blockers are coarse]
@@ -39,10 +44,10 @@ pub struct SceneSettings {
 }
 
 impl SceneSettings {
-    /// The scene, with the accuracy of its file where the command line has none. An error that is asked for stays an open
-    /// choice; bins and near field that nobody states are chosen.
-    pub fn load(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
-        let _working = Working::on("reading the scene and choosing bins");
+    /// The scene, with the accuracy of its file where the command line has none. A target error stays an open choice, as do
+    /// bins and near field that nobody states.
+    pub fn load(&self) -> Result<Scene, Failure> {
+        let _working = Working::on("reading the scene");
         let mut scene = Scene::load(&self.scene, &LoadOptions::default().strict(self.strict))?;
         let file = scene.accuracy;
         scene.accuracy = file
@@ -51,8 +56,13 @@ impl SceneSettings {
             .max_passes(self.max_passes.unwrap_or(file.max_passes))
             .solver(self.solver.unwrap_or(file.solver))
             .precision(self.precision.unwrap_or(file.precision));
+        if self.accuracy.is_some() {
+            tracing::warn!(
+                "--accuracy is called --target-error now; the old name will go with the next version"
+            );
+        }
         let stated = self.bins.is_some();
-        scene.choice = match (self.accuracy, scene.choice) {
+        scene.choice = match (self.target_error.or(self.accuracy), scene.choice) {
             (Some(error), _) => Choice::Within(error),
             (None, Choice::Within(_)) if stated || self.tolerance.is_some() => {
                 Choice::Open { bins: !stated, subsample: true }
@@ -63,19 +73,33 @@ impl SceneSettings {
         for warning in &scene.warnings {
             tracing::warn!("{warning}");
         }
+        Ok(scene)
+    }
+
+    /// For commands that do not solve to a target error: says that they take the usual settings.
+    pub fn load_settled(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
+        let mut scene = self.load_usual()?;
+        let _working = Working::on("choosing bins");
         scene.accuracy = interrupt.while_computing(|| usual_accuracy(&scene));
         Ok(scene)
     }
 
-    /// For commands that do not solve to an error: says that they take the usual settings.
-    pub fn load_settled(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
-        let mut scene = self.load(interrupt)?;
+    /// The same with its plan.
+    pub fn load_planned(&self, limits: &Limits, interrupt: &Interrupt) -> Result<(Scene, Plan), Failure> {
+        let mut scene = self.load_usual()?;
+        let _working = Working::on("planning");
+        let (accuracy, plan) = interrupt.while_computing(|| usual_plan(&scene, limits))?;
+        scene.accuracy = accuracy;
+        Ok((scene, plan))
+    }
+
+    fn load_usual(&self) -> Result<Scene, Failure> {
+        let mut scene = self.load()?;
         if let Choice::Within(error) = scene.choice {
             tracing::warn!(
                 "settings for an error of {error} are found while `antirad render` solves; these are the usual ones"
             );
             scene.choice = Choice::default();
-            scene.accuracy = interrupt.while_computing(|| usual_accuracy(&scene));
         }
         Ok(scene)
     }

@@ -7,10 +7,10 @@ use crate::table::Row;
 use antirad::cli::Interrupt;
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
-use antirad::ladder::{LadderOptions, solve_within};
+use antirad::ladder::{LadderOptions, Stage, solve_within};
 use antirad::plan::{Limits, Plan};
 use antirad::scene::{Camera, Scene};
-use antirad::{Engine, EngineError, SolveParams};
+use antirad::{Engine, SolveParams};
 use glam::DVec3;
 use std::error::Error;
 use std::f64::consts::PI;
@@ -67,7 +67,7 @@ pub fn measure_asked(
 ) -> Result<Row, Box<dyn Error>> {
     let start = Instant::now();
     let stop = interrupt.clone();
-    let mut solve = |engine: &mut Engine, scene: &Scene| {
+    let mut solve = |engine: &mut Engine, scene: &Scene, _: &Stage| {
         let stop = stop.clone();
         engine.set_watcher(Some(Box::new(move |_, _| stop.flow())));
         engine.solve(&SolveParams::from(&scene.accuracy))
@@ -82,20 +82,20 @@ pub fn measure_asked(
         Err(error) => return Err(interrupted_or(error, interrupt)),
     };
     let seconds = start.elapsed().as_secs_f64();
-    let last = solved.climb.steps.last();
-    let level = last.map_or(0, |step| step.cuts);
+    let step = solved.climb.answer();
+    let level = step.map_or(0, |step| step.cuts);
     let setting = Setting { accuracy: solved.scene.accuracy, level, varies: ASKED };
     let mut row = Row {
         triangles: solved.scene.triangles.len(),
         asked: Some(options.error),
-        estimate: last.and_then(|step| step.estimate).map(|estimate| estimate.total),
+        estimate: step.and_then(|step| step.estimate.as_ref()).map(|estimate| estimate.total),
         seconds,
         passes: solved.climb.steps.iter().map(|step| step.passes).sum(),
-        bytes: solved.engine.plan().memory().total(),
-        negative: solved.solution.negative.triangles,
+        bytes: solved.answer.plan.memory_total,
+        negative: solved.answer.negative.triangles,
         ..Row::new(case, &setting)
     };
-    judge(&mut row, device, case, solved.on_given(&solved.solution.irradiance))?;
+    judge(&mut row, device, case, solved.on_given(&solved.answer.irradiance))?;
     Ok(row)
 }
 
@@ -118,7 +118,7 @@ fn judge(row: &mut Row, device: &Device, case: &Case, found: Vec<[f64; 3]>) -> R
     Ok(())
 }
 
-pub fn interrupted_or(error: EngineError, interrupt: &Interrupt) -> Box<dyn Error> {
+pub fn interrupted_or(error: impl Error + 'static, interrupt: &Interrupt) -> Box<dyn Error> {
     if interrupt.is_set() { Interrupted.into() } else { error.into() }
 }
 

@@ -157,7 +157,10 @@ fn run_job(
         && progress.finished.is_some()
         && directory.join(results::REPORT).is_file()
     {
-        return Ok(Row::of_history(&found.name, Status::FinishedBefore, &progress.history, progress.seconds));
+        return Ok(Row {
+            picture_error: results::written_picture_error(&directory),
+            ..Row::of_history(&found.name, Status::FinishedBefore, &progress.history, progress.seconds)
+        });
     }
 
     let failed = |error: antirad::gpu::GpuError| FitError::Render(RenderError::Failed(Box::new(error)));
@@ -202,11 +205,13 @@ fn run_job(
     };
     cli::draw_fit(&directory, &file.job, &outcome)?;
     results::write(&directory, &file.job, &outcome, &about)?;
+    let picture_error = results::picture_error(&file.job.problem().targets, &outcome.pictures);
     if !arguments.json() {
-        log.results(|| print(&found.name, &outcome, &directory));
+        log.results(|| print(&found.name, &outcome, picture_error, &directory));
     }
     Ok(Row {
         stop: Some(outcome.stop.reason()),
+        picture_error: Some(picture_error),
         ..Row::of_history(&found.name, Status::Finished, &outcome.history, outcome.seconds)
     })
 }
@@ -222,13 +227,14 @@ fn more(device: &Device) -> serde_json::Value {
 /// Values that are printed at most; the rest is in the files.
 const PRINTED: usize = 24;
 
-fn print(name: &str, outcome: &Outcome, directory: &Path) {
+fn print(name: &str, outcome: &Outcome, picture_error: f64, directory: &Path) {
     let (first, iterations) = match (outcome.history.first(), outcome.history.last()) {
         (Some(first), Some(last)) => (first.loss, last.iteration),
         _ => (outcome.loss, 0),
     };
     println!("{name}: {iterations} iterations in {:.1} s: {}", outcome.seconds, outcome.stop.reason());
     println!("  loss        {first:.4e} to {:.4e}", outcome.loss);
+    println!("  pictures    {:.3} % off their targets", 100.0 * picture_error);
     for value in outcome.recovered.iter().take(PRINTED) {
         let numbers = |of: &[f64]| of.iter().map(|v| format!("{v:.5}")).collect::<Vec<_>>().join(" ");
         let bound = if value.at_bound.contains(&true) { ", at a bound" } else { "" };

@@ -39,6 +39,8 @@ pub struct Row {
     pub iterations: Option<u32>,
     pub loss_at_start: Option<f64>,
     pub loss: Option<f64>,
+    /// Relative L2 difference of the fitted pictures from their targets.
+    pub picture_error: Option<f64>,
     pub seconds: Option<f64>,
     /// Why it ended.
     pub stop: Option<&'static str>,
@@ -54,6 +56,7 @@ impl Row {
             iterations: None,
             loss_at_start: None,
             loss: None,
+            picture_error: None,
             seconds: None,
             stop: None,
             message: String::new(),
@@ -84,18 +87,19 @@ pub fn write(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
 pub fn print(rows: &[Row], directory: &Path) {
     let width = rows.iter().map(|row| row.job.chars().count()).max().unwrap_or(0).max(3);
     println!(
-        "{:<width$}  {:<15} {:>10} {:>12} {:>12} {:>9}",
-        "job", "status", "iterations", "start", "loss", "seconds"
+        "{:<width$}  {:<15} {:>10} {:>12} {:>12} {:>13} {:>9}",
+        "job", "status", "iterations", "start", "loss", "picture error", "seconds"
     );
     for row in rows {
         let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.4e}"));
         println!(
-            "{:<width$}  {:<15} {:>10} {:>12} {:>12} {:>9} {}",
+            "{:<width$}  {:<15} {:>10} {:>12} {:>12} {:>13} {:>9} {}",
             row.job,
             row.status.word(),
             row.iterations.map_or(String::new(), |n| n.to_string()),
             number(row.loss_at_start),
             number(row.loss),
+            row.picture_error.map_or(String::new(), |error| format!("{:.3} %", 100.0 * error)),
             row.seconds.map_or(String::new(), |s| format!("{s:.1}")),
             row.message
         );

@@ -1,0 +1,52 @@
+//! The mesh that refinement starts with.
+
+use crate::plan::Placement;
+use crate::scene::Scene;
+
+/// Longest edge that is left whole, over the diagonal of the scene: a wall should have some triangles beside one another,
+/// since what differs between them is all that is known of the light within them.
+const WIDEST: f64 = 0.22;
+
+/// Cuts triangles with longer edges than that as often as it takes, within `max_triangles`. Returns for each triangle the one
+/// that it came from.
+pub(super) fn cut_wide(scene: &mut Scene, max_triangles: usize) -> Vec<u32> {
+    let diagonal = 2.0 / Placement::of(scene).scale;
+    let mut parents: Vec<u32> = (0..scene.triangles.len() as u32).collect();
+    loop {
+        let longest = |t: u32| {
+            let [a, b, c] = scene.corners(t as usize);
+            a.distance(b).max(b.distance(c)).max(c.distance(a))
+        };
+        let wide: Vec<u32> = (0..parents.len() as u32).filter(|&t| longest(t) > WIDEST * diagonal).collect();
+        if wide.is_empty() || parents.len() + 3 * wide.len() > max_triangles {
+            return parents;
+        }
+        parents = scene.split(&wide).into_iter().map(|parent| parents[parent as usize]).collect();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Material, SceneBuilder, Shape};
+    use glam::{DAffine3, DVec3};
+
+    #[test]
+    fn wide_triangles_are_cut_and_others_stay() {
+        let mut builder = SceneBuilder::new();
+        builder.shape("room", Shape::Room { cells: 1 }, &Material::named("grey"), DAffine3::IDENTITY);
+        let small = DAffine3::from_scale(DVec3::splat(0.1));
+        builder.shape("box", Shape::Box { cells: 1 }, &Material::named("grey"), small);
+        let given = builder.finish("scene").expect("a scene");
+
+        let mut scene = given.clone();
+        let parents = cut_wide(&mut scene, usize::MAX);
+        // Edges of √2 become √2/4, within .22 √3.
+        assert_eq!(scene.triangles.len(), 12 * 16 + 12);
+        let pieces = |t: u32| parents.iter().filter(|&&parent| parent == t).count();
+        assert!((0..12).all(|t| pieces(t) == 16) && (12..24).all(|t| pieces(t) == 1));
+
+        let mut bounded = given.clone();
+        assert_eq!(cut_wide(&mut bounded, 100).len(), 12 * 4 + 12);
+    }
+}
