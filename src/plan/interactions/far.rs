@@ -59,11 +59,6 @@ impl FarRuns {
         &self.words
     }
 
-    /// Number of runs.
-    pub fn count(&self) -> usize {
-        self.words.len() - self.tiles as usize - 1
-    }
-
     fn row(&self, owner: u32) -> &[u32] {
         let [begin, end] = [owner, owner + 1].map(|k| self.words[k as usize] as usize);
         &self.words[begin..end]
@@ -167,7 +162,6 @@ mod tests {
         assert_eq!(runs.of(0, &(1..1)).count(), 0);
         assert_eq!(runs.passing(2, &(0..4), 5).collect::<Vec<_>>(), [1, 3]);
         assert!(runs.any(&(0..2), &(2..4), 2) && !runs.any(&(1..3), &(0..1), 7));
-        assert_eq!(runs.count(), 8);
     }
 
     #[test]

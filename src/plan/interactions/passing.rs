@@ -58,8 +58,8 @@ impl<'a> Passing<'a> {
     fn row(&self, receiver: usize) -> Row {
         let mut row = Row::default();
         self.tree.walk(|sources| {
-            let passing = self.from_branch(receiver, sources);
-            let passing = passing.or_else(|| sources.is_leaf().then(|| self.from_tile(receiver, sources)));
+            let passing = self.branch_sends(receiver, sources);
+            let passing = passing.or_else(|| sources.is_leaf().then(|| self.tile_sends(receiver, sources)));
             let Some(passing) = passing else { return true };
             row.extend(sources.leaves.end as u32, passing);
             false
@@ -68,7 +68,7 @@ impl<'a> Passing<'a> {
     }
 
     /// What each tile of a branch sends, if that is the same for all and bounds can tell.
-    fn from_branch(&self, receiver: usize, sources: &Node) -> Option<u32> {
+    fn branch_sends(&self, receiver: usize, sources: &Node) -> Option<u32> {
         let to = self.tiles[receiver].0;
         let [before, after] = [sources.leaves.start, sources.leaves.end].map(|tile| self.blockers[tile]);
         let blockers = (after - before) as usize;
@@ -98,7 +98,7 @@ impl<'a> Passing<'a> {
     }
 
     /// What one tile sends, from the planes of its triangles.
-    fn from_tile(&self, receiver: usize, source: &Node) -> u32 {
+    fn tile_sends(&self, receiver: usize, source: &Node) -> u32 {
         let (to, from) = (self.tiles[receiver].0, source.leaves.start);
         let sees = |tile: usize, other: &Node, side: f64| {
             self.tiles[tile].1.iter().any(|&(normal, height)| {
