@@ -140,6 +140,8 @@ pub type Solve<'a> = dyn FnMut(&mut Engine, &Scene) -> Result<Solution, EngineEr
 /// What all rungs share.
 struct Ground<'a> {
     device: &'a Device,
+    /// What was free before the first step: each has all of it, since the one before is given up.
+    limits: Limits,
     scene: &'a Scene,
     options: &'a LadderOptions,
     reserve: &'a dyn Fn(&Scene) -> u64,
@@ -189,6 +191,7 @@ impl<'a> Ground<'a> {
         let areas: Vec<f64> = (0..scene.triangles.len()).map(|i| scene.area_vector(i).length()).collect();
         Self {
             device,
+            limits: Limits::of(device),
             scene,
             options,
             reserve,
@@ -224,7 +227,7 @@ impl<'a> Ground<'a> {
     }
 
     fn plan(&self, scene: &Scene, accuracy: &Accuracy) -> Result<Plan, PlanError> {
-        let limits = Limits { pictures: (self.reserve)(scene), ..Limits::of(self.device) };
+        let limits = Limits { pictures: (self.reserve)(scene), ..self.limits };
         Plan::new(scene, &limits, accuracy)
     }
 }
