@@ -10,8 +10,8 @@ use crate::gpu::{Buffer, Device, GpuError, Pipeline, rounded};
 use crate::options::setters;
 use crate::scene::{Camera, Scene};
 
-/// Bytes of the staging buffers of a rasterizer, both together: it has its own beside those of engines, so that what it
-/// takes does not depend on theirs.
+/// Bytes of the staging buffers of a picture, both together: it has its own beside those of engines, so that what it takes
+/// does not depend on theirs.
 const STAGING: u64 = 1 << 20;
 
 /// A pixel has at most so many samples each way.
@@ -46,9 +46,17 @@ pub struct Rasterizer {
 impl Rasterizer {
     /// Compiles the kernels; memory is taken while pictures are made.
     pub fn new(device: &Device) -> Result<Self, ImageError> {
-        let device = device.scope(STAGING);
-        let (visibility, resolve) = (visibility::pipeline(&device)?, resolve::pipeline(&device)?);
-        Ok(Self { device, visibility, resolve })
+        Ok(Self {
+            device: device.clone(),
+            visibility: visibility::pipeline(device)?,
+            resolve: resolve::pipeline(device)?,
+        })
+    }
+
+    /// The same with staging buffers, for one picture: nothing is held between two of them.
+    fn with_staging(&self) -> Self {
+        let (visibility, resolve) = (self.visibility.clone(), self.resolve.clone());
+        Self { device: self.device.scope(STAGING), visibility, resolve }
     }
 
     /// The picture of a scene. `colours`: radiance of the front of each triangle, in the scene's
@@ -65,16 +73,17 @@ impl Rasterizer {
         let PictureOptions { supersample, smooth } = *options;
         let grid = grid(camera, supersample)?;
         let faces = visibility::project(scene, camera)?;
+        let own = self.with_staging();
         let mut pixels = Vec::with_capacity(camera.width as usize * camera.height as usize);
         if smooth {
             let shading = Shading::new(scene, camera, &faces, colours)?;
-            let resolve = Resolve::new(&self.device, &self.resolve, grid, triangles as u64)?;
-            self.bands(grid, triangles, faces, |band, samples| {
+            let resolve = Resolve::new(&own.device, &own.resolve, grid, triangles as u64)?;
+            own.bands(grid, triangles, faces, |band, samples| {
                 pixels.extend(resolve.run(band, samples, &shading)?);
                 Ok(())
             })?;
         } else {
-            self.coverage_of_bands(grid, triangles, faces, |band| {
+            own.coverage_of_bands(grid, triangles, faces, |band| {
                 pixels.extend(band.picture(colours)?.pixels);
                 Ok(())
             })?;
@@ -88,7 +97,7 @@ impl Rasterizer {
         let grid = grid(camera, supersample)?;
         let faces = visibility::project(scene, camera)?;
         let mut whole = Coverage::empty(&grid, scene.triangles.len());
-        self.coverage_of_bands(grid, scene.triangles.len(), faces, |band| {
+        self.with_staging().coverage_of_bands(grid, scene.triangles.len(), faces, |band| {
             whole.append(band);
             Ok(())
         })?;
@@ -107,8 +116,9 @@ impl Rasterizer {
         let grid = grid(camera, supersample)?;
         let faces = visibility::project(scene, camera)?;
         let mut samples = Vec::with_capacity(grid.width as usize * grid.height as usize);
-        self.bands(grid, scene.triangles.len(), faces, |band, buffer| {
-            samples.extend(self.download(&grid, band, buffer)?);
+        let own = self.with_staging();
+        own.bands(grid, scene.triangles.len(), faces, |band, buffer| {
+            samples.extend(own.download(&grid, band, buffer)?);
             Ok(())
         })?;
         Ok(samples)

@@ -110,7 +110,7 @@ fn a_render_warns_of_what_makes_it_useless() {
 #[test]
 #[cfg(unix)]
 fn an_interrupted_refinement_ends_soon_and_writes_nothing() {
-    use crate::process::{until_caught, work_after};
+    use crate::process::{until_caught, until_worked, work_after};
     use std::process::Stdio;
     use std::time::Duration;
     let fine = plates(8).replace("kind = \"slab\", cells = 4", "kind = \"slab\", cells = 40");
@@ -118,7 +118,7 @@ fn an_interrupted_refinement_ends_soon_and_writes_nothing() {
     let mut tool = folder.tool(["refine", "plates.toml", "--output", "out"]);
     let mut child = tool.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool runs");
     until_caught(&mut child);
-    std::thread::sleep(Duration::from_millis(500));
+    until_worked(&mut child, Duration::from_millis(500));
     let worked = work_after(&mut child, "-INT");
     let run = crate::Run::from(child.wait_with_output().expect("the tool ends"));
     assert_eq!(run.code, Some(130), "{run:?}");

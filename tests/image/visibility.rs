@@ -144,6 +144,7 @@ fn bands_do_not_show() {
     let planned = Rasterizer::bytes(scene.triangles.len(), &camera, &options).unwrap();
     assert!(planned < 64 << 20);
     assert_eq!(device.memory().peak, planned);
+    assert_eq!(device.memory().in_use, 0);
     for supersample in [1, 2, 4, 8, 16] {
         let camera = Camera { width: 16384, height: 16384, ..camera.clone() };
         let options = PictureOptions::default().supersample(supersample).smooth(true);

@@ -53,3 +53,14 @@ pub fn until_caught(child: &mut Child) {
         std::thread::sleep(Duration::from_millis(5));
     }
 }
+
+/// Waits until a process has worked so long.
+pub fn until_worked(child: &mut Child, worked: Duration) {
+    if Stat::of(child.id()).is_none() {
+        std::thread::sleep(worked);
+    }
+    while Stat::of(child.id()).is_some_and(|stat| stat.worked < worked) {
+        assert!(child.try_wait().expect("a child").is_none(), "ended early");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
