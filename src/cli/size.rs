@@ -16,6 +16,9 @@ pub fn parse_size(text: &str) -> Result<u64, String> {
         _ => return Err(format!("unknown unit \"{}\": use KiB, MiB, GiB, kB, MB or GB", unit.trim())),
     };
     match number.parse::<f64>() {
+        Ok(number) if number * factor >= u64::MAX as f64 => Err(format!(
+            "\"{text}\" is more than a computer can address: write 96MiB, 1.5GiB or a number of bytes"
+        )),
         Ok(number) if number.is_finite() => Ok((number * factor) as u64),
         _ => Err(format!("\"{text}\" is not a size: write 96MiB, 1.5GiB or a number of bytes")),
     }
@@ -32,7 +35,7 @@ mod tests {
         {
             assert_eq!(parse_size(text), Ok(bytes), "{text}");
         }
-        for text in ["", "MiB", "1 parsec", "1..2GiB", "-5"] {
+        for text in ["", "MiB", "1 parsec", "1..2GiB", "-5", "1e20GiB", "100000000000000000000GiB"] {
             assert!(parse_size(text).is_err(), "{text}");
         }
     }

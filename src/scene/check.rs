@@ -10,6 +10,8 @@ use super::{Camera, Material, Mesh, Normalization, Scene, SceneError, Triangle};
 pub(super) const MAX_TRIANGLES: u64 = u32::MAX as u64 / 4;
 /// A triangle with less area than this times its longest edge squared has no normal that f64 could tell.
 const FLAT: f64 = 1e-12;
+/// A triangle shorter than this times the scene has an area, and squares of distances, at the edge of f32.
+const LEAST_SIZE: f64 = 1e-14;
 const MAX_POWER: f64 = 1e5;
 /// From this total albedo on, a closed room takes hundreds of passes, and what the transport loses or gains in one counts
 /// as often.
@@ -61,6 +63,7 @@ impl Scene {
         self.check_counts()?;
         self.check_triangles()?;
         self.find_degenerate(strict)?;
+        self.check_extent()?;
         self.check_materials()?;
         let valid = self.accuracy.validate().and_then(|()| self.choice.validate());
         valid.map_err(|message| SceneError::Accuracy { message })?;
@@ -139,6 +142,38 @@ impl Scene {
             Some(vertex) => Err(SceneError::UnusedVertex { vertex }),
             None => Ok(()),
         }
+    }
+
+    /// Kernels see the scene in a unit ball: what is too small there has no area in f32.
+    fn check_extent(&self) -> Result<(), SceneError> {
+        let all = (0..self.triangles.len()).flat_map(|t| self.corners(t));
+        let (from, to) =
+            all.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), x| (lo.min(x), hi.max(x)));
+        let extent = (to - from).length();
+        if !extent.is_finite() {
+            return Err(SceneError::Extent { from: from.min_element(), to: to.max_element() });
+        }
+        let size = |t: usize| {
+            let [a, b, c] = self.corners(t);
+            a.distance(b).max(b.distance(c)).max(c.distance(a))
+        };
+        let flat = |t: &usize| self.degenerate.binary_search(&(*t as u32)).is_ok();
+        let Some(triangle) = (0..self.triangles.len()).find(|t| size(*t) < LEAST_SIZE * extent && !flat(t))
+        else {
+            return Ok(());
+        };
+        let distance =
+            |t: &usize| self.corners(*t).map(|c| c.abs().max_element()).into_iter().fold(0.0, f64::max);
+        let far =
+            (0..self.triangles.len()).max_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(triangle);
+        Err(SceneError::Scales {
+            mesh: self.mesh_name(triangle),
+            triangle,
+            size: size(triangle),
+            extent,
+            far,
+            far_mesh: self.mesh_name(far),
+        })
     }
 
     /// Finds the triangles without area anew, after vertices have moved.

@@ -44,6 +44,17 @@ pub enum SceneError {
     )]
     Vertex { mesh: String, triangle: usize, vertex: u32, position: DVec3 },
 
+    #[error(
+        "the scene reaches from {from} to {to} m: that is more than f64 can tell; use smaller coordinates"
+    )]
+    Extent { from: f64, to: f64 },
+
+    #[error(
+        "triangle {triangle} of mesh \"{mesh}\" is {size:.1e} m long and the scene {extent:.1e} m: one solve cannot tell \
+         both. Look for a stray coordinate or a wrong unit, in triangle {far} of mesh \"{far_mesh}\" first"
+    )]
+    Scales { mesh: String, triangle: usize, size: f64, extent: f64, far: usize, far_mesh: String },
+
     #[error("vertex {vertex}, which no triangle uses, is not finite; remove it")]
     UnusedVertex { vertex: usize },
 
