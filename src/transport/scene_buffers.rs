@@ -24,9 +24,9 @@ fn corner_reals(f: &Facet) -> [f64; CORNERS] {
     [a, b, c, 0.0, d, e, g, 0.0, h, i, j, 0.0]
 }
 
-fn surface_reals(m: &Material) -> [f64; SURFACE] {
+fn surface_reals(m: &Material, unit: f64) -> [f64; SURFACE] {
     let normalization = m.specular_normalization();
-    let ([a, b, c], [d, e, f]) = (m.diffuse_albedo(), m.emission);
+    let ([a, b, c], [d, e, f]) = (m.diffuse_albedo(), m.emission.map(|l| l / unit));
     let [g, h, i] = m.specular.map(|sigma| sigma * normalization);
     [a, b, c, m.power, d, e, f, 0.0, g, h, i, 0.0]
 }
@@ -56,6 +56,11 @@ pub struct SceneBuffers {
 
 impl SceneBuffers {
     pub fn new(device: &Device, scene: &Scene, plan: &Plan) -> Result<Self, GpuError> {
+        Self::in_units(device, scene, plan, 1.0)
+    }
+
+    /// With emission, and so all light, counted in units of `unit`, W/(m² sr).
+    pub fn in_units(device: &Device, scene: &Scene, plan: &Plan, unit: f64) -> Result<Self, GpuError> {
         // Comes first: these buffers are the first to go through staging.
         device.set_staging(plan.staging);
         let bins = plan.bins.centre.iter().zip(&plan.bins.projected);
@@ -67,7 +72,7 @@ impl SceneBuffers {
         Ok(Self {
             facets: reals("facets", &facets)?,
             corners: reals("corners", &by_slot(plan, |i| corner_reals(&plan.facets[i])))?,
-            surfaces: reals("surfaces", &by_slot(plan, |i| surface_reals(scene.material(i))))?,
+            surfaces: reals("surfaces", &by_slot(plan, |i| surface_reals(scene.material(i), unit)))?,
             bin_table: reals("bin table", &bin_table)?,
             tile_pairs: filled(device, "tile pairs", &plan.tile_pairs.flags)?,
             near_offsets: filled(device, "near offsets", &plan.near.offsets)?,
@@ -83,8 +88,14 @@ impl SceneBuffers {
     }
 
     /// Replaces the materials; geometry and classes stay as planned.
-    pub fn set_materials(&self, device: &Device, scene: &Scene, plan: &Plan) -> Result<(), GpuError> {
-        let surfaces = by_slot(plan, |i| surface_reals(scene.material(i)));
+    pub fn set_materials(
+        &self,
+        device: &Device,
+        scene: &Scene,
+        plan: &Plan,
+        unit: f64,
+    ) -> Result<(), GpuError> {
+        let surfaces = by_slot(plan, |i| surface_reals(scene.material(i), unit));
         real::upload(device, &self.surfaces, plan.accuracy.precision, &surfaces)
     }
 }

@@ -4,14 +4,14 @@ use crate::Failure;
 use crate::cameras;
 use crate::report::{DeviceReport, MemoryUse, Report, SolveReport};
 use crate::settings::SceneSettings;
-use antirad::cli::{Interrupt, SolveBar};
+use antirad::cli::{EXIT_UNRELIABLE, Interrupt, SolveBar};
 use antirad::gpu::{Bytes, Device, DeviceOptions};
 use antirad::image::{Exposure, ImageError, Picture, PictureOptions, Rasterizer, ToneMap};
 use antirad::ladder::{Climb, LadderOptions, Solved, solve_within};
 use antirad::output::{prepare_directory, single, write_json, write_npy};
 use antirad::plan::{Limits, Plan};
 use antirad::scene::{Camera, Choice, Precision, Scene};
-use antirad::warnings::Warnings;
+use antirad::warnings::{Kind, Warnings};
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use clap::Args;
 use std::borrow::Cow;
@@ -110,7 +110,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
             stages.end("plan");
             let mut engine = Engine::new(&device, &scene, plan)?;
             stages.end("prepare");
-            let solution = solve(&mut engine, &scene).map_err(failure)?;
+            let solution = solve(&mut engine, &scene).or_else(what_was_reached)?;
             Answer::plain(&scene, engine, solution)
         }
     };
@@ -137,7 +137,10 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     }
     for (name, rows) in [("irradiance.npy", &irradiance), ("radiosity.npy", &radiosity)] {
         match scene.accuracy.precision {
-            Precision::F32 | Precision::Packed => write_npy(&directory.join(name), &single(rows))?,
+            Precision::F32 | Precision::Packed => {
+                warn_of_range(rows, name);
+                write_npy(&directory.join(name), &single(rows))?;
+            }
             Precision::F64 => write_npy(&directory.join(name), rows)?,
         }
     }
@@ -167,7 +170,11 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     if !quiet {
         summarise(&report, &directory, verbose);
     }
-    Ok(())
+    let unphysical = report.accuracy_warnings.iter().any(|warning| warning.kind == Kind::Unphysical);
+    match report.solve.converged && !unphysical {
+        true => Ok(()),
+        false => Err(Failure::Code(EXIT_UNRELIABLE)),
+    }
 }
 
 /// A scene as it was solved, with what was found on the triangles of the scene as it was given.
@@ -191,6 +198,23 @@ impl<'a> Answer<'a> {
         let radiosity = solved.on_given(&solved.solution.radiosity);
         let Solved { scene, engine, solution, climb, .. } = solved;
         Self { scene: Cow::Owned(scene), irradiance, radiosity, engine, solution, climb: Some(climb) }
+    }
+}
+
+/// The solution of a solve without convergence, with a word on it.
+fn what_was_reached(error: EngineError) -> Result<Solution, Failure> {
+    let message = error.to_string();
+    let best = error.into_best().map_err(failure)?;
+    tracing::error!("{message}. The results are what was reached: they are NOT CONVERGED");
+    Ok(*best)
+}
+
+/// Files whose numbers are f32 hold larger ones as infinity.
+fn warn_of_range(rows: &[[f64; 3]], name: &str) {
+    if rows.iter().flatten().any(|&value| !(value as f32).is_finite()) {
+        tracing::warn!(
+            "{name} has values beyond 3.4e38, which f32 writes as infinity: state emission in a larger unit"
+        );
     }
 }
 
@@ -244,7 +268,8 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     let (emitted, absorbed) = (sum(report.energy.emitted), sum(report.energy.absorbed));
     println!("device      {} ({})", report.device.name, report.device.driver);
     println!(
-        "solved      {} triangles in {} passes to {residual:.1e}, {:.2} s",
+        "{}      {} triangles in {} passes to {residual:.1e}, {:.2} s",
+        if solve.converged { "solved" } else { "NOT CONVERGED" },
         report.plan.triangles,
         solve.passes,
         report.seconds.get("solve").copied().unwrap_or(0.0)
