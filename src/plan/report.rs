@@ -72,8 +72,8 @@ pub struct PlanReport {
     pub memory_total: u64,
     pub memory_budget: u64,
     pub bytes_per_triangle: f64,
-    /// From the albedo, between the least and the most that scenes of its kind were seen to take. Close parts of objects
-    /// inside others may take more.
+    /// From albedo, solver and tolerance: the least and the most that scenes of the kind were seen to take. Those that are lit
+    /// alike everywhere take fewer; where light is created (parts of objects inside others) they may be more.
     pub estimated_passes: [f64; 2],
     /// Rough: of the least of the passes, on two idle cores of a CPU driver.
     pub estimated_seconds: f64,
