@@ -12,6 +12,7 @@ use crate::solve::{
 use crate::transport::{Adjoint, Operators, SceneBuffers, State, TransportError, Watcher};
 use glam::DVec3;
 use std::f64::consts::PI;
+use std::fmt;
 use std::ops::{ControlFlow, Range};
 
 /// Why the engine could not do what it was asked.
@@ -22,8 +23,10 @@ pub enum EngineError {
     Gpu(#[from] GpuError),
     #[error(transparent)]
     Plan(#[from] PlanError),
+    /// [`SolveError::NoConvergence`] holds the solution that was reached, and with it memory of the device; that of
+    /// [`Engine::backward`] has none.
     #[error(transparent)]
-    Solve(#[from] SolveError<TransportError>),
+    Solve(#[from] SolveError<TransportError, Option<Box<Solution>>>),
     #[error(transparent)]
     Transport(#[from] TransportError),
     #[error(
@@ -74,6 +77,18 @@ pub enum EngineError {
     NoPasses,
     #[error("the camera's position is {position}; it must be finite")]
     CameraPosition { position: DVec3 },
+}
+
+/// The unit in which the device counts light: the power of two below the brightest emission. Light is linear, so that this
+/// changes no digit, and numbers of f32 and their squares stay far from their bounds, however bright the lamps are.
+fn light_unit(scene: &Scene) -> f64 {
+    let emissions = (0..scene.triangles.len()).flat_map(|i| scene.material(i).emission);
+    power_of_two(emissions.fold(0.0, |most, value| most.max(value.abs())))
+}
+
+/// The power of two at or below a value; 1 for zero.
+pub(crate) fn power_of_two(value: f64) -> f64 {
+    if value > 0.0 && value.is_finite() { value.log2().floor().exp2() } else { 1.0 }
 }
 
 /// When a solve stops.
@@ -168,12 +183,36 @@ pub struct Solution {
     pub(crate) state: State,
     arrangement: Arrangement,
     revision: Revision,
+    /// Of light in the state.
+    unit: f64,
+}
+
+impl fmt::Debug for Solution {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("Solution").field("info", &self.info).finish_non_exhaustive()
+    }
 }
 
 impl EngineError {
     /// Whether the solver ran and found no answer: what is asked has none, and all else works.
     pub fn is_without_answer(&self) -> bool {
-        matches!(self, Self::Solve(SolveError::Diverged { .. } | SolveError::NoConvergence { .. }))
+        matches!(self, Self::Solve(error) if error.is_without_answer())
+    }
+
+    /// The solution that a solve without convergence had reached: its last residual says how far off it is.
+    pub fn into_best(self) -> Result<Box<Solution>, Self> {
+        match self {
+            Self::Solve(SolveError::NoConvergence { best: Some(best), .. }) => Ok(best),
+            other => Err(other),
+        }
+    }
+
+    /// The same without that solution, and so without memory of the device.
+    pub fn without_best(mut self) -> Self {
+        if let Self::Solve(SolveError::NoConvergence { best, .. }) = &mut self {
+            *best = None;
+        }
+        self
     }
 
     /// Whether a progress callback or watcher stopped the work: no failure, and nothing to report.
@@ -194,6 +233,8 @@ pub struct Engine {
     pub(crate) adjoint: Option<Adjoint>,
     /// Per triangle of the scene.
     pub(crate) materials: Vec<Material>,
+    /// What 1 stands for in states and in what leaves: W/m², W/(m² sr).
+    pub(crate) unit: f64,
     pub(crate) triangles: Vec<[u32; 3]>,
     /// Number of vertices of the scene.
     pub(crate) vertices: usize,
@@ -221,7 +262,8 @@ impl Engine {
         check_planned(&plan, scene)?;
         // Counted apart from what else there is on the device, other engines of other threads among it.
         let own = device.scope(plan.staging);
-        let buffers = SceneBuffers::new(&own, scene, &plan)?;
+        let unit = light_unit(scene);
+        let buffers = SceneBuffers::in_units(&own, scene, &plan, unit)?;
         let adjoint = Adjoint::new(&own, &plan)?;
         let operators = Operators::new(&own, plan, buffers)?;
         let allocated = own.scope_memory();
@@ -240,6 +282,7 @@ impl Engine {
             device: device.clone(),
             operators,
             adjoint,
+            unit,
             materials: (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect(),
             triangles: scene.triangles.iter().map(|t| t.vertices).collect(),
             vertices: scene.vertices.len(),
@@ -268,7 +311,8 @@ impl Engine {
         }
         // First: a transfer that fails may have gone half way.
         self.revision = self.revision.next();
-        self.operators.set_materials(scene)?;
+        self.unit = light_unit(scene);
+        self.operators.set_materials(scene, self.unit)?;
         self.materials = (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect();
         Ok(())
     }
@@ -319,22 +363,33 @@ impl Engine {
         let guess = match start.filter(|start| start.arrangement == arrangement) {
             Some(start) => {
                 let mut guess = self.operators.vector()?;
-                self.operators.combine(1.0, &start.state, 0.0, &mut guess)?;
+                self.operators.combine(start.unit / self.unit, &start.state, 0.0, &mut guess)?;
                 Some(guess)
             }
             None => None,
         };
-        let (state, info) = match self.plan().solver {
+        let solved = match self.plan().solver {
             PlannedSolver::FixedPoint => {
                 let params = FixedPointParams { tolerance, max_passes };
-                fixed_point_from(&mut self.operators, guess, &params, progress)?
+                fixed_point_from(&mut self.operators, guess, &params, progress)
             }
             PlannedSolver::Gmres { restart } => {
                 let params = GmresParams { tolerance, max_passes, restart };
-                gmres_from(&mut self.operators, guess, &params, progress)?
+                gmres_from(&mut self.operators, guess, &params, progress)
             }
         };
-        let irradiance = self.to_scene_order(&self.operators.irradiance(&state)?);
+        match solved {
+            Ok((state, info)) => self.solution(state, info),
+            Err(error) => {
+                let best = |state, info| self.solution(state, info).map(|best| Some(Box::new(best)));
+                Err(error.map_best(best)?.into())
+            }
+        }
+    }
+
+    /// A state, put into the order of the scene and accounted for.
+    fn solution(&mut self, state: State, info: SolveInfo) -> Result<Solution, EngineError> {
+        let irradiance = self.scaled(self.unit, &self.operators.irradiance(&state)?);
         let radiosity = self.radiosity(&state, &irradiance)?;
         let energy = self.energy(&irradiance, &radiosity);
         let lowest = irradiance.iter().map(|rgb| rgb.iter().copied().fold(f64::INFINITY, f64::min));
@@ -342,8 +397,8 @@ impl Engine {
             triangles: lowest.clone().filter(|&h| h < 0.0).count(),
             minimum: lowest.fold(0.0, f64::min),
         };
-        let revision = self.revision;
-        Ok(Solution { irradiance, radiosity, info, energy, negative, state, arrangement, revision })
+        let (arrangement, revision, unit) = (Arrangement::of(self.plan()), self.revision, self.unit);
+        Ok(Solution { irradiance, radiosity, info, energy, negative, state, arrangement, revision, unit })
     }
 
     /// That a solution is of this engine as it is now.
@@ -361,13 +416,18 @@ impl Engine {
         self.check_own(solution)?;
         check_position(eye)?;
         let colours = self.operators.observe(&solution.state, eye)?;
-        Ok(self.to_scene_order(&colours))
+        Ok(self.scaled(self.unit, &colours))
     }
 
     /// Who looks on within a pass: called after every dispatch with the pairs done and those of the whole pass. May
     /// stop the solve, which then ends with [`TransportError::Interrupted`].
     pub fn set_watcher(&mut self, watcher: Option<Watcher>) {
         self.operators.set_watcher(watcher);
+    }
+
+    /// The same, times a number.
+    pub(crate) fn scaled(&self, by: f64, slots: &[[f64; 4]]) -> Vec<[f64; 3]> {
+        self.to_scene_order(slots).into_iter().map(|rgb| rgb.map(|value| by * value)).collect()
     }
 
     pub(crate) fn to_scene_order(&self, slots: &[[f64; 4]]) -> Vec<[f64; 3]> {
@@ -400,7 +460,7 @@ impl Engine {
                     };
                     for (bin, &c) in lobe.chunks(channels).zip(&plan.bins.projected) {
                         let rgb = if channels == 1 { [bin[0]; 3] } else { [bin[0], bin[1], bin[2]] };
-                        *b += c * DVec3::from(rgb);
+                        *b += self.unit * c * DVec3::from(rgb);
                     }
                 }
             }

@@ -1,6 +1,6 @@
 //! Derivatives of a loss, by the adjoint of the light equation.
 
-use crate::engine::{Engine, EngineError, Solution, SolveParams, check_position};
+use crate::engine::{Engine, EngineError, Solution, SolveParams, check_position, power_of_two};
 use crate::model::FacetGradient;
 use crate::options::setters;
 use crate::plan::{PADDING, PlannedSolver, Wanted};
@@ -53,6 +53,26 @@ pub struct Gradients {
     pub info: SolveInfo,
 }
 
+impl Cotangent {
+    fn values(&self) -> impl Iterator<Item = &Vec<DVec3>> {
+        self.irradiance.iter().chain(&self.radiosity).chain(self.colours.iter().map(|(_, values)| values))
+    }
+
+    /// The power of two at or below the largest entry.
+    fn steepness(&self) -> f64 {
+        power_of_two(self.values().flatten().map(|v| v.abs().max_element()).fold(0.0, f64::max))
+    }
+
+    fn divided(&self, by: f64) -> Self {
+        let values = |values: &Vec<DVec3>| values.iter().map(|&v| v / by).collect();
+        Self {
+            irradiance: self.irradiance.as_ref().map(values),
+            radiosity: self.radiosity.as_ref().map(values),
+            colours: self.colours.iter().map(|(eye, colours)| (*eye, values(colours))).collect(),
+        }
+    }
+}
+
 impl Engine {
     /// The derivatives of a loss at a solution, exactly those of the discretised model. `params` are those of the adjoint
     /// solve; its residual is relative to its 2-norm. The kinds wanted must be among those that the plan foresaw
@@ -82,6 +102,9 @@ impl Engine {
         self.check_own(solution)?;
         self.check(cotangent, wanted)?;
         params.check()?;
+        // The adjoint is linear: however steep the loss, the device works with numbers near 1.
+        let steepness = cotangent.steepness();
+        let cotangent = &cotangent.divided(steepness);
         let (irradiance, radiance, specular) = self.own_cotangents(cotangent);
         let views: Vec<(DVec3, Vec<[f64; 4]>)> =
             cotangent.colours.iter().map(|(eye, colours)| (*eye, self.to_slots(colours))).collect();
@@ -95,13 +118,18 @@ impl Engine {
         for (eye, colours) in &views {
             operator.add_view(*eye, colours)?;
         }
-        let (worth, info) = match solver {
+        let solved = match solver {
             PlannedSolver::FixedPoint => {
-                fixed_point(&mut operator, &FixedPointParams { tolerance, max_passes }, progress)?
+                fixed_point(&mut operator, &FixedPointParams { tolerance, max_passes }, progress)
             }
             PlannedSolver::Gmres { restart } => {
-                gmres(&mut operator, &GmresParams { tolerance, max_passes, restart }, progress)?
+                gmres(&mut operator, &GmresParams { tolerance, max_passes, restart }, progress)
             }
+        };
+        let (worth, info) = match solved {
+            Ok(solved) => solved,
+            // Half an adjoint gives no gradient worth having.
+            Err(error) => return Err(error.map_best(|_, _| Ok::<_, EngineError>(None))?.into()),
         };
         let leaving = operator.worth_of_leaving(&worth)?;
         let lobes = if wanted.lobes() { operator.lobe_sums(&solution.state)? } else { None };
@@ -110,15 +138,17 @@ impl Engine {
             false => (Vec::new(), Vec::new()),
         };
 
-        let metres = self.plan().placement.scale;
+        // Of what is linear in the light of the state, too.
+        let of_light = steepness * self.unit;
+        let per_metre = of_light * self.plan().placement.scale;
         let of_radiance: Vec<DVec3> =
-            self.to_scene_order(&leaving.radiance).into_iter().map(DVec3::from).collect();
+            self.scaled(steepness, &leaving.radiance).into_iter().map(DVec3::from).collect();
         // ∂(δρ/π E): the same for δ, given ρ, and for ρ, given δ.
         let of_albedo: Vec<DVec3> =
             of_radiance.iter().zip(&solution.irradiance).map(|(&m, &h)| m * DVec3::from(h) / PI).collect();
         let materials = || of_albedo.iter().zip(&self.materials);
-        let lobes = lobes.map(|sums| self.lobe_gradients(&sums));
-        let corners = wanted.positions.then(|| self.corner_gradients(&facets, metres));
+        let lobes = lobes.map(|sums| self.lobe_gradients(&sums, of_light));
+        let corners = wanted.positions.then(|| self.corner_gradients(&facets, per_metre));
         Ok(Gradients {
             diffuse: wanted.diffuse.then(|| materials().map(|(&g, m)| g.dot(m.albedo.into())).collect()),
             albedo: wanted.albedo.then(|| materials().map(|(&g, m)| m.diffuse * g).collect()),
@@ -133,7 +163,7 @@ impl Engine {
             emission: wanted.emission.then_some(of_radiance),
             vertices: corners.as_ref().map(|corners| self.vertex_gradients(corners)),
             corners,
-            eyes: wanted.camera.then(|| eyes.into_iter().map(|eye| eye * metres).collect()),
+            eyes: wanted.camera.then(|| eyes.into_iter().map(|eye| eye * per_metre).collect()),
             info,
         })
     }
@@ -197,7 +227,7 @@ impl Engine {
     }
 
     /// Derivatives with respect to σ and p of every triangle: ∂/∂σ = N S and ∂/∂p = ⟨σ, N' S + N S_ln⟩.
-    fn lobe_gradients(&self, sums: &[LobeSums]) -> Vec<(DVec3, f64)> {
+    fn lobe_gradients(&self, sums: &[LobeSums], scale: f64) -> Vec<(DVec3, f64)> {
         let mut gradients = vec![(DVec3::ZERO, 0.0); self.materials.len()];
         for (&i, [sum, logarithms]) in self.plan().layout.order.iter().zip(sums) {
             if i == PADDING {
@@ -207,17 +237,17 @@ impl Engine {
             let (n, slope) =
                 (material.specular_normalization(), material.specular_normalization_derivative());
             let power = DVec3::from(material.specular).dot(slope * *sum + n * *logarithms);
-            gradients[i as usize] = (n * *sum, power);
+            gradients[i as usize] = (scale * n * *sum, scale * power);
         }
         gradients
     }
 
-    fn corner_gradients(&self, facets: &[FacetGradient], metres: f64) -> Vec<[DVec3; 3]> {
+    fn corner_gradients(&self, facets: &[FacetGradient], per_metre: f64) -> Vec<[DVec3; 3]> {
         let plan = self.plan();
         let mut corners = vec![[DVec3::ZERO; 3]; plan.facets.len()];
         for (&i, gradient) in plan.layout.order.iter().zip(facets) {
             if i != PADDING {
-                corners[i as usize] = gradient.to_corners(&plan.facets[i as usize]).map(|c| c * metres);
+                corners[i as usize] = gradient.to_corners(&plan.facets[i as usize]).map(|c| c * per_metre);
             }
         }
         corners

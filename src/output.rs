@@ -83,6 +83,15 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), Outp
 /// Makes a directory, and finds out whether files can be made in it before any work is done for them.
 pub fn prepare_directory(path: &Path) -> Result<(), OutputError> {
     let attempt = || {
+        // The system would say that the file exists.
+        if let Some(link) = path.ancestors().find(|above| above.is_symlink() && !above.exists()) {
+            let (link, target) = (link.display(), fs::read_link(link)?);
+            let reason = format!(
+                "{link} is a link to {}, which is not there: make that or remove the link",
+                target.display()
+            );
+            return Err(io::Error::new(io::ErrorKind::NotFound, reason));
+        }
         fs::create_dir_all(path)?;
         tempfile::Builder::new().prefix(UNFINISHED).tempfile_in(path).map(drop)
     };

@@ -196,9 +196,17 @@ fn assert_slopes(name: &str, model: Model, found: &[[DVec3; 3]], loss: &dyn Fn(&
             (relative(&flat, &truth), flat.iter().zip(&truth).map(own).fold(0.0, f64::max))
         })
         .collect();
-    let best = |error: fn(&(f64, f64)) -> f64| errors.iter().map(error).fold(f64::INFINITY, f64::min);
-    assert!(best(|e| e.0) <= 1e-9, "{name}: {errors:?}");
-    assert!(best(|e| e.1) <= 1e-7, "{name}: {errors:?}");
+    println!("{name}: {errors:?}");
+    let all = median(errors.iter().map(|e| e.0));
+    let worst = median(errors.iter().map(|e| e.1));
+    assert!(all <= 1e-9 && worst <= 1e-7, "{name}: {errors:?}");
+}
+
+/// Of three steps: kinks of bilinear weights may lie within one of them, and not within most.
+fn median(errors: impl Iterator<Item = f64>) -> f64 {
+    let mut errors: Vec<f64> = errors.collect();
+    errors.sort_by(f64::total_cmp);
+    errors[errors.len() / 2]
 }
 
 /// Scenes in which all pairs are far, some are close, and most are close: (name, side of the box, triangles, subsample).
@@ -241,7 +249,8 @@ fn transport_changes_with_every_centroid_as_its_derivative_says() {
             let slope = |i| moved.slope(&[(i, 0), (i, 1), (i, 2)], step, &loss);
             relative(&found, &(0..found.len()).map(slope).collect::<Vec<_>>())
         });
-        assert!(errors.iter().any(|e| *e <= 1e-9), "{} {:?}: {errors:?}", accuracy.bins, accuracy.weights);
+        println!("{} {:?}: {errors:?}", accuracy.bins, accuracy.weights);
+        assert!(median(errors.into_iter()) <= 1e-9, "{} {:?}: {errors:?}", accuracy.bins, accuracy.weights);
     }
 }
 
@@ -382,7 +391,8 @@ fn losses_of_solutions_change_as_the_adjoint_says() {
                     (8.0 * (at(step) - at(-step)) - (at(2.0 * step) - at(-2.0 * step))) / (12.0 * step);
                 (slope - expected).abs() / expected.abs()
             });
-            assert!(errors.iter().any(|e| *e <= 1e-8), "{name}: {expected:e} {errors:?}");
+            println!("{name}: {expected:e} {errors:?}");
+            assert!(median(errors.into_iter()) <= 1e-8, "{name}: {expected:e} {errors:?}");
         }
     }
 }

@@ -410,6 +410,12 @@ fn gradients_are_slopes_of_the_solve() {
                 .map(|step| (slope(&device, &scene, &loss, change, step) - expected).abs() / expected.abs());
             let best = errors.iter().copied().fold(f64::INFINITY, f64::min);
             println!("{} {:?}, {kind}: {expected:.4e}, {errors:?}", accuracy.bins, accuracy.weights);
+            assert!(
+                errors.iter().all(|e| *e <= 1e-3),
+                "{} {:?}, {kind}: {errors:?}",
+                accuracy.bins,
+                accuracy.weights
+            );
             assert!(best <= 1e-6, "{} {:?}, {kind}: {errors:?}", accuracy.bins, accuracy.weights);
         }
     }
@@ -561,7 +567,7 @@ fn a_shadow_that_moves_has_its_slope() {
     });
     println!("{expected:.4e} per metre, errors {errors:?}");
     assert!(expected < 0.0, "the shadow follows the plate: {expected}");
-    assert!(errors.iter().any(|e| *e <= 0.01), "{expected:e} {errors:?}");
+    assert!(errors.iter().all(|e| *e <= 0.1) && errors[4] <= 0.01, "{expected:e} {errors:?}");
     finish(&device);
 }
 

@@ -187,6 +187,75 @@ fn no_light_is_black() {
     finish(&device);
 }
 
+/// Light is linear: emission and cotangents far beyond the numbers of f32, or below them, change the size of an answer and no
+/// digit of it.
+#[test]
+fn light_of_any_brightness() {
+    let device = device();
+    let mut scene = room(3, 0.6);
+    scene.materials[0].specular = [0.05; 3];
+    scene.materials[0].power = 10.0;
+    let wanted = Wanted::NOTHING.emission(true).albedo(true).specular(true).positions(true);
+    let limits = Limits::of(&device).gradients(wanted);
+    let base = scene.materials[2].emission;
+    let mut run = |brightness: f64, steepness: f64| {
+        scene.materials[2].emission = base.map(|e| brightness * e);
+        let (mut engine, solution) = solve_within(&device, &scene, &scene.accuracy, &limits);
+        let eye = DVec3::new(0.5, 0.5, 0.2);
+        let ones = || vec![DVec3::splat(steepness); scene.triangles.len()];
+        let cotangent = Cotangent::default()
+            .irradiance(Some(ones()))
+            .radiosity(Some(ones()))
+            .colours(vec![(eye, ones())]);
+        let params = SolveParams::from(&scene.accuracy);
+        let gradients = engine.backward(&solution, &cotangent, wanted, &params).expect("gradients");
+        let colours = engine.face_colours(&solution, eye).expect("colours");
+        (solution.irradiance, solution.radiosity, colours, gradients)
+    };
+    let vectors = |values: &Option<Vec<DVec3>>| -> Vec<[f64; 3]> {
+        values.iter().flatten().map(|v| v.to_array()).collect()
+    };
+    let (irradiance, radiosity, colours, gradients) = run(1.0, 1.0);
+    for (brightness, steepness) in [(126_f64, -140_f64), (-140.0, 126.0), (60.0, 0.0), (0.0, -100.0)] {
+        let (brightness, steepness) = (brightness.exp2(), steepness.exp2());
+        let (h, b, c, g) = run(brightness, steepness);
+        let light = brightness * steepness;
+        for (name, of_one, here, factor) in [
+            ("irradiance", &irradiance, &h, brightness),
+            ("radiosity", &radiosity, &b, brightness),
+            ("colours", &colours, &c, brightness),
+            ("by emission", &vectors(&gradients.emission), &vectors(&g.emission), steepness),
+            ("by albedo", &vectors(&gradients.albedo), &vectors(&g.albedo), light),
+            ("by specular", &vectors(&gradients.specular), &vectors(&g.specular), light),
+            ("by vertices", &vectors(&gradients.vertices), &vectors(&g.vertices), light),
+        ] {
+            assert!(of_one.iter().flatten().any(|v| *v != 0.0), "{name}");
+            let expected: Vec<[f64; 3]> = of_one.iter().map(|v| v.map(|x| factor * x)).collect();
+            assert!(*here == expected, "{name} at 2^{} and 2^{}", brightness.log2(), steepness.log2());
+        }
+    }
+    finish(&device);
+}
+
+/// From a solution in other units of light, too.
+#[test]
+fn a_start_from_another_brightness_is_brought_along() {
+    let device = device();
+    let mut scene = room(3, 0.6);
+    let (mut engine, first) = solve(&device, &scene, &scene.accuracy);
+    scene.materials[2].emission = scene.materials[2].emission.map(|e| 9.0 * e);
+    engine.set_materials(&scene).expect("materials that fit the plan");
+    let params = SolveParams::from(&scene.accuracy);
+    let solution =
+        engine.solve_from(Some(&first), &params, &mut |_, _| ControlFlow::Continue(())).expect("a solution");
+    // Eight ninths of the light are missing at the start.
+    let residual = solution.info.residuals[0];
+    assert!(residual > 0.2 && residual <= 1.0, "{residual}");
+    let expected: Vec<[f64; 3]> = first.irradiance.iter().map(|h| h.map(|h| 9.0 * h)).collect();
+    assert!(relative_l2(&solution.irradiance, &expected, &areas(&scene)) <= 1e-3);
+    finish(&device);
+}
+
 #[test]
 fn one_triangle() {
     let device = device();
@@ -222,8 +291,21 @@ fn too_few_passes_and_interruption_say_what_was_reached() {
             Err(EngineError::Solve(SolveError::Interrupted { passes: 2 })) => {}
             other => panic!("{:?}", other.err()),
         }
-        // And works on afterwards.
-        engine.solve(&SolveParams::default().tolerance(1e-4).max_passes(100)).expect("a solution");
+        // What was reached is handed out, to look at or to go on from.
+        let few = SolveParams::default().tolerance(1e-5).max_passes(5);
+        let stopped = engine.solve(&few).expect_err("few passes");
+        let best = stopped.into_best().expect("what was reached");
+        assert!(!best.info.converged && best.info.residuals.len() == 5);
+        let params = few.max_passes(100);
+        let full = engine.solve(&params).expect("a solution");
+        let resumed = engine
+            .solve_from(Some(&*best), &params, &mut |_, _| ControlFlow::Continue(()))
+            .expect("a solution");
+        let error = relative_l2(&best.irradiance, &full.irradiance, &areas(&scene));
+        println!("{solver:?}: {error:.1e} off after 5 passes, {:?}", best.info.residuals);
+        assert!(error <= 10.0 * best.info.residuals[4], "{error:e} {:?}", best.info.residuals);
+        assert!(resumed.info.residuals[0] <= 2.0 * best.info.residuals[4], "{:?}", resumed.info.residuals);
+        assert!(full.info.converged && resumed.info.passes < full.info.passes);
     }
     finish(&device);
 }
@@ -417,7 +499,11 @@ fn shipped_scenes_solve() {
     let device = device();
     for name in ["closed_box", "integrating_sphere", "two_rooms", "glossy_floor"] {
         let scene = load(&format!("scenes/{name}.toml"));
-        let (_engine, solution) = solve(&device, &scene, &scene.accuracy);
+        let (engine, solution) = solve(&device, &scene, &scene.accuracy);
+        // The sphere is lit alike everywhere and takes fewer.
+        let [least, most] = engine.plan().report().estimated_passes;
+        let passes = f64::from(solution.info.passes);
+        assert!(passes <= most && (passes >= least || name == "integrating_sphere"), "{least} to {most}");
         let share: Vec<f64> =
             (0..3).map(|c| solution.energy.absorbed[c] / solution.energy.emitted[c]).collect();
         println!("{name}: {} passes, absorbed {share:.4?}, {:?}", solution.info.passes, solution.negative);

@@ -19,6 +19,9 @@ pub use size::parse_size;
 
 /// Exit code of bad input and of work that could not be done.
 pub const EXIT_FAILURE: u8 = 2;
+/// Exit code of results that were written and are not to be relied on: the solve did not converge, or its answer is not
+/// physical.
+pub const EXIT_UNRELIABLE: u8 = 3;
 /// Exit code after Ctrl-C, as shells expect it: 128 and the number of the signal.
 pub const EXIT_INTERRUPTED: u8 = 130;
 /// Exit code of a batch of which a part could not be done.

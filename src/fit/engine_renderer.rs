@@ -124,10 +124,11 @@ impl Renderer for EngineRenderer {
     fn estimate(&mut self, planning: &Scene) -> Result<Estimate, RenderError> {
         let plan = self.plan(planning)?;
         let solves = SOLVES + if self.wanted.positions { SOLVES_OF_GEOMETRY } else { 0.0 };
+        let report = plan.report();
         Ok(Estimate {
             device_bytes: plan.memory().total(),
             device_budget: plan.limits.memory_budget,
-            seconds: solves * plan.report().estimated_seconds,
+            seconds: solves * (report.estimated_seconds * report.estimated_seconds_at_most).sqrt(),
         })
     }
 

@@ -411,7 +411,7 @@ impl<'a> Search<'a> {
             Ok(solution) => {
                 Ok(Ok(Answer::new(&mut engine, scene, solution, &self.options.cameras, warnings)?))
             }
-            Err(error) if error.is_without_answer() => Ok(Err(error)),
+            Err(error) if error.is_without_answer() => Ok(Err(error.without_best())),
             Err(error) => Err(error.into()),
         }
     }

@@ -132,6 +132,32 @@ impl Placement {
     }
 }
 
+/// How much of the light that meets a surface goes on, roughly, of the brightest channel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Reflectance {
+    /// Mean over area.
+    mean: f64,
+    most: f64,
+}
+
+impl Reflectance {
+    fn of(scene: &Scene) -> Self {
+        // Of a lobe about σ: its integral would take longer than the plan.
+        let albedo = |m: &crate::scene::Material| {
+            let channels = m.diffuse_albedo().into_iter().zip(m.specular);
+            channels.map(|(diffuse, sigma)| diffuse + sigma).fold(0.0, f64::max).min(0.99)
+        };
+        let (mut reflecting, mut all, mut most) = (0.0, 0.0, 0.0_f64);
+        for i in 0..scene.triangles.len() {
+            let (area, albedo) = (scene.area_vector(i).length(), albedo(scene.material(i)));
+            reflecting += area * albedo;
+            all += area;
+            most = if area > 0.0 { most.max(albedo) } else { most };
+        }
+        Self { mean: if all > 0.0 { reflecting / all } else { 0.0 }, most }
+    }
+}
+
 /// Which solver runs, with how much memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlannedSolver {
@@ -191,6 +217,7 @@ pub struct Plan {
     /// Bytes of the staging buffers.
     pub(crate) staging: u64,
     memory: MemoryPlan,
+    reflectance: Reflectance,
 }
 
 impl Plan {
@@ -247,6 +274,7 @@ impl Plan {
             residency: Residency::Device,
             staging: limits.staging,
             memory: MemoryPlan::default(),
+            reflectance: Reflectance::of(scene),
         };
         plan.choose_solver()?;
         Ok(plan)

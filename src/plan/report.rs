@@ -1,6 +1,6 @@
 //! The plan in words and numbers.
 
-use super::{MemoryItem, PADDING, PairLists, Plan, PlannedSolver, Residency};
+use super::{MemoryItem, PADDING, PairLists, Plan, PlannedSolver, Reflectance, Residency};
 use std::fmt;
 
 /// Pairs per second that estimates of time count on: two cores of a CPU driver.
@@ -9,8 +9,11 @@ const BINS_RATE: f64 = 60e6;
 const NEAR_RATE: f64 = 1e6;
 /// Bytes per second between host and device.
 const MOVE_RATE: f64 = 2e9;
-/// Passes that estimates of time count on: a room of albedo 0.7 to 1e-4.
-const PASSES: f64 = 11.0;
+/// Passes beside those that the albedo asks for: direct light first, and one that verifies the answer.
+const FIRST_AND_LAST: f64 = 2.0;
+/// How much longer it may take where light is blocked: J is not normal, and what lies inside other things or close behind
+/// them slows a solver that starts its basis anew.
+const BLOCKED: f64 = 3.0;
 
 /// What is modelled of some triangles, and why.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -88,8 +91,13 @@ pub struct PlanReport {
     pub memory_budget: u64,
     /// All memory but staging, over the triangles that take part.
     pub bytes_per_triangle: f64,
-    /// Rough: of two cores of a CPU driver.
+    /// From albedo, solver and tolerance: the least and the most that scenes of the kind were seen to take. Those that are lit
+    /// alike everywhere take fewer; where light is created (parts of objects inside others) they may be more.
+    pub estimated_passes: [f64; 2],
+    /// Rough: of the least of the passes, on two idle cores of a CPU driver.
     pub estimated_seconds: f64,
+    /// Of the most of them.
+    pub estimated_seconds_at_most: f64,
 }
 
 impl Plan {
@@ -136,6 +144,7 @@ impl Plan {
             + pairs.bins as f64 / BINS_RATE
             + pairs.sub_sampled as f64 / NEAR_RATE
             + self.moved_bytes() as f64 / MOVE_RATE;
+        let passes = self.estimated_passes();
         PlanReport {
             triangles,
             degenerate: self.facets.len() - triangles,
@@ -156,8 +165,28 @@ impl Plan {
             memory_budget: self.limits.memory_budget,
             bytes_per_triangle: self.memory.own().map(|item| item.bytes).sum::<u64>() as f64
                 / triangles as f64,
-            estimated_seconds: pass * PASSES,
+            estimated_passes: passes,
+            estimated_seconds: pass * passes[0],
+            estimated_seconds_at_most: pass * passes[1],
         }
+    }
+
+    /// By Chebyshev's bound of Krylov methods for GMRES, by the decay of bounces for the fixed point; in open scenes and for
+    /// the mean albedo at least, for the largest at most.
+    fn estimated_passes(&self) -> [f64; 2] {
+        let digits = (2.0 / self.accuracy.tolerance).ln();
+        let passes = |albedo: f64| {
+            let bounces = match self.solver {
+                PlannedSolver::FixedPoint => digits / (1.0 / albedo.clamp(1e-3, 0.99)).ln(),
+                PlannedSolver::Gmres { .. } => 0.5 * digits / (1.0 - albedo).sqrt(),
+            };
+            FIRST_AND_LAST + bounces
+        };
+        let blocked = self.classes.iter().any(|class| class.blocker);
+        let Reflectance { mean, most } = self.reflectance;
+        let factor = if blocked { BLOCKED } else { 1.0 };
+        let limit = f64::from(self.accuracy.max_passes);
+        [0.5 * passes(mean), factor * passes(most)].map(|passes| passes.ceil().min(limit))
     }
 
     fn states_report(&self) -> StatesReport {
@@ -247,7 +276,12 @@ impl fmt::Display for PlanReport {
             writeln!(f, "  {:>13}  {} ({})", item.bytes, item.label, item.count)?;
         }
         writeln!(f, "per triangle     {:.0} bytes of the engine's own", self.bytes_per_triangle)?;
-        write!(f, "estimated time   {:.1} s, on two cores of a CPU", self.estimated_seconds)
+        let [least, most] = self.estimated_passes;
+        write!(
+            f,
+            "estimated time   {:.1} to {:.1} s on two idle cores of a CPU, {least} to {most} passes",
+            self.estimated_seconds, self.estimated_seconds_at_most
+        )
     }
 }
 

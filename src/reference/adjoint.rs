@@ -205,9 +205,8 @@ impl LightOperator for Adjoint<'_> {
         self.model.scale(b, y)
     }
 
-    /// Root of the sum of squares of all entries: importance per bin is as much a result as that of irradiance, and
-    /// areas are in it already.
-    fn magnitude(&mut self, x: &State) -> Result<f64, Infallible> {
-        Ok(self.model.dot(x, x)?.sqrt())
+    /// All entries: importance per bin is as much a result as that of irradiance, and areas are in it already.
+    fn judged(&mut self, _: &State) -> Result<Option<Vec<f64>>, Infallible> {
+        Ok(None)
     }
 }

@@ -49,9 +49,9 @@ impl LightOperator for &Model {
         Ok(())
     }
 
-    fn magnitude(&mut self, x: &State) -> Result<f64, Infallible> {
-        let weighted = |(h, f): (&DVec3, &super::Facet)| f.area * h.length_squared();
-        Ok(x.irradiance.iter().zip(&self.facets).map(weighted).sum::<f64>().sqrt())
+    fn judged(&mut self, x: &State) -> Result<Option<Vec<f64>>, Infallible> {
+        let weighted = |(h, f): (&DVec3, &super::Facet)| (f.area.sqrt() * *h).to_array();
+        Ok(Some(x.irradiance.iter().zip(&self.facets).flat_map(weighted).collect()))
     }
 }
 

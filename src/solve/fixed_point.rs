@@ -1,6 +1,6 @@
 //! Fixed-point (Neumann) iteration: every pass adds one bounce. Needs two vectors and nothing else.
 
-use super::{LightOperator, Progress, SolveError, SolveInfo, Watch};
+use super::{LightOperator, Next, Progress, Solved, Watch};
 
 /// When the fixed point stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,7 +16,7 @@ pub fn fixed_point<O: LightOperator>(
     operator: &mut O,
     params: &FixedPointParams,
     progress: &mut Progress,
-) -> Result<(O::Vector, SolveInfo), SolveError<O::Error>> {
+) -> Solved<O> {
     fixed_point_from(operator, None, params, progress)
 }
 
@@ -26,7 +26,7 @@ pub fn fixed_point_from<O: LightOperator>(
     guess: Option<O::Vector>,
     params: &FixedPointParams,
     progress: &mut Progress,
-) -> Result<(O::Vector, SolveInfo), SolveError<O::Error>> {
+) -> Solved<O> {
     let mut watch = Watch::new(params.tolerance, params.max_passes, progress);
     let guessed = guess.is_some();
     let mut old = match guess {
@@ -38,9 +38,11 @@ pub fn fixed_point_from<O: LightOperator>(
         operator.pass(None, true, &mut old)?;
         if operator.magnitude(&old)? == 0.0 {
             watch.pass(0.0)?;
-            return Ok((old, watch.info()));
+            return Ok((old, watch.info(None)));
         }
-        watch.pass(1.0)?;
+        if watch.pass(1.0)? == Next::GiveUp {
+            return Err(watch.no_convergence(old, None));
+        }
     }
     loop {
         operator.pass(Some(&old), true, &mut new)?;
@@ -49,10 +51,12 @@ pub fn fixed_point_from<O: LightOperator>(
         let change = operator.magnitude(&old)?;
         let residual = if size > 0.0 { change / size } else { change };
         std::mem::swap(&mut old, &mut new);
-        watch.pass(residual)?;
-        if watch.converged(residual) {
-            let info = watch.info();
-            return Ok((old, SolveInfo { spectral_radius: decay(&info.residuals), ..info }));
+        let next = watch.pass(residual)?;
+        let radius = decay(&watch.residuals);
+        match next {
+            Next::Converged => return Ok((old, watch.info(radius))),
+            Next::GiveUp => return Err(watch.no_convergence(old, radius)),
+            Next::Continue => {}
         }
     }
 }

@@ -100,9 +100,9 @@ impl Operators {
         })
     }
 
-    /// Replaces the materials; geometry and classes stay as planned.
-    pub fn set_materials(&self, scene: &Scene) -> Result<(), GpuError> {
-        self.context.scene.set_materials(&self.context.device, scene, &self.context.plan)
+    /// Replaces the materials; geometry and classes stay as planned. Light is counted in units of `unit`, W/(m² sr).
+    pub fn set_materials(&self, scene: &Scene, unit: f64) -> Result<(), GpuError> {
+        self.context.scene.set_materials(&self.context.device, scene, &self.context.plan, unit)
     }
 
     /// The plan they were made for.
@@ -249,13 +249,13 @@ impl LightOperator for Operators {
         self.vectors.scale(&self.context, b, y, &mut self.watch)
     }
 
-    fn magnitude(&mut self, x: &State) -> Result<f64, TransportError> {
+    fn judged(&mut self, x: &State) -> Result<Option<Vec<f64>>, TransportError> {
         let weighted = |(h, &i): (&[f64; 4], &u32)| {
             let area = self.context.plan.facets.get(i as usize).map_or(0.0, |f| f.area);
-            area * h[..3].iter().map(|&h| h * h).sum::<f64>()
+            [h[0], h[1], h[2]].map(|h| area.sqrt() * h)
         };
         let irradiance = self.irradiance(x)?;
-        Ok(irradiance.iter().zip(&self.context.plan.layout.order).map(weighted).sum::<f64>().sqrt())
+        Ok(Some(irradiance.iter().zip(&self.context.plan.layout.order).flat_map(weighted).collect()))
     }
 }
 

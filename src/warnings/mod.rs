@@ -171,7 +171,7 @@ impl Warnings {
     }
 
     /// What a solve that found nothing says.
-    pub fn after_failure<E>(scene: &Scene, plan: &Plan, error: &SolveError<E>) -> Self {
+    pub fn after_failure<E, V>(scene: &Scene, plan: &Plan, error: &SolveError<E, V>) -> Self {
         match error {
             SolveError::Diverged { .. } => Self { list: vec![unphysical(scene, plan, f64::INFINITY)] },
             _ => Self::default(),

@@ -62,6 +62,70 @@ fn a_render_leaves_pictures_arrays_and_a_report() {
     }
 }
 
+/// Results that are not to be relied on are written, and the exit code says so.
+#[test]
+fn without_convergence_what_was_reached_is_written() {
+    let folder = Folder::with(&[]);
+    let run = folder.render("room.toml --tolerance 1e-5 --max-passes 5 --quiet");
+    assert_eq!(run.code, Some(3), "{run:?}");
+    says(&run.stderr, &["no convergence", "after 5 passes", "NOT CONVERGED"]);
+    assert_eq!(folder.results(), PLAIN);
+    let report = folder.json("out/report.json");
+    assert_eq!(report["solve"]["converged"], false);
+    assert_eq!(report["solve"]["passes"], 5);
+    let reached = rows(&folder, "out/irradiance.npy").concat();
+
+    folder.render("room.toml --tolerance 1e-5").succeeded();
+    assert_eq!(folder.json("out/report.json")["solve"]["converged"], true);
+    let full = rows(&folder, "out/irradiance.npy").concat();
+    let norm = |values: &mut dyn Iterator<Item = f32>| values.map(|x| x * x).sum::<f32>().sqrt();
+    let error = norm(&mut reached.iter().zip(&full).map(|(a, b)| a - b)) / norm(&mut full.iter().copied());
+    assert!(error > 0.0 && error <= 0.2, "{error}");
+}
+
+/// A spectral radius of 1 or more: a script must be able to see it.
+#[test]
+fn an_answer_that_is_not_physical_has_an_exit_code() {
+    // Triangles through one another, without the near field that would tame them.
+    let mut state = 1u64;
+    let mut random = move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as f64 / (1u64 << 31) as f64
+    };
+    let mut obj = String::new();
+    (0..180).for_each(|_| obj += &format!("v {} {} {}\n", random(), random(), random()));
+    (0..60).for_each(|k| obj += &format!("f {} {} {}\n", 3 * k + 1, 3 * k + 2, 3 * k + 3));
+    let toml = "[accuracy]\nsubsample = 0\n[[mesh]]\npath = \"soup.obj\"\nmaterial = \"soup\"\n[material.soup]\nalbedo = \
+                0.9\nemission = 1\n[camera.main]\nposition = [3, 0.5, 0.5]\ntarget = [0, 0.5, 0.5]\nfov_x_degrees = \
+                40\nwidth = 8\nheight = 8\n";
+    let folder = Folder::with(&[("soup.obj", &obj), ("soup.toml", toml)]);
+    let run = folder.render("soup.toml --max-passes 500");
+    assert_eq!(run.code, Some(3), "{run:?}");
+    let report = folder.json("out/report.json");
+    let radius = report["solve"]["spectral_radius"].as_f64().expect("an estimate");
+    let kinds = report["accuracy_warnings"].as_array().expect("warnings").iter().map(|w| &w["kind"]);
+    assert!(radius >= 1.0 && kinds.clone().any(|kind| kind == "unphysical"), "{report}");
+    says(&run.stderr, &["unphysical"]);
+}
+
+/// Lamps beyond the numbers of f32 are none the worse for it.
+#[test]
+fn lamps_of_any_brightness() {
+    let folder = Folder::with(&[("faint.toml", &ROOM.replace("emission = 10", "emission = 1e-40"))]);
+    let bright = ROOM.replace("emission = 10", "emission = 1e37");
+    std::fs::write(folder.path("bright.toml"), bright).expect("a scene");
+    clean_render(&folder, "room.toml");
+    let usual = folder.json("out/report.json");
+    for (scene, factor) in [("faint.toml", 1e-41), ("bright.toml", 1e36)] {
+        clean_render(&folder, scene);
+        let report = folder.json("out/report.json");
+        assert_eq!(report["solve"]["passes"], usual["solve"]["passes"]);
+        let absorbed = |report: &serde_json::Value| report["energy"]["absorbed"][0].as_f64().expect("watts");
+        let ratio = absorbed(&report) / absorbed(&usual) / factor;
+        assert!((ratio - 1.0).abs() <= 1e-3, "{scene}: {ratio}");
+    }
+}
+
 /// With a budget that cannot hold the states they go to the host, and the result is the same.
 #[test]
 fn a_render_in_little_memory_finds_the_same() {

@@ -109,6 +109,37 @@ fn results_that_cannot_be_written() {
     assert_eq!(folder.read("room.toml"), ROOM.as_bytes());
 }
 
+/// The system would only say that the file exists.
+#[test]
+#[cfg(unix)]
+fn a_link_for_results_that_leads_nowhere() {
+    let folder = Folder::with(&[]);
+    std::os::unix::fs::symlink("gone", folder.path("out")).expect("a link");
+    folder.render("room.toml").refused(&["out is a link to gone", "not there", "remove the link"]);
+    folder.run("render room.toml --output out/below").refused(&[
+        "out is a link to gone",
+        "not there",
+        "remove the link",
+    ]);
+}
+
+/// A stray coordinate is named, rather than blamed on what the others turn into.
+#[test]
+fn coordinates_of_any_size() {
+    refused("m.obj", &format!("{OBJ}v 1e30 0 0\nf 1 2 5\n"), &["triangle 2 of mesh", "1e30"]);
+    refused("m.obj", &OBJ.replace("v 1 0 0", "v 1e300 0 0"), &["1e300"]);
+    // All of it large, or all of it small, is only another unit.
+    for unit in ["1e30", "1e-30"] {
+        let folder = Folder::with(&[(
+            "m.obj",
+            &OBJ.replace(" 1 0", &format!(" {unit} 0"))
+                .replace("0 1\n", &format!("0 {unit}\n"))
+                .replace("v 1 0 0", &format!("v {unit} 0 0")),
+        )]);
+        folder.render("m.obj").succeeded();
+    }
+}
+
 #[test]
 fn no_device_or_not_that_one() {
     let folder = Folder::with(&[("driver.json", "{}")]);
@@ -180,6 +211,7 @@ fn arguments_that_say_nothing() {
         ("--max-passes 0", ["--max-passes", "0"]),
         ("--solver magic", ["--solver", "gmres"]),
         ("--memory-budget 5parsec", ["--memory-budget", "MiB"]),
+        ("--memory-budget 100000000000000000000GiB", ["--memory-budget", "more than"]),
         ("--camra main", ["--camra", "--camera"]),
     ] {
         let run = folder.render(&format!("room.toml {argument}"));

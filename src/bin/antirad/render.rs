@@ -4,14 +4,14 @@ use crate::Failure;
 use crate::cameras;
 use crate::report::{DeviceReport, MemoryUse, Report, SolveReport};
 use crate::settings::SceneSettings;
-use antirad::cli::{Interrupt, SolveBar, Working};
+use antirad::cli::{EXIT_UNRELIABLE, Interrupt, SolveBar, Working};
 use antirad::gpu::{Bytes, Device, DeviceOptions};
 use antirad::image::{Exposure, PictureOptions, Rasterizer, ToneMap};
 use antirad::ladder::{Answer, Climb, LadderOptions, Solved, Stage, solve_within, usual_plan};
 use antirad::output::{prepare_directory, single, write_json, write_npy};
 use antirad::plan::Limits;
 use antirad::scene::{Camera, Choice, Precision, Scene};
-use antirad::warnings::Warnings;
+use antirad::warnings::{Kind, Warnings};
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use clap::Args;
 use std::borrow::Cow;
@@ -126,7 +126,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
             let bar = SolveBar::new(accuracy.tolerance, quiet);
             let solved = solve(&mut engine, &scene, &bar, interrupt);
             bar.finish();
-            let solution = solved.map_err(failure)?;
+            let solution = solved.or_else(what_was_reached)?;
             stages.end("solve");
             let working = Working::on("looking for what came out wrong");
             let warnings = interrupt.while_computing(|| Warnings::of(&scene, engine.plan()));
@@ -159,7 +159,10 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     }
     for (name, rows) in [("irradiance.npy", &irradiance), ("radiosity.npy", &radiosity)] {
         match solved.accuracy.precision {
-            Precision::F32 | Precision::Packed => write_npy(&directory.join(name), &single(rows))?,
+            Precision::F32 | Precision::Packed => {
+                warn_of_range(rows, name);
+                write_npy(&directory.join(name), &single(rows))?;
+            }
             Precision::F64 => write_npy(&directory.join(name), rows)?,
         }
     }
@@ -190,7 +193,11 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     if !quiet {
         summarise(&report, &directory, verbose);
     }
-    Ok(())
+    let unphysical = report.accuracy_warnings.iter().any(|warning| warning.kind == Kind::Unphysical);
+    match report.solve.converged && !unphysical {
+        true => Ok(()),
+        false => Err(Failure::Code(EXIT_UNRELIABLE)),
+    }
 }
 
 /// A scene as it was solved, with what was found on the triangles of the scene as it was given.
@@ -215,6 +222,23 @@ impl<'a> Rendered<'a> {
         let radiosity = solved.on_given(&solved.answer.radiosity);
         let Solved { scene, answer, climb, .. } = solved;
         Self { scene: Cow::Owned(scene), irradiance, radiosity, answer, climb: Some(climb), engine: None }
+    }
+}
+
+/// The solution of a solve without convergence, with a word on it.
+fn what_was_reached(error: EngineError) -> Result<Solution, Failure> {
+    let message = error.to_string();
+    let best = error.into_best().map_err(failure)?;
+    tracing::error!("{message}. The results are what was reached: they are NOT CONVERGED");
+    Ok(*best)
+}
+
+/// Files whose numbers are f32 hold larger ones as infinity.
+fn warn_of_range(rows: &[[f64; 3]], name: &str) {
+    if rows.iter().flatten().any(|&value| !(value as f32).is_finite()) {
+        tracing::warn!(
+            "{name} has values beyond 3.4e38, which f32 writes as infinity: state emission in a larger unit"
+        );
     }
 }
 
@@ -253,7 +277,8 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     let (emitted, absorbed) = (sum(report.energy.emitted), sum(report.energy.absorbed));
     println!("device      {} ({})", report.device.name, report.device.driver);
     println!(
-        "solved      {} triangles in {} passes to {residual:.1e}, {:.2} s",
+        "{}      {} triangles in {} passes to {residual:.1e}, {:.2} s",
+        if solve.converged { "solved" } else { "NOT CONVERGED" },
         report.plan.triangles,
         solve.passes,
         report.seconds.get("solve").copied().unwrap_or(0.0)

@@ -52,6 +52,8 @@ pub struct MemoryUse {
 pub struct SolveReport {
     pub passes: u32,
     pub tolerance: f64,
+    /// Whether the tolerance was reached.
+    pub converged: bool,
     pub residuals: Vec<f64>,
     pub spectral_radius: Option<f64>,
 }
@@ -80,6 +82,7 @@ impl SolveReport {
         Self {
             passes: info.passes,
             tolerance,
+            converged: info.converged,
             residuals: info.residuals,
             spectral_radius: info.spectral_radius,
         }
