@@ -40,11 +40,15 @@ impl LadderOptions {
 pub struct Step {
     /// `10x13`, `concentric:12`.
     pub bins: String,
+    /// How the hemisphere is cut.
     pub layout: Layout,
+    /// The range of the near field.
     pub subsample: f64,
+    /// The relative residual at which the solver stopped.
     pub tolerance: f64,
     /// Times that every triangle was cut into four.
     pub cuts: u32,
+    /// After cutting.
     pub triangles: usize,
     /// Of the solve and its companion together.
     pub passes: u32,
@@ -63,6 +67,7 @@ pub struct Climb {
     pub met: bool,
     /// Whole sentences: why these bins and this near field, and why it ended above the error, if it did.
     pub why: Vec<String>,
+    /// In the order in which they were tried.
     pub steps: Vec<Step>,
 }
 
@@ -74,8 +79,11 @@ pub struct Solved {
     pub parents: Vec<u32>,
     /// Of the given triangles, m².
     areas: Vec<f64>,
+    /// Of the last step.
     pub engine: Engine,
+    /// Of the last step, on the triangles of `scene`.
     pub solution: Solution,
+    /// How the settings were found.
     pub climb: Climb,
 }
 

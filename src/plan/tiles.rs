@@ -22,7 +22,9 @@ const PER_WORD: usize = 8;
 /// A run of tiles of one class. Where states live on the device, the bins of its triangles stand in one page of each.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Group {
+    /// What all triangles of it need.
     pub class: Class,
+    /// Numbers of its tiles.
     pub tiles: Range<u32>,
 }
 
@@ -42,6 +44,7 @@ pub struct Layout {
     pub tile: u32,
     /// Triangle of each slot, or [`PADDING`].
     pub order: Vec<u32>,
+    /// Runs of tiles of one class, those without bins first.
     pub groups: Vec<Group>,
 }
 
@@ -90,6 +93,7 @@ impl Layout {
         self.order.len() as u32
     }
 
+    /// Number of tiles.
     pub fn tiles(&self) -> u32 {
         self.slots() / self.tile
     }
@@ -179,6 +183,7 @@ impl TilePairs {
         Self { row_words: row_words as u32, flags }
     }
 
+    /// The bits of a pair: [`PAIR_FRONT`], [`PAIR_BACK`], [`PAIR_NEAR`].
     pub fn get(&self, receiver: u32, source: u32) -> u32 {
         let word = self.flags[(receiver * self.row_words) as usize + source as usize / PER_WORD];
         word >> (4 * (source as usize % PER_WORD)) & 15

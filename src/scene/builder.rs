@@ -14,6 +14,7 @@ pub struct SceneBuilder {
 }
 
 impl SceneBuilder {
+    /// Nothing yet.
     pub fn new() -> Self {
         Self::default()
     }
