@@ -19,64 +19,121 @@ use std::ops::{ControlFlow, Range};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EngineError {
+    /// The device, or a call into it, failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    /// There is no plan for the scene.
     #[error(transparent)]
     Plan(#[from] PlanError),
+    /// A solver found no answer, or was stopped.
     /// [`SolveError::NoConvergence`] holds the solution that was reached, and with it memory of the device; that of
     /// [`Engine::backward`] has none.
     #[error(transparent)]
     Solve(#[from] SolveError<TransportError, Option<Box<Solution>>>),
+    /// A pass outside of a solve failed, or was stopped.
     #[error(transparent)]
     Transport(#[from] TransportError),
+    /// What was allocated is not what was planned.
     #[error(
         "the plan counts {planned} bytes of \"{label}\" and the engine allocated {allocated}: a defect of antirad"
     )]
-    Miscounted { label: String, planned: u64, allocated: u64 },
+    Miscounted {
+        /// Of the buffers.
+        label: String,
+        /// Bytes that the plan counts.
+        planned: u64,
+        /// Bytes that this engine has taken.
+        allocated: u64,
+    },
+    /// Derivatives that the plan did not foresee.
     #[error(
         "gradients{}{} were not planned: name them in Limits::gradients before the plan is made",
         if kinds.is_empty() { "" } else { " of " },
         kinds.join(", ")
     )]
-    NotPlanned { kinds: Vec<&'static str> },
+    NotPlanned {
+        /// Names of the kinds; empty where the plan has no gradients at all.
+        kinds: Vec<&'static str>,
+    },
+    /// A cotangent does not fit the scene.
     #[error("the cotangent of {what} has {given} entries, the scene {triangles} triangles")]
-    CotangentLength { what: &'static str, given: usize, triangles: usize },
+    CotangentLength {
+        /// Of which result.
+        what: &'static str,
+        /// How many entries there are.
+        given: usize,
+        /// How many there should be.
+        triangles: usize,
+    },
+    /// A cotangent is infinite or not a number.
     #[error(
         "the cotangent of {what} is not finite at triangle {triangle}: look for a division by zero in the loss"
     )]
-    CotangentNotFinite { what: &'static str, triangle: usize },
+    CotangentNotFinite {
+        /// Of which result.
+        what: &'static str,
+        /// Index in the scene.
+        triangle: usize,
+    },
     #[error(
         "triangle {triangle} {why}, which the plan left out: make the engine again with Engine::rebuilt, or plan a scene \
          that has it"
     )]
-    BeyondPlan { triangle: usize, why: &'static str },
+    /// New materials need what was not planned.
+    BeyondPlan {
+        /// Index in the scene.
+        triangle: usize,
+        /// What is new about the triangle.
+        why: &'static str,
+    },
+    /// Scene and plan have different numbers of triangles.
     #[error("the plan is for {planned} triangles and the scene has {given}")]
-    OtherScene { planned: usize, given: usize },
+    OtherScene {
+        /// Triangles of the plan.
+        planned: usize,
+        /// Triangles of the scene.
+        given: usize,
+    },
+    /// A plan of other geometry.
     #[error(
         "triangle {triangle} is not where the plan has it: plan this scene, or make the engine again with \
          Engine::rebuilt"
     )]
-    OtherGeometry { triangle: usize },
+    OtherGeometry {
+        /// The first of them, in the scene.
+        triangle: usize,
+    },
     /// The scene cannot be solved.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// A solution of another engine, or of before [`Engine::rebuilt`].
     #[error(
         "the solution was found by another engine, and its values stand in that one's order: ask the engine that found \
          it, or solve here, perhaps from there (Engine::solve_from)"
     )]
     OtherEngine,
+    /// A solution of before [`Engine::set_materials`].
     #[error(
         "materials have changed since the solution was found: solve again, perhaps from there (Engine::solve_from)"
     )]
     OutdatedSolution,
+    /// Not a tolerance.
     #[error(
         "a tolerance of {tolerance} stops no solver where it should: choose one above 0 and below 1, such as 1e-4"
     )]
-    Tolerance { tolerance: f64 },
+    Tolerance {
+        /// What was asked.
+        tolerance: f64,
+    },
+    /// No pass is allowed.
     #[error("no passes are allowed: max_passes must be 1 or more")]
     NoPasses,
+    /// A camera that is nowhere.
     #[error("the camera's position is {position}; it must be finite")]
-    CameraPosition { position: DVec3 },
+    CameraPosition {
+        /// Metres.
+        position: DVec3,
+    },
 }
 
 /// The unit in which the device counts light: the power of two below the brightest emission. Light is linear, so that this
@@ -97,6 +154,7 @@ pub(crate) fn power_of_two(value: f64) -> f64 {
 pub struct SolveParams {
     /// Relative residual ‖U (E + (K - J) H) - H‖ / ‖H‖ of irradiance, area-weighted.
     pub tolerance: f64,
+    /// Passes at most; beyond that the solve fails.
     pub max_passes: u32,
 }
 
@@ -128,7 +186,9 @@ impl From<&Accuracy> for SolveParams {
 /// Where the light goes. RGB, W.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Energy {
+    /// By all fronts.
     pub emitted: [f64; 3],
+    /// By all fronts: what arrives and is not reflected.
     pub absorbed: [f64; 3],
     /// Emitted and not absorbed by fronts: what leaves an open scene or falls on black backs, and the error of the
     /// discretisation.
@@ -177,8 +237,11 @@ pub struct Solution {
     pub irradiance: Vec<[f64; 3]>,
     /// Emitted and reflected power per area, per triangle of the scene, RGB, W/m².
     pub radiosity: Vec<[f64; 3]>,
+    /// How the solve went.
     pub info: SolveInfo,
+    /// Where the light goes.
     pub energy: Energy,
+    /// Irradiance below zero.
     pub negative: Negative,
     pub(crate) state: State,
     arrangement: Arrangement,
@@ -326,10 +389,12 @@ impl Engine {
         Self::new(&device, scene, Plan::new(scene, &limits, &accuracy)?)
     }
 
+    /// The device it works on.
     pub fn device(&self) -> &Device {
         &self.device
     }
 
+    /// What it was planned to do.
     pub fn plan(&self) -> &Plan {
         self.operators.plan()
     }

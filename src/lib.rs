@@ -37,6 +37,7 @@
 //!
 //! Threads: what is given and what comes out can be shared, and so can a [`gpu::Device`], on which several engines can work
 //! at once. An [`Engine`] belongs to one thread at a time.
+#![warn(missing_docs)]
 
 pub mod ambiguity;
 #[cfg(feature = "cli")]

@@ -20,26 +20,56 @@ const HEADER: usize = 16 + 4 + 8 + 32;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CheckpointError {
+    /// Progress that a new fit would overwrite.
     #[error(
         "{}: holds the progress of an earlier fit; --resume continues it, --restart discards it and starts over",
         path.display()
     )]
-    Present { path: PathBuf },
+    Present {
+        /// Of the checkpoint.
+        path: PathBuf,
+    },
+    /// The file cannot be read.
     #[error("{}: cannot be read: {reason}", path.display())]
-    Read { path: PathBuf, reason: io::Error },
+    Read {
+        /// The checkpoint.
+        path: PathBuf,
+        /// What the system says.
+        reason: io::Error,
+    },
+    /// The file is no checkpoint, or cut short.
     #[error("{}: {damage}; {way_out}", path.display())]
-    Damaged { path: PathBuf, damage: String, way_out: String },
+    Damaged {
+        /// The checkpoint.
+        path: PathBuf,
+        /// What is wrong with it.
+        damage: String,
+        /// What to do about it.
+        way_out: String,
+    },
     #[error(
         "{}: it has version {found} and this program reads version {VERSION}; continue with the program that wrote it, \
          or start over with --restart",
         path.display()
     )]
-    Version { path: PathBuf, found: u32 },
+    /// The file was written by another version.
+    Version {
+        /// The checkpoint.
+        path: PathBuf,
+        /// Version of the file.
+        found: u32,
+    },
+    /// The file belongs to a job that is set up in another way.
     #[error(
         "{}: it belongs to another job: {what} is not what it was; start over with --restart, or undo the change",
         path.display()
     )]
-    OtherJob { path: PathBuf, what: String },
+    OtherJob {
+        /// The checkpoint.
+        path: PathBuf,
+        /// What differs.
+        what: String,
+    },
 }
 
 /// What a fit is determined by. Two fits with the same identity take the same way, step by step.

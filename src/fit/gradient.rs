@@ -31,6 +31,7 @@ impl Quantity {
         }
     }
 
+    /// Of its values: "W/(m² sr)", "m", or "1" for plain numbers.
     pub fn unit(self) -> &'static str {
         match self {
             Self::Emission => "W/(m² sr)",

@@ -27,29 +27,43 @@ pub enum FitError {
     /// The job file or its scene.
     #[error(transparent)]
     Input(#[from] SceneError),
+    /// The unknowns do not fit the scene.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
     /// An assumption is about nothing; its index.
     #[error("{message}")]
-    Regulariser { index: usize, message: String },
+    Regulariser {
+        /// Which one, from 0.
+        index: usize,
+        /// What is wrong with it.
+        message: String,
+    },
+    /// The settings contradict each other; it says how.
     #[error("{0}")]
     Settings(String),
+    /// A picture, or its derivative, could not be made.
     #[error(transparent)]
     Render(RenderError),
     /// The optimiser could not go on.
     #[error("{0}")]
     Optimiser(String),
+    /// A checkpoint could not be read or written.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+    /// A result could not be written.
     #[error(transparent)]
     Lock(#[from] LockError),
     #[error(transparent)]
     Write(#[from] OutputError),
+    /// A picture could not be written.
     #[error(transparent)]
     Image(#[from] ImageError),
     /// Stopped from outside, after a checkpoint was written if there is a folder for it.
     #[error("interrupted after iteration {iteration}")]
-    Interrupted { iteration: u32 },
+    Interrupted {
+        /// The last one that was done.
+        iteration: u32,
+    },
 }
 
 impl From<RenderError> for FitError {
@@ -74,16 +88,22 @@ const DECREASE_OVER_ADAM: usize = 50;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stop {
+    /// All iterations allowed are done.
     Iterations,
+    /// The loss hardly falls any more.
     RelativeDecrease,
+    /// The gradient has vanished.
     Gradient,
+    /// The loss wanted is reached.
     Loss,
+    /// The time allowed is over.
     Seconds,
     /// No lower loss could be found: a minimum, to rounding.
     NoProgress,
 }
 
 impl Stop {
+    /// The same in words.
     pub fn reason(self) -> &'static str {
         match self {
             Self::Iterations => "the number of iterations allowed",
@@ -101,11 +121,13 @@ impl Stop {
 pub struct Record {
     /// 0 is the start.
     pub iteration: u32,
+    /// With assumptions.
     pub loss: f64,
     /// Largest derivative by an unknown, less what bounds forbid.
     pub gradient: f64,
     /// Largest change of an unknown, in units of its scale.
     pub step: f64,
+    /// How often loss and gradient were computed.
     pub evaluations: u32,
     /// Applications of the transport.
     pub passes: u64,
@@ -115,9 +137,11 @@ pub struct Record {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
     optimiser: Optimiser,
+    /// One entry for each iteration, the start first.
     pub history: Vec<Record>,
     /// Of all runs together.
     pub seconds: f64,
+    /// Why it has ended, if it has.
     pub finished: Option<Stop>,
 }
 
@@ -179,7 +203,9 @@ pub struct RunOptions {
     pub checkpoints: Option<PathBuf>,
     /// Iterations between them.
     pub checkpoint_every: u32,
+    /// What to do about a checkpoint that is there.
     pub on_checkpoint: OnCheckpoint,
+    /// When the fit ends.
     pub stop: StopRule,
 }
 
@@ -204,24 +230,31 @@ impl Default for RunOptions {
 /// What a fit has found.
 #[derive(Clone, Debug)]
 pub struct Outcome {
+    /// Why it has ended.
     pub stop: Stop,
     /// The iteration that this run continued from.
     pub resumed_from: Option<u32>,
+    /// One entry for each iteration, the start first.
     pub history: Vec<Record>,
     /// Of all runs together.
     pub seconds: f64,
+    /// With the values that were found.
     pub scene: Scene,
+    /// The values that were found, by what they belong to.
     pub recovered: Vec<Recovered>,
     /// By all views, linear RGB, row by row from the top, W/(m² sr).
     pub pictures: Vec<Vec<DVec3>>,
     /// Loss and assumptions at the end, and their parts: of each view before weights, of each assumption with its own.
     pub loss: f64,
+    /// Losses of the pictures, before weights.
     pub views: Vec<f64>,
+    /// With their weights.
     pub assumptions: Vec<f64>,
 }
 
 /// A fit that is ready to run.
 pub struct Job {
+    /// For messages and files.
     pub name: String,
     problem: Problem,
     settings: Settings,
@@ -271,10 +304,12 @@ impl Job {
         self.problem.loss = loss;
     }
 
+    /// What is minimised.
     pub fn problem(&self) -> &Problem {
         &self.problem
     }
 
+    /// How it is minimised.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }

@@ -9,6 +9,7 @@ use glam::DVec3;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RenderError {
+    /// The work was stopped from outside.
     #[error("interrupted")]
     Interrupted,
     /// This scene has no answer (the solve diverges, or does not settle); another one may.

@@ -25,9 +25,13 @@ pub const REPORT: &str = "report.json";
 pub struct Circumstances {
     /// The scene file, for people.
     pub scene: String,
+    /// When the fit was to end.
     pub stop: StopRule,
+    /// What was expected before it started.
     pub estimate: Estimate,
+    /// Memory of the host that optimiser and targets take, bytes.
     pub host_bytes: u64,
+    /// For people, one line each.
     pub warnings: Vec<String>,
     /// More for the report: device and memory.
     pub more: Value,

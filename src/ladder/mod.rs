@@ -87,11 +87,15 @@ impl LadderError {
 pub struct Step {
     /// `10x13`, `concentric:12`.
     pub bins: String,
+    /// How the hemisphere is cut.
     pub layout: Layout,
+    /// The range of the near field.
     pub subsample: f64,
+    /// The relative residual at which the solver stopped.
     pub tolerance: f64,
     /// Times that every triangle was cut into four.
     pub cuts: u32,
+    /// After cutting.
     pub triangles: usize,
     /// Of the solve and its comparison together.
     pub passes: u32,
@@ -129,6 +133,7 @@ pub struct Climb {
     pub met: bool,
     /// Whole sentences: why these bins and this near field, and why it ended above the error, if it did.
     pub why: Vec<String>,
+    /// In the order in which they were tried.
     pub steps: Vec<Step>,
     /// Index of the step whose answer was taken: the best one.
     pub chosen: usize,
@@ -151,6 +156,7 @@ pub struct Solved {
     areas: Vec<f64>,
     /// On the triangles of that scene.
     pub answer: Answer,
+    /// How the settings were found.
     pub climb: Climb,
 }
 

@@ -6,7 +6,9 @@ use std::ops::Range;
 /// A run of tiles of one class. Where states live on the device, the bins of its triangles stand in one page of each.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Group {
+    /// What all triangles of it need.
     pub class: Class,
+    /// Numbers of its tiles.
     pub tiles: Range<u32>,
 }
 
@@ -26,6 +28,7 @@ pub struct Layout {
     pub tile: u32,
     /// Triangle of each slot, or [`PADDING`].
     pub order: Vec<u32>,
+    /// Runs of tiles of one class, those without bins first.
     pub groups: Vec<Group>,
 }
 
@@ -74,6 +77,7 @@ impl Layout {
         self.order.len() as u32
     }
 
+    /// Number of tiles.
     pub fn tiles(&self) -> u32 {
         self.slots() / self.tile
     }

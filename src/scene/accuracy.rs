@@ -13,9 +13,17 @@ use super::SceneError;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BinLayout {
     /// `theta` rows of equal polar angle times `phi` sectors of equal azimuth.
-    EqualAngle { theta: u32, phi: u32 },
+    EqualAngle {
+        /// Rows from the normal to the plane.
+        theta: u32,
+        /// Sectors around the normal.
+        phi: u32,
+    },
     /// An `n` x `n` grid on the equal-area concentric map of the hemisphere onto a square, `n` even.
-    Concentric { n: u32 },
+    Concentric {
+        /// Cells along each side of the square.
+        n: u32,
+    },
 }
 
 impl BinLayout {
@@ -91,7 +99,9 @@ pub enum SolverChoice {
     /// GMRES where its basis fits the memory budget, else the fixed point.
     #[default]
     Auto,
+    /// A bounce per pass.
     FixedPoint,
+    /// Restarted GMRES, with the longest basis that fits.
     Gmres,
 }
 
@@ -135,7 +145,9 @@ impl fmt::Display for Precision {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Accuracy {
+    /// How the hemisphere is split.
     pub bins: BinLayout,
+    /// How T_b falls from one bin to the next.
     pub weights: Weights,
     /// Pairs with r² < `subsample` · (s_i + s_j) / 2 are integrated over sub-triangles, s = Σl²/(4√3) being the
     /// area of the equilateral triangle with the same sum of squared edges. 0 switches the near field off.
@@ -145,7 +157,9 @@ pub struct Accuracy {
     pub tolerance: f64,
     /// Passes (applications of the transport) after which the solve gives up.
     pub max_passes: u32,
+    /// Which solver, or that the plan may choose.
     pub solver: SolverChoice,
+    /// Of the numbers on the device.
     pub precision: Precision,
 }
 
@@ -164,7 +178,12 @@ setters!(Accuracy {
 pub enum Choice {
     /// The bins, the range of the near field, or neither: what is open has its usual value, and another may suit the scene
     /// better ([`crate::ladder::usual_accuracy`]).
-    Open { bins: bool, subsample: bool },
+    Open {
+        /// Whether the bins are open.
+        bins: bool,
+        /// Whether the range of the near field is open.
+        subsample: bool,
+    },
     /// Bins, near field, mesh and tolerance, such that the relative L2 error of irradiance and of pictures is about this at most
     /// ([`crate::ladder::solve_within`]).
     Within(f64),

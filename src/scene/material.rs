@@ -16,6 +16,7 @@ pub enum Normalization {
 /// f = δρ/π + σ N(p) ⟨h,n⟩^p, in 1/sr.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
+    /// For messages and choices of materials.
     pub name: String,
     /// Diffuse constant δ.
     pub diffuse: f64,
@@ -27,6 +28,7 @@ pub struct Material {
     pub power: f64,
     /// Emitted radiance L_e, RGB, W/(m² sr), the same in all directions.
     pub emission: [f64; 3],
+    /// Of the specular lobe.
     pub normalization: Normalization,
 }
 

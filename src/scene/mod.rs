@@ -55,6 +55,7 @@ pub struct Triangle {
 /// A run of consecutive triangles that came from one file or shape.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mesh {
+    /// For messages and choices of meshes.
     pub name: String,
     /// Triangles `range.start..range.end` of [`Scene::triangles`].
     pub range: std::ops::Range<u32>,
@@ -72,15 +73,21 @@ pub struct Origin {
 /// A scene, checked. Triangles stand in file order, mesh after mesh; every per-face output has that order.
 #[derive(Clone, Debug)]
 pub struct Scene {
+    /// For messages and files.
     pub name: String,
     /// Metres.
     pub vertices: Vec<DVec3>,
+    /// Corners and material of each.
     pub triangles: Vec<Triangle>,
+    /// They cover all triangles, in order.
     pub meshes: Vec<Mesh>,
     /// One for each mesh of a scene that came from files, else none.
     pub origins: Vec<Origin>,
+    /// That triangles refer to by index.
     pub materials: Vec<Material>,
+    /// In the order of the file.
     pub cameras: Vec<Camera>,
+    /// How exact a solve is to be.
     pub accuracy: Accuracy,
     /// What of it is left open.
     pub choice: Choice,

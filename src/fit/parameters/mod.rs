@@ -31,6 +31,7 @@ use std::collections::HashMap;
 pub struct ParameterError {
     /// Index of the [`Fit`] to blame.
     pub fit: usize,
+    /// What is wrong with it.
     pub message: String,
 }
 
@@ -222,6 +223,7 @@ impl Parameters {
         self.start.len()
     }
 
+    /// Whether nothing is unknown.
     pub fn is_empty(&self) -> bool {
         self.start.is_empty()
     }
