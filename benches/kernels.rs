@@ -7,8 +7,8 @@
 //! three runs in turn with this harness, which found 15, 46 and 29, where a quiet machine gives 44.
 
 use antirad::gpu::{Device, DeviceOptions};
-use antirad::plan::{Limits, Plan};
-use antirad::scene::{Accuracy, Material, Precision, Scene, SceneBuilder, Shape};
+use antirad::plan::{Plan, PlanOptions};
+use antirad::scene::{Material, Precision, Scene, SceneBuilder, Shape, SolveSettings};
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers};
 use glam::{DAffine3, DQuat, DVec3};
@@ -69,11 +69,11 @@ fn main() {
             precision: Precision::F32,
         },
         Case {
-            name: "bins to irradiance, packed",
+            name: "bins to irradiance, half bins",
             shape: "fronts and backs to irradiance",
             scene: sheets(32, &[2.0, 1.0, 0.0]),
             pairs: (1, 2),
-            precision: Precision::Packed,
+            precision: Precision::HalfBins,
         },
         Case {
             name: "bins at both ends",
@@ -83,11 +83,11 @@ fn main() {
             precision: Precision::F32,
         },
         Case {
-            name: "bins at both ends, packed",
+            name: "bins at both ends, half bins",
             shape: "fronts and backs to bins",
             scene: sheets(32, &[3.0, 2.0, 1.0, 0.0]),
             pairs: (1, 2),
-            precision: Precision::Packed,
+            precision: Precision::HalfBins,
         },
     ];
     // As with cargo's own harness: only what matches.
@@ -95,8 +95,8 @@ fn main() {
     let matches = |case: &Case| wanted.is_empty() || wanted.iter().any(|name| case.name.contains(name));
     for case in cases.into_iter().filter(matches) {
         // The near field is a kernel of its own.
-        let accuracy = Accuracy::default().subsample(0.0).precision(case.precision);
-        let plan = Plan::new(&case.scene, &Limits::of(&device), &accuracy).expect("a plan");
+        let settings = SolveSettings::default().near_field(0.0).precision(case.precision);
+        let plan = Plan::new(&case.scene, &PlanOptions::of(&device), &settings).expect("a plan");
         let of =
             |material: u32| case.scene.triangles.iter().filter(|t| t.material == material).count() as f64;
         let pairs = of(case.pairs.0) * of(case.pairs.1);

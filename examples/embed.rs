@@ -1,7 +1,7 @@
 // A scene made in memory, solved, and its irradiance read back: cargo run --release --example embed
 
 use antirad::gpu::{Device, DeviceOptions};
-use antirad::plan::{Limits, Plan};
+use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{Material, SceneBuilder, Shape};
 use antirad::{Engine, SolveParams};
 use glam::{DAffine3, DQuat, DVec3};
@@ -28,10 +28,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
 
     let device = Device::new(&DeviceOptions::default())?;
-    let plan = Plan::new(&scene, &Limits::of(&device), &scene.accuracy)?;
+    let plan = Plan::new(&scene, &PlanOptions::of(&device), &scene.settings)?;
     println!("{}: {} triangles, {} bytes", device.info().name, plan.triangles(), plan.memory().total());
     let mut engine = Engine::new(&device, &scene, plan)?;
-    let solution = engine.solve(&SolveParams::from(&scene.accuracy))?;
+    let solution = engine.solve(&SolveParams::from(&scene.settings))?;
     println!(
         "{} passes to a residual of {:.1e}",
         solution.info.passes,

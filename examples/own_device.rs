@@ -111,7 +111,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let scene = Scene::new("sphere", vertices, triangles, vec![wall])?;
 
     let mut engine = Engine::builder(&device, &scene).build()?;
-    let solution = engine.solve(&SolveParams::from(&scene.accuracy))?;
+    let solution = engine.solve(&SolveParams::from(&scene.settings))?;
     let mean = solution.irradiance.iter().map(|rgb| rgb[0]).sum::<f64>() / solution.irradiance.len() as f64;
     println!("{}: mean irradiance {mean:.4} W/m², exact 2", device.info().name);
     Ok(())

@@ -9,7 +9,7 @@ struct FacetGradient {
     real3 a;
     real area;
     real3 b;
-    real extent;
+    real characteristic_area;
     real3 c;
     real unused_c;
     real3 normal;

@@ -10,7 +10,7 @@ struct Facet {
     // Zero for the slots that only fill up a tile: nothing arrives there.
     real3 normal;
     // Area of the equilateral triangle with the same sum of squared edges.
-    real extent;
+    real characteristic_area;
 };
 
 // Squared distances below this are rounding: 1e-6 of the scene.
@@ -33,7 +33,7 @@ real33 orthonormal_basis(real3 n) {
 real3 in_frame(real3 n, real3 v) {
     real s = frame_sign(n);
     real along = dot(n, v);
-    // Of the triangle alone: it leaves the loops over others.
+    // Of the triangle alone: it leaves the loops over partners.
     real inverse = 1.0 / (s + n.z);
     real k = (along + s * v.z) * inverse;
     return real3(v.x - s * n.x * k, s * v.y - n.y * k, along);

@@ -21,13 +21,13 @@ layout(std430, binding = 4) readonly buffer Antiradiance { real antiradiance[]; 
 layout(scalar, binding = 4) readonly buffer AntiradianceRgb { real3 antiradiance_rgb[]; };
 layout(std430, binding = 5) readonly buffer Specular { real specular[]; };
 layout(scalar, binding = 5) readonly buffer SpecularRgb { real3 specular_rgb[]; };
-layout(std430, binding = 6) buffer Arriving { real arriving[]; };
+layout(std430, binding = 6) buffer Incident { real incident[]; };
 layout(scalar, binding = 6) buffer ArrivingRgb { real3 arriving_rgb[]; };
 layout(std430, binding = 7) readonly buffer NearOffsets { uint near_offsets[]; };
 layout(std430, binding = 8) readonly buffer NearOthers { uint near_others[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
 layout(std430, binding = 9) readonly buffer BinTable { real4 bin_table[]; };
-layout(std430, binding = 10) readonly buffer NearOwners { uint near_owners[]; };
+layout(std430, binding = 10) readonly buffer NearOwners { uint near_targets[]; };
 
 #include "near_push.glsl"
 #include "source_bins.glsl"
@@ -65,7 +65,7 @@ void piece(real3 p, real3 q, real3 r, real3 point, real diffuse, real binned) {
 #include "near_walk.glsl"
 
 void main() {
-    bool active_lane = gl_GlobalInvocationID.x < owners;
+    bool active_lane = gl_GlobalInvocationID.x < targets;
     uint j = owned(active_lane);
     Facet receiver = facets[j];
     receiver_normal = receiver.normal;
@@ -76,18 +76,18 @@ void main() {
         uint i = near_others[at];
         Facet source = facets[i];
         source_normal = source.normal;
-        source_extent = source.extent;
+        source_extent = source.characteristic_area;
         source_diffuse = radiance[i].rgb;
-        source_first = (i - other_page) * BINS;
+        source_first = (i - partner_page) * BINS;
         real3 u = corners[3 * i].xyz, v = corners[3 * i + 1].xyz, w = corners[3 * i + 2].xyz;
         real3 between = receiver.centre - source.centre;
-        real range = half_range * (source.extent + receiver.extent);
+        real range = half_range * (source.characteristic_area + receiver.characteristic_area);
         real near = 1.0 - far_weight(dot(between, between), range);
         walk_pieces(source.centre, u, v, w, a, b, c, near, range);
     }
     // A loop that is skipped where nothing was gathered: adding zeros to the bins costs a CPU driver what a pair does.
     for (uint once = close.x < close.y ? 1 : 0; once > 0; once--) {
         irradiance[j].rgb += sum;
-        flush_deposits((j - owner_page) * BINS);
+        flush_deposits((j - target_page) * BINS);
     }
 }

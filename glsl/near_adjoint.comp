@@ -1,7 +1,7 @@
 #version 450 core
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
-// U^T between triangles that are close to one another: the twin of near.comp with sources for owners, which walk their
+// U^T between triangles that are close to one another: the twin of near.comp with sources for targets, which walk their
 // lists of close receivers. Twin: src/reference/adjoint.rs.
 
 #include "geometry.glsl"
@@ -25,7 +25,7 @@ layout(std430, binding = 7) readonly buffer NearOffsets { uint near_offsets[]; }
 layout(std430, binding = 8) readonly buffer NearOthers { uint near_others[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
 layout(std430, binding = 9) readonly buffer BinTable { real4 bin_table[]; };
-layout(std430, binding = 10) readonly buffer NearOwners { uint near_owners[]; };
+layout(std430, binding = 10) readonly buffer NearOwners { uint near_targets[]; };
 
 #include "near_push.glsl"
 #include "adjoint_bins.glsl"
@@ -58,11 +58,11 @@ void piece(real3 p, real3 q, real3 r, real3 point, real diffuse, real binned) {
 #include "near_walk.glsl"
 
 void main() {
-    bool active_lane = gl_GlobalInvocationID.x < owners;
+    bool active_lane = gl_GlobalInvocationID.x < targets;
     uint i = owned(active_lane);
     Facet source = facets[i];
     source_normal = source.normal;
-    source_extent = source.extent;
+    source_extent = source.characteristic_area;
     clear_deposits();
     real3 u = corners[3 * i].xyz, v = corners[3 * i + 1].xyz, w = corners[3 * i + 2].xyz;
     uvec2 close = close_others(i, active_lane);
@@ -71,16 +71,16 @@ void main() {
         Facet receiver = facets[j];
         receiver_normal = receiver.normal;
         receiver_cotangent = cotangent_irradiance[j].rgb;
-        receiver_first = (j - other_page) * BINS;
+        receiver_first = (j - partner_page) * BINS;
         real3 a = corners[3 * j].xyz, b = corners[3 * j + 1].xyz, c = corners[3 * j + 2].xyz;
         real3 between = receiver.centre - source.centre;
-        real range = half_range * (source.extent + receiver.extent);
+        real range = half_range * (source.characteristic_area + receiver.characteristic_area);
         real near = 1.0 - far_weight(dot(between, between), range);
         walk_pieces(source.centre, u, v, w, a, b, c, near, range);
     }
     // A loop that is skipped where nothing was gathered: adding zeros to the bins costs a CPU driver what a pair does.
     for (uint once = close.x < close.y ? 1 : 0; once > 0; once--) {
         radiance[i].rgb += sum;
-        flush_radiance((i - owner_page) * BINS);
+        flush_radiance((i - target_page) * BINS);
     }
 }

@@ -27,7 +27,7 @@ layout(scalar, binding = 6) readonly buffer CotangentRgb { real3 cotangent_rgb[]
 layout(std430, binding = 7) readonly buffer NearOffsets { uint near_offsets[]; };
 layout(std430, binding = 8) readonly buffer NearOthers { uint near_others[]; };
 layout(std430, binding = 9) readonly buffer Corners { real4 corners[]; };
-layout(std430, binding = 10) readonly buffer NearOwners { uint near_owners[]; };
+layout(std430, binding = 10) readonly buffer NearOwners { uint near_targets[]; };
 
 #include "near_push.glsl"
 #include "source_bins.glsl"
@@ -35,8 +35,8 @@ layout(std430, binding = 10) readonly buffer NearOwners { uint near_owners[]; };
 
 uint source_first, receiver_first;
 real source_extent;
-real3 source_normal, receiver_normal, source_diffuse, receiver_worth;
-// Of the owner.
+real3 source_normal, receiver_normal, source_diffuse, receiver_adjoint;
+// Of the target.
 real33 by_corners = real33(0.0);
 real3 by_normal = real3(0.0);
 // Of the pair: with respect to the shares that depend on all of it.
@@ -77,12 +77,12 @@ real piece(real33 source, real33 receiver, real33 from, real3 to, real diffuse, 
             real r = length(offset);
             real3 direction = offset / r;
             Exchanged e = exchanged(
-                source_normal, source_first, source_diffuse, front, receiver_normal, receiver_first, receiver_worth,
+                source_normal, source_first, source_diffuse, front, receiver_normal, receiver_first, receiver_adjoint,
                 direction, diffuse, binned
             );
-            by_binned = projected * dot(e.binned, e.worth);
+            by_binned = projected * dot(e.binned, e.adjoint);
             real3 radiance_here = diffuse * e.diffuse + binned * e.binned;
-            real value = dot(radiance_here, e.worth);
+            real value = dot(radiance_here, e.adjoint);
             by_near += projected * value;
             real3 by_offset = through_normalization(projected * e.by_direction, direction, r);
             if (OWNS_SOURCE) {
@@ -100,31 +100,31 @@ real piece(real33 source, real33 receiver, real33 from, real3 to, real diffuse, 
 }
 
 void main() {
-    bool active_lane = gl_GlobalInvocationID.x < owners;
-    uint owner = owned(active_lane);
-    Facet own = facets[owner];
-    real33 own_corners = real33(corners[3 * owner].xyz, corners[3 * owner + 1].xyz, corners[3 * owner + 2].xyz);
-    real by_extent = 0.0;
+    bool active_lane = gl_GlobalInvocationID.x < targets;
+    uint target = owned(active_lane);
+    Facet own = facets[target];
+    real33 own_corners = real33(corners[3 * target].xyz, corners[3 * target + 1].xyz, corners[3 * target + 2].xyz);
+    real by_characteristic_area = 0.0;
     real3 third = real3(real(1.0) / 3.0);
-    uvec2 close = close_others(owner, active_lane);
+    uvec2 close = close_others(target, active_lane);
     for (uint at = close.x; at < close.y; at++) {
         uint other = near_others[at];
         Facet f = facets[other];
         real33 other_corners = real33(corners[3 * other].xyz, corners[3 * other + 1].xyz, corners[3 * other + 2].xyz);
-        uint i = OWNS_SOURCE ? owner : other;
-        uint j = OWNS_SOURCE ? other : owner;
+        uint i = OWNS_SOURCE ? target : other;
+        uint j = OWNS_SOURCE ? other : target;
         source_normal = OWNS_SOURCE ? own.normal : f.normal;
         receiver_normal = OWNS_SOURCE ? f.normal : own.normal;
         source_diffuse = radiance[i].rgb;
-        source_extent = OWNS_SOURCE ? own.extent : f.extent;
-        receiver_worth = cotangent_irradiance[j].rgb;
-        source_first = (i - (OWNS_SOURCE ? owner_page : other_page)) * BINS;
-        receiver_first = (j - (OWNS_SOURCE ? other_page : owner_page)) * BINS;
+        source_extent = OWNS_SOURCE ? own.characteristic_area : f.characteristic_area;
+        receiver_adjoint = cotangent_irradiance[j].rgb;
+        source_first = (i - (OWNS_SOURCE ? target_page : partner_page)) * BINS;
+        receiver_first = (j - (OWNS_SOURCE ? partner_page : target_page)) * BINS;
         real33 source = OWNS_SOURCE ? own_corners : other_corners;
         real33 receiver = OWNS_SOURCE ? other_corners : own_corners;
         real3 between = own.centre - f.centre;
         real r2_pair = dot(between, between);
-        real range = half_range * (own.extent + f.extent);
+        real range = half_range * (own.characteristic_area + f.characteristic_area);
         real near = 1.0 - far_weight(r2_pair, range);
         real by_range = 0.0;
         by_near = 0.0;
@@ -154,13 +154,13 @@ void main() {
         real2 slopes = near > 0.0 ? -by_near / near * far_weight_slopes(r2_pair, range) : real2(0.0);
         by_range += slopes.y;
         by_corners += outerProduct(2.0 * slopes.x * between, third);
-        by_extent += by_range * half_range;
+        by_characteristic_area += by_range * half_range;
     }
     if (active_lane) {
-        gradients[owner].a += by_corners[0];
-        gradients[owner].b += by_corners[1];
-        gradients[owner].c += by_corners[2];
-        gradients[owner].normal += by_normal;
-        gradients[owner].extent += by_extent;
+        gradients[target].a += by_corners[0];
+        gradients[target].b += by_corners[1];
+        gradients[target].c += by_corners[2];
+        gradients[target].normal += by_normal;
+        gradients[target].characteristic_area += by_characteristic_area;
     }
 }

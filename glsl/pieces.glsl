@@ -7,7 +7,7 @@
 // src/reference/near_field.rs says why.
 const real QUARTER_RANGE = real(1.0) / 24.0;
 
-// Distances from the plane of the source whose square is below this share of its extent are rounding, and have no side:
+// Distances from the plane of the source whose square is below this share of its characteristic area are rounding, and have no side:
 // the two sides of a sheet do not light each other.
 #ifdef F64
 const real COINCIDENT = 1e-24;

@@ -2,14 +2,14 @@
 #define SOURCE_BINS_GLSL
 // Radiance of a source per direction bin. Expects the buffers of bins of the source: `antiradiance` and `specular` as
 // arrays of real, and the same memory as arrays of packed real3, `antiradiance_rgb` and `specular_rgb`, which takes one
-// load where the other takes three. Where PACKED_SOURCES is defined they may be packed instead, as `antiradiance_packed`
-// and `specular_packed`.
+// load where the other takes three. Where HALF_BIN_SOURCES is defined they may be packed instead, as `antiradiance_half_bins`
+// and `specular_half_bins`.
 
-#ifdef PACKED_SOURCES
-#include "packed.glsl"
+#ifdef HALF_BIN_SOURCES
+#include "half_bins.glsl"
 #define GATHER_SOURCE(of, first, t, result)                                                       \
-    if (PACKED) {                                                                                 \
-        GATHER_PACKED(of##_packed, first, t, result)                                              \
+    if (HALF_BINS) {                                                                                 \
+        GATHER_HALF_BINS(of##_half_bins, first, t, result)                                              \
     } else {                                                                                      \
         GATHER(of, of##_rgb, first, t, result)                                                    \
     }

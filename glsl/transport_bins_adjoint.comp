@@ -5,7 +5,7 @@
 // U^T where source, receiver or both have bins, point to point: with w_ij = max(cos_j, 0) |cos_i| g_ij a_i and
 // λ_ij = λ_j + Σ_b T_b(ω_j) λ_j(b), what one unit of irradiance at j from i is worth,
 //     front: μ_i += w_ij λ_ij, μ_i(b) += T_b(ω_i) w_ij λ_ij;   back: -T_b(ω_i) w_ij λ_ij to the antiradiance.
-// The twin of transport_bins.comp with sources for owners. Twin: src/reference/adjoint.rs.
+// The twin of transport_bins.comp with sources for targets. Twin: src/reference/adjoint.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -32,13 +32,13 @@ layout(std430, binding = 7) readonly buffer BinTable { real4 bin_table[]; };
 #include "adjoint_bins.glsl"
 
 void main() {
-    uint tile = owner_tile + gl_WorkGroupID.x;
+    uint tile = target_tile + gl_WorkGroupID.x;
     uint i = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
     Facet source = facets[i];
     real3 sum = real3(0.0);
     clear_deposits();
-    uint end = other_begin;
-    for (uint run = first_run(tile, other_begin); end < other_end; run++) {
+    uint end = partner_begin;
+    for (uint run = first_run(tile, partner_begin); end < partner_end; run++) {
         uint begin = end;
         end = run_end(run);
         uint flags = run_flags(run);
@@ -55,19 +55,19 @@ void main() {
                 real3 x = subgroupBroadcast(f.centre, lane);
                 real3 n = subgroupBroadcast(f.normal, lane);
                 real3 l = subgroupBroadcast(light, lane);
-                real extent = subgroupBroadcast(f.extent, lane);
+                real characteristic_area = subgroupBroadcast(f.characteristic_area, lane);
                 real3 d = x - source.centre;
                 real r2 = max(dot(d, d), R2_MIN);
                 real from = dot(d, source.normal);
                 real to = max(-dot(d, n), 0.0);
-                real share = near ? far_weight(r2, half_range * (extent + source.extent)) : real(1.0);
+                real share = near ? far_weight(r2, half_range * (characteristic_area + source.characteristic_area)) : real(1.0);
                 real side = from > 0.0 ? real(fronts) : real(backs);
                 real weight = side * share * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
                 // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.
                 for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
                     real3 direction = d * inversesqrt(r2);
                     bool front = from > 0.0;
-                    real3 value = weight * (l + binned_cotangent(n, (j - other_page) * BINS, -direction));
+                    real3 value = weight * (l + binned_cotangent(n, (j - partner_page) * BINS, -direction));
                     deposit_radiance(source.normal, direction, front, value);
                     sum += front ? value : real3(0.0);
                 }
@@ -75,5 +75,5 @@ void main() {
         }
     }
     radiance[i].rgb += sum;
-    flush_radiance((i - owner_page) * BINS);
+    flush_radiance((i - target_page) * BINS);
 }

@@ -33,15 +33,15 @@ layout(std430, binding = 7) readonly buffer FarRuns { uint far_runs[]; };
 #include "directional_gradient.glsl"
 
 void main() {
-    uint tile = owner_tile + gl_WorkGroupID.x;
-    uint owner = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
-    Facet own = facets[owner];
-    real3 own_light = OWNS_SOURCE ? radiance[owner].rgb : cotangent_irradiance[owner].rgb;
-    uint own_first = (owner - owner_page) * BINS;
+    uint tile = target_tile + gl_WorkGroupID.x;
+    uint target = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
+    Facet own = facets[target];
+    real3 own_light = OWNS_SOURCE ? radiance[target].rgb : cotangent_irradiance[target].rgb;
+    uint own_first = (target - target_page) * BINS;
     real3 by_centre = real3(0.0), by_normal = real3(0.0);
-    real by_area = 0.0, by_extent = 0.0;
-    uint end = other_begin;
-    for (uint run = first_run(tile, other_begin); end < other_end; run++) {
+    real by_area = 0.0, by_characteristic_area = 0.0;
+    uint end = partner_begin;
+    for (uint run = first_run(tile, partner_begin); end < partner_end; run++) {
         uint begin = end;
         end = run_end(run);
         uint flags = run_flags(run);
@@ -59,14 +59,14 @@ void main() {
                 real3 n = subgroupBroadcast(f.normal, lane);
                 real3 l = subgroupBroadcast(light, lane);
                 real area = OWNS_SOURCE ? own.area : subgroupBroadcast(f.area, lane);
-                real extent = subgroupBroadcast(f.extent, lane) + own.extent;
+                real characteristic_area = subgroupBroadcast(f.characteristic_area, lane) + own.characteristic_area;
                 real3 d = OWNS_SOURCE ? x - own.centre : own.centre - x;
                 real3 source_normal = OWNS_SOURCE ? own.normal : n;
                 real3 receiver_normal = OWNS_SOURCE ? n : own.normal;
                 real r2 = max(dot(d, d), R2_MIN);
                 real from = dot(d, source_normal);
                 real to = max(-dot(d, receiver_normal), 0.0);
-                real range = half_range * extent;
+                real range = half_range * characteristic_area;
                 real share = near ? far_weight(r2, range) : real(1.0);
                 bool front = from > 0.0;
                 real side = front ? real(fronts) : -real(backs);
@@ -77,13 +77,13 @@ void main() {
                     real weight = share * side * from * to * kernel;
                     real r = sqrt(r2);
                     real3 direction = d / r;
-                    uint other_first = (other - other_page) * BINS;
+                    uint other_first = (other - partner_page) * BINS;
                     Exchanged e = exchanged(
                         source_normal, OWNS_SOURCE ? own_first : other_first, OWNS_SOURCE ? own_light : l, front,
                         receiver_normal, OWNS_SOURCE ? other_first : own_first, OWNS_SOURCE ? l : own_light,
                         direction, 1.0, 1.0
                     );
-                    real value = dot(e.diffuse + e.binned, e.worth);
+                    real value = dot(e.diffuse + e.binned, e.adjoint);
                     real2 slopes = near ? far_weight_slopes(r2, range) : real2(0.0);
                     real plain = value * side * from * to * kernel;
                     real by_from = value * share * side * to * kernel;
@@ -95,16 +95,16 @@ void main() {
                     by_normal += OWNS_SOURCE ? by_from * d + weight * e.by_source_normal
                                              : -by_to * d + weight * e.by_receiver_normal;
                     by_area += OWNS_SOURCE ? share * value * side * from * to / (wide * wide) : real(0.0);
-                    by_extent += slopes.y * plain * half_range;
+                    by_characteristic_area += slopes.y * plain * half_range;
                 }
             }
         }
     }
     by_centre *= real(1.0) / 3.0;
-    gradients[owner].a += by_centre;
-    gradients[owner].b += by_centre;
-    gradients[owner].c += by_centre;
-    gradients[owner].normal += by_normal;
-    gradients[owner].area += by_area;
-    gradients[owner].extent += by_extent;
+    gradients[target].a += by_centre;
+    gradients[target].b += by_centre;
+    gradients[target].c += by_centre;
+    gradients[target].normal += by_normal;
+    gradients[target].area += by_area;
+    gradients[target].characteristic_area += by_characteristic_area;
 }

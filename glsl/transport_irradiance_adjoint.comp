@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 // U^T from triangles without bins to diffuse fronts, point to point:
 //     μ_i += a_i Σ_j max(cos_i, 0) max(cos_j, 0) g_ij λ_j,   g = 1 / (r² + a_i/π).
-// The twin of transport_irradiance.comp with sources for owners. Twin: src/reference/adjoint.rs.
+// The twin of transport_irradiance.comp with sources for targets. Twin: src/reference/adjoint.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -23,19 +23,19 @@ layout(std430, binding = 3) buffer Radiance { real4 radiance[]; };
 #include "far_push.glsl"
 
 void main() {
-    uint tile = owner_tile + gl_WorkGroupID.x;
+    uint tile = target_tile + gl_WorkGroupID.x;
     real3 centre[PER_LANE], normal[PER_LANE], sum[PER_LANE];
-    real extent[PER_LANE], area[PER_LANE];
+    real characteristic_area[PER_LANE], area[PER_LANE];
     for (uint k = 0; k < PER_LANE; k++) {
         Facet f = facets[tile * TILE + k * LANES + gl_LocalInvocationID.x];
         centre[k] = f.centre;
         normal[k] = f.normal;
-        extent[k] = f.extent;
+        characteristic_area[k] = f.characteristic_area;
         area[k] = f.area;
         sum[k] = real3(0.0);
     }
-    uint end = other_begin;
-    for (uint run = first_run(tile, other_begin); end < other_end; run++) {
+    uint end = partner_begin;
+    for (uint run = first_run(tile, partner_begin); end < partner_end; run++) {
         uint begin = end;
         end = run_end(run);
         uint flags = run_flags(run);
@@ -49,12 +49,12 @@ void main() {
                 real3 x = subgroupBroadcast(f.centre, lane);
                 real3 n = subgroupBroadcast(f.normal, lane);
                 real3 l = subgroupBroadcast(light, lane);
-                real e = subgroupBroadcast(f.extent, lane);
+                real e = subgroupBroadcast(f.characteristic_area, lane);
                 for (uint k = 0; k < PER_LANE; k++) {
                     real3 d = x - centre[k];
                     real r2 = max(dot(d, d), R2_MIN);
                     real cosines = max(dot(d, normal[k]), 0.0) * max(-dot(d, n), 0.0);
-                    real share = near ? far_weight(r2, half_range * (e + extent[k])) : real(1.0);
+                    real share = near ? far_weight(r2, half_range * (e + characteristic_area[k])) : real(1.0);
                     sum[k] += l * (share * cosines / (r2 * (r2 + area[k] * INV_PI)));
                 }
             }

@@ -2,14 +2,14 @@
 
 use crate::gpu::{Device, GpuError};
 use crate::options::setters;
-use crate::plan::{Limits, PADDING, Plan, PlanError, PlannedSolver, Residency};
+use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, Residency};
 use crate::revision::{Difference, Revision};
-use crate::scene::{Accuracy, BinLayout, Material, Precision, Scene, SceneError, Weights};
+use crate::scene::{BinLayout, Material, Precision, Scene, SceneError, SolveSettings, Weights};
 use crate::solve::{
-    FixedPointParams, GmresParams, LightOperator, Progress, SolveError, SolveInfo, fixed_point_from,
+    FixedPointParams, GmresParams, LightOperator, SolveError, SolveInfo, SolveProgress, fixed_point_from,
     gmres_from,
 };
-use crate::transport::{Adjoint, Operators, SceneBuffers, State, TransportError, Watcher};
+use crate::transport::{AdjointKernels, Operators, PassCallback, SceneBuffers, State, TransportError};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::fmt;
@@ -47,7 +47,7 @@ pub enum EngineError {
     },
     /// Derivatives that the plan did not foresee.
     #[error(
-        "gradients{}{} were not planned: name them in Limits::gradients before the plan is made",
+        "gradients{}{} were not planned: name them in PlanOptions::gradients before the plan is made",
         if kinds.is_empty() { "" } else { " of " },
         kinds.join(", ")
     )]
@@ -173,13 +173,13 @@ impl SolveParams {
 impl Default for SolveParams {
     /// Those of the default accuracy.
     fn default() -> Self {
-        Self::from(&Accuracy::default())
+        Self::from(&SolveSettings::default())
     }
 }
 
-impl From<&Accuracy> for SolveParams {
-    fn from(accuracy: &Accuracy) -> Self {
-        Self { tolerance: accuracy.tolerance, max_passes: accuracy.max_passes }
+impl From<&SolveSettings> for SolveParams {
+    fn from(settings: &SolveSettings) -> Self {
+        Self { tolerance: settings.tolerance, max_passes: settings.max_passes }
     }
 }
 
@@ -220,9 +220,9 @@ struct Arrangement {
 impl Arrangement {
     fn of(plan: &Plan) -> Self {
         Self {
-            bins: (plan.accuracy.bins, plan.accuracy.weights),
+            bins: (plan.settings.bins, plan.settings.weights),
             channels: plan.channels,
-            precision: plan.accuracy.precision,
+            precision: plan.settings.precision,
             residency: plan.residency,
             groups: plan.layout.groups.iter().map(|g| (g.tiles.clone(), g.class.has_bins())).collect(),
             order: plan.layout.order.clone(),
@@ -293,7 +293,7 @@ pub struct Engine {
     device: Device,
     pub(crate) operators: Operators,
     /// Where the plan wants gradients.
-    pub(crate) adjoint: Option<Adjoint>,
+    pub(crate) adjoint: Option<AdjointKernels>,
     /// Per triangle of the scene.
     pub(crate) materials: Vec<Material>,
     /// What 1 stands for in states and in what leaves: W/m², W/(m² sr).
@@ -304,7 +304,7 @@ pub struct Engine {
     revision: Revision,
 }
 
-impl Limits {
+impl PlanOptions {
     /// What a device allows, less what is in use there: other engines, solutions that are held, pictures.
     pub fn of(device: &Device) -> Self {
         let (info, memory) = (device.info(), device.memory());
@@ -327,7 +327,7 @@ impl Engine {
         let own = device.scope(plan.staging);
         let unit = light_unit(scene);
         let buffers = SceneBuffers::in_units(&own, scene, &plan, unit)?;
-        let adjoint = Adjoint::new(&own, &plan)?;
+        let adjoint = AdjointKernels::new(&own, &plan)?;
         let operators = Operators::new(&own, plan, buffers)?;
         let allocated = own.scope_memory();
         for item in operators.plan().memory().own() {
@@ -384,9 +384,9 @@ impl Engine {
     /// first, but for what solutions hold; compiled kernels stay with the device.
     pub fn rebuilt(self, scene: &Scene) -> Result<Self, EngineError> {
         let Self { device, operators, adjoint, .. } = self;
-        let (limits, accuracy) = (operators.plan().limits, operators.plan().accuracy);
+        let (options, settings) = (operators.plan().options, operators.plan().settings);
         drop((operators, adjoint));
-        Self::new(&device, scene, Plan::new(scene, &limits, &accuracy)?)
+        Self::new(&device, scene, Plan::new(scene, &options, &settings)?)
     }
 
     /// The device it works on.
@@ -408,7 +408,7 @@ impl Engine {
     pub fn solve_with(
         &mut self,
         params: &SolveParams,
-        progress: &mut Progress,
+        progress: &mut SolveProgress,
     ) -> Result<Solution, EngineError> {
         self.solve_from(None, params, progress)
     }
@@ -420,7 +420,7 @@ impl Engine {
         &mut self,
         start: Option<&Solution>,
         params: &SolveParams,
-        progress: &mut Progress,
+        progress: &mut SolveProgress,
     ) -> Result<Solution, EngineError> {
         params.check()?;
         let SolveParams { tolerance, max_passes } = *params;
@@ -477,17 +477,21 @@ impl Engine {
 
     /// Radiance that each triangle of the scene sends to a point (metres), RGB, W/(m² sr): what the operator S reads.
     /// Zero for triangles whose back it sees.
-    pub fn face_colours(&mut self, solution: &Solution, eye: DVec3) -> Result<Vec<[f64; 3]>, EngineError> {
+    pub fn face_colours(
+        &mut self,
+        solution: &Solution,
+        camera_position: DVec3,
+    ) -> Result<Vec<[f64; 3]>, EngineError> {
         self.check_own(solution)?;
-        check_position(eye)?;
-        let colours = self.operators.observe(&solution.state, eye)?;
+        check_position(camera_position)?;
+        let colours = self.operators.observe(&solution.state, camera_position)?;
         Ok(self.scaled(self.unit, &colours))
     }
 
     /// Who looks on within a pass: called after every dispatch with the pairs done and those of the whole pass. May
     /// stop the solve, which then ends with [`TransportError::Interrupted`].
-    pub fn set_watcher(&mut self, watcher: Option<Watcher>) {
-        self.operators.set_watcher(watcher);
+    pub fn set_pass_callback(&mut self, callback: Option<PassCallback>) {
+        self.operators.set_pass_callback(callback);
     }
 
     /// The same, times a number.
@@ -514,7 +518,7 @@ impl Engine {
             .map(|(h, m)| exitance(m) + DVec3::from(m.diffuse_albedo()) * DVec3::from(*h))
             .collect();
         if self.plan().classes.iter().any(|class| class.glossy) {
-            let specular = self.operators.leaving(state)?.specular;
+            let specular = self.operators.outgoing(state)?.specular;
             let plan = self.operators.plan();
             let channels = plan.channels as usize;
             for (group, page) in plan.layout.groups.iter().zip(&specular) {

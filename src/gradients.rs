@@ -3,9 +3,9 @@
 use crate::engine::{Engine, EngineError, Solution, SolveParams, check_position, power_of_two};
 use crate::model::FacetGradient;
 use crate::options::setters;
-use crate::plan::{PADDING, PlannedSolver, Wanted};
+use crate::plan::{GradientRequest, PADDING, PlannedSolver};
 use crate::scene::Scene;
-use crate::solve::{FixedPointParams, GmresParams, Progress, SolveInfo, fixed_point, gmres};
+use crate::solve::{FixedPointParams, GmresParams, SolveInfo, SolveProgress, fixed_point, gmres};
 use crate::transport::{AdjointOperator, LobeSums};
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -20,7 +20,7 @@ pub struct Cotangent {
     pub irradiance: Option<Vec<DVec3>>,
     /// Of [`Solution::radiosity`], per W/m².
     pub radiosity: Option<Vec<DVec3>>,
-    /// Of [`Engine::face_colours`] for eyes (metres), per W/(m² sr).
+    /// Of [`Engine::face_colours`] for cameras (metres), per W/(m² sr).
     pub colours: Vec<(DVec3, Vec<DVec3>)>,
 }
 
@@ -47,8 +47,8 @@ pub struct Gradients {
     pub corners: Option<Vec<[DVec3; 3]>>,
     /// With respect to each vertex of the scene, per metre.
     pub vertices: Option<Vec<DVec3>>,
-    /// With respect to each eye of [`Cotangent::colours`], per metre.
-    pub eyes: Option<Vec<DVec3>>,
+    /// With respect to each camera of [`Cotangent::colours`], per metre.
+    pub camera_positions: Option<Vec<DVec3>>,
     /// How the adjoint solve went.
     pub info: SolveInfo,
 }
@@ -68,7 +68,11 @@ impl Cotangent {
         Self {
             irradiance: self.irradiance.as_ref().map(values),
             radiosity: self.radiosity.as_ref().map(values),
-            colours: self.colours.iter().map(|(eye, colours)| (*eye, values(colours))).collect(),
+            colours: self
+                .colours
+                .iter()
+                .map(|(camera_position, colours)| (*camera_position, values(colours)))
+                .collect(),
         }
     }
 }
@@ -76,7 +80,7 @@ impl Cotangent {
 impl Engine {
     /// The derivatives of a loss at a solution, exactly those of the discretised model. `params` are those of the adjoint
     /// solve; its residual is relative to its 2-norm. The kinds wanted must be among those that the plan foresaw
-    /// ([`crate::plan::Limits::gradients`]).
+    /// ([`crate::plan::PlanOptions::gradients`]).
     ///
     /// With λ = λ₀ + (K - J)ᵀ μ, the cotangent of what arrives, and μ = μ₀ + Uᵀ λ, that of what leaves,
     /// dL = ⟨μ, d(E + K H)⟩ + ⟨λ, dU C⟩ + ⟨colours, dS C⟩.
@@ -84,10 +88,10 @@ impl Engine {
         &mut self,
         solution: &Solution,
         cotangent: &Cotangent,
-        wanted: Wanted,
+        request: GradientRequest,
         params: &SolveParams,
     ) -> Result<Gradients, EngineError> {
-        self.backward_with(solution, cotangent, wanted, params, &mut |_, _| ControlFlow::Continue(()))
+        self.backward_with(solution, cotangent, request, params, &mut |_, _| ControlFlow::Continue(()))
     }
 
     /// The same, calling `progress` with the number of passes and the relative residual after each pass.
@@ -95,19 +99,22 @@ impl Engine {
         &mut self,
         solution: &Solution,
         cotangent: &Cotangent,
-        wanted: Wanted,
+        request: GradientRequest,
         params: &SolveParams,
-        progress: &mut Progress,
+        progress: &mut SolveProgress,
     ) -> Result<Gradients, EngineError> {
         self.check_own(solution)?;
-        self.check(cotangent, wanted)?;
+        self.check(cotangent, request)?;
         params.check()?;
         // The adjoint is linear: however steep the loss, the device works with numbers near 1.
         let steepness = cotangent.steepness();
         let cotangent = &cotangent.divided(steepness);
         let (irradiance, radiance, specular) = self.own_cotangents(cotangent);
-        let views: Vec<(DVec3, Vec<[f64; 4]>)> =
-            cotangent.colours.iter().map(|(eye, colours)| (*eye, self.to_slots(colours))).collect();
+        let views: Vec<(DVec3, Vec<[f64; 4]>)> = cotangent
+            .colours
+            .iter()
+            .map(|(camera_position, colours)| (*camera_position, self.to_slots(colours)))
+            .collect();
         let solver = self.plan().solver;
         let SolveParams { tolerance, max_passes } = *params;
         let Some(adjoint) = &mut self.adjoint else {
@@ -115,8 +122,8 @@ impl Engine {
         };
         let mut operator = AdjointOperator::new(&mut self.operators, adjoint);
         operator.set(&irradiance, &radiance, &specular)?;
-        for (eye, colours) in &views {
-            operator.add_view(*eye, colours)?;
+        for (camera_position, colours) in &views {
+            operator.add_view(*camera_position, colours)?;
         }
         let solved = match solver {
             PlannedSolver::FixedPoint => {
@@ -126,15 +133,15 @@ impl Engine {
                 gmres(&mut operator, &GmresParams { tolerance, max_passes, restart }, progress)
             }
         };
-        let (worth, info) = match solved {
+        let (importance, info) = match solved {
             Ok(solved) => solved,
             // Half an adjoint gives no gradient worth having.
             Err(error) => return Err(error.map_best(|_, _| Ok::<_, EngineError>(None))?.into()),
         };
-        let leaving = operator.worth_of_leaving(&worth)?;
-        let lobes = if wanted.lobes() { operator.lobe_sums(&solution.state)? } else { None };
-        let (facets, eyes) = match wanted.geometry() {
-            true => operator.geometry(&solution.state, &worth, &views, wanted.positions)?,
+        let outgoing = operator.outgoing_cotangent(&importance)?;
+        let lobes = if request.lobes() { operator.lobe_sums(&solution.state)? } else { None };
+        let (facets, camera_positions) = match request.geometry() {
+            true => operator.geometry(&solution.state, &importance, &views, request.positions)?,
             false => (Vec::new(), Vec::new()),
         };
 
@@ -142,34 +149,36 @@ impl Engine {
         let of_light = steepness * self.unit;
         let per_metre = of_light * self.plan().placement.scale;
         let of_radiance: Vec<DVec3> =
-            self.scaled(steepness, &leaving.radiance).into_iter().map(DVec3::from).collect();
+            self.scaled(steepness, &outgoing.radiance).into_iter().map(DVec3::from).collect();
         // ∂(δρ/π E): the same for δ, given ρ, and for ρ, given δ.
         let of_albedo: Vec<DVec3> =
             of_radiance.iter().zip(&solution.irradiance).map(|(&m, &h)| m * DVec3::from(h) / PI).collect();
         let materials = || of_albedo.iter().zip(&self.materials);
         let lobes = lobes.map(|sums| self.lobe_gradients(&sums, of_light));
-        let corners = wanted.positions.then(|| self.corner_gradients(&facets, per_metre));
+        let corners = request.positions.then(|| self.corner_gradients(&facets, per_metre));
         Ok(Gradients {
-            diffuse: wanted.diffuse.then(|| materials().map(|(&g, m)| g.dot(m.albedo.into())).collect()),
-            albedo: wanted.albedo.then(|| materials().map(|(&g, m)| m.diffuse * g).collect()),
-            specular: wanted.specular.then(|| match &lobes {
+            diffuse: request.diffuse.then(|| materials().map(|(&g, m)| g.dot(m.albedo.into())).collect()),
+            albedo: request.albedo.then(|| materials().map(|(&g, m)| m.diffuse * g).collect()),
+            specular: request.specular.then(|| match &lobes {
                 Some(lobes) => lobes.iter().map(|(sigma, _)| *sigma).collect(),
                 None => vec![DVec3::ZERO; of_radiance.len()],
             }),
-            power: wanted.power.then(|| match &lobes {
+            power: request.power.then(|| match &lobes {
                 Some(lobes) => lobes.iter().map(|(_, power)| *power).collect(),
                 None => vec![0.0; of_radiance.len()],
             }),
-            emission: wanted.emission.then_some(of_radiance),
+            emission: request.emission.then_some(of_radiance),
             vertices: corners.as_ref().map(|corners| self.vertex_gradients(corners)),
             corners,
-            eyes: wanted.camera.then(|| eyes.into_iter().map(|eye| eye * per_metre).collect()),
+            camera_positions: request.camera.then(|| {
+                camera_positions.into_iter().map(|camera_position| camera_position * per_metre).collect()
+            }),
             info,
         })
     }
 
-    fn check(&self, cotangent: &Cotangent, wanted: Wanted) -> Result<(), EngineError> {
-        let kinds = wanted.beyond(self.plan().limits.gradients);
+    fn check(&self, cotangent: &Cotangent, request: GradientRequest) -> Result<(), EngineError> {
+        let kinds = request.beyond(self.plan().options.gradients);
         if !kinds.is_empty() || self.adjoint.is_none() {
             return Err(EngineError::NotPlanned { kinds });
         }
@@ -189,8 +198,8 @@ impl Engine {
         if let Some(values) = &cotangent.radiosity {
             check("radiosity", values)?;
         }
-        cotangent.colours.iter().try_for_each(|(eye, values)| {
-            check_position(*eye)?;
+        cotangent.colours.iter().try_for_each(|(camera_position, values)| {
+            check_position(*camera_position)?;
             check("face colours", values)
         })
     }

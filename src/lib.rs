@@ -18,7 +18,7 @@
 //! let device = Device::new(&DeviceOptions::default())?;
 //! let scene = Scene::load(Path::new("scenes/cornell_boxes.toml"), &LoadOptions::default())?;
 //! let mut engine = Engine::builder(&device, &scene).build()?;
-//! let solution = engine.solve(&SolveParams::from(&scene.accuracy))?;
+//! let solution = engine.solve(&SolveParams::from(&scene.settings))?;
 //! println!("{:?} W/m² arrive at triangle 0", solution.irradiance[0]);
 //!
 //! let camera = &scene.cameras[0];
@@ -49,7 +49,6 @@ pub mod gpu;
 mod gradients;
 pub mod image;
 mod input;
-pub mod ladder;
 pub mod model;
 mod options;
 pub mod output;
@@ -59,6 +58,7 @@ mod revision;
 pub mod scene;
 pub mod shaders;
 pub mod solve;
+pub mod target_error;
 pub mod transport;
 pub mod warnings;
 mod watch;
@@ -76,7 +76,7 @@ const _: () = {
     const fn shared<T: Send + Sync>() {}
     shared::<scene::Scene>();
     shared::<scene::SceneError>();
-    shared::<plan::Limits>();
+    shared::<plan::PlanOptions>();
     shared::<plan::Plan>();
     shared::<gpu::Device>();
     shared::<gpu::Buffer>();

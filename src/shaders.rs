@@ -34,7 +34,7 @@ impl RealShader {
     /// The one whose numbers are those of a precision.
     pub fn of(&self, precision: Precision) -> &Shader {
         match precision {
-            Precision::F32 | Precision::Packed => &self.f32,
+            Precision::F32 | Precision::HalfBins => &self.f32,
             Precision::F64 => &self.f64,
         }
     }

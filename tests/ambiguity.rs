@@ -45,7 +45,7 @@ fov_x_degrees = 100
 width = 48
 height = 48
 
-[accuracy]
+[settings]
 tolerance = 1e-6
 "#;
 
@@ -84,7 +84,7 @@ impl Case {
         let part = |sign: f64| {
             let part: Vec<[f64; 3]> = emission.iter().map(|e| e.map(|e| (sign * e).max(0.0))).collect();
             let scene = self.scene.with_emission(&part);
-            let (mut engine, solution) = solve(&self.device, &scene, &scene.accuracy);
+            let (mut engine, solution) = solve(&self.device, &scene, &scene.settings);
             engine.face_colours(&solution, scene.cameras[0].position).expect("colours")
         };
         let colours = part(1.0).into_iter().zip(part(-1.0)).map(|(a, b)| [0, 1, 2].map(|c| a[c] - b[c]));

@@ -3,9 +3,9 @@
 mod support;
 
 use antirad::gpu::{Buffer, BufferKind, Device, DeviceOptions};
-use antirad::plan::{Limits, Plan, PlanError, Residency, Wanted};
+use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, Residency};
 use antirad::reference::{Model, emission, transport};
-use antirad::scene::{Accuracy, Material, Precision, Scene, Shape, SolverChoice, Triangle};
+use antirad::scene::{Material, Precision, Scene, Shape, SolveSettings, SolverChoice, Triangle};
 use antirad::solve::{FixedPointParams, SolveError, fixed_point};
 use antirad::{Cotangent, Engine, EngineError, SolveParams};
 use glam::DVec3;
@@ -43,25 +43,25 @@ fn room(cells: u32, albedo: f64) -> Scene {
     scene
 }
 
-fn tight(scene: &Scene) -> Accuracy {
-    scene.accuracy.tolerance(1e-6)
+fn tight(scene: &Scene) -> SolveSettings {
+    scene.settings.tolerance(1e-6)
 }
 
 #[test]
 fn culling_tiles_and_pages_change_nothing() {
     let device = device();
     let scene = load("scenes/cornell_boxes.toml");
-    let accuracy = tight(&scene);
-    let usual = Limits::of(&device);
-    let (engine, truth) = solve_within(&device, &scene, &accuracy, &usual);
+    let settings = tight(&scene);
+    let usual = PlanOptions::of(&device);
+    let (engine, truth) = solve_within(&device, &scene, &settings, &usual);
     assert!(engine.plan().pairs().culled > 0);
     let areas = areas(&scene);
-    for (name, limits) in [
+    for (name, plan_options) in [
         ("no culling", usual.cull(false)),
         ("tiles of 32", usual.tile(32)),
         ("pages of 1 MiB", usual.page(1 << 20)),
     ] {
-        let (engine, other) = solve_within(&device, &scene, &accuracy, &limits);
+        let (engine, other) = solve_within(&device, &scene, &settings, &plan_options);
         let error = relative_l2(&other.irradiance, &truth.irradiance, &areas);
         println!("{name}: {error:.2e}, {} groups", engine.plan().layout().groups.len());
         assert!(error <= 1e-5, "{name}: {error:e}");
@@ -74,7 +74,7 @@ fn the_same_run_twice_gives_the_same_bytes() {
     let scene = load("scenes/cornell_boxes.toml");
     let run = || {
         let device = device();
-        let (mut engine, solution) = solve(&device, &scene, &scene.accuracy);
+        let (mut engine, solution) = solve(&device, &scene, &scene.settings);
         let colours = engine.face_colours(&solution, scene.cameras[0].position).expect("colours");
         finish(&device);
         (solution.irradiance.clone(), solution.radiosity.clone(), colours)
@@ -90,16 +90,17 @@ fn the_same_run_twice_gives_the_same_bytes() {
 fn the_builder_makes_the_same_engine() {
     let device = device();
     let scene = room(3, 0.5);
-    let accuracy = scene.accuracy.tolerance(1e-3);
-    let (long, expected) = solve(&device, &scene, &accuracy);
-    let mut short = Engine::builder(&device, &scene).accuracy(accuracy).build().expect("an engine");
-    assert_eq!((short.plan().limits(), short.plan().accuracy()), (long.plan().limits(), &accuracy));
-    let solution = short.solve(&SolveParams::from(&accuracy)).expect("a solution");
+    let settings = scene.settings.tolerance(1e-3);
+    let (long, expected) = solve(&device, &scene, &settings);
+    let mut short = Engine::builder(&device, &scene).settings(settings).build().expect("an engine");
+    assert_eq!((short.plan().options(), short.plan().settings()), (long.plan().options(), &settings));
+    let solution = short.solve(&SolveParams::from(&settings)).expect("a solution");
     assert_eq!(solution.irradiance, expected.irradiance);
-    let small = Limits::of(&device).tile(32);
-    let wanted = antirad::plan::Wanted::NOTHING.albedo(true);
-    let other = Engine::builder(&device, &scene).limits(small).gradients(wanted).build().expect("an engine");
-    assert_eq!(other.plan().limits(), &small.gradients(wanted));
+    let small = PlanOptions::of(&device).tile(32);
+    let wanted = antirad::plan::GradientRequest::NOTHING.albedo(true);
+    let other =
+        Engine::builder(&device, &scene).options(small).gradients(wanted).build().expect("an engine");
+    assert_eq!(other.plan().options(), &small.gradients(wanted));
     finish(&device);
 }
 
@@ -107,8 +108,8 @@ fn the_builder_makes_the_same_engine() {
 fn solving_again_on_the_same_engine_gives_the_same() {
     let device = device();
     let scene = room(4, 0.5);
-    let (mut engine, first) = solve(&device, &scene, &scene.accuracy);
-    let second = engine.solve(&SolveParams::from(&scene.accuracy)).expect("a solution");
+    let (mut engine, first) = solve(&device, &scene, &scene.settings);
+    let second = engine.solve(&SolveParams::from(&scene.settings)).expect("a solution");
     assert_eq!(first.irradiance, second.irradiance);
     finish(&device);
 }
@@ -126,8 +127,8 @@ fn solvers_agree_with_each_other_and_with_the_reference() {
     assert!(expected > 0.1 && expected < 1.0, "{info:?}");
     let truth: Vec<[f64; 3]> = truth.irradiance.iter().map(|h| h.to_array()).collect();
     for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
-        let accuracy = scene.accuracy.solver(solver).tolerance(1e-6);
-        let (_engine, solution) = solve(&device, &scene, &accuracy);
+        let settings = scene.settings.solver(solver).tolerance(1e-6);
+        let (_engine, solution) = solve(&device, &scene, &settings);
         let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
         let radius = solution.info.spectral_radius.expect("an estimate");
         println!("{solver:?}: {} passes, {error:.2e}, radius {radius:.3}", solution.info.passes);
@@ -181,7 +182,7 @@ fn no_light_is_black() {
     let mut scene = room(3, 0.5);
     scene.materials[2].emission = [0.0; 3];
     for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
-        let (_engine, solution) = solve(&device, &scene, &scene.accuracy.solver(solver));
+        let (_engine, solution) = solve(&device, &scene, &scene.settings.solver(solver));
         assert!(solution.irradiance.iter().flatten().all(|&h| h == 0.0));
     }
     finish(&device);
@@ -195,21 +196,21 @@ fn light_of_any_brightness() {
     let mut scene = room(3, 0.6);
     scene.materials[0].specular = [0.05; 3];
     scene.materials[0].power = 10.0;
-    let wanted = Wanted::NOTHING.emission(true).albedo(true).specular(true).positions(true);
-    let limits = Limits::of(&device).gradients(wanted);
+    let wanted = GradientRequest::NOTHING.emission(true).albedo(true).specular(true).positions(true);
+    let plan_options = PlanOptions::of(&device).gradients(wanted);
     let base = scene.materials[2].emission;
     let mut run = |brightness: f64, steepness: f64| {
         scene.materials[2].emission = base.map(|e| brightness * e);
-        let (mut engine, solution) = solve_within(&device, &scene, &scene.accuracy, &limits);
-        let eye = DVec3::new(0.5, 0.5, 0.2);
+        let (mut engine, solution) = solve_within(&device, &scene, &scene.settings, &plan_options);
+        let camera_position = DVec3::new(0.5, 0.5, 0.2);
         let ones = || vec![DVec3::splat(steepness); scene.triangles.len()];
         let cotangent = Cotangent::default()
             .irradiance(Some(ones()))
             .radiosity(Some(ones()))
-            .colours(vec![(eye, ones())]);
-        let params = SolveParams::from(&scene.accuracy);
+            .colours(vec![(camera_position, ones())]);
+        let params = SolveParams::from(&scene.settings);
         let gradients = engine.backward(&solution, &cotangent, wanted, &params).expect("gradients");
-        let colours = engine.face_colours(&solution, eye).expect("colours");
+        let colours = engine.face_colours(&solution, camera_position).expect("colours");
         (solution.irradiance, solution.radiosity, colours, gradients)
     };
     let vectors = |values: &Option<Vec<DVec3>>| -> Vec<[f64; 3]> {
@@ -242,10 +243,10 @@ fn light_of_any_brightness() {
 fn a_start_from_another_brightness_is_brought_along() {
     let device = device();
     let mut scene = room(3, 0.6);
-    let (mut engine, first) = solve(&device, &scene, &scene.accuracy);
+    let (mut engine, first) = solve(&device, &scene, &scene.settings);
     scene.materials[2].emission = scene.materials[2].emission.map(|e| 9.0 * e);
     engine.set_materials(&scene).expect("materials that fit the plan");
-    let params = SolveParams::from(&scene.accuracy);
+    let params = SolveParams::from(&scene.settings);
     let solution =
         engine.solve_from(Some(&first), &params, &mut |_, _| ControlFlow::Continue(())).expect("a solution");
     // Eight ninths of the light are missing at the start.
@@ -263,7 +264,7 @@ fn one_triangle() {
     let triangle = Triangle { vertices: [0, 1, 2], material: 0 };
     let scene = Scene::new("one", vec![DVec3::ZERO, DVec3::X, DVec3::Y], vec![triangle], vec![lamp])
         .expect("a scene");
-    let (mut engine, solution) = solve(&device, &scene, &scene.accuracy);
+    let (mut engine, solution) = solve(&device, &scene, &scene.settings);
     assert_eq!(solution.irradiance, [[0.0; 3]]);
     let front = engine.face_colours(&solution, DVec3::new(0.2, 0.2, 3.0)).expect("colours");
     let back = engine.face_colours(&solution, DVec3::new(0.2, 0.2, -3.0)).expect("colours");
@@ -276,8 +277,8 @@ fn too_few_passes_and_interruption_say_what_was_reached() {
     let device = device();
     let scene = room(3, 0.8);
     for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
-        let accuracy = scene.accuracy.solver(solver);
-        let plan = Plan::new(&scene, &Limits::of(&device), &accuracy).expect("a plan");
+        let settings = scene.settings.solver(solver);
+        let plan = Plan::new(&scene, &PlanOptions::of(&device), &settings).expect("a plan");
         let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
         match engine.solve(&SolveParams::default().tolerance(1e-6).max_passes(3)) {
             Err(EngineError::Solve(SolveError::NoConvergence { passes: 3, residual, residuals, .. })) => {
@@ -311,8 +312,8 @@ fn too_few_passes_and_interruption_say_what_was_reached() {
 }
 
 /// A budget that no plan keeps, and the one that the error names.
-fn least_budget(scene: &Scene, accuracy: &Accuracy, limits: &Limits) -> u64 {
-    match Plan::new(scene, &limits.memory_budget(1 << 10), accuracy) {
+fn least_budget(scene: &Scene, settings: &SolveSettings, plan_options: &PlanOptions) -> u64 {
+    match Plan::new(scene, &plan_options.memory_budget(1 << 10), settings) {
         Err(PlanError::OverBudget { needed, .. }) => needed,
         other => panic!("{:?}", other.map(|plan| plan.memory().total())),
     }
@@ -331,13 +332,13 @@ fn glossy_room(cells: u32) -> Scene {
 /// Solves on a device of so many bytes, and compares what was allocated with what was planned.
 fn solve_with_budget(
     scene: &Scene,
-    accuracy: &Accuracy,
-    limits: &Limits,
+    settings: &SolveSettings,
+    plan_options: &PlanOptions,
     budget: u64,
 ) -> (Engine, antirad::Solution) {
     let options = DeviceOptions::default().validation(true).memory_budget(Some(budget));
     let device = Device::new(&options).expect("a Vulkan device");
-    let (mut engine, solution) = solve_within(&device, scene, accuracy, &limits.memory_budget(budget));
+    let (mut engine, solution) = solve_within(&device, scene, settings, &plan_options.memory_budget(budget));
     engine.face_colours(&solution, DVec3::new(0.5, 0.5, 0.2)).expect("colours");
     let memory = device.memory();
     assert!(memory.peak <= budget, "{} of {budget}", memory.peak);
@@ -350,16 +351,16 @@ fn solve_with_budget(
 fn the_least_budget_does_and_a_byte_less_does_not() {
     let device = device();
     for scene in [room(4, 0.5), glossy_room(3)] {
-        let limits = Limits::of(&device);
-        let accuracy = tight(&scene);
-        let needed = least_budget(&scene, &accuracy, &limits);
-        let less = limits.memory_budget(needed - 1);
-        let refused = Plan::new(&scene, &less, &accuracy).map(|plan| plan.memory().total());
+        let plan_options = PlanOptions::of(&device);
+        let settings = tight(&scene);
+        let needed = least_budget(&scene, &settings, &plan_options);
+        let less = plan_options.memory_budget(needed - 1);
+        let refused = Plan::new(&scene, &less, &settings).map(|plan| plan.memory().total());
         let (budget, least) = (needed - 1, needed);
         let named = matches!(refused, Err(PlanError::OverBudget { budget: b, needed: n }) if (b, n) == (budget, least));
         assert!(named, "{refused:?}");
-        let (_engine, truth) = solve_within(&device, &scene, &accuracy, &limits);
-        let (engine, other) = solve_with_budget(&scene, &accuracy, &limits, needed);
+        let (_engine, truth) = solve_within(&device, &scene, &settings, &plan_options);
+        let (engine, other) = solve_with_budget(&scene, &settings, &plan_options, needed);
         assert_eq!(engine.plan().residency(), Residency::Host { receivers: 1, sources: 1 });
         assert_eq!(engine.plan().memory().total(), needed);
         let error = relative_l2(&other.irradiance, &truth.irradiance, &areas(&scene));
@@ -380,16 +381,16 @@ fn states_on_the_host_change_nothing() {
         ("glossy", glossy_room(5), SolverChoice::Auto, Precision::F32),
         ("glossy", glossy_room(3), SolverChoice::Auto, Precision::F64),
     ] {
-        let accuracy = tight(&scene).solver(solver).precision(precision);
-        let limits = Limits::of(&device);
-        let (engine, truth) = solve_within(&device, &scene, &accuracy, &limits);
+        let settings = tight(&scene).solver(solver).precision(precision);
+        let plan_options = PlanOptions::of(&device);
+        let (engine, truth) = solve_within(&device, &scene, &settings, &plan_options);
         assert_eq!(engine.plan().residency(), Residency::Device);
         let solver_of_plenty = engine.plan().solver();
-        let needed = least_budget(&scene, &accuracy, &limits);
+        let needed = least_budget(&scene, &settings, &plan_options);
         let mut before = u64::MAX;
         for percent in [105, 250] {
             let budget = needed * percent / 100;
-            let (engine, other) = solve_with_budget(&scene, &accuracy, &limits, budget);
+            let (engine, other) = solve_with_budget(&scene, &settings, &plan_options, budget);
             let plan = engine.plan();
             let error = relative_l2(&other.irradiance, &truth.irradiance, &areas(&scene));
             println!(
@@ -413,14 +414,14 @@ fn pages_of_the_same_size_give_the_same_bytes_wherever_they_are() {
     for (solver, precision) in [
         (SolverChoice::FixedPoint, Precision::F32),
         (SolverChoice::Gmres, Precision::F32),
-        (SolverChoice::Gmres, Precision::Packed),
+        (SolverChoice::Gmres, Precision::HalfBins),
     ] {
         let scene = glossy_room(4);
-        let accuracy = scene.accuracy.solver(solver).precision(precision);
-        let limits = Limits::of(&device).page(1);
-        let (resident, truth) = solve_within(&device, &scene, &accuracy, &limits);
-        let budget = least_budget(&scene, &accuracy, &limits) + (1 << 20);
-        let (hosted, other) = solve_with_budget(&scene, &accuracy, &limits, budget);
+        let settings = scene.settings.solver(solver).precision(precision);
+        let plan_options = PlanOptions::of(&device).page(1);
+        let (resident, truth) = solve_within(&device, &scene, &settings, &plan_options);
+        let budget = least_budget(&scene, &settings, &plan_options) + (1 << 20);
+        let (hosted, other) = solve_with_budget(&scene, &settings, &plan_options, budget);
         assert_eq!(resident.plan().residency(), Residency::Device);
         assert_eq!(hosted.plan().residency(), Residency::Host { receivers: 1, sources: 1 });
         assert!(hosted.plan().layout().groups.len() > 3);
@@ -441,19 +442,19 @@ fn packed_sources_change_little() {
         ("glossy", glossy_room(5), SolverChoice::Gmres),
         ("glossy", glossy_room(5), SolverChoice::FixedPoint),
     ] {
-        let [(engine, packed), (_, usual)] = [Precision::Packed, Precision::F32].map(|precision| {
-            let accuracy = scene.accuracy.solver(solver).precision(precision).tolerance(1e-4);
-            solve_within(&device, &scene, &accuracy, &Limits::of(&device))
+        let [(engine, packed), (_, usual)] = [Precision::HalfBins, Precision::F32].map(|precision| {
+            let settings = scene.settings.solver(solver).precision(precision).tolerance(1e-4);
+            solve_within(&device, &scene, &settings, &PlanOptions::of(&device))
         });
-        assert!(engine.plan().packs() && engine.plan().memory().of_label("packed bins") > 0);
+        assert!(engine.plan().half_bins() && engine.plan().memory().of_label("half bins") > 0);
         let error = relative_l2(&packed.irradiance, &usual.irradiance, &areas(&scene));
         let [passes, usual_passes] = [&packed, &usual].map(|solution| solution.info.passes);
         println!("{name}, {solver:?}: {error:.2e}, {passes} passes against {usual_passes}");
         assert!(error > 0.0 && error <= 5e-4, "{name}: {error:e}");
         assert!(passes <= usual_passes + 4, "{name}: {passes} passes against {usual_passes}");
     }
-    let accuracy = Accuracy::default().precision(Precision::Packed).tolerance(1e-6);
-    let refused = Plan::new(&glossy_room(2), &Limits::default(), &accuracy);
+    let settings = SolveSettings::default().precision(Precision::HalfBins).tolerance(1e-6);
+    let refused = Plan::new(&glossy_room(2), &PlanOptions::default(), &settings);
     assert!(matches!(refused, Err(PlanError::Tolerance { .. })), "{refused:?}");
     finish(&device);
 }
@@ -475,10 +476,10 @@ fn unphysical_soup_is_not_passed_over_in_silence() {
     let scene = Scene::new("soup", vertices, triangles, vec![soup]).expect("a scene");
     let run = |solver| {
         // Without the near field, which tames this soup.
-        let accuracy = scene.accuracy.solver(solver).subsample(0.0).max_passes(60);
-        let plan = Plan::new(&scene, &Limits::of(&device), &accuracy).expect("a plan");
+        let settings = scene.settings.solver(solver).near_field(0.0).max_passes(60);
+        let plan = Plan::new(&scene, &PlanOptions::of(&device), &settings).expect("a plan");
         let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
-        engine.solve(&SolveParams::from(&accuracy)).map(|solution| solution.info)
+        engine.solve(&SolveParams::from(&settings)).map(|solution| solution.info)
     };
     let fixed_point = run(SolverChoice::FixedPoint);
     println!("fixed point: {fixed_point:?}");
@@ -499,7 +500,7 @@ fn shipped_scenes_solve() {
     let device = device();
     for name in ["closed_box", "integrating_sphere", "two_rooms", "glossy_floor"] {
         let scene = load(&format!("scenes/{name}.toml"));
-        let (engine, solution) = solve(&device, &scene, &scene.accuracy);
+        let (engine, solution) = solve(&device, &scene, &scene.settings);
         // The sphere is lit alike everywhere and takes fewer.
         let [least, most] = engine.plan().report().estimated_passes;
         let passes = f64::from(solution.info.passes);
@@ -518,24 +519,24 @@ fn shipped_scenes_solve() {
 #[test]
 fn engines_in_threads_find_what_they_find_alone() {
     let device = device();
-    let usual = Limits::of(&device);
-    let wanted = Wanted::NOTHING.albedo(true).positions(true);
+    let usual = PlanOptions::of(&device);
+    let wanted = GradientRequest::NOTHING.albedo(true).positions(true);
     let (plain, glossy) = (room(4, 0.5), glossy_room(3));
-    let packed = glossy.accuracy.precision(Precision::Packed).tolerance(1e-4);
-    let least = least_budget(&glossy, &glossy.accuracy, &usual);
+    let packed = glossy.settings.precision(Precision::HalfBins).tolerance(1e-4);
+    let least = least_budget(&glossy, &glossy.settings, &usual);
     let jobs = [
-        (&plain, plain.accuracy, usual.gradients(wanted)),
+        (&plain, plain.settings, usual.gradients(wanted)),
         (&glossy, packed, usual.staging(1 << 20)),
-        (&glossy, glossy.accuracy, usual.memory_budget(least + (1 << 16))),
-        (&plain, plain.accuracy.precision(Precision::F64), usual),
+        (&glossy, glossy.settings, usual.memory_budget(least + (1 << 16))),
+        (&plain, plain.settings.precision(Precision::F64), usual),
     ];
-    let run = |(scene, accuracy, limits): &(&Scene, Accuracy, Limits)| {
-        let (mut engine, solution) = solve_within(&device, scene, accuracy, limits);
+    let run = |(scene, settings, plan_options): &(&Scene, SolveSettings, PlanOptions)| {
+        let (mut engine, solution) = solve_within(&device, scene, settings, plan_options);
         let colours = engine.face_colours(&solution, DVec3::new(0.5, 0.5, 0.2)).expect("colours");
-        let gradients = limits.gradients.any().then(|| {
+        let gradients = plan_options.gradients.any().then(|| {
             let ones = vec![DVec3::ONE; scene.triangles.len()];
             let cotangent = Cotangent::default().irradiance(Some(ones));
-            let params = SolveParams::from(accuracy);
+            let params = SolveParams::from(settings);
             let found = engine.backward(&solution, &cotangent, wanted, &params).expect("gradients");
             (found.albedo, found.vertices)
         });
@@ -566,20 +567,20 @@ fn limits_leave_alone_what_others_use() {
     let options = DeviceOptions::default().validation(true).memory_budget(Some(budget));
     let device = Device::new(&options).expect("a Vulkan device");
     let scene = room(4, 0.5);
-    assert_eq!(Limits::of(&device).memory_budget, budget);
-    let (first, solution) = solve(&device, &scene, &scene.accuracy);
-    assert_eq!(Limits::of(&device).memory_budget, budget - first.plan().memory().total());
+    assert_eq!(PlanOptions::of(&device).memory_budget, budget);
+    let (first, solution) = solve(&device, &scene, &scene.settings);
+    assert_eq!(PlanOptions::of(&device).memory_budget, budget - first.plan().memory().total());
     let buffer = |bytes| Buffer::new(&device, "another's", bytes, BufferKind::Storage).expect("a buffer");
-    let rest = Limits::of(&device).memory_budget;
+    let rest = PlanOptions::of(&device).memory_budget;
     let taken = buffer(rest - (4 << 20));
-    let (second, other) = solve(&device, &scene, &scene.accuracy);
-    assert_eq!(second.plan().limits().memory_budget, 4 << 20);
+    let (second, other) = solve(&device, &scene, &scene.settings);
+    assert_eq!(second.plan().options().memory_budget, 4 << 20);
     assert!(second.plan().memory().total() <= 4 << 20);
     assert!(relative_l2(&other.irradiance, &solution.irradiance, &areas(&scene)) <= 1e-4);
     drop(taken);
     // Nothing left is nothing, not a number that has wrapped around.
-    let _all = buffer(Limits::of(&device).memory_budget);
-    assert_eq!(Limits::of(&device).memory_budget, 0);
+    let _all = buffer(PlanOptions::of(&device).memory_budget);
+    assert_eq!(PlanOptions::of(&device).memory_budget, 0);
     finish(&device);
 }
 
@@ -588,9 +589,9 @@ fn new_materials_and_a_rebuilt_engine_give_what_a_new_engine_gives() {
     let device = device();
     let first = room(3, 0.4);
     let mut second = room(3, 0.6);
-    let (mut engine, before) = solve(&device, &first, &first.accuracy);
-    let (_fresh, expected) = solve(&device, &second, &second.accuracy);
-    let params = SolveParams::from(&second.accuracy);
+    let (mut engine, before) = solve(&device, &first, &first.settings);
+    let (_fresh, expected) = solve(&device, &second, &second.settings);
+    let params = SolveParams::from(&second.settings);
     engine.set_materials(&second).expect("materials that fit the plan");
     assert_eq!(engine.solve(&params).expect("a solution").irradiance, expected.irradiance);
     engine.set_materials(&first).expect("materials that fit the plan");
@@ -603,7 +604,7 @@ fn new_materials_and_a_rebuilt_engine_give_what_a_new_engine_gives() {
     assert!(refused.contains("specular lobe") && refused.contains("rebuilt"), "{refused}");
     let mut engine = engine.rebuilt(&second).expect("an engine");
     let glossy = engine.solve(&params).expect("a solution");
-    let (_fresh, expected) = solve(&device, &second, &second.accuracy);
+    let (_fresh, expected) = solve(&device, &second, &second.settings);
     assert_eq!(glossy.irradiance, expected.irradiance);
     finish(&device);
 }

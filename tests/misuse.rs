@@ -3,9 +3,9 @@
 mod support;
 
 use antirad::glam::{DAffine3, DVec3};
-use antirad::ladder::{LadderError, LadderOptions, Stage, solve_within};
-use antirad::plan::{Limits, Plan, PlanError, Wanted};
-use antirad::scene::{Accuracy, Material, Scene, SceneBuilder, SceneError, Shape, Triangle};
+use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
+use antirad::scene::{Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, Triangle};
+use antirad::target_error::{SearchError, Stage, TargetErrorOptions, solve_within};
 use antirad::{Cotangent, Engine, EngineError, Solution, SolveParams};
 use std::ops::ControlFlow;
 use support::{device, finish};
@@ -21,12 +21,12 @@ fn room(cells: u32) -> Scene {
     Scene::new("room", vertices, triangles, vec![wall, lamp]).expect("a scene")
 }
 
-fn limits() -> Limits {
-    Limits::default().gradients(Wanted::NOTHING.albedo(true).camera(true))
+fn options() -> PlanOptions {
+    PlanOptions::default().gradients(GradientRequest::NOTHING.albedo(true).camera(true))
 }
 
 fn plan(scene: &Scene) -> Plan {
-    Plan::new(scene, &limits(), &scene.accuracy).expect("a plan")
+    Plan::new(scene, &options(), &scene.settings).expect("a plan")
 }
 
 fn engine(device: &antirad::gpu::Device, scene: &Scene) -> Engine {
@@ -34,7 +34,7 @@ fn engine(device: &antirad::gpu::Device, scene: &Scene) -> Engine {
 }
 
 fn params() -> SolveParams {
-    SolveParams::from(&Accuracy::default())
+    SolveParams::from(&SolveSettings::default())
 }
 
 /// The derivatives of the sum of all irradiance.
@@ -45,7 +45,7 @@ fn backward(
 ) -> Result<Vec<DVec3>, EngineError> {
     let triangles = solution.irradiance.len();
     let cotangent = Cotangent::default().irradiance(Some(vec![DVec3::ONE; triangles]));
-    let wanted = Wanted::NOTHING.albedo(true);
+    let wanted = GradientRequest::NOTHING.albedo(true);
     engine.backward(solution, &cotangent, wanted, params).map(|g| g.albedo.expect("what was asked"))
 }
 
@@ -150,7 +150,7 @@ fn a_scene_by_code_is_checked_like_one_from_a_file() {
     let mut engine = engine(&device, &sound);
     let before = engine.solve(&params()).expect("a solution").irradiance;
     for (word, scene) in broken_scenes() {
-        match Plan::new(&scene, &limits(), &sound.accuracy) {
+        match Plan::new(&scene, &options(), &sound.settings) {
             Err(PlanError::Scene(error)) => assert!(error.to_string().contains(word), "{word}: {error}"),
             other => panic!("{word}: {other:?}"),
         }
@@ -186,10 +186,12 @@ fn an_error_that_is_asked_for_is_between_zero_and_one() {
     let scene = room(2);
     let mut solve = |engine: &mut Engine, _: &Scene, _: &Stage| engine.solve(&params());
     for error in [f64::NAN, f64::INFINITY, 0.0, -1.0, 1.0] {
-        let solved = solve_within(&device, &scene, &LadderOptions::new(error), &|_| 0, &mut solve);
+        let solved = solve_within(&device, &scene, &TargetErrorOptions::new(error), &|_| 0, &mut solve);
         let refused = solved.err();
-        let named =
-            matches!(refused, Some(LadderError::Engine(EngineError::Scene(SceneError::Accuracy { .. }))));
+        let named = matches!(
+            refused,
+            Some(SearchError::Engine(EngineError::Scene(SceneError::SolveSettings { .. })))
+        );
         assert!(named, "{error}: {refused:?}");
     }
     finish(&device);
@@ -239,7 +241,7 @@ fn a_plan_is_for_one_geometry() {
 fn tiles_are_of_32_or_64() {
     let scene = room(2);
     for tile in [0, 1, 16, 48, 128, u32::MAX] {
-        let refused = Plan::new(&scene, &Limits::default().tile(tile), &scene.accuracy);
+        let refused = Plan::new(&scene, &PlanOptions::default().tile(tile), &scene.settings);
         assert!(matches!(refused, Err(PlanError::Tile(given)) if given == tile), "{tile}: {refused:?}");
     }
 }
@@ -256,17 +258,17 @@ fn a_tolerance_is_between_zero_and_one() {
         assert!(matches!(solved, Err(EngineError::Tolerance { .. })), "{tolerance}: {solved:?}");
         let gradients = backward(&mut engine, &solution, &params);
         assert!(matches!(gradients, Err(EngineError::Tolerance { .. })), "{tolerance}: {gradients:?}");
-        let accuracy = scene.accuracy.tolerance(tolerance);
-        let planned = Plan::new(&scene, &limits(), &accuracy);
-        let refused = matches!(planned, Err(PlanError::Scene(SceneError::Accuracy { .. })));
+        let settings = scene.settings.tolerance(tolerance);
+        let planned = Plan::new(&scene, &options(), &settings);
+        let refused = matches!(planned, Err(PlanError::Scene(SceneError::SolveSettings { .. })));
         assert!(refused, "{tolerance}: {planned:?}");
     }
     let idle = params().max_passes(0);
     let solved = engine.solve(&idle).map(|solution| solution.irradiance);
     assert!(matches!(solved, Err(EngineError::NoPasses)), "{solved:?}");
-    for subsample in [f64::NAN, f64::INFINITY, -1.0] {
-        let planned = Plan::new(&scene, &limits(), &scene.accuracy.subsample(subsample));
-        assert!(matches!(planned, Err(PlanError::Scene(SceneError::Accuracy { .. }))), "{planned:?}");
+    for near_field in [f64::NAN, f64::INFINITY, -1.0] {
+        let planned = Plan::new(&scene, &options(), &scene.settings.near_field(near_field));
+        assert!(matches!(planned, Err(PlanError::Scene(SceneError::SolveSettings { .. }))), "{planned:?}");
     }
     finish(&device);
 }
@@ -282,8 +284,8 @@ fn a_camera_is_somewhere() {
         assert!(matches!(colours, Err(EngineError::CameraPosition { .. })), "{colours:?}");
         let by_colours = vec![DVec3::ONE; scene.triangles.len()];
         let cotangent = Cotangent::default().colours(vec![(nowhere, by_colours)]);
-        let wanted = Wanted::NOTHING.camera(true);
-        let gradients = engine.backward(&solution, &cotangent, wanted, &params()).map(|g| g.eyes);
+        let wanted = GradientRequest::NOTHING.camera(true);
+        let gradients = engine.backward(&solution, &cotangent, wanted, &params()).map(|g| g.camera_positions);
         assert!(matches!(gradients, Err(EngineError::CameraPosition { .. })), "{gradients:?}");
     }
     finish(&device);

@@ -51,7 +51,7 @@ const WORDS: [&str; 44] = [
     "\"",
     "=",
     "[camera.",
-    "[accuracy]",
+    "[settings]",
     "scene = ",
     "[[fit]]",
     "[[target]]",

@@ -2,7 +2,7 @@
 
 mod support;
 
-use antirad::plan::{Limits, Plan};
+use antirad::plan::{Plan, PlanOptions};
 use antirad::reference::Plates;
 use antirad::scene::{BinLayout, LoadOptions, Material, Scene, SceneBuilder, Shape};
 use antirad::warnings::{Kind, RefineError, RefineOptions, Warnings, refine};
@@ -15,7 +15,7 @@ fn warnings(scene: &Scene) -> Warnings {
 }
 
 fn plan(scene: &Scene) -> Plan {
-    Plan::new(scene, &Limits::default(), &scene.accuracy).expect("a plan")
+    Plan::new(scene, &PlanOptions::default(), &scene.settings).expect("a plan")
 }
 
 fn kinds(warnings: &Warnings) -> Vec<Kind> {
@@ -52,7 +52,7 @@ fn sound_scenes_are_passed() {
     let mut scene = room_with(|builder| {
         builder.shape("box", Shape::Box { cells: 8 }, &grey(), scaled(0.2, 0.2, 0.2, DVec3::splat(0.4)));
     });
-    scene.accuracy.bins = BinLayout::EqualAngle { theta: 4, phi: 6 };
+    scene.settings.bins = BinLayout::EqualAngle { theta: 4, phi: 6 };
     let found = warnings(&scene);
     assert!(found.list.is_empty(), "{found}");
 }
@@ -72,14 +72,14 @@ fn gains_are_those_of_the_formula() {
         found.get(Kind::CoarseBlockers).map(|w| (w.worst[0].triangle, w.worst[0].other, w.worst[0].value))
     };
     // Along the pole four bins of 64 x 64 meet, all of the same solid angle.
-    scene.accuracy.bins = BinLayout::Concentric { n: 64 };
+    scene.settings.bins = BinLayout::Concentric { n: 64 };
     let bin = std::f64::consts::TAU / 4096.0;
     let (blocker, receiver, found) = gain(&scene).expect("a coarse blocker");
     let by_hand = 0.5 / ((100.0 + 0.5 / std::f64::consts::PI) * bin);
     assert_eq!((blocker, receiver), (1, Some(0)));
     assert!((found / by_hand - 1.0).abs() <= 2e-3, "{found} instead of {by_hand}");
     // Coarser bins, or a greater distance, do.
-    scene.accuracy.bins = BinLayout::Concentric { n: 12 };
+    scene.settings.bins = BinLayout::Concentric { n: 12 };
     assert_eq!(gain(&scene), None);
 }
 
@@ -203,7 +203,8 @@ fn refining_takes_the_reasons_away() {
         ("plates", Plates { cells: 6, gap: 0.5, ..Plates::default() }.scene().expect("a scene")),
     ] {
         let old = scene.clone();
-        let refined = refine(&mut scene, &Limits::default(), &RefineOptions::default()).expect("refined");
+        let refined =
+            refine(&mut scene, &PlanOptions::default(), &RefineOptions::default()).expect("refined");
         let (before, after) = (&refined.before, warnings(&scene));
         println!(
             "{name}: {} to {} triangles, {} to {} warned of",
@@ -238,11 +239,11 @@ fn refining_keeps_to_its_bounds() {
     for most in [count + 1, count + 50, 4 * count] {
         let mut scene = scene();
         let options = RefineOptions::default().max_triangles(most);
-        let refined = refine(&mut scene, &Limits::default(), &options).expect("refined");
+        let refined = refine(&mut scene, &PlanOptions::default(), &options).expect("refined");
         assert!(refined.full && scene.triangles.len() <= most && scene.triangles.len() + 3 > most);
     }
     let none = RefineOptions::default().max_triangles(count);
-    let refused = refine(&mut scene(), &Limits::default(), &none).expect_err("no room");
+    let refused = refine(&mut scene(), &PlanOptions::default(), &none).expect_err("no room");
     assert!(matches!(refused, RefineError::Full { .. }) && refused.to_string().contains("--max-triangles"));
 }
 

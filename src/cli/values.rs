@@ -6,13 +6,13 @@ use clap::builder::PossibleValue;
 
 impl ValueEnum for Precision {
     fn value_variants<'a>() -> &'a [Self] {
-        &[Self::F32, Self::Packed, Self::F64]
+        &[Self::F32, Self::HalfBins, Self::F64]
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
         Some(PossibleValue::new(match self {
             Self::F32 => "f32",
-            Self::Packed => "packed",
+            Self::HalfBins => return Some(PossibleValue::new("half-bins").alias("packed")),
             Self::F64 => "f64",
         }))
     }

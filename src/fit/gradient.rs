@@ -1,6 +1,6 @@
 //! Derivatives of a loss by what a scene is made of.
 
-use crate::plan::Wanted;
+use crate::plan::GradientRequest;
 use crate::scene::Scene;
 use glam::DVec3;
 
@@ -75,7 +75,7 @@ pub struct SceneGradient {
 
 impl SceneGradient {
     /// No derivative at all, of everything wanted.
-    pub fn zeros(scene: &Scene, wanted: Wanted) -> Self {
+    pub fn zeros(scene: &Scene, wanted: GradientRequest) -> Self {
         let triangles = scene.triangles.len();
         let rgb = |wanted: bool| wanted.then(|| vec![DVec3::ZERO; triangles]);
         let scalar = |wanted: bool| wanted.then(|| vec![0.0; triangles]);

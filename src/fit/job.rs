@@ -7,7 +7,7 @@ use super::optimiser::{Adam, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOp
 use super::parameters::{ParameterError, Parameters, Recovered};
 use super::problem::Problem;
 use super::regulariser::Regularisers;
-use super::renderer::{Estimate, RenderError, Renderer};
+use super::renderer::{CostEstimate, RenderError, Renderer};
 use super::settings::{OptimiserKind, Settings, StopRule};
 use super::target::Target;
 use crate::image::ImageError;
@@ -135,7 +135,7 @@ pub struct Record {
 
 /// How far a fit has come: what a checkpoint stores.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Progress {
+pub struct FitProgress {
     optimiser: Optimiser,
     /// One entry for each iteration, the start first.
     pub history: Vec<Record>,
@@ -145,7 +145,7 @@ pub struct Progress {
     pub finished: Option<Stop>,
 }
 
-impl Progress {
+impl FitProgress {
     pub(super) fn new(optimiser: Optimiser) -> Self {
         Self { optimiser, history: Vec::new(), seconds: 0.0, finished: None }
     }
@@ -279,7 +279,7 @@ impl Job {
         let mut scene = scene;
         // What is fitted is fitted with one setting from the first iteration to the last.
         scene.choice = Choice::STATED;
-        scene.accuracy.tolerance = settings.tolerance.unwrap_or(scene.accuracy.tolerance.min(1e-5));
+        scene.settings.tolerance = settings.tolerance.unwrap_or(scene.settings.tolerance.min(1e-5));
         let identity = identity(&scene, &targets, &settings)
             .map_err(|error| FitError::Settings(format!("the job cannot be told from others: {error}")))?;
         let parameters = Parameters::new(&scene, &settings.fits, brightness(&scene, &targets))?;
@@ -339,7 +339,7 @@ impl Job {
             OptimiserKind::LeastSquares => Optimiser::LeastSquares(LeastSquares::new(x, bounds)),
             OptimiserKind::QuasiNewton | OptimiserKind::Auto => {
                 let parameters = &self.problem.parameters;
-                let of_solve = NOISE_OF_TOLERANCE * parameters.base().accuracy.tolerance;
+                let of_solve = NOISE_OF_TOLERANCE * parameters.base().settings.tolerance;
                 let of_samples = if parameters.wanted().positions { NOISE_OF_SAMPLES } else { 0.0 };
                 let noise = self.settings.noise.unwrap_or(of_solve.max(of_samples));
                 let options = QuasiNewtonOptions { noise, ..self.settings.quasi_newton };
@@ -349,7 +349,7 @@ impl Job {
     }
 
     /// What an iteration will take, and bytes of host memory for the optimiser. An error if it cannot be done.
-    pub fn estimate(&self, renderer: &mut dyn Renderer) -> Result<(Estimate, u64), FitError> {
+    pub fn estimate(&self, renderer: &mut dyn Renderer) -> Result<(CostEstimate, u64), FitError> {
         let estimate = renderer.estimate(&self.problem.parameters.planning_scene())?;
         let targets: u64 = self.problem.targets.iter().map(|t| 24 * 4 * t.pixels.len() as u64).sum();
         Ok((estimate, targets + self.new_optimiser().bytes(self.problem.parameters.len())))
@@ -360,7 +360,7 @@ impl Job {
         &self,
         directory: &Path,
         on_checkpoint: OnCheckpoint,
-    ) -> Result<Option<Progress>, FitError> {
+    ) -> Result<Option<FitProgress>, FitError> {
         let checkpoints = Checkpoints::new(directory);
         match on_checkpoint {
             OnCheckpoint::Refuse => Ok(checkpoints.refuse().map(|()| None)?),
@@ -375,10 +375,10 @@ impl Job {
         &mut self,
         renderer: &mut dyn Renderer,
         options: &RunOptions,
-        watch: &mut dyn FnMut(&Record, &Progress) -> ControlFlow<()>,
+        watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
     ) -> Result<Outcome, FitError> {
         let checkpoints = options.checkpoints.as_deref().map(Checkpoints::new);
-        let mut progress = Progress::new(self.new_optimiser());
+        let mut progress = FitProgress::new(self.new_optimiser());
         let (mut resumed_from, mut finished_before) = (None, None);
         if let (Some(directory), Some(checkpoints)) = (&options.checkpoints, &checkpoints) {
             if let Some(stored) = self.progress(directory, options.on_checkpoint)? {
@@ -392,7 +392,7 @@ impl Job {
             }
         }
         let mut clock = Instant::now();
-        let mut store = |progress: &mut Progress| -> Result<(), FitError> {
+        let mut store = |progress: &mut FitProgress| -> Result<(), FitError> {
             progress.seconds += clock.elapsed().as_secs_f64();
             clock = Instant::now();
             match &checkpoints {
@@ -401,7 +401,7 @@ impl Job {
             }
         };
         let interrupted =
-            |progress: &mut Progress, store: &mut dyn FnMut(&mut Progress) -> Result<(), FitError>| {
+            |progress: &mut FitProgress, store: &mut dyn FnMut(&mut FitProgress) -> Result<(), FitError>| {
                 let iteration = progress.iteration();
                 // Nothing was done that could be lost.
                 if iteration > resumed_from.unwrap_or(0) {
@@ -469,7 +469,7 @@ struct Stepped {
 
 fn step(
     problem: &Problem,
-    progress: &mut Progress,
+    progress: &mut FitProgress,
     renderer: &mut dyn Renderer,
 ) -> Result<Stepped, StepError<RenderError>> {
     let passes = renderer.passes();
@@ -535,7 +535,7 @@ fn identity(scene: &Scene, targets: &[Target], settings: &Settings) -> Result<Id
     let vertices: Vec<[f64; 3]> = scene.vertices.iter().map(|v| v.to_array()).collect();
     let triangles: Vec<([u32; 3], u32)> = scene.triangles.iter().map(|t| (t.vertices, t.material)).collect();
     // `Debug` shows every digit of a number.
-    let rest = format!("{:?} {:?} {:?}", scene.meshes, scene.materials, scene.accuracy);
+    let rest = format!("{:?} {:?} {:?}", scene.meshes, scene.materials, scene.settings);
     identity.add("the scene", &(vertices, triangles, rest))?;
     for (number, target) in targets.iter().enumerate() {
         let what = format!("target {} (camera \"{}\")", number + 1, target.camera.name);

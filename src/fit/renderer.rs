@@ -1,7 +1,7 @@
 //! What a fit needs of the engine: pictures of a scene, and derivatives of what is made of them.
 
 use super::gradient::SceneGradient;
-use crate::plan::Wanted;
+use crate::plan::GradientRequest;
 use crate::scene::Scene;
 use glam::DVec3;
 
@@ -22,7 +22,7 @@ pub enum RenderError {
 
 /// What rendering and its derivatives will take.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
-pub struct Estimate {
+pub struct CostEstimate {
     /// Device memory at the peak, bytes.
     pub device_bytes: u64,
     /// Of what is allowed.
@@ -34,7 +34,7 @@ pub struct Estimate {
 /// Makes pictures of scenes that differ in materials and positions only, seen from cameras that were given before.
 pub trait Renderer {
     /// What an evaluation of `planning` will take. An error if it cannot be done at all: too little memory, above all.
-    fn estimate(&mut self, planning: &Scene) -> Result<Estimate, RenderError>;
+    fn estimate(&mut self, planning: &Scene) -> Result<CostEstimate, RenderError>;
 
     /// Pictures by all cameras: linear RGB, row by row from the top, W/(m² sr). Emission may be negative.
     fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError>;
@@ -44,7 +44,7 @@ pub trait Renderer {
     fn pull_back(
         &mut self,
         by_pixels: &[Vec<DVec3>],
-        wanted: Wanted,
+        request: GradientRequest,
     ) -> Result<Option<SceneGradient>, RenderError>;
 
     /// Applications of the transport so far.

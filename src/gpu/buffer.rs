@@ -26,7 +26,7 @@ pub enum BufferKind {
 /// A buffer of a device. The label names it in errors, reports and debuggers.
 pub struct Buffer {
     shared: Arc<Shared>,
-    block: Block,
+    block: BufferMemory,
 }
 
 /// A part of a buffer, to bind to a kernel.
@@ -40,7 +40,7 @@ pub struct BufferSlice<'a> {
 impl Buffer {
     /// `bytes` are rounded up as [`rounded`] says. The content is undefined.
     pub fn new(device: &Device, label: &str, bytes: u64, kind: BufferKind) -> Result<Self> {
-        let block = Block::new(&device.shared, device.scope.id(), label, bytes, kind)?;
+        let block = BufferMemory::new(&device.shared, device.scope.id(), label, bytes, kind)?;
         Ok(Self { shared: device.shared.clone(), block })
     }
 
@@ -110,7 +110,7 @@ impl Drop for Buffer {
 
 /// A buffer without its device: what the device itself can hold without keeping itself alive.
 #[derive(Default)]
-pub(super) struct Block {
+pub(super) struct BufferMemory {
     pub(super) raw: vk::Buffer,
     allocation: Allocation,
     scope: ScopeId,
@@ -118,7 +118,7 @@ pub(super) struct Block {
     bytes: u64,
 }
 
-impl Block {
+impl BufferMemory {
     pub(super) fn new(
         shared: &Shared,
         scope: ScopeId,

@@ -1,4 +1,4 @@
-//! Everything that can go wrong on the way to a device and on it: one line each, with the way out.
+//! Everything that can go wrong on the way to a device and on it: one line each, with the remedy.
 
 use ash::prelude::VkResult;
 use ash::vk;

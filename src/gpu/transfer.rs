@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use bytemuck::Pod;
 
-use super::buffer::{Block, Buffer, BufferKind};
+use super::buffer::{Buffer, BufferKind, BufferMemory};
 use super::device::{Device, Shared};
 use super::error::GpuError;
 use super::memory::{ScopeId, rounded};
@@ -27,8 +27,8 @@ pub(super) struct Scope {
     id: ScopeId,
     /// Bytes of each staging buffer.
     chunk: u64,
-    upload: Mutex<Option<Block>>,
-    readback: Mutex<Option<Block>>,
+    upload: Mutex<Option<BufferMemory>>,
+    readback: Mutex<Option<BufferMemory>>,
 }
 
 impl Scope {
@@ -52,13 +52,13 @@ impl Scope {
     /// The staging buffer of a slot, made at its first use.
     fn staging<'a>(
         &self,
-        slot: &'a mut Option<Block>,
+        slot: &'a mut Option<BufferMemory>,
         label: &str,
         kind: BufferKind,
-    ) -> Result<&'a mut Block> {
+    ) -> Result<&'a mut BufferMemory> {
         match slot {
             Some(block) => Ok(block),
-            None => Ok(slot.insert(Block::new(&self.shared, self.id, label, self.chunk, kind)?)),
+            None => Ok(slot.insert(BufferMemory::new(&self.shared, self.id, label, self.chunk, kind)?)),
         }
     }
 }
@@ -136,7 +136,7 @@ impl Device {
     }
 }
 
-fn mapped(block: &mut Block) -> Result<&mut [u8]> {
+fn mapped(block: &mut BufferMemory) -> Result<&mut [u8]> {
     let what = "mapping a staging buffer".to_owned();
     let result = ash::vk::Result::ERROR_MEMORY_MAP_FAILED.to_string();
     block.mapped().ok_or(GpuError::Vulkan { what, result })

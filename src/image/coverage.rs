@@ -148,9 +148,9 @@ impl Coverage {
         let mut shares = self.shares.iter();
         // In one order, so that sums are the same every time; a pixel costs a few nanoseconds.
         for (&count, &[r, g, b, _]) in self.counts.iter().zip(cotangent) {
-            let worth = DVec3::new(r, g, b) / self.samples_of_pixel();
+            let adjoint = DVec3::new(r, g, b) / self.samples_of_pixel();
             for share in shares.by_ref().take(count as usize).filter(|share| share.face != BACK) {
-                gradient[share.face as usize] += f64::from(share.samples) * worth;
+                gradient[share.face as usize] += f64::from(share.samples) * adjoint;
             }
         }
         Ok(gradient)

@@ -121,7 +121,7 @@ impl Lines {
         for (number, face) in (0..).zip(faces) {
             // Conversions saturate.
             let line = |place: f64| ((place + 1.0) / 2.0 * f64::from(self.count)) as u32;
-            let [low, high] = self.extent(face).map(line);
+            let [low, high] = self.characteristic_area(face).map(line);
             if high >= first {
                 let block = |line: u32| (line.max(first) - first) / BLOCK;
                 let listed = block(low)..(block(high) + 1).min(blocks);
@@ -134,7 +134,7 @@ impl Lines {
     }
 
     /// What a face takes of the picture across the lines, in the order of the lines.
-    fn extent(&self, face: &Projected) -> [f64; 2] {
+    fn characteristic_area(&self, face: &Projected) -> [f64; 2] {
         match self.axis {
             Axis::Rows => {
                 let [low, high] = face.bounds.y;
@@ -201,14 +201,14 @@ impl Lines {
         let colour =
             |place: Option<u32>| place.map_or([0.0; 4], |place| shown[list[place as usize] as usize]);
 
-        let mut worth = vec![Worth::default(); list.len()];
+        let mut adjoint = vec![FaceAdjoint::default(); list.len()];
         let mut sweep = Sweep::default();
         for line in block {
             let across = self.across(line);
             let order = if self.axis == Axis::Rows { -across } else { across };
             let crossed =
                 (0..).zip(list).map(|(place, &face)| (place, &faces[face as usize])).filter(|(_, face)| {
-                    let [low, high] = self.extent(face);
+                    let [low, high] = self.characteristic_area(face);
                     low <= order && order <= high
                 });
             sweep.line(crossed, self.axis, across, |Change { at, before, after, cause }| {
@@ -233,31 +233,32 @@ impl Lines {
                 let of_function = -gain * lines * area / slope * self.axis.place(at, across);
                 match (cause, before, after) {
                     (Cause::Edge { face: owner, edge }, ..) => {
-                        worth[owner as usize].edges[edge] += of_function
+                        adjoint[owner as usize].edges[edge] += of_function
                     }
                     (Cause::Crossing, Some(a), Some(b)) => {
-                        worth[a as usize].inverse_depth += of_function;
-                        worth[b as usize].inverse_depth -= of_function;
+                        adjoint[a as usize].inverse_depth += of_function;
+                        adjoint[b as usize].inverse_depth -= of_function;
                     }
                     _ => {}
                 }
             });
         }
-        let sum = |(&number, worth): (&u32, &Worth)| {
-            (*worth != Worth::default()).then(|| (number, worth.of_corners(&faces[number as usize])))
+        let sum = |(&number, adjoint): (&u32, &FaceAdjoint)| {
+            (*adjoint != FaceAdjoint::default())
+                .then(|| (number, adjoint.of_corners(&faces[number as usize])))
         };
-        list.iter().zip(&worth).filter_map(sum).collect()
+        list.iter().zip(&adjoint).filter_map(sum).collect()
     }
 }
 
 /// The derivatives of a loss with respect to the functions of a face.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Worth {
+struct FaceAdjoint {
     edges: [DVec3; 3],
     inverse_depth: DVec3,
 }
 
-impl Worth {
+impl FaceAdjoint {
     /// With respect to its corners, in the frame of the view.
     fn of_corners(&self, face: &Projected) -> [DVec3; 3] {
         let [a, b, c] = face.corners;

@@ -2,7 +2,7 @@
 
 use super::facet::Facet;
 use super::hierarchy::{Hierarchy, Node, Sight};
-use super::order::{Block, spatial_order};
+use super::order::{BoundedRun, spatial_order};
 use crate::scene::Scene;
 use rayon::prelude::*;
 
@@ -44,7 +44,7 @@ pub fn classify(scene: &Scene) -> Vec<Class> {
 
 /// The height in metres below which a corner counts as lying in a plane.
 pub fn coplanar_tolerance(facets: &[Facet]) -> f64 {
-    let bounds = Block::around(facets.iter());
+    let bounds = BoundedRun::around(facets.iter());
     COPLANAR * (bounds.max - bounds.min).length()
 }
 
@@ -75,7 +75,7 @@ impl<'a> Search<'a> {
     /// True where some triangle can receive antiradiance from the back of triangle `i`.
     fn casts_shadow(&self, i: usize) -> bool {
         let source = &self.facets[i];
-        let bounds = Block::around(std::iter::once(source));
+        let bounds = BoundedRun::around(std::iter::once(source));
         let behind = |node: &Node| {
             !self.tree.misses(source, &node.bounds, -1.0)
                 && self.tree.sight(node, &bounds, 1.0, true) != Sight::Nothing

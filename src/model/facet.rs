@@ -15,8 +15,8 @@ pub struct Facet {
     pub area: f64,
     /// s = Σl²/(4√3): the area of the equilateral triangle with the same sum of squared edges. At least `area`
     /// (Weitzenböck's inequality), equal for equilateral triangles, and large for needles, whose area says little
-    /// about their extent.
-    pub extent: f64,
+    /// about their characteristic area.
+    pub characteristic_area: f64,
 }
 
 impl Facet {
@@ -30,7 +30,7 @@ impl Facet {
             centroid: centroid(corners),
             normal: cross.normalize_or_zero(),
             area: 0.5 * cross.length(),
-            extent: squares / (4.0 * 3.0_f64.sqrt()),
+            characteristic_area: squares / (4.0 * 3.0_f64.sqrt()),
         }
     }
 
@@ -65,7 +65,7 @@ pub fn orthonormal_basis(n: DVec3) -> DMat3 {
 }
 
 /// Where the frame jumps: at a height that no wall, floor or roof of a usual slope has, nor a triangle of a round shape.
-/// At 0, where the published frame jumps, a wall that leans by rounding would have its bins turned, and no derivative
+/// At 0, where that of Duff et al. jumps, a wall that leans by rounding would have its bins turned, and no derivative
 /// would see it.
 const FRAME_SWITCH: f64 = -0.6543;
 

@@ -15,7 +15,7 @@ pub struct FacetGradient {
     /// Per square metre.
     pub area: f64,
     /// Per square metre.
-    pub extent: f64,
+    pub characteristic_area: f64,
 }
 
 impl FacetGradient {
@@ -40,7 +40,7 @@ impl FacetGradient {
             corners[2] += at_c;
         }
         // Of Σl²: 2 (a - b) + 2 (a - c) at corner a.
-        let scale = self.extent / (2.0 * 3.0_f64.sqrt());
+        let scale = self.characteristic_area / (2.0 * 3.0_f64.sqrt());
         for (gradient, corner) in corners.iter_mut().zip([a, b, c]) {
             *gradient += scale * (3.0 * corner - (a + b + c));
         }
@@ -55,7 +55,7 @@ impl AddAssign for FacetGradient {
         }
         self.normal += other.normal;
         self.area += other.area;
-        self.extent += other.extent;
+        self.characteristic_area += other.characteristic_area;
     }
 }
 
@@ -71,12 +71,15 @@ mod tests {
             corners: [DVec3::new(0.3, 0.1, 0.7), DVec3::new(-0.2, 0.5, 0.4), DVec3::new(0.9, -0.8, 0.1)],
             normal: DVec3::new(0.5, -1.3, 0.8),
             area: 1.7,
-            extent: -0.6,
+            characteristic_area: -0.6,
         };
         let value = |corners: [DVec3; 3]| {
             let f = Facet::new(corners);
             let at_corners: f64 = corners.iter().zip(gradient.corners).map(|(c, g)| c.dot(g)).sum();
-            at_corners + f.normal.dot(gradient.normal) + f.area * gradient.area + f.extent * gradient.extent
+            at_corners
+                + f.normal.dot(gradient.normal)
+                + f.area * gradient.area
+                + f.characteristic_area * gradient.characteristic_area
         };
         let found = gradient.to_corners(&Facet::new(corners));
         for k in 0..3 {
@@ -94,7 +97,8 @@ mod tests {
 
     #[test]
     fn a_triangle_without_area_has_a_finite_gradient() {
-        let gradient = FacetGradient { normal: DVec3::ONE, area: 1.0, extent: 1.0, ..Default::default() };
+        let gradient =
+            FacetGradient { normal: DVec3::ONE, area: 1.0, characteristic_area: 1.0, ..Default::default() };
         for corners in [[DVec3::ONE; 3], [DVec3::ZERO, DVec3::X, 2.0 * DVec3::X]] {
             assert!(gradient.to_corners(&Facet::new(corners)).iter().all(|g| g.is_finite()));
         }

@@ -1,7 +1,7 @@
 //! A binary tree over runs of neighbouring triangles: what holds for all of a branch is not asked of its leaves.
 
 use super::facet::Facet;
-use super::order::{Block, PADDING};
+use super::order::{BoundedRun, PADDING};
 use glam::DVec3;
 use std::ops::Range;
 
@@ -14,10 +14,10 @@ const ROUNDING: f64 = 1e-13;
 #[derive(Clone, Debug)]
 pub struct Node {
     pub leaves: Range<usize>,
-    pub bounds: Block,
+    pub bounds: BoundedRun,
     /// Largest area, and characteristic area.
     pub area: f64,
-    pub extent: f64,
+    pub characteristic_area: f64,
     planes: Planes,
     /// Where the walk goes on behind this branch.
     next: usize,
@@ -59,9 +59,9 @@ impl Source<'_> {
     fn node(&self, leaves: Range<usize>) -> Node {
         let facets = self.facets(&leaves);
         Node {
-            bounds: Block::around(facets.clone()),
+            bounds: BoundedRun::around(facets.clone()),
             area: facets.clone().map(|f| f.area).fold(0.0, f64::max),
-            extent: facets.clone().map(|f| f.extent).fold(0.0, f64::max),
+            characteristic_area: facets.clone().map(|f| f.characteristic_area).fold(0.0, f64::max),
             planes: Planes::of(facets),
             leaves,
             next: 0,
@@ -123,14 +123,14 @@ impl Hierarchy {
     }
 
     /// True where no part of a box lies above (`side` = 1) or below (`side` = -1) the plane of a triangle.
-    pub fn misses(&self, plane: &Facet, bounds: &Block, side: f64) -> bool {
+    pub fn misses(&self, plane: &Facet, bounds: &BoundedRun, side: f64) -> bool {
         let normal = side * plane.normal;
         -bounds.lowest(-normal) - normal.dot(plane.centroid) <= self.tolerance - self.margin
     }
 
     /// What of boxes lies above (`side` = 1) or below (`side` = -1) the planes of a branch. `one`: whether `bounds` is the box
     /// itself, or only goes around all boxes.
-    pub fn sight(&self, of: &Node, bounds: &Block, side: f64, one: bool) -> Sight {
+    pub fn sight(&self, of: &Node, bounds: &BoundedRun, side: f64, one: bool) -> Sight {
         let [least, most] = of.planes.heights(bounds, side, one);
         if most <= self.tolerance - self.margin {
             Sight::Nothing
@@ -163,7 +163,7 @@ struct Planes {
 
 impl Planes {
     fn of<'a>(facets: impl Iterator<Item = &'a Facet> + Clone) -> Self {
-        let bounds = Block::around(facets.clone());
+        let bounds = BoundedRun::around(facets.clone());
         let centre = bounds.min.midpoint(bounds.max);
         let none = Self {
             centre,
@@ -181,7 +181,7 @@ impl Planes {
     }
 
     /// Least and most, over the planes, of the height of the farthest corner of a box, or of any box inside of it.
-    fn heights(&self, bounds: &Block, side: f64, one: bool) -> [f64; 2] {
+    fn heights(&self, bounds: &BoundedRun, side: f64, one: bool) -> [f64; 2] {
         let [low, high] = self.normals;
         let (low, high) = if side > 0.0 { (low, high) } else { (-high, -low) };
         let [least, most] = self.heights;
@@ -224,11 +224,11 @@ mod tests {
             for (side, one) in [(1.0, false), (-1.0, false), (1.0, true), (-1.0, true)] {
                 let sight = tree.sight(planes, &boxes.bounds, side, one);
                 said[sight as usize] += 1;
-                let beyond = |plane: &Facet, of: &Block| {
+                let beyond = |plane: &Facet, of: &BoundedRun| {
                     -of.lowest(-side * plane.normal) - side * plane.normal.dot(plane.centroid) > TOLERANCE
                 };
-                let around = |&i: &u32| Block::around([&facets[i as usize]].into_iter());
-                let inside: Vec<Block> =
+                let around = |&i: &u32| BoundedRun::around([&facets[i as usize]].into_iter());
+                let inside: Vec<BoundedRun> =
                     if one { vec![boxes.bounds.clone()] } else { of(boxes).map(around).collect() };
                 let mut pairs = of(planes).flat_map(|&i| inside.iter().map(move |of| (i, of)));
                 let holds = match sight {

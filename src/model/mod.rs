@@ -19,4 +19,4 @@ pub use facet_gradient::FacetGradient;
 pub(crate) use hierarchy::{Hierarchy, Node, Sight};
 pub(crate) use near_field::{QUARTER_RANGE, far_weight};
 pub use order::PADDING;
-pub(crate) use order::{Block, morton, spatial_order};
+pub(crate) use order::{BoundedRun, morton, spatial_order};

@@ -7,7 +7,7 @@
 pub const QUARTER_RANGE: f64 = 1.0 / 24.0;
 
 /// Blend weight of the point-to-point kernel for a pair at squared distance `r2`; the near field has the rest. Smooth, 0
-/// within half the range, 1 beyond it. `range` is `subsample` · (s_i + s_j) / 2.
+/// within half the range, 1 beyond it. `range` is `near_field` · (s_i + s_j) / 2.
 pub fn far_weight(r2: f64, range: f64) -> f64 {
     if range <= 0.0 {
         return 1.0;

@@ -2,7 +2,7 @@
 
 use crate::scene::{Precision, SceneError};
 
-/// One clear line, with the way out.
+/// One clear line, with the remedy.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlanError {
@@ -40,7 +40,7 @@ pub enum PlanError {
     },
     #[error(
         "the buffer \"{label}\" needs {bytes} bytes, and the device's kernels see at most {limit} bytes of one buffer: \
-         fewer triangles, or a smaller near field (accuracy.subsample)"
+         fewer triangles, or a smaller near field (settings.near_field)"
     )]
     BufferTooLarge {
         /// Of the buffer.
@@ -53,7 +53,7 @@ pub enum PlanError {
     /// More pairs, or runs of tiles, than an index can number.
     #[error(
         "{count} {what} are more than 32-bit indices can tell apart: fewer triangles, or a smaller near field \
-         (accuracy.subsample)"
+         (settings.near_field)"
     )]
     TooManyPairs {
         /// What is counted.

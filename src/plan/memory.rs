@@ -11,8 +11,8 @@ pub(super) const FACET: u64 = 8;
 const CORNERS: u64 = 12;
 const SURFACE: u64 = 12;
 pub(super) const RGB: u64 = 4;
-/// Bytes of a bin of glsl/packed.glsl.
-pub(super) const PACKED_BIN: u64 = 12;
+/// Bytes of a bin of glsl/half_bins.glsl.
+pub(super) const HALF_BIN: u64 = 12;
 /// Of glsl/facet_gradient.glsl.
 const FACET_GRADIENT: u64 = 16;
 /// Lanes of the kernel that sums vectors up: enough for any device, few enough to be added up on the host.
@@ -50,10 +50,10 @@ pub(super) fn bin_bytes(bins: &Bins, channels: u32, precision: Precision) -> u64
 
 impl MemoryPlan {
     pub(super) fn of(plan: &Plan) -> Self {
-        let real = plan.accuracy.precision.bytes();
+        let real = plan.settings.precision.bytes();
         let slots = u64::from(plan.layout.slots());
         let mut memory = Self::default();
-        let seen = slots + u64::from(plan.other_slots());
+        let seen = slots + u64::from(plan.partner_slots());
         memory.add("facets", seen * FACET * real, 1);
         memory.add("corners", slots * CORNERS * real, 1);
         memory.add("surfaces", slots * SURFACE * real, 1);
@@ -63,20 +63,20 @@ impl MemoryPlan {
         let PairLists { far, near } = &plan.interactions.by_receiver;
         memory.add("far runs", size_of_val(far.words()) as u64, 1);
         memory.add("near offsets", near.offsets.len() as u64 * 4, 1);
-        memory.add("near owners", slots * 4, 1);
-        memory.add("near sources", near.others.len() as u64 * 4, 1);
+        memory.add("near targets", slots * 4, 1);
+        memory.add("near sources", near.partners.len() as u64 * 4, 1);
         memory.add("partial sums", PARTIAL_SUMS * real, 1);
         memory.add("no bins", real, 1);
         memory.add_states(plan);
-        if plan.packs() {
+        if plan.half_bins() {
             let any = |wanted: fn(&Group) -> bool| u32::from(plan.layout.groups.iter().any(wanted));
             let kinds = any(|group| group.class.blocker) + any(|group| group.class.glossy);
-            memory.add("packed bins", plan.packed_bytes(), kinds);
+            memory.add("half bins", plan.half_bin_bytes(), kinds);
         }
         memory.add_gradients(plan, slots);
         memory.add(STAGING, plan.staging, 1);
-        if plan.limits.pictures > 0 {
-            memory.add(PICTURES, plan.limits.pictures, 1);
+        if plan.options.pictures > 0 {
+            memory.add(PICTURES, plan.options.pictures, 1);
         }
         memory
     }
@@ -110,7 +110,7 @@ impl MemoryPlan {
     /// What [`crate::Engine::backward`] needs beyond a solve: the solution's own vector, the loss's cotangent, and what
     /// gradients are summed up in.
     fn add_gradients(&mut self, plan: &Plan, slots: u64) {
-        let (wanted, real) = (plan.limits.gradients, plan.accuracy.precision.bytes());
+        let (request, real) = (plan.options.gradients, plan.settings.precision.bytes());
         let Some(PairLists { far, near }) = &plan.interactions.by_source else { return };
         let rgb = slots * plan.rgb_bytes();
         self.add("cotangent: irradiance", rgb, 1);
@@ -120,11 +120,11 @@ impl MemoryPlan {
         }
         self.add("far runs, by source", size_of_val(far.words()) as u64, 1);
         self.add("near offsets, by source", near.offsets.len() as u64 * 4, 1);
-        self.add("near receivers", near.others.len() as u64 * 4, 1);
-        if wanted.geometry() {
+        self.add("near receivers", near.partners.len() as u64 * 4, 1);
+        if request.geometry() {
             self.add("facet gradients", slots * FACET_GRADIENT * real, 1);
         }
-        if wanted.lobes() && plan.classes.iter().any(|class| class.glossy) {
+        if request.lobes() && plan.classes.iter().any(|class| class.glossy) {
             self.add("lobe sums", 2 * rgb, 1);
         }
     }

@@ -2,35 +2,35 @@
 //! which tiles exchange light, how many bytes and pairs that takes. Pure host code.
 
 mod error;
+mod gradient_request;
 mod interactions;
 mod memory;
 mod report;
 mod residency;
 mod tiles;
-mod wanted;
 
 pub use crate::model::PADDING;
 pub use error::PlanError;
+pub use gradient_request::GradientRequest;
 pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
 pub(crate) use memory::PARTIAL_SUMS;
 pub use memory::{MemoryItem, MemoryPlan};
 pub use report::{ClassReport, PairReport, PlanReport, StatesReport};
 pub use residency::{Piece, Residency};
-pub use tiles::{Group, Layout};
-pub use wanted::Wanted;
+pub use tiles::{Group, TileLayout};
 
 use crate::model::{Bins, Class, Facet, classify, spatial_order};
 use crate::options::setters;
-use crate::scene::{Accuracy, Precision, Scene, SolverChoice};
+use crate::scene::{Precision, Scene, SolveSettings, SolverChoice};
 use glam::DVec3;
 
-/// Bytes of the facets of others that a dispatch sees.
-pub(crate) const OTHER_BYTES: u32 = 1 << 16;
+/// Bytes of the facets of partners that a dispatch sees.
+pub(crate) const PARTNER_BYTES: u32 = 1 << 16;
 
 /// What a device offers, and choices that change the work but not the result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
-pub struct Limits {
+pub struct PlanOptions {
     /// Bytes that all buffers together may take.
     pub memory_budget: u64,
     /// Largest buffer a kernel can see, bytes.
@@ -48,10 +48,10 @@ pub struct Limits {
     /// Which triangles hold light back.
     pub occlusion: Occlusion,
     /// Derivatives that will be asked for.
-    pub gradients: Wanted,
+    pub gradients: GradientRequest,
 }
 
-setters!(Limits {
+setters!(PlanOptions {
     memory_budget: u64,
     max_buffer: u64,
     staging: u64,
@@ -60,7 +60,7 @@ setters!(Limits {
     page: u64,
     cull: bool,
     occlusion: Occlusion,
-    gradients: Wanted,
+    gradients: GradientRequest,
 });
 
 /// Which triangles hold light back.
@@ -75,14 +75,14 @@ pub enum Occlusion {
     Everything,
 }
 
-impl Limits {
+impl PlanOptions {
     /// With room for everything: for plans that are looked at and never run.
     pub fn boundless(self) -> Self {
         Self { memory_budget: u64::MAX, max_buffer: u64::MAX, ..self }
     }
 }
 
-impl Default for Limits {
+impl Default for PlanOptions {
     /// Lavapipe: a heap of 2 GiB, 128 MiB per storage buffer.
     fn default() -> Self {
         Self {
@@ -94,7 +94,7 @@ impl Default for Limits {
             page: 128 << 20,
             cull: true,
             occlusion: Occlusion::Exact,
-            gradients: Wanted::NOTHING,
+            gradients: GradientRequest::NOTHING,
         }
     }
 }
@@ -192,7 +192,7 @@ const TILES: [u32; 2] = [32, 64];
 fn least_tolerance(precision: Precision) -> f64 {
     match precision {
         Precision::F32 => 1e-7,
-        Precision::Packed => 1e-5,
+        Precision::HalfBins => 1e-5,
         Precision::F64 => 0.0,
     }
 }
@@ -200,8 +200,8 @@ fn least_tolerance(precision: Precision) -> f64 {
 /// Everything the engine needs to know, decided.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    pub(crate) limits: Limits,
-    pub(crate) accuracy: Accuracy,
+    pub(crate) options: PlanOptions,
+    pub(crate) settings: SolveSettings,
     pub(crate) bins: Bins,
     /// 3, or 1 where nothing in the scene has a colour.
     pub(crate) channels: u32,
@@ -210,7 +210,7 @@ pub struct Plan {
     pub(crate) placement: Placement,
     /// Index = triangle of the scene.
     pub(crate) classes: Vec<Class>,
-    pub(crate) layout: Layout,
+    pub(crate) layout: TileLayout,
     pub(crate) interactions: Interactions,
     pub(crate) solver: PlannedSolver,
     pub(crate) residency: Residency,
@@ -222,13 +222,13 @@ pub struct Plan {
 
 impl Plan {
     /// Plans a solve of a scene, which is checked first.
-    pub fn new(scene: &Scene, limits: &Limits, accuracy: &Accuracy) -> Result<Self, PlanError> {
+    pub fn new(scene: &Scene, options: &PlanOptions, settings: &SolveSettings) -> Result<Self, PlanError> {
         scene.validate()?;
-        accuracy.check()?;
-        if !TILES.contains(&limits.tile) {
-            return Err(PlanError::Tile(limits.tile));
+        settings.check()?;
+        if !TILES.contains(&options.tile) {
+            return Err(PlanError::Tile(options.tile));
         }
-        let (wanted, precision) = (accuracy.tolerance, accuracy.precision);
+        let (wanted, precision) = (settings.tolerance, settings.precision);
         let least = least_tolerance(precision);
         if wanted < least {
             return Err(PlanError::Tolerance { wanted, least, precision });
@@ -236,33 +236,34 @@ impl Plan {
         let placement = Placement::of(scene);
         let facets = placement.facets(scene);
         let mut classes = classify(scene);
-        match limits.occlusion {
+        match options.occlusion {
             Occlusion::Exact => {}
             Occlusion::Nothing => classes.iter_mut().for_each(|class| class.blocker = false),
             Occlusion::Everything => {
                 classes.iter_mut().zip(&facets).for_each(|(class, f)| class.blocker = f.area > 0.0);
             }
         }
-        let bins = Bins::new(accuracy.bins, accuracy.weights);
+        let bins = Bins::new(settings.bins, settings.weights);
         // A loss may see colours in a grey scene.
-        let channels = if is_grey(scene) && !limits.gradients.any() { 1 } else { 3 };
+        let channels = if is_grey(scene) && !options.gradients.any() { 1 } else { 3 };
 
         let order = spatial_order(&facets);
         if order.is_empty() {
             return Err(PlanError::NothingToSolve);
         }
-        let tile_bytes = u64::from(limits.tile) * memory::bin_bytes(&bins, channels, accuracy.precision);
-        let page = limits.page.min(limits.max_buffer);
+        let tile_bytes = u64::from(options.tile) * memory::bin_bytes(&bins, channels, settings.precision);
+        let page = options.page.min(options.max_buffer);
         let page_tiles = (page / tile_bytes).max(1).min(u64::from(u32::MAX)) as u32;
-        let layout = Layout::new(&order, &classes, limits.tile, page_tiles);
+        let layout = TileLayout::new(&order, &classes, options.tile, page_tiles);
 
-        let half_range = 0.5 * accuracy.subsample;
-        let by_source = limits.gradients.any();
-        let interactions = Interactions::new(&layout, &facets, &classes, half_range, limits.cull, by_source)?;
+        let half_range = 0.5 * settings.near_field;
+        let by_source = options.gradients.any();
+        let interactions =
+            Interactions::new(&layout, &facets, &classes, half_range, options.cull, by_source)?;
 
         let mut plan = Self {
-            limits: *limits,
-            accuracy: *accuracy,
+            options: *options,
+            settings: *settings,
             bins,
             channels,
             facets,
@@ -272,7 +273,7 @@ impl Plan {
             interactions,
             solver: PlannedSolver::FixedPoint,
             residency: Residency::Device,
-            staging: limits.staging,
+            staging: options.staging,
             memory: MemoryPlan::default(),
             reflectance: Reflectance::of(scene),
         };
@@ -287,7 +288,7 @@ impl Plan {
             let bases = |shortest: u32| {
                 (shortest..=LONGEST_RESTART).rev().map(|restart| PlannedSolver::Gmres { restart })
             };
-            match self.accuracy.solver {
+            match self.settings.solver {
                 SolverChoice::FixedPoint => vec![PlannedSolver::FixedPoint],
                 SolverChoice::Gmres => bases(1).collect(),
                 SolverChoice::Auto => bases(SHORTEST_RESTART).chain([PlannedSolver::FixedPoint]).collect(),
@@ -296,19 +297,19 @@ impl Plan {
         let mut least = u64::MAX;
         for &solver in &wanted {
             self.solver = solver;
-            for staging in [self.limits.staging, self.short_staging()] {
+            for staging in [self.options.staging, self.short_staging()] {
                 self.staging = staging;
                 self.memory = MemoryPlan::of(self);
-                self.memory.check_buffers(self.limits.max_buffer)?;
+                self.memory.check_buffers(self.options.max_buffer)?;
                 least = least.min(self.memory.total());
-                if self.memory.total() <= self.limits.memory_budget {
+                if self.memory.total() <= self.options.memory_budget {
                     return Ok(());
                 }
             }
         }
-        if self.limits.gradients.any() {
+        if self.options.gradients.any() {
             // The adjoint works on states of the device alone.
-            return Err(PlanError::OverBudget { budget: self.limits.memory_budget, needed: least });
+            return Err(PlanError::OverBudget { budget: self.options.memory_budget, needed: least });
         }
         // Vectors of the host take no memory of the device: the solver can be the one that runs where memory is plenty,
         // so that the answer does not depend on the budget.
@@ -322,12 +323,12 @@ impl Plan {
     }
 
     /// What the plan was made for.
-    pub fn limits(&self) -> &Limits {
-        &self.limits
+    pub fn options(&self) -> &PlanOptions {
+        &self.options
     }
 
-    pub fn accuracy(&self) -> &Accuracy {
-        &self.accuracy
+    pub fn settings(&self) -> &SolveSettings {
+        &self.settings
     }
 
     pub fn bins(&self) -> &Bins {
@@ -353,7 +354,7 @@ impl Plan {
         &self.classes
     }
 
-    pub fn layout(&self) -> &Layout {
+    pub fn layout(&self) -> &TileLayout {
         &self.layout
     }
 
@@ -385,7 +386,7 @@ impl Plan {
     /// Vectors of the state's size: those of the solver, and where gradients are wanted the solution, which is there
     /// while the solver runs on the adjoint.
     pub fn vectors(&self) -> u32 {
-        self.solver.vectors() + u32::from(self.limits.gradients.any())
+        self.solver.vectors() + u32::from(self.options.gradients.any())
     }
 
     /// Bytes of one page of bins.
@@ -395,20 +396,20 @@ impl Plan {
 
     /// Bytes of the bins of one triangle.
     pub fn bin_bytes(&self) -> u64 {
-        memory::bin_bytes(&self.bins, self.channels, self.accuracy.precision)
+        memory::bin_bytes(&self.bins, self.channels, self.settings.precision)
     }
 
     /// Whether sources are read packed. Without colour one read fetches a bin as it is.
-    pub fn packs(&self) -> bool {
+    pub fn half_bins(&self) -> bool {
         let any_bins = self.layout.groups.iter().any(|group| group.class.has_bins());
-        self.accuracy.precision == Precision::Packed && self.channels == 3 && any_bins
+        self.settings.precision == Precision::HalfBins && self.channels == 3 && any_bins
     }
 
     /// Bytes of packed bins of the sources of one dispatch.
-    pub(crate) fn packed_bytes(&self) -> u64 {
-        u64::from(self.other_tiles()).min(self.tiles_with_bins().len() as u64)
+    pub(crate) fn half_bin_bytes(&self) -> u64 {
+        u64::from(self.partner_tiles()).min(self.tiles_with_bins().len() as u64)
             * u64::from(self.layout.tile)
-            * memory::PACKED_BIN
+            * memory::HALF_BIN
             * self.bins.count() as u64
     }
 
@@ -424,27 +425,27 @@ impl Plan {
 
     /// Bytes of what kernels read of each triangle.
     pub(crate) fn facet_bytes(&self) -> u64 {
-        memory::FACET * self.accuracy.precision.bytes()
+        memory::FACET * self.settings.precision.bytes()
     }
 
-    /// Slots of others that a dispatch sees (glsl/others.glsl): buffers that are bound so go on for as many more behind the
+    /// Slots of partners that a dispatch sees (glsl/partners.glsl): buffers that are bound so go on for as many more behind the
     /// last one. After a dispatch sums go to memory: the number is always the same, so that sums don't depend on how the
     /// work is cut.
     ///
     /// Few enough for lavapipe, which leaves every loop of an invocation after 65535 iterations of all its loops together,
-    /// without a word: 64 others take at most 1 + 8 + 64 · 20 of them, even if its compiler unrolls nothing.
-    pub(crate) fn other_slots(&self) -> u32 {
-        OTHER_BYTES / self.facet_bytes() as u32
+    /// without a word: 64 partners take at most 1 + 8 + 64 · 20 of them, even if its compiler unrolls nothing.
+    pub(crate) fn partner_slots(&self) -> u32 {
+        PARTNER_BYTES / self.facet_bytes() as u32
     }
 
     /// The same in tiles.
-    pub(crate) fn other_tiles(&self) -> u32 {
-        self.other_slots() / self.layout.tile
+    pub(crate) fn partner_tiles(&self) -> u32 {
+        self.partner_slots() / self.layout.tile
     }
 
     /// Bytes of one vec4 of reals.
     pub(crate) fn rgb_bytes(&self) -> u64 {
-        memory::RGB * self.accuracy.precision.bytes()
+        memory::RGB * self.settings.precision.bytes()
     }
 
     /// The groups of glossy triangles, with their numbers.

@@ -114,7 +114,7 @@ impl Plan {
         let triangles = self.triangles() as u64;
         let mut pairs = PairReport {
             total: triangles * triangles,
-            sub_sampled: near.others.len() as u64,
+            sub_sampled: near.partners.len() as u64,
             ..PairReport::default()
         };
         for to in &self.layout.groups {
@@ -149,7 +149,7 @@ impl Plan {
             triangles,
             degenerate: self.facets.len() - triangles,
             channels: self.channels,
-            bins: if with_bins { self.accuracy.bins.to_string() } else { "none".to_owned() },
+            bins: if with_bins { self.settings.bins.to_string() } else { "none".to_owned() },
             solver: match self.solver {
                 PlannedSolver::FixedPoint => "fixed point".to_owned(),
                 PlannedSolver::Gmres { restart } => format!("GMRES, restart {restart}"),
@@ -162,7 +162,7 @@ impl Plan {
             states: self.states_report(),
             memory: self.memory.items.clone(),
             memory_total: self.memory.total(),
-            memory_budget: self.limits.memory_budget,
+            memory_budget: self.options.memory_budget,
             bytes_per_triangle: self.memory.own().map(|item| item.bytes).sum::<u64>() as f64
                 / triangles as f64,
             estimated_passes: passes,
@@ -174,7 +174,7 @@ impl Plan {
     /// By Chebyshev's bound of Krylov methods for GMRES, by the decay of bounces for the fixed point; in open scenes and for
     /// the mean albedo at least, for the largest at most.
     fn estimated_passes(&self) -> [f64; 2] {
-        let digits = (2.0 / self.accuracy.tolerance).ln();
+        let digits = (2.0 / self.settings.tolerance).ln();
         let passes = |albedo: f64| {
             let bounces = match self.solver {
                 PlannedSolver::FixedPoint => digits / (1.0 / albedo.clamp(1e-3, 0.99)).ln(),
@@ -185,7 +185,7 @@ impl Plan {
         let blocked = self.classes.iter().any(|class| class.blocker);
         let Reflectance { mean, most } = self.reflectance;
         let factor = if blocked { BLOCKED } else { 1.0 };
-        let limit = f64::from(self.accuracy.max_passes);
+        let limit = f64::from(self.settings.max_passes);
         [0.5 * passes(mean), factor * passes(most)].map(|passes| passes.ceil().min(limit))
     }
 

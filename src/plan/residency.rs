@@ -116,7 +116,7 @@ impl Plan {
 
     /// The smaller staging buffers that leave room for a state more.
     pub(super) fn short_staging(&self) -> u64 {
-        self.limits.staging.min(SHORT_STAGING)
+        self.options.staging.min(SHORT_STAGING)
     }
 
     /// Moves all states to the host, with the largest windows on them that the budget allows.
@@ -124,10 +124,10 @@ impl Plan {
     /// Windows for receivers count most: in each pass all sources go by each of them. Larger ones for sources move no
     /// fewer bytes, but lists of close sources are cut less often.
     pub(super) fn stream(&mut self) -> Result<(), PlanError> {
-        let budget = self.limits.memory_budget;
-        self.set_windows(1, 1, self.limits.staging.min(LEAST_STAGING));
+        let budget = self.options.memory_budget;
+        self.set_windows(1, 1, self.options.staging.min(LEAST_STAGING));
         let (least_staging, needed) = (self.staging, self.memory.total());
-        self.memory.check_buffers(self.limits.max_buffer)?;
+        self.memory.check_buffers(self.options.max_buffer)?;
         if needed > budget {
             return Err(PlanError::OverBudget { budget, needed });
         }
@@ -138,13 +138,13 @@ impl Plan {
         let tiles = free.saturating_sub(more_staging + 1024) / self.tile_bytes();
         // A glossy source takes two tiles: what arrives there, and what it makes of it.
         let each = if self.layout.groups.iter().any(|g| g.class.glossy) { 2 } else { 1 };
-        let page = self.limits.page.min(self.limits.max_buffer);
+        let page = self.options.page.min(self.options.max_buffer);
         let most = |bytes: u64| (bytes / self.tile_bytes()).clamp(1, u64::from(u32::MAX)) as u32;
         let total = (self.tiles_with_bins().len() as u32).max(1);
         let most = most(page.min(MOST_WINDOW_BYTES)).min(total);
         // First as few sweeps as leave an eighth for sources, or what a dispatch takes of them; then as many sources as
         // these sweeps leave room for. Windows are all of about the same size: as many, and no short one at the end.
-        let dispatch = self.other_tiles();
+        let dispatch = self.partner_tiles();
         let reserved = (tiles / 8).max((tiles / 2).min(each * u64::from(dispatch)));
         let receivers = u64::from(most).min(1 + tiles - reserved) as u32;
         let receivers = total.div_ceil(total.div_ceil(receivers));

@@ -23,7 +23,7 @@ impl Group {
 
 /// The order in which the engine holds the triangles.
 #[derive(Clone, Debug)]
-pub struct Layout {
+pub struct TileLayout {
     /// Triangles per tile.
     pub tile: u32,
     /// Triangle of each slot, or [`PADDING`].
@@ -32,7 +32,7 @@ pub struct Layout {
     pub groups: Vec<Group>,
 }
 
-impl Layout {
+impl TileLayout {
     /// Sorts triangles by class, keeping `order` within each, and fills up the last tile of each class.
     pub fn new(order: &[u32], classes: &[Class], tile: u32, page_tiles: u32) -> Self {
         let mut present: Vec<Class> = order.iter().map(|&i| classes[i as usize]).collect();
@@ -101,8 +101,8 @@ mod tests {
             .flat_map(|(class, tiles)| std::iter::repeat_n(class, 2 * tiles))
             .collect();
         let order: Vec<u32> = (0..classes.len() as u32).rev().collect();
-        let tiles = |layout: &Layout| layout.groups.iter().map(|g| g.tiles.clone()).collect::<Vec<_>>();
-        let mut layout = Layout::new(&order, &classes, 2, 100);
+        let tiles = |layout: &TileLayout| layout.groups.iter().map(|g| g.tiles.clone()).collect::<Vec<_>>();
+        let mut layout = TileLayout::new(&order, &classes, 2, 100);
         assert_eq!(tiles(&layout), [0..5, 5..8, 8..16]);
         layout.cut(4);
         assert_eq!(tiles(&layout), [0..5, 5..8, 8..9, 9..13, 13..16]);

@@ -7,12 +7,12 @@
 //! μ = μ0 + Uᵀ λ,   λ = λ0 + (K - J)ᵀ μ.
 //! ```
 //!
-//! λ has the form of a [`State`] and μ that of [`Leaving`]: an entry is the derivative with respect to that entry, as
+//! λ has the form of a [`State`] and μ that of [`Outgoing`]: an entry is the derivative with respect to that entry, as
 //! it is stored, so in particular with respect to H(b) / c_b.
 
 use super::reflection::{specular_scale, spread};
 use super::transport::beams;
-use super::{Leaving, Model, State};
+use super::{Model, Outgoing, State};
 use crate::model::{Class, Taps};
 use crate::solve::LightOperator;
 use glam::DVec3;
@@ -21,26 +21,26 @@ use std::convert::Infallible;
 use std::f64::consts::PI;
 
 /// Uᵀ: what the light that leaves each triangle is worth where it arrives.
-pub fn transport_adjoint(model: &Model, importance: &State) -> Leaving {
-    let departing: Vec<Departing> = (0..model.facets.len())
+pub fn transport_adjoint(model: &Model, importance: &State) -> Outgoing {
+    let outgoing_of_source: Vec<Departing> = (0..model.facets.len())
         .into_par_iter()
         .map(|i| {
-            let mut departing = Departing::new(model, i);
+            let mut outgoing_of_source = Departing::new(model, i);
             for j in 0..model.facets.len() {
-                departing.towards(importance, j);
+                outgoing_of_source.towards(importance, j);
             }
-            departing
+            outgoing_of_source
         })
         .collect();
-    let mut leaving = model.dark();
-    for (i, departing) in departing.into_iter().enumerate() {
-        leaving.diffuse[i] = departing.diffuse;
+    let mut outgoing = model.dark();
+    for (i, outgoing_of_source) in outgoing_of_source.into_iter().enumerate() {
+        outgoing.diffuse[i] = outgoing_of_source.diffuse;
         if let Some(range) = model.bins_of(i) {
-            leaving.specular[range.clone()].copy_from_slice(&departing.specular);
-            leaving.antiradiance[range].copy_from_slice(&departing.antiradiance);
+            outgoing.specular[range.clone()].copy_from_slice(&outgoing_of_source.specular);
+            outgoing.antiradiance[range].copy_from_slice(&outgoing_of_source.antiradiance);
         }
     }
-    leaving
+    outgoing
 }
 
 impl State {
@@ -80,18 +80,18 @@ impl<'a> Departing<'a> {
     fn towards(&mut self, importance: &State, j: usize) {
         let model = self.model;
         beams(model, self.i, j, |beam| {
-            let worth = importance.importance(model, j, -beam.direction);
+            let adjoint = importance.importance(model, j, -beam.direction);
             let local = |direction| model.bins.taps(model.facets[self.i].to_local(direction));
             match (beam.front, model.classes[self.i]) {
                 (true, Class { glossy, .. }) => {
-                    self.diffuse += beam.diffuse * worth;
+                    self.diffuse += beam.diffuse * adjoint;
                     if glossy {
-                        deposit(&mut self.specular, local(beam.direction), beam.binned * worth);
+                        deposit(&mut self.specular, local(beam.direction), beam.binned * adjoint);
                     }
                 }
                 // Antiradiance is kept positive and read with a minus.
                 (false, Class { blocker: true, .. }) => {
-                    deposit(&mut self.antiradiance, local(-beam.direction), -beam.binned * worth);
+                    deposit(&mut self.antiradiance, local(-beam.direction), -beam.binned * adjoint);
                 }
                 (false, _) => {}
             }
@@ -107,7 +107,7 @@ fn deposit(bins: &mut [DVec3], taps: Taps, value: DVec3) {
 
 /// (K - J)ᵀ. J is the identity on the state, so the cotangent of antiradiance passes as it is: the minus belongs to
 /// the reading in U.
-pub fn reflect_adjoint(model: &Model, cotangent: &Leaving) -> State {
+pub fn reflect_adjoint(model: &Model, cotangent: &Outgoing) -> State {
     let irradiance = (0..model.facets.len())
         .map(|i| DVec3::from(model.materials[i].diffuse_albedo()) / PI * cotangent.diffuse[i])
         .collect();
@@ -130,49 +130,49 @@ pub fn reflect_adjoint(model: &Model, cotangent: &Leaving) -> State {
 /// The specular lobe is symmetric in both directions; what arrives is radiance, hence the c_b of the incoming bin.
 fn lobe(model: &Model, i: usize, cotangent: &[DVec3]) -> Vec<DVec3> {
     let material = &model.materials[i];
-    let worth = spread(&model.bins, material.power, |out| cotangent[out]);
-    worth.iter().zip(&model.bins.projected).map(|(w, c)| specular_scale(material) * *w * *c).collect()
+    let adjoint = spread(&model.bins, material.power, |out| cotangent[out]);
+    adjoint.iter().zip(&model.bins.projected).map(|(w, c)| specular_scale(material) * *w * *c).collect()
 }
 
-/// Sᵀ: from the cotangent of the colours of faces, seen from `eye`, to that of what leaves them.
-pub fn observe_adjoint(model: &Model, eye: DVec3, colours: &[DVec3]) -> Leaving {
-    let mut leaving = model.dark();
+/// Sᵀ: from the cotangent of the colours of faces, seen from `camera_position`, to that of what leaves them.
+pub fn observe_adjoint(model: &Model, camera_position: DVec3, colours: &[DVec3]) -> Outgoing {
+    let mut outgoing = model.dark();
     for (i, (facet, &colour)) in model.facets.iter().zip(colours).enumerate() {
-        let to_eye = (eye - facet.centroid).normalize_or_zero();
-        if to_eye.dot(facet.normal) > 0.0 {
-            leaving.diffuse[i] = colour;
+        let to_camera = (camera_position - facet.centroid).normalize_or_zero();
+        if to_camera.dot(facet.normal) > 0.0 {
+            outgoing.diffuse[i] = colour;
             if let Some(range) = model.bins_of(i).filter(|_| model.classes[i].glossy) {
-                deposit(&mut leaving.specular[range], model.bins.taps(facet.to_local(to_eye)), colour);
+                deposit(&mut outgoing.specular[range], model.bins.taps(facet.to_local(to_camera)), colour);
             }
         }
     }
-    leaving
+    outgoing
 }
 
 /// The equation λ = λ0 + (K - J)ᵀ (μ0 + Uᵀ λ) for the solvers of [`crate::solve`]: its emission is
 /// λ0 + (K - J)ᵀ μ0.
-pub struct Adjoint<'a> {
+pub struct AdjointEquation<'a> {
     /// The scene.
     pub model: &'a Model,
     /// λ0, the cotangent of what arrives.
-    pub arriving: State,
+    pub incident: State,
     /// μ0, the cotangent of what leaves.
-    pub leaving: Leaving,
+    pub outgoing: Outgoing,
 }
 
-impl Adjoint<'_> {
+impl AdjointEquation<'_> {
     /// μ = μ0 + Uᵀ λ: the derivative of the loss with respect to what leaves, emission among it.
-    pub fn leaving(&self, importance: &State) -> Leaving {
-        let mut leaving = transport_adjoint(self.model, importance);
+    pub fn outgoing(&self, importance: &State) -> Outgoing {
+        let mut outgoing = transport_adjoint(self.model, importance);
         let add = |to: &mut [DVec3], from: &[DVec3]| to.iter_mut().zip(from).for_each(|(t, f)| *t += *f);
-        add(&mut leaving.diffuse, &self.leaving.diffuse);
-        add(&mut leaving.specular, &self.leaving.specular);
-        add(&mut leaving.antiradiance, &self.leaving.antiradiance);
-        leaving
+        add(&mut outgoing.diffuse, &self.outgoing.diffuse);
+        add(&mut outgoing.specular, &self.outgoing.specular);
+        add(&mut outgoing.antiradiance, &self.outgoing.antiradiance);
+        outgoing
     }
 }
 
-impl LightOperator for Adjoint<'_> {
+impl LightOperator for AdjointEquation<'_> {
     type Vector = State;
     type Error = Infallible;
 
@@ -183,12 +183,12 @@ impl LightOperator for Adjoint<'_> {
     fn pass(&mut self, x: Option<&State>, emission: bool, y: &mut State) -> Result<(), Infallible> {
         *y = match (x, emission) {
             (None, false) => self.model.zero(),
-            (None, true) => reflect_adjoint(self.model, &self.leaving),
+            (None, true) => reflect_adjoint(self.model, &self.outgoing),
             (Some(x), false) => reflect_adjoint(self.model, &transport_adjoint(self.model, x)),
-            (Some(x), true) => reflect_adjoint(self.model, &self.leaving(x)),
+            (Some(x), true) => reflect_adjoint(self.model, &self.outgoing(x)),
         };
         if emission {
-            self.model.combine(1.0, &self.arriving, 1.0, y)?;
+            self.model.combine(1.0, &self.incident, 1.0, y)?;
         }
         Ok(())
     }

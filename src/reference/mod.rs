@@ -1,23 +1,23 @@
 //! An f64 twin of every kernel of light on the CPU, written to be read: the truth that the kernels are tested against.
 
 mod adjoint;
+mod bf16;
 mod derivative;
 mod near_field;
 mod observation;
 mod operator;
-mod packing;
 mod path_tracer;
 mod random;
 mod reflection;
 mod scenes;
 mod transport;
 
-pub use adjoint::{Adjoint, observe_adjoint, reflect_adjoint, transport_adjoint};
+pub use adjoint::{AdjointEquation, observe_adjoint, reflect_adjoint, transport_adjoint};
+pub use bf16::to_bf16;
 pub use derivative::{MaterialGradient, observe_derivative, reflect_derivative, transport_derivative};
 pub use near_field::projected_solid_angle;
 pub use observation::observe;
-pub use packing::packed;
-pub use path_tracer::{Estimate, PathTracer};
+pub use path_tracer::{MonteCarloEstimate, PathTracer};
 pub use random::Random;
 pub use reflection::{emission, reflect};
 pub use scenes::{Plates, Shadow};
@@ -38,8 +38,8 @@ pub struct Model {
     pub classes: Vec<Class>,
     /// Directions of the hemisphere.
     pub bins: Bins,
-    /// The range of the near field, as in [`Accuracy`](crate::scene::Accuracy).
-    pub subsample: f64,
+    /// The range of the near field, as in [`SolveSettings`](crate::scene::Accuracy).
+    pub near_field: f64,
     /// First bin of each triangle in [`State::bins`]; `None` where it has no bins.
     slots: Vec<Option<usize>>,
 }
@@ -56,7 +56,7 @@ pub struct State {
 
 /// What leaves. RGB, W/(m² sr).
 #[derive(Clone, Debug)]
-pub struct Leaving {
+pub struct Outgoing {
     /// Diffuse radiance of the front.
     pub diffuse: Vec<DVec3>,
     /// Specular radiance of the front per bin, in the slots of [`State::bins`].
@@ -73,7 +73,7 @@ impl Model {
 
     /// With classes of one's own: to show that what the plan leaves out changes nothing, or what happens without J.
     pub fn with_classes(scene: &Scene, classes: Vec<Class>) -> Self {
-        let bins = Bins::new(scene.accuracy.bins, scene.accuracy.weights);
+        let bins = Bins::new(scene.settings.bins, scene.settings.weights);
         let mut next = 0;
         let slots = classes
             .iter()
@@ -89,7 +89,7 @@ impl Model {
             materials: (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect(),
             classes,
             bins,
-            subsample: scene.accuracy.subsample,
+            near_field: scene.settings.near_field,
             slots,
         }
     }
@@ -101,7 +101,7 @@ impl Model {
 
     /// The squared distance within which a pair is integrated over pieces rather than taken from point to point, m².
     pub fn range(&self, i: usize, j: usize) -> f64 {
-        self.subsample * 0.5 * (self.facets[i].extent + self.facets[j].extent)
+        self.near_field * 0.5 * (self.facets[i].characteristic_area + self.facets[j].characteristic_area)
     }
 
     /// A state without light.
@@ -113,20 +113,20 @@ impl Model {
     }
 
     /// Nothing that leaves.
-    pub fn dark(&self) -> Leaving {
+    pub fn dark(&self) -> Outgoing {
         let State { irradiance, bins } = self.zero();
-        Leaving { diffuse: irradiance, specular: bins.clone(), antiradiance: bins }
+        Outgoing { diffuse: irradiance, specular: bins.clone(), antiradiance: bins }
     }
 
     /// (K - J) H, without emission.
-    pub fn leave(&self, state: &State) -> Leaving {
-        let mut leaving = reflect(self, state);
-        leaving.antiradiance = state.bins.clone();
-        leaving
+    pub fn leave(&self, state: &State) -> Outgoing {
+        let mut outgoing = reflect(self, state);
+        outgoing.antiradiance = state.bins.clone();
+        outgoing
     }
 }
 
-impl Leaving {
+impl Outgoing {
     /// Radiance that leaves triangle `i` in a direction of the world, from its front or its back.
     pub fn radiance(&self, model: &Model, i: usize, direction: DVec3, front: bool) -> DVec3 {
         self.diffuse(i, front) + self.binned(model, i, direction, front)

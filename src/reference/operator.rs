@@ -15,19 +15,19 @@ impl LightOperator for &Model {
 
     fn pass(&mut self, x: Option<&State>, with_emission: bool, y: &mut State) -> Result<(), Infallible> {
         let emitted = emission(self);
-        let leaving = match x {
+        let outgoing = match x {
             None => emitted,
             Some(x) => {
-                let mut leaving = self.leave(x);
+                let mut outgoing = self.leave(x);
                 if with_emission {
-                    for (l, e) in leaving.diffuse.iter_mut().zip(emitted.diffuse) {
+                    for (l, e) in outgoing.diffuse.iter_mut().zip(emitted.diffuse) {
                         *l += e;
                     }
                 }
-                leaving
+                outgoing
             }
         };
-        *y = transport(self, &leaving);
+        *y = transport(self, &outgoing);
         Ok(())
     }
 

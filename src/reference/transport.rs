@@ -2,7 +2,7 @@
 //! glsl/near.comp.
 
 use super::near_field::projected_solid_angle;
-use super::{Leaving, Model, State};
+use super::{Model, Outgoing, State};
 use crate::model::{QUARTER_RANGE, centroid, far_weight, quarters};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -10,22 +10,22 @@ use std::f64::consts::PI;
 
 /// H_j(b) += T_b(ω_j) max(cos_j, 0) g_ij a_i |cos_i| · (front: L_i(ω_i); back: -A_i(ω_i)), for all i and j; the state
 /// keeps H_j(b) / c_b.
-pub fn transport(model: &Model, leaving: &Leaving) -> State {
-    let arriving: Vec<Arriving> = (0..model.facets.len())
+pub fn transport(model: &Model, outgoing: &Outgoing) -> State {
+    let incident: Vec<Incident> = (0..model.facets.len())
         .into_par_iter()
         .map(|j| {
-            let mut arriving = Arriving::new(model, j);
+            let mut incident = Incident::new(model, j);
             for i in 0..model.facets.len() {
-                arriving.from(leaving, i);
+                incident.from(outgoing, i);
             }
-            arriving
+            incident
         })
         .collect();
     let mut state = model.zero();
-    for (j, arriving) in arriving.into_iter().enumerate() {
-        state.irradiance[j] = arriving.irradiance;
+    for (j, incident) in incident.into_iter().enumerate() {
+        state.irradiance[j] = incident.irradiance;
         if let Some(range) = model.bins_of(j) {
-            for ((bin, h), c) in state.bins[range].iter_mut().zip(arriving.bins).zip(&model.bins.projected) {
+            for ((bin, h), c) in state.bins[range].iter_mut().zip(incident.bins).zip(&model.bins.projected) {
                 *bin = h / *c;
             }
         }
@@ -34,7 +34,7 @@ pub fn transport(model: &Model, leaving: &Leaving) -> State {
 }
 
 /// What arrives at one triangle.
-struct Arriving<'a> {
+struct Incident<'a> {
     model: &'a Model,
     j: usize,
     irradiance: DVec3,
@@ -42,16 +42,16 @@ struct Arriving<'a> {
     bins: Vec<DVec3>,
 }
 
-impl<'a> Arriving<'a> {
+impl<'a> Incident<'a> {
     fn new(model: &'a Model, j: usize) -> Self {
         let bins = vec![DVec3::ZERO; model.bins_of(j).map_or(0, |range| range.len())];
         Self { model, j, irradiance: DVec3::ZERO, bins }
     }
 
-    fn from(&mut self, leaving: &Leaving, i: usize) {
+    fn from(&mut self, outgoing: &Outgoing, i: usize) {
         beams(self.model, i, self.j, |beam| {
-            let radiance = beam.diffuse * leaving.diffuse(i, beam.front)
-                + beam.binned * leaving.binned(self.model, i, beam.direction, beam.front);
+            let radiance = beam.diffuse * outgoing.diffuse(i, beam.front)
+                + beam.binned * outgoing.binned(self.model, i, beam.direction, beam.front);
             self.deposit(-beam.direction, radiance);
         });
     }
@@ -151,7 +151,7 @@ fn visit_piece(
     let offset = point - centroid(from);
     let side = offset.dot(model.facets[i].normal);
     let projected = projected_solid_angle(point, model.facets[j].normal, from);
-    let apart = side.abs() > COINCIDENT * model.facets[i].extent.sqrt();
+    let apart = side.abs() > COINCIDENT * model.facets[i].characteristic_area.sqrt();
     if apart && projected > 0.0 {
         visit(Beam {
             direction: offset.normalize(),

@@ -1,4 +1,4 @@
-//! What can be wrong with a scene. Every message is one line that says where, what, and the way out.
+//! What can be wrong with a scene. Every message is one line that says where, what, and the remedy.
 
 use std::path::{Path, PathBuf};
 
@@ -178,7 +178,7 @@ pub enum SceneError {
 
     /// The settings of a solve contradict each other.
     #[error("accuracy: {message}")]
-    Accuracy {
+    SolveSettings {
         /// What is wrong, and what would do.
         message: String,
     },

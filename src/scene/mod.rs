@@ -3,7 +3,6 @@
 //! Everything that comes from outside is checked here, once ([`Scene::load`], [`Scene::check`]); the layers behind
 //! may rely on finite vertices, indices in range and physical materials. SI units: metres, W/(m² sr).
 
-mod accuracy;
 mod adjacency;
 mod albedo;
 mod assembly;
@@ -18,6 +17,7 @@ mod mtl;
 mod obj;
 mod refine;
 mod save;
+mod settings;
 mod shapes;
 mod size;
 mod split;
@@ -27,12 +27,12 @@ mod tables;
 mod toml_file;
 mod triangulate;
 
-pub use accuracy::{Accuracy, BinLayout, Choice, Precision, SolverChoice, Weights};
 pub use builder::SceneBuilder;
 pub use camera::Camera;
 pub use error::SceneError;
 pub use file::LoadOptions;
 pub use material::{Material, Normalization};
+pub use settings::{BinLayout, Choice, Precision, SolveSettings, SolverChoice, Weights};
 pub use shapes::Shape;
 
 pub(crate) use adjacency::{Edges, Fans, Welded, sides};
@@ -88,7 +88,7 @@ pub struct Scene {
     /// In the order of the file.
     pub cameras: Vec<Camera>,
     /// How exact a solve is to be.
-    pub accuracy: Accuracy,
+    pub settings: SolveSettings,
     /// What of it is left open.
     pub choice: Choice,
     /// Indices of triangles without area: they keep their row in every output, and take no part.

@@ -1,6 +1,6 @@
 //! Fixed-point (Neumann) iteration: every pass adds one bounce. Needs two vectors and nothing else.
 
-use super::{LightOperator, Next, Progress, Solved, Watch};
+use super::{ConvergenceMonitor, LightOperator, Next, SolveProgress, Solved};
 
 /// When the fixed point stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,7 +15,7 @@ pub struct FixedPointParams {
 pub fn fixed_point<O: LightOperator>(
     operator: &mut O,
     params: &FixedPointParams,
-    progress: &mut Progress,
+    progress: &mut SolveProgress,
 ) -> Solved<O> {
     fixed_point_from(operator, None, params, progress)
 }
@@ -25,9 +25,9 @@ pub fn fixed_point_from<O: LightOperator>(
     operator: &mut O,
     guess: Option<O::Vector>,
     params: &FixedPointParams,
-    progress: &mut Progress,
+    progress: &mut SolveProgress,
 ) -> Solved<O> {
-    let mut watch = Watch::new(params.tolerance, params.max_passes, progress);
+    let mut watch = ConvergenceMonitor::new(params.tolerance, params.max_passes, progress);
     let guessed = guess.is_some();
     let mut old = match guess {
         Some(guess) => guess,

@@ -1,7 +1,7 @@
 //! Restarted GMRES (Saad and Schultz 1986) on (1 - U (K - J)) H = U E: about half the passes of the fixed point in
 //! bright closed rooms, for a basis of `restart` more vectors.
 
-use super::{Failed, LightOperator, Next, Progress, STAGNATION, Solved, Watch, norm};
+use super::{ConvergenceMonitor, Failed, LightOperator, Next, STAGNATION, SolveProgress, Solved, norm};
 use nalgebra::{DMatrix, DVector, Schur};
 use std::ops::AddAssign;
 
@@ -23,7 +23,11 @@ pub fn gmres_scratch(restart: u32) -> u32 {
 
 /// Solves to a relative residual ‖U (E + (K - J) H) - H‖ / ‖H‖ in the operator's magnitude. The basis tells when it is
 /// reached, and one more pass verifies that.
-pub fn gmres<O: LightOperator>(operator: &mut O, params: &GmresParams, progress: &mut Progress) -> Solved<O> {
+pub fn gmres<O: LightOperator>(
+    operator: &mut O,
+    params: &GmresParams,
+    progress: &mut SolveProgress,
+) -> Solved<O> {
     gmres_from(operator, None, params, progress)
 }
 
@@ -32,9 +36,9 @@ pub fn gmres_from<O: LightOperator>(
     operator: &mut O,
     guess: Option<O::Vector>,
     params: &GmresParams,
-    progress: &mut Progress,
+    progress: &mut SolveProgress,
 ) -> Solved<O> {
-    let mut watch = Watch::new(params.tolerance, params.max_passes, progress);
+    let mut watch = ConvergenceMonitor::new(params.tolerance, params.max_passes, progress);
     let mut started = guess.is_some();
     let mut solution = match guess {
         Some(guess) => guess,
@@ -100,7 +104,7 @@ impl Cycle {
         basis: &mut Vec<O::Vector>,
         restart: u32,
         judge: Judge,
-        watch: &mut Watch,
+        watch: &mut ConvergenceMonitor,
     ) -> Result<(Self, Vec<f64>, Next), Failed<O>> {
         let beta = operator.dot(&basis[0], &basis[0])?.sqrt();
         operator.scale(1.0 / beta, &mut basis[0])?;
@@ -160,8 +164,8 @@ impl Cycle {
 /// Sees the vectors of a cycle in the norm that convergence is judged by.
 struct Judge {
     /// U (E + (K - J) x0), or its size.
-    arriving: Judged,
-    /// Of the basis; empty where `arriving` is a size.
+    incident: Judged,
+    /// Of the basis; empty where `incident` is a size.
     basis: Vec<Vec<f64>>,
     /// Whether x0 is not darkness, so that x0 + r0 is not in the basis.
     started: bool,
@@ -179,18 +183,18 @@ enum Judged {
 impl Judge {
     fn new<O: LightOperator>(
         operator: &mut O,
-        arriving: &O::Vector,
+        incident: &O::Vector,
         started: bool,
     ) -> Result<Self, O::Error> {
-        let arriving = match operator.judged(arriving)? {
+        let incident = match operator.judged(incident)? {
             Some(part) => Judged::Part(part),
-            None => Judged::All { size: operator.dot(arriving, arriving)?.sqrt() },
+            None => Judged::All { size: operator.dot(incident, incident)?.sqrt() },
         };
-        Ok(Self { arriving, basis: Vec::new(), started })
+        Ok(Self { incident, basis: Vec::new(), started })
     }
 
     fn size(&self) -> f64 {
-        match &self.arriving {
+        match &self.incident {
             Judged::Part(part) => norm(part),
             Judged::All { size } => *size,
         }
@@ -206,12 +210,12 @@ impl Judge {
     fn relative(&self, beta: f64, y: &DVector<f64>, t: &DVector<f64>) -> f64 {
         let mut gain = t.clone();
         gain.rows_mut(0, y.len()).add_assign(y);
-        match &self.arriving {
-            Judged::Part(arriving) => {
+        match &self.incident {
+            Judged::Part(incident) => {
                 // x + r = (x0 + r0) + V (y + t) - r0.
                 gain[0] -= beta;
-                let r = self.combined(t, vec![0.0; arriving.len()]);
-                norm(&r) / norm(&self.combined(&gain, arriving.clone()))
+                let r = self.combined(t, vec![0.0; incident.len()]);
+                norm(&r) / norm(&self.combined(&gain, incident.clone()))
             }
             Judged::All { size } if self.started => t.norm() / size,
             Judged::All { .. } => t.norm() / gain.norm(),

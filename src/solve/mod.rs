@@ -183,22 +183,22 @@ type Failed<O> = SolveError<<O as LightOperator>::Error, <O as LightOperator>::V
 pub type Solved<O> = Result<(<O as LightOperator>::Vector, SolveInfo), Failed<O>>;
 
 /// Called after every pass with the number of passes and the relative residual; may stop the solve.
-pub type Progress<'a> = dyn FnMut(u32, f64) -> ControlFlow<()> + 'a;
+pub type SolveProgress<'a> = dyn FnMut(u32, f64) -> ControlFlow<()> + 'a;
 
 /// Counts passes, keeps their residuals and decides when to give up; shared by the solvers.
-struct Watch<'a, 'b> {
+struct ConvergenceMonitor<'a, 'b> {
     tolerance: f64,
     max_passes: u32,
     residuals: Vec<f64>,
-    progress: &'a mut Progress<'b>,
+    progress: &'a mut SolveProgress<'b>,
 }
 
 /// Growth of the residual over the best one that counts as divergence: stacked layers may gain a few orders of
 /// magnitude before they cancel (J U is non-normal), a radius above one has no bound.
 const DIVERGENCE: f64 = 1e6;
 
-impl<'a, 'b> Watch<'a, 'b> {
-    fn new(tolerance: f64, max_passes: u32, progress: &'a mut Progress<'b>) -> Self {
+impl<'a, 'b> ConvergenceMonitor<'a, 'b> {
+    fn new(tolerance: f64, max_passes: u32, progress: &'a mut SolveProgress<'b>) -> Self {
         Self { tolerance, max_passes, residuals: Vec::new(), progress }
     }
 

@@ -5,7 +5,7 @@ use super::adjoint::AdjointBuffers;
 use super::exchange::{NEAR_TAKE, PLAIN_NEAR_TAKE, Shape, sweep_of};
 use super::state::{State, page_of};
 use super::sweep::{Between, Kernels, Sweep};
-use super::watch::{TransportError, Watch};
+use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Device, GpuError};
 use crate::plan::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
@@ -40,9 +40,9 @@ impl ExchangeAdjoint {
         adjoint: &AdjointBuffers,
         x: &State,
         y: &State,
-        watch: &mut Watch,
+        watch: &mut PassMonitor,
     ) -> Result<(), TransportError> {
-        let Context { plan, scene, leaving, .. } = context;
+        let Context { plan, scene, outgoing, .. } = context;
         let (x, y) = (x.resident()?, y.resident()?);
         let lists = plan.interactions().by_source.as_ref().ok_or(TransportError::NotPlanned)?;
         watch.begin(Sweep::pairs(plan));
@@ -53,16 +53,16 @@ impl ExchangeAdjoint {
                 let sweep = sweep_of(&mut self.sweeps, shape)?;
                 let between = Between::groups(plan, lists, from, to);
                 let irradiance = x.irradiance.whole();
-                let arriving = page_of(&x.bins, t, to.class.has_bins(), none)?;
+                let incident = page_of(&x.bins, t, to.class.has_bins(), none)?;
                 let back = page_of(&y.bins, s, from.class.has_bins(), none)?;
-                let front = page_of(&leaving.specular, s, from.class.glossy, none)?;
-                let (facets, radiance) = (scene.facets.whole(), leaving.radiance.whole());
+                let front = page_of(&outgoing.specular, s, from.class.glossy, none)?;
+                let (facets, radiance) = (scene.facets.whole(), outgoing.radiance.whole());
                 let near = [
                     facets,
                     irradiance,
                     scene.corners.whole(),
                     radiance,
-                    arriving,
+                    incident,
                     back,
                     front,
                     adjoint.near_offsets.whole(),
@@ -75,7 +75,7 @@ impl ExchangeAdjoint {
                     irradiance,
                     adjoint.far_runs.whole(),
                     radiance,
-                    arriving,
+                    incident,
                     back,
                     front,
                     scene.bin_table.whole(),

@@ -6,12 +6,12 @@ use super::adjoint::AdjointBuffers;
 use super::exchange::{Shape, sweep_of};
 use super::state::{State, page_of};
 use super::sweep::{Between, Kernels, Sweep};
-use super::watch::{TransportError, Watch};
+use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Buffer, Device, GpuError};
 use crate::plan::{Interactions, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
-/// Close others per owner and dispatch: an invocation on lavapipe is left after 65535 iterations of all its loops, and one
+/// Close others per target and dispatch: an invocation on lavapipe is left after 65535 iterations of all its loops, and one
 /// other takes at most 16 · (1 + 45 · 17).
 const NEAR_TAKE: u32 = 4;
 /// The same where sources have no bins: 16 · 50 iterations.
@@ -51,9 +51,9 @@ impl ExchangeDerivative {
         x: &State,
         cotangent: &State,
         gradients: &Buffer,
-        watch: &mut Watch,
+        watch: &mut PassMonitor,
     ) -> Result<(), TransportError> {
-        let Context { plan, scene, leaving, .. } = context;
+        let Context { plan, scene, outgoing, .. } = context;
         let (x, cotangent) = (x.resident()?, cotangent.resident()?);
         let Interactions { by_receiver, by_source } = plan.interactions();
         let by_source = by_source.as_ref().ok_or(TransportError::NotPlanned)?;
@@ -64,7 +64,7 @@ impl ExchangeDerivative {
                 true => (&mut self.by_source, by_source, &adjoint.far_runs),
                 false => (&mut self.by_receiver, by_receiver, &scene.far_runs),
             };
-            let (offsets, others) = match owns_source {
+            let (offsets, partners) = match owns_source {
                 true => (&adjoint.near_offsets, &adjoint.near_receivers),
                 false => (&scene.near_offsets, &scene.near_sources),
             };
@@ -77,15 +77,15 @@ impl ExchangeDerivative {
                     };
                     let both = [
                         scene.facets.whole(),
-                        leaving.radiance.whole(),
+                        outgoing.radiance.whole(),
                         cotangent.irradiance.whole(),
                         gradients.whole(),
                         page_of(&x.bins, s, from.class.has_bins(), none)?,
-                        page_of(&leaving.specular, s, from.class.glossy, none)?,
+                        page_of(&outgoing.specular, s, from.class.glossy, none)?,
                         page_of(&cotangent.bins, t, to.class.has_bins(), none)?,
                     ];
                     let near =
-                        [&both[..], &[offsets.whole(), others.whole(), scene.corners.whole()]].concat();
+                        [&both[..], &[offsets.whole(), partners.whole(), scene.corners.whole()]].concat();
                     sweep.near(context, between, &near, true, watch)?;
                     let far = [&both[..], &[runs.whole()]].concat();
                     sweep.far(context, between, &far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;

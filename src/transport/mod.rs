@@ -7,10 +7,10 @@ mod adjoint;
 mod exchange;
 mod exchange_adjoint;
 mod exchange_derivative;
+mod half_bins;
 mod observation;
 mod observation_adjoint;
 mod pace;
-mod packing;
 mod real;
 mod reflection;
 mod reflection_adjoint;
@@ -21,17 +21,17 @@ mod sweep;
 mod vectors;
 mod watch;
 
+pub use half_bins::PackPush;
 pub use pace::Pace;
-pub use packing::PackPush;
 pub use scene_buffers::SceneBuffers;
-pub use state::{Leaving, State};
+pub use state::{Outgoing, State};
 
-pub use adjoint::{Adjoint, AdjointOperator, LobeSums};
+pub use adjoint::{AdjointKernels, AdjointOperator, LobeSums};
 pub use reflection::{GlossyPush, ReflectPush};
 pub use reflection_adjoint::{GlossyDerivativePush, ReflectAdjointPush};
 pub use sweep::{FarPush, NearPush};
 pub use vectors::DotPush;
-pub use watch::{TransportError, Watcher};
+pub use watch::{PassCallback, TransportError};
 
 use crate::gpu::{Buffer, Device, GpuError};
 use crate::plan::Plan;
@@ -44,14 +44,14 @@ pub(crate) struct Context {
     device: Device,
     plan: Plan,
     scene: SceneBuffers,
-    leaving: Leaving,
+    outgoing: Outgoing,
 }
 
 impl Context {
     /// What a buffer of one vec4 per slot holds.
     fn slots(&self, buffer: &Buffer) -> Result<Vec<[f64; 4]>, GpuError> {
         let count = u64::from(self.plan.layout.slots()) * 4;
-        let values = real::download(&self.device, buffer, self.plan.accuracy.precision, count)?;
+        let values = real::download(&self.device, buffer, self.plan.settings.precision, count)?;
         Ok(rows(&values))
     }
 }
@@ -64,7 +64,7 @@ pub struct Operators {
     reflection: reflection::Reflection,
     observation: observation::Observation,
     vectors: vectors::Vectors,
-    watch: watch::Watch,
+    watch: watch::PassMonitor,
 }
 
 /// Lanes of a workgroup of the kernels that don't depend on the subgroup's size.
@@ -72,18 +72,18 @@ const WORKGROUP: u32 = 64;
 
 /// Specialization constants that say how bins are laid out (glsl/bins.glsl).
 fn bin_constants(plan: &Plan) -> [(u32, u32); 5] {
-    let (concentric, rows, columns) = match plan.accuracy.bins {
+    let (concentric, rows, columns) = match plan.settings.bins {
         BinLayout::EqualAngle { theta, phi } => (0, theta, phi),
         BinLayout::Concentric { n } => (1, n, n),
     };
-    let smoothstep = u32::from(plan.accuracy.weights == Weights::Smoothstep);
+    let smoothstep = u32::from(plan.settings.weights == Weights::Smoothstep);
     [(2, concentric), (3, smoothstep), (4, rows), (5, columns), (6, plan.channels)]
 }
 
 impl Operators {
     /// Allocates everything the plan names and compiles the kernels.
     pub fn new(device: &Device, plan: Plan, scene: SceneBuffers) -> Result<Self, GpuError> {
-        if plan.accuracy.precision == Precision::F64 && !device.info().enabled.float64 {
+        if plan.settings.precision == Precision::F64 && !device.info().enabled.float64 {
             return Err(GpuError::MissingFeature {
                 device: device.info().name.clone(),
                 features: "shaderFloat64, without which precision \"f64\" can't be; take \"f32\"".to_owned(),
@@ -94,9 +94,9 @@ impl Operators {
             exchange: exchange::Exchange::new(device, &plan)?,
             reflection: reflection::Reflection::new(device, &plan)?,
             observation: observation::Observation::new(device, &plan)?,
-            vectors: vectors::Vectors::new(device, plan.accuracy.precision)?,
-            watch: watch::Watch::default(),
-            context: Context { leaving: Leaving::new(device, &plan)?, device: device.clone(), plan, scene },
+            vectors: vectors::Vectors::new(device, plan.settings.precision)?,
+            watch: watch::PassMonitor::default(),
+            context: Context { outgoing: Outgoing::new(device, &plan)?, device: device.clone(), plan, scene },
         })
     }
 
@@ -111,8 +111,8 @@ impl Operators {
     }
 
     /// Who looks on while the device works: called after every dispatch of the transport. `None`: nobody.
-    pub fn set_watcher(&mut self, watcher: Option<Watcher>) {
-        self.watch.watcher = watcher;
+    pub fn set_pass_callback(&mut self, callback: Option<PassCallback>) {
+        self.watch.callback = callback;
     }
 
     /// Makes the fronts emit and reflect what arrives: E + K x. For states that live on the device.
@@ -124,23 +124,27 @@ impl Operators {
         Ok(())
     }
 
-    /// Radiance of every slot towards `eye` (metres), W/(m² sr): S (E + (K - J) x).
-    pub fn observe(&mut self, x: &State, eye: glam::DVec3) -> Result<Vec<[f64; 4]>, TransportError> {
+    /// Radiance of every slot towards `camera_position` (metres), W/(m² sr): S (E + (K - J) x).
+    pub fn observe(
+        &mut self,
+        x: &State,
+        camera_position: glam::DVec3,
+    ) -> Result<Vec<[f64; 4]>, TransportError> {
         self.reflection.diffuse(&self.context, Some(x), true)?;
-        self.observation.run(&self.context, &mut self.reflection, x, eye, &mut self.watch)
+        self.observation.run(&self.context, &mut self.reflection, x, camera_position, &mut self.watch)
     }
 
     /// Irradiance of every slot, W/m².
     pub fn irradiance(&self, x: &State) -> Result<Vec<[f64; 4]>, TransportError> {
         let Context { device, plan, .. } = &self.context;
-        Ok(rows(&x.download(device, &Part::irradiance(plan), plan.accuracy.precision)?))
+        Ok(rows(&x.download(device, &Part::irradiance(plan), plan.settings.precision)?))
     }
 
     /// Bins of the triangles of one group, as they lie in memory: triangle, bin, channel. `None` if it has none.
     pub fn bins(&self, x: &State, group: usize) -> Result<Option<Vec<f64>>, TransportError> {
         let Context { device, plan, .. } = &self.context;
         let part = Part::of_group(plan, group, &plan.layout.groups[group]);
-        part.map(|part| x.download(device, &part, plan.accuracy.precision)).transpose()
+        part.map(|part| x.download(device, &part, plan.settings.precision)).transpose()
     }
 
     /// Sets a state: vec4 per slot, and per group what [`Operators::bins`] gives back.
@@ -151,7 +155,7 @@ impl Operators {
         bins: &[Option<Vec<f64>>],
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = &self.context;
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         x.upload(device, &Part::irradiance(plan), precision, irradiance.as_flattened())?;
         for ((g, group), values) in plan.layout.groups.iter().enumerate().zip(bins) {
             if let (Some(part), Some(values)) = (Part::of_group(plan, g, group), values) {
@@ -164,7 +168,7 @@ impl Operators {
     /// Sets every value of a state to the same: light everywhere, for measurements.
     pub fn fill(&mut self, x: &mut State, value: f64) -> Result<(), TransportError> {
         let Context { device, plan, .. } = &self.context;
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         for part in Part::all(plan) {
             let values = vec![value; (part.bytes() / precision.bytes()) as usize];
             x.upload(device, &part, precision, &values)?;
@@ -174,29 +178,29 @@ impl Operators {
 
     /// What leaves under `x`, emission included: diffuse radiance of every slot, and per group the specular radiance,
     /// laid out like [`Operators::bins`]. W/(m² sr).
-    pub fn leaving(&mut self, x: &State) -> Result<LeavingValues, TransportError> {
-        let Context { device, plan, leaving, .. } = &self.context;
+    pub fn outgoing(&mut self, x: &State) -> Result<OutgoingValues, TransportError> {
+        let Context { device, plan, outgoing, .. } = &self.context;
         self.reflection.diffuse(&self.context, Some(x), true)?;
         let mut specular: Vec<Option<Vec<f64>>> = vec![None; plan.layout.groups.len()];
         for piece in plan.pieces() {
             self.reflection.specular(&self.context, &piece, Some(x), &mut self.watch)?;
             if piece.part.class.glossy {
-                let buffer = leaving.specular_of(piece.group)?;
+                let buffer = outgoing.specular_of(piece.group)?;
                 let count = state::page_reals(plan, &piece.part).into();
-                let values = real::download(device, buffer, plan.accuracy.precision, count)?;
+                let values = real::download(device, buffer, plan.settings.precision, count)?;
                 specular[piece.group].get_or_insert_default().extend(values);
             }
         }
-        Ok(LeavingValues { radiance: self.context.slots(&leaving.radiance)?, specular })
+        Ok(OutgoingValues { radiance: self.context.slots(&outgoing.radiance)?, specular })
     }
 
     /// What leaves at the moment. For states that live on the device.
-    fn leaving_values(&self) -> Result<LeavingValues, GpuError> {
+    fn leaving_values(&self) -> Result<OutgoingValues, GpuError> {
         let groups = 0..self.context.plan.layout.groups.len();
-        Ok(LeavingValues {
-            radiance: self.context.slots(&self.context.leaving.radiance)?,
+        Ok(OutgoingValues {
+            radiance: self.context.slots(&self.context.outgoing.radiance)?,
             specular: groups
-                .map(|g| self.page(&self.context.leaving.specular, g))
+                .map(|g| self.page(&self.context.outgoing.specular, g))
                 .collect::<Result<_, _>>()?,
         })
     }
@@ -204,7 +208,7 @@ impl Operators {
     fn page(&self, pages: &[Option<Buffer>], group: usize) -> Result<Option<Vec<f64>>, GpuError> {
         let Context { device, plan, .. } = &self.context;
         let reals = state::page_reals(plan, &plan.layout.groups[group]);
-        let download = |page: &Buffer| real::download(device, page, plan.accuracy.precision, reals.into());
+        let download = |page: &Buffer| real::download(device, page, plan.settings.precision, reals.into());
         pages[group].as_ref().map(download).transpose()
     }
 }
@@ -215,7 +219,7 @@ fn rows(values: &[f64]) -> Vec<[f64; 4]> {
 }
 
 /// A copy of what leaves the triangles.
-pub struct LeavingValues {
+pub struct OutgoingValues {
     /// Diffuse radiance of every slot, RGB and an unused fourth, W/(m² sr).
     pub radiance: Vec<[f64; 4]>,
     /// Specular radiance per group, by triangle, bin and channel, W/(m² sr); `None` where the group is not glossy.
@@ -263,7 +267,7 @@ impl LightOperator for Operators {
 mod tests {
     use super::*;
     use crate::gpu::DeviceOptions;
-    use crate::plan::{Limits, Wanted};
+    use crate::plan::{GradientRequest, PlanOptions};
     use crate::scene::{Material, SceneBuilder, Shape};
     use glam::{DAffine3, DVec3};
 
@@ -282,8 +286,8 @@ mod tests {
     }
 
     pub fn plan(device: &Device, scene: &Scene) -> Plan {
-        let limits = Limits { gradients: Wanted::EVERYTHING, ..Limits::of(device) };
-        Plan::new(scene, &limits, &scene.accuracy).expect("a plan")
+        let options = PlanOptions { gradients: GradientRequest::EVERYTHING, ..PlanOptions::of(device) };
+        Plan::new(scene, &options, &scene.settings).expect("a plan")
     }
 
     pub fn operators() -> Operators {
@@ -294,8 +298,8 @@ mod tests {
         Operators::new(&device, plan, buffers).expect("operators")
     }
 
-    pub fn adjoint(operators: &Operators) -> Adjoint {
+    pub fn adjoint(operators: &Operators) -> AdjointKernels {
         let Context { device, plan, .. } = &operators.context;
-        Adjoint::new(device, plan).expect("an adjoint").expect("gradients")
+        AdjointKernels::new(device, plan).expect("an adjoint").expect("gradients")
     }
 }

@@ -2,7 +2,7 @@
 
 use super::reflection::Reflection;
 use super::state::State;
-use super::watch::{TransportError, Watch};
+use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, bin_constants, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
 use crate::plan::Plan;
@@ -18,7 +18,7 @@ pub struct Observation {
 
 impl Observation {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         let kernel = |glossy: u32| {
             let constants = [&[(0, WORKGROUP), (8, glossy)][..], &bin_constants(plan)].concat();
             let push = real::push_bytes(precision, 3, 2);
@@ -36,27 +36,27 @@ impl Observation {
         &self.colours
     }
 
-    /// RGB of every slot towards `eye`, which is in metres, under the light `x` that made what leaves. W/(m² sr).
+    /// RGB of every slot towards `camera_position`, which is in metres, under the light `x` that made what leaves. W/(m² sr).
     pub fn run(
         &self,
         context: &Context,
         reflection: &mut Reflection,
         x: &State,
-        eye: DVec3,
-        watch: &mut Watch,
+        camera_position: DVec3,
+        watch: &mut PassMonitor,
     ) -> Result<Vec<[f64; 4]>, TransportError> {
-        let Context { device, plan, scene, leaving } = context;
-        let eye = plan.placement.apply(eye).to_array();
+        let Context { device, plan, scene, outgoing } = context;
+        let camera_position = plan.placement.apply(camera_position).to_array();
         for piece in plan.pieces() {
             let slots = plan.layout.slots_of(&piece.part.tiles);
             let buffers = [
                 scene.facets.whole(),
-                leaving.radiance.whole(),
+                outgoing.radiance.whole(),
                 scene.no_bins.whole(),
                 reflection.specular(context, &piece, Some(x), watch)?,
                 self.colours.whole(),
             ];
-            let push = real::push(plan.accuracy.precision, &eye, &[slots.start, slots.end]);
+            let push = real::push(plan.settings.precision, &camera_position, &[slots.start, slots.end]);
             let kernel = &self.kernels[usize::from(piece.part.class.glossy)];
             let groups = [(slots.len() as u32).div_ceil(WORKGROUP), 1, 1];
             let mut batch = device.batch()?;

@@ -1,7 +1,7 @@
 //! How much work to give the device at a time: submissions short enough to be interrupted and not to trip the watchdog
 //! of a graphics driver, long enough that their number costs nothing. Never changes a result.
 
-use super::watch::{TransportError, Watch};
+use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Batch, Device, GpuError};
 
 /// Seconds a submission should take.
@@ -52,7 +52,7 @@ impl Pace {
 pub struct Bundle<'a, 'b> {
     device: &'b Device,
     pace: &'b mut Pace,
-    watch: &'b mut Watch,
+    watch: &'b mut PassMonitor,
     batch: Option<Batch<'a>>,
     /// Pairs recorded, and how many of them the watcher is told.
     pairs: u64,
@@ -60,7 +60,7 @@ pub struct Bundle<'a, 'b> {
 }
 
 impl<'a, 'b> Bundle<'a, 'b> {
-    pub fn new(device: &'b Device, pace: &'b mut Pace, watch: &'b mut Watch) -> Self {
+    pub fn new(device: &'b Device, pace: &'b mut Pace, watch: &'b mut PassMonitor) -> Self {
         Self { device, pace, watch, batch: None, pairs: 0, shown: 0 }
     }
 

@@ -34,7 +34,7 @@ pub fn download(
     count: u64,
 ) -> Result<Vec<f64>, GpuError> {
     match precision {
-        Precision::F32 | Precision::Packed => {
+        Precision::F32 | Precision::HalfBins => {
             Ok(device.download_slice::<f32>(buffer, 0, count)?.into_iter().map(f64::from).collect())
         }
         Precision::F64 => device.download_slice(buffer, 0, count),
@@ -57,7 +57,9 @@ pub fn filled(
 /// As the device holds them.
 pub fn encode(precision: Precision, values: &[f64]) -> Vec<u8> {
     match precision {
-        Precision::F32 | Precision::Packed => values.iter().flat_map(|&x| (x as f32).to_ne_bytes()).collect(),
+        Precision::F32 | Precision::HalfBins => {
+            values.iter().flat_map(|&x| (x as f32).to_ne_bytes()).collect()
+        }
         Precision::F64 => bytemuck::cast_slice(values).to_vec(),
     }
 }
@@ -65,7 +67,7 @@ pub fn encode(precision: Precision, values: &[f64]) -> Vec<u8> {
 /// What the device holds.
 pub fn decode(precision: Precision, bytes: &[u8]) -> Vec<f64> {
     match precision {
-        Precision::F32 | Precision::Packed => {
+        Precision::F32 | Precision::HalfBins => {
             bytemuck::pod_collect_to_vec::<_, f32>(bytes).into_iter().map(f64::from).collect()
         }
         Precision::F64 => bytemuck::pod_collect_to_vec(bytes),

@@ -3,7 +3,7 @@
 use super::pace::{Bundle, Pace};
 use super::residency::{Part, View};
 use super::state::State;
-use super::watch::{TransportError, Watch};
+use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{BufferSlice, Device, GpuError, Pipeline};
 use crate::plan::{Piece, Plan};
@@ -44,7 +44,7 @@ pub struct Reflection {
 
 impl Reflection {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         let any_glossy = plan.layout.groups.iter().any(|g| g.class.glossy);
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
         let glossy = || {
@@ -72,7 +72,7 @@ impl Reflection {
         x: Option<&State>,
         emission: bool,
     ) -> Result<(), TransportError> {
-        let Context { device, plan, scene, leaving } = context;
+        let Context { device, plan, scene, outgoing } = context;
         let slots = plan.layout.slots();
         let push = ReflectPush {
             count: slots,
@@ -81,8 +81,8 @@ impl Reflection {
         };
         // Without a state something has to be bound all the same; it is not read.
         let irradiance = x.map(|x| x.show(device, &Part::irradiance(plan))).transpose()?;
-        let arriving = irradiance.map_or(scene.no_bins.whole(), |view| view.slice());
-        let buffers = [scene.surfaces.whole(), arriving, leaving.radiance.whole()];
+        let incident = irradiance.map_or(scene.no_bins.whole(), |view| view.slice());
+        let buffers = [scene.surfaces.whole(), incident, outgoing.radiance.whole()];
         let mut batch = device.batch()?;
         batch.dispatch(&self.diffuse, "all", &buffers, bytes_of(&push), [slots.div_ceil(WORKGROUP), 1, 1])?;
         batch.submit()?;
@@ -95,7 +95,7 @@ impl Reflection {
         context: &'a Context,
         piece: &Piece,
         x: Option<&State>,
-        watch: &mut Watch,
+        watch: &mut PassMonitor,
     ) -> Result<BufferSlice<'a>, TransportError> {
         let part = Part::of_piece(&context.plan, piece).filter(|_| piece.part.class.glossy);
         let light = x.zip(part).map(|(x, part)| x.show(&context.device, &part)).transpose()?;
@@ -108,14 +108,14 @@ impl Reflection {
         context: &'a Context,
         piece: &Piece,
         light: Option<&View>,
-        watch: &mut Watch,
+        watch: &mut PassMonitor,
     ) -> Result<BufferSlice<'a>, TransportError> {
-        let Context { device, plan, scene, leaving } = context;
+        let Context { device, plan, scene, outgoing } = context;
         if !piece.part.class.glossy {
             return Ok(scene.no_bins.whole());
         }
         let kernel = self.glossy.as_ref().ok_or_else(|| TransportError::missing("specular reflection"))?;
-        let specular = leaving.specular_of(piece.group)?;
+        let specular = outgoing.specular_of(piece.group)?;
         let slots = plan.layout.slots_of(&piece.part.tiles);
         let Some(light) = light else {
             View::resident(specular, slots.start, plan.page_bytes(&piece.part)).clear(device)?;

@@ -47,7 +47,7 @@ pub struct ReflectionAdjoint {
 
 impl ReflectionAdjoint {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
         let glossy = || -> Result<_, GpuError> {
             let adjoint = shaders::REFLECT_GLOSSY_ADJOINT.of(precision);
@@ -79,21 +79,21 @@ impl ReflectionAdjoint {
         given: bool,
         y: &State,
     ) -> Result<(), TransportError> {
-        let Context { device, plan, scene, leaving } = context;
+        let Context { device, plan, scene, outgoing } = context;
         let y = y.resident()?;
         let slots = plan.layout.slots();
         let push = ReflectAdjointPush { count: slots, given: if given { 1.0 } else { 0.0 } };
         let mut batch = device.batch()?;
         let buffers = [
             scene.surfaces.whole(),
-            leaving.radiance.whole(),
+            outgoing.radiance.whole(),
             adjoint.irradiance.whole(),
             y.irradiance.whole(),
         ];
         batch.dispatch(&self.diffuse, "all", &buffers, bytes_of(&push), [slots.div_ceil(WORKGROUP), 1, 1])?;
         for (g, group) in plan.glossy_groups() {
             let (kernel, _) = self.glossy()?;
-            let (specular, bins) = (page(&leaving.specular, g)?, page(&y.bins, g)?);
+            let (specular, bins) = (page(&outgoing.specular, g)?, page(&y.bins, g)?);
             let buffers = [scene.surfaces.whole(), scene.bin_table.whole(), specular.whole(), bins.whole()];
             let lanes = page_reals(plan, group) / plan.channels;
             for first in (0..lanes).step_by((GLOSSY_GROUPS * WORKGROUP) as usize) {
@@ -109,18 +109,18 @@ impl ReflectionAdjoint {
 
     /// `sums` = what specular parameters are worth under `x`, given the cotangent of what leaves.
     pub fn derivative(&self, context: &Context, x: &State, sums: &Buffer) -> Result<(), TransportError> {
-        let Context { device, plan, scene, leaving } = context;
+        let Context { device, plan, scene, outgoing } = context;
         let x = x.resident()?;
         let mut batch = device.batch()?;
         batch.fill(sums, 0, 2 * u64::from(plan.layout.slots()) * plan.rgb_bytes(), 0)?;
         let bins = plan.bins.count() as u32;
         for (g, group) in plan.glossy_groups() {
             let (_, kernel) = self.glossy()?;
-            let (specular, arriving) = (page(&leaving.specular, g)?, page(&x.bins, g)?);
+            let (specular, incident) = (page(&outgoing.specular, g)?, page(&x.bins, g)?);
             let buffers = [
                 scene.surfaces.whole(),
                 scene.bin_table.whole(),
-                arriving.whole(),
+                incident.whole(),
                 specular.whole(),
                 sums.whole(),
             ];

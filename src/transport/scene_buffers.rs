@@ -7,7 +7,7 @@ use crate::plan::{PADDING, PairLists, Plan};
 use crate::scene::{Material, Scene};
 use bytemuck::Pod;
 
-/// Reals of a `Facet` of glsl/geometry.glsl: centre, area, normal, extent.
+/// Reals of a `Facet` of glsl/geometry.glsl: centre, area, normal, characteristic area.
 pub const FACET: usize = 8;
 /// Reals of the corners of a triangle: three vec4.
 pub const CORNERS: usize = 12;
@@ -16,7 +16,7 @@ pub const SURFACE: usize = 12;
 
 fn facet_reals(f: &Facet) -> [f64; FACET] {
     let ([x, y, z], [u, v, w]) = (f.centroid.to_array(), f.normal.to_array());
-    [x, y, z, f.area, u, v, w, f.extent]
+    [x, y, z, f.area, u, v, w, f.characteristic_area]
 }
 
 fn corner_reals(f: &Facet) -> [f64; CORNERS] {
@@ -53,8 +53,8 @@ pub struct SceneBuffers {
     pub near_offsets: Buffer,
     /// Slots of close sources, by receiver.
     pub near_sources: Buffer,
-    /// Slots of the owners of a sweep over close pairs, in the order in which lanes take them.
-    pub near_owners: Buffer,
+    /// Slots of the targets of a sweep over close pairs, in the order in which lanes take them.
+    pub near_targets: Buffer,
     /// Bound where a kernel has no use for bins.
     pub no_bins: Buffer,
 }
@@ -70,9 +70,9 @@ impl SceneBuffers {
         let bins = plan.bins.centre.iter().zip(&plan.bins.projected);
         let bin_table: Vec<f64> = bins.flat_map(|(c, &p)| [c.x, c.y, c.z, p]).collect();
         let mut facets = by_slot(plan, |i| facet_reals(&plan.facets[i]));
-        facets.resize(facets.len() + plan.other_slots() as usize * FACET, 0.0);
+        facets.resize(facets.len() + plan.partner_slots() as usize * FACET, 0.0);
         let reals =
-            |label: &str, values: &[f64]| real::filled(device, label, plan.accuracy.precision, values);
+            |label: &str, values: &[f64]| real::filled(device, label, plan.settings.precision, values);
         let PairLists { far, near } = &plan.interactions().by_receiver;
         Ok(Self {
             facets: reals("facets", &facets)?,
@@ -81,10 +81,10 @@ impl SceneBuffers {
             bin_table: reals("bin table", &bin_table)?,
             far_runs: filled(device, "far runs", far.words())?,
             near_offsets: filled(device, "near offsets", &near.offsets)?,
-            near_sources: filled(device, "near sources", &near.others)?,
-            near_owners: Buffer::new(
+            near_sources: filled(device, "near sources", &near.partners)?,
+            near_targets: Buffer::new(
                 device,
-                "near owners",
+                "near targets",
                 u64::from(plan.layout.slots()) * 4,
                 BufferKind::Storage,
             )?,
@@ -101,7 +101,7 @@ impl SceneBuffers {
         unit: f64,
     ) -> Result<(), GpuError> {
         let surfaces = by_slot(plan, |i| surface_reals(scene.material(i), unit));
-        real::upload(device, &self.surfaces, plan.accuracy.precision, &surfaces)
+        real::upload(device, &self.surfaces, plan.settings.precision, &surfaces)
     }
 }
 

@@ -30,7 +30,7 @@ pub struct StateBuffers {
 }
 
 /// E + K H: radiance of the fronts of every slot, and per bin. W/(m² sr).
-pub struct Leaving {
+pub struct Outgoing {
     /// Diffuse radiance of the fronts, vec4 per slot.
     pub radiance: Buffer,
     /// Per group: specular radiance of the fronts of glossy triangles. Where states live on the host, of none.
@@ -123,7 +123,7 @@ impl State {
     }
 }
 
-impl Leaving {
+impl Outgoing {
     /// Allocates what the plan counts; nothing leaves yet.
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let label = "specular radiance";
@@ -140,7 +140,7 @@ impl Leaving {
         Ok(Self {
             radiance: buffer(
                 "radiance",
-                plan.irradiance_bytes() + u64::from(plan.other_slots()) * plan.rgb_bytes(),
+                plan.irradiance_bytes() + u64::from(plan.partner_slots()) * plan.rgb_bytes(),
             )?,
             specular,
             window,

@@ -2,7 +2,7 @@
 
 use super::residency::Part;
 use super::state::State;
-use super::watch::{TransportError, Watch};
+use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
 use crate::scene::Precision;
@@ -68,10 +68,10 @@ impl Vectors {
         context: &Context,
         (a, x): (f64, &State),
         (b, y): (f64, &State),
-        watch: &mut Watch,
+        watch: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         for part in Part::all(plan) {
             let (x, y) = (x.show(device, &part)?, y.edit(device, &part, b != 0.0)?);
             let count = y.reals(precision);
@@ -92,7 +92,7 @@ impl Vectors {
         context: &Context,
         b: f64,
         y: &State,
-        watch: &mut Watch,
+        watch: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         self.combine(context, (b, y), (0.0, y), watch)
     }
@@ -103,10 +103,10 @@ impl Vectors {
         context: &Context,
         x: &State,
         y: &State,
-        watch: &mut Watch,
+        watch: &mut PassMonitor,
     ) -> Result<f64, TransportError> {
         let Context { device, plan, .. } = context;
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         let mut sum = 0.0;
         for part in Part::all(plan) {
             let (x, y) = (x.show(device, &part)?, y.edit(device, &part, true)?);

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 
 /// Called after every submission, of a quarter of a second at most, with the pairs done and the pairs of the whole pass;
 /// may stop the work.
-pub type Watcher = Box<dyn FnMut(u64, u64) -> ControlFlow<()> + Send>;
+pub type PassCallback = Box<dyn FnMut(u64, u64) -> ControlFlow<()> + Send>;
 
 /// Why a pass did not end.
 #[derive(Debug, thiserror::Error)]
@@ -50,7 +50,7 @@ pub enum TransportError {
         bytes: u64,
     },
     /// Derivatives that the plan did not foresee.
-    #[error("gradients were not planned: name them in Limits::gradients before the plan is made")]
+    #[error("gradients were not planned: name them in PlanOptions::gradients before the plan is made")]
     NotPlanned,
 }
 
@@ -62,13 +62,13 @@ impl TransportError {
 
 /// Counts the pairs of a pass.
 #[derive(Default)]
-pub struct Watch {
-    pub watcher: Option<Watcher>,
+pub struct PassMonitor {
+    pub callback: Option<PassCallback>,
     done: u64,
     total: u64,
 }
 
-impl Watch {
+impl PassMonitor {
     /// A pass over `total` pairs begins.
     pub fn begin(&mut self, total: u64) {
         (self.done, self.total) = (0, total);
@@ -77,7 +77,7 @@ impl Watch {
     /// Work on `pairs` pairs has ended.
     pub fn done(&mut self, pairs: u64) -> Result<(), TransportError> {
         self.done += pairs;
-        match self.watcher.as_mut().map(|watcher| watcher(self.done, self.total)) {
+        match self.callback.as_mut().map(|callback| callback(self.done, self.total)) {
             Some(ControlFlow::Break(())) => Err(TransportError::Interrupted),
             _ => Ok(()),
         }

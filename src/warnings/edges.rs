@@ -5,7 +5,7 @@
 //! way are counted against those that run the other way, after edges have been cut where vertices of others lie on them.
 
 use super::distance::to_triangle;
-use crate::model::{Block, Hierarchy, coplanar_tolerance};
+use crate::model::{BoundedRun, Hierarchy, coplanar_tolerance};
 use crate::plan::{PADDING, Plan};
 use crate::scene::{self, Welded, sides};
 use glam::DVec3;
@@ -137,8 +137,9 @@ impl<'a> Standing<'a> {
 
     /// True where a triangle other than `triangle` holds the point.
     fn on_another(&self, triangle: u32, point: DVec3) -> bool {
-        let near =
-            |Block { min, max }: &Block| (*min - point).max(point - *max).max_element() <= self.tolerance;
+        let near = |BoundedRun { min, max }: &BoundedRun| {
+            (*min - point).max(point - *max).max_element() <= self.tolerance
+        };
         let holds = |&i: &u32| {
             i != triangle
                 && to_triangle(point, self.plan.facets[i as usize].corners).length() <= self.tolerance

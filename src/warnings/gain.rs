@@ -8,7 +8,7 @@
 
 use super::distance::between;
 use crate::model::{
-    Bins, Block, Class, Facet, Hierarchy, Node, PADDING, QUARTER_RANGE, Sight, coplanar_tolerance,
+    Bins, BoundedRun, Class, Facet, Hierarchy, Node, PADDING, QUARTER_RANGE, Sight, coplanar_tolerance,
     far_weight, morton, reaches,
 };
 use crate::plan::Plan;
@@ -52,7 +52,7 @@ pub struct Surfaces<'a> {
     /// Triangles that take part, neighbours side by side, and [`PADDING`].
     pub order: &'a [u32],
     pub bins: &'a Bins,
-    pub subsample: f64,
+    pub near_field: f64,
 }
 
 impl<'a> From<&'a Plan> for Surfaces<'a> {
@@ -62,7 +62,7 @@ impl<'a> From<&'a Plan> for Surfaces<'a> {
             classes: &plan.classes,
             order: &plan.layout.order,
             bins: &plan.bins,
-            subsample: plan.accuracy.subsample,
+            near_field: plan.settings.near_field,
         }
     }
 }
@@ -148,9 +148,9 @@ impl<'a> Search<'a> {
     }
 
     /// The blockers that a receiver may lie behind, of the branches that are near its box.
-    fn before(&self, receiver: u32, near: impl Fn(&Block, &Node) -> bool) -> impl Iterator<Item = u32> {
+    fn before(&self, receiver: u32, near: impl Fn(&BoundedRun, &Node) -> bool) -> impl Iterator<Item = u32> {
         let to = &self.surfaces.facets[receiver as usize];
-        let bounds = Block::around(std::iter::once(to));
+        let bounds = BoundedRun::around(std::iter::once(to));
         let may = move |node: &Node| {
             near(&bounds, node)
                 && !self.tree.misses(to, &node.bounds, 1.0)
@@ -162,7 +162,7 @@ impl<'a> Search<'a> {
 
     /// Gains towards a receiver.
     fn gains(&self, receiver: u32) -> Vec<Gain> {
-        let large = |bounds: &Block, node: &Node| {
+        let large = |bounds: &BoundedRun, node: &Node| {
             node.area > self.limit * self.finest * node.bounds.distance_squared(bounds)
         };
         self.before(receiver, large).filter_map(|blocker| self.gain(blocker, receiver)).collect()
@@ -171,7 +171,7 @@ impl<'a> Search<'a> {
     /// Middles of pairs of a blocker and what it should keep dark that touch.
     fn meeting(&self) -> Vec<DVec3> {
         let most = (2.0 * self.tolerance).powi(2);
-        let near = |bounds: &Block, node: &Node| node.bounds.distance_squared(bounds) <= most;
+        let near = |bounds: &BoundedRun, node: &Node| node.bounds.distance_squared(bounds) <= most;
         let receivers: Vec<u32> = real(self.surfaces.order).collect();
         let meeting = |&receiver: &u32| {
             self.before(receiver, near).filter_map(move |blocker| self.touching(blocker, receiver))
@@ -199,14 +199,14 @@ impl<'a> Search<'a> {
 
     /// a cos_i / (d² s_b), with the pieces that the transport cuts the blocker into, if it is above the limit.
     fn gain(&self, blocker: u32, receiver: u32) -> Option<Gain> {
-        let Surfaces { facets, bins, subsample, .. } = self.surfaces;
+        let Surfaces { facets, bins, near_field, .. } = self.surfaces;
         let (from, to) = (&facets[blocker as usize], &facets[receiver as usize]);
         let between = to.centroid - from.centroid;
         let r2 = between.length_squared();
         if from.area <= self.limit * self.finest * r2 || between.dot(from.normal) >= 0.0 {
             return None;
         }
-        let range = 0.5 * subsample * (from.extent + to.extent);
+        let range = 0.5 * near_field * (from.characteristic_area + to.characteristic_area);
         let (far, middle) = (far_weight(r2, range), far_weight(r2, range * QUARTER_RANGE));
         let piece = from.area * (far + (1.0 - far) * (middle / 4.0 + (1.0 - middle) / 16.0));
         let back = -between / r2.sqrt();
@@ -264,7 +264,7 @@ fn bounds(points: &[DVec3]) -> (DVec3, DVec3) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::Limits;
+    use crate::plan::PlanOptions;
     use crate::reference::Plates;
     use crate::scene::{LoadOptions, Material, Scene, SceneBuilder, Shape};
     use glam::DAffine3;
@@ -286,7 +286,8 @@ mod tests {
         let rooms = Scene::load(&rooms, &LoadOptions::default()).expect("a shipped scene");
         let (mut gains, mut touching) = (0, 0);
         for scene in [statue(), rooms, Plates::default().scene().expect("a scene")] {
-            let plan = Plan::new(&scene, &Limits::default().boundless(), &scene.accuracy).expect("a plan");
+            let plan =
+                Plan::new(&scene, &PlanOptions::default().boundless(), &scene.settings).expect("a plan");
             let search = Search::new(0.5, (&plan).into());
             let others = |receiver: u32| search.blockers.iter().copied().filter(move |&i| i != receiver);
             let mut meeting = Vec::new();

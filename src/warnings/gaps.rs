@@ -1,7 +1,7 @@
 //! Layers that face each other closer than their triangles are wide: light between them leaks past.
 
 use super::distance::between;
-use crate::model::{Block, Facet, Hierarchy, coplanar_tolerance, reaches};
+use crate::model::{BoundedRun, Facet, Hierarchy, coplanar_tolerance, reaches};
 use crate::plan::{PADDING, Plan};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -28,7 +28,7 @@ pub struct Gap {
 pub fn gaps(plan: &Plan) -> Vec<Gap> {
     let facets = &plan.facets;
     let order: Vec<u32> = plan.layout.order.iter().copied().filter(|&i| i != PADDING).collect();
-    let size = |i: u32| facets[i as usize].extent.sqrt();
+    let size = |i: u32| facets[i as usize].characteristic_area.sqrt();
     let tolerance = coplanar_tolerance(facets);
     let tree = Hierarchy::new(facets, &order, LEAF, tolerance);
     let passes = |i: usize, j: usize| {
@@ -49,7 +49,7 @@ pub fn gaps(plan: &Plan) -> Vec<Gap> {
             .map(|()| Gap { wide, other, share: width / size(wide) })
     };
     let narrowest = |&wide: &u32| {
-        let around = Block::around(std::iter::once(&facets[wide as usize]));
+        let around = BoundedRun::around(std::iter::once(&facets[wide as usize]));
         let range = NARROW * size(wide);
         tree.leaves(|node| around.distance_squared(&node.bounds) < range * range)
             .flat_map(|node| node.slots(LEAF, &order))

@@ -92,7 +92,7 @@ pub struct Warning {
     /// What is wrong, in a sentence.
     pub message: String,
     /// What to do about it.
-    pub way_out: String,
+    pub remedy: String,
     /// What the values of the examples are, with the unit.
     pub measure: &'static str,
     /// Number of triangles it is true of.
@@ -163,7 +163,7 @@ impl Warnings {
                  arrived",
                 100.0 * share
             ),
-            way_out: "antirad refine, or a finer mesh where blockers are near; a little of it is usual".to_owned(),
+            remedy: "antirad refine, or a finer mesh where blockers are near; a little of it is usual".to_owned(),
             measure: "irradiance, W/m²",
             ..Warning::blank()
         });
@@ -210,7 +210,7 @@ impl Warnings {
                  in a row: {}",
                 quoted(&names)
             ),
-            way_out: "antirad refine, a mesh finer than the distance of the layers, bins of one size (--bins \
+            remedy: "antirad refine, a mesh finer than the distance of the layers, bins of one size (--bins \
                       concentric:10), or one layer in place of several"
                 .to_owned(),
             measure: "product of a/(d² s_b) over the layers",
@@ -229,9 +229,9 @@ impl Warnings {
             message: format!(
                 "{count} blockers are too large for {} bins where {receivers} triangles behind them are near: shadows \
                  there are wrong by about a tenth of a/(d² s_b), which should be below {GAIN_LIMIT}",
-                plan.accuracy.bins
+                plan.settings.bins
             ),
-            way_out: "antirad refine, a finer mesh, or bins of one size (--bins concentric:10)".to_owned(),
+            remedy: "antirad refine, a finer mesh, or bins of one size (--bins concentric:10)".to_owned(),
             measure: "a/(d² s_b): the blocker's solid angle, in pieces, over that of a bin",
             ..Warning::blank()
         });
@@ -247,7 +247,7 @@ impl Warnings {
             message: format!(
                 "{count} triangles face others closer than half their own size: light leaks from the gap"
             ),
-            way_out: "antirad refine, close the gap, or leave out what lies in it".to_owned(),
+            remedy: "antirad refine, close the gap, or leave out what lies in it".to_owned(),
             measure: "width of the gap over the triangle's size √s",
             ..Warning::blank()
         });
@@ -268,7 +268,7 @@ impl Warnings {
                 "{count} blockers share an edge with a triangle that is turned the other way: one of the two shows its \
                  black back, which holds nothing back"
             ),
-            way_out: "turn the triangles of each object so that all fronts are outside".to_owned(),
+            remedy: "turn the triangles of each object so that all fronts are outside".to_owned(),
             measure: "area, m²",
             ..Warning::blank()
         });
@@ -278,7 +278,7 @@ impl Warnings {
             message: format!(
                 "{count} blockers have an edge that nothing closes: light that meets a back there goes through"
             ),
-            way_out: "close the object, or give sheets a second side; a lamp close to a ceiling may stay".to_owned(),
+            remedy: "close the object, or give sheets a second side; a lamp close to a ceiling may stay".to_owned(),
             measure: "area, m²",
             ..Warning::blank()
         });
@@ -289,7 +289,7 @@ impl Warnings {
                 "{count} triangles lie on another with the same corners and the same front: each of them emits, reflects \
                  and holds back light once more"
             ),
-            way_out: "remove them from the mesh".to_owned(),
+            remedy: "remove them from the mesh".to_owned(),
             measure: "area, m²",
             ..Warning::blank()
         });
@@ -336,7 +336,7 @@ fn unphysical(scene: &Scene, plan: &Plan, radius: f64) -> Warning {
         message: format!(
             "the spectral radius of the transport is {size}: light is created, and the answer is not physical"
         ),
-        way_out: "look for interpenetrating triangles, and stacked layers closer than a triangle's size"
+        remedy: "look for interpenetrating triangles, and stacked layers closer than a triangle's size"
             .to_owned(),
         ..suspects.cloned().unwrap_or(Warning::blank())
     }
@@ -348,7 +348,7 @@ impl Warning {
             kind: Kind::Unphysical,
             severe: false,
             message: String::new(),
-            way_out: String::new(),
+            remedy: String::new(),
             measure: "",
             count: 0,
             area_share: 0.0,
@@ -391,7 +391,7 @@ impl fmt::Display for Warning {
         if !self.worst.is_empty() {
             writeln!(f, "  measured as  {}", self.measure)?;
         }
-        write!(f, "  way out      {}", self.way_out)
+        write!(f, "  remedy       {}", self.remedy)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::{Kind, Warnings};
 use crate::options::setters;
-use crate::plan::{Limits, Plan, PlanError};
+use crate::plan::{Plan, PlanError, PlanOptions};
 use crate::scene::Scene;
 use std::collections::BTreeMap;
 
@@ -60,10 +60,14 @@ pub enum RefineError {
 
 /// Cuts coarse blockers, those of stacked layers, and the wide sides of narrow gaps, the worst first, until there are none,
 /// or no room, or each was cut `levels` times. See [`Scene::split`] for what a cut is. Materials, cameras and settings stay.
-pub fn refine(scene: &mut Scene, limits: &Limits, options: &RefineOptions) -> Result<Refined, RefineError> {
+pub fn refine(
+    scene: &mut Scene,
+    plan_options: &PlanOptions,
+    options: &RefineOptions,
+) -> Result<Refined, RefineError> {
     let plan = |scene: &Scene| {
         // Only what is near matters here, not whether a solve would fit the memory.
-        Plan::new(scene, &limits.boundless(), &scene.accuracy)
+        Plan::new(scene, &plan_options.boundless(), &scene.settings)
     };
     let (count, allowed) = (scene.triangles.len(), options.max_triangles);
     let before = Warnings::of(scene, &plan(scene)?);

@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 
 /// Few bins: these tests are about files and processes.
-const ACCURACY: &str = "\n[accuracy]\nbins = { concentric = 2 }\ntolerance = 1e-5\nsubsample = 4\n";
+const ACCURACY: &str = "\n[settings]\nbins = { concentric = 2 }\ntolerance = 1e-5\nnear_field = 4\n";
 
 /// What runs leave with something of their own in it.
 const DIFFERS: [&str; 4] = [".lock", "checkpoint", "checkpoint.previous", "report.json"];

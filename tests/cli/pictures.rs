@@ -95,7 +95,7 @@ fn an_answer_that_is_not_physical_has_an_exit_code() {
     let mut obj = String::new();
     (0..180).for_each(|_| obj += &format!("v {} {} {}\n", random(), random(), random()));
     (0..60).for_each(|k| obj += &format!("f {} {} {}\n", 3 * k + 1, 3 * k + 2, 3 * k + 3));
-    let toml = "[accuracy]\nsubsample = 0\n[[mesh]]\npath = \"soup.obj\"\nmaterial = \"soup\"\n[material.soup]\nalbedo = \
+    let toml = "[settings]\nnear_field = 0\n[[mesh]]\npath = \"soup.obj\"\nmaterial = \"soup\"\n[material.soup]\nalbedo = \
                 0.9\nemission = 1\n[camera.main]\nposition = [3, 0.5, 0.5]\ntarget = [0, 0.5, 0.5]\nfov_x_degrees = \
                 40\nwidth = 8\nheight = 8\n";
     let folder = Folder::with(&[("soup.obj", &obj), ("soup.toml", toml)]);
@@ -249,7 +249,7 @@ fn options_for_pictures() {
 /// What the command line says of accuracy goes before what the scene file says.
 #[test]
 fn options_for_the_solve() {
-    let scene = format!("{ROOM}[accuracy]\nbins = {{ equal_angle = [4, 6] }}\ntolerance = 1e-2\n");
+    let scene = format!("{ROOM}[settings]\nbins = {{ equal_angle = [4, 6] }}\ntolerance = 1e-2\n");
     let folder = Folder::with(&[("room.toml", &scene)]);
     let report = |arguments: &str| {
         clean_render(&folder, &format!("room.toml {arguments}"));
@@ -267,7 +267,7 @@ fn options_for_the_solve() {
 /// An error that is asked for, in the scene or on the command line: arrays keep the rows of the scene's own triangles.
 #[test]
 fn settings_for_an_error() {
-    let scene = format!("{ROOM}[accuracy]\nerror = 0.5\n");
+    let scene = format!("{ROOM}[settings]\nerror = 0.5\n");
     let folder = Folder::with(&[("room.toml", &scene)]);
     let run = clean_render(&folder, "room.toml");
     says(
@@ -275,14 +275,14 @@ fn settings_for_an_error() {
         &["step 1", "estimated error", "of picture main", "of picture side", "50.00 % was asked: kept"],
     );
     let report = folder.json("out/report.json");
-    let (climb, triangles) = (&report["climb"], rows(&folder, "out/irradiance.npy").len());
-    assert_eq!((&climb["met"], &climb["error"]), (&true.into(), &0.5.into()));
-    assert_eq!(climb["steps"][0]["triangles"], triangles);
-    let rough = climb["steps"][0]["estimate"]["total"].as_f64().expect("an estimate");
+    let (refinement, triangles) = (&report["climb"], rows(&folder, "out/irradiance.npy").len());
+    assert_eq!((&refinement["met"], &refinement["error"]), (&true.into(), &0.5.into()));
+    assert_eq!(refinement["steps"][0]["triangles"], triangles);
+    let rough = refinement["steps"][0]["estimate"]["total"].as_f64().expect("an estimate");
 
     clean_render(&folder, "room.toml --target-error 0.005");
-    let climb = &folder.json("out/report.json")["climb"];
-    let last = climb["steps"].as_array().and_then(|steps| steps.last()).expect("a step").clone();
+    let refinement = &folder.json("out/report.json")["climb"];
+    let last = refinement["steps"].as_array().and_then(|steps| steps.last()).expect("a step").clone();
     println!("{last}");
     assert!(last["triangles"].as_u64() > Some(triangles as u64), "it cuts them");
     assert!(last["estimate"]["total"].as_f64().is_some_and(|fine| fine < rough));

@@ -65,8 +65,9 @@ impl<'a> Motion<'a> {
     fn loss(&self, rasterizer: &Rasterizer, time: f64) -> f64 {
         let (scene, camera, cotangent) = self.at(time, FINE);
         let pixels = rasterizer.coverage(&scene, &camera, 16).unwrap().pixels(&self.colours).unwrap();
-        let worth = |(pixel, worth): (&[f64; 4], &[f64; 4])| (0..4).map(|i| pixel[i] * worth[i]).sum::<f64>();
-        pixels.iter().zip(&cotangent).map(worth).sum()
+        let adjoint =
+            |(pixel, adjoint): (&[f64; 4], &[f64; 4])| (0..4).map(|i| pixel[i] * adjoint[i]).sum::<f64>();
+        pixels.iter().zip(&cotangent).map(adjoint).sum()
     }
 
     fn gradient(&self, time: f64, side: u32, times: u32) -> GeometryGradient {
@@ -178,7 +179,7 @@ fn colours_have_the_transpose_of_the_picture() {
         let camera = Camera { width: 701, height: 333, ..camera() };
         let mut random = Random::new(3);
         let colours = random.colours(&scene);
-        let worth: Vec<[f64; 4]> = (0..701 * 333).map(|_| [0; 4].map(|_| random.next() - 0.5)).collect();
+        let adjoint: Vec<[f64; 4]> = (0..701 * 333).map(|_| [0; 4].map(|_| random.next() - 0.5)).collect();
         for side in [1, 2, 8] {
             let coverage = rasterizer.coverage(&scene, &camera, side).unwrap();
             let pixels = coverage.pixels(&colours).unwrap();
@@ -197,12 +198,12 @@ fn colours_have_the_transpose_of_the_picture() {
                 assert_eq!(pixel[3], f64::from(alpha) / f64::from(side * side));
             }
 
-            let gradient = coverage.colour_gradient(&worth).unwrap();
-            assert_eq!(gradient, coverage.clone().colour_gradient(&worth).unwrap());
+            let gradient = coverage.colour_gradient(&adjoint).unwrap();
+            assert_eq!(gradient, coverage.clone().colour_gradient(&adjoint).unwrap());
             let rgb = |pixel: &[f64; 4]| DVec3::new(pixel[0], pixel[1], pixel[2]);
-            let there: f64 = pixels.iter().zip(&worth).map(|(a, b)| rgb(a).dot(rgb(b))).sum();
+            let there: f64 = pixels.iter().zip(&adjoint).map(|(a, b)| rgb(a).dot(rgb(b))).sum();
             let back: f64 = gradient.iter().zip(&colours).map(|(a, b)| a.dot(b.map(f64::from).into())).sum();
-            let size: f64 = pixels.iter().zip(&worth).map(|(a, b)| rgb(a).dot(rgb(b)).abs()).sum();
+            let size: f64 = pixels.iter().zip(&adjoint).map(|(a, b)| rgb(a).dot(rgb(b)).abs()).sum();
             assert!((there - back).abs() <= 1e-13 * size, "{there} {back}");
             // Backs are black whatever their colour, and the last strip shows its back.
             assert!(gradient[gradient.len() - 2..].iter().all(|of_back| *of_back == DVec3::ZERO));
@@ -407,25 +408,25 @@ fn the_whole_does_not_matter_and_neither_do_threads() {
 fn what_does_not_fit_is_refused() {
     on_device(|rasterizer| {
         let (scene, camera) = (square(1.0, 0.0), above(8, 8));
-        let (colours, worth) = ([[1.0; 3]; 2], [[1.0; 4]; 64]);
+        let (colours, adjoint) = ([[1.0; 3]; 2], [[1.0; 4]; 64]);
         let coverage = rasterizer.coverage(&scene, &camera, 2).unwrap();
         assert_eq!((coverage.width(), coverage.height()), (8, 8));
         let error = coverage.pixels(&colours[1..]).unwrap_err();
         assert!(matches!(error, ImageError::Colours { given: 1, wanted: 2 }));
-        let error = coverage.colour_gradient(&worth[1..]).unwrap_err();
+        let error = coverage.colour_gradient(&adjoint[1..]).unwrap_err();
         assert!(matches!(error, ImageError::CotangentLength { given: 63, wanted: 64 }));
-        let error = geometry_gradient(&scene, &camera, 2, &colours, &worth[1..]).unwrap_err();
+        let error = geometry_gradient(&scene, &camera, 2, &colours, &adjoint[1..]).unwrap_err();
         assert!(matches!(error, ImageError::CotangentLength { given: 63, wanted: 64 }));
-        let error = geometry_gradient(&scene, &camera, 2, &colours[1..], &worth).unwrap_err();
+        let error = geometry_gradient(&scene, &camera, 2, &colours[1..], &adjoint).unwrap_err();
         assert!(matches!(error, ImageError::Colours { given: 1, wanted: 2 }));
-        let error = geometry_gradient(&scene, &camera, 3, &colours, &worth).unwrap_err();
+        let error = geometry_gradient(&scene, &camera, 3, &colours, &adjoint).unwrap_err();
         assert!(matches!(error, ImageError::Supersample(3)));
         for wrong in [f64::NAN, f64::INFINITY] {
-            let mut worth = worth;
-            worth[5][2] = wrong;
-            let error = coverage.colour_gradient(&worth).unwrap_err();
+            let mut adjoint = adjoint;
+            adjoint[5][2] = wrong;
+            let error = coverage.colour_gradient(&adjoint).unwrap_err();
             assert!(matches!(error, ImageError::CotangentNotFinite { pixel: 5 }));
-            let error = geometry_gradient(&scene, &camera, 2, &colours, &worth).unwrap_err();
+            let error = geometry_gradient(&scene, &camera, 2, &colours, &adjoint).unwrap_err();
             assert!(matches!(error, ImageError::CotangentNotFinite { pixel: 5 }));
         }
     });

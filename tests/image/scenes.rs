@@ -2,7 +2,7 @@
 
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::image::View;
-use antirad::scene::{Accuracy, Camera, Material, Scene, Triangle};
+use antirad::scene::{Camera, Material, Scene, SolveSettings, Triangle};
 use glam::DVec3;
 
 pub fn device() -> Device {
@@ -26,7 +26,7 @@ pub fn scene(vertices: Vec<DVec3>, triangles: &[[u32; 3]]) -> Scene {
         origins: Vec::new(),
         materials: vec![Material::named("white")],
         cameras: Vec::new(),
-        accuracy: Accuracy::default(),
+        settings: SolveSettings::default(),
         choice: Default::default(),
         degenerate: Vec::new(),
         warnings: Vec::new(),

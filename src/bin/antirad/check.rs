@@ -3,7 +3,7 @@
 use crate::Failure;
 use crate::settings::SceneSettings;
 use antirad::cli::{Interrupt, Working};
-use antirad::plan::Limits;
+use antirad::plan::PlanOptions;
 use antirad::warnings::{Warning, Warnings};
 use clap::Args;
 use serde::Serialize;
@@ -32,12 +32,12 @@ struct Report<'a> {
 
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
     // Whether a solve fits the memory is the matter of `antirad plan`.
-    let limits = Limits::default().boundless();
-    let (scene, plan) = arguments.settings.load_planned(&limits, interrupt)?;
+    let options = PlanOptions::default().boundless();
+    let (scene, plan) = arguments.settings.load_planned(&options, interrupt)?;
     let working = Working::on("looking for what will come out wrong");
     let warnings = interrupt.while_computing(|| Warnings::of(&scene, &plan));
     drop(working);
-    let bins = scene.accuracy.bins.to_string();
+    let bins = scene.settings.bins.to_string();
     if arguments.json {
         let report = Report {
             scene: &scene.name,

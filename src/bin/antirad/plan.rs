@@ -3,7 +3,7 @@
 use crate::Failure;
 use crate::settings::SceneSettings;
 use antirad::cli::Interrupt;
-use antirad::plan::Limits;
+use antirad::plan::PlanOptions;
 use clap::Args;
 
 #[derive(Args)]
@@ -16,9 +16,9 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
-    let usual = Limits::default();
-    let limits = usual.memory_budget(arguments.settings.memory_budget.unwrap_or(usual.memory_budget));
-    let (_, plan) = arguments.settings.load_planned(&limits, interrupt)?;
+    let usual = PlanOptions::default();
+    let options = usual.memory_budget(arguments.settings.memory_budget.unwrap_or(usual.memory_budget));
+    let (_, plan) = arguments.settings.load_planned(&options, interrupt)?;
     let report = plan.report();
     if arguments.json {
         println!("{}", serde_json::to_string_pretty(&report)?);

@@ -4,7 +4,7 @@ use crate::Failure;
 use crate::settings::SceneSettings;
 use antirad::cli::{Interrupt, Working};
 use antirad::output::prepare_directory;
-use antirad::plan::Limits;
+use antirad::plan::PlanOptions;
 use antirad::warnings::{RefineOptions, Warnings, refine};
 use clap::Args;
 use std::path::PathBuf;
@@ -38,7 +38,7 @@ pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<
     let triangles = scene.triangles.len();
     let options = RefineOptions::default().max_triangles(arguments.max_triangles).levels(arguments.levels);
     let working = Working::on("refining");
-    let refined = interrupt.while_computing(|| refine(&mut scene, &Limits::default(), &options))?;
+    let refined = interrupt.while_computing(|| refine(&mut scene, &PlanOptions::default(), &options))?;
     drop(working);
     prepare_directory(&arguments.output)?;
     let path = arguments.output.join(format!("{}.toml", scene.name));

@@ -7,10 +7,12 @@ use crate::settings::SceneSettings;
 use antirad::cli::{EXIT_UNRELIABLE, Interrupt, SolveBar, Working};
 use antirad::gpu::{Bytes, Device, DeviceOptions};
 use antirad::image::{Exposure, PictureOptions, Rasterizer, ToneMap};
-use antirad::ladder::{Answer, Climb, LadderOptions, Solved, Stage, solve_within, usual_plan};
 use antirad::output::{prepare_directory, single, write_json, write_npy};
-use antirad::plan::Limits;
+use antirad::plan::PlanOptions;
 use antirad::scene::{Camera, Choice, Precision, Scene};
+use antirad::target_error::{
+    Answer, Refinement, Solved, Stage, TargetErrorOptions, solve_within, usual_plan,
+};
 use antirad::warnings::{Kind, Warnings};
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use clap::Args;
@@ -28,7 +30,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME")]
     camera: Vec<String>,
     /// Triangles that --target-error may cut the scene to
-    #[arg(long, value_name = "NUMBER", default_value_t = LadderOptions::MAX_TRIANGLES)]
+    #[arg(long, value_name = "NUMBER", default_value_t = TargetErrorOptions::MAX_TRIANGLES)]
     max_triangles: usize,
     /// Where the results go [default: out/SCENE]
     #[arg(long, short, value_name = "DIR")]
@@ -98,11 +100,12 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
                 let of = |camera: &Camera| Rasterizer::bytes(scene.triangles.len(), camera, &options);
                 cameras.iter().map(of).map(|bytes| bytes.unwrap_or(u64::MAX)).max().unwrap_or(0)
             };
-            let options =
-                LadderOptions::new(error).max_triangles(arguments.max_triangles).cameras(cameras.clone());
-            let bar = SolveBar::new(scene.accuracy.tolerance, quiet);
+            let options = TargetErrorOptions::new(error)
+                .max_triangles(arguments.max_triangles)
+                .cameras(cameras.clone());
+            let bar = SolveBar::new(scene.settings.tolerance, quiet);
             let mut run = |engine: &mut Engine, scene: &Scene, stage: &Stage| {
-                let part = bar.part(scene.accuracy.tolerance, &stage.name, stage.begin..stage.end);
+                let part = bar.part(scene.settings.tolerance, &stage.name, stage.begin..stage.end);
                 solve(engine, scene, &part, interrupt)
             };
             let refined =
@@ -114,16 +117,16 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
             Rendered::refined(refined)
         }
         Choice::Open { .. } => {
-            let limits = Limits::of(&device).pictures(pictures);
+            let options = PlanOptions::of(&device).pictures(pictures);
             let working = Working::on("planning");
-            let (accuracy, plan) = interrupt.while_computing(|| usual_plan(&scene, &limits))?;
+            let (settings, plan) = interrupt.while_computing(|| usual_plan(&scene, &options))?;
             drop(working);
-            scene.accuracy = accuracy;
+            scene.settings = settings;
             tracing::info!("{}", plan.report());
             stages.end("plan");
             let mut engine = Engine::new(&device, &scene, plan)?;
             stages.end("prepare");
-            let bar = SolveBar::new(accuracy.tolerance, quiet);
+            let bar = SolveBar::new(settings.tolerance, quiet);
             let solved = solve(&mut engine, &scene, &bar, interrupt);
             bar.finish();
             let solution = solved.or_else(what_was_reached)?;
@@ -136,7 +139,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
             Rendered::plain(&scene, answer, engine)
         }
     };
-    let Rendered { scene: solved, irradiance, radiosity, answer, climb, engine } = result;
+    let Rendered { scene: solved, irradiance, radiosity, answer, refinement, engine } = result;
     let rasterizer = Rasterizer::new(&device)?;
     let pictures = cameras
         .iter()
@@ -158,8 +161,8 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         files.extend(["exr", "png"].map(|kind| format!("{}.{kind}", camera.name)));
     }
     for (name, rows) in [("irradiance.npy", &irradiance), ("radiosity.npy", &radiosity)] {
-        match solved.accuracy.precision {
-            Precision::F32 | Precision::Packed => {
+        match solved.settings.precision {
+            Precision::F32 | Precision::HalfBins => {
                 warn_of_range(rows, name);
                 write_npy(&directory.join(name), &single(rows))?;
             }
@@ -169,7 +172,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     stages.end("write");
 
     for warning in answer.warnings.list.iter().filter(|warning| warning.severe) {
-        tracing::warn!("{}: {}; way out: {}", warning.kind.name(), warning.message, warning.way_out);
+        tracing::warn!("{}: {}; remedy: {}", warning.kind.name(), warning.message, warning.remedy);
     }
     let report = Report {
         scene: arguments.settings.scene.display().to_string(),
@@ -178,9 +181,9 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         warnings: solved.warnings.clone(),
         accuracy_warnings: answer.warnings.list,
         plan: answer.plan,
-        climb,
+        refinement,
         memory: MemoryUse::from(device.memory()),
-        solve: SolveReport::new(answer.info, solved.accuracy.tolerance),
+        solve: SolveReport::new(answer.info, solved.settings.tolerance),
         energy: answer.energy,
         negative_irradiance: answer.negative,
         pictures: files,
@@ -206,7 +209,7 @@ struct Rendered<'a> {
     irradiance: Vec<[f64; 3]>,
     radiosity: Vec<[f64; 3]>,
     answer: Answer,
-    climb: Option<Climb>,
+    refinement: Option<Refinement>,
     /// If it is still there.
     engine: Option<Engine>,
 }
@@ -214,14 +217,28 @@ struct Rendered<'a> {
 impl<'a> Rendered<'a> {
     fn plain(scene: &'a Scene, answer: Answer, engine: Engine) -> Self {
         let (irradiance, radiosity) = (answer.irradiance.clone(), answer.radiosity.clone());
-        Self { scene: Cow::Borrowed(scene), irradiance, radiosity, answer, climb: None, engine: Some(engine) }
+        Self {
+            scene: Cow::Borrowed(scene),
+            irradiance,
+            radiosity,
+            answer,
+            refinement: None,
+            engine: Some(engine),
+        }
     }
 
     fn refined(solved: Solved) -> Self {
         let irradiance = solved.on_given(&solved.answer.irradiance);
         let radiosity = solved.on_given(&solved.answer.radiosity);
-        let Solved { scene, answer, climb, .. } = solved;
-        Self { scene: Cow::Owned(scene), irradiance, radiosity, answer, climb: Some(climb), engine: None }
+        let Solved { scene, answer, refinement, .. } = solved;
+        Self {
+            scene: Cow::Owned(scene),
+            irradiance,
+            radiosity,
+            answer,
+            refinement: Some(refinement),
+            engine: None,
+        }
     }
 }
 
@@ -252,10 +269,10 @@ fn solve(
     bar: &SolveBar,
     interrupt: &Interrupt,
 ) -> Result<Solution, EngineError> {
-    let params = SolveParams::from(&scene.accuracy);
+    let params = SolveParams::from(&scene.settings);
     let reached = Arc::new(Mutex::new((0, 1.0)));
     let (within, shared, stop) = (bar.clone(), reached.clone(), interrupt.clone());
-    engine.set_watcher(Some(Box::new(move |done, total| {
+    engine.set_pass_callback(Some(Box::new(move |done, total| {
         let (passes, residual) = *shared.lock().unwrap_or_else(PoisonError::into_inner);
         within.show(passes, residual, done as f64 / total.max(1) as f64);
         stop.flow()
@@ -266,7 +283,7 @@ fn solve(
         bar.show(passes, residual, 0.0);
         interrupt.flow()
     });
-    engine.set_watcher(None);
+    engine.set_pass_callback(None);
     solved
 }
 
@@ -287,18 +304,18 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     for class in &report.plan.classes {
         println!("            {} triangles: {} ({})", class.triangles, class.modelled, class.why);
     }
-    if let Some(climb) = &report.climb {
-        for (step, number) in climb.steps.iter().zip(1..) {
+    if let Some(refinement) = &report.refinement {
+        for (step, number) in refinement.steps.iter().zip(1..) {
             println!("step {number:<6} {step}");
         }
-        for reason in &climb.why {
+        for reason in &refinement.why {
             println!("            {reason}");
         }
-        let verdict = if climb.met { "kept" } else { "NOT KEPT" };
+        let verdict = if refinement.met { "kept" } else { "NOT KEPT" };
         println!(
             "target      {:.2} % was asked: {verdict} by step {}",
-            100.0 * climb.error,
-            climb.chosen + 1
+            100.0 * refinement.error,
+            refinement.chosen + 1
         );
     }
     if emitted > 0.0 {

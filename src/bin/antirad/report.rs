@@ -1,9 +1,9 @@
 //! `report.json`: everything about a run that a script or a person may ask later.
 
 use antirad::gpu::{DeviceInfo, MemoryReport, ProfileRow};
-use antirad::ladder::Climb;
 use antirad::plan::PlanReport;
 use antirad::solve::SolveInfo;
+use antirad::target_error::Refinement;
 use antirad::warnings::Warning;
 use antirad::{Energy, Negative};
 use serde::Serialize;
@@ -20,7 +20,7 @@ pub struct Report {
     /// Units: bytes, pairs of triangles, seconds.
     pub plan: PlanReport,
     /// How the settings were found, where an error was asked for.
-    pub climb: Option<Climb>,
+    pub refinement: Option<Refinement>,
     pub memory: MemoryUse,
     pub solve: SolveReport,
     /// RGB, W.

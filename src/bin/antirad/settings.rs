@@ -2,9 +2,9 @@
 
 use crate::Failure;
 use antirad::cli::{Interrupt, Working, parse_size};
-use antirad::ladder::{usual_accuracy, usual_plan};
-use antirad::plan::{Limits, Plan};
+use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{BinLayout, Choice, LoadOptions, Precision, Scene, SolverChoice};
+use antirad::target_error::{usual_plan, usual_settings};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -18,7 +18,7 @@ pub struct SceneSettings {
     target_error: Option<f64>,
     /// The former name of --target-error
     #[arg(long, hide = true, value_parser = parse_error, conflicts_with_all = ["target_error", "bins", "tolerance"])]
-    accuracy: Option<f64>,
+    settings: Option<f64>,
     /// Direction bins per hemisphere: 10x13 (polar x azimuth) or concentric:12 [default: 10x13, or concentric:10 where
     /// blockers are coarse]
     #[arg(long, value_name = "LAYOUT")]
@@ -49,25 +49,25 @@ impl SceneSettings {
     pub fn load(&self) -> Result<Scene, Failure> {
         let _working = Working::on("reading the scene");
         let mut scene = Scene::load(&self.scene, &LoadOptions::default().strict(self.strict))?;
-        let file = scene.accuracy;
-        scene.accuracy = file
+        let file = scene.settings;
+        scene.settings = file
             .bins(self.bins.unwrap_or(file.bins))
             .tolerance(self.tolerance.unwrap_or(file.tolerance))
             .max_passes(self.max_passes.unwrap_or(file.max_passes))
             .solver(self.solver.unwrap_or(file.solver))
             .precision(self.precision.unwrap_or(file.precision));
-        if self.accuracy.is_some() {
+        if self.settings.is_some() {
             tracing::warn!(
                 "--accuracy is called --target-error now; the old name will go with the next version"
             );
         }
         let stated = self.bins.is_some();
-        scene.choice = match (self.target_error.or(self.accuracy), scene.choice) {
+        scene.choice = match (self.target_error.or(self.settings), scene.choice) {
             (Some(error), _) => Choice::Within(error),
             (None, Choice::Within(_)) if stated || self.tolerance.is_some() => {
-                Choice::Open { bins: !stated, subsample: true }
+                Choice::Open { bins: !stated, near_field: true }
             }
-            (None, Choice::Open { bins, subsample }) => Choice::Open { bins: bins && !stated, subsample },
+            (None, Choice::Open { bins, near_field }) => Choice::Open { bins: bins && !stated, near_field },
             (None, within) => within,
         };
         for warning in &scene.warnings {
@@ -80,16 +80,20 @@ impl SceneSettings {
     pub fn load_settled(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
         let mut scene = self.load_usual()?;
         let _working = Working::on("choosing bins");
-        scene.accuracy = interrupt.while_computing(|| usual_accuracy(&scene));
+        scene.settings = interrupt.while_computing(|| usual_settings(&scene));
         Ok(scene)
     }
 
     /// The same with its plan.
-    pub fn load_planned(&self, limits: &Limits, interrupt: &Interrupt) -> Result<(Scene, Plan), Failure> {
+    pub fn load_planned(
+        &self,
+        options: &PlanOptions,
+        interrupt: &Interrupt,
+    ) -> Result<(Scene, Plan), Failure> {
         let mut scene = self.load_usual()?;
         let _working = Working::on("planning");
-        let (accuracy, plan) = interrupt.while_computing(|| usual_plan(&scene, limits))?;
-        scene.accuracy = accuracy;
+        let (settings, plan) = interrupt.while_computing(|| usual_plan(&scene, options))?;
+        scene.settings = settings;
         Ok((scene, plan))
     }
 

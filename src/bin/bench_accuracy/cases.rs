@@ -3,8 +3,8 @@
 use crate::Interrupted;
 use antirad::cli::Interrupt;
 use antirad::gpu::Device;
-use antirad::plan::{Limits, Occlusion, Plan};
-use antirad::reference::{Estimate, PathTracer, Shadow};
+use antirad::plan::{Occlusion, Plan, PlanOptions};
+use antirad::reference::{MonteCarloEstimate, PathTracer, Shadow};
 use antirad::scene::{LoadOptions, Material, Scene};
 use antirad::{Engine, SolveParams};
 use glam::DVec3;
@@ -117,7 +117,7 @@ impl Case {
         interrupt: &Interrupt,
     ) -> Result<Self, Box<dyn Error>> {
         let found = trace(&scene, paths, interrupt)?;
-        let squares = |of: fn(&Estimate) -> DVec3| -> f64 {
+        let squares = |of: fn(&MonteCarloEstimate) -> DVec3| -> f64 {
             let each = found.iter().enumerate();
             each.map(|(i, estimate)| scene.area_vector(i).length() * of(estimate).length_squared()).sum()
         };
@@ -150,7 +150,7 @@ impl Case {
 }
 
 /// The irradiance of each triangle over so many paths.
-fn trace(scene: &Scene, samples: u32, interrupt: &Interrupt) -> Result<Vec<Estimate>, Interrupted> {
+fn trace(scene: &Scene, samples: u32, interrupt: &Interrupt) -> Result<Vec<MonteCarloEstimate>, Interrupted> {
     let tracer = PathTracer::new(scene);
     let one = |j| (!interrupt.is_set()).then(|| tracer.irradiance_of(j, samples));
     (0..scene.triangles.len()).into_par_iter().map(one).collect::<Option<_>>().ok_or(Interrupted)
@@ -170,9 +170,9 @@ fn black(scene: &Scene) -> Scene {
 }
 
 fn without_blockers(device: &Device, scene: &Scene) -> Result<Vec<DVec3>, Box<dyn Error>> {
-    let limits = Limits::of(device).occlusion(Occlusion::Nothing);
-    let plan = Plan::new(scene, &limits, &scene.accuracy)?;
-    let solution = Engine::new(device, scene, plan)?.solve(&SolveParams::from(&scene.accuracy))?;
+    let options = PlanOptions::of(device).occlusion(Occlusion::Nothing);
+    let plan = Plan::new(scene, &options, &scene.settings)?;
+    let solution = Engine::new(device, scene, plan)?.solve(&SolveParams::from(&scene.settings))?;
     Ok(solution.irradiance.into_iter().map(DVec3::from).collect())
 }
 

@@ -7,9 +7,9 @@ use crate::table::Row;
 use antirad::cli::Interrupt;
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
-use antirad::ladder::{LadderOptions, Stage, solve_within};
-use antirad::plan::{Limits, Plan};
+use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{Camera, Scene};
+use antirad::target_error::{Stage, TargetErrorOptions, solve_within};
 use antirad::{Engine, SolveParams};
 use glam::DVec3;
 use std::error::Error;
@@ -25,14 +25,14 @@ pub fn measure(
     setting: &Setting,
     interrupt: &Interrupt,
 ) -> Result<Row, Box<dyn Error>> {
-    let mut scene = Scene { accuracy: setting.accuracy, ..case.scene.clone() };
+    let mut scene = Scene { settings: setting.accuracy, ..case.scene.clone() };
     let parents = scene.split_all(setting.level);
-    let plan = Plan::new(&scene, &Limits::of(device), &scene.accuracy)?;
+    let plan = Plan::new(&scene, &PlanOptions::of(device), &scene.settings)?;
     let bytes = plan.memory().total();
     let mut engine = Engine::new(device, &scene, plan)?;
     // Kernels are compiled by the first dispatches: a first pass is not measured.
     let stop = interrupt.clone();
-    engine.set_watcher(Some(Box::new(move |_, _| stop.flow())));
+    engine.set_pass_callback(Some(Box::new(move |_, _| stop.flow())));
     let warm_up = SolveParams::default().tolerance(0.9).max_passes(3);
     match engine.solve(&warm_up) {
         Err(error) if !error.is_without_answer() => return Err(interrupted_or(error, interrupt)),
@@ -40,7 +40,7 @@ pub fn measure(
     }
     let mut row = Row { triangles: scene.triangles.len(), bytes, ..Row::new(case, setting) };
     let start = Instant::now();
-    let solved = engine.solve(&SolveParams::from(&scene.accuracy));
+    let solved = engine.solve(&SolveParams::from(&scene.settings));
     row.seconds = start.elapsed().as_secs_f64();
     let solution = match solved {
         Ok(solution) => solution,
@@ -62,35 +62,35 @@ pub fn measure(
 pub fn measure_asked(
     device: &Device,
     case: &Case,
-    options: &LadderOptions,
+    options: &TargetErrorOptions,
     interrupt: &Interrupt,
 ) -> Result<Row, Box<dyn Error>> {
     let start = Instant::now();
     let stop = interrupt.clone();
     let mut solve = |engine: &mut Engine, scene: &Scene, _: &Stage| {
         let stop = stop.clone();
-        engine.set_watcher(Some(Box::new(move |_, _| stop.flow())));
-        engine.solve(&SolveParams::from(&scene.accuracy))
+        engine.set_pass_callback(Some(Box::new(move |_, _| stop.flow())));
+        engine.solve(&SolveParams::from(&scene.settings))
     };
     let solved = solve_within(device, &case.scene, options, &|_| 0, &mut solve);
     let solved = match solved {
         Ok(solved) => solved,
         Err(error) if error.is_without_answer() => {
-            let setting = Setting { accuracy: case.scene.accuracy, level: 0, varies: ASKED };
+            let setting = Setting { accuracy: case.scene.settings, level: 0, varies: ASKED };
             return Ok(Row { failure: error.to_string(), ..Row::new(case, &setting) });
         }
         Err(error) => return Err(interrupted_or(error, interrupt)),
     };
     let seconds = start.elapsed().as_secs_f64();
-    let step = solved.climb.answer();
+    let step = solved.refinement.answer();
     let level = step.map_or(0, |step| step.cuts);
-    let setting = Setting { accuracy: solved.scene.accuracy, level, varies: ASKED };
+    let setting = Setting { accuracy: solved.scene.settings, level, varies: ASKED };
     let mut row = Row {
         triangles: solved.scene.triangles.len(),
         asked: Some(options.error),
         estimate: step.and_then(|step| step.estimate.as_ref()).map(|estimate| estimate.total),
         seconds,
-        passes: solved.climb.steps.iter().map(|step| step.passes).sum(),
+        passes: solved.refinement.steps.iter().map(|step| step.passes).sum(),
         bytes: solved.answer.plan.memory_total,
         negative: solved.answer.negative.triangles,
         ..Row::new(case, &setting)

@@ -6,9 +6,9 @@ use crate::measure::{Errors, colours, interrupted_or, is_diffuse};
 use antirad::cli::{Interrupt, Panel, Sheet, percentile, signed_heat, white_point};
 use antirad::gpu::Device;
 use antirad::image::{Coverage, ImageError, Rasterizer};
-use antirad::ladder::usual_accuracy;
-use antirad::plan::{Limits, Plan};
+use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{Camera, LoadOptions, Scene};
+use antirad::target_error::usual_settings;
 use antirad::warnings::{RefineOptions, refine};
 use antirad::{Engine, SolveParams};
 use glam::DVec3;
@@ -53,7 +53,7 @@ pub fn draw(arguments: &Arguments, device: &Device, interrupt: &Interrupt) -> Re
     ];
     for path in &arguments.pictures {
         let mut scene = Scene::load(path, &LoadOptions::default())?;
-        scene.accuracy = usual_accuracy(&scene);
+        scene.settings = usual_settings(&scene);
         if !is_diffuse(&scene) {
             return Err(format!(
                 "{} has glossy materials, whose colours the path tracer does not tell; take diffuse ones",
@@ -93,15 +93,16 @@ fn variations(
     let mut more = Vec::new();
     if arguments.refine {
         let mut finer = scene.clone();
-        interrupt.while_computing(|| refine(&mut finer, &Limits::of(device), &RefineOptions::default()))?;
+        interrupt
+            .while_computing(|| refine(&mut finer, &PlanOptions::of(device), &RefineOptions::default()))?;
         more.push((format!("refined to {} triangles", finer.triangles.len()), finer));
     }
     if let Some(bins) = arguments.bins {
-        let accuracy = scene.accuracy.bins(bins);
-        more.push((format!("{bins} bins"), Scene { accuracy, ..scene.clone() }));
+        let accuracy = scene.settings.bins(bins);
+        more.push((format!("{bins} bins"), Scene { settings: accuracy, ..scene.clone() }));
     }
     let usual = match arguments.bins {
-        Some(_) => format!("{} bins", scene.accuracy.bins),
+        Some(_) => format!("{} bins", scene.settings.bins),
         None => format!("{} triangles", scene.triangles.len()),
     };
     more.insert(0, (usual, scene));
@@ -116,12 +117,12 @@ impl Compared {
         device: &Device,
         interrupt: &Interrupt,
     ) -> Result<Self, Box<dyn Error>> {
-        let plan = Plan::new(&scene, &Limits::of(device), &scene.accuracy)?;
+        let plan = Plan::new(&scene, &PlanOptions::of(device), &scene.settings)?;
         let mut engine = Engine::new(device, &scene, plan)?;
         let stop = interrupt.clone();
-        engine.set_watcher(Some(Box::new(move |_, _| stop.flow())));
+        engine.set_pass_callback(Some(Box::new(move |_, _| stop.flow())));
         let solution = engine
-            .solve(&SolveParams::from(&scene.accuracy))
+            .solve(&SolveParams::from(&scene.settings))
             .map_err(|error| interrupted_or(error, interrupt))?;
         let found: Vec<DVec3> = solution.irradiance.iter().copied().map(DVec3::from).collect();
         let name = scene.name.clone();
@@ -140,7 +141,7 @@ impl Compared {
         let cells = [
             format!("`{}`", self.case.name),
             self.found.len().to_string(),
-            self.case.scene.accuracy.bins.to_string(),
+            self.case.scene.settings.bins.to_string(),
             share(relative),
             share(largest),
             shadow.map_or_else(|| String::from("none"), share),

@@ -4,7 +4,7 @@ use crate::cases::Case;
 use crate::sweep::Setting;
 use antirad::cli::{Curve, Drawn, LogPlot};
 use antirad::output::{OutputError, atomic_write};
-use antirad::scene::Accuracy;
+use antirad::scene::SolveSettings;
 use std::fmt;
 use std::path::Path;
 
@@ -53,7 +53,7 @@ pub struct Row {
 
 impl Row {
     pub fn new(case: &Case, setting: &Setting) -> Self {
-        let Accuracy { bins, weights, subsample, tolerance, solver, precision, .. } = setting.accuracy;
+        let SolveSettings { bins, weights, near_field, tolerance, solver, precision, .. } = setting.accuracy;
         Self {
             scene: case.name.clone(),
             varies: setting.varies,
@@ -62,7 +62,7 @@ impl Row {
             bins: bins.to_string(),
             bin_count: bins.count(),
             weights: format!("{weights:?}").to_lowercase(),
-            near_field: subsample,
+            near_field: near_field,
             precision: format!("{precision:?}").to_lowercase(),
             solver: format!("{solver:?}").to_lowercase(),
             tolerance,

@@ -32,7 +32,7 @@ pub enum Shape {
     Position,
 }
 
-/// One parameter. `index` is that of a triangle, vertex or eye.
+/// One parameter. `index` is that of a triangle, vertex or camera.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
     pub kind: Kind,
@@ -87,7 +87,7 @@ impl Kind {
 
 impl Sample {
     /// The size of a step of 1, per channel or axis.
-    pub fn size(&self, scene: &Scene, eyes: &[DVec3]) -> DVec3 {
+    pub fn size(&self, scene: &Scene, camera_positions: &[DVec3]) -> DVec3 {
         let material = || scene.material(self.index);
         match self.kind {
             Kind::Emission => {
@@ -107,7 +107,7 @@ impl Sample {
                     .collect();
                 DVec3::splat(around.iter().sum::<f64>() / around.len().max(1) as f64)
             }
-            Kind::Camera => DVec3::splat(eyes[self.index].distance(bounds(scene).0)),
+            Kind::Camera => DVec3::splat(camera_positions[self.index].distance(bounds(scene).0)),
         }
     }
 
@@ -116,9 +116,9 @@ impl Sample {
         Random::new(self.index as u64 + 1000).direction()
     }
 
-    /// The scene and the eyes with this parameter changed.
-    pub fn changed(&self, scene: &Scene, eyes: [DVec3; 2], by: DVec3) -> (Scene, [DVec3; 2]) {
-        let (mut scene, mut eyes) = (scene.clone(), eyes);
+    /// The scene and the cameras with this parameter changed.
+    pub fn changed(&self, scene: &Scene, camera_positions: [DVec3; 2], by: DVec3) -> (Scene, [DVec3; 2]) {
+        let (mut scene, mut camera_positions) = (scene.clone(), camera_positions);
         // One triangle alone: with a material of its own.
         let mut with_material = |change: &dyn Fn(&mut Material)| {
             let mut material = scene.material(self.index).clone();
@@ -140,9 +140,9 @@ impl Sample {
                 scene.triangles[self.index].vertices = [first, first + 1, first + 2];
             }
             Kind::Vertex => scene.vertices[self.index] += by,
-            Kind::Camera => eyes[self.index] += by,
+            Kind::Camera => camera_positions[self.index] += by,
         }
-        (scene, eyes)
+        (scene, camera_positions)
     }
 
     /// Per unit of the parameter; `None` where it was not computed.
@@ -157,7 +157,7 @@ impl Sample {
             Kind::Power => first(gradients.power.as_ref()?[i]),
             Kind::Centroid => gradients.corners.as_ref()?[i].iter().sum(),
             Kind::Vertex => gradients.vertices.as_ref()?[i],
-            Kind::Camera => gradients.eyes.as_ref()?[i],
+            Kind::Camera => gradients.camera_positions.as_ref()?[i],
         })
     }
 }

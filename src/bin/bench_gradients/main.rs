@@ -105,7 +105,7 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
         Some(path) => Scene::load(path, &LoadOptions::default())?,
         None => room::room()?,
     };
-    scene.accuracy.bins = arguments.bins;
+    scene.settings.bins = arguments.bins;
     room::weld(&mut scene);
     let wanted = |kinds: &[Kind]| -> Vec<Kind> {
         let asked = |kind: &Kind| arguments.kinds.is_empty() || arguments.kinds.contains(kind);
@@ -122,7 +122,7 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
     let mut benches = Vec::new();
     for (mesh, scene, weights, kinds) in cases {
         let mut scene = scene.clone();
-        scene.accuracy.weights = weights;
+        scene.settings.weights = weights;
         let samples = curves::samples(&scene, &kinds, arguments.triangles as usize);
         benches.push(curves::Bench { mesh, scene, samples, device: &device, interrupt });
     }

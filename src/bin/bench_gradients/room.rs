@@ -58,7 +58,7 @@ pub fn room() -> Result<Scene, SceneError> {
         );
     }
     let mut scene = Scene::new("room", vertices, triangles, materials)?;
-    scene.accuracy.subsample = SUBSAMPLE;
+    scene.settings.near_field = SUBSAMPLE;
     scene.set_camera(Camera {
         name: "main".to_owned(),
         position: DVec3::new(0.9, 1.1, 4.3),

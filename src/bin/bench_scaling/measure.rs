@@ -4,8 +4,8 @@ use crate::Arguments;
 use crate::table::Row;
 use antirad::cli::Interrupt;
 use antirad::gpu::{Device, DeviceOptions};
-use antirad::plan::{Limits, Occlusion, Plan};
-use antirad::scene::{Accuracy, Material, Scene, SceneError, Shape, SolverChoice, Triangle};
+use antirad::plan::{Occlusion, Plan, PlanOptions};
+use antirad::scene::{Material, Scene, SceneError, Shape, SolveSettings, SolverChoice, Triangle};
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers, TransportError};
 use glam::DVec3;
@@ -72,9 +72,9 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
     let size = arguments.triangles[0];
     let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.memory_budget))?;
     let scene = statue(size)?;
-    let accuracy = Accuracy::default().bins(arguments.bins).solver(SolverChoice::FixedPoint);
-    let limits = Limits::of(&device).occlusion(Occlusion::Everything);
-    let plan = Plan::new(&scene, &limits, &accuracy)?;
+    let settings = SolveSettings::default().bins(arguments.bins).solver(SolverChoice::FixedPoint);
+    let options = PlanOptions::of(&device).occlusion(Occlusion::Everything);
+    let plan = Plan::new(&scene, &options, &settings)?;
     let report = plan.report();
     let staging = plan.staging();
 
@@ -88,7 +88,7 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
     let stop = interrupt.clone();
     let (repeats, mut last) = (arguments.repeats, Instant::now());
     let (mut bounce, mut before) = (0, 0);
-    operators.set_watcher(Some(Box::new(move |done, total| {
+    operators.set_pass_callback(Some(Box::new(move |done, total| {
         if done < before {
             bounce += 1;
         }

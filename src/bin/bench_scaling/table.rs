@@ -7,7 +7,7 @@ use std::error::Error;
 use std::fs::File;
 use std::path::Path;
 
-/// Published: 36 kB per triangle.
+/// What *Differentiable Radiosity for Inverse Rendering* states: 36 kB per triangle.
 const PUBLISHED_BYTES: f64 = 36e3;
 
 /// One size. Bytes, pairs of triangles, seconds.
@@ -84,7 +84,7 @@ fn with_slope(label: &str, points: &[(f64, f64)]) -> String {
 pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
     let bins = rows.first().map_or("", |row| &row.bins);
     let ours = memory(rows);
-    let published = points(rows, |row| PUBLISHED_BYTES * row.triangles as f64);
+    let of_paper = points(rows, |row| PUBLISHED_BYTES * row.triangles as f64);
     LogPlot {
         title: format!("Device memory of one bounce, {bins} bins, every triangle a blocker"),
         x: "triangles".to_owned(),
@@ -92,8 +92,8 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
         curves: vec![
             Curve { label: with_slope("antirad", &ours), points: ours, drawn: Drawn::Curve },
             Curve {
-                label: "published: 36 kB per triangle".to_owned(),
-                points: published,
+                label: "Differentiable Radiosity paper: 36 kB per triangle".to_owned(),
+                points: of_paper,
                 drawn: Drawn::Line,
             },
         ],
@@ -142,7 +142,7 @@ pub fn print(rows: &[Row]) {
     }
     if let Some(slope) = slope(&memory(rows)) {
         println!(
-            "memory grows with triangles to the power {slope:.3}, fixed costs apart (published: 36 kB per triangle)"
+            "memory grows with triangles to the power {slope:.3}, fixed costs apart (Differentiable Radiosity paper: 36 kB per triangle)"
         );
     }
     if let Some(slope) = slope(&seconds(rows)) {

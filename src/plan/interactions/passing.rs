@@ -3,8 +3,8 @@
 use super::far::{FarRuns, Row};
 use super::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 use crate::model::{Facet, Hierarchy, Node, PADDING, Sight};
-use crate::plan::Layout;
 use crate::plan::PlanError;
+use crate::plan::TileLayout;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -22,7 +22,7 @@ pub struct Passing<'a> {
 
 impl<'a> Passing<'a> {
     pub fn new(
-        layout: &Layout,
+        layout: &TileLayout,
         facets: &[Facet],
         tree: &'a Hierarchy,
         half_range: f64,
@@ -120,6 +120,7 @@ impl<'a> Passing<'a> {
 
     /// Whether the near field may have a share in some pair.
     fn near(&self, a: &Node, b: &Node) -> bool {
-        a.bounds.distance_squared(&b.bounds) <= self.half_range * (b.extent + a.extent)
+        a.bounds.distance_squared(&b.bounds)
+            <= self.half_range * (b.characteristic_area + a.characteristic_area)
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::model::Bins;
 use crate::reference::reflection::half_cosine;
-use crate::reference::{Leaving, Model, State};
+use crate::reference::{Model, Outgoing, State};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -25,7 +25,7 @@ pub struct MaterialGradient {
 
 /// The gradient of μ·(E + K H) with respect to the material of every triangle, H (`state`) and μ (`cotangent`) held
 /// fixed.
-pub fn reflect_derivative(model: &Model, state: &State, cotangent: &Leaving) -> Vec<MaterialGradient> {
+pub fn reflect_derivative(model: &Model, state: &State, cotangent: &Outgoing) -> Vec<MaterialGradient> {
     let gradient = |i: usize| {
         let material = &model.materials[i];
         let light = cotangent.diffuse[i] * state.irradiance[i] / PI;
@@ -36,8 +36,8 @@ pub fn reflect_derivative(model: &Model, state: &State, cotangent: &Leaving) -> 
             ..Default::default()
         };
         if let Some(range) = model.bins_of(i).filter(|_| model.classes[i].glossy) {
-            let (arriving, worth) = (&state.bins[range.clone()], &cotangent.specular[range]);
-            let lobe = Lobe::new(&model.bins, material.power, arriving, worth);
+            let (incident, adjoint) = (&state.bins[range.clone()], &cotangent.specular[range]);
+            let lobe = Lobe::new(&model.bins, material.power, incident, adjoint);
             let normalization = material.specular_normalization();
             gradient.specular = normalization * lobe.value;
             let slope =
@@ -56,12 +56,12 @@ struct Lobe {
 }
 
 impl Lobe {
-    fn new(bins: &Bins, power: f64, arriving: &[DVec3], worth: &[DVec3]) -> Self {
+    fn new(bins: &Bins, power: f64, incident: &[DVec3], adjoint: &[DVec3]) -> Self {
         let mut lobe = Self { value: DVec3::ZERO, slope: DVec3::ZERO };
-        for (o, worth) in worth.iter().enumerate() {
-            for (b, arriving) in arriving.iter().enumerate() {
+        for (o, adjoint) in adjoint.iter().enumerate() {
+            for (b, incident) in incident.iter().enumerate() {
                 let cosine = half_cosine(bins, b, o);
-                let light = cosine.powf(power) * bins.projected[b] * *worth * *arriving;
+                let light = cosine.powf(power) * bins.projected[b] * *adjoint * *incident;
                 lobe.value += light;
                 // x^p ln x tends to zero with x for every p > 0, and is taken as zero there for p = 0 too.
                 if cosine > 0.0 {

@@ -6,11 +6,11 @@ use super::polygon::projected_solid_angle_gradient;
 use super::reading::Reading;
 use crate::model::{Facet, FacetGradient, QUARTER_RANGE, centroid, far_weight, quarters};
 use crate::reference::transport::COINCIDENT;
-use crate::reference::{Leaving, Model, State};
+use crate::reference::{Model, Outgoing, State};
 use glam::DVec3;
 use std::f64::consts::PI;
 
-/// Of λ·U(leaving), what one pair adds: with respect to its source, and to its receiver.
+/// Of λ·U(outgoing), what one pair adds: with respect to its source, and to its receiver.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PairGradient {
     pub source: FacetGradient,
@@ -31,10 +31,10 @@ impl PairGradient {
     }
 }
 
-/// The gradient of λ·U(leaving) from source `i` to receiver `j`.
+/// The gradient of λ·U(outgoing) from source `i` to receiver `j`.
 pub fn pair_derivative(
     model: &Model,
-    leaving: &Leaving,
+    outgoing: &Outgoing,
     importance: &State,
     i: usize,
     j: usize,
@@ -44,7 +44,7 @@ pub fn pair_derivative(
     if source.area == 0.0 || receiver.area == 0.0 {
         return gradient;
     }
-    let pair = Pair { model, leaving, importance, i, j, source, receiver };
+    let pair = Pair { model, outgoing, importance, i, j, source, receiver };
     let between = receiver.centroid - source.centroid;
     let (r2, range) = (between.length_squared(), model.range(i, j));
     let share = far_weight(r2, range);
@@ -61,15 +61,15 @@ pub fn pair_derivative(
     let slope = far_weight_slope(r2, range);
     at_range += at_share * slope.range;
     gradient.add_between(2.0 * at_share * slope.r2 * between);
-    let at_extent = 0.5 * model.subsample * at_range;
-    gradient.source.extent += at_extent;
-    gradient.receiver.extent += at_extent;
+    let at_characteristic_area = 0.5 * model.near_field * at_range;
+    gradient.source.characteristic_area += at_characteristic_area;
+    gradient.receiver.characteristic_area += at_characteristic_area;
     gradient
 }
 
 struct Pair<'a> {
     model: &'a Model,
-    leaving: &'a Leaving,
+    outgoing: &'a Outgoing,
     importance: &'a State,
     i: usize,
     j: usize,
@@ -97,7 +97,7 @@ impl Pair<'_> {
         let ends = Ends::new(self, direction, cos_i > 0.0);
         let g = 1.0 / (r2 + source.area / PI);
         let projected = cos_j * cos_i.abs() * source.area * g;
-        let (diffuse, binned) = (ends.diffuse_worth(), ends.binned_worth());
+        let (diffuse, binned) = (ends.diffuse_adjoint(), ends.binned_adjoint());
         let at_projected = share * (diffuse + binned);
         let mut at_direction = ends.pull(share * projected, share * projected, gradient);
 
@@ -124,15 +124,15 @@ impl Pair<'_> {
                 let between = to.centroid() - from.centroid();
                 let (r2, range) = (between.length_squared(), range * QUARTER_RANGE);
                 let far = if has_bins { far_weight(r2, range) } else { 1.0 };
-                let worth = self.piece(from, to, share / 4.0, share * far / 4.0, gradient);
-                slope.share += (worth.diffuse + far * worth.binned) / 4.0;
-                let mut at_far = share * worth.binned / 4.0;
+                let adjoint = self.piece(from, to, share / 4.0, share * far / 4.0, gradient);
+                slope.share += (adjoint.diffuse + far * adjoint.binned) / 4.0;
+                let mut at_far = share * adjoint.binned / 4.0;
                 if far < 1.0 {
                     for to in to.quarters() {
                         for from in from.quarters() {
-                            let worth = self.piece(from, to, 0.0, share * (1.0 - far) / 16.0, gradient);
-                            slope.share += (1.0 - far) * worth.binned / 16.0;
-                            at_far -= share * worth.binned / 16.0;
+                            let adjoint = self.piece(from, to, 0.0, share * (1.0 - far) / 16.0, gradient);
+                            slope.share += (1.0 - far) * adjoint.binned / 16.0;
+                            at_far -= share * adjoint.binned / 16.0;
                         }
                     }
                 }
@@ -148,36 +148,46 @@ impl Pair<'_> {
 
     /// From a piece of the source to the centroid of a piece of the receiver. Returns the derivatives with respect to the
     /// two shares.
-    fn piece(&self, from: Piece, to: Piece, diffuse: f64, binned: f64, gradient: &mut PairGradient) -> Worth {
+    fn piece(
+        &self,
+        from: Piece,
+        to: Piece,
+        diffuse: f64,
+        binned: f64,
+        gradient: &mut PairGradient,
+    ) -> PairAdjoint {
         let point = to.centroid();
         let offset = point - from.centroid();
         let side = offset.dot(self.source.normal);
         let length = offset.length();
-        if side.abs() <= COINCIDENT * self.source.extent.sqrt() {
-            return Worth::default();
+        if side.abs() <= COINCIDENT * self.source.characteristic_area.sqrt() {
+            return PairAdjoint::default();
         }
         let polygon = projected_solid_angle_gradient(point, self.receiver.normal, from.corners);
         if polygon.projected <= 0.0 {
-            return Worth::default();
+            return PairAdjoint::default();
         }
         let direction = offset / length;
         let ends = Ends::new(self, direction, side > 0.0);
-        let worth = Worth { diffuse: ends.diffuse_worth(), binned: ends.binned_worth() };
+        let adjoint = PairAdjoint { diffuse: ends.diffuse_adjoint(), binned: ends.binned_adjoint() };
         let at_direction = ends.pull(diffuse * polygon.projected, binned * polygon.projected, gradient);
         gradient.add_piece_between(from, to, pull_unit(direction, length, at_direction));
 
-        let at_projected = diffuse * worth.diffuse + binned * worth.binned;
+        let at_projected = diffuse * adjoint.diffuse + binned * adjoint.binned;
         let corners = polygon.corners.map(|c| at_projected * c);
         gradient.receiver.normal += at_projected * polygon.normal;
         from.pull(corners, &mut gradient.source);
         to.pull_centroid(-corners.iter().sum::<DVec3>(), &mut gradient.receiver);
-        Worth { diffuse: polygon.projected * worth.diffuse, binned: polygon.projected * worth.binned }
+        PairAdjoint {
+            diffuse: polygon.projected * adjoint.diffuse,
+            binned: polygon.projected * adjoint.binned,
+        }
     }
 }
 
 /// What the two kinds of radiance are worth at the receiver.
 #[derive(Clone, Copy, Default)]
-struct Worth {
+struct PairAdjoint {
     diffuse: f64,
     binned: f64,
 }
@@ -188,29 +198,29 @@ struct Ends {
     binned: Reading,
     /// λ_E of the receiver, and what it reads from its bins.
     irradiance: DVec3,
-    arriving: Reading,
+    incident: Reading,
 }
 
 impl Ends {
     /// `direction`: unit, from the source to the receiver.
     fn new(pair: &Pair, direction: DVec3, front: bool) -> Self {
         Self {
-            diffuse: pair.leaving.diffuse(pair.i, front),
-            binned: Reading::of_source(pair.model, pair.leaving, pair.i, direction, front),
+            diffuse: pair.outgoing.diffuse(pair.i, front),
+            binned: Reading::of_source(pair.model, pair.outgoing, pair.i, direction, front),
             irradiance: pair.importance.irradiance[pair.j],
-            arriving: Reading::of_receiver(pair.model, pair.importance, pair.j, direction),
+            incident: Reading::of_receiver(pair.model, pair.importance, pair.j, direction),
         }
     }
 
     fn importance(&self) -> DVec3 {
-        self.irradiance + self.arriving.value
+        self.irradiance + self.incident.value
     }
 
-    fn diffuse_worth(&self) -> f64 {
+    fn diffuse_adjoint(&self) -> f64 {
         self.importance().dot(self.diffuse)
     }
 
-    fn binned_worth(&self) -> f64 {
+    fn binned_adjoint(&self) -> f64 {
         self.importance().dot(self.binned.value)
     }
 
@@ -218,7 +228,7 @@ impl Ends {
     /// the gradient with respect to the direction.
     fn pull(&self, diffuse: f64, binned: f64, gradient: &mut PairGradient) -> DVec3 {
         let source = self.binned.pull(binned * self.importance());
-        let receiver = self.arriving.pull(diffuse * self.diffuse + binned * self.binned.value);
+        let receiver = self.incident.pull(diffuse * self.diffuse + binned * self.binned.value);
         gradient.source.normal += source.normal;
         gradient.receiver.normal += receiver.normal;
         source.direction + receiver.direction

@@ -3,7 +3,7 @@
 use super::frame::{FrameGradient, pull_local};
 use super::taps::TapSlopes;
 use crate::model::orthonormal_basis;
-use crate::reference::{Leaving, Model, State};
+use crate::reference::{Model, Outgoing, State};
 use glam::DVec3;
 
 /// RGB values interpolated between the four taps of a direction.
@@ -22,16 +22,16 @@ pub struct Reading {
 
 impl Reading {
     /// Radiance of source `i` that varies with `direction`, in which light travels, from its front or its back.
-    pub fn of_source(model: &Model, leaving: &Leaving, i: usize, direction: DVec3, front: bool) -> Self {
+    pub fn of_source(model: &Model, outgoing: &Outgoing, i: usize, direction: DVec3, front: bool) -> Self {
         let class = model.classes[i];
         let normal = model.facets[i].normal;
         match model.bins_of(i) {
             Some(range) if front && class.glossy => {
-                Self::new(model, normal, direction, 1.0, |b| leaving.specular[range.start + b])
+                Self::new(model, normal, direction, 1.0, |b| outgoing.specular[range.start + b])
             }
             // What leaves the back arrived at the front from the opposite direction.
             Some(range) if !front && class.blocker => {
-                Self::new(model, normal, direction, -1.0, |b| -leaving.antiradiance[range.start + b])
+                Self::new(model, normal, direction, -1.0, |b| -outgoing.antiradiance[range.start + b])
             }
             _ => Self::none(),
         }

@@ -23,7 +23,7 @@ const LONGEST: u32 = 1000;
 
 /// A mean and its standard error, RGB, W/m².
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Estimate {
+pub struct MonteCarloEstimate {
     /// Of all paths.
     pub mean: DVec3,
     /// Its standard error.
@@ -56,13 +56,13 @@ fn cosine_direction(normal: DVec3, random: &mut Random) -> DVec3 {
     u.sqrt() * (azimuth.cos() * x + azimuth.sin() * y) + (1.0 - u).sqrt() * normal
 }
 
-/// The BRDF for light that arrives from `to_light` and leaves towards `to_eye`, 1/sr.
-fn brdf(material: &Material, normal: DVec3, to_light: DVec3, to_eye: DVec3) -> DVec3 {
+/// The BRDF for light that arrives from `to_light` and leaves towards `to_camera`, 1/sr.
+fn brdf(material: &Material, normal: DVec3, to_light: DVec3, to_camera: DVec3) -> DVec3 {
     let diffuse = DVec3::from(material.diffuse_albedo()) / PI;
     if !material.is_glossy() {
         return diffuse;
     }
-    let cosine = (to_light + to_eye).normalize_or_zero().dot(normal).max(0.0);
+    let cosine = (to_light + to_camera).normalize_or_zero().dot(normal).max(0.0);
     diffuse + DVec3::from(material.specular) * material.specular_normalization() * cosine.powf(material.power)
 }
 
@@ -92,14 +92,14 @@ impl<'a> PathTracer<'a> {
     }
 
     /// The mean irradiance of each triangle, over `samples` paths from points spread over it.
-    pub fn irradiance(&self, samples: u32) -> Vec<Estimate> {
+    pub fn irradiance(&self, samples: u32) -> Vec<MonteCarloEstimate> {
         (0..self.areas.len()).into_par_iter().map(|j| self.irradiance_of(j, samples)).collect()
     }
 
     /// The same of one triangle.
-    pub fn irradiance_of(&self, triangle: usize, samples: u32) -> Estimate {
+    pub fn irradiance_of(&self, triangle: usize, samples: u32) -> MonteCarloEstimate {
         if self.areas[triangle] <= 0.0 || self.lights.is_empty() || samples == 0 {
-            return Estimate::default();
+            return MonteCarloEstimate::default();
         }
         // A stream for each triangle: results do not depend on the order of work.
         let mut random = Random::new((triangle as u64 + 1).wrapping_mul(0x2545_f491_4f6c_dd1d));
@@ -120,7 +120,7 @@ impl<'a> PathTracer<'a> {
         let n = f64::from(samples);
         let mean = sum / n;
         let variance = (squares / n - mean * mean).max(DVec3::ZERO) / (n - 1.0).max(1.0);
-        Estimate { mean, error: variance.map(f64::sqrt) }
+        MonteCarloEstimate { mean, error: variance.map(f64::sqrt) }
     }
 
     /// One sample of the irradiance at a point: lights seen from it and from every point that the path visits.
@@ -145,8 +145,8 @@ impl<'a> PathTracer<'a> {
             irradiance += weight * throughput * DVec3::from(material.emission);
             at += distance * direction;
             from = hit;
-            let to_eye = -direction;
-            let reflected = |to_light: DVec3| brdf(material, normal, to_light, to_eye);
+            let to_camera = -direction;
+            let reflected = |to_light: DVec3| brdf(material, normal, to_light, to_camera);
             irradiance += throughput * self.direct(hit, at, &reflected, random);
             direction = cosine_direction(normal, random);
             throughput *= PI * reflected(direction);
@@ -259,6 +259,6 @@ mod tests {
     fn darkness_is_dark() {
         let mut scene = squares(0.0);
         scene.materials[1].emission = [0.0; 3];
-        assert!(PathTracer::new(&scene).irradiance(4).iter().all(|e| *e == Estimate::default()));
+        assert!(PathTracer::new(&scene).irradiance(4).iter().all(|e| *e == MonteCarloEstimate::default()));
     }
 }

@@ -2,7 +2,7 @@
 
 use super::summary::{Row, Status};
 use super::{bytes, quantities};
-use antirad::fit::{Estimate, JobFile, Record};
+use antirad::fit::{CostEstimate, JobFile, Record};
 use antirad::gpu::Device;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
@@ -27,7 +27,7 @@ impl Log {
         }
     }
 
-    pub fn begin(&self, file: &JobFile, device: &Device, estimate: &Estimate) {
+    pub fn begin(&self, file: &JobFile, device: &Device, estimate: &CostEstimate) {
         let (job, problem) = (&file.job, file.job.problem());
         let (unknowns, views) = (problem.parameters.len(), problem.targets.len());
         let seconds = estimate.seconds;

@@ -5,7 +5,7 @@ use crate::options::setters;
 /// Kinds of derivatives of a loss.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct Wanted {
+pub struct GradientRequest {
     /// With respect to the emitted radiance L_e.
     pub emission: bool,
     /// With respect to the diffuse constant δ.
@@ -18,11 +18,11 @@ pub struct Wanted {
     pub power: bool,
     /// With respect to the positions of vertices.
     pub positions: bool,
-    /// With respect to the positions of the eyes.
+    /// With respect to the positions of the cameras.
     pub camera: bool,
 }
 
-setters!(Wanted {
+setters!(GradientRequest {
     emission: bool,
     diffuse: bool,
     albedo: bool,
@@ -32,7 +32,7 @@ setters!(Wanted {
     camera: bool,
 });
 
-impl Wanted {
+impl GradientRequest {
     /// No derivatives.
     pub const NOTHING: Self = Self {
         emission: false,
@@ -80,6 +80,10 @@ impl Wanted {
             ("positions", self.positions, planned.positions),
             ("camera", self.camera, planned.camera),
         ];
-        kinds.into_iter().filter(|&(_, wanted, planned)| wanted && !planned).map(|(name, ..)| name).collect()
+        kinds
+            .into_iter()
+            .filter(|&(_, request, planned)| request && !planned)
+            .map(|(name, ..)| name)
+            .collect()
     }
 }

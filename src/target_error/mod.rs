@@ -7,30 +7,30 @@
 
 mod answer;
 mod estimate;
+mod levels;
 mod mesh;
 mod pictures;
-mod rungs;
 
 pub use answer::Answer;
-pub use estimate::{Estimate, IrradianceEstimate, PictureEstimate};
-pub use rungs::{Layout, layout, usual_accuracy, usual_plan};
+pub use estimate::{ErrorEstimate, IrradianceEstimate, PictureEstimate};
+pub use levels::{LayoutKind, layout, usual_plan, usual_settings};
 
 use crate::gpu::Device;
 use crate::image::ImageError;
 use crate::options::setters;
-use crate::plan::{Limits, Plan, PlanError};
-use crate::scene::{Accuracy, Camera, Choice, Scene};
+use crate::plan::{Plan, PlanError, PlanOptions};
+use crate::scene::{Camera, Choice, Scene, SolveSettings};
 use crate::warnings::Warnings;
 use crate::{Engine, EngineError, Solution};
+use levels::{Level, is_directional, mean_albedo, near_field_for};
 use pictures::Visible;
-use rungs::{Level, is_directional, mean_albedo, near_field};
 use serde::Serialize;
 use std::fmt;
 
 /// What is asked.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
-pub struct LadderOptions {
+pub struct TargetErrorOptions {
     /// Relative L2 error of irradiance over the scene, and of the pictures of `cameras`: 0.05 for 5 %.
     pub error: f64,
     /// Triangles that the scene may be cut to.
@@ -39,13 +39,13 @@ pub struct LadderOptions {
     pub cameras: Vec<Camera>,
 }
 
-setters!(LadderOptions { error: f64, max_triangles: usize, cameras: Vec<Camera> });
+setters!(TargetErrorOptions { error: f64, max_triangles: usize, cameras: Vec<Camera> });
 
-impl LadderOptions {
+impl TargetErrorOptions {
     /// What is allowed if nobody says otherwise.
     pub const MAX_TRIANGLES: usize = 200_000;
 
-    /// With room for [`LadderOptions::MAX_TRIANGLES`], for irradiance alone.
+    /// With room for [`TargetErrorOptions::MAX_TRIANGLES`], for irradiance alone.
     pub fn new(error: f64) -> Self {
         Self { error, max_triangles: Self::MAX_TRIANGLES, cameras: Vec::new() }
     }
@@ -54,7 +54,7 @@ impl LadderOptions {
 /// Why there is no answer.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum LadderError {
+pub enum SearchError {
     #[error(transparent)]
     Engine(#[from] EngineError),
     /// What the cameras see could not be found.
@@ -64,13 +64,13 @@ pub enum LadderError {
     Triangles { triangles: usize, allowed: usize },
 }
 
-impl From<PlanError> for LadderError {
+impl From<PlanError> for SearchError {
     fn from(error: PlanError) -> Self {
         Self::Engine(error.into())
     }
 }
 
-impl LadderError {
+impl SearchError {
     /// As [`EngineError::is_interruption`].
     pub fn is_interruption(&self) -> bool {
         matches!(self, Self::Engine(error) if error.is_interruption())
@@ -88,9 +88,9 @@ pub struct Step {
     /// `10x13`, `concentric:12`.
     pub bins: String,
     /// How the hemisphere is cut.
-    pub layout: Layout,
+    pub layout: LayoutKind,
     /// The range of the near field.
-    pub subsample: f64,
+    pub near_field: f64,
     /// The relative residual at which the solver stopped.
     pub tolerance: f64,
     /// Times that every triangle was cut into four.
@@ -100,7 +100,7 @@ pub struct Step {
     /// Of the solve and its comparison together.
     pub passes: u32,
     /// `None` where a solve failed.
-    pub estimate: Option<Estimate>,
+    pub estimate: Option<ErrorEstimate>,
     /// How it failed.
     pub failure: Option<String>,
     /// Names of the severe warnings there: of errors that the estimate does not see.
@@ -126,7 +126,7 @@ impl Step {
 
 /// How the settings were found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Climb {
+pub struct Refinement {
     /// What was asked.
     pub error: f64,
     /// Whether the estimate of the answer is within it, and no severe warning speaks against it.
@@ -139,7 +139,7 @@ pub struct Climb {
     pub chosen: usize,
 }
 
-impl Climb {
+impl Refinement {
     /// The step whose answer was taken.
     pub fn answer(&self) -> Option<&Step> {
         self.steps.get(self.chosen)
@@ -148,7 +148,7 @@ impl Climb {
 
 /// A scene solved as well as was asked.
 pub struct Solved {
-    /// As it was solved: its triangles are cut, and `accuracy` are the settings found.
+    /// As it was solved: its triangles are cut, and `settings` are the settings found.
     pub scene: Scene,
     /// Per triangle of that scene, the one of the given scene that it is a part of.
     pub parents: Vec<u32>,
@@ -157,7 +157,7 @@ pub struct Solved {
     /// On the triangles of that scene.
     pub answer: Answer,
     /// How the settings were found.
-    pub climb: Climb,
+    pub refinement: Refinement,
 }
 
 impl Solved {
@@ -180,18 +180,18 @@ pub struct Stage {
 /// Runs a solver to the tolerance of the scene.
 pub type Solve<'a> = dyn FnMut(&mut Engine, &Scene, &Stage) -> Result<Solution, EngineError> + 'a;
 
-/// Solves `scene` to the error asked, or as near to it as memory and `max_triangles` allow: see [`Climb::met`]. The scene's own
+/// Solves `scene` to the error asked, or as near to it as memory and `max_triangles` allow: see [`Refinement::met`]. The scene's own
 /// bins, near field and tolerance are not used; its other settings are. Fails only if no level has an answer.
 ///
 /// `reserve` says how many bytes of the device pictures of a scene will need; `solve` runs the solver, with what progress and
-/// interruption the caller likes, to `scene.accuracy.tolerance`.
+/// interruption the caller likes, to `scene.settings.tolerance`.
 pub fn solve_within(
     device: &Device,
     scene: &Scene,
-    options: &LadderOptions,
+    options: &TargetErrorOptions,
     reserve: &dyn Fn(&Scene) -> u64,
     solve: &mut Solve,
-) -> Result<Solved, LadderError> {
+) -> Result<Solved, SearchError> {
     scene.validate().map_err(EngineError::from)?;
     Choice::Within(options.error).check().map_err(EngineError::from)?;
     let search = Search::new(device, scene, options, reserve);
@@ -240,8 +240,8 @@ pub fn solve_within(
         why.push(format!("there are errors that the estimate does not see: {}", severe.join(", ")));
     }
     let met = steps[chosen].meets(options.error);
-    let climb = Climb { error: options.error, met, why, steps, chosen };
-    Ok(Solved { scene, parents, areas: search.areas, answer, climb })
+    let refinement = Refinement { error: options.error, met, why, steps, chosen };
+    Ok(Solved { scene, parents, areas: search.areas, answer, refinement })
 }
 
 /// What came of the levels that were solved.
@@ -274,7 +274,7 @@ struct Search<'a> {
     scene: Scene,
     /// Per triangle of it the one of the given scene.
     parents: Vec<u32>,
-    options: &'a LadderOptions,
+    options: &'a TargetErrorOptions,
     reserve: &'a dyn Fn(&Scene) -> u64,
     levels: &'static [Level],
     /// Of the given triangles, m².
@@ -289,9 +289,9 @@ struct Search<'a> {
 struct Planned {
     scene: Scene,
     parents: Vec<u32>,
-    layout: Layout,
+    layout: LayoutKind,
     plan: Plan,
-    comparison: Accuracy,
+    comparison: SolveSettings,
     comparison_plan: Plan,
 }
 
@@ -305,7 +305,7 @@ impl<'a> Search<'a> {
     fn new(
         device: &'a Device,
         given: &Scene,
-        options: &'a LadderOptions,
+        options: &'a TargetErrorOptions,
         reserve: &'a dyn Fn(&Scene) -> u64,
     ) -> Self {
         let mut scene = given.clone();
@@ -320,7 +320,7 @@ impl<'a> Search<'a> {
             scene,
             areas: (0..given.triangles.len()).map(|i| given.area_vector(i).length()).collect(),
             albedo,
-            near: near_field(albedo, options.error),
+            near: near_field_for(albedo, options.error),
         }
     }
 
@@ -339,26 +339,26 @@ impl<'a> Search<'a> {
     }
 
     /// Plans both solves of a level before either is run.
-    fn plan(&self, level: &Level) -> Result<Planned, LadderError> {
+    fn plan(&self, level: &Level) -> Result<Planned, SearchError> {
         let (triangles, allowed) = (
             self.scene.triangles.len().saturating_mul(4_usize.saturating_pow(level.cuts)),
             self.options.max_triangles,
         );
         if level.cuts > 0 && triangles > allowed {
-            return Err(LadderError::Triangles { triangles, allowed });
+            return Err(SearchError::Triangles { triangles, allowed });
         }
         let mut scene = self.scene.clone();
         let cut = scene.split_all(level.cuts);
         let parents = cut.into_iter().map(|parent| self.parents[parent as usize]).collect();
-        let given = scene.accuracy;
-        let accuracy = |layout| level.accuracy(layout, self.near, &given);
-        let limits = Limits::of(self.device).pictures((self.reserve)(&scene));
-        let layout = layout(&scene, &accuracy(Layout::EqualAngle));
-        let own = accuracy(layout);
-        let plan = Plan::new(&scene, &limits, &own)?;
-        scene.accuracy = own;
+        let given = scene.settings;
+        let settings = |layout| level.settings(layout, self.near, &given);
+        let options = PlanOptions::of(self.device).pictures((self.reserve)(&scene));
+        let layout = layout(&scene, &settings(LayoutKind::EqualAngle));
+        let own = settings(layout);
+        let plan = Plan::new(&scene, &options, &own)?;
+        scene.settings = own;
         let comparison = level.comparison(layout, self.near, &given);
-        let comparison_plan = Plan::new(&scene, &limits, &comparison)?;
+        let comparison_plan = Plan::new(&scene, &options, &comparison)?;
         Ok(Planned { scene, parents, layout, plan, comparison, comparison_plan })
     }
 
@@ -369,19 +369,19 @@ impl<'a> Search<'a> {
         number: usize,
         first: usize,
         solve: &mut Solve,
-    ) -> Result<(Step, Result<Found, EngineError>), LadderError> {
+    ) -> Result<(Step, Result<Found, EngineError>), SearchError> {
         let level = &self.levels[number];
         let Planned { mut scene, parents, layout, plan, comparison, comparison_plan } = self.plan(level)?;
         let [comparing, solving] = self.stages(number, first);
-        let own = std::mem::replace(&mut scene.accuracy, comparison);
+        let own = std::mem::replace(&mut scene.settings, comparison);
         let other = self.answer(&scene, comparison_plan, Warnings::default(), &comparing, solve)?;
-        scene.accuracy = own;
+        scene.settings = own;
         let warnings = Warnings::of(&scene, &plan);
         let answer = self.answer(&scene, plan, warnings, &solving, solve)?;
         let estimate = match (&answer, &other) {
             (Ok(answer), Ok(other)) => {
                 let visible = Visible::of(self.device, &scene, &self.options.cameras)?;
-                Some(Estimate::new(&scene, answer, other, layout.ratio(), &visible))
+                Some(ErrorEstimate::new(&scene, answer, other, layout.ratio(), &visible))
             }
             _ => None,
         };
@@ -390,7 +390,7 @@ impl<'a> Search<'a> {
         let step = Step {
             bins: own.bins.to_string(),
             layout,
-            subsample: own.subsample,
+            near_field: own.near_field,
             tolerance: own.tolerance,
             cuts: level.cuts,
             triangles: scene.triangles.len(),
@@ -411,7 +411,7 @@ impl<'a> Search<'a> {
         warnings: Warnings,
         stage: &Stage,
         solve: &mut Solve,
-    ) -> Result<Result<Answer, EngineError>, LadderError> {
+    ) -> Result<Result<Answer, EngineError>, SearchError> {
         let mut engine = Engine::new(self.device, scene, plan)?;
         match solve(&mut engine, scene, stage) {
             Ok(solution) => {
@@ -440,8 +440,8 @@ impl<'a> Search<'a> {
 
 impl fmt::Display for Step {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { bins, subsample, cuts, triangles, .. } = self;
-        write!(f, "{bins} bins, near field {subsample}, {triangles} triangles")?;
+        let Self { bins, near_field, cuts, triangles, .. } = self;
+        write!(f, "{bins} bins, near field {near_field}, {triangles} triangles")?;
         match cuts {
             0 => write!(f, ": ")?,
             1 => write!(f, " (each cut into 4): ")?,

@@ -9,7 +9,7 @@ use std::fmt;
 
 /// Estimated errors of an answer, on the triangles that were solved.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Estimate {
+pub struct ErrorEstimate {
     /// The largest of irradiance and pictures.
     pub total: f64,
     pub irradiance: IrradianceEstimate,
@@ -50,7 +50,7 @@ pub struct PictureEstimate {
     pub residual: f64,
 }
 
-impl Estimate {
+impl ErrorEstimate {
     /// `own` is the answer, `other` that of the comparison solve; `ratio`: see [`IrradianceEstimate::compared`].
     pub(super) fn new(scene: &Scene, own: &Answer, other: &Answer, ratio: f64, visible: &[Visible]) -> Self {
         let surface = Surface::new(scene);
@@ -118,7 +118,7 @@ impl PictureEstimate {
     }
 }
 
-impl fmt::Display for Estimate {
+impl fmt::Display for ErrorEstimate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let IrradianceEstimate { total, compared, mesh, residual, balance } = self.irradiance;
         let percent = |share: f64| format!("{:.2} %", 100.0 * share);

@@ -7,7 +7,7 @@ const BITS: i32 = 8;
 
 /// The nearest number of eight significant bits, of two equally near ones the even one: relative error up to 2⁻⁸. The
 /// exponent stays that of an f32, whose smallest numbers these leave out.
-pub fn packed(value: DVec3) -> DVec3 {
+pub fn to_bf16(value: DVec3) -> DVec3 {
     DVec3::from(value.to_array().map(|x| {
         let unit = 2f64.powi(exponent(x) + 1 - BITS);
         (x / unit).round_ties_even() * unit
@@ -32,10 +32,10 @@ mod tests {
             let x = f64::from(x as f32);
             let bits = (x as f32).to_bits();
             let half = f32::from_bits((bits + 0x7fff + (bits >> 16 & 1)) & 0xffff_0000);
-            let given = packed(DVec3::splat(x)).x;
+            let given = to_bf16(DVec3::splat(x)).x;
             assert_eq!(given, f64::from(half), "{x:e}");
             assert!((given - x).abs() <= x.abs() / 256.0);
         }
-        assert_eq!(packed(DVec3::new(0.0, 1.0, -1.0)), DVec3::new(0.0, 1.0, -1.0));
+        assert_eq!(to_bf16(DVec3::new(0.0, 1.0, -1.0)), DVec3::new(0.0, 1.0, -1.0));
     }
 }

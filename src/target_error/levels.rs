@@ -1,8 +1,8 @@
 //! Settings from cheap to exact, and which of them a scene starts at.
 
 use crate::model::{Bins, classify, spatial_order};
-use crate::plan::{Limits, Placement, Plan, PlanError};
-use crate::scene::{Accuracy, BinLayout, Choice, Material, Scene};
+use crate::plan::{Placement, Plan, PlanError, PlanOptions};
+use crate::scene::{BinLayout, Choice, Material, Scene, SolveSettings};
 use crate::warnings::{Surfaces, Warnings};
 use serde::Serialize;
 
@@ -13,7 +13,7 @@ pub(super) struct Level {
     equal_angle: (u32, u32),
     /// Side of the equal-area square: bins of one size, which coarse blockers need.
     concentric: u32,
-    pub subsample: f64,
+    pub near_field: f64,
     /// Times that every triangle is cut into four.
     pub cuts: u32,
     pub tolerance: f64,
@@ -24,12 +24,12 @@ pub(super) struct Level {
 const fn level(
     equal_angle: (u32, u32),
     concentric: u32,
-    subsample: f64,
+    near_field: f64,
     cuts: u32,
     tolerance: f64,
     usual: f64,
 ) -> Level {
-    Level { equal_angle, concentric, subsample, cuts, tolerance, usual }
+    Level { equal_angle, concentric, near_field, cuts, tolerance, usual }
 }
 
 /// Where there are shadows or gloss. Finer bins and finer meshes go together: alone, each makes little better or worse.
@@ -64,7 +64,7 @@ const FEW: f64 = 0.05;
 /// Which bins a scene asks for, and why.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Layout {
+pub enum LayoutKind {
     /// Equal polar angles: sharpest around the normal.
     EqualAngle,
     /// Equal areas: many blockers are coarse for the narrow bins around the normal.
@@ -73,7 +73,7 @@ pub enum Layout {
     None,
 }
 
-impl Layout {
+impl LayoutKind {
     /// What errors were over the differences from comparison solves, in nearly all scenes of the sweep. Bins of the same kind
     /// have errors of the same kind.
     pub(super) fn ratio(self) -> f64 {
@@ -95,12 +95,12 @@ impl Level {
         levels.iter().position(|level| level.usual <= error).unwrap_or(levels.len() - 1)
     }
 
-    pub fn accuracy(&self, layout: Layout, near: f64, base: &Accuracy) -> Accuracy {
-        Accuracy {
+    pub fn settings(&self, layout: LayoutKind, near: f64, base: &SolveSettings) -> SolveSettings {
+        SolveSettings {
             bins: self.bins(layout, self.concentric),
-            subsample: near.max(match layout {
-                Layout::Concentric => COARSE_NEAR * self.subsample,
-                Layout::EqualAngle | Layout::None => self.subsample,
+            near_field: near.max(match layout {
+                LayoutKind::Concentric => COARSE_NEAR * self.near_field,
+                LayoutKind::EqualAngle | LayoutKind::None => self.near_field,
             }),
             tolerance: self.tolerance,
             ..*base
@@ -109,17 +109,17 @@ impl Level {
 
     /// What the answer is compared with: other bins and a third of the near field, errors of the same size or larger that
     /// have nothing to do with its own. Where narrow bins fail, fewer of one size.
-    pub fn comparison(&self, layout: Layout, near: f64, base: &Accuracy) -> Accuracy {
+    pub fn comparison(&self, layout: LayoutKind, near: f64, base: &SolveSettings) -> SolveSettings {
         let fewer = (self.concentric * 5 / 6).next_multiple_of(2);
         let bins = match layout {
-            Layout::EqualAngle => self.bins(Layout::Concentric, self.concentric),
-            Layout::Concentric => {
-                self.bins(Layout::Concentric, if fewer < self.concentric { fewer } else { fewer - 2 })
+            LayoutKind::EqualAngle => self.bins(LayoutKind::Concentric, self.concentric),
+            LayoutKind::Concentric => {
+                self.bins(LayoutKind::Concentric, if fewer < self.concentric { fewer } else { fewer - 2 })
             }
-            Layout::None => self.bins(layout, self.concentric),
+            LayoutKind::None => self.bins(layout, self.concentric),
         };
-        let accuracy = self.accuracy(layout, near, base);
-        Accuracy { bins, subsample: accuracy.subsample / 3.0, ..accuracy }
+        let settings = self.settings(layout, near, base);
+        SolveSettings { bins, near_field: settings.near_field / 3.0, ..settings }
     }
 
     /// What a solve and its comparison take, as far as it grows with bins and triangles.
@@ -128,18 +128,18 @@ impl Level {
         f64::from(theta * phi + self.concentric.pow(2)) * 16f64.powi(self.cuts as i32)
     }
 
-    fn bins(&self, layout: Layout, n: u32) -> BinLayout {
+    fn bins(&self, layout: LayoutKind, n: u32) -> BinLayout {
         let (theta, phi) = self.equal_angle;
         match layout {
-            Layout::Concentric => BinLayout::Concentric { n },
-            Layout::EqualAngle | Layout::None => BinLayout::EqualAngle { theta, phi },
+            LayoutKind::Concentric => BinLayout::Concentric { n },
+            LayoutKind::EqualAngle | LayoutKind::None => BinLayout::EqualAngle { theta, phi },
         }
     }
 }
 
 /// Range of the near field that loses at most half of `error` over all bounces. `albedo`: of the light that meets a surface,
 /// the share that goes on, on average.
-pub(super) fn near_field(albedo: f64, error: f64) -> f64 {
+pub(super) fn near_field_for(albedo: f64, error: f64) -> f64 {
     let bounces = albedo / (1.0 - albedo).max(1e-6);
     let enough = LOSS.iter().find(|(_, loss)| loss * bounces <= 0.5 * error);
     enough.map_or(LOSS[LOSS.len() - 1].0, |&(range, _)| range)
@@ -152,52 +152,52 @@ pub(super) fn is_directional(scene: &Scene) -> bool {
 
 /// Which bins suit a scene: those of equal polar angle, unless under them coarse blockers take more than a twentieth of
 /// the area ([`Warnings::coarse_share`]). Looks at pairs of triangles that are near, without a device.
-pub fn layout(scene: &Scene, accuracy: &Accuracy) -> Layout {
+pub fn layout(scene: &Scene, settings: &SolveSettings) -> LayoutKind {
     let classes = classify(scene);
     if !classes.iter().any(|class| class.has_bins()) {
-        return Layout::None;
+        return LayoutKind::None;
     }
     let facets = Placement::of(scene).facets(scene);
     let surfaces = Surfaces {
         facets: &facets,
         classes: &classes,
         order: &spatial_order(&facets),
-        bins: &Bins::new(accuracy.bins, accuracy.weights),
-        subsample: accuracy.subsample,
+        bins: &Bins::new(settings.bins, settings.weights),
+        near_field: settings.near_field,
     };
-    if Warnings::coarse_share(surfaces) > FEW { Layout::Concentric } else { Layout::EqualAngle }
+    if Warnings::coarse_share(surfaces) > FEW { LayoutKind::Concentric } else { LayoutKind::EqualAngle }
 }
 
 /// Settings for a scene that leaves some open ([`Choice::Open`]): 10 x 10 bins of one size and a near field twice as wide where
 /// [`layout`] asks for such bins, and a near field that keeps what is lost over all bounces within 1 %. All else is as it
 /// stands.
-pub fn usual_accuracy(scene: &Scene) -> Accuracy {
-    if is_open(scene) { usual(scene, layout(scene, &scene.accuracy)) } else { scene.accuracy }
+pub fn usual_settings(scene: &Scene) -> SolveSettings {
+    if is_open(scene) { usual(scene, layout(scene, &scene.settings)) } else { scene.settings }
 }
 
 /// These settings with their plan, the only one that is made.
-pub fn usual_plan(scene: &Scene, limits: &Limits) -> Result<(Accuracy, Plan), PlanError> {
-    let accuracy = usual_accuracy(scene);
-    Ok((accuracy, Plan::new(scene, limits, &accuracy)?))
+pub fn usual_plan(scene: &Scene, options: &PlanOptions) -> Result<(SolveSettings, Plan), PlanError> {
+    let settings = usual_settings(scene);
+    Ok((settings, Plan::new(scene, options, &settings)?))
 }
 
 fn is_open(scene: &Scene) -> bool {
-    matches!(scene.choice, Choice::Open { bins, subsample } if bins || subsample)
+    matches!(scene.choice, Choice::Open { bins, near_field } if bins || near_field)
 }
 
-fn usual(scene: &Scene, layout: Layout) -> Accuracy {
-    let mut accuracy = scene.accuracy;
-    let Choice::Open { bins, subsample } = scene.choice else { return accuracy };
-    let coarse = layout == Layout::Concentric;
-    if subsample {
+fn usual(scene: &Scene, layout: LayoutKind) -> SolveSettings {
+    let mut settings = scene.settings;
+    let Choice::Open { bins, near_field } = scene.choice else { return settings };
+    let coarse = layout == LayoutKind::Concentric;
+    if near_field {
         let wider = if coarse { COARSE_NEAR } else { 1.0 };
-        let bright = near_field(mean_albedo(scene), 2.0 * USUAL_LOSS);
-        accuracy.subsample = bright.max(wider * scene.accuracy.subsample);
+        let bright = near_field_for(mean_albedo(scene), 2.0 * USUAL_LOSS);
+        settings.near_field = bright.max(wider * scene.settings.near_field);
     }
     if bins && coarse {
-        accuracy.bins = BinLayout::Concentric { n: 10 };
+        settings.bins = BinLayout::Concentric { n: 10 };
     }
-    accuracy
+    settings
 }
 
 /// Of all light, what the usual near field may lose.
@@ -223,12 +223,12 @@ mod tests {
     fn comparisons_have_other_settings() {
         for directional in [false, true] {
             for level in Level::all(directional) {
-                for layout in [Layout::EqualAngle, Layout::Concentric, Layout::None] {
-                    let own = level.accuracy(layout, 0.0, &Accuracy::default());
-                    let other = level.comparison(layout, 0.0, &Accuracy::default());
-                    assert!(other.subsample < own.subsample);
+                for layout in [LayoutKind::EqualAngle, LayoutKind::Concentric, LayoutKind::None] {
+                    let own = level.settings(layout, 0.0, &SolveSettings::default());
+                    let other = level.comparison(layout, 0.0, &SolveSettings::default());
+                    assert!(other.near_field < own.near_field);
                     assert!(
-                        layout == Layout::None || level.concentric < 4 || other.bins != own.bins,
+                        layout == LayoutKind::None || level.concentric < 4 || other.bins != own.bins,
                         "{own:?}"
                     );
                 }
@@ -238,10 +238,10 @@ mod tests {
 
     #[test]
     fn brighter_rooms_have_wider_near_fields() {
-        assert_eq!(near_field(0.0, 0.01), 10.0);
-        assert_eq!(near_field(0.8, 0.01), 30.0);
-        assert_eq!(near_field(0.95, 0.01), 120.0);
-        assert_eq!(near_field(0.99, 0.01), 400.0);
-        assert_eq!(near_field(1.0, 0.01), 400.0);
+        assert_eq!(near_field_for(0.0, 0.01), 10.0);
+        assert_eq!(near_field_for(0.8, 0.01), 30.0);
+        assert_eq!(near_field_for(0.95, 0.01), 120.0);
+        assert_eq!(near_field_for(0.99, 0.01), 400.0);
+        assert_eq!(near_field_for(1.0, 0.01), 400.0);
     }
 }

@@ -1,4 +1,4 @@
-//! Bins of sources in half the bits, for [`Precision::Packed`](crate::scene::Precision::Packed).
+//! Bins of sources in half the bits, for [`Precision::HalfBins`](crate::scene::Precision::Packed).
 
 use super::{Context, WORKGROUP};
 use crate::gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
@@ -15,20 +15,20 @@ pub struct PackPush {
 }
 
 /// Makes packed copies of the bins of the sources of one dispatch, which are all that is packed at a time.
-pub struct Packing {
+pub struct HalfBins {
     kernel: Pipeline,
     antiradiance: Option<Buffer>,
     specular: Option<Buffer>,
 }
 
-impl Packing {
+impl HalfBins {
     /// None where the plan packs nothing.
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
-        if !plan.packs() {
+        if !plan.half_bins() {
             return Ok(None);
         }
         let any = |wanted: fn(&Group) -> bool| plan.layout.groups.iter().any(wanted);
-        let buffer = || Buffer::new(device, "packed bins", plan.packed_bytes(), BufferKind::Storage);
+        let buffer = || Buffer::new(device, "half bins", plan.half_bin_bytes(), BufferKind::Storage);
         let constants = [&[(0, WORKGROUP)][..], &super::bin_constants(plan)].concat();
         let push = size_of::<PackPush>() as u32;
         Ok(Some(Self {

@@ -1,6 +1,6 @@
-#ifndef OTHERS_GLSL
-#define OTHERS_GLSL
-// The others of a dispatch, from its first on, in uniform buffers. All lanes read the same one at a time: GPUs have a path
+#ifndef PARTNERS_GLSL
+#define PARTNERS_GLSL
+// The partners of a dispatch, from its first on, in uniform buffers. All lanes read the same one at a time: GPUs have a path
 // for that, and lavapipe takes a quarter of what a broadcast from lane to lane costs. Expects OTHERS_BINDING, the first
 // of two bindings.
 
@@ -11,7 +11,7 @@ const uint OTHERS = 1024;
 const uint OTHERS = 2048;
 #endif
 
-layout(std140, binding = OTHERS_BINDING) uniform Others { Facet others[OTHERS]; };
+layout(std140, binding = OTHERS_BINDING) uniform Others { Facet partners[OTHERS]; };
 layout(std140, binding = OTHERS_BINDING + 1) uniform OthersRadiance { real4 others_radiance[OTHERS]; };
 
 #endif
