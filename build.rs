@@ -132,7 +132,7 @@ impl Sources<'_> {
                 Some(fingerprint) if *fingerprint == module.fingerprint => self.shipped(&module.name)?,
                 _ => self.compiled(&module, out, &[])?,
             };
-            literals.push((format!("Shader {{ name: {:?}, spirv: &{words:?} }}", module.name), module));
+            literals.push((format!("Shader::new({:?}, &{words:?})", module.name), module));
         }
         let mut source = String::new();
         let mut all = String::new();

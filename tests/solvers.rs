@@ -4,7 +4,7 @@ mod support;
 
 use antirad::reference::{Model, State};
 use antirad::solve::{
-    FixedPointParams, GmresParams, LightOperator, SolveError, fixed_point, gmres, gmres_from,
+    FixedPointParams, GmresParams, LightOperator, SolveError, fixed_point, gmres, gmres_from, gmres_scratch,
 };
 use std::convert::Infallible;
 use std::ops::ControlFlow;
@@ -129,5 +129,14 @@ fn stagnation_is_told_as_soon_as_a_cycle_gains_nothing() {
             assert!(error.to_string().contains("more passes would not help"), "{error}");
         }
         other => panic!("{:?}", other.map(|(_, info)| info)),
+    }
+}
+
+/// The planner counts the vectors that the solver allocates, without depending on it.
+#[test]
+fn plans_count_the_vectors_of_gmres() {
+    use antirad::plan::PlannedSolver;
+    for restart in [1, 4, 16] {
+        assert_eq!(PlannedSolver::Gmres { restart }.vectors(), gmres_scratch(restart));
     }
 }

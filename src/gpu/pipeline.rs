@@ -7,8 +7,8 @@ use ash::vk;
 
 use super::device::{Device, Shared};
 use super::error::{During, GpuError};
+use super::shader::Shader;
 use super::{Result, lock};
-use crate::shaders::Shader;
 
 /// What every Vulkan device takes; more goes into a buffer.
 pub const MAX_PUSH_BYTES: u32 = 128;
@@ -243,7 +243,7 @@ mod tests {
         let new =
             |shader: &Shader| Pipeline::new(&device, shader, 3, 12, &[], None).expect("a pipeline").parts;
         let combine = shaders::COMBINE.of(Precision::F32);
-        let other = combine.impostor(shaders::DOT.of(Precision::F32));
+        let other = Shader::new(combine.name(), shaders::DOT.of(Precision::F32).spirv());
         let (parts, others) = (new(combine), new(&other));
         assert_ne!(parts.pipeline, others.pipeline);
         assert_eq!((new(combine).pipeline, new(&other).pipeline), (parts.pipeline, others.pipeline));

@@ -175,7 +175,8 @@ impl PlannedSolver {
     pub fn vectors(self) -> u32 {
         match self {
             Self::FixedPoint => 2,
-            Self::Gmres { restart } => crate::solve::gmres_scratch(restart),
+            // Its basis, the right-hand side and the iterate: `solve::gmres_scratch`.
+            Self::Gmres { restart } => restart + 2,
         }
     }
 }

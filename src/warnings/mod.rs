@@ -12,7 +12,6 @@ pub use refine::{RefineError, RefineOptions, Refined, refine};
 
 use crate::plan::Plan;
 use crate::scene::Scene;
-use crate::solve::SolveError;
 use edges::Edges;
 pub(crate) use gain::Surfaces;
 use gain::{Gain, Gains};
@@ -168,14 +167,6 @@ impl Warnings {
             ..Warning::blank()
         });
         warnings
-    }
-
-    /// What a solve that found nothing says.
-    pub fn after_failure<E, V>(scene: &Scene, plan: &Plan, error: &SolveError<E, V>) -> Self {
-        match error {
-            SolveError::Diverged { .. } => Self { list: vec![unphysical(scene, plan, f64::INFINITY)] },
-            _ => Self::default(),
-        }
     }
 
     /// The warning of a kind.

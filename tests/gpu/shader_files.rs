@@ -5,8 +5,9 @@
 #[path = "../../build.rs"]
 mod build;
 
+use antirad::gpu::Shader;
 use antirad::scene::Precision;
-use antirad::shaders::{self, Shader};
+use antirad::shaders;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
