@@ -43,7 +43,7 @@ fn room_with(add: impl FnOnce(&mut SceneBuilder)) -> Scene {
 }
 
 #[test]
-fn sound_scenes_are_passed() {
+fn sound_scenes_have_no_warnings() {
     for name in ["closed_box", "integrating_sphere"] {
         let found = warnings(&load(&format!("scenes/{name}.toml")));
         assert!(found.list.is_empty(), "{name}: {found}");

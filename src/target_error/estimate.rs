@@ -296,7 +296,7 @@ mod tests {
 
     /// A step of albedo is not a variation within a triangle.
     #[test]
-    fn borders_of_materials_are_no_shadows() {
+    fn material_borders_are_not_shadows() {
         let (black, white) = (Material::named("black"), Material::named("white"));
         let mut scene = scene(Shape::Quad { cells: 2 });
         scene.materials = vec![black, white];

@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn rings_end() {
+    fn cycles_end() {
         let layers = Layers::of(&gains(3, &[(0, 1, 2.0), (1, 0, 2.0), (1, 2, 2.0)]));
         let chain = layers.chain(2);
         assert!(chain.endless && chain.gain > 1e12 && chain.triangles == [0, 1, 2], "{chain:?}");

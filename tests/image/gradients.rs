@@ -243,14 +243,14 @@ fn a_rectangle_that_grows_gains_its_area() {
 }
 
 #[test]
-fn silhouettes_move_before_the_background() {
+fn silhouettes_move_in_front_of_the_background() {
     on_device(|rasterizer| {
         Motion::new(flying(), camera(), &|_| FLIGHT).check(rasterizer, 2e-3, 5e-3);
     });
 }
 
 #[test]
-fn silhouettes_move_before_other_faces() {
+fn silhouettes_move_in_front_of_other_faces() {
     on_device(|rasterizer| {
         let scene = together(&[flying(), wall()]);
         Motion::new(scene, camera(), &cube_moves(FLIGHT)).check(rasterizer, 1e-3, 4e-3);
@@ -288,7 +288,7 @@ fn edges_between_colours_move() {
 }
 
 #[test]
-fn what_is_outside_of_the_picture_does_not_count() {
+fn geometry_outside_the_picture_does_not_count() {
     on_device(|rasterizer| {
         let scene = together(&[flying(), wall()]);
         let close = Camera { fov_x_degrees: 25.0, ..camera() };
@@ -359,7 +359,7 @@ fn random_triangles_move_all_at_once() {
 /// Edges inside a surface of one colour have no derivative: between faces with common vertices, with vertices of their own, and of
 /// different sizes, near the origin and far from it.
 #[test]
-fn joints_of_one_colour_have_no_derivative() {
+fn edges_within_one_colour_have_no_derivative() {
     let tilt = DQuat::from_rotation_x(0.7) * DQuat::from_rotation_z(0.4);
     for offset in [DVec3::ZERO, DVec3::new(1e4, -2e4, 3e4)] {
         let half = |columns: u32, rows: u32, left: f64| {
@@ -394,7 +394,7 @@ fn joints_of_one_colour_have_no_derivative() {
 
 /// A motion of scene and camera together changes nothing; and the result depends only on the input, to the last bit.
 #[test]
-fn the_whole_does_not_matter_and_neither_do_threads() {
+fn rigid_motion_and_threads_change_nothing() {
     let still = Motion::new(hidden(), camera(), &|_| DVec3::ZERO);
     let gradient = still.gradient(0.0, 8, 1);
     let sum = gradient.vertices.iter().sum::<DVec3>() + gradient.position + gradient.target;
@@ -407,7 +407,7 @@ fn the_whole_does_not_matter_and_neither_do_threads() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused() {
+fn mismatched_input_is_refused() {
     on_device(|rasterizer| {
         let (scene, camera) = (square(1.0, 0.0), above(8, 8));
         let (colours, adjoint) = ([[1.0; 3]; 2], [[1.0; 4]; 64]);

@@ -100,7 +100,7 @@ fn subdivided_surfaces_have_no_cracks() {
 
 /// More pairs of tile and face than one dispatch takes.
 #[test]
-fn of_many_layers_the_nearest_is_seen() {
+fn the_nearest_of_many_layers_is_seen() {
     let device = device();
     let rasterizer = Rasterizer::new(&device).unwrap();
     let layers: Vec<Scene> = (0..40).map(|i| square(3.0, -f64::from((i * 17 + 5) % 40) / 20.0)).collect();
@@ -112,7 +112,7 @@ fn of_many_layers_the_nearest_is_seen() {
 }
 
 #[test]
-fn of_the_two_sides_of_a_sheet_the_front_is_seen() {
+fn the_front_of_a_two_sided_sheet_is_seen() {
     let device = device();
     let rasterizer = Rasterizer::new(&device).unwrap();
     let turn = glam::DQuat::from_rotation_y(0.9) * glam::DQuat::from_rotation_x(0.3);

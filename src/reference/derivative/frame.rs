@@ -33,7 +33,7 @@ mod tests {
 
     /// Central differences with step 1e-6, whose error is 1e-10; along tangents for the normal, which stays a unit vector.
     #[test]
-    fn frames_turn_as_their_derivative_says() {
+    fn frames_match_their_derivative() {
         let d = DVec3::new(0.3, -0.7, 0.2).normalize();
         let cotangent = DVec3::new(0.9, -0.4, 1.1);
         let normals =

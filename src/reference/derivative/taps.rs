@@ -129,7 +129,7 @@ mod tests {
     /// Along two tangents, by central differences with step 1e-6, whose error is 1e-9. Where a kink lies within the step, half the
     /// step gives another slope, and the direction is skipped; few are.
     #[test]
-    fn taps_turn_as_their_slopes_say() {
+    fn taps_match_their_slopes() {
         for bins in every_kind() {
             let read = |d: DVec3| bins.taps(d).iter().map(|&(b, w)| w * value_of(b)).sum::<f64>();
             let (mut compared, mut kinks) = (0, 0);
