@@ -1,4 +1,4 @@
-//! Errors that are asked for, against scenes whose answer is known; and what is chosen where nobody says anything.
+//! Target errors, on scenes of known solution; and the settings chosen by default.
 
 mod support;
 
@@ -37,7 +37,7 @@ fn cornell() -> Scene {
     load("scenes/cornell_boxes.toml")
 }
 
-/// A closed room that glows: the radiosity is 1 / (1 - ρ) everywhere.
+/// A closed room of emitting walls: the radiosity is 1 / (1 - ρ) everywhere.
 fn furnace(albedo: f64) -> Scene {
     let material = Material { albedo: [albedo; 3], emission: [1.0 / PI; 3], ..Material::named("glowing") };
     let mut builder = SceneBuilder::new();
@@ -45,7 +45,7 @@ fn furnace(albedo: f64) -> Scene {
     builder.finish("furnace").expect("a scene")
 }
 
-/// The error is kept, and the estimate neither far below nor far above it.
+/// The error is within its target, and the estimate is neither far below nor far above it.
 #[test]
 fn a_room_with_boxes() {
     let device = device();
@@ -57,7 +57,7 @@ fn a_room_with_boxes() {
         let found = solved.on_given(&solved.answer.irradiance);
         let real = relative_l2(&found, &truth, &areas(&scene));
         let estimate = estimate(&solved);
-        println!("{error} asked: {real:.4}, estimated {:.4}", estimate.total);
+        println!("target {error}: {real:.4}, estimated {:.4}", estimate.total);
         assert!(solved.refinement.met && real <= error, "{real}");
         assert!(real <= 1.5 * estimate.total && estimate.total <= 3.0 * real, "{real} {estimate}");
         assert!(estimate.irradiance.balance.is_none(), "the room is open");
@@ -67,8 +67,8 @@ fn a_room_with_boxes() {
     finish(&device);
 }
 
-/// Errors of shadows over what is blocked, for 2 % asked: at most half of those of the usual settings with 10 x 13 bins
-/// and pieces in a near field, as they were before (.052, .081, .067 for a lamp of .4; .12, .26, .138 for .1).
+/// Errors of shadows relative to the blocked irradiance, for a target of 2 %: at most half of those of 10 x 13 bins with pieces
+/// in a near field of 30 (.052, .081, .067 for a lamp of .4 m; .12, .26, .138 for .1 m).
 #[test]
 fn shadows() {
     let device = device();
@@ -102,7 +102,7 @@ fn shadow(device: &Device, lamp: f64, height: f64, bound: f64) {
     assert!(error <= bound, "lamp {lamp}, height {height}: {error}");
 }
 
-/// What no comparison shows, the energy of a closed room does.
+/// Errors that no comparison shows appear in the energy balance of a closed room.
 #[test]
 fn closed_rooms_of_high_albedo() {
     let device = device();
@@ -116,7 +116,7 @@ fn closed_rooms_of_high_albedo() {
         assert!(solved.refinement.met && error <= 0.01, "{error}");
         assert!(estimate(&solved).irradiance.balance.is_some(), "the room is closed");
 
-        // And with the settings that are chosen where none are stated.
+        // With the settings chosen by default, too.
         let settings = usual_settings(&scene);
         let (_engine, solution) = solve(&device, &scene, &settings);
         let error = relative_l2(&solution.radiosity, &truth, &areas(&scene));
@@ -130,7 +130,7 @@ fn closed_rooms_of_high_albedo() {
     finish(&device);
 }
 
-/// Bins of one size where blockers are coarse, unless others are stated.
+/// Bins of equal size where blockers are coarse, unless the scene states its own.
 #[test]
 fn bins_suit_the_scene() {
     let chosen = |scene: &Scene| usual_settings(scene).bins;
@@ -144,9 +144,9 @@ fn bins_suit_the_scene() {
     assert_eq!(chosen(&plates), usual);
 }
 
-/// What cannot be had is said, and the best that can be is given.
+/// A target out of reach is reported as such, with the best answer found.
 #[test]
-fn an_error_that_cannot_be_kept() {
+fn an_error_that_cannot_be_met() {
     let device = device();
     let scene = Shadow { lamp: 0.1, height: 1.0 }.scene().expect("a scene");
     let options = TargetErrorOptions::new(0.001).max_triangles(2000);
@@ -158,8 +158,8 @@ fn an_error_that_cannot_be_kept() {
     finish(&device);
 }
 
-/// Real errors of a solved scene of diffuse triangles against path-traced truth: of the means over its triangles, and of the
-/// reflected light in a picture, in which light varies within triangles. Less what the truth's own noise adds.
+/// Errors of a solved scene of diffuse triangles against a path-traced reference: of the means over its triangles, and of the
+/// reflected light in a picture, where light varies within triangles. The noise of the reference is subtracted.
 fn real_errors(device: &Device, solved: &Solved, options: &TargetErrorOptions) -> (f64, f64) {
     let areas = areas(&solved.scene);
     let truth = PathTracer::new(&solved.scene).irradiance(1024);
@@ -190,8 +190,8 @@ fn real_errors(device: &Device, solved: &Solved, options: &TargetErrorOptions) -
     (irradiance, (off / all).sqrt())
 }
 
-/// A room of 36 triangles: shadows lie within them, which no comparison of bins shows. Estimates speak for the triangles that
-/// were solved and for the picture, and are neither far below nor far above the truth.
+/// A room of 36 triangles, with shadows inside them that no comparison of bins shows. The estimates, of the solved triangles and
+/// of the picture, are neither far below nor far above the errors.
 #[test]
 fn a_mesh_that_is_too_coarse_for_its_shadows() {
     let device = device();
@@ -204,7 +204,7 @@ fn a_mesh_that_is_too_coarse_for_its_shadows() {
         let found = estimate(&solved);
         let (irradiance, picture) = real_errors(&device, &solved, &options);
         println!(
-            "{error} asked: irradiance {irradiance:.4}, estimated {:.4}; picture {picture:.4}, estimated {:.4}",
+            "target {error}: irradiance {irradiance:.4}, estimated {:.4}; picture {picture:.4}, estimated {:.4}",
             found.irradiance.total, found.pictures[0].total
         );
         assert_eq!(solved.refinement.met, met);
@@ -228,7 +228,7 @@ fn diverged() -> EngineError {
     EngineError::Solve(SolveError::Diverged { passes: 3, residual: 1e9, residuals })
 }
 
-/// Solves a shadow to an error, where solves of these numbers fail, two to a level.
+/// Solves a shadow to a target error while solves of certain numbers fail; each level has two.
 fn failing(
     device: &Device,
     error: f64,
@@ -245,20 +245,20 @@ fn failing(
     solve_within(device, &scene, &options, &|_| 0, &mut run)
 }
 
-/// What later levels fail with does not take away what earlier ones have found.
+/// Failures of later levels do not lose the answers of earlier ones.
 #[test]
 fn the_best_answer_stays() {
     let device = device();
-    // Memory ends at the second level.
+    // Out of memory at the second level.
     let solved = failing(&device, 0.04, |solve| solve > 2, no_memory).expect("the first level's answer");
     let why = solved.refinement.why.join("\n");
-    assert!(why.contains("the next level was left out: \"state: bins\" needs"), "{why}");
+    assert!(why.contains("the next level was skipped: \"state: bins\" needs"), "{why}");
     assert_eq!(
         (solved.refinement.steps.len(), solved.refinement.chosen, solved.refinement.met),
         (1, 0, false)
     );
     assert_eq!(solved.answer.irradiance.len(), 1448);
-    // The solve itself diverges at the second level, and all at the third.
+    // At the second level the solve diverges, at the third its comparison too.
     let solved = failing(&device, 0.04, |solve| solve > 3, diverged).expect("the first level's answer");
     let Solved { refinement, answer, .. } = solved;
     assert_eq!((refinement.steps.len(), refinement.chosen, refinement.met), (3, 0, false));
@@ -267,16 +267,16 @@ fn the_best_answer_stays() {
         "{refinement:?}"
     );
     assert_eq!((answer.irradiance.len(), refinement.steps[1].triangles), (1448, 5792));
-    // The first level cannot be run: the one below is, and that one is not tried again.
+    // The first level cannot be run: the one below is, and the first is not tried again.
     let solved = failing(&device, 0.04, |solve| solve == 1, no_memory).expect("a lower level's answer");
     assert_eq!((solved.refinement.steps.len(), solved.refinement.steps[0].bins.as_str()), (1, "6x8"));
-    assert!(solved.refinement.why.join("\n").contains("left out"), "{:?}", solved.refinement.why);
-    // No level from the first on has an answer, but one below.
+    assert!(solved.refinement.why.join("\n").contains("skipped"), "{:?}", solved.refinement.why);
+    // No level from the first on has an answer, but the one below it has.
     let solved = failing(&device, 0.04, |solve| solve <= 6, diverged).expect("a lower level's answer");
     let Refinement { steps, chosen, .. } = &solved.refinement;
     assert_eq!((steps.len(), *chosen, steps[3].bins.as_str()), (4, 3, "6x8"));
     assert!(steps[3].estimate.is_some() && steps[..3].iter().all(|step| step.failure.is_some()));
-    // Nothing at all.
+    // No level has an answer.
     let error = failing(&device, 0.04, |_| true, diverged).err().expect("no answer");
     assert!(error.is_without_answer(), "{error}");
     let error = failing(&device, 0.04, |_| true, no_memory).err().expect("no answer");
@@ -284,9 +284,9 @@ fn the_best_answer_stays() {
     finish(&device);
 }
 
-/// Triangles that are there twice are no matter of bins: both solves agree on the wrong answer.
+/// Duplicate triangles do not depend on bins: both solves agree on the wrong answer.
 #[test]
-fn nothing_is_kept_beside_a_severe_warning() {
+fn a_severe_warning_prevents_meeting_the_target() {
     let device = device();
     let mut scene = furnace(0.5);
     let twice = scene.triangles[7];
@@ -297,11 +297,11 @@ fn nothing_is_kept_beside_a_severe_warning() {
     assert!(estimate(&solved).total <= 0.5);
     assert!(!solved.refinement.met);
     let why = solved.refinement.why.join("\n");
-    assert!(why.contains("errors that the estimate does not see: duplicate triangles"), "{why}");
+    assert!(why.contains("errors that the estimate does not include: duplicate triangles"), "{why}");
     finish(&device);
 }
 
-/// Nothing of a solve is left on the device when the next one is planned with all of its memory.
+/// A solve leaves nothing on the device, since the next one is planned with all of its memory.
 #[test]
 fn comparisons_leave_no_memory_taken() {
     let device = device();
@@ -320,7 +320,7 @@ fn comparisons_leave_no_memory_taken() {
     finish(&device);
 }
 
-/// One plan serves to choose the usual settings and to run them, if it is theirs.
+/// The plan returned with the usual settings is the plan of these settings.
 #[test]
 fn usual_plans_are_those_of_the_usual_settings() {
     for scene in [cornell(), furnace(0.9), Plates::default().scene().expect("a scene")] {

@@ -1,14 +1,14 @@
-//! The transposes of U, K - J and S, and the adjoint of the light equation. Twin of glsl/*_adjoint.comp.
+//! The transposes of U, K - J and S, and the adjoint light equation. Twin of glsl/*_adjoint.comp.
 //!
-//! Of a loss F(H, C), λ = dF/dH and μ = dF/dC along every way by which light reaches it: with λ0 and μ0 the partial
-//! derivatives of F itself,
+//! For a loss F(H, C) with partial derivatives λ0 and μ0, the total derivatives λ = dF/dH and μ = dF/dC over all light paths
+//! satisfy
 //!
 //! ```text
 //! μ = μ0 + Uᵀ λ,   λ = λ0 + (K - J)ᵀ μ.
 //! ```
 //!
-//! λ has the form of a [`State`] and μ that of [`Outgoing`]: an entry is the derivative with respect to that entry, as
-//! it is stored, so in particular with respect to H(b) / c_b.
+//! λ has the form of a [`State`] and μ that of [`Outgoing`]: an entry is the derivative with respect to that entry as it is
+//! stored, so in particular with respect to H(b) / c_b.
 
 use super::reflection::{specular_scale, spread};
 use super::transport::beams;
@@ -20,32 +20,32 @@ use rayon::prelude::*;
 use std::convert::Infallible;
 use std::f64::consts::PI;
 
-/// Uᵀ: what the light that leaves each triangle is worth where it arrives.
+/// Uᵀ: from the adjoint λ of the incident light (`importance`) to the cotangent of the outgoing light.
 pub fn transport_adjoint(model: &Model, importance: &State) -> Outgoing {
-    let outgoing_of_source: Vec<Departing> = (0..model.facets.len())
+    let cotangents: Vec<SourceCotangent> = (0..model.facets.len())
         .into_par_iter()
         .map(|i| {
-            let mut outgoing_of_source = Departing::new(model, i);
+            let mut cotangent = SourceCotangent::new(model, i);
             for j in 0..model.facets.len() {
-                outgoing_of_source.towards(importance, j);
+                cotangent.gather(importance, j);
             }
-            outgoing_of_source
+            cotangent
         })
         .collect();
     let mut outgoing = model.dark();
-    for (i, outgoing_of_source) in outgoing_of_source.into_iter().enumerate() {
-        outgoing.diffuse[i] = outgoing_of_source.diffuse;
+    for (i, cotangent) in cotangents.into_iter().enumerate() {
+        outgoing.diffuse[i] = cotangent.diffuse;
         if let Some(range) = model.bins_of(i) {
-            outgoing.specular[range.clone()].copy_from_slice(&outgoing_of_source.specular);
-            outgoing.antiradiance[range].copy_from_slice(&outgoing_of_source.antiradiance);
+            outgoing.specular[range.clone()].copy_from_slice(&cotangent.specular);
+            outgoing.antiradiance[range].copy_from_slice(&cotangent.antiradiance);
         }
     }
     outgoing
 }
 
 impl State {
-    /// Of a cotangent: what one W/m² is worth that arrives at triangle `j` from a direction of the world (receiver to
-    /// source): λ_E + Σ_b T_b λ_A(b) / c_b.
+    /// For a state that holds λ: the importance of light incident on triangle `j` from a world direction (receiver to source),
+    /// per W/m²: λ_E + Σ_b T_b λ_A(b) / c_b.
     pub fn importance(&self, model: &Model, j: usize, direction: DVec3) -> DVec3 {
         let binned = match model.bins_of(j) {
             None => DVec3::ZERO,
@@ -60,8 +60,8 @@ impl State {
     }
 }
 
-/// What the light that leaves one triangle is worth.
-struct Departing<'a> {
+/// The cotangent of the outgoing light of one triangle.
+struct SourceCotangent<'a> {
     model: &'a Model,
     i: usize,
     diffuse: DVec3,
@@ -71,27 +71,28 @@ struct Departing<'a> {
     antiradiance: Vec<DVec3>,
 }
 
-impl<'a> Departing<'a> {
+impl<'a> SourceCotangent<'a> {
     fn new(model: &'a Model, i: usize) -> Self {
         let dark = vec![DVec3::ZERO; model.bins_of(i).map_or(0, |range| range.len())];
         Self { model, i, diffuse: DVec3::ZERO, specular: dark.clone(), antiradiance: dark }
     }
 
-    fn towards(&mut self, importance: &State, j: usize) {
+    /// Adds the contribution of receiver `j`.
+    fn gather(&mut self, importance: &State, j: usize) {
         let model = self.model;
         beams(model, self.i, j, |beam| {
-            let adjoint = importance.importance(model, j, -beam.direction);
+            let importance = importance.importance(model, j, -beam.direction);
             let local = |direction| model.bins.taps(model.facets[self.i].to_local(direction));
             match (beam.front, model.classes[self.i]) {
                 (true, Class { glossy, .. }) => {
-                    self.diffuse += beam.diffuse * adjoint;
+                    self.diffuse += beam.diffuse * importance;
                     if glossy {
-                        deposit(&mut self.specular, local(beam.direction), beam.binned * adjoint);
+                        deposit(&mut self.specular, local(beam.direction), beam.binned * importance);
                     }
                 }
-                // Antiradiance is kept positive and read with a minus.
+                // Antiradiance is stored positive; U applies the minus.
                 (false, Class { blocker: true, .. }) => {
-                    deposit(&mut self.antiradiance, local(-beam.direction), -beam.binned * adjoint);
+                    deposit(&mut self.antiradiance, local(-beam.direction), -beam.binned * importance);
                 }
                 (false, _) => {}
             }
@@ -105,8 +106,7 @@ fn deposit(bins: &mut [DVec3], taps: Taps, value: DVec3) {
     }
 }
 
-/// (K - J)ᵀ. J is the identity on the state, so the cotangent of antiradiance passes as it is: the minus belongs to
-/// the reading in U.
+/// (K - J)ᵀ. J is the identity on the state, so the cotangent of antiradiance passes unchanged: the minus is applied in U.
 pub fn reflect_adjoint(model: &Model, cotangent: &Outgoing) -> State {
     let irradiance = (0..model.facets.len())
         .map(|i| DVec3::from(model.materials[i].diffuse_albedo()) / PI * cotangent.diffuse[i])
@@ -127,14 +127,14 @@ pub fn reflect_adjoint(model: &Model, cotangent: &Outgoing) -> State {
     state
 }
 
-/// The specular lobe is symmetric in both directions; what arrives is radiance, hence the c_b of the incoming bin.
+/// The specular lobe is symmetric in its two directions; the state holds radiance, hence the c_b of the incident bin.
 fn lobe(model: &Model, i: usize, cotangent: &[DVec3]) -> Vec<DVec3> {
     let material = &model.materials[i];
     let adjoint = spread(&model.bins, material.power, |out| cotangent[out]);
     adjoint.iter().zip(&model.bins.projected).map(|(w, c)| specular_scale(material) * *w * *c).collect()
 }
 
-/// Sᵀ: from the cotangent of the colours of faces, seen from `camera_position`, to that of what leaves them.
+/// Sᵀ: from the cotangent of the colours of triangles, seen from `camera_position`, to that of their outgoing light.
 pub fn observe_adjoint(model: &Model, camera_position: DVec3, colours: &[DVec3]) -> Outgoing {
     let mut outgoing = model.dark();
     for (i, (facet, &colour)) in model.facets.iter().zip(colours).enumerate() {
@@ -149,19 +149,18 @@ pub fn observe_adjoint(model: &Model, camera_position: DVec3, colours: &[DVec3])
     outgoing
 }
 
-/// The equation λ = λ0 + (K - J)ᵀ (μ0 + Uᵀ λ) for the solvers of [`crate::solve`]: its emission is
-/// λ0 + (K - J)ᵀ μ0.
+/// The equation λ = λ0 + (K - J)ᵀ (μ0 + Uᵀ λ) for the solvers of [`crate::solve`]; λ0 + (K - J)ᵀ μ0 takes the place of emission.
 pub struct AdjointEquation<'a> {
-    /// The scene.
+    /// The discretised scene.
     pub model: &'a Model,
-    /// λ0, the cotangent of what arrives.
+    /// λ0, the partial derivative of the loss with respect to the incident light.
     pub incident: State,
-    /// μ0, the cotangent of what leaves.
+    /// μ0, the partial derivative of the loss with respect to the outgoing light.
     pub outgoing: Outgoing,
 }
 
 impl AdjointEquation<'_> {
-    /// μ = μ0 + Uᵀ λ: the derivative of the loss with respect to what leaves, emission among it.
+    /// μ = μ0 + Uᵀ λ: the derivative of the loss with respect to the outgoing light, and hence to emission.
     pub fn outgoing(&self, importance: &State) -> Outgoing {
         let mut outgoing = transport_adjoint(self.model, importance);
         let add = |to: &mut [DVec3], from: &[DVec3]| to.iter_mut().zip(from).for_each(|(t, f)| *t += *f);
@@ -205,7 +204,7 @@ impl LightOperator for AdjointEquation<'_> {
         self.model.scale(b, y)
     }
 
-    /// All entries: importance per bin is as much a result as that of irradiance, and areas are in it already.
+    /// Convergence is judged by all entries: importance per bin is as much a result as that of irradiance, and includes the areas.
     fn judged(&mut self, _: &State) -> Result<Option<Vec<f64>>, Infallible> {
         Ok(None)
     }

@@ -1,9 +1,9 @@
-//! S: the radiance that each face sends to a camera. Twin of glsl/observe.comp.
+//! S: the radiance of each front towards a camera. Twin of glsl/observe.comp.
 
 use super::{Model, Outgoing};
 use glam::DVec3;
 
-/// L_i(direction to the camera) of every face whose front the camera sees; zero for the others. W/(m² sr).
+/// Radiance of every triangle towards the camera, W/(m² sr); zero where the camera is behind it.
 pub fn observe(model: &Model, outgoing: &Outgoing, camera_position: DVec3) -> Vec<DVec3> {
     let colour = |(i, facet): (usize, &super::Facet)| {
         let to_camera = (camera_position - facet.centroid).normalize_or_zero();

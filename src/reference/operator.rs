@@ -1,4 +1,4 @@
-//! The reference as an operator for the solvers.
+//! The reference as a [`LightOperator`] for the solvers.
 
 use super::{Model, State, emission, transport};
 use crate::solve::LightOperator;

@@ -7,13 +7,13 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// E: what is emitted, in the form of light that leaves.
+/// E: emission as outgoing light.
 pub fn emission(model: &Model) -> Outgoing {
     let diffuse = model.materials.iter().map(|m| DVec3::from(m.emission)).collect();
     Outgoing { diffuse, ..model.dark() }
 }
 
-/// L = (δρ/π) Σ_b H(b), and per front bin of glossy triangles Σ_b σ N(p) ⟨h(b,o),n⟩^p H(b).
+/// K: diffuse radiance (δρ/π) Σ_b H(b), and per outgoing bin o of glossy triangles Σ_b σ N(p) ⟨h(b,o),n⟩^p H(b), W/(m² sr).
 pub fn reflect(model: &Model, state: &State) -> Outgoing {
     let mut outgoing = emission(model);
     outgoing.diffuse = (0..model.facets.len())
@@ -42,13 +42,13 @@ pub(super) fn specular_scale(material: &Material) -> DVec3 {
     DVec3::from(material.specular) * material.specular_normalization()
 }
 
-/// Σ_b ⟨h(b,o),n⟩^p value(b), per bin o.
+/// Σ_b ⟨h(b,o),n⟩^p value(b), per outgoing bin o.
 pub(super) fn spread(bins: &Bins, power: f64, value: impl Fn(usize) -> DVec3) -> Vec<DVec3> {
     let sum = |o: usize| (0..bins.count()).map(|b| half_cosine(bins, b, o).powf(power) * value(b)).sum();
     (0..bins.count()).map(sum).collect()
 }
 
-/// ⟨h(b,o),n⟩, the cosine between the normal and the half vector of two bins, in [0, 1].
+/// ⟨h(b,o),n⟩, the cosine between the normal and the half vector of two bins, clamped to [0, 1].
 pub(super) fn half_cosine(bins: &Bins, b: usize, o: usize) -> f64 {
     (bins.centre[b] + bins.centre[o]).normalize_or_zero().z.max(0.0)
 }

@@ -1,4 +1,4 @@
-//! Settings from cheap to exact, and which of them a scene starts at.
+//! Refinement levels: settings from cheap to accurate, and the level at which a scene starts.
 
 use crate::model::{Bins, classify, spatial_order};
 use crate::plan::{Placement, Plan, PlanError, PlanOptions};
@@ -9,15 +9,15 @@ use serde::Serialize;
 /// One refinement level.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Level {
-    /// Polar angle x azimuth: fine around the normal, where lamps over floors and tables are.
+    /// Polar angle x azimuth: finest around the normal, where lamps above floors and tables are.
     equal_angle: (u32, u32),
-    /// Side of the equal-area square: bins of one size, which coarse blockers need.
+    /// Cells along a side of the equal-area square: bins of equal size, which coarse blockers need.
     concentric: u32,
     pub near_field: f64,
-    /// Times that every triangle is cut into four.
+    /// How many times every triangle is cut into four.
     pub cuts: u32,
     pub tolerance: f64,
-    /// Error that the sweep of `bench_accuracy` found with it in usual scenes.
+    /// Typical error of the level in the sweep of `bench_accuracy`.
     usual: f64,
 }
 
@@ -32,7 +32,7 @@ const fn level(
     Level { equal_angle, concentric, near_field, cuts, tolerance, usual }
 }
 
-/// Where there are shadows or gloss. Finer bins and finer meshes go together: alone, each makes little better or worse.
+/// For scenes with shadows or gloss. Bins and mesh are refined together: alone, neither improves much.
 const DIRECTIONAL: [Level; 5] = [
     level((6, 8), 8, 10.0, 0, 3e-3, 0.08),
     level((10, 13), 10, 30.0, 0, 1e-3, 0.04),
@@ -41,7 +41,7 @@ const DIRECTIONAL: [Level; 5] = [
     level((28, 36), 32, 30.0, 2, 1e-4, 0.01),
 ];
 
-/// Where there are none: bins do not matter, the near field and the mesh do.
+/// For scenes without: bins do not matter, only the near field and the mesh do.
 const DIFFUSE: [Level; 5] = [
     level((2, 3), 2, 10.0, 0, 3e-3, 0.015),
     level((2, 3), 2, 30.0, 0, 1e-3, 0.006),
@@ -50,32 +50,32 @@ const DIFFUSE: [Level; 5] = [
     level((2, 3), 2, 400.0, 3, 1e-5, 0.0),
 ];
 
-/// Share of the light of a bounce that a near field of this range loses or adds at most, measured in closed rooms and spheres:
-/// it counts ρ/(1 - ρ) times.
+/// (range of the near field, largest share of light lost or gained per bounce), measured in closed rooms and spheres. Over all
+/// bounces it counts ρ/(1 - ρ) times.
 const LOSS: [(f64, f64); 5] = [(10.0, 1.8e-3), (30.0, 8e-4), (60.0, 3e-4), (120.0, 1.5e-4), (400.0, 1e-5)];
 
-/// How much wider the near field of coarse blockers is. With 30, two plates closer than a triangle's size let 14 % through 10 x 10
-/// bins of one size, with 60 3.5 %.
+/// Factor by which coarse blockers widen the near field. With 10 x 10 bins of equal size, two plates closer than a triangle's
+/// size leak 14 % of the light at a near field of 30, and 3.5 % at 60.
 const COARSE_NEAR: f64 = 2.0;
 
-/// Share of the area that may be coarse blockers before bins of one size are better.
+/// Share of the area in coarse blockers above which bins of equal size are better.
 const FEW: f64 = 0.05;
 
-/// Which bins a scene asks for, and why.
+/// The layout of bins that suits a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LayoutKind {
     /// Equal polar angles: sharpest around the normal.
     EqualAngle,
-    /// Equal areas: many blockers are coarse for the narrow bins around the normal.
+    /// Equal solid angles, for scenes with many blockers that are too coarse for the narrow bins around the normal.
     Concentric,
-    /// There is neither shadow nor gloss.
+    /// No shadows and no gloss: no bins are needed.
     None,
 }
 
 impl LayoutKind {
-    /// What errors were over the differences from comparison solves, in nearly all scenes of the sweep. Bins of the same kind
-    /// have errors of the same kind.
+    /// Bound on the ratio of error to difference from the comparison solve, which holds in nearly all scenes of the sweep. It is
+    /// larger where both solves use the same layout, since their errors are then alike.
     pub(super) fn ratio(self) -> f64 {
         match self {
             Self::EqualAngle => 1.25,
@@ -90,7 +90,7 @@ impl Level {
         if directional { &DIRECTIONAL } else { &DIFFUSE }
     }
 
-    /// The first of these levels that usually is within `error`.
+    /// The first of these levels whose usual error is within `error`, or the last.
     pub fn start(levels: &[Self], error: f64) -> usize {
         levels.iter().position(|level| level.usual <= error).unwrap_or(levels.len() - 1)
     }
@@ -107,8 +107,8 @@ impl Level {
         }
     }
 
-    /// What the answer is compared with: other bins and a third of the near field, errors of the same size or larger that
-    /// have nothing to do with its own. Where narrow bins fail, fewer of one size.
+    /// Settings of the comparison solve: other bins and a third of the near field, so that its errors are as large or larger,
+    /// and independent. Where narrow bins fail, fewer bins of equal size.
     pub fn comparison(&self, layout: LayoutKind, near: f64, base: &SolveSettings) -> SolveSettings {
         let fewer = (self.concentric * 5 / 6).next_multiple_of(2);
         let bins = match layout {
@@ -122,7 +122,7 @@ impl Level {
         SolveSettings { bins, near_field: settings.near_field / 3.0, ..settings }
     }
 
-    /// What a solve and its comparison take, as far as it grows with bins and triangles.
+    /// Relative cost of a solve and its comparison: bins times squared number of triangles.
     pub fn work(&self) -> f64 {
         let (theta, phi) = self.equal_angle;
         f64::from(theta * phi + self.concentric.pow(2)) * 16f64.powi(self.cuts as i32)
@@ -137,21 +137,20 @@ impl Level {
     }
 }
 
-/// Range of the near field that loses at most half of `error` over all bounces. `albedo`: of the light that meets a surface,
-/// the share that goes on, on average.
+/// Range of the near field that loses at most half of `error` over all bounces. `albedo`: see [`mean_albedo`].
 pub(super) fn near_field_for(albedo: f64, error: f64) -> f64 {
     let bounces = albedo / (1.0 - albedo).max(1e-6);
     let enough = LOSS.iter().find(|(_, loss)| loss * bounces <= 0.5 * error);
     enough.map_or(LOSS[LOSS.len() - 1].0, |&(range, _)| range)
 }
 
-/// Whether there is shadow or gloss.
+/// Whether the scene has shadows or gloss, and therefore bins.
 pub(super) fn is_directional(scene: &Scene) -> bool {
     classify(scene).iter().any(|class| class.has_bins())
 }
 
-/// Which bins suit a scene: those of equal polar angle, unless under them coarse blockers take more than a twentieth of
-/// the area ([`Warnings::coarse_share`]). Looks at pairs of triangles that are near, without a device.
+/// The layout of bins that suits a scene: equal polar angles, unless coarse blockers would then make up more than a twentieth of
+/// the area ([`Warnings::coarse_share`]). Examines pairs of nearby triangles; needs no device.
 pub fn layout(scene: &Scene, settings: &SolveSettings) -> LayoutKind {
     let classes = classify(scene);
     if !classes.iter().any(|class| class.has_bins()) {
@@ -168,14 +167,14 @@ pub fn layout(scene: &Scene, settings: &SolveSettings) -> LayoutKind {
     if Warnings::coarse_share(surfaces) > FEW { LayoutKind::Concentric } else { LayoutKind::EqualAngle }
 }
 
-/// Settings for a scene that leaves some open ([`Choice::Open`]): 10 x 10 bins of one size and a near field twice as wide where
-/// [`layout`] asks for such bins, and a near field that keeps what is lost over all bounces within 1 %. All else is as it
-/// stands.
+/// Settings for a scene that leaves some open ([`Choice::Open`]). Where [`layout`] is concentric: 10 x 10 bins of equal size and
+/// a near field twice as wide. Everywhere: a near field that loses at most 1 % of the light over all bounces. All other settings
+/// stay as they are.
 pub fn usual_settings(scene: &Scene) -> SolveSettings {
     if is_open(scene) { usual(scene, layout(scene, &scene.settings)) } else { scene.settings }
 }
 
-/// These settings with their plan, the only one that is made.
+/// The [`usual_settings`] and their plan.
 pub fn usual_plan(scene: &Scene, options: &PlanOptions) -> Result<(SolveSettings, Plan), PlanError> {
     let settings = usual_settings(scene);
     Ok((settings, Plan::new(scene, options, &settings)?))
@@ -200,10 +199,10 @@ fn usual(scene: &Scene, layout: LayoutKind) -> SolveSettings {
     settings
 }
 
-/// Of all light, what the usual near field may lose.
+/// Share of all light that the usual near field may lose.
 const USUAL_LOSS: f64 = 0.01;
 
-/// The share of the light that meets a surface and goes on, mean over area, of the brightest channel.
+/// Area-weighted mean of the total albedo of the brightest channel.
 pub(super) fn mean_albedo(scene: &Scene) -> f64 {
     let of: Vec<f64> = scene.materials.iter().map(Material::total_albedo).collect();
     let (mut reflecting, mut all) = (0.0, 0.0);

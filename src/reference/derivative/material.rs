@@ -7,17 +7,17 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// Derivative of a number with respect to the [`Material`](crate::scene::Material) of one triangle, as if it had a
-/// material of its own. RGB where the material has RGB.
+/// Derivative of a loss with respect to the [`Material`](crate::scene::Material) of one triangle, as if it had a material of
+/// its own. RGB where the material has RGB.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MaterialGradient {
-    /// Per W/(m² sr).
+    /// With respect to L_e, per W/(m² sr).
     pub emission: DVec3,
     /// With respect to δ.
     pub diffuse: f64,
     /// With respect to ρ.
     pub albedo: DVec3,
-    /// With respect to σ; zero for triangles that are not glossy, which keep no bins for it.
+    /// With respect to σ; zero for triangles that are not glossy, which have no bins for it.
     pub specular: DVec3,
     /// With respect to p; zero for triangles that are not glossy.
     pub power: f64,
@@ -63,7 +63,7 @@ impl Lobe {
                 let cosine = half_cosine(bins, b, o);
                 let light = cosine.powf(power) * bins.projected[b] * *adjoint * *incident;
                 lobe.value += light;
-                // x^p ln x tends to zero with x for every p > 0, and is taken as zero there for p = 0 too.
+                // x^p ln x tends to zero with x for every p > 0, and counts as zero there for p = 0 too.
                 if cosine > 0.0 {
                     lobe.slope += cosine.ln() * light;
                 }

@@ -6,15 +6,15 @@ use crate::model::FacetGradient;
 use crate::reference::{Model, Outgoing};
 use glam::DVec3;
 
-/// The gradient of Σ colour · cotangent with respect to every triangle and to the camera (per metre), what leaves held
-/// fixed. Only what varies with direction matters: a diffuse face has the same colour from everywhere.
+/// The gradient of Σ colour · cotangent (`colours`) with respect to every triangle and to the camera position, per metre, with
+/// the outgoing light held fixed. Only the part that varies with direction counts: diffuse radiance is the same everywhere.
 pub fn observe_derivative(
     model: &Model,
     outgoing: &Outgoing,
     camera_position: DVec3,
     colours: &[DVec3],
 ) -> (Vec<FacetGradient>, DVec3) {
-    let mut at_eye = DVec3::ZERO;
+    let mut at_camera = DVec3::ZERO;
     let gradients = model.facets.iter().zip(colours).enumerate().map(|(i, (facet, &colour))| {
         let mut gradient = FacetGradient::default();
         let offset = camera_position - facet.centroid;
@@ -24,10 +24,10 @@ pub fn observe_derivative(
             let at_offset = pull_unit(to_camera, offset.length(), at.direction);
             gradient.normal = at.normal;
             gradient.add_centroid(-at_offset);
-            at_eye += at_offset;
+            at_camera += at_offset;
         }
         gradient
     });
     let gradients = gradients.collect();
-    (gradients, at_eye)
+    (gradients, at_camera)
 }
