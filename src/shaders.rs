@@ -3,8 +3,7 @@
 
 use crate::scene::Precision;
 
-/// A compute shader with the entry point `main`. There are those of the build and no others, which is why safe code can run
-/// them: none was made by hand.
+/// A compute shader with the entry point `main`. Only the build creates them, which is why safe code can run them.
 #[derive(Debug)]
 pub struct Shader {
     name: &'static str,
@@ -23,7 +22,7 @@ impl Shader {
     }
 }
 
-/// A shader in both kinds of numbers.
+/// A shader compiled for f32 and for f64.
 #[derive(Debug)]
 pub struct RealShader {
     f32: Shader,
@@ -31,7 +30,7 @@ pub struct RealShader {
 }
 
 impl RealShader {
-    /// The one whose numbers are those of a precision.
+    /// The variant for a precision.
     pub fn of(&self, precision: Precision) -> &Shader {
         match precision {
             Precision::F32 | Precision::HalfBins => &self.f32,
@@ -44,7 +43,7 @@ include!(concat!(env!("OUT_DIR"), "/shaders.rs"));
 
 #[cfg(test)]
 impl Shader {
-    /// Another kernel under the name of this one, which the build never makes.
+    /// The code of another kernel under this name, to provoke errors.
     pub(crate) fn impostor(&self, code: &Self) -> Self {
         Self { name: self.name, spirv: code.spirv }
     }

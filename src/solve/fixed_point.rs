@@ -1,13 +1,13 @@
-//! Fixed-point (Neumann) iteration: every pass adds one bounce. Needs two vectors and nothing else.
+//! Fixed-point (Neumann) iteration: each pass adds one bounce. Needs two vectors only.
 
 use super::{ConvergenceMonitor, LightOperator, Next, SolveProgress, Solved};
 
-/// When the fixed point stops.
+/// Stopping criteria of the fixed point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FixedPointParams {
     /// Relative residual at which to stop.
     pub tolerance: f64,
-    /// Bounces at most; beyond that the solve fails.
+    /// Largest number of passes; a solve that needs more fails.
     pub max_passes: u32,
 }
 
@@ -20,7 +20,7 @@ pub fn fixed_point<O: LightOperator>(
     fixed_point_from(operator, None, params, progress)
 }
 
-/// The same from a first guess rather than from darkness.
+/// The same from an initial guess rather than from zero.
 pub fn fixed_point_from<O: LightOperator>(
     operator: &mut O,
     guess: Option<O::Vector>,
@@ -61,7 +61,7 @@ pub fn fixed_point_from<O: LightOperator>(
     }
 }
 
-/// Mean factor of the last residuals.
+/// Mean ratio of successive residuals over the last five.
 fn decay(residuals: &[f64]) -> Option<f64> {
     let tail = &residuals[residuals.len().saturating_sub(5)..];
     let (first, last) = (tail.first()?, tail.last()?);

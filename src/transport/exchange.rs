@@ -15,10 +15,10 @@ use crate::shaders;
 /// Close sources per receiver and dispatch: lavapipe bounds the iterations of all loops of an invocation together by
 /// 65535, and one source takes at most 1 + 16 · (20 + 16 · 19).
 pub const NEAR_TAKE: u32 = 8;
-/// The same where sources have no bins, and nothing is cut twice: 1 + 16 · 20 iterations.
+/// The same where sources have no bins and need no second level: 1 + 16 · 20 iterations.
 pub const PLAIN_NEAR_TAKE: u32 = 128;
 
-/// What kernels know of a pair of classes at compile time.
+/// The classes of a pair, as far as kernels are specialised for them.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Shape {
     pub source: Class,
@@ -41,7 +41,7 @@ impl Shape {
         [&own[..], &bin_constants(plan)].concat()
     }
 
-    /// For the profile.
+    /// Name of the shape in the profile.
     pub fn name(self) -> String {
         let source = match (self.source.blocker, self.source.glossy) {
             (false, false) => "fronts",
@@ -100,7 +100,7 @@ impl Exchange {
         Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)?, half_bins: HalfBins::new(device, plan)? })
     }
 
-    /// y = U (outgoing - J x); without `x` nothing leaves the backs.
+    /// y = U (outgoing - J x); without `x` there is no antiradiance.
     pub fn run(
         &mut self,
         context: &Context,
@@ -159,7 +159,7 @@ impl Exchange {
                     let between = Between::receivers(plan, to, from, incident.first_slot);
                     sweep.near(context, between, &near, backs, watch)?;
                 }
-                // What is packed lasts for one dispatch of sources.
+                // Half bins are valid for the sources of one dispatch.
                 let half_bins = self.half_bins.as_ref().filter(|_| from.class.has_bins());
                 let step = if half_bins.is_some() { plan.partner_tiles() } else { u32::MAX };
                 for part in from.parts(step) {

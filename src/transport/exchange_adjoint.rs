@@ -1,4 +1,4 @@
-//! Uᵀ: what the light that leaves each triangle is worth where it arrives.
+//! Uᵀ: the cotangent of outgoing light from that of incident light.
 
 use super::Context;
 use super::adjoint::AdjointBuffers;
@@ -32,8 +32,8 @@ impl ExchangeAdjoint {
         Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)? })
     }
 
-    /// (radiance, specular; y) += Uᵀ x: the cotangent of diffuse and specular radiance goes to what leaves, that of
-    /// antiradiance to the bins of `y`.
+    /// (radiance, specular; y) += Uᵀ x: the cotangents of diffuse and specular radiance go to the buffers of outgoing
+    /// light, that of antiradiance to the bins of `y`.
     pub fn run(
         &mut self,
         context: &Context,

@@ -17,7 +17,7 @@ pub struct DotPush {
     pub count: u32,
 }
 
-/// Lanes that share a vector between them; each leaves one partial sum.
+/// Lanes that process a vector; each writes one partial sum.
 const LANES: u32 = crate::plan::PARTIAL_SUMS as u32;
 
 pub struct Vectors {
@@ -86,7 +86,7 @@ impl Vectors {
         Ok(())
     }
 
-    /// y = b y: as b x + 0 y with y in both places.
+    /// y = b y, as b x + 0 y with x = y.
     pub fn scale(
         &self,
         context: &Context,

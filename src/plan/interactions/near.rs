@@ -1,4 +1,4 @@
-//! Pairs so close that they are integrated over pieces: O(N) of them.
+//! Close pairs, which are integrated piecewise: O(N) of them.
 
 use super::{FarRuns, PAIR_NEAR};
 use crate::model::{Class, Facet, PADDING, reaches};
@@ -7,7 +7,8 @@ use crate::plan::TileLayout;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// For each target slot, a receiver, the slots of its close partners, sources, rising; or the other way round.
+/// For each target slot the slots of its close partners, ascending. Targets are receivers and partners sources, or
+/// the other way round.
 #[derive(Clone, Debug, Default)]
 pub struct NearPairs {
     /// Where each slot's list starts; one entry more than there are slots.
@@ -17,7 +18,7 @@ pub struct NearPairs {
 }
 
 impl NearPairs {
-    /// Finds the close pairs among the tiles that may hold some.
+    /// Finds the close pairs among the tiles marked [`PAIR_NEAR`].
     pub fn new(
         layout: &TileLayout,
         far: &FarRuns,
@@ -68,7 +69,7 @@ impl NearPairs {
         &all[before(partners.start)..before(partners.end)]
     }
 
-    /// The same pairs by the other end.
+    /// The same pairs with targets and partners exchanged.
     pub fn transposed(&self) -> Self {
         let slots = self.offsets.len() - 1;
         let mut offsets = vec![0; slots + 1];
