@@ -108,11 +108,11 @@ void main() {
     real3 third = real3(real(1.0) / 3.0);
     uvec2 close = close_partners(target, active_lane);
     for (uint at = close.x; at < close.y; at++) {
-        uint other = near_partners[at];
-        Facet f = facets[other];
-        real33 other_corners = real33(corners[3 * other].xyz, corners[3 * other + 1].xyz, corners[3 * other + 2].xyz);
-        uint i = TARGET_IS_SOURCE ? target : other;
-        uint j = TARGET_IS_SOURCE ? other : target;
+        uint partner = near_partners[at];
+        Facet f = facets[partner];
+        real33 partner_corners = real33(corners[3 * partner].xyz, corners[3 * partner + 1].xyz, corners[3 * partner + 2].xyz);
+        uint i = TARGET_IS_SOURCE ? target : partner;
+        uint j = TARGET_IS_SOURCE ? partner : target;
         source_normal = TARGET_IS_SOURCE ? own.normal : f.normal;
         receiver_normal = TARGET_IS_SOURCE ? f.normal : own.normal;
         source_diffuse = radiance[i].rgb;
@@ -120,8 +120,8 @@ void main() {
         receiver_adjoint = cotangent_irradiance[j].rgb;
         source_first = (i - (TARGET_IS_SOURCE ? target_page : partner_page)) * BINS;
         receiver_first = (j - (TARGET_IS_SOURCE ? partner_page : target_page)) * BINS;
-        real33 source = TARGET_IS_SOURCE ? own_corners : other_corners;
-        real33 receiver = TARGET_IS_SOURCE ? other_corners : own_corners;
+        real33 source = TARGET_IS_SOURCE ? own_corners : partner_corners;
+        real33 receiver = TARGET_IS_SOURCE ? partner_corners : own_corners;
         real3 between = own.centre - f.centre;
         real r2_pair = dot(between, between);
         real range = half_range * (own.characteristic_area + f.characteristic_area);

@@ -53,7 +53,7 @@ void main() {
             Facet f = facets[mine];
             real3 light = TARGET_IS_SOURCE ? cotangent_irradiance[mine].rgb : radiance[mine].rgb;
             for (uint lane = 0; lane < LANES; lane++) {
-                uint other = begin * TILE + batch * LANES + lane;
+                uint partner = begin * TILE + batch * LANES + lane;
                 real3 x = subgroupBroadcast(f.centre, lane);
                 real3 n = subgroupBroadcast(f.normal, lane);
                 real3 l = subgroupBroadcast(light, lane);
@@ -76,10 +76,10 @@ void main() {
                     real weight = blend * side * from * to * kernel;
                     real r = sqrt(r2);
                     real3 direction = d / r;
-                    uint other_first = (other - partner_page) * BINS;
+                    uint partner_first = (partner - partner_page) * BINS;
                     Exchanged e = exchanged(
-                        source_normal, TARGET_IS_SOURCE ? own_first : other_first, TARGET_IS_SOURCE ? own_light : l, front,
-                        receiver_normal, TARGET_IS_SOURCE ? other_first : own_first, TARGET_IS_SOURCE ? l : own_light,
+                        source_normal, TARGET_IS_SOURCE ? own_first : partner_first, TARGET_IS_SOURCE ? own_light : l, front,
+                        receiver_normal, TARGET_IS_SOURCE ? partner_first : own_first, TARGET_IS_SOURCE ? l : own_light,
                         direction, 1.0, 1.0
                     );
                     real value = dot(e.diffuse + e.binned, e.adjoint);

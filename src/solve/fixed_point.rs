@@ -27,7 +27,7 @@ pub fn fixed_point_from<O: LightOperator>(
     params: &FixedPointParams,
     progress: &mut SolveProgress,
 ) -> Solved<O> {
-    let mut watch = ConvergenceMonitor::new(params.tolerance, params.max_passes, progress);
+    let mut monitor = ConvergenceMonitor::new(params.tolerance, params.max_passes, progress);
     let guessed = guess.is_some();
     let mut old = match guess {
         Some(guess) => guess,
@@ -37,11 +37,11 @@ pub fn fixed_point_from<O: LightOperator>(
     if !guessed {
         operator.pass(None, true, &mut old)?;
         if operator.magnitude(&old)? == 0.0 {
-            watch.pass(0.0)?;
-            return Ok((old, watch.info(None)));
+            monitor.pass(0.0)?;
+            return Ok((old, monitor.info(None)));
         }
-        if watch.pass(1.0)? == Next::GiveUp {
-            return Err(watch.no_convergence(old, None));
+        if monitor.pass(1.0)? == Next::GiveUp {
+            return Err(monitor.no_convergence(old, None));
         }
     }
     loop {
@@ -51,11 +51,11 @@ pub fn fixed_point_from<O: LightOperator>(
         let change = operator.magnitude(&old)?;
         let residual = if size > 0.0 { change / size } else { change };
         std::mem::swap(&mut old, &mut new);
-        let next = watch.pass(residual)?;
-        let radius = decay(&watch.residuals);
+        let next = monitor.pass(residual)?;
+        let radius = decay(&monitor.residuals);
         match next {
-            Next::Converged => return Ok((old, watch.info(radius))),
-            Next::GiveUp => return Err(watch.no_convergence(old, radius)),
+            Next::Converged => return Ok((old, monitor.info(radius))),
+            Next::GiveUp => return Err(monitor.no_convergence(old, radius)),
             Next::Continue => {}
         }
     }

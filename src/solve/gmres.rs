@@ -38,7 +38,7 @@ pub fn gmres_from<O: LightOperator>(
     params: &GmresParams,
     progress: &mut SolveProgress,
 ) -> Solved<O> {
-    let mut watch = ConvergenceMonitor::new(params.tolerance, params.max_passes, progress);
+    let mut monitor = ConvergenceMonitor::new(params.tolerance, params.max_passes, progress);
     let mut started = guess.is_some();
     let mut solution = match guess {
         Some(guess) => guess,
@@ -59,23 +59,23 @@ pub fn gmres_from<O: LightOperator>(
         let residual = if size > 0.0 { magnitude / size } else { magnitude };
         let stagnates = residual > STAGNATION * before;
         before = residual;
-        match watch.pass(residual)? {
-            Next::Converged => return Ok((solution, watch.info(radius.estimate))),
+        match monitor.pass(residual)? {
+            Next::Converged => return Ok((solution, monitor.info(radius.estimate))),
             // From zero, direct light is the better iterate.
             Next::GiveUp if !started => {
-                return Err(watch.no_convergence(basis.swap_remove(0), radius.estimate));
+                return Err(monitor.no_convergence(basis.swap_remove(0), radius.estimate));
             }
             Next::Continue if !stagnates => {}
-            Next::Continue | Next::GiveUp => return Err(watch.no_convergence(solution, radius.estimate)),
+            Next::Continue | Next::GiveUp => return Err(monitor.no_convergence(solution, radius.estimate)),
         }
         started = true;
-        let (cycle, y, next) = Cycle::run(operator, &mut basis, params.restart, judge, &mut watch)?;
+        let (cycle, y, next) = Cycle::run(operator, &mut basis, params.restart, judge, &mut monitor)?;
         radius.learn(&cycle);
         for (y, v) in y.into_iter().zip(&basis) {
             operator.combine(y, v, 1.0, &mut solution)?;
         }
         if next == Next::GiveUp {
-            return Err(watch.no_convergence(solution, radius.estimate));
+            return Err(monitor.no_convergence(solution, radius.estimate));
         }
     }
 }
@@ -104,7 +104,7 @@ impl Cycle {
         basis: &mut Vec<O::Vector>,
         restart: u32,
         judge: Judge,
-        watch: &mut ConvergenceMonitor,
+        monitor: &mut ConvergenceMonitor,
     ) -> Result<(Self, Vec<f64>, Next), Failed<O>> {
         let beta = operator.dot(&basis[0], &basis[0])?.sqrt();
         operator.scale(1.0 / beta, &mut basis[0])?;
@@ -133,7 +133,7 @@ impl Cycle {
             operator.scale(if spanned { 0.0 } else { 1.0 / norm }, next)?;
             cycle.judge.add(operator, next)?;
             let found = cycle.found();
-            let verdict = watch.pass(found.residual)?;
+            let verdict = monitor.pass(found.residual)?;
             if spanned || k + 1 >= restart.max(1) as usize || verdict != Next::Continue {
                 return Ok((cycle, found.y, verdict));
             }

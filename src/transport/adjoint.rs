@@ -195,7 +195,7 @@ impl<'a> AdjointOperator<'a> {
         pairs: bool,
     ) -> Result<(Vec<FacetGradient>, Vec<DVec3>), TransportError> {
         self.operators.update_outgoing(Some(x), true)?;
-        let Operators { context, observation, watch, .. } = &mut *self.operators;
+        let Operators { context, observation, monitor, .. } = &mut *self.operators;
         let AdjointKernels { buffers, derivative, observation: views_derivative, .. } = &mut *self.adjoint;
         let (Some(gradients), Some(derivative)) = (&buffers.gradients, derivative) else {
             return Err(TransportError::missing("derivatives with respect to geometry"));
@@ -206,7 +206,7 @@ impl<'a> AdjointOperator<'a> {
         batch.fill(gradients, 0, count * precision.bytes(), 0)?;
         batch.submit()?;
         if pairs {
-            derivative.run(context, buffers, x, cotangent, gradients, watch)?;
+            derivative.run(context, buffers, x, cotangent, gradients, monitor)?;
         }
         let mut camera_positions = Vec::with_capacity(views.len());
         for (camera_position, colours) in views {
@@ -234,12 +234,12 @@ impl<'a> AdjointOperator<'a> {
 
     /// y = [given] λ₀ + (K - J)ᵀ ([given] μ₀ + Uᵀ x); also stores the cotangent of outgoing light.
     fn transpose(&mut self, x: Option<&State>, given: bool, y: &mut State) -> Result<(), TransportError> {
-        let Operators { context, vectors, watch, .. } = &mut *self.operators;
+        let Operators { context, vectors, monitor, .. } = &mut *self.operators;
         let AdjointKernels { buffers, exchange, reflection, .. } = &mut *self.adjoint;
         vectors.clear(context, y)?;
         buffers.start(context, given)?;
         if let Some(x) = x {
-            exchange.run(context, buffers, x, y, watch)?;
+            exchange.run(context, buffers, x, y, monitor)?;
         }
         reflection.run(context, buffers, given, y)?;
         Ok(())

@@ -107,10 +107,10 @@ impl Exchange {
         reflection: &mut Reflection,
         x: Option<&State>,
         y: &State,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, outgoing } = context;
-        watch.begin(Sweep::pairs(plan));
+        monitor.begin(Sweep::pairs(plan));
         let backs = x.is_some();
         let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
         let none = || View::resident(&scene.no_bins, 0, 0);
@@ -133,14 +133,14 @@ impl Exchange {
                 let reached = |to: &Group| plan.anything_passes(&to.tiles, &from.tiles);
                 let (lit, culled): (Vec<_>, Vec<_>) = receivers.iter().partition(|(to, _)| reached(to));
                 for (to, _) in culled {
-                    watch.done(Sweep::far_pairs(plan, to, from))?;
+                    monitor.done(Sweep::far_pairs(plan, to, from))?;
                 }
                 if lit.is_empty() {
                     continue;
                 }
                 let light = x.zip(Part::of_piece(plan, piece));
                 let light = light.map(|(x, part)| x.show(device, &part)).transpose()?;
-                let specular = reflection.specular_under(context, piece, light.as_ref(), watch)?;
+                let specular = reflection.specular_under(context, piece, light.as_ref(), monitor)?;
                 let antiradiance = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
                 for (to, incident) in &lit {
                     let sweep = sweep_of(&mut self.sweeps, Shape::new(from.class, to.class))?;
@@ -157,7 +157,7 @@ impl Exchange {
                         scene.bin_table.whole(),
                     ];
                     let between = Between::receivers(plan, to, from, incident.first_slot);
-                    sweep.near(context, between, &near, backs, watch)?;
+                    sweep.near(context, between, &near, backs, monitor)?;
                 }
                 // Half bins are valid for the sources of one dispatch.
                 let half_bins = self.half_bins.as_ref().filter(|_| from.class.has_bins());
@@ -185,7 +185,7 @@ impl Exchange {
                         ];
                         let far = if shape.any_bins() { &far[..] } else { &far[..3] };
                         let between = Between::receivers(plan, to, &part, incident.first_slot);
-                        sweep.far(context, between, far, &partners, passing, watch)?;
+                        sweep.far(context, between, far, &partners, passing, monitor)?;
                     }
                 }
             }

@@ -52,13 +52,13 @@ impl ExchangeDerivative {
         x: &State,
         cotangent: &State,
         gradients: &Buffer,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { plan, scene, outgoing, .. } = context;
         let (x, cotangent) = (x.resident()?, cotangent.resident()?);
         let Interactions { by_receiver, by_source } = plan.interactions();
         let by_source = by_source.as_ref().ok_or(TransportError::NotPlanned)?;
-        watch.begin(2 * Sweep::pairs(plan));
+        monitor.begin(2 * Sweep::pairs(plan));
         let none = &scene.no_bins;
         for target_is_source in [true, false] {
             let (sweeps, lists, runs) = match target_is_source {
@@ -87,9 +87,9 @@ impl ExchangeDerivative {
                     ];
                     let near =
                         [&both[..], &[offsets.whole(), partners.whole(), scene.corners.whole()]].concat();
-                    sweep.near(context, between, &near, true, watch)?;
+                    sweep.near(context, between, &near, true, monitor)?;
                     let far = [&both[..], &[runs.whole()]].concat();
-                    sweep.far(context, between, &far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
+                    sweep.far(context, between, &far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, monitor)?;
                 }
             }
         }

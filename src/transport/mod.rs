@@ -64,7 +64,7 @@ pub struct Operators {
     reflection: reflection::Reflection,
     observation: observation::Observation,
     vectors: vectors::Vectors,
-    watch: watch::PassMonitor,
+    monitor: watch::PassMonitor,
 }
 
 /// Lanes of a workgroup of the kernels that don't depend on the subgroup's size.
@@ -95,7 +95,7 @@ impl Operators {
             reflection: reflection::Reflection::new(device, &plan)?,
             observation: observation::Observation::new(device, &plan)?,
             vectors: vectors::Vectors::new(device, plan.settings.precision)?,
-            watch: watch::PassMonitor::default(),
+            monitor: watch::PassMonitor::default(),
             context: Context { outgoing: Outgoing::new(device, &plan)?, device: device.clone(), plan, scene },
         })
     }
@@ -112,14 +112,14 @@ impl Operators {
 
     /// Sets the callback of a pass, called after every submission; `None` removes it.
     pub fn set_pass_callback(&mut self, callback: Option<PassCallback>) {
-        self.watch.callback = callback;
+        self.monitor.callback = callback;
     }
 
     /// Computes the outgoing light of the fronts, E + K x, of a state on the device.
     fn update_outgoing(&mut self, x: Option<&State>, emission: bool) -> Result<(), TransportError> {
         self.reflection.diffuse(&self.context, x, emission)?;
         for piece in self.context.plan.pieces() {
-            self.reflection.specular(&self.context, &piece, x, &mut self.watch)?;
+            self.reflection.specular(&self.context, &piece, x, &mut self.monitor)?;
         }
         Ok(())
     }
@@ -131,7 +131,7 @@ impl Operators {
         camera_position: glam::DVec3,
     ) -> Result<Vec<[f64; 4]>, TransportError> {
         self.reflection.diffuse(&self.context, Some(x), true)?;
-        self.observation.run(&self.context, &mut self.reflection, x, camera_position, &mut self.watch)
+        self.observation.run(&self.context, &mut self.reflection, x, camera_position, &mut self.monitor)
     }
 
     /// Irradiance of every slot, W/m².
@@ -183,7 +183,7 @@ impl Operators {
         self.reflection.diffuse(&self.context, Some(x), true)?;
         let mut specular: Vec<Option<Vec<f64>>> = vec![None; plan.layout.groups.len()];
         for piece in plan.pieces() {
-            self.reflection.specular(&self.context, &piece, Some(x), &mut self.watch)?;
+            self.reflection.specular(&self.context, &piece, Some(x), &mut self.monitor)?;
             if piece.part.class.glossy {
                 let buffer = outgoing.specular_of(piece.group)?;
                 let count = state::page_reals(plan, &piece.part).into();
@@ -238,19 +238,19 @@ impl LightOperator for Operators {
 
     fn pass(&mut self, x: Option<&State>, emission: bool, y: &mut State) -> Result<(), TransportError> {
         self.reflection.diffuse(&self.context, x, emission)?;
-        self.exchange.run(&self.context, &mut self.reflection, x, y, &mut self.watch)
+        self.exchange.run(&self.context, &mut self.reflection, x, y, &mut self.monitor)
     }
 
     fn dot(&mut self, x: &State, y: &State) -> Result<f64, TransportError> {
-        self.vectors.dot(&self.context, x, y, &mut self.watch)
+        self.vectors.dot(&self.context, x, y, &mut self.monitor)
     }
 
     fn combine(&mut self, a: f64, x: &State, b: f64, y: &mut State) -> Result<(), TransportError> {
-        self.vectors.combine(&self.context, (a, x), (b, y), &mut self.watch)
+        self.vectors.combine(&self.context, (a, x), (b, y), &mut self.monitor)
     }
 
     fn scale(&mut self, b: f64, y: &mut State) -> Result<(), TransportError> {
-        self.vectors.scale(&self.context, b, y, &mut self.watch)
+        self.vectors.scale(&self.context, b, y, &mut self.monitor)
     }
 
     fn judged(&mut self, x: &State) -> Result<Option<Vec<f64>>, TransportError> {

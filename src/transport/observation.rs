@@ -44,7 +44,7 @@ impl Observation {
         reflection: &mut Reflection,
         x: &State,
         camera_position: DVec3,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<Vec<[f64; 4]>, TransportError> {
         let Context { device, plan, scene, outgoing } = context;
         let camera_position = plan.placement.apply(camera_position).to_array();
@@ -54,7 +54,7 @@ impl Observation {
                 scene.facets.whole(),
                 outgoing.radiance.whole(),
                 scene.no_bins.whole(),
-                reflection.specular(context, &piece, Some(x), watch)?,
+                reflection.specular(context, &piece, Some(x), monitor)?,
                 self.colours.whole(),
             ];
             let push = real::push(plan.settings.precision, &camera_position, &[slots.start, slots.end]);

@@ -52,7 +52,7 @@ impl Pace {
 pub struct Bundle<'a, 'b> {
     device: &'b Device,
     pace: &'b mut Pace,
-    watch: &'b mut PassMonitor,
+    monitor: &'b mut PassMonitor,
     batch: Option<Batch<'a>>,
     /// Pairs recorded, and the pairs to report to the callback.
     pairs: u64,
@@ -60,8 +60,8 @@ pub struct Bundle<'a, 'b> {
 }
 
 impl<'a, 'b> Bundle<'a, 'b> {
-    pub fn new(device: &'b Device, pace: &'b mut Pace, watch: &'b mut PassMonitor) -> Self {
-        Self { device, pace, watch, batch: None, pairs: 0, shown: 0 }
+    pub fn new(device: &'b Device, pace: &'b mut Pace, monitor: &'b mut PassMonitor) -> Self {
+        Self { device, pace, monitor, batch: None, pairs: 0, shown: 0 }
     }
 
     /// [`Pace::share`] at the current rate.
@@ -100,7 +100,7 @@ impl<'a, 'b> Bundle<'a, 'b> {
         if let Some(batch) = self.batch.take() {
             let seconds = batch.submit()?.wall_seconds;
             self.pace.learn(std::mem::take(&mut self.pairs), seconds);
-            self.watch.done(std::mem::take(&mut self.shown))?;
+            self.monitor.done(std::mem::take(&mut self.shown))?;
         }
         Ok(())
     }

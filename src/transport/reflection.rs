@@ -95,11 +95,11 @@ impl Reflection {
         context: &'a Context,
         piece: &Piece,
         x: Option<&State>,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<BufferSlice<'a>, TransportError> {
         let part = Part::of_piece(&context.plan, piece).filter(|_| piece.part.class.glossy);
         let light = x.zip(part).map(|(x, part)| x.show(&context.device, &part)).transpose()?;
-        self.specular_under(context, piece, light.as_ref(), watch)
+        self.specular_under(context, piece, light.as_ref(), monitor)
     }
 
     /// The same under incident light already on the device. Where states live on the host, it replaces the radiance
@@ -109,7 +109,7 @@ impl Reflection {
         context: &'a Context,
         piece: &Piece,
         light: Option<&View>,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<BufferSlice<'a>, TransportError> {
         let Context { device, plan, scene, outgoing } = context;
         if !piece.part.class.glossy {
@@ -125,7 +125,7 @@ impl Reflection {
         let buffers = [scene.surfaces.whole(), scene.bin_table.whole(), light.slice(), specular.whole()];
         let each = plan.bins.count() as u64;
         let bins = slots.len() as u32 * plan.bins.count() as u32;
-        let mut bundle = Bundle::new(device, &mut self.pace, watch);
+        let mut bundle = Bundle::new(device, &mut self.pace, monitor);
         let mut first = 0;
         while first < bins {
             let groups = bundle.share((bins - first).div_ceil(WORKGROUP), u64::from(WORKGROUP) * each);

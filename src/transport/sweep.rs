@@ -187,14 +187,14 @@ impl Sweep {
         buffers: &[BufferSlice],
         uniforms: &[OfPartners],
         passing: u32,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
         let Between { targets, partners, lists, first_slot } = between;
         let tile = plan.layout.tile;
         let Self { far, far_pace, workgroups, bytes, shape, .. } = self;
         let mut passed = 0;
-        let mut bundle = Bundle::new(device, far_pace, watch);
+        let mut bundle = Bundle::new(device, far_pace, monitor);
         for run in tile_runs(&partners.tiles, plan.partner_tiles()) {
             let pairs_of_row = u64::from(tile * tile) * run.len() as u64;
             let mut begin = targets.tiles.start;
@@ -236,7 +236,7 @@ impl Sweep {
         between: Between,
         buffers: &[BufferSlice],
         backs: bool,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, .. } = context;
         let partners = plan.layout.slots_of(&between.partners.tiles);
@@ -249,7 +249,7 @@ impl Sweep {
         device.upload_slice(&scene.near_targets, 0, &slots)?;
         let buffers = [buffers, &[scene.near_targets.whole()]].concat();
         let Self { near, near_pace, lanes, take, bytes, shape, .. } = self;
-        let mut bundle = Bundle::new(device, near_pace, watch);
+        let mut bundle = Bundle::new(device, near_pace, monitor);
         let longest = targets.iter().map(|target| target.partners).max().unwrap_or(0);
         for skip in (0..longest).step_by(*take as usize) {
             let left = |target: &Target| u64::from(target.partners.saturating_sub(skip).min(*take));

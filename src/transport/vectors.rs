@@ -68,7 +68,7 @@ impl Vectors {
         context: &Context,
         (a, x): (f64, &State),
         (b, y): (f64, &State),
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
         let precision = plan.settings.precision;
@@ -81,7 +81,7 @@ impl Vectors {
             batch.dispatch(&self.combine, "vector", &[x.slice(), y.slice()], &push, groups)?;
             batch.submit()?;
             y.store(device)?;
-            watch.done(0)?;
+            monitor.done(0)?;
         }
         Ok(())
     }
@@ -92,9 +92,9 @@ impl Vectors {
         context: &Context,
         b: f64,
         y: &State,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
-        self.combine(context, (b, y), (0.0, y), watch)
+        self.combine(context, (b, y), (0.0, y), monitor)
     }
 
     /// ⟨x, y⟩.
@@ -103,7 +103,7 @@ impl Vectors {
         context: &Context,
         x: &State,
         y: &State,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<f64, TransportError> {
         let Context { device, plan, .. } = context;
         let precision = plan.settings.precision;
@@ -116,7 +116,7 @@ impl Vectors {
             batch.dispatch(&self.dot, "vector", &buffers, bytes_of(&push), [LANES / WORKGROUP, 1, 1])?;
             batch.submit()?;
             sum += real::download(device, &self.partial, precision, LANES.into())?.into_iter().sum::<f64>();
-            watch.done(0)?;
+            monitor.done(0)?;
         }
         Ok(sum)
     }

@@ -81,8 +81,8 @@ impl FarRuns {
     }
 
     /// The bits that may pass between two tiles.
-    pub fn get(&self, target: u32, other: u32) -> u32 {
-        self.of(target, &(other..other + 1)).next().map_or(0, |(_, passing)| passing)
+    pub fn get(&self, target: u32, partner: u32) -> u32 {
+        self.of(target, &(partner..partner + 1)).next().map_or(0, |(_, passing)| passing)
     }
 
     /// The partner tiles in a range with any of these bits.
@@ -106,8 +106,8 @@ impl FarRuns {
         let mut rows = vec![Row::default(); self.tiles as usize];
         // Where a row differs from the one before, the runs of those partners end.
         for target in 1..self.tiles {
-            for other in self.changes(target, &all) {
-                let (tile, passing) = other;
+            for partner in self.changes(target, &all) {
+                let (tile, passing) = partner;
                 rows[tile as usize].extend(target, passing);
             }
         }

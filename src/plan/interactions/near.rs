@@ -65,7 +65,7 @@ impl NearPairs {
         let list = target as usize..=target as usize + 1;
         let &[begin, end] = &self.offsets[list] else { return &[] };
         let all = &self.partners[begin as usize..end as usize];
-        let before = |bound: u32| all.partition_point(|&other| other < bound);
+        let before = |bound: u32| all.partition_point(|&partner| partner < bound);
         &all[before(partners.start)..before(partners.end)]
     }
 
@@ -73,8 +73,8 @@ impl NearPairs {
     pub fn transposed(&self) -> Self {
         let slots = self.offsets.len() - 1;
         let mut offsets = vec![0; slots + 1];
-        for &other in &self.partners {
-            offsets[other as usize + 1] += 1;
+        for &partner in &self.partners {
+            offsets[partner as usize + 1] += 1;
         }
         for slot in 0..slots {
             offsets[slot + 1] += offsets[slot];
@@ -82,9 +82,9 @@ impl NearPairs {
         let mut next = offsets.clone();
         let mut partners = vec![0; self.partners.len()];
         for (target, run) in self.offsets.windows(2).enumerate() {
-            for &other in &self.partners[run[0] as usize..run[1] as usize] {
-                partners[next[other as usize] as usize] = target as u32;
-                next[other as usize] += 1;
+            for &partner in &self.partners[run[0] as usize..run[1] as usize] {
+                partners[next[partner as usize] as usize] = target as u32;
+                next[partner as usize] += 1;
             }
         }
         Self { offsets, partners }
