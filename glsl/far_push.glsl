@@ -1,9 +1,9 @@
 #ifndef FAR_PUSH_GLSL
 #define FAR_PUSH_GLSL
-// What the point-to-point kernels are told, and the runs of tiles between which the same may pass. A lane owns a triangle,
-// the receiver forwards and the source in the adjoint, and walks over the others. Expects `far_runs`, those of the targets:
-// for each tile of them the index of its first run, one entry more than there are tiles; then all runs, `end << 4 | bits`,
-// where a run goes from the end of the one before, or the first tile of all, to before tile `end`.
+// Push constants of the point-to-point kernels, and runs of partner tiles with the same bits. A lane owns a target,
+// the receiver forwards and the source in the adjoint, and sums over its partners. Expects `far_runs` of the targets:
+// the index of the first run of each tile, then the end of the last; then all runs, `end << 4 | bits`. A run begins
+// at the end of the one before, the first one at tile 0, and ends before tile `end`.
 
 layout(push_constant) uniform FarPush {
     // First tile of targets; the workgroup's index counts from it.
@@ -16,7 +16,7 @@ layout(push_constant) uniform FarPush {
     // First slots of the pages that are bound.
     uint target_page;
     uint partner_page;
-    // What may pass: PAIR_BACK is left out in a pass of emission alone.
+    // Bits to consider: without PAIR_BACK in a pass of emission alone.
     uint passing;
 };
 
@@ -24,7 +24,7 @@ const uint PAIR_FRONT = 1;
 const uint PAIR_BACK = 2;
 const uint PAIR_NEAR = 4;
 
-// The run of a target's tile in which the other tile `first` lies, by bisection.
+// The run of a target tile that contains the partner tile `first`, by bisection.
 uint first_run(uint target, uint first) {
     uint begin = far_runs[target];
     uint end = far_runs[target + 1];
@@ -37,7 +37,7 @@ uint first_run(uint target, uint first) {
     return begin;
 }
 
-// The end of a run within this dispatch, and what may pass in it.
+// The end of a run within this dispatch, and its bits.
 uint run_end(uint run) {
     return min(far_runs[run] >> 4, partner_end);
 }

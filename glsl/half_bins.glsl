@@ -1,8 +1,8 @@
 #ifndef HALF_BINS_GLSL
 #define HALF_BINS_GLSL
-// Bins of sources in half the bits: of each f32 the upper half (bfloat16), which has its sign, all of its exponent and
-// eight significant bits. A word holds one channel of a bin in its upper half and of the bin in the next column, after the
-// last one the first, in its lower half: two reads of three words fetch four taps. Made by pack.comp.
+// Bins of sources as bfloat16, the upper half of an f32: sign, exponent and eight significant bits. A word holds one
+// channel of a bin in its upper half and of the bin in the next column, cyclically, in its lower half, so that two
+// reads of three words fetch four taps. Written by pack.comp.
 
 layout(constant_id = 10) const bool HALF_BINS = false;
 

@@ -1,8 +1,8 @@
 #version 450 core
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
-// S: the radiance each triangle of one group sends to the camera, L_i(direction to the camera), fronts only.
-// Twin: src/reference/observation.rs.
+// S: the radiance of each triangle of one group towards the camera, L_i(direction to the camera), fronts only. Twin:
+// src/reference/observation.rs.
 
 #include "geometry.glsl"
 #include "bins.glsl"

@@ -1,8 +1,8 @@
 #version 450 core
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
-// S^T: adds the cotangent of what each triangle of one group sends to the camera to that of its radiance, fronts only.
-// Twin: src/reference/adjoint.rs.
+// S^T: adds the cotangent of each triangle's radiance towards the camera to that of its outgoing light, for one
+// group, fronts only. Twin: src/reference/adjoint.rs.
 
 #include "geometry.glsl"
 #include "bins.glsl"

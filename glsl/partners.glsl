@@ -1,17 +1,17 @@
 #ifndef PARTNERS_GLSL
 #define PARTNERS_GLSL
-// The partners of a dispatch, from its first on, in uniform buffers. All lanes read the same one at a time: GPUs have a path
-// for that, and lavapipe takes a quarter of what a broadcast from lane to lane costs. Expects OTHERS_BINDING, the first
-// of two bindings.
+// The partners of a dispatch, from its first on, in uniform buffers. All lanes read the same one at a time, for which
+// GPUs have a fast path, and which costs lavapipe a quarter of a broadcast between lanes. Expects PARTNERS_BINDING,
+// the first of two bindings.
 
-// 64 KiB of facets, which is what common devices offer.
+// 64 KiB of facets, the uniform buffer size of common devices.
 #ifdef F64
-const uint OTHERS = 1024;
+const uint PARTNERS = 1024;
 #else
-const uint OTHERS = 2048;
+const uint PARTNERS = 2048;
 #endif
 
-layout(std140, binding = OTHERS_BINDING) uniform Others { Facet partners[OTHERS]; };
-layout(std140, binding = OTHERS_BINDING + 1) uniform OthersRadiance { real4 others_radiance[OTHERS]; };
+layout(std140, binding = PARTNERS_BINDING) uniform Partners { Facet partners[PARTNERS]; };
+layout(std140, binding = PARTNERS_BINDING + 1) uniform PartnerRadiance { real4 partner_radiance[PARTNERS]; };
 
 #endif

@@ -1,7 +1,7 @@
 #version 450 core
 #extension GL_GOOGLE_include_directive : require
-// K, specular part: L(o) = Σ_b σ N(p) ⟨h(b,o), n⟩^p H(b), per front bin of the glossy triangles of one page. A lane makes
-// one outgoing bin of one triangle. Twin: src/reference/reflection.rs.
+// K, specular part: L(o) = Σ_b σ N(p) ⟨h(b,o), n⟩^p H(b), per front bin of the glossy triangles of one page. A lane
+// computes one outgoing bin of one triangle. Twin: src/reference/reflection.rs.
 
 #include "geometry.glsl"
 #include "surface.glsl"

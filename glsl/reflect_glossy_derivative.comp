@@ -1,9 +1,9 @@
 #version 450 core
 #extension GL_GOOGLE_include_directive : require
-// What the specular parameters of each glossy triangle of a page are worth: adds, per channel,
+// Derivatives by the specular parameters of each glossy triangle of a page: adds, per channel,
 //     Σ_ob μ(o) ⟨h,n⟩^p H(b)   and   Σ_ob μ(o) ⟨h,n⟩^p ln⟨h,n⟩ H(b),
-// of which the host makes ∂/∂σ and ∂/∂p. A lane owns a triangle; the outgoing bins o are those of this dispatch. Twin:
-// src/reference/derivative/.
+// from which the host computes ∂/∂σ and ∂/∂p. A lane owns a triangle; the outgoing bins o are those of this dispatch.
+// Twin: src/reference/derivative/.
 
 #include "geometry.glsl"
 #include "surface.glsl"

@@ -23,10 +23,10 @@ layout(std430, binding = 4) readonly buffer Specular { real specular[]; };
 layout(scalar, binding = 4) readonly buffer SpecularRgb { real3 specular_rgb[]; };
 layout(scalar, binding = 4) readonly buffer SpecularHalfBins { uvec3 specular_half_bins[]; };
 layout(std430, binding = 5) buffer Incident { real incident[]; };
-layout(scalar, binding = 5) buffer ArrivingRgb { real3 arriving_rgb[]; };
+layout(scalar, binding = 5) buffer IncidentRgb { real3 incident_rgb[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
 layout(std430, binding = 6) readonly buffer BinTable { real4 bin_table[]; };
-#define OTHERS_BINDING 7
+#define PARTNERS_BINDING 7
 #include "partners.glsl"
 
 #include "far_push.glsl"
@@ -56,20 +56,20 @@ void main() {
             real r2 = max(dot(d, d), R2_MIN);
             real from = dot(d, source.normal);
             real to = max(-dot(d, receiver.normal), 0.0);
-            real share = 1.0;
-            // A loop: tiles that are far apart, nearly all, skip it.
+            real blend = 1.0;
+            // A loop, to skip it for tiles that are far apart, nearly all.
             for (uint once = near ? 1 : 0; once > 0; once--) {
-                share = far_weight(r2, half_range * (source.characteristic_area + receiver.characteristic_area));
+                blend = far_weight(r2, half_range * (source.characteristic_area + receiver.characteristic_area));
             }
             real side = from > 0.0 ? real(fronts) : real(backs);
-            real weight = side * share * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
-            // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.
+            real weight = side * blend * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
+            // A loop, to skip it where no lane has anything to add.
             for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
                 real3 direction = d * inversesqrt(r2);
                 bool front = from > 0.0;
                 uint bins = (begin * TILE + k - partner_page) * BINS;
                 real3 binned = binned_radiance(source.normal, bins, direction, front);
-                real3 value = weight * (front ? others_radiance[first + k].rgb + binned : binned);
+                real3 value = weight * (front ? partner_radiance[first + k].rgb + binned : binned);
                 deposit(0, receiver.normal, -direction, value);
                 sum += value;
             }

@@ -3,9 +3,9 @@
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 // U^T where source, receiver or both have bins, point to point: with w_ij = max(cos_j, 0) |cos_i| g_ij a_i and
-// λ_ij = λ_j + Σ_b T_b(ω_j) λ_j(b), what one unit of irradiance at j from i is worth,
+// λ_ij = λ_j + Σ_b T_b(ω_j) λ_j(b), the importance of irradiance at j from i,
 //     front: μ_i += w_ij λ_ij, μ_i(b) += T_b(ω_i) w_ij λ_ij;   back: -T_b(ω_i) w_ij λ_ij to the antiradiance.
-// The twin of transport_bins.comp with sources for targets. Twin: src/reference/adjoint.rs.
+// transport_bins.comp with sources as targets. Twin: src/reference/adjoint.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -21,10 +21,10 @@ layout(std430, binding = 2) readonly buffer FarRuns { uint far_runs[]; };
 layout(std430, binding = 3) buffer Radiance { real4 radiance[]; };
 layout(std430, binding = 4) readonly buffer Cotangent { real cotangent[]; };
 layout(scalar, binding = 4) readonly buffer CotangentRgb { real3 cotangent_rgb[]; };
-layout(std430, binding = 5) buffer Back { real leaving_back[]; };
-layout(scalar, binding = 5) buffer BackRgb { real3 leaving_back_rgb[]; };
-layout(std430, binding = 6) buffer Front { real leaving_front[]; };
-layout(scalar, binding = 6) buffer FrontRgb { real3 leaving_front_rgb[]; };
+layout(std430, binding = 5) buffer Back { real outgoing_back[]; };
+layout(scalar, binding = 5) buffer BackRgb { real3 outgoing_back_rgb[]; };
+layout(std430, binding = 6) buffer Front { real outgoing_front[]; };
+layout(scalar, binding = 6) buffer FrontRgb { real3 outgoing_front_rgb[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
 layout(std430, binding = 7) readonly buffer BinTable { real4 bin_table[]; };
 
@@ -60,10 +60,10 @@ void main() {
                 real r2 = max(dot(d, d), R2_MIN);
                 real from = dot(d, source.normal);
                 real to = max(-dot(d, n), 0.0);
-                real share = near ? far_weight(r2, half_range * (characteristic_area + source.characteristic_area)) : real(1.0);
+                real blend = near ? far_weight(r2, half_range * (characteristic_area + source.characteristic_area)) : real(1.0);
                 real side = from > 0.0 ? real(fronts) : real(backs);
-                real weight = side * share * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
-                // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.
+                real weight = side * blend * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
+                // A loop, to skip it where no lane has anything to add.
                 for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
                     real3 direction = d * inversesqrt(r2);
                     bool front = from > 0.0;

@@ -2,9 +2,8 @@
 #extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
-// The derivative of ⟨λ, U L⟩ with respect to the geometry of the sources or of the receivers, whichever the lanes own,
-// point to point: of Σ_ij w_ij ⟨L_i(ω_i), λ_ij⟩ with w_ij = share_ij max(cos_j, 0) |cos_i| g_ij a_i. Twin:
-// src/reference/derivative/.
+// The derivative of ⟨λ, U L⟩ with respect to the geometry of the targets, sources or receivers, point to point: of
+// Σ_ij w_ij ⟨L_i(ω_i), λ_ij⟩ with w_ij = blend_ij max(cos_j, 0) |cos_i| g_ij a_i. Twin: src/reference/derivative/.
 
 #include "geometry.glsl"
 #include "near_field_gradient.glsl"
@@ -14,8 +13,8 @@
 layout(local_size_x_id = 0) in;
 layout(constant_id = 0) const uint LANES = 8;
 layout(constant_id = 1) const uint TILE = 64;
-// Whether a lane owns a source, or a receiver.
-layout(constant_id = 10) const bool OWNS_SOURCE = true;
+// Whether targets are sources, rather than receivers.
+layout(constant_id = 10) const bool TARGET_IS_SOURCE = true;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
 layout(std430, binding = 1) readonly buffer Radiance { real4 radiance[]; };
@@ -36,7 +35,7 @@ void main() {
     uint tile = target_tile + gl_WorkGroupID.x;
     uint target = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
     Facet own = facets[target];
-    real3 own_light = OWNS_SOURCE ? radiance[target].rgb : cotangent_irradiance[target].rgb;
+    real3 own_light = TARGET_IS_SOURCE ? radiance[target].rgb : cotangent_irradiance[target].rgb;
     uint own_first = (target - target_page) * BINS;
     real3 by_centre = real3(0.0), by_normal = real3(0.0);
     real by_area = 0.0, by_characteristic_area = 0.0;
@@ -52,49 +51,49 @@ void main() {
         for (uint batch = 0; batch < batches; batch++) {
             uint mine = begin * TILE + batch * LANES + gl_LocalInvocationID.x;
             Facet f = facets[mine];
-            real3 light = OWNS_SOURCE ? cotangent_irradiance[mine].rgb : radiance[mine].rgb;
+            real3 light = TARGET_IS_SOURCE ? cotangent_irradiance[mine].rgb : radiance[mine].rgb;
             for (uint lane = 0; lane < LANES; lane++) {
-                uint other = begin * TILE + batch * LANES + lane;
+                uint partner = begin * TILE + batch * LANES + lane;
                 real3 x = subgroupBroadcast(f.centre, lane);
                 real3 n = subgroupBroadcast(f.normal, lane);
                 real3 l = subgroupBroadcast(light, lane);
-                real area = OWNS_SOURCE ? own.area : subgroupBroadcast(f.area, lane);
+                real area = TARGET_IS_SOURCE ? own.area : subgroupBroadcast(f.area, lane);
                 real characteristic_area = subgroupBroadcast(f.characteristic_area, lane) + own.characteristic_area;
-                real3 d = OWNS_SOURCE ? x - own.centre : own.centre - x;
-                real3 source_normal = OWNS_SOURCE ? own.normal : n;
-                real3 receiver_normal = OWNS_SOURCE ? n : own.normal;
+                real3 d = TARGET_IS_SOURCE ? x - own.centre : own.centre - x;
+                real3 source_normal = TARGET_IS_SOURCE ? own.normal : n;
+                real3 receiver_normal = TARGET_IS_SOURCE ? n : own.normal;
                 real r2 = max(dot(d, d), R2_MIN);
                 real from = dot(d, source_normal);
                 real to = max(-dot(d, receiver_normal), 0.0);
                 real range = half_range * characteristic_area;
-                real share = near ? far_weight(r2, range) : real(1.0);
+                real blend = near ? far_weight(r2, range) : real(1.0);
                 bool front = from > 0.0;
                 real side = front ? real(fronts) : -real(backs);
-                // w = share · side from · to · kernel.
+                // w = blend · side from · to · kernel.
                 real wide = r2 + area * INV_PI;
                 real kernel = area / (r2 * wide);
-                for (uint once = side * from * to * share * area > 0.0 ? 1 : 0; once > 0; once--) {
-                    real weight = share * side * from * to * kernel;
+                for (uint once = side * from * to * blend * area > 0.0 ? 1 : 0; once > 0; once--) {
+                    real weight = blend * side * from * to * kernel;
                     real r = sqrt(r2);
                     real3 direction = d / r;
-                    uint other_first = (other - partner_page) * BINS;
+                    uint partner_first = (partner - partner_page) * BINS;
                     Exchanged e = exchanged(
-                        source_normal, OWNS_SOURCE ? own_first : other_first, OWNS_SOURCE ? own_light : l, front,
-                        receiver_normal, OWNS_SOURCE ? other_first : own_first, OWNS_SOURCE ? l : own_light,
+                        source_normal, TARGET_IS_SOURCE ? own_first : partner_first, TARGET_IS_SOURCE ? own_light : l, front,
+                        receiver_normal, TARGET_IS_SOURCE ? partner_first : own_first, TARGET_IS_SOURCE ? l : own_light,
                         direction, 1.0, 1.0
                     );
                     real value = dot(e.diffuse + e.binned, e.adjoint);
                     real2 slopes = near ? far_weight_slopes(r2, range) : real2(0.0);
                     real plain = value * side * from * to * kernel;
-                    real by_from = value * share * side * to * kernel;
-                    real by_to = value * share * side * from * kernel;
-                    real by_r2 = slopes.x * plain - share * plain * (1.0 / r2 + 1.0 / wide);
+                    real by_from = value * blend * side * to * kernel;
+                    real by_to = value * blend * side * from * kernel;
+                    real by_r2 = slopes.x * plain - blend * plain * (1.0 / r2 + 1.0 / wide);
                     real3 by_d = by_from * source_normal - by_to * receiver_normal + 2.0 * by_r2 * d
                         + through_normalization(weight * e.by_direction, direction, r);
-                    by_centre += OWNS_SOURCE ? -by_d : by_d;
-                    by_normal += OWNS_SOURCE ? by_from * d + weight * e.by_source_normal
+                    by_centre += TARGET_IS_SOURCE ? -by_d : by_d;
+                    by_normal += TARGET_IS_SOURCE ? by_from * d + weight * e.by_source_normal
                                              : -by_to * d + weight * e.by_receiver_normal;
-                    by_area += OWNS_SOURCE ? share * value * side * from * to / (wide * wide) : real(0.0);
+                    by_area += TARGET_IS_SOURCE ? blend * value * side * from * to / (wide * wide) : real(0.0);
                     by_characteristic_area += slopes.y * plain * half_range;
                 }
             }

@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 // U^T from triangles without bins to diffuse fronts, point to point:
 //     μ_i += a_i Σ_j max(cos_i, 0) max(cos_j, 0) g_ij λ_j,   g = 1 / (r² + a_i/π).
-// The twin of transport_irradiance.comp with sources for targets. Twin: src/reference/adjoint.rs.
+// transport_irradiance.comp with sources as targets. Twin: src/reference/adjoint.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -54,8 +54,8 @@ void main() {
                     real3 d = x - centre[k];
                     real r2 = max(dot(d, d), R2_MIN);
                     real cosines = max(dot(d, normal[k]), 0.0) * max(-dot(d, n), 0.0);
-                    real share = near ? far_weight(r2, half_range * (e + characteristic_area[k])) : real(1.0);
-                    sum[k] += l * (share * cosines / (r2 * (r2 + area[k] * INV_PI)));
+                    real blend = near ? far_weight(r2, half_range * (e + characteristic_area[k])) : real(1.0);
+                    sum[k] += l * (blend * cosines / (r2 * (r2 + area[k] * INV_PI)));
                 }
             }
         }

@@ -15,7 +15,7 @@ use std::f64::consts::PI;
 use std::fmt;
 use std::ops::{ControlFlow, Range};
 
-/// Why the engine could not do what it was asked.
+/// Why an operation of the engine failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EngineError {
@@ -25,29 +25,28 @@ pub enum EngineError {
     /// There is no plan for the scene.
     #[error(transparent)]
     Plan(#[from] PlanError),
-    /// A solver found no answer, or was stopped.
-    /// [`SolveError::NoConvergence`] holds the solution that was reached, and with it memory of the device; that of
-    /// [`Engine::backward`] has none.
+    /// A solve failed or was stopped. [`SolveError::NoConvergence`] holds the last iterate, and device memory with
+    /// it, except from [`Engine::backward`].
     #[error(transparent)]
     Solve(#[from] SolveError<TransportError, Option<Box<Solution>>>),
     /// A pass outside of a solve failed, or was stopped.
     #[error(transparent)]
     Transport(#[from] TransportError),
-    /// What was allocated is not what was planned.
+    /// The engine allocated a different size than the plan counts.
     #[error(
         "the plan counts {planned} bytes of \"{label}\" and the engine allocated {allocated}: a defect of antirad"
     )]
     Miscounted {
-        /// Of the buffers.
+        /// Label of the buffers.
         label: String,
         /// Bytes that the plan counts.
         planned: u64,
-        /// Bytes that this engine has taken.
+        /// Bytes that this engine allocated.
         allocated: u64,
     },
-    /// Derivatives that the plan did not foresee.
+    /// Derivatives that were not planned.
     #[error(
-        "gradients{}{} were not planned: name them in PlanOptions::gradients before the plan is made",
+        "gradients{}{} were not planned: request them in PlanOptions::gradients and plan again",
         if kinds.is_empty() { "" } else { " of " },
         kinds.join(", ")
     )]
@@ -56,13 +55,15 @@ pub enum EngineError {
         kinds: Vec<&'static str>,
     },
     /// A cotangent does not fit the scene.
-    #[error("the cotangent of {what} has {given} entries, the scene {triangles} triangles")]
+    #[error(
+        "the cotangent of {what} has {given} entries, but the scene has {triangles} triangles: give one each"
+    )]
     CotangentLength {
-        /// Of which result.
+        /// The result that the cotangent belongs to.
         what: &'static str,
-        /// How many entries there are.
+        /// Number of entries given.
         given: usize,
-        /// How many there should be.
+        /// Number of entries required.
         triangles: usize,
     },
     /// A cotangent is infinite or not a number.
@@ -70,74 +71,72 @@ pub enum EngineError {
         "the cotangent of {what} is not finite at triangle {triangle}: look for a division by zero in the loss"
     )]
     CotangentNotFinite {
-        /// Of which result.
+        /// The result that the cotangent belongs to.
         what: &'static str,
-        /// Index in the scene.
+        /// Index of the triangle in the scene.
         triangle: usize,
     },
     #[error(
-        "triangle {triangle} {why}, which the plan left out: make the engine again with Engine::rebuilt, or plan a scene \
+        "triangle {triangle} {why}, which was not planned: call Engine::rebuilt, or plan a scene \
          that has it"
     )]
-    /// New materials need what was not planned.
+    /// New materials need features that were not planned.
     BeyondPlan {
-        /// Index in the scene.
+        /// Index of the triangle in the scene.
         triangle: usize,
-        /// What is new about the triangle.
+        /// What the triangle has that the plan lacks.
         why: &'static str,
     },
     /// Scene and plan have different numbers of triangles.
-    #[error("the plan is for {planned} triangles and the scene has {given}")]
+    #[error("the plan is for {planned} triangles and the scene has {given}: plan this scene")]
     OtherScene {
         /// Triangles of the plan.
         planned: usize,
         /// Triangles of the scene.
         given: usize,
     },
-    /// A plan of other geometry.
+    /// The geometry is not that of the plan.
     #[error(
-        "triangle {triangle} is not where the plan has it: plan this scene, or make the engine again with \
+        "triangle {triangle} has another position in the plan: plan this scene, or call \
          Engine::rebuilt"
     )]
     OtherGeometry {
-        /// The first of them, in the scene.
+        /// Index of the first such triangle in the scene.
         triangle: usize,
     },
     /// The scene cannot be solved.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// A solution of another engine, or of before [`Engine::rebuilt`].
+    /// The solution belongs to another engine, or to this one before [`Engine::rebuilt`].
     #[error(
-        "the solution was found by another engine, and its values stand in that one's order: ask the engine that found \
-         it, or solve here, perhaps from there (Engine::solve_from)"
+        "the solution belongs to another engine, which orders its values differently: use that engine, or solve here, \
+         for instance starting from it (Engine::solve_from)"
     )]
     OtherEngine,
-    /// A solution of before [`Engine::set_materials`].
+    /// The solution is older than the last [`Engine::set_materials`].
     #[error(
-        "materials have changed since the solution was found: solve again, perhaps from there (Engine::solve_from)"
+        "the materials have changed since this solution: solve again, for instance starting from it (Engine::solve_from)"
     )]
     OutdatedSolution,
-    /// Not a tolerance.
-    #[error(
-        "a tolerance of {tolerance} stops no solver where it should: choose one above 0 and below 1, such as 1e-4"
-    )]
+    /// The tolerance is not between 0 and 1.
+    #[error("the tolerance is {tolerance}; it must be above 0 and below 1, such as 1e-4")]
     Tolerance {
-        /// What was asked.
+        /// The tolerance given.
         tolerance: f64,
     },
-    /// No pass is allowed.
+    /// `max_passes` is 0.
     #[error("no passes are allowed: max_passes must be 1 or more")]
     NoPasses,
-    /// A camera that is nowhere.
+    /// A camera's position is infinite or not a number.
     #[error("the camera's position is {position}; it must be finite")]
     CameraPosition {
-        /// Metres.
+        /// The position, metres.
         position: DVec3,
     },
 }
 
-/// The unit in which the device counts light: the power of two below the brightest emission. Light is linear, so that this
-/// changes no digit, and numbers of f32 and their squares stay far from their bounds, however bright the lamps are.
+/// The unit of light on the device: the power of two at or below the brightest emission. Transport is linear, so this
+/// changes no digit, and it keeps f32 values and their squares in range however bright the lamps are.
 fn light_unit(scene: &Scene) -> f64 {
     let emissions = (0..scene.triangles.len()).flat_map(|i| scene.material(i).emission);
     power_of_two(emissions.fold(0.0, |most, value| most.max(value.abs())))
@@ -154,7 +153,7 @@ pub(crate) fn power_of_two(value: f64) -> f64 {
 pub struct SolveParams {
     /// Relative residual ‖U (E + (K - J) H) - H‖ / ‖H‖ of irradiance, area-weighted.
     pub tolerance: f64,
-    /// Passes at most; beyond that the solve fails.
+    /// Largest number of passes; a solve that needs more fails.
     pub max_passes: u32,
 }
 
@@ -171,7 +170,7 @@ impl SolveParams {
 }
 
 impl Default for SolveParams {
-    /// Those of the default accuracy.
+    /// Those of the default settings.
     fn default() -> Self {
         Self::from(&SolveSettings::default())
     }
@@ -183,28 +182,28 @@ impl From<&SolveSettings> for SolveParams {
     }
 }
 
-/// Where the light goes. RGB, W.
+/// Energy balance, RGB, W.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Energy {
-    /// By all fronts.
+    /// Emitted by all fronts.
     pub emitted: [f64; 3],
-    /// By all fronts: what arrives and is not reflected.
+    /// Incident on fronts and not reflected.
     pub absorbed: [f64; 3],
-    /// Emitted and not absorbed by fronts: what leaves an open scene or falls on black backs, and the error of the
-    /// discretisation.
+    /// Emitted and not absorbed by fronts: light that leaves an open scene or falls on black backs, and the
+    /// discretisation error.
     pub escaped: [f64; 3],
 }
 
-/// Irradiance below zero: the discretised antiradiance may take away a little more than there is.
+/// Negative irradiance: discretised antiradiance may subtract slightly more light than there is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Negative {
-    /// Triangles with some negative channel.
+    /// Number of triangles with a negative channel.
     pub triangles: usize,
     /// The lowest irradiance, W/m²; 0 if none is negative.
     pub minimum: f64,
 }
 
-/// Which value of a state stands where: states of the same arrangement can be added.
+/// Memory layout of a state: states of the same arrangement can be added.
 #[derive(Clone, Debug, PartialEq)]
 struct Arrangement {
     bins: (BinLayout, Weights),
@@ -230,23 +229,23 @@ impl Arrangement {
     }
 }
 
-/// A solved scene. Holds memory of the device until it is dropped. It belongs to the engine that found it, and to the
-/// materials which that one had.
+/// A solved scene. Holds device memory until it is dropped. It is valid for the engine that computed it, until that
+/// engine takes other materials.
 pub struct Solution {
-    /// Per triangle of the scene, RGB, W/m²; zero for triangles without area.
+    /// Irradiance per triangle of the scene, RGB, W/m²; zero for triangles without area.
     pub irradiance: Vec<[f64; 3]>,
     /// Emitted and reflected power per area, per triangle of the scene, RGB, W/m².
     pub radiosity: Vec<[f64; 3]>,
     /// How the solve went.
     pub info: SolveInfo,
-    /// Where the light goes.
+    /// Energy balance.
     pub energy: Energy,
-    /// Irradiance below zero.
+    /// Negative irradiance.
     pub negative: Negative,
     pub(crate) state: State,
     arrangement: Arrangement,
     revision: Revision,
-    /// Of light in the state.
+    /// Unit of light in the state, W/m².
     unit: f64,
 }
 
@@ -257,12 +256,12 @@ impl fmt::Debug for Solution {
 }
 
 impl EngineError {
-    /// Whether the solver ran and found no answer: what is asked has none, and all else works.
+    /// Whether the solver ran but found no solution; the engine remains usable.
     pub fn is_without_answer(&self) -> bool {
         matches!(self, Self::Solve(error) if error.is_without_answer())
     }
 
-    /// The solution that a solve without convergence had reached: its last residual says how far off it is.
+    /// The last iterate of a solve that did not converge, as accurate as its last residual.
     pub fn into_best(self) -> Result<Box<Solution>, Self> {
         match self {
             Self::Solve(SolveError::NoConvergence { best: Some(best), .. }) => Ok(best),
@@ -270,7 +269,7 @@ impl EngineError {
         }
     }
 
-    /// The same without that solution, and so without memory of the device.
+    /// The same error without that iterate, and so without device memory.
     pub fn without_best(mut self) -> Self {
         if let Self::Solve(SolveError::NoConvergence { best, .. }) = &mut self {
             *best = None;
@@ -278,7 +277,7 @@ impl EngineError {
         self
     }
 
-    /// Whether a progress callback or watcher stopped the work: no failure, and nothing to report.
+    /// Whether a callback stopped the work, which is no failure.
     pub fn is_interruption(&self) -> bool {
         matches!(
             self,
@@ -292,11 +291,11 @@ impl EngineError {
 pub struct Engine {
     device: Device,
     pub(crate) operators: Operators,
-    /// Where the plan wants gradients.
+    /// `None` unless gradients are planned.
     pub(crate) adjoint: Option<AdjointKernels>,
     /// Per triangle of the scene.
     pub(crate) materials: Vec<Material>,
-    /// What 1 stands for in states and in what leaves: W/m², W/(m² sr).
+    /// Unit of incident and outgoing light on the device: W/m², W/(m² sr).
     pub(crate) unit: f64,
     pub(crate) triangles: Vec<[u32; 3]>,
     /// Number of vertices of the scene.
@@ -305,7 +304,7 @@ pub struct Engine {
 }
 
 impl PlanOptions {
-    /// What a device allows, less what is in use there: other engines, solutions that are held, pictures.
+    /// The limits of a device, less the memory in use by other engines, held solutions and pictures.
     pub fn of(device: &Device) -> Self {
         let (info, memory) = (device.info(), device.memory());
         Self {
@@ -319,11 +318,11 @@ impl PlanOptions {
 }
 
 impl Engine {
-    /// Allocates all memory the plan names, byte for byte, and compiles the kernels.
+    /// Allocates exactly the memory that the plan counts, and compiles the kernels.
     pub fn new(device: &Device, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
         scene.validate()?;
         check_planned(&plan, scene)?;
-        // Counted apart from what else there is on the device, other engines of other threads among it.
+        // Counted apart from everything else on the device, such as engines of other threads.
         let own = device.scope(plan.staging);
         let unit = light_unit(scene);
         let buffers = SceneBuffers::in_units(&own, scene, &plan, unit)?;
@@ -353,8 +352,9 @@ impl Engine {
         })
     }
 
-    /// Takes the materials of `scene`, whose geometry must be that of the plan. Lobes and colours that the plan left out are
-    /// refused. Solutions from before are out of date: [`Engine::solve_from`] alone takes them, as a start.
+    /// Replaces the materials by those of `scene`, whose geometry must be that of the plan. Lobes and colours that
+    /// were not planned are an error. Earlier solutions become outdated; only [`Engine::solve_from`] accepts them, as
+    /// a start.
     pub fn set_materials(&mut self, scene: &Scene) -> Result<(), EngineError> {
         scene.validate()?;
         self.replace_materials(scene)
@@ -372,7 +372,7 @@ impl Engine {
         if let Some(triangle) = other {
             return Err(EngineError::OtherGeometry { triangle });
         }
-        // First: a transfer that fails may have gone half way.
+        // First, since a failed transfer may be partial.
         self.revision = self.revision.next();
         self.unit = light_unit(scene);
         self.operators.set_materials(scene, self.unit)?;
@@ -380,8 +380,8 @@ impl Engine {
         Ok(())
     }
 
-    /// The engine for a changed scene: planned anew with the same limits and accuracy. The memory of this one is given back
-    /// first, but for what solutions hold; compiled kernels stay with the device.
+    /// An engine for a changed scene, planned anew with the same options and settings. Frees the memory of this one
+    /// first, except for held solutions; compiled kernels stay with the device.
     pub fn rebuilt(self, scene: &Scene) -> Result<Self, EngineError> {
         let Self { device, operators, adjoint, .. } = self;
         let (options, settings) = (operators.plan().options, operators.plan().settings);
@@ -389,12 +389,12 @@ impl Engine {
         Self::new(&device, scene, Plan::new(scene, &options, &settings)?)
     }
 
-    /// The device it works on.
+    /// The device that it runs on.
     pub fn device(&self) -> &Device {
         &self.device
     }
 
-    /// What it was planned to do.
+    /// The plan that it executes.
     pub fn plan(&self) -> &Plan {
         self.operators.plan()
     }
@@ -413,9 +413,9 @@ impl Engine {
         self.solve_from(None, params, progress)
     }
 
-    /// The same, beginning at the solution of a scene that is much like this one (a few parameters have changed, a vertex
-    /// has moved), which takes fewer passes. From darkness if the plan of that scene puts triangles in another order. The
-    /// start may be of any engine on the same device, with any materials.
+    /// Solves starting from the solution of a similar scene (a few parameters have changed, a vertex has moved),
+    /// which takes fewer passes. Starts from zero if the plan of that scene orders triangles differently. The start
+    /// may come from any engine on the same device, with any materials.
     pub fn solve_from(
         &mut self,
         start: Option<&Solution>,
@@ -452,7 +452,7 @@ impl Engine {
         }
     }
 
-    /// A state, put into the order of the scene and accounted for.
+    /// Converts a state to a solution in scene order, with its energy balance.
     fn solution(&mut self, state: State, info: SolveInfo) -> Result<Solution, EngineError> {
         let irradiance = self.scaled(self.unit, &self.operators.irradiance(&state)?);
         let radiosity = self.radiosity(&state, &irradiance)?;
@@ -466,7 +466,7 @@ impl Engine {
         Ok(Solution { irradiance, radiosity, info, energy, negative, state, arrangement, revision, unit })
     }
 
-    /// That a solution is of this engine as it is now.
+    /// Checks that a solution belongs to this engine and its current materials.
     pub(crate) fn check_own(&self, solution: &Solution) -> Result<(), EngineError> {
         match solution.revision.difference(self.revision) {
             None => Ok(()),
@@ -475,8 +475,8 @@ impl Engine {
         }
     }
 
-    /// Radiance that each triangle of the scene sends to a point (metres), RGB, W/(m² sr): what the operator S reads.
-    /// Zero for triangles whose back it sees.
+    /// Outgoing radiance of each triangle of the scene towards a point (metres), RGB, W/(m² sr): the operator S. Zero
+    /// for triangles that face away from the point.
     pub fn face_colours(
         &mut self,
         solution: &Solution,
@@ -488,13 +488,13 @@ impl Engine {
         Ok(self.scaled(self.unit, &colours))
     }
 
-    /// Who looks on within a pass: called after every dispatch with the pairs done and those of the whole pass. May
-    /// stop the solve, which then ends with [`TransportError::Interrupted`].
+    /// Sets a callback within passes. It is called after every submission with the number of pairs done and that of
+    /// the whole pass, and may stop the solve, which then ends with [`TransportError::Interrupted`].
     pub fn set_pass_callback(&mut self, callback: Option<PassCallback>) {
         self.operators.set_pass_callback(callback);
     }
 
-    /// The same, times a number.
+    /// Values per slot in scene order, multiplied by a factor.
     pub(crate) fn scaled(&self, by: f64, slots: &[[f64; 4]]) -> Vec<[f64; 3]> {
         self.to_scene_order(slots).into_iter().map(|rgb| rgb.map(|value| by * value)).collect()
     }
@@ -554,7 +554,7 @@ impl Engine {
     }
 }
 
-/// That a scene, checked, is one that the plan can stand for: the same triangles, and no lobes and colours beyond it.
+/// Checks that a valid scene fits the plan: the same triangles, and no lobes or colours that were not planned.
 fn check_planned(plan: &Plan, scene: &Scene) -> Result<(), EngineError> {
     let (planned, given) = (plan.facets.len(), scene.triangles.len());
     if planned != given {

@@ -5,7 +5,7 @@ use crate::plan::{GradientRequest, Plan, PlanOptions};
 use crate::scene::{Scene, SolveSettings};
 use crate::{Engine, EngineError};
 
-/// Builds an [`Engine`]. By default it may use all that the device has, with the settings of the scene.
+/// Builds an [`Engine`], by default with the whole memory budget of the device and the settings of the scene.
 #[derive(Clone, Debug)]
 pub struct EngineBuilder<'a> {
     device: &'a Device,
@@ -27,26 +27,26 @@ impl Engine {
     /// # }
     /// ```
     ///
-    /// [`Plan::new`] and [`Engine::new`] are the long way, for who wants to see the plan first.
+    /// To inspect the plan first, use [`Plan::new`] and [`Engine::new`].
     pub fn builder<'a>(device: &'a Device, scene: &'a Scene) -> EngineBuilder<'a> {
         EngineBuilder { device, scene, options: PlanOptions::of(device), settings: scene.settings }
     }
 }
 
 impl EngineBuilder<'_> {
-    /// Options other than those of the device ([`PlanOptions::of`]).
+    /// Sets the options; by default those of the device ([`PlanOptions::of`]).
     #[must_use]
     pub fn options(self, options: PlanOptions) -> Self {
         Self { options, ..self }
     }
 
-    /// Settings other than those of the scene.
+    /// Sets the settings; by default those of the scene.
     #[must_use]
     pub fn settings(self, settings: SolveSettings) -> Self {
         Self { settings, ..self }
     }
 
-    /// Derivatives that will be asked for.
+    /// Sets the kinds of derivatives to plan for; by default none.
     #[must_use]
     pub fn gradients(self, request: GradientRequest) -> Self {
         Self { options: self.options.gradients(request), ..self }

@@ -11,8 +11,8 @@ use glam::DVec3;
 use std::f64::consts::PI;
 use std::ops::ControlFlow;
 
-/// The derivatives of a loss with respect to what a solve gives: how much it grows per unit of each value. RGB, per
-/// triangle of the scene. A loss may use several of them.
+/// Derivatives of a loss with respect to the results of a solve: RGB, per triangle of the scene. A loss may depend on
+/// several of them; `None` stands for zeros.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct Cotangent {
@@ -30,7 +30,7 @@ setters!(Cotangent {
     colours: Vec<(DVec3, Vec<DVec3>)>,
 });
 
-/// The derivatives of a loss with respect to what a scene is made of; only those that were wanted.
+/// Derivatives of a loss with respect to the parameters of a scene; `None` for those not requested.
 #[derive(Clone, Debug)]
 pub struct Gradients {
     /// With respect to L_e, RGB, per triangle. Triangles without area have zero everywhere.
@@ -39,9 +39,9 @@ pub struct Gradients {
     pub diffuse: Option<Vec<f64>>,
     /// With respect to the albedo ρ, RGB, per triangle.
     pub albedo: Option<Vec<DVec3>>,
-    /// With respect to the specular constant σ, RGB, per triangle; zero where the plan gave no lobe.
+    /// With respect to the specular constant σ, RGB, per triangle; zero where no lobe was planned.
     pub specular: Option<Vec<DVec3>>,
-    /// With respect to the power p, per triangle; zero where the plan gave no lobe.
+    /// With respect to the power p, per triangle; zero where no lobe was planned.
     pub power: Option<Vec<f64>>,
     /// With respect to the corners of each triangle, as if no two triangles shared a vertex, per metre.
     pub corners: Option<Vec<[DVec3; 3]>>,
@@ -78,12 +78,12 @@ impl Cotangent {
 }
 
 impl Engine {
-    /// The derivatives of a loss at a solution, exactly those of the discretised model. `params` are those of the adjoint
-    /// solve; its residual is relative to its 2-norm. The kinds wanted must be among those that the plan foresaw
+    /// Derivatives of a loss at a solution, exact for the discretised model. `params` control the adjoint solve,
+    /// whose residual is relative to the 2-norm of λ. The kinds requested must have been planned
     /// ([`crate::plan::PlanOptions::gradients`]).
     ///
-    /// With λ = λ₀ + (K - J)ᵀ μ, the cotangent of what arrives, and μ = μ₀ + Uᵀ λ, that of what leaves,
-    /// dL = ⟨μ, d(E + K H)⟩ + ⟨λ, dU C⟩ + ⟨colours, dS C⟩.
+    /// With the adjoint λ = λ₀ + (K - J)ᵀ μ of incident light and the cotangent μ = μ₀ + Uᵀ λ of outgoing light, dL =
+    /// ⟨μ, d(E + K H)⟩ + ⟨λ, dU C⟩ + ⟨colours, dS C⟩.
     pub fn backward(
         &mut self,
         solution: &Solution,
@@ -94,7 +94,7 @@ impl Engine {
         self.backward_with(solution, cotangent, request, params, &mut |_, _| ControlFlow::Continue(()))
     }
 
-    /// The same, calling `progress` with the number of passes and the relative residual after each pass.
+    /// As [`Engine::backward`]; calls `progress` with the number of passes and the relative residual after each pass.
     pub fn backward_with(
         &mut self,
         solution: &Solution,
@@ -106,7 +106,7 @@ impl Engine {
         self.check_own(solution)?;
         self.check(cotangent, request)?;
         params.check()?;
-        // The adjoint is linear: however steep the loss, the device works with numbers near 1.
+        // The adjoint is linear: scaling keeps the device's numbers near 1 however steep the loss is.
         let steepness = cotangent.steepness();
         let cotangent = &cotangent.divided(steepness);
         let (irradiance, radiance, specular) = self.own_cotangents(cotangent);
@@ -135,7 +135,7 @@ impl Engine {
         };
         let (importance, info) = match solved {
             Ok(solved) => solved,
-            // Half an adjoint gives no gradient worth having.
+            // An adjoint that has not converged gives no usable gradient.
             Err(error) => return Err(error.map_best(|_, _| Ok::<_, EngineError>(None))?.into()),
         };
         let outgoing = operator.outgoing_cotangent(&importance)?;
@@ -145,7 +145,7 @@ impl Engine {
             false => (Vec::new(), Vec::new()),
         };
 
-        // Of what is linear in the light of the state, too.
+        // Scale of what is also linear in the state's light.
         let of_light = steepness * self.unit;
         let per_metre = of_light * self.plan().placement.scale;
         let of_radiance: Vec<DVec3> =
@@ -204,7 +204,7 @@ impl Engine {
         })
     }
 
-    /// λ₀ and μ₀, views apart: with the radiosity B = π L + Σ_o c_o L(o).
+    /// λ₀ and μ₀ without the views; the radiosity is B = π L + Σ_o c_o L(o).
     #[expect(clippy::type_complexity, reason = "three arrays as the operators take them, used once")]
     fn own_cotangents(&self, cotangent: &Cotangent) -> (Vec<[f64; 4]>, Vec<[f64; 4]>, Vec<Option<Vec<f64>>>) {
         let plan = self.plan();
@@ -311,7 +311,7 @@ impl Gradients {
     }
 }
 
-/// Derivatives with respect to parameters that several triangles share; zero for kinds that were not wanted.
+/// Derivatives with respect to parameters that several triangles share; zero for kinds not requested.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MaterialGradients {
     /// With respect to L_e, RGB, per W/(m² sr).

@@ -4,7 +4,7 @@
 use crate::gpu::Shader;
 use crate::scene::Precision;
 
-/// A shader in both kinds of numbers.
+/// A shader compiled for f32 and for f64.
 #[derive(Debug)]
 pub struct RealShader {
     f32: Shader,
@@ -12,7 +12,7 @@ pub struct RealShader {
 }
 
 impl RealShader {
-    /// The one whose numbers are those of a precision.
+    /// The variant for a precision.
     pub fn of(&self, precision: Precision) -> &Shader {
         match precision {
             Precision::F32 | Precision::HalfBins => &self.f32,

@@ -1,4 +1,4 @@
-//! Which triangles need direction bins, and why: exact, for whatever the lights and materials are.
+//! Which triangles need direction bins and why; exact for any lights and materials.
 
 use super::facet::Facet;
 use super::hierarchy::{Hierarchy, Node, Sight};
@@ -22,7 +22,7 @@ impl Class {
     }
 }
 
-/// Heights above a plane below this share of the scene's diagonal are rounding, not geometry: the walls of a room,
+/// Heights above a plane below this fraction of the scene's diagonal are rounding, not geometry: the walls of a room,
 /// subdivided and rotated, must not count as being behind one another.
 const COPLANAR: f64 = 1e-6;
 
@@ -48,7 +48,7 @@ pub fn coplanar_tolerance(facets: &[Facet]) -> f64 {
     COPLANAR * (bounds.max - bounds.min).length()
 }
 
-/// True where light that leaves the front or back of `source` as `side` (1 or -1) can reach the front of `receiver`.
+/// Whether light from the front (`side` = 1) or back (-1) of `source` can reach the front of `receiver`.
 pub fn reaches(source: &Facet, receiver: &Facet, side: f64, tolerance: f64) -> bool {
     let beyond = |plane: &Facet, corner: glam::DVec3| (corner - plane.centroid).dot(plane.normal);
     receiver.corners.iter().any(|&c| side * beyond(source, c) > tolerance)

@@ -1,16 +1,16 @@
-//! The gradient with respect to what the operators read of a triangle, and from there to its corners.
+//! Gradients with respect to the quantities that the operators read of a triangle, and from these to its corners.
 
 use super::facet::Facet;
 use glam::DVec3;
 use std::ops::AddAssign;
 
-/// Derivative of a number with respect to a [`Facet`], each entry with the others held fixed. The centroid is the mean of
-/// the corners: its gradient stands there, a third in each.
+/// Derivative of a scalar with respect to a [`Facet`], each field with the others held fixed. The centroid is the
+/// mean of the corners: a third of its gradient is added to each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FacetGradient {
     /// Per metre.
     pub corners: [DVec3; 3],
-    /// With respect to the unit normal as three free numbers: the part along the normal means nothing.
+    /// With respect to the unit normal as three free numbers; the component along the normal is meaningless.
     pub normal: DVec3,
     /// Per square metre.
     pub area: f64,
@@ -26,8 +26,8 @@ impl FacetGradient {
         }
     }
 
-    /// The whole derivative with respect to the three corners, per metre: with n = c/|c|, a = |c|/2, c the cross product
-    /// of two edges, and s = Σl²/(4√3).
+    /// The total derivative with respect to the three corners, per metre: with n = c/|c|, a = |c|/2, c the cross
+    /// product of two edges, and s = Σl²/(4√3).
     pub fn to_corners(&self, facet: &Facet) -> [DVec3; 3] {
         let [a, b, c] = facet.corners;
         let mut corners = self.corners;
@@ -65,7 +65,7 @@ mod tests {
 
     /// Central differences at 1e-6: their own error is 1e-10.
     #[test]
-    fn corners_move_normal_area_and_extent() {
+    fn corners_move_normal_area_and_characteristic_area() {
         let corners = [DVec3::new(0.1, 0.2, -0.3), DVec3::new(1.0, 0.4, 0.1), DVec3::new(0.3, 1.2, 0.5)];
         let gradient = FacetGradient {
             corners: [DVec3::new(0.3, 0.1, 0.7), DVec3::new(-0.2, 0.5, 0.4), DVec3::new(0.9, -0.8, 0.1)],

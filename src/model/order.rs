@@ -1,10 +1,10 @@
-//! Order in space: neighbours of like orientation stand side by side, so that groups of them have small boxes and
-//! narrow normal cones.
+//! Spatial order: neighbours of similar orientation are adjacent, so that groups of them have small boxes and narrow
+//! normal cones.
 
 use super::facet::Facet;
 use glam::DVec3;
 
-/// Triangle index of the slots that only fill up a tile.
+/// Triangle index of the slots that pad a tile.
 pub const PADDING: u32 = u32::MAX;
 
 /// The box around the corners of some triangles.
@@ -15,7 +15,7 @@ pub struct BoundedRun {
 }
 
 impl BoundedRun {
-    /// The box around some facets (an empty range; empty boxes are inside out).
+    /// The box around some facets; around none, its minimum is +∞ and its maximum -∞.
     pub fn around<'a>(facets: impl Iterator<Item = &'a Facet>) -> Self {
         let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for corner in facets.flat_map(|f| f.corners) {

@@ -1,4 +1,4 @@
-//! Which derivatives are asked for: what is not is neither planned nor computed.
+//! Which derivatives are requested: others are neither planned nor computed.
 
 use crate::options::setters;
 
@@ -54,22 +54,22 @@ impl GradientRequest {
         camera: true,
     };
 
-    /// Whether anything is wanted at all.
+    /// Whether any kind is requested.
     pub fn any(self) -> bool {
         self != Self::NOTHING
     }
 
-    /// Those that need the geometry differentiated.
+    /// Whether a kind is requested that differentiates the geometry.
     pub fn geometry(self) -> bool {
         self.positions || self.camera
     }
 
-    /// Those of specular lobes.
+    /// Whether a kind of specular lobes is requested.
     pub fn lobes(self) -> bool {
         self.specular || self.power
     }
 
-    /// The names of those that are wanted here and not in `planned`.
+    /// The names of the kinds requested here but not in `planned`.
     pub fn beyond(self, planned: Self) -> Vec<&'static str> {
         let kinds = [
             ("emission", self.emission, planned.emission),

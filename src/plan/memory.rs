@@ -1,4 +1,4 @@
-//! Bytes, by label, before they are allocated. The engine asserts that it allocates these and no others.
+//! Memory by label, computed before allocation. The engine checks that it allocates exactly this.
 
 use super::{Group, PairLists, Plan, PlanError, Residency};
 use crate::model::Bins;
@@ -11,27 +11,27 @@ pub(super) const FACET: u64 = 8;
 const CORNERS: u64 = 12;
 const SURFACE: u64 = 12;
 pub(super) const RGB: u64 = 4;
-/// Bytes of a bin of glsl/half_bins.glsl.
+/// Bytes of a half bin (glsl/half_bins.glsl).
 pub(super) const HALF_BIN: u64 = 12;
-/// Of glsl/facet_gradient.glsl.
+/// Reals of a gradient (glsl/facet_gradient.glsl).
 const FACET_GRADIENT: u64 = 16;
-/// Lanes of the kernel that sums vectors up: enough for any device, few enough to be added up on the host.
+/// Lanes of the kernel that sums vectors: enough for any device, few enough for the host to add up.
 pub(crate) const PARTIAL_SUMS: u64 = 4096;
 
-/// Labels of bytes that are counted here and allocated elsewhere.
+/// Labels of memory that is counted here and allocated elsewhere.
 const STAGING: &str = "staging";
 const PICTURES: &str = "pictures";
 
 /// One kind of buffer.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct MemoryItem {
-    /// What the buffers are called in errors, reports and debuggers.
+    /// Label of the buffers in errors, reports and debuggers.
     pub label: String,
-    /// Of all buffers of this label together.
+    /// Bytes of all buffers of this label together.
     pub bytes: u64,
     /// Number of buffers.
     pub count: u32,
-    /// Of the largest of them.
+    /// Bytes of the largest of them.
     #[serde(skip)]
     largest: u64,
 }
@@ -39,7 +39,7 @@ pub struct MemoryItem {
 /// All device memory of an engine.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MemoryPlan {
-    /// One for each label.
+    /// One item per label.
     pub items: Vec<MemoryItem>,
 }
 
@@ -81,7 +81,7 @@ impl MemoryPlan {
         memory
     }
 
-    /// Vectors of the solver, or the windows on them, and what glossy triangles make of one.
+    /// Vectors of the solver, or the windows on them, and the specular radiance.
     fn add_states(&mut self, plan: &Plan) {
         match plan.residency {
             Residency::Device => {
@@ -107,8 +107,8 @@ impl MemoryPlan {
         }
     }
 
-    /// What [`crate::Engine::backward`] needs beyond a solve: the solution's own vector, the loss's cotangent, and what
-    /// gradients are summed up in.
+    /// What [`crate::Engine::backward`] needs beyond a solve: the solution's vector, the cotangents of the loss, and
+    /// the sums of gradients.
     fn add_gradients(&mut self, plan: &Plan, slots: u64) {
         let (request, real) = (plan.options.gradients, plan.settings.precision.bytes());
         let Some(PairLists { far, near }) = &plan.interactions.by_source else { return };
@@ -144,7 +144,7 @@ impl MemoryPlan {
         }
     }
 
-    /// Bytes of all of it.
+    /// Total bytes.
     pub fn total(&self) -> u64 {
         self.items.iter().map(|item| item.bytes).sum()
     }
@@ -154,7 +154,7 @@ impl MemoryPlan {
         self.items.iter().find(|item| item.label == label).map_or(0, |item| item.bytes)
     }
 
-    /// What the engine allocates itself.
+    /// The items that the engine allocates itself.
     pub fn own(&self) -> impl Iterator<Item = &MemoryItem> {
         self.items.iter().filter(|item| item.label != STAGING && item.label != PICTURES)
     }

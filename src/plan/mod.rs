@@ -1,5 +1,5 @@
-//! What is to be done, worked out before any device is touched: which triangles need what, in which order they stand,
-//! which tiles exchange light, how many bytes and pairs that takes. Pure host code.
+//! Planning, before any device is used: the class and order of triangles, the tiles that exchange light, and the
+//! memory and pairs that a solve takes. Pure host code.
 
 mod error;
 mod gradient_request;
@@ -24,30 +24,30 @@ use crate::options::setters;
 use crate::scene::{Precision, Scene, SolveSettings, SolverChoice};
 use glam::DVec3;
 
-/// Bytes of the facets of partners that a dispatch sees.
+/// Bytes of the facets of partners that a dispatch binds.
 pub(crate) const PARTNER_BYTES: u32 = 1 << 16;
 
-/// What a device offers, and choices that change the work but not the result.
+/// Limits of a device, and choices that change the work but not the result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct PlanOptions {
     /// Bytes that all buffers together may take.
     pub memory_budget: u64,
-    /// Largest buffer a kernel can see, bytes.
+    /// Largest buffer that a kernel can bind, bytes.
     pub max_buffer: u64,
-    /// Bytes of the buffers through which data comes and goes: the plan takes fewer where memory is short.
+    /// Bytes of staging buffers for transfers; the plan uses fewer where memory is short.
     pub staging: u64,
-    /// Bytes to leave to others under the same budget: pictures.
+    /// Bytes of the budget to reserve for pictures.
     pub pictures: u64,
     /// Triangles per tile: 32 or 64.
     pub tile: u32,
     /// Largest page of state, bytes; at most `max_buffer`.
     pub page: u64,
-    /// Leave out pairs of tiles that can't see each other.
+    /// Whether to omit pairs of tiles that cannot exchange light.
     pub cull: bool,
-    /// Which triangles hold light back.
+    /// Which triangles block light.
     pub occlusion: Occlusion,
-    /// Derivatives that will be asked for.
+    /// Kinds of derivatives to plan for.
     pub gradients: GradientRequest,
 }
 
@@ -63,20 +63,20 @@ setters!(PlanOptions {
     gradients: GradientRequest,
 });
 
-/// Which triangles hold light back.
+/// Which triangles block light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Occlusion {
-    /// Those that something behind them can tell.
+    /// Those behind which a triangle could receive the light that they block.
     #[default]
     Exact,
-    /// None: light goes through everything. Only of use to show what that does.
+    /// None: light passes through everything. Only useful to show the effect of occlusion.
     Nothing,
-    /// All, whether it matters or not: the same answer for the most work, to measure what that is.
+    /// All, whether it matters or not: the same result with the most work, to measure its cost.
     Everything,
 }
 
 impl PlanOptions {
-    /// With room for everything: for plans that are looked at and never run.
+    /// Without limits of memory: for plans that are inspected and never run.
     pub fn boundless(self) -> Self {
         Self { memory_budget: u64::MAX, max_buffer: u64::MAX, ..self }
     }
@@ -99,9 +99,9 @@ impl Default for PlanOptions {
     }
 }
 
-/// Where the engine's coordinates come from: x_engine = (x - centre) · scale, so that the scene lies within one unit of
-/// the origin and f32 is as good for a scene in millimetres far from the origin as for any other. Irradiance does not
-/// depend on the scale.
+/// The map to the engine's coordinates: x_engine = (x - centre) · scale, so that the scene lies within the unit ball
+/// and f32 is as accurate for a scene in millimetres far from the origin as for any other. Irradiance does not depend
+/// on the scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// Metres.
@@ -111,7 +111,7 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// The box around the vertices that triangles use, put around the origin.
+    /// Centres the box around the vertices in use at the origin.
     pub fn of(scene: &Scene) -> Self {
         let used = scene.triangles.iter().flat_map(|t| t.vertices).map(|v| scene.vertices[v as usize]);
         let (min, max) =
@@ -132,7 +132,7 @@ impl Placement {
     }
 }
 
-/// How much of the light that meets a surface goes on, roughly, of the brightest channel.
+/// Rough albedo of the scene, of the brightest channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Reflectance {
     /// Mean over area.
@@ -142,7 +142,7 @@ struct Reflectance {
 
 impl Reflectance {
     fn of(scene: &Scene) -> Self {
-        // Of a lobe about σ: its integral would take longer than the plan.
+        // That of a lobe is taken as σ: its integral would take longer than the plan.
         let albedo = |m: &crate::scene::Material| {
             let channels = m.diffuse_albedo().into_iter().zip(m.specular);
             channels.map(|(diffuse, sigma)| diffuse + sigma).fold(0.0, f64::max).min(0.99)
@@ -158,10 +158,10 @@ impl Reflectance {
     }
 }
 
-/// Which solver runs, with how much memory.
+/// The solver to run, and its length of basis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlannedSolver {
-    /// A bounce per pass.
+    /// Fixed-point iteration, one bounce per pass.
     FixedPoint,
     /// Restarted GMRES.
     Gmres {
@@ -171,7 +171,7 @@ pub enum PlannedSolver {
 }
 
 impl PlannedSolver {
-    /// Vectors of the state's size that it needs.
+    /// Number of states that it needs.
     pub fn vectors(self) -> u32 {
         match self {
             Self::FixedPoint => 2,
@@ -183,13 +183,14 @@ impl PlannedSolver {
 
 /// The longest Krylov basis worth its memory: rooms need 10 to 14 passes for 1e-4.
 const LONGEST_RESTART: u32 = 16;
-/// The shortest one that still beats the fixed point.
+/// The shortest one that is still faster than the fixed point.
 const SHORTEST_RESTART: u32 = 4;
 
-/// Triangles per tile that kernels are made for.
+/// Triangles per tile that kernels support.
 const TILES: [u32; 2] = [32, 64];
 
-/// The smallest relative residual that numbers of a precision can tell; packed ones, that solvers were seen to reach.
+/// The smallest relative residual that a precision resolves; for half bins, the smallest that solvers were seen to
+/// reach.
 fn least_tolerance(precision: Precision) -> f64 {
     match precision {
         Precision::F32 => 1e-7,
@@ -198,18 +199,18 @@ fn least_tolerance(precision: Precision) -> f64 {
     }
 }
 
-/// Everything the engine needs to know, decided.
+/// All decisions that the engine follows.
 #[derive(Clone, Debug)]
 pub struct Plan {
     pub(crate) options: PlanOptions,
     pub(crate) settings: SolveSettings,
     pub(crate) bins: Bins,
-    /// 3, or 1 where nothing in the scene has a colour.
+    /// 3, or 1 for a scene without colour.
     pub(crate) channels: u32,
-    /// In the engine's coordinates; index = triangle of the scene.
+    /// Triangles in the engine's coordinates; index = triangle of the scene.
     pub(crate) facets: Vec<Facet>,
     pub(crate) placement: Placement,
-    /// Index = triangle of the scene.
+    /// Classes; index = triangle of the scene.
     pub(crate) classes: Vec<Class>,
     pub(crate) layout: TileLayout,
     pub(crate) interactions: Interactions,
@@ -245,7 +246,7 @@ impl Plan {
             }
         }
         let bins = Bins::new(settings.bins, settings.weights);
-        // A loss may see colours in a grey scene.
+        // A loss may have colour in a scene without.
         let channels = if is_grey(scene) && !options.gradients.any() { 1 } else { 3 };
 
         let order = spatial_order(&facets);
@@ -282,8 +283,8 @@ impl Plan {
         Ok(plan)
     }
 
-    /// The longest basis that fits the budget, or the fixed point; if nothing does, states on the host, or an error that
-    /// says how many bytes would do.
+    /// Chooses the longest basis that fits the budget, or the fixed point; if neither fits, states on the host, or an
+    /// error with the number of bytes required.
     fn choose_solver(&mut self) -> Result<(), PlanError> {
         let wanted: Vec<PlannedSolver> = {
             let bases = |shortest: u32| {
@@ -309,11 +310,11 @@ impl Plan {
             }
         }
         if self.options.gradients.any() {
-            // The adjoint works on states of the device alone.
+            // The adjoint requires states on the device.
             return Err(PlanError::OverBudget { budget: self.options.memory_budget, needed: least });
         }
-        // Vectors of the host take no memory of the device: the solver can be the one that runs where memory is plenty,
-        // so that the answer does not depend on the budget.
+        // Vectors on the host take no device memory, so the solver is that of an unlimited budget, and the result
+        // does not depend on the budget.
         self.solver = wanted.first().copied().unwrap_or(PlannedSolver::FixedPoint);
         self.stream()
     }
@@ -323,46 +324,52 @@ impl Plan {
         &self.interactions
     }
 
-    /// What the plan was made for.
+    /// The options that the plan was made with.
     pub fn options(&self) -> &PlanOptions {
         &self.options
     }
 
+    /// The settings of the solve.
     pub fn settings(&self) -> &SolveSettings {
         &self.settings
     }
 
+    /// The direction bins of triangles that have some.
     pub fn bins(&self) -> &Bins {
         &self.bins
     }
 
-    /// 3, or 1 where nothing in the scene has a colour.
+    /// 3, or 1 for a scene without colour.
     pub fn channels(&self) -> u32 {
         self.channels
     }
 
-    /// In the engine's coordinates; index = triangle of the scene.
+    /// Triangles in the engine's coordinates; index = triangle of the scene.
     pub fn facets(&self) -> &[Facet] {
         &self.facets
     }
 
+    /// The map from metres to the engine's coordinates.
     pub fn placement(&self) -> Placement {
         self.placement
     }
 
-    /// Index = triangle of the scene.
+    /// Classes; index = triangle of the scene.
     pub fn classes(&self) -> &[Class] {
         &self.classes
     }
 
+    /// The order of the triangles, their tiles and groups.
     pub fn layout(&self) -> &TileLayout {
         &self.layout
     }
 
+    /// The solver chosen for the budget.
     pub fn solver(&self) -> PlannedSolver {
         self.solver
     }
 
+    /// Where the states live.
     pub fn residency(&self) -> Residency {
         self.residency
     }
@@ -372,7 +379,7 @@ impl Plan {
         self.staging
     }
 
-    /// The first triangle of the scene that is not where the plan has it.
+    /// The first triangle of the scene whose position differs from the plan's.
     pub(crate) fn moved_triangle(&self, scene: &Scene) -> Option<usize> {
         let moved =
             |(i, facet): (usize, &Facet)| scene.corners(i).map(|c| self.placement.apply(c)) != facet.corners;
@@ -384,8 +391,8 @@ impl Plan {
         &self.memory
     }
 
-    /// Vectors of the state's size: those of the solver, and where gradients are wanted the solution, which is there
-    /// while the solver runs on the adjoint.
+    /// Number of states: those of the solver and, if gradients are planned, the solution, which is held during the
+    /// adjoint solve.
     pub fn vectors(&self) -> u32 {
         self.solver.vectors() + u32::from(self.options.gradients.any())
     }
@@ -400,13 +407,13 @@ impl Plan {
         memory::bin_bytes(&self.bins, self.channels, self.settings.precision)
     }
 
-    /// Whether sources are read packed. Without colour one read fetches a bin as it is.
+    /// Whether sources are read as half bins. Not without colour, where one read fetches a whole bin.
     pub fn half_bins(&self) -> bool {
         let any_bins = self.layout.groups.iter().any(|group| group.class.has_bins());
         self.settings.precision == Precision::HalfBins && self.channels == 3 && any_bins
     }
 
-    /// Bytes of packed bins of the sources of one dispatch.
+    /// Bytes of the half bins of the sources of one dispatch.
     pub(crate) fn half_bin_bytes(&self) -> u64 {
         u64::from(self.partner_tiles()).min(self.tiles_with_bins().len() as u64)
             * u64::from(self.layout.tile)
@@ -424,17 +431,17 @@ impl Plan {
         u64::from(self.layout.slots()) * self.rgb_bytes()
     }
 
-    /// Bytes of what kernels read of each triangle.
+    /// Bytes of a `Facet` of glsl/geometry.glsl.
     pub(crate) fn facet_bytes(&self) -> u64 {
         memory::FACET * self.settings.precision.bytes()
     }
 
-    /// Slots of partners that a dispatch sees (glsl/partners.glsl): buffers that are bound so go on for as many more behind the
-    /// last one. After a dispatch sums go to memory: the number is always the same, so that sums don't depend on how the
-    /// work is cut.
+    /// Slots of partners that a dispatch binds (glsl/partners.glsl); buffers bound in this way extend as many slots
+    /// past the last. Sums go to memory after each dispatch, so the number is constant to keep them independent of
+    /// how the work is divided.
     ///
-    /// Few enough for lavapipe, which leaves every loop of an invocation after 65535 iterations of all its loops together,
-    /// without a word: 64 partners take at most 1 + 8 + 64 · 20 of them, even if its compiler unrolls nothing.
+    /// Few enough for lavapipe, which silently leaves every loop of an invocation after 65535 iterations of all its
+    /// loops together: 64 partners take at most 1 + 8 + 64 · 20 of them, even without unrolling.
     pub(crate) fn partner_slots(&self) -> u32 {
         PARTNER_BYTES / self.facet_bytes() as u32
     }
@@ -449,12 +456,12 @@ impl Plan {
         memory::RGB * self.settings.precision.bytes()
     }
 
-    /// The groups of glossy triangles, with their numbers.
+    /// The groups of glossy triangles, with their indices.
     pub(crate) fn glossy_groups(&self) -> impl Iterator<Item = (usize, &Group)> {
         self.layout.groups.iter().enumerate().filter(|(_, group)| group.class.glossy)
     }
 
-    /// Triangles that take part.
+    /// Number of triangles with an area.
     pub fn triangles(&self) -> usize {
         self.layout.order.iter().filter(|&&i| i != PADDING).count()
     }

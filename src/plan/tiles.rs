@@ -3,12 +3,12 @@
 use crate::model::{Class, PADDING};
 use std::ops::Range;
 
-/// A run of tiles of one class. Where states live on the device, the bins of its triangles stand in one page of each.
+/// A run of tiles of one class. Where states live on the device, each holds the bins of the group in one page.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Group {
-    /// What all triangles of it need.
+    /// The class of its triangles.
     pub class: Class,
-    /// Numbers of its tiles.
+    /// Indices of its tiles.
     pub tiles: Range<u32>,
 }
 
@@ -21,7 +21,7 @@ impl Group {
     }
 }
 
-/// The order in which the engine holds the triangles.
+/// The order of triangles in the engine.
 #[derive(Clone, Debug)]
 pub struct TileLayout {
     /// Triangles per tile.
@@ -33,10 +33,10 @@ pub struct TileLayout {
 }
 
 impl TileLayout {
-    /// Sorts triangles by class, keeping `order` within each, and fills up the last tile of each class.
+    /// Sorts triangles by class, keeping `order` within each, and pads the last tile of each class.
     pub fn new(order: &[u32], classes: &[Class], tile: u32, page_tiles: u32) -> Self {
         let mut present: Vec<Class> = order.iter().map(|&i| classes[i as usize]).collect();
-        // Those without bins come first.
+        // Classes without bins come first.
         present.sort_unstable();
         present.dedup();
         let mut layout = Self { tile, order: Vec::new(), groups: Vec::new() };
@@ -50,7 +50,7 @@ impl TileLayout {
         layout
     }
 
-    /// Cuts the groups whose triangles have bins anew: at every `page_tiles`th tile from the first one with bins on.
+    /// Splits the groups with bins anew, at every `page_tiles`th tile from the first one with bins on.
     pub fn cut(&mut self, page_tiles: u32) {
         let mut whole: Vec<Group> = Vec::new();
         for group in self.groups.drain(..) {
@@ -82,7 +82,7 @@ impl TileLayout {
         self.slots() / self.tile
     }
 
-    /// The slots of some tiles.
+    /// The slots of a range of tiles.
     pub fn slots_of(&self, tiles: &Range<u32>) -> Range<u32> {
         tiles.start * self.tile..tiles.end * self.tile
     }

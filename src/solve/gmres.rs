@@ -5,12 +5,12 @@ use super::{ConvergenceMonitor, Failed, LightOperator, Next, STAGNATION, SolvePr
 use nalgebra::{DMatrix, DVector, Schur};
 use std::ops::AddAssign;
 
-/// When GMRES stops, and how much it remembers.
+/// Stopping criteria and restart length of GMRES.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GmresParams {
     /// Relative residual at which to stop.
     pub tolerance: f64,
-    /// Passes at most; beyond that the solve fails.
+    /// Largest number of passes; a solve that needs more fails.
     pub max_passes: u32,
     /// Vectors of the Krylov basis kept before a restart, at least 1.
     pub restart: u32,
@@ -21,8 +21,8 @@ pub fn gmres_scratch(restart: u32) -> u32 {
     restart + 2
 }
 
-/// Solves to a relative residual ‖U (E + (K - J) H) - H‖ / ‖H‖ in the operator's magnitude. The basis tells when it is
-/// reached, and one more pass verifies that.
+/// Solves to a relative residual ‖U (E + (K - J) H) - H‖ / ‖H‖ in the operator's magnitude. The basis gives the
+/// residual without a pass; one more pass verifies it at the end.
 pub fn gmres<O: LightOperator>(
     operator: &mut O,
     params: &GmresParams,
@@ -31,14 +31,14 @@ pub fn gmres<O: LightOperator>(
     gmres_from(operator, None, params, progress)
 }
 
-/// The same from a first guess rather than from darkness: each digit of it that is right saves a pass or two.
+/// The same from an initial guess rather than from zero: each correct digit saves a pass or two.
 pub fn gmres_from<O: LightOperator>(
     operator: &mut O,
     guess: Option<O::Vector>,
     params: &GmresParams,
     progress: &mut SolveProgress,
 ) -> Solved<O> {
-    let mut watch = ConvergenceMonitor::new(params.tolerance, params.max_passes, progress);
+    let mut monitor = ConvergenceMonitor::new(params.tolerance, params.max_passes, progress);
     let mut started = guess.is_some();
     let mut solution = match guess {
         Some(guess) => guess,
@@ -46,7 +46,7 @@ pub fn gmres_from<O: LightOperator>(
     };
     let mut basis = vec![operator.vector()?];
     let mut radius = Radius::default();
-    // Of the cycle before, verified.
+    // Verified residual of the previous cycle.
     let mut before = f64::INFINITY;
     loop {
         // r = U (E + (K - J) x) - x, in the first basis vector.
@@ -59,40 +59,40 @@ pub fn gmres_from<O: LightOperator>(
         let residual = if size > 0.0 { magnitude / size } else { magnitude };
         let stagnates = residual > STAGNATION * before;
         before = residual;
-        match watch.pass(residual)? {
-            Next::Converged => return Ok((solution, watch.info(radius.estimate))),
-            // From darkness, direct light is more than nothing.
+        match monitor.pass(residual)? {
+            Next::Converged => return Ok((solution, monitor.info(radius.estimate))),
+            // From zero, direct light is the better iterate.
             Next::GiveUp if !started => {
-                return Err(watch.no_convergence(basis.swap_remove(0), radius.estimate));
+                return Err(monitor.no_convergence(basis.swap_remove(0), radius.estimate));
             }
             Next::Continue if !stagnates => {}
-            Next::Continue | Next::GiveUp => return Err(watch.no_convergence(solution, radius.estimate)),
+            Next::Continue | Next::GiveUp => return Err(monitor.no_convergence(solution, radius.estimate)),
         }
         started = true;
-        let (cycle, y, next) = Cycle::run(operator, &mut basis, params.restart, judge, &mut watch)?;
+        let (cycle, y, next) = Cycle::run(operator, &mut basis, params.restart, judge, &mut monitor)?;
         radius.learn(&cycle);
         for (y, v) in y.into_iter().zip(&basis) {
             operator.combine(y, v, 1.0, &mut solution)?;
         }
         if next == Next::GiveUp {
-            return Err(watch.no_convergence(solution, radius.estimate));
+            return Err(monitor.no_convergence(solution, radius.estimate));
         }
     }
 }
 
-/// One Arnoldi cycle, from the residual r0 of x0 on.
+/// One Arnoldi cycle, from the residual r0 of x0.
 struct Cycle {
-    /// ‖r0‖, in the norm that the basis is orthonormal in.
+    /// ‖r0‖, in the norm of the basis.
     beta: f64,
     /// Columns of the Hessenberg matrix.
     hessenberg: Vec<Vec<f64>>,
     judge: Judge,
 }
 
-/// What a cycle has found: x = x0 + V y.
+/// Result of a cycle: x = x0 + V y.
 struct Found {
     y: Vec<f64>,
-    /// ‖r‖ / ‖x + r‖, as it is judged.
+    /// ‖r‖ / ‖x + r‖ in the norm of the convergence criterion.
     residual: f64,
 }
 
@@ -104,7 +104,7 @@ impl Cycle {
         basis: &mut Vec<O::Vector>,
         restart: u32,
         judge: Judge,
-        watch: &mut ConvergenceMonitor,
+        monitor: &mut ConvergenceMonitor,
     ) -> Result<(Self, Vec<f64>, Next), Failed<O>> {
         let beta = operator.dot(&basis[0], &basis[0])?.sqrt();
         operator.scale(1.0 / beta, &mut basis[0])?;
@@ -133,7 +133,7 @@ impl Cycle {
             operator.scale(if spanned { 0.0 } else { 1.0 / norm }, next)?;
             cycle.judge.add(operator, next)?;
             let found = cycle.found();
-            let verdict = watch.pass(found.residual)?;
+            let verdict = monitor.pass(found.residual)?;
             if spanned || k + 1 >= restart.max(1) as usize || verdict != Next::Continue {
                 return Ok((cycle, found.y, verdict));
             }
@@ -153,7 +153,7 @@ impl Cycle {
         start[0] = self.beta;
         let qr = hessenberg.clone().qr();
         let least = qr.r().solve_upper_triangular(&(qr.q().transpose() * &start));
-        // None where the transport returns a vector as it was: nothing is gained then.
+        // `None` where the transport is the identity on a vector: y = 0 then.
         let y = least.unwrap_or_else(|| DVector::zeros(k));
         let t = &start - hessenberg * &y;
         let residual = self.judge.relative(self.beta, &y, &t);
@@ -161,20 +161,20 @@ impl Cycle {
     }
 }
 
-/// Sees the vectors of a cycle in the norm that convergence is judged by.
+/// Evaluates the residual of a cycle in the norm of the convergence criterion.
 struct Judge {
     /// U (E + (K - J) x0), or its size.
     incident: Judged,
-    /// Of the basis; empty where `incident` is a size.
+    /// The basis in that norm; empty where `incident` is a size.
     basis: Vec<Vec<f64>>,
-    /// Whether x0 is not darkness, so that x0 + r0 is not in the basis.
+    /// Whether x0 is not zero, so that x0 + r0 is not in the basis.
     started: bool,
 }
 
-/// What counts of a vector.
+/// The part of a vector that the convergence criterion uses.
 enum Judged {
     Part(Vec<f64>),
-    /// All of it: the basis is orthonormal, and coefficients are enough.
+    /// All of it: the basis is orthonormal, so its coefficients suffice.
     All {
         size: f64,
     },
@@ -200,7 +200,7 @@ impl Judge {
         }
     }
 
-    /// Takes the next vector of the basis.
+    /// Appends the next vector of the basis.
     fn add<O: LightOperator>(&mut self, operator: &mut O, v: &O::Vector) -> Result<(), O::Error> {
         self.basis.extend(operator.judged(v)?);
         Ok(())
@@ -232,7 +232,7 @@ impl Judge {
     }
 }
 
-/// Steps of the QR algorithm; a few per eigenvalue are usual.
+/// Largest number of steps of the QR algorithm; a few per eigenvalue are usual.
 const RITZ_ITERATIONS: usize = 1000;
 
 /// Estimate of the spectral radius of M = U (K - J): the eigenvalues of the Hessenberg matrix of a cycle (Ritz values)
@@ -244,14 +244,14 @@ struct Radius {
 }
 
 impl Radius {
-    /// Believes the longest cycle.
+    /// Keeps the estimate of the longest cycle.
     fn learn(&mut self, cycle: &Cycle) {
         let n = cycle.hessenberg.len();
         if n <= self.dimension || cycle.hessenberg.iter().flatten().any(|h| !h.is_finite()) {
             return;
         }
         let hessenberg = DMatrix::from_fn(n, n, |row, column| cycle.entry(row, column));
-        // Without a bound the iteration never ends on some matrices, a cyclic shift among them.
+        // Without a bound the iteration does not terminate on some matrices, such as a cyclic shift.
         let Some(schur) = Schur::try_new(hessenberg, f64::EPSILON, RITZ_ITERATIONS) else { return };
         let ritz = schur.complex_eigenvalues();
         self.dimension = n;

@@ -11,9 +11,9 @@ use std::ops::ControlFlow;
 
 /// The affine map of the light equation, and the vector space it acts on.
 pub trait LightOperator {
-    /// What the solvers add and multiply.
+    /// A vector of that space.
     type Vector;
-    /// Why a pass may fail.
+    /// Error of a pass.
     type Error;
 
     /// A vector of zeros.
@@ -31,11 +31,11 @@ pub trait LightOperator {
     fn combine(&mut self, a: f64, x: &Self::Vector, b: f64, y: &mut Self::Vector) -> Result<(), Self::Error>;
     /// y = b y.
     fn scale(&mut self, b: f64, y: &mut Self::Vector) -> Result<(), Self::Error>;
-    /// The part of a vector that convergence is judged by, weighted so that its 2-norm is the vector's magnitude: irradiance
-    /// times the root of the area. Unlike reflected radiosity, of which it is a bound, it sees black surfaces too. `None`
-    /// where all of the vector counts, as in [`LightOperator::dot`].
+    /// The part of a vector that the convergence criterion uses, weighted so that its 2-norm is the vector's
+    /// magnitude: irradiance times the square root of the area. It bounds reflected radiosity and, unlike it,
+    /// includes black surfaces. `None` where the whole vector counts, as in [`LightOperator::dot`].
     fn judged(&mut self, x: &Self::Vector) -> Result<Option<Vec<f64>>, Self::Error>;
-    /// The size of a vector that convergence is judged by.
+    /// Norm of a vector in the convergence criterion.
     fn magnitude(&mut self, x: &Self::Vector) -> Result<f64, Self::Error> {
         Ok(match self.judged(x)? {
             Some(values) => norm(&values),
@@ -54,23 +54,24 @@ fn norm(values: &[f64]) -> f64 {
 pub struct SolveInfo {
     /// Applications of the transport.
     pub passes: u32,
-    /// Whether the tolerance was reached, and a pass has verified it. If not, this is the iterate that was reached.
+    /// Whether the tolerance was reached and verified by a pass. If not, the result is the last iterate.
     pub converged: bool,
-    /// Relative residual after each pass; within a cycle of GMRES as the basis has it, the last one verified.
+    /// Relative residual after each pass; within a cycle of GMRES computed from the basis; the last one is verified.
     pub residuals: Vec<f64>,
-    /// Estimate of the spectral radius of U (K - J): of the fixed point from the decay of its residual, of GMRES from the
-    /// Ritz values of its longest cycle. From 1 on, light is created somewhere, and what GMRES finds is not physical.
+    /// Estimate of the spectral radius of U (K - J): for the fixed point from the decay of its residual, for GMRES
+    /// from the Ritz values of its longest cycle. From 1 on the discretisation creates light, and the solution of
+    /// GMRES is not physical.
     pub spectral_radius: Option<f64>,
 }
 
-/// Why a solve stopped without an answer. `V` is what holds the iterate that was reached.
+/// Why a solve stopped without a solution. `V` holds the last iterate.
 #[derive(thiserror::Error)]
 pub enum SolveError<E, V> {
     #[error(
-        "the solve diverges: relative residual {residual:.3e} after {passes} passes. Light is created in the scene: \
+        "the solve diverges: relative residual {residual:.3e} after {passes} passes. The scene creates light: \
          look for interpenetrating triangles, stacked layers closer than a triangle's size, or an albedo near 1"
     )]
-    /// The residual grows: light gains more by a bounce than it loses.
+    /// The residual grows: a bounce creates more light than it absorbs.
     Diverged {
         /// Passes made so far.
         passes: u32,
@@ -80,29 +81,29 @@ pub enum SolveError<E, V> {
         residuals: Vec<f64>,
     },
     #[error(
-        "no convergence: relative residual {residual:.3e} after {passes} passes, wanted {tolerance:.1e}. {}",
+        "no convergence: relative residual {residual:.3e} after {passes} passes, tolerance {tolerance:.1e}. {}",
         if *stagnated {
-            "The last cycle gained less than a tenth, and more passes would not help: take a larger tolerance, precision \
-             f64 or the fixed point, and look for parts of objects inside others (antirad check)"
+            "The last cycle reduced it by less than a tenth, so more passes would not help: use a larger tolerance, \
+             precision f64 or the fixed point, and look for interpenetrating objects (antirad check)"
         } else {
             "Allow more passes or a larger tolerance, or choose the other solver"
         }
     )]
-    /// `max_passes` were not enough, or the residual no longer fell.
+    /// `max_passes` were not enough, or the residual stagnated.
     NoConvergence {
         /// Passes made so far.
         passes: u32,
         /// The last relative residual.
         residual: f64,
-        /// The relative residual that was asked for.
+        /// The relative residual required.
         tolerance: f64,
-        /// Whether it stopped before the passes were used up, since the residual no longer fell.
+        /// Whether it stopped before `max_passes` because the residual stagnated.
         stagnated: bool,
         /// The relative residual after each pass.
         residuals: Vec<f64>,
         /// As in [`SolveInfo::spectral_radius`].
         spectral_radius: Option<f64>,
-        /// The iterate of this residual.
+        /// The iterate with this residual.
         best: V,
     },
     /// The progress callback stopped the solve.
@@ -116,7 +117,7 @@ pub enum SolveError<E, V> {
     Operator(#[from] E),
 }
 
-/// Without the iterate, which is large.
+/// Omits the iterate, which is large.
 impl<E: fmt::Debug, V> fmt::Debug for SolveError<E, V> {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
@@ -136,12 +137,12 @@ impl<E: fmt::Debug, V> fmt::Debug for SolveError<E, V> {
 }
 
 impl<E, V> SolveError<E, V> {
-    /// Whether the solver ran and found no answer.
+    /// Whether the solver ran but found no solution.
     pub fn is_without_answer(&self) -> bool {
         matches!(self, Self::Diverged { .. } | Self::NoConvergence { .. })
     }
 
-    /// The same, with something made of the iterate that was reached.
+    /// The same error with the last iterate converted.
     pub fn map_best<W, F>(
         self,
         make: impl FnOnce(V, SolveInfo) -> Result<W, F>,
@@ -177,15 +178,15 @@ impl<E, V> SolveError<E, V> {
     }
 }
 
-/// How a solver fails on an operator.
+/// The error of a solver with an operator.
 type Failed<O> = SolveError<<O as LightOperator>::Error, <O as LightOperator>::Vector>;
-/// What a solver finds: the answer and how it went.
+/// Result of a solver: the solution and how the solve went.
 pub type Solved<O> = Result<(<O as LightOperator>::Vector, SolveInfo), Failed<O>>;
 
-/// Called after every pass with the number of passes and the relative residual; may stop the solve.
+/// Called after each pass with the number of passes and the relative residual; may stop the solve.
 pub type SolveProgress<'a> = dyn FnMut(u32, f64) -> ControlFlow<()> + 'a;
 
-/// Counts passes, keeps their residuals and decides when to give up; shared by the solvers.
+/// Counts passes, records their residuals and applies the stopping criteria; shared by the solvers.
 struct ConvergenceMonitor<'a, 'b> {
     tolerance: f64,
     max_passes: u32,
@@ -193,8 +194,8 @@ struct ConvergenceMonitor<'a, 'b> {
     progress: &'a mut SolveProgress<'b>,
 }
 
-/// Growth of the residual over the best one that counts as divergence: stacked layers may gain a few orders of
-/// magnitude before they cancel (J U is non-normal), a radius above one has no bound.
+/// Growth of the residual over the best one that counts as divergence: stacked layers may grow by a few orders of
+/// magnitude before they cancel (J U is non-normal), a spectral radius above one grows without bound.
 const DIVERGENCE: f64 = 1e6;
 
 impl<'a, 'b> ConvergenceMonitor<'a, 'b> {
@@ -206,12 +207,12 @@ impl<'a, 'b> ConvergenceMonitor<'a, 'b> {
         self.residuals.len() as u32
     }
 
-    /// Records a pass, and says how to go on.
+    /// Records a pass and decides how to continue.
     fn pass<E, V>(&mut self, residual: f64) -> Result<Next, SolveError<E, V>> {
         self.residuals.push(residual);
         let passes = self.passes();
         let best = self.residuals.iter().copied().fold(f64::INFINITY, f64::min).max(self.tolerance);
-        // Still growing at the end: more passes would not help.
+        // Still growing at the end, so more passes would not help.
         let last = passes >= self.max_passes && residual > self.residuals[0];
         if !residual.is_finite() || residual > DIVERGENCE * best || last {
             return Err(SolveError::Diverged { passes, residual, residuals: self.residuals.clone() });
@@ -226,12 +227,12 @@ impl<'a, 'b> ConvergenceMonitor<'a, 'b> {
         })
     }
 
-    /// Of a verified answer.
+    /// Summary of a verified solution.
     fn info(self, spectral_radius: Option<f64>) -> SolveInfo {
         SolveInfo { passes: self.passes(), converged: true, spectral_radius, residuals: self.residuals }
     }
 
-    /// Hands out the iterate that the last residual belongs to.
+    /// The error with the iterate of the last residual.
     fn no_convergence<E, V>(self, best: V, spectral_radius: Option<f64>) -> SolveError<E, V> {
         SolveError::NoConvergence {
             passes: self.passes(),
@@ -245,14 +246,15 @@ impl<'a, 'b> ConvergenceMonitor<'a, 'b> {
     }
 }
 
-/// Share of the residual that a whole cycle must leave at most: at nine tenths the next digit would take 22 cycles.
+/// Largest ratio of residuals over a cycle that counts as progress: at nine tenths, the next digit would take 22
+/// cycles.
 const STAGNATION: f64 = 0.9;
 
-/// What follows a pass.
+/// What to do after a pass.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Next {
     Converged,
     Continue,
-    /// As many passes as are allowed have been made, or they gain nothing.
+    /// All passes allowed have been made, or the residual stagnates.
     GiveUp,
 }

@@ -1,5 +1,6 @@
-//! The transposed operators as one for the solvers: λ = λ₀ + (K - J)ᵀ (μ₀ + Uᵀ λ), with λ the cotangent of what arrives and
-//! μ that of what leaves. A state of the adjoint holds the cotangents of irradiance and, per bin, of H(b).
+//! The transposed operators combined for the solvers: λ = λ₀ + (K - J)ᵀ (μ₀ + Uᵀ λ), with λ the adjoint of incident
+//! light (importance) and μ the cotangent of outgoing light. A state of the adjoint holds the cotangents of
+//! irradiance and, per bin, of H(b).
 
 use super::exchange_adjoint::ExchangeAdjoint;
 use super::exchange_derivative::ExchangeDerivative;
@@ -14,7 +15,7 @@ use crate::plan::{PairLists, Plan};
 use crate::solve::LightOperator;
 use glam::DVec3;
 
-/// The loss's own cotangents, and where gradients are summed up.
+/// The cotangents that the loss itself provides, and the sums of gradients.
 pub struct AdjointBuffers {
     /// λ₀: of irradiance, vec4 per slot.
     pub irradiance: Buffer,
@@ -32,7 +33,7 @@ pub struct AdjointBuffers {
     lobe_sums: Option<Buffer>,
 }
 
-/// All that a backward pass needs beyond the operators.
+/// What a backward pass needs in addition to the operators.
 pub struct AdjointKernels {
     pub(super) buffers: AdjointBuffers,
     exchange: ExchangeAdjoint,
@@ -41,11 +42,12 @@ pub struct AdjointKernels {
     derivative: Option<ExchangeDerivative>,
 }
 
-/// What a loss has to say about specular parameters of a slot: Σ_ob μ(o) lobe H(b), and the same with ln⟨h,n⟩.
+/// Derivatives of a loss by the specular parameters of a slot: Σ_ob μ(o) lobe H(b), and the same with the factor
+/// ln⟨h,n⟩.
 pub type LobeSums = [DVec3; 2];
 
 impl AdjointKernels {
-    /// What the plan has foreseen; nothing if it wants no gradients.
+    /// The kernels and buffers that the plan counts; `None` without planned gradients.
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
         let Some(PairLists { far, near }) = &plan.interactions().by_source else { return Ok(None) };
         let request = plan.options.gradients;
@@ -79,8 +81,8 @@ impl AdjointKernels {
 }
 
 impl AdjointBuffers {
-    /// Sets the loss's own cotangents: λ₀ of irradiance and μ₀ of radiance, per slot, and of specular radiance per group,
-    /// laid out like the bins of a state.
+    /// Sets the cotangents of the loss: λ₀ of irradiance and μ₀ of radiance, per slot, and μ₀ of specular radiance
+    /// per group, laid out like the bins of a state.
     fn set(
         &self,
         context: &Context,
@@ -106,7 +108,7 @@ impl AdjointBuffers {
         Ok(())
     }
 
-    /// Makes what leaves the loss's own cotangent μ₀ of it, or zero.
+    /// Initialises the cotangent of outgoing light to μ₀, or to zero.
     fn start(&self, context: &Context, given: bool) -> Result<(), TransportError> {
         let Context { device, plan, outgoing, .. } = context;
         let rgb = u64::from(plan.layout.slots()) * plan.rgb_bytes();
@@ -133,7 +135,7 @@ pub struct AdjointOperator<'a> {
 }
 
 impl<'a> AdjointOperator<'a> {
-    /// Borrows both for one solve; [`Self::set`] comes first.
+    /// Borrows both for one solve. Call [`Self::set`] first.
     pub fn new(operators: &'a mut Operators, adjoint: &'a mut AdjointKernels) -> Self {
         Self { operators, adjoint }
     }
@@ -142,8 +144,8 @@ impl<'a> AdjointOperator<'a> {
         &self.operators.context
     }
 
-    /// Sets the loss's own cotangents: λ₀ of irradiance and μ₀ of radiance, per slot, and μ₀ of specular radiance per group,
-    /// laid out like [`Operators::bins`].
+    /// Sets the cotangents of the loss: λ₀ of irradiance and μ₀ of radiance, per slot, and μ₀ of specular radiance
+    /// per group, laid out like [`Operators::bins`].
     pub fn set(
         &mut self,
         irradiance: &[[f64; 4]],
@@ -153,23 +155,24 @@ impl<'a> AdjointOperator<'a> {
         self.adjoint.buffers.set(self.context(), irradiance, radiance, specular)
     }
 
-    /// Adds the cotangent of what every slot sends to `camera_position` (metres).
+    /// Adds the cotangent of the radiance of every slot towards `camera_position` (metres).
     pub fn add_view(&mut self, camera_position: DVec3, colours: &[[f64; 4]]) -> Result<(), TransportError> {
         let face_colours = self.operators.observation.colours();
         let AdjointKernels { observation, buffers, .. } = &*self.adjoint;
         observation.run(self.context(), buffers, face_colours, camera_position, colours)
     }
 
-    /// μ = μ₀ + Uᵀ λ, the cotangent of what leaves: of radiance per slot, and of specular radiance per group. It stays on the
-    /// device until the next use of the operators.
+    /// μ = μ₀ + Uᵀ λ, the cotangent of outgoing light: of radiance per slot, and of specular radiance per group. It
+    /// stays on the device until the next use of the operators.
     pub fn outgoing_cotangent(&mut self, cotangent: &State) -> Result<super::OutgoingValues, TransportError> {
-        // The bins of antiradiance go to a state that nobody reads.
+        // The bins of antiradiance go to a state that is discarded.
         let mut unused = self.vector()?;
         self.transpose(Some(cotangent), true, &mut unused)?;
-        Ok(self.operators.leaving_values()?)
+        Ok(self.operators.outgoing_values()?)
     }
 
-    /// Per slot, what specular parameters are worth, after [`Self::outgoing_cotangent`]. `None` where nothing is glossy.
+    /// Derivatives by the specular parameters of each slot; requires [`Self::outgoing_cotangent`]. `None` where
+    /// nothing is glossy.
     pub fn lobe_sums(&mut self, x: &State) -> Result<Option<Vec<LobeSums>>, TransportError> {
         let Some(sums) = &self.adjoint.buffers.lobe_sums else { return Ok(None) };
         let context = self.context();
@@ -182,8 +185,8 @@ impl<'a> AdjointOperator<'a> {
     }
 
     /// Per slot, the derivative of ⟨λ, U (E + (K - J) x)⟩ and of the views' ⟨colours, S (E + K x)⟩ with respect to geometry,
-    /// and of the latter with respect to each camera; per unit of length of the engine. Makes the fronts emit and
-    /// reflect again.
+    /// and of the latter with respect to each camera; per unit of length of the engine. Recomputes the outgoing
+    /// light.
     pub fn geometry(
         &mut self,
         x: &State,
@@ -191,8 +194,8 @@ impl<'a> AdjointOperator<'a> {
         views: &[(DVec3, Vec<[f64; 4]>)],
         pairs: bool,
     ) -> Result<(Vec<FacetGradient>, Vec<DVec3>), TransportError> {
-        self.operators.leave(Some(x), true)?;
-        let Operators { context, observation, watch, .. } = &mut *self.operators;
+        self.operators.update_outgoing(Some(x), true)?;
+        let Operators { context, observation, monitor, .. } = &mut *self.operators;
         let AdjointKernels { buffers, derivative, observation: views_derivative, .. } = &mut *self.adjoint;
         let (Some(gradients), Some(derivative)) = (&buffers.gradients, derivative) else {
             return Err(TransportError::missing("derivatives with respect to geometry"));
@@ -203,7 +206,7 @@ impl<'a> AdjointOperator<'a> {
         batch.fill(gradients, 0, count * precision.bytes(), 0)?;
         batch.submit()?;
         if pairs {
-            derivative.run(context, buffers, x, cotangent, gradients, watch)?;
+            derivative.run(context, buffers, x, cotangent, gradients, monitor)?;
         }
         let mut camera_positions = Vec::with_capacity(views.len());
         for (camera_position, colours) in views {
@@ -229,14 +232,14 @@ impl<'a> AdjointOperator<'a> {
         Ok((values.chunks_exact(16).map(gradient).collect(), camera_positions))
     }
 
-    /// y = [given] λ₀ + (K - J)ᵀ ([given] μ₀ + Uᵀ x), leaving the cotangent of what leaves behind.
+    /// y = [given] λ₀ + (K - J)ᵀ ([given] μ₀ + Uᵀ x); also stores the cotangent of outgoing light.
     fn transpose(&mut self, x: Option<&State>, given: bool, y: &mut State) -> Result<(), TransportError> {
-        let Operators { context, vectors, watch, .. } = &mut *self.operators;
+        let Operators { context, vectors, monitor, .. } = &mut *self.operators;
         let AdjointKernels { buffers, exchange, reflection, .. } = &mut *self.adjoint;
         vectors.clear(context, y)?;
         buffers.start(context, given)?;
         if let Some(x) = x {
-            exchange.run(context, buffers, x, y, watch)?;
+            exchange.run(context, buffers, x, y, monitor)?;
         }
         reflection.run(context, buffers, given, y)?;
         Ok(())
@@ -267,7 +270,7 @@ impl LightOperator for AdjointOperator<'_> {
         self.operators.scale(b, y)
     }
 
-    /// All entries: what matters of a cotangent depends on the loss.
+    /// All entries count: which of them matter depends on the loss.
     fn judged(&mut self, _: &State) -> Result<Option<Vec<f64>>, TransportError> {
         Ok(None)
     }

@@ -15,10 +15,10 @@ use crate::shaders;
 /// Close sources per receiver and dispatch: lavapipe bounds the iterations of all loops of an invocation together by
 /// 65535, and one source takes at most 1 + 16 · (20 + 16 · 19).
 pub const NEAR_TAKE: u32 = 8;
-/// The same where sources have no bins, and nothing is cut twice: 1 + 16 · 20 iterations.
+/// The same where sources have no bins and need no second level: 1 + 16 · 20 iterations.
 pub const PLAIN_NEAR_TAKE: u32 = 128;
 
-/// What kernels know of a pair of classes at compile time.
+/// The classes of a pair, as far as kernels are specialised for them.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Shape {
     pub source: Class,
@@ -41,7 +41,7 @@ impl Shape {
         [&own[..], &bin_constants(plan)].concat()
     }
 
-    /// For the profile.
+    /// Name of the shape in the profile.
     pub fn name(self) -> String {
         let source = match (self.source.blocker, self.source.glossy) {
             (false, false) => "fronts",
@@ -100,17 +100,17 @@ impl Exchange {
         Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)?, half_bins: HalfBins::new(device, plan)? })
     }
 
-    /// y = U (outgoing - J x); without `x` nothing leaves the backs.
+    /// y = U (outgoing - J x); without `x` there is no antiradiance.
     pub fn run(
         &mut self,
         context: &Context,
         reflection: &mut Reflection,
         x: Option<&State>,
         y: &State,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, outgoing } = context;
-        watch.begin(Sweep::pairs(plan));
+        monitor.begin(Sweep::pairs(plan));
         let backs = x.is_some();
         let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
         let none = || View::resident(&scene.no_bins, 0, 0);
@@ -133,14 +133,14 @@ impl Exchange {
                 let reached = |to: &Group| plan.anything_passes(&to.tiles, &from.tiles);
                 let (lit, culled): (Vec<_>, Vec<_>) = receivers.iter().partition(|(to, _)| reached(to));
                 for (to, _) in culled {
-                    watch.done(Sweep::far_pairs(plan, to, from))?;
+                    monitor.done(Sweep::far_pairs(plan, to, from))?;
                 }
                 if lit.is_empty() {
                     continue;
                 }
                 let light = x.zip(Part::of_piece(plan, piece));
                 let light = light.map(|(x, part)| x.show(device, &part)).transpose()?;
-                let specular = reflection.specular_under(context, piece, light.as_ref(), watch)?;
+                let specular = reflection.specular_under(context, piece, light.as_ref(), monitor)?;
                 let antiradiance = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
                 for (to, incident) in &lit {
                     let sweep = sweep_of(&mut self.sweeps, Shape::new(from.class, to.class))?;
@@ -157,9 +157,9 @@ impl Exchange {
                         scene.bin_table.whole(),
                     ];
                     let between = Between::receivers(plan, to, from, incident.first_slot);
-                    sweep.near(context, between, &near, backs, watch)?;
+                    sweep.near(context, between, &near, backs, monitor)?;
                 }
-                // What is packed lasts for one dispatch of sources.
+                // Half bins are valid for the sources of one dispatch.
                 let half_bins = self.half_bins.as_ref().filter(|_| from.class.has_bins());
                 let step = if half_bins.is_some() { plan.partner_tiles() } else { u32::MAX };
                 for part in from.parts(step) {
@@ -185,7 +185,7 @@ impl Exchange {
                         ];
                         let far = if shape.any_bins() { &far[..] } else { &far[..3] };
                         let between = Between::receivers(plan, to, &part, incident.first_slot);
-                        sweep.far(context, between, far, &partners, passing, watch)?;
+                        sweep.far(context, between, far, &partners, passing, monitor)?;
                     }
                 }
             }

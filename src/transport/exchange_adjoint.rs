@@ -1,4 +1,4 @@
-//! Uᵀ: what the light that leaves each triangle is worth where it arrives.
+//! Uᵀ: the cotangent of outgoing light from that of incident light.
 
 use super::Context;
 use super::adjoint::AdjointBuffers;
@@ -32,20 +32,20 @@ impl ExchangeAdjoint {
         Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)? })
     }
 
-    /// (radiance, specular; y) += Uᵀ x: the cotangent of diffuse and specular radiance goes to what leaves, that of
-    /// antiradiance to the bins of `y`.
+    /// (radiance, specular; y) += Uᵀ x: the cotangents of diffuse and specular radiance go to the buffers of outgoing
+    /// light, that of antiradiance to the bins of `y`.
     pub fn run(
         &mut self,
         context: &Context,
         adjoint: &AdjointBuffers,
         x: &State,
         y: &State,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { plan, scene, outgoing, .. } = context;
         let (x, y) = (x.resident()?, y.resident()?);
         let lists = plan.interactions().by_source.as_ref().ok_or(TransportError::NotPlanned)?;
-        watch.begin(Sweep::pairs(plan));
+        monitor.begin(Sweep::pairs(plan));
         let none = &scene.no_bins;
         for (s, from) in plan.layout.groups.iter().enumerate() {
             for (t, to) in plan.layout.groups.iter().enumerate() {
@@ -69,7 +69,7 @@ impl ExchangeAdjoint {
                     adjoint.near_receivers.whole(),
                     scene.bin_table.whole(),
                 ];
-                sweep.near(context, between, &near, true, watch)?;
+                sweep.near(context, between, &near, true, monitor)?;
                 let far = [
                     facets,
                     irradiance,
@@ -81,7 +81,7 @@ impl ExchangeAdjoint {
                     scene.bin_table.whole(),
                 ];
                 let far = if shape.any_bins() { &far[..] } else { &far[..4] };
-                sweep.far(context, between, far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
+                sweep.far(context, between, far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, monitor)?;
             }
         }
         Ok(())

@@ -1,5 +1,5 @@
-//! The derivative of ⟨λ, U L⟩ with respect to the geometry of all triangles: twice over all pairs, for the part of each
-//! triangle as a source and for its part as a receiver.
+//! The derivative of ⟨λ, U L⟩ with respect to the geometry of all triangles: two passes over all pairs, one for each
+//! triangle as a source and one as a receiver.
 
 use super::Context;
 use super::adjoint::AdjointBuffers;
@@ -11,14 +11,14 @@ use crate::gpu::{Buffer, Device, GpuError};
 use crate::plan::{Interactions, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
-/// Close others per target and dispatch: an invocation on lavapipe is left after 65535 iterations of all its loops, and one
-/// other takes at most 16 · (1 + 45 · 17).
+/// Close partners per target and dispatch: lavapipe stops an invocation after 65535 iterations of all its loops
+/// together, and a partner takes at most 16 · (1 + 45 · 17).
 const NEAR_TAKE: u32 = 4;
 /// The same where sources have no bins: 16 · 50 iterations.
 const PLAIN_NEAR_TAKE: u32 = 64;
 
-/// Specialization constant of the kernels: whether lanes own sources.
-const OWNS_SOURCE: u32 = 10;
+/// Specialization constant of the kernels: whether targets are sources.
+const TARGET_IS_SOURCE: u32 = 10;
 
 pub struct ExchangeDerivative {
     by_source: Vec<(Shape, Sweep)>,
@@ -27,15 +27,16 @@ pub struct ExchangeDerivative {
 
 impl ExchangeDerivative {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let kernels = |shape: Shape, owns_source: bool| Kernels {
+        let kernels = |shape: Shape, target_is_source: bool| Kernels {
             far: (&shaders::TRANSPORT_DERIVATIVE, 8.into()),
             near: (&shaders::NEAR_DERIVATIVE, 11),
             single: true,
-            constants: [&shape.constants(plan)[..], &[(OWNS_SOURCE, u32::from(owns_source))]].concat(),
+            constants: [&shape.constants(plan)[..], &[(TARGET_IS_SOURCE, u32::from(target_is_source))]]
+                .concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()) + u64::from(shape.receiver_bins),
             deposits: 0,
-            shape: format!("{}, by {}", shape.name(), if owns_source { "source" } else { "receiver" }),
+            shape: format!("{}, by {}", shape.name(), if target_is_source { "source" } else { "receiver" }),
         };
         Ok(Self {
             by_source: Shape::sweeps(device, plan, |shape| kernels(shape, true))?,
@@ -43,7 +44,7 @@ impl ExchangeDerivative {
         })
     }
 
-    /// Adds to `gradients` what ⟨λ, U (L - J x)⟩ changes by with the geometry; L is what leaves at the moment.
+    /// Adds to `gradients` the derivative of ⟨λ, U (L - J x)⟩ by the geometry; L is the current outgoing light.
     pub fn run(
         &mut self,
         context: &Context,
@@ -51,27 +52,27 @@ impl ExchangeDerivative {
         x: &State,
         cotangent: &State,
         gradients: &Buffer,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { plan, scene, outgoing, .. } = context;
         let (x, cotangent) = (x.resident()?, cotangent.resident()?);
         let Interactions { by_receiver, by_source } = plan.interactions();
         let by_source = by_source.as_ref().ok_or(TransportError::NotPlanned)?;
-        watch.begin(2 * Sweep::pairs(plan));
+        monitor.begin(2 * Sweep::pairs(plan));
         let none = &scene.no_bins;
-        for owns_source in [true, false] {
-            let (sweeps, lists, runs) = match owns_source {
+        for target_is_source in [true, false] {
+            let (sweeps, lists, runs) = match target_is_source {
                 true => (&mut self.by_source, by_source, &adjoint.far_runs),
                 false => (&mut self.by_receiver, by_receiver, &scene.far_runs),
             };
-            let (offsets, partners) = match owns_source {
+            let (offsets, partners) = match target_is_source {
                 true => (&adjoint.near_offsets, &adjoint.near_receivers),
                 false => (&scene.near_offsets, &scene.near_sources),
             };
             for (s, from) in plan.layout.groups.iter().enumerate() {
                 for (t, to) in plan.layout.groups.iter().enumerate() {
                     let sweep = sweep_of(sweeps, Shape::new(from.class, to.class))?;
-                    let between = match owns_source {
+                    let between = match target_is_source {
                         true => Between::groups(plan, lists, from, to),
                         false => Between::groups(plan, lists, to, from),
                     };
@@ -86,9 +87,9 @@ impl ExchangeDerivative {
                     ];
                     let near =
                         [&both[..], &[offsets.whole(), partners.whole(), scene.corners.whole()]].concat();
-                    sweep.near(context, between, &near, true, watch)?;
+                    sweep.near(context, between, &near, true, monitor)?;
                     let far = [&both[..], &[runs.whole()]].concat();
-                    sweep.far(context, between, &far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
+                    sweep.far(context, between, &far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, monitor)?;
                 }
             }
         }

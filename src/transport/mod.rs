@@ -1,7 +1,7 @@
 //! The operators of C = (1 - (K - J) U)^-1 E on the device, one file each: `exchange` (U), `reflection` (K),
-//! `observation` (S). J needs no kernel: the bins of a state hold H(b) / c_b, which is what leaves the back of a blocker
-//! as antiradiance. Each is the host side of one or two kernels in `glsl/` and has an f64 twin
-//! in [`crate::reference`].
+//! `observation` (S). J needs no kernel: the bins of a state hold H(b) / c_b, which is the antiradiance of a
+//! blocker's back. Each is the host side of one or two kernels in `glsl/` and has an f64 twin in
+//! [`crate::reference`].
 
 mod adjoint;
 mod exchange;
@@ -39,7 +39,7 @@ use crate::scene::{BinLayout, Precision, Scene, Weights};
 use crate::solve::LightOperator;
 use residency::Part;
 
-/// What all operators work on.
+/// Device, plan and buffers shared by all operators.
 pub(crate) struct Context {
     device: Device,
     plan: Plan,
@@ -48,7 +48,7 @@ pub(crate) struct Context {
 }
 
 impl Context {
-    /// What a buffer of one vec4 per slot holds.
+    /// Downloads a buffer of one vec4 per slot.
     fn slots(&self, buffer: &Buffer) -> Result<Vec<[f64; 4]>, GpuError> {
         let count = u64::from(self.plan.layout.slots()) * 4;
         let values = real::download(&self.device, buffer, self.plan.settings.precision, count)?;
@@ -56,7 +56,7 @@ impl Context {
     }
 }
 
-/// All operators over one planned scene, and what leaves the triangles at the moment.
+/// All operators over one planned scene, and its current outgoing light.
 pub struct Operators {
     context: Context,
     pool: state::Pool,
@@ -64,7 +64,7 @@ pub struct Operators {
     reflection: reflection::Reflection,
     observation: observation::Observation,
     vectors: vectors::Vectors,
-    watch: watch::PassMonitor,
+    monitor: watch::PassMonitor,
 }
 
 /// Lanes of a workgroup of the kernels that don't depend on the subgroup's size.
@@ -81,7 +81,7 @@ fn bin_constants(plan: &Plan) -> [(u32, u32); 5] {
 }
 
 impl Operators {
-    /// Allocates everything the plan names and compiles the kernels.
+    /// Allocates everything that the plan counts and compiles the kernels.
     pub fn new(device: &Device, plan: Plan, scene: SceneBuffers) -> Result<Self, GpuError> {
         if plan.settings.precision == Precision::F64 && !device.info().enabled.float64 {
             return Err(GpuError::MissingFeature {
@@ -95,7 +95,7 @@ impl Operators {
             reflection: reflection::Reflection::new(device, &plan)?,
             observation: observation::Observation::new(device, &plan)?,
             vectors: vectors::Vectors::new(device, plan.settings.precision)?,
-            watch: watch::PassMonitor::default(),
+            monitor: watch::PassMonitor::default(),
             context: Context { outgoing: Outgoing::new(device, &plan)?, device: device.clone(), plan, scene },
         })
     }
@@ -110,16 +110,16 @@ impl Operators {
         &self.context.plan
     }
 
-    /// Who looks on while the device works: called after every dispatch of the transport. `None`: nobody.
+    /// Sets the callback of a pass, called after every submission; `None` removes it.
     pub fn set_pass_callback(&mut self, callback: Option<PassCallback>) {
-        self.watch.callback = callback;
+        self.monitor.callback = callback;
     }
 
-    /// Makes the fronts emit and reflect what arrives: E + K x. For states that live on the device.
-    fn leave(&mut self, x: Option<&State>, emission: bool) -> Result<(), TransportError> {
+    /// Computes the outgoing light of the fronts, E + K x, of a state on the device.
+    fn update_outgoing(&mut self, x: Option<&State>, emission: bool) -> Result<(), TransportError> {
         self.reflection.diffuse(&self.context, x, emission)?;
         for piece in self.context.plan.pieces() {
-            self.reflection.specular(&self.context, &piece, x, &mut self.watch)?;
+            self.reflection.specular(&self.context, &piece, x, &mut self.monitor)?;
         }
         Ok(())
     }
@@ -131,7 +131,7 @@ impl Operators {
         camera_position: glam::DVec3,
     ) -> Result<Vec<[f64; 4]>, TransportError> {
         self.reflection.diffuse(&self.context, Some(x), true)?;
-        self.observation.run(&self.context, &mut self.reflection, x, camera_position, &mut self.watch)
+        self.observation.run(&self.context, &mut self.reflection, x, camera_position, &mut self.monitor)
     }
 
     /// Irradiance of every slot, W/m².
@@ -147,7 +147,7 @@ impl Operators {
         part.map(|part| x.download(device, &part, plan.settings.precision)).transpose()
     }
 
-    /// Sets a state: vec4 per slot, and per group what [`Operators::bins`] gives back.
+    /// Sets a state: vec4 per slot, and per group the result of [`Operators::bins`].
     pub fn set(
         &self,
         x: &State,
@@ -165,7 +165,7 @@ impl Operators {
         Ok(())
     }
 
-    /// Sets every value of a state to the same: light everywhere, for measurements.
+    /// Sets every value of a state to `value`, for measurements.
     pub fn fill(&mut self, x: &mut State, value: f64) -> Result<(), TransportError> {
         let Context { device, plan, .. } = &self.context;
         let precision = plan.settings.precision;
@@ -176,14 +176,14 @@ impl Operators {
         Ok(())
     }
 
-    /// What leaves under `x`, emission included: diffuse radiance of every slot, and per group the specular radiance,
-    /// laid out like [`Operators::bins`]. W/(m² sr).
+    /// Outgoing light under `x`, emission included: diffuse radiance of every slot, and per group the specular
+    /// radiance, laid out like [`Operators::bins`]. W/(m² sr).
     pub fn outgoing(&mut self, x: &State) -> Result<OutgoingValues, TransportError> {
         let Context { device, plan, outgoing, .. } = &self.context;
         self.reflection.diffuse(&self.context, Some(x), true)?;
         let mut specular: Vec<Option<Vec<f64>>> = vec![None; plan.layout.groups.len()];
         for piece in plan.pieces() {
-            self.reflection.specular(&self.context, &piece, Some(x), &mut self.watch)?;
+            self.reflection.specular(&self.context, &piece, Some(x), &mut self.monitor)?;
             if piece.part.class.glossy {
                 let buffer = outgoing.specular_of(piece.group)?;
                 let count = state::page_reals(plan, &piece.part).into();
@@ -194,8 +194,8 @@ impl Operators {
         Ok(OutgoingValues { radiance: self.context.slots(&outgoing.radiance)?, specular })
     }
 
-    /// What leaves at the moment. For states that live on the device.
-    fn leaving_values(&self) -> Result<OutgoingValues, GpuError> {
+    /// The current outgoing light, for states on the device.
+    fn outgoing_values(&self) -> Result<OutgoingValues, GpuError> {
         let groups = 0..self.context.plan.layout.groups.len();
         Ok(OutgoingValues {
             radiance: self.context.slots(&self.context.outgoing.radiance)?,
@@ -218,7 +218,7 @@ fn rows(values: &[f64]) -> Vec<[f64; 4]> {
     values.chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]).collect()
 }
 
-/// A copy of what leaves the triangles.
+/// A copy of the outgoing light on the host.
 pub struct OutgoingValues {
     /// Diffuse radiance of every slot, RGB and an unused fourth, W/(m² sr).
     pub radiance: Vec<[f64; 4]>,
@@ -238,19 +238,19 @@ impl LightOperator for Operators {
 
     fn pass(&mut self, x: Option<&State>, emission: bool, y: &mut State) -> Result<(), TransportError> {
         self.reflection.diffuse(&self.context, x, emission)?;
-        self.exchange.run(&self.context, &mut self.reflection, x, y, &mut self.watch)
+        self.exchange.run(&self.context, &mut self.reflection, x, y, &mut self.monitor)
     }
 
     fn dot(&mut self, x: &State, y: &State) -> Result<f64, TransportError> {
-        self.vectors.dot(&self.context, x, y, &mut self.watch)
+        self.vectors.dot(&self.context, x, y, &mut self.monitor)
     }
 
     fn combine(&mut self, a: f64, x: &State, b: f64, y: &mut State) -> Result<(), TransportError> {
-        self.vectors.combine(&self.context, (a, x), (b, y), &mut self.watch)
+        self.vectors.combine(&self.context, (a, x), (b, y), &mut self.monitor)
     }
 
     fn scale(&mut self, b: f64, y: &mut State) -> Result<(), TransportError> {
-        self.vectors.scale(&self.context, b, y, &mut self.watch)
+        self.vectors.scale(&self.context, b, y, &mut self.monitor)
     }
 
     fn judged(&mut self, x: &State) -> Result<Option<Vec<f64>>, TransportError> {

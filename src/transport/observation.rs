@@ -1,4 +1,4 @@
-//! S: the radiance that each triangle sends to a camera.
+//! S: the radiance of each triangle towards a camera.
 
 use super::reflection::Reflection;
 use super::state::State;
@@ -10,7 +10,7 @@ use crate::shaders;
 use glam::DVec3;
 
 pub struct Observation {
-    /// Of diffuse triangles, and of glossy ones.
+    /// Kernels of diffuse triangles, and of glossy ones.
     kernels: [Pipeline; 2],
     /// vec4 of reals per slot.
     colours: Buffer,
@@ -31,19 +31,20 @@ impl Observation {
         })
     }
 
-    /// The buffer that pictures' colours pass through, vec4 per slot.
+    /// The buffer for colours in transfer, vec4 per slot.
     pub fn colours(&self) -> &Buffer {
         &self.colours
     }
 
-    /// RGB of every slot towards `camera_position`, which is in metres, under the light `x` that made what leaves. W/(m² sr).
+    /// Radiance of every slot towards `camera_position` (metres), RGB, W/(m² sr). `x` is the incident light of the
+    /// current outgoing light.
     pub fn run(
         &self,
         context: &Context,
         reflection: &mut Reflection,
         x: &State,
         camera_position: DVec3,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<Vec<[f64; 4]>, TransportError> {
         let Context { device, plan, scene, outgoing } = context;
         let camera_position = plan.placement.apply(camera_position).to_array();
@@ -53,7 +54,7 @@ impl Observation {
                 scene.facets.whole(),
                 outgoing.radiance.whole(),
                 scene.no_bins.whole(),
-                reflection.specular(context, &piece, Some(x), watch)?,
+                reflection.specular(context, &piece, Some(x), monitor)?,
                 self.colours.whole(),
             ];
             let push = real::push(plan.settings.precision, &camera_position, &[slots.start, slots.end]);

@@ -10,7 +10,7 @@ use crate::shaders;
 use glam::DVec3;
 
 pub struct ObservationAdjoint {
-    /// Of diffuse triangles, and of glossy ones.
+    /// Kernels of diffuse triangles, and of glossy ones.
     adjoint: [Pipeline; 2],
     derivative: Pipeline,
 }
@@ -31,7 +31,7 @@ impl ObservationAdjoint {
         })
     }
 
-    /// Adds Sᵀ `colours` to the loss's cotangent of what leaves. `camera_position` in metres; `colours` per slot.
+    /// Adds Sᵀ `colours` to the cotangent μ₀ of the loss. `camera_position` in metres; `colours` per slot.
     pub fn run(
         &self,
         context: &Context,
@@ -58,9 +58,9 @@ impl ObservationAdjoint {
         Ok(())
     }
 
-    /// Adds to `gradients` what ⟨`colours`, S L⟩ changes by with the geometry, and returns how it changes with the camera, per
-    /// unit of length of the engine; L is what leaves at the moment. Without glossy triangles nothing depends on
-    /// either: diffuse radiance looks the same from everywhere.
+    /// Adds to `gradients` the derivative of ⟨`colours`, S L⟩ by the geometry, and returns that by the camera
+    /// position, per unit of length of the engine; L is the current outgoing light. Both are zero without glossy
+    /// triangles: diffuse radiance is the same in all directions.
     pub fn derivative(
         &self,
         context: &Context,

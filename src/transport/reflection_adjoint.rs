@@ -16,7 +16,7 @@ use bytemuck::{Pod, Zeroable, bytes_of};
 pub struct ReflectAdjointPush {
     /// Number of slots.
     pub count: u32,
-    /// 1 to add the loss's own cotangent of irradiance, 0 not to.
+    /// 1 to add λ₀, the loss's cotangent of irradiance, 0 not to.
     pub given: f32,
 }
 
@@ -24,24 +24,24 @@ pub struct ReflectAdjointPush {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct GlossyDerivativePush {
-    /// The slot that the page begins with.
+    /// First slot of the page.
     pub page: u32,
     /// Number of slots in the page.
     pub count: u32,
     /// The first incident bin of this dispatch.
     pub bin_begin: u32,
-    /// The one behind its last.
+    /// One past its last.
     pub bin_end: u32,
 }
 
 /// Workgroups of one dispatch of Kᵀ: some tens of milliseconds on a CPU.
 const GLOSSY_GROUPS: u32 = 1024;
-/// Pairs of bins per lane and dispatch of the derivative: lavapipe leaves all loops after 65535 iterations.
+/// Pairs of bins per lane and dispatch of the derivative: lavapipe stops all loops after 65535 iterations.
 const BIN_PAIRS: u32 = 1 << 14;
 
 pub struct ReflectionAdjoint {
     diffuse: Pipeline,
-    /// Kᵀ, and the derivative.
+    /// Kernels of Kᵀ and of the derivative.
     glossy: Option<(Pipeline, Pipeline)>,
 }
 
@@ -71,7 +71,7 @@ impl ReflectionAdjoint {
         self.glossy.as_ref().ok_or_else(|| TransportError::missing("specular reflection"))
     }
 
-    /// y += Kᵀ of the cotangent of what leaves; the loss's own cotangent of irradiance comes on top where it is `given`.
+    /// y += Kᵀ μ, plus λ₀ of the loss if `given`.
     pub fn run(
         &self,
         context: &Context,
@@ -107,7 +107,7 @@ impl ReflectionAdjoint {
         Ok(())
     }
 
-    /// `sums` = what specular parameters are worth under `x`, given the cotangent of what leaves.
+    /// `sums` = derivatives by the specular parameters under the incident light `x`, from the current μ.
     pub fn derivative(&self, context: &Context, x: &State, sums: &Buffer) -> Result<(), TransportError> {
         let Context { device, plan, scene, outgoing } = context;
         let x = x.resident()?;

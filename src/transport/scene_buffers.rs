@@ -31,13 +31,13 @@ fn surface_reals(m: &Material, unit: f64) -> [f64; SURFACE] {
     [a, b, c, m.power, d, e, f, 0.0, g, h, i, 0.0]
 }
 
-/// Values of every slot, zero in those that only fill up a tile.
+/// Values of every slot, zero in padding.
 fn by_slot<const N: usize>(plan: &Plan, value: impl Fn(usize) -> [f64; N]) -> Vec<f64> {
     let slot = |&i: &u32| if i == PADDING { [0.0; N] } else { value(i as usize) };
     plan.layout.order.iter().flat_map(slot).collect()
 }
 
-/// Buffers that no operator writes.
+/// Buffers that operators only read.
 pub struct SceneBuffers {
     /// Centroid, area, normal and characteristic area per slot: `Facet` of glsl/geometry.glsl.
     pub facets: Buffer,
@@ -49,18 +49,18 @@ pub struct SceneBuffers {
     pub bin_table: Buffer,
     /// [`crate::plan::FarRuns`] by receiver.
     pub far_runs: Buffer,
-    /// Where the close sources of each slot begin in `near_sources`, and where the last end.
+    /// Offset of the close sources of each slot in `near_sources`, then the end of the last.
     pub near_offsets: Buffer,
     /// Slots of close sources, by receiver.
     pub near_sources: Buffer,
-    /// Slots of the targets of a sweep over close pairs, in the order in which lanes take them.
+    /// Slots of the targets of a sweep over close pairs, in the order of the lanes.
     pub near_targets: Buffer,
-    /// Bound where a kernel has no use for bins.
+    /// Bound in place of bins where a kernel reads none.
     pub no_bins: Buffer,
 }
 
 impl SceneBuffers {
-    /// Uploads scene and plan; the bytes are those that the plan counts.
+    /// Uploads scene and plan; their sizes are those that the plan counts.
     pub fn new(device: &Device, scene: &Scene, plan: &Plan) -> Result<Self, GpuError> {
         Self::in_units(device, scene, plan, 1.0)
     }

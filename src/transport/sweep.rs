@@ -1,5 +1,5 @@
-//! Walking over pairs of triangles: point to point by tiles, and over pieces for close pairs. What U, its transpose and
-//! its derivatives have in common.
+//! Traversal of pairs of triangles: point to point by tiles, and piecewise for close pairs. Shared by U, its
+//! transpose and its derivatives.
 
 use super::Context;
 use super::pace::{Bundle, MOST_GROUPS, Pace};
@@ -11,26 +11,26 @@ use bytemuck::{Pod, Zeroable, bytes_of};
 use std::cmp::Reverse;
 use std::ops::Range;
 
-// Partners of a dispatch stand in a uniform buffer.
+// The partners of a dispatch are in a uniform buffer.
 const _: () = assert!(PARTNER_BYTES <= UNIFORM_BYTES);
 
 /// `FarPush` of glsl/far_push.glsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct FarPush {
-    /// The first tile whose triangles own lanes.
+    /// First tile of targets.
     pub target_tile: u32,
-    /// The first tile they walk over.
+    /// First tile of partners.
     pub partner_begin: u32,
-    /// The one behind the last.
+    /// One past the last.
     pub partner_end: u32,
-    /// Half of the near field: pairs with r² below this times the sum of their characteristic areas are close.
+    /// Half of `near_field`: pairs with r² below this times the sum of their characteristic areas are close.
     pub half_range: f32,
-    /// The slot that the bins of the targets begin with in their buffer.
+    /// First slot of the buffer of the targets' bins.
     pub target_page: u32,
-    /// The same of the others.
+    /// The same for the partners.
     pub partner_page: u32,
-    /// What may pass, of the bits of a tile pair.
+    /// Bits of a tile pair to consider.
     pub passing: u32,
 }
 
@@ -40,27 +40,27 @@ pub struct FarPush {
 pub struct NearPush {
     /// Index of the first target in the list of targets.
     pub target_begin: u32,
-    /// How many follow from there.
+    /// Number of targets from there on.
     pub targets: u32,
-    /// The first slot of the others.
+    /// First slot of the partners.
     pub partner_begin: u32,
-    /// The one behind the last.
+    /// One past the last.
     pub partner_end: u32,
-    /// Half of the near field: pairs with r² below this times the sum of their characteristic areas are close.
+    /// Half of `near_field`: pairs with r² below this times the sum of their characteristic areas are close.
     pub half_range: f32,
-    /// The slot that the bins of the targets begin with in their buffer.
+    /// First slot of the buffer of the targets' bins.
     pub target_page: u32,
-    /// The same of the others.
+    /// The same for the partners.
     pub partner_page: u32,
-    /// 1 where antiradiance leaves the backs, else 0.
+    /// 1 if backs emit antiradiance, else 0.
     pub backs: u32,
-    /// Close others of each target that earlier dispatches took.
+    /// Close partners of each target that earlier dispatches covered.
     pub skip: u32,
-    /// How many this one takes at most.
+    /// Largest number that this one covers.
     pub take: u32,
 }
 
-/// Point-to-point pairs that a close one takes as long as: for the time left, nothing else.
+/// Cost of a close pair in point-to-point pairs; only for the estimate of the remaining time.
 const NEAR_COST: u64 = 100;
 
 /// Reals of a `Facet` and of radiance, and of corners: glsl/geometry.glsl.
@@ -69,23 +69,23 @@ const CORNER_REALS: f64 = 12.0;
 /// Pairs of pieces at the first level of the near field.
 const PIECES: u32 = 16;
 
-/// What a sweep is made of.
+/// The parts of a sweep.
 pub struct Kernels<'a> {
-    /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the partners of a dispatch; the last
-    /// buffer of `near` is that of targets.
+    /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the partners of a dispatch; the
+    /// last buffer of `near` lists the targets.
     pub far: (&'a RealShader, Bindings),
     pub near: (&'a RealShader, u32),
-    /// Whether a lane of `far` owns one triangle, or one in each run of lanes of a tile.
+    /// Whether a lane of `far` owns one triangle, rather than one in each run of lanes of a tile.
     pub single: bool,
     /// Specialization of both, beyond lanes and tiles.
     pub constants: Vec<(u32, u32)>,
-    /// Close others per target and dispatch: bounded as [`Plan::partner_slots`] is.
+    /// Close partners per target and dispatch, bounded for the same reason as [`Plan::partner_slots`].
     pub take: u32,
-    /// Bins of which a pair reads four at either end, so many ends: for the profile.
+    /// Ends of a pair, 0 to 2, at which four bins are read; for the profile.
     pub gathers: u64,
-    /// Sets of bins that a lane of `far` sums up in.
+    /// Sets of bins that a lane of `far` accumulates.
     pub deposits: u64,
-    /// For the profile.
+    /// Name of the shape in the profile.
     pub shape: String,
 }
 
@@ -100,13 +100,13 @@ pub struct Sweep {
     take: u32,
     far_pace: Pace,
     near_pace: Pace,
-    /// Bytes that a point-to-point pair and a close pair ask of buffers.
+    /// Bytes read from buffers by a point-to-point pair and by a close pair.
     bytes: [f64; 2],
     shape: String,
 }
 
-/// A buffer of values per slot, of which a dispatch sees those of its partners. It goes on for [`Plan::partner_slots`] behind
-/// the last, so that there is always that much to see.
+/// A buffer of values per slot, of which a dispatch binds those of its partners. It extends [`Plan::partner_slots`]
+/// past the last slot, so that the bound range always exists.
 #[derive(Clone, Copy)]
 pub struct OfPartners<'a> {
     pub buffer: &'a Buffer,
@@ -114,24 +114,24 @@ pub struct OfPartners<'a> {
     pub bytes: u64,
 }
 
-/// Who owns the lanes, and over whom they walk.
+/// Targets and partners of a sweep.
 #[derive(Clone, Copy)]
 pub struct Between<'a> {
     pub targets: &'a Group,
     pub partners: &'a Group,
-    /// By target, receivers or sources.
+    /// Pairs by target, receivers or sources.
     pub lists: &'a PairLists,
-    /// The slot whose bins come first in the buffers of the targets.
+    /// First slot of the buffers of the targets' bins.
     pub first_slot: u32,
 }
 
 impl<'a> Between<'a> {
-    /// Receivers whose bins begin with those of `first_slot`, and sources.
+    /// Targets are receivers, with bins from `first_slot` on.
     pub fn receivers(plan: &'a Plan, targets: &'a Group, partners: &'a Group, first_slot: u32) -> Self {
         Self { targets, partners, lists: &plan.interactions().by_receiver, first_slot }
     }
 
-    /// Of groups whose bins stand in pages of their own.
+    /// Groups with one page of bins each.
     pub fn groups(plan: &Plan, lists: &'a PairLists, targets: &'a Group, partners: &'a Group) -> Self {
         Self { targets, partners, lists, first_slot: plan.layout.slots_of(&targets.tiles).start }
     }
@@ -144,7 +144,7 @@ impl Sweep {
         let Kernels { far, near, single, constants, take, gathers, deposits, shape } = kernels;
         let real = precision.bytes() as f64;
         let gathered = gathers as f64 * 4.0 * f64::from(plan.channels) * real;
-        // What is read of a source serves all the triangles that a subgroup owns.
+        // A source is read once for all triangles of a subgroup.
         let per_target = f64::from(if single { lanes } else { plan.options.tile });
         let shared = u32::from(shares_deposits(device, plan, lanes, deposits));
         let of_far = [&[(0, lanes), (1, plan.options.tile), (11, shared)][..], &constants].concat();
@@ -173,13 +173,13 @@ impl Sweep {
         tiles * u64::from(plan.layout.tile * plan.layout.tile)
     }
 
-    /// Pairs of a whole pass, weighted by what they cost.
+    /// Pairs of a whole pass, weighted by cost.
     pub fn pairs(plan: &Plan) -> u64 {
         let slots = u64::from(plan.layout.slots());
         slots * slots + plan.interactions().by_receiver.near.partners.len() as u64 * NEAR_COST
     }
 
-    /// Pairs of tiles. `passing`: what may pass, of the bits that the plan keeps for them.
+    /// Runs the point-to-point kernel over pairs of tiles. `passing`: the bits of the pairs to consider.
     pub fn far(
         &mut self,
         context: &Context,
@@ -187,14 +187,14 @@ impl Sweep {
         buffers: &[BufferSlice],
         uniforms: &[OfPartners],
         passing: u32,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
         let Between { targets, partners, lists, first_slot } = between;
         let tile = plan.layout.tile;
         let Self { far, far_pace, workgroups, bytes, shape, .. } = self;
         let mut passed = 0;
-        let mut bundle = Bundle::new(device, far_pace, watch);
+        let mut bundle = Bundle::new(device, far_pace, monitor);
         for run in tile_runs(&partners.tiles, plan.partner_tiles()) {
             let pairs_of_row = u64::from(tile * tile) * run.len() as u64;
             let mut begin = targets.tiles.start;
@@ -229,14 +229,14 @@ impl Sweep {
         Ok(())
     }
 
-    /// The close pairs. `backs`: whether there is antiradiance.
+    /// Runs the near-field kernel over close pairs. `backs`: whether there is antiradiance.
     pub fn near(
         &mut self,
         context: &Context,
         between: Between,
         buffers: &[BufferSlice],
         backs: bool,
-        watch: &mut PassMonitor,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, .. } = context;
         let partners = plan.layout.slots_of(&between.partners.tiles);
@@ -249,14 +249,14 @@ impl Sweep {
         device.upload_slice(&scene.near_targets, 0, &slots)?;
         let buffers = [buffers, &[scene.near_targets.whole()]].concat();
         let Self { near, near_pace, lanes, take, bytes, shape, .. } = self;
-        let mut bundle = Bundle::new(device, near_pace, watch);
+        let mut bundle = Bundle::new(device, near_pace, monitor);
         let longest = targets.iter().map(|target| target.partners).max().unwrap_or(0);
         for skip in (0..longest).step_by(*take as usize) {
             let left = |target: &Target| u64::from(target.partners.saturating_sub(skip).min(*take));
             let end = targets.iter().rposition(|target| left(target) > 0).map_or(0, |last| last + 1);
             let mut begin = 0;
             while begin < end {
-                // As many whole workgroups as make a submission, at least one.
+                // As many whole workgroups as fit a submission, at least one.
                 let mut pairs = 0;
                 let workgroups = targets[begin..end].chunks(*lanes as usize).take(MOST_GROUPS as usize);
                 let workgroups = workgroups.take_while(|group| {
@@ -292,14 +292,14 @@ impl Sweep {
     }
 }
 
-/// Who has close partners, and how many.
+/// A target with close partners, and their number.
 struct Target {
     slot: u32,
     partners: u32,
 }
 
-/// Those of a range of slots with close ones among `partners`: who has many comes first, so that lanes that work together
-/// have about as much to do; who has about as many stand by slot, so that they share what they read.
+/// The targets in a range of slots with close ones among `partners`, in descending order of their number, so that the
+/// lanes of a workgroup have similar work. Similar numbers are ordered by slot, so that lanes read the same partners.
 fn busy_targets(list: &NearPairs, targets: Range<u32>, partners: &Range<u32>) -> Vec<Target> {
     let of = |slot| Target { slot, partners: list.of(slot, partners).len() as u32 };
     let mut targets: Vec<Target> = targets.map(of).filter(|target| target.partners > 0).collect();
@@ -308,8 +308,8 @@ fn busy_targets(list: &NearPairs, targets: Range<u32>, partners: &Range<u32>) ->
     targets
 }
 
-/// Whether `lanes` gather so many sets of bins in memory of their workgroup. CPU drivers are quicker at that; on GPUs it
-/// would leave room for a few workgroups only.
+/// Whether `lanes` accumulate `sets` sets of bins in workgroup memory. CPU drivers are faster that way; on GPUs it
+/// would leave room for few workgroups only.
 fn shares_deposits(device: &Device, plan: &Plan, lanes: u32, sets: u64) -> bool {
     let info = device.info();
     // Drivers may align a vec3 like a vec4.
@@ -317,13 +317,13 @@ fn shares_deposits(device: &Device, plan: &Plan, lanes: u32, sets: u64) -> bool 
     info.kind == DeviceKind::Cpu && plan.channels == 3 && bytes <= u64::from(info.shared_memory_bytes)
 }
 
-/// Pairs of tiles between which something may pass.
+/// Number of pairs of tiles between which light may pass.
 fn passing_tiles(lists: &PairLists, targets: Range<u32>, partners: &Range<u32>, passing: u32) -> u64 {
     let wanted = passing & (PAIR_FRONT | PAIR_BACK);
     targets.map(|target| lists.far.passing(target, partners, wanted).count() as u64).sum()
 }
 
-/// Runs of at most so many tiles, one a dispatch.
+/// Runs of at most `most` tiles, one per dispatch.
 fn tile_runs(tiles: &Range<u32>, most: u32) -> impl Iterator<Item = Range<u32>> + use<> {
     let end = tiles.end;
     (tiles.start..end).step_by(most as usize).map(move |start| start..(start + most).min(end))
@@ -334,8 +334,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn owners_with_many_others_come_first() {
-        // Others of slots 0 to 3: 2, none, 9, 2 of which one is out of range.
+    fn targets_with_many_partners_come_first() {
+        // Partners of slots 0 to 3: 2, none, 9, 2 of which one is out of range.
         let partners = [vec![1, 2], vec![], (0..9).collect(), vec![3, 20]].concat();
         let list = NearPairs { offsets: vec![0, 2, 2, 11, 13], partners };
         let targets = busy_targets(&list, 0..4, &(0..10));

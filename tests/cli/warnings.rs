@@ -37,7 +37,7 @@ fn a_check_needs_no_device_and_names_triangles() {
         "\"plate 3\", \"plate 2\", \"plate 1\"",
         "coarse blockers",
         "towards",
-        "way out",
+        "remedy",
     ];
     says(&checked.stdout, &parts);
 
@@ -98,7 +98,7 @@ fn a_refined_scene_is_warned_of_less_and_renders() {
 fn a_render_warns_of_what_makes_it_useless() {
     let folder = folder();
     let rendered = folder.render("plates.toml --max-passes 2000").succeeded();
-    says(&rendered.stderr, &["WARN stacked layers: ", "\"plate 2\"", "way out: "]);
+    says(&rendered.stderr, &["WARN stacked layers: ", "\"plate 2\"", "remedy: "]);
     says(&rendered.stdout, &["beware      stacked layers ("]);
     let report = folder.json("out/report.json");
     assert_eq!(report["accuracy_warnings"][0]["kind"], "stacked_layers");

@@ -1,5 +1,5 @@
-//! Which pairs interact: for each group of receivers, a tile, runs of source tiles and what may pass, and for each receiver
-//! the close sources. All that walks over pairs asks here, so that other ways to choose them need change nothing else.
+//! Which pairs interact: for each receiver tile, runs of source tiles with what may pass, and for each receiver the
+//! close sources. Every traversal of pairs uses these lists, so that another selection changes nothing else.
 
 mod far;
 mod near;
@@ -12,14 +12,14 @@ use super::{PlanError, TileLayout};
 use crate::model::{Class, Facet, Hierarchy, coplanar_tolerance};
 use passing::Passing;
 
-/// Light can leave the fronts of the sources and arrive at fronts of the receivers.
+/// Light of the sources' fronts can reach fronts of the receivers.
 pub const PAIR_FRONT: u32 = 1;
-/// Antiradiance can leave the backs of the sources and arrive at fronts of the receivers.
+/// Antiradiance of the sources' backs can reach fronts of the receivers.
 pub const PAIR_BACK: u32 = 2;
-/// Some pair may be so close that the near field has a share in it.
+/// Some pair may be within the near field.
 pub const PAIR_NEAR: u32 = 4;
 
-/// The pairs of targets, receivers or sources, and others, the other way round.
+/// The pairs by target: receivers with sources as partners, or sources with receivers.
 #[derive(Clone, Debug)]
 pub struct PairLists {
     /// By tile.
@@ -28,16 +28,19 @@ pub struct PairLists {
     pub near: NearPairs,
 }
 
-/// All pairs that interact, by receiver, and by source where gradients are wanted.
+/// All pairs that interact, by receiver, and by source if gradients are planned.
 #[derive(Clone, Debug)]
 pub struct Interactions {
+    /// Targets are receivers.
     pub by_receiver: PairLists,
+    /// Targets are sources; `None` without planned gradients.
     pub by_source: Option<PairLists>,
 }
 
 impl Interactions {
-    /// Finds all pairs by their geometry. `half_range`: of the near field in units of characteristic areas; `cull`: whether
-    /// tiles that cannot see each other are left out.
+    /// Finds all pairs by their geometry. `half_range`: half of `near_field`, in units of the sum of characteristic
+    /// areas;
+    /// `cull`: whether tiles that cannot exchange light are omitted.
     pub(super) fn new(
         layout: &TileLayout,
         facets: &[Facet],
@@ -104,7 +107,7 @@ mod tests {
         Plan::new(scene, &options.boundless(), &scene.settings).expect("a plan")
     }
 
-    /// What may pass between two tiles, from all their triangles.
+    /// The bits that may pass between two tiles, from all their triangles.
     fn dense(plan: &Plan, receiver: u32, source: u32) -> u32 {
         let facets = |tile: u32| -> Vec<&Facet> {
             let slots = plan.layout.slots_of(&(tile..tile + 1));
@@ -190,7 +193,7 @@ mod tests {
         }
     }
 
-    /// Tiles in the same state merge: the lists of a room grow no faster than the room.
+    /// Equal neighbours merge into runs: the lists of a room grow no faster than the room.
     #[test]
     fn runs_of_rooms_take_a_few_bytes_a_triangle() {
         let mut scene = shipped("cornell_boxes.toml");

@@ -1,4 +1,4 @@
-//! Pairs so close that they are integrated over pieces: O(N) of them.
+//! Close pairs, which are integrated piecewise: O(N) of them.
 
 use super::{FarRuns, PAIR_NEAR};
 use crate::model::{Class, Facet, PADDING, reaches};
@@ -7,7 +7,8 @@ use crate::plan::TileLayout;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// For each target slot, a receiver, the slots of its close partners, sources, rising; or the other way round.
+/// For each target slot the slots of its close partners, ascending. Targets are receivers and partners sources, or
+/// the other way round.
 #[derive(Clone, Debug, Default)]
 pub struct NearPairs {
     /// Where each slot's list starts; one entry more than there are slots.
@@ -17,7 +18,7 @@ pub struct NearPairs {
 }
 
 impl NearPairs {
-    /// Finds the close pairs among the tiles that may hold some.
+    /// Finds the close pairs among the tiles marked [`PAIR_NEAR`].
     pub fn new(
         layout: &TileLayout,
         far: &FarRuns,
@@ -64,16 +65,16 @@ impl NearPairs {
         let list = target as usize..=target as usize + 1;
         let &[begin, end] = &self.offsets[list] else { return &[] };
         let all = &self.partners[begin as usize..end as usize];
-        let before = |bound: u32| all.partition_point(|&other| other < bound);
+        let before = |bound: u32| all.partition_point(|&partner| partner < bound);
         &all[before(partners.start)..before(partners.end)]
     }
 
-    /// The same pairs by the other end.
+    /// The same pairs with targets and partners exchanged.
     pub fn transposed(&self) -> Self {
         let slots = self.offsets.len() - 1;
         let mut offsets = vec![0; slots + 1];
-        for &other in &self.partners {
-            offsets[other as usize + 1] += 1;
+        for &partner in &self.partners {
+            offsets[partner as usize + 1] += 1;
         }
         for slot in 0..slots {
             offsets[slot + 1] += offsets[slot];
@@ -81,9 +82,9 @@ impl NearPairs {
         let mut next = offsets.clone();
         let mut partners = vec![0; self.partners.len()];
         for (target, run) in self.offsets.windows(2).enumerate() {
-            for &other in &self.partners[run[0] as usize..run[1] as usize] {
-                partners[next[other as usize] as usize] = target as u32;
-                next[other as usize] += 1;
+            for &partner in &self.partners[run[0] as usize..run[1] as usize] {
+                partners[next[partner as usize] as usize] = target as u32;
+                next[partner as usize] += 1;
             }
         }
         Self { offsets, partners }
