@@ -92,12 +92,12 @@ fn an_embedders_device_is_used_and_left_alone() {
     }
 }
 
-/// Every test relies on an empty log: a log that is always empty would make them all worthless.
+/// Every test relies on an empty log, so the log must be able to fill.
 #[test]
 fn validation_finds_a_mistake() {
     let device = device();
     device.check_validation().unwrap();
-    // Without any usage: wrong, but harmless.
+    // A buffer without any usage: invalid, but harmless.
     let create = vk::BufferCreateInfo::default().size(256);
     // SAFETY: the mistake that validation must find; drivers ignore it.
     unsafe {
@@ -110,9 +110,9 @@ fn validation_finds_a_mistake() {
     assert!(matches!(device.check_validation(), Err(GpuError::Validation(_))));
 }
 
-/// What is not destroyed before the device must get into the log as well: `finish` relies on it.
+/// Objects that outlive the device must appear in the log as well: `finish` relies on it.
 #[test]
-fn validation_finds_what_is_left_over() {
+fn validation_finds_leaks() {
     let device = device();
     let create = vk::BufferCreateInfo::default().size(256).usage(vk::BufferUsageFlags::TRANSFER_SRC);
     // SAFETY: a plain call; the leak is the point.
