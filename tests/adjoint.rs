@@ -241,7 +241,8 @@ fn transport_changes_with_every_centroid_as_its_derivative_says() {
     let mut random = Random::new(22);
     for settings in all_settings() {
         let model = model(&scattered(32, 10, true, false, 0.8), settings);
-        let (outgoing, importance) = (random_outgoing(&model, &mut random), random_state(&model, &mut random));
+        let (outgoing, importance) =
+            (random_outgoing(&model, &mut random), random_state(&model, &mut random));
         let found: Vec<DVec3> = transport_derivative(&model, &outgoing, &importance)
             .iter()
             .map(|gradient| gradient.corners.iter().sum())

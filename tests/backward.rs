@@ -639,7 +639,11 @@ fn special_points_have_finite_gradients() {
                     assert_eq!(gradients.albedo.as_ref().expect("requested")[flat], DVec3::ZERO, "{name}");
                     assert_eq!(gradients.specular.as_ref().expect("requested")[flat], DVec3::ZERO, "{name}");
                     assert_eq!(gradients.power.as_ref().expect("requested")[flat], 0.0, "{name}");
-                    assert_eq!(gradients.corners.as_ref().expect("requested")[flat], [DVec3::ZERO; 3], "{name}");
+                    assert_eq!(
+                        gradients.corners.as_ref().expect("requested")[flat],
+                        [DVec3::ZERO; 3],
+                        "{name}"
+                    );
                 }
             }
         }

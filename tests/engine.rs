@@ -168,7 +168,7 @@ fn a_grey_scene_has_one_channel_and_the_same_answer() {
     scene.materials[2].emission = [5.0; 3];
     let (engine, grey) = solve(&device, &scene, &tight(&scene));
     assert_eq!(engine.plan().channels(), 1);
-    // A touch of colour: three channels.
+    // Any colour takes three channels.
     scene.materials[2].emission = [5.0, 5.0, 4.999_999];
     let (engine, coloured) = solve(&device, &scene, &tight(&scene));
     assert_eq!(engine.plan().channels(), 3);
@@ -476,7 +476,7 @@ fn unphysical_soup_is_not_passed_over_in_silence() {
     let soup = Material { albedo: [0.9; 3], emission: [1.0; 3], ..Material::named("soup") };
     let scene = Scene::new("soup", vertices, triangles, vec![soup]).expect("a scene");
     let run = |solver| {
-        // Without the near field, which tames this soup.
+        // Without the near field, which would stabilise this soup.
         let settings = scene.settings.solver(solver).near_field(0.0).max_passes(60);
         let plan = Plan::new(&scene, &PlanOptions::of(&device), &settings).expect("a plan");
         let mut engine = Engine::new(&device, &scene, plan).expect("an engine");

@@ -23,7 +23,7 @@ fn worst(values: &[f64], truth: &[f64], width: usize) -> f64 {
     let norm = |v: &mut dyn Iterator<Item = f64>| v.map(|x| x * x).sum::<f64>().sqrt();
     let rows = || values.chunks(width).zip(truth.chunks(width));
     let errors = rows().map(|(v, t)| norm(&mut v.iter().zip(t).map(|(a, b)| a - b)));
-    // NaN must not be passed over.
+    // NaN must not go unnoticed.
     let largest = errors.fold(0.0, |a: f64, e| if e.is_finite() { a.max(e) } else { f64::INFINITY });
     let lit = rows().filter(|(_, t)| t.iter().any(|t| *t != 0.0)).count().max(1);
     let mean = norm(&mut truth.iter().copied()) / (lit as f64).sqrt();

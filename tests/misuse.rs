@@ -90,7 +90,7 @@ fn a_solution_belongs_to_the_materials_it_was_found_with() {
     assert!(matches!(gradients, Err(EngineError::OutdatedSolution)), "{gradients:?}");
     let new = engine.solve(&params()).expect("a solution");
     assert!(engine.face_colours(&new, INSIDE).is_ok() && backward(&mut engine, &new, &params()).is_ok());
-    // Materials that are refused leave the engine and its solutions as they are.
+    // Refused materials leave the engine and its solutions unchanged.
     scene.materials[0].albedo = [1.5; 3];
     assert!(engine.set_materials(&scene).is_err());
     assert!(engine.face_colours(&new, INSIDE).is_ok() && backward(&mut engine, &new, &params()).is_ok());
@@ -229,7 +229,7 @@ fn a_plan_is_for_one_geometry() {
     );
     let fewer = Engine::new(&device, &room(3), plan(&sound)).err();
     assert!(matches!(fewer, Some(EngineError::OtherScene { .. })), "{fewer:?}");
-    // Lobes and colours beyond the plan.
+    // Lobes and colours that the plan does not provide for.
     let mut glossy = sound.clone();
     glossy.materials[0].specular = [0.01; 3];
     let refused = Engine::new(&device, &glossy, plan(&sound)).err();
@@ -285,7 +285,8 @@ fn a_camera_is_somewhere() {
         let by_colours = vec![DVec3::ONE; scene.triangles.len()];
         let cotangent = Cotangent::default().colours(vec![(nowhere, by_colours)]);
         let request = GradientRequest::NOTHING.camera(true);
-        let gradients = engine.backward(&solution, &cotangent, request, &params()).map(|g| g.camera_positions);
+        let gradients =
+            engine.backward(&solution, &cotangent, request, &params()).map(|g| g.camera_positions);
         assert!(matches!(gradients, Err(EngineError::CameraPosition { .. })), "{gradients:?}");
     }
     finish(&device);

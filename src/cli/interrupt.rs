@@ -107,7 +107,7 @@ fn exit_code(signal: usize) -> u8 {
     u8::try_from(128 + signal).unwrap_or(super::EXIT_INTERRUPTED)
 }
 
-/// Whether this process was started to ignore a signal; false where that cannot be told.
+/// Whether this process was started to ignore a signal; false if unknown.
 #[cfg(unix)]
 fn ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

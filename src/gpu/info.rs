@@ -71,7 +71,7 @@ pub struct DeviceInfo {
     pub uniform_buffer_alignment: u64,
     /// Largest range of a uniform buffer that a kernel can bind.
     pub max_uniform_buffer_range: u64,
-    /// Most storage buffers that one kernel can bind.
+    /// Maximum number of storage buffers that one kernel can bind.
     pub max_storage_buffers: u32,
     /// Bytes of push constants that a kernel can have; at least [`MAX_PUSH_BYTES`](super::MAX_PUSH_BYTES) on every
     /// device.
@@ -80,11 +80,11 @@ pub struct DeviceInfo {
     pub subgroup_size: u32,
     /// Smallest and largest size that a kernel can require; both `subgroup_size` where it has no choice.
     pub subgroup_size_range: (u32, u32),
-    /// Most lanes of a workgroup.
+    /// Maximum number of lanes of a workgroup.
     pub max_workgroup_invocations: u32,
-    /// Most workgroups of a dispatch along x, y and z.
+    /// Maximum number of workgroups of a dispatch along x, y and z.
     pub max_workgroup_count: [u32; 3],
-    /// Most memory that the lanes of a workgroup can share.
+    /// Maximum memory that the lanes of a workgroup can share.
     pub shared_memory_bytes: u32,
     /// Nanoseconds per tick; 0 if the device has no timestamps, so that every timing is zero.
     pub timestamp_period_ns: f32,

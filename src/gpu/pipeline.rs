@@ -13,7 +13,7 @@ use crate::shaders::Shader;
 /// Bytes of push constants that every Vulkan device supports; longer parameters go into a buffer.
 pub const MAX_PUSH_BYTES: u32 = 128;
 
-/// Most storage buffers that one kernel can bind: a batch has this many descriptors.
+/// Maximum number of storage buffers that one kernel can bind: a batch has this many descriptors.
 pub(super) const MAX_BINDINGS: u32 = 64;
 
 /// A kernel that is ready to be dispatched. Its Vulkan objects belong to the device: making the same one again, for

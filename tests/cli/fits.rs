@@ -131,7 +131,7 @@ fn a_box_is_moved_back_by_what_two_views_see() {
     folder.render("room.toml --supersample 8").succeeded();
     folder.run("fit job.toml --output fits").succeeded();
     let way = value(&folder, "fits/job/parameters.json", "translation");
-    // A tenth of its size away at first.
+    // Initially off by a tenth of its size.
     assert!(way.iter().all(|w| w.abs() < 1e-3), "{way:?}");
 }
 
@@ -202,7 +202,7 @@ fn a_broken_job_harms_no_other() {
         folder.run(&format!("fit jobs/{name}.toml --output alone")).succeeded();
         same_results(&folder.path("fits").join(name), &folder.path("alone").join(name));
     }
-    // Once more: what is done is left alone.
+    // Run again: finished jobs are skipped.
     let again = folder.run("fit jobs/a.toml jobs/d.toml --output fits --resume").succeeded();
     says(&again.stderr, &["a: finished before", "d: finished before"]);
     let summary = String::from_utf8(folder.read("fits/summary.csv")).expect("text");
@@ -268,7 +268,7 @@ mod killed {
         folder.run("fit job.toml --output whole").succeeded();
         for (signal, code) in [("-TERM", Some(143)), ("-INT", Some(130)), ("-KILL", None)] {
             let _ = fs::remove_dir_all(folder.path("cut"));
-            // Twice: early, and once more after it went on.
+            // Twice: early, and again after it was resumed.
             for (iteration, resume) in [("iteration 3:", ""), ("iteration 7:", "--resume")] {
                 let run = kill_at(&folder, &format!("fit job.toml --output cut {resume}"), iteration, signal);
                 assert_eq!(run.code, code, "{run:?}");
@@ -279,7 +279,7 @@ mod killed {
                 assert!(!folder.path("cut/job/report.json").exists());
             }
             let run = folder.run("fit job.toml --output cut --resume").succeeded();
-            // Only what was lost since the checkpoint, every two iterations, is done again.
+            // Only the iterations since the last checkpoint, written every two, are repeated.
             let first = run.stderr.lines().nth(1).expect("an iteration");
             assert!(
                 ["6", "7", "8", "9"].iter().any(|n| first.starts_with(&format!("job iteration {n}:"))),
@@ -364,7 +364,7 @@ mod killed {
         says(&last.stdout, &["18 of 20 jobs are done"]);
         says(&last.stderr, &["antirad: j04: ", "antirad: j11: ", "did you mean \"wall\"?"]);
         for name in names.iter().filter(|name| !broken.contains(&name.as_str())) {
-            // Nothing of the kills is left: no half-written file either.
+            // The kills left nothing behind, no half-written file either.
             same_results(&folder.path(&format!("whole/{name}")), &folder.path(&format!("cut/{name}")));
         }
     }
@@ -394,7 +394,7 @@ mod killed {
             &["fits/job/checkpoint: ", "should hold", "remove it to continue from", "checkpoint.previous"],
         );
         assert_eq!(fs::read(&path).expect("a checkpoint").len(), good.len() / 2);
-        // As it says.
+        // The remedy of the message.
         fs::remove_file(&path).expect("removed");
         let changed = JOB.replace("initial = 3", "initial = 4");
         fs::write(folder.path("job.toml"), &changed).expect("written");
@@ -411,7 +411,7 @@ mod killed {
     fn a_failed_write_is_an_error_and_costs_no_checkpoint() {
         let folder = folder(&[("job.toml", JOB)]);
         let mut limited = Command::new("sh");
-        // Some KiB: a checkpoint has two, pictures and plots have more.
+        // Some KiB: a checkpoint has two, pictures and plots more.
         limited.args(["-c", "trap '' XFSZ; ulimit -f 8; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_antirad")]);
         limited.args(["fit", "job.toml", "--output", "full"]).current_dir(folder.path(""));
         let run = run(&mut limited);
@@ -421,7 +421,7 @@ mod killed {
         assert!(left.contains(&String::from("checkpoint")), "{left:?}");
         assert!(!left.contains(&String::from("report.json")), "{left:?}");
         assert!(left.iter().all(|name| !name.starts_with(".antirad")), "{left:?}");
-        // With room again, it goes on from there.
+        // Without the limit it continues from there.
         let resumed = folder.run("fit job.toml --output full --resume").succeeded();
         assert!(!resumed.stderr.contains("iteration 1:"), "{}", resumed.stderr);
         folder.run("fit job.toml --output whole").succeeded();
@@ -442,7 +442,7 @@ mod killed {
         assert_eq!(folder.run("fit job.toml --output cut --resume --restart").code, Some(2));
         let anew = folder.run("fit job.toml --output cut --restart").succeeded();
         says(&anew.stderr, &["job iteration 0:", "job iteration 12:"]);
-        // A fit that has ended is as much work.
+        // A finished fit is protected in the same way.
         says(&folder.run("fit job.toml --output cut").stderr, &["--resume", "--restart"]);
     }
 
@@ -464,7 +464,7 @@ mod killed {
         assert_eq!(second.code, Some(1), "{second:?}");
         let holder = format!("antirad: job: fits/job: process {} on ", first.id());
         says(&second.stderr, &[&holder, "at work in this folder", "other iteration 2:"]);
-        // The first one lost nothing by it, and its lock has gone with it.
+        // The first one is unharmed, and its lock was released at its end.
         let resumed = kill_at(&folder, "fit job.toml --output fits --resume", "iteration ", "-TERM");
         assert!(!resumed.stderr.contains("iteration 1:"), "{}", resumed.stderr);
     }

@@ -105,7 +105,7 @@ fn says(text: &str, parts: &[&str]) {
 struct Folder(TempDir);
 
 impl Folder {
-    /// With files besides the good ones, or instead of them.
+    /// With these files in addition to the good ones, or instead of them.
     fn with(files: &[(&str, &str)]) -> Self {
         let folder = Self(TempDir::new().expect("a temporary folder"));
         for (name, text) in [("room.toml", ROOM), ("m.obj", OBJ), ("m.mtl", MTL)].iter().chain(files) {

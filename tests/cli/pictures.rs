@@ -86,7 +86,7 @@ fn without_convergence_the_best_iterate_is_written() {
 /// A spectral radius of 1 or more: a script must be able to see it.
 #[test]
 fn an_answer_that_is_not_physical_has_an_exit_code() {
-    // Triangles through one another, without the near field that would tame them.
+    // Interpenetrating triangles, without the near field that would stabilise them.
     let mut state = 1u64;
     let mut random = move || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -295,8 +295,8 @@ fn settings_for_a_target_error() {
     assert_eq!(report["plan"]["bins"], "6x8");
 }
 
-/// The comparison solve of a level holds no memory when the level itself is solved: with what that takes at least,
-/// there is the same answer as with plenty.
+/// The comparison solve of a level holds no memory when the level itself is solved: in the least
+/// budget that suffices, the result is that of a large one.
 #[test]
 fn a_target_error_in_little_memory() {
     let scene = "[[mesh]]\nshape = { kind = \"quad\", cells = 12 }\nmaterial = \"grey\"\nscale = 4\ntranslate = [-2, 0, -2]\n\

@@ -57,7 +57,7 @@ fn a_check_needs_no_device_and_names_triangles() {
     }
     says(&folder.run("check room.toml").succeeded().stdout, &["200 triangles", "open blockers", "\"lamp\""]);
     folder.run("check nowhere.toml").refused(&["nowhere.toml", "cannot be read"]);
-    // Fewer bins need no finer mesh.
+    // With fewer bins the mesh is fine enough.
     let coarse = folder.run("check one.toml --bins 2x3").succeeded().stdout;
     assert!(coarse.contains("nothing to warn of"), "{coarse}");
 }

@@ -23,7 +23,7 @@ fn device_tells_what_it_is() {
     let same = &listed[info.index];
     assert_eq!(same.info.name, info.name);
     assert!(same.missing.is_empty());
-    // The position selects it, and so does a part of the name in another case.
+    // The index selects it, and so does part of the name in another case.
     for selector in [info.index.to_string(), info.name[..4].to_uppercase()] {
         let options = options().selector(Some(selector));
         finish(Device::new(&options).unwrap());
@@ -85,7 +85,7 @@ fn an_embedders_device_is_used_and_left_alone() {
             batch.submit().unwrap();
             assert_eq!(device.download_slice::<f32>(&y, 0, 2).unwrap(), [13.0, 24.0]);
         }
-        // Still the embedder's, and alive.
+        // The device still belongs to the embedder and works.
         raw.device_wait_idle().unwrap();
         raw.destroy_device(None);
         instance.destroy_instance(None);

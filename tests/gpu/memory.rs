@@ -12,7 +12,7 @@ fn transfers_beyond_one_staging_chunk() {
     let buffer = Buffer::new(&device, "big", bytes as u64 + 100, BufferKind::Storage).unwrap();
     device.upload(&buffer, 77, &data).unwrap();
     assert!(device.download(&buffer, 77, bytes as u64).unwrap() == data);
-    // A part of it, into memory of the caller.
+    // A part of it, into the caller's memory.
     let mut part = vec![0; 1000];
     device.download_into(&buffer, 77 + STAGING_CHUNK - 500, &mut part).unwrap();
     assert!(part == data[STAGING_CHUNK as usize - 500..][..1000]);

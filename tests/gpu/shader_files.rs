@@ -186,7 +186,7 @@ fn only_edited_shaders_need_the_compiler() {
 
     fs::write(&shader, text.replace('\n', "\r\n")).expect("written");
     assert_eq!(rust("no-such-glslc").expect("other ends of lines"), before);
-    // A head changes all that include it.
+    // Editing a header affects every shader that includes it.
     let head = copy.path().join("glsl/real.glsl");
     let text = fs::read_to_string(&head).expect("the head");
     fs::write(&head, format!("{text}// More.\n")).expect("written");

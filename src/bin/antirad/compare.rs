@@ -32,7 +32,7 @@ const QUANTITIES: [Quantity; 5] = [
     Quantity { name: "power", of: |m| vec![m.power] },
 ];
 
-/// Most rows printed per quantity.
+/// Maximum number of rows printed per quantity.
 const ROWS: usize = 12;
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {

@@ -61,7 +61,9 @@ enum Command {
     /// Print the memory and work that a solve needs, without using a device
     Plan(plan::Arguments),
     /// List Vulkan devices, and what each lacks for antirad
-    #[command(after_help = "Examples:\n  antirad devices\n  ANTIRAD_DEVICE=1 antirad render scenes/cornell_boxes.toml")]
+    #[command(
+        after_help = "Examples:\n  antirad devices\n  ANTIRAD_DEVICE=1 antirad render scenes/cornell_boxes.toml"
+    )]
     Devices,
 }
 

@@ -25,10 +25,10 @@ pub struct Arguments {
     /// Folder for the finer scene: SCENE.toml, with its meshes and materials beside it
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
-    /// Most triangles of the finer scene
+    /// Maximum number of triangles of the finer scene
     #[arg(long, value_name = "NUMBER", default_value_t = RefineOptions::default().max_triangles)]
     max_triangles: usize,
-    /// Most times that a triangle is cut
+    /// Maximum number of times that a triangle is cut
     #[arg(long, value_name = "NUMBER", default_value_t = RefineOptions::default().levels)]
     levels: u32,
 }

@@ -33,7 +33,7 @@ pub struct Arguments {
     /// Render this camera only; may be given several times [default: all cameras of the scene]
     #[arg(long, value_name = "NAME")]
     camera: Vec<String>,
-    /// Most triangles into which --target-error may subdivide the scene
+    /// Maximum number of triangles into which --target-error may subdivide the scene
     #[arg(long, value_name = "NUMBER", default_value_t = TargetErrorOptions::MAX_TRIANGLES)]
     max_triangles: usize,
     /// Folder for the results [default: out/SCENE]
@@ -61,7 +61,7 @@ fn parse_exposure(text: &str) -> Result<Exposure, String> {
         "auto" => Ok(Exposure::Auto),
         _ => match text.parse::<f64>() {
             Ok(stops) if stops.is_finite() => Ok(Exposure::Stops(stops)),
-            _ => Err("a number of stops, or auto".to_owned()),
+            _ => Err("expected a number of stops, or auto".to_owned()),
         },
     }
 }
@@ -336,7 +336,11 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
         let each = report.accuracy_warnings.iter().map(|w| format!("{} ({})", w.kind.name(), w.count));
         println!("warnings    {}: see `antirad check`", each.collect::<Vec<_>>().join(", "));
     }
-    println!("memory      {} at the peak, of a budget of {}", Bytes(report.memory.peak), Bytes(report.memory.budget));
+    println!(
+        "memory      {} at the peak, of a budget of {}",
+        Bytes(report.memory.peak),
+        Bytes(report.memory.budget)
+    );
     if verbose > 0 {
         for k in &report.kernels {
             println!("kernel      {k}");

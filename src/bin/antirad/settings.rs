@@ -28,14 +28,14 @@ pub struct SceneSettings {
     /// Passes after which the solve gives up without convergence
     #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(1..))]
     max_passes: Option<u32>,
-    /// Solver
+    /// Solver of the radiosity equation
     #[arg(long, value_name = "SOLVER", value_enum)]
     solver: Option<SolverChoice>,
     /// Arithmetic on the device: half-bins is faster where much is occluded; f64 is for validation and needs a device
     /// with double precision
     #[arg(long, value_name = "PRECISION", value_enum)]
     precision: Option<Precision>,
-    /// Most device memory to use, e.g. 512MiB [default: what the device has]
+    /// Limit of device memory, e.g. 512MiB [default: what the device has]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     pub memory_budget: Option<u64>,
     /// Reject triangles without area instead of ignoring them

@@ -30,7 +30,7 @@ pub const NAMES: [&str; 13] = [
 
 /// Paths for each triangle of a scene without a reference.
 pub const SAMPLES: u32 = 1024;
-/// The same for direct light alone, which tells where shadows are.
+/// The same for direct light alone, from which shadows are determined.
 const SHADOW_SAMPLES: u32 = 256;
 /// A triangle is in shadow if it receives less than this fraction of the lamps' light.
 const SHADOW: f64 = 0.5;

@@ -99,7 +99,7 @@ pub fn measure_asked(
     Ok(row)
 }
 
-/// What is varied where settings are found for a target error.
+/// The varied setting of rows whose settings were found for a target error.
 const ASKED: &str = "asked";
 
 /// `found`: irradiance of the scene's own triangles.

@@ -11,7 +11,7 @@ pub struct Setting {
     pub solve: SolveSettings,
     /// How often every triangle is cut into four.
     pub level: u32,
-    /// What is varied here.
+    /// The setting that is varied.
     pub varies: &'static str,
 }
 
@@ -55,8 +55,8 @@ pub const ASKED_COST: f64 = 20.0;
 
 const TIGHT: f64 = 1e-5;
 
-/// The defaults, and what differs from them in one thing; triangles and bins together. `quick` leaves out finer meshes
-/// of scenes that are large already, and what is known to matter little.
+/// The defaults and variations of one setting each; triangles and bins together. `quick` leaves out finer meshes of
+/// scenes that are large already, and settings known to matter little.
 pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
     let usual = SolveSettings::default().tolerance(TIGHT);
     let mut settings: Vec<Setting> = Vec::new();

@@ -29,7 +29,7 @@ struct Arguments {
     /// Bounces per size; the fastest counts
     #[arg(long, value_name = "NUMBER", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     repeats: u32,
-    /// Most device memory to use, e.g. 512MiB [default: what the device has]
+    /// Limit of device memory, e.g. 512MiB [default: what the device has]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     memory_budget: Option<u64>,
     /// Folder for scaling.csv and the plots

@@ -120,9 +120,7 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
     let memory = device.memory();
     let planned: u64 = report.memory.iter().map(|item| item.bytes).sum();
     if memory.in_use != planned {
-        return Err(
-            format!("planned {planned} bytes, allocated {}: a bug in antirad", memory.in_use).into()
-        );
+        return Err(format!("planned {planned} bytes, allocated {}: a bug in antirad", memory.in_use).into());
     }
     if arguments.verbose > 0 {
         for row in device.profile() {

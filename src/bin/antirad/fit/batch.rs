@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// A job file.
 pub struct Found {
     pub path: PathBuf,
-    /// The file's name without its ending: what its folder of results is called.
+    /// The file's name without its extension: the name of its folder of results.
     pub name: String,
 }
 
@@ -30,9 +30,7 @@ pub fn find(paths: &[PathBuf]) -> Result<Vec<Found>, Failure> {
         inside.retain(|path| is_job(path));
         inside.sort();
         if inside.is_empty() {
-            return Err(refuse(
-                "no job file in it; a job is a .toml that names a scene to fit".to_owned(),
-            ));
+            return Err(refuse("no job file in it; a job is a .toml that names a scene to fit".to_owned()));
         }
         files.append(&mut inside);
     }

@@ -40,7 +40,7 @@ pub struct Arguments {
     /// Run the other jobs even after a failure that they are likely to share: a full disk, a lost device
     #[arg(long)]
     keep_going: bool,
-    /// Most device memory to use, e.g. 512MiB [default: what the device has]
+    /// Limit of device memory, e.g. 512MiB [default: what the device has]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     memory_budget: Option<u64>,
     /// Vulkan device, by its number or a part of its name (see `antirad devices`) [env: ANTIRAD_DEVICE]
@@ -227,7 +227,7 @@ fn more(device: &Device) -> serde_json::Value {
     })
 }
 
-/// Most values printed; the rest is in the files.
+/// Maximum number of values printed; the rest is in the files.
 const PRINTED: usize = 24;
 
 fn print(name: &str, outcome: &Outcome, picture_error: f64, directory: &Path) {
