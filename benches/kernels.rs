@@ -1,10 +1,10 @@
 //! Rates of the transport kernels in pairs per second, minima of time over many repeats, with nothing culled within the
 //! measured shape. `LP_NUM_THREADS=1 cargo bench --bench kernels` gives rates per core of lavapipe.
 //!
-//! A harness of its own, for what is measured is the device's time in one shape of one kernel out of a pass, and what counts is
-//! the fastest: `divan` reports fastest times, but only of whole calls; `criterion` takes times as given (`iter_custom`), but
-//! reports means, which on a busy machine never came near the rate: 11 to 15 million pairs/s for diffuse fronts to bins in
-//! three runs in turn with this harness, which found 15, 46 and 29, where a quiet machine gives 44.
+//! The harness is its own, since it measures the device time of one shape of one kernel within a pass, by the fastest
+//! repeat. `divan` reports fastest times, but only of whole calls; `criterion` accepts given times (`iter_custom`), but
+//! reports means, which on a busy machine stay far below the rate: 11 to 15 million pairs/s for diffuse fronts to bins
+//! in three runs that alternated with this harness, which found 15, 46 and 29; a quiet machine gives 44.
 
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Plan, PlanOptions};
@@ -13,20 +13,20 @@ use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers};
 use glam::{DAffine3, DQuat, DVec3};
 
-/// Repeats; the fastest counts, the machine being shared with others.
+/// Repeats; the fastest counts, since other programs may use the machine.
 const REPEATS: usize = 40;
 
 struct Case {
     name: &'static str,
     shape: &'static str,
     scene: Scene,
-    /// Material of the sources and of the receivers that the shape stands for.
+    /// Material of the sources and of the receivers of the shape.
     pairs: (u32, u32),
     precision: Precision,
 }
 
-/// Horizontal squares, each of 2 · cells² triangles of a material of its own, the first a lamp that faces down over others
-/// that face up.
+/// Horizontal squares, each of 2 · cells² triangles of a material of its own, the first a lamp that faces down over
+/// others that face up.
 fn sheets(cells: u32, heights: &[f64]) -> Scene {
     let mut builder = SceneBuilder::new();
     for (k, &height) in heights.iter().enumerate() {
@@ -90,7 +90,7 @@ fn main() {
             precision: Precision::HalfBins,
         },
     ];
-    // As with cargo's own harness: only what matches.
+    // An argument filters by name, as in cargo's own harness.
     let wanted: Vec<String> = std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
     let matches = |case: &Case| wanted.is_empty() || wanted.iter().any(|name| case.name.contains(name));
     for case in cases.into_iter().filter(matches) {

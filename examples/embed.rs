@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut builder = SceneBuilder::new();
     builder
         .shape("room", Shape::Room { cells: 8 }, &wall, DAffine3::IDENTITY)
-        // The shape faces up: mirrored, it faces down.
+        // The shape faces up; mirrored, it faces down.
         .shape("lamp", Shape::Quad { cells: 2 }, &light, place([0.4, -1.0, 0.4], [0.3, 0.95, 0.3]))
         .shape("table", Shape::Box { cells: 3 }, &wall, place([0.4, 0.05, 0.4], [0.3, 0.4, 0.3]));
     let scene = builder.finish("room")?;

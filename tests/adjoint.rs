@@ -13,7 +13,7 @@ use glam::DVec3;
 use std::ops::ControlFlow;
 use support::random::{Random, random_scene, scattered};
 
-/// Both layouts with both weights, coarse: the more directions share a bin, the more of a bin's edge cases are met.
+/// Both layouts with both weights, coarse: the more directions share a bin, the more of its edge cases occur.
 fn all_settings() -> [SolveSettings; 4] {
     let with = |bins, weights| SolveSettings::default().bins(bins).weights(weights);
     let (equal_angle, concentric) =
@@ -42,7 +42,7 @@ fn random_state(model: &Model, random: &mut Random) -> State {
     }
 }
 
-fn random_leaving(model: &Model, random: &mut Random) -> Outgoing {
+fn random_outgoing(model: &Model, random: &mut Random) -> Outgoing {
     let dark = model.dark();
     Outgoing {
         diffuse: random_values(random, dark.diffuse.len()),
@@ -60,17 +60,17 @@ fn dot_states(x: &State, y: &State) -> f64 {
     dot(&x.irradiance, &y.irradiance) + dot(&x.bins, &y.bins)
 }
 
-fn dot_leaving(x: &Outgoing, y: &Outgoing) -> f64 {
+fn dot_outgoing(x: &Outgoing, y: &Outgoing) -> f64 {
     dot(&x.diffuse, &y.diffuse) + dot(&x.specular, &y.specular) + dot(&x.antiradiance, &y.antiradiance)
 }
 
-/// Two ways to the same number. A NaN fails.
+/// Compares two computations of the same number. NaN fails.
 fn assert_same(what: &str, one: f64, other: f64, tolerance: f64) {
     let error = (one - other).abs() / one.abs().max(other.abs());
     assert!(error <= tolerance, "{what}: {one:e} and {other:e}, relative error {error:e}");
 }
 
-/// Scenes with glossy, blocking, far and close triangles; and accuracies.
+/// Scenes with glossy, blocking, far and close triangles, under all settings.
 fn cases() -> impl Iterator<Item = (String, Model)> {
     let scenes = [
         ("sparse", random_scene(1, 60, true, false)),
@@ -89,16 +89,16 @@ fn operators_and_their_transposes_agree() {
     for (name, model) in cases() {
         let (state, importance) = (random_state(&model, &mut random), random_state(&model, &mut random));
         let (outgoing, cotangent) =
-            (random_leaving(&model, &mut random), random_leaving(&model, &mut random));
+            (random_outgoing(&model, &mut random), random_outgoing(&model, &mut random));
         assert_same(
             &format!("U, {name}"),
             dot_states(&transport(&model, &outgoing), &importance),
-            dot_leaving(&outgoing, &transport_adjoint(&model, &importance)),
+            dot_outgoing(&outgoing, &transport_adjoint(&model, &importance)),
             1e-12,
         );
         assert_same(
             &format!("K - J, {name}"),
-            dot_leaving(&model.leave(&state), &cotangent),
+            dot_outgoing(&model.leave(&state), &cotangent),
             dot_states(&state, &reflect_adjoint(&model, &cotangent)),
             1e-12,
         );
@@ -107,7 +107,7 @@ fn operators_and_their_transposes_agree() {
         assert_same(
             &format!("S, {name}"),
             dot(&observe(&model, &outgoing, camera_position), &colours),
-            dot_leaving(&outgoing, &observe_adjoint(&model, camera_position, &colours)),
+            dot_outgoing(&outgoing, &observe_adjoint(&model, camera_position, &colours)),
             1e-12,
         );
     }
@@ -134,16 +134,16 @@ fn the_solve_and_its_adjoint_agree() {
         let mut adjoint = AdjointEquation {
             model: &model,
             incident: random_state(&model, &mut random),
-            outgoing: random_leaving(&model, &mut random),
+            outgoing: random_outgoing(&model, &mut random),
         };
-        let loss = dot_states(&state, &adjoint.incident) + dot_leaving(&outgoing, &adjoint.outgoing);
+        let loss = dot_states(&state, &adjoint.incident) + dot_outgoing(&outgoing, &adjoint.outgoing);
         let importance = solve(&mut adjoint);
-        assert_same(&name, loss, dot_leaving(&adjoint.outgoing(&importance), &emitted), 1e-10);
+        assert_same(&name, loss, dot_outgoing(&adjoint.outgoing(&importance), &emitted), 1e-10);
     }
 }
 
-/// A model whose triangles can be moved apart from one another, all else fixed: classes too, since what the plan leaves
-/// out adds nothing.
+/// A model whose triangles can be moved independently, all else fixed, classes too: what the plan leaves out adds
+/// nothing.
 struct Moved(Model);
 
 /// A corner of a triangle.
@@ -179,8 +179,8 @@ fn relative(found: &[DVec3], truth: &[DVec3]) -> f64 {
     (dot(&difference, &difference) / dot(truth, truth)).sqrt()
 }
 
-/// The gradient with respect to every corner against differences, at the best of three steps: what kinks lie within a
-/// step of bilinear weights differs. The bounds are of the error of the whole vector, and of the worst corner by the size
+/// The gradient with respect to every corner against differences, at the best of three steps: the kinks of bilinear
+/// weights within a step differ. The bounds are of the error of the whole vector, and of the worst corner by the size
 /// of its own gradient. A NaN fails.
 fn assert_slopes(name: &str, model: Model, found: &[[DVec3; 3]], loss: &dyn Fn(&Model) -> f64) {
     let mut moved = Moved(model);
@@ -204,14 +204,15 @@ fn assert_slopes(name: &str, model: Model, found: &[[DVec3; 3]], loss: &dyn Fn(&
     assert!(all <= 1e-9 && worst <= 1e-7, "{name}: {errors:?}");
 }
 
-/// Of three steps: kinks of bilinear weights may lie within one of them, and not within most.
+/// Of three steps: kinks of bilinear weights may lie within one of them, but not within most.
 fn median(errors: impl Iterator<Item = f64>) -> f64 {
     let mut errors: Vec<f64> = errors.collect();
     errors.sort_by(f64::total_cmp);
     errors[errors.len() / 2]
 }
 
-/// Scenes in which all pairs are far, some are close, and most are close: (name, side of the box, triangles, subsample).
+/// Scenes in which all pairs are far, some are close, and most are close: (name, side of the box, triangles, near
+/// field).
 const ROOMS: [(&str, f64, u32, f64); 3] =
     [("far", 2.0, 12, 0.0), ("mixed", 1.0, 12, 30.0), ("near", 0.3, 8, 30.0)];
 
@@ -223,7 +224,7 @@ fn transport_changes_with_every_corner_as_its_derivative_says() {
             let settings = settings.near_field(near_field);
             let model = model(&scattered(31, count, true, false, room), settings);
             let (outgoing, importance) =
-                (random_leaving(&model, &mut random), random_state(&model, &mut random));
+                (random_outgoing(&model, &mut random), random_state(&model, &mut random));
             let gradients = transport_derivative(&model, &outgoing, &importance);
             let found: Vec<_> = gradients.iter().zip(&model.facets).map(|(g, f)| g.to_corners(f)).collect();
             let name = format!("{name}, {} {:?}", settings.bins, settings.weights);
@@ -240,7 +241,8 @@ fn transport_changes_with_every_centroid_as_its_derivative_says() {
     let mut random = Random::new(22);
     for settings in all_settings() {
         let model = model(&scattered(32, 10, true, false, 0.8), settings);
-        let (outgoing, importance) = (random_leaving(&model, &mut random), random_state(&model, &mut random));
+        let (outgoing, importance) =
+            (random_outgoing(&model, &mut random), random_state(&model, &mut random));
         let found: Vec<DVec3> = transport_derivative(&model, &outgoing, &importance)
             .iter()
             .map(|gradient| gradient.corners.iter().sum())
@@ -257,11 +259,11 @@ fn transport_changes_with_every_centroid_as_its_derivative_says() {
 }
 
 #[test]
-fn colours_change_with_corners_and_eye_as_their_derivative_says() {
+fn colours_change_with_corners_and_camera_as_their_derivative_says() {
     let mut random = Random::new(23);
     for settings in all_settings() {
         let model = model(&scattered(33, 12, true, false, 0.8), settings);
-        let outgoing = random_leaving(&model, &mut random);
+        let outgoing = random_outgoing(&model, &mut random);
         let (camera_position, colours) =
             (DVec3::new(0.3, 0.5, 1.1), random_values(&mut random, model.facets.len()));
         let (gradients, at_eye) = observe_derivative(&model, &outgoing, camera_position, &colours);
@@ -278,7 +280,7 @@ fn colours_change_with_corners_and_eye_as_their_derivative_says() {
     }
 }
 
-/// Linear in all but the power, so that a step of 1e-3 leaves rounding alone; of fourth order in the power, at 1e-3 too.
+/// Linear in all but the power, so that a step of 1e-3 leaves only rounding; of fourth order in the power, at 1e-3 too.
 #[test]
 fn reflection_changes_with_materials_as_its_derivative_says() {
     let mut random = Random::new(24);
@@ -290,7 +292,7 @@ fn reflection_changes_with_materials_as_its_derivative_says() {
             model.materials[i].diffuse = 0.7;
             model.materials[i].normalization = [Normalization::Phong, Normalization::Energy][k % 2];
         }
-        let (state, cotangent) = (random_state(&model, &mut random), random_leaving(&model, &mut random));
+        let (state, cotangent) = (random_state(&model, &mut random), random_outgoing(&model, &mut random));
         let gradients = reflect_derivative(&model, &state, &cotangent);
         let (mut found, mut truth) = (Vec::new(), Vec::new());
         for (i, gradient) in gradients.iter().enumerate() {
@@ -298,8 +300,8 @@ fn reflection_changes_with_materials_as_its_derivative_says() {
                 let kept = model.materials[i].clone();
                 let mut at = |step: f64| {
                     change(&mut model.materials[i], step);
-                    let value = dot_leaving(&model.leave(&state), &cotangent)
-                        + dot_leaving(&emission(&model), &cotangent);
+                    let value = dot_outgoing(&model.leave(&state), &cotangent)
+                        + dot_outgoing(&emission(&model), &cotangent);
                     model.materials[i] = kept.clone();
                     value
                 };
@@ -328,7 +330,7 @@ fn losses_of_solutions_change_as_the_adjoint_says() {
         let base = model(&scattered(35, 10, true, false, 0.9), settings);
         let camera_position = DVec3::new(0.4, 0.3, 1.3);
         let colours = random_values(&mut random, base.facets.len());
-        let (at_state, at_leaving) = (random_state(&base, &mut random), random_leaving(&base, &mut random));
+        let (at_state, at_leaving) = (random_state(&base, &mut random), random_outgoing(&base, &mut random));
         let light = |model: &Model| {
             let state = solve(&mut &*model);
             let mut outgoing = model.leave(&state);
@@ -338,7 +340,7 @@ fn losses_of_solutions_change_as_the_adjoint_says() {
         let loss = |model: &Model| {
             let (state, outgoing) = light(model);
             dot_states(&state, &at_state)
-                + dot_leaving(&outgoing, &at_leaving)
+                + dot_outgoing(&outgoing, &at_leaving)
                 + dot(&observe(model, &outgoing, camera_position), &colours)
         };
 
@@ -401,8 +403,8 @@ fn losses_of_solutions_change_as_the_adjoint_says() {
     }
 }
 
-/// Where derivatives do not exist or nothing is exchanged: all are finite, and none is out of proportion. Triangles and
-/// distances are of size 1, light and cotangents too: gradients of some tens are what the room's edge really has.
+/// Where derivatives do not exist or no light is exchanged, all are finite and none is out of proportion. Triangles and
+/// distances are of size 1, light and cotangents too: the gradients at the room's edge really are some tens.
 #[test]
 fn special_geometry_has_finite_gradients() {
     let (o, x, y, z) = (DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z);
@@ -434,7 +436,7 @@ fn special_geometry_has_finite_gradients() {
             let model =
                 Model::with_classes(&scene, Model::new(&scene).classes.into_iter().map(both).collect());
             let (outgoing, importance) =
-                (random_leaving(&model, &mut random), random_state(&model, &mut random));
+                (random_outgoing(&model, &mut random), random_state(&model, &mut random));
             let colours = random_values(&mut random, triangles.len());
             let camera_position = DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.0);
             let mut size: f64 = 0.0;

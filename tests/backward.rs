@@ -1,5 +1,5 @@
-//! Gradients of the engine: transposes and derivatives on the device against what they must agree with, in both
-//! precisions; and where no gradient can be had.
+//! Gradients of the engine: transposes and derivatives on the device against dot products and differences, in both
+//! precisions; and requests that are refused.
 #![allow(unsafe_code, reason = "one test lends a device that plain Vulkan calls opened")]
 
 mod support;
@@ -25,8 +25,8 @@ fn settings(precision: Precision) -> SolveSettings {
     SolveSettings::default().precision(precision).tolerance(tolerance)
 }
 
-fn engine(device: &Device, scene: &Scene, wanted: GradientRequest) -> Engine {
-    let options = PlanOptions::of(device).gradients(wanted);
+fn engine(device: &Device, scene: &Scene, request: GradientRequest) -> Engine {
+    let options = PlanOptions::of(device).gradients(request);
     let plan = Plan::new(scene, &options, &scene.settings).expect("a plan");
     Engine::new(device, scene, plan).expect("an engine")
 }
@@ -64,8 +64,8 @@ fn solve(engine: &mut Engine) -> Solution {
 }
 
 fn backward(engine: &mut Engine, solution: &Solution, loss: &Cotangent) -> Gradients {
-    let (params, wanted) = (SolveParams::from(engine.plan().settings()), engine.plan().options().gradients);
-    engine.backward(solution, loss, wanted, &params).expect("gradients")
+    let (params, request) = (SolveParams::from(engine.plan().settings()), engine.plan().options().gradients);
+    engine.backward(solution, loss, request, &params).expect("gradients")
 }
 
 /// All numbers of each kind.
@@ -134,7 +134,7 @@ fn minus(x: &Arrays, y: &Arrays) -> Arrays {
     (slots, x.1.iter().zip(&y.1).map(page).collect())
 }
 
-/// Two ways to the same number. A NaN fails.
+/// Compares two computations of the same number. NaN fails.
 fn assert_same(what: &str, one: f64, other: f64, bound: f64) {
     let error = (one - other).abs() / one.abs().max(other.abs());
     println!("{what}: {one:.6e}, relative error {error:.1e}");
@@ -199,7 +199,7 @@ fn dot_products(name: &str, scene: &Scene, bound: f64) {
     transposed.add_view(camera_position, &colours).expect("a view");
     transposed.pass(None, true, &mut of_view).expect("a pass");
 
-    // Uᵀ of what is emitted: radiance alone, emission has no bins.
+    // Uᵀ for emission: radiance alone, as emission has no bins.
     let importance = (importance.radiance, importance.specular);
     let ways = [
         ("U", dot(&plan, &emitted, &cotangent, true), dot(&plan, &emission, &importance, false)),
@@ -227,14 +227,14 @@ fn dot_products(name: &str, scene: &Scene, bound: f64) {
     finish(&device);
 }
 
-/// The same number from the solve and from that of its adjoint: a loss is linear in the emission.
+/// The solve and its adjoint give the same number, since a loss is linear in the emission.
 fn whole_solve(name: &str, scene: &Scene, bound: f64) {
     let device = device();
     let mut engine = engine(&device, scene, GradientRequest::NOTHING.emission(true));
     let loss = random_loss(&mut Random::new(5), scene.triangles.len());
     let solution = solve(&mut engine);
     let gradients = backward(&mut engine, &solution, &loss);
-    let emission = gradients.emission.expect("what was wanted");
+    let emission = gradients.emission.expect("requested");
     let from_adjoint =
         emission.iter().enumerate().map(|(i, g)| g.dot(scene.material(i).emission.into())).sum::<f64>();
     assert_same(&format!("{name}: the solve"), value(&mut engine, &solution, &loss), from_adjoint, bound);
@@ -298,9 +298,9 @@ fn own_material(scene: &mut Scene, triangle: usize) -> &mut Material {
     scene.materials.last_mut().expect("the one just added")
 }
 
-/// Every kind of parameter by differences through the whole solve, relative to the slope itself, at the best of the steps:
-/// kinks of bilinear weights within a step differ. At 1e-4 the error of the differences themselves is some 1e-8, and at 1e-5
-/// the residual of the solves, 1e-13, makes about 1e-8, too.
+/// Every kind of parameter by differences through the whole solve, relative to the slope itself, at the best of the
+/// steps: kinks of bilinear weights within a step differ. At 1e-4 the error of the differences themselves is some 1e-8,
+/// and at 1e-5 the residual of the solves, 1e-13, makes about 1e-8, too.
 #[test]
 fn gradients_are_slopes_of_the_solve() {
     let device = device();
@@ -312,7 +312,7 @@ fn gradients_are_slopes_of_the_solve() {
         with(concentric, Weights::Bilinear),
         with(concentric, Weights::Smoothstep),
     ] {
-        // Close to one another, and shiny: a lobe that hardly reflects anything has slopes below rounding.
+        // Close to each other, and shiny: a lobe that hardly reflects has slopes below rounding.
         let mut scene = scattered(35, 12, true, false, 0.8);
         scene.settings = settings;
         for (k, material) in scene.materials.iter_mut().enumerate() {
@@ -333,23 +333,23 @@ fn gradients_are_slopes_of_the_solve() {
             assert!(!values.is_empty() && values.iter().all(|v| v.is_finite()), "{kind}");
         }
 
-        // The triangle that matters most for a kind: of some hidden one the residual of the solves would say more.
+        // The triangle with the largest gradient of a kind: for a hidden one the residual of the solves would dominate.
         let most = |values: &[f64]| {
             let order = |&a: &usize, &b: &usize| values[a].abs().total_cmp(&values[b].abs());
             (0..values.len()).max_by(order).expect("some")
         };
         let channel = |values: &Option<Vec<DVec3>>, c: usize| -> usize {
-            most(&values.as_ref().expect("what was wanted").iter().map(|v| v[c]).collect::<Vec<_>>())
+            most(&values.as_ref().expect("requested").iter().map(|v| v[c]).collect::<Vec<_>>())
         };
         let lit = channel(&gradients.emission, 1);
         let bright = channel(&gradients.albedo, 2);
-        let dull = most(gradients.diffuse.as_ref().expect("what was wanted"));
+        let dull = most(gradients.diffuse.as_ref().expect("requested"));
         let glossy = channel(&gradients.specular, 0);
-        let shiny = most(gradients.power.as_ref().expect("what was wanted"));
+        let shiny = most(gradients.power.as_ref().expect("requested"));
         let moved = channel(&gradients.vertices, 1);
         let shared = scene.triangles[glossy].material as usize;
         fn of<T: Copy>(values: &Option<Vec<T>>, i: usize) -> T {
-            values.as_ref().expect("what was wanted")[i]
+            values.as_ref().expect("requested")[i]
         }
         let by_material = gradients.by_material(&scene)[shared];
         let by_mesh = gradients.by_mesh(&scene)[1];
@@ -401,13 +401,13 @@ fn gradients_are_slopes_of_the_solve() {
                 Box::new(|s, _, d| (5..12).for_each(|i| own_material(s, i).diffuse += d)),
             ),
         ];
-        // What a step of 1 is in the parameter's own unit.
+        // A step of 1 in the unit of the parameter.
         let unit = |kind: &str| match kind.chars().next() {
             Some('p') => 10.0,
             Some('σ' | 'v' | 'c') => 0.1,
             _ => 1.0,
         };
-        // What materials change does not depend on how directions are split.
+        // Derivatives by materials do not depend on the weights of directions.
         let first = settings.bins == EQUAL_ANGLE && settings.weights == Weights::Bilinear;
         let geometric = |kind: &str| matches!(kind, "vertex" | "corners" | "camera_position");
         for (kind, found, change) in cases.iter().filter(|(kind, ..)| first || geometric(kind)) {
@@ -443,11 +443,11 @@ fn sums_are_over_the_triangles_of_materials_and_meshes() {
     let sum = |picked: &dyn Fn(usize) -> bool| {
         let mut sum = MaterialGradients::default();
         for i in (0..20).filter(|&i| picked(i)) {
-            sum.emission += gradients.emission.as_ref().expect("wanted")[i];
-            sum.diffuse += gradients.diffuse.as_ref().expect("wanted")[i];
-            sum.albedo += gradients.albedo.as_ref().expect("wanted")[i];
-            sum.specular += gradients.specular.as_ref().expect("wanted")[i];
-            sum.power += gradients.power.as_ref().expect("wanted")[i];
+            sum.emission += gradients.emission.as_ref().expect("requested")[i];
+            sum.diffuse += gradients.diffuse.as_ref().expect("requested")[i];
+            sum.albedo += gradients.albedo.as_ref().expect("requested")[i];
+            sum.specular += gradients.specular.as_ref().expect("requested")[i];
+            sum.power += gradients.power.as_ref().expect("requested")[i];
         }
         sum
     };
@@ -524,9 +524,9 @@ fn single_precision_suffices() {
     single_against_double("plate", &plate_over_floor(10, 0.0, true), 1e-10);
 }
 
-/// The adjoint is that of f32: its gradients are taken at the packed solution and leave out what packing does to them.
+/// The adjoint is that of f32: its gradients are taken at the solution with half bins and ignore their rounding.
 #[test]
-fn packed_sources_change_gradients_little() {
+fn half_bins_change_gradients_little() {
     let settings = [(Precision::HalfBins, 1e-5), (Precision::F32, 1e-6)];
     gradients_agree("plate", &plate_over_floor(10, 0.0, true), settings, 1e-2);
 }
@@ -538,7 +538,7 @@ fn single_precision_suffices_in_the_cornell_room() {
 }
 
 /// The shadow's edge moves with the plate over the floor: the loss is the first moment of the floor's irradiance. Some
-/// kinks of bilinear weights lie within any step that moves the edge visibly; 1 % is what they may make of it.
+/// kinks of bilinear weights lie within any step that moves the edge visibly; they may change the slope by 1 %.
 #[test]
 fn a_shadow_that_moves_has_its_slope() {
     let device = device();
@@ -559,7 +559,7 @@ fn a_shadow_that_moves_has_its_slope() {
     let mut engine_here = engine(&device, &scene, GradientRequest::NOTHING.positions(true));
     let solution = solve(&mut engine_here);
     let gradients = backward(&mut engine_here, &solution, &loss);
-    let corners = gradients.corners.expect("what was wanted");
+    let corners = gradients.corners.expect("requested");
     let plate = floor.end..floor.end + 2 * 9;
     let expected: f64 = corners[plate].iter().flatten().map(|c| c.x).sum();
     let errors = [3e-2, 1e-2, 3e-3, 1e-3, 1e-4].map(|step| {
@@ -591,8 +591,8 @@ fn scene_of(triangles: &[[DVec3; 3]], settings: SolveSettings) -> Scene {
     scene
 }
 
-/// No area, directions on the pole and on the horizon, halves of opposite directions, p = 0, triangles at one place: all
-/// gradients are finite, and none is out of proportion. Triangles, distances, light and cotangents are of size 1.
+/// No area, directions on the pole and on the horizon, halves of opposite directions, p = 0, triangles at one place:
+/// all gradients are finite, and none is out of proportion. Triangles, distances, light and cotangents are of size 1.
 #[test]
 fn special_points_have_finite_gradients() {
     let device = device();
@@ -635,11 +635,15 @@ fn special_points_have_finite_gradients() {
                 }
                 for &flat in &scene.degenerate {
                     let flat = flat as usize;
-                    assert_eq!(gradients.emission.as_ref().expect("wanted")[flat], DVec3::ZERO, "{name}");
-                    assert_eq!(gradients.albedo.as_ref().expect("wanted")[flat], DVec3::ZERO, "{name}");
-                    assert_eq!(gradients.specular.as_ref().expect("wanted")[flat], DVec3::ZERO, "{name}");
-                    assert_eq!(gradients.power.as_ref().expect("wanted")[flat], 0.0, "{name}");
-                    assert_eq!(gradients.corners.as_ref().expect("wanted")[flat], [DVec3::ZERO; 3], "{name}");
+                    assert_eq!(gradients.emission.as_ref().expect("requested")[flat], DVec3::ZERO, "{name}");
+                    assert_eq!(gradients.albedo.as_ref().expect("requested")[flat], DVec3::ZERO, "{name}");
+                    assert_eq!(gradients.specular.as_ref().expect("requested")[flat], DVec3::ZERO, "{name}");
+                    assert_eq!(gradients.power.as_ref().expect("requested")[flat], 0.0, "{name}");
+                    assert_eq!(
+                        gradients.corners.as_ref().expect("requested")[flat],
+                        [DVec3::ZERO; 3],
+                        "{name}"
+                    );
                 }
             }
         }
@@ -647,7 +651,7 @@ fn special_points_have_finite_gradients() {
     finish(&device);
 }
 
-/// A triangle that nothing sees, and that no loss asks for, has no gradient at all.
+/// A triangle that exchanges no light and enters no loss has zero gradients.
 #[test]
 fn without_influence_gradients_are_zero() {
     let device = device();
@@ -670,12 +674,12 @@ fn without_influence_gradients_are_zero() {
         let mut engine = engine(&device, &scene, GradientRequest::EVERYTHING);
         let solution = solve(&mut engine);
         let gradients = backward(&mut engine, &solution, &loss);
-        assert_eq!(gradients.emission.expect("wanted")[2], DVec3::ZERO);
-        assert_eq!(gradients.albedo.expect("wanted")[2], DVec3::ZERO);
-        assert_eq!(gradients.diffuse.expect("wanted")[2], 0.0);
-        assert_eq!(gradients.specular.expect("wanted")[2], DVec3::ZERO);
-        assert_eq!(gradients.power.expect("wanted")[2], 0.0);
-        let corners = gradients.corners.expect("wanted");
+        assert_eq!(gradients.emission.expect("requested")[2], DVec3::ZERO);
+        assert_eq!(gradients.albedo.expect("requested")[2], DVec3::ZERO);
+        assert_eq!(gradients.diffuse.expect("requested")[2], 0.0);
+        assert_eq!(gradients.specular.expect("requested")[2], DVec3::ZERO);
+        assert_eq!(gradients.power.expect("requested")[2], 0.0);
+        let corners = gradients.corners.expect("requested");
         assert_eq!(corners[2], [DVec3::ZERO; 3]);
         assert_ne!(corners[0], [DVec3::ZERO; 3]);
     }
@@ -708,9 +712,9 @@ fn what_was_not_planned_is_refused() {
     for planned in [GradientRequest::NOTHING, emission] {
         let mut engine = engine(&device, &scene, planned);
         let solution = solve(&mut engine);
-        let wanted = emission.albedo(true).positions(true);
+        let request = emission.albedo(true).positions(true);
         let loss = random_loss(&mut Random::new(1), 10);
-        let error = engine.backward(&solution, &loss, wanted, &params).expect_err("not planned");
+        let error = engine.backward(&solution, &loss, request, &params).expect_err("not planned");
         assert!(
             matches!(&error, EngineError::NotPlanned { kinds } if kinds.ends_with(&["albedo", "positions"])),
             "{error}"
@@ -726,8 +730,8 @@ fn what_was_not_planned_is_refused() {
 fn wrong_cotangents_are_refused() {
     let device = device();
     let scene = scattered(5, 10, false, false, 0.9);
-    let wanted = GradientRequest::NOTHING.emission(true);
-    let mut engine = engine(&device, &scene, wanted);
+    let request = GradientRequest::NOTHING.emission(true);
+    let mut engine = engine(&device, &scene, request);
     let solution = solve(&mut engine);
     let params = SolveParams::default().tolerance(1e-4).max_passes(100);
     let good = vec![DVec3::ONE; 10];
@@ -742,37 +746,37 @@ fn wrong_cotangents_are_refused() {
         ]
     };
     for (kind, loss) in losses(&good[..9]) {
-        let error = engine.backward(&solution, &loss, wanted, &params).expect_err("too short");
+        let error = engine.backward(&solution, &loss, request, &params).expect_err("too short");
         let expected =
             matches!(error, EngineError::CotangentLength { what, given: 9, triangles: 10 } if what == kind);
         assert!(expected, "{error}");
     }
     for (kind, loss) in losses(&bad) {
-        let error = engine.backward(&solution, &loss, wanted, &params).expect_err("not a number");
+        let error = engine.backward(&solution, &loss, request, &params).expect_err("not a number");
         let expected = matches!(error, EngineError::CotangentNotFinite { what, triangle: 7 } if what == kind);
         assert!(expected, "{error}");
     }
     for (_, loss) in losses(&good) {
-        let gradients = engine.backward(&solution, &loss, wanted, &params).expect("gradients");
+        let gradients = engine.backward(&solution, &loss, request, &params).expect("gradients");
         assert!(gradients.emission.is_some() && gradients.albedo.is_none() && gradients.vertices.is_none());
     }
-    // No loss, no gradient.
-    let gradients = engine.backward(&solution, &Cotangent::default(), wanted, &params).expect("gradients");
-    assert!(gradients.emission.expect("wanted").iter().all(|g| *g == DVec3::ZERO));
+    // Without a loss gradients are zero.
+    let gradients = engine.backward(&solution, &Cotangent::default(), request, &params).expect("gradients");
+    assert!(gradients.emission.expect("requested").iter().all(|g| *g == DVec3::ZERO));
     finish(&device);
 }
 
-/// A solve that may not take as many passes as it needs says so, as forwards.
+/// An adjoint solve with too few passes fails, as the forward solve does.
 #[test]
 fn a_failed_adjoint_solve_is_an_error() {
     let device = device();
     let scene = scattered(5, 20, false, false, 0.9);
-    let wanted = GradientRequest::NOTHING.emission(true);
-    let mut engine = engine(&device, &scene, wanted);
+    let request = GradientRequest::NOTHING.emission(true);
+    let mut engine = engine(&device, &scene, request);
     let solution = solve(&mut engine);
     let params = SolveParams::default().tolerance(1e-6).max_passes(2);
     let loss = random_loss(&mut Random::new(1), 20);
-    let error = engine.backward(&solution, &loss, wanted, &params).expect_err("too few passes");
+    let error = engine.backward(&solution, &loss, request, &params).expect_err("too few passes");
     assert!(error.to_string().contains("no convergence"), "{error}");
     finish(&device);
 }

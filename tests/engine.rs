@@ -1,4 +1,4 @@
-//! What must not matter, does not: how work is cut up, what is left out, which run it is, which solver.
+//! Invariance of results: tiles, pages, culling, repetition, solvers, residency.
 
 mod support;
 
@@ -100,9 +100,10 @@ fn the_builder_makes_the_same_engine() {
     let solution = short.solve(&SolveParams::from(&settings)).expect("a solution");
     assert_eq!(solution.irradiance, irradiance);
     let small = PlanOptions::of(&device).tile(32);
-    let wanted = antirad::plan::GradientRequest::NOTHING.albedo(true);
-    let other = Engine::builder(&device, &scene).options(small).gradients(wanted).build().expect("an engine");
-    assert_eq!(other.plan().options(), &small.gradients(wanted));
+    let request = antirad::plan::GradientRequest::NOTHING.albedo(true);
+    let other =
+        Engine::builder(&device, &scene).options(small).gradients(request).build().expect("an engine");
+    assert_eq!(other.plan().options(), &small.gradients(request));
     finish(&device);
 }
 
@@ -170,7 +171,7 @@ fn a_grey_scene_has_one_channel_and_the_same_answer() {
     scene.materials[2].emission = [5.0; 3];
     let (engine, grey) = solve(&device, &scene, &tight(&scene));
     assert_eq!(engine.plan().channels(), 1);
-    // A touch of colour: three channels.
+    // Any colour takes three channels.
     scene.materials[2].emission = [5.0, 5.0, 4.999_999];
     let (engine, coloured) = solve(&device, &scene, &tight(&scene));
     assert_eq!(engine.plan().channels(), 3);
@@ -190,16 +191,16 @@ fn no_light_is_black() {
     finish(&device);
 }
 
-/// Light is linear: emission and cotangents far beyond the numbers of f32, or below them, change the size of an answer and no
-/// digit of it.
+/// Light is linear: emission and cotangents far beyond the range of f32, or below it, scale the result and change none
+/// of its digits.
 #[test]
 fn light_of_any_brightness() {
     let device = device();
     let mut scene = room(3, 0.6);
     scene.materials[0].specular = [0.05; 3];
     scene.materials[0].power = 10.0;
-    let wanted = GradientRequest::NOTHING.emission(true).albedo(true).specular(true).positions(true);
-    let plan_options = PlanOptions::of(&device).gradients(wanted);
+    let request = GradientRequest::NOTHING.emission(true).albedo(true).specular(true).positions(true);
+    let plan_options = PlanOptions::of(&device).gradients(request);
     let base = scene.materials[2].emission;
     let mut run = |brightness: f64, steepness: f64| {
         scene.materials[2].emission = base.map(|e| brightness * e);
@@ -211,7 +212,7 @@ fn light_of_any_brightness() {
             .radiosity(Some(ones()))
             .colours(vec![(camera_position, ones())]);
         let params = SolveParams::from(&scene.settings);
-        let gradients = engine.backward(&solution, &cotangent, wanted, &params).expect("gradients");
+        let gradients = engine.backward(&solution, &cotangent, request, &params).expect("gradients");
         let colours = engine.face_colours(&solution, camera_position).expect("colours");
         (solution.irradiance, solution.radiosity, colours, gradients)
     };
@@ -240,7 +241,7 @@ fn light_of_any_brightness() {
     finish(&device);
 }
 
-/// From a solution in other units of light, too.
+/// The start may be a solution in other units of light.
 #[test]
 fn a_start_from_another_brightness_is_brought_along() {
     let device = device();
@@ -294,7 +295,7 @@ fn too_few_passes_and_interruption_say_what_was_reached() {
             Err(EngineError::Solve(SolveError::Interrupted { passes: 2 })) => {}
             other => panic!("{:?}", other.err()),
         }
-        // What was reached is handed out, to look at or to go on from.
+        // The best iterate is returned, for inspection or as a start.
         let few = SolveParams::default().tolerance(1e-5).max_passes(5);
         let stopped = engine.solve(&few).expect_err("few passes");
         let best = stopped.into_best().expect("what was reached");
@@ -313,7 +314,7 @@ fn too_few_passes_and_interruption_say_what_was_reached() {
     finish(&device);
 }
 
-/// A budget that no plan keeps, and the one that the error names.
+/// The least budget, as named by the error for a budget that is too small.
 fn least_budget(scene: &Scene, settings: &SolveSettings, plan_options: &PlanOptions) -> u64 {
     match Plan::new(scene, &plan_options.memory_budget(1 << 10), settings) {
         Err(PlanError::OverBudget { needed, .. }) => needed,
@@ -331,7 +332,7 @@ fn glossy_room(cells: u32) -> Scene {
     scene
 }
 
-/// Solves on a device of so many bytes, and compares what was allocated with what was planned.
+/// Solves on a device with this budget, and compares allocated with planned bytes.
 fn solve_with_budget(
     scene: &Scene,
     settings: &SolveSettings,
@@ -373,7 +374,7 @@ fn the_least_budget_does_and_a_byte_less_does_not() {
     finish(&device);
 }
 
-/// From the least to the first that keeps the states on the device: each does with what it has, and finds the same.
+/// From the least budget to the first that keeps states on the device: each is kept, and results agree.
 #[test]
 fn states_on_the_host_change_nothing() {
     let device = device();
@@ -435,22 +436,22 @@ fn pages_of_the_same_size_give_the_same_bytes_wherever_they_are() {
     finish(&device);
 }
 
-/// Sources read in half the bits: the answer is nearly the same, and the solvers need few passes more to confirm it.
+/// Sources read as half bins: the result is nearly the same, and the solvers need only a few more passes.
 #[test]
-fn packed_sources_change_little() {
+fn half_bins_change_little() {
     let device = device();
     for (name, scene, solver) in [
         ("cornell_boxes", load("scenes/cornell_boxes.toml"), SolverChoice::Gmres),
         ("glossy", glossy_room(5), SolverChoice::Gmres),
         ("glossy", glossy_room(5), SolverChoice::FixedPoint),
     ] {
-        let [(engine, packed), (_, usual)] = [Precision::HalfBins, Precision::F32].map(|precision| {
+        let [(engine, half), (_, usual)] = [Precision::HalfBins, Precision::F32].map(|precision| {
             let settings = scene.settings.solver(solver).precision(precision).tolerance(1e-4);
             solve_within(&device, &scene, &settings, &PlanOptions::of(&device))
         });
         assert!(engine.plan().half_bins() && engine.plan().memory().of_label("half bins") > 0);
-        let error = relative_l2(&packed.irradiance, &usual.irradiance, &areas(&scene));
-        let [passes, usual_passes] = [&packed, &usual].map(|solution| solution.info.passes);
+        let error = relative_l2(&half.irradiance, &usual.irradiance, &areas(&scene));
+        let [passes, usual_passes] = [&half, &usual].map(|solution| solution.info.passes);
         println!("{name}, {solver:?}: {error:.2e}, {passes} passes against {usual_passes}");
         assert!(error > 0.0 && error <= 5e-4, "{name}: {error:e}");
         assert!(passes <= usual_passes + 4, "{name}: {passes} passes against {usual_passes}");
@@ -461,7 +462,8 @@ fn packed_sources_change_little() {
     finish(&device);
 }
 
-/// Interpenetrating triangles create light: the fixed point says so by diverging, GMRES by the radius it reports.
+/// Interpenetrating triangles create light: the fixed point diverges; GMRES fails, too, or reports a
+/// spectral radius of at least 1.
 #[test]
 fn unphysical_soup_is_not_passed_over_in_silence() {
     let device = device();
@@ -477,7 +479,7 @@ fn unphysical_soup_is_not_passed_over_in_silence() {
     let soup = Material { albedo: [0.9; 3], emission: [1.0; 3], ..Material::named("soup") };
     let scene = Scene::new("soup", vertices, triangles, vec![soup]).expect("a scene");
     let run = |solver| {
-        // Without the near field, which tames this soup.
+        // Without the near field, which would stabilise this soup.
         let settings = scene.settings.solver(solver).near_field(0.0).max_passes(60);
         let plan = Plan::new(&scene, &PlanOptions::of(&device), &settings).expect("a plan");
         let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
@@ -496,7 +498,7 @@ fn unphysical_soup_is_not_passed_over_in_silence() {
     finish(&device);
 }
 
-/// Every scene that comes with the project solves, with finite light everywhere.
+/// Every scene of the project solves, with finite light everywhere.
 #[test]
 fn shipped_scenes_solve() {
     let device = device();
@@ -516,18 +518,18 @@ fn shipped_scenes_solve() {
     finish(&device);
 }
 
-/// Four engines at once on one device, each in a thread of its own, with staging buffers of different sizes: each counts
-/// its own memory alone, and finds what it finds when nobody else is there.
+/// Four engines at once on one device, each in a thread of its own, with staging buffers of different sizes: each
+/// counts only its own memory, and finds what it finds alone.
 #[test]
 fn engines_in_threads_find_what_they_find_alone() {
     let device = device();
     let usual = PlanOptions::of(&device);
-    let wanted = GradientRequest::NOTHING.albedo(true).positions(true);
+    let request = GradientRequest::NOTHING.albedo(true).positions(true);
     let (plain, glossy) = (room(4, 0.5), glossy_room(3));
     let packed = glossy.settings.precision(Precision::HalfBins).tolerance(1e-4);
     let least = least_budget(&glossy, &glossy.settings, &usual);
     let jobs = [
-        (&plain, plain.settings, usual.gradients(wanted)),
+        (&plain, plain.settings, usual.gradients(request)),
         (&glossy, packed, usual.staging(1 << 20)),
         (&glossy, glossy.settings, usual.memory_budget(least + (1 << 16))),
         (&plain, plain.settings.precision(Precision::F64), usual),
@@ -539,7 +541,7 @@ fn engines_in_threads_find_what_they_find_alone() {
             let ones = vec![DVec3::ONE; scene.triangles.len()];
             let cotangent = Cotangent::default().irradiance(Some(ones));
             let params = SolveParams::from(settings);
-            let found = engine.backward(&solution, &cotangent, wanted, &params).expect("gradients");
+            let found = engine.backward(&solution, &cotangent, request, &params).expect("gradients");
             (found.albedo, found.vertices)
         });
         (solution.irradiance.clone(), solution.radiosity.clone(), solution.info.clone(), colours, gradients)
@@ -562,9 +564,9 @@ fn engines_in_threads_find_what_they_find_alone() {
     finish(&device);
 }
 
-/// Limits are what is left by those who are there already.
+/// The budget of a plan excludes what others have allocated.
 #[test]
-fn limits_leave_alone_what_others_use() {
+fn plan_options_exclude_what_others_use() {
     let budget = 64 << 20;
     let options = DeviceOptions::default().validation(true).memory_budget(Some(budget));
     let device = Device::new(&options).expect("a Vulkan device");
@@ -580,7 +582,7 @@ fn limits_leave_alone_what_others_use() {
     assert!(second.plan().memory().total() <= 4 << 20);
     assert!(relative_l2(&other.irradiance, &solution.irradiance, &areas(&scene)) <= 1e-4);
     drop(taken);
-    // Nothing left is nothing, not a number that has wrapped around.
+    // Without memory left the budget is zero, not a number that has wrapped around.
     let _all = buffer(PlanOptions::of(&device).memory_budget);
     assert_eq!(PlanOptions::of(&device).memory_budget, 0);
     finish(&device);

@@ -100,7 +100,7 @@ fn compare(name: &str, scene: &Scene, settings: SolveSettings, adjust: impl Fn(P
     let mut y = operator.vector().expect("a vector");
     operator.pass(Some(&x), false, &mut y).expect("a pass");
     let back = reflect_adjoint(&model, &outgoing);
-    // The views alone: what they add before any transport.
+    // The views alone, before any transport.
     operator.set(&none, &none, &pages).expect("cotangents");
     operator.add_view(camera_position, &colours_by_slot).expect("a view");
     let mut z = operator.vector().expect("a vector");
@@ -134,7 +134,7 @@ fn compare(name: &str, scene: &Scene, settings: SolveSettings, adjust: impl Fn(P
         all
     };
     let mut geometry = |name: [&'static str; 3], given: &[FacetGradient], truth: &[FacetGradient]| {
-        // What a normal's gradient says along the normal means nothing.
+        // The component of a normal's gradient along the normal is meaningless.
         let tangential =
             |g: &FacetGradient, n: DVec3| FacetGradient { normal: g.normal.reject_from(n), ..*g };
         let part = |g: &[FacetGradient], s: f64, range: std::ops::Range<usize>| -> Vec<f64> {
@@ -158,7 +158,7 @@ fn compare(name: &str, scene: &Scene, settings: SolveSettings, adjust: impl Fn(P
         &face_truth,
     );
     errors.push((
-        "view derivative, eye",
+        "view derivative, camera position",
         relative(&(camera_positions[0] * scale).to_array(), &eye_truth.to_array()),
     ));
 

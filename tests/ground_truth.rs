@@ -1,4 +1,4 @@
-//! Default settings against closed forms and path-traced irradiance (made by others; see tests/data/README.md).
+//! Default settings against closed forms and path-traced irradiance (of independent origin; see tests/data/README.md).
 
 mod support;
 
@@ -85,7 +85,7 @@ fn cornell_boxes() {
     finish(&device);
 }
 
-/// Light that goes through everything is far off: what J does matters.
+/// Without J the error is large: the test is sensitive to occlusion.
 #[test]
 fn cornell_boxes_without_occlusion() {
     let device = device();
@@ -121,7 +121,7 @@ fn cornell_boxes_fine() {
     finish(&device);
 }
 
-/// The project's own path tracer against that of others, which has errors of its own: 0.26 % at the median.
+/// The project's own path tracer against an independent one, which has errors of its own: 0.26 % at the median.
 #[test]
 fn path_traced_by_two() {
     let scene = load("scenes/cornell_boxes.toml");

@@ -1,8 +1,8 @@
-//! Hard cases, each with an expectation: right within a bound, or refused or warned of by name. docs/accuracy.md has the
-//! table of all, with those that other tests hold.
+//! Hard cases, each with an expectation: correct within a bound, refused, or warned of by name. docs/accuracy.md has
+//! the table of all, including those of other tests.
 //!
-//! Most are furnaces: where all surfaces of a closed scene emit an exitance E alike and reflect a share ρ alike, and no
-//! back is seen, the radiosity is E / (1 - ρ) on all of them, whatever their shape.
+//! Most are furnaces: where all surfaces of a closed scene emit the same exitance E, have the same albedo ρ, and no
+//! back is visible, the radiosity is E / (1 - ρ) on all of them, whatever their shape.
 
 mod support;
 
@@ -29,7 +29,7 @@ fn glowing(albedo: f64) -> Material {
     Material { albedo: [albedo; 3], emission: [1.0 / PI; 3], ..Material::named("glowing") }
 }
 
-/// A unit room of which everything glows, with things in it.
+/// A unit room in which everything emits, with objects in it.
 fn furnace(cells: u32, albedo: f64, add: impl FnOnce(&mut SceneBuilder, &Material)) -> Scene {
     let material = glowing(albedo);
     let mut builder = SceneBuilder::new();
@@ -56,7 +56,7 @@ fn with_solver(scene: &Scene, solver: SolverChoice) -> SolveSettings {
     scene.settings.solver(solver).tolerance(1e-6).max_passes(4000)
 }
 
-/// Right within 1 % with a wide near field, and within 1.5 % at albedo 0.95 without. Beyond that the scene says what to set.
+/// Correct within 1.5 % at albedo 0.95, and within 1 % up to 0.99 with a near field of 400, which a warning recommends.
 #[test]
 fn closed_boxes_of_high_albedo() {
     let device = device();
@@ -66,11 +66,11 @@ fn closed_boxes_of_high_albedo() {
         let (_engine, solution) = solve(&device, &scene, &settings);
         let (mean, rms) = furnace_error(&scene, &solution, albedo);
         println!(
-            "albedo {albedo}, subsample {near_field}: mean {:+.3} %, rms {:.3} %",
+            "albedo {albedo}, near field {near_field}: mean {:+.3} %, rms {:.3} %",
             100.0 * mean,
             100.0 * rms
         );
-        assert!(rms <= bound, "albedo {albedo}, subsample {near_field}: {rms}");
+        assert!(rms <= bound, "albedo {albedo}, near field {near_field}: {rms}");
         assert!(scene.warnings.iter().any(|w| w.contains("\"glowing\"") && w.contains("near_field = 400")));
     }
     finish(&device);
@@ -115,7 +115,7 @@ fn reference(scene: &Scene) -> Vec<[f64; 3]> {
     truth.irradiance.iter().map(|h| h.to_array()).collect()
 }
 
-/// Two squares of side 1 that face each other: what leaves one and arrives at the other, by Howell's catalogue (C-11).
+/// Form factor of two parallel unit squares, by Howell's catalogue of configuration factors (C-11).
 fn squares_form_factor(distance: f64) -> f64 {
     let x = 1.0 / distance;
     let y = (1.0 + x * x).sqrt();
@@ -123,7 +123,7 @@ fn squares_form_factor(distance: f64) -> f64 {
         * ((y * y / (1.0 + 2.0 * x * x).sqrt()).ln() + 2.0 * x * y * (x / y).atan() - 2.0 * x * x.atan())
 }
 
-/// Right within 1.5 %.
+/// Correct within 1.5 %.
 #[test]
 fn plates_with_narrow_gaps() {
     assert!((squares_form_factor(1.0) - 0.199_824_895_698).abs() <= 1e-11);
@@ -145,8 +145,8 @@ fn plates_with_narrow_gaps() {
     finish(&device);
 }
 
-/// Needles of 1 : 10⁴, triangles without area, and sheets whose two sides have one centroid: right within 2 %. The same
-/// triangle twice is warned of, for it makes light.
+/// Needles of 1 : 10⁴, triangles without area, and sheets whose two sides have one centroid: correct within 2 %.
+/// Duplicate triangles are warned of, since they create light.
 #[test]
 fn awkward_triangles() {
     let device = device();
@@ -211,7 +211,8 @@ fn awkward_triangles() {
     finish(&device);
 }
 
-/// A lamp just under the ceiling and a block just above the floor: warned of, and right within 10 % (3 % in the mean).
+/// A lamp just under the ceiling and a block just above the floor: warned of, and correct within 10 % (3 % in the
+/// mean).
 #[test]
 fn gaps_below_the_size_of_triangles() {
     let device = device();
@@ -231,7 +232,7 @@ fn gaps_below_the_size_of_triangles() {
     finish(&device);
 }
 
-/// Irradiance of the floor under plates that hide the lamp from all of it, over what it is without them.
+/// Irradiance of a floor that plates shadow entirely, relative to the one without plates.
 fn under(device: &Device, plates: &Plates) -> Result<f64, EngineError> {
     let scene = plates.scene().expect("a scene");
     let floor = scene.meshes[0].range.start as usize..scene.meshes[0].range.end as usize;
@@ -247,7 +248,7 @@ fn under(device: &Device, plates: &Plates) -> Result<f64, EngineError> {
     Ok(run(Occlusion::Exact)? / run(Occlusion::Nothing)?)
 }
 
-/// What comes through stacks of plates whose distance is three times their triangles' size.
+/// Light that leaks through stacks of plates whose distance is three times their triangles' size.
 #[test]
 fn stacks_of_plates() {
     let device = device();
@@ -275,8 +276,8 @@ fn named_layers(scene: &Scene, count: u32) {
     }
 }
 
-/// Closer than a triangle's size: the same where the near field still cuts the triangles finely enough; warned of, and with
-/// the narrow bins of the pole by the names of the layers.
+/// Closer than a triangle's size: as above where the near field still cuts the triangles finely enough. Warned of; with
+/// the narrow bins of the pole, by the names of the layers.
 #[test]
 fn stacks_of_plates_that_are_too_close() {
     let device = device();
@@ -293,7 +294,7 @@ fn stacks_of_plates_that_are_too_close() {
     finish(&device);
 }
 
-/// Powers from 0 to 1000: as the f64 reference has it.
+/// Powers from 0 to 1000 agree with the f64 reference.
 #[test]
 fn lobes_of_all_powers() {
     let device = device();
@@ -314,7 +315,7 @@ fn lobes_of_all_powers() {
     finish(&device);
 }
 
-/// Black walls reflect nothing: radiosity is what is emitted, and all of it is absorbed in a closed box.
+/// Black walls reflect nothing: radiosity equals exitance, and a closed box absorbs all of it.
 #[test]
 fn black_walls() {
     let device = device();
@@ -327,7 +328,7 @@ fn black_walls() {
     finish(&device);
 }
 
-/// A picture of nothing is black, and no error.
+/// A camera that sees nothing gives a black picture, not an error.
 #[test]
 fn a_camera_that_sees_nothing() {
     let device = device();

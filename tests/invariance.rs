@@ -1,4 +1,4 @@
-//! Where a scene stands, how large it is, how it is turned and in which order its triangles come does not matter.
+//! Invariance under translation, scale, rotation and the order of triangles.
 
 mod support;
 
@@ -70,8 +70,8 @@ fn scale_place_and_order() {
     finish(&device);
 }
 
-/// Bins turn with the frames of their triangles, and frames do not turn with the scene: so shadows change within the error
-/// of the layout. Without shadows nothing does.
+/// Bins turn with the frames of their triangles, and frames do not turn with the scene, so that shadows change within
+/// the error of the layout. Without shadows nothing changes.
 #[test]
 fn rotation() {
     let device = device();

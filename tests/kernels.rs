@@ -16,21 +16,21 @@ use support::random::{Random, random_scene, scattered};
 use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};
 use support::{device, finish};
 
-/// The largest error of a triangle's values, `width` each, over the root mean square of those of all lit triangles: one
-/// triangle hardly counts in the 2-norm over all.
+/// The largest error of a triangle's values, `width` each, relative to the root mean square of all lit triangles: a
+/// single triangle hardly counts in the 2-norm over all.
 fn worst(values: &[f64], truth: &[f64], width: usize) -> f64 {
     assert_eq!(values.len(), truth.len());
     let norm = |v: &mut dyn Iterator<Item = f64>| v.map(|x| x * x).sum::<f64>().sqrt();
     let rows = || values.chunks(width).zip(truth.chunks(width));
     let errors = rows().map(|(v, t)| norm(&mut v.iter().zip(t).map(|(a, b)| a - b)));
-    // NaN must not be passed over.
+    // NaN must not go unnoticed.
     let largest = errors.fold(0.0, |a: f64, e| if e.is_finite() { a.max(e) } else { f64::INFINITY });
     let lit = rows().filter(|(_, t)| t.iter().any(|t| *t != 0.0)).count().max(1);
     let mean = norm(&mut truth.iter().copied()) / (lit as f64).sqrt();
     if mean > 0.0 { largest / mean } else { largest }
 }
 
-/// How much larger the worst error of a triangle may be.
+/// Factor by which the worst error of a triangle may be larger.
 const WORST: f64 = 10.0;
 
 /// Relative error of each kernel, in the 2-norm over all its output.
@@ -142,9 +142,9 @@ fn double_precision() {
     compare("f64, concentric, smoothstep", &scene, smooth, |l| l);
 }
 
-/// Close pairs are not packed: without them all sources are.
+/// Close pairs do not use half bins: without them all sources do.
 #[test]
-fn packed_sources() {
+fn half_bins() {
     let usual = SolveSettings::default().precision(Precision::HalfBins).near_field(0.0);
     compare("half bins", &random_scene(12, 500, true, false), usual, |l| l);
     let small = |l: PlanOptions| l.tile(32).page(1);
@@ -181,7 +181,7 @@ fn without_a_near_field() {
     compare("no sub-samples", &scene, SolveSettings::default().near_field(0.0), |l| l);
 }
 
-/// The harness can fail: against the reference of another scene it does.
+/// The harness fails against the reference of another scene, as it must.
 #[test]
 #[should_panic(expected = "relative error")]
 fn a_wrong_kernel_would_be_found() {
@@ -204,7 +204,7 @@ fn a_wrong_kernel_would_be_found() {
     assert!(error <= tolerance(settings.precision), "relative error {error:e}");
 }
 
-/// Structures shared with the shaders lie in memory as the shaders see them.
+/// Structures shared with the shaders have the shaders' layout.
 #[test]
 fn layouts_agree_with_the_shaders() {
     macro_rules! check {

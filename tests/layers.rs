@@ -1,4 +1,4 @@
-//! Which layer may use which: the graph of ARCHITECTURE.md, held against the `crate::` paths of the sources.
+//! Which layer may use which: the graph of ARCHITECTURE.md, compared with the `crate::` paths of the sources.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -49,7 +49,7 @@ fn layer_of_file(name: &str) -> &str {
     if name == "engine_builder" { "engine" } else { name }
 }
 
-/// What the root re-exports, by the layer it comes from.
+/// The layer of each name that the root re-exports.
 fn layer_of(name: &str) -> &str {
     match name {
         "Gradients" | "MaterialGradients" | "Cotangent" => "gradients",

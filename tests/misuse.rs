@@ -1,4 +1,4 @@
-//! What programs may get wrong is an error: it neither panics, nor gives an answer, nor spoils the engine.
+//! Misuse of the API is an error: it does not panic, does not return a result, and leaves the engine intact.
 
 mod support;
 
@@ -45,8 +45,8 @@ fn backward(
 ) -> Result<Vec<DVec3>, EngineError> {
     let triangles = solution.irradiance.len();
     let cotangent = Cotangent::default().irradiance(Some(vec![DVec3::ONE; triangles]));
-    let wanted = GradientRequest::NOTHING.albedo(true);
-    engine.backward(solution, &cotangent, wanted, params).map(|g| g.albedo.expect("what was asked"))
+    let request = GradientRequest::NOTHING.albedo(true);
+    engine.backward(solution, &cotangent, request, params).map(|g| g.albedo.expect("requested"))
 }
 
 const INSIDE: DVec3 = DVec3::new(0.4, 0.5, 0.6);
@@ -90,14 +90,14 @@ fn a_solution_belongs_to_the_materials_it_was_found_with() {
     assert!(matches!(gradients, Err(EngineError::OutdatedSolution)), "{gradients:?}");
     let new = engine.solve(&params()).expect("a solution");
     assert!(engine.face_colours(&new, INSIDE).is_ok() && backward(&mut engine, &new, &params()).is_ok());
-    // Materials that are refused leave the engine and its solutions as they are.
+    // Refused materials leave the engine and its solutions unchanged.
     scene.materials[0].albedo = [1.5; 3];
     assert!(engine.set_materials(&scene).is_err());
     assert!(engine.face_colours(&new, INSIDE).is_ok() && backward(&mut engine, &new, &params()).is_ok());
     finish(&device);
 }
 
-/// An old solution is a start, and one of an engine with another arrangement none.
+/// An earlier solution can be a start; one of an engine with another layout cannot.
 #[test]
 fn a_solve_starts_at_any_solution_that_can_be_one() {
     let device = device();
@@ -117,7 +117,7 @@ fn a_solve_starts_at_any_solution_that_can_be_one() {
     finish(&device);
 }
 
-/// Scenes that no file could give, each with a word of what is said of it.
+/// Scenes that no file could give, each with a part of its error.
 fn broken_scenes() -> Vec<(&'static str, Scene)> {
     let broken = |word: &'static str, change: &dyn Fn(&mut Scene)| {
         let mut scene = room(2);
@@ -163,7 +163,7 @@ fn a_scene_by_code_is_checked_like_one_from_a_file() {
     finish(&device);
 }
 
-/// Faces of one mesh cannot use the vertices of the next.
+/// Faces of a mesh cannot use the vertices of the next one.
 #[test]
 fn a_mesh_uses_its_own_vertices() {
     let corners = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
@@ -181,7 +181,7 @@ fn a_mesh_uses_its_own_vertices() {
 }
 
 #[test]
-fn an_error_that_is_asked_for_is_between_zero_and_one() {
+fn a_target_error_is_between_zero_and_one() {
     let device = device();
     let scene = room(2);
     let mut solve = |engine: &mut Engine, _: &Scene, _: &Stage| engine.solve(&params());
@@ -218,7 +218,7 @@ fn a_plan_is_for_one_geometry() {
         let refused = engine.set_materials(scene).err();
         assert!(matches!(refused, Some(EngineError::OtherGeometry { .. })), "{refused:?}");
     }
-    // The same places under other numbers: derivatives by vertices would go astray.
+    // The same positions under other indices: derivatives by vertices would be wrong.
     let mut renumbered = sound.clone();
     renumbered.vertices.push(sound.vertices[sound.triangles[last].vertices[2] as usize]);
     renumbered.triangles[last].vertices[2] = sound.vertices.len() as u32;
@@ -229,7 +229,7 @@ fn a_plan_is_for_one_geometry() {
     );
     let fewer = Engine::new(&device, &room(3), plan(&sound)).err();
     assert!(matches!(fewer, Some(EngineError::OtherScene { .. })), "{fewer:?}");
-    // Lobes and colours beyond the plan.
+    // Lobes and colours that the plan does not provide for.
     let mut glossy = sound.clone();
     glossy.materials[0].specular = [0.01; 3];
     let refused = Engine::new(&device, &glossy, plan(&sound)).err();
@@ -284,8 +284,9 @@ fn a_camera_is_somewhere() {
         assert!(matches!(colours, Err(EngineError::CameraPosition { .. })), "{colours:?}");
         let by_colours = vec![DVec3::ONE; scene.triangles.len()];
         let cotangent = Cotangent::default().colours(vec![(nowhere, by_colours)]);
-        let wanted = GradientRequest::NOTHING.camera(true);
-        let gradients = engine.backward(&solution, &cotangent, wanted, &params()).map(|g| g.camera_positions);
+        let request = GradientRequest::NOTHING.camera(true);
+        let gradients =
+            engine.backward(&solution, &cotangent, request, &params()).map(|g| g.camera_positions);
         assert!(matches!(gradients, Err(EngineError::CameraPosition { .. })), "{gradients:?}");
     }
     finish(&device);

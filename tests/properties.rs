@@ -27,8 +27,8 @@ fn config(cases: u32) -> ProptestConfig {
     }
 }
 
-/// One for all cases, so that its kernels are compiled once, and for one test at a time: an engine counts what its device
-/// allocates meanwhile.
+/// One for all cases, so that its kernels are compiled once, and for one test at a time: an engine counts what its
+/// device allocates meanwhile.
 fn device() -> MutexGuard<'static, Device> {
     static DEVICE: OnceLock<Mutex<Device>> = OnceLock::new();
     let device = DEVICE.get_or_init(|| {
@@ -53,7 +53,7 @@ fn material() -> impl Strategy<Value = Material> {
     })
 }
 
-/// A closed thing in one of the eight corners of a room, turned as it likes.
+/// A closed object in one of the eight corners of a room, in any orientation.
 fn thing() -> impl Strategy<Value = (Shape, DAffine3)> {
     let shape = prop_oneof![
         (1u32..3).prop_map(|cells| Shape::Box { cells }),
@@ -81,13 +81,13 @@ fn thing() -> impl Strategy<Value = (Shape, DAffine3)> {
     )
 }
 
-/// A closed room with up to two closed things that do not touch, and some light.
+/// A closed room with up to two closed objects that do not touch, and some light.
 #[derive(Clone, Debug)]
 struct Recipe {
     cells: u32,
     walls: Material,
     light: [f64; 3],
-    /// With the corner of the room that each is in.
+    /// Each with its corner of the room.
     things: Vec<(u32, (Shape, DAffine3), Material)>,
 }
 
@@ -122,7 +122,7 @@ fn tight(scene: &Scene) -> SolveSettings {
 proptest! {
     #![proptest_config(config(6))]
 
-    /// What is absorbed is at most what is emitted, but for the error of meshes as coarse as these: 2 %.
+    /// Absorbed power is at most the emitted, within the error of meshes as coarse as these: 2 %.
     #[test]
     fn energy_is_not_created(recipe in recipe()) {
         let (device, scene) = (device(), recipe.scene());
@@ -165,7 +165,7 @@ proptest! {
         prop_assert!(error <= 1e-5, "{error:e}");
     }
 
-    /// Pairs of tiles that are left out say nothing.
+    /// Culled pairs of tiles exchange no light.
     #[test]
     fn culling_changes_nothing(recipe in recipe(), concentric in any::<bool>()) {
         let (device, scene) = (device(), recipe.scene());
@@ -181,8 +181,8 @@ proptest! {
 proptest! {
     #![proptest_config(config(100))]
 
-    /// A plan, made without a device, keeps to its budget and to the largest buffer, adds up, and where it refuses, what it
-    /// says would do does.
+    /// A plan, made without a device, keeps to its budget and to the largest buffer, and adds up. Where it is refused,
+    /// the budget that the error names suffices.
     #[test]
     fn plans_keep_to_their_budget(
         recipe in recipe(),
@@ -211,7 +211,7 @@ proptest! {
                 let enough = options.memory_budget(needed);
                 match Plan::new(&scene, &enough, &settings) {
                     Ok(plan) => keeps(&plan, &enough)?,
-                    Err(error) => prop_assert!(false, "{} bytes do not do: {}", needed, error),
+                    Err(error) => prop_assert!(false, "{} bytes do not suffice: {}", needed, error),
                 }
             }
             Err(PlanError::BufferTooLarge { bytes, limit, .. }) => prop_assert!(bytes > limit && limit == max_buffer),

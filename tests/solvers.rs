@@ -1,4 +1,4 @@
-//! What the solvers promise, on the f64 reference and on operators made for the purpose.
+//! Guarantees of the solvers, on the f64 reference and on artificial operators.
 
 mod support;
 
@@ -25,9 +25,9 @@ fn residual(model: &Model, x: &State) -> f64 {
     difference / size
 }
 
-/// The residual that is told is that of the answer, and once the basis has it one pass is enough to verify it.
+/// The reported residual is that of the result, and once the basis reaches the tolerance one pass verifies it.
 #[test]
-fn gmres_ends_with_the_residual_it_tells_and_one_pass_after_reaching_it() {
+fn gmres_ends_with_the_residual_it_reports_and_one_pass_after_reaching_it() {
     for (seed, glossy) in [(1, false), (2, true), (3, true)] {
         let model = Model::new(&random_scene(seed, 120, glossy, false));
         for tolerance in [1e-3, 1e-4, 1e-8] {
@@ -46,9 +46,9 @@ fn gmres_ends_with_the_residual_it_tells_and_one_pass_after_reaching_it() {
     }
 }
 
-/// Out of passes: the iterate is the one of the residual that is told, and what comes after can begin there.
+/// Out of passes: the returned iterate has the reported residual, and a later solve can start from it.
 #[test]
-fn without_convergence_the_iterate_that_was_reached_is_handed_out() {
+fn without_convergence_the_best_iterate_is_returned() {
     let model = Model::new(&random_scene(2, 120, true, false));
     for max_passes in [1, 2, 3, 4, 5] {
         let params = GmresParams { tolerance: 1e-12, max_passes, restart: 3 };
@@ -60,7 +60,7 @@ fn without_convergence_the_iterate_that_was_reached_is_handed_out() {
         assert_eq!((passes, stagnated, residuals.len()), (max_passes, false, max_passes as usize));
         let reached = residual(&model, &best);
         println!("{max_passes} passes: {told:.3e} told, {reached:.3e}");
-        // After the first pass that is direct light, a bounce better than the darkness it was judged on.
+        // After the first pass the iterate is direct light, one bounce better than the zero state of the residual.
         assert!(max_passes == 1 || (reached / told - 1.0).abs() <= 1e-6, "{told:e} told, {reached:e}");
         assert!(reached < 1.0, "{reached}");
 
@@ -118,9 +118,9 @@ impl LightOperator for Shift {
     }
 }
 
-/// A cycle that gains nothing is not followed by others of its kind.
+/// A cycle that gains nothing ends the solve.
 #[test]
-fn stagnation_is_told_as_soon_as_a_cycle_gains_nothing() {
+fn stagnation_is_reported_as_soon_as_a_cycle_gains_nothing() {
     let params = |restart| GmresParams { tolerance: 1e-6, max_passes: 1000, restart };
     let (x, info) = gmres(&mut Shift(12), &params(12), &mut go_on).expect("the basis spans the space");
     assert!((x[11] - 1.0).abs() <= 1e-12 && info.passes == 14, "{x:?} {info:?}");

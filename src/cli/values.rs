@@ -38,7 +38,7 @@ mod tests {
     use serde::Deserialize;
     use serde::de::value::{Error, StrDeserializer};
 
-    /// Scene files and the command line say the same words.
+    /// Scene files and the command line use the same words.
     fn agree<T: ValueEnum + PartialEq + std::fmt::Debug + for<'de> Deserialize<'de>>(count: usize) {
         assert_eq!(T::value_variants().len(), count);
         for variant in T::value_variants() {

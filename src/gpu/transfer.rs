@@ -12,16 +12,16 @@ use super::memory::{ScopeId, rounded};
 use super::{Result, lock};
 
 /// Bytes of one staging buffer, unless [`Device::scope`] says otherwise; longer transfers go piece by piece. Large
-/// enough that a piece costs more than its submission, small beside most budgets.
+/// enough that a piece costs more than its submission, small compared with most budgets.
 pub const STAGING_CHUNK: u64 = 8 << 20;
 
-/// The device memory that transfers take, for a plan to count: one staging buffer up, one down, made at first use.
+/// Device memory of transfers, for a plan to count: staging buffers for upload and download, made at first use.
 pub const fn staging_bytes() -> u64 {
     2 * rounded(STAGING_CHUNK)
 }
 
-/// What one user of a device has for itself: a number under which its buffers are counted, and staging buffers, with the
-/// locks that give them to one transfer at a time.
+/// The state of one user of a device: the id under which its buffers are counted, and its staging buffers, each locked
+/// by one transfer at a time.
 pub(super) struct Scope {
     shared: Arc<Shared>,
     id: ScopeId,
@@ -128,7 +128,7 @@ impl Device {
 
     /// Reads `count` values from `offset` (bytes) on.
     pub fn download_slice<T: Pod>(&self, buffer: &Buffer, offset: u64, count: u64) -> Result<Vec<T>> {
-        // Before the host's memory is taken: a wrong count is an error, not an abort.
+        // Checked before host memory is allocated: a wrong count is an error, not an abort.
         buffer.check(self, offset, count.saturating_mul(size_of::<T>() as u64))?;
         let mut values = vec![T::zeroed(); count as usize];
         self.download_into(buffer, offset, bytemuck::cast_slice_mut(&mut values))?;

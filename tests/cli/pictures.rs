@@ -49,7 +49,7 @@ fn a_render_leaves_pictures_arrays_and_a_report() {
         assert_eq!(rows.len(), 200);
         assert!(rows.iter().flatten().all(|value| value.is_finite()), "{name}");
     }
-    // The lamp's faces are the last ones: they send out π times their radiance, and reflect nothing.
+    // The lamp's faces are the last ones: their exitance is π times their radiance, and they reflect nothing.
     let lamp = rows(&folder, "out/radiosity.npy")[192..].concat();
     assert!(lamp.iter().all(|b| (b / (10.0 * std::f32::consts::PI) - 1.0).abs() < 1e-5), "{lamp:?}");
 
@@ -62,9 +62,9 @@ fn a_render_leaves_pictures_arrays_and_a_report() {
     }
 }
 
-/// Results that are not to be relied on are written, and the exit code says so.
+/// Unreliable results are written, and the exit code tells.
 #[test]
-fn without_convergence_what_was_reached_is_written() {
+fn without_convergence_the_best_iterate_is_written() {
     let folder = Folder::with(&[]);
     let run = folder.render("room.toml --tolerance 1e-5 --max-passes 5 --quiet");
     assert_eq!(run.code, Some(3), "{run:?}");
@@ -86,7 +86,7 @@ fn without_convergence_what_was_reached_is_written() {
 /// A spectral radius of 1 or more: a script must be able to see it.
 #[test]
 fn an_answer_that_is_not_physical_has_an_exit_code() {
-    // Triangles through one another, without the near field that would tame them.
+    // Interpenetrating triangles, without the near field that would stabilise them.
     let mut state = 1u64;
     let mut random = move || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -108,7 +108,7 @@ fn an_answer_that_is_not_physical_has_an_exit_code() {
     says(&run.stderr, &["unphysical"]);
 }
 
-/// Lamps beyond the numbers of f32 are none the worse for it.
+/// Lamps beyond the range of f32 give correct results.
 #[test]
 fn lamps_of_any_brightness() {
     let folder = Folder::with(&[("faint.toml", &ROOM.replace("emission = 10", "emission = 1e-40"))]);
@@ -246,7 +246,7 @@ fn options_for_pictures() {
     assert_ne!(flat, coarse);
 }
 
-/// What the command line says of accuracy goes before what the scene file says.
+/// Settings of the command line override those of the scene file.
 #[test]
 fn options_for_the_solve() {
     let scene = format!("{ROOM}[settings]\nbins = {{ equal_angle = [4, 6] }}\ntolerance = 1e-2\n");
@@ -264,15 +264,15 @@ fn options_for_the_solve() {
     assert!(line["solve"]["passes"].as_u64() > file["solve"]["passes"].as_u64());
 }
 
-/// An error that is asked for, in the scene or on the command line: arrays keep the rows of the scene's own triangles.
+/// A target error, in the scene or on the command line: arrays keep the rows of the scene's own triangles.
 #[test]
-fn settings_for_an_error() {
+fn settings_for_a_target_error() {
     let scene = format!("{ROOM}[settings]\nerror = 0.5\n");
     let folder = Folder::with(&[("room.toml", &scene)]);
     let run = clean_render(&folder, "room.toml");
     says(
         &run.stdout,
-        &["step 1", "estimated error", "of picture main", "of picture side", "50.00 % was asked: kept"],
+        &["step 1", "estimated error", "of picture main", "of picture side", "50.00 % requested: kept"],
     );
     let report = folder.json("out/report.json");
     let (refinement, triangles) = (&report["climb"], rows(&folder, "out/irradiance.npy").len());
@@ -288,15 +288,15 @@ fn settings_for_an_error() {
     assert!(last["estimate"]["total"].as_f64().is_some_and(|fine| fine < rough));
     assert_eq!(rows(&folder, "out/irradiance.npy").len(), triangles);
 
-    // Stated settings go before the scene's error.
+    // Stated settings override the scene's target error.
     clean_render(&folder, "room.toml --bins 6x8");
     let report = folder.json("out/report.json");
     assert!(report["climb"].is_null());
     assert_eq!(report["plan"]["bins"], "6x8");
 }
 
-/// The comparison solve of a level holds no memory when the level itself is solved: with what that takes at least, there is
-/// the same answer as with plenty.
+/// The comparison solve of a level holds no memory when the level itself is solved: in the least
+/// budget that suffices, the result is that of a large one.
 #[test]
 fn a_target_error_in_little_memory() {
     let scene = "[[mesh]]\nshape = { kind = \"quad\", cells = 12 }\nmaterial = \"grey\"\nscale = 4\ntranslate = [-2, 0, -2]\n\
@@ -318,18 +318,18 @@ fn a_target_error_in_little_memory() {
     assert!(folder.read("out/irradiance.npy") == irradiance && folder.read("out/main.exr") == picture);
 }
 
-/// For one version.
+/// The former option works for one more version, with a warning.
 #[test]
 fn the_former_name_of_the_target_error() {
     let folder = Folder::with(&[]);
     let run = folder.run("render room.toml --output out --accuracy 0.5 --max-triangles 200").succeeded();
     says(&run.stderr, &["WARN", "--accuracy is called --target-error now"]);
-    says(&run.stdout, &["50.00 % was asked"]);
+    says(&run.stdout, &["50.00 % requested"]);
     let help = folder.run("render --help").succeeded().stdout;
     assert!(help.contains("--target-error") && !help.contains("--accuracy"), "{help}");
 }
 
-/// A bare mesh gets a camera, and is told so; without `--output` the results go to a folder of the scene's name.
+/// A bare mesh gets a camera, with a warning; without `--output` the results go to a folder of the scene's name.
 #[test]
 fn a_bare_mesh() {
     let folder = Folder::with(&[]);

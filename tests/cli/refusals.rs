@@ -1,10 +1,10 @@
-//! Bad input and impossible wishes: one line that says where and what, exit code 2, no results.
+//! Bad input and impossible options: one line that says where and what, exit code 2, no results.
 
 use crate::{Folder, MTL, OBJ, ROOM, run, says, without_driver};
 use std::fs;
 use std::path::Path;
 
-/// The good files but for one, and what the tool says of it.
+/// One bad file among the good ones, and the parts of the error.
 #[track_caller]
 fn refused(file: &str, text: &str, parts: &[&str]) {
     let folder = Folder::with(&[(file, text)]);
@@ -99,7 +99,7 @@ fn triangles_without_area_are_an_error_when_strict() {
     assert!(folder.results().is_empty());
 }
 
-/// Needs no rights that root lacks: nothing can be made below a regular file.
+/// Fails for root, too: nothing can be created below a regular file.
 #[test]
 fn results_that_cannot_be_written() {
     let folder = Folder::with(&[]);
@@ -109,16 +109,16 @@ fn results_that_cannot_be_written() {
     assert_eq!(folder.read("room.toml"), ROOM.as_bytes());
 }
 
-/// The system would only say that the file exists.
+/// The system's message would only say that the file exists.
 #[test]
 #[cfg(unix)]
 fn a_link_for_results_that_leads_nowhere() {
     let folder = Folder::with(&[]);
     std::os::unix::fs::symlink("gone", folder.path("out")).expect("a link");
-    folder.render("room.toml").refused(&["out is a link to gone", "not there", "remove the link"]);
+    folder.render("room.toml").refused(&["out is a link to gone", "does not exist", "remove the link"]);
     folder.run("render room.toml --output out/below").refused(&[
         "out is a link to gone",
-        "not there",
+        "does not exist",
         "remove the link",
     ]);
 }
@@ -128,7 +128,7 @@ fn a_link_for_results_that_leads_nowhere() {
 fn coordinates_of_any_size() {
     refused("m.obj", &format!("{OBJ}v 1e30 0 0\nf 1 2 5\n"), &["triangle 2 of mesh", "1e30"]);
     refused("m.obj", &OBJ.replace("v 1 0 0", "v 1e300 0 0"), &["1e300"]);
-    // All of it large, or all of it small, is only another unit.
+    // A scene that is large or small as a whole is only in another unit.
     for unit in ["1e30", "1e-30"] {
         let folder = Folder::with(&[(
             "m.obj",
@@ -157,7 +157,7 @@ fn no_device_or_not_that_one() {
     assert!(folder.results().is_empty());
 }
 
-/// The error says how many bytes would do; they do.
+/// The budget that the error names suffices.
 #[test]
 fn a_budget_that_is_too_small() {
     let folder = Folder::with(&[]);
@@ -191,7 +191,7 @@ fn cameras_that_are_not_there_and_samples_that_cannot_be() {
     assert!(folder.results().is_empty());
 }
 
-/// The parser of arguments says these in its own form, of a few lines.
+/// The argument parser reports these in its own format of a few lines.
 #[test]
 fn arguments_that_say_nothing() {
     let folder = Folder::with(&[]);

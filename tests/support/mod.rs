@@ -27,7 +27,7 @@ pub fn load(relative: &str) -> Scene {
     Scene::load(&path(relative), &LoadOptions::default()).expect("a scene of the project")
 }
 
-/// Solves with a device's own limits.
+/// Solves with the options of a device.
 pub fn solve(device: &Device, scene: &Scene, settings: &SolveSettings) -> (Engine, Solution) {
     solve_within(device, scene, settings, &PlanOptions::of(device))
 }

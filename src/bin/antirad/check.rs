@@ -15,7 +15,7 @@ use serde::Serialize;
 pub struct Arguments {
     #[command(flatten)]
     settings: SceneSettings,
-    /// Print JSON
+    /// Print the warnings as JSON
     #[arg(long)]
     json: bool,
 }
@@ -25,16 +25,16 @@ struct Report<'a> {
     scene: &'a str,
     triangles: usize,
     bins: String,
-    /// What the scene's files say that may not be meant.
+    /// Entries of the scene's files that are probably mistakes.
     notes: &'a [String],
     warnings: &'a [Warning],
 }
 
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
-    // Whether a solve fits the memory is the matter of `antirad plan`.
+    // `antirad plan` tells whether a solve fits in memory.
     let options = PlanOptions::default().boundless();
     let (scene, plan) = arguments.settings.load_planned(&options, interrupt)?;
-    let working = Working::on("looking for what will come out wrong");
+    let working = Working::on("looking for causes of errors");
     let warnings = interrupt.while_computing(|| Warnings::of(&scene, &plan));
     drop(working);
     let bins = scene.settings.bins.to_string();

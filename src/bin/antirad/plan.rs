@@ -7,10 +7,13 @@ use antirad::plan::PlanOptions;
 use clap::Args;
 
 #[derive(Args)]
+#[command(after_help = "Examples:
+  antirad plan scenes/statue.toml --memory-budget 256MiB
+  antirad plan room.obj --bins concentric:12 --json")]
 pub struct Arguments {
     #[command(flatten)]
     settings: SceneSettings,
-    /// Print JSON
+    /// Print the plan as JSON
     #[arg(long)]
     json: bool,
 }

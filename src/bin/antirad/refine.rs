@@ -11,9 +11,9 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 #[command(
-    after_help = "Cuts triangles into four by the midpoints of their edges, where `antirad check` finds them too \
-large: coarse blockers and the wide sides of narrow gaps. Neighbours that are not cut stay whole: the new vertices lie on \
-their edges, so no crack opens.
+    after_help = "Cuts triangles into four at the midpoints of their edges where `antirad check` finds them too \
+large: coarse blockers, and the wide sides of narrow gaps. Their neighbours stay whole: the new vertices lie on their \
+edges, so no cracks open.
 
 Examples:
   antirad refine scenes/two_rooms.toml --output out/fine
@@ -22,13 +22,13 @@ Examples:
 pub struct Arguments {
     #[command(flatten)]
     settings: SceneSettings,
-    /// Where the finer scene goes: SCENE.toml, with its meshes and materials beside it
+    /// Folder for the finer scene: SCENE.toml, with its meshes and materials beside it
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
-    /// Triangles that the finer scene may have
+    /// Maximum number of triangles of the finer scene
     #[arg(long, value_name = "NUMBER", default_value_t = RefineOptions::default().max_triangles)]
     max_triangles: usize,
-    /// Times that a triangle may be cut
+    /// Maximum number of times that a triangle is cut
     #[arg(long, value_name = "NUMBER", default_value_t = RefineOptions::default().levels)]
     levels: u32,
 }

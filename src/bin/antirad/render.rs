@@ -23,16 +23,20 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 #[derive(Args)]
+#[command(after_help = "Examples:
+  antirad render scenes/cornell_boxes.toml --output out/cornell
+  antirad render bunny.obj --bins concentric:12 --tolerance 1e-3
+  antirad render scenes/two_rooms.toml --camera main --target-error 0.05")]
 pub struct Arguments {
     #[command(flatten)]
     settings: SceneSettings,
-    /// Picture from this camera only; may be given several times [default: all cameras of the scene]
+    /// Render this camera only; may be given several times [default: all cameras of the scene]
     #[arg(long, value_name = "NAME")]
     camera: Vec<String>,
-    /// Triangles that --target-error may cut the scene to
+    /// Maximum number of triangles into which --target-error may subdivide the scene
     #[arg(long, value_name = "NUMBER", default_value_t = TargetErrorOptions::MAX_TRIANGLES)]
     max_triangles: usize,
-    /// Where the results go [default: out/SCENE]
+    /// Folder for the results [default: out/SCENE]
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Vulkan device, by its number or a part of its name (see `antirad devices`) [env: ANTIRAD_DEVICE]
@@ -41,10 +45,10 @@ pub struct Arguments {
     /// Exposure of the PNG in stops (0 shows radiance 1 as white), or auto
     #[arg(long, value_name = "STOPS|auto", default_value = "auto", allow_hyphen_values = true, value_parser = parse_exposure)]
     exposure: Exposure,
-    /// Write the PNG with linear instead of sRGB values
+    /// Write linear instead of sRGB values to the PNG
     #[arg(long)]
     linear_png: bool,
-    /// Interpolate colours over vertices instead of flat faces
+    /// Interpolate colours between vertices instead of drawing flat faces
     #[arg(long)]
     smooth: bool,
     /// Samples along each side of a pixel: 1, 2, 4, 8 or 16
@@ -57,7 +61,7 @@ fn parse_exposure(text: &str) -> Result<Exposure, String> {
         "auto" => Ok(Exposure::Auto),
         _ => match text.parse::<f64>() {
             Ok(stops) if stops.is_finite() => Ok(Exposure::Stops(stops)),
-            _ => Err("a number of stops, or auto".to_owned()),
+            _ => Err("expected a number of stops, or auto".to_owned()),
         },
     }
 }
@@ -129,9 +133,9 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
             let bar = SolveBar::new(settings.tolerance, quiet);
             let solved = solve(&mut engine, &scene, &bar, interrupt);
             bar.finish();
-            let solution = solved.or_else(what_was_reached)?;
+            let solution = solved.or_else(best_iterate)?;
             stages.end("solve");
-            let working = Working::on("looking for what came out wrong");
+            let working = Working::on("looking for causes of errors");
             let warnings = interrupt.while_computing(|| Warnings::of(&scene, engine.plan()));
             drop(working);
             stages.end("check");
@@ -190,7 +194,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         seconds: stages.seconds,
         kernels: device.profile(),
     };
-    // The report says what it holds.
+    // The report already has its memory use.
     drop(engine);
     write_json(&directory.join("report.json"), &report)?;
     if !quiet {
@@ -203,14 +207,14 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     }
 }
 
-/// A scene as it was solved, with what was found on the triangles of the scene as it was given.
+/// A scene as solved, with results for the triangles of the scene as given.
 struct Rendered<'a> {
     scene: Cow<'a, Scene>,
     irradiance: Vec<[f64; 3]>,
     radiosity: Vec<[f64; 3]>,
     answer: Answer,
     refinement: Option<Refinement>,
-    /// If it is still there.
+    /// `None` if the solve has dropped it.
     engine: Option<Engine>,
 }
 
@@ -242,19 +246,19 @@ impl<'a> Rendered<'a> {
     }
 }
 
-/// The solution of a solve without convergence, with a word on it.
-fn what_was_reached(error: EngineError) -> Result<Solution, Failure> {
+/// The best iterate of a solve without convergence, which is logged as an error.
+fn best_iterate(error: EngineError) -> Result<Solution, Failure> {
     let message = error.to_string();
     let best = error.into_best().map_err(failure)?;
-    tracing::error!("{message}. The results are what was reached: they are NOT CONVERGED");
+    tracing::error!("{message}. The results are those of the best iterate, which is NOT CONVERGED");
     Ok(*best)
 }
 
-/// Files whose numbers are f32 hold larger ones as infinity.
+/// Warns of values beyond the range of f32, which files hold as infinity.
 fn warn_of_range(rows: &[[f64; 3]], name: &str) {
     if rows.iter().flatten().any(|&value| !(value as f32).is_finite()) {
         tracing::warn!(
-            "{name} has values beyond 3.4e38, which f32 writes as infinity: state emission in a larger unit"
+            "{name} has values beyond 3.4e38, written as infinity in f32: state emission in a larger unit"
         );
     }
 }
@@ -313,7 +317,7 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
         }
         let verdict = if refinement.met { "kept" } else { "NOT KEPT" };
         println!(
-            "target      {:.2} % was asked: {verdict} by step {}",
+            "target      {:.2} % requested: {verdict} by step {}",
             100.0 * refinement.error,
             refinement.chosen + 1
         );
@@ -330,9 +334,13 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     }
     if !report.accuracy_warnings.is_empty() {
         let each = report.accuracy_warnings.iter().map(|w| format!("{} ({})", w.kind.name(), w.count));
-        println!("beware      {}: see antirad check", each.collect::<Vec<_>>().join(", "));
+        println!("warnings    {}: see `antirad check`", each.collect::<Vec<_>>().join(", "));
     }
-    println!("memory      {} at the peak of {}", Bytes(report.memory.peak), Bytes(report.memory.budget));
+    println!(
+        "memory      {} at the peak, of a budget of {}",
+        Bytes(report.memory.peak),
+        Bytes(report.memory.budget)
+    );
     if verbose > 0 {
         for k in &report.kernels {
             println!("kernel      {k}");

@@ -1,4 +1,4 @@
-//! `report.json`: everything about a run that a script or a person may ask later.
+//! `report.json`: everything about a run that a script or a person may need later.
 
 use antirad::gpu::{DeviceInfo, MemoryReport, ProfileRow};
 use antirad::plan::PlanReport;
@@ -15,11 +15,11 @@ pub struct Report {
     pub version: &'static str,
     pub device: DeviceReport,
     pub warnings: Vec<String>,
-    /// What the method gets wrong in this scene, and where.
+    /// Triangles of this scene for which the method is inaccurate.
     pub accuracy_warnings: Vec<Warning>,
     /// Units: bytes, pairs of triangles, seconds.
     pub plan: PlanReport,
-    /// How the settings were found, where an error was asked for.
+    /// How the settings were found, for a target error.
     pub refinement: Option<Refinement>,
     pub memory: MemoryUse,
     pub solve: SolveReport,

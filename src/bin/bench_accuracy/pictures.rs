@@ -20,11 +20,11 @@ use std::time::Duration;
 /// Samples along each side of a pixel.
 const SUPERSAMPLE: u32 = 2;
 
-/// A scene, or a variation of it: what was found, and what is true.
+/// A scene or a variation of it, with computed and true values.
 struct Compared {
-    /// What tells it from other variations.
+    /// What distinguishes it from other variations.
     label: String,
-    /// For each triangle of the truth.
+    /// Paths per triangle of the truth.
     paths: u32,
     case: Case,
     /// W/m².
@@ -39,11 +39,11 @@ struct Seen {
     truth: Vec<Option<DVec3>>,
 }
 
-/// For each scene and camera a sheet: what was found, the truth, and the signed difference, in the same exposure; below,
-/// the same for its variations. The errors go to standard output.
+/// Draws a sheet for each scene and camera: the computed picture, the truth in the same exposure, and their signed
+/// difference; below, the same for its variations. Errors go to standard output.
 pub fn draw(arguments: &Arguments, device: &Device, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
-    bar.set_style(ProgressStyle::with_template("{spinner} {msg}, {elapsed} gone")?);
+    bar.set_style(ProgressStyle::with_template("{spinner} {msg}, {elapsed} elapsed")?);
     bar.enable_steady_tick(Duration::from_millis(200));
     let mut table = vec![
         String::from(
@@ -56,13 +56,13 @@ pub fn draw(arguments: &Arguments, device: &Device, interrupt: &Interrupt) -> Re
         scene.settings = usual_settings(&scene);
         if !is_diffuse(&scene) {
             return Err(format!(
-                "{} has glossy materials, whose colours the path tracer does not tell; take diffuse ones",
+                "{} has glossy materials, whose radiance the path tracer does not compute; use diffuse ones",
                 path.display()
             )
             .into());
         }
-        let wanted = |camera: &Camera| arguments.camera.as_ref().is_none_or(|name| *name == camera.name);
-        let cameras: Vec<Camera> = scene.cameras.iter().filter(|c| wanted(c)).cloned().collect();
+        let selected = |camera: &Camera| arguments.camera.as_ref().is_none_or(|name| *name == camera.name);
+        let cameras: Vec<Camera> = scene.cameras.iter().filter(|c| selected(c)).cloned().collect();
         if cameras.is_empty() {
             let known: Vec<&str> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
             return Err(format!("{} has these cameras only: {}", path.display(), known.join(", ")).into());
@@ -98,8 +98,8 @@ fn variations(
         more.push((format!("refined to {} triangles", finer.triangles.len()), finer));
     }
     if let Some(bins) = arguments.bins {
-        let accuracy = scene.settings.bins(bins);
-        more.push((format!("{bins} bins"), Scene { settings: accuracy, ..scene.clone() }));
+        let settings = scene.settings.bins(bins);
+        more.push((format!("{bins} bins"), Scene { settings, ..scene.clone() }));
     }
     let usual = match arguments.bins {
         Some(_) => format!("{} bins", scene.settings.bins),
@@ -189,7 +189,7 @@ fn write(
 }
 
 impl Seen {
-    /// Found less true, the mean over RGB; 0 where there is no face.
+    /// Computed minus true, mean over RGB; 0 where there is no face.
     fn differences(&self) -> impl Iterator<Item = f64> {
         let mean = |pixel: &Option<DVec3>| pixel.map_or(0.0, |p| p.element_sum() / 3.0);
         self.found.iter().zip(&self.truth).map(move |(found, truth)| mean(found) - mean(truth))
@@ -221,7 +221,7 @@ fn panels(row: &Compared, view: &Seen, white: f64, limit: f64) -> Vec<Panel> {
     ]
 }
 
-/// The next of 1, 2, 4, 10, 20, … times a power of ten: halves of it are round, too.
+/// The next of 1, 2, 4, 10, 20, …, of which the half is round, too.
 fn rounded(limit: f64) -> f64 {
     let power = 10.0_f64.powi(limit.log10().floor() as i32);
     [1.0, 2.0, 4.0, 10.0]

@@ -8,17 +8,17 @@ use std::fmt;
 /// One measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setting {
-    pub accuracy: SolveSettings,
+    pub solve: SolveSettings,
     /// How often every triangle is cut into four.
     pub level: u32,
-    /// What is varied here.
+    /// The setting that is varied.
     pub varies: &'static str,
 }
 
 impl Setting {
-    /// About, for the progress bar.
+    /// Rough cost, for the progress bar.
     pub fn cost(&self) -> f64 {
-        let precision = match self.accuracy.precision {
+        let precision = match self.solve.precision {
             Precision::F32 | Precision::HalfBins => 1.0,
             Precision::F64 => 3.0,
         };
@@ -28,7 +28,7 @@ impl Setting {
 
 impl fmt::Display for Setting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let SolveSettings { bins, weights, near_field, tolerance, solver, precision, .. } = self.accuracy;
+        let SolveSettings { bins, weights, near_field, tolerance, solver, precision, .. } = self.solve;
         let cuts = self.level;
         write!(
             f,
@@ -37,7 +37,7 @@ impl fmt::Display for Setting {
     }
 }
 
-/// Errors that are asked for, so that settings are found. The cost of one is about [`ASKED_COST`].
+/// Target errors for which settings are found. Each costs about [`ASKED_COST`].
 pub fn asked(case: &Case, quick: bool) -> Vec<TargetErrorOptions> {
     let errors: &[f64] = match (case.scene.triangles.len(), quick) {
         (0..1500, _) | (_, false) => &[0.1, 0.05, 0.02],
@@ -55,14 +55,14 @@ pub const ASKED_COST: f64 = 20.0;
 
 const TIGHT: f64 = 1e-5;
 
-/// The defaults, and what differs from them in one thing; triangles and bins together. `quick` leaves out finer meshes of
-/// scenes that are large already, and what is known to matter little.
+/// The defaults and variations of one setting each; triangles and bins together. `quick` leaves out finer meshes of
+/// scenes that are large already, and settings known to matter little.
 pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
     let usual = SolveSettings::default().tolerance(TIGHT);
     let mut settings: Vec<Setting> = Vec::new();
-    let mut add = |varies: &'static str, level: u32, accuracy: SolveSettings| {
-        let setting = Setting { accuracy, level, varies };
-        let known = settings.iter().any(|s| s.accuracy == accuracy && s.level == level);
+    let mut add = |varies: &'static str, level: u32, solve: SolveSettings| {
+        let setting = Setting { solve, level, varies };
+        let known = settings.iter().any(|s| s.solve == solve && s.level == level);
         if !known {
             settings.push(setting);
         }

@@ -1,4 +1,4 @@
-//! What gradients cost beside the solve they belong to.
+//! The cost of gradients relative to that of their solve.
 
 use crate::loss::{Loss, camera_positions};
 use crate::{Arguments, device};
@@ -18,7 +18,7 @@ pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<
     let device = device(arguments)?;
     let mut scene = Scene::load(path, &LoadOptions::default())?;
     scene.settings.bins = arguments.bins;
-    let wanted = GradientRequest::NOTHING
+    let request = GradientRequest::NOTHING
         .emission(true)
         .diffuse(true)
         .albedo(true)
@@ -29,7 +29,7 @@ pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<
         Plan::new(&scene, &PlanOptions::of(&device).gradients(gradients), &scene.settings)
     };
     let without = plan(GradientRequest::NOTHING)?.memory().total();
-    let with = plan(wanted)?;
+    let with = plan(request)?;
     let (triangles, bytes) = (with.triangles() as f64, with.memory().total());
     let staging = with.options().staging;
     let mut engine = Engine::new(&device, &scene, with)?;
@@ -47,7 +47,7 @@ pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<
         let solution = engine.solve(&params)?;
         forward = forward.min(start.elapsed().as_secs_f64());
         let start = Instant::now();
-        let gradients = engine.backward(&solution, &cotangent, wanted, &params)?;
+        let gradients = engine.backward(&solution, &cotangent, request, &params)?;
         backward = backward.min(start.elapsed().as_secs_f64());
         (there, back) = (solution.info.passes, gradients.info.passes);
     }

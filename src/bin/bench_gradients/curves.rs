@@ -1,4 +1,4 @@
-//! Errors over steps.
+//! Errors of gradients over the step of the differences.
 
 use crate::Interrupted;
 use crate::kind::{Kind, Sample, Shape};
@@ -15,11 +15,11 @@ use std::error::Error;
 
 /// 1e-1 to 1e-8.
 const STEPS: i32 = 8;
-/// Solves take this many times what it takes to look at a solution.
+/// Cost of a solve in units of evaluating the loss of a solution.
 const SOLVE_COST: u64 = 50;
 
-/// A fixed subset: triangles at equal distances in the scene's order, and the first vertex of each; of those with a lobe
-/// for its parameters; both cameras.
+/// A fixed subset: triangles at equal intervals in the scene's order, and the first vertex of each; glossy ones for the
+/// parameters of the lobe; both cameras.
 pub fn samples(scene: &Scene, kinds: &[Kind], count: usize) -> Vec<Sample> {
     let valid = |i: &usize| !scene.degenerate.contains(&(*i as u32));
     let all: Vec<usize> = (0..scene.triangles.len()).filter(valid).collect();
@@ -52,7 +52,7 @@ pub struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// In units of looking at a solution.
+    /// In units of evaluating the loss.
     pub fn cost(&self) -> u64 {
         let of_sample = |sample: &Sample| match sample.kind {
             Kind::Camera => 6,
@@ -99,7 +99,7 @@ impl Bench<'_> {
                     })
                 })
                 .collect::<Option<_>>()
-                .ok_or("gradients are missing: a defect of antirad")?;
+                .ok_or("gradients are missing: a bug in antirad")?;
             for power in 1..=STEPS {
                 let step = 10.0_f64.powi(-power);
                 let at = format!("{} mesh, {}: {}, ε = 1e-{power}", self.mesh, self.weights(), kind.name());

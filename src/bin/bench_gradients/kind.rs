@@ -1,4 +1,4 @@
-//! The kinds of parameters: how one is changed, by how much, and where its gradient stands.
+//! The kinds of parameters: how one is changed, by how much, and which gradient belongs to it.
 
 use crate::room::{bounds, mean_edge};
 use antirad::Gradients;
@@ -22,11 +22,11 @@ pub enum Kind {
 /// Three numbers, and how the loss depends on them.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
-    /// One per channel, and channels don't mix: all three are changed at once.
+    /// One per channel. Channels are independent, so all three are changed at once.
     Rgb,
     /// One number, which all channels depend on.
     Scalar,
-    /// A position, of which one fixed random direction stands for all: every axis would take solves of its own.
+    /// A position, changed along one fixed random direction, since every axis would take solves of its own.
     Direction,
     /// A position, one axis after another.
     Position,
@@ -73,7 +73,7 @@ impl Kind {
         }
     }
 
-    /// What the error must be below at the best step, on a jittered and on a regular mesh.
+    /// Bound of the error at the best step, on a jittered and on a regular mesh.
     pub fn target(self, mesh: &str) -> Option<f64> {
         match (self, mesh) {
             (Self::Emission, "jittered") => Some(1e-10),
@@ -119,7 +119,7 @@ impl Sample {
     /// The scene and the cameras with this parameter changed.
     pub fn changed(&self, scene: &Scene, camera_positions: [DVec3; 2], by: DVec3) -> (Scene, [DVec3; 2]) {
         let (mut scene, mut camera_positions) = (scene.clone(), camera_positions);
-        // One triangle alone: with a material of its own.
+        // Give the triangle a material of its own.
         let mut with_material = |change: &dyn Fn(&mut Material)| {
             let mut material = scene.material(self.index).clone();
             change(&mut material);
@@ -133,7 +133,7 @@ impl Sample {
             Kind::Diffuse => with_material(&|m| m.diffuse += by.x),
             Kind::Specular => with_material(&|m| add(&mut m.specular)),
             Kind::Power => with_material(&|m| m.power += by.x),
-            // As a whole, away from its neighbours: with vertices of its own.
+            // Detach it from its neighbours: give it vertices of its own.
             Kind::Centroid => {
                 let first = scene.vertices.len() as u32;
                 scene.vertices.extend(scene.corners(self.index).map(|x| x + by));

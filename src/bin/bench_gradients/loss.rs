@@ -7,7 +7,7 @@ use antirad::scene::{Precision, Scene};
 use antirad::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
 use glam::DVec3;
 
-/// All that rounding leaves of the residual: differences at the smallest step need it.
+/// The smallest residual that rounding allows, which differences at the smallest step need.
 const TOLERANCE: f64 = 1e-14;
 const MAX_PASSES: u32 = 120;
 
@@ -18,7 +18,7 @@ pub struct Loss {
     colours: [Vec<DVec3>; 2],
 }
 
-/// Everything that a loss weighs: values of triangles, one array after another.
+/// All values that a loss weighs, per triangle, one array after another.
 pub struct Values(Vec<DVec3>);
 
 /// Where the two cameras are, metres: the first camera, and inside the scene.
@@ -68,11 +68,11 @@ impl Values {
 pub fn engine(
     device: &antirad::gpu::Device,
     scene: &Scene,
-    wanted: GradientRequest,
+    request: GradientRequest,
 ) -> Result<Engine, EngineError> {
     let mut settings = scene.settings;
     (settings.precision, settings.tolerance, settings.max_passes) = (Precision::F64, TOLERANCE, MAX_PASSES);
-    let plan = Plan::new(scene, &PlanOptions::of(device).gradients(wanted), &settings)?;
+    let plan = Plan::new(scene, &PlanOptions::of(device).gradients(request), &settings)?;
     Engine::new(device, scene, plan)
 }
 
@@ -88,6 +88,6 @@ pub fn gradients(
     camera_positions: [DVec3; 2],
     progress: &mut antirad::solve::SolveProgress,
 ) -> Result<Gradients, EngineError> {
-    let wanted = engine.plan().options().gradients;
-    engine.backward_with(solution, &loss.cotangent(camera_positions), wanted, &params(), progress)
+    let request = engine.plan().options().gradients;
+    engine.backward_with(solution, &loss.cotangent(camera_positions), request, &params(), progress)
 }

@@ -5,8 +5,8 @@ use antirad::cli::{Curve, Drawn, LogPlot};
 use antirad::output::{OutputError, atomic_write};
 use std::path::Path;
 
-/// Gradients below this share of the largest of their kind count as none, and their differences are held against the
-/// largest: relative to itself, that of a triangle which hardly matters is rounding.
+/// Gradients below this fraction of the largest of their kind count as zero, and their errors are taken relative to the
+/// largest: relative to itself, a negligible gradient shows rounding alone.
 const NO_INFLUENCE: f64 = 1e-2;
 
 /// One parameter at one step. The loss per step of 1.
@@ -41,7 +41,7 @@ impl Row {
     }
 }
 
-/// The minima that *Differentiable Radiosity for Inverse Rendering* shows.
+/// The minima shown in *Differentiable Radiosity for Inverse Rendering*.
 fn of_paper(kind: Kind) -> Option<f64> {
     match kind {
         Kind::Emission | Kind::Albedo => Some(1e-8),
@@ -72,7 +72,7 @@ fn errors(group: &[Row]) -> Vec<(f64, f64)> {
     group.chunk_by(|a, b| a.step == b.step).map(|rows| (rows[0].step, mean(rows))).collect()
 }
 
-/// The largest of the samples' own minima over the step: what remains of the worst of them, relative to itself.
+/// The largest of the samples' own minima over the step: the error of the worst of them, relative to itself.
 fn worst_sample(group: &[Row]) -> f64 {
     let own = |row: &Row| {
         let same = group.iter().filter(|other| other.index == row.index);
@@ -176,7 +176,7 @@ mod tests {
         assert_eq!(worst_sample(&rows), 1e-6);
     }
 
-    /// Whatever is no number must stand out.
+    /// NaN must stand out.
     #[test]
     fn a_nan_is_not_a_minimum() {
         let rows = [row(0, 0.1, [1.0, f64::NAN, f64::NAN]), row(0, 0.01, [1.0, f64::NAN, f64::NAN])];

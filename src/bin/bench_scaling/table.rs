@@ -23,9 +23,9 @@ pub struct Row {
     pub bytes_planned: u64,
     pub bytes_allocated: u64,
     pub bytes_peak: u64,
-    /// Of them those that do not depend on the scene: staging.
+    /// Of these, bytes that do not depend on the scene: staging.
     pub bytes_fixed: u64,
-    /// Of states on the host, and what a bounce moves between it and the device; 0 where they live on the device.
+    /// Size of states on the host, and traffic of a bounce between host and device; 0 where states are on the device.
     #[serde(default)]
     pub bytes_host: u64,
     #[serde(default)]
@@ -38,7 +38,7 @@ pub struct Row {
     pub seconds_gpu: f64,
     pub seconds_wall: f64,
     pub pairs_per_second: f64,
-    /// Fixed bytes apart.
+    /// Without the fixed bytes.
     pub bytes_per_triangle: f64,
 }
 
@@ -52,7 +52,7 @@ pub fn read(directory: &Path) -> Result<Vec<Row>, Box<dyn Error>> {
     }
     let rows: Result<_, csv::Error> =
         csv::Reader::from_reader(File::open(&path)?).into_deserialize().collect();
-    rows.map_err(|error| format!("{}: {error}; remove it, or don't resume", path.display()).into())
+    rows.map_err(|error| format!("{}: {error}; remove it, or run without --resume", path.display()).into())
 }
 
 pub fn write(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
