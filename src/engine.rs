@@ -277,6 +277,17 @@ impl EngineError {
         self
     }
 
+    /// Whether the device is gone: nothing else works on it any more.
+    pub fn is_device_lost(&self) -> bool {
+        let cause = match self {
+            Self::Gpu(error)
+            | Self::Transport(TransportError::Gpu(error))
+            | Self::Solve(SolveError::Operator(TransportError::Gpu(error))) => error,
+            _ => return false,
+        };
+        matches!(cause, GpuError::DeviceLost(_))
+    }
+
     /// Whether a callback stopped the work, which is no failure.
     pub fn is_interruption(&self) -> bool {
         matches!(

@@ -1,6 +1,9 @@
 //! What a fit needs of the engine: pictures of a scene, and derivatives of what is made of them.
 
 use super::gradient::SceneGradient;
+use crate::EngineError;
+use crate::gpu::GpuError;
+use crate::image::ImageError;
 use crate::plan::GradientRequest;
 use crate::scene::Scene;
 use glam::DVec3;
@@ -18,6 +21,20 @@ pub enum RenderError {
     /// Nothing can be rendered any more.
     #[error(transparent)]
     Failed(Box<dyn std::error::Error + Send + Sync>),
+}
+
+impl RenderError {
+    /// Whether the device is gone, so that other jobs on it would fail, too.
+    pub fn is_device_lost(&self) -> bool {
+        let Self::Failed(cause) = self else { return false };
+        let of_engine = cause.downcast_ref::<EngineError>().is_some_and(EngineError::is_device_lost);
+        let lost = |error: Option<&GpuError>| matches!(error, Some(GpuError::DeviceLost(_)));
+        let of_image = match cause.downcast_ref() {
+            Some(ImageError::Gpu(error)) => Some(error),
+            _ => None,
+        };
+        of_engine || lost(of_image) || lost(cause.downcast_ref())
+    }
 }
 
 /// What rendering and its derivatives will take.
@@ -49,4 +66,23 @@ pub trait Renderer {
 
     /// Applications of the transport so far.
     fn passes(&self) -> u64;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::TransportError;
+
+    #[test]
+    fn a_lost_device_is_known_wherever_it_was_lost() {
+        let lost = || GpuError::DeviceLost(String::from("submitting"));
+        let failed =
+            |error: Box<dyn std::error::Error + Send + Sync>| RenderError::Failed(error).is_device_lost();
+        assert!(failed(Box::new(lost())));
+        assert!(failed(Box::new(ImageError::Gpu(lost()))));
+        assert!(failed(Box::new(EngineError::Gpu(lost()))));
+        assert!(failed(Box::new(EngineError::from(TransportError::Gpu(lost())))));
+        assert!(!failed(Box::new(EngineError::NoPasses)));
+        assert!(!RenderError::Interrupted.is_device_lost());
+    }
 }

@@ -124,7 +124,7 @@ fn run_guarded(arguments: &Arguments, job: &batch::Found, log: &Log, interrupt: 
         Ok(Err(error)) => {
             let shared = match &error {
                 FitError::Write(_) | FitError::Lock(LockError::Write(_)) => true,
-                FitError::Render(RenderError::Failed(cause)) => cause.to_string().contains("device lost"),
+                FitError::Render(error) => error.is_device_lost(),
                 _ => false,
             };
             (Row { message: error.to_string(), ..Row::new(&job.name, Status::Failed) }, shared)
