@@ -98,8 +98,7 @@ fn the_builder_makes_the_same_engine() {
     assert_eq!(solution.irradiance, expected.irradiance);
     let small = PlanOptions::of(&device).tile(32);
     let wanted = antirad::plan::GradientRequest::NOTHING.albedo(true);
-    let other =
-        Engine::builder(&device, &scene).options(small).gradients(wanted).build().expect("an engine");
+    let other = Engine::builder(&device, &scene).options(small).gradients(wanted).build().expect("an engine");
     assert_eq!(other.plan().options(), &small.gradients(wanted));
     finish(&device);
 }
