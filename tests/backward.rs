@@ -402,9 +402,9 @@ fn gradients_are_slopes_of_the_solve() {
             ),
         ];
         // A step of 1 in the unit of the parameter.
-        let unit = |kind: &str| match kind.chars().next() {
-            Some('p') => 10.0,
-            Some('σ' | 'v' | 'c') => 0.1,
+        let unit = |kind: &str| match kind {
+            "p" => 10.0,
+            "σ" | "σ of a material" | "vertex" | "corners" => 0.1,
             _ => 1.0,
         };
         // Derivatives by materials do not depend on the weights of directions.

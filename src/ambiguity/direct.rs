@@ -1,4 +1,4 @@
-//! Direct light between triangles, blockers included, in numbers.
+//! Direct transport between triangles as a matrix, blockers included.
 
 use super::{AmbiguityError, LightMatrix};
 use crate::gpu::Device;
@@ -6,26 +6,26 @@ use crate::plan::{Plan, PlanOptions};
 use crate::scene::{Material, Scene};
 use crate::{Engine, Solution, SolveParams, Watch};
 
-/// Lambertian light from triangles to triangles without any reflection: (1 + U J)⁻¹ U.
+/// Irradiance from Lambertian emission, without any reflection: (1 + U J)⁻¹ U.
 ///
-/// The scene's geometry with black materials. Three sources are solved for at once, one in each channel.
+/// Uses the scene's geometry with black materials and solves for three sources at once, one per channel.
 pub struct DirectLight {
     engine: Engine,
     scene: Scene,
     params: SolveParams,
 }
 
-/// Nothing, red, green, blue.
+/// Black, and emitters in red, green and blue.
 fn black_materials() -> Vec<Material> {
     let emitting = |emission: [f64; 3]| Material { albedo: [0.0; 3], emission, ..Material::named("source") };
     vec![emitting([0.0; 3]), emitting([1.0, 0.0, 0.0]), emitting([0.0, 1.0, 0.0]), emitting([0.0, 0.0, 1.0])]
 }
 
 impl DirectLight {
-    /// `watch` is asked often whether to go on.
+    /// Plans and allocates an engine. `watch` is called after every pass and can interrupt the solve.
     pub fn new(device: &Device, scene: &Scene, watch: &Watch) -> Result<Self, AmbiguityError> {
         let mut scene = Scene { materials: black_materials(), ..scene.clone() };
-        // Every channel once, so that the plan has three.
+        // Each channel occurs once, so that the plan has three.
         for (i, triangle) in scene.triangles.iter_mut().enumerate() {
             triangle.material = if i < 3 { i as u32 + 1 } else { 0 };
         }
@@ -42,7 +42,7 @@ impl DirectLight {
         Ok(self.engine.solve(&self.params)?)
     }
 
-    /// Irradiance on all triangles from the emission (radiance, RGB, per triangle of the scene), W/m².
+    /// Irradiance on all triangles, W/m², from `emission` (radiance per triangle, RGB, W/(m² sr)).
     pub fn irradiance(&mut self, emission: &[[f64; 3]]) -> Result<Vec<[f64; 3]>, AmbiguityError> {
         // Triangles of one colour share a material.
         let mut materials = black_materials();
@@ -58,8 +58,8 @@ impl DirectLight {
         Ok(self.solve()?.irradiance)
     }
 
-    /// Irradiance on all triangles (rows) per radiance of each of some triangles (columns), sr. `progress` is told how
-    /// many columns are done.
+    /// Irradiance on all triangles (rows) per radiance of each of `sources` (columns), sr. `progress` receives the number of
+    /// finished columns.
     pub fn columns(
         &mut self,
         sources: &[usize],

@@ -1,4 +1,4 @@
-//! The first bounce of hidden lights instead of the lights.
+//! Replaces hidden lights by their first bounce.
 
 use super::AmbiguityError;
 use super::direct::DirectLight;
@@ -11,26 +11,27 @@ use glam::DVec3;
 use serde::Serialize;
 use std::f64::consts::PI;
 
-/// A demonstration that a scene with hidden lights looks like the same scene without them, whose walls emit what the
-/// lights would have let them reflect first: V Γ⁻¹ E = V Γ⁻¹ R E for all E with V E = 0.
+/// Demonstrates that a scene with hidden lights looks the same without them if its surfaces emit the first bounce of the
+/// lights instead: V Γ⁻¹ E = V Γ⁻¹ R E for all E with V E = 0, where V selects the triangles that cameras see, R is direct
+/// transport with reflection, and Γ = 1 - R.
 #[derive(Clone, Debug, Serialize)]
 pub struct FirstBounce {
-    /// Triangles that emit, and that no camera sees.
+    /// Emitting triangles that no camera sees.
     pub hidden_lights: Vec<usize>,
-    /// The largest difference of a seen face's colour, over the brightest colour seen.
+    /// Largest difference of a visible face's colour, relative to the brightest visible colour.
     pub largest_difference: f64,
-    /// The root of the mean squared difference of pixels over that of the pixels' radiance.
+    /// Relative L2 difference of the pixels.
     pub picture_difference: f64,
-    /// Triangles with a specular lobe: their first bounce has a direction, and the Lambertian emission that stands for it
-    /// has none.
+    /// Number of triangles with a specular lobe: their first bounce is directional, but the Lambertian emission that replaces
+    /// it is not.
     pub glossy: usize,
-    /// What the triangles would emit, RGB, W/(m² sr).
+    /// The replacement emission per triangle, RGB, W/(m² sr).
     #[serde(skip)]
     pub emission: Vec<[f64; 3]>,
 }
 
 impl FirstBounce {
-    /// `None` if no light is hidden.
+    /// Renders both scenes and compares them; `None` if no light is hidden.
     pub fn new(
         device: &Device,
         scene: &Scene,
@@ -63,7 +64,7 @@ impl FirstBounce {
         let watch = watch.clone();
         engine.set_pass_callback(Some(Box::new(move |_, _| watch())));
         let truth = shown(&mut engine, scene, cameras)?;
-        // The bounce may be a little below zero: the discretised antiradiance takes away more than there is.
+        // The bounce may be slightly negative: discretised antiradiance can remove more light than there is.
         engine.set_linear_materials(&scene.with_emission(&emission))?;
         let instead = shown(&mut engine, scene, cameras)?;
         let (mut largest, mut brightest) = (0.0, 0.0);

@@ -1,6 +1,6 @@
-//! Light between triangles in numbers.
+//! Transport between triangles as a dense matrix.
 
-/// Irradiance on all triangles (rows) per radiance of each of some triangles (columns), sr.
+/// Irradiance on all triangles (rows) per radiance of some triangles (columns), sr.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightMatrix {
     rows: usize,
@@ -9,7 +9,7 @@ pub struct LightMatrix {
 }
 
 impl LightMatrix {
-    /// Of no columns yet.
+    /// A matrix without columns.
     pub(super) fn new(rows: usize) -> Self {
         Self { rows, values: Vec::new() }
     }
@@ -19,15 +19,17 @@ impl LightMatrix {
         self.values.extend(column);
     }
 
+    /// Number of rows, one per triangle of the scene.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
+    /// Number of columns, one per source.
     pub fn columns(&self) -> usize {
         self.values.len() / self.rows.max(1)
     }
 
-    /// Panics outside of the matrix.
+    /// An entry. Panics if the indices are out of range.
     pub fn get(&self, row: usize, column: usize) -> f64 {
         assert!(row < self.rows, "row {row} of {}", self.rows);
         self.values[column * self.rows + row]

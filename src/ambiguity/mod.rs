@@ -1,19 +1,19 @@
-//! What pictures of a scene cannot tell: which other emissions would give the very same pictures.
+//! What pictures leave undetermined: which other emissions would give exactly the same pictures.
 //!
-//! Of a diffuse scene, pictures fix the radiance C of the triangles that some camera sees, and of no others. With R the
-//! direct light between triangles, blockers included, times δρ/π, emissions are E = C - R C. So whatever radiance the
-//! unseen triangles u had, the emissions
+//! Pictures of a diffuse scene determine the radiance C of the triangles that some camera sees (v), and of no others. With
+//! R the direct transport between triangles, blockers included, times δρ/π, the emission is E = C - R C. For any radiance
+//! of the unseen triangles u, the emissions
 //!
 //! e_u = c_u - R_uu c_u - R_uv c_v,   e_v = c_v - R_vu c_u - R_vv c_v
 //!
-//! explain the pictures: an affine space with one dimension for each unseen triangle and channel. In terms of the unseen
+//! explain the pictures: an affine space with one dimension per unseen triangle and channel. In terms of the unseen
 //! emissions alone it is
 //!
 //! e_v = s - A e_u,   A = R_vu (1 - R_uu)⁻¹,   s = e*_v + A e*_u
 //!
-//! for any explanation e* at hand: what unseen triangles emit arrives at seen ones by A, and those must emit that much
-//! less. Emission is not negative, so what is left is the polytope e_u ≥ 0, A e_u ≤ s. At e_u = 0 the seen triangles emit
-//! all there is themselves: a hidden lamp looks like the first bounce of its light ([`FirstBounce`]).
+//! for any known explanation e*: A carries the emission of unseen triangles to seen ones, which must emit that much less.
+//! Emission is not negative, which leaves the polytope e_u ≥ 0, A e_u ≤ s. At e_u = 0 the seen triangles emit everything
+//! themselves: a hidden lamp is indistinguishable from the first bounce of its light ([`FirstBounce`]).
 
 mod direct;
 mod first_bounce;
@@ -30,23 +30,23 @@ pub use views::Views;
 use crate::EngineError;
 use crate::image::ImageError;
 
-/// An ambiguity could not be examined.
+/// The analysis of an ambiguity failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum AmbiguityError {
-    /// Light could not be computed.
+    /// The solve failed.
     #[error(transparent)]
     Engine(EngineError),
     /// There is no plan for the scene.
     #[error(transparent)]
     Plan(#[from] crate::plan::PlanError),
-    /// What cameras see could not be found.
+    /// The visible triangles could not be determined.
     #[error(transparent)]
     Image(#[from] ImageError),
-    /// The emissions that explain a picture could not be found.
+    /// The emissions that explain the pictures could not be computed.
     #[error(transparent)]
     Polytope(#[from] PolytopeError),
-    /// A watcher stopped the work.
+    /// The watcher interrupted the work.
     #[error("interrupted")]
     Interrupted,
 }

@@ -1,4 +1,4 @@
-//! All emissions that explain a picture.
+//! The polytope of all emissions that explain a set of pictures.
 
 use super::LightMatrix;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -7,13 +7,13 @@ use serde::Serialize;
 use std::error::Error;
 use std::f64::consts::PI;
 
-/// The polytope could not be made or searched.
+/// The polytope could not be constructed or searched.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PolytopeError {
-    /// Light between unseen triangles never dies away.
+    /// Interreflection between unseen triangles does not converge.
     #[error(
-        "light between unseen triangles does not die away: the spectral radius of what they reflect is not below 1"
+        "interreflection between unseen triangles does not converge: its spectral radius is not below 1; lower their albedo"
     )]
     Singular,
     /// The simplex method failed.
@@ -21,11 +21,11 @@ pub enum PolytopeError {
     LinearProgram {
         /// Index in the scene.
         triangle: usize,
-        /// What the solver says.
+        /// Error of the solver.
         source: Box<dyn Error + Send + Sync>,
     },
-    /// The simplex method was stopped before its end.
-    #[error("the linear program of triangle {triangle} was left unfinished")]
+    /// The simplex method stopped before it finished.
+    #[error("the linear program of triangle {triangle} was not solved to the end")]
     Unfinished {
         /// Index in the scene.
         triangle: usize,
@@ -36,18 +36,18 @@ pub enum PolytopeError {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// A vertex of the polytope that can be written down.
+    /// A vertex of the polytope, in closed form.
     ClosedForm,
     /// The simplex method.
     LinearProgram,
 }
 
-/// The emissions of a triangle in one channel that explain the pictures, radiance, W/(m² sr).
+/// The range of a triangle's emission in one channel over all explanations, W/(m² sr).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Interval {
-    /// The darkest that it can be.
+    /// The lower end.
     pub least: f64,
-    /// `None` where there is no bound: nothing that is seen receives this triangle's light.
+    /// The upper end; `None` if unbounded, because no seen triangle receives this triangle's light.
     pub most: Option<f64>,
     /// How both ends were found.
     pub method: Method,
@@ -55,27 +55,27 @@ pub struct Interval {
 
 /// One channel: e_u ≥ 0, A e_u ≤ s + τ, and e_v = s - A e_u.
 ///
-/// No light that arrives is negative, but for the discretisation: A and s have small entries below zero, which bounds take
-/// for zero. With A ≥ 0 and s ≥ 0, unseen triangles may always be dark, and one of them is brightest when all others are. The
-/// explanation at hand counts as one whatever the discretisation does to it.
+/// Incident light is not negative except for discretisation errors: A and s have small negative entries, which the bounds
+/// treat as zero. With A ≥ 0 and s ≥ 0, unseen triangles can always be dark, and each is brightest when all others are dark.
+/// The known explanation always counts as one, whatever the discretisation error.
 pub struct Polytope {
     unseen: Vec<usize>,
     seen: Vec<usize>,
-    /// Seen by unseen.
+    /// A: rows are seen triangles, columns unseen ones.
     a: DMatrix<f64>,
-    /// What each seen triangle would emit if no unseen one did.
+    /// s: the emission of each seen triangle if no unseen one emits.
     alone: DVector<f64>,
     noise: f64,
-    /// The explanation at hand, per triangle of the scene.
+    /// The known explanation e*, per triangle of the scene.
     emission: Vec<f64>,
     areas: Vec<f64>,
-    /// Of the Gram matrix of the changes that pictures do not show.
+    /// Of the Gram matrix of a basis of the changes that pictures do not show.
     gram: Cholesky<f64, Dyn>,
-    /// The most negative entry of s over the mean, or zero: what the discretisation makes of shadows.
+    /// The most negative entry of s relative to its mean, or zero: the discretisation error in shadows.
     pub lowest: f64,
 }
 
-/// What a polytope is made of, for one channel.
+/// Input of [`Polytope::new`], for one channel.
 pub struct Given<'a> {
     /// Irradiance on all triangles per radiance of the unseen ones, sr, [`DirectLight::columns`](super::DirectLight::columns).
     pub direct: &'a LightMatrix,
@@ -89,12 +89,12 @@ pub struct Given<'a> {
     pub seen: &'a [bool],
     /// The columns of `direct`.
     pub unseen: &'a [usize],
-    /// By how much the radiance of seen triangles may differ, over the mean of what they send out.
+    /// Tolerance τ on the radiance of seen triangles, relative to the mean of s.
     pub noise: f64,
 }
 
 impl Polytope {
-    /// Solves for what seen triangles would emit; fails where light between unseen ones does not die away.
+    /// Computes A and s. Fails if interreflection between unseen triangles does not converge.
     pub fn new(given: &Given) -> Result<Self, PolytopeError> {
         let Given { direct, albedo, emission, areas, .. } = *given;
         let unseen = given.unseen.to_vec();
@@ -143,8 +143,8 @@ impl Polytope {
         self.unseen.len()
     }
 
-    /// The emissions of all triangles of the scene that explain the pictures together with those of the unseen ones
-    /// (radiance, ascending): e_v = s - A e_u. Within the polytope none is below -τ, but for the discretisation.
+    /// The explanation with given emissions of the unseen triangles (radiance, by ascending triangle), per triangle of the
+    /// scene: e_v = s - A e_u. Within the polytope none is below -τ, except for discretisation errors.
     pub fn explanation(&self, unseen: &[f64]) -> Vec<f64> {
         let mut emission = vec![0.0; self.areas.len()];
         let rest = &self.alone - &self.a * DVector::from_column_slice(unseen);
@@ -153,8 +153,8 @@ impl Polytope {
         emission
     }
 
-    /// The emissions of each unseen triangle, ascending: dark in one explanation, the only one of them that emits in the
-    /// other.
+    /// The interval of each unseen triangle, ascending. At its lower end the triangle is dark, at its upper end it is the only
+    /// unseen one that emits.
     pub fn unseen_intervals(&self) -> Vec<Interval> {
         let brightest = |k: usize| {
             let column = self.a.column(k);
@@ -166,8 +166,8 @@ impl Polytope {
         (0..self.unseen.len()).into_par_iter().map(brightest).collect()
     }
 
-    /// The emissions of a seen triangle (its number in the scene); `None` if it is not seen. The most is what it emits when
-    /// no unseen triangle does; the least takes a linear program: maximise (A e_u)_k within the polytope.
+    /// The interval of a seen triangle (by its index in the scene); `None` if it is not seen. The upper end is its emission when
+    /// no unseen triangle emits; the lower end takes a linear program: maximise (A e_u)_k within the polytope.
     pub fn seen_interval(&self, triangle: usize) -> Result<Option<Interval>, PolytopeError> {
         let Ok(k) = self.seen.binary_search(&triangle) else { return Ok(None) };
         let mut program = microlp::Problem::new(microlp::OptimizationDirection::Maximize);
@@ -190,8 +190,8 @@ impl Polytope {
         Ok(Some(Interval { least, most: Some(most), method: Method::LinearProgram }))
     }
 
-    /// How well pictures determine each triangle's emission, 0 to 1: the share of a change of it alone, in the mean square
-    /// over area, that no change of others can undo. NaN for triangles that take no part.
+    /// How well pictures determine each triangle's emission, 0 to 1: the fraction of a change of it alone, in the area-weighted
+    /// mean square, that no change of others can compensate. NaN for triangles that are neither seen nor listed as unseen.
     pub fn determination(&self) -> Vec<f64> {
         let mut determined = vec![f64::NAN; self.areas.len()];
         // 1 - a_k |L⁻¹ d_k|², d_k the row of [1; -A], L L^T the Gram matrix.
@@ -216,7 +216,7 @@ impl Polytope {
 mod tests {
     use super::*;
 
-    /// Two unseen triangles (0, 1) and two seen ones (2, 3). Triangle 0 lights 2 and 3, triangle 1 nothing that is seen.
+    /// Two unseen triangles (0, 1) and two seen ones (2, 3). Triangle 0 illuminates 2 and 3, triangle 1 no seen triangle.
     fn polytope(noise: f64) -> Polytope {
         let mut direct = LightMatrix::new(4);
         direct.push([0.0, 0.4, 0.2, 0.1].map(|part| part * PI));
@@ -245,7 +245,7 @@ mod tests {
         assert!(close(intervals[0].most.expect("a bound"), 3.0), "{intervals:?}");
         assert_eq!((intervals[0].least, intervals[1].most), (0.0, None));
         let seen = |i| polytope.seen_interval(i).expect("an interval").expect("seen");
-        // All the light of triangle 2 may come from triangle 0, and then 0.15 less is left for triangle 3.
+        // All the light of triangle 2 may come from triangle 0; triangle 3 then emits 0.15 less.
         assert!(close(seen(2).least, 0.0) && close(seen(2).most.expect("a bound"), 0.3));
         assert!(close(seen(3).least, 2.0) && close(seen(3).most.expect("a bound"), 2.15));
         assert_eq!(polytope.seen_interval(0).expect("an answer"), None);

@@ -1,18 +1,18 @@
-//! What some cameras see.
+//! The triangles that cameras see.
 
 use crate::image::{Coverage, ImageError, Rasterizer};
 use crate::scene::{Camera, Scene};
 
-/// The triangles whose fronts at least one camera sees, in one sample at least.
+/// The triangles whose fronts at least one camera sees, in at least one sample.
 pub struct Views {
-    /// Per triangle of the scene.
+    /// Whether any camera sees it, per triangle of the scene.
     pub seen: Vec<bool>,
-    /// By camera.
+    /// Coverage of the pixels, per camera.
     pub coverage: Vec<Coverage>,
 }
 
 impl Views {
-    /// `supersample` x `supersample` samples a pixel.
+    /// Rasterises each camera's view with `supersample` x `supersample` samples per pixel.
     pub fn new(
         rasterizer: &Rasterizer,
         scene: &Scene,
@@ -24,7 +24,7 @@ impl Views {
         Ok(Self { seen: Coverage::seen(&coverage, scene.triangles.len()), coverage })
     }
 
-    /// The triangles that no camera sees, ascending; those without area are not counted, as they send no light.
+    /// The triangles that no camera sees, ascending, except those without area, which emit no light.
     pub fn unseen(&self, scene: &Scene) -> Vec<usize> {
         let sends = |i: &usize| !self.seen[*i] && scene.degenerate.binary_search(&(*i as u32)).is_err();
         (0..self.seen.len()).filter(sends).collect()

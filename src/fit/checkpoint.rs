@@ -1,4 +1,4 @@
-//! The state of a fit on disk: whole or not at all, with a checksum, the one before it kept.
+//! The state of a fit on disk: written atomically, with a checksum; the previous one is kept.
 
 use super::job::FitProgress;
 use crate::output::{OutputError, atomic_write};
@@ -9,7 +9,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 const MAGIC: &[u8; 16] = b"antirad-fit-ckpt";
-/// Changes whenever what is stored does.
+/// Incremented whenever the stored layout changes.
 const VERSION: u32 = 1;
 const FILE: &str = "checkpoint";
 const PREVIOUS: &str = "checkpoint.previous";
@@ -20,13 +20,13 @@ const HEADER: usize = 16 + 4 + 8 + 32;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CheckpointError {
-    /// Progress that a new fit would overwrite.
+    /// The folder holds progress that a new fit would overwrite.
     #[error(
         "{}: holds the progress of an earlier fit; --resume continues it, --restart discards it and starts over",
         path.display()
     )]
     Present {
-        /// Of the checkpoint.
+        /// The checkpoint.
         path: PathBuf,
     },
     /// The file cannot be read.
@@ -34,34 +34,34 @@ pub enum CheckpointError {
     Read {
         /// The checkpoint.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         reason: io::Error,
     },
-    /// The file is no checkpoint, or cut short.
+    /// The file is not a checkpoint, or is corrupt.
     #[error("{}: {damage}; {remedy}", path.display())]
     Damaged {
         /// The checkpoint.
         path: PathBuf,
         /// What is wrong with it.
         damage: String,
-        /// What to do about it.
+        /// The remedy.
         remedy: String,
     },
+    /// The file was written by another version.
     #[error(
-        "{}: it has version {found} and this program reads version {VERSION}; continue with the program that wrote it, \
+        "{}: it has version {found}, but this program reads version {VERSION}; continue with the program that wrote it, \
          or start over with --restart",
         path.display()
     )]
-    /// The file was written by another version.
     Version {
         /// The checkpoint.
         path: PathBuf,
         /// Version of the file.
         found: u32,
     },
-    /// The file belongs to a job that is set up in another way.
+    /// The file belongs to a different job.
     #[error(
-        "{}: it belongs to another job: {what} is not what it was; start over with --restart, or undo the change",
+        "{}: it belongs to another job: {what} has changed; start over with --restart, or undo the change",
         path.display()
     )]
     OtherJob {
@@ -72,19 +72,19 @@ pub enum CheckpointError {
     },
 }
 
-/// What a fit is determined by. Two fits with the same identity take the same way, step by step.
+/// Everything that determines a fit. Two fits with the same identity take the same steps.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity(Vec<(String, [u8; 32])>);
 
 impl Identity {
-    /// Adds a part by what it is called in messages.
+    /// Adds a part, with its name in messages.
     pub fn add(&mut self, what: impl Into<String>, value: &impl Serialize) -> Result<(), postcard::Error> {
         let bytes = postcard::to_stdvec(value)?;
         self.0.push((what.into(), Sha256::digest(bytes).into()));
         Ok(())
     }
 
-    /// The first part that differs.
+    /// Name of the first part that differs.
     fn difference(&self, other: &Self) -> Option<&str> {
         let pairs = self.0.iter().zip(&other.0);
         let differs = pairs.clone().find(|(a, b)| a != b).map(|(a, _)| a.0.as_str());
@@ -116,7 +116,7 @@ impl Checkpoints {
         self.directory.join(PREVIOUS)
     }
 
-    /// Forgets what is there: a fit that starts anew must not be mixed up with one before it.
+    /// Removes existing checkpoints: a new fit must not mix with an earlier one.
     pub fn clear(&self) -> Result<(), OutputError> {
         for path in [self.current(), self.previous()] {
             match fs::remove_file(&path) {
@@ -129,7 +129,7 @@ impl Checkpoints {
         Ok(())
     }
 
-    /// An error if there is anything to lose.
+    /// An error if a checkpoint exists.
     pub fn refuse(&self) -> Result<(), CheckpointError> {
         match [self.current(), self.previous()].into_iter().find(|path| path.exists()) {
             Some(path) => Err(CheckpointError::Present { path }),
@@ -137,14 +137,14 @@ impl Checkpoints {
         }
     }
 
-    /// Stores a state. If that fails, what was stored before is still there.
+    /// Stores a state. On failure the previous checkpoint is left intact.
     pub fn write(&self, identity: &Identity, progress: &FitProgress) -> Result<(), OutputError> {
         use std::borrow::Cow::Borrowed;
         let path = self.current();
         let payload = Payload { identity: Borrowed(identity), progress: Borrowed(progress) };
         let payload = postcard::to_stdvec(&payload)
             .map_err(|error| OutputError { path: path.clone(), reason: io::Error::other(error) })?;
-        // First the new one in full under another name: a full disk must not cost the one that is there.
+        // Written in full under another name first: a full disk must not destroy the existing one.
         let fresh = self.directory.join("checkpoint.new");
         let written = atomic_write(&fresh, |file| {
             file.write_all(MAGIC)?;
@@ -152,7 +152,7 @@ impl Checkpoints {
             file.write_all(&(payload.len() as u64).to_le_bytes())?;
             file.write_all(&Sha256::digest(&payload))?;
             file.write_all(&payload)?;
-            // On the disk before it takes the place of another: a machine may lose its power, too.
+            // Synced before it replaces another, in case of a power failure.
             file.sync_all()
         });
         written.map_err(|error| OutputError { path: path.clone(), reason: error.reason })?;
@@ -161,13 +161,13 @@ impl Checkpoints {
                 Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
                 _ => {}
             }
-            // Killed here, there is only the previous one, which `read` then takes.
+            // If killed here, only the previous one exists, and `read` uses it.
             fs::rename(&fresh, &path)
         };
         swap().map_err(|reason| OutputError { path: path.clone(), reason })
     }
 
-    /// The state stored last; `None` if there is none.
+    /// The most recent state; `None` if there is none.
     pub fn read(&self, identity: &Identity) -> Result<Option<FitProgress>, CheckpointError> {
         for path in [self.current(), self.previous()] {
             match fs::read(&path) {
@@ -196,7 +196,7 @@ impl Checkpoints {
         let (version, rest) = rest.split_at(4);
         let (length, checksum) = rest.split_at(8);
         if magic != MAGIC {
-            return Err(damaged(String::from("it does not start as a checkpoint does")));
+            return Err(damaged(String::from("it is not a checkpoint: its first bytes are wrong")));
         }
         let version = version.iter().rev().fold(0, |n, &b| n << 8 | u32::from(b));
         if version != VERSION {
@@ -205,15 +205,15 @@ impl Checkpoints {
         let length = length.iter().rev().fold(0, |n, &b| n << 8 | u64::from(b));
         if payload.len() as u64 != length {
             return Err(damaged(format!(
-                "it should hold {length} bytes of state and holds {}",
+                "it should hold {length} bytes of state but holds {}",
                 payload.len()
             )));
         }
         if Sha256::digest(payload).as_slice() != checksum {
-            return Err(damaged(String::from("its checksum is wrong: some of its bytes have changed")));
+            return Err(damaged(String::from("its checksum is wrong: it is corrupt")));
         }
         let stored: Payload = postcard::from_bytes(payload)
-            .map_err(|error| damaged(format!("its content is wrong: {error}")))?;
+            .map_err(|error| damaged(format!("its content is invalid: {error}")))?;
         match stored.identity.difference(identity) {
             Some(what) => Err(CheckpointError::OtherJob { path: path.to_path_buf(), what: what.to_owned() }),
             None => Ok(stored.progress.into_owned()),
@@ -294,7 +294,7 @@ mod tests {
         let mut version = good.clone();
         version[16] = 9;
         assert!(read(&version).expect_err("of the future").contains("version 9"));
-        // As it says: without the damaged one, the one before it serves.
+        // The remedy of the message works: without the damaged one, the previous one is used.
         fs::remove_file(checkpoints.current()).expect("removed");
         assert_eq!(checkpoints.read(&identity("job")).expect("read"), Some(progress(1.0)));
         drop(folder);
@@ -304,18 +304,18 @@ mod tests {
     fn another_job_is_refused() {
         let (_folder, checkpoints) = written(&[1.0]);
         let message = checkpoints.read(&identity("another")).expect_err("another job").to_string();
-        assert!(message.contains("the job is not what it was"), "{message}");
+        assert!(message.contains("the job has changed"), "{message}");
         let mut more = identity("job");
         more.add("target 2", &1).expect("bytes");
         let message = checkpoints.read(&more).expect_err("another job").to_string();
         assert!(message.contains("number of targets"), "{message}");
     }
 
-    /// Where this is set, a process may write no files above some size.
+    /// Where this is set, the process runs under a limit on file size.
     const LIMITED: &str = "ANTIRAD_TEST_LIMITED";
 
-    /// What a disk without room does, a limit of the process does without a right to mount one: writes end half-way. A limit
-    /// is for good and for all threads, so this test runs itself in a process of its own.
+    /// A limit on file size stands in for a full disk, since both make writes fail half-way, and needs no privileges. It is
+    /// irrevocable and holds for all threads, so the test runs itself in a separate process.
     #[test]
     #[cfg(unix)]
     fn a_failed_write_leaves_the_previous_checkpoint() {
@@ -340,7 +340,7 @@ mod tests {
         assert!(message.contains("checkpoint: cannot be written: File too large"), "{message}");
         assert_eq!(checkpoints.read(&identity("job")).expect("read"), Some(progress(2.0)));
         assert_eq!(names(&folder), [FILE, PREVIOUS]);
-        // With room again.
+        // Without the limit.
         checkpoints.write(&identity("job"), &progress(4.0)).expect("written");
         assert_eq!(checkpoints.read(&identity("job")).expect("read"), Some(progress(4.0)));
     }

@@ -9,27 +9,27 @@ use crate::scene::{Camera, Scene};
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams, Watch};
 use glam::DVec3;
 
-/// Work of an evaluation with derivatives by materials, in solves: the adjoint solve is like the first one.
+/// Cost of an evaluation with derivatives by materials, in solves: the adjoint solve costs as much as the forward one.
 const SOLVES: f64 = 2.1;
-/// Passes of [`SOLVES`] that derivatives by positions add, each of them several times as costly.
+/// Passes that derivatives by positions add, each several times as costly.
 const SOLVES_OF_GEOMETRY: f64 = 1.0;
 
-/// Solves scenes on a device, and takes their pictures.
+/// Solves scenes on a device and renders their pictures.
 pub struct EngineRenderer {
     device: Device,
     rasterizer: Rasterizer,
-    /// Plans are made for its materials, which need as much as any that will come.
+    /// The plan is made for its materials, which require as much as any later ones.
     planning: Scene,
     cameras: Vec<Camera>,
     supersample: u32,
     request: GradientRequest,
     watch: Watch,
     passes: u64,
-    /// For the positions of [`Self::planning`].
+    /// For the vertex positions of [`Self::planning`].
     engine: Option<Engine>,
-    /// What the cameras see of them; empty before they looked.
+    /// Coverage of each view at these positions; empty until computed.
     coverage: Vec<Coverage>,
-    /// Of the latest pictures. It holds device memory until the next ones are made.
+    /// State of the latest pictures. It holds device memory until the next ones are rendered.
     latest: Option<Latest>,
 }
 
@@ -37,14 +37,14 @@ struct Latest {
     scene: Scene,
     solution: Solution,
     params: SolveParams,
-    /// Of the faces, by view.
+    /// Face colours, per view.
     colours: Vec<Vec<[f64; 3]>>,
 }
 
 impl EngineRenderer {
-    /// For scenes with the triangles of `planning` and materials that need no more than its own
-    /// ([`Parameters::planning_scene`](super::Parameters::planning_scene)), pictures by some cameras, of `supersample` x
-    /// `supersample` samples a pixel, and derivatives of some kinds.
+    /// Renders scenes with the triangles of `planning` and materials that require no more than its own
+    /// ([`Parameters::planning_scene`](super::Parameters::planning_scene)), seen from `cameras` with `supersample` x
+    /// `supersample` samples per pixel, and computes the derivatives in `request`.
     pub fn new(
         device: &Device,
         planning: Scene,
@@ -79,13 +79,13 @@ impl EngineRenderer {
         Plan::new(scene, &options, &scene.settings).map_err(|error| sort_out(error.into()))
     }
 
-    /// Per triangle, whether one of the pictures shows it: of the latest positions, or those of the planning scene.
+    /// Per triangle, whether any view shows it, at the latest positions or else those of the planning scene.
     pub fn seen(&mut self) -> Result<Vec<bool>, RenderError> {
         self.look()?;
         Ok(Coverage::seen(&self.coverage, self.planning.triangles.len()))
     }
 
-    /// What the cameras see of the positions of [`Self::planning`], unless that is known.
+    /// Computes the coverage at the positions of [`Self::planning`], unless known.
     fn look(&mut self) -> Result<(), RenderError> {
         if self.coverage.is_empty() {
             let look = |camera| self.rasterizer.coverage(&self.planning, camera, self.supersample);
@@ -94,10 +94,10 @@ impl EngineRenderer {
         Ok(())
     }
 
-    /// Makes engine and coverage fit the positions of a scene.
+    /// Updates engine and coverage to the positions of a scene.
     fn prepare(&mut self, scene: &Scene) -> Result<Engine, RenderError> {
         if self.planning.vertices != scene.vertices {
-            // Its memory must be free before the next one takes its own.
+            // Its memory must be freed before the next one is allocated.
             self.engine = None;
             self.coverage.clear();
             self.planning.vertices.clone_from(&scene.vertices);
@@ -114,7 +114,7 @@ impl EngineRenderer {
                 engine
             }
         };
-        // The scene of a linear least-squares step is a difference.
+        // The scene of a linear least-squares step is a difference of scenes.
         engine.set_linear_materials(scene).map_err(sort_out)?;
         Ok(engine)
     }
@@ -164,7 +164,7 @@ impl Renderer for EngineRenderer {
         request: GradientRequest,
     ) -> Result<Option<SceneGradient>, RenderError> {
         let (Some(latest), Some(engine)) = (&self.latest, &mut self.engine) else { return Ok(None) };
-        // No loss asks for the share of a pixel that shows a face.
+        // Losses do not depend on coverage itself.
         let by_pixels: Vec<Vec<[f64; 4]>> =
             by_pixels.iter().map(|view| view.iter().map(|by| by.extend(0.0).to_array()).collect()).collect();
         let mut cotangent = Cotangent::default();
@@ -180,7 +180,7 @@ impl Renderer for EngineRenderer {
             });
         let mut gradient = SceneGradient::from(gradients.map_err(sort_out)?);
         if let Some(positions) = &mut gradient.positions {
-            // What moves in the picture, beside the light that changes.
+            // Silhouettes that move in the picture, in addition to the light that changes.
             for ((camera, colours), by_pixels) in self.cameras.iter().zip(&latest.colours).zip(&by_pixels) {
                 let by_edges = geometry_gradient(&latest.scene, camera, self.supersample, colours, by_pixels)
                     .map_err(failed)?;
@@ -199,12 +199,12 @@ fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RenderError 
     RenderError::Failed(Box::new(error))
 }
 
-/// What a solver says: that it was interrupted, that this scene has no answer, or that nothing works any more.
+/// Classifies an error: interrupted, no solution for this scene, or fatal.
 fn sort_out(error: EngineError) -> RenderError {
     match error {
         error if error.is_interruption() => RenderError::Interrupted,
         error if error.is_without_answer() => RenderError::NoAnswer(error.to_string()),
-        // A step went beyond what numbers or materials can be.
+        // A step led outside the range of valid numbers or materials.
         error @ (EngineError::Scene(_) | EngineError::Plan(PlanError::Scene(_))) => {
             RenderError::NoAnswer(error.to_string())
         }

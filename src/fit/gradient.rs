@@ -1,10 +1,10 @@
-//! Derivatives of a loss by what a scene is made of.
+//! Derivatives of a loss by the quantities of a scene.
 
 use crate::plan::GradientRequest;
 use crate::scene::Scene;
 use glam::DVec3;
 
-/// What can be fitted, and what derivatives can be asked for.
+/// A quantity that can be fitted and differentiated by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quantity {
@@ -23,7 +23,7 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// Numbers per triangle or vertex.
+    /// Values per triangle or vertex.
     pub fn channels(self) -> usize {
         match self {
             Self::Diffuse | Self::Power => 1,
@@ -31,7 +31,7 @@ impl Quantity {
         }
     }
 
-    /// Of its values: "W/(m² sr)", "m", or "1" for plain numbers.
+    /// Unit of its values: "W/(m² sr)", "m", or "1" for dimensionless ones.
     pub fn unit(self) -> &'static str {
         match self {
             Self::Emission => "W/(m² sr)",
@@ -40,7 +40,7 @@ impl Quantity {
         }
     }
 
-    /// The word for it in a job file.
+    /// Its name in a job file.
     pub fn word(self) -> &'static str {
         match self {
             Self::Emission => "emission",
@@ -53,10 +53,10 @@ impl Quantity {
     }
 }
 
-/// Derivatives of a loss, as far as they were wanted.
+/// Derivatives of a loss, as far as requested.
 ///
-/// By the values of each triangle's own material (as if no two triangles shared one), and by the position of each
-/// vertex; in the order of the scene, per unit of the quantity.
+/// By the values of each triangle's material (as if no two triangles shared one) and by the position of each vertex, in
+/// scene order, per unit of the quantity.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneGradient {
     /// Per triangle, RGB.
@@ -74,22 +74,22 @@ pub struct SceneGradient {
 }
 
 impl SceneGradient {
-    /// No derivative at all, of everything wanted.
-    pub fn zeros(scene: &Scene, wanted: GradientRequest) -> Self {
+    /// Zeros for everything requested.
+    pub fn zeros(scene: &Scene, request: GradientRequest) -> Self {
         let triangles = scene.triangles.len();
-        let rgb = |wanted: bool| wanted.then(|| vec![DVec3::ZERO; triangles]);
-        let scalar = |wanted: bool| wanted.then(|| vec![0.0; triangles]);
+        let rgb = |requested: bool| requested.then(|| vec![DVec3::ZERO; triangles]);
+        let scalar = |requested: bool| requested.then(|| vec![0.0; triangles]);
         Self {
-            emission: rgb(wanted.emission),
-            diffuse: scalar(wanted.diffuse),
-            albedo: rgb(wanted.albedo),
-            specular: rgb(wanted.specular),
-            power: scalar(wanted.power),
-            positions: wanted.positions.then(|| vec![DVec3::ZERO; scene.vertices.len()]),
+            emission: rgb(request.emission),
+            diffuse: scalar(request.diffuse),
+            albedo: rgb(request.albedo),
+            specular: rgb(request.specular),
+            power: scalar(request.power),
+            positions: request.positions.then(|| vec![DVec3::ZERO; scene.vertices.len()]),
         }
     }
 
-    /// Adds another gradient, where this one has a place for it.
+    /// Adds another gradient, for the quantities that this one has.
     pub fn add(&mut self, other: &Self) {
         fn add<T: std::ops::AddAssign + Copy>(to: &mut Option<Vec<T>>, from: &Option<Vec<T>>) {
             if let (Some(to), Some(from)) = (to, from) {
@@ -104,7 +104,7 @@ impl SceneGradient {
         add(&mut self.positions, &other.positions);
     }
 
-    /// The derivative by a quantity of a triangle's material, in all its channels; zeros where there is none.
+    /// The derivative by a quantity of a triangle's material, in all its channels; zeros if it was not requested.
     pub fn of_triangle(&self, quantity: Quantity, triangle: usize) -> [f64; 3] {
         let rgb = |of: &Option<Vec<DVec3>>| of.as_ref().map_or([0.0; 3], |of| of[triangle].to_array());
         let scalar = |of: &Option<Vec<f64>>| of.as_ref().map_or([0.0; 3], |of| [of[triangle], 0.0, 0.0]);
@@ -118,7 +118,7 @@ impl SceneGradient {
         }
     }
 
-    /// Adds to the derivative by a quantity of a triangle's material, where there is a place for it.
+    /// Adds to the derivative by a quantity of a triangle's material, if it was requested.
     pub fn add_to_triangle(&mut self, quantity: Quantity, triangle: usize, value: [f64; 3]) {
         let rgb = |of: &mut Option<Vec<DVec3>>| {
             if let Some(of) = of {

@@ -1,4 +1,4 @@
-//! A fit from start to end: steps, when to stop, checkpoints.
+//! Runs a fit: steps, stopping rule, checkpoints.
 
 use super::checkpoint::{CheckpointError, Checkpoints, Identity};
 use super::lock::LockError;
@@ -24,44 +24,45 @@ use std::time::Instant;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FitError {
-    /// The job file or its scene.
+    /// The job file or its scene is invalid.
     #[error(transparent)]
     Input(#[from] SceneError),
-    /// The unknowns do not fit the scene.
+    /// The unknowns do not match the scene.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
-    /// An assumption is about nothing; its index.
+    /// A regulariser does not apply to anything fitted.
     #[error("{message}")]
     Regulariser {
-        /// Which one, from 0.
+        /// Its index, from 0.
         index: usize,
         /// What is wrong with it.
         message: String,
     },
-    /// The settings contradict each other; it says how.
+    /// The settings contradict each other; the message says how.
     #[error("{0}")]
     Settings(String),
-    /// A picture, or its derivative, could not be made.
+    /// A picture or its derivative could not be computed.
     #[error(transparent)]
     Render(RenderError),
-    /// The optimiser could not go on.
+    /// The optimiser failed.
     #[error("{0}")]
     Optimiser(String),
     /// A checkpoint could not be read or written.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-    /// A result could not be written.
+    /// The folder could not be locked.
     #[error(transparent)]
     Lock(#[from] LockError),
+    /// A result could not be written.
     #[error(transparent)]
     Write(#[from] OutputError),
     /// A picture could not be written.
     #[error(transparent)]
     Image(#[from] ImageError),
-    /// Stopped from outside, after a checkpoint was written if there is a folder for it.
+    /// Interrupted, after a checkpoint was written if there is a folder for it.
     #[error("interrupted after iteration {iteration}")]
     Interrupted {
-        /// The last one that was done.
+        /// The last finished iteration.
         iteration: u32,
     },
 }
@@ -72,45 +73,45 @@ impl From<RenderError> for FitError {
     }
 }
 
-/// What a solve's residual does to the loss, in its share: the solve stops somewhere below its tolerance, and the same
-/// way at points that are near.
+/// Relative noise of the loss per tolerance of the solve: a solve stops somewhere below its tolerance, and similarly at
+/// nearby points.
 const NOISE_OF_TOLERANCE: f64 = 0.1;
 
-/// What the sampling of pixels does to the loss of a picture in which things move, in its share: edges pass the samples
-/// one by one, while derivatives are those of exact areas.
+/// Relative noise of the loss from sampling pixels where objects move: edges pass samples one by one, while derivatives
+/// are those of exact areas.
 const NOISE_OF_SAMPLES: f64 = 1e-4;
 
-/// Iterations over which a decrease is judged: a single one may be small by chance, and Adam goes up and down.
+/// Iterations over which the decrease is measured: a single one may be small by chance, and Adam is not monotone.
 const DECREASE_OVER: usize = 5;
 const DECREASE_OVER_ADAM: usize = 50;
 
-/// Why a fit has ended.
+/// Why a fit ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stop {
-    /// All iterations allowed are done.
+    /// The limit on iterations is reached.
     Iterations,
-    /// The loss hardly falls any more.
+    /// The relative decrease of the loss is below the limit.
     RelativeDecrease,
-    /// The gradient has vanished.
+    /// The projected gradient is below the limit.
     Gradient,
-    /// The loss wanted is reached.
+    /// The target loss is reached.
     Loss,
-    /// The time allowed is over.
+    /// The time limit is reached.
     Seconds,
-    /// No lower loss could be found: a minimum, to rounding.
+    /// No lower loss could be found: a minimum, within rounding.
     NoProgress,
 }
 
 impl Stop {
-    /// The same in words.
+    /// The reason in words.
     pub fn reason(self) -> &'static str {
         match self {
-            Self::Iterations => "the number of iterations allowed",
-            Self::RelativeDecrease => "the loss hardly falls any more",
+            Self::Iterations => "the iteration limit is reached",
+            Self::RelativeDecrease => "the loss has stopped decreasing",
             Self::Gradient => "the gradient has vanished",
-            Self::Loss => "the loss wanted is reached",
-            Self::Seconds => "the time allowed",
+            Self::Loss => "the target loss is reached",
+            Self::Seconds => "the time limit is reached",
             Self::NoProgress => "no lower loss can be found",
         }
     }
@@ -121,27 +122,27 @@ impl Stop {
 pub struct Record {
     /// 0 is the start.
     pub iteration: u32,
-    /// With assumptions.
+    /// Loss including regularisers.
     pub loss: f64,
-    /// Largest derivative by an unknown, less what bounds forbid.
+    /// Maximum norm of the projected gradient, by the unknowns.
     pub gradient: f64,
     /// Largest change of an unknown, in units of its scale.
     pub step: f64,
-    /// How often loss and gradient were computed.
+    /// Evaluations of loss and gradient.
     pub evaluations: u32,
-    /// Applications of the transport.
+    /// Passes (applications of U).
     pub passes: u64,
 }
 
-/// How far a fit has come: what a checkpoint stores.
+/// The progress of a fit, as stored in a checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FitProgress {
     optimiser: Optimiser,
-    /// One entry for each iteration, the start first.
+    /// One entry per iteration, the start first.
     pub history: Vec<Record>,
-    /// Of all runs together.
+    /// Time of all runs together, s.
     pub seconds: f64,
-    /// Why it has ended, if it has.
+    /// Why it ended, if it has.
     pub finished: Option<Stop>,
 }
 
@@ -150,7 +151,7 @@ impl FitProgress {
         Self { optimiser, history: Vec::new(), seconds: 0.0, finished: None }
     }
 
-    /// Iterations done.
+    /// Finished iterations.
     pub fn iteration(&self) -> u32 {
         self.history.last().map_or(0, |record| record.iteration)
     }
@@ -182,13 +183,13 @@ impl FitProgress {
     }
 }
 
-/// What to do where an earlier run has left a checkpoint.
+/// What to do if an earlier run left a checkpoint.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OnCheckpoint {
-    /// An error: hours of work may be in it.
+    /// Fail: it may hold hours of work.
     #[default]
     Refuse,
-    /// Go on from it.
+    /// Continue from it.
     Resume,
     /// Remove it and start over.
     Discard,
@@ -198,12 +199,12 @@ pub enum OnCheckpoint {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct RunOptions {
-    /// Where checkpoints go; `None`: nowhere. Where other processes may fit in that folder, take a
+    /// Folder for checkpoints; `None`: none are written. If other processes may use that folder, take a
     /// [`FolderLock`](super::FolderLock) first.
     pub checkpoints: Option<PathBuf>,
-    /// Iterations between them.
+    /// Iterations between checkpoints.
     pub checkpoint_every: u32,
-    /// What to do about a checkpoint that is there.
+    /// What to do about an existing checkpoint.
     pub on_checkpoint: OnCheckpoint,
     /// When the fit ends.
     pub stop: StopRule,
@@ -227,34 +228,34 @@ impl Default for RunOptions {
     }
 }
 
-/// What a fit has found.
+/// The result of a fit.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// Why it has ended.
+    /// Why it ended.
     pub stop: Stop,
-    /// The iteration that this run continued from.
+    /// The iteration that this run continued from, if any.
     pub resumed_from: Option<u32>,
-    /// One entry for each iteration, the start first.
+    /// One entry per iteration, the start first.
     pub history: Vec<Record>,
-    /// Of all runs together.
+    /// Time of all runs together, s.
     pub seconds: f64,
-    /// With the values that were found.
+    /// The scene with the fitted values.
     pub scene: Scene,
-    /// The values that were found, by what they belong to.
+    /// The fitted values, with the material, mesh or triangle of each.
     pub recovered: Vec<Recovered>,
-    /// By all views, linear RGB, row by row from the top, W/(m² sr).
+    /// Final pictures per view, linear RGB, row by row from the top, W/(m² sr).
     pub pictures: Vec<Vec<DVec3>>,
-    /// Loss and assumptions at the end, and their parts: of each view before weights, of each assumption with its own.
+    /// Final loss including regularisers.
     pub loss: f64,
-    /// Losses of the pictures, before weights.
+    /// Final loss per view, before weights.
     pub views: Vec<f64>,
-    /// With their weights.
+    /// Final value per regulariser, with its weight.
     pub assumptions: Vec<f64>,
 }
 
-/// A fit that is ready to run.
+/// A validated fit, ready to run.
 pub struct Job {
-    /// For messages and files.
+    /// Name, for messages and files.
     pub name: String,
     problem: Problem,
     settings: Settings,
@@ -274,14 +275,15 @@ impl Job {
             return refuse("there is no target; give at least one picture");
         }
         if settings.fits.is_empty() {
-            return refuse("there is nothing to fit; name at least one quantity");
+            return refuse("there is nothing to fit; give at least one quantity");
         }
         let mut scene = scene;
-        // What is fitted is fitted with one setting from the first iteration to the last.
+        // The solve settings stay the same from the first iteration to the last.
         scene.choice = Choice::STATED;
         scene.settings.tolerance = settings.tolerance.unwrap_or(scene.settings.tolerance.min(1e-5));
-        let identity = identity(&scene, &targets, &settings)
-            .map_err(|error| FitError::Settings(format!("the job cannot be told from others: {error}")))?;
+        let identity = identity(&scene, &targets, &settings).map_err(|error| {
+            FitError::Settings(format!("the job's identity cannot be serialised: {error}"))
+        })?;
         let parameters = Parameters::new(&scene, &settings.fits, brightness(&scene, &targets))?;
         let regularisers = Regularisers::new(&settings.regularisers, &parameters)
             .map_err(|(index, message)| FitError::Regulariser { index, message })?;
@@ -293,23 +295,23 @@ impl Job {
         let job = Self { name: name.into(), problem, settings, identity };
         if job.settings.optimiser == OptimiserKind::LeastSquares && !job.is_quadratic() {
             return refuse(
-                "least squares fit emission alone, by the loss l2 or relative-l2; use quasi-newton instead",
+                "least-squares fits emission alone, with the loss l2 or relative-l2; use quasi-newton instead",
             );
         }
         Ok(job)
     }
 
-    /// Measures pictures by another loss than the settings say. Checkpoints do not know it: resume with the same one.
+    /// Replaces the loss of the settings. Checkpoints do not record it: resume with the same one.
     pub fn set_loss(&mut self, loss: Box<dyn PictureLoss + Send>) {
         self.problem.loss = loss;
     }
 
-    /// What is minimised.
+    /// The objective.
     pub fn problem(&self) -> &Problem {
         &self.problem
     }
 
-    /// How it is minimised.
+    /// The settings of the fit.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
@@ -348,14 +350,14 @@ impl Job {
         }
     }
 
-    /// What an iteration will take, and bytes of host memory for the optimiser. An error if it cannot be done.
+    /// Estimated cost of an iteration, and bytes of host memory for the optimiser. An error if the scene cannot be rendered.
     pub fn estimate(&self, renderer: &mut dyn Renderer) -> Result<(CostEstimate, u64), FitError> {
         let estimate = renderer.estimate(&self.problem.parameters.planning_scene())?;
         let targets: u64 = self.problem.targets.iter().map(|t| 24 * 4 * t.pixels.len() as u64).sum();
         Ok((estimate, targets + self.new_optimiser().bytes(self.problem.parameters.len())))
     }
 
-    /// How far an earlier run has come that is to be continued; `None` if this one starts anew.
+    /// The progress of an earlier run to continue from; `None` for a new start.
     pub fn progress(
         &self,
         directory: &Path,
@@ -369,8 +371,8 @@ impl Job {
         }
     }
 
-    /// Runs the job. `watch` is called after every iteration, the start (iteration 0) included, and may stop it; an
-    /// interrupted or killed job continues with [`OnCheckpoint::Resume`] to the same result.
+    /// Runs the job. `watch` is called after every iteration, including the start (iteration 0), and may stop it. An
+    /// interrupted or killed job resumes with [`OnCheckpoint::Resume`] and reaches the same result.
     pub fn run(
         &mut self,
         renderer: &mut dyn Renderer,
@@ -385,7 +387,7 @@ impl Job {
                 resumed_from = Some(stored.iteration());
                 finished_before = stored.finished;
                 progress = stored;
-                // The rule may be another one now: more iterations, above all.
+                // The stopping rule may differ now, for example allow more iterations.
                 progress.finished = progress.finished.filter(|stop| *stop == Stop::NoProgress);
             } else {
                 checkpoints.clear()?;
@@ -403,7 +405,7 @@ impl Job {
         let interrupted =
             |progress: &mut FitProgress, store: &mut dyn FnMut(&mut FitProgress) -> Result<(), FitError>| {
                 let iteration = progress.iteration();
-                // Nothing was done that could be lost.
+                // No progress to lose.
                 if iteration > resumed_from.unwrap_or(0) {
                     store(progress)?;
                 }
@@ -461,7 +463,7 @@ impl Job {
     }
 }
 
-/// What a step adds to the history; the first one has the start before it.
+/// The records that a step adds to the history; the first step also adds the start.
 struct Stepped {
     records: Vec<Record>,
     progress: bool,
@@ -511,14 +513,14 @@ fn step(
         record.evaluations -= 1;
         record.passes -= passes_of_first;
     }
-    // A step that leads nowhere is no iteration.
+    // A step without progress is not an iteration.
     if step.progress {
         records.push(record);
     }
     Ok(Stepped { records, progress: step.progress })
 }
 
-/// A typical radiance of lamps: the brightest there is, in the scene or in a target.
+/// A typical radiance of lamps: the maximum in the scene's emission or a target.
 fn brightness(scene: &Scene, targets: &[Target]) -> f64 {
     let emitted = scene.materials.iter().flat_map(|m| m.emission).fold(0.0, f64::max);
     let seen = |target: &Target| {
@@ -534,7 +536,7 @@ fn identity(scene: &Scene, targets: &[Target], settings: &Settings) -> Result<Id
     identity.add("the job's settings", settings)?;
     let vertices: Vec<[f64; 3]> = scene.vertices.iter().map(|v| v.to_array()).collect();
     let triangles: Vec<([u32; 3], u32)> = scene.triangles.iter().map(|t| (t.vertices, t.material)).collect();
-    // `Debug` shows every digit of a number.
+    // `Debug` prints all digits of a number.
     let rest = format!("{:?} {:?} {:?}", scene.meshes, scene.materials, scene.settings);
     identity.add("the scene", &(vertices, triangles, rest))?;
     for (number, target) in targets.iter().enumerate() {

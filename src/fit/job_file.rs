@@ -15,17 +15,17 @@ use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 
-/// A job from a file, and how the file wants it run.
+/// A job from a file, with the options for running it.
 pub struct JobFile {
-    /// Ready to run.
+    /// The validated job.
     pub job: Job,
-    /// The file that the scene came from.
+    /// The scene file.
     pub scene_file: PathBuf,
     /// When the fit ends.
     pub stop: StopRule,
     /// Iterations between two checkpoints.
     pub checkpoint_every: u32,
-    /// What the user should know, in whole sentences.
+    /// Warnings for the user, in whole sentences.
     pub warnings: Vec<String>,
 }
 
@@ -59,7 +59,7 @@ struct TargetTable {
     clipped: Option<Clipped>,
 }
 
-/// What to do with PNG pixels at the end of their scale.
+/// How to treat clipped PNG pixels.
 #[derive(Clone, Copy, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "kebab-case")]
 enum Clipped {
@@ -144,24 +144,24 @@ struct SolveTable {
 impl JobFile {
     /// Reads and checks a job, its scene and its pictures. Paths are relative to the file.
     ///
-    /// All of it optional but `scene`, one `[[target]]` and one `[[fit]]`:
+    /// Everything but `scene`, one `[[target]]` and one `[[fit]]` is optional:
     /// ```toml
     /// scene = "room.toml"
     ///
-    /// [[target]]                     # one for each view
+    /// [[target]]                     # one per view
     /// picture = "photo.exr"          # or a PNG, which is decoded from sRGB
     /// camera = "main"                # of the scene; or view = { position = [...], ... } as in a scene file
     /// mask = "mask.png"              # white counts, black does not
     /// weight = 1
     /// white = 1                      # radiance of white in a PNG, W/(m² sr)
-    /// clipped = "ignore"             # PNG pixels at the end of the scale; or "use"
+    /// clipped = "ignore"             # clipped PNG pixels; or "use"
     ///
     /// [[fit]]
     /// parameter = "albedo"           # or "emission", "diffuse", "specular", "power", "position"
     /// materials = ["red", "green"]   # default: all
-    /// meshes = ["walls"]             # default: all; where both are given, what has both
+    /// meshes = ["walls"]             # default: all; if both are given, triangles with both
     /// per = "material"               # or "mesh", "triangle"
-    /// initial = 0.5                  # one number or RGB, as lower and upper; default: what the scene has
+    /// initial = 0.5                  # one number or RGB, as lower and upper; default: the scene's
     /// lower = 0
     /// upper = 0.95
     ///
@@ -170,28 +170,28 @@ impl JobFile {
     /// meshes = ["box"]
     /// motion = "rigid"               # or "translation", "scale", "similarity", "vertices"
     /// together = false               # all meshes as one body
-    /// lower = [-1, 0, -1]            # of the way they move, metres
+    /// lower = [-1, 0, -1]            # of the displacement, metres
     /// upper = [1, 0, 1]
     /// max_rotation_degrees = 30
     /// max_scale = 2
     ///
     /// [loss]
     /// kind = "l2"                    # or "l1", "relative-l2", "log-l1"
-    /// epsilon = 0.01                 # of the last two, W/(m² sr)
+    /// epsilon = 0.01                 # for the last two, W/(m² sr)
     ///
     /// [[regulariser]]
-    /// kind = "smoothness"            # of a parameter; or "prior" (with value), "sparsity", "laplacian"
+    /// kind = "smoothness"            # or "prior" (with value), "sparsity", "laplacian"
     /// of = "albedo"
     /// weight = 1e-3
     ///
     /// [optimiser]
     /// kind = "auto"                  # or "quasi-newton", "adam", "least-squares"
-    /// memory = 10                    # of quasi-newton, as first_step and noise
+    /// memory = 10                    # of quasi-newton, like first_step and noise
     /// learning_rate = 0.02           # of adam
     ///
     /// [stop]
     /// iterations = 200
-    /// relative_decrease = 1e-4       # over five iterations, of adam fifty
+    /// relative_decrease = 1e-4       # over five iterations, with adam fifty
     /// gradient = 1e-7                # relative to the start
     /// loss = 0
     /// seconds = 3600
@@ -278,7 +278,7 @@ impl JobFile {
                 let place = table.regulariser.get(index).map_or(whole, |term| place_of(term.span()));
                 place.error(message).into()
             }
-            // What is left to complain of is the optimiser.
+            // Any remaining error is about the optimiser.
             FitError::Settings(message) => {
                 let place = table.optimiser.as_ref().map_or(whole, |optimiser| place_of(optimiser.span()));
                 place.error(message).into()
@@ -355,8 +355,7 @@ fn read_target(
         }
         if count > 0 {
             warnings.push(format!(
-                "{}: {count} pixels at the end of the scale are left out, as they may be brighter than they say; \
-                 clipped = \"use\" takes them as they are.",
+                "{}: {count} clipped pixels are ignored, as the true values may be brighter; clipped = \"use\" uses them.",
                 path.display()
             ));
         }
@@ -379,7 +378,7 @@ impl FitTable {
             return Err(format!("`{key}` is for parameter = \"position\"; remove it"));
         }
         if position && self.per.is_some() {
-            return Err(String::from("`per` is for materials; positions have `motion`"));
+            return Err(String::from("`per` is for materials; use `motion` for positions"));
         }
         if position && self.motion.is_none() {
             return Err(String::from(
@@ -416,16 +415,20 @@ impl RegulariserTable {
             (RegulariserKind::Smoothness, Some(of)) => Ok(Regulariser::Smoothness { of, weight }),
             (RegulariserKind::Prior, Some(of)) => Ok(Regulariser::Prior { of, value, weight }),
             (RegulariserKind::Smoothness | RegulariserKind::Prior, None) => {
-                Err(String::from("of what? Add `of`, for example of = \"albedo\""))
+                Err(String::from("which parameter? Add `of`, for example of = \"albedo\""))
             }
             (RegulariserKind::Laplacian, None | Some(Quantity::Position)) => {
                 Ok(Regulariser::Laplacian { weight })
             }
-            (RegulariserKind::Laplacian, Some(_)) => Err(String::from("a laplacian is of = \"position\"")),
+            (RegulariserKind::Laplacian, Some(_)) => {
+                Err(String::from("`of` must be \"position\" for kind = \"laplacian\"; remove it"))
+            }
             (RegulariserKind::Sparsity, None | Some(Quantity::Emission)) => {
                 Ok(Regulariser::Sparsity { weight })
             }
-            (RegulariserKind::Sparsity, Some(_)) => Err(String::from("sparsity is of = \"emission\"")),
+            (RegulariserKind::Sparsity, Some(_)) => {
+                Err(String::from("`of` must be \"emission\" for kind = \"sparsity\"; remove it"))
+            }
         }
     }
 }

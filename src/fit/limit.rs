@@ -1,24 +1,23 @@
-//! Keeps the total albedo of fitted materials below 1, whatever the unknowns are.
+//! Keeps the total albedo of fitted materials below 1 for all values of the unknowns.
 //!
-//! Boxes alone cannot: how much specular light is allowed depends on the albedo and the power, which are fitted too. So
-//! the unknown σ is not the material's σ but passes through a soft limit. With S = σ ℓ(p), ℓ being the lobe's albedo
-//! for σ = 1, and the room R = LIMIT - δρ that the diffuse part leaves, the material gets σ' = S'/ℓ(p), where S' is S up
-//! to 0.9 R and then approaches R without reaching it. For nearly all materials σ' = σ; derivatives are exact either
-//! way.
+//! Box constraints cannot: the bound of σ depends on albedo and power, which are fitted too. The unknown σ therefore passes
+//! through a soft limit before it becomes the material's. With S = σ ℓ(p), where ℓ is the lobe's albedo for σ = 1, and
+//! R = LIMIT - δρ, the budget that the diffuse part leaves, the material gets σ' = S'/ℓ(p), where S' = S up to 0.9 R and
+//! then approaches R asymptotically. For nearly all materials σ' = σ; derivatives are exact in either case.
 
 use crate::scene::{Material, Normalization};
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
 
-/// The total albedo stays below this, with the lobe's albedo as [`lobe`] has it, which is right to 0.1 %.
+/// Upper limit of the total albedo, with the lobe's albedo from [`lobe`], which is accurate to 0.1 %.
 pub(super) const LIMIT: f64 = 0.998;
-/// Share of the room that is left alone.
+/// Fraction of the budget R below which S is unchanged.
 const KNEE: f64 = 0.9;
-/// Distance of the nodes of ℓ, in ln(1 + p).
+/// Spacing of the nodes of ℓ, in ln(1 + p).
 const SPACING: f64 = 0.1;
 
-/// ℓ(p) and its derivative: a cubic through the integrals of [`Material::specular_albedo_per_sigma`], which take too
-/// long to be done for each triangle.
+/// ℓ(p) and its derivative: cubic interpolation of [`Material::specular_albedo_per_sigma`], which is too slow to integrate
+/// per triangle.
 pub(super) fn lobe(power: f64, normalization: Normalization) -> (f64, f64) {
     let at = power.ln_1p() / SPACING;
     let first = at.floor();
@@ -43,7 +42,7 @@ pub(super) fn largest_lobe(powers: [f64; 2], normalization: Normalization) -> f6
 
 fn node(k: i32, normalization: Normalization) -> f64 {
     static NODES: Mutex<Option<HashMap<(i32, Normalization), f64>>> = Mutex::new(None);
-    // Power 0 is the end: beyond it the curve goes on as it came.
+    // Beyond power 0 the curve continues by point reflection.
     if k < 0 {
         let (end, next) = (node(0, normalization), node(-k, normalization));
         return 2.0 * end - next;
@@ -72,16 +71,16 @@ pub(super) struct Limited {
     pub by_diffuse_albedo: f64,
 }
 
-/// The soft limit of one channel, for σ and a lobe (ℓ, dℓ/dp), beside a diffuse albedo.
+/// The soft limit of one channel for σ and a lobe (ℓ, dℓ/dp), given the diffuse albedo.
 pub(super) fn limit(specular: f64, (lobe, lobe_slope): (f64, f64), diffuse_albedo: f64) -> Limited {
-    let room = LIMIT - diffuse_albedo;
+    let budget = LIMIT - diffuse_albedo;
     let sum = specular * lobe;
-    if sum <= KNEE * room {
+    if sum <= KNEE * budget {
         return Limited { specular, by_specular: 1.0, by_power: 0.0, by_diffuse_albedo: 0.0 };
     }
-    let width = (1.0 - KNEE) * room;
-    let q = sum + (1.0 - 2.0 * KNEE) * room;
-    let limited = room - width * width / q;
+    let width = (1.0 - KNEE) * budget;
+    let q = sum + (1.0 - 2.0 * KNEE) * budget;
+    let limited = budget - width * width / q;
     let by_sum = (width / q).powi(2);
     let by_room = 1.0 - (2.0 * width * (1.0 - KNEE) * q - width * width * (1.0 - 2.0 * KNEE)) / (q * q);
     Limited {
@@ -92,15 +91,15 @@ pub(super) fn limit(specular: f64, (lobe, lobe_slope): (f64, f64), diffuse_albed
     }
 }
 
-/// The σ that the limit turns into `limited`, if there is one; else one beyond the knee.
+/// Inverse of the limit: the σ that maps to `limited` if there is one, else one beyond the knee.
 pub(super) fn unlimited(limited: f64, lobe: f64, diffuse_albedo: f64) -> f64 {
-    let room = LIMIT - diffuse_albedo;
-    let sum = (limited * lobe).min(0.99 * room);
-    if sum <= KNEE * room {
+    let budget = LIMIT - diffuse_albedo;
+    let sum = (limited * lobe).min(0.99 * budget);
+    if sum <= KNEE * budget {
         return limited.min(sum / lobe);
     }
-    let width = (1.0 - KNEE) * room;
-    (width * width / (room - sum) - (1.0 - 2.0 * KNEE) * room) / lobe
+    let width = (1.0 - KNEE) * budget;
+    (width * width / (budget - sum) - (1.0 - 2.0 * KNEE) * budget) / lobe
 }
 
 #[cfg(test)]

@@ -1,41 +1,54 @@
-//! One process at a time fits in a folder.
+//! Locks a folder, so that only one process at a time fits in it.
 
 use crate::output::OutputError;
 use std::fs::{File, TryLockError};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// It stays behind, without any meaning: removing it would let two processes lock two files of this name.
+/// Never removed, since two processes could then lock two different files of this name.
 const FILE: &str = ".lock";
 
-/// A folder that this process alone fits in, until it is dropped or the process ends. Advisory: it binds those who ask.
+/// An exclusive advisory lock on a folder, held until it is dropped or the process ends. It binds only processes that take
+/// one too.
 #[derive(Debug)]
 pub struct FolderLock {
     _file: File,
 }
 
-/// A folder is not this process' own.
+/// A folder could not be locked.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LockError {
-    #[error("{}: {holder} is at work in this folder; wait for its end, or give this one another --output", path.display())]
-    Held { path: PathBuf, holder: String },
-    /// The file system has no locks, as with some network drives.
+    /// Another process holds the lock.
+    #[error("{}: {holder} is at work in this folder; wait for its end, or choose another --output", path.display())]
+    Held {
+        /// The folder.
+        path: PathBuf,
+        /// The process and its host.
+        holder: String,
+    },
+    /// The file system does not support locks, like some network drives.
     #[error(
-        "{}: cannot be locked: {reason}; see to it that no other process fits in this folder",
+        "{}: cannot be locked: {reason}; make sure that no other process fits in this folder",
         path.display()
     )]
-    Unavailable { path: PathBuf, reason: io::Error },
+    Unavailable {
+        /// The folder.
+        path: PathBuf,
+        /// Error of the operating system.
+        reason: io::Error,
+    },
+    /// The lock file could not be written.
     #[error(transparent)]
     Write(#[from] OutputError),
 }
 
 impl FolderLock {
-    /// Locks a folder, which exists and can be written to.
+    /// Locks an existing, writable folder.
     pub fn take(directory: &Path) -> Result<Self, LockError> {
         let path = directory.join(FILE);
         let failed = |reason| OutputError { path: path.clone(), reason };
-        // Open for writing, which locks need on NFS.
+        // Opened for writing, as NFS requires for locks.
         let mut file = File::options()
             .read(true)
             .write(true)
@@ -88,7 +101,7 @@ mod tests {
         let gone = folder.path().join("gone");
         let message = FolderLock::take(&gone).expect_err("no folder").to_string();
         assert!(message.contains("cannot be written"), "{message}");
-        // Killed between locking and writing, it has no name.
+        // A process killed between locking and writing leaves no name.
         let file = File::create(folder.path().join(FILE)).expect("a file");
         file.try_lock().expect("free");
         let message = FolderLock::take(folder.path()).expect_err("taken").to_string();

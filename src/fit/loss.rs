@@ -1,52 +1,50 @@
-//! How far a picture is from its target: value and gradient, per pixel, in linear RGB.
+//! Losses between a picture and its target: value and gradient per pixel, in linear RGB.
 
 use super::Target;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// A measure of the distance between pictures. Implement it to fit by one's own.
+/// A loss between pictures. Implement it for a custom loss.
 pub trait PictureLoss {
     /// The loss of a view, and its derivative by every pixel. `picture` and [`Target::pixels`]: row by row from the top.
     fn evaluate(&self, view: usize, picture: &[DVec3], target: &Target) -> (f64, Vec<DVec3>);
 
-    /// The second derivative by every pixel, if the loss is quadratic: what bounded least squares needs.
+    /// The second derivative by every pixel if the loss is quadratic, as bounded least squares requires.
     fn curvature(&self, _view: usize, _target: &Target) -> Option<Vec<DVec3>> {
         None
     }
 }
 
-/// Which distance.
+/// Kind of loss.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LossKind {
-    /// |d|, with d the difference: few pixels that are far off count little. Its derivative jumps at d = 0 and is taken
-    /// as 0 there.
+    /// |d|, with d the difference: robust against outliers. Its derivative is discontinuous at d = 0 and taken as 0 there.
     L1,
-    /// d²: smooth everywhere; bright pixels rule.
+    /// d²: smooth everywhere; bright pixels dominate.
     #[default]
     L2,
-    /// d² / (t² + ε²), t being the target: dark pixels count as much as bright ones. ε is a constant, so this is
-    /// quadratic too.
+    /// d² / (t² + ε²), with t the target: dark pixels count as much as bright ones. Quadratic too, since ε is constant.
     RelativeL2,
-    /// |s(v) - s(t)| with s(v) = sign(v) ln(1 + |v|/ε): compares ratios, bears outliers, and any sign of v, which
-    /// antiradiance may make a little negative. Its derivative jumps where v = t and is taken as 0 there.
+    /// |s(v) - s(t)| with s(v) = sign(v) ln(1 + |v|/ε): compares ratios, is robust against outliers, and admits slightly
+    /// negative v, which antiradiance can cause. Its derivative is discontinuous at v = t and taken as 0 there.
     LogL1,
 }
 
-/// One of the usual losses: the mean over channels and pixels, weighted by the mask.
+/// A built-in loss: the mean over channels and pixels, weighted by the mask.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Loss {
-    /// The measure of the difference.
+    /// Loss per channel of a pixel.
     pub kind: LossKind,
     /// Radiance below which relative losses stop being relative, W/(m² sr).
     pub epsilon: f64,
 }
 
-/// The part of the mean target that is the default ε.
+/// Default ε as a fraction of the mean target.
 const EPSILON: f64 = 0.01;
 
 impl Loss {
-    /// The loss with the default ε for some targets: a hundredth of their mean.
+    /// The loss with the default ε for the targets: a hundredth of their mean.
     pub fn new(kind: LossKind, targets: &[Target]) -> Self {
         let (mut sum, mut weight) = (0.0, 0.0);
         for target in targets {
@@ -86,13 +84,13 @@ impl PictureLoss for Loss {
             .iter()
             .zip(&target.pixels)
             .enumerate()
-            .map(|(at, (value, wanted))| {
+            .map(|(at, (value, expected))| {
                 let weight = norm * target.mask_at(at);
-                // What is masked out may be anything, even no number.
+                // Masked pixels may hold any value, even NaN.
                 if weight == 0.0 {
                     return DVec3::ZERO;
                 }
-                let channels = [0, 1, 2].map(|c| self.channel(value[c], wanted[c]));
+                let channels = [0, 1, 2].map(|c| self.channel(value[c], expected[c]));
                 sum += weight * channels.iter().map(|(value, _)| value).sum::<f64>();
                 weight * DVec3::from(channels.map(|(_, derivative)| derivative))
             })

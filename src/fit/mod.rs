@@ -1,9 +1,9 @@
-//! Fitting scenes to pictures: which lights, materials and positions explain what was seen.
+//! Inverse rendering: finds lights, materials and positions that explain pictures.
 //!
-//! A [`Job`] has a scene, [`Target`] pictures with their cameras, a list of what to [`Fit`], a [`PictureLoss`], assumptions
-//! ([`Regulariser`]) and an [`optimiser`]. [`Parameters`] leads from a vector of unknowns to a scene and pulls derivatives
-//! back; a [`Renderer`] makes pictures and derivatives of scenes; [`Problem`] puts both together. [`JobFile`] reads a job
-//! from TOML, [`results`] writes what was found. A [`FolderLock`] keeps other processes out.
+//! A [`Job`] has a scene, [`Target`] pictures with their cameras, a list of quantities to [`Fit`], a [`PictureLoss`],
+//! [`Regulariser`]s and an [`optimiser`]. [`Parameters`] maps a vector of unknowns to a scene and pulls derivatives back; a
+//! [`Renderer`] computes pictures of scenes and their derivatives; [`Problem`] combines both. [`JobFile`] reads a job from
+//! TOML, [`results`] writes the result. A [`FolderLock`] keeps other processes out.
 
 mod checkpoint;
 mod engine_renderer;

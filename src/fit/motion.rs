@@ -8,9 +8,9 @@ pub(super) struct Motion {
     pub centre: DVec3,
     /// Metres.
     pub translation: DVec3,
-    /// The axis, as long as the angle in radians.
+    /// Rotation vector: the axis times the angle in radians.
     pub rotation: DVec3,
-    /// Natural logarithm of the factor, so that every value is a scaling.
+    /// Natural logarithm of the factor, so that every value is valid.
     pub log_factor: f64,
 }
 
@@ -31,16 +31,16 @@ impl Motion {
         DMat3::from_quat(glam::DQuat::from_scaled_axis(self.rotation))
     }
 
-    /// Where the motion takes points.
+    /// Maps points by the motion.
     pub fn apply<'a>(&'a self, points: impl Iterator<Item = DVec3> + 'a) -> impl Iterator<Item = DVec3> + 'a {
         let linear = self.log_factor.exp() * self.matrix();
-        // At rest every point stays where it is, to the last bit.
+        // The identity leaves every point unchanged to the last bit.
         let rests = *self == Self::at_rest(self.centre);
         points
             .map(move |x| if rests { x } else { self.centre + linear * (x - self.centre) + self.translation })
     }
 
-    /// From points before the motion, and the derivatives by them after it.
+    /// The derivative by the motion, from points before it and the derivatives by the points after it.
     ///
     /// d(R v)/dω = -R [v]× J(ω), with the right Jacobian J of rotation vectors: exact at any ω, not only at 0.
     pub fn pull_back(&self, pairs: impl Iterator<Item = (DVec3, DVec3)>) -> MotionGradient {
@@ -48,7 +48,7 @@ impl Motion {
         let mut gradient = MotionGradient::default();
         for (point, by_position) in pairs {
             let arm = point - self.centre;
-            // The derivative turned back into the frame before the rotation.
+            // The derivative rotated back into the frame before the rotation.
             let local = factor * (matrix.transpose() * by_position);
             gradient.translation += by_position;
             gradient.rotation += arm.cross(local);
@@ -64,7 +64,7 @@ fn right_jacobian(rotation: DVec3) -> DMat3 {
     let angle2 = rotation.length_squared();
     let angle = angle2.sqrt();
     let (a, b) = if angle < 1e-3 {
-        // The first terms of the series: beyond them is less than rounding.
+        // The first terms of the series; the rest is below rounding.
         (0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0)
     } else {
         let half = (angle / 2.0).sin();

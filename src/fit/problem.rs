@@ -1,4 +1,4 @@
-//! From unknowns to loss and gradient.
+//! The objective: loss and gradient as functions of the unknowns.
 
 use super::gradient::SceneGradient;
 use super::loss::PictureLoss;
@@ -9,58 +9,57 @@ use super::target::Target;
 use crate::scene::Scene;
 use glam::DVec3;
 
-/// What is minimised: the weighted mean of the losses of all views, plus the assumptions.
+/// The objective: the weighted mean of the losses of all views, plus the regularisers.
 pub struct Problem {
-    /// From unknowns to a scene, and back for derivatives.
+    /// Maps unknowns to a scene and pulls derivatives back.
     pub parameters: Parameters,
-    /// One for each view.
+    /// One target per view.
     pub targets: Vec<Target>,
-    /// How far a picture is from its target.
+    /// Loss of a picture against its target.
     pub loss: Box<dyn PictureLoss + Send>,
-    /// The assumptions.
+    /// The regularisers.
     pub regularisers: Regularisers,
 }
 
-/// What an evaluation found.
+/// Value and gradient of the objective at a point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluation {
-    /// Loss and assumptions.
+    /// Loss including regularisers.
     pub value: f64,
-    /// By the unknowns.
+    /// Derivatives by the unknowns.
     pub gradient: Vec<f64>,
-    /// Before weights.
+    /// Loss per view, before weights.
     pub views: Vec<f64>,
-    /// With their weights.
+    /// Value per regulariser, with its weight.
     pub assumptions: Vec<f64>,
 }
 
-/// A point without its gradient, but with all there is to see of it.
+/// Value of the objective at a point, with scene and pictures but without the gradient.
 #[derive(Clone, Debug)]
 pub struct Judged {
-    /// At that point.
+    /// The scene at that point.
     pub scene: Scene,
-    /// By view.
+    /// Pictures, per view.
     pub pictures: Vec<Vec<DVec3>>,
-    /// Loss and assumptions.
+    /// Loss including regularisers.
     pub value: f64,
-    /// Losses of the pictures, before weights.
+    /// Loss per view, before weights.
     pub views: Vec<f64>,
-    /// With their weights.
+    /// Value per regulariser, with its weight.
     pub assumptions: Vec<f64>,
 }
 
-/// Step of finite differences, in units of the unknowns' scale: a compromise between the curvature of the loss and the
-/// rounding of f32.
+/// Step of finite differences, in units of the unknowns' scale: balances truncation error against rounding in f32.
 const DIFFERENCE: f64 = 1e-3;
 
 impl Problem {
-    /// The weight of each view's loss: they add up to 1.
+    /// The weight of each view's loss; they sum to 1.
     fn weights(&self) -> Vec<f64> {
         let sum: f64 = self.targets.iter().map(|t| t.weight).sum();
         self.targets.iter().map(|t| t.weight / sum).collect()
     }
 
-    /// The loss of pictures by view, in all, and derivatives by pixels.
+    /// Loss of the pictures per view and in total, and derivatives by pixels.
     fn compare(&self, pictures: &[Vec<DVec3>]) -> (Vec<f64>, f64, Vec<Vec<DVec3>>) {
         let mut views = Vec::with_capacity(pictures.len());
         let mut by_pixels = Vec::with_capacity(pictures.len());
@@ -77,7 +76,7 @@ impl Problem {
         (views, sum, by_pixels)
     }
 
-    /// Loss and gradient. A scene without an answer has the value NaN.
+    /// Loss and gradient. The value is NaN if the scene has no solution.
     pub fn evaluate(&self, x: &[f64], renderer: &mut dyn Renderer) -> Result<Evaluation, RenderError> {
         let scene = self.parameters.scene(x);
         let pictures = match renderer.pictures(&scene) {
@@ -94,12 +93,12 @@ impl Problem {
             Err(error) => return Err(error),
         };
         let (views, loss, by_pixels) = self.compare(&pictures);
-        let wanted = self.parameters.wanted();
-        let (mut by_scene, mut gradient) = match renderer.pull_back(&by_pixels, wanted)? {
+        let request = self.parameters.wanted();
+        let (mut by_scene, mut gradient) = match renderer.pull_back(&by_pixels, request)? {
             Some(by_scene) => (by_scene, vec![0.0; x.len()]),
             None => {
                 let differences = self.differences(x, &by_pixels, renderer)?;
-                (SceneGradient::zeros(&scene, wanted), differences)
+                (SceneGradient::zeros(&scene, request), differences)
             }
         };
         let assumptions =
@@ -110,7 +109,7 @@ impl Problem {
         Ok(Evaluation { value, gradient, views, assumptions })
     }
 
-    /// Looks at a point.
+    /// Evaluates a point without its gradient.
     pub fn judge(&self, x: &[f64], renderer: &mut dyn Renderer) -> Result<Judged, RenderError> {
         let scene = self.parameters.scene(x);
         let pictures = renderer.pictures(&scene)?;
@@ -121,7 +120,7 @@ impl Problem {
         Ok(Judged { scene, pictures, value, views, assumptions })
     }
 
-    /// The gradient of the pictures' loss by differences of pictures: two renders an unknown.
+    /// The gradient of the pictures' loss by central differences: two renderings per unknown.
     fn differences(
         &self,
         x: &[f64],
@@ -147,7 +146,7 @@ impl Problem {
         Ok(gradient)
     }
 
-    /// The product of the Hessian with `p`, where pictures are linear in the unknowns and the loss is quadratic.
+    /// The product of the Hessian with `p`. Requires pictures linear in the unknowns and a quadratic loss.
     pub fn curvature(&self, p: &[f64], renderer: &mut dyn Renderer) -> Result<Vec<f64>, RenderError> {
         let refuse = |message: &str| RenderError::Failed(message.into());
         let scene = self.parameters.linear_scene(p);
@@ -157,11 +156,11 @@ impl Problem {
         {
             let curvature = self.loss.curvature(view, target);
             let curvature =
-                curvature.ok_or_else(|| refuse("this loss is not quadratic: take another optimiser"))?;
+                curvature.ok_or_else(|| refuse("this loss is not quadratic; use another optimiser"))?;
             picture.iter_mut().zip(curvature).for_each(|(v, c)| *v *= weight * c);
         }
-        let wanted = self.parameters.wanted();
-        let mut product_of = match renderer.pull_back(&by_pixels, wanted)? {
+        let request = self.parameters.wanted();
+        let mut product_of = match renderer.pull_back(&by_pixels, request)? {
             Some(by_scene) => self.parameters.pull_back(p, &by_scene),
             None => {
                 let mut by_unknowns = Vec::with_capacity(p.len());
@@ -174,11 +173,11 @@ impl Problem {
                 by_unknowns
             }
         };
-        // Assumptions are quadratic or linear in emissions: their Hessian is the change of their gradient.
+        // Regularisers are at most quadratic in emission: their Hessian product is a difference of gradients.
         let change: Vec<f64> = {
             let gradient = |x: &[f64]| {
                 let scene = self.parameters.linear_scene(x);
-                let mut by_scene = SceneGradient::zeros(&scene, wanted);
+                let mut by_scene = SceneGradient::zeros(&scene, request);
                 let mut by_unknowns = vec![0.0; x.len()];
                 self.regularisers.evaluate(&self.parameters, &scene, x, &mut by_scene, &mut by_unknowns);
                 let pulled = self.parameters.pull_back(x, &by_scene);

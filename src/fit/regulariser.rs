@@ -1,4 +1,4 @@
-//! What is assumed of a scene beyond its pictures: value and gradient of each assumption.
+//! Regularisers: value and gradient of each.
 
 use super::gradient::{Quantity, SceneGradient};
 use super::parameters::{MotionKind, Parameters};
@@ -6,45 +6,45 @@ use crate::scene::{Edges, Scene, Welded, sides};
 use glam::DVec3;
 use serde::Serialize;
 
-/// An assumption, and how much it counts beside the loss of the pictures. Quantities are measured in units of their
-/// scale ([`Parameters::scale`]), so that weights are plain numbers, alike for scenes of any size.
+/// An assumption about the scene, with its weight relative to the loss of the pictures. Quantities are in units of their
+/// scale ([`Parameters::scale`]), so that weights are dimensionless and independent of the scene's size.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum Regulariser {
-    /// Neighbours on a mesh are alike: the mean of |v_i - v_j|² over pairs of triangles that share an edge, one of them
-    /// fitted at least. Of a power, v = ln(1 + p).
+    /// Neighbours on a mesh are alike: the mean of |v_i - v_j|² over pairs of triangles that share an edge, at least one of
+    /// them fitted. For a power, v = ln(1 + p).
     Smoothness {
-        /// The values that it is about.
+        /// The quantity.
         of: Quantity,
-        /// How much it counts.
+        /// Weight, dimensionless.
         weight: f64,
     },
-    /// Meshes keep their shape: the mean over fitted vertices of |u - mean of u over its neighbours|², u being the way a
-    /// vertex has moved. So the details of the start are kept, and moving as a whole costs nothing.
+    /// Meshes keep their shape: the mean over fitted vertices of |u - mean of u over its neighbours|², where u is the
+    /// displacement of a vertex. It preserves details of the initial mesh; translations as a whole cost nothing.
     Laplacian {
-        /// How much it counts.
+        /// Weight, dimensionless.
         weight: f64,
     },
-    /// Few triangles emit: the mean of L_e over area and channels of the fitted triangles, which is an L1 norm because
-    /// emission is never negative. It picks, of all emissions that explain the pictures, one with little power, and
-    /// makes lamps a little darker than they are.
+    /// Few triangles emit: the mean of L_e over area and channels of the fitted triangles, an L1 norm because emission is
+    /// never negative. Of all emissions that explain the pictures it favours one with little power; it biases lamps to be
+    /// slightly too dark.
     Sparsity {
-        /// How much it counts.
+        /// Weight, dimensionless.
         weight: f64,
     },
-    /// Values stay near `value` (`None`: near where they start): the mean of the squared difference of the unknowns.
+    /// Values stay near `value` (`None`: near their initial values): the mean of the squared difference of the unknowns.
     Prior {
-        /// The values that it is about.
+        /// The quantity.
         of: Quantity,
         /// In the unit of the quantity.
         value: Option<[f64; 3]>,
-        /// How much it counts.
+        /// Weight, dimensionless.
         weight: f64,
     },
 }
 
 impl Regulariser {
-    /// How much it counts.
+    /// Its weight.
     pub fn weight(&self) -> f64 {
         match self {
             Self::Smoothness { weight, .. }
@@ -54,7 +54,7 @@ impl Regulariser {
         }
     }
 
-    /// In words, for reports.
+    /// Description for reports.
     pub fn assumption(&self) -> String {
         match self {
             Self::Smoothness { of, .. } => format!("{} varies little between neighbours", of.word()),
@@ -66,7 +66,7 @@ impl Regulariser {
     }
 }
 
-/// Assumptions about a scene, ready to be evaluated.
+/// Regularisers of a scene, ready for evaluation.
 #[derive(Clone, Debug)]
 pub struct Regularisers {
     terms: Vec<Term>,
@@ -81,7 +81,7 @@ enum Term {
 }
 
 impl Regularisers {
-    /// An error names the assumption, by its index, that is about nothing.
+    /// Prepares the regularisers. The error has the index of one that applies to nothing fitted.
     pub fn new(terms: &[Regulariser], parameters: &Parameters) -> Result<Self, (usize, String)> {
         let term = |(at, term): (usize, &Regulariser)| term_of(term, parameters).map_err(|error| (at, error));
         Ok(Self { terms: terms.iter().enumerate().map(term).collect::<Result<_, _>>()? })
@@ -130,7 +130,7 @@ fn term_of(term: &Regulariser, parameters: &Parameters) -> Result<Term, String> 
     if !(weight >= 0.0 && weight.is_finite()) {
         return Err(format!("the weight is {weight}; it must be 0 or more, and finite"));
     }
-    let missing = |of: Quantity| format!("{} is not fitted, so nothing can be assumed of it", of.word());
+    let missing = |of: Quantity| format!("{} is not fitted, so it cannot be regularised", of.word());
     let scene = parameters.base();
     match term {
         Regulariser::Smoothness { of: Quantity::Position, .. } => {
@@ -202,7 +202,7 @@ fn serde_word(kind: MotionKind) -> &'static str {
     }
 }
 
-/// The values of a triangle's material in units of their scale, and the derivative of those units by the value.
+/// The values of a triangle's material in units of their scale, and the derivative of these by the value.
 fn values(scene: &Scene, of: Quantity, triangle: u32, scale: f64) -> ([f64; 3], f64) {
     let material = scene.material(triangle as usize);
     let rgb = |v: [f64; 3]| (v.map(|v| v / scale), 1.0 / scale);
@@ -256,7 +256,7 @@ fn laplacian(
         around.iter().for_each(|&n| by_place[n] -= 2.0 * weight * share * d);
     }
     if let Some(by_position) = &mut gradient.positions {
-        // All vertices of a place move as one: each may carry the derivative, but only one of them.
+        // All vertices at a place move as one: exactly one of them carries the derivative.
         for (place, by) in places.iter().zip(by_place) {
             by_position[first(place)] += by;
         }
@@ -264,7 +264,7 @@ fn laplacian(
     sum
 }
 
-/// Pairs of triangles of a mesh that share an edge, by where its ends are: meshes often write a corner more than once.
+/// Pairs of triangles of a mesh that share an edge, by the positions of its ends: files often repeat vertices.
 fn neighbours(scene: &Scene) -> Vec<[u32; 2]> {
     let welded = Welded::exactly(scene.vertices.iter().copied());
     let mut pairs = Vec::new();
@@ -283,7 +283,7 @@ fn neighbours(scene: &Scene) -> Vec<[u32; 2]> {
     pairs
 }
 
-/// Per fitted place, the fitted places at the other ends of its edges, rising.
+/// Per fitted place, the fitted places at the other ends of its edges, ascending.
 fn adjacent_places(scene: &Scene, places: &[Vec<u32>]) -> Vec<Vec<usize>> {
     let mut place_of: Vec<Option<u32>> = vec![None; scene.vertices.len()];
     for (place, vertices) in (0..).zip(places) {

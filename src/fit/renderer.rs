@@ -1,4 +1,4 @@
-//! What a fit needs of the engine: pictures of a scene, and derivatives of what is made of them.
+//! The interface between a fit and the engine: pictures of a scene, and derivatives of a loss.
 
 use super::gradient::SceneGradient;
 use crate::EngineError;
@@ -8,17 +8,17 @@ use crate::plan::GradientRequest;
 use crate::scene::Scene;
 use glam::DVec3;
 
-/// Pictures could not be made.
+/// Pictures could not be rendered.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RenderError {
-    /// The work was stopped from outside.
+    /// The work was interrupted.
     #[error("interrupted")]
     Interrupted,
-    /// This scene has no answer (the solve diverges, or does not settle); another one may.
+    /// This scene has no solution (the solve diverges or does not converge); another scene may have one.
     #[error("{0}")]
     NoAnswer(String),
-    /// Nothing can be rendered any more.
+    /// No scene can be rendered any more.
     #[error(transparent)]
     Failed(Box<dyn std::error::Error + Send + Sync>),
 }
@@ -37,34 +37,34 @@ impl RenderError {
     }
 }
 
-/// What rendering and its derivatives will take.
+/// Estimated cost of rendering and derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct CostEstimate {
-    /// Device memory at the peak, bytes.
+    /// Peak device memory, bytes.
     pub device_bytes: u64,
-    /// Of what is allowed.
+    /// Device memory budget, bytes.
     pub device_budget: u64,
-    /// One picture of every view, and its derivatives, seconds. Rough.
+    /// Time for one picture of every view and the derivatives, s; a rough estimate.
     pub seconds: f64,
 }
 
-/// Makes pictures of scenes that differ in materials and positions only, seen from cameras that were given before.
+/// Renders scenes that differ in materials and positions only, from fixed cameras.
 pub trait Renderer {
-    /// What an evaluation of `planning` will take. An error if it cannot be done at all: too little memory, above all.
+    /// Estimated cost of an evaluation of `planning`. An error if it is impossible, usually for lack of memory.
     fn estimate(&mut self, planning: &Scene) -> Result<CostEstimate, RenderError>;
 
-    /// Pictures by all cameras: linear RGB, row by row from the top, W/(m² sr). Emission may be negative.
+    /// Pictures from all cameras: linear RGB, row by row from the top, W/(m² sr). Emission may be negative.
     fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError>;
 
     /// Derivatives of a loss by the scene of the latest [`Self::pictures`], from those by their pixels; `None` if this
-    /// renderer has none, so that finite differences must do.
+    /// renderer cannot compute them, in which case finite differences are used.
     fn pull_back(
         &mut self,
         by_pixels: &[Vec<DVec3>],
         request: GradientRequest,
     ) -> Result<Option<SceneGradient>, RenderError>;
 
-    /// Applications of the transport so far.
+    /// Passes (applications of U) so far.
     fn passes(&self) -> u64;
 }
 

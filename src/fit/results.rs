@@ -1,4 +1,4 @@
-//! The files that a fit leaves behind.
+//! Output files of a fit.
 
 use super::gradient::Quantity;
 use super::job::{FitError, Job, Outcome, Record};
@@ -17,38 +17,38 @@ use std::slice::from_ref;
 
 /// Name of the fitted scene's files.
 const SCENE: &str = "scene.toml";
-/// Written last: where it is, all the others are.
+/// Written last: if it exists, so do all others.
 pub const REPORT: &str = "report.json";
 
-/// What only the caller knows of a run.
+/// Facts about a run that only the caller knows.
 #[derive(Clone, Debug, Default)]
 pub struct Circumstances {
-    /// The scene file, for people.
+    /// The scene file, for display.
     pub scene: String,
-    /// When the fit was to end.
+    /// The stopping rule.
     pub stop: StopRule,
-    /// What was expected before it started.
+    /// The cost estimate from before the start.
     pub estimate: CostEstimate,
-    /// Memory of the host that optimiser and targets take, bytes.
+    /// Host memory of optimiser and targets, bytes.
     pub host_bytes: u64,
-    /// For people, one line each.
+    /// Warnings, one line each.
     pub warnings: Vec<String>,
-    /// More for the report: device and memory.
+    /// Further entries of the report: device and memory.
     pub more: Value,
 }
 
-/// Writes everything into `directory`, which exists; each file appears whole or not at all, `report.json` last. All but
-/// the report are the same, byte for byte, whenever the job is.
+/// Writes all files into `directory`, which must exist; each is written atomically, `report.json` last. All but the report
+/// are the same, byte for byte, for the same job.
 ///
 /// - `scene.toml` with OBJ and MTL: the fitted scene, for [`Scene::load`](crate::scene::Scene::load).
-/// - `parameters.json`: every fitted value with its start, unit, and whether it stands on a bound.
-/// - `emission.npy`, `albedo.npy` … float64 of shape `[triangles, 3]` (δ and p: `[triangles]`), `vertices.npy` `[vertices, 3]`: of what
-///   was fitted, in the order of the scene.
+/// - `parameters.json`: every fitted value with its initial value, unit, and whether it is at a bound.
+/// - `emission.npy`, `albedo.npy` … float64 of shape `[triangles, 3]` (δ and p: `[triangles]`), `vertices.npy`
+///   `[vertices, 3]`: the fitted quantities, in scene order.
 /// - `history.csv`: the loss over the iterations.
 /// - `VIEW.exr`: the fitted picture.
 /// - `report.json`.
 ///
-/// Plots and pictures side by side are drawn by `cli::draw_fit`, which goes before this.
+/// Plots and comparisons of pictures are drawn by `cli::draw_fit`, which runs before this.
 pub fn write(directory: &Path, job: &Job, outcome: &Outcome, about: &Circumstances) -> Result<(), FitError> {
     outcome.scene.save(&directory.join(SCENE))?;
     write_json(&directory.join("parameters.json"), &outcome.recovered)?;
@@ -64,29 +64,29 @@ pub fn write(directory: &Path, job: &Job, outcome: &Outcome, about: &Circumstanc
     Ok(())
 }
 
-/// Relative L2 difference of fitted pictures from their targets, over the pixels that count.
+/// Relative L2 difference of fitted pictures from their targets, over unmasked pixels.
 pub fn picture_error(targets: &[Target], fitted: &[Vec<DVec3>]) -> f64 {
     let (mut off, mut all) = (0.0, 0.0);
     for (target, fitted) in targets.iter().zip(fitted) {
-        for (at, (wanted, found)) in target.pixels.iter().zip(fitted).enumerate() {
-            // Pixels that are masked out may hold anything.
+        for (at, (expected, found)) in target.pixels.iter().zip(fitted).enumerate() {
+            // Masked pixels may hold any value.
             let counts = target.mask_at(at);
             if counts > 0.0 {
-                off += counts * (*found - *wanted).length_squared();
-                all += counts * wanted.length_squared();
+                off += counts * (*found - *expected).length_squared();
+                all += counts * expected.length_squared();
             }
         }
     }
     if off == 0.0 { 0.0 } else { (off / all).sqrt() }
 }
 
-/// That of all views together in a folder that [`write`] has written, if it says it.
+/// The picture error over all views, read from the report in a folder written by [`write`]; `None` if absent.
 pub fn written_picture_error(directory: &Path) -> Option<f64> {
     let text = std::fs::read(directory.join(REPORT)).ok()?;
     serde_json::from_slice::<Value>(&text).ok()?.get("picture_error")?.as_f64()
 }
 
-/// File names of the views: their cameras', numbered where one camera has several targets.
+/// File names of the views: those of their cameras, numbered if a camera has several targets.
 pub fn view_names(job: &Job) -> Vec<String> {
     let mut taken: HashSet<String> = [SCENE, "loss", "report"].map(String::from).into();
     let name = |name: &str| {
@@ -139,7 +139,7 @@ fn write_history(directory: &Path, history: &[Record]) -> Result<(), OutputError
 struct View<'a> {
     name: &'a str,
     camera: &'a str,
-    /// Before its weight.
+    /// Loss, before its weight.
     loss: f64,
     weight: f64,
     /// See [`picture_error`].

@@ -1,20 +1,20 @@
-//! Which triangles or vertices a [`Fit`] is about, and which of them share a value.
+//! Selects the triangles or vertices of a [`Fit`], and groups those that share a value.
 
 use super::gradient::Quantity;
 use super::parameters::{Fit, MotionKind, ParameterError, Per};
 use crate::scene::{Scene, Welded, nearest};
 use std::collections::HashMap;
 
-/// What a [`Fit`] picks.
+/// The selection of a [`Fit`].
 #[derive(Debug)]
 pub(super) struct Selected {
-    /// A name, and triangles (of a position: vertices) that share a value; none is in two groups.
+    /// Groups with a name and the triangles (for positions, vertices) that share a value. Groups are disjoint.
     pub groups: Vec<(String, Vec<u32>)>,
-    /// Mean length of the edges picked, metres; 1 if there is none.
+    /// Mean length of the selected edges, m; 1 if there are none.
     pub edge: f64,
 }
 
-/// Picks; the error says what is wrong.
+/// Selects; the error says what is wrong.
 pub(super) fn select(scene: &Scene, fit: &Fit) -> Result<Selected, String> {
     let materials = indices("material", &fit.materials, scene.materials.iter().map(|m| m.name.as_str()))?;
     let meshes = indices("mesh", &fit.meshes, scene.meshes.iter().map(|m| m.name.as_str()))?;
@@ -49,7 +49,7 @@ pub(super) fn select(scene: &Scene, fit: &Fit) -> Result<Selected, String> {
         }
     }
     if groups.is_empty() {
-        return Err(String::from("no triangle has these materials and meshes; name others"));
+        return Err(String::from("no triangle has both a given material and a given mesh; choose others"));
     }
     Ok(Selected { groups, edge: 1.0 })
 }
@@ -71,7 +71,7 @@ fn vertices(scene: &Scene, fit: &Fit, meshes: Option<Vec<usize>>) -> Result<Sele
         let mut all: Vec<u32> = meshes.iter().flat_map(|&mesh| used(mesh)).collect();
         all.sort_unstable();
         all.dedup();
-        // Vertices at the same place are one corner, written twice: moved apart, they would tear the surface.
+        // Vertices at the same place are one corner written twice: moving them apart would tear the surface.
         let welded = Welded::exactly(all.iter().map(|&v| scene.vertices[v as usize]));
         groups.extend(welded.first.iter().map(|&at| (format!("vertex {}", all[at as usize]), Vec::new())));
         for (v, position) in all.into_iter().zip(welded.position) {
@@ -88,7 +88,7 @@ fn vertices(scene: &Scene, fit: &Fit, meshes: Option<Vec<usize>>) -> Result<Sele
     }
     groups.retain(|(_, vertices)| !vertices.is_empty());
     if groups.is_empty() {
-        return Err(String::from("these meshes have no vertices; name others"));
+        return Err(String::from("these meshes have no vertices; choose others"));
     }
     let mut edges = (0.0, 0u32);
     for &mesh in &meshes {
@@ -103,7 +103,7 @@ fn vertices(scene: &Scene, fit: &Fit, meshes: Option<Vec<usize>>) -> Result<Sele
     Ok(Selected { groups, edge: if edge > 0.0 { edge } else { 1.0 } })
 }
 
-/// Indices of names; an unknown one is an error that tells the nearest.
+/// Indices of names; an unknown name is an error that suggests the closest.
 fn indices<'a>(
     what: &str,
     names: &Option<Vec<String>>,
@@ -116,12 +116,12 @@ fn indices<'a>(
     names.iter().map(index).collect::<Result<_, _>>().map(Some)
 }
 
-/// What to say of a name that nothing has.
+/// The message for an unknown name.
 pub(super) fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str> + Clone) -> String {
     match nearest(name, known.clone()) {
         Some(near) => format!("the scene has no {what} \"{name}\"; did you mean \"{near}\"?"),
         None => {
-            // A scene may have one material a triangle.
+            // A scene may have as many materials as triangles.
             let mut list: Vec<&str> = known.take(21).collect();
             if list.len() > 20 {
                 list[20] = "…";
@@ -131,7 +131,7 @@ pub(super) fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'
     }
 }
 
-/// No value may be fitted twice, and δ and ρ act by their product alone.
+/// Rejects values fitted twice, and fits of both δ and ρ, which act only through their product.
 pub(super) fn check_overlaps(
     scene: &Scene,
     fits: &[Fit],
@@ -151,7 +151,7 @@ pub(super) fn check_overlaps(
                 }
                 Some(_) => {
                     return refuse(format!(
-                        "{of} {member} belongs to two meshes that move apart; set `together`"
+                        "{of} {member} belongs to two meshes that move separately; set `together`"
                     ));
                 }
                 None => {}
@@ -164,7 +164,7 @@ pub(super) fn check_overlaps(
             if taken.contains_key(&(other, *member)) {
                 let material = &scene.material(*member as usize).name;
                 return refuse(format!(
-                    "albedo and diffuse of material \"{material}\" act by their product alone, so that not both can \
+                    "albedo and diffuse of material \"{material}\" act only through their product, so that not both can \
                      be found; fit one"
                 ));
             }
@@ -173,10 +173,10 @@ pub(super) fn check_overlaps(
     Ok(())
 }
 
-/// Per triangle a label for [`Scene::split_materials`]: different where some fit tells triangles apart.
+/// Per triangle, a label for [`Scene::split_materials`]: triangles differ in label if some fit distinguishes them.
 pub(super) fn labels(scene: &Scene, fits: &[Fit], selected: &[Selected]) -> Vec<u64> {
     let mut labels = vec![0u64; scene.triangles.len()];
-    // Members of positions are vertices; those fits tell no triangles apart.
+    // Members of position fits are vertices; such fits do not distinguish triangles.
     let of_materials = fits.iter().zip(selected).filter(|(fit, _)| fit.quantity != Quantity::Position);
     for (_, selected) in of_materials {
         let mut group_of = vec![0u64; scene.triangles.len()];

@@ -1,4 +1,4 @@
-//! How a fit is done.
+//! Settings of a fit.
 
 use super::loss::LossKind;
 use super::optimiser::{AdamOptions, QuasiNewtonOptions};
@@ -8,35 +8,35 @@ use crate::image::PictureOptions;
 use crate::options::setters;
 use serde::{Deserialize, Serialize};
 
-/// Which optimiser.
+/// Kind of optimiser.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OptimiserKind {
-    /// Bounded least squares if nothing but emission is fitted by the loss L2, else the quasi-Newton method, which bears
-    /// the very different weights of a relative loss better.
+    /// Bounded least squares if only emission is fitted, with the loss L2; else the quasi-Newton method, which copes better
+    /// with the widely different weights of a relative loss.
     #[default]
     Auto,
-    /// L-BFGS within bounds.
+    /// L-BFGS-B (Byrd et al. 1995).
     QuasiNewton,
-    /// Adam within bounds.
+    /// Adam, projected onto bounds.
     Adam,
-    /// Bounded linear least squares: for emission and the loss L2 alone.
+    /// Bounded linear least squares: for emission alone, with the loss L2 or relative L2.
     LeastSquares,
 }
 
-/// When a fit ends: as soon as one of these holds.
+/// Stopping rule: a fit ends as soon as one of these holds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct StopRule {
-    /// As many at most.
+    /// Maximum number of iterations.
     pub iterations: u32,
-    /// The loss has fallen by less than this share over the last five iterations (of Adam: fifty); 0 for never.
+    /// Relative decrease of the loss over the last five iterations (with Adam: fifty) below which to stop; 0 for never.
     pub relative_decrease: f64,
-    /// The gradient, less what bounds forbid, is below this share of what it was at the start.
+    /// Projected gradient, relative to that at the start, below which to stop.
     pub gradient: f64,
-    /// The loss is at or below this.
+    /// Target loss.
     pub loss: f64,
-    /// Of all runs of this job together.
+    /// Time limit over all runs of this job, s.
     pub seconds: f64,
 }
 
@@ -48,30 +48,30 @@ impl Default for StopRule {
     }
 }
 
-/// Everything that a fit's way depends on, but its scene and targets, and how long it goes.
+/// Everything that the iterates of a fit depend on, except scene and targets. The stopping rule is separate.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Settings {
-    /// What is unknown.
+    /// The unknowns.
     pub fits: Vec<Fit>,
-    /// How far a picture is from its target.
+    /// Loss of a picture against its target.
     pub loss: LossKind,
-    /// W/(m² sr); `None`: a hundredth of the mean target.
+    /// ε of relative losses, W/(m² sr); `None`: a hundredth of the mean target.
     pub epsilon: Option<f64>,
-    /// Assumptions beside the pictures.
+    /// Regularisers.
     pub regularisers: Vec<Regulariser>,
-    /// Which one minimises.
+    /// Which optimiser to use.
     pub optimiser: OptimiserKind,
-    /// Of the quasi-Newton method.
+    /// Options of the quasi-Newton method.
     pub quasi_newton: QuasiNewtonOptions,
-    /// Rounding of the loss, relative; `None`: a tenth of the tolerance of solves, or 1e-4 where positions are
-    /// fitted. Takes the place of that in [`Self::quasi_newton`].
+    /// Relative noise of the loss; `None`: a tenth of the tolerance of solves, or 1e-4 where positions are fitted.
+    /// Overrides that in [`Self::quasi_newton`].
     pub noise: Option<f64>,
-    /// Of Adam.
+    /// Options of Adam.
     pub adam: AdamOptions,
-    /// Samples of a pixel each way.
+    /// Samples per pixel along each axis.
     pub supersample: u32,
-    /// Relative residual of solves; `None`: that of the scene, or 1e-5 if that is less.
+    /// Tolerance of solves; `None`: that of the scene, but at most 1e-5.
     pub tolerance: Option<f64>,
 }
 
@@ -89,7 +89,7 @@ setters!(Settings {
 });
 
 impl Settings {
-    /// Fits some quantities with defaults for all else.
+    /// Settings for the given fits, with defaults for everything else.
     pub fn new(fits: Vec<Fit>) -> Self {
         Self {
             fits,

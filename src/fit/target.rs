@@ -1,23 +1,23 @@
-//! What a view should look like: a picture, where it was taken from, which of its pixels count.
+//! Target of a view: a picture, its camera, and which of its pixels count.
 
 use crate::image::Picture;
 use crate::scene::Camera;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 
-/// A picture cannot be a target.
+/// A picture is not a valid target.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TargetError {
-    /// A file is no picture that can be read.
+    /// A file cannot be read as a picture.
     #[error("{}: cannot be read as a picture: {reason}", path.display())]
     Read {
         /// The file.
         path: PathBuf,
-        /// What its reader says.
+        /// Error of the reader.
         reason: String,
     },
-    /// The ending of a file says no known format.
+    /// The extension of a file is not that of a known format.
     #[error("{}: neither .exr nor .png; give a picture in one of these formats", path.display())]
     Format {
         /// The file.
@@ -27,7 +27,7 @@ pub enum TargetError {
         "{what} is {got_width} x {got_height} pixels, but camera \"{camera}\" takes {width} x {height}; change the \
          camera's width and height, or scale the picture"
     )]
-    /// A picture or mask is not as large as what the camera takes.
+    /// A picture or mask differs in size from the camera's pictures.
     Size {
         /// The picture or its mask.
         what: &'static str,
@@ -51,42 +51,42 @@ pub enum TargetError {
         x: usize,
         /// Row, from 0 at the top.
         y: usize,
-        /// What stands there.
+        /// The value there.
         value: f64,
     },
-    /// A mask has a value beyond 0 to 1.
+    /// A mask has a value outside 0 to 1.
     #[error("the mask is {value} at column {x}, row {y}; it must lie in 0 to 1")]
     Mask {
         /// Column, from 0 at the left.
         x: usize,
         /// Row, from 0 at the top.
         y: usize,
-        /// What stands there.
+        /// The value there.
         value: f64,
     },
-    /// No pixel is left to compare with.
+    /// No pixel is left to compare.
     #[error("no pixel is left to compare with: the mask is 0 everywhere, or the picture all clipped")]
     Nothing,
-    /// A weight is not finite and above 0; it holds the weight.
+    /// A weight, given here, is not finite or not above 0.
     #[error("the weight is {0}; it must be finite and above 0")]
     Weight(f64),
 }
 
-/// A target, checked.
+/// A validated target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Target {
-    /// Where it was taken from; it has the picture's size.
+    /// The camera, with the picture's size.
     pub camera: Camera,
     /// Linear RGB radiance, row by row from the top, W/(m² sr).
     pub pixels: Vec<DVec3>,
-    /// How much each pixel counts, 0 to 1; all alike if `None`.
+    /// Weight of each pixel, 0 to 1; 1 if `None`.
     pub mask: Option<Vec<f64>>,
-    /// How much this view counts among all.
+    /// Weight of this view relative to the others.
     pub weight: f64,
 }
 
 impl Target {
-    /// Checks and makes a target. Pixels that are masked out may hold anything.
+    /// A target from its parts, validated. Masked pixels may hold any value.
     pub fn new(
         camera: Camera,
         pixels: Vec<DVec3>,
@@ -129,12 +129,12 @@ impl Target {
         Ok(target)
     }
 
-    /// How much a pixel counts.
+    /// Weight of a pixel, from the mask.
     pub fn mask_at(&self, pixel: usize) -> f64 {
         self.mask.as_ref().map_or(1.0, |mask| mask[pixel])
     }
 
-    /// The number of pixels that count, each as much as it does.
+    /// Sum of the weights of all pixels.
     pub fn mask_sum(&self) -> f64 {
         self.mask.as_ref().map_or(self.pixels.len() as f64, |mask| mask.iter().sum())
     }
@@ -143,13 +143,13 @@ impl Target {
 /// A picture from a file, for [`Target::new`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct TargetPicture {
-    /// Pixels a row.
+    /// Pixels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
     /// Linear RGB, W/(m² sr), row by row from the top.
     pub pixels: Vec<DVec3>,
-    /// Pixels at the end of what the file's format can hold: they say "at least", not "equal".
+    /// Per pixel, whether it is clipped at the maximum of the file's format, so that its value is only a lower bound.
     pub clipped: Vec<bool>,
 }
 
@@ -157,7 +157,7 @@ impl TargetPicture {
     /// Reads an EXR, or a PNG of 8 or 16 bits a channel.
     ///
     /// EXR is linear. PNG is decoded from sRGB to linear, and its white becomes radiance `white`, W/(m² sr); an alpha
-    /// channel is left out of account.
+    /// channel is ignored.
     pub fn read(path: &Path, white: f64) -> Result<Self, TargetError> {
         let read = |reason: String| TargetError::Read { path: path.to_path_buf(), reason };
         match extension(path).as_deref() {
@@ -184,7 +184,7 @@ impl TargetPicture {
         }
     }
 
-    /// Refuses another size than that of a camera.
+    /// An error if the size differs from the camera's.
     pub fn check_size(&self, camera: &Camera) -> Result<(), TargetError> {
         check_size("the picture", (self.width, self.height), camera)
     }
@@ -249,7 +249,7 @@ mod tests {
         Camera { width, height, ..Camera::framing(&[]) }
     }
 
-    /// What our own PNG says of a picture is what is read back, to the width of its steps.
+    /// A picture written as PNG by this crate is read back to within quantisation.
     #[test]
     fn png_is_decoded_to_linear() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -1,27 +1,27 @@
 //! Mesh adjacency: which vertices coincide, and which triangles share an edge or a corner.
 //!
-//! Files often write a corner once for each triangle, so what is adjacent is told by positions, not by indices. All
-//! orders depend on the input alone.
+//! Files often write a corner once for each triangle, so adjacency goes by positions, not by indices. All orders depend on
+//! the input alone.
 
 use std::collections::HashMap;
 
 use glam::{DVec3, I64Vec3};
 use rayon::prelude::*;
 
-/// Vertices that coincide, welded into one position each.
+/// Coincident vertices, welded into one position each.
 pub(crate) struct Welded {
-    /// Of each vertex, the index of its position.
+    /// Per vertex, the index of its position.
     pub position: Vec<u32>,
-    /// Of each position, the first vertex there: positions are numbered as they appear.
+    /// Per position, the first vertex there: positions are numbered in order of appearance.
     pub first: Vec<u32>,
 }
 
 impl Welded {
-    /// Welds vertices of the very same coordinates.
+    /// Welds vertices with identical coordinates.
     pub fn exactly(vertices: impl IntoIterator<Item = DVec3>) -> Self {
         let mut known = HashMap::new();
         Self::by(vertices, |vertex, new| {
-            // Adding zero makes both zeros the same.
+            // Adding zero turns -0 into +0.
             *known.entry((vertex + DVec3::ZERO).to_array().map(f64::to_bits)).or_insert(new)
         })
     }
@@ -31,7 +31,7 @@ impl Welded {
         let cell = |x: DVec3| (x / (2.0 * tolerance)).floor().as_i64vec3();
         let mut cells: HashMap<I64Vec3, Vec<(u32, DVec3)>> = HashMap::new();
         Self::by(vertices, |vertex, new| {
-            // Whatever lies within the tolerance is in one of the cells at the corners of a cube around the vertex.
+            // Any vertex within the tolerance is in one of the cells at the corners of a cube around this one.
             for corner in 0..8 {
                 let side = |axis: u32| if corner >> axis & 1 == 1 { tolerance } else { -tolerance };
                 let near = cells.get(&cell(vertex + DVec3::new(side(0), side(1), side(2))));
@@ -45,7 +45,7 @@ impl Welded {
         })
     }
 
-    /// `index_of`: the index of a position, given the one that it gets if it is new.
+    /// `index_of` returns the index of a position, given the index for a new one.
     fn by(vertices: impl IntoIterator<Item = DVec3>, mut index_of: impl FnMut(DVec3, u32) -> u32) -> Self {
         let mut welded = Self { position: Vec::new(), first: Vec::new() };
         for vertex in vertices {
@@ -70,7 +70,7 @@ pub(crate) fn sides([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
     [[a, b], [b, c], [c, a]]
 }
 
-/// An edge as one of its triangles runs along it.
+/// An edge in the direction in which one of its triangles runs along it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Side {
     low: u32,
@@ -80,7 +80,7 @@ pub(crate) struct Side {
     forward: bool,
 }
 
-/// The sides along one edge, by rising triangle; never empty.
+/// The sides along one edge, by ascending triangle; never empty.
 #[derive(Clone, Copy)]
 pub(crate) struct Edge<'a>(&'a [Side]);
 
@@ -98,7 +98,7 @@ impl<'a> Edge<'a> {
         self.0.len()
     }
 
-    /// Its triangles if they are two.
+    /// Its two triangles, if it has exactly two.
     pub fn pair(&self) -> Option<[u32; 2]> {
         match self.0 {
             [a, b] => Some([a.triangle, b.triangle]),
@@ -106,7 +106,7 @@ impl<'a> Edge<'a> {
         }
     }
 
-    /// Triangles that run along it from the lower to the higher vertex, less those that run back.
+    /// Triangles that run along it from the lower to the higher vertex, minus those that run back.
     pub fn balance(&self) -> i64 {
         self.0.iter().map(|side| if side.forward { 1 } else { -1 }).sum()
     }
@@ -122,12 +122,12 @@ impl<'a> Edge<'a> {
 
 /// The triangles along each edge.
 pub(crate) struct Edges {
-    /// Sorted, so that those of an edge are neighbours.
+    /// Sorted, so that the sides of an edge are consecutive.
     sides: Vec<Side>,
 }
 
 impl Edges {
-    /// Of the directed edges of triangles; those from a vertex to itself are left out.
+    /// From the directed edges of triangles; edges from a vertex to itself are left out.
     pub fn new(directed: impl IntoIterator<Item = (u32, [u32; 2])>) -> Self {
         let real = directed.into_iter().filter(|(_, [a, b])| a != b);
         let side = |(triangle, [a, b]): (u32, [u32; 2])| Side {
@@ -141,12 +141,12 @@ impl Edges {
         Self { sides }
     }
 
-    /// Of triangles, numbered in their order.
+    /// From triangles, numbered in their order.
     pub fn of(triangles: impl IntoIterator<Item = [u32; 3]>) -> Self {
         Self::new((0..).zip(triangles).flat_map(|(t, corners)| sides(corners).map(|side| (t, side))))
     }
 
-    /// By rising vertices.
+    /// By ascending vertices.
     pub fn iter(&self) -> impl Iterator<Item = Edge<'_>> {
         self.sides.chunk_by(|a, b| (a.low, a.high) == (b.low, b.high)).map(Edge)
     }
@@ -160,7 +160,7 @@ pub(crate) struct Fans {
 }
 
 impl Fans {
-    /// Of triangles, numbered in their order, and so many vertices.
+    /// From triangles, numbered in their order, and a number of vertices.
     pub fn of(vertices: usize, triangles: impl Iterator<Item = [u32; 3]> + Clone) -> Self {
         let corners = || (0u32..).zip(triangles.clone()).flat_map(|(t, abc)| abc.map(|v| (v as usize, t)));
         let mut start = vec![0; vertices + 1];
@@ -179,7 +179,7 @@ impl Fans {
         Self { start, triangles: around }
     }
 
-    /// Rising.
+    /// Ascending.
     pub fn around(&self, vertex: u32) -> &[u32] {
         let vertex = vertex as usize;
         &self.triangles[self.start[vertex] as usize..self.start[vertex + 1] as usize]
@@ -190,7 +190,7 @@ impl Fans {
 mod tests {
     use super::*;
 
-    /// Two triangles of a square, each with corners of its own, one of them off by a bit.
+    /// Two triangles of a square, each with corners of its own, one of them off by one bit.
     fn square(off: f64) -> [DVec3; 6] {
         let [a, b, c, d] = [DVec3::ZERO, DVec3::X, DVec3::X + DVec3::Y, DVec3::Y];
         [a, b, c, -a, c + DVec3::splat(off), d]
@@ -229,7 +229,7 @@ mod tests {
         assert_eq!((fans.around(0), fans.around(3), fans.around(1)), (&[0, 1, 3][..], &[1][..], &[0, 2][..]));
     }
 
-    /// A grid of 200 000 triangles whose corners are all written three times.
+    /// A grid of 200 000 triangles, each with three vertices of its own.
     #[test]
     fn a_large_mesh_is_put_together() {
         let n = 316;

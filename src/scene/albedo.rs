@@ -1,18 +1,18 @@
-//! How much light a material reflects in all.
+//! The total albedo of a material.
 
 use std::f64::consts::PI;
 
 use super::material::Material;
 
-/// Incidences looked at, in degrees from the normal. Nearer to grazing a lobe loses light below the horizon, and a
-/// constant one (p = 0) reflects alike everywhere.
+/// Angles of incidence sampled, in degrees from the normal. Closer to grazing a lobe loses light below the horizon; a
+/// constant one (p = 0) reflects the same at all angles.
 const INCIDENCES: std::ops::RangeInclusive<u32> = 0..=17;
 const INCIDENCE_STEP: f64 = 5.0;
 const POLAR_STEPS: u32 = 256;
 const AZIMUTH_STEPS: u32 = 48;
 
 impl Material {
-    /// Albedo of the specular lobe for σ = 1, the largest over incidence. It scales with σ.
+    /// Albedo of the specular lobe for σ = 1, the maximum over angles of incidence. It scales with σ.
     ///
     /// ∫ N(p) ⟨h,n⟩^p cosθ dω over the reflected directions, to about 1 % for p up to 1e5.
     pub fn specular_albedo_per_sigma(&self) -> f64 {
@@ -21,14 +21,14 @@ impl Material {
             .fold(0.0, f64::max)
     }
 
-    /// At least [`Self::specular_albedo_per_sigma`]: ⟨ω,h⟩ cosθ ≤ 1 in the integral over half vectors.
+    /// An upper bound of [`Self::specular_albedo_per_sigma`]: ⟨ω,h⟩ cosθ ≤ 1 in the integral over half vectors.
     pub(super) fn specular_albedo_bound(&self) -> f64 {
         8.0 * PI * self.specular_normalization() / (self.power + 1.0)
     }
 
-    /// The largest part of the light of one channel and direction that is reflected: diffuse plus specular.
+    /// The largest albedo over channels and directions of incidence: diffuse plus specular.
     ///
-    /// At 1 and above a closed room of this material never settles.
+    /// At 1 and above, the solve of a closed room of this material diverges.
     pub fn total_albedo(&self) -> f64 {
         let lobe = if self.is_glossy() { self.specular_albedo_per_sigma() } else { 0.0 };
         self.total_albedo_with(lobe)
@@ -40,8 +40,8 @@ impl Material {
         channels.map(|(diffuse, sigma)| diffuse + sigma * lobe).fold(0.0, f64::max)
     }
 
-    /// Integrated over half vectors, dω = 4⟨ω,h⟩ dh, with u = ⟨h,n⟩^(p+1): the lobe itself becomes constant in u, so
-    /// that sharp ones need no more steps than wide ones.
+    /// Integrated over half vectors, dω = 4⟨ω,h⟩ dh, with u = ⟨h,n⟩^(p+1): the lobe itself is constant in u, so that sharp
+    /// lobes need no more steps than wide ones.
     fn lobe_albedo(&self, incidence: f64) -> f64 {
         let (sin_i, cos_i) = incidence.sin_cos();
         let mut sum = 0.0;
@@ -49,7 +49,7 @@ impl Material {
             let u = (f64::from(polar) + 0.5) / f64::from(POLAR_STEPS);
             let cos_h = u.powf(1.0 / (self.power + 1.0));
             let sin_h = (1.0 - cos_h * cos_h).max(0.0).sqrt();
-            // The other half of the azimuths mirrors this one.
+            // The other half of the azimuths is the mirror image of this one.
             for azimuth in 0..AZIMUTH_STEPS {
                 let phi = PI * (f64::from(azimuth) + 0.5) / f64::from(AZIMUTH_STEPS);
                 let along = sin_i * sin_h * phi.cos() + cos_i * cos_h;
@@ -97,7 +97,7 @@ mod tests {
         }
     }
 
-    /// The same integral over outgoing directions, brute force: slow for sharp lobes, but without a change of variables.
+    /// The same integral over outgoing directions by brute force: slow for sharp lobes, but without a change of variables.
     #[test]
     fn agrees_with_a_plain_integral_over_directions() {
         for (power, degrees) in [(1., 30.), (5., 60.), (20., 80.), (100., 45.)] {

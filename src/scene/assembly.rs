@@ -1,4 +1,4 @@
-//! Puts a scene together from its parts, remembering where each came from for the check's complaints.
+//! Assembles a scene from its parts and records where each came from, for the messages of the check.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use super::geometry::RawMesh;
 use super::tables::MaterialTable;
 use super::{Camera, Choice, Material, Mesh, Origin, Scene, SolveSettings, Triangle};
 
-/// A scene in the making.
+/// A scene under construction.
 pub(super) struct Assembly {
     /// The file that the user named.
     path: PathBuf,
@@ -18,7 +18,7 @@ pub(super) struct Assembly {
     material_indices: HashMap<String, u32>,
     material_origins: HashMap<String, (PathBuf, usize)>,
     camera_lines: HashMap<String, usize>,
-    accuracy_line: Option<usize>,
+    settings_line: Option<usize>,
 }
 
 impl Assembly {
@@ -41,7 +41,7 @@ impl Assembly {
             material_indices: HashMap::new(),
             material_origins: HashMap::new(),
             camera_lines: HashMap::new(),
-            accuracy_line: None,
+            settings_line: None,
         }
     }
 
@@ -49,7 +49,7 @@ impl Assembly {
         &mut self.scene.warnings
     }
 
-    /// Takes over the materials of a mesh. Meshes may share materials, but not disagree about them.
+    /// Adds the materials of a mesh. Meshes may share materials, but must define them alike.
     pub fn add_materials(&mut self, mesh: &mut RawMesh) -> Result<(), SceneError> {
         for raw in mesh.materials.drain(..) {
             let name = &raw.material.name;
@@ -57,7 +57,7 @@ impl Assembly {
                 let before = &mut self.scene.materials[index as usize];
                 match (self.material_origins.get(name), &raw.origin) {
                     _ if *before == raw.material => {}
-                    // A grey stand-in gives way to a definition, whichever comes first.
+                    // A definition replaces a grey placeholder, whichever comes first.
                     (_, None) => {}
                     (None, Some(origin)) => {
                         self.material_origins.insert(name.clone(), origin.clone());
@@ -98,7 +98,7 @@ impl Assembly {
         table.apply(&mut self.scene.materials[index]);
     }
 
-    /// Warns of a `[material.NAME]` table that changes nothing: most likely a misspelt name. After all meshes.
+    /// Warns of a `[material.NAME]` table that changes nothing, most likely a misspelt name. Call after all meshes.
     pub fn warn_if_unused(&mut self, name: &str, place: Place) {
         let scene = &mut self.scene;
         let index = self.material_indices.get(name).copied();
@@ -110,7 +110,7 @@ impl Assembly {
         scene.warnings.push(format!("{place}: no triangle uses [material.{name}]{hint}."));
     }
 
-    /// Appends a mesh. `place` is to blame for a material that nothing defines.
+    /// Appends a mesh. The error for an undefined material names `place`.
     pub fn add_mesh(
         &mut self,
         name: String,
@@ -159,10 +159,10 @@ impl Assembly {
         self.scene.cameras.push(camera);
     }
 
-    pub fn set_accuracy(&mut self, settings: SolveSettings, choice: Choice, line: usize) {
+    pub fn set_settings(&mut self, settings: SolveSettings, choice: Choice, line: usize) {
         self.scene.settings = settings;
         self.scene.choice = choice;
-        self.accuracy_line = Some(line);
+        self.settings_line = Some(line);
     }
 
     /// Checks the scene, after adding a camera if it has none.
@@ -182,7 +182,7 @@ impl Assembly {
         Ok(self.scene)
     }
 
-    /// The file, and the line if one is to blame.
+    /// The file, and the line if the error belongs to one.
     fn origin(&self, problem: &SceneError) -> (PathBuf, Option<usize>) {
         let scene_file = |line| (self.path.clone(), line);
         match problem {
@@ -191,7 +191,7 @@ impl Assembly {
                 None => scene_file(None),
             },
             SceneError::Camera { name, .. } => scene_file(self.camera_lines.get(name).copied()),
-            SceneError::SolveSettings { .. } => scene_file(self.accuracy_line),
+            SceneError::SolveSettings { .. } => scene_file(self.settings_line),
             SceneError::Vertex { mesh, .. }
             | SceneError::Degenerate { mesh, .. }
             | SceneError::Outlier { mesh, .. } => {

@@ -1,17 +1,17 @@
-//! Scenes made in memory, of shapes and grids: what a scene file says, for programs.
+//! Scenes built in memory from shapes and meshes: the equivalent of a scene file for programs.
 
 use glam::{DAffine3, DVec3};
 
 use super::{Material, Mesh, Scene, SceneError, Shape, Triangle};
 
-/// A scene in the making: meshes one after the other, each of one material.
+/// A scene under construction: a list of meshes, each of one material.
 #[derive(Clone, Debug, Default)]
 pub struct SceneBuilder {
     vertices: Vec<DVec3>,
     triangles: Vec<Triangle>,
     meshes: Vec<Mesh>,
     materials: Vec<Material>,
-    /// The first face that names a vertex its mesh does not have.
+    /// The first face with a vertex index out of range.
     out_of_range: Option<OutOfRange>,
 }
 
@@ -24,12 +24,12 @@ struct OutOfRange {
 }
 
 impl SceneBuilder {
-    /// Nothing yet.
+    /// An empty scene.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Adds a shape, placed by an affine map. One that mirrors keeps fronts in front.
+    /// Adds a shape, placed by an affine map. Under a reflection faces are rewound, so that fronts stay fronts.
     pub fn shape(&mut self, name: &str, shape: Shape, material: &Material, place: DAffine3) -> &mut Self {
         let (vertices, faces) = shape.mesh();
         self.mesh(name, vertices, faces, material, place)
@@ -64,7 +64,7 @@ impl SceneBuilder {
         self
     }
 
-    /// The checked scene, with default accuracy and no camera.
+    /// The checked scene, with default settings and no camera.
     pub fn finish(&self, name: &str) -> Result<Scene, SceneError> {
         let Self { vertices, triangles, meshes, materials, out_of_range } = self.clone();
         if let Some(OutOfRange { mesh, triangle, index, count }) = out_of_range {
@@ -77,7 +77,7 @@ impl SceneBuilder {
         Ok(scene)
     }
 
-    /// The index of a material, which stands there once.
+    /// The index of a material, added if it is new.
     fn material(&mut self, material: &Material) -> u32 {
         let known = self.materials.iter().position(|m| m == material);
         known.unwrap_or_else(|| {

@@ -9,24 +9,24 @@ const MAX_PIXELS: u32 = 16384;
 /// A pinhole camera, right-handed, looking from `position` to `target`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
-    /// For messages and files.
+    /// Name, for messages and files.
     pub name: String,
-    /// Metres.
+    /// Centre of projection, m.
     pub position: DVec3,
-    /// A point that it looks at, m.
+    /// A point on the optical axis, m.
     pub target: DVec3,
-    /// A direction that is upwards in the picture.
+    /// A direction that points up in the picture.
     pub up: DVec3,
     /// Horizontal field of view in degrees, in (0, 180).
     pub fov_x_degrees: f64,
-    /// Pixels.
+    /// Columns of its picture, pixels.
     pub width: u32,
-    /// Rows of its picture.
+    /// Rows of its picture, pixels.
     pub height: u32,
 }
 
 impl Camera {
-    /// A camera named "auto" that sees the bounding box of the vertices, from the front (+z), above and a little right.
+    /// A camera named "auto" that frames the bounding box of the vertices from the front (+z), above and slightly right.
     pub fn framing(vertices: &[DVec3]) -> Self {
         const FOV_DEGREES: f64 = 45.0;
         let low = vertices.iter().copied().reduce(DVec3::min).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! The one check of a scene: what passes here, the layers behind may rely on.
+//! The one check of a scene. Later layers rely on what it guarantees.
 
 use std::collections::HashMap;
 
@@ -6,19 +6,19 @@ use glam::DVec3;
 
 use super::{Camera, Material, Mesh, Normalization, Scene, SceneError, Triangle};
 
-/// Four times fewer than 32-bit indices can count, so that sums over corners and bins stay within them.
+/// A quarter of the range of 32-bit indices, so that sums over corners and bins stay within it.
 pub(super) const MAX_TRIANGLES: u64 = u32::MAX as u64 / 4;
-/// A triangle with less area than this times its longest edge squared has no normal that f64 could tell.
+/// Below this area over longest edge squared, a triangle's normal is lost to the rounding of f64.
 const FLAT: f64 = 1e-12;
 const MAX_POWER: f64 = 1e5;
-/// From this total albedo on, a closed room takes hundreds of passes, and what the transport loses or gains in one counts
-/// as often.
+/// From this total albedo on, a closed room takes hundreds of passes, and the energy that transport loses or gains per
+/// pass accumulates as often.
 const HIGH_ALBEDO: f64 = 0.95;
 
 impl Scene {
-    /// A scene of one mesh in memory, with default accuracy and no camera, checked.
+    /// A scene of one mesh in memory, with default settings and no camera, checked.
     ///
-    /// Vertices in metres. Triangles without area are recorded and warned of, as by [`Scene::check`] without `strict`.
+    /// Vertices in metres. Triangles without area are recorded with a warning, as by [`Scene::check`] without `strict`.
     pub fn new(
         name: impl Into<String>,
         vertices: Vec<DVec3>,
@@ -44,7 +44,7 @@ impl Scene {
         Ok(scene)
     }
 
-    /// Adds a camera, or replaces the one of its name.
+    /// Adds a camera, or replaces the one of the same name.
     pub fn set_camera(&mut self, camera: Camera) -> Result<(), SceneError> {
         camera.check()?;
         match self.cameras.iter_mut().find(|c| c.name == camera.name) {
@@ -54,7 +54,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Checks everything a solve relies on. Call it after changing a scene by hand.
+    /// Checks everything that a solve relies on. Call it after changing a scene by hand.
     ///
     /// Fills [`Scene::degenerate`] and adds to [`Scene::warnings`]. With `strict`, triangles without area are an error.
     pub fn check(&mut self, strict: bool) -> Result<(), SceneError> {
@@ -68,23 +68,23 @@ impl Scene {
         self.cameras.iter().try_for_each(Camera::check)
     }
 
-    /// Checks what the light depends on, geometry and materials, and changes nothing. Whatever takes a scene to solve it
-    /// checks that itself: the fields of a scene are open.
+    /// Checks geometry and materials, all that light depends on, and changes nothing. Everything that solves a scene calls
+    /// this, since the fields of a scene are public.
     pub fn validate(&self) -> Result<(), SceneError> {
         self.check_counts()?;
         self.check_geometry()?;
         self.check_materials(Emission::Light).map(drop)
     }
 
-    /// The same for a scene whose emission may be negative: light is linear in it, so that differences of scenes can be
-    /// solved, too.
+    /// The same for a scene whose emission may be negative. Light is linear in emission, so that differences of scenes can
+    /// be solved too.
     pub(crate) fn validate_linear(&self) -> Result<(), SceneError> {
         self.check_counts()?;
         self.check_geometry()?;
         self.check_materials(Emission::Difference).map(drop)
     }
 
-    /// Indices and coordinates: what pictures rely on.
+    /// Checks indices and coordinates, all that pictures depend on.
     pub(crate) fn check_geometry(&self) -> Result<(), SceneError> {
         self.check_triangles()?;
         match self.degenerate.iter().find(|&&t| t as usize >= self.triangles.len()) {
@@ -100,7 +100,7 @@ impl Scene {
     }
 
     pub(super) fn warn(&mut self, warning: String) {
-        // A second check of the same scene says nothing new.
+        // A second check of the same scene must not repeat a warning.
         if !self.warnings.contains(&warning) {
             self.warnings.push(warning);
         }
@@ -167,7 +167,7 @@ impl Scene {
         }
     }
 
-    /// Finds the triangles without area anew, after vertices have moved.
+    /// Updates the list of triangles without area after vertices have moved.
     pub(crate) fn update_degenerate(&mut self) {
         self.degenerate =
             (0..self.triangles.len()).filter(|&t| is_flat(self.corners(t))).map(|t| t as u32).collect();
@@ -193,7 +193,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Fails at the first material that is not physical; else says what the user should know of them.
+    /// Warnings about the materials; an error at the first that is not physical.
     fn check_materials(&self, emission: Emission) -> Result<Vec<String>, SceneError> {
         let mut used = vec![false; self.materials.len()];
         for triangle in &self.triangles {
@@ -213,7 +213,7 @@ impl Scene {
                 }
                 (Ok(albedo), true) if albedo >= HIGH_ALBEDO => warnings.push(format!(
                     "Material \"{name}\" reflects up to {albedo:.3} of the light: \
-                     in a closed room it takes many passes, over which small errors of each add up; \
+                     in a closed room the solve takes many passes, whose small errors add up; \
                      settings.near_field = 400 keeps their sum below 1 %."
                 )),
                 _ => {}
@@ -229,27 +229,27 @@ impl Scene {
     }
 }
 
-/// True where the corners span no area, or so little that rounding decides the normal.
+/// True if the corners span no area, or so little that rounding decides the normal.
 fn is_flat([a, b, c]: [DVec3; 3]) -> bool {
     let edges = [b - a, c - b, a - c];
     let longest = edges.iter().map(|e| e.abs().max_element()).fold(0.0, f64::max);
     if longest == 0.0 {
         return true;
     }
-    // In units of the longest edge, lest squares of very small or large edges leave the range of f64.
+    // In units of the longest edge, so that squares of tiny or huge edges stay within the range of f64.
     let [ab, bc, ca] = edges.map(|e| e / longest);
     let squared = ab.length_squared().max(bc.length_squared()).max(ca.length_squared());
     let area = ab.cross(ca).length() / 2.0;
-    // Not a number where an edge is longer than f64 can tell.
+    // NaN where the length of an edge overflows.
     area.is_nan() || area < FLAT * squared
 }
 
-/// What the emission of a material stands for.
+/// What the emission of a material means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Emission {
     /// Radiance, which is not negative.
     Light,
-    /// A difference of radiances.
+    /// A difference of radiances, of either sign.
     Difference,
 }
 
@@ -265,7 +265,7 @@ impl LobeCache {
 }
 
 impl Material {
-    /// The total albedo, or below [`HIGH_ALBEDO`] a bound of it; or what is wrong and the remedy.
+    /// The total albedo, or below [`HIGH_ALBEDO`] an upper bound of it. The error says what is wrong, and the remedy.
     fn problem(&self, emission: Emission, lobes: &mut LobeCache) -> Result<f64, String> {
         let emission = match emission {
             Emission::Light => self.emission,
@@ -288,7 +288,7 @@ impl Material {
         }
         let most = self.total_albedo_with(if self.is_glossy() { self.specular_albedo_bound() } else { 0.0 });
         if most < HIGH_ALBEDO {
-            // Without the integral over the lobe, which takes milliseconds.
+            // Skips the integral over the lobe, which takes milliseconds.
             return Ok(most);
         }
         let lobe = if self.is_glossy() { lobes.get(self) } else { 0.0 };

@@ -1,4 +1,4 @@
-//! What can be wrong with a scene. Every message is one line that says where, what, and the remedy.
+//! Errors in scenes. Every message is one line: where, what is wrong, and the remedy.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::size::SIZES;
 
-/// Why a scene was refused. Triangles are numbered from 0 over the whole scene, as in every per-face output.
+/// Why a scene was rejected. Triangles are numbered from 0 over the whole scene, as in every per-face output.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneError {
@@ -15,25 +15,25 @@ pub enum SceneError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         reason: std::io::Error,
     },
 
-    /// The ending of a file says no known format.
-    #[error("{}: neither a scene (.toml) nor a mesh (.obj); give a file with one of these endings", path.display())]
+    /// The extension of a file is not that of a known format.
+    #[error("{}: neither a scene (.toml) nor a mesh (.obj); give a file with one of these extensions", path.display())]
     UnknownFormat {
         /// The file.
         path: PathBuf,
     },
 
-    /// A line of a TOML, OBJ or MTL file does not say what it should.
+    /// A line of a TOML, OBJ or MTL file is invalid.
     #[error("{}:{line}: {message}", path.display())]
     Line {
         /// The file.
         path: PathBuf,
-        /// From 1.
+        /// Line number, from 1.
         line: usize,
-        /// What is wrong there, and what would do.
+        /// What is wrong, and the remedy.
         message: String,
     },
 
@@ -45,15 +45,15 @@ pub enum SceneError {
     MaterialFile {
         /// The file.
         path: PathBuf,
-        /// From 1.
+        /// Line number, from 1.
         line: usize,
         /// The material file.
         mtl: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         reason: std::io::Error,
     },
 
-    /// There is nothing in the scene.
+    /// The scene is empty.
     #[error("the scene has no triangles; it needs at least one mesh with one face")]
     NoTriangles,
 
@@ -61,33 +61,44 @@ pub enum SceneError {
     #[error("none of the scene's triangles has an area: check the meshes' coordinates and scale")]
     NoArea,
 
-    /// Too large or too small for any computation.
+    /// The scene is too large or too small to compute with.
     #[error(
-        "the scene measures {size:.3e} m, but light can be computed from {:.0e} to {:.0e} m; scale its meshes, \
-         which changes no irradiance",
+        "the scene measures {size:.3e} m; light can be computed from {:.0e} to {:.0e} m; scale its meshes, \
+         which does not change irradiance",
         SIZES.start(), SIZES.end()
     )]
     Size {
-        /// Of its bounding box, along the longest side.
+        /// Longest side of the bounding box, m.
         size: f64,
     },
 
-    /// One corner makes the scene so large that most triangles are nothing beside it.
+    /// One outlying vertex makes the scene so large that most triangles are negligible in size.
     #[error(
         "triangle {triangle} of mesh \"{mesh}\": vertex {vertex} is at ({:e}, {:e}, {:e}), so far off that the scene \
-         measures {size:.3e} m, beside which most triangles are too small for light between them; correct or remove it",
+         measures {size:.3e} m and most triangles are too small to exchange light; correct or remove it",
         position.x, position.y, position.z
     )]
-    Outlier { mesh: String, triangle: usize, vertex: u32, position: DVec3, size: f64 },
+    Outlier {
+        /// Name of the mesh.
+        mesh: String,
+        /// Index in the scene.
+        triangle: usize,
+        /// Index of the vertex.
+        vertex: u32,
+        /// Its position, m.
+        position: DVec3,
+        /// Longest side of the scene's bounding box, m.
+        size: f64,
+    },
 
-    /// More than indices of 32 bits, or memory, can tell apart.
+    /// More triangles or vertices than 32-bit indices or memory allow.
     #[error("{count} {what}, but at most {limit} are possible; use fewer or a lower `subdivide`")]
     TooMany {
-        /// What there is too much of, or what is out of range.
+        /// What there are too many of.
         what: &'static str,
         /// How many there would be.
         count: u64,
-        /// How many there may be.
+        /// The most that are possible.
         limit: u64,
     },
 
@@ -99,11 +110,11 @@ pub enum SceneError {
     Vertex {
         /// Name of the mesh.
         mesh: String,
-        /// Index within the mesh.
+        /// Index in the scene.
         triangle: usize,
         /// Index of the vertex.
         vertex: u32,
-        /// Where it is, m.
+        /// Its position, m.
         position: DVec3,
     },
 
@@ -114,89 +125,94 @@ pub enum SceneError {
         vertex: usize,
     },
 
-    /// A triangle refers to something that is not there.
+    /// A triangle has an index out of range.
     #[error(
         "triangle {triangle} of mesh \"{mesh}\": {what} index {index} is out of range; there are {count}, from 0"
     )]
     Index {
         /// Name of the mesh.
         mesh: String,
-        /// Index within the mesh.
+        /// Index in the scene.
         triangle: usize,
-        /// What there is too much of, or what is out of range.
+        /// "vertex" or "material".
         what: &'static str,
-        /// What it refers to.
+        /// The index out of range.
         index: u32,
         /// How many there are.
         count: usize,
     },
 
-    /// Meshes do not cover the triangles one after the other.
+    /// The meshes' ranges do not cover the triangles in order.
     #[error("the meshes do not cover the triangles: {message}")]
     Meshes {
-        /// What is wrong, and what would do.
+        /// What is wrong, and the remedy.
         message: String,
     },
 
+    /// Triangles have no area, and the scene is loaded strictly.
     #[error(
         "{count} triangle(s) without area, the first is triangle {triangle} of mesh \"{mesh}\"; \
          remove them or load without strict"
     )]
-    /// Triangles have no area, and the scene is loaded strictly.
     Degenerate {
         /// How many.
         count: usize,
         /// Name of the mesh.
         mesh: String,
-        /// Index within the mesh.
+        /// Index in the scene.
         triangle: usize,
     },
 
-    /// A list that does not belong to the triangles.
+    /// [`Scene::degenerate`](super::Scene::degenerate) has an index out of range.
     #[error(
-        "triangle {triangle} is listed as degenerate, and there are {count}: Scene::check lists them anew"
+        "triangle {triangle} is listed as degenerate, but there are only {count}; call Scene::check to update the list"
     )]
-    UnknownDegenerate { triangle: u32, count: usize },
+    UnknownDegenerate {
+        /// The index out of range.
+        triangle: u32,
+        /// How many triangles there are.
+        count: usize,
+    },
 
-    /// A material has a value that it cannot have.
+    /// A material has a value that is not physical.
     #[error("material \"{name}\": {message}")]
     Material {
-        /// What it is called in the file.
+        /// Its name in the file.
         name: String,
-        /// What is wrong, and what would do.
+        /// What is wrong, and the remedy.
         message: String,
     },
 
-    /// A camera cannot take pictures.
+    /// A camera has invalid parameters.
     #[error("camera \"{name}\": {message}")]
     Camera {
-        /// What it is called in the file.
+        /// Its name in the file.
         name: String,
-        /// What is wrong, and what would do.
+        /// What is wrong, and the remedy.
         message: String,
     },
 
-    /// The settings of a solve contradict each other.
-    #[error("accuracy: {message}")]
+    /// A setting of the solve is out of range.
+    #[error("settings: {message}")]
     SolveSettings {
-        /// What is wrong, and what would do.
+        /// What is wrong, and the remedy.
         message: String,
     },
 
-    /// A problem found by the check of a scene that came from a file.
-    // Not a `source`: the message holds it already, and a printed chain would say it twice.
+    /// An error found by the check of a scene that came from a file.
+    // Not a `source`: the message contains it already, and a printed chain would repeat it.
     #[error("{}{}: {problem}", path.display(), line.map(|n| format!(":{n}")).unwrap_or_default())]
     In {
         /// The file.
         path: PathBuf,
-        /// From 1, where it is known.
+        /// Line number from 1, where known.
         line: Option<usize>,
-        /// What the check found.
+        /// The error.
         problem: Box<SceneError>,
     },
 }
 
-/// A line of a file, to say where something is.
+/// A line of a file, for error messages.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place<'a> {
     pub path: &'a Path,
@@ -205,7 +221,7 @@ pub(crate) struct Place<'a> {
 }
 
 impl Place<'_> {
-    /// The error that this line does not say what it should.
+    /// An error at this line.
     pub fn error(self, message: impl Into<String>) -> SceneError {
         SceneError::Line { path: self.path.to_path_buf(), line: self.line, message: message.into() }
     }
@@ -217,7 +233,7 @@ impl std::fmt::Display for Place<'_> {
     }
 }
 
-/// The candidate that `word` is most likely a misspelling of, if one is near.
+/// The candidate that `word` is most likely a misspelling of, if any is close.
 pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     candidates
         .into_iter()

@@ -22,24 +22,25 @@ pub struct LoadOptions {
 }
 
 setters!(LoadOptions { strict: bool });
-/// Triangles that `subdivide` may make of a mesh: as many as the finest statue has.
+
+/// Most triangles that `subdivide` may turn a mesh into: as many as the finest statue has.
 const MOST_SUBDIVIDED: u64 = 10_000_000;
 
 impl Scene {
     /// Loads and checks a `.toml` scene, or an `.obj` mesh with its MTL.
     ///
-    /// A scene without a camera gets one named "auto" that frames its bounding box; [`Scene::warnings`] says so.
+    /// A scene without a camera gets one named "auto" that frames its bounding box, with a warning in [`Scene::warnings`].
     ///
-    /// A scene file, all of it optional but one mesh (metres, degrees, emission as radiance in W/(m² sr)):
+    /// A scene file (metres, degrees, emission as radiance in W/(m² sr)); everything but one mesh is optional:
     /// ```toml
     /// [[mesh]]
-    /// path = "room.obj"              # beside this file; or shape = { kind = "quad", cells = 8 }, see Shape
+    /// path = "room.obj"              # relative to this file; or shape = { kind = "quad", cells = 8 }, see Shape
     /// material = "white"             # for all faces; required with a shape
     /// name = "room"
     /// scale = [1, 1, 1]              # or one number; then rotated about x, y, z; then moved
     /// rotate_degrees = [0, 90, 0]
     /// translate = [0, 0, 2]
-    /// subdivide = 1                  # times every edge is halved
+    /// subdivide = 1                  # how many times every edge is halved
     ///
     /// [material.white]               # overrides the MTL, or defines a material from black
     /// diffuse = 1                    # δ
@@ -47,7 +48,7 @@ impl Scene {
     /// specular = 0.05                # σ
     /// power = 20                     # p
     /// emission = 0
-    /// normalization = "phong"    # or "energy"
+    /// normalization = "phong"        # or "energy"
     ///
     /// [camera.main]
     /// position = [0, 1, 5]
@@ -65,7 +66,7 @@ impl Scene {
     /// max_passes = 200
     /// solver = "auto"                # or "fixed-point", "gmres"
     /// precision = "f32"              # or "half-bins"; "f64", where the device has it
-    /// # error = 0.02                 # instead of bins, near_field and tolerance: the error of irradiance to solve to
+    /// # error = 0.02                 # target error of irradiance, instead of bins, near_field and tolerance
     /// ```
     pub fn load(path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {
         let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
@@ -93,7 +94,7 @@ impl TomlFile<'_> {
     fn assemble(&self, assembly: &mut Assembly) -> Result<(), SceneError> {
         let tables: SceneTable = self.parse()?;
 
-        // Materials before triangles: a mesh may use a material that stands further down, or in another mesh's MTL.
+        // Materials before triangles: a mesh may use a material defined further down, or in another mesh's MTL.
         let defined = |name: &str| tables.material.keys().any(|key| key.get_ref() == name);
         let mut meshes = Vec::new();
         for table in &tables.mesh {
@@ -127,7 +128,7 @@ impl TomlFile<'_> {
             let place = self.place(table.span());
             let (line, choice) = (place.line, table.get_ref().choice());
             let choice = choice.map_err(|message| place.error(message))?;
-            assembly.set_accuracy(table.get_ref().settings(), choice, line);
+            assembly.set_settings(table.get_ref().settings(), choice, line);
         }
         Ok(())
     }
@@ -173,7 +174,9 @@ impl TomlFile<'_> {
                 );
             }
             (Some(_), Some(_), _) => {
-                return Err(place.error("a mesh has either `path` or `shape`, not both; make it two meshes"));
+                return Err(
+                    place.error("a mesh has either `path` or `shape`, not both; split it into two meshes")
+                );
             }
             (None, None, _) => {
                 return Err(place.error(
@@ -208,8 +211,8 @@ impl TomlFile<'_> {
             let count = triangles(times).map_or("more than 10^19".to_owned(), |count| count.to_string());
             let highest = (1..).take_while(fits).last().unwrap_or(0);
             return Err(self.place(levels.span()).error(format!(
-                "subdivide = {times} makes {count} triangles of {faces}, and at most {MOST_SUBDIVIDED} are possible; \
-                 {highest} is the highest"
+                "subdivide = {times} turns {faces} triangles into {count}, but at most {MOST_SUBDIVIDED} are possible; \
+                 use {highest} or less"
             )));
         }
         for _ in 0..times {

@@ -1,4 +1,4 @@
-//! A mesh between its file and the scene, and what is done to it there: halving edges, placing.
+//! A mesh before it joins the scene: subdivision and placement.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -7,27 +7,27 @@ use glam::{DMat3, DVec3};
 
 use super::Material;
 
-/// A mesh as read or made: faces in file order, the triangles of a polygon consecutive.
+/// A mesh as read or generated: faces in file order, the triangles of a polygon consecutive.
 pub(super) struct RawMesh {
     pub vertices: Vec<DVec3>,
     pub faces: Vec<[u32; 3]>,
     /// Per face, an index into `material_names`.
     pub face_materials: Vec<u32>,
-    /// Per face its line in the mesh's file; empty without one.
+    /// Per face, its line in the mesh's file; empty without a file.
     pub face_lines: Vec<u32>,
     pub material_names: Vec<String>,
-    /// What the MTL files of the mesh define, and grey stand-ins for what they lack.
+    /// Materials from the mesh's MTL files, and grey placeholders for missing ones.
     pub materials: Vec<RawMaterial>,
 }
 
 pub(super) struct RawMaterial {
     pub material: Material,
-    /// File and line of the definition; `None` for a grey stand-in.
+    /// File and line of the definition; `None` for a grey placeholder.
     pub origin: Option<(PathBuf, usize)>,
 }
 
 impl RawMesh {
-    /// A mesh all of one material.
+    /// A mesh of a single material.
     pub fn uniform(vertices: Vec<DVec3>, faces: Vec<[u32; 3]>, material: &str) -> Self {
         Self {
             face_materials: vec![0; faces.len()],
@@ -39,7 +39,7 @@ impl RawMesh {
         }
     }
 
-    /// Halves every edge: four faces for each, consecutive, so that the faces stay in file order.
+    /// Halves every edge. The four parts of a face are consecutive, so that faces stay in file order.
     pub fn subdivide(&mut self) {
         self.faces = subdivide(&mut self.vertices, &self.faces);
         for each in [&mut self.face_materials, &mut self.face_lines] {
@@ -50,7 +50,7 @@ impl RawMesh {
 
 /// Halves every edge: each face becomes four, consecutive.
 ///
-/// Neighbours share the new vertices. New faces: the three corners in the order of the old ones, then the middle.
+/// Neighbours share the new vertices. Order of the parts: the three at the corners, in the corners' order, then the middle.
 pub(super) fn subdivide(vertices: &mut Vec<DVec3>, faces: &[[u32; 3]]) -> Vec<[u32; 3]> {
     let mut middles: HashMap<[u32; 2], u32> = HashMap::new();
     let mut middle = |a: u32, b: u32| {
@@ -67,7 +67,7 @@ pub(super) fn subdivide(vertices: &mut Vec<DVec3>, faces: &[[u32; 3]]) -> Vec<[u
     children
 }
 
-/// Where a mesh stands: scaled, then rotated, then moved.
+/// The placement of a mesh: scale, then rotation, then translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Placement {
     /// Factors along x, y, z.
@@ -87,7 +87,7 @@ impl Placement {
         }
         let mirrors = self.scale.to_array().iter().filter(|&&s| s < 0.0).count();
         if mirrors % 2 == 1 {
-            // A mirror turns fronts into backs: wind the faces back.
+            // A reflection turns fronts into backs: rewind the faces.
             faces.iter_mut().for_each(|face| face.swap(1, 2));
         }
     }

@@ -19,7 +19,7 @@ pub enum Normalization {
 /// f = δρ/π + σ N(p) ⟨h,n⟩^p, in 1/sr.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
-    /// For messages and choices of materials.
+    /// Name, by which fits and messages refer to it.
     pub name: String,
     /// Diffuse constant δ.
     pub diffuse: f64,
@@ -31,12 +31,12 @@ pub struct Material {
     pub power: f64,
     /// Emitted radiance L_e, RGB, W/(m² sr), the same in all directions.
     pub emission: [f64; 3],
-    /// Of the specular lobe.
+    /// How the specular lobe is normalised.
     pub normalization: Normalization,
 }
 
 impl Material {
-    /// A black Lambertian surface to start from.
+    /// A black Lambertian material.
     pub fn named(name: impl Into<String>) -> Self {
         Self {
             name: name.into(),
@@ -49,12 +49,12 @@ impl Material {
         }
     }
 
-    /// True where the specular lobe reflects anything.
+    /// True if the specular lobe reflects any light.
     pub fn is_glossy(&self) -> bool {
         self.specular.iter().any(|&s| s > 0.0)
     }
 
-    /// True where nothing has a colour.
+    /// True if all its RGB values are grey.
     pub fn is_grey(&self) -> bool {
         [self.albedo, self.specular, self.emission].iter().all(|&[r, g, b]| r == g && g == b)
     }

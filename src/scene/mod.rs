@@ -1,7 +1,7 @@
-//! What is given: triangle meshes, Blinn-Phong materials, pinhole cameras, and the accuracy asked for.
+//! Input: triangle meshes, Blinn-Phong materials, pinhole cameras and the settings of a solve.
 //!
-//! Everything that comes from outside is checked here, once ([`Scene::load`], [`Scene::check`]); the layers behind
-//! may rely on finite vertices, indices in range and physical materials. SI units: metres, W/(m² sr).
+//! Everything from outside is validated here, once ([`Scene::load`], [`Scene::check`]); later layers rely on finite
+//! vertices, indices in range and physical materials. SI units: metres, W/(m² sr).
 
 mod adjacency;
 mod albedo;
@@ -55,45 +55,45 @@ pub struct Triangle {
 /// A run of consecutive triangles that came from one file or shape.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mesh {
-    /// For messages and choices of meshes.
+    /// Name, by which fits and messages refer to it.
     pub name: String,
     /// Triangles `range.start..range.end` of [`Scene::triangles`].
     pub range: std::ops::Range<u32>,
 }
 
-/// Where the triangles of a mesh stand in files.
+/// Where in files the triangles of a mesh come from.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Origin {
-    /// The mesh's own file, or the scene file that asks for a shape.
+    /// The mesh's own file, or the scene file that defines a shape.
     pub file: PathBuf,
     /// Line of the face that each triangle was cut from; empty for a shape.
     pub lines: Vec<u32>,
 }
 
-/// A scene, checked. Triangles stand in file order, mesh after mesh; every per-face output has that order.
+/// A checked scene. Triangles are in file order, mesh by mesh, and so is every per-face output.
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// For messages and files.
+    /// Name, for messages and files.
     pub name: String,
-    /// Metres.
+    /// Positions, m.
     pub vertices: Vec<DVec3>,
     /// Corners and material of each.
     pub triangles: Vec<Triangle>,
-    /// They cover all triangles, in order.
+    /// Runs of triangles that cover all of them, in order.
     pub meshes: Vec<Mesh>,
-    /// One for each mesh of a scene that came from files, else none.
+    /// One per mesh if the scene came from files, else empty.
     pub origins: Vec<Origin>,
-    /// That triangles refer to by index.
+    /// Materials, which triangles refer to by index.
     pub materials: Vec<Material>,
-    /// In the order of the file.
+    /// Cameras, in file order.
     pub cameras: Vec<Camera>,
-    /// How exact a solve is to be.
+    /// Settings of a solve.
     pub settings: SolveSettings,
-    /// What of it is left open.
+    /// Which settings are left to be chosen.
     pub choice: Choice,
-    /// Indices of triangles without area: they keep their row in every output, and take no part.
+    /// Indices of triangles without area: they keep their row in every output, but take no part in light transport.
     pub degenerate: Vec<u32>,
-    /// What the user should know, in whole sentences (a camera that was made up, no light, albedo near one).
+    /// Warnings for the user, in whole sentences (a default camera, no light, albedo near one).
     pub warnings: Vec<String>,
 }
 
@@ -103,7 +103,7 @@ impl Scene {
         self.triangles[triangle].vertices.map(|v| self.vertices[v as usize])
     }
 
-    /// Where a triangle is, for people: `room.obj:17 (triangle 5 of mesh "room")`, as far as is known.
+    /// Where a triangle comes from, for messages: `room.obj:17 (triangle 5 of mesh "room")`, as far as known.
     pub fn place_of(&self, triangle: usize) -> String {
         let holds = |m: &Mesh| (m.range.start as usize..m.range.end as usize).contains(&triangle);
         let Some(mesh) = self.meshes.iter().position(holds) else {
@@ -127,7 +127,7 @@ impl Scene {
         0.5 * (b - a).cross(c - a)
     }
 
-    /// The camera of a name.
+    /// The camera with a name.
     pub fn camera(&self, name: &str) -> Option<&Camera> {
         self.cameras.iter().find(|camera| camera.name == name)
     }

@@ -1,6 +1,6 @@
 //! Reads MTL files: Kd = albedo (δ = 1), Ks = σ, Ns = p, Ke = emitted radiance in W/(m² sr).
 //!
-//! Why not with `tobj`: see [`super::obj`]. It panics at `Kd .3`, among others.
+//! Why not `tobj`: see [`super::obj`]. Among other defects, it panics at `Kd .3`.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -9,7 +9,7 @@ use super::error::{Place, SceneError, nearest};
 use super::material::Material;
 use super::statements::{Statement, number, statements};
 
-/// Keys of the format that mean nothing to a Blinn-Phong radiosity.
+/// Keys of the format that have no meaning for Blinn-Phong radiosity.
 const IGNORED: [&str; 26] = [
     "Ka",
     "Ni",
@@ -46,7 +46,7 @@ pub(super) struct MtlMaterial {
     pub line: usize,
 }
 
-/// Reads the text of the file at `path`, adding to `warnings` what was ignored and might be missed.
+/// Reads the text of the file at `path`. Adds to `warnings` what is ignored but may matter.
 pub(super) fn parse(
     text: &str,
     path: &Path,
@@ -72,7 +72,7 @@ pub(super) fn parse(
             "Ke" => material.emission = rgb(&statement, place)?,
             "Ns" => material.power = scalar(&statement, place)?,
             "map_Kd" => warnings.push(format!(
-                "{place}: the texture {} of material \"{}\" is ignored, its albedo is Kd.",
+                "{place}: the texture {} of material \"{}\" is ignored; its albedo is Kd.",
                 statement.rest(),
                 material.name
             )),
@@ -88,7 +88,7 @@ pub(super) fn parse(
     Ok(materials)
 }
 
-/// `lines`: of the materials before.
+/// `lines`: lines of the materials before this one.
 fn new_material(
     name: &str,
     lines: &mut HashMap<String, usize>,

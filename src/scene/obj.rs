@@ -1,8 +1,8 @@
 //! Reads OBJ files.
 //!
-//! Written for this crate, because errors must name file and line, and because triangles and vertices keep the file's
-//! order in every output. The crate `tobj`, which tests compare this reader with, renumbers vertices, knows no lines, and
-//! refuses valid files: `what_keeps_tobj_from_reading_for_us` in tests/scene_input/against_tobj.rs shows each reason.
+//! Own code, because errors must name file and line, and because triangles and vertices keep the file's order in every
+//! output. The crate `tobj`, which tests compare this reader with, renumbers vertices, does not report lines, and rejects
+//! valid files: `what_keeps_tobj_from_reading_for_us` in tests/scene_input/against_tobj.rs shows each reason.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -19,11 +19,11 @@ use super::triangulate::triangulate;
 /// The material of faces before any `usemtl`.
 const DEFAULT_MATERIAL: &str = "default";
 const GREY: [f64; 3] = [0.5; 3];
-/// Statements that say nothing of shape or material.
+/// Statements that do not affect geometry or materials.
 const IGNORED: [&str; 8] = ["o", "g", "s", "vn", "vt", "vp", "l", "p"];
 const READ: [&str; 4] = ["v", "f", "usemtl", "mtllib"];
 
-/// Reads a mesh and the MTL files it names. A material for which `defined_elsewhere` holds needs no MTL.
+/// Reads a mesh and its MTL files. A material for which `defined_elsewhere` holds needs no MTL.
 pub(super) fn read(
     path: &Path,
     defined_elsewhere: impl Fn(&str) -> bool,
@@ -73,7 +73,7 @@ struct Reader<'a> {
     materials: Vec<RawMaterial>,
     material_indices: HashMap<String, usize>,
     libraries: Vec<PathBuf>,
-    /// Line and keyword of the first statement not understood.
+    /// Line and keyword of the first unknown statement.
     unknown: Option<(usize, String)>,
 }
 
@@ -128,7 +128,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// `mtllib` may name several files, yet a file name may hold blanks: a file of the whole name comes first.
+    /// `mtllib` may list several files, but a file name may also contain blanks: a file with the whole name takes precedence.
     fn library(&mut self, names: &str, place: Place) -> Result<(), SceneError> {
         if names.is_empty() {
             return Err(place.error("`mtllib` without a file; expected `mtllib FILE.mtl`"));
@@ -170,7 +170,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Only here: an `mtllib` may come after the faces that need it.
+    /// Resolved at the end, because an `mtllib` may come after the faces that need it.
     fn finish(mut self, defined_elsewhere: impl Fn(&str) -> bool) -> Result<RawMesh, SceneError> {
         let known: Vec<String> = self.materials.iter().map(|m| m.material.name.clone()).collect();
         let known = || known.iter().map(String::as_str);
@@ -218,7 +218,7 @@ impl Reader<'_> {
     }
 }
 
-/// Three coordinates; what may follow them (a weight, a colour) is ignored.
+/// Three coordinates. Anything after them (a weight, a colour) is ignored.
 fn vertex(statement: &Statement, place: Place) -> Result<DVec3, SceneError> {
     let mut words = statement.words();
     let mut coordinate = || match words.next() {
@@ -228,7 +228,7 @@ fn vertex(statement: &Statement, place: Place) -> Result<DVec3, SceneError> {
     Ok(DVec3::new(coordinate()?, coordinate()?, coordinate()?))
 }
 
-/// The vertex of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`: counted from 1, or back from the last one if negative.
+/// The vertex of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`: counted from 1, or backwards from the last one if negative.
 fn corner(word: &str, vertices: usize, place: Place) -> Result<u32, SceneError> {
     let index = word.split('/').next().unwrap_or_default();
     let index: i64 = index.parse().map_err(|_| {

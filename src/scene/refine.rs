@@ -1,15 +1,15 @@
-//! Cuts chosen triangles of a scene.
+//! Subdivides chosen triangles of a scene.
 
 use super::Scene;
 use super::geometry::subdivide;
 use glam::DVec3;
 
 impl Scene {
-    /// Cuts each of the triangles (rising, each once) into the four that the midpoints of its edges make, in its place:
-    /// the others keep their order. Neighbours among the chosen share the new vertices. Where only one side of an edge is
-    /// cut, the new vertex lies on that edge (to rounding), which it does not cut: no crack opens.
+    /// Replaces each of the triangles (ascending, without repeats) in place by four, cut at the midpoints of its edges; the
+    /// others keep their order. Chosen neighbours share the new vertices. Where only one side of an edge is cut, the new
+    /// vertex is a T-junction on that edge (to rounding), so that no gap opens.
     ///
-    /// Returns for each new triangle the one it came from.
+    /// Returns the parent of each new triangle.
     pub fn split(&mut self, chosen: &[u32]) -> Vec<u32> {
         let faces: Vec<[u32; 3]> = chosen.iter().map(|&t| self.triangles[t as usize].vertices).collect();
         let children = subdivide(&mut self.vertices, &faces);
@@ -43,7 +43,7 @@ impl Scene {
         parents
     }
 
-    /// Cuts every triangle into four, so many times. Returns for each new triangle the first one that it came from.
+    /// Cuts every triangle into four, `times` times. Returns the original triangle of each new one.
     pub fn split_all(&mut self, times: u32) -> Vec<u32> {
         let every = |scene: &Self| -> Vec<u32> { (0..scene.triangles.len() as u32).collect() };
         let mut parents = every(self);
@@ -54,9 +54,9 @@ impl Scene {
         parents
     }
 
-    /// Values per triangle of a scene that was split, as means over area on the triangles of the scene before.
+    /// Area-weighted means of per-triangle values of a subdivided scene, on the triangles of the original scene.
     ///
-    /// `parents`: per triangle the one that it came from; `areas`: of those, m².
+    /// `parents`: per triangle, its original; `areas`: of the originals, m².
     pub fn means_on(&self, parents: &[u32], areas: &[f64], values: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let mut sums = vec![DVec3::ZERO; areas.len()];
         for (i, (&parent, &value)) in parents.iter().zip(values).enumerate() {
@@ -91,7 +91,7 @@ mod tests {
             let times = parents.iter().filter(|&&p| p == parent).count() as f64;
             assert!((area(&scene, t) * times - area(&before, parent as usize)).length() <= 1e-15);
         }
-        // Triangles 2 and 3 share an edge, and so one of the new vertices.
+        // Triangles 2 and 3 share an edge, and thus one of the new vertices.
         assert_eq!(scene.vertices.len(), before.vertices.len() + 3 + 5);
         assert!(scene.check(true).is_ok());
     }

@@ -1,4 +1,4 @@
-//! Writes a scene as files that [`Scene::load`] reads back as the same scene, to the last bit.
+//! Writes a scene to files from which [`Scene::load`] restores it to the last bit.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::File;
@@ -15,7 +15,7 @@ struct SceneTable<'a> {
     mesh: Vec<MeshTable<'a>>,
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     material: BTreeMap<&'a str, MaterialTable>,
-    settings: AccuracyTable,
+    settings: SettingsTable,
 }
 
 #[derive(Serialize)]
@@ -24,7 +24,7 @@ struct MeshTable<'a> {
     path: String,
 }
 
-/// What MTL has no words for.
+/// Properties that MTL cannot express.
 #[derive(Serialize)]
 struct MaterialTable {
     diffuse: f64,
@@ -42,7 +42,7 @@ struct CameraTable {
 }
 
 #[derive(Serialize)]
-struct AccuracyTable {
+struct SettingsTable {
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -65,12 +65,12 @@ enum Bins {
 }
 
 impl Scene {
-    /// Writes `path`, a TOML scene file, and beside it its meshes as OBJ and its materials as one MTL, all named after
-    /// it. Numbers have all their digits: what [`Scene::load`] makes of the files has the same vertices, triangles,
-    /// meshes, materials, cameras and accuracy, but for the sign of zeros.
+    /// Writes `path`, a TOML scene file, and next to it the meshes as OBJ and the materials as one MTL, all named after it.
+    /// Numbers have all their digits: [`Scene::load`] restores the same vertices, triangles, meshes, materials, cameras and
+    /// settings, except for the sign of zeros.
     ///
-    /// Two things cannot be said in these files. A material name that MTL would read otherwise (with a line break, or a
-    /// `#` after a blank) has those characters replaced by `_`. Meshes that share vertices get copies of their own.
+    /// The formats impose two changes. Characters of a material name that MTL would misread (a line break, a `#` after a
+    /// blank) become `_`. Meshes that share vertices get copies of their own.
     pub fn save(&self, path: &Path) -> Result<(), OutputError> {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let stem = readable(&stem);
@@ -91,8 +91,8 @@ impl Scene {
         atomic_write(path, |file| file.write_all(text.map_err(Error::other)?.as_bytes()))
     }
 
-    /// Per mesh the vertices to write: runs that together are all vertices in their order, if the meshes lie in it one
-    /// after the other; else those that the mesh uses.
+    /// Per mesh, the vertices to write: consecutive runs that cover all vertices if the meshes use them in order, else those
+    /// that the mesh uses.
     fn vertex_runs(&self) -> Vec<Vec<u32>> {
         let used = |range: &std::ops::Range<u32>| {
             let triangles = &self.triangles[range.start as usize..range.end as usize];
@@ -119,7 +119,7 @@ impl Scene {
         runs
     }
 
-    /// Names of materials that an MTL file can hold, all different.
+    /// Distinct names of materials that an MTL file can represent.
     fn readable_names(&self) -> Vec<String> {
         let mut taken: HashSet<String> =
             self.materials.iter().map(|m| &m.name).filter(|name| readable(name) == **name).cloned().collect();
@@ -129,7 +129,7 @@ impl Scene {
                 return name;
             }
             let mut numbered = std::iter::once(name.clone()).chain((2u64..).map(|n| format!("{name}_{n}")));
-            // Some number is free.
+            // Some number is unused.
             numbered.find(|name| taken.insert(name.clone())).unwrap_or_default()
         };
         self.materials.iter().map(name).collect()
@@ -186,9 +186,9 @@ impl Scene {
                 Normalization::Energy => "energy",
             },
         };
-        // Settings that another program has changed count as stated, whether it said so or not.
+        // Settings that a program has changed count as stated, even if `choice` says that they are open.
         let usual = SolveSettings::default();
-        let (error, state_bins, state_subsample) = match self.choice {
+        let (error, state_bins, state_near_field) = match self.choice {
             Choice::Within(error) => (Some(error), false, false),
             Choice::Open { bins, near_field } => (
                 None,
@@ -200,14 +200,14 @@ impl Scene {
             BinLayout::EqualAngle { theta, phi } => ("equal_angle", Bins::Two([theta, phi])),
             BinLayout::Concentric { n } => ("concentric", Bins::One(n)),
         }]);
-        let settings = AccuracyTable {
+        let settings = SettingsTable {
             error,
             bins: state_bins.then_some(bins),
             weights: match self.settings.weights {
                 Weights::Bilinear => "bilinear",
                 Weights::Smoothstep => "smoothstep",
             },
-            near_field: state_subsample.then_some(self.settings.near_field),
+            near_field: state_near_field.then_some(self.settings.near_field),
             tolerance: error.is_none().then_some(self.settings.tolerance),
             max_passes: self.settings.max_passes,
             solver: match self.settings.solver {
@@ -223,7 +223,7 @@ impl Scene {
             settings,
         };
         let mut text = toml::to_string(&scene)?;
-        // One by one: the order of cameras means something, and maps have none.
+        // One by one: the order of cameras matters, and maps have none.
         for camera in &self.cameras {
             let table = CameraTable {
                 position: camera.position.into(),
@@ -241,7 +241,7 @@ impl Scene {
     }
 }
 
-/// A name as the line syntax of OBJ and MTL can hold it.
+/// A name in a form that the line syntax of OBJ and MTL can represent.
 fn readable(name: &str) -> String {
     let mut before = ' ';
     let mut readable: String = name

@@ -1,4 +1,4 @@
-//! The accuracy asked of a solve: bins, weights, near field, tolerance.
+//! Settings of a solve: bins, weights, near field, tolerance, solver, precision.
 
 use crate::options::setters;
 use std::fmt;
@@ -14,7 +14,7 @@ use super::SceneError;
 pub enum BinLayout {
     /// `theta` rows of equal polar angle times `phi` sectors of equal azimuth.
     EqualAngle {
-        /// Rows from the normal to the plane.
+        /// Rows from the normal to the horizon.
         theta: u32,
         /// Sectors around the normal.
         phi: u32,
@@ -35,7 +35,7 @@ impl BinLayout {
         }
     }
 
-    /// Says what is wrong with the numbers, if anything.
+    /// An error if a number is out of range.
     pub(super) fn validate(self) -> Result<(), String> {
         let within = |what: &str, number: u32, range: RangeInclusive<u32>| match range.contains(&number) {
             true => Ok(()),
@@ -85,40 +85,39 @@ impl FromStr for BinLayout {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Weights {
-    /// Linear in both bin coordinates: continuous.
+    /// Bilinear in the two bin coordinates: continuous.
     #[default]
     Bilinear,
     /// t²(3 - 2t) on the same four taps: continuously differentiable.
     Smoothstep,
 }
 
-/// Which solver to run.
+/// Which solver to use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SolverChoice {
-    /// GMRES where its basis fits the memory budget, else the fixed point.
+    /// GMRES where its basis fits the memory budget, else fixed-point iteration.
     #[default]
     Auto,
-    /// A bounce per pass.
+    /// Fixed-point iteration: one bounce per pass.
     FixedPoint,
     /// Restarted GMRES, with the longest basis that fits.
     Gmres,
 }
 
-/// The numbers of the device.
+/// Number format on the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Precision {
     /// Single precision: relative errors of about 1e-6 of irradiance.
     #[default]
     F32,
-    /// Single precision, but of sources far away radiance per bin is read in half the bits, with a relative error of up to
-    /// 2⁻⁸ a bin. A pass is faster where there are blockers, but for tolerances below 1e-3 GMRES may need more
-    /// passes. Scenes without colour, close pairs and gradients take f32.
+    /// Single precision, but radiance per bin of far sources is read as bfloat16, with a relative error of up to 2⁻⁸ per
+    /// bin. Passes are faster where there are blockers, but for tolerances below 1e-3 GMRES may need more of them. Scenes
+    /// without colour, close pairs and gradients use f32.
     #[serde(alias = "packed")]
     HalfBins,
-    /// Double precision, for validation: needs a device with `shaderFloat64`, twice the memory, and several times the
-    /// time.
+    /// Double precision, for validation: needs a device with `shaderFloat64`, twice the memory and several times the time.
     F64,
 }
 
@@ -148,19 +147,19 @@ impl fmt::Display for Precision {
 pub struct SolveSettings {
     /// How the hemisphere is split.
     pub bins: BinLayout,
-    /// How T_b falls from one bin to the next.
+    /// Shape of the interpolation weights T_b.
     pub weights: Weights,
     /// Pairs with r² < `near_field` · (s_i + s_j) / 2 are integrated over sub-triangles, s = Σl²/(4√3) being the
     /// area of the equilateral triangle with the same sum of squared edges. 0 switches the near field off.
     pub near_field: f64,
-    /// Relative residual of the irradiance, area-weighted, at which the solve stops: a bound of that of the
-    /// radiosity that sees black surfaces too.
+    /// Relative area-weighted residual of irradiance at which the solve stops. It bounds that of radiosity and, unlike it,
+    /// includes black surfaces.
     pub tolerance: f64,
-    /// Passes (applications of the transport) after which the solve gives up.
+    /// Passes (applications of U) after which the solve gives up.
     pub max_passes: u32,
-    /// Which solver, or that the plan may choose.
+    /// Which solver, or that the plan chooses it.
     pub solver: SolverChoice,
-    /// Of the numbers on the device.
+    /// Number format on the device.
     pub precision: Precision,
 }
 
@@ -174,34 +173,34 @@ setters!(SolveSettings {
     precision: Precision,
 });
 
-/// What of a scene's [`SolveSettings`] is left to be chosen for it.
+/// Which of a scene's [`SolveSettings`] are left to be chosen for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Choice {
-    /// The bins, the range of the near field, or neither: what is open has its usual value, and another may suit the scene
-    /// better ([`crate::target_error::usual_settings`]).
+    /// Bins, range of the near field, or neither. Open settings have their default value; another may suit the scene better
+    /// ([`crate::target_error::usual_settings`]).
     Open {
         /// Whether the bins are open.
         bins: bool,
         /// Whether the range of the near field is open.
         near_field: bool,
     },
-    /// Bins, near field, mesh and tolerance, such that the relative L2 error of irradiance and of pictures is about this at most
+    /// Bins, near field, mesh and tolerance are chosen for this target error, relative L2, of irradiance and pictures
     /// ([`crate::target_error::solve_within`]).
     Within(f64),
 }
 
 impl Default for Choice {
-    /// Nobody has said anything.
+    /// Everything is open.
     fn default() -> Self {
         Self::Open { bins: true, near_field: true }
     }
 }
 
 impl Choice {
-    /// All is stated.
+    /// Nothing is open.
     pub const STATED: Self = Self::Open { bins: false, near_field: false };
 
-    /// Says what is wrong with the error asked, if anything.
+    /// An error if the target error is out of range.
     pub fn check(self) -> Result<(), SceneError> {
         match self {
             Self::Within(error) if !(error > 0.0 && error < 1.0) => Err(SceneError::SolveSettings {
@@ -213,7 +212,7 @@ impl Choice {
 }
 
 impl SolveSettings {
-    /// Says what is wrong with the numbers, if anything.
+    /// An error if a number is out of range.
     pub fn check(&self) -> Result<(), SceneError> {
         self.validate().map_err(|message| SceneError::SolveSettings { message })
     }

@@ -23,19 +23,19 @@ pub enum Shape {
         #[serde(default = "one")]
         cells: u32,
     },
-    /// The unit cube [0, 1]³ seen from outside, `cells` x `cells` squares a side.
+    /// The unit cube [0, 1]³ facing outwards, `cells` x `cells` squares per side.
     Box {
         /// Squares along a side.
         #[serde(default = "one")]
         cells: u32,
     },
-    /// The same with whole sides: two sides of `cells` x `cells` squares, y = 0 and y = 1, and four of `cells` x 1. For plates.
+    /// The same for thin plates: `cells` x `cells` squares on the sides y = 0 and y = 1, `cells` x 1 on the other four.
     Slab {
         /// Squares along a side.
         #[serde(default = "one")]
         cells: u32,
     },
-    /// The unit cube [0, 1]³ seen from inside, `cells` x `cells` squares a side.
+    /// The unit cube [0, 1]³ facing inwards, `cells` x `cells` squares per side.
     Room {
         /// Squares along a side.
         #[serde(default = "one")]
@@ -43,7 +43,7 @@ pub enum Shape {
     },
     /// The unit sphere about the origin: 20·4^`level` triangles, facing out, or in with `inward`.
     Icosphere {
-        /// How often each triangle is cut into four.
+        /// How many times each triangle is cut into four.
         level: u32,
         /// Whether the fronts face the centre.
         #[serde(default)]
@@ -51,7 +51,7 @@ pub enum Shape {
     },
     /// A closed standing figure about 1.8 m high on y = 0, facing +z, of `triangles` triangles (to 1 %).
     Statue {
-        /// How many, to 1 %.
+        /// Number of triangles, to 1 %.
         triangles: u32,
     },
 }
@@ -61,7 +61,7 @@ fn one() -> u32 {
 }
 
 impl Shape {
-    /// The word for the shape in a scene file.
+    /// The shape's `kind` in a scene file.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Quad { .. } => "quad",
@@ -73,7 +73,7 @@ impl Shape {
         }
     }
 
-    /// Vertices in metres, and faces counter-clockwise seen from their front. Numbers out of range are clamped.
+    /// Vertices in metres, and faces counter-clockwise seen from their front. Resolutions out of range are clamped.
     pub fn mesh(&self) -> (Vec<DVec3>, Vec<[u32; 3]>) {
         let (_, number, range) = self.resolution();
         let number = number.clamp(*range.start(), *range.end());
@@ -87,7 +87,7 @@ impl Shape {
         }
     }
 
-    /// Says what is wrong with the numbers, if anything.
+    /// An error if the resolution is out of range.
     pub(super) fn validate(&self) -> Result<(), String> {
         let (name, number, range) = self.resolution();
         if range.contains(&number) {
@@ -101,7 +101,7 @@ impl Shape {
         ))
     }
 
-    /// The number that sets how fine the shape is: its name, value and range.
+    /// The number that sets the shape's resolution: its name, value and range.
     fn resolution(&self) -> (&'static str, u32, RangeInclusive<u32>) {
         match *self {
             Self::Quad { cells } | Self::Box { cells } | Self::Slab { cells } | Self::Room { cells } => {
@@ -119,7 +119,7 @@ fn quad(cells: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     grid.finish(DVec3::splat(1.0 / f64::from(cells)))
 }
 
-/// The unit cube of so many cells along x, y and z.
+/// The unit cube with the given numbers of cells along x, y and z.
 fn cube([nx, ny, nz]: [u32; 3], inward: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let mut grid = Grid::default();
     // (i, j) with i x j pointing out of the cube.
@@ -172,15 +172,15 @@ impl Grid {
     }
 }
 
-/// Not of the crate `hexasphere`: its positions are f32, which `icospheres_are_closed_and_turned_right` refuses, and its
-/// triangles come in another order than those of the reference data.
+/// Not from the crate `hexasphere`: its positions are f32, too inexact for `icospheres_are_closed_and_turned_right`, and
+/// its triangles are ordered otherwise than in the reference data.
 fn icosphere(level: u32, inward: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let golden = (1.0 + 5f64.sqrt()) / 2.0;
     let mut vertices = Vec::with_capacity(10 * 4usize.pow(level) + 2);
     for (a, b) in [(-1.0, golden), (1.0, golden), (-1.0, -golden), (1.0, -golden)] {
         vertices.extend([DVec3::new(a, b, 0.0), DVec3::new(0.0, a, b), DVec3::new(b, 0.0, a)]);
     }
-    // Faces are the triples of neighbours; the edges of this icosahedron are 2 long.
+    // Faces are the triples of mutual neighbours; the edges of this icosahedron have length 2.
     let near = |a: u32, b: u32| (vertices[a as usize] - vertices[b as usize]).length() < 2.1;
     let mut faces = Vec::with_capacity(20);
     for a in 0..12 {
@@ -193,7 +193,7 @@ fn icosphere(level: u32, inward: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     }
     for _ in 0..level {
         faces = subdivide(&mut vertices, &faces);
-        // At every level, not only the last: it keeps the triangles more even.
+        // Normalised at every level, not only the last, which keeps the triangles more uniform.
         vertices.iter_mut().for_each(|v| *v = v.normalize_or_zero());
     }
     vertices.iter_mut().for_each(|v| *v = v.normalize_or_zero());
@@ -217,7 +217,7 @@ mod tests {
         faces.iter().map(signed).sum()
     }
 
-    /// Every directed edge once, and its opposite once.
+    /// Every directed edge occurs once, and so does its opposite.
     fn assert_closed(faces: &[[u32; 3]]) {
         let mut edges = HashSet::new();
         for &[a, b, c] in faces {
@@ -265,11 +265,11 @@ mod tests {
     }
 
     #[test]
-    fn statues_have_the_triangles_asked_for_and_stand_on_the_floor() {
-        for wanted in [500, 777, 1234, 10_000, 65_537, 500_000] {
-            let (vertices, faces) = Shape::Statue { triangles: wanted }.mesh();
+    fn statues_have_the_requested_triangles_and_stand_on_the_floor() {
+        for count in [500, 777, 1234, 10_000, 65_537, 500_000] {
+            let (vertices, faces) = Shape::Statue { triangles: count }.mesh();
             let got = faces.len() as f64;
-            assert!((got / f64::from(wanted) - 1.0).abs() < 0.01, "{got} for {wanted}");
+            assert!((got / f64::from(count) - 1.0).abs() < 0.01, "{got} for {count}");
             assert_closed(&faces);
             assert!(volume(&vertices, &faces) > 0.2, "{}", volume(&vertices, &faces));
             let (low, high) =
@@ -280,8 +280,8 @@ mod tests {
 
     #[test]
     fn statue_triangles_are_even_and_well_shaped() {
-        for wanted in [500, 10_000, 100_000] {
-            let (vertices, faces) = Shape::Statue { triangles: wanted }.mesh();
+        for count in [500, 10_000, 100_000] {
+            let (vertices, faces) = Shape::Statue { triangles: count }.mesh();
             let corners = || faces.iter().map(|face| face.map(|v| vertices[v as usize]));
             let ratio = |[a, b, c]: [DVec3; 3]| {
                 let lengths = [a.distance(b), b.distance(c), c.distance(a)];
@@ -292,7 +292,7 @@ mod tests {
             let slender = corners().filter(|&t| ratio(t) > 4.0).count() as f64 / faces.len() as f64;
             let uneven = corners().filter(|&t| !(0.25..4.0).contains(&(area(t) / mean))).count() as f64
                 / faces.len() as f64;
-            assert!(slender < 0.02 && uneven < 0.05, "{wanted}: {slender} slender, {uneven} uneven");
+            assert!(slender < 0.02 && uneven < 0.05, "{count}: {slender} slender, {uneven} uneven");
         }
     }
 }

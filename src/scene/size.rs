@@ -1,4 +1,4 @@
-//! How large a scene may be, and how small its triangles beside it.
+//! Limits on the size of a scene and on that of its triangles relative to it.
 
 use std::ops::RangeInclusive;
 
@@ -6,14 +6,14 @@ use glam::DVec3;
 
 use super::{Scene, SceneError};
 
-/// Metres. Beyond it, squares of areas leave the range of f64, and with them normals and what they decide.
+/// Metres. Beyond this range squares of areas, and with them normals, overflow or underflow in f64.
 pub(super) const SIZES: RangeInclusive<f64> = 1e-60..=1e60;
-/// Corners nearer to a plane than about this share of the scene count as lying in it, so that triangles of this size see
-/// nothing of each other.
+/// Corners closer to a plane than about this fraction of the scene's size count as lying in it, so that triangles of this
+/// size exchange no light.
 const LEAST: f64 = 1e-6;
 
 impl Scene {
-    /// Checks the sizes of scene and triangles; expects to know which ones have no area.
+    /// Checks the sizes of scene and triangles. Requires `degenerate` to be up to date.
     pub(super) fn check_size(&mut self) -> Result<(), SceneError> {
         let corners: Vec<DVec3> = (0..self.triangles.len()).flat_map(|t| self.corners(t)).collect();
         let (low, high) = corners
@@ -34,8 +34,8 @@ impl Scene {
         }
         if let Some(&first) = small.first() {
             self.warn(format!(
-                "{} triangle(s) are smaller than {LEAST:.0e} of the scene, which measures {size:.3e} m: \
-                 they exchange no light with their neighbours; the first is triangle {first} of mesh \"{}\".",
+                "{} triangle(s) are smaller than {LEAST:.0e} of the scene, which measures {size:.3e} m, \
+                 and exchange no light with their neighbours; the first is triangle {first} of mesh \"{}\".",
                 small.len(),
                 self.mesh_name(first)
             ));
@@ -43,7 +43,7 @@ impl Scene {
         Ok(())
     }
 
-    /// The corner farthest from where most are.
+    /// The error for the corner farthest from the median of all corners.
     fn outlier(&self, corners: &[DVec3], size: f64) -> SceneError {
         let median = DVec3::from([0, 1, 2].map(|axis| {
             let mut along: Vec<f64> = corners.iter().map(|corner| corner[axis]).collect();

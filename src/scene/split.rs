@@ -1,15 +1,15 @@
-//! Materials of their own for parts of a scene that share one.
+//! Splits materials, so that parts of a scene that share one can change separately.
 
 use std::collections::{HashMap, HashSet};
 
 use super::{Material, Scene};
 
 impl Scene {
-    /// Gives triangles that share a material but not a label a material each, which can then be changed alone.
+    /// Gives triangles that share a material but differ in label separate copies of it.
     ///
-    /// `labels`: one per triangle, in the scene's order; none beyond its end. A material all of whose triangles have
-    /// one label keeps its name; the others become `NAME.1`, `NAME.2` … in the order in which the triangles need them,
-    /// in the place of the old one. Triangles look as they did.
+    /// `labels`: one per triangle, in the scene's order; triangles beyond its end have none. A material whose triangles all
+    /// have one label keeps its name; the others become `NAME.1`, `NAME.2` …, in order of appearance, in place of the old
+    /// one. The appearance of triangles does not change.
     pub fn split_materials(&mut self, labels: &[u64]) {
         // Per material, its labels in order of appearance.
         let mut parts: Vec<Vec<u64>> = vec![Vec::new(); self.materials.len()];
@@ -50,8 +50,8 @@ impl Scene {
         }
     }
 
-    /// The same scene with an emission for each triangle, RGB, W/(m² sr), in the scene's order; triangles beyond its end keep
-    /// theirs. Each triangle has a material of its own then, of the old name.
+    /// The same scene with an emission per triangle, RGB, W/(m² sr), in the scene's order; triangles beyond its end keep
+    /// theirs. Each triangle then has a material of its own, with the old name.
     pub fn with_emission(&self, emission: &[[f64; 3]]) -> Self {
         let own = |i: usize| {
             let old = self.material(i);

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::error::{Place, SceneError};
 
-/// One statement: a keyword and what follows it.
+/// One statement: a keyword and its arguments.
 pub(super) struct Statement<'a> {
     /// Line of the keyword, from 1.
     pub line: usize,
@@ -17,7 +17,7 @@ impl Statement<'_> {
         self.text.split_whitespace().next().unwrap_or_default()
     }
 
-    /// All after the keyword, without surrounding blanks: names may hold blanks.
+    /// Everything after the keyword, without surrounding blanks: names may contain blanks.
     pub fn rest(&self) -> &str {
         self.text[self.keyword().len()..].trim()
     }
@@ -51,7 +51,7 @@ pub(super) fn statements(text: &str) -> impl Iterator<Item = Statement<'_>> {
     })
 }
 
-/// A `#` opens a comment only after a blank: material names may hold one.
+/// A `#` starts a comment only after a blank: material names may contain one.
 fn uncommented(line: &str) -> &str {
     let mut before = ' ';
     for (at, c) in line.char_indices() {

@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec2, DVec3};
 
-/// Radius and height of the outline, metres, from the middle of the base over robe, shoulders and neck to the crown.
+/// Radius and height of the outline, m, from the centre of the base via robe, shoulders and neck to the crown.
 const OUTLINE: [[f64; 2]; 17] = [
     [0.0, 0.0],
     [0.18, 0.0],
@@ -24,16 +24,16 @@ const OUTLINE: [[f64; 2]; 17] = [
     [0.05, 1.792],
     [0.0, 1.8],
 ];
-/// Samples along the outline and around a ring, from which lengths are measured.
+/// Samples along the outline and around a ring, for measuring lengths.
 const ALONG: usize = 4096;
 const AROUND: usize = 192;
 
-/// Rings of vertices around the figure, as far apart as their vertices are, joined by strips of triangles.
+/// Rings of vertices around the figure, spaced like the vertices within them and joined by strips of triangles.
 ///
-/// A strip between rings of n and m vertices has n + m triangles, a cap over a ring of n has n: so the triangles are
-/// twice the vertices of all rings, and any number can be had.
+/// A strip between rings of n and m vertices has n + m triangles, a cap over a ring of n has n: the number of triangles is
+/// twice that of the rings' vertices, so that any even number is possible.
 pub(super) fn mesh(triangles: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
-    let wanted = f64::from(triangles);
+    let target = f64::from(triangles);
     let lengths = outline_lengths();
     let total = lengths[ALONG];
     let at = |share: f64| outline_at(&lengths, share * total);
@@ -43,23 +43,23 @@ pub(super) fn mesh(triangles: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let area: f64 = (0..samples)
         .map(|i| perimeter(at((f64::from(i) + 0.5) / f64::from(samples))) * total / f64::from(samples))
         .sum();
-    let edge = (4.0 * area / (3f64.sqrt() * wanted)).sqrt();
+    let edge = (4.0 * area / (3f64.sqrt() * target)).sqrt();
     let rings = (total / (edge * 3f64.sqrt() / 2.0)).round().max(3.0) as usize - 1;
     let places: Vec<f64> = (1..=rings).map(|ring| at(ring as f64 / (rings + 1) as f64)).collect();
     let perimeters: Vec<f64> = places.iter().map(|&place| perimeter(place)).collect();
-    let per_metre = wanted / 2.0 / perimeters.iter().sum::<f64>();
+    let per_metre = target / 2.0 / perimeters.iter().sum::<f64>();
 
     let mut vertices = vec![point(0.0, 0.0)];
     let mut faces = Vec::with_capacity(triangles as usize + 8);
     let mut below = Ring { first: 0, count: 1, shift: 0.0 };
-    // Rounded sums rather than sums of rounded counts: the total comes out right.
+    // Rounds the running sums, not the counts, so that the total is right.
     let mut exact = 0.0;
     let mut placed = 0;
     for (index, (&place, &length)) in places.iter().zip(&perimeters).enumerate() {
         exact += length * per_metre;
         let count = (exact.round() as u32).saturating_sub(placed).max(4);
         placed += count;
-        // Every other ring is turned by half an edge, for triangles rather than halves of squares.
+        // Every other ring is offset by half an edge, for equilateral triangles rather than halves of squares.
         let shift = (index % 2) as f64 / 2.0;
         let ring = Ring { first: vertices.len() as u32, count, shift };
         vertices.extend(evenly_around(place, count, shift));
@@ -72,7 +72,7 @@ pub(super) fn mesh(triangles: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     (vertices, faces)
 }
 
-/// `count` vertices from `first`, the i-th at the share (i + shift) / count of the way around; one is a pole.
+/// `count` vertices from `first`, the i-th at the fraction (i + shift) / count of the circumference; a single one is a pole.
 struct Ring {
     first: u32,
     count: u32,
@@ -94,7 +94,7 @@ impl Ring {
     }
 }
 
-/// The strip between two rings, facing out, `above` being further along the outline.
+/// The strip between two rings, facing outwards; `above` is further along the outline.
 fn join(below: &Ring, above: &Ring, faces: &mut Vec<[u32; 3]>) {
     let (mut i, mut j) = (0, 0);
     while i < below.edges() || j < above.edges() {
@@ -132,7 +132,8 @@ fn point(place: f64, angle: f64) -> DVec3 {
     DVec3::new(radius * breadth * angle.cos(), height, radius * depth * angle.sin() + forward)
 }
 
-/// Cubic interpolation of values at 0, 1, 2 … that overshoots nowhere (Fritsch and Carlson): the base stays flat.
+/// Monotone cubic interpolation of values at 0, 1, 2 … (Fritsch and Carlson 1980): without overshoot,
+/// the base stays flat.
 fn monotone_spline(place: f64, value: impl Fn(usize) -> f64) -> f64 {
     let last = OUTLINE.len() - 1;
     let i = (place.max(0.0) as usize).min(last - 1);
@@ -153,7 +154,7 @@ fn monotone_spline(place: f64, value: impl Fn(usize) -> f64) -> f64 {
         + slope(i + 1) * (t3 - t2)
 }
 
-/// Length of the outline up to each of its samples, the mean over directions.
+/// Length of the outline up to each of its samples, averaged over directions.
 fn outline_lengths() -> Vec<f64> {
     const DIRECTIONS: usize = 16;
     let place = |i: usize| (OUTLINE.len() - 1) as f64 * i as f64 / ALONG as f64;
@@ -169,7 +170,7 @@ fn outline_lengths() -> Vec<f64> {
     lengths
 }
 
-/// The place along the outline at a length.
+/// The position along the outline at a length.
 fn outline_at(lengths: &[f64], length: f64) -> f64 {
     (OUTLINE.len() - 1) as f64 * invert(lengths, length) / ALONG as f64
 }

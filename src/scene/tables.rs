@@ -1,4 +1,4 @@
-//! The tables of a scene file, as TOML gives them, and what they say. Their keys and types are checked here.
+//! The tables of a scene file as deserialised from TOML, with their keys and types checked.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -15,7 +15,7 @@ use super::{
     Weights,
 };
 
-/// Named tables; the span of the name says where it stands in the file.
+/// Named tables; the span of a name is its position in the file.
 pub(crate) type Named<T> = BTreeMap<Spanned<String>, T>;
 
 #[derive(Deserialize)]
@@ -58,7 +58,7 @@ pub(super) struct MaterialTable {
 }
 
 impl MaterialTable {
-    /// Sets what the table says; the rest stays.
+    /// Sets the properties that the table gives; others keep their values.
     pub fn apply(&self, material: &mut Material) {
         material.diffuse = self.diffuse.unwrap_or(material.diffuse);
         material.albedo = self.albedo.map_or(material.albedo, |t| t.0);
@@ -89,7 +89,7 @@ fn upwards() -> DVec3 {
 }
 
 impl CameraTable {
-    /// The camera, its field of view made horizontal.
+    /// The camera, with its field of view converted to horizontal.
     pub fn camera(&self, name: String, place: Place) -> Result<Camera, SceneError> {
         let fov_x_degrees = match (self.fov_x_degrees, self.fov_y_degrees) {
             (Some(x), None) => x,
@@ -101,7 +101,7 @@ impl CameraTable {
                 let height = self.height;
                 return Err(place.error(format!(
                     "camera \"{name}\": fov_y_degrees is {y} and height {height}; \
-                 they must lie between 0 and 180, and above 0"
+                 the first must lie between 0 and 180, the second above 0"
                 )));
             }
             (Some(_), Some(_)) | (None, None) => {
@@ -137,7 +137,7 @@ pub(super) struct SettingsTable {
 }
 
 impl SettingsTable {
-    /// The settings, defaults where the table says nothing.
+    /// The settings, with defaults for missing keys.
     pub fn settings(&self) -> SolveSettings {
         let default = SolveSettings::default();
         SolveSettings {
@@ -153,7 +153,7 @@ impl SettingsTable {
 }
 
 impl SettingsTable {
-    /// What is left open. An error and what would be found for it do not go together.
+    /// Which settings are left open. A target error excludes the settings that are chosen for it.
     pub fn choice(&self) -> Result<Choice, String> {
         let stated = [
             ("bins", self.bins.is_some()),
@@ -162,8 +162,8 @@ impl SettingsTable {
         ];
         match (self.error, stated.iter().find(|(_, stated)| *stated)) {
             (Some(_), Some((name, _))) => Err(format!(
-                "`error` and `{name}` cannot both be given: bins, near_field and tolerance are found for the error; leave \
-                 one of the two out"
+                "`error` and `{name}` cannot both be given: bins, near_field and tolerance are chosen for the error; \
+                 remove one of the two"
             )),
             (Some(error), None) => Ok(Choice::Within(error)),
             (None, _) => {
@@ -243,7 +243,7 @@ impl<'de> Visitor<'de> for TripleVisitor {
     }
 }
 
-/// Named tables as they stand in the file.
+/// Named tables in file order.
 pub(crate) fn in_file_order<T>(tables: &Named<T>) -> Vec<(&Spanned<String>, &T)> {
     let mut ordered: Vec<_> = tables.iter().collect();
     ordered.sort_by_key(|(name, _)| name.span().start);

@@ -1,4 +1,4 @@
-//! A TOML file as text, to tell lines of: what scene files and job files share.
+//! A TOML file with its text, for errors that name lines: shared by scene files and job files.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 
 use super::error::{Place, SceneError, nearest};
 
-/// A TOML file that was read.
+/// The text of a TOML file.
 pub(crate) struct TomlFile<'a> {
     pub path: &'a Path,
     pub text: String,
@@ -21,7 +21,7 @@ impl<'a> TomlFile<'a> {
         }
     }
 
-    /// What the file says. An unknown key is an error that names the nearest known one.
+    /// Deserialises the file. An unknown key is an error that names the closest known one.
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, SceneError> {
         toml::from_str(&self.text).map_err(|error: toml::de::Error| {
             self.place(error.span().unwrap_or(0..0)).error(one_line(error.message()))
@@ -34,16 +34,16 @@ impl<'a> TomlFile<'a> {
         Place { path: self.path, line }
     }
 
-    /// Paths in a file are relative to it.
+    /// Resolves a path relative to the file.
     pub fn beside(&self, path: &Path) -> PathBuf {
         self.path.parent().unwrap_or(Path::new("")).join(path)
     }
 }
 
-/// The parser's message on one line, with the nearest known word where one is unknown.
+/// The parser's message on one line, with the closest known word for an unknown one.
 ///
-/// serde lists the known words only in its message, "unknown field `a`, expected one of `b`, `c`". A message of another
-/// form goes through as it is.
+/// serde lists the known words only in its message, "unknown field `a`, expected one of `b`, `c`". A message in another
+/// form is left unchanged.
 fn one_line(message: &str) -> String {
     let message = message.lines().map(str::trim).collect::<Vec<_>>().join(", ");
     let mut quoted = message.split('`').skip(1).step_by(2);

@@ -1,12 +1,12 @@
-//! Cuts the polygons of a mesh file into triangles.
+//! Triangulates the polygons of a mesh file.
 
 use earcut::Earcut;
 use glam::{DVec2, DVec3};
 
-/// Triangles of a polygon with three corners or more, as indices into `corners`, wound like it.
+/// Triangles of a polygon with three corners or more, as indices into `corners`, with its winding.
 ///
-/// Convex polygons become a fan from the first corner. Concave ones are cut ear by ear, which leaves out corners that
-/// coincide. What has no ear (corners that are all on a line, or cross) becomes a fan too: no triangulation of it is right.
+/// Convex polygons become a fan from the first corner. Concave ones are triangulated by ear clipping, which omits
+/// coincident corners. Polygons without ears (collinear or self-intersecting) become a fan too: no triangulation is right.
 pub(super) fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
     let ears = if corners.len() > 3 { ears(&project(corners)) } else { Vec::new() };
     match ears.is_empty() {
@@ -26,10 +26,10 @@ fn ears(flat: &[DVec2]) -> Vec<usize> {
     ears
 }
 
-/// The polygon in its own plane, counter-clockwise. The normal is Newell's, which also suits polygons that bend a bit.
+/// The polygon projected to its plane, counter-clockwise. Newell's normal also suits slightly non-planar polygons.
 fn project(corners: &[DVec3]) -> Vec<DVec2> {
-    // Relative to the first corner, lest a scene far from the origin loses digits, and in units of its size, lest areas
-    // leave the range of f64.
+    // Relative to the first corner, to keep digits far from the origin, and in units of the polygon's size, to keep areas
+    // within the range of f64.
     let relative: Vec<DVec3> = corners.iter().map(|&c| c - corners[0]).collect();
     let size = relative.iter().map(|r| r.abs().max_element()).fold(f64::MIN_POSITIVE, f64::max);
     let relative: Vec<DVec3> = relative.into_iter().map(|r| r / size).collect();
@@ -87,7 +87,7 @@ mod tests {
         assert_eq!(triangulate(&point).len(), 3);
         let bow_tie = polygon(&[[0., 0.], [1., 1.], [1., 0.], [0., 1.]]);
         assert!(!triangulate(&bow_tie).is_empty());
-        // An edge that is longer than f64 can tell.
+        // An edge whose length overflows.
         let endless = polygon(&[[-1., 0.], [0., -0.5], [1., 0.], [0., -1.]])
             .iter()
             .map(|&c| c * 1.7e308)
@@ -111,7 +111,7 @@ mod tests {
         }
     }
 
-    /// Two corners that coincide, and a hole that a seam joins with the outline.
+    /// Two coincident corners, and a hole joined to the outline by a seam.
     #[test]
     fn corners_may_touch() {
         let twice = polygon(&[[0., 0.], [2., 0.], [2., 0.], [2., 2.], [1., 1.], [0., 2.]]);

@@ -275,13 +275,13 @@ fn settings_for_a_target_error() {
         &["step 1", "estimated error", "of picture main", "of picture side", "50.00 % requested: kept"],
     );
     let report = folder.json("out/report.json");
-    let (refinement, triangles) = (&report["climb"], rows(&folder, "out/irradiance.npy").len());
+    let (refinement, triangles) = (&report["refinement"], rows(&folder, "out/irradiance.npy").len());
     assert_eq!((&refinement["met"], &refinement["error"]), (&true.into(), &0.5.into()));
     assert_eq!(refinement["steps"][0]["triangles"], triangles);
     let rough = refinement["steps"][0]["estimate"]["total"].as_f64().expect("an estimate");
 
     clean_render(&folder, "room.toml --target-error 0.005");
-    let refinement = &folder.json("out/report.json")["climb"];
+    let refinement = &folder.json("out/report.json")["refinement"];
     let last = refinement["steps"].as_array().and_then(|steps| steps.last()).expect("a step").clone();
     println!("{last}");
     assert!(last["triangles"].as_u64() > Some(triangles as u64), "it cuts them");
@@ -291,7 +291,7 @@ fn settings_for_a_target_error() {
     // Stated settings override the scene's target error.
     clean_render(&folder, "room.toml --bins 6x8");
     let report = folder.json("out/report.json");
-    assert!(report["climb"].is_null());
+    assert!(report["refinement"].is_null());
     assert_eq!(report["plan"]["bins"], "6x8");
 }
 
@@ -309,12 +309,12 @@ fn a_target_error_in_little_memory() {
     clean_render(&folder, render);
     let plenty = folder.json("out/report.json");
     let (irradiance, picture) = (folder.read("out/irradiance.npy"), folder.read("out/main.exr"));
-    assert_eq!(plenty["climb"]["steps"].as_array().map(Vec::len), Some(1), "{plenty}");
+    assert_eq!(plenty["refinement"]["steps"].as_array().map(Vec::len), Some(1), "{plenty}");
     let budget = plenty["plan"]["memory_total"].as_u64().expect("bytes");
     clean_render(&folder, &format!("{render} --memory-budget {budget}B"));
     let little = folder.json("out/report.json");
     assert!(little["memory"]["peak"].as_u64() <= Some(budget));
-    assert_eq!(little["climb"]["met"], plenty["climb"]["met"]);
+    assert_eq!(little["refinement"]["met"], plenty["refinement"]["met"]);
     assert!(folder.read("out/irradiance.npy") == irradiance && folder.read("out/main.exr") == picture);
 }
 

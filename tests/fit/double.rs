@@ -1,4 +1,4 @@
-//! A renderer without light transport: one pixel a triangle, of a formula with all the parameters in it.
+//! A renderer without light transport: one pixel per triangle, from a formula with all parameters.
 
 use antirad::fit::{CostEstimate, RenderError, Renderer, SceneGradient, Target};
 use antirad::plan::GradientRequest;
@@ -6,7 +6,7 @@ use antirad::scene::{Camera, Scene};
 use glam::DVec3;
 use std::f64::consts::PI;
 
-/// What a triangle's place does to what arrives at it.
+/// A factor of a triangle's incident light that depends on its position.
 const SLOPE: DVec3 = DVec3::new(0.1, -0.2, 0.15);
 
 #[derive(Default)]
@@ -14,9 +14,9 @@ pub struct Double {
     pub pictures: u64,
     /// Interrupts at this call of `pictures`, counted from 1.
     pub interrupt_at: Option<u64>,
-    /// Albedos above this have no answer.
+    /// Scenes with albedos above this have no solution.
     pub limit: Option<f64>,
-    /// Gives no derivatives.
+    /// Whether derivatives are unavailable.
     pub without_derivatives: bool,
     pub views: usize,
     pub latest: Option<Scene>,
@@ -32,7 +32,7 @@ impl Double {
         Camera { name: name.to_owned(), width: size, height: 1, ..Camera::framing(&scene.vertices) }
     }
 
-    /// Targets that show a scene as it is.
+    /// Targets rendered from a scene.
     pub fn targets(scene: &Scene, views: usize) -> Vec<Target> {
         let pictures = Self::new(views).pictures(scene).expect("pictures");
         let target = |(k, pixels): (usize, Vec<DVec3>)| {
@@ -43,7 +43,7 @@ impl Double {
     }
 }
 
-/// How much of what s emits arrives at t.
+/// Transport from s to t.
 fn share(t: usize, s: usize) -> f64 {
     0.3 / (1.0 + (t as f64 - s as f64).powi(2) / 50.0)
 }
@@ -57,7 +57,7 @@ fn emitted(scene: &Scene, t: usize) -> DVec3 {
     (0..scene.triangles.len()).map(|s| share(t, s) * DVec3::from(scene.material(s).emission)).sum()
 }
 
-/// Views differ by how much of the light they see directly.
+/// Views differ in the weight of emitted light.
 fn direct(view: usize) -> f64 {
     1.0 / (1.0 + view as f64)
 }
@@ -78,13 +78,13 @@ impl Renderer for Double {
             return Err(RenderError::NoAnswer(String::from("too bright")));
         }
         self.latest = Some(scene.clone());
-        let arrives: Vec<DVec3> =
+        let incident: Vec<DVec3> =
             (0..scene.triangles.len()).map(|t| place(scene, t) * emitted(scene, t)).collect();
         let pixel = |view: usize, t: usize| {
             let m = scene.material(t);
             let reflected = DVec3::from(m.diffuse_albedo()) / PI
                 + 0.2 * m.specular_normalization() * DVec3::from(m.specular);
-            direct(view) * DVec3::from(m.emission) + reflected * arrives[t]
+            direct(view) * DVec3::from(m.emission) + reflected * incident[t]
         };
         Ok((0..self.views).map(|v| (0..scene.triangles.len()).map(|t| pixel(v, t)).collect()).collect())
     }
@@ -92,22 +92,22 @@ impl Renderer for Double {
     fn pull_back(
         &mut self,
         by_pixels: &[Vec<DVec3>],
-        wanted: GradientRequest,
+        request: GradientRequest,
     ) -> Result<Option<SceneGradient>, RenderError> {
         if self.without_derivatives {
             return Ok(None);
         }
         let scene = self.latest.as_ref().expect("pictures come first");
         let n = scene.triangles.len();
-        let mut gradient = SceneGradient::zeros(scene, wanted);
+        let mut gradient = SceneGradient::zeros(scene, request);
         let mut by_emission = vec![DVec3::ZERO; n];
         for t in 0..n {
             let m = scene.material(t);
             let by_pixel: DVec3 = by_pixels.iter().map(|view| view[t]).sum();
-            let arrives = place(scene, t) * emitted(scene, t);
+            let incident = place(scene, t) * emitted(scene, t);
             let (rho, sigma) = (DVec3::from(m.albedo), DVec3::from(m.specular));
             let lobe = 0.2 * m.specular_normalization();
-            let by_reflected = by_pixel * arrives;
+            let by_reflected = by_pixel * incident;
             if let Some(by) = &mut gradient.albedo {
                 by[t] += m.diffuse / PI * by_reflected;
             }
@@ -120,15 +120,15 @@ impl Renderer for Double {
             if let Some(by) = &mut gradient.power {
                 by[t] += 0.2 * m.specular_normalization_derivative() * sigma.dot(by_reflected);
             }
-            let by_arrives = by_pixel * (m.diffuse * rho / PI + lobe * sigma);
+            let by_incident = by_pixel * (m.diffuse * rho / PI + lobe * sigma);
             for (s, by) in by_emission.iter_mut().enumerate() {
-                *by += place(scene, t) * share(t, s) * by_arrives;
+                *by += place(scene, t) * share(t, s) * by_incident;
             }
             for (view, pixels) in by_pixels.iter().enumerate() {
                 by_emission[t] += direct(view) * pixels[t];
             }
             if let Some(by) = &mut gradient.positions {
-                let by_place = by_arrives.dot(emitted(scene, t));
+                let by_place = by_incident.dot(emitted(scene, t));
                 for v in scene.triangles[t].vertices {
                     by[v as usize] += by_place / 3.0 * SLOPE;
                 }

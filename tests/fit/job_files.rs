@@ -1,4 +1,4 @@
-//! Job files: what they say, and how it is told what is wrong with them.
+//! Job files: their contents, and the errors for invalid ones.
 
 use crate::{SCENE, says};
 use antirad::fit::{JobFile, LossKind, OptimiserKind};
@@ -55,7 +55,7 @@ fn picture(width: u32, height: u32) -> Picture {
     Picture { width, height, pixels: vec![[0.3, 0.2, 0.1, 1.0]; (width * height) as usize] }
 }
 
-/// A folder with a good job `j.toml`, and files besides.
+/// A folder with a valid job `j.toml` and other files.
 fn folder(files: &[(&str, &str)]) -> TempDir {
     let folder = TempDir::new().expect("a folder");
     picture(16, 12).write_exr(folder.path().join("p.exr")).expect("written");
@@ -69,7 +69,7 @@ fn load(folder: &TempDir) -> Result<JobFile, String> {
     JobFile::load(&folder.path().join("j.toml")).map_err(|error| error.to_string())
 }
 
-/// The good job with one piece replaced.
+/// The valid job with one part replaced.
 fn job(old: &str, new: &str) -> String {
     assert!(JOB.contains(old), "{old}");
     JOB.replacen(old, new, 1)
@@ -96,7 +96,7 @@ fn a_job_says_everything() {
     assert_eq!(file.warnings, [""; 0]);
 }
 
-/// The example in the documentation of `JobFile::load` has every key, and is a job.
+/// The example in the documentation of `JobFile::load` has every key and is a valid job.
 #[test]
 fn the_documented_keys_are_the_keys() {
     let source = include_str!("../../src/fit/job_file.rs");
@@ -155,7 +155,7 @@ fn files_that_are_not_there_or_not_right() {
     let folder = folder(&[]);
     nan.write_exr(folder.path().join("p.exr")).expect("written");
     says(&load(&folder).err().expect("NaN"), &["j.toml:4", "NaN at column 5, row 2", "mask the pixel out"]);
-    // Masked out, it may be anything.
+    // Masked pixels may hold any value.
     let mut mask = image::GrayImage::from_pixel(16, 12, image::Luma([255]));
     mask.put_pixel(5, 2, image::Luma([0]));
     mask.save(folder.path().join("m.png")).expect("written");
@@ -180,7 +180,7 @@ fn png_targets_are_decoded_and_clipped_pixels_left_out() {
     let target = &file.job.problem().targets[0];
     assert!((target.pixels[0].x - 0.6).abs() < 0.01, "{}", target.pixels[0]);
     assert_eq!((target.mask_at(7), target.mask_at(8)), (0.0, 1.0));
-    says(&file.warnings[0], &["1 pixels at the end of the scale", "clipped = \"use\""]);
+    says(&file.warnings[0], &["1 clipped pixels", "clipped = \"use\""]);
     fs::write(folder.path().join("j.toml"), text.replace("white = 2", "clipped = \"use\"")).expect("written");
     assert_eq!(load(&folder).expect("a job").job.problem().targets[0].mask, None);
 }
@@ -193,7 +193,7 @@ fn a_view_of_its_own() {
     assert_eq!(file.job.problem().targets[0].camera.name, "p");
     refused(&job("weight", &format!("{view}\nweight")), &["j.toml:3", "either `camera` or `view`"]);
     refused(&job("camera = \"main\"", &view.replace("60", "600")), &["fov_x_degrees is 600"]);
-    // A scene of one camera needs no name.
+    // With a single camera in the scene, the name is optional.
     load(&folder(&[("j.toml", &job("camera = \"main\"\n", ""))])).expect("a job");
 }
 
@@ -209,8 +209,11 @@ fn numbers_and_combinations_that_mean_nothing() {
     refused(&job("iterations = 40", "relative_decrease = -1"), &["relative_decrease = -1"]);
     refused(&job("initial = 0.5", "motion = \"rigid\""), &["j.toml:8", "`motion` is for parameter"]);
     refused(&job("motion = \"rigid\"\n", ""), &["j.toml:14", "how may positions change"]);
-    refused(&job("motion = \"rigid\"", "motion = \"rigid\"\nper = \"mesh\""), &["positions have `motion`"]);
-    refused(&job("of = \"albedo\"\n", ""), &["of what?"]);
+    refused(
+        &job("motion = \"rigid\"", "motion = \"rigid\"\nper = \"mesh\""),
+        &["use `motion` for positions"],
+    );
+    refused(&job("of = \"albedo\"\n", ""), &["which parameter?"]);
     refused(
         &job("kind = \"prior\"\nof = \"albedo\"\nvalue = 0.5", "kind = \"sparsity\""),
         &["j.toml:25", "emission is not fitted"],

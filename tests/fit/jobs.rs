@@ -1,4 +1,4 @@
-//! Whole fits, by the double: what they find, when they stop, and that interruptions leave no trace.
+//! Whole fits with the double: their results and stopping, and that interruptions leave no trace.
 
 use crate::double::Double;
 use crate::{says, scene};
@@ -20,7 +20,7 @@ fn job(settings: Settings) -> Job {
     Job::new("j", scene(), Double::targets(&scene(), 2), settings).expect("a job")
 }
 
-/// Albedos and lamp from grey.
+/// Fits albedos and lamp, from grey.
 fn from_grey() -> Settings {
     let albedo = |material: &str| of(Quantity::Albedo, material).initial(Some([0.5; 3]));
     let lamp = of(Quantity::Emission, "lamp").initial(Some([3.0; 3]));
@@ -36,7 +36,7 @@ fn run(settings: Settings, stop: StopRule) -> Outcome {
     run_with(&mut job(settings), &mut Double::new(2), &options).expect("an outcome")
 }
 
-/// To the end of what rounding shows.
+/// To the limit of rounding.
 fn exact() -> StopRule {
     StopRule::default()
         .iterations(500)
@@ -82,7 +82,7 @@ fn glossy_material_and_motion() {
     found(&outcome, "translation", "box", &[0.0, 0.0, 0.0], 1e-5);
 }
 
-/// Adam goes slowly, but it goes; its best point is the result.
+/// Adam converges slowly; its best point is the result.
 #[test]
 fn adam_lowers_a_loss_with_kinks() {
     let settings = from_grey().optimiser(OptimiserKind::Adam).loss(LossKind::LogL1);
@@ -93,7 +93,7 @@ fn adam_lowers_a_loss_with_kinks() {
     found(&outcome, "albedo", "wall", &[0.7, 0.5, 0.3], 0.02);
 }
 
-/// Emission alone is linear, and is solved as such.
+/// A fit of emission alone is linear and solved as such.
 #[test]
 fn emission_alone_is_least_squares() {
     let everywhere = Fit::new(Quantity::Emission).per(Per::Triangle).initial(Some([1.0; 3]));
@@ -125,7 +125,7 @@ fn emission_alone_is_least_squares() {
     assert_eq!(job(kinks).optimiser(), OptimiserKind::QuasiNewton);
 }
 
-/// Assumptions take part in the linear solve too.
+/// Regularisers enter the linear solve too.
 #[test]
 fn least_squares_with_assumptions() {
     let everywhere = Fit::new(Quantity::Emission).per(Per::Triangle).initial(Some([1.0; 3]));
@@ -161,7 +161,7 @@ fn the_rule_says_when_to_stop() {
     assert!(end.stop == Stop::NoProgress || end.history.last().is_some_and(|r| r.gradient == 0.0));
 }
 
-/// Interrupted after any iteration or in the middle of it, and continued: the same result to the last bit.
+/// Interrupted after or within any iteration and resumed, a fit gives the same result to the last bit.
 #[test]
 fn interruptions_leave_no_trace() {
     let emission = Fit::new(Quantity::Emission).per(Per::Triangle).initial(Some([1.0; 3]));
@@ -188,7 +188,7 @@ fn interruptions_leave_no_trace() {
                 run_with(&mut job(settings.clone()), &mut Double::new(2), &options).expect("an outcome");
             same(&whole, &second);
         }
-        // By the callback, after every single iteration.
+        // Interrupted by the callback, after every single iteration.
         let folder = tempfile::tempdir().expect("a folder");
         let options = RunOptions::default()
             .checkpoints(Some(folder.path().to_owned()))
@@ -257,7 +257,7 @@ fn a_checkpoint_of_another_job_is_refused() {
     assert_eq!((outcome.resumed_from, outcome.history.len()), (None, 3));
 }
 
-/// Scenes without an answer are stepped back from; at the start they are an error.
+/// Steps to scenes without a solution are shortened; at the start they are an error.
 #[test]
 fn scenes_without_an_answer() {
     let mut renderer = Double { limit: Some(0.71), ..Double::new(2) };
@@ -281,7 +281,7 @@ fn differences_serve_where_there_are_no_derivatives() {
     found(&outcome, "emission", "lamp", &[10.0, 9.0, 5.0], 1e-4);
 }
 
-/// Sees the red channel alone.
+/// A loss of the red channel alone.
 struct Red;
 
 impl PictureLoss for Red {
@@ -396,7 +396,7 @@ fn results_are_files_that_are_the_same_every_time() {
     assert_eq!(history.lines().count(), 8);
     let report: serde_json::Value = serde_json::from_slice(&bytes(a.path(), "report.json")).expect("JSON");
     assert_eq!(report["iterations"], 6);
-    assert_eq!(report["stopped_because"], "the number of iterations allowed");
+    assert_eq!(report["stopped_because"], "the iteration limit is reached");
     assert_eq!(report["views"][1]["camera"], "view 1");
     let albedo = bytes(a.path(), "albedo.npy");
     let array = npyz::NpyFile::new(&albedo[..]).expect("npy");
@@ -405,7 +405,7 @@ fn results_are_files_that_are_the_same_every_time() {
     assert_eq!(numbers[..3], outcome.scene.material(0).albedo);
 }
 
-/// The library's own loop: nothing grows with the number of iterations but the history.
+/// In the library's loop only the history grows with the number of iterations.
 #[test]
 #[cfg(target_os = "linux")]
 fn memory_does_not_grow_over_many_iterations() {

@@ -1,4 +1,4 @@
-//! Fitting, without a device where none is needed.
+//! Tests of fitting, without a device where possible.
 
 mod double;
 mod job_files;

@@ -1,4 +1,4 @@
-//! The way from unknowns to scenes, and of derivatives back.
+//! The map from unknowns to scenes and the pullback of derivatives.
 
 use crate::{says, scene};
 use antirad::fit::{Fit, MotionKind, Parameters, Per, Quantity, Regulariser, Regularisers, SceneGradient};
@@ -34,14 +34,14 @@ fn everything() -> Vec<Fit> {
     ]
 }
 
-/// Some numbers in -1 to 1, the same every time.
+/// Deterministic numbers in -1 to 1.
 fn wave(n: usize, a: f64) -> Vec<f64> {
     (0..n).map(|i| (a * (i as f64 + 1.0)).sin()).collect()
 }
 
-/// A smooth function of all that a scene is made of, and its derivatives.
-fn toy(scene: &Scene, wanted: antirad::plan::GradientRequest) -> (f64, SceneGradient) {
-    let mut gradient = SceneGradient::zeros(scene, wanted);
+/// A smooth function of all quantities of a scene, and its derivatives.
+fn toy(scene: &Scene, request: antirad::plan::GradientRequest) -> (f64, SceneGradient) {
+    let mut gradient = SceneGradient::zeros(scene, request);
     let mut sum = 0.0;
     for t in 0..scene.triangles.len() {
         let m = scene.material(t);
@@ -124,7 +124,7 @@ fn derivatives_are_those_of_finite_differences() {
     }
 }
 
-/// Whatever the unknowns within the bounds, the scene's own check lets every material through.
+/// For all unknowns within the bounds, every material passes the scene's check.
 #[test]
 fn every_point_within_the_bounds_is_a_possible_scene() {
     let scene = scene();
@@ -140,7 +140,7 @@ fn every_point_within_the_bounds_is_a_possible_scene() {
         );
     }
     for mut x in corners {
-        // Emission and ways have no upper bound.
+        // Emission and displacements have no upper bound.
         x.iter_mut().for_each(|x| *x = x.clamp(-3.0, 12.0));
         let mut scene = parameters.scene(&x);
         scene.check(false).expect("a possible scene");
@@ -175,17 +175,17 @@ fn the_start_is_the_scene_as_it_was() {
 }
 
 #[test]
-fn initial_values_and_bounds_are_those_asked_for() {
+fn initial_values_and_bounds_are_those_requested() {
     let albedo = of(Quantity::Albedo, &["wall", "gloss"], Per::Material)
         .initial(Some([0.5; 3]))
         .lower(Some([0.1; 3]))
         .upper(Some([0.4, 0.9, 2.0]));
     let parameters = Parameters::new(&scene(), &[albedo], 1.0).expect("parameters");
     let wall = parameters.scene(parameters.start());
-    // Cut by the upper bound.
+    // Clamped to the upper bound.
     assert_eq!(wall.material(0).albedo, [0.4, 0.5, 0.5]);
     assert_eq!(parameters.bounds().upper[..3], [0.4, 0.9, 0.99]);
-    // What the fixed σ of the table leaves.
+    // The budget that the fixed σ of the table leaves.
     let gloss = parameters.bounds().upper[3];
     assert!(gloss < 0.4 && gloss > 0.1, "{gloss}");
     assert_eq!(parameters.len(), 6);
@@ -243,7 +243,7 @@ fn assumptions_about_nothing_are_refused() {
     }
 }
 
-/// What no view shows is told of by fit, and only that.
+/// Values that no view shows are reported per fit, and no others.
 #[test]
 fn unseen_values_are_counted() {
     let scene = scene();
@@ -253,7 +253,7 @@ fn unseen_values_are_counted() {
     assert_eq!(all.len(), fits.len());
     assert!(all.iter().all(|unseen| unseen.unseen == unseen.values && unseen.values > 0), "{all:?}");
     assert_eq!(parameters.unseen(&vec![true; scene.triangles.len()]), []);
-    // Of one triangle out of view, what it has for itself.
+    // For one triangle out of view, only the values of its own.
     let mut seen = vec![true; scene.triangles.len()];
     seen[0] = false;
     let one = parameters.unseen(&seen);

@@ -1,4 +1,4 @@
-//! Fits on a device: each finds back to the scene that the pictures were made of.
+//! Fits on a device: each recovers the scene that its pictures were rendered from.
 
 use crate::support::{device, finish, load};
 use antirad::Watch;
@@ -20,7 +20,7 @@ fn cameras(scene: &Scene, names: &[&str]) -> Vec<Camera> {
     names.iter().map(|name| scene.camera(name).expect("a camera").clone()).collect()
 }
 
-/// A job with pictures of the scene itself for targets, and a renderer for it.
+/// A job with pictures of the scene itself as targets, and its renderer.
 fn job(device: &Device, scene: &Scene, cameras: Vec<Camera>, settings: Settings) -> (Job, EngineRenderer) {
     let side = settings.supersample;
     let nothing = Default::default();
@@ -31,8 +31,8 @@ fn job(device: &Device, scene: &Scene, cameras: Vec<Camera>, settings: Settings)
     let targets = cameras.iter().cloned().zip(pictures).map(target).collect();
     let job = Job::new("test", scene.clone(), targets, settings).expect("a job");
     let parameters = &job.problem().parameters;
-    let (planning, wanted) = (parameters.planning_scene(), parameters.wanted());
-    let renderer = EngineRenderer::new(device, planning, cameras, side, wanted, watch());
+    let (planning, request) = (parameters.planning_scene(), parameters.wanted());
+    let renderer = EngineRenderer::new(device, planning, cameras, side, request, watch());
     (job, renderer.expect("a renderer"))
 }
 
@@ -50,7 +50,7 @@ fn exact() -> StopRule {
     StopRule::default().iterations(60).relative_decrease(0.0).gradient(0.0).loss(0.0).seconds(f64::INFINITY)
 }
 
-/// Coarser than shipped, in smaller pictures: these tests are about what is found, not about how light looks.
+/// Coarser than the shipped scene, with smaller pictures, since these tests are about recovery, not image quality.
 fn coarse(name: &str) -> Scene {
     let mut scene = load(name);
     scene.settings.bins = BinLayout::Concentric { n: 4 };
@@ -128,7 +128,7 @@ fn a_box_is_found_from_two_views() {
 fn a_box_is_found_from_its_shadow_alone() {
     let scene = coarse("scenes/fits/box.toml");
     let views = cameras(&scene, &["shadow"]);
-    // The view shows nothing of the box, neither where it is nor where it starts: if it shone it would stay as dark.
+    // The view does not show the box at its true or initial position: making it emit would not change that.
     let device = device();
     let rasterizer = Rasterizer::new(&device).expect("a rasterizer");
     let mut elsewhere = scene.clone();
@@ -152,7 +152,7 @@ fn a_box_is_found_from_its_shadow_alone() {
     moved_back(&outcome, 0.05);
 }
 
-/// The share of the emitted power that leaves the lamp.
+/// The fraction of the emitted power that comes from the lamp.
 fn share_of_lamp(scene: &Scene) -> f64 {
     let power = |t: usize| {
         let [a, b, c] = scene.corners(t);
@@ -176,8 +176,8 @@ fn a_lamp_in_view_is_found_among_all_triangles() {
     assert!(share > 0.98, "{share}");
 }
 
-/// A lamp that no view shows can be replaced by what it lights: with few emitters for an assumption, the picture comes
-/// out with less power than the lamp has, and the walls seen emit.
+/// A lamp that no view shows can be replaced by emission of the surfaces that it illuminates: with the sparsity
+/// regulariser, the picture is explained with less power than the lamp's, emitted by visible walls.
 #[test]
 fn a_hidden_lamp_is_not_found_but_replaced() {
     let scene = coarse("scenes/fits/room.toml");
@@ -202,8 +202,8 @@ fn resident() -> u64 {
     status.split_whitespace().nth(1).and_then(|pages| pages.parse::<u64>().ok()).expect("pages") * 4096
 }
 
-/// On a device, with checkpoints: neither the host's memory nor the driver's grows, which is in host memory for lavapipe.
-/// Where positions are fitted, all of the engine is made anew in every iteration.
+/// On a device, with checkpoints: neither the host's memory nor the driver's (host memory with lavapipe) grows. Where
+/// positions are fitted, the whole engine is rebuilt in every iteration.
 #[test]
 #[cfg(target_os = "linux")]
 fn memory_does_not_grow_over_200_iterations() {
@@ -218,7 +218,7 @@ fn memory_does_not_grow_over_200_iterations() {
         let settings = Settings::new(fits.clone()).supersample(2).tolerance(Some(1e-2)).optimiser(optimiser);
         let (mut job, mut renderer) = job(&device, &scene, cameras(&scene, &["main"]), settings);
         let folder = tempfile::tempdir().expect("a folder");
-        // What is allocated once is there after a few iterations.
+        // One-time allocations are done after a few iterations.
         let warm = 10;
         let options = RunOptions::default()
             .checkpoints(Some(folder.path().to_owned()))

@@ -1,5 +1,5 @@
-//! The readers of OBJ and MTL beside the crate `tobj`: on plain files they agree, and the second test holds what keeps
-//! `tobj` from taking their place. Should one of its cases fail with a newer version, that reason is gone.
+//! The readers of OBJ and MTL compared with the crate `tobj`: they agree on plain files, and the second test lists the reasons
+//! not to use `tobj` instead. If one of its cases fails with a newer version, that reason is gone.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use super::{load, names};
 
 type Loaded = Result<(Vec<tobj::Model>, Result<Vec<tobj::Material>, LoadError>), LoadError>;
 
-/// What `tobj` makes of a text and of the one material file that it may name. An error in place of a panic.
+/// The result of `tobj` for a text and the one material file that it may name, with panics as errors.
 fn tobj_reads(obj: &str, mtl: &str) -> Result<Loaded, ()> {
     let options = tobj::LoadOptions::default();
     let read =
@@ -60,7 +60,7 @@ fn what_keeps_tobj_from_reading_for_us() {
     let quad = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
     let obj = |more: &str| format!("{quad}{more}\n");
 
-    // Valid files that it refuses: comments and continued lines (`meshes::obj_forms`), some vertices with colours and
+    // Valid files that it rejects: comments and continued lines (`meshes::obj_forms`), some vertices with colours and
     // some without (fuzz/corpus/obj/forms.obj).
     for more in ["f 1 2 3 # one", "f 1 2 \\\n 3", "v 0 0 1 .5 .5 .5\nf 1 2 3"] {
         assert!(matches!(tobj_reads(&obj(more), ""), Ok(Err(_))), "{more}");
@@ -74,7 +74,7 @@ fn what_keeps_tobj_from_reading_for_us() {
     assert!(
         load("m.obj", &[("m.mtl", "newmtl white\nKd .3\nnewmtl lamp\nKe 1"), ("m.obj", super::OBJ)]).is_ok()
     );
-    // Mistakes that it passes over: `meshes::broken_obj_lines` wants each of them named with its line.
+    // Mistakes that it ignores: `meshes::broken_obj_lines` requires an error with the line of each.
     for more in
         ["v 0 nan 0", "v 0 0 1e999", "f 1 2 5\nv 0 0 1", "f 1 2", "mtllib m.mtl\nusemtl nothing\nf 1 2 3"]
     {
@@ -91,7 +91,7 @@ fn what_keeps_tobj_from_reading_for_us() {
         let Ok(Ok((models, _))) = tobj_reads(&text, super::MTL) else { panic!("{text}") };
         assert!(models.iter().all(|model| model.mesh.material_id.is_none()), "{text}");
     }
-    // Vertices are numbered anew, and those that two materials share are there twice: fits and gradients tell vertices
+    // Vertices are renumbered, and those shared by two materials duplicated, but fits and gradients identify vertices
     // by their number in the file (`the_good_files_load_without_a_warning` has four).
     let Ok(Ok((models, _))) = tobj_reads(super::OBJ, super::MTL) else { panic!("the good file") };
     assert_eq!(models.iter().map(|model| model.mesh.positions.len() / 3).sum::<usize>(), 6);

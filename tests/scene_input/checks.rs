@@ -1,4 +1,4 @@
-//! What is checked of every scene, from files and in memory.
+//! Checks of every scene, from files and in memory.
 
 use antirad::scene::{Camera, Material, Scene, Triangle};
 use glam::DVec3;
@@ -40,7 +40,7 @@ fn bad_materials() {
     ] {
         assert_refused("s.toml", &with_mesh(table), &parts);
     }
-    // Without an override the MTL is to blame; the energy factor is a way out, and so is not using the material.
+    // Without an override the error names the MTL. Remedies: the energy factor, or not using the material.
     let glossy = "newmtl lamp\nKd .5 .5 .5\nKe 1 1 1\nnewmtl white\nKd .5 .5 .5\nKs .2 .2 .2\nNs 50\n";
     assert_refused("m.mtl", glossy, &["m.mtl:4", "\"white\"", "total albedo is 1.2"]);
     let energy = with_mesh("[material.white]\nnormalization = \"energy\"");
@@ -93,8 +93,8 @@ fn area_is_judged_at_every_scale() {
     }
 }
 
-/// A vertex at 1e30, in a triangle with an area or without one, once hid every other triangle: they came out as
-/// duplicates of each other.
+/// Regression: with a vertex at 1e30, in a triangle with or without area, all other triangles counted as duplicates of
+/// each other.
 #[test]
 fn a_vertex_far_off_is_named() {
     for (far, x) in [("1e30 0 0", "1e30"), ("1e9 -7 2", "1e9")] {

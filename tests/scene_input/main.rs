@@ -1,4 +1,4 @@
-//! What the scene layer says of input, good and bad.
+//! Valid and invalid input to the scene layer.
 
 mod against_tobj;
 mod checks;
@@ -16,7 +16,7 @@ const OBJ: &str =
 const TOML: &str = "[[mesh]]\npath = \"m.obj\"\n[camera.main]\nposition = [0, 0, 5]\ntarget = [0, 0, 0]\n\
                     fov_x_degrees = 40\nwidth = 64\nheight = 48\n";
 
-/// A folder with the files given over a good `s.toml`, `m.obj` and `m.mtl`.
+/// A folder with a valid `s.toml`, `m.obj` and `m.mtl`, plus or overridden by the files given.
 struct Folder(TempDir);
 
 impl Folder {
@@ -49,7 +49,7 @@ fn assert_says(message: &str, parts: &[&str]) {
     }
 }
 
-/// An error for a scene whose `file` holds `text`; the other files are good ones.
+/// Asserts an error for a scene whose `file` holds `text`; the other files are valid.
 #[track_caller]
 fn assert_refused(file: &str, text: &str, parts: &[&str]) {
     match load(if file.ends_with("obj") { "m.obj" } else { "s.toml" }, &[(file, text)]) {
@@ -58,7 +58,7 @@ fn assert_refused(file: &str, text: &str, parts: &[&str]) {
     }
 }
 
-/// A TOML scene of one good mesh and more.
+/// A TOML scene of one valid mesh, followed by `more`.
 fn with_mesh(more: &str) -> String {
     format!("{TOML}{more}")
 }

@@ -1,4 +1,4 @@
-//! Scenes that are written come back as they were.
+//! Saved scenes load unchanged.
 
 use antirad::scene::{
     BinLayout, Camera, Choice, LoadOptions, Material, Mesh, Normalization, Precision, Scene, SolveSettings,
@@ -9,7 +9,7 @@ use std::path::Path;
 
 #[track_caller]
 fn same(a: &Scene, b: &Scene) {
-    // But for the sign of zero.
+    // Except for the sign of zero.
     let bits = |scene: &Scene| -> Vec<[u64; 3]> {
         scene.vertices.iter().map(|v| v.to_array().map(|x| (x + 0.0).to_bits())).collect()
     };
@@ -43,8 +43,8 @@ fn every_scene_of_the_project() {
     }
 }
 
-/// Numbers that decimal digits hold badly, names in need of quotes, all settings away from their defaults, meshes without
-/// faces, triangles without area, vertices and materials that nothing uses.
+/// Numbers without short decimals, names in need of quotes, all settings different from their defaults, meshes without
+/// faces, triangles without area, unused vertices and materials.
 #[test]
 fn awkward_scenes() {
     let third = 1.0 / 3.0;
@@ -100,7 +100,7 @@ fn awkward_scenes() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("s.toml");
     scene.save(&path).expect("written");
-    // What MTL cannot say, and nothing else.
+    // What MTL cannot express, and nothing else.
     scene.materials[0].name = "white _2\"'.[x]".to_owned();
     scene.materials[2].name = "odd_name_".to_owned();
     same(&scene, &load(&path));
@@ -108,7 +108,7 @@ fn awkward_scenes() {
     files.sort();
     assert_eq!(files, ["s.mtl", "s.toml", "s_1.obj", "s_2.obj", "s_3.obj"]);
 
-    // An error that is asked for stands alone: what would be found for it is left out.
+    // A target error is saved alone, without the settings that are chosen for it.
     scene.choice = Choice::Within(0.05);
     scene.save(&path).expect("written");
     let SolveSettings { bins, near_field, tolerance, .. } = SolveSettings::default();
@@ -116,7 +116,7 @@ fn awkward_scenes() {
     same(&scene, &load(&path));
 }
 
-/// Meshes in memory that share vertices: every corner is where it was.
+/// Meshes in memory that share vertices: every corner keeps its position.
 #[test]
 fn meshes_that_share_vertices() {
     let vertices = vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];

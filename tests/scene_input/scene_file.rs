@@ -55,7 +55,7 @@ fn broken_toml() {
         ),
         (
             "[[mesh]]\npath = \"m.obj\"\nsubdivide = 12",
-            vec!["s.toml:3", "33554432 triangles of 2,", "11 is the highest"],
+            vec!["s.toml:3", "turns 2 triangles into 33554432,", "use 11 or less"],
         ),
         ("[[mesh]]\npath = \"m.obj\"\nsubdivide = -1", vec!["s.toml:3"]),
     ] {
@@ -78,7 +78,7 @@ fn broken_accuracy() {
         ("error = 2", vec!["s.toml:9", "between 0 and 1"]),
         (
             "error = 0.1\ntolerance = 1e-3",
-            vec!["s.toml:9", "`error` and `tolerance`", "leave one of the two out"],
+            vec!["s.toml:9", "`error` and `tolerance`", "remove one of the two"],
         ),
         ("max_passes = 0", vec!["s.toml:9", "max_passes"]),
         ("max_pases = 3", vec!["s.toml:10", "did you mean `max_passes`?"]),
@@ -90,7 +90,7 @@ fn broken_accuracy() {
     assert_eq!((settings.bins, settings.weights), (BinLayout::Concentric { n: 12 }, Weights::Smoothstep));
 }
 
-/// What is not stated is open.
+/// Settings that are not given are open.
 #[test]
 fn what_is_left_to_be_chosen() {
     for (lines, choice) in [
@@ -147,7 +147,7 @@ fn meshes_are_placed_subdivided_and_named_apart() {
     let scene = good("s.toml", &[("s.toml", &text)]);
     let meshes: Vec<_> = scene.meshes.iter().map(|m| (m.name.as_str(), m.range.clone())).collect();
     assert_eq!(meshes, [("m", 0..2), ("m_2", 2..34)]);
-    // The children of a face stand together, and a mirrored face still shows its front.
+    // The parts of a face are consecutive, and a mirrored face keeps its front.
     let [a, b, c] = scene.corners(0);
     let front = (b - a).cross(c - a);
     for triangle in 2..18 {

@@ -10,7 +10,7 @@ fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
 }
 
-/// True where every edge between two positions is used once each way.
+/// True if every edge between two positions occurs once in each direction.
 fn is_closed(scene: &Scene) -> bool {
     let mut balance: HashMap<[[i64; 3]; 2], i32> = HashMap::new();
     let weld = |v: DVec3| (v * 1e7).round().to_array().map(|c| c as i64);

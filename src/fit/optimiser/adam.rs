@@ -1,16 +1,16 @@
-//! Adam, projected onto bounds: for losses with kinks, and where values are noisy.
+//! Adam (Kingma and Ba 2015), projected onto bounds: for losses with kinks or noise.
 
 use super::{Bounds, Objective, Point, Step, StepError, largest_difference};
 use crate::options::setters;
 use serde::{Deserialize, Serialize};
 
-/// How Adam goes about.
+/// Options of Adam.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct AdamOptions {
-    /// Largest change of an unknown in a step, in units of its scale.
+    /// Learning rate: largest change of an unknown per step, in units of its scale.
     pub learning_rate: f64,
-    /// Share of the old mean of the gradient that stays in a step, and of that of its square.
+    /// Decay rates of the running means of the gradient and of its square.
     pub decay: [f64; 2],
 }
 
@@ -22,9 +22,9 @@ impl Default for AdamOptions {
     }
 }
 
-/// Keeps a root of the mean square from being divided by where it is zero.
+/// Prevents division by a zero root mean square.
 const TINY: f64 = 1e-300;
-/// Halvings of a step that led to where the objective is not finite, before the step is given up.
+/// How many times a step to a non-finite objective is halved before it fails.
 const RETREATS: u32 = 20;
 
 /// The state of Adam.
@@ -34,7 +34,7 @@ pub struct Adam {
     bounds: Bounds,
     start: Vec<f64>,
     point: Option<Point>,
-    /// Adam may step uphill: the lowest value seen, and where.
+    /// The lowest value so far and its point, since Adam may step uphill.
     best: Option<(f64, Vec<f64>)>,
     mean: Vec<f64>,
     square: Vec<f64>,
@@ -42,7 +42,7 @@ pub struct Adam {
 }
 
 impl Adam {
-    /// Starts at the point within `bounds` that is nearest to `x`.
+    /// Starts at the projection of `x` onto `bounds`.
     pub fn new(mut x: Vec<f64>, bounds: Bounds, options: AdamOptions) -> Self {
         bounds.project(&mut x);
         let zeros = vec![0.0; x.len()];
@@ -58,17 +58,17 @@ impl Adam {
         }
     }
 
-    /// The unknowns as they are now.
+    /// The current unknowns.
     pub fn x(&self) -> &[f64] {
         self.point.as_ref().map_or(&self.start, |point| &point.x)
     }
 
-    /// The point of lowest value so far.
+    /// The point of the lowest value so far.
     pub fn best(&self) -> &[f64] {
         self.best.as_ref().map_or(&self.start, |(_, x)| x)
     }
 
-    /// One step: one evaluation, two for the first, more where the objective is not finite.
+    /// One step: one evaluation, two for the first, more if the objective is not finite.
     pub fn step<E>(&mut self, objective: &mut Objective<E>) -> Result<Step, StepError<E>> {
         let mut evaluations = 0;
         let here = match &self.point {

@@ -1,12 +1,12 @@
-//! The minimum of the quadratic model within the bounds, roughly: the first minimum along the path on which the
-//! negative gradient is bent by the bounds (the generalised Cauchy point), then better over the unknowns that stay free
-//! there (Byrd, Lu, Nocedal, Zhu 1995; projected as by Morales and Nocedal 2011).
+//! Approximate minimum of the quadratic model within the bounds: the first minimum along the projected gradient path (the
+//! generalised Cauchy point), improved by subspace minimisation over the unknowns that are free there (Byrd, Lu, Nocedal
+//! and Zhu 1995; projected as by Morales and Nocedal 2011).
 
 use super::compact::Compact;
 use super::{Bounds, Point};
 use nalgebra::{DMatrix, DVector};
 
-/// A point of lower model value than `point`, within the bounds.
+/// A point within the bounds whose model value is lower than at `point`.
 pub(super) fn model_minimum(point: &Point, bounds: &Bounds, hessian: &Compact) -> Vec<f64> {
     let Cauchy { x, along } = cauchy_point(point, bounds, hessian);
     improve(point, bounds, hessian, &x, &along).unwrap_or(x)
@@ -22,7 +22,7 @@ fn cauchy_point(point: &Point, bounds: &Bounds, hessian: &Compact) -> Cauchy {
     let Point { x: from, gradient, .. } = point;
     let n = from.len();
     let mut x = from.clone();
-    // How far along the negative gradient each unknown meets a bound.
+    // Breakpoints: the step along the negative gradient at which each unknown reaches a bound.
     let meets: Vec<f64> = (0..n)
         .map(|i| match gradient[i] {
             g if g < 0.0 => (from[i] - bounds.upper[i]) / g,
@@ -57,7 +57,7 @@ fn cauchy_point(point: &Point, bounds: &Bounds, hessian: &Compact) -> Cauchy {
         let middle_row = hessian.times_middle(&row);
         slope += interval * curvature + g * g + diagonal[corner] * g * moved - g * middle_row.dot(&along);
         curvature -= diagonal[corner] * g * g + 2.0 * g * middle_row.dot(&p) + g * g * middle_row.dot(&row);
-        // Rounding must not make the model unbounded.
+        // Safeguard: rounding must not make the model unbounded.
         curvature = curvature.max(least_curvature);
         p += row * g;
         direction[corner] = 0.0;
@@ -75,7 +75,7 @@ fn cauchy_point(point: &Point, bounds: &Bounds, hessian: &Compact) -> Cauchy {
     Cauchy { x, along }
 }
 
-/// Minimises the model over the unknowns that are free at `cauchy`; `None` where that gives nothing.
+/// Minimises the model over the unknowns that are free at `cauchy`; `None` if that is no improvement.
 fn improve(
     point: &Point,
     bounds: &Bounds,
@@ -95,7 +95,7 @@ fn improve(
         free.iter().map(|&i| -gradient[i] - diagonal[i] * (cauchy[i] - from[i])).collect();
     hessian.add_rows(&hessian.times_middle(along), &free, &mut residual);
 
-    // The inverse of D - W M Wᵀ over them, by Sherman, Morrison and Woodbury.
+    // The inverse of D - W M Wᵀ over them, by the Sherman-Morrison-Woodbury formula.
     let mut spread = vec![0.0; from.len()];
     for (&i, &r) in free.iter().zip(&residual) {
         spread[i] = r / diagonal[i];
@@ -120,7 +120,7 @@ fn improve(
     if descent < 0.0 {
         return Some(x);
     }
-    // Projection has turned the direction uphill: go only as far as the first bound instead.
+    // Projection has turned the direction uphill: stop at the first bound instead.
     let room = |(&i, &s): (&usize, &f64)| match s {
         s if s > 0.0 => (bounds.upper[i] - cauchy[i]) / s,
         s if s < 0.0 => (bounds.lower[i] - cauchy[i]) / s,

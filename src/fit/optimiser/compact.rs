@@ -1,27 +1,26 @@
-//! The limited-memory Hessian B = D - W M Wᵀ of the BFGS formula, from the latest steps s and changes y of the gradient
-//! (Byrd, Nocedal, Schnabel 1994).
+//! The compact limited-memory BFGS Hessian B = D - W M Wᵀ, from the latest steps s and gradient differences y (Byrd,
+//! Nocedal and Schnabel 1994).
 //!
-//! D is diagonal and learns from every step (Gilbert and Lemaréchal 1989): unknowns of a fit differ widely in how much
-//! they matter, a lamp in the picture and a dark corner, and a multiple of the identity, as is usual, takes several times
-//! as many steps.
+//! D is diagonal and updated in every step (Gilbert and Lemaréchal 1989). The unknowns of a fit differ widely in influence,
+//! such as a visible lamp and a dark corner; the usual multiple of the identity takes several times as many steps.
 
 use super::dot;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-/// Entries of D are at least this share of the largest.
+/// Entries of D are at least this fraction of the largest.
 const LEAST_SHARE: f64 = 1e-12;
 
-/// Steps and changes, the oldest first.
+/// Pairs (s, y), the oldest first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Memory {
     pub s: Vec<Vec<f64>>,
     pub y: Vec<Vec<f64>>,
-    /// D: the Hessian where nothing else is known.
+    /// D, the initial Hessian.
     pub diagonal: Vec<f64>,
 }
 
-/// W = [Y, D S] and M, ready to be multiplied with.
+/// W = [Y, D S] and M, for products.
 pub(super) struct Compact<'a> {
     memory: &'a Memory,
     /// D S.
@@ -34,15 +33,15 @@ impl Memory {
         Self { s: Vec::new(), y: Vec::new(), diagonal: vec![1.0; unknowns] }
     }
 
-    /// Adds a pair and forgets what is older than `length` pairs. A pair without positive curvature is left out: it
-    /// would make the model unbounded.
+    /// Adds a pair and drops all but the latest `length`. A pair without positive curvature is skipped: it would make the
+    /// model unbounded.
     pub fn push(&mut self, s: Vec<f64>, y: Vec<f64>, length: usize) {
         let (sy, ss, yy) = (dot(&s, &y), dot(&s, &s), dot(&y, &y));
         if !(sy > 1e-10 * (ss * yy).sqrt() && (yy / sy).is_finite()) {
             return;
         }
         if self.s.is_empty() {
-            // Until now only a guess.
+            // So far D is only the initial guess.
             self.diagonal.fill(yy / sy);
         }
         self.learn(&s, &y, sy);
@@ -54,25 +53,25 @@ impl Memory {
         }
     }
 
-    /// The diagonal of the BFGS update of D, scaled before so that it is right along y.
+    /// The diagonal of the BFGS update of D, scaled first to be exact along y.
     fn learn(&mut self, s: &[f64], y: &[f64], sy: f64) {
         let factor = y.iter().zip(&self.diagonal).map(|(y, d)| y * y / d).sum::<f64>() / sy;
         let along = s.iter().zip(&self.diagonal).map(|(s, d)| s * s * d).sum::<f64>();
         let update = |((d, s), y): ((&f64, &f64), &f64)| factor * (d - (d * s).powi(2) / along) + y * y / sy;
         let learnt: Vec<f64> = self.diagonal.iter().zip(s).zip(y).map(update).collect();
-        // Rounding may leave something that is no curvature.
+        // Rounding may leave entries that are not positive.
         let largest = learnt.iter().copied().fold(0.0, f64::max);
         if largest.is_finite() && largest > 0.0 {
             self.diagonal = learnt.into_iter().map(|d| d.max(LEAST_SHARE * largest)).collect();
         }
     }
 
-    /// `None` where rounding has made the middle matrix singular: then the memory is of no use.
+    /// `None` if rounding has made the middle matrix singular: the memory is then useless.
     pub fn compact(&self) -> Option<Compact<'_>> {
         let k = self.s.len();
         let scaled: Vec<Vec<f64>> =
             self.s.iter().map(|s| s.iter().zip(&self.diagonal).map(|(s, d)| s * d).collect()).collect();
-        // [-diag Lᵀ; L SᵀDS], with diag and L the diagonal of SᵀY and what lies below it.
+        // [-diag Lᵀ; L SᵀDS], with diag the diagonal of SᵀY and L its strictly lower part.
         let inverse = DMatrix::from_fn(2 * k, 2 * k, |i, j| match (i < k, j < k) {
             (true, true) if i == j => -dot(&self.s[i], &self.y[i]),
             (true, true) => 0.0,

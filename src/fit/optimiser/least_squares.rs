@@ -1,21 +1,20 @@
-//! Bounded linear least squares, and any other convex quadratic within bounds, by conjugate gradients on the unknowns
-//! that are free: modified proportioning with reduced gradient projections (Dostál and Schöberl 2005), whose steps past
-//! a bound are projected whole (Kružík et al. 2020). It needs products with the Hessian JᵀJ alone; J itself is never
-//! formed.
+//! Bounded linear least squares, and any other convex quadratic within bounds, by conjugate gradients on the free unknowns:
+//! modified proportioning with reduced gradient projections (Dostál and Schöberl 2005), where steps past a bound are
+//! projected in full (Kružík et al. 2020). It needs only products with the Hessian JᵀJ; J is never formed.
 
 use super::{Bounds, Curvature, Objective, Point, Step, StepError, dot, largest_difference};
 use serde::{Deserialize, Serialize};
 
-/// How much larger the gradient that pulls unknowns off their bounds may be than that of the free ones (squared).
+/// Largest ratio of the squared chopped gradient (of unknowns at bounds) to the squared free gradient.
 const PROPORTION: f64 = 1.0;
-/// Products that the first step spends to estimate the largest eigenvalue.
+/// Products in the first step for estimating the largest eigenvalue.
 const POWER_ITERATIONS: u32 = 4;
-/// Steps after which value and gradient are computed anew: until then they are updated, and collect rounding.
+/// Steps between evaluations of value and gradient. In between they are updated and accumulate rounding errors.
 const REFRESH: u64 = 25;
-/// A bound counts as met within this share of the distance between bounds and unknown: rounding of the step.
+/// Relative tolerance, for rounding, within which an unknown counts as at its bound.
 const NEAR: f64 = 1e-14;
 
-/// The state of a fit by bounded linear least squares, which can be stored.
+/// The serialisable state of bounded linear least squares.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LeastSquares {
     bounds: Bounds,
@@ -27,25 +26,25 @@ pub struct LeastSquares {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct State {
     point: Point,
-    /// The conjugate direction, downhill being minus it.
+    /// The conjugate direction; its negative points downhill.
     direction: Vec<f64>,
-    /// The largest eigenvalue of the Hessian seen so far.
+    /// Estimate of the largest eigenvalue of the Hessian.
     stiffness: f64,
 }
 
 impl LeastSquares {
-    /// Starts at the point within `bounds` that is nearest to `x`.
+    /// Starts at the projection of `x` onto `bounds`.
     pub fn new(mut x: Vec<f64>, bounds: Bounds) -> Self {
         bounds.project(&mut x);
         Self { bounds, start: x, state: None, steps: 0 }
     }
 
-    /// The unknowns as they are now.
+    /// The current unknowns.
     pub fn x(&self) -> &[f64] {
         self.state.as_ref().map_or(&self.start, |state| &state.point.x)
     }
 
-    /// The gradient of the unknowns off their bounds, and, of those on a bound, what pulls them off it.
+    /// The free gradient (unknowns off their bounds) and the chopped gradient (unknowns that would leave their bound).
     fn split(&self, point: &Point) -> (Vec<f64>, Vec<f64>) {
         let Bounds { lower, upper } = &self.bounds;
         let of = |i: usize| {
@@ -60,9 +59,9 @@ impl LeastSquares {
         (0..point.x.len()).map(of).unzip()
     }
 
-    /// One step: one product with the Hessian, two or three where a bound is met; the first takes some more.
+    /// One step: one product with the Hessian, two or three if a bound is reached; the first step takes more.
     ///
-    /// `objective` is asked at the start and every 25 steps, `curvature` for the products.
+    /// `objective` is evaluated at the start and every 25 steps; `curvature` computes the products.
     pub fn step<E>(
         &mut self,
         objective: &mut Objective<E>,
@@ -108,7 +107,7 @@ impl LeastSquares {
             return Ok(step);
         }
         let proportional = chopped_squared <= PROPORTION * PROPORTION * free_squared;
-        // A direction that has lost its descent to rounding starts anew.
+        // If rounding has made the direction ascend, restart from the gradient.
         if proportional && dot(&state.direction, &state.point.gradient) <= 0.0 {
             state.direction = free;
         }
@@ -123,7 +122,7 @@ impl LeastSquares {
         let wished = if bend > 0.0 { along / bend } else { f64::INFINITY };
         let length = wished.min(longest);
         if !length.is_finite() {
-            // Flat and without a bound: any length would do, and the next gradient would be the same.
+            // Flat and without a bound: no step changes the gradient.
             let step = self.report(&before, &before, evaluations, false);
             self.state = Some(state);
             return Ok(step);
@@ -139,7 +138,7 @@ impl LeastSquares {
                 free
             };
         } else {
-            // A bound is in the way. The whole step, bent by all bounds that it meets, finds many of them at once.
+            // A bound limits the step. Projecting the full step activates many bounds at once.
             let bent = |point: &Point, length: f64, direction: &[f64]| {
                 let mut bent: Vec<f64> = point.x.iter().zip(direction).map(|(x, d)| x - length * d).collect();
                 self.bounds.project(&mut bent);
@@ -153,8 +152,8 @@ impl LeastSquares {
                 self.advance(point, &moved, &curved_moved, 1.0);
                 point.x = whole;
             } else {
-                // Bent so far that it leads uphill: only to the first bound, then along the gradient of the free unknowns
-                // by a step that is short enough for any curvature seen.
+                // The projected step leads uphill: go to the first bound, then along the free gradient by a step that
+                // is short enough for the largest eigenvalue.
                 self.advance(point, &direction, &curved, length);
                 let (free, _) = self.split(point);
                 let (whole, moved) = bent(point, 1.0 / state.stiffness.max(f64::MIN_POSITIVE), &free);
@@ -163,7 +162,7 @@ impl LeastSquares {
                     evaluations += 1;
                     let bend = dot(&moved, &curved_moved);
                     state.stiffness = state.stiffness.max(bend / dot(&moved, &moved));
-                    // Shorter where the estimate of the stiffness was too low, so that the value never rises.
+                    // Shortened if the eigenvalue was underestimated, so that the value never rises.
                     let best = if bend > 0.0 { (dot(&moved, &point.gradient) / bend).min(1.0) } else { 1.0 };
                     self.advance(point, &moved, &curved_moved, best);
                     if best == 1.0 {
@@ -192,7 +191,7 @@ impl LeastSquares {
         for i in 0..point.x.len() {
             point.x[i] -= length * direction[i];
             point.gradient[i] -= length * curved[i];
-            // An unknown that should stand on its bound stands there exactly.
+            // An unknown within rounding of its bound is set to it exactly.
             for bound in [self.bounds.lower[i], self.bounds.upper[i]] {
                 if (point.x[i] - bound).abs() <= NEAR * (point.x[i].abs() + length * direction[i].abs()) {
                     point.x[i] = bound;
@@ -256,7 +255,7 @@ mod tests {
         DMatrix::from_fn(rows, columns, |i, j| ((i * 7 + j * 13) as f64).sin() + f64::from(i % columns == j))
     }
 
-    /// The conditions of a minimum: no gradient on free unknowns, none that would pull one off its bound.
+    /// The optimality conditions: no gradient on free unknowns, none that pulls an unknown off its bound.
     #[track_caller]
     fn is_minimum(a: &DMatrix<f64>, b: &DVector<f64>, bounds: &Bounds, x: &[f64], small: f64) {
         let g = a.transpose() * (a * DVector::from_column_slice(x) - b);
@@ -273,7 +272,7 @@ mod tests {
         let (solver, evaluations) = solve(&a, &b, vec![0.5; n], bounds.clone(), 2000);
         assert!(largest_difference(solver.x(), truth.as_slice()) < 1e-7, "{:?}", solver.x());
         assert!(evaluations < 400, "{evaluations}");
-        // Noise that asks for negative values.
+        // Noise, so that the unconstrained solution has negative values.
         let noisy = DVector::from_fn(m, |i, _| b[i] + 3.0 * (i as f64 * 2.1).cos());
         let (solver, _) = solve(&a, &noisy, vec![0.0; n], bounds.clone(), 2000);
         is_minimum(&a, &noisy, &bounds, solver.x(), 1e-8);
@@ -292,7 +291,7 @@ mod tests {
         assert!(met > 5 && met < n, "{met}");
     }
 
-    /// More unknowns than equations: some minimum is found, and the value at it is right.
+    /// More unknowns than equations: it finds a minimum with the right value.
     #[test]
     fn more_unknowns_than_equations() {
         let (m, n) = (10, 25);

@@ -1,12 +1,12 @@
-//! A line search for the strong Wolfe conditions, which survives rounding and points that cannot be evaluated.
+//! A line search for the strong Wolfe conditions, robust against rounding and non-finite values.
 
 use super::{Bounds, Objective, Point, StepError, dot};
 
-/// Sufficient decrease, and how much flatter the end must be: the usual values for quasi-Newton methods.
+/// Constants of the Wolfe conditions (sufficient decrease, curvature): the usual values for quasi-Newton methods.
 const DECREASE: f64 = 1e-4;
 const FLATTER: f64 = 0.9;
 const MAX_EVALUATIONS: u32 = 15;
-/// An interval is cut no closer to its ends than this share.
+/// Trial steps keep at least this fraction of the interval from its ends.
 const MARGIN: f64 = 0.1;
 
 /// From `from` along `direction`.
@@ -14,13 +14,13 @@ pub(super) struct Line<'a> {
     pub from: &'a Point,
     pub direction: &'a [f64],
     pub bounds: &'a Bounds,
-    /// The longest step within the bounds.
+    /// The longest step within the bounds, as a multiple of `direction`.
     pub longest: f64,
-    /// Rounding of the objective, relative: within it, slopes decide instead of values.
+    /// Relative rounding of the objective, within which slopes decide instead of values.
     pub noise: f64,
 }
 
-/// One end of the interval that holds an acceptable step.
+/// One end of the interval that contains an acceptable step.
 #[derive(Clone)]
 struct End {
     step: f64,
@@ -28,7 +28,7 @@ struct End {
     slope: f64,
 }
 
-/// The point reached, if a lower one was found, and the evaluations that took.
+/// The point found, if lower, and the number of evaluations.
 pub(super) struct Found {
     pub point: Option<Point>,
     pub evaluations: u32,
@@ -53,7 +53,7 @@ impl Line<'_> {
         let tolerated = self.from.value + self.noise * self.from.value.abs();
         let enough = |end: &End| end.value <= start.value + DECREASE * end.step * start.slope;
         let flat = |end: &End| end.slope.abs() <= -FLATTER * start.slope;
-        // Hager's and Zhang's approximate conditions: where values differ by rounding alone, slopes still tell.
+        // Approximate Wolfe conditions (Hager and Zhang 2005): slopes still decide where values differ by rounding only.
         let flat_within_noise = |end: &End| {
             end.value <= tolerated
                 && end.slope >= FLATTER * start.slope
@@ -62,13 +62,13 @@ impl Line<'_> {
 
         let mut best: Option<Point> = None;
         let mut low = start.clone();
-        // The far end: `None` while the interval is open, without numbers where the objective has none.
+        // The far end: `None` while the interval is unbounded; not finite where the objective is not.
         let mut high: Option<(f64, Option<End>)> = None;
         let mut step = first.min(self.longest);
         while evaluations < MAX_EVALUATIONS {
             let x = self.at(step);
-            // Shorter than rounding, or, the first step having failed, with less to gain than rounding hides: every
-            // further evaluation would be wasted.
+            // The interval is below rounding, or the first step failed and the possible gain is below rounding: further
+            // evaluations are useless.
             let gain = -start.slope * step;
             if x == self.from.x || (evaluations > 0 && gain <= self.noise * start.value.abs()) {
                 break;
@@ -108,7 +108,7 @@ impl Line<'_> {
                 Some((_, Some(high))) => between(&low, high),
             };
         }
-        // No step is flat enough, but a lower one will do: at the bounds, or at the end of what rounding shows.
+        // No step satisfies the curvature condition, but a lower value is accepted: at a bound, or at the limit of rounding.
         Ok(Found { point: best, evaluations })
     }
 }

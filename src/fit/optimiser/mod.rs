@@ -1,8 +1,8 @@
-//! Minimisers within bounds, as state machines: a step at a time, each of them serialisable between two steps.
+//! Bound-constrained minimisers as state machines: one step at a time, serialisable between steps.
 //!
-//! A step that fails leaves the state as it was, so that an interrupted fit repeats the step and reaches the same
-//! result, to the last bit, as one that was never interrupted. Own code: of the maintained Rust crates none has both
-//! bounds and a state that can be stored.
+//! A failed step leaves the state unchanged, so that an interrupted fit repeats the step and reaches the same result, to
+//! the last bit, as an uninterrupted one. Own code, because no maintained Rust crate has both bounds and a serialisable
+//! state.
 
 mod adam;
 mod cauchy;
@@ -17,14 +17,14 @@ pub use quasi_newton::{QuasiNewton, QuasiNewtonOptions};
 
 use serde::{Deserialize, Serialize};
 
-/// What is minimised: value and gradient at a point. A value or gradient that is not finite marks a point that cannot
-/// be evaluated; the optimiser then takes a shorter step. An error ends the step.
+/// The objective: value and gradient at a point. A value or gradient that is not finite marks an invalid point; the
+/// optimiser then shortens the step. An error ends the step.
 pub type Objective<'a, E> = dyn FnMut(&[f64]) -> Result<(f64, Vec<f64>), E> + 'a;
 
 /// The product of the (constant) Hessian of a quadratic objective with a vector.
 pub type Curvature<'a, E> = dyn FnMut(&[f64]) -> Result<Vec<f64>, E> + 'a;
 
-/// A step could not be made. The state is what it was before.
+/// A step failed. The state is unchanged.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StepError<E> {
@@ -32,12 +32,12 @@ pub enum StepError<E> {
         "the objective is not finite at the starting point (value {value}); start from other values, or narrow the \
          bounds"
     )]
-    /// The function is not finite at the start.
+    /// The objective is not finite at the start.
     Start {
-        /// What it is there.
+        /// Its value there.
         value: f64,
     },
-    /// A vector does not fit the number of unknowns.
+    /// A gradient or product has the wrong length.
     #[error("{got} derivatives for {expected} unknowns: a defect of the objective")]
     Length {
         /// Its length.
@@ -45,35 +45,35 @@ pub enum StepError<E> {
         /// The number of unknowns.
         expected: usize,
     },
-    /// A linear model gave something that is not finite: there is no shorter step to take.
+    /// A product with the Hessian is not finite. Unlike an objective, it admits no shorter step.
     #[error("the product with the Hessian is not finite; the model cannot be evaluated")]
     Curvature,
-    /// The function could not be evaluated.
+    /// The objective could not be evaluated.
     #[error(transparent)]
     Objective(E),
 }
 
-/// What a step did.
+/// The outcome of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Step {
     /// Objective after the step.
     pub value: f64,
-    /// ‖P(x - g) - x‖∞ after the step: the gradient, less what bounds forbid.
+    /// ‖P(x - g) - x‖∞ after the step, the norm of the projected gradient.
     pub gradient: f64,
-    /// Largest change of an unknown.
+    /// Largest change of an unknown in the step.
     pub length: f64,
-    /// Evaluations of the objective, or products with the Hessian, that the step took.
+    /// Evaluations of the objective and products with the Hessian in the step.
     pub evaluations: u32,
-    /// False where no lower value could be found: the optimiser is at the end of what rounding lets it see.
+    /// False if no lower value could be found: the optimiser has reached the limit of rounding.
     pub progress: bool,
 }
 
 /// Box constraints; infinite where there is none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bounds {
-    /// Per unknown; minus infinity where there is none.
+    /// Lower bound per unknown; minus infinity if there is none.
     pub lower: Vec<f64>,
-    /// Per unknown; infinity where there is none.
+    /// Upper bound per unknown; infinity if there is none.
     pub upper: Vec<f64>,
 }
 
@@ -83,7 +83,7 @@ impl Bounds {
         Self { lower: vec![f64::NEG_INFINITY; n], upper: vec![f64::INFINITY; n] }
     }
 
-    /// Moves a point to the nearest one within the bounds.
+    /// Projects a point onto the bounds.
     pub fn project(&self, x: &mut [f64]) {
         for ((x, &lower), &upper) in x.iter_mut().zip(&self.lower).zip(&self.upper) {
             *x = x.max(lower).min(upper);
@@ -153,16 +153,16 @@ fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
 /// One of the optimisers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Optimiser {
-    /// L-BFGS within bounds.
+    /// L-BFGS-B with a diagonal update.
     QuasiNewton(QuasiNewton),
-    /// Adam within bounds.
+    /// Adam, projected onto bounds.
     Adam(Adam),
     /// Bounded linear least squares.
     LeastSquares(LeastSquares),
 }
 
 impl Optimiser {
-    /// One step. `curvature` is asked by [`LeastSquares`] alone.
+    /// One step. Only [`LeastSquares`] uses `curvature`.
     pub fn step<E>(
         &mut self,
         objective: &mut Objective<E>,
@@ -175,7 +175,7 @@ impl Optimiser {
         }
     }
 
-    /// Where the optimiser stands, within the bounds.
+    /// The current point, within the bounds.
     pub fn x(&self) -> &[f64] {
         match self {
             Self::QuasiNewton(optimiser) => optimiser.x(),
@@ -184,7 +184,7 @@ impl Optimiser {
         }
     }
 
-    /// The best point so far: with all but Adam, where the optimiser stands.
+    /// The best point so far: the current one, except with Adam.
     pub fn best(&self) -> &[f64] {
         match self {
             Self::Adam(optimiser) => optimiser.best(),
@@ -192,7 +192,7 @@ impl Optimiser {
         }
     }
 
-    /// Bytes of vectors that the optimiser holds for `n` unknowns.
+    /// Bytes of the optimiser's vectors for `n` unknowns.
     pub fn bytes(&self, n: usize) -> u64 {
         let vectors = match self {
             Self::QuasiNewton(optimiser) => optimiser.vectors(),
@@ -210,7 +210,7 @@ pub(super) mod tests {
 
     pub type Result<T> = std::result::Result<T, Infallible>;
 
-    /// Σ 100 (x_{i+1} - x_i²)² + (1 - x_i)²: a bent valley.
+    /// The Rosenbrock function Σ 100 (x_{i+1} - x_i²)² + (1 - x_i)².
     pub fn rosenbrock(x: &[f64]) -> (f64, Vec<f64>) {
         let mut gradient = vec![0.0; x.len()];
         let mut value = 0.0;
@@ -250,7 +250,7 @@ pub(super) mod tests {
         assert_eq!(bounds.longest_step(&x, &[-0.5, 1.0]), 2.0);
     }
 
-    /// Whatever is stored after any step continues to the same bytes.
+    /// A state stored after any step continues to the same bytes.
     #[test]
     fn storing_and_restoring_changes_nothing() {
         let bounds = Bounds { lower: vec![-2.0; 6], upper: vec![0.9, 0.8, 2.0, 2.0, 2.0, 2.0] };
@@ -285,7 +285,7 @@ pub(super) mod tests {
         }
     }
 
-    /// A step that ends with an error is as if it had never been tried.
+    /// A failed step leaves no trace in the state.
     #[test]
     fn an_error_leaves_the_state_alone() {
         let n = 4;

@@ -1,4 +1,5 @@
-//! L-BFGS-B, with a diagonal that learns: a quasi-Newton method within bounds, for smooth losses.
+//! L-BFGS-B (Byrd, Lu, Nocedal and Zhu 1995) with an adaptive diagonal: a bound-constrained quasi-Newton method for smooth
+//! losses.
 
 use super::cauchy::model_minimum;
 use super::compact::Memory;
@@ -7,15 +8,15 @@ use super::{Bounds, Objective, Point, Step, StepError, dot, largest_difference};
 use crate::options::setters;
 use serde::{Deserialize, Serialize};
 
-/// How the quasi-Newton method goes about.
+/// Options of the quasi-Newton method.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct QuasiNewtonOptions {
-    /// Steps whose change of gradient is remembered.
+    /// Number of pairs of steps and gradient differences to keep.
     pub memory: usize,
-    /// Largest change of an unknown in the first step, in units of its scale: nothing is known of the curvature yet.
+    /// Largest change of an unknown in the first step, in units of its scale, as the curvature is still unknown.
     pub first_step: f64,
-    /// Rounding of the objective, relative to its value.
+    /// Noise of the objective, relative to its value.
     pub noise: f64,
 }
 
@@ -38,14 +39,14 @@ pub struct QuasiNewton {
 }
 
 impl QuasiNewton {
-    /// Starts at the point within `bounds` that is nearest to `x`.
+    /// Starts at the projection of `x` onto `bounds`.
     pub fn new(mut x: Vec<f64>, bounds: Bounds, options: QuasiNewtonOptions) -> Self {
         bounds.project(&mut x);
         let memory = Memory::new(x.len());
         Self { options, bounds, start: x, point: None, memory }
     }
 
-    /// The unknowns as they are now.
+    /// The current unknowns.
     pub fn x(&self) -> &[f64] {
         self.point.as_ref().map_or(&self.start, |point| &point.x)
     }
@@ -54,7 +55,7 @@ impl QuasiNewton {
         3 * self.options.memory + 10
     }
 
-    /// One step along the way to the minimum of the model, with one evaluation as a rule, two for the first.
+    /// One step towards the minimum of the model, usually with one evaluation, two for the first.
     pub fn step<E>(&mut self, objective: &mut Objective<E>) -> Result<Step, StepError<E>> {
         let mut evaluations = 0;
         let here = match &self.point {
@@ -65,13 +66,13 @@ impl QuasiNewton {
             }
         };
         let mut memory = self.memory.clone();
-        // A memory that leads nowhere is forgotten, once; then the gradient alone must show the way.
+        // If the model's direction fails, the memory is cleared once and the gradient alone is tried.
         loop {
             let blank = memory.s.is_empty();
             if blank {
                 let steepest = self.bounds.projected_gradient(&here.x, &here.gradient);
                 let largest = here.gradient.iter().fold(0.0, |largest: f64, g| largest.max(g.abs()));
-                // The projected gradient may be cut short by a bound that is near.
+                // A nearby bound may truncate the projected gradient.
                 memory
                     .diagonal
                     .fill((steepest.max(largest) / self.options.first_step).max(f64::MIN_POSITIVE));
@@ -168,7 +169,7 @@ mod tests {
         assert!(evaluations < 150, "{evaluations}");
     }
 
-    /// With x_0 ≤ 0.5 the minimum over two unknowns is (0.5, 0.25): on the bound, down in the valley.
+    /// With x_0 ≤ 0.5 the minimum over two unknowns is (0.5, 0.25): on the bound, in the valley.
     #[test]
     fn rosenbrock_with_an_active_bound() {
         let bounds = Bounds { lower: vec![-2.0, -2.0], upper: vec![0.5, 2.0] };
@@ -178,7 +179,7 @@ mod tests {
         assert!(evaluations < 80, "{evaluations}");
     }
 
-    /// Unknowns without coupling: the minimum is that of each alone, cut by its bounds.
+    /// Without coupling, the minimum is that of each unknown alone, clamped to its bounds.
     #[test]
     fn a_known_active_set() {
         let n = 200;
@@ -209,11 +210,11 @@ mod tests {
         for (i, (x, expected)) in optimiser.x().iter().zip(&expected).enumerate() {
             assert!((x - expected).abs() * h[i].sqrt() < 1e-5, "unknown {i}: {x}, not {expected}");
         }
-        // The condition number is 3e5: without a diagonal that learns it takes 950.
+        // The condition number is 3e5: without the adaptive diagonal it takes 950.
         assert!(evaluations < 200, "{evaluations}");
     }
 
-    /// Unknowns that are fixed by equal bounds stay where they are.
+    /// Unknowns with equal bounds stay fixed.
     #[test]
     fn equal_bounds_fix_an_unknown() {
         let bounds = Bounds { lower: vec![0.3, -5.0, 0.0], upper: vec![0.3, 5.0, 0.0] };
@@ -225,7 +226,7 @@ mod tests {
         assert!((optimiser.x()[1] - 1.0 - d).abs() < 1e-10);
     }
 
-    /// A cliff in the way: beyond it nothing can be evaluated. The minimum before it is found all the same.
+    /// Beyond a cliff the objective is not finite; the minimum before it is still found.
     #[test]
     fn points_without_a_value_shorten_the_step() {
         for beyond in [f64::NAN, f64::INFINITY] {
@@ -257,7 +258,7 @@ mod tests {
         assert!(matches!(short, Err(StepError::Length { got: 0, expected: 1 })));
     }
 
-    /// Values rounded as f32 rounds them: the gradient still leads to the minimum.
+    /// Values rounded to f32: the gradient still leads to the minimum.
     #[test]
     fn rounded_values_do_not_stop_it_early() {
         let mut optimiser = QuasiNewton::new(
@@ -272,7 +273,7 @@ mod tests {
         assert!(largest_difference(optimiser.x(), &[1.0; 2]) < 1e-5, "{:?}", optimiser.x());
     }
 
-    /// At the minimum there is no way on, and the optimiser says so.
+    /// At the minimum the optimiser reports no progress.
     #[test]
     fn no_progress_at_the_minimum() {
         let bounds = Bounds { lower: vec![0.0], upper: vec![1.0] };

@@ -1,10 +1,10 @@
-//! What to fit, as it is asked for.
+//! The specification of what to fit.
 
 use super::super::gradient::Quantity;
 use crate::options::setters;
 use serde::Serialize;
 
-/// What shares one value.
+/// Which triangles share a value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Per {
@@ -13,7 +13,7 @@ pub enum Per {
     Material,
     /// All triangles of a mesh.
     Mesh,
-    /// Nothing: each triangle has its own.
+    /// Each triangle has its own value.
     Triangle,
 }
 
@@ -21,9 +21,9 @@ pub enum Per {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MotionKind {
-    /// Every vertex for itself; vertices at the same place move as one.
+    /// Each vertex separately; vertices at the same place move as one.
     Vertices,
-    /// The mesh moves as it is.
+    /// Translation.
     Translation,
     /// Translation and rotation.
     Rigid,
@@ -46,31 +46,31 @@ impl MotionKind {
     }
 }
 
-/// One thing to fit.
+/// One quantity to fit, where, and within which bounds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Fit {
-    /// What is unknown.
+    /// The quantity.
     pub quantity: Quantity,
-    /// Names of materials and meshes: what has both is fitted. `None`: all.
+    /// Names of materials; triangles with both a material and a mesh listed are fitted. `None`: all.
     pub materials: Option<Vec<String>>,
-    /// The same of meshes.
+    /// Names of meshes. `None`: all.
     pub meshes: Option<Vec<String>>,
-    /// What shares one value.
+    /// Which triangles share a value.
     pub per: Per,
-    /// Of positions: how they may change.
+    /// For positions: how they may change.
     pub motion: MotionKind,
-    /// The meshes move as one body, rather than each for itself.
+    /// For positions: the meshes move as one body instead of separately.
     pub together: bool,
-    /// In the unit of the quantity; of a position, the way from where it stands in the scene, metres.
+    /// Lower bound in the unit of the quantity; for positions, of the displacement from the scene, m.
     pub lower: Option<[f64; 3]>,
-    /// The same from above.
+    /// Upper bound, likewise.
     pub upper: Option<[f64; 3]>,
-    /// Where to start; `None`: what the scene has.
+    /// Initial value; `None`: that of the scene.
     pub initial: Option<[f64; 3]>,
     /// Largest component of a rotation vector, degrees.
     pub max_rotation_degrees: Option<f64>,
-    /// Largest factor of size, and largest to divide it by.
+    /// Largest factor of size; its reciprocal is the smallest.
     pub max_scale: Option<f64>,
 }
 
@@ -89,7 +89,7 @@ setters!(Fit {
 });
 
 impl Fit {
-    /// A quantity of the whole scene, per material; positions as rigid motions of each mesh.
+    /// Fits a quantity of the whole scene, per material; positions by rigid motions of each mesh.
     pub fn new(quantity: Quantity) -> Self {
         Self {
             quantity,

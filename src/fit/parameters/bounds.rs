@@ -1,4 +1,4 @@
-//! The box that keeps every vector of unknowns a possible scene.
+//! Bounds within which every vector of unknowns is a valid scene.
 
 use super::super::gradient::Quantity;
 use super::super::limit::{LIMIT, largest_lobe, lobe, unlimited};
@@ -6,9 +6,9 @@ use super::super::optimiser::Bounds;
 use super::{Fit, ParameterError, Parameters, What, to_unknown};
 use crate::scene::Material;
 
-/// The largest diffuse albedo if nothing else is asked for: a closed room of it still settles in some hundred passes.
+/// Default upper bound of the diffuse albedo: a closed room of it still converges in a few hundred passes.
 const MAX_ALBEDO: f64 = 0.99;
-/// The largest power if nothing else is asked for: sharper lobes are finer than any bins.
+/// Default upper bound of the power: sharper lobes are finer than any bins.
 const MAX_POWER: f64 = 1e4;
 impl Parameters {
     pub(super) fn set_bounds(&mut self, fit: usize) -> Result<(), ParameterError> {
@@ -29,11 +29,11 @@ impl Parameters {
                     for channel in 0..quantity.channels() {
                         let lower = what.lower.map_or(0.0, |l| l[channel]);
                         let upper = what.upper.map_or(natural[channel], |u| u[channel].min(natural[channel]));
-                        let asked = what.upper.map_or(f64::INFINITY, |u| u[channel]);
-                        let ordered = lower >= 0.0 && lower <= asked;
+                        let requested = what.upper.map_or(f64::INFINITY, |u| u[channel]);
+                        let ordered = lower >= 0.0 && lower <= requested;
                         if !ordered {
                             return Err(refuse(format!(
-                                "{word}: bounds {lower} to {asked}; they must be 0 or more, the lower one first"
+                                "{word}: bounds {lower} to {requested}; they must be 0 or more, the lower one first"
                             )));
                         }
                         if lower > upper {
@@ -92,7 +92,7 @@ impl Parameters {
         Ok(())
     }
 
-    /// The largest values that are possible for all of some materials, whatever else is fitted of them takes.
+    /// The largest values that are valid for all of the given materials, whatever their other fitted quantities are.
     fn natural_upper(&self, quantity: Quantity, materials: &[u32]) -> [f64; 3] {
         let mut upper = [f64::INFINITY; 3];
         for &m in materials {
@@ -103,7 +103,7 @@ impl Parameters {
                 let end = |of: Option<[f64; 3]>, usual: f64| of.map_or(usual, |v| v[0]).clamp(0.0, MAX_POWER);
                 [end(fit.lower, 0.0), end(fit.upper, MAX_POWER)]
             });
-            // What a fixed σ takes away; a fitted one takes what is left.
+            // A fixed σ reduces the budget; a fitted one gets the remainder.
             let lobe = if limited || !material.is_glossy() {
                 0.0
             } else {
@@ -112,30 +112,30 @@ impl Parameters {
             let here = [0, 1, 2].map(|c| match quantity {
                 Quantity::Emission | Quantity::Position => f64::INFINITY,
                 Quantity::Albedo => {
-                    let room = MAX_ALBEDO.min(LIMIT - material.specular[c] * lobe);
-                    (room / material.diffuse).min(MAX_ALBEDO)
+                    let budget = MAX_ALBEDO.min(LIMIT - material.specular[c] * lobe);
+                    (budget / material.diffuse).min(MAX_ALBEDO)
                 }
                 Quantity::Diffuse => {
-                    let room =
+                    let budget =
                         |c: usize| MAX_ALBEDO.min(LIMIT - material.specular[c] * lobe) / material.albedo[c];
-                    (0..3).map(room).fold(f64::INFINITY, f64::min)
+                    (0..3).map(budget).fold(f64::INFINITY, f64::min)
                 }
                 Quantity::Specular => {
-                    // Beyond this the soft limit lets nothing more through.
+                    // Beyond this the soft limit saturates.
                     let smallest = powers.map(|p| self::lobe(p, material.normalization).0);
                     2.0 * LIMIT / smallest[0].min(smallest[1])
                 }
                 Quantity::Power if limited => MAX_POWER,
                 Quantity::Power => {
-                    let room = (0..3).map(|c| {
+                    let budget = (0..3).map(|c| {
                         let albedo = match self.fit_of(Quantity::Albedo, m) {
                             Some(fit) => fit.upper.map_or(MAX_ALBEDO, |u| u[c]).min(MAX_ALBEDO),
                             None => material.albedo[c],
                         };
                         (LIMIT - material.diffuse * albedo.min(material.albedo[c])) / material.specular[c]
                     });
-                    let room = room.fold(f64::INFINITY, f64::min);
-                    largest_power(room, material)
+                    let budget = budget.fold(f64::INFINITY, f64::min);
+                    largest_power(budget, material)
                 }
             });
             upper = [0, 1, 2].map(|c| upper[c].min(here[c]));
@@ -154,7 +154,7 @@ impl Parameters {
             let lobe = lobe(material.power, material.normalization).0;
             unlimited(material.specular[channel], lobe, material.diffuse_albedo()[channel])
         };
-        // Materials that shall be alike start alike: the one with the least room decides.
+        // Materials that share a value share the start: the smallest decides.
         materials.iter().map(of).fold(f64::INFINITY, f64::min)
     }
 }
@@ -171,9 +171,9 @@ fn displacement(fit: &Fit) -> Result<([f64; 3], [f64; 3]), String> {
     }
 }
 
-/// The largest power whose lobe reflects at most `room` for σ = 1, by bisection: ℓ grows with p.
-fn largest_power(room: f64, material: &Material) -> f64 {
-    let fits = |power: f64| largest_lobe([power; 2], material.normalization) <= room;
+/// The largest power whose lobe reflects at most `budget` for σ = 1, by bisection, since ℓ increases with p.
+fn largest_power(budget: f64, material: &Material) -> f64 {
+    let fits = |power: f64| largest_lobe([power; 2], material.normalization) <= budget;
     if !material.is_glossy() || fits(MAX_POWER) {
         return MAX_POWER;
     }

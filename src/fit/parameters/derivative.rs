@@ -5,11 +5,11 @@ use super::super::limit::{limit, lobe};
 use super::{Parameters, What};
 use glam::DVec3;
 
-/// RGB derivatives, by [`Quantity`]; `None` where it is not fitted.
+/// RGB derivatives per [`Quantity`]; `None` if it is not fitted.
 type ByQuantity = [Option<[f64; 3]>; 6];
 
 impl Parameters {
-    /// The derivative by the unknowns, from that by the scene at them.
+    /// The derivative by the unknowns, from that by the scene at the same point.
     pub fn pull_back(&self, x: &[f64], gradient: &SceneGradient) -> Vec<f64> {
         let mut by_unknowns = vec![0.0; self.len()];
         let by_material = self.by_material(x, gradient);

@@ -1,9 +1,9 @@
-//! What is fitted: the way from a vector of unknowns to a scene, and of derivatives back.
+//! Maps a vector of unknowns to a scene, and pulls derivatives back.
 //!
-//! Unknowns are values divided by a scale that is typical of their kind, so that a change of 1 means about as much for
-//! each of them; a power p is the unknown ln(1 + p), a factor of size its logarithm. Whatever the unknowns are within
-//! [`Parameters::bounds`], the materials are possible ones: emission, δ, ρ, σ and p have boxes, and σ passes through the
-//! soft limit of [`limit`](super::limit).
+//! Unknowns are values divided by a typical scale of their quantity, so that a change of 1 has a similar effect for all; a
+//! power p has the unknown ln(1 + p), a scale factor its logarithm. All unknowns within [`Parameters::bounds`] give
+//! physical materials: emission, δ, ρ, σ and p have box constraints, and σ passes through the soft limit of
+//! [`limit`](super::limit).
 
 mod asked;
 mod bounds;
@@ -25,17 +25,17 @@ use crate::scene::{Material, Scene};
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// Something cannot be fitted as asked.
+/// A [`Fit`] is invalid for the scene.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct ParameterError {
-    /// Index of the [`Fit`] to blame.
+    /// Index of the [`Fit`].
     pub fit: usize,
     /// What is wrong with it.
     pub message: String,
 }
 
-/// Some unknowns that belong together.
+/// Unknowns that belong together, such as the channels of an albedo.
 #[derive(Clone, Debug)]
 struct ParameterBlock {
     fit: usize,
@@ -43,7 +43,7 @@ struct ParameterBlock {
     name: String,
     /// Index of the first unknown.
     first: usize,
-    /// Value per unit of the unknowns.
+    /// Scale: value per unit of the unknowns.
     scale: f64,
     what: What,
 }
@@ -70,23 +70,23 @@ impl ParameterBlock {
     }
 }
 
-/// The way between unknowns and scene. See the module.
+/// The map between unknowns and scenes; see the module.
 #[derive(Clone, Debug)]
 pub struct Parameters {
     fits: Vec<Fit>,
-    /// The scene with a material for each part that is fitted alone; its own values are the starting point.
+    /// The scene with a separate material for each part that is fitted separately; its values are the initial ones.
     base: Scene,
     blocks: Vec<ParameterBlock>,
     bounds: Bounds,
     start: Vec<f64>,
-    /// Materials whose σ is fitted, and so limited.
+    /// Materials whose σ is fitted and thus passes through the soft limit.
     limited: Vec<bool>,
-    /// Which [`Fit`] a quantity of a material takes part in.
+    /// The [`Fit`] of each quantity of a material.
     fit_of: HashMap<(Quantity, u32), usize>,
-    wanted: GradientRequest,
+    request: GradientRequest,
 }
 
-/// What the scene's check lets through.
+/// The largest power that the scene's check accepts.
 const CHECKED_POWER: f64 = 1e5;
 
 impl Parameters {
@@ -111,7 +111,7 @@ impl Parameters {
             bounds: Bounds::free(0),
             start: Vec::new(),
             fit_of: HashMap::new(),
-            wanted: GradientRequest::NOTHING,
+            request: GradientRequest::NOTHING,
         };
         for (fit, selected) in selected.iter().enumerate() {
             parameters.add(fit, selected, brightness.max(f64::MIN_POSITIVE));
@@ -128,7 +128,7 @@ impl Parameters {
 
     fn add(&mut self, fit: usize, selected: &Selected, brightness: f64) {
         let quantity = self.fits[fit].quantity;
-        let w = &mut self.wanted;
+        let w = &mut self.request;
         *match quantity {
             Quantity::Emission => &mut w.emission,
             Quantity::Diffuse => &mut w.diffuse,
@@ -148,7 +148,7 @@ impl Parameters {
                     MotionKind::Vertices => (selected.edge, What::Vertex { vertices: members.clone() }),
                     motion => {
                         let size = (high - low).length();
-                        // A rotation by 1 rad moves the end of the mesh by half its size.
+                        // A rotation by 1 rad moves the ends of the mesh by half its size.
                         let scale = if size > 0.0 { size / 2.0 } else { 1.0 };
                         let (centre, parts) = (low.midpoint(high), motion.parts());
                         (scale, What::Motion { vertices: members.clone(), centre, parts })
@@ -174,7 +174,7 @@ impl Parameters {
         }
     }
 
-    /// Puts initial values into the base scene and makes the unknowns of them.
+    /// Writes initial values to the base scene and converts them to unknowns.
     fn set_initial(&mut self, fit: usize, what: &Fit) -> Result<(), ParameterError> {
         let refuse = |message: String| Err(ParameterError { fit, message });
         if let Some(initial) = what.initial {
@@ -186,13 +186,13 @@ impl Parameters {
                 return refuse(String::from("only a motion with a translation has an `initial`, in metres"));
             }
         }
-        // By value: the blocks are written to below.
+        // Cloned, because the blocks are modified below.
         for block in self.blocks.clone().iter().filter(|block| block.fit == fit) {
             let first = block.first;
             match &block.what {
                 What::Material { quantity, materials, .. } => {
                     let value = what.initial.unwrap_or_else(|| {
-                        // The mean, where materials differ that shall be alike.
+                        // The mean, if materials that share a value differ.
                         let sum: DVec3 = materials
                             .iter()
                             .map(|&m| DVec3::from(get(&self.base.materials[m as usize], *quantity)))
@@ -223,37 +223,37 @@ impl Parameters {
         self.start.len()
     }
 
-    /// Whether nothing is unknown.
+    /// True if there are no unknowns.
     pub fn is_empty(&self) -> bool {
         self.start.is_empty()
     }
 
-    /// Within these, every vector of unknowns is a possible scene.
+    /// Bounds within which every vector of unknowns is a valid scene.
     pub fn bounds(&self) -> &Bounds {
         &self.bounds
     }
 
-    /// The unknowns of the initial values.
+    /// The unknowns at the initial values.
     pub fn start(&self) -> &[f64] {
         &self.start
     }
 
     /// Which derivatives [`Self::pull_back`] needs.
     pub fn wanted(&self) -> GradientRequest {
-        self.wanted
+        self.request
     }
 
-    /// The scene with initial values, each part that is fitted alone with a material of its own.
+    /// The scene with initial values, and with a separate material for each part that is fitted separately.
     pub fn base(&self) -> &Scene {
         &self.base
     }
 
-    /// True if nothing but emission is fitted: then pictures are linear in the unknowns.
+    /// True if only emission is fitted, so that pictures are affine in the unknowns.
     pub fn is_linear(&self) -> bool {
         self.fits.iter().all(|fit| fit.quantity == Quantity::Emission)
     }
 
-    /// The scene of some unknowns.
+    /// The scene at the given unknowns.
     pub fn scene(&self, x: &[f64]) -> Scene {
         let mut scene = self.base.clone();
         self.set_materials(x, &mut scene.materials, true);
@@ -284,8 +284,8 @@ impl Parameters {
         scene
     }
 
-    /// The scene whose only light is that of the fitted emissions, which may be negative: the part of
-    /// [`Self::scene`] that is linear in the unknowns, if [`Self::is_linear`].
+    /// The scene lit by the fitted emissions alone, which may be negative: the linear part of [`Self::scene`], if
+    /// [`Self::is_linear`].
     pub fn linear_scene(&self, x: &[f64]) -> Scene {
         let mut scene = self.base.clone();
         scene.materials.iter_mut().for_each(|m| m.emission = [0.0; 3]);
@@ -293,8 +293,8 @@ impl Parameters {
         scene
     }
 
-    /// A scene that needs as much of a solver as any that the unknowns can describe: three channels where colours are
-    /// fitted, specular reflection where σ is.
+    /// A scene that requires as much of the solver as any other within the bounds: three channels if colours are fitted,
+    /// specular reflection if σ is.
     pub fn planning_scene(&self) -> Scene {
         let mut scene = self.base.clone();
         for block in &self.blocks {
@@ -362,7 +362,7 @@ impl Parameters {
         blocks.flat_map(|block| block.first..block.first + block.unknowns()).collect()
     }
 
-    /// The unknown that an RGB value of a quantity would be, per channel of [`Self::unknowns_of`]; `None` for positions.
+    /// The unknowns for an RGB value of a quantity, per channel of [`Self::unknowns_of`]; `None` for positions.
     pub fn unknowns_for(&self, quantity: Quantity, value: [f64; 3]) -> Option<Vec<f64>> {
         if quantity == Quantity::Position {
             return None;
@@ -374,11 +374,11 @@ impl Parameters {
     }
 
     /// Triangles whose quantity is fitted.
-    pub fn triangles_of(&self, wanted: Quantity) -> Vec<bool> {
+    pub fn triangles_of(&self, of: Quantity) -> Vec<bool> {
         let mut fitted = vec![false; self.base.triangles.len()];
         for block in &self.blocks {
             if let What::Material { quantity, triangles, .. } = &block.what
-                && *quantity == wanted
+                && *quantity == of
             {
                 triangles.iter().for_each(|&t| fitted[t as usize] = true);
             }
@@ -386,7 +386,7 @@ impl Parameters {
         fitted
     }
 
-    /// Vertices that are fitted, by places: vertices at one place together.
+    /// Fitted vertices, grouped by place.
     pub fn fitted_places(&self) -> Vec<Vec<u32>> {
         let mut places = Vec::new();
         for block in &self.blocks {
@@ -398,7 +398,7 @@ impl Parameters {
         places
     }
 
-    /// A change of a quantity that means as much as a change of an unknown by 1.
+    /// The change of a quantity that corresponds to a change of its unknown by 1.
     pub fn scale(&self, quantity: Quantity) -> f64 {
         let of = |block: &&ParameterBlock| self.fits[block.fit].quantity == quantity;
         self.blocks.iter().find(of).map_or(1.0, |block| block.scale)

@@ -1,29 +1,29 @@
-//! What was found, in the units of people.
+//! Fitted values in physical units.
 
 use super::super::motion::Motion;
 use super::{Parameters, What, get};
 use crate::scene::Scene;
 use serde::Serialize;
 
-/// A value that was fitted, for people and for JSON.
+/// A fitted value, for display and JSON.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Recovered {
-    /// Which one.
+    /// The quantity.
     pub quantity: &'static str,
-    /// Material, mesh, or triangle by its number.
+    /// Material, mesh, or triangle by its index.
     pub of: String,
-    /// Of the values; "1" for plain numbers.
+    /// Unit of the values; "1" for dimensionless ones.
     pub unit: &'static str,
-    /// What was found, per channel or component.
+    /// The fitted value, per channel or component.
     pub value: Vec<f64>,
-    /// Where it started.
+    /// The initial value.
     pub initial: Vec<f64>,
-    /// Channels that stand on a bound.
+    /// Per channel, whether it is at a bound.
     pub at_bound: Vec<bool>,
 }
 
 impl Parameters {
-    /// What was found.
+    /// The fitted values at some unknowns.
     pub fn recovered(&self, x: &[f64]) -> Vec<Recovered> {
         let (found, initial) = (self.scene(x), self.scene(&self.start));
         let mut list = Vec::with_capacity(self.blocks.len());

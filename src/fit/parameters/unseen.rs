@@ -1,17 +1,17 @@
-//! What is fitted although no view shows it.
+//! Fitted values of triangles that no view shows.
 
 use super::super::gradient::Quantity;
 use super::{Parameters, What};
 use std::fmt;
 
-/// Values of one [`Fit`](super::Fit) none of whose triangles any view shows.
+/// Counts the values of one [`Fit`](super::Fit) whose triangles no view shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unseen {
-    /// Which one no picture tells.
+    /// The quantity.
     pub quantity: Quantity,
-    /// Out of view.
+    /// Number of values out of view.
     pub unseen: usize,
-    /// In all.
+    /// Number of all values.
     pub values: usize,
 }
 
@@ -25,16 +25,16 @@ impl fmt::Display for Unseen {
         )?;
         f.write_str(match quantity {
             Quantity::Emission => {
-                "what they emit looks the same as the walls that they light emitting it; `antirad ambiguity` shows how \
-                 far the pictures leave it open, and a regulariser (sparsity, prior) decides"
+                "their emission looks the same as emission of the surfaces that they illuminate; `antirad ambiguity` shows \
+                 what the pictures leave undetermined, and a regulariser (sparsity, prior) resolves it"
             }
-            _ => "they are found by the light that they send elsewhere alone; a regulariser (prior) holds what that leaves open",
+            _ => "only the light that they reflect elsewhere determines them; a regulariser (prior) constrains the rest",
         })
     }
 }
 
 impl Parameters {
-    /// By fit; `seen`: per triangle of the scene, whether a view shows it.
+    /// One entry per fit with unseen values. `seen`: per triangle of the scene, whether a view shows it.
     pub fn unseen(&self, seen: &[bool]) -> Vec<Unseen> {
         let triangle_seen = |t: &u32| seen[*t as usize];
         let mut vertex_seen = vec![false; self.base.vertices.len()];
