@@ -27,6 +27,7 @@ layout(scalar, binding = 5) buffer ArrivingRgb { real3 arriving_rgb[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
 layout(std430, binding = 6) readonly buffer BinTable { real4 bin_table[]; };
 #define OTHERS_BINDING 7
+#define OTHERS_LIGHT others_radiance
 #include "others.glsl"
 
 #include "far_push.glsl"

@@ -1,11 +1,10 @@
 #version 450 core
-#extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 // U^T where source, receiver or both have bins, point to point: with w_ij = max(cos_j, 0) |cos_i| g_ij a_i and
 // λ_ij = λ_j + Σ_b T_b(ω_j) λ_j(b), what one unit of irradiance at j from i is worth,
 //     front: μ_i += w_ij λ_ij, μ_i(b) += T_b(ω_i) w_ij λ_ij;   back: -T_b(ω_i) w_ij λ_ij to the antiradiance.
-// The twin of transport_bins.comp with sources for owners. Twin: src/reference/adjoint.rs.
+// As transport_bins.comp, with sources for owners. Twin: src/reference/adjoint.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -16,17 +15,20 @@ layout(constant_id = 0) const uint LANES = 8;
 layout(constant_id = 1) const uint TILE = 64;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
-layout(std430, binding = 1) readonly buffer CotangentIrradiance { real4 cotangent_irradiance[]; };
-layout(std430, binding = 2) readonly buffer FarRuns { uint far_runs[]; };
-layout(std430, binding = 3) buffer Radiance { real4 radiance[]; };
-layout(std430, binding = 4) readonly buffer Cotangent { real cotangent[]; };
-layout(scalar, binding = 4) readonly buffer CotangentRgb { real3 cotangent_rgb[]; };
-layout(std430, binding = 5) buffer Back { real leaving_back[]; };
-layout(scalar, binding = 5) buffer BackRgb { real3 leaving_back_rgb[]; };
-layout(std430, binding = 6) buffer Front { real leaving_front[]; };
-layout(scalar, binding = 6) buffer FrontRgb { real3 leaving_front_rgb[]; };
+layout(std430, binding = 1) readonly buffer FarRuns { uint far_runs[]; };
+layout(std430, binding = 2) buffer Radiance { real4 radiance[]; };
+layout(std430, binding = 3) readonly buffer Cotangent { real cotangent[]; };
+layout(scalar, binding = 3) readonly buffer CotangentRgb { real3 cotangent_rgb[]; };
+layout(std430, binding = 4) buffer Back { real leaving_back[]; };
+layout(scalar, binding = 4) buffer BackRgb { real3 leaving_back_rgb[]; };
+layout(std430, binding = 5) buffer Front { real leaving_front[]; };
+layout(scalar, binding = 5) buffer FrontRgb { real3 leaving_front_rgb[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
-layout(std430, binding = 7) readonly buffer BinTable { real4 bin_table[]; };
+layout(std430, binding = 6) readonly buffer BinTable { real4 bin_table[]; };
+#define OTHERS_BINDING 7
+// λ, the cotangent of irradiance.
+#define OTHERS_LIGHT others_cotangent
+#include "others.glsl"
 
 #include "far_push.glsl"
 #include "adjoint_bins.glsl"
@@ -45,32 +47,30 @@ void main() {
         bool fronts = (flags & PAIR_FRONT) != 0;
         bool backs = SOURCE_BACK && (flags & PAIR_BACK) != 0;
         bool near = (flags & PAIR_NEAR) != 0;
-        uint batches = fronts || backs ? (end - begin) * (TILE / LANES) : 0;
-        for (uint batch = 0; batch < batches; batch++) {
-            uint mine = begin * TILE + batch * LANES + gl_LocalInvocationID.x;
-            Facet f = facets[mine];
-            real3 light = cotangent_irradiance[mine].rgb;
-            for (uint lane = 0; lane < LANES; lane++) {
-                uint j = begin * TILE + batch * LANES + lane;
-                real3 x = subgroupBroadcast(f.centre, lane);
-                real3 n = subgroupBroadcast(f.normal, lane);
-                real3 l = subgroupBroadcast(light, lane);
-                real extent = subgroupBroadcast(f.extent, lane);
-                real3 d = x - source.centre;
-                real r2 = max(dot(d, d), R2_MIN);
-                real from = dot(d, source.normal);
-                real to = max(-dot(d, n), 0.0);
-                real share = near ? far_weight(r2, half_range * (extent + source.extent)) : real(1.0);
-                real side = from > 0.0 ? real(fronts) : real(backs);
-                real weight = side * share * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
-                // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.
-                for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
-                    real3 direction = d * inversesqrt(r2);
-                    bool front = from > 0.0;
-                    real3 value = weight * (l + binned_cotangent(n, (j - other_page) * BINS, -direction));
-                    deposit_radiance(source.normal, direction, front, value);
-                    sum += front ? value : real3(0.0);
-                }
+        uint receivers = fronts || backs ? (end - begin) * TILE : 0;
+        uint first = (begin - other_begin) * TILE;
+        for (uint k = 0; k < receivers; k++) {
+            Facet receiver = others[first + k];
+            real3 d = receiver.centre - source.centre;
+            real r2 = max(dot(d, d), R2_MIN);
+            real from = dot(d, source.normal);
+            real to = max(-dot(d, receiver.normal), 0.0);
+            real share = 1.0;
+            // A loop: tiles that are far apart, nearly all, skip it.
+            for (uint once = near ? 1 : 0; once > 0; once--) {
+                share = far_weight(r2, half_range * (receiver.extent + source.extent));
+            }
+            real side = from > 0.0 ? real(fronts) : real(backs);
+            real weight = side * share * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
+            // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.
+            for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
+                real3 direction = d * inversesqrt(r2);
+                bool front = from > 0.0;
+                uint bins = (begin * TILE + k - other_page) * BINS;
+                real3 binned = binned_cotangent(receiver.normal, bins, -direction);
+                real3 value = weight * (others_cotangent[first + k].rgb + binned);
+                deposit_radiance(source.normal, direction, front, value);
+                sum += front ? value : real3(0.0);
             }
         }
     }

@@ -1,5 +1,4 @@
 #version 450 core
-#extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 // The derivative of ⟨λ, U L⟩ with respect to the geometry of the sources or of the receivers, whichever the lanes own,
@@ -27,6 +26,10 @@ layout(std430, binding = 5) readonly buffer Specular { real specular[]; };
 layout(scalar, binding = 5) readonly buffer SpecularRgb { real3 specular_rgb[]; };
 layout(scalar, binding = 6) readonly buffer CotangentRgb { real3 cotangent_rgb[]; };
 layout(std430, binding = 7) readonly buffer FarRuns { uint far_runs[]; };
+#define OTHERS_BINDING 8
+// What diffuse fronts send, or the cotangent of irradiance.
+#define OTHERS_LIGHT others_light
+#include "others.glsl"
 
 #include "far_push.glsl"
 #include "source_bins.glsl"
@@ -37,7 +40,7 @@ void main() {
     uint owner = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
     Facet own = facets[owner];
     real3 own_light = OWNS_SOURCE ? radiance[owner].rgb : cotangent_irradiance[owner].rgb;
-    uint own_first = (owner - owner_page) * BINS;
+    uint own_bins = (owner - owner_page) * BINS;
     real3 by_centre = real3(0.0), by_normal = real3(0.0);
     real by_area = 0.0, by_extent = 0.0;
     uint end = other_begin;
@@ -48,55 +51,53 @@ void main() {
         bool fronts = (flags & PAIR_FRONT) != 0;
         bool backs = SOURCE_BACK && (flags & PAIR_BACK) != 0;
         bool near = (flags & PAIR_NEAR) != 0;
-        uint batches = fronts || backs ? (end - begin) * (TILE / LANES) : 0;
-        for (uint batch = 0; batch < batches; batch++) {
-            uint mine = begin * TILE + batch * LANES + gl_LocalInvocationID.x;
-            Facet f = facets[mine];
-            real3 light = OWNS_SOURCE ? cotangent_irradiance[mine].rgb : radiance[mine].rgb;
-            for (uint lane = 0; lane < LANES; lane++) {
-                uint other = begin * TILE + batch * LANES + lane;
-                real3 x = subgroupBroadcast(f.centre, lane);
-                real3 n = subgroupBroadcast(f.normal, lane);
-                real3 l = subgroupBroadcast(light, lane);
-                real area = OWNS_SOURCE ? own.area : subgroupBroadcast(f.area, lane);
-                real extent = subgroupBroadcast(f.extent, lane) + own.extent;
-                real3 d = OWNS_SOURCE ? x - own.centre : own.centre - x;
-                real3 source_normal = OWNS_SOURCE ? own.normal : n;
-                real3 receiver_normal = OWNS_SOURCE ? n : own.normal;
-                real r2 = max(dot(d, d), R2_MIN);
-                real from = dot(d, source_normal);
-                real to = max(-dot(d, receiver_normal), 0.0);
-                real range = half_range * extent;
-                real share = near ? far_weight(r2, range) : real(1.0);
-                bool front = from > 0.0;
-                real side = front ? real(fronts) : -real(backs);
-                // w = share · side from · to · kernel.
-                real wide = r2 + area * INV_PI;
-                real kernel = area / (r2 * wide);
-                for (uint once = side * from * to * share * area > 0.0 ? 1 : 0; once > 0; once--) {
-                    real weight = share * side * from * to * kernel;
-                    real r = sqrt(r2);
-                    real3 direction = d / r;
-                    uint other_first = (other - other_page) * BINS;
-                    Exchanged e = exchanged(
-                        source_normal, OWNS_SOURCE ? own_first : other_first, OWNS_SOURCE ? own_light : l, front,
-                        receiver_normal, OWNS_SOURCE ? other_first : own_first, OWNS_SOURCE ? l : own_light,
-                        direction, 1.0, 1.0
-                    );
-                    real value = dot(e.diffuse + e.binned, e.worth);
-                    real2 slopes = near ? far_weight_slopes(r2, range) : real2(0.0);
-                    real plain = value * side * from * to * kernel;
-                    real by_from = value * share * side * to * kernel;
-                    real by_to = value * share * side * from * kernel;
-                    real by_r2 = slopes.x * plain - share * plain * (1.0 / r2 + 1.0 / wide);
-                    real3 by_d = by_from * source_normal - by_to * receiver_normal + 2.0 * by_r2 * d
-                        + through_normalization(weight * e.by_direction, direction, r);
-                    by_centre += OWNS_SOURCE ? -by_d : by_d;
-                    by_normal += OWNS_SOURCE ? by_from * d + weight * e.by_source_normal
-                                             : -by_to * d + weight * e.by_receiver_normal;
-                    by_area += OWNS_SOURCE ? share * value * side * from * to / (wide * wide) : real(0.0);
-                    by_extent += slopes.y * plain * half_range;
-                }
+        uint count = fronts || backs ? (end - begin) * TILE : 0;
+        uint first = (begin - other_begin) * TILE;
+        for (uint k = 0; k < count; k++) {
+            Facet other = others[first + k];
+            real3 d = OWNS_SOURCE ? other.centre - own.centre : own.centre - other.centre;
+            real3 source_normal = OWNS_SOURCE ? own.normal : other.normal;
+            real3 receiver_normal = OWNS_SOURCE ? other.normal : own.normal;
+            real area = OWNS_SOURCE ? own.area : other.area;
+            real r2 = max(dot(d, d), R2_MIN);
+            real from = dot(d, source_normal);
+            real to = max(-dot(d, receiver_normal), 0.0);
+            real range = half_range * (other.extent + own.extent);
+            real share = 1.0;
+            real2 slopes = real2(0.0);
+            // A loop: tiles that are far apart, nearly all, skip it.
+            for (uint once = near ? 1 : 0; once > 0; once--) {
+                share = far_weight(r2, range);
+                slopes = far_weight_slopes(r2, range);
+            }
+            bool front = from > 0.0;
+            real side = front ? real(fronts) : -real(backs);
+            // w = share · side from · to · kernel.
+            real wide = r2 + area * INV_PI;
+            real kernel = area / (r2 * wide);
+            for (uint once = side * from * to * share * area > 0.0 ? 1 : 0; once > 0; once--) {
+                real weight = share * side * from * to * kernel;
+                real r = sqrt(r2);
+                real3 direction = d / r;
+                real3 light = others_light[first + k].rgb;
+                uint bins = (begin * TILE + k - other_page) * BINS;
+                Exchanged e = exchanged(
+                    source_normal, OWNS_SOURCE ? own_bins : bins, OWNS_SOURCE ? own_light : light, front,
+                    receiver_normal, OWNS_SOURCE ? bins : own_bins, OWNS_SOURCE ? light : own_light,
+                    direction, 1.0, 1.0
+                );
+                real value = dot(e.diffuse + e.binned, e.worth);
+                real plain = value * side * from * to * kernel;
+                real by_from = value * share * side * to * kernel;
+                real by_to = value * share * side * from * kernel;
+                real by_r2 = slopes.x * plain - share * plain * (1.0 / r2 + 1.0 / wide);
+                real3 by_d = by_from * source_normal - by_to * receiver_normal + 2.0 * by_r2 * d
+                    + through_normalization(weight * e.by_direction, direction, r);
+                by_centre += OWNS_SOURCE ? -by_d : by_d;
+                by_normal += OWNS_SOURCE ? by_from * d + weight * e.by_source_normal
+                                         : -by_to * d + weight * e.by_receiver_normal;
+                by_area += OWNS_SOURCE ? share * value * side * from * to / (wide * wide) : real(0.0);
+                by_extent += slopes.y * plain * half_range;
             }
         }
     }

@@ -5,7 +5,7 @@ use super::exchange_adjoint::ExchangeAdjoint;
 use super::exchange_derivative::ExchangeDerivative;
 use super::observation_adjoint::ObservationAdjoint;
 use super::reflection_adjoint::ReflectionAdjoint;
-use super::state::{State, page, pages};
+use super::state::{State, StateBuffers, page, pages};
 use super::watch::TransportError;
 use super::{Context, Operators, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
@@ -22,6 +22,9 @@ pub struct AdjointBuffers {
     pub radiance: Buffer,
     /// μ₀: of specular radiance, per glossy group.
     pub specular: Vec<Option<Buffer>>,
+    /// λ of irradiance in the state that is worked on, vec4 per slot, as point-to-point kernels read it of others: it
+    /// goes on behind the last slot, which states don't.
+    pub shown: Buffer,
     /// [`crate::plan::FarRuns`] by source.
     pub far_runs: Buffer,
     pub near_offsets: Buffer,
@@ -62,6 +65,7 @@ impl Adjoint {
             irradiance: storage("cotangent: irradiance", rgb)?,
             radiance: storage("cotangent: radiance", rgb)?,
             specular: pages(device, plan, "cotangent: specular", |group| group.class.glossy)?,
+            shown: storage("cotangent: receivers", rgb + u64::from(plan.other_slots()) * plan.rgb_bytes())?,
             far_runs: words("far runs, by source", far.words())?,
             near_offsets: words("near offsets, by source", &near.offsets)?,
             near_receivers: words("near receivers", &near.others)?,
@@ -103,6 +107,15 @@ impl AdjointBuffers {
                 }
             }
         }
+        Ok(())
+    }
+
+    /// Copies the cotangent of irradiance to where point-to-point kernels read it of others.
+    pub fn show(&self, context: &Context, cotangent: &StateBuffers) -> Result<(), TransportError> {
+        let Context { device, plan, .. } = context;
+        let mut batch = device.batch()?;
+        batch.copy(&cotangent.irradiance, 0, &self.shown, 0, plan.irradiance_bytes())?;
+        batch.submit()?;
         Ok(())
     }
 

@@ -4,7 +4,7 @@ use super::packing::Packing;
 use super::reflection::Reflection;
 use super::residency::{Part, View};
 use super::state::State;
-use super::sweep::{Between, Kernels, OfOthers, Sweep};
+use super::sweep::{Between, Kernels, Sweep, of_others};
 use super::watch::{TransportError, Watch};
 use super::{Context, bin_constants};
 use crate::gpu::{Bindings, Device, GpuError};
@@ -115,10 +115,7 @@ impl Exchange {
         let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
         let none = || View::resident(&scene.no_bins, 0, 0);
         let (facets, radiance) = (scene.facets.whole(), leaving.radiance.whole());
-        let others = [
-            OfOthers { buffer: &scene.facets, bytes: plan.facet_bytes() },
-            OfOthers { buffer: &leaving.radiance, bytes: plan.rgb_bytes() },
-        ];
+        let others = of_others(context, &leaving.radiance);
         let irradiance = y.receive(device, &Part::irradiance(plan))?;
         let pieces = plan.pieces();
         for groups in plan.sweeps() {

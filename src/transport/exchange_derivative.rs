@@ -5,9 +5,9 @@ use super::Context;
 use super::adjoint::AdjointBuffers;
 use super::exchange::{Shape, sweep_of};
 use super::state::{State, page_of};
-use super::sweep::{Between, Kernels, Sweep};
+use super::sweep::{Between, Kernels, Sweep, of_others};
 use super::watch::{TransportError, Watch};
-use crate::gpu::{Buffer, Device, GpuError};
+use crate::gpu::{Bindings, Buffer, Device, GpuError};
 use crate::plan::{Interactions, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
@@ -28,7 +28,7 @@ pub struct ExchangeDerivative {
 impl ExchangeDerivative {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape, owns_source: bool| Kernels {
-            far: (&shaders::TRANSPORT_DERIVATIVE, 8.into()),
+            far: (&shaders::TRANSPORT_DERIVATIVE, Bindings { storage: 8, uniform: 2 }),
             near: (&shaders::NEAR_DERIVATIVE, 11),
             single: true,
             constants: [&shape.constants(plan)[..], &[(OWNS_SOURCE, u32::from(owns_source))]].concat(),
@@ -59,6 +59,7 @@ impl ExchangeDerivative {
         let by_source = by_source.as_ref().ok_or(TransportError::NotPlanned)?;
         watch.begin(2 * Sweep::pairs(plan));
         let none = &scene.no_bins;
+        adjoint.show(context, cotangent)?;
         for owns_source in [true, false] {
             let (sweeps, lists, runs) = match owns_source {
                 true => (&mut self.by_source, by_source, &adjoint.far_runs),
@@ -68,6 +69,8 @@ impl ExchangeDerivative {
                 true => (&adjoint.near_offsets, &adjoint.near_receivers),
                 false => (&scene.near_offsets, &scene.near_sources),
             };
+            let others_light =
+                of_others(context, if owns_source { &adjoint.shown } else { &leaving.radiance });
             for (s, from) in plan.layout.groups.iter().enumerate() {
                 for (t, to) in plan.layout.groups.iter().enumerate() {
                     let sweep = sweep_of(sweeps, Shape::new(from.class, to.class))?;
@@ -88,7 +91,14 @@ impl ExchangeDerivative {
                         [&both[..], &[offsets.whole(), others.whole(), scene.corners.whole()]].concat();
                     sweep.near(context, between, &near, true, watch)?;
                     let far = [&both[..], &[runs.whole()]].concat();
-                    sweep.far(context, between, &far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
+                    sweep.far(
+                        context,
+                        between,
+                        &far,
+                        &others_light,
+                        PAIR_FRONT | PAIR_NEAR | PAIR_BACK,
+                        watch,
+                    )?;
                 }
             }
         }

@@ -114,6 +114,15 @@ pub struct OfOthers<'a> {
     pub bytes: u64,
 }
 
+/// What point-to-point kernels read of others: geometry, and `light`, one RGB value of each.
+pub fn of_others<'a>(context: &'a Context, light: &'a Buffer) -> [OfOthers<'a>; 2] {
+    let Context { plan, scene, .. } = context;
+    [
+        OfOthers { buffer: &scene.facets, bytes: plan.facet_bytes() },
+        OfOthers { buffer: light, bytes: plan.rgb_bytes() },
+    ]
+}
+
 /// Who owns the lanes, and over whom they walk.
 #[derive(Clone, Copy)]
 pub struct Between<'a> {
