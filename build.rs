@@ -1,7 +1,7 @@
 //! Writes `$OUT_DIR/shaders.rs`, which `src/shaders.rs` includes: every `glsl/NAME.comp` as SPIR-V. Modules come from
-//! `spirv/` while they belong to the sources as they are, so that a build needs no shader compiler; `glslc` compiles what
-//! was edited since. `spirv/manifest` says what each module was compiled from. `scripts/shaders` renews the folder: it runs
-//! this program with the argument `renew`.
+//! `spirv/` while they match the sources, so that a build needs no shader compiler; `glslc` compiles what was edited
+//! since. `spirv/manifest` says what each module was compiled from. `scripts/shaders` renews the folder: it runs this
+//! program with the argument `renew`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::env;
@@ -15,7 +15,7 @@ use std::process::{Command, ExitCode};
 const GLSL: &str = "glsl";
 const SPIRV: &str = "spirv";
 const MANIFEST: &str = "manifest";
-/// `-g` keeps the names: validation messages and profilers can be read, and tests check layouts by member name.
+/// `-g` keeps the names: validation messages and profiles stay readable, and tests check layouts by member name.
 const OPTIONS: [&str; 7] = ["--target-env=vulkan1.2", "-std=450core", "-O", "-g", "-Werror", "-I", GLSL];
 const INSTALL: &str = "`glslc` compiles edited shaders and is not in PATH: install it (`apt install glslc`, `dnf install \
     glslc`, `brew install shaderc` or the Vulkan SDK), or undo the edit";
@@ -58,15 +58,15 @@ pub struct Module {
     /// File name in `glsl/`.
     shader: String,
     defines: &'static [&'static str],
-    /// Of all that it is compiled from.
+    /// Hash of everything it is compiled from.
     pub fingerprint: u64,
 }
 
-/// What `spirv/` holds.
+/// The manifest of `spirv/`.
 pub struct Manifest {
-    /// What compiled the modules, as it calls itself.
+    /// Name and version of the compiler of the modules.
     pub compiler: String,
-    /// Of what each was compiled from.
+    /// Hash of the sources of each module, by its name.
     pub fingerprints: BTreeMap<String, u64>,
 }
 
@@ -108,7 +108,7 @@ impl Sources<'_> {
         }
     }
 
-    /// A file of `glsl/` and what it includes, itself or through another: name and text.
+    /// A file of `glsl/` and its direct and indirect includes: name and text.
     fn gather(&self, file: &str, files: &mut BTreeMap<String, String>) -> Result<(), String> {
         if files.contains_key(file) {
             return Ok(());
@@ -123,7 +123,7 @@ impl Sources<'_> {
         Ok(())
     }
 
-    /// The Rust source of all shaders. `out` takes what is compiled.
+    /// The Rust source of all shaders. What needs compiling is compiled into `out`.
     pub fn rust(&self, out: &Path) -> Result<String, String> {
         let shipped = self.manifest()?.fingerprints;
         let mut literals = Vec::new();
@@ -132,7 +132,7 @@ impl Sources<'_> {
                 Some(fingerprint) if *fingerprint == module.fingerprint => self.shipped(&module.name)?,
                 _ => self.compiled(&module, out, &[])?,
             };
-            literals.push((format!("Shader {{ name: {:?}, spirv: &{words:?} }}", module.name), module));
+            literals.push((format!("Shader::new({:?}, &{words:?})", module.name), module));
         }
         let mut source = String::new();
         let mut all = String::new();
@@ -159,7 +159,7 @@ impl Sources<'_> {
         Ok(source)
     }
 
-    /// A folder without a manifest is one without modules.
+    /// The manifest; empty if there is none.
     pub fn manifest(&self) -> Result<Manifest, String> {
         let path = self.root.join(SPIRV).join(MANIFEST);
         let text = match fs::read_to_string(&path) {
@@ -185,7 +185,7 @@ impl Sources<'_> {
         words(&self.root.join(SPIRV).join(name).with_extension("spv"))
     }
 
-    /// Compiles and checks a module; `out` takes the file. Of options that contradict each other the last counts.
+    /// Compiles and checks a module into a file in `out`. Of contradicting options the last counts.
     pub fn compiled(&self, module: &Module, out: &Path, more: &[&str]) -> Result<Vec<u32>, String> {
         let spv = out.join(&module.name).with_extension("spv");
         let output = Command::new(self.glslc)
@@ -210,7 +210,7 @@ impl Sources<'_> {
         Ok(words)
     }
 
-    /// What the compiler calls itself.
+    /// Name and version of the compiler.
     pub fn compiler(&self) -> Result<String, String> {
         let output =
             Command::new(self.glslc).arg("--version").output().map_err(|_| INSTALL.to_owned())?.stdout;
@@ -218,7 +218,7 @@ impl Sources<'_> {
         Ok(version.lines().take_while(|line| !line.is_empty()).collect::<Vec<_>>().join(", "))
     }
 
-    /// Compiles everything anew, in `out`; `spirv/` is written if all went well.
+    /// Compiles everything again, in `out`; `spirv/` is written if all succeeds.
     fn renew(&self, out: &Path) -> Result<(), String> {
         let folder = self.root.join(SPIRV);
         let failed = |error| format!("{}: {error}", folder.display());
@@ -237,7 +237,7 @@ impl Sources<'_> {
     }
 }
 
-/// FNV-1a of options and files. Lines are taken without their ends, which git may change.
+/// FNV-1a of options and files. Lines are hashed without their ends, which git may change.
 fn fingerprint(files: &BTreeMap<String, String>, defines: &[&str]) -> u64 {
     let of_files = files.iter().flat_map(|(name, text)| [name.as_str()].into_iter().chain(text.lines()));
     let lines = OPTIONS.iter().chain(defines).copied().chain(of_files);
@@ -245,8 +245,8 @@ fn fingerprint(files: &BTreeMap<String, String>, defines: &[&str]) -> u64 {
     bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// The module without the text it was compiled from and the numbers of its lines, which would be half of it and change
-/// with every comment. Names stay.
+/// The module without its source text and line numbers, which would make up half of it and change with every comment.
+/// Names stay.
 fn without_source(words: &[u32]) -> Vec<u32> {
     const HEADER: usize = 5;
     const OP_SOURCE_CONTINUED: u32 = 2;
@@ -281,7 +281,7 @@ fn write_words(spv: &Path, words: &[u32]) -> Result<(), String> {
     fs::write(spv, bytes).map_err(|error| format!("{}: {error}", spv.display()))
 }
 
-/// Runs `spirv-val` where there is one: a second opinion that most hosts have, not worth a dependency.
+/// Runs `spirv-val` if it is installed: a second check, for which most hosts need no extra dependency.
 fn validate(module: &Module, spv: &Path) -> Result<(), String> {
     match Command::new("spirv-val")
         .args(["--target-env", "vulkan1.2", "--scalar-block-layout"])

@@ -2,20 +2,20 @@
 //! repeats, with nothing culled within the measured shape. `LP_NUM_THREADS=1 cargo bench --bench kernels` gives rates per
 //! core of lavapipe, `-- adjoint` and `-- derivative` those of gradients alone.
 //!
-//! A harness of its own, for what is measured is the device's time in one shape of one kernel out of a pass, and what counts is
-//! the fastest: `divan` reports fastest times, but only of whole calls; `criterion` takes times as given (`iter_custom`), but
-//! reports means, which on a busy machine never came near the rate: 11 to 15 million pairs/s for diffuse fronts to bins in
-//! three runs in turn with this harness, which found 15, 46 and 29, where a quiet machine gives 44.
+//! The harness is its own, since it measures the device time of one shape of one kernel within a pass, by the fastest
+//! repeat. `divan` reports fastest times, but only of whole calls; `criterion` accepts given times (`iter_custom`), but
+//! reports means, which on a busy machine stay far below the rate: 11 to 15 million pairs/s for diffuse fronts to bins
+//! in three runs that alternated with this harness, which found 15, 46 and 29; a quiet machine gives 44.
 
 use antirad::gpu::{Device, DeviceOptions};
-use antirad::plan::{Limits, Plan, Wanted};
-use antirad::scene::{Accuracy, Material, Precision, Scene, SceneBuilder, Shape};
+use antirad::plan::{GradientRequest, Plan, PlanOptions};
+use antirad::scene::{Material, Precision, Scene, SceneBuilder, Shape, SolveSettings};
 use antirad::solve::LightOperator;
-use antirad::transport::{Adjoint, AdjointOperator, Operators, SceneBuffers, State};
+use antirad::transport::{AdjointKernels, AdjointOperator, Operators, SceneBuffers, State};
 use glam::{DAffine3, DQuat, DVec3};
 use std::time::{Duration, Instant};
 
-/// Repeats; the fastest counts, the machine being shared with others.
+/// Repeats; the fastest counts, since other programs may use the machine.
 const REPEATS: usize = 40;
 /// Of one row of the table. Slow kernels have fewer repeats, at least three.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -24,13 +24,13 @@ struct Case {
     name: &'static str,
     shape: &'static str,
     scene: Scene,
-    /// Material of the sources and of the receivers that the shape stands for.
+    /// Material of the sources and of the receivers of the shape.
     pairs: (u32, u32),
     precision: Precision,
 }
 
-/// Horizontal squares, each of 2 · cells² triangles of a material of its own, the first a lamp that faces down over others
-/// that face up.
+/// Horizontal squares, each of 2 · cells² triangles of a material of its own, the first a lamp that faces down over
+/// others that face up.
 fn sheets(cells: u32, heights: &[f64]) -> Scene {
     let mut builder = SceneBuilder::new();
     for (k, &height) in heights.iter().enumerate() {
@@ -82,7 +82,7 @@ impl Run {
 struct Bench {
     device: Device,
     operators: Operators,
-    adjoint: Adjoint,
+    adjoint: AdjointKernels,
     /// Light in every bin, and where a pass puts its result.
     x: State,
     y: State,
@@ -91,12 +91,12 @@ struct Bench {
 impl Bench {
     fn new(device: &Device, case: &Case) -> Self {
         // The near field is a kernel of its own.
-        let accuracy = Accuracy::default().subsample(0.0).precision(case.precision);
-        let limits = Limits::of(device).gradients(Wanted::EVERYTHING);
-        let plan = Plan::new(&case.scene, &limits, &accuracy).expect("a plan");
+        let settings = SolveSettings::default().near_field(0.0).precision(case.precision);
+        let options = PlanOptions::of(device).gradients(GradientRequest::EVERYTHING);
+        let plan = Plan::new(&case.scene, &options, &settings).expect("a plan");
         let buffers = SceneBuffers::new(device, &case.scene, &plan).expect("buffers");
         let mut operators = Operators::new(device, plan, buffers).expect("operators");
-        let adjoint = Adjoint::new(device, operators.plan()).expect("an adjoint").expect("gradients");
+        let adjoint = AdjointKernels::new(device, operators.plan()).expect("an adjoint").expect("gradients");
         let mut x = operators.vector().expect("a vector");
         let y = operators.vector().expect("a vector");
         operators.pass(None, true, &mut x).expect("a pass");
@@ -158,11 +158,11 @@ fn main() {
             precision: Precision::F32,
         },
         Case {
-            name: "bins to irradiance, packed",
+            name: "bins to irradiance, half bins",
             shape: "fronts and backs to irradiance",
             scene: sheets(32, &[2.0, 1.0, 0.0]),
             pairs: (1, 2),
-            precision: Precision::Packed,
+            precision: Precision::HalfBins,
         },
         Case {
             name: "bins at both ends",
@@ -172,19 +172,19 @@ fn main() {
             precision: Precision::F32,
         },
         Case {
-            name: "bins at both ends, packed",
+            name: "bins at both ends, half bins",
             shape: "fronts and backs to bins",
             scene: sheets(32, &[3.0, 2.0, 1.0, 0.0]),
             pairs: (1, 2),
-            precision: Precision::Packed,
+            precision: Precision::HalfBins,
         },
     ];
-    // As with cargo's own harness: only what matches.
+    // An argument filters by name, as in cargo's own harness.
     let wanted: Vec<String> = std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
     let matches = |name: &str| wanted.is_empty() || wanted.iter().any(|part| name.contains(part));
     for case in cases {
-        // Only sources of the forward kernels are packed.
-        let runs = if case.precision == Precision::Packed { &Run::ALL[..1] } else { &Run::ALL };
+        // Only sources of the forward kernels are half bins.
+        let runs = if case.precision == Precision::HalfBins { &Run::ALL[..1] } else { &Run::ALL };
         let runs: Vec<Run> = runs.iter().copied().filter(|run| matches(&run.name(&case))).collect();
         if runs.is_empty() {
             continue;

@@ -1,7 +1,7 @@
 // A scene made in memory, solved, and its irradiance read back: cargo run --release --example embed
 
 use antirad::gpu::{Device, DeviceOptions};
-use antirad::plan::{Limits, Plan};
+use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{Material, SceneBuilder, Shape};
 use antirad::{Engine, SolveParams};
 use glam::{DAffine3, DQuat, DVec3};
@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut builder = SceneBuilder::new();
     builder
         .shape("room", Shape::Room { cells: 8 }, &wall, DAffine3::IDENTITY)
-        // The shape faces up: mirrored, it faces down.
+        // The shape faces up; mirrored, it faces down.
         .shape("lamp", Shape::Quad { cells: 2 }, &light, place([0.4, -1.0, 0.4], [0.3, 0.95, 0.3]))
         .shape("table", Shape::Box { cells: 3 }, &wall, place([0.4, 0.05, 0.4], [0.3, 0.4, 0.3]));
     let scene = builder.finish("room")?;
@@ -28,10 +28,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
 
     let device = Device::new(&DeviceOptions::default())?;
-    let plan = Plan::new(&scene, &Limits::of(&device), &scene.accuracy)?;
+    let plan = Plan::new(&scene, &PlanOptions::of(&device), &scene.settings)?;
     println!("{}: {} triangles, {} bytes", device.info().name, plan.triangles(), plan.memory().total());
     let mut engine = Engine::new(&device, &scene, plan)?;
-    let solution = engine.solve(&SolveParams::from(&scene.accuracy))?;
+    let solution = engine.solve(&SolveParams::from(&scene.settings))?;
     println!(
         "{} passes to a residual of {:.1e}",
         solution.info.passes,

@@ -8,7 +8,7 @@ use ash::vk;
 use std::error::Error;
 use std::f64::consts::FRAC_1_PI;
 
-/// What an embedder has open already.
+/// What an embedder has already opened.
 struct Own {
     entry: ash::Entry,
     instance: ash::Instance,
@@ -41,7 +41,7 @@ impl Own {
         }
     }
 
-    /// The first device that computes. antirad says in an error what else a device may lack.
+    /// The first device with a compute queue. antirad's error names whatever else it lacks.
     fn open_device(
         instance: &ash::Instance,
     ) -> Result<(vk::PhysicalDevice, ash::Device, u32), Box<dyn Error>> {
@@ -65,7 +65,7 @@ impl Own {
                 return Ok((physical_device, device, queue_family));
             }
         }
-        Err("no Vulkan device computes".into())
+        Err("no Vulkan device supports compute".into())
     }
 
     /// The device as antirad takes it.
@@ -104,14 +104,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     // its queue.
     let device = unsafe { Device::from_raw(own.lend()) }?;
 
-    // A closed sphere whose wall emits 1 W/m² and reflects half of what it gets: irradiance is 1 / (1 - 0.5) everywhere.
+    // A closed sphere whose wall emits 1 W/m² and reflects half of the incident light: irradiance is 1 / (1 - 0.5)
+    // everywhere.
     let (vertices, faces) = Shape::Icosphere { level: 2, inward: true }.mesh();
     let wall = Material { albedo: [0.5; 3], emission: [FRAC_1_PI; 3], ..Material::named("wall") };
     let triangles = faces.into_iter().map(|vertices| Triangle { vertices, material: 0 }).collect();
     let scene = Scene::new("sphere", vertices, triangles, vec![wall])?;
 
     let mut engine = Engine::builder(&device, &scene).build()?;
-    let solution = engine.solve(&SolveParams::from(&scene.accuracy))?;
+    let solution = engine.solve(&SolveParams::from(&scene.settings))?;
     let mean = solution.irradiance.iter().map(|rgb| rgb[0]).sum::<f64>() / solution.irradiance.len() as f64;
     println!("{}: mean irradiance {mean:.4} W/m², exact 2", device.info().name);
     Ok(())

@@ -1,9 +1,9 @@
 #ifndef ADJOINT_BINS_GLSL
 #define ADJOINT_BINS_GLSL
-// The adjoint's view of bins: what a receiver's bins say of light that arrives, and deposits into those of a source.
-// Expects `cotangent` and `cotangent_rgb`, the cotangent of H(b) at the receivers; and of the sources `leaving_back` with
-// `leaving_back_rgb`, the state to come, `leaving_front` with `leaving_front_rgb`, the cotangent of specular radiance, and
-// `bin_table`.
+// Bins in the adjoint: reads the cotangents of a receiver's bins and deposits into those of a source. Expects
+// `cotangent` and `cotangent_rgb`, the cotangent of H(b) at the receivers; and of the sources `outgoing_back` with
+// `outgoing_back_rgb`, the resulting state, `outgoing_front` with `outgoing_front_rgb`, the cotangent of specular
+// radiance, and `bin_table`.
 
 layout(constant_id = 7) const bool SOURCE_BACK = false;
 layout(constant_id = 8) const bool SOURCE_FRONT = false;
@@ -15,7 +15,7 @@ const uint FRONT_SET = BACK_SETS * BINS;
 
 #include "deposits.glsl"
 
-// Σ_b T_b λ(b): what one unit of irradiance from `direction` is worth. `first`: first bin of the receiver in its page.
+// Σ_b T_b λ(b): the importance of irradiance from `direction`. `first`: first bin of the receiver in its page.
 real3 binned_cotangent(real3 normal, uint first, real3 direction) {
     real3 result = real3(0.0);
     if (RECEIVER_BINS) {
@@ -25,7 +25,8 @@ real3 binned_cotangent(real3 normal, uint first, real3 direction) {
     return result;
 }
 
-// What one unit of radiance in `direction` is worth, to the bins of the source: the transpose of `binned_radiance`.
+// Adds the cotangent `value` of the radiance in `direction` to the bins of the source: the transpose of
+// `binned_radiance`.
 void deposit_radiance(real3 normal, real3 direction, bool front, real3 value) {
     if (SOURCE_FRONT || SOURCE_BACK) {
         bool kept = front ? SOURCE_FRONT : SOURCE_BACK;
@@ -38,10 +39,10 @@ void deposit_radiance(real3 normal, real3 direction, bool front, real3 value) {
 // J^T is the identity on a state of A(b) = H(b) / c_b, of which this is the cotangent of H(b).
 void flush_radiance(uint first) {
     if (SOURCE_BACK) {
-        FLUSH_DEPOSITS(0, leaving_back, leaving_back_rgb, first, 1.0 / bin_table[bin].w)
+        FLUSH_DEPOSITS(0, outgoing_back, outgoing_back_rgb, first, 1.0 / bin_table[bin].w)
     }
     if (SOURCE_FRONT) {
-        FLUSH_DEPOSITS(FRONT_SET, leaving_front, leaving_front_rgb, first, 1.0)
+        FLUSH_DEPOSITS(FRONT_SET, outgoing_front, outgoing_front_rgb, first, 1.0)
     }
 }
 

@@ -1,6 +1,6 @@
 #ifndef BINS_GLSL
 #define BINS_GLSL
-// Direction bins: the four taps of T_b(ω) and their weights. Twin: src/plan/bins.rs.
+// Direction bins: the four taps of T_b(ω) and their weights. Twin: src/model/bins.rs.
 
 #include "arctangent.glsl"
 
@@ -32,7 +32,7 @@ real arccosine(real z) {
     return 2.0 * arctangent(sqrt((1.0 - z) / (1.0 + z)));
 }
 #else
-// To 2.5e-7 and 9e-8 for arguments in [0, 1], which is less than what rounding does to the coordinates of a layout.
+// To 2.5e-7 and 9e-8 for arguments in [0, 1], less than the rounding of the coordinates of a layout.
 real short_arctangent(real t) {
     real u = t * t;
     return t * ((((((0.00681179107 * u - 0.0336042135) * u + 0.0796236637) * u - 0.132333416) * u + 0.198078154) * u - 0.33317368) * u + 0.999996112);
@@ -43,7 +43,8 @@ real arccosine(real z) {
 }
 #endif
 
-// The two cells around a coordinate whose centres are 0, 1, … count - 1: the number of the first.
+// The first of the two cells around a coordinate, whose centres are 0, 1, … count - 1; `weight` is that of the
+// second.
 real clamped(real coordinate, uint count, out real weight) {
     real c = clamp(coordinate, 0.0, real(count - 1));
     real first = min(floor(c), real(count - 2));
@@ -60,7 +61,7 @@ real turns(real x, real y) {
     return y < 0.0 ? 1.0 - half_plane : half_plane;
 }
 
-// `w`, unit, in the frame of the triangle; below the horizon counts as on it.
+// `w`: unit, in the frame of the triangle; directions below the horizon count as on it.
 Taps taps(real3 w) {
     real z = clamp(w.z, 0.0, 1.0);
     real row, column, t, s;
@@ -84,7 +85,7 @@ Taps taps(real3 w) {
         column = sector < 0.0 ? real(COLUMNS - 1) : sector;
         wraps = column == real(COLUMNS - 1);
     }
-    // In reals, which hold it exactly: integers are multiplied and converted slowly by CPUs.
+    // In reals, which are exact here: CPUs multiply and convert integers slowly.
     uint first = uint(int(row * real(COLUMNS) + column));
     uint next = wraps ? first - (COLUMNS - 1) : first + 1;
     Taps result;
@@ -93,8 +94,8 @@ Taps taps(real3 w) {
     return result;
 }
 
-// result += Σ_b T_b values[first + b] over bins in a buffer, which is there as array of real, `grey`, and of packed real3,
-// `rgb`.
+// result += Σ_b T_b values[first + b] over bins in a buffer, which is bound as an array of real, `grey`, and of
+// packed real3, `rgb`.
 #define GATHER(grey, rgb, first, t, result)                                                       \
     for (uint tap = 0; tap < 4; tap++) {                                                          \
         uint at = (first) + t.bin[tap];                                                           \

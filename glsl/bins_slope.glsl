@@ -1,10 +1,10 @@
 #ifndef BINS_SLOPE_GLSL
 #define BINS_SLOPE_GLSL
-// How the weights T_b change with the direction. Twin: src/reference/derivative/taps.rs.
+// Derivatives of the weights T_b by the direction. Twin: src/reference/derivative/taps.rs.
 
 #include "bins.glsl"
 
-// Sines below this are rounding: what there is of an azimuth has no derivative.
+// Sines below this are rounding, where the azimuth has no derivative.
 #ifdef F64
 const real POLE = 1e-12;
 #else
@@ -18,8 +18,8 @@ real clamped_slope(real coordinate, uint count) {
     return coordinate > 0.0 && coordinate < real(count - 1) ? (SMOOTHSTEP ? 6.0 * t * (1.0 - t) : real(1.0)) : real(0.0);
 }
 
-// The gradient of Σ_tap weight · value over the taps of `w`, which is in the frame of the triangle. Zero where there is
-// none: at the pole, and along the polar angle below the horizon.
+// The gradient of Σ_tap weight · value over the taps of `w`, which is in the frame of the triangle. Zero where it is
+// undefined: at the pole, and along the polar angle below the horizon.
 real3 taps_gradient(real3 w, Taps taps, real4 value) {
     real t = taps.weight[2] + taps.weight[3], s = taps.weight[1] + taps.weight[3];
     real by_row = (1.0 - s) * (value[2] - value[0]) + s * (value[3] - value[1]);
@@ -40,7 +40,7 @@ real3 taps_gradient(real3 w, Taps taps, real4 value) {
         square = (square + 1.0) * (0.5 * real(ROWS)) - 0.5;
         real per_radius = pole ? real(0.0) : 1.0 / radius;
         real2 along = disk * per_radius;
-        // Across the radius, by the angle from the axis that is near.
+        // Across the radius, by the angle from the nearer axis.
         real2 across = per_radius * (wide ? real2(-a.y * sign_of.x, a.x * sign_of.y) : real2(a.y * sign_of.x, -a.x * sign_of.y));
         real2 of_side = (4.0 * INV_PI) * (angle * along + across);
         real2 of_x = sign_of.x * (wide ? along : of_side);

@@ -1,7 +1,7 @@
 #version 450 core
 #extension GL_GOOGLE_include_directive : require
-// y <- a x + b y over arrays of reals. A grid-stride loop: any number of groups covers all `count` elements, so the caller
-// bounds the dispatch, not the array. With b = 0, y is not read: it may hold anything.
+// y <- a x + b y over arrays of reals. A grid-stride loop: any number of groups covers all `count` elements, so the
+// dispatch need not match the array. With b = 0, y is not read and may be undefined.
 
 #include "real.glsl"
 

@@ -1,12 +1,12 @@
 #ifndef DEPOSITS_GLSL
 #define DEPOSITS_GLSL
-// Sums into the bins of the triangle that a lane owns. The lane gathers them in memory of its own or of the workgroup, which
-// costs a CPU driver a third of what buffers do, not being bounds-checked. Only one lane ever writes a triangle's
-// bins: no atomics, and the same sums in the same order from run to run. Expects `DEPOSIT_SETS`, the number of sets of
-// bins.
+// Sums into the bins of the triangle that a lane owns. They accumulate in private or workgroup memory, which is not
+// bounds-checked and costs a CPU driver a third of what buffers do. Only one lane ever writes a triangle's bins, so
+// there are no atomics, and the order of additions is the same in each run. Expects `DEPOSIT_SETS`, the number of
+// sets of bins.
 
-// Whether three channels stand in memory of the workgroup instead. On CPU drivers the lanes' own is read and written
-// channel by channel, this a bin at a time.
+// Whether three channels accumulate in workgroup memory. CPU drivers access private memory channel by channel,
+// workgroup memory a bin at a time.
 layout(constant_id = 11) const bool SHARED_DEPOSITS = false;
 
 const bool DEPOSITING = DEPOSIT_SETS > 0;
@@ -37,7 +37,7 @@ void clear_deposits() {
     }
 }
 
-// `direction`: unit, of the world, in the hemisphere of `normal`; `first`: of the set.
+// `direction`: unit, in world coordinates, in the hemisphere of `normal`; `first`: first bin of the set.
 void deposit(uint first, real3 normal, real3 direction, real3 value) {
     if (DEPOSITING) {
         Taps t = taps(in_frame(normal, direction));
@@ -54,7 +54,7 @@ void deposit(uint first, real3 normal, real3 direction, real3 value) {
     }
 }
 
-// What was gathered for one bin.
+// The sum of one bin.
 real3 deposited(uint at) {
     if (CHANNELS == 1) {
         return real3(grey_deposits[at]);
@@ -62,7 +62,7 @@ real3 deposited(uint at) {
     return SHARED_DEPOSITS ? shared_deposits[in_shared(at)] : rgb_deposits[at];
 }
 
-// Adds one set to bins in a buffer, which is there as array of real, `grey`, and of packed real3, `rgb`. `factor`
+// Adds one set to bins in a buffer, which is bound as an array of real, `grey`, and of packed real3, `rgb`. `factor`
 // may use `bin`.
 #define FLUSH_DEPOSITS(set, grey, rgb, first, factor)                \
     for (uint bin = 0; bin < BINS; bin++) {                          \

@@ -1,6 +1,6 @@
 #ifndef DIRECTIONAL_GRADIENT_GLSL
 #define DIRECTIONAL_GRADIENT_GLSL
-// The product of the radiance L that a source sends in a direction and of what it is worth at the receiver, λ, with its
+// The product of the radiance L of a source in a direction and the importance λ at the receiver, with its
 // derivatives. Expects the bins of the source (source_bins.glsl), and those of the receiver, `cotangent` and
 // `cotangent_rgb`: the cotangent of H(b).
 
@@ -8,30 +8,31 @@ layout(constant_id = 9) const bool RECEIVER_BINS = false;
 
 // What depends on the direction between source and receiver.
 struct Exchanged {
-    // L without the shares, diffuse and binned; λ.
+    // L without blend weights, diffuse and binned; λ.
     real3 diffuse;
     real3 binned;
-    real3 worth;
-    // ∂⟨share_d diffuse + share_b binned, λ⟩ with respect to the direction and to both normals.
+    real3 adjoint;
+    // ∂⟨weight_d diffuse + weight_b binned, λ⟩ with respect to the direction and to both normals.
     real3 by_direction;
     real3 by_source_normal;
     real3 by_receiver_normal;
 };
 
-// `direction`: unit, from source to receiver. `diffuse_share` and `binned_share`: of the two kinds of radiance.
+// `direction`: unit, from source to receiver. `diffuse_weight` and `binned_weight`: blend weights of the two kinds of
+// radiance.
 Exchanged exchanged(
     real3 source_normal, uint source_first, real3 source_diffuse, bool front, real3 receiver_normal,
-    uint receiver_first, real3 receiver_worth, real3 direction, real diffuse_share, real binned_share
+    uint receiver_first, real3 receiver_adjoint, real3 direction, real diffuse_weight, real binned_weight
 ) {
     Exchanged e;
     e.diffuse = front ? source_diffuse : real3(0.0);
     e.binned = real3(0.0);
-    e.worth = receiver_worth;
+    e.adjoint = receiver_adjoint;
     e.by_direction = real3(0.0);
     e.by_source_normal = real3(0.0);
     e.by_receiver_normal = real3(0.0);
     real3 sent[4] = real3[4](real3(0.0), real3(0.0), real3(0.0), real3(0.0));
-    real3 worth[4] = real3[4](real3(0.0), real3(0.0), real3(0.0), real3(0.0));
+    real3 adjoint[4] = real3[4](real3(0.0), real3(0.0), real3(0.0), real3(0.0));
     bool directional = front ? SOURCE_FRONT : SOURCE_BACK;
     real3 outward = front ? direction : -direction;
     Taps from, to;
@@ -54,20 +55,20 @@ Exchanged exchanged(
         to_local = in_frame(receiver_normal, -direction);
         to = taps(to_local);
         for (uint tap = 0; tap < 4; tap++) {
-            worth[tap] = cotangent_rgb[receiver_first + to.bin[tap]];
-            e.worth += to.weight[tap] * worth[tap];
+            adjoint[tap] = cotangent_rgb[receiver_first + to.bin[tap]];
+            e.adjoint += to.weight[tap] * adjoint[tap];
         }
     }
     for (uint once = directional ? 1 : 0; once > 0; once--) {
-        real4 value = binned_share * real4(dot(sent[0], e.worth), dot(sent[1], e.worth), dot(sent[2], e.worth), dot(sent[3], e.worth));
+        real4 value = binned_weight * real4(dot(sent[0], e.adjoint), dot(sent[1], e.adjoint), dot(sent[2], e.adjoint), dot(sent[3], e.adjoint));
         real3 by_local = taps_gradient(from_local, from, value);
         real3 by_outward = orthonormal_basis(source_normal) * by_local;
         e.by_direction += front ? by_outward : -by_outward;
         e.by_source_normal = frame_gradient(source_normal, outward, by_local);
     }
     if (RECEIVER_BINS) {
-        real3 radiance = diffuse_share * e.diffuse + binned_share * e.binned;
-        real4 value = real4(dot(worth[0], radiance), dot(worth[1], radiance), dot(worth[2], radiance), dot(worth[3], radiance));
+        real3 radiance = diffuse_weight * e.diffuse + binned_weight * e.binned;
+        real4 value = real4(dot(adjoint[0], radiance), dot(adjoint[1], radiance), dot(adjoint[2], radiance), dot(adjoint[3], radiance));
         real3 by_local = taps_gradient(to_local, to, value);
         e.by_direction -= orthonormal_basis(receiver_normal) * by_local;
         e.by_receiver_normal = frame_gradient(receiver_normal, -direction, by_local);

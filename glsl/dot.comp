@@ -1,7 +1,7 @@
 #version 450 core
 #extension GL_GOOGLE_include_directive : require
-// Partial sums of ⟨x, y⟩ over arrays of reals, one a lane; the host adds them up in f64. Which lane sums what depends on
-// `count` and on the dispatch alone, so that the result is the same from run to run.
+// Partial sums of ⟨x, y⟩ over arrays of reals, one per lane; the host adds them up in f64. Which lane sums what
+// depends on `count` and on the dispatch alone, so that the result is the same from run to run.
 
 #include "real.glsl"
 

@@ -3,13 +3,13 @@
 
 #include "real.glsl"
 
-// ∂loss/∂geometry of one triangle, as if all that kernels read of it were independent; the host makes corners of it all.
-// What the centroid has is given to the corners, a third each.
+// ∂loss/∂geometry of one triangle, with the quantities that kernels read as independent; the host reduces them to
+// corners. The centroid's gradient is added to the corners, a third each.
 struct FacetGradient {
     real3 a;
     real area;
     real3 b;
-    real extent;
+    real characteristic_area;
     real3 c;
     real unused_c;
     real3 normal;

@@ -1,22 +1,22 @@
 #ifndef GEOMETRY_GLSL
 #define GEOMETRY_GLSL
-// What is known of a triangle, in coordinates scaled so that the scene lies within one unit of the origin.
+// Geometry of a triangle, in coordinates scaled so that the scene lies within the unit ball.
 
 #include "real.glsl"
 
 struct Facet {
     real3 centre;
     real area;
-    // Zero for the slots that only fill up a tile: nothing arrives there.
+    // Zero for padding, which receives nothing.
     real3 normal;
     // Area of the equilateral triangle with the same sum of squared edges.
-    real extent;
+    real characteristic_area;
 };
 
 // Squared distances below this are rounding: 1e-6 of the scene.
 const real R2_MIN = 1e-12;
 
-// Where the frame jumps: src/reference/geometry.rs says why there.
+// The n.z at which the frame is discontinuous: src/model/facet.rs gives the reason.
 real frame_sign(real3 n) {
     return n.z < -0.6543 ? -1.0 : 1.0;
 }
@@ -33,7 +33,7 @@ real33 orthonormal_basis(real3 n) {
 real3 in_frame(real3 n, real3 v) {
     real s = frame_sign(n);
     real along = dot(n, v);
-    // Of the triangle alone: it leaves the loops over others.
+    // Depends on the triangle alone, so compilers move it out of the loops over partners.
     real inverse = 1.0 / (s + n.z);
     real k = (along + s * v.z) * inverse;
     return real3(v.x - s * n.x * k, s * v.y - n.y * k, along);

@@ -1,10 +1,10 @@
 #version 450 core
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
-// U between triangles that are close to one another, integrated over pieces: quarter to quarter, and for radiance that
-// varies with direction, where two quarters are close for their own size, quarter of a quarter to quarter of a quarter.
-// Each piece of the source counts with Lambert's polygon formula from the centroid of each piece of the receiver. A lane
-// owns one receiver and walks its list of close sources. Twin: src/reference/transport.rs, which cuts every source.
+// U between close triangles, integrated piecewise: quarter to quarter and, for radiance that varies with direction,
+// between two quarters close for their size, quarter of a quarter to quarter of a quarter. Each piece of the source
+// illuminates the centroid of each piece of the receiver by Lambert's polygon formula. A lane owns one receiver and
+// sums over its close sources. Twin: src/reference/transport.rs, which subdivides every source.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -21,28 +21,28 @@ layout(std430, binding = 4) readonly buffer Antiradiance { real antiradiance[]; 
 layout(scalar, binding = 4) readonly buffer AntiradianceRgb { real3 antiradiance_rgb[]; };
 layout(std430, binding = 5) readonly buffer Specular { real specular[]; };
 layout(scalar, binding = 5) readonly buffer SpecularRgb { real3 specular_rgb[]; };
-layout(std430, binding = 6) buffer Arriving { real arriving[]; };
-layout(scalar, binding = 6) buffer ArrivingRgb { real3 arriving_rgb[]; };
+layout(std430, binding = 6) buffer Incident { real incident[]; };
+layout(scalar, binding = 6) buffer IncidentRgb { real3 incident_rgb[]; };
 layout(std430, binding = 7) readonly buffer NearOffsets { uint near_offsets[]; };
-layout(std430, binding = 8) readonly buffer NearOthers { uint near_others[]; };
+layout(std430, binding = 8) readonly buffer NearPartners { uint near_partners[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
 layout(std430, binding = 9) readonly buffer BinTable { real4 bin_table[]; };
-layout(std430, binding = 10) readonly buffer NearOwners { uint near_owners[]; };
+layout(std430, binding = 10) readonly buffer NearTargets { uint near_targets[]; };
 
 #include "near_push.glsl"
 #include "source_bins.glsl"
 #include "receiver_bins.glsl"
 
 uint source_first;
-real source_extent;
+real source_characteristic_area;
 real3 receiver_normal, source_normal, source_diffuse;
 real3 sum = real3(0.0);
 
-// From a piece of the source to a point of the receiver, with the shares of the two kinds of radiance.
+// From a piece of the source to a point of the receiver, with the blend weights of the two kinds of radiance.
 void piece(real3 p, real3 q, real3 r, real3 point, real diffuse, real binned) {
     real3 offset = point - (p + q + r) * (real(1.0) / 3.0);
     real side = dot(offset, source_normal);
-    bool apart = side * side > COINCIDENT * source_extent;
+    bool apart = side * side > COINCIDENT * source_characteristic_area;
     bool front = side > 0.0;
     diffuse = front ? diffuse : 0.0;
     binned = (SOURCE_FRONT && front) || (SOURCE_BACK && !front && backs != 0) ? binned : 0.0;
@@ -65,29 +65,30 @@ void piece(real3 p, real3 q, real3 r, real3 point, real diffuse, real binned) {
 #include "near_walk.glsl"
 
 void main() {
-    bool active_lane = gl_GlobalInvocationID.x < owners;
+    bool active_lane = gl_GlobalInvocationID.x < targets;
     uint j = owned(active_lane);
     Facet receiver = facets[j];
     receiver_normal = receiver.normal;
     clear_deposits();
     real3 a = corners[3 * j].xyz, b = corners[3 * j + 1].xyz, c = corners[3 * j + 2].xyz;
-    uvec2 close = close_others(j, active_lane);
+    uvec2 close = close_partners(j, active_lane);
     for (uint at = close.x; at < close.y; at++) {
-        uint i = near_others[at];
+        uint i = near_partners[at];
         Facet source = facets[i];
         source_normal = source.normal;
-        source_extent = source.extent;
+        source_characteristic_area = source.characteristic_area;
         source_diffuse = radiance[i].rgb;
-        source_first = (i - other_page) * BINS;
+        source_first = (i - partner_page) * BINS;
         real3 u = corners[3 * i].xyz, v = corners[3 * i + 1].xyz, w = corners[3 * i + 2].xyz;
         real3 between = receiver.centre - source.centre;
-        real range = half_range * (source.extent + receiver.extent);
+        real range = half_range * (source.characteristic_area + receiver.characteristic_area);
         real near = 1.0 - far_weight(dot(between, between), range);
         walk_pieces(source.centre, u, v, w, a, b, c, near, range);
     }
-    // A loop that is skipped where nothing was gathered: adding zeros to the bins costs a CPU driver what a pair does.
+    // A loop, to skip it where nothing was accumulated: adding zeros to the bins costs a CPU driver as much as a
+    // pair.
     for (uint once = close.x < close.y ? 1 : 0; once > 0; once--) {
         irradiance[j].rgb += sum;
-        flush_deposits((j - owner_page) * BINS);
+        flush_deposits((j - target_page) * BINS);
     }
 }

@@ -1,17 +1,18 @@
 #ifndef NEAR_FIELD_GLSL
 #define NEAR_FIELD_GLSL
-// Light between triangles that are close to one another. Twin: src/reference/near_field.rs.
+// Light between close triangles. Twins: src/reference/near_field.rs, and src/model/near_field.rs for the blend
+// weight.
 
 #include "arctangent.glsl"
 
-// A side that subtends less than this is none.
+// Sides that subtend less than this are ignored.
 #ifdef F64
 const real SHORTEST = 1e-12;
 #else
 const real SHORTEST = 1e-7;
 #endif
 
-// Share of the point-to-point kernel in a pair at squared distance r2; the near field has the rest.
+// Blend weight of the point-to-point kernel at squared distance r2; the near field has the rest.
 real far_weight(real r2, real range) {
     real t = range > 0.0 ? clamp(2.0 * r2 / range - 1.0, 0.0, 1.0) : 1.0;
     return t * t * (3.0 - 2.0 * t);
@@ -26,18 +27,18 @@ real3 side_vector(real3 a, real3 b) {
     real both = sqrt(sine * sine + cosine * cosine);
     real acute = 2.0 * arctangent(min(sine / max(both + abs(cosine), 1e-30), 1.0));
     real angle = cosine < 0.0 ? PI - acute : acute;
-    // On the side itself, or on a side without length, no solid angle is bounded.
+    // A side through the point, or without length, bounds no solid angle.
     return sine > SHORTEST * (dot(a, a) + dot(b, b)) ? c * (angle / sine) : real3(0.0);
 }
 
-// The part of a side above the horizon: its angle times the unit normal of its plane, along `normal`. Where it crosses,
-// the crossing becomes the point at which the outline leaves the upper half-space, or enters it again.
+// The part of a side above the horizon: its angle times the unit normal of its plane, along `normal`. Where it
+// crosses, `leave` or `enter` becomes the point at which the outline leaves the upper half-space or enters it again.
 real upper_side(real3 normal, real3 a, real3 b, real ha, real hb, inout real3 leave, inout real3 enter) {
     bool above_a = ha > 0.0, above_b = hb > 0.0;
     real3 crossing = above_a != above_b ? mix(a, b, ha / (ha - hb)) : real3(0.0);
     leave = above_a && !above_b ? crossing : leave;
     enter = above_b && !above_a ? crossing : enter;
-    // Of crossings alone there is no angle.
+    // A side below the horizon has no angle: both ends are the crossing.
     return dot(side_vector(above_a ? a : crossing, above_b ? b : crossing), normal);
 }
 
@@ -45,7 +46,7 @@ real upper_side(real3 normal, real3 a, real3 b, real ha, real hb, inout real3 le
 // [0, π]: Lambert's polygon formula. The sign of the triangle's orientation is dropped.
 real projected_solid_angle(real3 normal, real3 p, real3 q, real3 r) {
     real hp = dot(p, normal), hq = dot(q, normal), hr = dot(r, normal);
-    // Only ever used together.
+    // Set both or neither.
     real3 leave = real3(0.0), enter = real3(0.0);
     real sum = upper_side(normal, p, q, hp, hq, leave, enter);
     sum += upper_side(normal, q, r, hq, hr, leave, enter);

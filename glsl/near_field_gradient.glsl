@@ -1,6 +1,6 @@
 #ifndef NEAR_FIELD_GRADIENT_GLSL
 #define NEAR_FIELD_GRADIENT_GLSL
-// Derivatives of near_field.glsl. Twins: src/reference/derivative/polygon.rs and share.rs.
+// Derivatives of near_field.glsl. Twins: src/reference/derivative/polygon.rs and far_weight.rs.
 
 #include "near_field.glsl"
 
@@ -11,8 +11,8 @@ real2 far_weight_slopes(real r2, real range) {
     return by_t > 0.0 ? by_t * 2.0 / range * real2(1.0, -r2 / range) : real2(0.0);
 }
 
-// Of θ ⟨u, n⟩, u being the unit normal of the plane of a side a, b that subtends θ: returns its value, and adds its
-// derivatives. Terms n × a/|a|² and n × b/|b|² are left out, for around a polygon they cancel.
+// Returns θ ⟨u, n⟩, u being the unit normal of the plane of a side a, b that subtends θ, and adds its derivatives.
+// Terms n × a/|a|² and n × b/|b|² are omitted, since they cancel around a polygon.
 real side_gradient(real3 a, real3 b, real3 n, inout real3 by_n, inout real3 by_a, inout real3 by_b) {
     real value = 0.0;
     real3 c = cross(a, b);
@@ -32,8 +32,8 @@ real side_gradient(real3 a, real3 b, real3 n, inout real3 by_n, inout real3 by_a
 }
 
 // projected_solid_angle(normal, p, q, r) with its gradient. Where a side crosses the horizon, the crossing moves with its
-// two ends; sliding along the side changes nothing, for light from the horizon adds nothing. Likewise the side in the
-// horizon has no derivative but along the normal, where none counts.
+// two ends; moving along the side changes nothing, since light from the horizon contributes nothing. Likewise the
+// side in the horizon has a derivative along the normal only, which does not count.
 real projected_solid_angle_gradient(
     real3 normal, real3 p, real3 q, real3 r, out real3 by_normal, out real3 by_p, out real3 by_q, out real3 by_r
 ) {

@@ -1,31 +1,32 @@
 #ifndef NEAR_PUSH_GLSL
 #define NEAR_PUSH_GLSL
-// What the kernels of close pairs are told. A lane owns a triangle, the receiver forwards and the source in the adjoint,
-// and walks its list of close others. Expects `near_owners`: slots of owners; `near_offsets`: of each slot, where its list
-// starts in `near_others`, one entry more than there are slots; and `near_others`: slots, rising within each list.
+// Push constants of the near-field kernels. A lane owns a target, the receiver forwards and the source in the
+// adjoint, and sums over its close partners. Expects `near_targets`: slots of targets; `near_offsets`: the start of
+// each slot's list in `near_partners`, then the end of the last; and `near_partners`: slots, ascending within each
+// list.
 
 layout(push_constant) uniform NearPush {
-    // The first of `near_owners`, and how many of them.
-    uint owner_begin;
-    uint owners;
-    // Others of other slots are passed over.
-    uint other_begin;
-    uint other_end;
+    // The first of `near_targets`, and their number.
+    uint target_begin;
+    uint targets;
+    // Slots of partners, from `partner_begin` to before `partner_end`; others are skipped.
+    uint partner_begin;
+    uint partner_end;
     float half_range;
-    uint owner_page;
-    uint other_page;
-    // 1 where backs let antiradiance out, 0 in a pass of emission alone.
+    uint target_page;
+    uint partner_page;
+    // 1 if backs emit antiradiance, 0 in a pass of emission alone.
     uint backs;
-    // Of the others in range, `take` after the first `skip`.
+    // Of the partners in range, `take` after the first `skip`.
     uint skip;
     uint take;
 };
 
-// First index in a rising part of `near_others` whose slot is at least `slot`, by bisection.
+// First index in an ascending part of `near_partners` whose slot is at least `slot`, by bisection.
 uint first_at_least(uint slot, uint begin, uint end) {
     while (begin < end) {
         uint middle = (begin + end) / 2;
-        bool below = near_others[middle] < slot;
+        bool below = near_partners[middle] < slot;
         begin = below ? middle + 1 : begin;
         end = below ? end : middle;
     }
@@ -34,14 +35,14 @@ uint first_at_least(uint slot, uint begin, uint end) {
 
 // The slot that this lane owns; that of the first lane if it is idle.
 uint owned(bool active_lane) {
-    return near_owners[active_lane ? owner_begin + gl_GlobalInvocationID.x : owner_begin];
+    return near_targets[active_lane ? target_begin + gl_GlobalInvocationID.x : target_begin];
 }
 
-// The part of its list that `owner` walks in this dispatch; none if the lane is idle.
-uvec2 close_others(uint owner, bool active_lane) {
-    uint end = near_offsets[owner + 1];
-    uint begin = first_at_least(other_begin, near_offsets[owner], end);
-    end = first_at_least(other_end, begin, end);
+// The part of the list of `target` in this dispatch; empty if the lane is idle.
+uvec2 close_partners(uint target, bool active_lane) {
+    uint end = near_offsets[target + 1];
+    uint begin = first_at_least(partner_begin, near_offsets[target], end);
+    end = first_at_least(partner_end, begin, end);
     begin = min(begin + skip, end);
     return uvec2(begin, active_lane ? min(begin + take, end) : begin);
 }

@@ -1,13 +1,13 @@
 #ifndef NEAR_WALK_GLSL
 #define NEAR_WALK_GLSL
 // The pieces of one close pair, forwards and in the adjoint. Expects near_push.glsl, the constants of both ends' bins,
-// `source_normal`, and `piece`: from a piece of the source to a point of the receiver, with the shares of the two kinds of
-// radiance.
+// `source_normal`, and `piece`: from a piece of the source to a point of the receiver, with the blend weights of the
+// two kinds of radiance.
 
 #include "near_field.glsl"
 #include "pieces.glsl"
 
-// The source u, v, w and the receiver a, b, c; `near`: the share of the near field, `range`: how far it goes.
+// The source u, v, w and the receiver a, b, c; `near`: blend weight of the near field, `range`: its range.
 void walk_pieces(
     real3 source_centre, real3 u, real3 v, real3 w, real3 a, real3 b, real3 c, real near, real range
 ) {
@@ -18,7 +18,7 @@ void walk_pieces(
         bool front, back;
         sides(source_centre, source_normal, e, f, g, front, back);
         bool directional = (SOURCE_FRONT && front) || (SOURCE_BACK && backs != 0 && back);
-        // Where directions tell nothing at either end, Lambert's formula is exact for the source as it is.
+        // Without directions at either end, Lambert's formula is exact for the whole source.
         bool whole = !directional && !RECEIVER_BINS;
         uint pieces = !front && !directional ? 0 : whole ? 1 : 4;
         for (uint from = 0; from < pieces; from++) {

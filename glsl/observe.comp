@@ -1,8 +1,8 @@
 #version 450 core
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
-// S: the radiance each triangle of one group sends to the eye, L_i(direction to the eye), fronts only.
-// Twin: src/reference/observation.rs.
+// S: the radiance of each triangle of one group towards the camera, L_i(direction to the camera), fronts only. Twin:
+// src/reference/observation.rs.
 
 #include "geometry.glsl"
 #include "bins.glsl"
@@ -18,7 +18,7 @@ layout(scalar, binding = 3) readonly buffer SpecularRgb { real3 specular_rgb[]; 
 layout(std430, binding = 4) writeonly buffer Colours { real4 colours[]; };
 
 layout(push_constant) uniform ObservePush {
-    real3 eye;
+    real3 camera_position;
     // Slots of the group, from `begin` to before `end`.
     uint begin;
     uint end;
@@ -30,9 +30,9 @@ void main() {
     uint i = begin + gl_GlobalInvocationID.x;
     if (i < end) {
         Facet f = facets[i];
-        real3 to_eye = eye - f.centre;
-        real3 direction = to_eye * inversesqrt(max(dot(to_eye, to_eye), R2_MIN));
+        real3 to_camera = camera_position - f.centre;
+        real3 direction = to_camera * inversesqrt(max(dot(to_camera, to_camera), R2_MIN));
         real3 colour = radiance[i].rgb + binned_radiance(f.normal, (i - begin) * BINS, direction, true);
-        colours[i] = real4(dot(to_eye, f.normal) > 0.0 ? colour : real3(0.0), 0.0);
+        colours[i] = real4(dot(to_camera, f.normal) > 0.0 ? colour : real3(0.0), 0.0);
     }
 }

@@ -1,8 +1,8 @@
 #version 450 core
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
-// S^T: adds the cotangent of what each triangle of one group sends to the eye to that of its radiance, fronts only.
-// Twin: src/reference/adjoint.rs.
+// S^T: adds the cotangent of each triangle's radiance towards the camera to that of its outgoing light, for one
+// group, fronts only. Twin: src/reference/adjoint.rs.
 
 #include "geometry.glsl"
 #include "bins.glsl"
@@ -16,7 +16,7 @@ layout(std430, binding = 2) buffer Radiance { real4 radiance[]; };
 layout(std430, binding = 3) buffer Specular { real specular[]; };
 
 layout(push_constant) uniform ObservePush {
-    real3 eye;
+    real3 camera_position;
     // Slots of the group, from `begin` to before `end`.
     uint begin;
     uint end;
@@ -26,12 +26,12 @@ void main() {
     uint i = begin + gl_GlobalInvocationID.x;
     if (i < end) {
         Facet f = facets[i];
-        real3 to_eye = eye - f.centre;
-        bool seen = dot(to_eye, f.normal) > 0.0;
+        real3 to_camera = camera_position - f.centre;
+        bool seen = dot(to_camera, f.normal) > 0.0;
         real3 colour = seen ? colours[i].rgb : real3(0.0);
         radiance[i].rgb += colour;
         for (uint once = SOURCE_FRONT && seen ? 1 : 0; once > 0; once--) {
-            real3 direction = to_eye * inversesqrt(max(dot(to_eye, to_eye), R2_MIN));
+            real3 direction = to_camera * inversesqrt(max(dot(to_camera, to_camera), R2_MIN));
             Taps t = taps(in_frame(f.normal, direction));
             for (uint tap = 0; tap < 4; tap++) {
                 uint at = ((i - begin) * BINS + t.bin[tap]) * CHANNELS;

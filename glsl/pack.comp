@@ -1,7 +1,8 @@
 #version 450 core
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
-// Packs bins for glsl/packed.glsl. A row of workgroups packs a triangle, a lane one bin. Twin: src/reference/packing.rs.
+// Writes half bins (glsl/half_bins.glsl). A row of workgroups converts a triangle, a lane one bin. Twin:
+// src/reference/bf16.rs.
 
 layout(local_size_x_id = 0) in;
 // As in bins.glsl.
@@ -10,14 +11,14 @@ layout(constant_id = 5) const uint COLUMNS = 13;
 const uint BINS = ROWS * COLUMNS;
 
 layout(scalar, binding = 0) readonly buffer Bins { vec3 bins_rgb[]; };
-layout(scalar, binding = 1) writeonly buffer Packed { uvec3 packed_rgb[]; };
+layout(scalar, binding = 1) writeonly buffer HalfBins { uvec3 half_bins_rgb[]; };
 
 layout(push_constant) uniform PackPush {
-    // Triangle of the page that comes first in what is packed.
+    // First triangle of the page to convert.
     uint first;
 };
 
-// The nearest number of eight significant bits, in the upper half of a word; of two equally near ones the even one.
+// Rounded to eight significant bits, ties to even, in the upper half of a word.
 uvec3 upper_half(vec3 value) {
     uvec3 bits = floatBitsToUint(value);
     return (bits + 0x7fff + (bits >> 16 & 1)) & 0xffff0000;
@@ -28,6 +29,6 @@ void main() {
     if (bin < BINS) {
         uint next = bin % COLUMNS == COLUMNS - 1 ? bin - (COLUMNS - 1) : bin + 1;
         uint from = (first + gl_WorkGroupID.y) * BINS;
-        packed_rgb[gl_WorkGroupID.y * BINS + bin] = upper_half(bins_rgb[from + bin]) | upper_half(bins_rgb[from + next]) >> 16;
+        half_bins_rgb[gl_WorkGroupID.y * BINS + bin] = upper_half(bins_rgb[from + bin]) | upper_half(bins_rgb[from + next]) >> 16;
     }
 }

@@ -1,14 +1,14 @@
 #ifndef PIECES_GLSL
 #define PIECES_GLSL
-// Triangles in quarters. Twin: src/reference/geometry.rs.
+// Triangles in quarters. Twin: src/model/facet.rs.
 
 #include "real.glsl"
 
-// src/reference/near_field.rs says why.
+// src/model/near_field.rs gives the reason.
 const real QUARTER_RANGE = real(1.0) / 24.0;
 
-// Distances from the plane of the source whose square is below this share of its extent are rounding, and have no side:
-// the two sides of a sheet do not light each other.
+// Distances from the plane of the source whose square is below this fraction of its characteristic area are rounding
+// and count as in the plane: the two sides of a sheet do not illuminate each other.
 #ifdef F64
 const real COINCIDENT = 1e-24;
 #else
@@ -23,7 +23,7 @@ void quarter(uint k, inout real3 p, inout real3 q, inout real3 r) {
     r = k == 0 ? rp : k == 1 ? qr : k == 2 ? r : rp;
 }
 
-// On which sides of a plane the triangle p, q, r lies: on both, where it crosses.
+// On which sides of a plane the triangle p, q, r lies; on both if it crosses.
 void sides(real3 centre, real3 normal, real3 p, real3 q, real3 r, out bool front, out bool back) {
     real3 height = real3(dot(p - centre, normal), dot(q - centre, normal), dot(r - centre, normal));
     front = max(max(height.x, height.y), height.z) > 0.0;

@@ -1,7 +1,7 @@
 #ifndef REAL_GLSL
 #define REAL_GLSL
-// The numbers of the kernels. What includes this is compiled twice: as it stands, and with F64 defined. Literals without
-// suffix are exact in both as long as they have few digits; a quotient needs a real() around one side.
+// The real type of the kernels. Shaders that include this are compiled twice, without and with F64 defined. Literals
+// without suffix are exact in both as long as they have few digits; a quotient needs a real() around one side.
 
 #ifdef F64
 #define real double

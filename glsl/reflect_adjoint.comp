@@ -1,7 +1,7 @@
 #version 450 core
 #extension GL_GOOGLE_include_directive : require
-// K^T, diffuse part: λ = given · λ_0 + (δρ/π) μ, from the cotangent μ of radiance. λ_0 is the loss's own cotangent of
-// irradiance. Twin: src/reference/adjoint.rs.
+// K^T, diffuse part: λ = given · λ_0 + (δρ/π) μ, from the cotangent μ of radiance. λ_0 is the cotangent of irradiance
+// given by the loss. Twin: src/reference/adjoint.rs.
 
 #include "geometry.glsl"
 #include "surface.glsl"
@@ -15,7 +15,7 @@ layout(std430, binding = 3) writeonly buffer Irradiance { real4 irradiance[]; };
 
 layout(push_constant) uniform ReflectAdjointPush {
     uint count;
-    // 1 with the loss's own cotangent, 0 without.
+    // 1 with λ_0, 0 without.
     float given;
 };
 

@@ -1,7 +1,7 @@
 #version 450 core
 #extension GL_GOOGLE_include_directive : require
-// K, specular part: L(o) = Σ_b σ N(p) ⟨h(b,o), n⟩^p H(b), per front bin of the glossy triangles of one page. A lane makes
-// one outgoing bin of one triangle. Twin: src/reference/reflection.rs.
+// K, specular part: L(o) = Σ_b σ N(p) ⟨h(b,o), n⟩^p H(b), per front bin of the glossy triangles of one page. A lane
+// computes one outgoing bin of one triangle. Twin: src/reference/reflection.rs.
 
 #include "geometry.glsl"
 #include "surface.glsl"
@@ -13,7 +13,7 @@ layout(local_size_x_id = 0) in;
 layout(std430, binding = 0) readonly buffer Surfaces { Surface surfaces[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
 layout(std430, binding = 1) readonly buffer BinTable { real4 bin_table[]; };
-layout(std430, binding = 2) readonly buffer Arriving { real arriving[]; };
+layout(std430, binding = 2) readonly buffer Incident { real incident[]; };
 layout(std430, binding = 3) writeonly buffer Specular { real specular[]; };
 
 layout(push_constant) uniform GlossyPush {
@@ -35,8 +35,8 @@ void main() {
     real3 sum = real3(0.0);
     for (uint b = 0; b < BINS; b++) {
         uint from = (triangle * BINS + b) * CHANNELS;
-        sum += lobe(half_cosine(bin_table[b].xyz, o), s.power) * bin_table[b].w * (CHANNELS == 1 ? real3(arriving[from])
-                                     : real3(arriving[from], arriving[from + 1], arriving[from + 2]));
+        sum += lobe(half_cosine(bin_table[b].xyz, o), s.power) * bin_table[b].w * (CHANNELS == 1 ? real3(incident[from])
+                                     : real3(incident[from], incident[from + 1], incident[from + 2]));
     }
     for (uint c = 0; c < CHANNELS; c++) {
         specular[at * CHANNELS + c] = s.specular[c] * sum[c];

@@ -1,9 +1,9 @@
 #version 450 core
 #extension GL_GOOGLE_include_directive : require
-// What the specular parameters of each glossy triangle of a page are worth: adds, per channel,
+// Derivatives by the specular parameters of each glossy triangle of a page: adds, per channel,
 //     Σ_ob μ(o) ⟨h,n⟩^p H(b)   and   Σ_ob μ(o) ⟨h,n⟩^p ln⟨h,n⟩ H(b),
-// of which the host makes ∂/∂σ and ∂/∂p. A lane owns a triangle; the outgoing bins o are those of this dispatch. Twin:
-// src/reference/derivative/.
+// from which the host computes ∂/∂σ and ∂/∂p. A lane owns a triangle; the outgoing bins o are those of this dispatch.
+// Twin: src/reference/derivative/.
 
 #include "geometry.glsl"
 #include "surface.glsl"
@@ -15,7 +15,7 @@ layout(local_size_x_id = 0) in;
 layout(std430, binding = 0) readonly buffer Surfaces { Surface surfaces[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
 layout(std430, binding = 1) readonly buffer BinTable { real4 bin_table[]; };
-layout(std430, binding = 2) readonly buffer Arriving { real arriving[]; };
+layout(std430, binding = 2) readonly buffer Incident { real incident[]; };
 layout(std430, binding = 3) readonly buffer Specular { real specular[]; };
 // Two per slot.
 layout(std430, binding = 4) buffer Sums { real4 sums[]; };
@@ -29,11 +29,11 @@ layout(push_constant) uniform GlossyDerivativePush {
     uint bin_end;
 };
 
-real3 rgb(bool leaving, uint at) {
+real3 rgb(bool outgoing, uint at) {
     uint from = at * CHANNELS;
     uvec3 channel = CHANNELS == 1 ? uvec3(0) : uvec3(0, 1, 2);
-    return leaving ? real3(specular[from + channel.x], specular[from + channel.y], specular[from + channel.z])
-                   : real3(arriving[from + channel.x], arriving[from + channel.y], arriving[from + channel.z]);
+    return outgoing ? real3(specular[from + channel.x], specular[from + channel.y], specular[from + channel.z])
+                   : real3(incident[from + channel.x], incident[from + channel.y], incident[from + channel.z]);
 }
 
 void main() {
@@ -44,11 +44,11 @@ void main() {
     Surface s = surfaces[page + triangle];
     real3 sum = real3(0.0), sum_of_logarithms = real3(0.0);
     for (uint o = bin_begin; o < bin_end; o++) {
-        real3 worth = rgb(true, triangle * BINS + o);
+        real3 adjoint = rgb(true, triangle * BINS + o);
         real3 out_direction = bin_table[o].xyz;
         for (uint b = 0; b < BINS; b++) {
             real cosine = half_cosine(bin_table[b].xyz, out_direction);
-            real3 value = lobe(cosine, s.power) * bin_table[b].w * worth * rgb(false, triangle * BINS + b);
+            real3 value = lobe(cosine, s.power) * bin_table[b].w * adjoint * rgb(false, triangle * BINS + b);
             sum += value;
             sum_of_logarithms += logarithm(cosine) * value;
         }

@@ -1,26 +1,26 @@
 #version 450 core
 #extension GL_GOOGLE_include_directive : require
 // Pixels from samples: each lane adds to its pixel the mean colour of the samples that see a face of this page of
-// faces, and to alpha their share. Pages follow one another over the same pixels, which start at zero.
+// faces, and to alpha their fraction. Pages are accumulated over the same pixels, initially zero.
 
 #include "picture.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
 layout(std430, set = 0, binding = 0) readonly buffer Samples { uint sample_face[]; };
-// RGB; three a face.
+// RGB; three per face.
 layout(std430, set = 0, binding = 1) readonly buffer Colours { vec4 colour[]; };
-// Three a face: the function a x + b y + c of the picture's plane that is a corner's weight over the depth.
+// Three per face: the function a x + b y + c of the picture's plane that is a corner's weight over the depth.
 layout(std430, set = 0, binding = 2) readonly buffer Corners { vec4 corner[]; };
 layout(std430, set = 0, binding = 3) buffer Pixels { vec4 pixel[]; };
 
 layout(push_constant) uniform Push {
-    // In samples: the whole picture, and the band of rows at hand.
+    // In samples: the whole picture, and the current band of rows.
     uint width;
     uint height;
     uint first_row;
     uint rows;
-    // Samples a side of a pixel.
+    // Samples per side of a pixel.
     uint side;
     // The faces of this page.
     uint first_face;
@@ -31,7 +31,7 @@ vec3 interpolated(uint face, uvec2 at) {
     vec3 p = vec3(place_of_sample(uvec2(at.x, first_row + at.y), uvec2(width, height)), 1.0);
     vec3 weight;
     for (uint i = 0; i < 3; i++) {
-        // Rounding can put a sample just outside of its face: weights are kept from extrapolating.
+        // Rounding can put a sample just outside its face: weights must not extrapolate.
         weight[i] = max(dot(corner[3 * face + i].xyz, p), 0.0);
     }
     float sum = weight.x + weight.y + weight.z;
@@ -47,7 +47,7 @@ void main() {
     for (uint v = 0; v < side; v++) {
         for (uint u = 0; u < side; u++) {
             uvec2 place = at * side + uvec2(u, v);
-            // Faces before the page wrap around to large numbers, as the background is one.
+            // Faces before the page wrap around to large indices, like that of the background.
             uint face = sample_face[place.y * width + place.x] - first_face;
             if (face < face_count) {
                 sum += vec4(interpolated(face, place), 1.0);

@@ -1,15 +1,15 @@
 #ifndef SOURCE_BINS_GLSL
 #define SOURCE_BINS_GLSL
 // Radiance of a source per direction bin. Expects the buffers of bins of the source: `antiradiance` and `specular` as
-// arrays of real, and the same memory as arrays of packed real3, `antiradiance_rgb` and `specular_rgb`, which takes one
-// load where the other takes three. Where PACKED_SOURCES is defined they may be packed instead, as `antiradiance_packed`
-// and `specular_packed`.
+// arrays of real, and the same memory as arrays of packed real3, `antiradiance_rgb` and `specular_rgb`, which takes
+// one load instead of three. Where HALF_BIN_SOURCES is defined they may be half bins instead, as
+// `antiradiance_half_bins` and `specular_half_bins`.
 
-#ifdef PACKED_SOURCES
-#include "packed.glsl"
+#ifdef HALF_BIN_SOURCES
+#include "half_bins.glsl"
 #define GATHER_SOURCE(of, first, t, result)                                                       \
-    if (PACKED) {                                                                                 \
-        GATHER_PACKED(of##_packed, first, t, result)                                              \
+    if (HALF_BINS) {                                                                                 \
+        GATHER_HALF_BINS(of##_half_bins, first, t, result)                                              \
     } else {                                                                                      \
         GATHER(of, of##_rgb, first, t, result)                                                    \
     }
@@ -21,12 +21,12 @@ layout(constant_id = 7) const bool SOURCE_BACK = false;
 layout(constant_id = 8) const bool SOURCE_FRONT = false;
 
 // The part of the radiance that varies with direction: specular from the front, and from the back (J) the negative of
-// what arrived at the front, which is the state itself: its bins hold A(b) = H(b) / c_b. `direction` is that in which
-// light travels; `first`: first bin of the source in its page.
+// the radiance incident on the front, which is the state itself: its bins hold A(b) = H(b) / c_b. `direction` is that
+// in which light travels; `first`: first bin of the source in its page.
 real3 binned_radiance(real3 normal, uint first, real3 direction, bool front) {
     real3 result = real3(0.0);
     if (SOURCE_BACK || SOURCE_FRONT) {
-        // What leaves the back arrived at the front from the opposite direction.
+        // Light that leaves the back in `direction` was incident from -`direction`.
         Taps t = taps(in_frame(normal, front ? direction : -direction));
         if (SOURCE_FRONT && front) {
             GATHER_SOURCE(specular, first, t, result)

@@ -18,31 +18,31 @@ layout(std430, binding = 1) readonly buffer FarRuns { uint far_runs[]; };
 layout(std430, binding = 2) buffer Irradiance { real4 irradiance[]; };
 layout(std430, binding = 3) readonly buffer Antiradiance { real antiradiance[]; };
 layout(scalar, binding = 3) readonly buffer AntiradianceRgb { real3 antiradiance_rgb[]; };
-layout(scalar, binding = 3) readonly buffer AntiradiancePacked { uvec3 antiradiance_packed[]; };
+layout(scalar, binding = 3) readonly buffer AntiradianceHalfBins { uvec3 antiradiance_half_bins[]; };
 layout(std430, binding = 4) readonly buffer Specular { real specular[]; };
 layout(scalar, binding = 4) readonly buffer SpecularRgb { real3 specular_rgb[]; };
-layout(scalar, binding = 4) readonly buffer SpecularPacked { uvec3 specular_packed[]; };
-layout(std430, binding = 5) buffer Arriving { real arriving[]; };
-layout(scalar, binding = 5) buffer ArrivingRgb { real3 arriving_rgb[]; };
+layout(scalar, binding = 4) readonly buffer SpecularHalfBins { uvec3 specular_half_bins[]; };
+layout(std430, binding = 5) buffer Incident { real incident[]; };
+layout(scalar, binding = 5) buffer IncidentRgb { real3 incident_rgb[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
 layout(std430, binding = 6) readonly buffer BinTable { real4 bin_table[]; };
-#define OTHERS_BINDING 7
-#define OTHERS_LIGHT others_radiance
-#include "others.glsl"
+#define PARTNERS_BINDING 7
+#define PARTNERS_LIGHT partner_radiance
+#include "partners.glsl"
 
 #include "far_push.glsl"
-#define PACKED_SOURCES
+#define HALF_BIN_SOURCES
 #include "source_bins.glsl"
 #include "receiver_bins.glsl"
 
 void main() {
-    uint tile = owner_tile + gl_WorkGroupID.x;
+    uint tile = target_tile + gl_WorkGroupID.x;
     uint j = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
     Facet receiver = facets[j];
     real3 sum = real3(0.0);
     clear_deposits();
-    uint end = other_begin;
-    for (uint run = first_run(tile, other_begin); end < other_end; run++) {
+    uint end = partner_begin;
+    for (uint run = first_run(tile, partner_begin); end < partner_end; run++) {
         uint begin = end;
         end = run_end(run);
         uint flags = run_flags(run);
@@ -50,32 +50,32 @@ void main() {
         bool backs = SOURCE_BACK && (flags & PAIR_BACK) != 0;
         bool near = (flags & PAIR_NEAR) != 0;
         uint sources = fronts || backs ? (end - begin) * TILE : 0;
-        uint first = (begin - other_begin) * TILE;
+        uint first = (begin - partner_begin) * TILE;
         for (uint k = 0; k < sources; k++) {
-            Facet source = others[first + k];
+            Facet source = partners[first + k];
             real3 d = receiver.centre - source.centre;
             real r2 = max(dot(d, d), R2_MIN);
             real from = dot(d, source.normal);
             real to = max(-dot(d, receiver.normal), 0.0);
-            real share = 1.0;
-            // A loop: tiles that are far apart, nearly all, skip it.
+            real blend = 1.0;
+            // A loop, to skip it for tiles that are far apart, nearly all.
             for (uint once = near ? 1 : 0; once > 0; once--) {
-                share = far_weight(r2, half_range * (source.extent + receiver.extent));
+                blend = far_weight(r2, half_range * (source.characteristic_area + receiver.characteristic_area));
             }
             real side = from > 0.0 ? real(fronts) : real(backs);
-            real weight = side * share * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
-            // A loop, for the same reason as elsewhere: it is skipped where no lane has anything to add.
+            real weight = side * blend * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
+            // A loop, to skip it where no lane has anything to add.
             for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
                 real3 direction = d * inversesqrt(r2);
                 bool front = from > 0.0;
-                uint bins = (begin * TILE + k - other_page) * BINS;
+                uint bins = (begin * TILE + k - partner_page) * BINS;
                 real3 binned = binned_radiance(source.normal, bins, direction, front);
-                real3 value = weight * (front ? others_radiance[first + k].rgb + binned : binned);
+                real3 value = weight * (front ? partner_radiance[first + k].rgb + binned : binned);
                 deposit(0, receiver.normal, -direction, value);
                 sum += value;
             }
         }
     }
     irradiance[j].rgb += sum;
-    flush_deposits((j - owner_page) * BINS);
+    flush_deposits((j - target_page) * BINS);
 }

@@ -2,8 +2,8 @@
 #extension GL_GOOGLE_include_directive : require
 // U from diffuse fronts to triangles without bins, point to point:
 //     E_j += max(cos_j, 0) max(cos_i, 0) g_ij a_i L_i,   g = 1 / (r² + a_i/π).
-// A workgroup is one subgroup and owns one tile of receivers, TILE / LANES of them in the registers of each lane, which
-// share what is read of a source. Twin: src/reference/transport.rs.
+// A workgroup is one subgroup and owns one tile of receivers, TILE / LANES of them in the registers of each lane, for
+// which a source is read once. Twin: src/reference/transport.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -16,36 +16,36 @@ const uint PER_LANE = TILE / LANES;
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
 layout(std430, binding = 1) readonly buffer FarRuns { uint far_runs[]; };
 layout(std430, binding = 2) buffer Irradiance { real4 irradiance[]; };
-#define OTHERS_BINDING 3
-#define OTHERS_LIGHT others_radiance
-#include "others.glsl"
+#define PARTNERS_BINDING 3
+#define PARTNERS_LIGHT partner_radiance
+#include "partners.glsl"
 
 #include "far_push.glsl"
 
 void main() {
-    uint tile = owner_tile + gl_WorkGroupID.x;
+    uint tile = target_tile + gl_WorkGroupID.x;
     real3 centre[PER_LANE], normal[PER_LANE], sum[PER_LANE];
-    real extent[PER_LANE];
+    real characteristic_area[PER_LANE];
     for (uint k = 0; k < PER_LANE; k++) {
         Facet f = facets[tile * TILE + k * LANES + gl_LocalInvocationID.x];
         centre[k] = f.centre;
         normal[k] = f.normal;
-        extent[k] = f.extent;
+        characteristic_area[k] = f.characteristic_area;
         sum[k] = real3(0.0);
     }
-    uint end = other_begin;
-    for (uint run = first_run(tile, other_begin); end < other_end; run++) {
+    uint end = partner_begin;
+    for (uint run = first_run(tile, partner_begin); end < partner_end; run++) {
         uint begin = end;
         end = run_end(run);
         uint flags = run_flags(run);
-        // Loops that may run zero times: an `if` would not skip the work on a device that executes both sides.
+        // Loops that may run zero times: an `if` would not skip the work on a device that executes both branches.
         uint sources = (flags & PAIR_FRONT) != 0 ? (end - begin) * TILE : 0;
         uint near_sources = (flags & PAIR_NEAR) != 0 ? sources : 0;
         uint far_sources = sources - near_sources;
-        uint at = (begin - other_begin) * TILE;
+        uint at = (begin - partner_begin) * TILE;
         for (uint i = at; i < at + far_sources; i++) {
-            Facet f = others[i];
-            real3 l = others_radiance[i].rgb * f.area;
+            Facet f = partners[i];
+            real3 l = partner_radiance[i].rgb * f.area;
             real s = f.area * INV_PI;
             for (uint k = 0; k < PER_LANE; k++) {
                 real3 d = centre[k] - f.centre;
@@ -55,15 +55,15 @@ void main() {
             }
         }
         for (uint i = at; i < at + near_sources; i++) {
-            Facet f = others[i];
-            real3 l = others_radiance[i].rgb * f.area;
+            Facet f = partners[i];
+            real3 l = partner_radiance[i].rgb * f.area;
             real s = f.area * INV_PI;
             for (uint k = 0; k < PER_LANE; k++) {
                 real3 d = centre[k] - f.centre;
                 real r2 = max(dot(d, d), R2_MIN);
                 real cosines = max(dot(d, f.normal), 0.0) * max(-dot(d, normal[k]), 0.0);
-                real share = far_weight(r2, half_range * (f.extent + extent[k]));
-                sum[k] += l * (share * cosines / (r2 * (r2 + s)));
+                real blend = far_weight(r2, half_range * (f.characteristic_area + characteristic_area[k]));
+                sum[k] += l * (blend * cosines / (r2 * (r2 + s)));
             }
         }
     }

@@ -2,7 +2,7 @@
 #extension GL_GOOGLE_include_directive : require
 // U^T from triangles without bins to diffuse fronts, point to point:
 //     μ_i += a_i Σ_j max(cos_i, 0) max(cos_j, 0) g_ij λ_j,   g = 1 / (r² + a_i/π).
-// As transport_irradiance.comp, with sources for owners. Twin: src/reference/adjoint.rs.
+// transport_irradiance.comp with sources as targets. Twin: src/reference/adjoint.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -16,38 +16,38 @@ layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
 layout(std430, binding = 1) readonly buffer FarRuns { uint far_runs[]; };
 // μ, the cotangent of radiance.
 layout(std430, binding = 2) buffer Radiance { real4 radiance[]; };
-#define OTHERS_BINDING 3
+#define PARTNERS_BINDING 3
 // λ, the cotangent of irradiance.
-#define OTHERS_LIGHT others_cotangent
-#include "others.glsl"
+#define PARTNERS_LIGHT partner_cotangent
+#include "partners.glsl"
 
 #include "far_push.glsl"
 
 void main() {
-    uint tile = owner_tile + gl_WorkGroupID.x;
+    uint tile = target_tile + gl_WorkGroupID.x;
     real3 centre[PER_LANE], normal[PER_LANE], sum[PER_LANE];
-    real extent[PER_LANE], area[PER_LANE];
+    real characteristic_area[PER_LANE], area[PER_LANE];
     for (uint k = 0; k < PER_LANE; k++) {
         Facet f = facets[tile * TILE + k * LANES + gl_LocalInvocationID.x];
         centre[k] = f.centre;
         normal[k] = f.normal;
-        extent[k] = f.extent;
+        characteristic_area[k] = f.characteristic_area;
         area[k] = f.area;
         sum[k] = real3(0.0);
     }
-    uint end = other_begin;
-    for (uint run = first_run(tile, other_begin); end < other_end; run++) {
+    uint end = partner_begin;
+    for (uint run = first_run(tile, partner_begin); end < partner_end; run++) {
         uint begin = end;
         end = run_end(run);
         uint flags = run_flags(run);
-        // Loops that may run zero times: an `if` would not skip the work on a device that executes both sides.
+        // Loops that may run zero times: an `if` would not skip the work on a device that executes both branches.
         uint receivers = (flags & PAIR_FRONT) != 0 ? (end - begin) * TILE : 0;
         uint near_receivers = (flags & PAIR_NEAR) != 0 ? receivers : 0;
         uint far_receivers = receivers - near_receivers;
-        uint at = (begin - other_begin) * TILE;
+        uint at = (begin - partner_begin) * TILE;
         for (uint j = at; j < at + far_receivers; j++) {
-            Facet f = others[j];
-            real3 l = others_cotangent[j].rgb;
+            Facet f = partners[j];
+            real3 l = partner_cotangent[j].rgb;
             for (uint k = 0; k < PER_LANE; k++) {
                 real3 d = f.centre - centre[k];
                 real r2 = max(dot(d, d), R2_MIN);
@@ -56,14 +56,14 @@ void main() {
             }
         }
         for (uint j = at; j < at + near_receivers; j++) {
-            Facet f = others[j];
-            real3 l = others_cotangent[j].rgb;
+            Facet f = partners[j];
+            real3 l = partner_cotangent[j].rgb;
             for (uint k = 0; k < PER_LANE; k++) {
                 real3 d = f.centre - centre[k];
                 real r2 = max(dot(d, d), R2_MIN);
                 real cosines = max(dot(d, normal[k]), 0.0) * max(-dot(d, f.normal), 0.0);
-                real share = far_weight(r2, half_range * (f.extent + extent[k]));
-                sum[k] += l * (share * cosines / (r2 * (r2 + area[k] * INV_PI)));
+                real blend = far_weight(r2, half_range * (f.characteristic_area + characteristic_area[k]));
+                sum[k] += l * (blend * cosines / (r2 * (r2 + area[k] * INV_PI)));
             }
         }
     }

@@ -1,15 +1,16 @@
 #version 450 core
 #extension GL_GOOGLE_include_directive : require
-// The nearest face behind each sample of a picture, among the faces listed for the sample's tile: one workgroup a tile,
-// one lane a sample. Edges and inverse depth of a face are functions a x + b y + c of the place in the picture, -1 to 1
-// both ways, y upwards; the host prepares them so that a sample is on the face, in front of the camera, where all three
-// edges are at least 0. Depths live on between dispatches: each one adds faces to the picture.
+// The nearest face behind each sample of a picture, among the faces listed for the sample's tile: one workgroup per
+// tile, one lane per sample. Edges and inverse depth of a face are functions a x + b y + c of the coordinates in the
+// picture, -1 to 1 on both axes, y upwards; the host prepares them so that a sample is on the face, in front of the
+// camera, where all three edges are at least 0. Depths persist between dispatches: each one adds faces to the
+// picture.
 
 #include "picture.glsl"
 
 layout(local_size_x = 16, local_size_y = 16) in;
 
-// The (a, b, c) of the edges; beside them, one number each, those of the inverse depth.
+// The (a, b, c) of the edges in xyz; those of the inverse depth in w.
 struct Face {
     vec4 edge[3];
 };
@@ -17,12 +18,12 @@ struct Face {
 layout(std430, set = 0, binding = 0) readonly buffer TileStart { uint tile_start[]; };
 layout(std430, set = 0, binding = 1) readonly buffer TileFaces { uint tile_faces[]; };
 layout(std430, set = 0, binding = 2) readonly buffer Faces { Face faces[]; };
-// The place of each of `faces` in the scene.
+// The index of each of `faces` in the scene.
 layout(std430, set = 0, binding = 3) readonly buffer Numbers { uint number[]; };
 layout(std430, set = 0, binding = 4) buffer Depths { float inverse_depth[]; };
 layout(std430, set = 0, binding = 5) buffer Samples { uint sample_face[]; };
 
-// In samples: the whole picture, and the band of rows at hand.
+// In samples: the whole picture, and the current band of rows.
 layout(push_constant) uniform Push {
     uint width;
     uint height;
@@ -51,7 +52,7 @@ void main() {
         vec4 e2 = faces[face].edge[2];
         float inside = min(min(dot(e0.xy, p) + e0.z, dot(e1.xy, p) + e1.z), dot(e2.xy, p) + e2.z);
         float near = e0.w * p.x + e1.w * p.y + e2.w;
-        // Lists are in the scene's order: of faces at the same depth the first one stays.
+        // Lists are in the scene's order: of faces at equal depth the first one wins.
         if (inside >= 0.0 && near > best) {
             best = near;
             found = face;

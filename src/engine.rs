@@ -2,78 +2,149 @@
 
 use crate::gpu::{Device, GpuError};
 use crate::options::setters;
-use crate::plan::{Limits, PADDING, Plan, PlanError, PlannedSolver, Residency};
+use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, Residency};
 use crate::revision::{Difference, Revision};
-use crate::scene::{Accuracy, BinLayout, Material, Precision, Scene, SceneError, Weights};
+use crate::scene::{BinLayout, Material, Precision, Scene, SceneError, SolveSettings, Weights};
 use crate::solve::{
-    FixedPointParams, GmresParams, LightOperator, Progress, SolveError, SolveInfo, fixed_point_from,
+    FixedPointParams, GmresParams, LightOperator, SolveError, SolveInfo, SolveProgress, fixed_point_from,
     gmres_from,
 };
-use crate::transport::{Adjoint, Operators, SceneBuffers, State, TransportError, Watcher};
+use crate::transport::{AdjointKernels, Operators, PassCallback, SceneBuffers, State, TransportError};
 use glam::DVec3;
 use std::f64::consts::PI;
+use std::fmt;
 use std::ops::{ControlFlow, Range};
 
-/// Why the engine could not do what it was asked.
+/// Why an operation of the engine failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EngineError {
+    /// The device, or a call into it, failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    /// There is no plan for the scene.
     #[error(transparent)]
     Plan(#[from] PlanError),
+    /// A solve failed or was stopped. [`SolveError::NoConvergence`] holds the last iterate, and device memory with
+    /// it, except from [`Engine::backward`].
     #[error(transparent)]
-    Solve(#[from] SolveError<TransportError>),
+    Solve(#[from] SolveError<TransportError, Option<Box<Solution>>>),
+    /// A pass outside of a solve failed, or was stopped.
     #[error(transparent)]
     Transport(#[from] TransportError),
+    /// The engine allocated a different size than the plan counts.
     #[error(
         "the plan counts {planned} bytes of \"{label}\" and the engine allocated {allocated}: a defect of antirad"
     )]
-    Miscounted { label: String, planned: u64, allocated: u64 },
+    Miscounted {
+        /// Label of the buffers.
+        label: String,
+        /// Bytes that the plan counts.
+        planned: u64,
+        /// Bytes that this engine allocated.
+        allocated: u64,
+    },
+    /// Derivatives that were not planned.
     #[error(
-        "gradients{}{} were not planned: name them in Limits::gradients before the plan is made",
+        "gradients{}{} were not planned: request them in PlanOptions::gradients and plan again",
         if kinds.is_empty() { "" } else { " of " },
         kinds.join(", ")
     )]
-    NotPlanned { kinds: Vec<&'static str> },
-    #[error("the cotangent of {what} has {given} entries, the scene {triangles} triangles")]
-    CotangentLength { what: &'static str, given: usize, triangles: usize },
+    NotPlanned {
+        /// Names of the kinds; empty where the plan has no gradients at all.
+        kinds: Vec<&'static str>,
+    },
+    /// A cotangent does not fit the scene.
+    #[error(
+        "the cotangent of {what} has {given} entries, but the scene has {triangles} triangles: give one each"
+    )]
+    CotangentLength {
+        /// The result that the cotangent belongs to.
+        what: &'static str,
+        /// Number of entries given.
+        given: usize,
+        /// Number of entries required.
+        triangles: usize,
+    },
+    /// A cotangent is infinite or not a number.
     #[error(
         "the cotangent of {what} is not finite at triangle {triangle}: look for a division by zero in the loss"
     )]
-    CotangentNotFinite { what: &'static str, triangle: usize },
+    CotangentNotFinite {
+        /// The result that the cotangent belongs to.
+        what: &'static str,
+        /// Index of the triangle in the scene.
+        triangle: usize,
+    },
     #[error(
-        "triangle {triangle} {why}, which the plan left out: make the engine again with Engine::rebuilt, or plan a scene \
+        "triangle {triangle} {why}, which was not planned: call Engine::rebuilt, or plan a scene \
          that has it"
     )]
-    BeyondPlan { triangle: usize, why: &'static str },
-    #[error("the plan is for {planned} triangles and the scene has {given}")]
-    OtherScene { planned: usize, given: usize },
+    /// New materials need features that were not planned.
+    BeyondPlan {
+        /// Index of the triangle in the scene.
+        triangle: usize,
+        /// What the triangle has that the plan lacks.
+        why: &'static str,
+    },
+    /// Scene and plan have different numbers of triangles.
+    #[error("the plan is for {planned} triangles and the scene has {given}: plan this scene")]
+    OtherScene {
+        /// Triangles of the plan.
+        planned: usize,
+        /// Triangles of the scene.
+        given: usize,
+    },
+    /// The geometry is not that of the plan.
     #[error(
-        "triangle {triangle} is not where the plan has it: plan this scene, or make the engine again with \
+        "triangle {triangle} has another position in the plan: plan this scene, or call \
          Engine::rebuilt"
     )]
-    OtherGeometry { triangle: usize },
+    OtherGeometry {
+        /// Index of the first such triangle in the scene.
+        triangle: usize,
+    },
     /// The scene cannot be solved.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// The solution belongs to another engine, or to this one before [`Engine::rebuilt`].
     #[error(
-        "the solution was found by another engine, and its values stand in that one's order: ask the engine that found \
-         it, or solve here, perhaps from there (Engine::solve_from)"
+        "the solution belongs to another engine, which orders its values differently: use that engine, or solve here, \
+         for instance starting from it (Engine::solve_from)"
     )]
     OtherEngine,
+    /// The solution is older than the last [`Engine::set_materials`].
     #[error(
-        "materials have changed since the solution was found: solve again, perhaps from there (Engine::solve_from)"
+        "the materials have changed since this solution: solve again, for instance starting from it (Engine::solve_from)"
     )]
     OutdatedSolution,
-    #[error(
-        "a tolerance of {tolerance} stops no solver where it should: choose one above 0 and below 1, such as 1e-4"
-    )]
-    Tolerance { tolerance: f64 },
+    /// The tolerance is not between 0 and 1.
+    #[error("the tolerance is {tolerance}; it must be above 0 and below 1, such as 1e-4")]
+    Tolerance {
+        /// The tolerance given.
+        tolerance: f64,
+    },
+    /// `max_passes` is 0.
     #[error("no passes are allowed: max_passes must be 1 or more")]
     NoPasses,
+    /// A camera's position is infinite or not a number.
     #[error("the camera's position is {position}; it must be finite")]
-    CameraPosition { position: DVec3 },
+    CameraPosition {
+        /// The position, metres.
+        position: DVec3,
+    },
+}
+
+/// The unit of light on the device: the power of two at or below the brightest emission. Transport is linear, so this
+/// changes no digit, and it keeps f32 values and their squares in range however bright the lamps are.
+fn light_unit(scene: &Scene) -> f64 {
+    let emissions = (0..scene.triangles.len()).flat_map(|i| scene.material(i).emission);
+    power_of_two(emissions.fold(0.0, |most, value| most.max(value.abs())))
+}
+
+/// The power of two at or below a value; 1 for zero.
+pub(crate) fn power_of_two(value: f64) -> f64 {
+    if value > 0.0 && value.is_finite() { value.log2().floor().exp2() } else { 1.0 }
 }
 
 /// When a solve stops.
@@ -82,6 +153,7 @@ pub enum EngineError {
 pub struct SolveParams {
     /// Relative residual ‖U (E + (K - J) H) - H‖ / ‖H‖ of irradiance, area-weighted.
     pub tolerance: f64,
+    /// Largest number of passes; a solve that needs more fails.
     pub max_passes: u32,
 }
 
@@ -98,38 +170,40 @@ impl SolveParams {
 }
 
 impl Default for SolveParams {
-    /// Those of the default accuracy.
+    /// Those of the default settings.
     fn default() -> Self {
-        Self::from(&Accuracy::default())
+        Self::from(&SolveSettings::default())
     }
 }
 
-impl From<&Accuracy> for SolveParams {
-    fn from(accuracy: &Accuracy) -> Self {
-        Self { tolerance: accuracy.tolerance, max_passes: accuracy.max_passes }
+impl From<&SolveSettings> for SolveParams {
+    fn from(settings: &SolveSettings) -> Self {
+        Self { tolerance: settings.tolerance, max_passes: settings.max_passes }
     }
 }
 
-/// Where the light goes. RGB, W.
+/// Energy balance, RGB, W.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Energy {
+    /// Emitted by all fronts.
     pub emitted: [f64; 3],
+    /// Incident on fronts and not reflected.
     pub absorbed: [f64; 3],
-    /// Emitted and not absorbed by fronts: what leaves an open scene or falls on black backs, and the error of the
-    /// discretisation.
+    /// Emitted and not absorbed by fronts: light that leaves an open scene or falls on black backs, and the
+    /// discretisation error.
     pub escaped: [f64; 3],
 }
 
-/// Irradiance below zero: the discretised antiradiance may take away a little more than there is.
+/// Negative irradiance: discretised antiradiance may subtract slightly more light than there is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Negative {
-    /// Triangles with some negative channel.
+    /// Number of triangles with a negative channel.
     pub triangles: usize,
     /// The lowest irradiance, W/m²; 0 if none is negative.
     pub minimum: f64,
 }
 
-/// Which value of a state stands where: states of the same arrangement can be added.
+/// Memory layout of a state: states of the same arrangement can be added.
 #[derive(Clone, Debug, PartialEq)]
 struct Arrangement {
     bins: (BinLayout, Weights),
@@ -145,9 +219,9 @@ struct Arrangement {
 impl Arrangement {
     fn of(plan: &Plan) -> Self {
         Self {
-            bins: (plan.accuracy.bins, plan.accuracy.weights),
+            bins: (plan.settings.bins, plan.settings.weights),
             channels: plan.channels,
-            precision: plan.accuracy.precision,
+            precision: plan.settings.precision,
             residency: plan.residency,
             groups: plan.layout.groups.iter().map(|g| (g.tiles.clone(), g.class.has_bins())).collect(),
             order: plan.layout.order.clone(),
@@ -155,28 +229,66 @@ impl Arrangement {
     }
 }
 
-/// A solved scene. Holds memory of the device until it is dropped. It belongs to the engine that found it, and to the
-/// materials which that one had.
+/// A solved scene. Holds device memory until it is dropped. It is valid for the engine that computed it, until that
+/// engine takes other materials.
 pub struct Solution {
-    /// Per triangle of the scene, RGB, W/m²; zero for triangles without area.
+    /// Irradiance per triangle of the scene, RGB, W/m²; zero for triangles without area.
     pub irradiance: Vec<[f64; 3]>,
     /// Emitted and reflected power per area, per triangle of the scene, RGB, W/m².
     pub radiosity: Vec<[f64; 3]>,
+    /// How the solve went.
     pub info: SolveInfo,
+    /// Energy balance.
     pub energy: Energy,
+    /// Negative irradiance.
     pub negative: Negative,
     pub(crate) state: State,
     arrangement: Arrangement,
     revision: Revision,
+    /// Unit of light in the state, W/m².
+    unit: f64,
+}
+
+impl fmt::Debug for Solution {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("Solution").field("info", &self.info).finish_non_exhaustive()
+    }
 }
 
 impl EngineError {
-    /// Whether the solver ran and found no answer: what is asked has none, and all else works.
+    /// Whether the solver ran but found no solution; the engine remains usable.
     pub fn is_without_answer(&self) -> bool {
-        matches!(self, Self::Solve(SolveError::Diverged { .. } | SolveError::NoConvergence { .. }))
+        matches!(self, Self::Solve(error) if error.is_without_answer())
     }
 
-    /// Whether a progress callback or watcher stopped the work: no failure, and nothing to report.
+    /// The last iterate of a solve that did not converge, as accurate as its last residual.
+    pub fn into_best(self) -> Result<Box<Solution>, Self> {
+        match self {
+            Self::Solve(SolveError::NoConvergence { best: Some(best), .. }) => Ok(best),
+            other => Err(other),
+        }
+    }
+
+    /// The same error without that iterate, and so without device memory.
+    pub fn without_best(mut self) -> Self {
+        if let Self::Solve(SolveError::NoConvergence { best, .. }) = &mut self {
+            *best = None;
+        }
+        self
+    }
+
+    /// Whether the device is gone: nothing else works on it any more.
+    pub fn is_device_lost(&self) -> bool {
+        let cause = match self {
+            Self::Gpu(error)
+            | Self::Transport(TransportError::Gpu(error))
+            | Self::Solve(SolveError::Operator(TransportError::Gpu(error))) => error,
+            _ => return false,
+        };
+        matches!(cause, GpuError::DeviceLost(_))
+    }
+
+    /// Whether a callback stopped the work, which is no failure.
     pub fn is_interruption(&self) -> bool {
         matches!(
             self,
@@ -190,18 +302,20 @@ impl EngineError {
 pub struct Engine {
     device: Device,
     pub(crate) operators: Operators,
-    /// Where the plan wants gradients.
-    pub(crate) adjoint: Option<Adjoint>,
+    /// `None` unless gradients are planned.
+    pub(crate) adjoint: Option<AdjointKernels>,
     /// Per triangle of the scene.
     pub(crate) materials: Vec<Material>,
+    /// Unit of incident and outgoing light on the device: W/m², W/(m² sr).
+    pub(crate) unit: f64,
     pub(crate) triangles: Vec<[u32; 3]>,
     /// Number of vertices of the scene.
     pub(crate) vertices: usize,
     revision: Revision,
 }
 
-impl Limits {
-    /// What a device allows, less what is in use there: other engines, solutions that are held, pictures.
+impl PlanOptions {
+    /// The limits of a device, less the memory in use by other engines, held solutions and pictures.
     pub fn of(device: &Device) -> Self {
         let (info, memory) = (device.info(), device.memory());
         Self {
@@ -215,14 +329,15 @@ impl Limits {
 }
 
 impl Engine {
-    /// Allocates all memory the plan names, byte for byte, and compiles the kernels.
+    /// Allocates exactly the memory that the plan counts, and compiles the kernels.
     pub fn new(device: &Device, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
         scene.validate()?;
         check_planned(&plan, scene)?;
-        // Counted apart from what else there is on the device, other engines of other threads among it.
+        // Counted apart from everything else on the device, such as engines of other threads.
         let own = device.scope(plan.staging);
-        let buffers = SceneBuffers::new(&own, scene, &plan)?;
-        let adjoint = Adjoint::new(&own, &plan)?;
+        let unit = light_unit(scene);
+        let buffers = SceneBuffers::in_units(&own, scene, &plan, unit)?;
+        let adjoint = AdjointKernels::new(&own, &plan)?;
         let operators = Operators::new(&own, plan, buffers)?;
         let allocated = own.scope_memory();
         for item in operators.plan().memory().own() {
@@ -240,6 +355,7 @@ impl Engine {
             device: device.clone(),
             operators,
             adjoint,
+            unit,
             materials: (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect(),
             triangles: scene.triangles.iter().map(|t| t.vertices).collect(),
             vertices: scene.vertices.len(),
@@ -247,8 +363,9 @@ impl Engine {
         })
     }
 
-    /// Takes the materials of `scene`, whose geometry must be that of the plan. Lobes and colours that the plan left out are
-    /// refused. Solutions from before are out of date: [`Engine::solve_from`] alone takes them, as a start.
+    /// Replaces the materials by those of `scene`, whose geometry must be that of the plan. Lobes and colours that
+    /// were not planned are an error. Earlier solutions become outdated; only [`Engine::solve_from`] accepts them, as
+    /// a start.
     pub fn set_materials(&mut self, scene: &Scene) -> Result<(), EngineError> {
         scene.validate()?;
         self.replace_materials(scene)
@@ -266,26 +383,29 @@ impl Engine {
         if let Some(triangle) = other {
             return Err(EngineError::OtherGeometry { triangle });
         }
-        // First: a transfer that fails may have gone half way.
+        // First, since a failed transfer may be partial.
         self.revision = self.revision.next();
-        self.operators.set_materials(scene)?;
+        self.unit = light_unit(scene);
+        self.operators.set_materials(scene, self.unit)?;
         self.materials = (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect();
         Ok(())
     }
 
-    /// The engine for a changed scene: planned anew with the same limits and accuracy. The memory of this one is given back
-    /// first, but for what solutions hold; compiled kernels stay with the device.
+    /// An engine for a changed scene, planned anew with the same options and settings. Frees the memory of this one
+    /// first, except for held solutions; compiled kernels stay with the device.
     pub fn rebuilt(self, scene: &Scene) -> Result<Self, EngineError> {
         let Self { device, operators, adjoint, .. } = self;
-        let (limits, accuracy) = (operators.plan().limits, operators.plan().accuracy);
+        let (options, settings) = (operators.plan().options, operators.plan().settings);
         drop((operators, adjoint));
-        Self::new(&device, scene, Plan::new(scene, &limits, &accuracy)?)
+        Self::new(&device, scene, Plan::new(scene, &options, &settings)?)
     }
 
+    /// The device that it runs on.
     pub fn device(&self) -> &Device {
         &self.device
     }
 
+    /// The plan that it executes.
     pub fn plan(&self) -> &Plan {
         self.operators.plan()
     }
@@ -299,19 +419,19 @@ impl Engine {
     pub fn solve_with(
         &mut self,
         params: &SolveParams,
-        progress: &mut Progress,
+        progress: &mut SolveProgress,
     ) -> Result<Solution, EngineError> {
         self.solve_from(None, params, progress)
     }
 
-    /// The same, beginning at the solution of a scene that is much like this one (a few parameters have changed, a vertex
-    /// has moved), which takes fewer passes. From darkness if the plan of that scene puts triangles in another order. The
-    /// start may be of any engine on the same device, with any materials.
+    /// Solves starting from the solution of a similar scene (a few parameters have changed, a vertex has moved),
+    /// which takes fewer passes. Starts from zero if the plan of that scene orders triangles differently. The start
+    /// may come from any engine on the same device, with any materials.
     pub fn solve_from(
         &mut self,
         start: Option<&Solution>,
         params: &SolveParams,
-        progress: &mut Progress,
+        progress: &mut SolveProgress,
     ) -> Result<Solution, EngineError> {
         params.check()?;
         let SolveParams { tolerance, max_passes } = *params;
@@ -319,22 +439,33 @@ impl Engine {
         let guess = match start.filter(|start| start.arrangement == arrangement) {
             Some(start) => {
                 let mut guess = self.operators.vector()?;
-                self.operators.combine(1.0, &start.state, 0.0, &mut guess)?;
+                self.operators.combine(start.unit / self.unit, &start.state, 0.0, &mut guess)?;
                 Some(guess)
             }
             None => None,
         };
-        let (state, info) = match self.plan().solver {
+        let solved = match self.plan().solver {
             PlannedSolver::FixedPoint => {
                 let params = FixedPointParams { tolerance, max_passes };
-                fixed_point_from(&mut self.operators, guess, &params, progress)?
+                fixed_point_from(&mut self.operators, guess, &params, progress)
             }
             PlannedSolver::Gmres { restart } => {
                 let params = GmresParams { tolerance, max_passes, restart };
-                gmres_from(&mut self.operators, guess, &params, progress)?
+                gmres_from(&mut self.operators, guess, &params, progress)
             }
         };
-        let irradiance = self.to_scene_order(&self.operators.irradiance(&state)?);
+        match solved {
+            Ok((state, info)) => self.solution(state, info),
+            Err(error) => {
+                let best = |state, info| self.solution(state, info).map(|best| Some(Box::new(best)));
+                Err(error.map_best(best)?.into())
+            }
+        }
+    }
+
+    /// Converts a state to a solution in scene order, with its energy balance.
+    fn solution(&mut self, state: State, info: SolveInfo) -> Result<Solution, EngineError> {
+        let irradiance = self.scaled(self.unit, &self.operators.irradiance(&state)?);
         let radiosity = self.radiosity(&state, &irradiance)?;
         let energy = self.energy(&irradiance, &radiosity);
         let lowest = irradiance.iter().map(|rgb| rgb.iter().copied().fold(f64::INFINITY, f64::min));
@@ -342,11 +473,11 @@ impl Engine {
             triangles: lowest.clone().filter(|&h| h < 0.0).count(),
             minimum: lowest.fold(0.0, f64::min),
         };
-        let revision = self.revision;
-        Ok(Solution { irradiance, radiosity, info, energy, negative, state, arrangement, revision })
+        let (arrangement, revision, unit) = (Arrangement::of(self.plan()), self.revision, self.unit);
+        Ok(Solution { irradiance, radiosity, info, energy, negative, state, arrangement, revision, unit })
     }
 
-    /// That a solution is of this engine as it is now.
+    /// Checks that a solution belongs to this engine and its current materials.
     pub(crate) fn check_own(&self, solution: &Solution) -> Result<(), EngineError> {
         match solution.revision.difference(self.revision) {
             None => Ok(()),
@@ -355,19 +486,28 @@ impl Engine {
         }
     }
 
-    /// Radiance that each triangle of the scene sends to a point (metres), RGB, W/(m² sr): what the operator S reads.
-    /// Zero for triangles whose back it sees.
-    pub fn face_colours(&mut self, solution: &Solution, eye: DVec3) -> Result<Vec<[f64; 3]>, EngineError> {
+    /// Outgoing radiance of each triangle of the scene towards a point (metres), RGB, W/(m² sr): the operator S. Zero
+    /// for triangles that face away from the point.
+    pub fn face_colours(
+        &mut self,
+        solution: &Solution,
+        camera_position: DVec3,
+    ) -> Result<Vec<[f64; 3]>, EngineError> {
         self.check_own(solution)?;
-        check_position(eye)?;
-        let colours = self.operators.observe(&solution.state, eye)?;
-        Ok(self.to_scene_order(&colours))
+        check_position(camera_position)?;
+        let colours = self.operators.observe(&solution.state, camera_position)?;
+        Ok(self.scaled(self.unit, &colours))
     }
 
-    /// Who looks on within a pass: called after every dispatch with the pairs done and those of the whole pass. May
-    /// stop the solve, which then ends with [`TransportError::Interrupted`].
-    pub fn set_watcher(&mut self, watcher: Option<Watcher>) {
-        self.operators.set_watcher(watcher);
+    /// Sets a callback within passes. It is called after every submission with the number of pairs done and that of
+    /// the whole pass, and may stop the solve, which then ends with [`TransportError::Interrupted`].
+    pub fn set_pass_callback(&mut self, callback: Option<PassCallback>) {
+        self.operators.set_pass_callback(callback);
+    }
+
+    /// Values per slot in scene order, multiplied by a factor.
+    pub(crate) fn scaled(&self, by: f64, slots: &[[f64; 4]]) -> Vec<[f64; 3]> {
+        self.to_scene_order(slots).into_iter().map(|rgb| rgb.map(|value| by * value)).collect()
     }
 
     pub(crate) fn to_scene_order(&self, slots: &[[f64; 4]]) -> Vec<[f64; 3]> {
@@ -389,7 +529,7 @@ impl Engine {
             .map(|(h, m)| exitance(m) + DVec3::from(m.diffuse_albedo()) * DVec3::from(*h))
             .collect();
         if self.plan().classes.iter().any(|class| class.glossy) {
-            let specular = self.operators.leaving(state)?.specular;
+            let specular = self.operators.outgoing(state)?.specular;
             let plan = self.operators.plan();
             let channels = plan.channels as usize;
             for (group, page) in plan.layout.groups.iter().zip(&specular) {
@@ -400,7 +540,7 @@ impl Engine {
                     };
                     for (bin, &c) in lobe.chunks(channels).zip(&plan.bins.projected) {
                         let rgb = if channels == 1 { [bin[0]; 3] } else { [bin[0], bin[1], bin[2]] };
-                        *b += c * DVec3::from(rgb);
+                        *b += self.unit * c * DVec3::from(rgb);
                     }
                 }
             }
@@ -425,7 +565,7 @@ impl Engine {
     }
 }
 
-/// That a scene, checked, is one that the plan can stand for: the same triangles, and no lobes and colours beyond it.
+/// Checks that a valid scene fits the plan: the same triangles, and no lobes or colours that were not planned.
 fn check_planned(plan: &Plan, scene: &Scene) -> Result<(), EngineError> {
     let (planned, given) = (plan.facets.len(), scene.triangles.len());
     if planned != given {

@@ -1,17 +1,17 @@
-//! The short way to an engine.
+//! From a device and a scene to an engine in one expression.
 
 use crate::gpu::Device;
-use crate::plan::{Limits, Plan, Wanted};
-use crate::scene::{Accuracy, Scene};
+use crate::plan::{GradientRequest, Plan, PlanOptions};
+use crate::scene::{Scene, SolveSettings};
 use crate::{Engine, EngineError};
 
-/// An engine in the making. Unless told otherwise it may use all that the device has, and solves as the scene asks.
+/// Builds an [`Engine`], by default with the whole memory budget of the device and the settings of the scene.
 #[derive(Clone, Debug)]
 pub struct EngineBuilder<'a> {
     device: &'a Device,
     scene: &'a Scene,
-    limits: Limits,
-    accuracy: Accuracy,
+    options: PlanOptions,
+    settings: SolveSettings,
 }
 
 impl Engine {
@@ -22,38 +22,39 @@ impl Engine {
     /// # fn solve(scene: &antirad::scene::Scene) -> Result<(), Box<dyn std::error::Error>> {
     /// let device = Device::new(&DeviceOptions::default())?;
     /// let mut engine = antirad::Engine::builder(&device, scene).build()?;
-    /// let solution = engine.solve(&antirad::SolveParams::from(&scene.accuracy))?;
+    /// let solution = engine.solve(&antirad::SolveParams::from(&scene.settings))?;
     /// # Ok(())
     /// # }
     /// ```
     ///
-    /// [`Plan::new`] and [`Engine::new`] are the long way, for who wants to see the plan first.
+    /// To inspect the plan first, use [`Plan::new`] and [`Engine::new`].
     pub fn builder<'a>(device: &'a Device, scene: &'a Scene) -> EngineBuilder<'a> {
-        EngineBuilder { device, scene, limits: Limits::of(device), accuracy: scene.accuracy }
+        EngineBuilder { device, scene, options: PlanOptions::of(device), settings: scene.settings }
     }
 }
 
 impl EngineBuilder<'_> {
-    /// Limits other than those of the device.
+    /// Sets the options; by default those of the device ([`PlanOptions::of`]).
     #[must_use]
-    pub fn limits(self, limits: Limits) -> Self {
-        Self { limits, ..self }
+    pub fn options(self, options: PlanOptions) -> Self {
+        Self { options, ..self }
     }
 
-    /// An accuracy other than that of the scene.
+    /// Sets the settings; by default those of the scene.
     #[must_use]
-    pub fn accuracy(self, accuracy: Accuracy) -> Self {
-        Self { accuracy, ..self }
+    pub fn settings(self, settings: SolveSettings) -> Self {
+        Self { settings, ..self }
     }
 
-    /// Derivatives that will be asked for.
+    /// Sets the kinds of derivatives to plan for; by default none.
     #[must_use]
-    pub fn gradients(self, wanted: Wanted) -> Self {
-        Self { limits: self.limits.gradients(wanted), ..self }
+    pub fn gradients(self, request: GradientRequest) -> Self {
+        Self { options: self.options.gradients(request), ..self }
     }
 
+    /// Plans the scene and makes the engine.
     pub fn build(self) -> Result<Engine, EngineError> {
-        let Self { device, scene, limits, accuracy } = self;
-        Engine::new(device, scene, Plan::new(scene, &limits, &accuracy)?)
+        let Self { device, scene, options, settings } = self;
+        Engine::new(device, scene, Plan::new(scene, &options, &settings)?)
     }
 }

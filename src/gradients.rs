@@ -1,18 +1,18 @@
 //! Derivatives of a loss, by the adjoint of the light equation.
 
-use crate::engine::{Engine, EngineError, Solution, SolveParams, check_position};
+use crate::engine::{Engine, EngineError, Solution, SolveParams, check_position, power_of_two};
 use crate::model::FacetGradient;
 use crate::options::setters;
-use crate::plan::{PADDING, PlannedSolver, Wanted};
+use crate::plan::{GradientRequest, PADDING, PlannedSolver};
 use crate::scene::Scene;
-use crate::solve::{FixedPointParams, GmresParams, Progress, SolveInfo, fixed_point, gmres};
+use crate::solve::{FixedPointParams, GmresParams, SolveInfo, SolveProgress, fixed_point, gmres};
 use crate::transport::{AdjointOperator, LobeSums};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::ops::ControlFlow;
 
-/// The derivatives of a loss with respect to what a solve gives: how much it grows per unit of each value. RGB, per
-/// triangle of the scene. A loss may use several of them.
+/// Derivatives of a loss with respect to the results of a solve: RGB, per triangle of the scene. A loss may depend on
+/// several of them; `None` stands for zeros.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct Cotangent {
@@ -20,7 +20,7 @@ pub struct Cotangent {
     pub irradiance: Option<Vec<DVec3>>,
     /// Of [`Solution::radiosity`], per W/m².
     pub radiosity: Option<Vec<DVec3>>,
-    /// Of [`Engine::face_colours`] for eyes (metres), per W/(m² sr).
+    /// Of [`Engine::face_colours`] for cameras (metres), per W/(m² sr).
     pub colours: Vec<(DVec3, Vec<DVec3>)>,
 }
 
@@ -30,7 +30,7 @@ setters!(Cotangent {
     colours: Vec<(DVec3, Vec<DVec3>)>,
 });
 
-/// The derivatives of a loss with respect to what a scene is made of; only those that were wanted.
+/// Derivatives of a loss with respect to the parameters of a scene; `None` for those not requested.
 #[derive(Clone, Debug)]
 pub struct Gradients {
     /// With respect to L_e, RGB, per triangle. Triangles without area have zero everywhere.
@@ -39,52 +39,82 @@ pub struct Gradients {
     pub diffuse: Option<Vec<f64>>,
     /// With respect to the albedo ρ, RGB, per triangle.
     pub albedo: Option<Vec<DVec3>>,
-    /// With respect to the specular constant σ, RGB, per triangle; zero where the plan gave no lobe.
+    /// With respect to the specular constant σ, RGB, per triangle; zero where no lobe was planned.
     pub specular: Option<Vec<DVec3>>,
-    /// With respect to the power p, per triangle; zero where the plan gave no lobe.
+    /// With respect to the power p, per triangle; zero where no lobe was planned.
     pub power: Option<Vec<f64>>,
     /// With respect to the corners of each triangle, as if no two triangles shared a vertex, per metre.
     pub corners: Option<Vec<[DVec3; 3]>>,
     /// With respect to each vertex of the scene, per metre.
     pub vertices: Option<Vec<DVec3>>,
-    /// With respect to each eye of [`Cotangent::colours`], per metre.
-    pub eyes: Option<Vec<DVec3>>,
+    /// With respect to each camera of [`Cotangent::colours`], per metre.
+    pub camera_positions: Option<Vec<DVec3>>,
     /// How the adjoint solve went.
     pub info: SolveInfo,
 }
 
+impl Cotangent {
+    fn values(&self) -> impl Iterator<Item = &Vec<DVec3>> {
+        self.irradiance.iter().chain(&self.radiosity).chain(self.colours.iter().map(|(_, values)| values))
+    }
+
+    /// The power of two at or below the largest entry.
+    fn steepness(&self) -> f64 {
+        power_of_two(self.values().flatten().map(|v| v.abs().max_element()).fold(0.0, f64::max))
+    }
+
+    fn divided(&self, by: f64) -> Self {
+        let values = |values: &Vec<DVec3>| values.iter().map(|&v| v / by).collect();
+        Self {
+            irradiance: self.irradiance.as_ref().map(values),
+            radiosity: self.radiosity.as_ref().map(values),
+            colours: self
+                .colours
+                .iter()
+                .map(|(camera_position, colours)| (*camera_position, values(colours)))
+                .collect(),
+        }
+    }
+}
+
 impl Engine {
-    /// The derivatives of a loss at a solution, exactly those of the discretised model. `params` are those of the adjoint
-    /// solve; its residual is relative to its 2-norm. The kinds wanted must be among those that the plan foresaw
-    /// ([`crate::plan::Limits::gradients`]).
+    /// Derivatives of a loss at a solution, exact for the discretised model. `params` control the adjoint solve,
+    /// whose residual is relative to the 2-norm of λ. The kinds requested must have been planned
+    /// ([`crate::plan::PlanOptions::gradients`]).
     ///
-    /// With λ = λ₀ + (K - J)ᵀ μ, the cotangent of what arrives, and μ = μ₀ + Uᵀ λ, that of what leaves,
-    /// dL = ⟨μ, d(E + K H)⟩ + ⟨λ, dU C⟩ + ⟨colours, dS C⟩.
+    /// With the adjoint λ = λ₀ + (K - J)ᵀ μ of incident light and the cotangent μ = μ₀ + Uᵀ λ of outgoing light, dL =
+    /// ⟨μ, d(E + K H)⟩ + ⟨λ, dU C⟩ + ⟨colours, dS C⟩.
     pub fn backward(
         &mut self,
         solution: &Solution,
         cotangent: &Cotangent,
-        wanted: Wanted,
+        request: GradientRequest,
         params: &SolveParams,
     ) -> Result<Gradients, EngineError> {
-        self.backward_with(solution, cotangent, wanted, params, &mut |_, _| ControlFlow::Continue(()))
+        self.backward_with(solution, cotangent, request, params, &mut |_, _| ControlFlow::Continue(()))
     }
 
-    /// The same, calling `progress` with the number of passes and the relative residual after each pass.
+    /// As [`Engine::backward`]; calls `progress` with the number of passes and the relative residual after each pass.
     pub fn backward_with(
         &mut self,
         solution: &Solution,
         cotangent: &Cotangent,
-        wanted: Wanted,
+        request: GradientRequest,
         params: &SolveParams,
-        progress: &mut Progress,
+        progress: &mut SolveProgress,
     ) -> Result<Gradients, EngineError> {
         self.check_own(solution)?;
-        self.check(cotangent, wanted)?;
+        self.check(cotangent, request)?;
         params.check()?;
+        // The adjoint is linear: scaling keeps the device's numbers near 1 however steep the loss is.
+        let steepness = cotangent.steepness();
+        let cotangent = &cotangent.divided(steepness);
         let (irradiance, radiance, specular) = self.own_cotangents(cotangent);
-        let views: Vec<(DVec3, Vec<[f64; 4]>)> =
-            cotangent.colours.iter().map(|(eye, colours)| (*eye, self.to_slots(colours))).collect();
+        let views: Vec<(DVec3, Vec<[f64; 4]>)> = cotangent
+            .colours
+            .iter()
+            .map(|(camera_position, colours)| (*camera_position, self.to_slots(colours)))
+            .collect();
         let solver = self.plan().solver;
         let SolveParams { tolerance, max_passes } = *params;
         let Some(adjoint) = &mut self.adjoint else {
@@ -92,54 +122,63 @@ impl Engine {
         };
         let mut operator = AdjointOperator::new(&mut self.operators, adjoint);
         operator.set(&irradiance, &radiance, &specular)?;
-        for (eye, colours) in &views {
-            operator.add_view(*eye, colours)?;
+        for (camera_position, colours) in &views {
+            operator.add_view(*camera_position, colours)?;
         }
-        let (worth, info) = match solver {
+        let solved = match solver {
             PlannedSolver::FixedPoint => {
-                fixed_point(&mut operator, &FixedPointParams { tolerance, max_passes }, progress)?
+                fixed_point(&mut operator, &FixedPointParams { tolerance, max_passes }, progress)
             }
             PlannedSolver::Gmres { restart } => {
-                gmres(&mut operator, &GmresParams { tolerance, max_passes, restart }, progress)?
+                gmres(&mut operator, &GmresParams { tolerance, max_passes, restart }, progress)
             }
         };
-        let leaving = operator.worth_of_leaving(&worth)?;
-        let lobes = if wanted.lobes() { operator.lobe_sums(&solution.state)? } else { None };
-        let (facets, eyes) = match wanted.geometry() {
-            true => operator.geometry(&solution.state, &worth, &views, wanted.positions)?,
+        let (importance, info) = match solved {
+            Ok(solved) => solved,
+            // An adjoint that has not converged gives no usable gradient.
+            Err(error) => return Err(error.map_best(|_, _| Ok::<_, EngineError>(None))?.into()),
+        };
+        let outgoing = operator.outgoing_cotangent(&importance)?;
+        let lobes = if request.lobes() { operator.lobe_sums(&solution.state)? } else { None };
+        let (facets, camera_positions) = match request.geometry() {
+            true => operator.geometry(&solution.state, &importance, &views, request.positions)?,
             false => (Vec::new(), Vec::new()),
         };
 
-        let metres = self.plan().placement.scale;
+        // Scale of what is also linear in the state's light.
+        let of_light = steepness * self.unit;
+        let per_metre = of_light * self.plan().placement.scale;
         let of_radiance: Vec<DVec3> =
-            self.to_scene_order(&leaving.radiance).into_iter().map(DVec3::from).collect();
+            self.scaled(steepness, &outgoing.radiance).into_iter().map(DVec3::from).collect();
         // ∂(δρ/π E): the same for δ, given ρ, and for ρ, given δ.
         let of_albedo: Vec<DVec3> =
             of_radiance.iter().zip(&solution.irradiance).map(|(&m, &h)| m * DVec3::from(h) / PI).collect();
         let materials = || of_albedo.iter().zip(&self.materials);
-        let lobes = lobes.map(|sums| self.lobe_gradients(&sums));
-        let corners = wanted.positions.then(|| self.corner_gradients(&facets, metres));
+        let lobes = lobes.map(|sums| self.lobe_gradients(&sums, of_light));
+        let corners = request.positions.then(|| self.corner_gradients(&facets, per_metre));
         Ok(Gradients {
-            diffuse: wanted.diffuse.then(|| materials().map(|(&g, m)| g.dot(m.albedo.into())).collect()),
-            albedo: wanted.albedo.then(|| materials().map(|(&g, m)| m.diffuse * g).collect()),
-            specular: wanted.specular.then(|| match &lobes {
+            diffuse: request.diffuse.then(|| materials().map(|(&g, m)| g.dot(m.albedo.into())).collect()),
+            albedo: request.albedo.then(|| materials().map(|(&g, m)| m.diffuse * g).collect()),
+            specular: request.specular.then(|| match &lobes {
                 Some(lobes) => lobes.iter().map(|(sigma, _)| *sigma).collect(),
                 None => vec![DVec3::ZERO; of_radiance.len()],
             }),
-            power: wanted.power.then(|| match &lobes {
+            power: request.power.then(|| match &lobes {
                 Some(lobes) => lobes.iter().map(|(_, power)| *power).collect(),
                 None => vec![0.0; of_radiance.len()],
             }),
-            emission: wanted.emission.then_some(of_radiance),
+            emission: request.emission.then_some(of_radiance),
             vertices: corners.as_ref().map(|corners| self.vertex_gradients(corners)),
             corners,
-            eyes: wanted.camera.then(|| eyes.into_iter().map(|eye| eye * metres).collect()),
+            camera_positions: request.camera.then(|| {
+                camera_positions.into_iter().map(|camera_position| camera_position * per_metre).collect()
+            }),
             info,
         })
     }
 
-    fn check(&self, cotangent: &Cotangent, wanted: Wanted) -> Result<(), EngineError> {
-        let kinds = wanted.beyond(self.plan().limits.gradients);
+    fn check(&self, cotangent: &Cotangent, request: GradientRequest) -> Result<(), EngineError> {
+        let kinds = request.beyond(self.plan().options.gradients);
         if !kinds.is_empty() || self.adjoint.is_none() {
             return Err(EngineError::NotPlanned { kinds });
         }
@@ -159,13 +198,13 @@ impl Engine {
         if let Some(values) = &cotangent.radiosity {
             check("radiosity", values)?;
         }
-        cotangent.colours.iter().try_for_each(|(eye, values)| {
-            check_position(*eye)?;
+        cotangent.colours.iter().try_for_each(|(camera_position, values)| {
+            check_position(*camera_position)?;
             check("face colours", values)
         })
     }
 
-    /// λ₀ and μ₀, views apart: with the radiosity B = π L + Σ_o c_o L(o).
+    /// λ₀ and μ₀ without the views; the radiosity is B = π L + Σ_o c_o L(o).
     #[expect(clippy::type_complexity, reason = "three arrays as the operators take them, used once")]
     fn own_cotangents(&self, cotangent: &Cotangent) -> (Vec<[f64; 4]>, Vec<[f64; 4]>, Vec<Option<Vec<f64>>>) {
         let plan = self.plan();
@@ -197,7 +236,7 @@ impl Engine {
     }
 
     /// Derivatives with respect to σ and p of every triangle: ∂/∂σ = N S and ∂/∂p = ⟨σ, N' S + N S_ln⟩.
-    fn lobe_gradients(&self, sums: &[LobeSums]) -> Vec<(DVec3, f64)> {
+    fn lobe_gradients(&self, sums: &[LobeSums], scale: f64) -> Vec<(DVec3, f64)> {
         let mut gradients = vec![(DVec3::ZERO, 0.0); self.materials.len()];
         for (&i, [sum, logarithms]) in self.plan().layout.order.iter().zip(sums) {
             if i == PADDING {
@@ -207,17 +246,17 @@ impl Engine {
             let (n, slope) =
                 (material.specular_normalization(), material.specular_normalization_derivative());
             let power = DVec3::from(material.specular).dot(slope * *sum + n * *logarithms);
-            gradients[i as usize] = (n * *sum, power);
+            gradients[i as usize] = (scale * n * *sum, scale * power);
         }
         gradients
     }
 
-    fn corner_gradients(&self, facets: &[FacetGradient], metres: f64) -> Vec<[DVec3; 3]> {
+    fn corner_gradients(&self, facets: &[FacetGradient], per_metre: f64) -> Vec<[DVec3; 3]> {
         let plan = self.plan();
         let mut corners = vec![[DVec3::ZERO; 3]; plan.facets.len()];
         for (&i, gradient) in plan.layout.order.iter().zip(facets) {
             if i != PADDING {
-                corners[i as usize] = gradient.to_corners(&plan.facets[i as usize]).map(|c| c * metres);
+                corners[i as usize] = gradient.to_corners(&plan.facets[i as usize]).map(|c| c * per_metre);
             }
         }
         corners
@@ -272,7 +311,7 @@ impl Gradients {
     }
 }
 
-/// Derivatives with respect to parameters that several triangles share; zero for kinds that were not wanted.
+/// Derivatives with respect to parameters that several triangles share; zero for kinds not requested.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MaterialGradients {
     /// With respect to L_e, RGB, per W/(m² sr).

@@ -1,22 +1,22 @@
-//! Files that are read: ordinary ones. A device or a pipe that a file names would give bytes without end.
+//! Reading of regular files. A device or a pipe that a file names could yield bytes without end.
 
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Opens an ordinary file.
+/// Opens a regular file.
 pub(crate) fn open(path: &Path) -> io::Result<File> {
     let kind = std::fs::metadata(path).map_err(|error| match error.kind() {
         io::ErrorKind::NotFound if path.is_symlink() => {
-            io::Error::new(io::ErrorKind::NotFound, "it is a link to a file that is not there")
+            io::Error::new(io::ErrorKind::NotFound, "it is a link to a file that does not exist")
         }
         _ => error,
     })?;
-    // Reading a folder fails with the system's own words.
+    // Reading a folder fails with the system's own message.
     if kind.is_file() || kind.is_dir() {
         return File::open(path);
     }
-    Err(io::Error::new(io::ErrorKind::InvalidInput, "it is a device or a pipe, not an ordinary file"))
+    Err(io::Error::new(io::ErrorKind::InvalidInput, "it is a device or a pipe, not a regular file"))
 }
 
 pub(crate) fn read(path: &Path) -> io::Result<Vec<u8>> {
@@ -25,7 +25,7 @@ pub(crate) fn read(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The text of a file that is UTF-8.
+/// Reads a file in UTF-8.
 pub(crate) fn read_text(path: &Path) -> io::Result<String> {
     let mut text = String::new();
     open(path)?.read_to_string(&mut text)?;

@@ -1,10 +1,11 @@
-//! Directional radiosity with implicit visibility: how light spreads through a scene of triangles, over all bounces and
-//! with shadows, on a Vulkan compute device; and the exact gradients of losses with respect to lights, materials, geometry
-//! and cameras ([`Engine::backward`], [`image::geometry_gradient`]).
+//! Differentiable directional radiosity with implicit visibility: global illumination of triangle scenes, with shadows,
+//! on a Vulkan compute device; and the exact gradients of losses with respect to lights, materials, geometry and
+//! cameras ([`Engine::backward`], [`image::geometry_gradient`]).
 //!
-//! What leaves the triangles is C = (1 - (K - J) U)⁻¹ E. E emits; U carries light between all pairs, through
-//! everything; K reflects; J lets what a triangle blocks leave its back as negative light, *antiradiance*, which cancels
-//! what should not have passed. The solvers find H = U C, what arrives.
+//! The outgoing light is C = (1 - (K - J) U)⁻¹ E. E is the emission; U transports light between all pairs of triangles,
+//! ignoring occlusion; K reflects it; J makes light that a triangle blocks leave its back as negative light,
+//! *antiradiance*, which cancels what should not have passed (Dachsbacher et al., ACM TOG 26(3), 2007). The solvers
+//! find the incident light H = U C.
 //!
 //! ```no_run
 //! use antirad::gpu::{Device, DeviceOptions};
@@ -18,8 +19,8 @@
 //! let device = Device::new(&DeviceOptions::default())?;
 //! let scene = Scene::load(Path::new("scenes/cornell_boxes.toml"), &LoadOptions::default())?;
 //! let mut engine = Engine::builder(&device, &scene).build()?;
-//! let solution = engine.solve(&SolveParams::from(&scene.accuracy))?;
-//! println!("{:?} W/m² arrive at triangle 0", solution.irradiance[0]);
+//! let solution = engine.solve(&SolveParams::from(&scene.settings))?;
+//! println!("irradiance of triangle 0: {:?} W/m²", solution.irradiance[0]);
 //!
 //! let camera = &scene.cameras[0];
 //! let colours = single(&engine.face_colours(&solution, camera.position)?);
@@ -30,13 +31,14 @@
 //! # }
 //! ```
 //!
-//! In the order in which data passes: [`scene`] (what is given, checked), [`plan`] (what is to be done, without a device),
-//! [`gpu`] (Vulkan), [`transport`] (the operators U, K, J, S on the device), [`solve`] (solvers, for any operator),
-//! [`Engine`] (all of it together), [`image`] (pictures). [`mod@reference`] is the f64 twin that the kernels are tested
-//! against. SI units, RGB.
+//! Modules, in the order in which data passes through them: [`scene`] (validated input), [`plan`] (sizes and
+//! dispatches, decided without a device), [`gpu`] (Vulkan), [`transport`] (the operators U, K, J, S on the device),
+//! [`solve`] (solvers for any operator), [`Engine`] (all of these together), [`image`] (pictures). [`mod@reference`] is
+//! the f64 twin against which the kernels are tested. Units are SI; light is RGB.
 //!
-//! Threads: what is given and what comes out can be shared, and so can a [`gpu::Device`], on which several engines can work
-//! at once. An [`Engine`] belongs to one thread at a time.
+//! Threads: inputs and results can be shared, and so can a [`gpu::Device`], on which several engines can work at once.
+//! An [`Engine`] belongs to one thread at a time.
+#![warn(missing_docs)]
 
 pub mod ambiguity;
 #[cfg(feature = "cli")]
@@ -48,7 +50,6 @@ pub mod gpu;
 mod gradients;
 pub mod image;
 mod input;
-pub mod ladder;
 pub mod model;
 mod options;
 pub mod output;
@@ -58,24 +59,25 @@ mod revision;
 pub mod scene;
 pub mod shaders;
 pub mod solve;
+pub mod target_error;
 pub mod transport;
 pub mod warnings;
 mod watch;
 
 pub use engine::{Energy, Engine, EngineError, Negative, Solution, SolveParams};
 pub use engine_builder::EngineBuilder;
-/// The vectors of this interface, in the version that it takes.
+/// The crate of the vector types in this API, in the version it uses.
 pub use glam;
 pub use gradients::{Cotangent, Gradients, MaterialGradients};
 pub use watch::Watch;
 
-/// What threads may do with the types of the API: a change that takes it away does not compile.
+/// Which types of the API threads may share or send: a change that breaks this does not compile.
 const _: () = {
     const fn moved<T: Send>() {}
     const fn shared<T: Send + Sync>() {}
     shared::<scene::Scene>();
     shared::<scene::SceneError>();
-    shared::<plan::Limits>();
+    shared::<plan::PlanOptions>();
     shared::<plan::Plan>();
     shared::<gpu::Device>();
     shared::<gpu::Buffer>();
@@ -89,11 +91,12 @@ const _: () = {
     shared::<image::Rasterizer>();
     shared::<image::Picture>();
     shared::<image::ImageError>();
-    // A watcher may be of one thread at a time, a recording batch always is.
+    // A pass callback may be bound to one thread at a time; a recording batch always is.
     moved::<Engine>();
     moved::<transport::Operators>();
     moved::<gpu::Batch<'static>>();
 };
+
 /// The snippets of README.md compile as they stand.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

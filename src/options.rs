@@ -1,12 +1,12 @@
-//! Option structs, to which fields can be added without breaking those who make them.
+//! Option structs that can gain fields without breaking their users.
 
-/// A method for each field of an option struct that sets it and gives the struct back. Such structs are
-/// `#[non_exhaustive]`: other crates start at a default and change what they like.
+/// For each field of an option struct, a method that sets it and returns the struct. Such structs are
+/// `#[non_exhaustive]`: other crates start from a default and set fields.
 macro_rules! setters {
     ($options:ty { $($field:ident: $kind:ty),+ $(,)? }) => {
         impl $options {
             $(
-                #[doc = concat!("The same with another `", stringify!($field), "`.")]
+                #[doc = concat!("Sets `", stringify!($field), "`.")]
                 #[must_use]
                 pub fn $field(mut self, $field: $kind) -> Self {
                     self.$field = $field;

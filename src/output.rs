@@ -1,13 +1,13 @@
-//! Files appear whole or not at all: a run that is interrupted leaves no half-written output behind.
+//! Atomic writes: files appear whole or not at all, so that an interrupted run leaves no half-written output.
 
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Names of files that are being written start like this.
+/// Prefix of the names of files being written.
 const UNFINISHED: &str = ".antirad-";
 
-/// A file could not be written. What was there before is still there.
+/// A file could not be written. Its previous content is intact.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: cannot be written: {reason}", path.display())]
 pub struct OutputError {
@@ -17,8 +17,8 @@ pub struct OutputError {
     pub reason: io::Error,
 }
 
-/// Calls `write` with a new file in the directory of `path`, which then takes the place of `path`. Buffering is up to
-/// `write`. What is not a regular file (`/dev/stdout`, a pipe) is written directly; links are followed.
+/// Calls `write` with a new file in the directory of `path`, which then replaces `path`. Buffering is up to `write`.
+/// What is not a regular file (`/dev/stdout`, a pipe) is written directly; links are followed.
 pub fn atomic_write(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> Result<(), OutputError> {
     replace(path, write).map_err(|reason| OutputError { path: path.to_path_buf(), reason })
 }
@@ -80,17 +80,25 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), Outp
     })
 }
 
-/// Makes a directory, and finds out whether files can be made in it before any work is done for them.
+/// Creates a directory, and checks that files can be created in it before any work is done for them.
 pub fn prepare_directory(path: &Path) -> Result<(), OutputError> {
     let attempt = || {
+        // The system's message would only say that the file exists.
+        if let Some(link) = path.ancestors().find(|above| above.is_symlink() && !above.exists()) {
+            let (link, target) = (link.display(), fs::read_link(link)?);
+            let reason = format!(
+                "{link} is a link to {}, which does not exist: create it or remove the link",
+                target.display()
+            );
+            return Err(io::Error::new(io::ErrorKind::NotFound, reason));
+        }
         fs::create_dir_all(path)?;
         tempfile::Builder::new().prefix(UNFINISHED).tempfile_in(path).map(drop)
     };
     attempt().map_err(|reason| OutputError { path: path.to_path_buf(), reason })
 }
 
-/// Removes what runs that were killed while they wrote have left in a directory. For directories that one run at a time
-/// writes into.
+/// Removes files that killed runs left half-written in a directory. For directories that one run at a time writes into.
 pub fn remove_unfinished(path: &Path) -> Result<(), OutputError> {
     let attempt = || {
         for entry in fs::read_dir(path)? {

@@ -1,8 +1,8 @@
-//! Which engine found a solution, and of which materials.
+//! Identifies the engine and the materials that a solution belongs to.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What a solution shares with the engine that found it, until that engine takes other materials.
+/// Equal for a solution and its engine until that engine takes other materials.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Revision {
     engine: u64,
@@ -17,13 +17,13 @@ pub enum Difference {
 }
 
 impl Revision {
-    /// That of a new engine.
+    /// The revision of a new engine.
     pub fn first() -> Self {
         static ENGINES: AtomicU64 = AtomicU64::new(0);
         Self { engine: ENGINES.fetch_add(1, Ordering::Relaxed), materials: 0 }
     }
 
-    /// That of the same engine with other materials.
+    /// The revision of the same engine with other materials.
     #[must_use]
     pub fn next(self) -> Self {
         Self { materials: self.materials + 1, ..self }

@@ -1,7 +1,7 @@
-//! Stopping long work from outside.
+//! Interruption of long work.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
-/// Asked often during a solve: whether to go on.
+/// Called often during a solve; `Break` interrupts it.
 pub type Watch = Arc<dyn Fn() -> ControlFlow<()> + Send + Sync>;

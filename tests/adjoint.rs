@@ -4,18 +4,18 @@ mod support;
 
 use antirad::model::{Class, Facet};
 use antirad::reference::{
-    Adjoint, Leaving, Model, State, emission, observe, observe_adjoint, observe_derivative, reflect_adjoint,
-    reflect_derivative, transport, transport_adjoint, transport_derivative,
+    AdjointEquation, Model, Outgoing, State, emission, observe, observe_adjoint, observe_derivative,
+    reflect_adjoint, reflect_derivative, transport, transport_adjoint, transport_derivative,
 };
-use antirad::scene::{Accuracy, BinLayout, Material, Normalization, Scene, Triangle, Weights};
+use antirad::scene::{BinLayout, Material, Normalization, Scene, SolveSettings, Triangle, Weights};
 use antirad::solve::{GmresParams, gmres};
 use glam::DVec3;
 use std::ops::ControlFlow;
 use support::random::{Random, random_scene, scattered};
 
-/// Both layouts with both weights, coarse: the more directions share a bin, the more of a bin's edge cases are met.
-fn accuracies() -> [Accuracy; 4] {
-    let with = |bins, weights| Accuracy::default().bins(bins).weights(weights);
+/// Both layouts with both weights, coarse: the more directions share a bin, the more of its edge cases occur.
+fn all_settings() -> [SolveSettings; 4] {
+    let with = |bins, weights| SolveSettings::default().bins(bins).weights(weights);
     let (equal_angle, concentric) =
         (BinLayout::EqualAngle { theta: 4, phi: 7 }, BinLayout::Concentric { n: 6 });
     [
@@ -26,8 +26,8 @@ fn accuracies() -> [Accuracy; 4] {
     ]
 }
 
-fn model(scene: &Scene, accuracy: Accuracy) -> Model {
-    Model::new(&Scene { accuracy, ..scene.clone() })
+fn model(scene: &Scene, settings: SolveSettings) -> Model {
+    Model::new(&Scene { settings, ..scene.clone() })
 }
 
 fn random_values(random: &mut Random, count: usize) -> Vec<DVec3> {
@@ -42,9 +42,9 @@ fn random_state(model: &Model, random: &mut Random) -> State {
     }
 }
 
-fn random_leaving(model: &Model, random: &mut Random) -> Leaving {
+fn random_outgoing(model: &Model, random: &mut Random) -> Outgoing {
     let dark = model.dark();
-    Leaving {
+    Outgoing {
         diffuse: random_values(random, dark.diffuse.len()),
         specular: random_values(random, dark.specular.len()),
         antiradiance: random_values(random, dark.antiradiance.len()),
@@ -60,17 +60,17 @@ fn dot_states(x: &State, y: &State) -> f64 {
     dot(&x.irradiance, &y.irradiance) + dot(&x.bins, &y.bins)
 }
 
-fn dot_leaving(x: &Leaving, y: &Leaving) -> f64 {
+fn dot_outgoing(x: &Outgoing, y: &Outgoing) -> f64 {
     dot(&x.diffuse, &y.diffuse) + dot(&x.specular, &y.specular) + dot(&x.antiradiance, &y.antiradiance)
 }
 
-/// Two ways to the same number. A NaN fails.
+/// Compares two computations of the same number. NaN fails.
 fn assert_same(what: &str, one: f64, other: f64, tolerance: f64) {
     let error = (one - other).abs() / one.abs().max(other.abs());
     assert!(error <= tolerance, "{what}: {one:e} and {other:e}, relative error {error:e}");
 }
 
-/// Scenes with glossy, blocking, far and close triangles; and accuracies.
+/// Scenes with glossy, blocking, far and close triangles, under all settings.
 fn cases() -> impl Iterator<Item = (String, Model)> {
     let scenes = [
         ("sparse", random_scene(1, 60, true, false)),
@@ -78,7 +78,7 @@ fn cases() -> impl Iterator<Item = (String, Model)> {
         ("crowded", scattered(3, 30, true, false, 0.4)),
     ];
     scenes.into_iter().flat_map(|(name, scene)| {
-        accuracies().map(|a| (format!("{name}, {} {:?}", a.bins, a.weights), model(&scene, a)))
+        all_settings().map(|a| (format!("{name}, {} {:?}", a.bins, a.weights), model(&scene, a)))
     })
 }
 
@@ -88,24 +88,26 @@ fn operators_and_their_transposes_agree() {
     let mut random = Random::new(11);
     for (name, model) in cases() {
         let (state, importance) = (random_state(&model, &mut random), random_state(&model, &mut random));
-        let (leaving, cotangent) = (random_leaving(&model, &mut random), random_leaving(&model, &mut random));
+        let (outgoing, cotangent) =
+            (random_outgoing(&model, &mut random), random_outgoing(&model, &mut random));
         assert_same(
             &format!("U, {name}"),
-            dot_states(&transport(&model, &leaving), &importance),
-            dot_leaving(&leaving, &transport_adjoint(&model, &importance)),
+            dot_states(&transport(&model, &outgoing), &importance),
+            dot_outgoing(&outgoing, &transport_adjoint(&model, &importance)),
             1e-12,
         );
         assert_same(
             &format!("K - J, {name}"),
-            dot_leaving(&model.leave(&state), &cotangent),
+            dot_outgoing(&model.leave(&state), &cotangent),
             dot_states(&state, &reflect_adjoint(&model, &cotangent)),
             1e-12,
         );
-        let (eye, colours) = (3.0 * random.point(), random_values(&mut random, model.facets.len()));
+        let (camera_position, colours) =
+            (3.0 * random.point(), random_values(&mut random, model.facets.len()));
         assert_same(
             &format!("S, {name}"),
-            dot(&observe(&model, &leaving, eye), &colours),
-            dot_leaving(&leaving, &observe_adjoint(&model, eye, &colours)),
+            dot(&observe(&model, &outgoing, camera_position), &colours),
+            dot_outgoing(&outgoing, &observe_adjoint(&model, camera_position, &colours)),
             1e-12,
         );
     }
@@ -127,21 +129,21 @@ fn the_solve_and_its_adjoint_agree() {
     for (name, model) in cases() {
         let state = solve(&mut &model);
         let emitted = emission(&model);
-        let mut leaving = model.leave(&state);
-        leaving.diffuse.iter_mut().zip(&emitted.diffuse).for_each(|(l, e)| *l += *e);
-        let mut adjoint = Adjoint {
+        let mut outgoing = model.leave(&state);
+        outgoing.diffuse.iter_mut().zip(&emitted.diffuse).for_each(|(l, e)| *l += *e);
+        let mut adjoint = AdjointEquation {
             model: &model,
-            arriving: random_state(&model, &mut random),
-            leaving: random_leaving(&model, &mut random),
+            incident: random_state(&model, &mut random),
+            outgoing: random_outgoing(&model, &mut random),
         };
-        let loss = dot_states(&state, &adjoint.arriving) + dot_leaving(&leaving, &adjoint.leaving);
+        let loss = dot_states(&state, &adjoint.incident) + dot_outgoing(&outgoing, &adjoint.outgoing);
         let importance = solve(&mut adjoint);
-        assert_same(&name, loss, dot_leaving(&adjoint.leaving(&importance), &emitted), 1e-10);
+        assert_same(&name, loss, dot_outgoing(&adjoint.outgoing(&importance), &emitted), 1e-10);
     }
 }
 
-/// A model whose triangles can be moved apart from one another, all else fixed: classes too, since what the plan leaves
-/// out adds nothing.
+/// A model whose triangles can be moved independently, all else fixed, classes too: what the plan leaves out adds
+/// nothing.
 struct Moved(Model);
 
 /// A corner of a triangle.
@@ -177,8 +179,8 @@ fn relative(found: &[DVec3], truth: &[DVec3]) -> f64 {
     (dot(&difference, &difference) / dot(truth, truth)).sqrt()
 }
 
-/// The gradient with respect to every corner against differences, at the best of three steps: what kinks lie within a
-/// step of bilinear weights differs. The bounds are of the error of the whole vector, and of the worst corner by the size
+/// The gradient with respect to every corner against differences, at the best of three steps: the kinks of bilinear
+/// weights within a step differ. The bounds are of the error of the whole vector, and of the worst corner by the size
 /// of its own gradient. A NaN fails.
 fn assert_slopes(name: &str, model: Model, found: &[[DVec3; 3]], loss: &dyn Fn(&Model) -> f64) {
     let mut moved = Moved(model);
@@ -196,88 +198,101 @@ fn assert_slopes(name: &str, model: Model, found: &[[DVec3; 3]], loss: &dyn Fn(&
             (relative(&flat, &truth), flat.iter().zip(&truth).map(own).fold(0.0, f64::max))
         })
         .collect();
-    let best = |error: fn(&(f64, f64)) -> f64| errors.iter().map(error).fold(f64::INFINITY, f64::min);
-    assert!(best(|e| e.0) <= 1e-9, "{name}: {errors:?}");
-    assert!(best(|e| e.1) <= 1e-7, "{name}: {errors:?}");
+    println!("{name}: {errors:?}");
+    let all = median(errors.iter().map(|e| e.0));
+    let worst = median(errors.iter().map(|e| e.1));
+    assert!(all <= 1e-9 && worst <= 1e-7, "{name}: {errors:?}");
 }
 
-/// Scenes in which all pairs are far, some are close, and most are close: (name, side of the box, triangles, subsample).
+/// Of three steps: kinks of bilinear weights may lie within one of them, but not within most.
+fn median(errors: impl Iterator<Item = f64>) -> f64 {
+    let mut errors: Vec<f64> = errors.collect();
+    errors.sort_by(f64::total_cmp);
+    errors[errors.len() / 2]
+}
+
+/// Scenes in which all pairs are far, some are close, and most are close: (name, side of the box, triangles, near
+/// field).
 const ROOMS: [(&str, f64, u32, f64); 3] =
     [("far", 2.0, 12, 0.0), ("mixed", 1.0, 12, 30.0), ("near", 0.3, 8, 30.0)];
 
 #[test]
 fn transport_changes_with_every_corner_as_its_derivative_says() {
     let mut random = Random::new(21);
-    for (name, room, count, subsample) in ROOMS {
-        for accuracy in accuracies() {
-            let accuracy = accuracy.subsample(subsample);
-            let model = model(&scattered(31, count, true, false, room), accuracy);
-            let (leaving, importance) =
-                (random_leaving(&model, &mut random), random_state(&model, &mut random));
-            let gradients = transport_derivative(&model, &leaving, &importance);
+    for (name, room, count, near_field) in ROOMS {
+        for settings in all_settings() {
+            let settings = settings.near_field(near_field);
+            let model = model(&scattered(31, count, true, false, room), settings);
+            let (outgoing, importance) =
+                (random_outgoing(&model, &mut random), random_state(&model, &mut random));
+            let gradients = transport_derivative(&model, &outgoing, &importance);
             let found: Vec<_> = gradients.iter().zip(&model.facets).map(|(g, f)| g.to_corners(f)).collect();
-            let name = format!("{name}, {} {:?}", accuracy.bins, accuracy.weights);
+            let name = format!("{name}, {} {:?}", settings.bins, settings.weights);
             assert_slopes(&name, model, &found, &|model| {
-                dot_states(&transport(model, &leaving), &importance)
+                dot_states(&transport(model, &outgoing), &importance)
             });
         }
     }
 }
 
-/// A triangle that moves as a whole keeps normal, area and extent: only its centroid and the pieces move.
+/// A triangle that moves as a whole keeps normal, area and characteristic area: only its centroid and the pieces move.
 #[test]
 fn transport_changes_with_every_centroid_as_its_derivative_says() {
     let mut random = Random::new(22);
-    for accuracy in accuracies() {
-        let model = model(&scattered(32, 10, true, false, 0.8), accuracy);
-        let (leaving, importance) = (random_leaving(&model, &mut random), random_state(&model, &mut random));
-        let found: Vec<DVec3> = transport_derivative(&model, &leaving, &importance)
+    for settings in all_settings() {
+        let model = model(&scattered(32, 10, true, false, 0.8), settings);
+        let (outgoing, importance) =
+            (random_outgoing(&model, &mut random), random_state(&model, &mut random));
+        let found: Vec<DVec3> = transport_derivative(&model, &outgoing, &importance)
             .iter()
             .map(|gradient| gradient.corners.iter().sum())
             .collect();
         let mut moved = Moved(model);
-        let loss = |model: &Model| dot_states(&transport(model, &leaving), &importance);
+        let loss = |model: &Model| dot_states(&transport(model, &outgoing), &importance);
         let errors = [1e-6, 3e-7, 1e-7].map(|step| {
             let slope = |i| moved.slope(&[(i, 0), (i, 1), (i, 2)], step, &loss);
             relative(&found, &(0..found.len()).map(slope).collect::<Vec<_>>())
         });
-        assert!(errors.iter().any(|e| *e <= 1e-9), "{} {:?}: {errors:?}", accuracy.bins, accuracy.weights);
+        println!("{} {:?}: {errors:?}", settings.bins, settings.weights);
+        assert!(median(errors.into_iter()) <= 1e-9, "{} {:?}: {errors:?}", settings.bins, settings.weights);
     }
 }
 
 #[test]
-fn colours_change_with_corners_and_eye_as_their_derivative_says() {
+fn colours_change_with_corners_and_camera_as_their_derivative_says() {
     let mut random = Random::new(23);
-    for accuracy in accuracies() {
-        let model = model(&scattered(33, 12, true, false, 0.8), accuracy);
-        let leaving = random_leaving(&model, &mut random);
-        let (eye, colours) = (DVec3::new(0.3, 0.5, 1.1), random_values(&mut random, model.facets.len()));
-        let (gradients, at_eye) = observe_derivative(&model, &leaving, eye, &colours);
+    for settings in all_settings() {
+        let model = model(&scattered(33, 12, true, false, 0.8), settings);
+        let outgoing = random_outgoing(&model, &mut random);
+        let (camera_position, colours) =
+            (DVec3::new(0.3, 0.5, 1.1), random_values(&mut random, model.facets.len()));
+        let (gradients, at_eye) = observe_derivative(&model, &outgoing, camera_position, &colours);
         let found: Vec<_> = gradients.iter().zip(&model.facets).map(|(g, f)| g.to_corners(f)).collect();
-        let loss = |model: &Model, eye| dot(&observe(model, &leaving, eye), &colours);
+        let loss =
+            |model: &Model, camera_position| dot(&observe(model, &outgoing, camera_position), &colours);
         let slope = DVec3::from_array(DVec3::AXES.map(|axis| {
-            let at = |step: f64| loss(&model, eye + step * axis);
+            let at = |step: f64| loss(&model, camera_position + step * axis);
             (at(1e-6) - at(-1e-6)) / 2e-6
         }));
         assert!(relative(&[at_eye], &[slope]) <= 1e-8, "{at_eye} {slope}");
-        let name = format!("{} {:?}", accuracy.bins, accuracy.weights);
-        assert_slopes(&name, model, &found, &|model| loss(model, eye));
+        let name = format!("{} {:?}", settings.bins, settings.weights);
+        assert_slopes(&name, model, &found, &|model| loss(model, camera_position));
     }
 }
 
-/// Linear in all but the power, so that a step of 1e-3 leaves rounding alone; of fourth order in the power, at 1e-3 too.
+/// Linear in all but the power, so that a step of 1e-3 leaves only rounding; of fourth order in the power, at 1e-3 too.
 #[test]
 fn reflection_changes_with_materials_as_its_derivative_says() {
     let mut random = Random::new(24);
-    for (k, accuracy) in accuracies().into_iter().enumerate() {
-        let mut model = model(&scattered(34, 16, true, false, 0.8), accuracy);
+    for (k, settings) in all_settings().into_iter().enumerate() {
+        let mut model = model(&scattered(34, 16, true, false, 0.8), settings);
         let glossy = (0..16).filter(|&i| model.classes[i].glossy).collect::<Vec<_>>();
         for (power, &i) in [0.0, 0.4, 1.0, 7.0, 50.0, 300.0].into_iter().zip(&glossy) {
             model.materials[i].power = power;
             model.materials[i].diffuse = 0.7;
-            model.materials[i].normalization = [Normalization::Published, Normalization::Energy][k % 2];
+            model.materials[i].normalization = [Normalization::Phong, Normalization::Energy][k % 2];
         }
-        let (state, cotangent) = (random_state(&model, &mut random), random_leaving(&model, &mut random));
+        let (state, cotangent) = (random_state(&model, &mut random), random_outgoing(&model, &mut random));
         let gradients = reflect_derivative(&model, &state, &cotangent);
         let (mut found, mut truth) = (Vec::new(), Vec::new());
         for (i, gradient) in gradients.iter().enumerate() {
@@ -285,8 +300,8 @@ fn reflection_changes_with_materials_as_its_derivative_says() {
                 let kept = model.materials[i].clone();
                 let mut at = |step: f64| {
                     change(&mut model.materials[i], step);
-                    let value = dot_leaving(&model.leave(&state), &cotangent)
-                        + dot_leaving(&emission(&model), &cotangent);
+                    let value = dot_outgoing(&model.leave(&state), &cotangent)
+                        + dot_outgoing(&emission(&model), &cotangent);
                     model.materials[i] = kept.clone();
                     value
                 };
@@ -311,36 +326,36 @@ fn reflection_changes_with_materials_as_its_derivative_says() {
 #[test]
 fn losses_of_solutions_change_as_the_adjoint_says() {
     let mut random = Random::new(25);
-    for accuracy in accuracies() {
-        let base = model(&scattered(35, 10, true, false, 0.9), accuracy);
-        let eye = DVec3::new(0.4, 0.3, 1.3);
+    for settings in all_settings() {
+        let base = model(&scattered(35, 10, true, false, 0.9), settings);
+        let camera_position = DVec3::new(0.4, 0.3, 1.3);
         let colours = random_values(&mut random, base.facets.len());
-        let (at_state, at_leaving) = (random_state(&base, &mut random), random_leaving(&base, &mut random));
+        let (at_state, at_leaving) = (random_state(&base, &mut random), random_outgoing(&base, &mut random));
         let light = |model: &Model| {
             let state = solve(&mut &*model);
-            let mut leaving = model.leave(&state);
-            leaving.diffuse.iter_mut().zip(emission(model).diffuse).for_each(|(l, e)| *l += e);
-            (state, leaving)
+            let mut outgoing = model.leave(&state);
+            outgoing.diffuse.iter_mut().zip(emission(model).diffuse).for_each(|(l, e)| *l += e);
+            (state, outgoing)
         };
         let loss = |model: &Model| {
-            let (state, leaving) = light(model);
+            let (state, outgoing) = light(model);
             dot_states(&state, &at_state)
-                + dot_leaving(&leaving, &at_leaving)
-                + dot(&observe(model, &leaving, eye), &colours)
+                + dot_outgoing(&outgoing, &at_leaving)
+                + dot(&observe(model, &outgoing, camera_position), &colours)
         };
 
-        let (state, leaving) = light(&base);
-        let mut seen = observe_adjoint(&base, eye, &colours);
+        let (state, outgoing) = light(&base);
+        let mut seen = observe_adjoint(&base, camera_position, &colours);
         let add = |to: &mut [DVec3], from: &[DVec3]| to.iter_mut().zip(from).for_each(|(t, f)| *t += *f);
         add(&mut seen.diffuse, &at_leaving.diffuse);
         add(&mut seen.specular, &at_leaving.specular);
         add(&mut seen.antiradiance, &at_leaving.antiradiance);
-        let mut adjoint = Adjoint { model: &base, arriving: at_state.clone(), leaving: seen };
+        let mut adjoint = AdjointEquation { model: &base, incident: at_state.clone(), outgoing: seen };
         let importance = solve(&mut adjoint);
-        let cotangent = adjoint.leaving(&importance);
+        let cotangent = adjoint.outgoing(&importance);
         let materials = reflect_derivative(&base, &state, &cotangent);
-        let (observed, _) = observe_derivative(&base, &leaving, eye, &colours);
-        let corners: Vec<[DVec3; 3]> = transport_derivative(&base, &leaving, &importance)
+        let (observed, _) = observe_derivative(&base, &outgoing, camera_position, &colours);
+        let corners: Vec<[DVec3; 3]> = transport_derivative(&base, &outgoing, &importance)
             .into_iter()
             .zip(observed)
             .zip(&base.facets)
@@ -350,7 +365,7 @@ fn losses_of_solutions_change_as_the_adjoint_says() {
             })
             .collect();
 
-        let name = format!("{} {:?}", accuracy.bins, accuracy.weights);
+        let name = format!("{} {:?}", settings.bins, settings.weights);
         for _ in 0..3 {
             let shifts: Vec<[DVec3; 3]> =
                 corners.iter().map(|_| std::array::from_fn(|_| random.point() - 0.5)).collect();
@@ -363,7 +378,7 @@ fn losses_of_solutions_change_as_the_adjoint_says() {
             }
             let at = |step: f64| {
                 let mut model = Model::with_classes(
-                    &Scene { accuracy, ..scattered(35, 10, true, false, 0.9) },
+                    &Scene { settings, ..scattered(35, 10, true, false, 0.9) },
                     base.classes.clone(),
                 );
                 for i in 0..corners.len() {
@@ -382,13 +397,14 @@ fn losses_of_solutions_change_as_the_adjoint_says() {
                     (8.0 * (at(step) - at(-step)) - (at(2.0 * step) - at(-2.0 * step))) / (12.0 * step);
                 (slope - expected).abs() / expected.abs()
             });
-            assert!(errors.iter().any(|e| *e <= 1e-8), "{name}: {expected:e} {errors:?}");
+            println!("{name}: {expected:e} {errors:?}");
+            assert!(median(errors.into_iter()) <= 1e-8, "{name}: {expected:e} {errors:?}");
         }
     }
 }
 
-/// Where derivatives do not exist or nothing is exchanged: all are finite, and none is out of proportion. Triangles and
-/// distances are of size 1, light and cotangents too: gradients of some tens are what the room's edge really has.
+/// Where derivatives do not exist or no light is exchanged, all are finite and none is out of proportion. Triangles and
+/// distances are of size 1, light and cotangents too: the gradients at the room's edge really are some tens.
 #[test]
 fn special_geometry_has_finite_gradients() {
     let (o, x, y, z) = (DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z);
@@ -406,7 +422,7 @@ fn special_geometry_has_finite_gradients() {
     ];
     let mut random = Random::new(26);
     for (name, triangles) in cases {
-        for (accuracy, subsample) in accuracies().into_iter().flat_map(|a| [(a, 30.0), (a, 0.0)]) {
+        for (settings, near_field) in all_settings().into_iter().flat_map(|a| [(a, 30.0), (a, 0.0)]) {
             let vertices = triangles.iter().flatten().copied().collect();
             let list = (0..triangles.len() as u32)
                 .map(|k| Triangle { vertices: [3 * k, 3 * k + 1, 3 * k + 2], material: 0 })
@@ -414,18 +430,18 @@ fn special_geometry_has_finite_gradients() {
             let mut material = Material::named("m");
             (material.albedo, material.specular, material.emission) = ([0.5; 3], [0.1; 3], [1.0; 3]);
             let mut scene = Scene::new("special", vertices, list, vec![material]).expect("a scene");
-            scene.accuracy = accuracy.subsample(subsample);
+            scene.settings = settings.near_field(near_field);
             let both =
                 |class: Class| if class.has_bins() { Class { blocker: true, glossy: true } } else { class };
             let model =
                 Model::with_classes(&scene, Model::new(&scene).classes.into_iter().map(both).collect());
-            let (leaving, importance) =
-                (random_leaving(&model, &mut random), random_state(&model, &mut random));
+            let (outgoing, importance) =
+                (random_outgoing(&model, &mut random), random_state(&model, &mut random));
             let colours = random_values(&mut random, triangles.len());
-            let eye = DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.0);
+            let camera_position = DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.0);
             let mut size: f64 = 0.0;
-            let (observed, at_eye) = observe_derivative(&model, &leaving, eye, &colours);
-            for gradients in [transport_derivative(&model, &leaving, &importance), observed] {
+            let (observed, at_eye) = observe_derivative(&model, &outgoing, camera_position, &colours);
+            for gradients in [transport_derivative(&model, &outgoing, &importance), observed] {
                 for (gradient, facet) in gradients.iter().zip(&model.facets) {
                     assert!(gradient.normal.is_finite() && gradient.area.is_finite(), "{name}: {gradient:?}");
                     assert!(gradient.to_corners(facet).iter().all(|g| g.is_finite()), "{name}: {gradient:?}");
@@ -433,7 +449,12 @@ fn special_geometry_has_finite_gradients() {
                 }
             }
             assert!(at_eye.is_finite());
-            assert!(size <= 100.0, "{name}, {} {:?}, {subsample}: {size:e}", accuracy.bins, accuracy.weights);
+            assert!(
+                size <= 100.0,
+                "{name}, {} {:?}, {near_field}: {size:e}",
+                settings.bins,
+                settings.weights
+            );
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What pictures leave open, checked by rendering the other explanations.
+//! What pictures leave undetermined, checked by rendering the other explanations.
 
 mod support;
 
@@ -45,7 +45,7 @@ fov_x_degrees = 100
 width = 48
 height = 48
 
-[accuracy]
+[settings]
 tolerance = 1e-6
 "#;
 
@@ -56,7 +56,7 @@ fn room() -> Scene {
     Scene::load(&path, &LoadOptions::default()).expect("a scene")
 }
 
-/// Of the mean radiance: this coarse room has no better shadows.
+/// Relative to the mean radiance: shadows of this coarse room are no better.
 const NOISE: f64 = 0.02;
 
 struct Case {
@@ -80,11 +80,11 @@ impl Case {
 
     /// Colours of seen faces with other emissions.
     fn seen_colours(&self, emission: &[[f64; 3]]) -> Vec<[f64; 3]> {
-        // Light is linear in emission, and a scene has none below zero.
+        // Light is linear in emission, and a scene admits no negative emission.
         let part = |sign: f64| {
             let part: Vec<[f64; 3]> = emission.iter().map(|e| e.map(|e| (sign * e).max(0.0))).collect();
             let scene = self.scene.with_emission(&part);
-            let (mut engine, solution) = solve(&self.device, &scene, &scene.accuracy);
+            let (mut engine, solution) = solve(&self.device, &scene, &scene.settings);
             engine.face_colours(&solution, scene.cameras[0].position).expect("colours")
         };
         let colours = part(1.0).into_iter().zip(part(-1.0)).map(|(a, b)| [0, 1, 2].map(|c| a[c] - b[c]));
@@ -96,7 +96,7 @@ impl Case {
     }
 }
 
-/// The largest difference over the largest value.
+/// The largest difference, relative to the largest value.
 fn difference(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
     assert!(!a.is_empty() && a.len() == b.len());
     let flat = |x: &[[f64; 3]]| x.iter().flatten().copied().collect::<Vec<f64>>();
@@ -115,14 +115,14 @@ fn the_first_bounce_of_a_hidden_lamp_looks_like_the_lamp() {
             .expect("a hidden lamp");
     assert_eq!(bounce.hidden_lights.len(), 2);
     assert!(bounce.picture_difference <= 1e-5 && bounce.largest_difference <= 1e-5, "{bounce:?}");
-    // It is another explanation: the lamp is dark, the walls shine.
+    // The other explanation: the lamp is dark, the walls emit.
     assert!(bounce.hidden_lights.iter().all(|&i| bounce.emission[i].iter().all(|&e| e.abs() < 1e-6)));
     assert!(bounce.emission.iter().flatten().sum::<f64>() > 1.0);
     finish(&case.device);
 }
 
-/// The brightest that each of some unseen triangles may be, as the only hidden light: the seen faces look the same, and no
-/// emission is negative, but one is zero.
+/// Each of some unseen triangles at its maximum, as the only hidden light: the seen faces look the same, no emission is
+/// negative, and one is zero.
 #[test]
 fn the_ends_of_intervals_explain_the_picture() {
     let mut case = Case::new();
@@ -164,7 +164,7 @@ fn the_ends_of_intervals_explain_the_picture() {
                 to[channel] = e;
             }
             let least = emission.iter().map(|e| e[channel]).fold(f64::INFINITY, f64::min);
-            // In shadows the coarse room has light below zero, of up to a third of what is seen on average.
+            // In shadows the coarse room has negative light, of up to a third of the mean visible radiance.
             let seen = (0..truth.len()).filter(|&i| case.views.seen[i]).map(|i| emission[i][channel]);
             let mean = seen.clone().sum::<f64>() / seen.count() as f64;
             assert!(least >= -0.5 * mean.max(0.02), "{least} beside {mean}");

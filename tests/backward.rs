@@ -1,17 +1,17 @@
-//! Gradients of the engine: transposes and derivatives on the device against what they must agree with, in both
-//! precisions; and where no gradient can be had.
+//! Gradients of the engine: transposes and derivatives on the device against dot products and differences, in both
+//! precisions; and requests that are refused.
 #![allow(unsafe_code, reason = "one test lends a device that plain Vulkan calls opened")]
 
 mod support;
 
 use antirad::gpu::embed::RawDevice;
 use antirad::gpu::{Device, Enabled, GpuError};
-use antirad::plan::{Limits, Occlusion, PADDING, Plan, Wanted};
+use antirad::plan::{GradientRequest, Occlusion, PADDING, Plan, PlanOptions};
 use antirad::scene::{
-    Accuracy, BinLayout, Material, Mesh, Precision, Scene, Shape, SolverChoice, Triangle, Weights,
+    BinLayout, Material, Mesh, Precision, Scene, Shape, SolveSettings, SolverChoice, Triangle, Weights,
 };
 use antirad::solve::LightOperator;
-use antirad::transport::{Adjoint, AdjointOperator, Operators, SceneBuffers, State};
+use antirad::transport::{AdjointKernels, AdjointOperator, Operators, SceneBuffers, State};
 use antirad::{Cotangent, Engine, EngineError, Gradients, MaterialGradients, Solution, SolveParams};
 use ash::vk;
 use glam::DVec3;
@@ -20,14 +20,14 @@ use support::{device, finish, load};
 
 const EQUAL_ANGLE: BinLayout = BinLayout::EqualAngle { theta: 10, phi: 13 };
 
-fn accuracy(precision: Precision) -> Accuracy {
+fn settings(precision: Precision) -> SolveSettings {
     let tolerance = if precision == Precision::F64 { 1e-13 } else { 1e-6 };
-    Accuracy::default().precision(precision).tolerance(tolerance)
+    SolveSettings::default().precision(precision).tolerance(tolerance)
 }
 
-fn engine(device: &Device, scene: &Scene, wanted: Wanted) -> Engine {
-    let limits = Limits::of(device).gradients(wanted);
-    let plan = Plan::new(scene, &limits, &scene.accuracy).expect("a plan");
+fn engine(device: &Device, scene: &Scene, request: GradientRequest) -> Engine {
+    let options = PlanOptions::of(device).gradients(request);
+    let plan = Plan::new(scene, &options, &scene.settings).expect("a plan");
     Engine::new(device, scene, plan).expect("an engine")
 }
 
@@ -35,7 +35,7 @@ fn signed(random: &mut Random, count: usize) -> Vec<DVec3> {
     (0..count).map(|_| random.point() - 0.3).collect()
 }
 
-/// A loss of everything that can be seen, from two eyes.
+/// A loss of everything that can be seen, from two cameras.
 fn random_loss(random: &mut Random, triangles: usize) -> Cotangent {
     Cotangent::default()
         .irradiance(Some(signed(random, triangles)))
@@ -52,21 +52,20 @@ fn value(engine: &mut Engine, solution: &Solution, loss: &Cotangent) -> f64 {
     };
     let own = [(&loss.irradiance, &solution.irradiance), (&loss.radiosity, &solution.radiosity)];
     let own: f64 = own.into_iter().map(|(w, v)| w.as_ref().map_or(0.0, |w| dot(w, v))).sum();
-    let seen = loss
-        .colours
-        .iter()
-        .map(|(eye, weights)| dot(weights, &engine.face_colours(solution, *eye).expect("colours of faces")));
+    let seen = loss.colours.iter().map(|(camera_position, weights)| {
+        dot(weights, &engine.face_colours(solution, *camera_position).expect("colours of faces"))
+    });
     own + seen.sum::<f64>()
 }
 
 fn solve(engine: &mut Engine) -> Solution {
-    let params = SolveParams::from(engine.plan().accuracy());
+    let params = SolveParams::from(engine.plan().settings());
     engine.solve(&params).expect("a solution")
 }
 
 fn backward(engine: &mut Engine, solution: &Solution, loss: &Cotangent) -> Gradients {
-    let (params, wanted) = (SolveParams::from(engine.plan().accuracy()), engine.plan().limits().gradients);
-    engine.backward(solution, loss, wanted, &params).expect("gradients")
+    let (params, request) = (SolveParams::from(engine.plan().settings()), engine.plan().options().gradients);
+    engine.backward(solution, loss, request, &params).expect("gradients")
 }
 
 /// All numbers of each kind.
@@ -84,7 +83,7 @@ fn kinds(gradients: &Gradients) -> Vec<(&'static str, Vec<f64>)> {
         ("power", plain(&gradients.power)),
         ("corners", corners.flat_map(|v| v.to_array()).collect()),
         ("vertices", flat(&gradients.vertices)),
-        ("eyes", flat(&gradients.eyes)),
+        ("camera_positions", flat(&gradients.camera_positions)),
     ]
 }
 
@@ -135,7 +134,7 @@ fn minus(x: &Arrays, y: &Arrays) -> Arrays {
     (slots, x.1.iter().zip(&y.1).map(page).collect())
 }
 
-/// Two ways to the same number. A NaN fails.
+/// Compares two computations of the same number. NaN fails.
 fn assert_same(what: &str, one: f64, other: f64, bound: f64) {
     let error = (one - other).abs() / one.abs().max(other.abs());
     println!("{what}: {one:.6e}, relative error {error:.1e}");
@@ -145,26 +144,26 @@ fn assert_same(what: &str, one: f64, other: f64, bound: f64) {
 /// ⟨A x, λ⟩ = ⟨x, Aᵀ λ⟩ of each operator as the device applies it.
 fn dot_products(name: &str, scene: &Scene, bound: f64) {
     let device = device();
-    let limits = Limits::of(&device).gradients(Wanted::EVERYTHING);
-    let plan = Plan::new(scene, &limits, &scene.accuracy).expect("a plan");
+    let options = PlanOptions::of(&device).gradients(GradientRequest::EVERYTHING);
+    let plan = Plan::new(scene, &options, &scene.settings).expect("a plan");
     let buffers = SceneBuffers::new(&device, scene, &plan).expect("buffers");
-    let mut adjoint = Adjoint::new(&device, &plan).expect("an adjoint").expect("what was planned");
+    let mut adjoint = AdjointKernels::new(&device, &plan).expect("an adjoint").expect("what was planned");
     let mut operators = Operators::new(&device, plan.clone(), buffers).expect("operators");
     let mut random = Random::new(3);
     let has_bins = |g: usize| plan.layout().groups[g].class.has_bins();
     let glossy = |g: usize| plan.layout().groups[g].class.glossy;
-    let arriving = random_arrays(&plan, &mut random, has_bins);
+    let incident = random_arrays(&plan, &mut random, has_bins);
     let cotangent = random_arrays(&plan, &mut random, has_bins);
-    let leaving = random_arrays(&plan, &mut random, glossy);
+    let outgoing = random_arrays(&plan, &mut random, glossy);
     let colours = random_arrays(&plan, &mut random, |_| false).0;
-    let eye = DVec3::new(0.6, 0.9, 3.0);
+    let camera_position = DVec3::new(0.6, 0.9, 3.0);
 
     let vector = |operators: &mut Operators, values: &Arrays| {
         let x = operators.vector().expect("a vector");
         operators.set(&x, &values.0, &values.1).expect("an upload");
         x
     };
-    let x = vector(&mut operators, &arriving);
+    let x = vector(&mut operators, &incident);
     let lambda = vector(&mut operators, &cotangent);
     let dark = operators.vector().expect("a vector");
     let mut y = operators.vector().expect("a vector");
@@ -174,47 +173,50 @@ fn dot_products(name: &str, scene: &Scene, bound: f64) {
     operators.pass(Some(&x), false, &mut y).expect("a pass");
     let bounced = download(&operators, &y);
     let from = |operators: &mut Operators, x: &State| -> Arrays {
-        let values = operators.leaving(x).expect("what leaves");
+        let values = operators.outgoing(x).expect("what leaves");
         (values.radiance, values.specular)
     };
     let emission = from(&mut operators, &dark);
     let reflected = minus(&from(&mut operators, &x), &emission);
     let no_bins = vec![None; plan.layout().groups.len()];
-    let seen = operators.observe(&x, eye).expect("a view");
-    let seen = minus(&(seen, no_bins.clone()), &(operators.observe(&dark, eye).expect("a view"), vec![]));
+    let seen = operators.observe(&x, camera_position).expect("a view");
+    let seen = minus(
+        &(seen, no_bins.clone()),
+        &(operators.observe(&dark, camera_position).expect("a view"), vec![]),
+    );
 
     let none = vec![[0.0; 4]; plan.layout().slots() as usize];
     let mut transposed = AdjointOperator::new(&mut operators, &mut adjoint);
     let mut z = transposed.vector().expect("a vector");
     transposed.set(&none, &none, &no_bins).expect("cotangents");
-    let worth = transposed.worth_of_leaving(&lambda).expect("a pass");
+    let importance = transposed.outgoing_cotangent(&lambda).expect("a pass");
     transposed.pass(Some(&lambda), false, &mut z).expect("a pass");
     let mut of_leaving = transposed.vector().expect("a vector");
-    transposed.set(&none, &leaving.0, &leaving.1).expect("cotangents");
+    transposed.set(&none, &outgoing.0, &outgoing.1).expect("cotangents");
     transposed.pass(None, true, &mut of_leaving).expect("a pass");
     let mut of_view = transposed.vector().expect("a vector");
     transposed.set(&none, &none, &no_bins).expect("cotangents");
-    transposed.add_view(eye, &colours).expect("a view");
+    transposed.add_view(camera_position, &colours).expect("a view");
     transposed.pass(None, true, &mut of_view).expect("a pass");
 
-    // Uᵀ of what is emitted: radiance alone, emission has no bins.
-    let worth = (worth.radiance, worth.specular);
+    // Uᵀ for emission: radiance alone, as emission has no bins.
+    let importance = (importance.radiance, importance.specular);
     let ways = [
-        ("U", dot(&plan, &emitted, &cotangent, true), dot(&plan, &emission, &worth, false)),
+        ("U", dot(&plan, &emitted, &cotangent, true), dot(&plan, &emission, &importance, false)),
         (
             "U (K - J)",
             dot(&plan, &bounced, &cotangent, true),
-            dot(&plan, &arriving, &download(&operators, &z), true),
+            dot(&plan, &incident, &download(&operators, &z), true),
         ),
         (
             "K",
-            dot(&plan, &reflected, &leaving, false),
-            dot(&plan, &arriving, &download(&operators, &of_leaving), true),
+            dot(&plan, &reflected, &outgoing, false),
+            dot(&plan, &incident, &download(&operators, &of_leaving), true),
         ),
         (
             "S K",
             dot(&plan, &seen, &(colours, no_bins), false),
-            dot(&plan, &arriving, &download(&operators, &of_view), true),
+            dot(&plan, &incident, &download(&operators, &of_view), true),
         ),
     ];
     for (operator, one, other) in ways {
@@ -225,14 +227,14 @@ fn dot_products(name: &str, scene: &Scene, bound: f64) {
     finish(&device);
 }
 
-/// The same number from the solve and from that of its adjoint: a loss is linear in the emission.
+/// The solve and its adjoint give the same number, since a loss is linear in the emission.
 fn whole_solve(name: &str, scene: &Scene, bound: f64) {
     let device = device();
-    let mut engine = engine(&device, scene, Wanted::NOTHING.emission(true));
+    let mut engine = engine(&device, scene, GradientRequest::NOTHING.emission(true));
     let loss = random_loss(&mut Random::new(5), scene.triangles.len());
     let solution = solve(&mut engine);
     let gradients = backward(&mut engine, &solution, &loss);
-    let emission = gradients.emission.expect("what was wanted");
+    let emission = gradients.emission.expect("requested");
     let from_adjoint =
         emission.iter().enumerate().map(|(i, g)| g.dot(scene.material(i).emission.into())).sum::<f64>();
     assert_same(&format!("{name}: the solve"), value(&mut engine, &solution, &loss), from_adjoint, bound);
@@ -242,7 +244,7 @@ fn whole_solve(name: &str, scene: &Scene, bound: f64) {
 /// Glossy and occluded; diffuse; nothing but blockers, so that U (K - J) = -U J; many close pairs.
 fn scenes(precision: Precision) -> [(&'static str, Scene); 4] {
     let with = |mut scene: Scene| {
-        scene.accuracy = accuracy(precision);
+        scene.settings = settings(precision);
         scene
     };
     let mut black = random_scene(13, 70, false, false);
@@ -273,7 +275,7 @@ fn operators_and_their_transposes_agree_in_f32() {
     }
 }
 
-/// A parameter of a scene and the eyes, changed by a number.
+/// A parameter of a scene and the cameras, changed by a number.
 type Change = Box<dyn Fn(&mut Scene, &mut Cotangent, f64)>;
 
 /// The slope of the loss by central differences.
@@ -281,7 +283,7 @@ fn slope(device: &Device, scene: &Scene, loss: &Cotangent, change: &Change, step
     let at = |step: f64| {
         let (mut scene, mut loss) = (scene.clone(), loss.clone());
         change(&mut scene, &mut loss, step);
-        let mut engine = engine(device, &scene, Wanted::NOTHING.camera(true));
+        let mut engine = engine(device, &scene, GradientRequest::NOTHING.camera(true));
         let solution = solve(&mut engine);
         value(&mut engine, &solution, &loss)
     };
@@ -296,23 +298,23 @@ fn own_material(scene: &mut Scene, triangle: usize) -> &mut Material {
     scene.materials.last_mut().expect("the one just added")
 }
 
-/// Every kind of parameter by differences through the whole solve, relative to the slope itself, at the best of the steps:
-/// kinks of bilinear weights within a step differ. At 1e-4 the error of the differences themselves is some 1e-8, and at 1e-5
-/// the residual of the solves, 1e-13, makes about 1e-8, too.
+/// Every kind of parameter by differences through the whole solve, relative to the slope itself, at the best of the
+/// steps: kinks of bilinear weights within a step differ. At 1e-4 the error of the differences themselves is some 1e-8,
+/// and at 1e-5 the residual of the solves, 1e-13, makes about 1e-8, too.
 #[test]
 fn gradients_are_slopes_of_the_solve() {
     let device = device();
-    let with = |bins, weights| accuracy(Precision::F64).bins(bins).weights(weights);
+    let with = |bins, weights| settings(Precision::F64).bins(bins).weights(weights);
     let concentric = BinLayout::Concentric { n: 8 };
-    for accuracy in [
+    for settings in [
         with(EQUAL_ANGLE, Weights::Bilinear),
         with(EQUAL_ANGLE, Weights::Smoothstep),
         with(concentric, Weights::Bilinear),
         with(concentric, Weights::Smoothstep),
     ] {
-        // Close to one another, and shiny: a lobe that hardly reflects anything has slopes below rounding.
+        // Close to each other, and shiny: a lobe that hardly reflects has slopes below rounding.
         let mut scene = scattered(35, 12, true, false, 0.8);
-        scene.accuracy = accuracy;
+        scene.settings = settings;
         for (k, material) in scene.materials.iter_mut().enumerate() {
             material.emission = [1.0 + k as f64, 2.0, 0.5];
             if material.is_glossy() {
@@ -322,7 +324,7 @@ fn gradients_are_slopes_of_the_solve() {
         scene.meshes =
             vec![Mesh { name: "one".to_owned(), range: 0..5 }, Mesh { name: "two".to_owned(), range: 5..12 }];
         let loss = random_loss(&mut Random::new(8), 12);
-        let mut engine = engine(&device, &scene, Wanted::EVERYTHING);
+        let mut engine = engine(&device, &scene, GradientRequest::EVERYTHING);
         let solution = solve(&mut engine);
         let gradients = backward(&mut engine, &solution, &loss);
         drop(solution);
@@ -331,23 +333,23 @@ fn gradients_are_slopes_of_the_solve() {
             assert!(!values.is_empty() && values.iter().all(|v| v.is_finite()), "{kind}");
         }
 
-        // The triangle that matters most for a kind: of some hidden one the residual of the solves would say more.
+        // The triangle with the largest gradient of a kind: for a hidden one the residual of the solves would dominate.
         let most = |values: &[f64]| {
             let order = |&a: &usize, &b: &usize| values[a].abs().total_cmp(&values[b].abs());
             (0..values.len()).max_by(order).expect("some")
         };
         let channel = |values: &Option<Vec<DVec3>>, c: usize| -> usize {
-            most(&values.as_ref().expect("what was wanted").iter().map(|v| v[c]).collect::<Vec<_>>())
+            most(&values.as_ref().expect("requested").iter().map(|v| v[c]).collect::<Vec<_>>())
         };
         let lit = channel(&gradients.emission, 1);
         let bright = channel(&gradients.albedo, 2);
-        let dull = most(gradients.diffuse.as_ref().expect("what was wanted"));
+        let dull = most(gradients.diffuse.as_ref().expect("requested"));
         let glossy = channel(&gradients.specular, 0);
-        let shiny = most(gradients.power.as_ref().expect("what was wanted"));
+        let shiny = most(gradients.power.as_ref().expect("requested"));
         let moved = channel(&gradients.vertices, 1);
         let shared = scene.triangles[glossy].material as usize;
         fn of<T: Copy>(values: &Option<Vec<T>>, i: usize) -> T {
-            values.as_ref().expect("what was wanted")[i]
+            values.as_ref().expect("requested")[i]
         }
         let by_material = gradients.by_material(&scene)[shared];
         let by_mesh = gradients.by_mesh(&scene)[1];
@@ -383,7 +385,11 @@ fn gradients_are_slopes_of_the_solve() {
                 of(&gradients.corners, 9).iter().map(|c| c.x).sum(),
                 Box::new(|s, _, d| (27..30).for_each(|v| s.vertices[v].x += 0.1 * d)),
             ),
-            ("eye", of(&gradients.eyes, 0).x, Box::new(|_, loss, d| loss.colours[0].0.x += d)),
+            (
+                "camera_position",
+                of(&gradients.camera_positions, 0).x,
+                Box::new(|_, loss, d| loss.colours[0].0.x += d),
+            ),
             (
                 "σ of a material",
                 by_material.specular[1],
@@ -395,22 +401,28 @@ fn gradients_are_slopes_of_the_solve() {
                 Box::new(|s, _, d| (5..12).for_each(|i| own_material(s, i).diffuse += d)),
             ),
         ];
-        // What a step of 1 is in the parameter's own unit.
+        // A step of 1 in the unit of the parameter.
         let unit = |kind: &str| match kind.chars().next() {
             Some('p') => 10.0,
             Some('σ' | 'v' | 'c') => 0.1,
             _ => 1.0,
         };
-        // What materials change does not depend on how directions are split.
-        let first = accuracy.bins == EQUAL_ANGLE && accuracy.weights == Weights::Bilinear;
-        let geometric = |kind: &str| matches!(kind, "vertex" | "corners" | "eye");
+        // Derivatives by materials do not depend on the weights of directions.
+        let first = settings.bins == EQUAL_ANGLE && settings.weights == Weights::Bilinear;
+        let geometric = |kind: &str| matches!(kind, "vertex" | "corners" | "camera_position");
         for (kind, found, change) in cases.iter().filter(|(kind, ..)| first || geometric(kind)) {
             let expected = found * unit(kind);
             let errors = [1e-4, 1e-5]
                 .map(|step| (slope(&device, &scene, &loss, change, step) - expected).abs() / expected.abs());
             let best = errors.iter().copied().fold(f64::INFINITY, f64::min);
-            println!("{} {:?}, {kind}: {expected:.4e}, {errors:?}", accuracy.bins, accuracy.weights);
-            assert!(best <= 1e-6, "{} {:?}, {kind}: {errors:?}", accuracy.bins, accuracy.weights);
+            println!("{} {:?}, {kind}: {expected:.4e}, {errors:?}", settings.bins, settings.weights);
+            assert!(
+                errors.iter().all(|e| *e <= 1e-3),
+                "{} {:?}, {kind}: {errors:?}",
+                settings.bins,
+                settings.weights
+            );
+            assert!(best <= 1e-6, "{} {:?}, {kind}: {errors:?}", settings.bins, settings.weights);
         }
     }
     finish(&device);
@@ -425,17 +437,17 @@ fn sums_are_over_the_triangles_of_materials_and_meshes() {
         Mesh { name: "none".to_owned(), range: 8..8 },
         Mesh { name: "two".to_owned(), range: 8..20 },
     ];
-    let mut engine = engine(&device, &scene, Wanted::EVERYTHING);
+    let mut engine = engine(&device, &scene, GradientRequest::EVERYTHING);
     let solution = solve(&mut engine);
     let gradients = backward(&mut engine, &solution, &random_loss(&mut Random::new(9), 20));
     let sum = |picked: &dyn Fn(usize) -> bool| {
         let mut sum = MaterialGradients::default();
         for i in (0..20).filter(|&i| picked(i)) {
-            sum.emission += gradients.emission.as_ref().expect("wanted")[i];
-            sum.diffuse += gradients.diffuse.as_ref().expect("wanted")[i];
-            sum.albedo += gradients.albedo.as_ref().expect("wanted")[i];
-            sum.specular += gradients.specular.as_ref().expect("wanted")[i];
-            sum.power += gradients.power.as_ref().expect("wanted")[i];
+            sum.emission += gradients.emission.as_ref().expect("requested")[i];
+            sum.diffuse += gradients.diffuse.as_ref().expect("requested")[i];
+            sum.albedo += gradients.albedo.as_ref().expect("requested")[i];
+            sum.specular += gradients.specular.as_ref().expect("requested")[i];
+            sum.power += gradients.power.as_ref().expect("requested")[i];
         }
         sum
     };
@@ -461,8 +473,8 @@ fn gradients_agree(name: &str, scene: &Scene, settings: [(Precision, f64); 2], b
     let loss = random_loss(&mut Random::new(6), scene.triangles.len());
     let [given, truth] = settings.map(|(precision, tolerance)| {
         let mut scene = scene.clone();
-        (scene.accuracy.precision, scene.accuracy.tolerance) = (precision, tolerance);
-        let mut engine = engine(&device, &scene, Wanted::EVERYTHING);
+        (scene.settings.precision, scene.settings.tolerance) = (precision, tolerance);
+        let mut engine = engine(&device, &scene, GradientRequest::EVERYTHING);
         let solution = solve(&mut engine);
         kinds(&backward(&mut engine, &solution, &loss))
     });
@@ -512,10 +524,10 @@ fn single_precision_suffices() {
     single_against_double("plate", &plate_over_floor(10, 0.0, true), 1e-10);
 }
 
-/// The adjoint is that of f32: its gradients are taken at the packed solution and leave out what packing does to them.
+/// The adjoint is that of f32: its gradients are taken at the solution with half bins and ignore their rounding.
 #[test]
-fn packed_sources_change_gradients_little() {
-    let settings = [(Precision::Packed, 1e-5), (Precision::F32, 1e-6)];
+fn half_bins_change_gradients_little() {
+    let settings = [(Precision::HalfBins, 1e-5), (Precision::F32, 1e-6)];
     gradients_agree("plate", &plate_over_floor(10, 0.0, true), settings, 1e-2);
 }
 
@@ -526,13 +538,13 @@ fn single_precision_suffices_in_the_cornell_room() {
 }
 
 /// The shadow's edge moves with the plate over the floor: the loss is the first moment of the floor's irradiance. Some
-/// kinks of bilinear weights lie within any step that moves the edge visibly; 1 % is what they may make of it.
+/// kinks of bilinear weights lie within any step that moves the edge visibly; they may change the slope by 1 %.
 #[test]
 fn a_shadow_that_moves_has_its_slope() {
     let device = device();
     let scene_at = |shift: f64| {
         let mut scene = plate_over_floor(12, shift, false);
-        scene.accuracy = accuracy(Precision::F64);
+        scene.settings = settings(Precision::F64);
         scene
     };
     let scene = scene_at(0.0);
@@ -544,15 +556,15 @@ fn a_shadow_that_moves_has_its_slope() {
         })
         .collect();
     let loss = Cotangent::default().irradiance(Some(weights));
-    let mut engine_here = engine(&device, &scene, Wanted::NOTHING.positions(true));
+    let mut engine_here = engine(&device, &scene, GradientRequest::NOTHING.positions(true));
     let solution = solve(&mut engine_here);
     let gradients = backward(&mut engine_here, &solution, &loss);
-    let corners = gradients.corners.expect("what was wanted");
+    let corners = gradients.corners.expect("requested");
     let plate = floor.end..floor.end + 2 * 9;
     let expected: f64 = corners[plate].iter().flatten().map(|c| c.x).sum();
     let errors = [3e-2, 1e-2, 3e-3, 1e-3, 1e-4].map(|step| {
         let at = |shift: f64| {
-            let mut engine = engine(&device, &scene_at(shift), Wanted::NOTHING);
+            let mut engine = engine(&device, &scene_at(shift), GradientRequest::NOTHING);
             let solution = solve(&mut engine);
             value(&mut engine, &solution, &loss)
         };
@@ -561,11 +573,11 @@ fn a_shadow_that_moves_has_its_slope() {
     });
     println!("{expected:.4e} per metre, errors {errors:?}");
     assert!(expected < 0.0, "the shadow follows the plate: {expected}");
-    assert!(errors.iter().any(|e| *e <= 0.01), "{expected:e} {errors:?}");
+    assert!(errors.iter().all(|e| *e <= 0.1) && errors[4] <= 0.01, "{expected:e} {errors:?}");
     finish(&device);
 }
 
-fn scene_of(triangles: &[[DVec3; 3]], accuracy: Accuracy) -> Scene {
+fn scene_of(triangles: &[[DVec3; 3]], settings: SolveSettings) -> Scene {
     let vertices = triangles.iter().flatten().copied().collect();
     let mut material = Material::named("m");
     (material.albedo, material.specular, material.emission) = ([0.3; 3], [0.05; 3], [1.0; 3]);
@@ -575,12 +587,12 @@ fn scene_of(triangles: &[[DVec3; 3]], accuracy: Accuracy) -> Scene {
         .map(|k| Triangle { vertices: [3 * k, 3 * k + 1, 3 * k + 2], material: k % 2 })
         .collect();
     let mut scene = Scene::new("special", vertices, list, vec![material, other]).expect("a scene");
-    scene.accuracy = accuracy;
+    scene.settings = settings;
     scene
 }
 
-/// No area, directions on the pole and on the horizon, halves of opposite directions, p = 0, triangles at one place: all
-/// gradients are finite, and none is out of proportion. Triangles, distances, light and cotangents are of size 1.
+/// No area, directions on the pole and on the horizon, halves of opposite directions, p = 0, triangles at one place:
+/// all gradients are finite, and none is out of proportion. Triangles, distances, light and cotangents are of size 1.
 #[test]
 fn special_points_have_finite_gradients() {
     let device = device();
@@ -601,16 +613,16 @@ fn special_points_have_finite_gradients() {
         for precision in [Precision::F32, Precision::F64] {
             for bins in [EQUAL_ANGLE, BinLayout::Concentric { n: 12 }] {
                 let tolerance = if precision == Precision::F64 { 1e-10 } else { 1e-5 };
-                let scene = scene_of(&triangles, accuracy(precision).bins(bins).tolerance(tolerance));
+                let scene = scene_of(&triangles, settings(precision).bins(bins).tolerance(tolerance));
                 let count = scene.triangles.len();
                 let mut random = Random::new(26);
                 let mut loss = random_loss(&mut random, count);
-                // One eye on the pole of the first triangle, one in its plane, one at its centroid.
+                // One camera on the pole of the first triangle, one in its plane, one at its centroid.
                 let centre = DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.0);
-                for eye in [centre + z, centre + 2.0 * x, centre] {
-                    loss.colours.push((eye, signed(&mut random, count)));
+                for camera_position in [centre + z, centre + 2.0 * x, centre] {
+                    loss.colours.push((camera_position, signed(&mut random, count)));
                 }
-                let mut engine = engine(&device, &scene, Wanted::EVERYTHING);
+                let mut engine = engine(&device, &scene, GradientRequest::EVERYTHING);
                 let solution = solve(&mut engine);
                 let gradients = backward(&mut engine, &solution, &loss);
                 for (kind, values) in kinds(&gradients) {
@@ -623,11 +635,15 @@ fn special_points_have_finite_gradients() {
                 }
                 for &flat in &scene.degenerate {
                     let flat = flat as usize;
-                    assert_eq!(gradients.emission.as_ref().expect("wanted")[flat], DVec3::ZERO, "{name}");
-                    assert_eq!(gradients.albedo.as_ref().expect("wanted")[flat], DVec3::ZERO, "{name}");
-                    assert_eq!(gradients.specular.as_ref().expect("wanted")[flat], DVec3::ZERO, "{name}");
-                    assert_eq!(gradients.power.as_ref().expect("wanted")[flat], 0.0, "{name}");
-                    assert_eq!(gradients.corners.as_ref().expect("wanted")[flat], [DVec3::ZERO; 3], "{name}");
+                    assert_eq!(gradients.emission.as_ref().expect("requested")[flat], DVec3::ZERO, "{name}");
+                    assert_eq!(gradients.albedo.as_ref().expect("requested")[flat], DVec3::ZERO, "{name}");
+                    assert_eq!(gradients.specular.as_ref().expect("requested")[flat], DVec3::ZERO, "{name}");
+                    assert_eq!(gradients.power.as_ref().expect("requested")[flat], 0.0, "{name}");
+                    assert_eq!(
+                        gradients.corners.as_ref().expect("requested")[flat],
+                        [DVec3::ZERO; 3],
+                        "{name}"
+                    );
                 }
             }
         }
@@ -635,7 +651,7 @@ fn special_points_have_finite_gradients() {
     finish(&device);
 }
 
-/// A triangle that nothing sees, and that no loss asks for, has no gradient at all.
+/// A triangle that exchanges no light and enters no loss has zero gradients.
 #[test]
 fn without_influence_gradients_are_zero() {
     let device = device();
@@ -649,28 +665,28 @@ fn without_influence_gradients_are_zero() {
         if normal.x < 0.0 {
             facing[2].swap(1, 2);
         }
-        let scene = scene_of(&facing, accuracy(precision));
+        let scene = scene_of(&facing, settings(precision));
         let mut loss = random_loss(&mut Random::new(2), 3);
         for weights in [&mut loss.irradiance, &mut loss.radiosity] {
             weights.as_mut().expect("given")[2] = DVec3::ZERO;
         }
         loss.colours.iter_mut().for_each(|(_, weights)| weights[2] = DVec3::ZERO);
-        let mut engine = engine(&device, &scene, Wanted::EVERYTHING);
+        let mut engine = engine(&device, &scene, GradientRequest::EVERYTHING);
         let solution = solve(&mut engine);
         let gradients = backward(&mut engine, &solution, &loss);
-        assert_eq!(gradients.emission.expect("wanted")[2], DVec3::ZERO);
-        assert_eq!(gradients.albedo.expect("wanted")[2], DVec3::ZERO);
-        assert_eq!(gradients.diffuse.expect("wanted")[2], 0.0);
-        assert_eq!(gradients.specular.expect("wanted")[2], DVec3::ZERO);
-        assert_eq!(gradients.power.expect("wanted")[2], 0.0);
-        let corners = gradients.corners.expect("wanted");
+        assert_eq!(gradients.emission.expect("requested")[2], DVec3::ZERO);
+        assert_eq!(gradients.albedo.expect("requested")[2], DVec3::ZERO);
+        assert_eq!(gradients.diffuse.expect("requested")[2], 0.0);
+        assert_eq!(gradients.specular.expect("requested")[2], DVec3::ZERO);
+        assert_eq!(gradients.power.expect("requested")[2], 0.0);
+        let corners = gradients.corners.expect("requested");
         assert_eq!(corners[2], [DVec3::ZERO; 3]);
         assert_ne!(corners[0], [DVec3::ZERO; 3]);
     }
     finish(&device);
 }
 
-/// Published: 36 kB per triangle for a solve alone.
+/// The paper states 36 kB per triangle for a solve alone.
 #[test]
 fn gradients_of_diffuse_scenes_take_8_kb_per_triangle() {
     let mut parts = (Vec::new(), Vec::new());
@@ -678,10 +694,11 @@ fn gradients_of_diffuse_scenes_take_8_kb_per_triangle() {
     let mut material = Material::named("marble");
     (material.albedo, material.emission) = ([0.7, 0.6, 0.5], [1.0; 3]);
     let scene = Scene::new("statue", parts.0, parts.1, vec![material]).expect("a scene");
-    let limits = Limits::default().gradients(Wanted::EVERYTHING).occlusion(Occlusion::Everything);
-    let accuracy = Accuracy::default().solver(SolverChoice::FixedPoint);
-    let plan = Plan::new(&scene, &limits, &accuracy).expect("a plan");
-    let bytes = (plan.memory().total() - limits.staging) as f64 / plan.triangles() as f64;
+    let options =
+        PlanOptions::default().gradients(GradientRequest::EVERYTHING).occlusion(Occlusion::Everything);
+    let settings = SolveSettings::default().solver(SolverChoice::FixedPoint);
+    let plan = Plan::new(&scene, &options, &settings).expect("a plan");
+    let bytes = (plan.memory().total() - options.staging) as f64 / plan.triangles() as f64;
     println!("{bytes:.0} B per triangle");
     assert!(bytes <= 8000.0, "{bytes}");
 }
@@ -691,20 +708,20 @@ fn what_was_not_planned_is_refused() {
     let device = device();
     let scene = scattered(5, 10, false, false, 0.9);
     let params = SolveParams::default().tolerance(1e-4).max_passes(100);
-    let emission = Wanted::NOTHING.emission(true);
-    for planned in [Wanted::NOTHING, emission] {
+    let emission = GradientRequest::NOTHING.emission(true);
+    for planned in [GradientRequest::NOTHING, emission] {
         let mut engine = engine(&device, &scene, planned);
         let solution = solve(&mut engine);
-        let wanted = emission.albedo(true).positions(true);
+        let request = emission.albedo(true).positions(true);
         let loss = random_loss(&mut Random::new(1), 10);
-        let error = engine.backward(&solution, &loss, wanted, &params).expect_err("not planned");
+        let error = engine.backward(&solution, &loss, request, &params).expect_err("not planned");
         assert!(
             matches!(&error, EngineError::NotPlanned { kinds } if kinds.ends_with(&["albedo", "positions"])),
             "{error}"
         );
         let error = error.to_string();
-        assert!(error.contains("albedo, positions") && error.contains("Limits::gradients"), "{error}");
-        assert!(!error.contains("emission,") || planned == Wanted::NOTHING, "{error}");
+        assert!(error.contains("albedo, positions") && error.contains("PlanOptions::gradients"), "{error}");
+        assert!(!error.contains("emission,") || planned == GradientRequest::NOTHING, "{error}");
     }
     finish(&device);
 }
@@ -713,8 +730,8 @@ fn what_was_not_planned_is_refused() {
 fn wrong_cotangents_are_refused() {
     let device = device();
     let scene = scattered(5, 10, false, false, 0.9);
-    let wanted = Wanted::NOTHING.emission(true);
-    let mut engine = engine(&device, &scene, wanted);
+    let request = GradientRequest::NOTHING.emission(true);
+    let mut engine = engine(&device, &scene, request);
     let solution = solve(&mut engine);
     let params = SolveParams::default().tolerance(1e-4).max_passes(100);
     let good = vec![DVec3::ONE; 10];
@@ -729,37 +746,37 @@ fn wrong_cotangents_are_refused() {
         ]
     };
     for (kind, loss) in losses(&good[..9]) {
-        let error = engine.backward(&solution, &loss, wanted, &params).expect_err("too short");
+        let error = engine.backward(&solution, &loss, request, &params).expect_err("too short");
         let expected =
             matches!(error, EngineError::CotangentLength { what, given: 9, triangles: 10 } if what == kind);
         assert!(expected, "{error}");
     }
     for (kind, loss) in losses(&bad) {
-        let error = engine.backward(&solution, &loss, wanted, &params).expect_err("not a number");
+        let error = engine.backward(&solution, &loss, request, &params).expect_err("not a number");
         let expected = matches!(error, EngineError::CotangentNotFinite { what, triangle: 7 } if what == kind);
         assert!(expected, "{error}");
     }
     for (_, loss) in losses(&good) {
-        let gradients = engine.backward(&solution, &loss, wanted, &params).expect("gradients");
+        let gradients = engine.backward(&solution, &loss, request, &params).expect("gradients");
         assert!(gradients.emission.is_some() && gradients.albedo.is_none() && gradients.vertices.is_none());
     }
-    // No loss, no gradient.
-    let gradients = engine.backward(&solution, &Cotangent::default(), wanted, &params).expect("gradients");
-    assert!(gradients.emission.expect("wanted").iter().all(|g| *g == DVec3::ZERO));
+    // Without a loss gradients are zero.
+    let gradients = engine.backward(&solution, &Cotangent::default(), request, &params).expect("gradients");
+    assert!(gradients.emission.expect("requested").iter().all(|g| *g == DVec3::ZERO));
     finish(&device);
 }
 
-/// A solve that may not take as many passes as it needs says so, as forwards.
+/// An adjoint solve with too few passes fails, as the forward solve does.
 #[test]
 fn a_failed_adjoint_solve_is_an_error() {
     let device = device();
     let scene = scattered(5, 20, false, false, 0.9);
-    let wanted = Wanted::NOTHING.emission(true);
-    let mut engine = engine(&device, &scene, wanted);
+    let request = GradientRequest::NOTHING.emission(true);
+    let mut engine = engine(&device, &scene, request);
     let solution = solve(&mut engine);
     let params = SolveParams::default().tolerance(1e-6).max_passes(2);
     let loss = random_loss(&mut Random::new(1), 20);
-    let error = engine.backward(&solution, &loss, wanted, &params).expect_err("too few passes");
+    let error = engine.backward(&solution, &loss, request, &params).expect_err("too few passes");
     assert!(error.to_string().contains("no convergence"), "{error}");
     finish(&device);
 }
@@ -796,16 +813,16 @@ fn f64_needs_the_feature() {
             })
             .expect("a device to use");
             let mut scene = scattered(5, 10, false, false, 0.9);
-            for gradients in [Wanted::NOTHING, Wanted::EVERYTHING] {
-                scene.accuracy.precision = Precision::F64;
-                let limits = Limits::of(&device).gradients(gradients);
-                let plan = Plan::new(&scene, &limits, &scene.accuracy).expect("a plan");
+            for gradients in [GradientRequest::NOTHING, GradientRequest::EVERYTHING] {
+                scene.settings.precision = Precision::F64;
+                let options = PlanOptions::of(&device).gradients(gradients);
+                let plan = Plan::new(&scene, &options, &scene.settings).expect("a plan");
                 let Err(error) = Engine::new(&device, &scene, plan) else { panic!("there is no f64") };
                 let missing = matches!(error, EngineError::Gpu(GpuError::MissingFeature { .. }));
                 assert!(missing, "{error}");
                 assert!(error.to_string().contains("shaderFloat64"), "{error}");
-                scene.accuracy.precision = Precision::F32;
-                let mut engine = engine(&device, &scene, Wanted::NOTHING);
+                scene.settings.precision = Precision::F32;
+                let mut engine = engine(&device, &scene, GradientRequest::NOTHING);
                 solve(&mut engine);
             }
         }

@@ -3,14 +3,14 @@
 mod support;
 
 use antirad::model::FacetGradient;
-use antirad::plan::{Limits, Plan, Wanted};
+use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::reference::{
-    Leaving, Model, State, emission, observe_adjoint, observe_derivative, reflect_adjoint,
+    Model, Outgoing, State, emission, observe_adjoint, observe_derivative, reflect_adjoint,
     reflect_derivative, transport_adjoint, transport_derivative,
 };
-use antirad::scene::{Accuracy, BinLayout, Precision, Scene, Weights};
+use antirad::scene::{BinLayout, Precision, Scene, SolveSettings, Weights};
 use antirad::solve::LightOperator;
-use antirad::transport::{Adjoint, AdjointOperator, Operators, SceneBuffers};
+use antirad::transport::{AdjointKernels, AdjointOperator, Operators, SceneBuffers};
 use glam::DVec3;
 use support::random::{Random, random_scene, scattered};
 use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};
@@ -19,7 +19,7 @@ use support::{device, finish};
 /// Relative error of each kernel, in the 2-norm over all its output.
 fn tolerance(precision: Precision) -> f64 {
     match precision {
-        Precision::F32 | Precision::Packed => 1e-3,
+        Precision::F32 | Precision::HalfBins => 1e-3,
         Precision::F64 => 1e-10,
     }
 }
@@ -43,18 +43,18 @@ fn numbers(gradient: &FacetGradient, scale: f64) -> Vec<f64> {
     let corners = gradient.corners.iter().flat_map(|c| (*c * scale).to_array());
     corners
         .chain(gradient.normal.to_array())
-        .chain([gradient.area, gradient.extent].map(|x| x * scale * scale))
+        .chain([gradient.area, gradient.characteristic_area].map(|x| x * scale * scale))
         .collect()
 }
 
-fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits) -> Limits) {
+fn compare(name: &str, scene: &Scene, settings: SolveSettings, adjust: impl Fn(PlanOptions) -> PlanOptions) {
     let device = device();
-    let scene = Scene { accuracy, ..scene.clone() };
+    let scene = Scene { settings, ..scene.clone() };
     let model = Model::new(&scene);
-    let limits = adjust(Limits::of(&device)).gradients(Wanted::EVERYTHING);
-    let plan = Plan::new(&scene, &limits, &accuracy).expect("a plan");
+    let options = adjust(PlanOptions::of(&device)).gradients(GradientRequest::EVERYTHING);
+    let plan = Plan::new(&scene, &options, &settings).expect("a plan");
     let buffers = SceneBuffers::new(&device, &scene, &plan).expect("buffers");
-    let mut adjoint = Adjoint::new(&device, &plan).expect("an adjoint").expect("what was planned");
+    let mut adjoint = AdjointKernels::new(&device, &plan).expect("an adjoint").expect("what was planned");
     let mut operators = Operators::new(&device, plan.clone(), buffers).expect("operators");
 
     let mut random = Random::new(7);
@@ -65,8 +65,8 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
         }
         state
     };
-    let worth = cotangent(&model, &mut random);
-    let eye = DVec3::new(3.0, 0.5, -1.0);
+    let importance = cotangent(&model, &mut random);
+    let camera_position = DVec3::new(3.0, 0.5, -1.0);
     let colours: Vec<DVec3> = model.facets.iter().map(|_| random.point() - 0.5).collect();
 
     let upload = |operators: &mut Operators, state: &State, bins: &[DVec3]| {
@@ -76,22 +76,22 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
         x
     };
     let h = upload(&mut operators, &light, &light.bins);
-    let x = upload(&mut operators, &worth, &per_irradiance(&model, &worth.bins));
+    let x = upload(&mut operators, &importance, &per_irradiance(&model, &importance.bins));
     let none = by_slot(&plan, |_| DVec3::ZERO);
     let pages = vec![None; plan.layout().groups.len()];
     let colours_by_slot = by_slot(&plan, |i| colours[i]);
 
-    let total = worth.bins.len();
+    let total = importance.bins.len();
     let mut errors: Vec<(&str, f64)> = Vec::new();
     let mut operator = AdjointOperator::new(&mut operators, &mut adjoint);
     operator.set(&none, &none, &pages).expect("cotangents");
-    let leaving = transport_adjoint(&model, &worth);
-    let given = operator.worth_of_leaving(&x).expect("a pass");
+    let outgoing = transport_adjoint(&model, &importance);
+    let given = operator.outgoing_cotangent(&x).expect("a pass");
     errors.push((
         "transport_adjoint, radiance",
-        relative(&rgb_of(&plan, &given.radiance), &flat(&leaving.diffuse)),
+        relative(&rgb_of(&plan, &given.radiance), &flat(&outgoing.diffuse)),
     ));
-    let specular = of_class(&model, &leaving.specular, |c| c.glossy);
+    let specular = of_class(&model, &outgoing.specular, |c| c.glossy);
     errors.push((
         "transport_adjoint, specular",
         relative(&from_pages(&model, &plan, &given.specular, total), &specular),
@@ -99,16 +99,16 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     let lobes = operator.lobe_sums(&h).expect("sums");
     let mut y = operator.vector().expect("a vector");
     operator.pass(Some(&x), false, &mut y).expect("a pass");
-    let back = reflect_adjoint(&model, &leaving);
-    // The views alone: what they add before any transport.
+    let back = reflect_adjoint(&model, &outgoing);
+    // The views alone, before any transport.
     operator.set(&none, &none, &pages).expect("cotangents");
-    operator.add_view(eye, &colours_by_slot).expect("a view");
+    operator.add_view(camera_position, &colours_by_slot).expect("a view");
     let mut z = operator.vector().expect("a vector");
     operator.pass(None, true, &mut z).expect("a pass");
-    let seen = reflect_adjoint(&model, &observe_adjoint(&model, eye, &colours));
-    let views = [(eye, colours_by_slot)];
+    let seen = reflect_adjoint(&model, &observe_adjoint(&model, camera_position, &colours));
+    let views = [(camera_position, colours_by_slot)];
     let (pairs, _) = operator.geometry(&h, &x, &[], true).expect("derivatives");
-    let (faces, eyes) = operator.geometry(&h, &x, &views, false).expect("derivatives");
+    let (faces, camera_positions) = operator.geometry(&h, &x, &views, false).expect("derivatives");
 
     for (name, vector, truth) in [("adjoint pass", &y, &back), ("observe_adjoint", &z, &seen)] {
         let irradiance = operators.irradiance(vector).expect("values");
@@ -119,7 +119,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
         errors.push((name, relative(&from_pages(&model, &plan, &pages, total), &flat(&bins))));
     }
 
-    let mut sent: Leaving = model.leave(&light);
+    let mut sent: Outgoing = model.leave(&light);
     for (l, e) in sent.diffuse.iter_mut().zip(emission(&model).diffuse) {
         *l += e;
     }
@@ -134,7 +134,7 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
         all
     };
     let mut geometry = |name: [&'static str; 3], given: &[FacetGradient], truth: &[FacetGradient]| {
-        // What a normal's gradient says along the normal means nothing.
+        // The component of a normal's gradient along the normal is meaningless.
         let tangential =
             |g: &FacetGradient, n: DVec3| FacetGradient { normal: g.normal.reject_from(n), ..*g };
         let part = |g: &[FacetGradient], s: f64, range: std::ops::Range<usize>| -> Vec<f64> {
@@ -149,17 +149,20 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
     geometry(
         ["derivative, corners", "derivative, normals", "derivative, areas"],
         &in_order(&pairs),
-        &transport_derivative(&model, &sent, &worth),
+        &transport_derivative(&model, &sent, &importance),
     );
-    let (face_truth, eye_truth) = observe_derivative(&model, &sent, eye, &colours);
+    let (face_truth, eye_truth) = observe_derivative(&model, &sent, camera_position, &colours);
     geometry(
         ["view derivative, corners", "view derivative, normals", "view derivative, areas"],
         &in_order(&faces),
         &face_truth,
     );
-    errors.push(("view derivative, eye", relative(&(eyes[0] * scale).to_array(), &eye_truth.to_array())));
+    errors.push((
+        "view derivative, camera position",
+        relative(&(camera_positions[0] * scale).to_array(), &eye_truth.to_array()),
+    ));
 
-    let truth = reflect_derivative(&model, &light, &leaving);
+    let truth = reflect_derivative(&model, &light, &outgoing);
     if let Some(lobes) = lobes {
         let mut sigma = vec![DVec3::ZERO; model.facets.len()];
         let mut power = vec![0.0; model.facets.len()];
@@ -184,13 +187,13 @@ fn compare(name: &str, scene: &Scene, accuracy: Accuracy, adjust: impl Fn(Limits
         println!("  {kernel}: {error:.2e}");
     }
     for (kernel, error) in errors {
-        assert!(error <= tolerance(accuracy.precision), "{name}, {kernel}: relative error {error:e}");
+        assert!(error <= tolerance(settings.precision), "{name}, {kernel}: relative error {error:e}");
     }
     finish(&device);
 }
 
-fn double() -> Accuracy {
-    Accuracy::default().precision(Precision::F64)
+fn double() -> SolveSettings {
+    SolveSettings::default().precision(Precision::F64)
 }
 
 #[test]
@@ -214,6 +217,6 @@ fn single_precision() {
     let single = double().precision(Precision::F32);
     compare("f32", &random_scene(3, 300, true, false), single, |l| l);
     compare("f32, small tiles and pages", &random_scene(6, 200, true, false), single, |l| l.tile(32).page(1));
-    let far = single.subsample(0.0);
+    let far = single.near_field(0.0);
     compare("f32, no near field", &random_scene(8, 200, true, true), far, |l| l);
 }

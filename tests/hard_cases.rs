@@ -1,18 +1,18 @@
-//! Hard cases, each with an expectation: right within a bound, or refused or warned of by name. docs/accuracy.md has the
-//! table of all, with those that other tests hold.
+//! Hard cases, each with an expectation: correct within a bound, refused, or warned of by name. docs/accuracy.md has
+//! the table of all, including those of other tests.
 //!
-//! Most are furnaces: where all surfaces of a closed scene emit an exitance E alike and reflect a share ρ alike, and no
-//! back is seen, the radiosity is E / (1 - ρ) on all of them, whatever their shape.
+//! Most are furnaces: where all surfaces of a closed scene emit the same exitance E, have the same albedo ρ, and no
+//! back is visible, the radiosity is E / (1 - ρ) on all of them, whatever their shape.
 
 mod support;
 
 use antirad::gpu::Device;
 use antirad::image::{PictureOptions, Rasterizer};
-use antirad::ladder::usual_accuracy;
-use antirad::plan::{Limits, Occlusion, Plan};
+use antirad::plan::{Occlusion, Plan, PlanOptions};
 use antirad::reference::{Model, Plates};
-use antirad::scene::{Accuracy, Camera, Material, Scene, SceneBuilder, Shape, SolverChoice, Triangle};
+use antirad::scene::{Camera, Material, Scene, SceneBuilder, Shape, SolveSettings, SolverChoice, Triangle};
 use antirad::solve::{GmresParams, SolveError, gmres};
+use antirad::target_error::usual_settings;
 use antirad::warnings::{Kind, Warnings};
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use glam::{DAffine3, DQuat, DVec3};
@@ -29,7 +29,7 @@ fn glowing(albedo: f64) -> Material {
     Material { albedo: [albedo; 3], emission: [1.0 / PI; 3], ..Material::named("glowing") }
 }
 
-/// A unit room of which everything glows, with things in it.
+/// A unit room in which everything emits, with objects in it.
 fn furnace(cells: u32, albedo: f64, add: impl FnOnce(&mut SceneBuilder, &Material)) -> Scene {
     let material = glowing(albedo);
     let mut builder = SceneBuilder::new();
@@ -48,30 +48,30 @@ fn furnace_error(scene: &Scene, solution: &Solution, albedo: f64) -> (f64, f64) 
     (mean, relative_l2(&solution.radiosity, &exact, &areas))
 }
 
-fn warned(scene: &Scene, accuracy: &Accuracy) -> Warnings {
-    Warnings::of(scene, &Plan::new(scene, &Limits::default(), accuracy).expect("a plan"))
+fn warned(scene: &Scene, settings: &SolveSettings) -> Warnings {
+    Warnings::of(scene, &Plan::new(scene, &PlanOptions::default(), settings).expect("a plan"))
 }
 
-fn with_solver(scene: &Scene, solver: SolverChoice) -> Accuracy {
-    scene.accuracy.solver(solver).tolerance(1e-6).max_passes(4000)
+fn with_solver(scene: &Scene, solver: SolverChoice) -> SolveSettings {
+    scene.settings.solver(solver).tolerance(1e-6).max_passes(4000)
 }
 
-/// Right within 1 % with a wide near field, and within 1.5 % at albedo 0.95 without. Beyond that the scene says what to set.
+/// Correct within 1.5 % at albedo 0.95, and within 1 % up to 0.99 with a near field of 400, which a warning recommends.
 #[test]
 fn closed_boxes_of_high_albedo() {
     let device = device();
-    for (albedo, subsample, bound) in [(0.95, 30.0, 0.015), (0.95, 400.0, 0.01), (0.99, 400.0, 0.01)] {
+    for (albedo, near_field, bound) in [(0.95, 30.0, 0.015), (0.95, 400.0, 0.01), (0.99, 400.0, 0.01)] {
         let scene = furnace(8, albedo, |_, _| {});
-        let accuracy = with_solver(&scene, SolverChoice::Gmres).subsample(subsample);
-        let (_engine, solution) = solve(&device, &scene, &accuracy);
+        let settings = with_solver(&scene, SolverChoice::Gmres).near_field(near_field);
+        let (_engine, solution) = solve(&device, &scene, &settings);
         let (mean, rms) = furnace_error(&scene, &solution, albedo);
         println!(
-            "albedo {albedo}, subsample {subsample}: mean {:+.3} %, rms {:.3} %",
+            "albedo {albedo}, near field {near_field}: mean {:+.3} %, rms {:.3} %",
             100.0 * mean,
             100.0 * rms
         );
-        assert!(rms <= bound, "albedo {albedo}, subsample {subsample}: {rms}");
-        assert!(scene.warnings.iter().any(|w| w.contains("\"glowing\"") && w.contains("subsample = 400")));
+        assert!(rms <= bound, "albedo {albedo}, near field {near_field}: {rms}");
+        assert!(scene.warnings.iter().any(|w| w.contains("\"glowing\"") && w.contains("near_field = 400")));
     }
     finish(&device);
 }
@@ -94,10 +94,10 @@ fn closed_boxes_take_a_third_of_the_passes() {
         println!("albedo {albedo}: {passes} passes of GMRES, {error:.1e} from the reference");
         assert!(error <= 1e-4, "{error:e}");
 
-        let accuracy = with_solver(&scene, SolverChoice::FixedPoint).max_passes(3 * passes - 1);
-        let plan = Plan::new(&scene, &Limits::of(&device), &accuracy).expect("a plan");
+        let settings = with_solver(&scene, SolverChoice::FixedPoint).max_passes(3 * passes - 1);
+        let plan = Plan::new(&scene, &PlanOptions::of(&device), &settings).expect("a plan");
         let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
-        match engine.solve(&SolveParams::from(&accuracy)) {
+        match engine.solve(&SolveParams::from(&settings)) {
             Err(EngineError::Solve(SolveError::NoConvergence { residual, .. })) => {
                 println!("  Neumann is at {residual:.1e} after {} passes", 3 * passes - 1);
             }
@@ -115,7 +115,7 @@ fn reference(scene: &Scene) -> Vec<[f64; 3]> {
     truth.irradiance.iter().map(|h| h.to_array()).collect()
 }
 
-/// Two squares of side 1 that face each other: what leaves one and arrives at the other, by Howell's catalogue (C-11).
+/// Form factor of two parallel unit squares, by Howell's catalogue of configuration factors (C-11).
 fn squares_form_factor(distance: f64) -> f64 {
     let x = 1.0 / distance;
     let y = (1.0 + x * x).sqrt();
@@ -123,7 +123,7 @@ fn squares_form_factor(distance: f64) -> f64 {
         * ((y * y / (1.0 + 2.0 * x * x).sqrt()).ln() + 2.0 * x * y * (x / y).atan() - 2.0 * x * x.atan())
 }
 
-/// Right within 1.5 %.
+/// Correct within 1.5 %.
 #[test]
 fn plates_with_narrow_gaps() {
     assert!((squares_form_factor(1.0) - 0.199_824_895_698).abs() <= 1e-11);
@@ -134,24 +134,24 @@ fn plates_with_narrow_gaps() {
         builder.shape("up", Shape::Quad { cells: 8 }, &glowing(0.0), DAffine3::IDENTITY);
         builder.shape("down", Shape::Quad { cells: 8 }, &black, placed([1.0, -1.0, 1.0], [0.0, gap, 0.0]));
         let scene = builder.finish("plates").expect("a scene");
-        let (_engine, solution) = solve(&device, &scene, &scene.accuracy);
+        let (_engine, solution) = solve(&device, &scene, &scene.settings);
         let found = mean(&solution.irradiance, &areas(&scene), |i| scene.material(i).name == "black");
         let error = found / squares_form_factor(gap) - 1.0;
         println!("gap {gap}: {:+.3} %", 100.0 * error);
         assert!(error.abs() <= 0.015, "gap {gap}: {error}");
-        let named = warned(&scene, &scene.accuracy).get(Kind::NarrowGaps).is_some();
+        let named = warned(&scene, &scene.settings).get(Kind::NarrowGaps).is_some();
         assert_eq!(named, gap < 0.04, "cells of 1/8 have the size .095");
     }
     finish(&device);
 }
 
-/// Needles of 1 : 10⁴, triangles without area, and sheets whose two sides have one centroid: right within 2 %. The same
-/// triangle twice is warned of, for it makes light.
+/// Needles of 1 : 10⁴, triangles without area, and sheets whose two sides have one centroid: correct within 2 %.
+/// Duplicate triangles are warned of, since they create light.
 #[test]
 fn awkward_triangles() {
     let device = device();
     let solved = |scene: &Scene| {
-        let (_engine, solution) = solve(&device, scene, &scene.accuracy);
+        let (_engine, solution) = solve(&device, scene, &scene.settings);
         assert!(solution.irradiance.iter().chain(&solution.radiosity).flatten().all(|h| h.is_finite()));
         solution
     };
@@ -205,13 +205,14 @@ fn awkward_triangles() {
     twice.meshes[0].range.end += 1;
     twice.check(true).expect("a scene");
     solved(&twice);
-    let found = warned(&twice, &twice.accuracy);
+    let found = warned(&twice, &twice.settings);
     let named = found.get(Kind::DuplicateTriangles).expect("a warning");
     assert_eq!((named.count, named.triangles.as_slice()), (1, &[twice.triangles.len() as u32 - 1][..]));
     finish(&device);
 }
 
-/// A lamp just under the ceiling and a block just above the floor: warned of, and right within 10 % (3 % in the mean).
+/// A lamp just under the ceiling and a block just above the floor: warned of, and correct within 10 % (3 % in the
+/// mean).
 #[test]
 fn gaps_below_the_size_of_triangles() {
     let device = device();
@@ -221,9 +222,9 @@ fn gaps_below_the_size_of_triangles() {
             builder.shape("lamp", lamp, material, placed([0.4, 0.01, 0.4], [0.3, 0.99 - gap, 0.3]));
             builder.shape("block", Shape::Box { cells: 3 }, material, placed([0.3; 3], [0.1, gap, 0.5]));
         });
-        let found = warned(&scene, &scene.accuracy);
+        let found = warned(&scene, &scene.settings);
         let gaps = found.get(Kind::NarrowGaps).expect("a warning");
-        let (_engine, solution) = solve(&device, &scene, &scene.accuracy);
+        let (_engine, solution) = solve(&device, &scene, &scene.settings);
         let (mean, rms) = furnace_error(&scene, &solution, 0.5);
         println!("gap {gap}: {} gaps, mean {:+.3} %, rms {:.3} %", gaps.count, 100.0 * mean, 100.0 * rms);
         assert!(mean.abs() <= 0.03 && rms <= 0.1, "{mean} {rms}");
@@ -231,23 +232,23 @@ fn gaps_below_the_size_of_triangles() {
     finish(&device);
 }
 
-/// Irradiance of the floor under plates that hide the lamp from all of it, over what it is without them.
+/// Irradiance of a floor that plates shadow entirely, relative to the one without plates.
 fn under(device: &Device, plates: &Plates) -> Result<f64, EngineError> {
     let scene = plates.scene().expect("a scene");
     let floor = scene.meshes[0].range.start as usize..scene.meshes[0].range.end as usize;
-    let accuracy = usual_accuracy(&scene);
+    let settings = usual_settings(&scene);
     let run = |occlusion| {
-        let limits = Limits::of(device).occlusion(occlusion);
-        let plan = Plan::new(&scene, &limits, &accuracy)?;
+        let options = PlanOptions::of(device).occlusion(occlusion);
+        let plan = Plan::new(&scene, &options, &settings)?;
         let mut engine = Engine::new(device, &scene, plan)?;
-        let solution = engine.solve(&SolveParams::from(&accuracy))?;
+        let solution = engine.solve(&SolveParams::from(&settings))?;
         let squares = |i: usize| solution.irradiance[i][0].powi(2);
         Ok::<_, EngineError>(floor.clone().map(squares).sum::<f64>().sqrt())
     };
     Ok(run(Occlusion::Exact)? / run(Occlusion::Nothing)?)
 }
 
-/// What comes through stacks of plates whose distance is three times their triangles' size.
+/// Light that leaks through stacks of plates whose distance is three times their triangles' size.
 #[test]
 fn stacks_of_plates() {
     let device = device();
@@ -264,7 +265,7 @@ fn stacks_of_plates() {
 
 /// Those behind which light must pass two gains above 1: all but a single plate.
 fn named_layers(scene: &Scene, count: u32) {
-    let found = warned(scene, &scene.accuracy);
+    let found = warned(scene, &scene.settings);
     assert!(found.get(Kind::CoarseBlockers).is_some(), "{found}");
     let Some(layers) = found.get(Kind::StackedLayers) else {
         assert_eq!(count, 1, "{found}");
@@ -275,8 +276,8 @@ fn named_layers(scene: &Scene, count: u32) {
     }
 }
 
-/// Closer than a triangle's size: the same where the near field still cuts the triangles finely enough; warned of, and with
-/// the narrow bins of the pole by the names of the layers.
+/// Closer than a triangle's size: as above where the near field still cuts the triangles finely enough. Warned of; with
+/// the narrow bins of the pole, by the names of the layers.
 #[test]
 fn stacks_of_plates_that_are_too_close() {
     let device = device();
@@ -284,8 +285,8 @@ fn stacks_of_plates_that_are_too_close() {
         let plates = Plates { count, cells, ..Plates::default() };
         let scene = plates.scene().expect("a scene");
         named_layers(&scene, count);
-        let accuracy = usual_accuracy(&scene);
-        assert!(warned(&scene, &accuracy).get(Kind::CoarseBlockers).is_some(), "{count} plates of {cells}");
+        let settings = usual_settings(&scene);
+        assert!(warned(&scene, &settings).get(Kind::CoarseBlockers).is_some(), "{count} plates of {cells}");
         let leak = under(&device, &plates).expect("a solution");
         println!("{count} plates of {cells} squares: {:.1} % of the light comes through", 100.0 * leak);
         assert!(leak <= bound, "{count} plates: {leak}");
@@ -293,7 +294,7 @@ fn stacks_of_plates_that_are_too_close() {
     finish(&device);
 }
 
-/// Powers from 0 to 1000: as the f64 reference has it.
+/// Powers from 0 to 1000 agree with the f64 reference.
 #[test]
 fn lobes_of_all_powers() {
     let device = device();
@@ -314,12 +315,12 @@ fn lobes_of_all_powers() {
     finish(&device);
 }
 
-/// Black walls reflect nothing: radiosity is what is emitted, and all of it is absorbed in a closed box.
+/// Black walls reflect nothing: radiosity equals exitance, and a closed box absorbs all of it.
 #[test]
 fn black_walls() {
     let device = device();
     let scene = furnace(6, 0.0, |_, _| {});
-    let (_engine, solution) = solve(&device, &scene, &scene.accuracy);
+    let (_engine, solution) = solve(&device, &scene, &scene.settings);
     let (mean, rms) = furnace_error(&scene, &solution, 0.0);
     let balance = solution.energy.absorbed[0] / solution.energy.emitted[0] - 1.0;
     println!("black: {mean:.1e} {rms:.1e}, balance {balance:+.2e}");
@@ -327,12 +328,12 @@ fn black_walls() {
     finish(&device);
 }
 
-/// A picture of nothing is black, and no error.
+/// A camera that sees nothing gives a black picture, not an error.
 #[test]
 fn a_camera_that_sees_nothing() {
     let device = device();
     let scene = furnace(2, 0.5, |_, _| {});
-    let (mut engine, solution) = solve(&device, &scene, &scene.accuracy);
+    let (mut engine, solution) = solve(&device, &scene, &scene.settings);
     let away = Camera {
         position: DVec3::new(0.5, 0.5, 5.0),
         target: DVec3::new(0.5, 0.5, 9.0),

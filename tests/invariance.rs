@@ -1,8 +1,8 @@
-//! Where a scene stands, how large it is, how it is turned and in which order its triangles come does not matter.
+//! Invariance under translation, scale, rotation and the order of triangles.
 
 mod support;
 
-use antirad::scene::{Accuracy, BinLayout, Material, Scene, SceneBuilder, Shape};
+use antirad::scene::{BinLayout, Material, Scene, SceneBuilder, Shape, SolveSettings};
 use glam::{DAffine3, DQuat, DVec3};
 use support::random::Random;
 use support::{areas, device, finish, relative_l2, solve};
@@ -23,8 +23,8 @@ fn room() -> Scene {
     builder.finish("room").expect("a scene")
 }
 
-fn tight(scene: &Scene) -> Accuracy {
-    scene.accuracy.tolerance(1e-6)
+fn tight(scene: &Scene) -> SolveSettings {
+    scene.settings.tolerance(1e-6)
 }
 
 #[test]
@@ -70,8 +70,8 @@ fn scale_place_and_order() {
     finish(&device);
 }
 
-/// Bins turn with the frames of their triangles, and frames do not turn with the scene: so shadows change within the error
-/// of the layout. Without shadows nothing does.
+/// Bins turn with the frames of their triangles, and frames do not turn with the scene, so that shadows change within
+/// the error of the layout. Without shadows nothing changes.
 #[test]
 fn rotation() {
     let device = device();
@@ -94,12 +94,12 @@ fn rotation() {
         ("10x13", &with_shadows, equal_angle, 0.02),
         ("concentric:12", &with_shadows, BinLayout::Concentric { n: 12 }, 0.02),
     ] {
-        let accuracy = tight(scene).bins(bins);
-        let (_engine, truth) = solve(&device, scene, &accuracy);
+        let settings = tight(scene).bins(bins);
+        let (_engine, truth) = solve(&device, scene, &settings);
         for turn in &turns {
             let mut turned = scene.clone();
             turned.vertices.iter_mut().for_each(|v| *v = *turn * *v);
-            let (_engine, other) = solve(&device, &turned, &accuracy);
+            let (_engine, other) = solve(&device, &turned, &settings);
             let error = relative_l2(&other.irradiance, &truth.irradiance, &areas(scene));
             println!("{name}, turned: {error:.2e}");
             assert!(error <= bound, "{name}: {error:e}");

@@ -1,11 +1,11 @@
-//! What programs may get wrong is an error: it neither panics, nor gives an answer, nor spoils the engine.
+//! Misuse of the API is an error: it does not panic, does not return a result, and leaves the engine intact.
 
 mod support;
 
 use antirad::glam::{DAffine3, DVec3};
-use antirad::ladder::{LadderError, LadderOptions, Stage, solve_within};
-use antirad::plan::{Limits, Plan, PlanError, Wanted};
-use antirad::scene::{Accuracy, Material, Scene, SceneBuilder, SceneError, Shape, Triangle};
+use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
+use antirad::scene::{Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, Triangle};
+use antirad::target_error::{SearchError, Stage, TargetErrorOptions, solve_within};
 use antirad::{Cotangent, Engine, EngineError, Solution, SolveParams};
 use std::ops::ControlFlow;
 use support::{device, finish};
@@ -21,12 +21,12 @@ fn room(cells: u32) -> Scene {
     Scene::new("room", vertices, triangles, vec![wall, lamp]).expect("a scene")
 }
 
-fn limits() -> Limits {
-    Limits::default().gradients(Wanted::NOTHING.albedo(true).camera(true))
+fn options() -> PlanOptions {
+    PlanOptions::default().gradients(GradientRequest::NOTHING.albedo(true).camera(true))
 }
 
 fn plan(scene: &Scene) -> Plan {
-    Plan::new(scene, &limits(), &scene.accuracy).expect("a plan")
+    Plan::new(scene, &options(), &scene.settings).expect("a plan")
 }
 
 fn engine(device: &antirad::gpu::Device, scene: &Scene) -> Engine {
@@ -34,7 +34,7 @@ fn engine(device: &antirad::gpu::Device, scene: &Scene) -> Engine {
 }
 
 fn params() -> SolveParams {
-    SolveParams::from(&Accuracy::default())
+    SolveParams::from(&SolveSettings::default())
 }
 
 /// The derivatives of the sum of all irradiance.
@@ -45,8 +45,8 @@ fn backward(
 ) -> Result<Vec<DVec3>, EngineError> {
     let triangles = solution.irradiance.len();
     let cotangent = Cotangent::default().irradiance(Some(vec![DVec3::ONE; triangles]));
-    let wanted = Wanted::NOTHING.albedo(true);
-    engine.backward(solution, &cotangent, wanted, params).map(|g| g.albedo.expect("what was asked"))
+    let request = GradientRequest::NOTHING.albedo(true);
+    engine.backward(solution, &cotangent, request, params).map(|g| g.albedo.expect("requested"))
 }
 
 const INSIDE: DVec3 = DVec3::new(0.4, 0.5, 0.6);
@@ -90,14 +90,14 @@ fn a_solution_belongs_to_the_materials_it_was_found_with() {
     assert!(matches!(gradients, Err(EngineError::OutdatedSolution)), "{gradients:?}");
     let new = engine.solve(&params()).expect("a solution");
     assert!(engine.face_colours(&new, INSIDE).is_ok() && backward(&mut engine, &new, &params()).is_ok());
-    // Materials that are refused leave the engine and its solutions as they are.
+    // Refused materials leave the engine and its solutions unchanged.
     scene.materials[0].albedo = [1.5; 3];
     assert!(engine.set_materials(&scene).is_err());
     assert!(engine.face_colours(&new, INSIDE).is_ok() && backward(&mut engine, &new, &params()).is_ok());
     finish(&device);
 }
 
-/// An old solution is a start, and one of an engine with another arrangement none.
+/// An earlier solution can be a start; one of an engine with another layout cannot.
 #[test]
 fn a_solve_starts_at_any_solution_that_can_be_one() {
     let device = device();
@@ -117,7 +117,7 @@ fn a_solve_starts_at_any_solution_that_can_be_one() {
     finish(&device);
 }
 
-/// Scenes that no file could give, each with a word of what is said of it.
+/// Scenes that no file could give, each with a part of its error.
 fn broken_scenes() -> Vec<(&'static str, Scene)> {
     let broken = |word: &'static str, change: &dyn Fn(&mut Scene)| {
         let mut scene = room(2);
@@ -150,7 +150,7 @@ fn a_scene_by_code_is_checked_like_one_from_a_file() {
     let mut engine = engine(&device, &sound);
     let before = engine.solve(&params()).expect("a solution").irradiance;
     for (word, scene) in broken_scenes() {
-        match Plan::new(&scene, &limits(), &sound.accuracy) {
+        match Plan::new(&scene, &options(), &sound.settings) {
             Err(PlanError::Scene(error)) => assert!(error.to_string().contains(word), "{word}: {error}"),
             other => panic!("{word}: {other:?}"),
         }
@@ -163,7 +163,7 @@ fn a_scene_by_code_is_checked_like_one_from_a_file() {
     finish(&device);
 }
 
-/// Faces of one mesh cannot use the vertices of the next.
+/// Faces of a mesh cannot use the vertices of the next one.
 #[test]
 fn a_mesh_uses_its_own_vertices() {
     let corners = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
@@ -181,15 +181,17 @@ fn a_mesh_uses_its_own_vertices() {
 }
 
 #[test]
-fn an_error_that_is_asked_for_is_between_zero_and_one() {
+fn a_target_error_is_between_zero_and_one() {
     let device = device();
     let scene = room(2);
     let mut solve = |engine: &mut Engine, _: &Scene, _: &Stage| engine.solve(&params());
     for error in [f64::NAN, f64::INFINITY, 0.0, -1.0, 1.0] {
-        let solved = solve_within(&device, &scene, &LadderOptions::new(error), &|_| 0, &mut solve);
+        let solved = solve_within(&device, &scene, &TargetErrorOptions::new(error), &|_| 0, &mut solve);
         let refused = solved.err();
-        let named =
-            matches!(refused, Some(LadderError::Engine(EngineError::Scene(SceneError::Accuracy { .. }))));
+        let named = matches!(
+            refused,
+            Some(SearchError::Engine(EngineError::Scene(SceneError::SolveSettings { .. })))
+        );
         assert!(named, "{error}: {refused:?}");
     }
     finish(&device);
@@ -216,7 +218,7 @@ fn a_plan_is_for_one_geometry() {
         let refused = engine.set_materials(scene).err();
         assert!(matches!(refused, Some(EngineError::OtherGeometry { .. })), "{refused:?}");
     }
-    // The same places under other numbers: derivatives by vertices would go astray.
+    // The same positions under other indices: derivatives by vertices would be wrong.
     let mut renumbered = sound.clone();
     renumbered.vertices.push(sound.vertices[sound.triangles[last].vertices[2] as usize]);
     renumbered.triangles[last].vertices[2] = sound.vertices.len() as u32;
@@ -227,7 +229,7 @@ fn a_plan_is_for_one_geometry() {
     );
     let fewer = Engine::new(&device, &room(3), plan(&sound)).err();
     assert!(matches!(fewer, Some(EngineError::OtherScene { .. })), "{fewer:?}");
-    // Lobes and colours beyond the plan.
+    // Lobes and colours that the plan does not provide for.
     let mut glossy = sound.clone();
     glossy.materials[0].specular = [0.01; 3];
     let refused = Engine::new(&device, &glossy, plan(&sound)).err();
@@ -239,7 +241,7 @@ fn a_plan_is_for_one_geometry() {
 fn tiles_are_of_32_or_64() {
     let scene = room(2);
     for tile in [0, 1, 16, 48, 128, u32::MAX] {
-        let refused = Plan::new(&scene, &Limits::default().tile(tile), &scene.accuracy);
+        let refused = Plan::new(&scene, &PlanOptions::default().tile(tile), &scene.settings);
         assert!(matches!(refused, Err(PlanError::Tile(given)) if given == tile), "{tile}: {refused:?}");
     }
 }
@@ -256,17 +258,17 @@ fn a_tolerance_is_between_zero_and_one() {
         assert!(matches!(solved, Err(EngineError::Tolerance { .. })), "{tolerance}: {solved:?}");
         let gradients = backward(&mut engine, &solution, &params);
         assert!(matches!(gradients, Err(EngineError::Tolerance { .. })), "{tolerance}: {gradients:?}");
-        let accuracy = scene.accuracy.tolerance(tolerance);
-        let planned = Plan::new(&scene, &limits(), &accuracy);
-        let refused = matches!(planned, Err(PlanError::Scene(SceneError::Accuracy { .. })));
+        let settings = scene.settings.tolerance(tolerance);
+        let planned = Plan::new(&scene, &options(), &settings);
+        let refused = matches!(planned, Err(PlanError::Scene(SceneError::SolveSettings { .. })));
         assert!(refused, "{tolerance}: {planned:?}");
     }
     let idle = params().max_passes(0);
     let solved = engine.solve(&idle).map(|solution| solution.irradiance);
     assert!(matches!(solved, Err(EngineError::NoPasses)), "{solved:?}");
-    for subsample in [f64::NAN, f64::INFINITY, -1.0] {
-        let planned = Plan::new(&scene, &limits(), &scene.accuracy.subsample(subsample));
-        assert!(matches!(planned, Err(PlanError::Scene(SceneError::Accuracy { .. }))), "{planned:?}");
+    for near_field in [f64::NAN, f64::INFINITY, -1.0] {
+        let planned = Plan::new(&scene, &options(), &scene.settings.near_field(near_field));
+        assert!(matches!(planned, Err(PlanError::Scene(SceneError::SolveSettings { .. }))), "{planned:?}");
     }
     finish(&device);
 }
@@ -282,8 +284,9 @@ fn a_camera_is_somewhere() {
         assert!(matches!(colours, Err(EngineError::CameraPosition { .. })), "{colours:?}");
         let by_colours = vec![DVec3::ONE; scene.triangles.len()];
         let cotangent = Cotangent::default().colours(vec![(nowhere, by_colours)]);
-        let wanted = Wanted::NOTHING.camera(true);
-        let gradients = engine.backward(&solution, &cotangent, wanted, &params()).map(|g| g.eyes);
+        let request = GradientRequest::NOTHING.camera(true);
+        let gradients =
+            engine.backward(&solution, &cotangent, request, &params()).map(|g| g.camera_positions);
         assert!(matches!(gradients, Err(EngineError::CameraPosition { .. })), "{gradients:?}");
     }
     finish(&device);

@@ -5,8 +5,8 @@
 mod support;
 
 use antirad::gpu::{Device, DeviceOptions};
-use antirad::plan::{Limits, Plan, PlanError, Wanted};
-use antirad::scene::{Accuracy, BinLayout, Material, Scene, SceneBuilder, Shape, SolverChoice};
+use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
+use antirad::scene::{BinLayout, Material, Scene, SceneBuilder, Shape, SolveSettings, SolverChoice};
 use glam::{DAffine3, DQuat, DVec3};
 use proptest::prelude::*;
 use proptest::test_runner::{FileFailurePersistence, RngSeed};
@@ -27,8 +27,8 @@ fn config(cases: u32) -> ProptestConfig {
     }
 }
 
-/// One for all cases, so that its kernels are compiled once, and for one test at a time: an engine counts what its device
-/// allocates meanwhile.
+/// One for all cases, so that its kernels are compiled once, and for one test at a time: an engine counts what its
+/// device allocates meanwhile.
 fn device() -> MutexGuard<'static, Device> {
     static DEVICE: OnceLock<Mutex<Device>> = OnceLock::new();
     let device = DEVICE.get_or_init(|| {
@@ -53,7 +53,7 @@ fn material() -> impl Strategy<Value = Material> {
     })
 }
 
-/// A closed thing in one of the eight corners of a room, turned as it likes.
+/// A closed object in one of the eight corners of a room, in any orientation.
 fn thing() -> impl Strategy<Value = (Shape, DAffine3)> {
     let shape = prop_oneof![
         (1u32..3).prop_map(|cells| Shape::Box { cells }),
@@ -81,13 +81,13 @@ fn thing() -> impl Strategy<Value = (Shape, DAffine3)> {
     )
 }
 
-/// A closed room with up to two closed things that do not touch, and some light.
+/// A closed room with up to two closed objects that do not touch, and some light.
 #[derive(Clone, Debug)]
 struct Recipe {
     cells: u32,
     walls: Material,
     light: [f64; 3],
-    /// With the corner of the room that each is in.
+    /// Each with its corner of the room.
     things: Vec<(u32, (Shape, DAffine3), Material)>,
 }
 
@@ -115,18 +115,18 @@ impl Recipe {
     }
 }
 
-fn tight(scene: &Scene) -> Accuracy {
-    scene.accuracy.tolerance(1e-6)
+fn tight(scene: &Scene) -> SolveSettings {
+    scene.settings.tolerance(1e-6)
 }
 
 proptest! {
     #![proptest_config(config(6))]
 
-    /// What is absorbed is at most what is emitted, but for the error of meshes as coarse as these: 2 %.
+    /// Absorbed power is at most the emitted, within the error of meshes as coarse as these: 2 %.
     #[test]
     fn energy_is_not_created(recipe in recipe()) {
         let (device, scene) = (device(), recipe.scene());
-        let (_engine, solution) = solve(&device, &scene, &scene.accuracy);
+        let (_engine, solution) = solve(&device, &scene, &scene.settings);
         prop_assert!(solution.irradiance.iter().chain(&solution.radiosity).flatten().all(|h| h.is_finite()));
         for c in 0..3 {
             let share = solution.energy.absorbed[c] / solution.energy.emitted[c];
@@ -145,13 +145,13 @@ proptest! {
     #[test]
     fn light_is_linear_in_emission(recipe in recipe(), other in prop::array::uniform3(0.1..5.0), factor in 0.1..10.0) {
         let (device, scene) = (device(), recipe.scene());
-        let accuracy = tight(&scene);
+        let settings = tight(&scene);
         let irradiance = |emission: &dyn Fn(usize, [f64; 3]) -> [f64; 3]| {
             let mut lit = scene.clone();
             for (k, m) in lit.materials.iter_mut().enumerate() {
                 m.emission = emission(k, m.emission);
             }
-            solve(&device, &lit, &accuracy).1.irradiance.clone()
+            solve(&device, &lit, &settings).1.irradiance.clone()
         };
         // The walls are the first material.
         let walls = |k: usize, _| if k == 0 { other } else { [0.0; 3] };
@@ -165,14 +165,14 @@ proptest! {
         prop_assert!(error <= 1e-5, "{error:e}");
     }
 
-    /// Pairs of tiles that are left out say nothing.
+    /// Culled pairs of tiles exchange no light.
     #[test]
     fn culling_changes_nothing(recipe in recipe(), concentric in any::<bool>()) {
         let (device, scene) = (device(), recipe.scene());
-        let bins = if concentric { BinLayout::Concentric { n: 8 } } else { scene.accuracy.bins };
-        let accuracy = tight(&scene).bins(bins);
-        let usual = Limits::of(&device).tile(32);
-        let run = |cull| solve_within(&device, &scene, &accuracy, &usual.cull(cull)).1.irradiance.clone();
+        let bins = if concentric { BinLayout::Concentric { n: 8 } } else { scene.settings.bins };
+        let settings = tight(&scene).bins(bins);
+        let usual = PlanOptions::of(&device).tile(32);
+        let run = |cull| solve_within(&device, &scene, &settings, &usual.cull(cull)).1.irradiance.clone();
         let error = relative_l2(&run(true), &run(false), &areas(&scene));
         prop_assert!(error <= 1e-5, "{error:e}");
     }
@@ -181,8 +181,8 @@ proptest! {
 proptest! {
     #![proptest_config(config(100))]
 
-    /// A plan, made without a device, keeps to its budget and to the largest buffer, adds up, and where it refuses, what it
-    /// says would do does.
+    /// A plan, made without a device, keeps to its budget and to the largest buffer, and adds up. Where it is refused,
+    /// the budget that the error names suffices.
     #[test]
     fn plans_keep_to_their_budget(
         recipe in recipe(),
@@ -196,22 +196,22 @@ proptest! {
         n in 1u32..8,
     ) {
         let scene = recipe.scene();
-        let accuracy = scene.accuracy.bins(BinLayout::Concentric { n: 2 * n }).solver(solver);
-        let limits = Limits::default().memory_budget(budget).max_buffer(max_buffer).page(page).staging(staging).tile(if small_tiles { 32 } else { 64 }).gradients(if gradients { Wanted::EVERYTHING } else { Wanted::NOTHING });
-        let keeps = |plan: &Plan, limits: &Limits| {
+        let settings = scene.settings.bins(BinLayout::Concentric { n: 2 * n }).solver(solver);
+        let options = PlanOptions::default().memory_budget(budget).max_buffer(max_buffer).page(page).staging(staging).tile(if small_tiles { 32 } else { 64 }).gradients(if gradients { GradientRequest::EVERYTHING } else { GradientRequest::NOTHING });
+        let keeps = |plan: &Plan, options: &PlanOptions| {
             let memory = plan.memory();
-            prop_assert!(memory.total() <= limits.memory_budget);
+            prop_assert!(memory.total() <= options.memory_budget);
             prop_assert_eq!(memory.items.iter().map(|item| item.bytes).sum::<u64>(), memory.total());
             Ok(())
         };
-        match Plan::new(&scene, &limits, &accuracy) {
-            Ok(plan) => keeps(&plan, &limits)?,
+        match Plan::new(&scene, &options, &settings) {
+            Ok(plan) => keeps(&plan, &options)?,
             Err(PlanError::OverBudget { budget: said, needed }) => {
                 prop_assert!(said == budget && needed > budget);
-                let enough = limits.memory_budget(needed);
-                match Plan::new(&scene, &enough, &accuracy) {
+                let enough = options.memory_budget(needed);
+                match Plan::new(&scene, &enough, &settings) {
                     Ok(plan) => keeps(&plan, &enough)?,
-                    Err(error) => prop_assert!(false, "{} bytes do not do: {}", needed, error),
+                    Err(error) => prop_assert!(false, "{} bytes do not suffice: {}", needed, error),
                 }
             }
             Err(PlanError::BufferTooLarge { bytes, limit, .. }) => prop_assert!(bytes > limit && limit == max_buffer),

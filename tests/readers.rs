@@ -1,5 +1,5 @@
-//! The readers of files take any bytes: the corpus of the fuzzer (fuzz/corpus), and mutations of it, the same on every run.
-//! scripts/fuzz looks further.
+//! The readers of files accept any bytes without panicking: the corpus of the fuzzer (fuzz/corpus), and mutations of
+//! it, the same on every run. scripts/fuzz looks further.
 
 #[path = "../fuzz/readers.rs"]
 mod readers;
@@ -51,7 +51,7 @@ const WORDS: [&str; 44] = [
     "\"",
     "=",
     "[camera.",
-    "[accuracy]",
+    "[settings]",
     "scene = ",
     "[[fit]]",
     "[[target]]",
@@ -138,7 +138,7 @@ fn jobs() {
     read_all(Reader::Job, "job");
 }
 
-/// They would give bytes without end.
+/// They would yield bytes without end.
 #[test]
 #[cfg(unix)]
 fn devices_are_no_files() {

@@ -1,4 +1,4 @@
-//! `bench_scaling`, run as people run it: what it measures, and what it keeps when it is stopped or a size fails.
+//! `bench_scaling` as a process: what it measures, and what it keeps when it is interrupted or a size fails.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Bins that make short work of a bounce.
+/// Few bins, so that a bounce is short.
 const FEW_BINS: &str = "2x3";
 
 fn tool(output: &Path, arguments: &str) -> Command {
@@ -64,7 +64,7 @@ fn planned_is_allocated_and_agrees_with_the_growth_of_the_process() {
     assert_eq!(names(&out), ALL_FILES);
 }
 
-/// A budget that does not hold the states: the bounce is made all the same, and needs no more than the budget.
+/// A budget too small for the states: the bounce runs all the same, within the budget.
 #[test]
 fn a_short_budget_is_kept() {
     let (_folder, out) = folder();
@@ -77,7 +77,7 @@ fn a_short_budget_is_kept() {
     assert!(number("bytes_moved") > number("bytes_host") / 2);
 }
 
-/// Sizes that are too large for the budget say what would do; the others are kept.
+/// Sizes too large for the budget fail with the budget that would suffice; the others are kept.
 #[test]
 fn a_size_that_fails_keeps_the_others() {
     let (_folder, out) = folder();

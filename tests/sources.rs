@@ -1,4 +1,4 @@
-//! What the sources say of one another.
+//! References between the sources.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 const FOLDERS: [&str; 6] = ["src/", "glsl/", "tests/", "benches/", "examples/", "docs/"];
 const ENDINGS: [&str; 4] = [".rs", ".comp", ".glsl", ".md"];
 
-/// The files of the project that a text names: by their path, perhaps with one `*` in the file's name, or a shader by its name
-/// alone. Names in capitals stand for any.
+/// The files of the project that a text names: by their path, perhaps with one `*` in the file's name, or a shader by
+/// its name alone. Names in capitals are placeholders.
 fn mentions(text: &str) -> impl Iterator<Item = String> {
     let part = |c: char| c.is_ascii_alphanumeric() || "_-*./".contains(c);
     text.split(move |c| !part(c))

@@ -1,8 +1,8 @@
-//! What is warned of, and of what not; and that refining takes the reasons away.
+//! Scenes with and without warnings; and refinement, which removes their causes.
 
 mod support;
 
-use antirad::plan::{Limits, Plan};
+use antirad::plan::{Plan, PlanOptions};
 use antirad::reference::Plates;
 use antirad::scene::{BinLayout, LoadOptions, Material, Scene, SceneBuilder, Shape};
 use antirad::warnings::{Kind, RefineError, RefineOptions, Warnings, refine};
@@ -15,7 +15,7 @@ fn warnings(scene: &Scene) -> Warnings {
 }
 
 fn plan(scene: &Scene) -> Plan {
-    Plan::new(scene, &Limits::default(), &scene.accuracy).expect("a plan")
+    Plan::new(scene, &PlanOptions::default(), &scene.settings).expect("a plan")
 }
 
 fn kinds(warnings: &Warnings) -> Vec<Kind> {
@@ -34,7 +34,7 @@ fn scaled(x: f64, y: f64, z: f64, to: DVec3) -> DAffine3 {
     DAffine3::from_scale_rotation_translation(DVec3::new(x, y, z), DQuat::IDENTITY, to)
 }
 
-/// A unit room with something in it.
+/// A unit room with objects in it.
 fn room_with(add: impl FnOnce(&mut SceneBuilder)) -> Scene {
     let mut builder = SceneBuilder::new();
     builder.shape("room", Shape::Room { cells: 8 }, &grey(), DAffine3::IDENTITY);
@@ -43,7 +43,7 @@ fn room_with(add: impl FnOnce(&mut SceneBuilder)) -> Scene {
 }
 
 #[test]
-fn sound_scenes_are_passed() {
+fn sound_scenes_have_no_warnings() {
     for name in ["closed_box", "integrating_sphere"] {
         let found = warnings(&load(&format!("scenes/{name}.toml")));
         assert!(found.list.is_empty(), "{name}: {found}");
@@ -52,12 +52,12 @@ fn sound_scenes_are_passed() {
     let mut scene = room_with(|builder| {
         builder.shape("box", Shape::Box { cells: 8 }, &grey(), scaled(0.2, 0.2, 0.2, DVec3::splat(0.4)));
     });
-    scene.accuracy.bins = BinLayout::EqualAngle { theta: 4, phi: 6 };
+    scene.settings.bins = BinLayout::EqualAngle { theta: 4, phi: 6 };
     let found = warnings(&scene);
     assert!(found.list.is_empty(), "{found}");
 }
 
-/// The number that is warned of is the one of the definition, for a pair worked out by hand.
+/// The gain of a pair, computed by hand.
 #[test]
 fn gains_are_those_of_the_formula() {
     // One blocker of area 1/2 over one receiver, centroid above centroid, 10 apart.
@@ -72,14 +72,14 @@ fn gains_are_those_of_the_formula() {
         found.get(Kind::CoarseBlockers).map(|w| (w.worst[0].triangle, w.worst[0].other, w.worst[0].value))
     };
     // Along the pole four bins of 64 x 64 meet, all of the same solid angle.
-    scene.accuracy.bins = BinLayout::Concentric { n: 64 };
+    scene.settings.bins = BinLayout::Concentric { n: 64 };
     let bin = std::f64::consts::TAU / 4096.0;
     let (blocker, receiver, found) = gain(&scene).expect("a coarse blocker");
     let by_hand = 0.5 / ((100.0 + 0.5 / std::f64::consts::PI) * bin);
     assert_eq!((blocker, receiver), (1, Some(0)));
     assert!((found / by_hand - 1.0).abs() <= 2e-3, "{found} instead of {by_hand}");
-    // Coarser bins, or a greater distance, do.
-    scene.accuracy.bins = BinLayout::Concentric { n: 12 };
+    // With coarser bins there is no warning.
+    scene.settings.bins = BinLayout::Concentric { n: 12 };
     assert_eq!(gain(&scene), None);
 }
 
@@ -93,7 +93,7 @@ fn stacked_layers_are_named() {
         assert!(eight.message.contains(&format!("\"plate {k}\"")), "{}", eight.message);
     }
     assert!(!two.message.contains("plate 3"), "{}", two.message);
-    // One layer is no stack.
+    // A single layer is not a stack.
     let one = warnings(&Plates { count: 1, ..Plates::default() }.scene().expect("a scene"));
     assert_eq!(kinds(&one), [Kind::CoarseBlockers], "{one}");
 }
@@ -114,7 +114,7 @@ fn gaps_below_the_size_of_triangles() {
     let size = (0.16 / (4.0 * 3f64.sqrt())).sqrt();
     assert!((share - 0.01 / size).abs() <= 1e-9, "{share}");
     assert_eq!(found(0.2, 1), None);
-    // What touches is no gap: a block on the floor, the corners of the room.
+    // Surfaces that touch form no gap: a block on the floor, the corners of the room.
     let block = room_with(|builder| {
         builder.shape(
             "block",
@@ -157,7 +157,7 @@ fn open_and_turned_blockers() {
     let turned = bad(&with(&|faces| faces[8].swap(0, 1)));
     assert_eq!((turned.0.len(), turned.1.len()), (0, 4), "{turned:?}");
     assert!(turned.1.contains(&(first + 8)));
-    // Without its bottom, on the floor: the floor closes it, whose vertices lie elsewhere. In the air nothing does.
+    // Without its bottom, the box is closed by the floor, though vertices differ. In the air it is open.
     let standing = |height: f64| {
         room_with(|builder| {
             let (vertices, faces) = Shape::Box { cells: 3 }.mesh();
@@ -194,19 +194,20 @@ fn triangles_are_named_by_file_and_line() {
     assert!(scene.place_of(8).ends_with("m.obj:8 (triangle 8 of mesh \"m\")"), "{}", scene.place_of(8));
 }
 
-/// Finer where it was asked for: fewer warnings, the same surfaces and materials, no crack.
+/// Refinement leaves fewer warnings, the same surfaces and materials, and no cracks.
 #[test]
-fn refining_takes_the_reasons_away() {
+fn refinement_removes_the_causes() {
     for (name, mut scene) in [
         ("cornell_boxes", load("scenes/cornell_boxes.toml")),
         ("two_rooms", load("scenes/two_rooms.toml")),
         ("plates", Plates { cells: 6, gap: 0.5, ..Plates::default() }.scene().expect("a scene")),
     ] {
         let old = scene.clone();
-        let refined = refine(&mut scene, &Limits::default(), &RefineOptions::default()).expect("refined");
+        let refined =
+            refine(&mut scene, &PlanOptions::default(), &RefineOptions::default()).expect("refined");
         let (before, after) = (&refined.before, warnings(&scene));
         println!(
-            "{name}: {} to {} triangles, {} to {} warned of",
+            "{name}: {} to {} triangles, {} to {} of them under a warning",
             old.triangles.len(),
             scene.triangles.len(),
             before.count(),
@@ -238,16 +239,16 @@ fn refining_keeps_to_its_bounds() {
     for most in [count + 1, count + 50, 4 * count] {
         let mut scene = scene();
         let options = RefineOptions::default().max_triangles(most);
-        let refined = refine(&mut scene, &Limits::default(), &options).expect("refined");
+        let refined = refine(&mut scene, &PlanOptions::default(), &options).expect("refined");
         assert!(refined.full && scene.triangles.len() <= most && scene.triangles.len() + 3 > most);
     }
     let none = RefineOptions::default().max_triangles(count);
-    let refused = refine(&mut scene(), &Limits::default(), &none).expect_err("no room");
+    let refused = refine(&mut scene(), &PlanOptions::default(), &none).expect_err("no room");
     assert!(matches!(refused, RefineError::Full { .. }) && refused.to_string().contains("--max-triangles"));
 }
 
-/// The time grows with the number of triangles, and not with its square: sixteen times as many take about that much
-/// longer. By the fastest of several runs, since others may use the machine.
+/// Time grows about linearly with the number of triangles, not with its square: here by a factor of 16. Taken from the fastest
+/// of several runs, since the machine may be shared.
 #[test]
 fn large_scenes_take_seconds() {
     let seconds = |triangles: u32, cells: u32| {
@@ -263,16 +264,16 @@ fn large_scenes_take_seconds() {
             (begin.elapsed().as_secs_f64(), found.count())
         };
         let (seconds, warned) = (0..3).map(run).min_by(|a, b| a.0.total_cmp(&b.0)).expect("runs");
-        println!("{} triangles: {seconds:.3} s, {warned} warned of", scene.triangles.len());
+        println!("{} triangles: {seconds:.3} s, {warned} under a warning", scene.triangles.len());
         seconds
     };
     let ratio = seconds(50_000, 40) / seconds(3_125, 10);
     assert!(ratio <= 80.0, "{ratio:.1} times as long");
 }
 
-/// What a solve found is told from numbers alone: no device, no solution.
+/// Warnings after a solve need numbers only, no device and no `Solution`.
 #[test]
-fn results_are_looked_at_without_a_device() {
+fn results_are_judged_without_a_device() {
     let scene = room_with(|_| ());
     let plan = plan(&scene);
     let mut irradiance = vec![[1.0, 2.0, 3.0]; scene.triangles.len()];

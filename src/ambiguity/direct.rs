@@ -2,7 +2,7 @@
 
 use super::{AmbiguityError, LightMatrix};
 use crate::gpu::Device;
-use crate::plan::{Limits, Plan};
+use crate::plan::{Plan, PlanOptions};
 use crate::scene::{Material, Scene};
 use crate::{Engine, Solution, SolveParams, Watch};
 
@@ -29,11 +29,11 @@ impl DirectLight {
         for (i, triangle) in scene.triangles.iter_mut().enumerate() {
             triangle.material = if i < 3 { i as u32 + 1 } else { 0 };
         }
-        let plan = Plan::new(&scene, &Limits::of(device), &scene.accuracy)?;
-        let params = SolveParams::from(&scene.accuracy);
+        let plan = Plan::new(&scene, &PlanOptions::of(device), &scene.settings)?;
+        let params = SolveParams::from(&scene.settings);
         let mut engine = Engine::new(device, &scene, plan)?;
         let watch = watch.clone();
-        engine.set_watcher(Some(Box::new(move |_, _| watch())));
+        engine.set_pass_callback(Some(Box::new(move |_, _| watch())));
         Ok(Self { engine, scene, params })
     }
 

@@ -4,7 +4,7 @@ use super::AmbiguityError;
 use super::direct::DirectLight;
 use super::views::Views;
 use crate::gpu::Device;
-use crate::plan::{Limits, Plan};
+use crate::plan::{Plan, PlanOptions};
 use crate::scene::{Camera, Scene};
 use crate::{Engine, SolveParams, Watch};
 use glam::DVec3;
@@ -58,10 +58,10 @@ impl FirstBounce {
             })
             .collect();
 
-        let plan = Plan::new(scene, &Limits::of(device), &scene.accuracy)?;
+        let plan = Plan::new(scene, &PlanOptions::of(device), &scene.settings)?;
         let mut engine = Engine::new(device, scene, plan)?;
         let watch = watch.clone();
-        engine.set_watcher(Some(Box::new(move |_, _| watch())));
+        engine.set_pass_callback(Some(Box::new(move |_, _| watch())));
         let truth = shown(&mut engine, scene, cameras)?;
         // The bounce may be a little below zero: the discretised antiradiance takes away more than there is.
         engine.set_linear_materials(&scene.with_emission(&emission))?;
@@ -95,7 +95,7 @@ fn shown(
     scene: &Scene,
     cameras: &[&Camera],
 ) -> Result<Vec<Vec<[f64; 3]>>, AmbiguityError> {
-    let solution = engine.solve(&SolveParams::from(&scene.accuracy))?;
+    let solution = engine.solve(&SolveParams::from(&scene.settings))?;
     let look = |camera: &&Camera| Ok(engine.face_colours(&solution, camera.position)?);
     cameras.iter().map(look).collect()
 }

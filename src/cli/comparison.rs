@@ -6,8 +6,8 @@ use crate::image::ImageError;
 use glam::DVec3;
 use std::path::Path;
 
-/// Writes a PNG: the target, the fitted picture in the same exposure, and how far they are apart, black for not at all
-/// over violet and red to yellow for the most. Pixels that did not count are grey in the third.
+/// Writes a PNG: the target, the fitted picture in the same exposure, and their absolute difference, from black for
+/// none over violet and red to yellow for the largest. Masked pixels are grey in the third.
 pub(super) fn write(path: &Path, target: &Target, fitted: &[DVec3]) -> Result<(), ImageError> {
     let counts = |at: usize| target.mask_at(at) > 0.0;
     let counted = (0..target.pixels.len()).filter(|at| counts(*at));
@@ -56,7 +56,7 @@ mod tests {
         let third = 2 * (256 + GAP);
         assert_eq!(picture.get_pixel(third + 3, CAPTION + 3).0, [252, 255, 164], "the one difference");
         assert_eq!(picture.get_pixel(third + 40, CAPTION + 3).0, [0, 0, 4]);
-        assert_eq!(picture.get_pixel(third + 255, CAPTION + 127).0, [124; 3], "what does not count");
+        assert_eq!(picture.get_pixel(third + 255, CAPTION + 127).0, [124; 3], "a masked pixel");
         let text = (0..256).flat_map(|x| (0..CAPTION).map(move |y| (x, y)));
         assert!(text.filter(|&(x, y)| picture.get_pixel(x, y).0[0] > 128).count() > 50);
     }

@@ -1,4 +1,4 @@
-//! What a fit is looked at by.
+//! The pictures and plots of a fit.
 
 use super::comparison;
 use super::plot::{Curve, Drawn, LogPlot};

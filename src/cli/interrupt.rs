@@ -1,4 +1,4 @@
-//! Signals that end the work: it stops at the next dispatch, and nothing half-written stays behind.
+//! Signals that end the work: it stops at the next dispatch and leaves no half-written file.
 
 use signal_hook::consts::SIGINT;
 use std::io;
@@ -10,17 +10,17 @@ use std::time::Duration;
 #[cfg(unix)]
 use std::time::Instant;
 
-/// How long work that watches the signal itself has to end by itself.
+/// Grace period of work that watches the signal itself.
 const GRACE: Duration = Duration::from_millis(400);
-/// Within this time signals are one: `timeout` signals its child and then the group that the child is in.
+/// Signals within this time count as one: `timeout` signals its child and then the child's process group.
 #[cfg(unix)]
 const REPEAT: Duration = Duration::from_secs(2);
 
-/// Set by the first Ctrl-C, SIGTERM or SIGHUP. One that comes two seconds later or more ends the process
-/// on the spot.
+/// Set by the first Ctrl-C, SIGTERM or SIGHUP. Another one, two seconds later or more, ends the
+/// process at once.
 #[derive(Clone, Default)]
 pub struct Interrupt {
-    /// Number of the first signal; 0 before it.
+    /// Number of the first signal; 0 if there was none.
     signal: Arc<AtomicUsize>,
 }
 
@@ -37,7 +37,7 @@ impl Interrupt {
     #[cfg(unix)]
     fn listen(&self) -> io::Result<()> {
         use signal_hook::consts::{SIGHUP, SIGTERM};
-        // `nohup` lets a process ignore the end of its terminal.
+        // Under `nohup` a process ignores the end of its terminal.
         let hangup = (!ignored(SIGHUP)).then_some(SIGHUP);
         let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM].into_iter().chain(hangup))?;
         let first = self.signal.clone();
@@ -64,7 +64,7 @@ impl Interrupt {
         flag::register_usize(SIGINT, self.signal.clone(), SIGINT.unsigned_abs() as usize).map(drop)
     }
 
-    /// Whether a signal came.
+    /// Whether a signal has arrived.
     pub fn is_set(&self) -> bool {
         self.signal.load(Ordering::SeqCst) != 0
     }
@@ -77,14 +77,14 @@ impl Interrupt {
         }
     }
 
-    /// Does work that is not all interruptible by itself. Soon after the signal the process ends; so the work must not write
-    /// anything.
+    /// Runs work that does not check for interruption everywhere. The process ends soon after a signal, so the work
+    /// must not write anything.
     pub fn while_computing<T>(&self, work: impl FnOnce() -> T) -> T {
         let (done, finished) = std::sync::mpsc::channel::<()>();
         let interrupt = self.clone();
         let watch = move || {
             while finished.recv_timeout(Duration::from_millis(50)) == Err(RecvTimeoutError::Timeout) {
-                // What can stop by itself is given the time to.
+                // Work that can stop by itself gets the time to do so.
                 if interrupt.is_set() && finished.recv_timeout(GRACE) == Err(RecvTimeoutError::Timeout) {
                     eprintln!("antirad: interrupted; nothing was written");
                     std::process::exit(interrupt.exit_code().into());
@@ -107,7 +107,7 @@ fn exit_code(signal: usize) -> u8 {
     u8::try_from(128 + signal).unwrap_or(super::EXIT_INTERRUPTED)
 }
 
-/// Whether this process was started to ignore a signal; false where that cannot be told.
+/// Whether this process was started to ignore a signal; false if unknown.
 #[cfg(unix)]
 fn ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
@@ -116,7 +116,7 @@ fn ignored(signal: i32) -> bool {
     mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
 
-/// Tells a signal that repeats another from one that insists.
+/// Distinguishes a repeated signal from one sent to insist.
 #[cfg(unix)]
 #[derive(Default)]
 struct Repeats {

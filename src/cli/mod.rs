@@ -17,11 +17,13 @@ pub use progress::{SolveBar, Working};
 pub use sheet::{Panel, Sheet, heat, percentile, signed_heat, white_point};
 pub use size::parse_size;
 
-/// Exit code of bad input and of work that could not be done.
+/// Exit code for bad input and for work that failed.
 pub const EXIT_FAILURE: u8 = 2;
+/// Exit code if results were written but are unreliable: the solve did not converge, or its solution is not physical.
+pub const EXIT_UNRELIABLE: u8 = 3;
 /// Exit code after Ctrl-C, as shells expect it: 128 and the number of the signal.
 pub const EXIT_INTERRUPTED: u8 = 130;
-/// Exit code of a batch of which a part could not be done.
+/// Exit code of a batch in which some jobs failed.
 pub const EXIT_PARTLY: u8 = 1;
 
 /// Log lines on standard error: warnings, with `verbose` more; with `json` one JSON object a line.
@@ -39,6 +41,6 @@ pub fn start_logging(quiet: bool, verbose: u8, json: bool) {
         .with_ansi(colours && !json)
         .with_target(false)
         .without_time();
-    // A logger that is already there stays: embedding tests call this more than once.
+    // An existing logger stays: tests call this more than once.
     let _ = if json { lines.json().flatten_event(true).try_init() } else { lines.try_init() };
 }

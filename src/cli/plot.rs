@@ -27,11 +27,11 @@ pub enum Drawn {
     Curve,
     /// Marks alone.
     Points,
-    /// A thin line without marks: something to compare with.
+    /// A thin line without marks, for reference.
     Line,
 }
 
-/// A plot with a logarithmic y axis, which shows what is above 0. Axis texts carry the units.
+/// A plot with a logarithmic y axis, which shows values above 0. Axis texts carry the units.
 pub struct LogPlot {
     /// Above the plot.
     pub title: String,
@@ -130,7 +130,7 @@ impl LogPlot {
             .y_label_formatter(&number)
             .draw()?;
         let shown = |curve: &Curve| curve.points.clone().into_iter().filter(|p| p.1 > 0.0);
-        // Many points would hide each other.
+        // Many marks would hide each other.
         let mark = if self.curves.iter().map(|c| c.points.len()).sum::<usize>() > 60 { 2 } else { 4 };
         for (k, curve) in self.curves.iter().enumerate() {
             let colour = Palette99::pick(k).to_rgba();
@@ -170,7 +170,7 @@ pub fn slope(points: &[(f64, f64)]) -> Option<f64> {
     (xx > 0.0).then(|| xy / xx)
 }
 
-/// Texts need a font, and a server may have none: this one comes along.
+/// Text needs a font, and a server may have none, so one is built in.
 pub(super) fn register_font() {
     // It fails only for a damaged font; then drawing fails too, with an error.
     let _ =

@@ -1,4 +1,4 @@
-//! That long work goes on: on a terminal a bar, or what turns where nobody knows how much is left; elsewhere a line every
+//! Progress of long work: on a terminal a bar, or a spinner where the remaining work is unknown; elsewhere a line every
 //! ten seconds.
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -12,14 +12,14 @@ use std::time::{Duration, Instant};
 /// Between two lines, and before the first.
 const PERIOD: Duration = Duration::from_secs(10);
 
-/// Work of the host that goes on until this is dropped.
+/// Shows that the host is at work, until dropped.
 pub struct Working {
     bar: ProgressBar,
     lines: Option<(Sender<()>, JoinHandle<()>)>,
 }
 
 impl Working {
-    /// Says that `what` is being done, unless warnings are switched off.
+    /// Shows `what` is being done, unless warnings are switched off.
     pub fn on(what: &'static str) -> Self {
         if !tracing::enabled!(tracing::Level::WARN) {
             return Self { bar: ProgressBar::hidden(), lines: None };
@@ -28,14 +28,14 @@ impl Working {
             return Self::every(PERIOD, move |gone| eprintln!("{what}: {} s", gone.as_secs()));
         }
         let bar = ProgressBar::new_spinner().with_message(what);
-        if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}, {elapsed} gone") {
+        if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}, {elapsed} elapsed") {
             bar.set_style(style);
         }
         bar.enable_steady_tick(Duration::from_millis(200));
         Self { bar, lines: None }
     }
 
-    /// Tells `say` in every period how long it has taken.
+    /// Calls `say` in every period with the time elapsed.
     fn every(period: Duration, say: impl Fn(Duration) + Send + 'static) -> Self {
         let (done, finished) = channel();
         let start = Instant::now();
@@ -53,13 +53,13 @@ impl Drop for Working {
         self.bar.finish_and_clear();
         if let Some((done, lines)) = self.lines.take() {
             drop(done);
-            // What it has said is said; nothing follows.
+            // Wait for the thread, so that no line follows.
             let _ = lines.join();
         }
     }
 }
 
-/// When it is time for a line.
+/// Decides when a line is due.
 struct Lines {
     period: Duration,
     last: Instant,
@@ -83,12 +83,12 @@ const STEPS: u64 = 1000;
 #[derive(Clone)]
 pub struct SolveBar {
     bar: ProgressBar,
-    /// Where there is no terminal.
+    /// Lines, where there is no terminal.
     lines: Option<Arc<Mutex<Lines>>>,
     tolerance: f64,
-    /// What is solved, if it is one of several solves.
+    /// Name of the solve, if it is one of several.
     name: Option<String>,
-    /// Of the whole bar, 0 to 1.
+    /// Its part of the whole bar, 0 to 1.
     range: Range<f64>,
 }
 
@@ -96,7 +96,7 @@ impl SolveBar {
     /// A bar where standard error is a terminal, lines elsewhere, nothing if `quiet`.
     pub fn new(tolerance: f64, quiet: bool) -> Self {
         let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new(STEPS) };
-        if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} gone, {eta} left") {
+        if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} elapsed, {eta} left") {
             bar.set_style(style.progress_chars("=> "));
         }
         let lines = Lines { period: PERIOD, last: Instant::now() };
@@ -104,18 +104,18 @@ impl SolveBar {
         Self { bar, lines, tolerance, name: None, range: 0.0..1.0 }
     }
 
-    /// For one of several solves, which goes on over a part of the same bar (0 to 1).
+    /// For one of several solves, which covers a part of the same bar (0 to 1).
     pub fn part(&self, tolerance: f64, name: &str, range: Range<f64>) -> Self {
         let (bar, lines) = (self.bar.clone(), self.lines.clone());
         Self { bar, lines, tolerance, name: Some(name.to_owned()), range }
     }
 
-    /// After `passes` passes, which reached `residual`, and `share` of the next one (0 to 1).
-    pub fn show(&self, passes: u32, residual: f64, share: f64) {
+    /// After `passes` passes, which reached `residual`, and `fraction` of the next one (0 to 1).
+    pub fn show(&self, passes: u32, residual: f64, fraction: f64) {
         let done = if passes == 0 { 0.0 } else { (residual.ln() / self.tolerance.ln()).clamp(0.0, 1.0) };
-        // The first passes say little of the rate: ten of them are usual.
+        // The first passes say little about the rate; ten are typical.
         let step = if passes < 2 { 0.1 } else { done / f64::from(passes - 1) };
-        let done = self.range.start + (self.range.end - self.range.start) * (done + share * step).min(1.0);
+        let done = self.range.start + (self.range.end - self.range.start) * (done + fraction * step).min(1.0);
         self.bar.set_position((done * STEPS as f64) as u64);
         let pass = match passes {
             0 => "first pass".to_owned(),
@@ -134,7 +134,7 @@ impl SolveBar {
         self.bar.set_message(message);
     }
 
-    /// Takes the bar off the terminal.
+    /// Removes the bar from the terminal.
     pub fn finish(&self) {
         self.bar.finish_and_clear();
     }
@@ -154,7 +154,7 @@ mod tests {
         assert!(times.is_sorted() && times[0] >= Duration::from_millis(5), "{times:?}");
         drop(working);
         heard.try_iter().for_each(drop);
-        assert!(heard.recv().is_err(), "nobody is left to say more");
+        assert!(heard.recv().is_err(), "no line follows");
     }
 
     #[test]

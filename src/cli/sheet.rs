@@ -13,7 +13,7 @@ pub(super) const CAPTION: u32 = 22;
 pub(super) const GAP: u32 = 6;
 /// Pictures that are smaller are shown larger, so that captions fit.
 const LEAST_WIDTH: u32 = 256;
-/// Of the bar that explains false colours, pixels: its height, that with its numbers, its margins at the sides.
+/// The colour bar, pixels: its height, its height with numbers, its margins at the sides.
 const BAR: u32 = 12;
 const LEGEND: u32 = 40;
 const MARGIN: u32 = 24;
@@ -28,17 +28,17 @@ pub struct Panel {
 
 /// Panels of one size in rows, on black.
 pub struct Sheet {
-    /// Of a panel, pixels.
+    /// Width of a panel, pixels.
     pub width: u32,
-    /// Of a panel, pixels.
+    /// Height of a panel, pixels.
     pub height: u32,
-    /// As many panels in each.
+    /// Rows of equally many panels.
     pub rows: Vec<Vec<Panel>>,
-    /// What ±1 of [`signed_heat`] stands for in the last column, to be explained by a bar below it.
+    /// The value of ±1 of [`signed_heat`] in the last column, which a colour bar below it explains.
     pub limit: Option<f64>,
 }
 
-/// A text, and where: the middle of its upper edge, or its upper left corner.
+/// A text and its anchor: the middle of its upper edge, or its upper left corner.
 struct Text {
     text: String,
     at: (u32, u32),
@@ -114,13 +114,13 @@ fn draw(texts: &[Text], (width, height): (u32, u32)) -> impl Iterator<Item = f64
     (0..(width * height) as usize).map(move |at| f64::from(pixels[3 * at]) / 255.0)
 }
 
-/// The radiance to be shown as white: 95 of a hundred pixels that show something are darker. A lamp in the picture may
-/// well fill some hundredths of it, and is to be white. 1 if nothing shines.
+/// The radiance to show as white: the 95th percentile of the pixels that are not black, so that a lamp that fills a few
+/// per cent of the picture becomes white. 1 if all are black.
 pub fn white_point(pixels: impl Iterator<Item = DVec3>) -> f64 {
     percentile(pixels.map(DVec3::max_element), 95).unwrap_or(1.0)
 }
 
-/// Of the values above 0, the one that so many of a hundred lie below.
+/// A percentile of the values above 0; `None` if there are none.
 pub fn percentile(values: impl Iterator<Item = f64>, percent: usize) -> Option<f64> {
     let mut values: Vec<f64> = values.filter(|value| *value > 0.0).collect();
     let rank = values.len().checked_sub(1)? * percent / 100;
@@ -137,7 +137,7 @@ pub fn signed_heat(share: f64) -> DVec3 {
     linear(colorous::RED_BLUE.eval_continuous((0.5 - 0.5 * share).clamp(0.0, 1.0)))
 }
 
-/// Of a colour in sRGB, by the transfer curve of IEC 61966-2-1.
+/// Linear values of an sRGB colour, by the transfer function of IEC 61966-2-1.
 fn linear(colour: colorous::Color) -> DVec3 {
     let channel = |byte: u8| match f64::from(byte) / 255.0 {
         encoded if encoded <= 0.040_45 => encoded / 12.92,

@@ -1,4 +1,4 @@
-//! Sizes in bytes, as people write them.
+//! Sizes in bytes, with units.
 
 use bytesize::ByteSize;
 
@@ -6,7 +6,7 @@ use bytesize::ByteSize;
 pub fn parse_size(text: &str) -> Result<u64, String> {
     let hint = "write 96MiB, 1.5GiB, 2GB or a number of bytes";
     match text.trim().parse() {
-        // What a larger size becomes.
+        // Larger sizes saturate.
         Ok(ByteSize(u64::MAX)) => Err(format!("\"{text}\" is more than any device has; {hint}")),
         Ok(ByteSize(bytes)) => Ok(bytes),
         Err(_) => Err(format!("\"{text}\" is not a size; {hint}")),

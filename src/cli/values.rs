@@ -6,13 +6,13 @@ use clap::builder::PossibleValue;
 
 impl ValueEnum for Precision {
     fn value_variants<'a>() -> &'a [Self] {
-        &[Self::F32, Self::Packed, Self::F64]
+        &[Self::F32, Self::HalfBins, Self::F64]
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
         Some(PossibleValue::new(match self {
             Self::F32 => "f32",
-            Self::Packed => "packed",
+            Self::HalfBins => return Some(PossibleValue::new("half-bins").alias("packed")),
             Self::F64 => "f64",
         }))
     }
@@ -38,7 +38,7 @@ mod tests {
     use serde::Deserialize;
     use serde::de::value::{Error, StrDeserializer};
 
-    /// Scene files and the command line say the same words.
+    /// Scene files and the command line use the same words.
     fn agree<T: ValueEnum + PartialEq + std::fmt::Debug + for<'de> Deserialize<'de>>(count: usize) {
         assert_eq!(T::value_variants().len(), count);
         for variant in T::value_variants() {

@@ -1,6 +1,6 @@
 //! The state of a fit on disk: whole or not at all, with a checksum, the one before it kept.
 
-use super::job::Progress;
+use super::job::FitProgress;
 use crate::output::{OutputError, atomic_write};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -20,26 +20,56 @@ const HEADER: usize = 16 + 4 + 8 + 32;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CheckpointError {
+    /// Progress that a new fit would overwrite.
     #[error(
         "{}: holds the progress of an earlier fit; --resume continues it, --restart discards it and starts over",
         path.display()
     )]
-    Present { path: PathBuf },
+    Present {
+        /// Of the checkpoint.
+        path: PathBuf,
+    },
+    /// The file cannot be read.
     #[error("{}: cannot be read: {reason}", path.display())]
-    Read { path: PathBuf, reason: io::Error },
-    #[error("{}: {damage}; {way_out}", path.display())]
-    Damaged { path: PathBuf, damage: String, way_out: String },
+    Read {
+        /// The checkpoint.
+        path: PathBuf,
+        /// What the system says.
+        reason: io::Error,
+    },
+    /// The file is no checkpoint, or cut short.
+    #[error("{}: {damage}; {remedy}", path.display())]
+    Damaged {
+        /// The checkpoint.
+        path: PathBuf,
+        /// What is wrong with it.
+        damage: String,
+        /// What to do about it.
+        remedy: String,
+    },
     #[error(
         "{}: it has version {found} and this program reads version {VERSION}; continue with the program that wrote it, \
          or start over with --restart",
         path.display()
     )]
-    Version { path: PathBuf, found: u32 },
+    /// The file was written by another version.
+    Version {
+        /// The checkpoint.
+        path: PathBuf,
+        /// Version of the file.
+        found: u32,
+    },
+    /// The file belongs to a job that is set up in another way.
     #[error(
         "{}: it belongs to another job: {what} is not what it was; start over with --restart, or undo the change",
         path.display()
     )]
-    OtherJob { path: PathBuf, what: String },
+    OtherJob {
+        /// The checkpoint.
+        path: PathBuf,
+        /// What differs.
+        what: String,
+    },
 }
 
 /// What a fit is determined by. Two fits with the same identity take the same way, step by step.
@@ -65,7 +95,7 @@ impl Identity {
 #[derive(Serialize, Deserialize)]
 struct Payload<'a> {
     identity: std::borrow::Cow<'a, Identity>,
-    progress: std::borrow::Cow<'a, Progress>,
+    progress: std::borrow::Cow<'a, FitProgress>,
 }
 
 /// The checkpoints in a folder.
@@ -108,7 +138,7 @@ impl Checkpoints {
     }
 
     /// Stores a state. If that fails, what was stored before is still there.
-    pub fn write(&self, identity: &Identity, progress: &Progress) -> Result<(), OutputError> {
+    pub fn write(&self, identity: &Identity, progress: &FitProgress) -> Result<(), OutputError> {
         use std::borrow::Cow::Borrowed;
         let path = self.current();
         let payload = Payload { identity: Borrowed(identity), progress: Borrowed(progress) };
@@ -138,7 +168,7 @@ impl Checkpoints {
     }
 
     /// The state stored last; `None` if there is none.
-    pub fn read(&self, identity: &Identity) -> Result<Option<Progress>, CheckpointError> {
+    pub fn read(&self, identity: &Identity) -> Result<Option<FitProgress>, CheckpointError> {
         for path in [self.current(), self.previous()] {
             match fs::read(&path) {
                 Ok(bytes) => return self.decode(&path, &bytes, identity).map(Some),
@@ -149,15 +179,15 @@ impl Checkpoints {
         Ok(None)
     }
 
-    fn decode(&self, path: &Path, bytes: &[u8], identity: &Identity) -> Result<Progress, CheckpointError> {
+    fn decode(&self, path: &Path, bytes: &[u8], identity: &Identity) -> Result<FitProgress, CheckpointError> {
         let damaged = |damage: String| {
             let previous = self.previous();
-            let way_out = if path != previous && previous.exists() {
+            let remedy = if path != previous && previous.exists() {
                 format!("remove it to continue from the one before it, {}", previous.display())
             } else {
                 String::from("start over with --restart")
             };
-            CheckpointError::Damaged { path: path.to_path_buf(), damage, way_out }
+            CheckpointError::Damaged { path: path.to_path_buf(), damage, remedy }
         };
         let Some((header, payload)) = bytes.split_at_checked(HEADER) else {
             return Err(damaged(format!("it ends after {} bytes, within its header", bytes.len())));
@@ -197,8 +227,8 @@ mod tests {
     use super::*;
     use tempfile::{TempDir, tempdir};
 
-    fn progress(x: f64) -> Progress {
-        Progress::new(Optimiser::Adam(Adam::new(vec![x; 500], Bounds::free(500), AdamOptions::default())))
+    fn progress(x: f64) -> FitProgress {
+        FitProgress::new(Optimiser::Adam(Adam::new(vec![x; 500], Bounds::free(500), AdamOptions::default())))
     }
 
     fn identity(job: &str) -> Identity {
@@ -305,7 +335,7 @@ mod tests {
         }
         let (folder, checkpoints) = written(&[1.0, 2.0]);
         let large = Adam::new(vec![3.0; 50_000], Bounds::free(50_000), AdamOptions::default());
-        let large = Progress::new(Optimiser::Adam(large));
+        let large = FitProgress::new(Optimiser::Adam(large));
         let message = checkpoints.write(&identity("job"), &large).expect_err("too large").to_string();
         assert!(message.contains("checkpoint: cannot be written: File too large"), "{message}");
         assert_eq!(checkpoints.read(&identity("job")).expect("read"), Some(progress(2.0)));

@@ -1,10 +1,10 @@
 //! The renderer that solves on a device.
 
 use super::gradient::SceneGradient;
-use super::renderer::{Estimate, RenderError, Renderer};
+use super::renderer::{CostEstimate, RenderError, Renderer};
 use crate::gpu::Device;
 use crate::image::{Coverage, ImageError, PictureOptions, Rasterizer, geometry_gradient};
-use crate::plan::{Limits, Plan, PlanError, Wanted};
+use crate::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use crate::scene::{Camera, Scene};
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams, Watch};
 use glam::DVec3;
@@ -22,7 +22,7 @@ pub struct EngineRenderer {
     planning: Scene,
     cameras: Vec<Camera>,
     supersample: u32,
-    wanted: Wanted,
+    request: GradientRequest,
     watch: Watch,
     passes: u64,
     /// For the positions of [`Self::planning`].
@@ -50,7 +50,7 @@ impl EngineRenderer {
         planning: Scene,
         cameras: Vec<Camera>,
         supersample: u32,
-        wanted: Wanted,
+        request: GradientRequest,
         watch: Watch,
     ) -> Result<Self, ImageError> {
         Ok(Self {
@@ -59,7 +59,7 @@ impl EngineRenderer {
             planning,
             cameras,
             supersample,
-            wanted,
+            request,
             watch,
             passes: 0,
             engine: None,
@@ -75,8 +75,8 @@ impl EngineRenderer {
             let bytes = Rasterizer::bytes(scene.triangles.len(), camera, &options).map_err(failed)?;
             pictures = pictures.max(bytes);
         }
-        let limits = Limits { pictures, gradients: self.wanted, ..Limits::of(&self.device) };
-        Plan::new(scene, &limits, &scene.accuracy).map_err(|error| sort_out(error.into()))
+        let options = PlanOptions { pictures, gradients: self.request, ..PlanOptions::of(&self.device) };
+        Plan::new(scene, &options, &scene.settings).map_err(|error| sort_out(error.into()))
     }
 
     /// Per triangle, whether one of the pictures shows it: of the latest positions, or those of the planning scene.
@@ -110,7 +110,7 @@ impl EngineRenderer {
                 let plan = self.plan(&self.planning)?;
                 let mut engine = Engine::new(&self.device, &self.planning, plan).map_err(sort_out)?;
                 let watch = self.watch.clone();
-                engine.set_watcher(Some(Box::new(move |_, _| watch())));
+                engine.set_pass_callback(Some(Box::new(move |_, _| watch())));
                 engine
             }
         };
@@ -121,13 +121,14 @@ impl EngineRenderer {
 }
 
 impl Renderer for EngineRenderer {
-    fn estimate(&mut self, planning: &Scene) -> Result<Estimate, RenderError> {
+    fn estimate(&mut self, planning: &Scene) -> Result<CostEstimate, RenderError> {
         let plan = self.plan(planning)?;
-        let solves = SOLVES + if self.wanted.positions { SOLVES_OF_GEOMETRY } else { 0.0 };
-        Ok(Estimate {
+        let solves = SOLVES + if self.request.positions { SOLVES_OF_GEOMETRY } else { 0.0 };
+        let report = plan.report();
+        Ok(CostEstimate {
             device_bytes: plan.memory().total(),
-            device_budget: plan.limits.memory_budget,
-            seconds: solves * plan.report().estimated_seconds,
+            device_budget: plan.options.memory_budget,
+            seconds: solves * (report.estimated_seconds * report.estimated_seconds_at_most).sqrt(),
         })
     }
 
@@ -137,7 +138,7 @@ impl Renderer for EngineRenderer {
         }
         self.latest = None;
         let mut engine = self.prepare(scene)?;
-        let params = SolveParams::from(&scene.accuracy);
+        let params = SolveParams::from(&scene.settings);
         let (watch, passes) = (self.watch.clone(), &mut self.passes);
         let solved = engine.solve_with(&params, &mut |_, _| {
             *passes += 1;
@@ -160,7 +161,7 @@ impl Renderer for EngineRenderer {
     fn pull_back(
         &mut self,
         by_pixels: &[Vec<DVec3>],
-        wanted: Wanted,
+        request: GradientRequest,
     ) -> Result<Option<SceneGradient>, RenderError> {
         let (Some(latest), Some(engine)) = (&self.latest, &mut self.engine) else { return Ok(None) };
         // No loss asks for the share of a pixel that shows a face.
@@ -173,7 +174,7 @@ impl Renderer for EngineRenderer {
         }
         let (watch, passes) = (self.watch.clone(), &mut self.passes);
         let gradients =
-            engine.backward_with(&latest.solution, &cotangent, wanted, &latest.params, &mut |_, _| {
+            engine.backward_with(&latest.solution, &cotangent, request, &latest.params, &mut |_, _| {
                 *passes += 1;
                 watch()
             });

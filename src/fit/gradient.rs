@@ -1,6 +1,6 @@
 //! Derivatives of a loss by what a scene is made of.
 
-use crate::plan::Wanted;
+use crate::plan::GradientRequest;
 use crate::scene::Scene;
 use glam::DVec3;
 
@@ -31,6 +31,7 @@ impl Quantity {
         }
     }
 
+    /// Of its values: "W/(m² sr)", "m", or "1" for plain numbers.
     pub fn unit(self) -> &'static str {
         match self {
             Self::Emission => "W/(m² sr)",
@@ -74,7 +75,7 @@ pub struct SceneGradient {
 
 impl SceneGradient {
     /// No derivative at all, of everything wanted.
-    pub fn zeros(scene: &Scene, wanted: Wanted) -> Self {
+    pub fn zeros(scene: &Scene, wanted: GradientRequest) -> Self {
         let triangles = scene.triangles.len();
         let rgb = |wanted: bool| wanted.then(|| vec![DVec3::ZERO; triangles]);
         let scalar = |wanted: bool| wanted.then(|| vec![0.0; triangles]);

@@ -7,7 +7,7 @@ use super::optimiser::{Adam, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOp
 use super::parameters::{ParameterError, Parameters, Recovered};
 use super::problem::Problem;
 use super::regulariser::Regularisers;
-use super::renderer::{Estimate, RenderError, Renderer};
+use super::renderer::{CostEstimate, RenderError, Renderer};
 use super::settings::{OptimiserKind, Settings, StopRule};
 use super::target::Target;
 use crate::image::ImageError;
@@ -27,29 +27,43 @@ pub enum FitError {
     /// The job file or its scene.
     #[error(transparent)]
     Input(#[from] SceneError),
+    /// The unknowns do not fit the scene.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
     /// An assumption is about nothing; its index.
     #[error("{message}")]
-    Regulariser { index: usize, message: String },
+    Regulariser {
+        /// Which one, from 0.
+        index: usize,
+        /// What is wrong with it.
+        message: String,
+    },
+    /// The settings contradict each other; it says how.
     #[error("{0}")]
     Settings(String),
+    /// A picture, or its derivative, could not be made.
     #[error(transparent)]
     Render(RenderError),
     /// The optimiser could not go on.
     #[error("{0}")]
     Optimiser(String),
+    /// A checkpoint could not be read or written.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+    /// A result could not be written.
     #[error(transparent)]
     Lock(#[from] LockError),
     #[error(transparent)]
     Write(#[from] OutputError),
+    /// A picture could not be written.
     #[error(transparent)]
     Image(#[from] ImageError),
     /// Stopped from outside, after a checkpoint was written if there is a folder for it.
     #[error("interrupted after iteration {iteration}")]
-    Interrupted { iteration: u32 },
+    Interrupted {
+        /// The last one that was done.
+        iteration: u32,
+    },
 }
 
 impl From<RenderError> for FitError {
@@ -74,16 +88,22 @@ const DECREASE_OVER_ADAM: usize = 50;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stop {
+    /// All iterations allowed are done.
     Iterations,
+    /// The loss hardly falls any more.
     RelativeDecrease,
+    /// The gradient has vanished.
     Gradient,
+    /// The loss wanted is reached.
     Loss,
+    /// The time allowed is over.
     Seconds,
     /// No lower loss could be found: a minimum, to rounding.
     NoProgress,
 }
 
 impl Stop {
+    /// The same in words.
     pub fn reason(self) -> &'static str {
         match self {
             Self::Iterations => "the number of iterations allowed",
@@ -101,11 +121,13 @@ impl Stop {
 pub struct Record {
     /// 0 is the start.
     pub iteration: u32,
+    /// With assumptions.
     pub loss: f64,
     /// Largest derivative by an unknown, less what bounds forbid.
     pub gradient: f64,
     /// Largest change of an unknown, in units of its scale.
     pub step: f64,
+    /// How often loss and gradient were computed.
     pub evaluations: u32,
     /// Applications of the transport.
     pub passes: u64,
@@ -113,15 +135,17 @@ pub struct Record {
 
 /// How far a fit has come: what a checkpoint stores.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Progress {
+pub struct FitProgress {
     optimiser: Optimiser,
+    /// One entry for each iteration, the start first.
     pub history: Vec<Record>,
     /// Of all runs together.
     pub seconds: f64,
+    /// Why it has ended, if it has.
     pub finished: Option<Stop>,
 }
 
-impl Progress {
+impl FitProgress {
     pub(super) fn new(optimiser: Optimiser) -> Self {
         Self { optimiser, history: Vec::new(), seconds: 0.0, finished: None }
     }
@@ -179,7 +203,9 @@ pub struct RunOptions {
     pub checkpoints: Option<PathBuf>,
     /// Iterations between them.
     pub checkpoint_every: u32,
+    /// What to do about a checkpoint that is there.
     pub on_checkpoint: OnCheckpoint,
+    /// When the fit ends.
     pub stop: StopRule,
 }
 
@@ -204,24 +230,31 @@ impl Default for RunOptions {
 /// What a fit has found.
 #[derive(Clone, Debug)]
 pub struct Outcome {
+    /// Why it has ended.
     pub stop: Stop,
     /// The iteration that this run continued from.
     pub resumed_from: Option<u32>,
+    /// One entry for each iteration, the start first.
     pub history: Vec<Record>,
     /// Of all runs together.
     pub seconds: f64,
+    /// With the values that were found.
     pub scene: Scene,
+    /// The values that were found, by what they belong to.
     pub recovered: Vec<Recovered>,
     /// By all views, linear RGB, row by row from the top, W/(m² sr).
     pub pictures: Vec<Vec<DVec3>>,
     /// Loss and assumptions at the end, and their parts: of each view before weights, of each assumption with its own.
     pub loss: f64,
+    /// Losses of the pictures, before weights.
     pub views: Vec<f64>,
+    /// With their weights.
     pub assumptions: Vec<f64>,
 }
 
 /// A fit that is ready to run.
 pub struct Job {
+    /// For messages and files.
     pub name: String,
     problem: Problem,
     settings: Settings,
@@ -246,7 +279,7 @@ impl Job {
         let mut scene = scene;
         // What is fitted is fitted with one setting from the first iteration to the last.
         scene.choice = Choice::STATED;
-        scene.accuracy.tolerance = settings.tolerance.unwrap_or(scene.accuracy.tolerance.min(1e-5));
+        scene.settings.tolerance = settings.tolerance.unwrap_or(scene.settings.tolerance.min(1e-5));
         let identity = identity(&scene, &targets, &settings)
             .map_err(|error| FitError::Settings(format!("the job cannot be told from others: {error}")))?;
         let parameters = Parameters::new(&scene, &settings.fits, brightness(&scene, &targets))?;
@@ -271,10 +304,12 @@ impl Job {
         self.problem.loss = loss;
     }
 
+    /// What is minimised.
     pub fn problem(&self) -> &Problem {
         &self.problem
     }
 
+    /// How it is minimised.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
@@ -304,7 +339,7 @@ impl Job {
             OptimiserKind::LeastSquares => Optimiser::LeastSquares(LeastSquares::new(x, bounds)),
             OptimiserKind::QuasiNewton | OptimiserKind::Auto => {
                 let parameters = &self.problem.parameters;
-                let of_solve = NOISE_OF_TOLERANCE * parameters.base().accuracy.tolerance;
+                let of_solve = NOISE_OF_TOLERANCE * parameters.base().settings.tolerance;
                 let of_samples = if parameters.wanted().positions { NOISE_OF_SAMPLES } else { 0.0 };
                 let noise = self.settings.noise.unwrap_or(of_solve.max(of_samples));
                 let options = QuasiNewtonOptions { noise, ..self.settings.quasi_newton };
@@ -314,7 +349,7 @@ impl Job {
     }
 
     /// What an iteration will take, and bytes of host memory for the optimiser. An error if it cannot be done.
-    pub fn estimate(&self, renderer: &mut dyn Renderer) -> Result<(Estimate, u64), FitError> {
+    pub fn estimate(&self, renderer: &mut dyn Renderer) -> Result<(CostEstimate, u64), FitError> {
         let estimate = renderer.estimate(&self.problem.parameters.planning_scene())?;
         let targets: u64 = self.problem.targets.iter().map(|t| 24 * 4 * t.pixels.len() as u64).sum();
         Ok((estimate, targets + self.new_optimiser().bytes(self.problem.parameters.len())))
@@ -325,7 +360,7 @@ impl Job {
         &self,
         directory: &Path,
         on_checkpoint: OnCheckpoint,
-    ) -> Result<Option<Progress>, FitError> {
+    ) -> Result<Option<FitProgress>, FitError> {
         let checkpoints = Checkpoints::new(directory);
         match on_checkpoint {
             OnCheckpoint::Refuse => Ok(checkpoints.refuse().map(|()| None)?),
@@ -340,10 +375,10 @@ impl Job {
         &mut self,
         renderer: &mut dyn Renderer,
         options: &RunOptions,
-        watch: &mut dyn FnMut(&Record, &Progress) -> ControlFlow<()>,
+        watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
     ) -> Result<Outcome, FitError> {
         let checkpoints = options.checkpoints.as_deref().map(Checkpoints::new);
-        let mut progress = Progress::new(self.new_optimiser());
+        let mut progress = FitProgress::new(self.new_optimiser());
         let (mut resumed_from, mut finished_before) = (None, None);
         if let (Some(directory), Some(checkpoints)) = (&options.checkpoints, &checkpoints) {
             if let Some(stored) = self.progress(directory, options.on_checkpoint)? {
@@ -357,7 +392,7 @@ impl Job {
             }
         }
         let mut clock = Instant::now();
-        let mut store = |progress: &mut Progress| -> Result<(), FitError> {
+        let mut store = |progress: &mut FitProgress| -> Result<(), FitError> {
             progress.seconds += clock.elapsed().as_secs_f64();
             clock = Instant::now();
             match &checkpoints {
@@ -366,7 +401,7 @@ impl Job {
             }
         };
         let interrupted =
-            |progress: &mut Progress, store: &mut dyn FnMut(&mut Progress) -> Result<(), FitError>| {
+            |progress: &mut FitProgress, store: &mut dyn FnMut(&mut FitProgress) -> Result<(), FitError>| {
                 let iteration = progress.iteration();
                 // Nothing was done that could be lost.
                 if iteration > resumed_from.unwrap_or(0) {
@@ -434,7 +469,7 @@ struct Stepped {
 
 fn step(
     problem: &Problem,
-    progress: &mut Progress,
+    progress: &mut FitProgress,
     renderer: &mut dyn Renderer,
 ) -> Result<Stepped, StepError<RenderError>> {
     let passes = renderer.passes();
@@ -500,7 +535,7 @@ fn identity(scene: &Scene, targets: &[Target], settings: &Settings) -> Result<Id
     let vertices: Vec<[f64; 3]> = scene.vertices.iter().map(|v| v.to_array()).collect();
     let triangles: Vec<([u32; 3], u32)> = scene.triangles.iter().map(|t| (t.vertices, t.material)).collect();
     // `Debug` shows every digit of a number.
-    let rest = format!("{:?} {:?} {:?}", scene.meshes, scene.materials, scene.accuracy);
+    let rest = format!("{:?} {:?} {:?}", scene.meshes, scene.materials, scene.settings);
     identity.add("the scene", &(vertices, triangles, rest))?;
     for (number, target) in targets.iter().enumerate() {
         let what = format!("target {} (camera \"{}\")", number + 1, target.camera.name);

@@ -17,8 +17,11 @@ use toml::Spanned;
 
 /// A job from a file, and how the file wants it run.
 pub struct JobFile {
+    /// Ready to run.
     pub job: Job,
+    /// The file that the scene came from.
     pub scene_file: PathBuf,
+    /// When the fit ends.
     pub stop: StopRule,
     /// Iterations between two checkpoints.
     pub checkpoint_every: u32,

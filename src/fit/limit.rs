@@ -109,7 +109,7 @@ mod tests {
 
     #[test]
     fn the_curve_of_lobes_is_right_to_a_thousandth() {
-        for normalization in [Normalization::Published, Normalization::Energy] {
+        for normalization in [Normalization::Phong, Normalization::Energy] {
             for power in [0.0, 0.013, 0.4, 1.0, 3.3, 19.0, 77.0, 1234.0, 9e4] {
                 let truth =
                     Material { power, normalization, ..Material::named("") }.specular_albedo_per_sigma();
@@ -128,7 +128,7 @@ mod tests {
                 );
             }
         }
-        assert!(largest_lobe([0.0, 100.0], Normalization::Published) > 3.8);
+        assert!(largest_lobe([0.0, 100.0], Normalization::Phong) > 3.8);
     }
 
     #[test]

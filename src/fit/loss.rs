@@ -36,6 +36,7 @@ pub enum LossKind {
 /// One of the usual losses: the mean over channels and pixels, weighted by the mask.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Loss {
+    /// The measure of the difference.
     pub kind: LossKind,
     /// Radiance below which relative losses stop being relative, W/(m² sr).
     pub epsilon: f64,

@@ -11,9 +11,13 @@ use glam::DVec3;
 
 /// What is minimised: the weighted mean of the losses of all views, plus the assumptions.
 pub struct Problem {
+    /// From unknowns to a scene, and back for derivatives.
     pub parameters: Parameters,
+    /// One for each view.
     pub targets: Vec<Target>,
+    /// How far a picture is from its target.
     pub loss: Box<dyn PictureLoss + Send>,
+    /// The assumptions.
     pub regularisers: Regularisers,
 }
 
@@ -33,11 +37,15 @@ pub struct Evaluation {
 /// A point without its gradient, but with all there is to see of it.
 #[derive(Clone, Debug)]
 pub struct Judged {
+    /// At that point.
     pub scene: Scene,
     /// By view.
     pub pictures: Vec<Vec<DVec3>>,
+    /// Loss and assumptions.
     pub value: f64,
+    /// Losses of the pictures, before weights.
     pub views: Vec<f64>,
+    /// With their weights.
     pub assumptions: Vec<f64>,
 }
 

@@ -13,19 +13,38 @@ use serde::Serialize;
 pub enum Regulariser {
     /// Neighbours on a mesh are alike: the mean of |v_i - v_j|² over pairs of triangles that share an edge, one of them
     /// fitted at least. Of a power, v = ln(1 + p).
-    Smoothness { of: Quantity, weight: f64 },
+    Smoothness {
+        /// The values that it is about.
+        of: Quantity,
+        /// How much it counts.
+        weight: f64,
+    },
     /// Meshes keep their shape: the mean over fitted vertices of |u - mean of u over its neighbours|², u being the way a
     /// vertex has moved. So the details of the start are kept, and moving as a whole costs nothing.
-    Laplacian { weight: f64 },
+    Laplacian {
+        /// How much it counts.
+        weight: f64,
+    },
     /// Few triangles emit: the mean of L_e over area and channels of the fitted triangles, which is an L1 norm because
     /// emission is never negative. It picks, of all emissions that explain the pictures, one with little power, and
     /// makes lamps a little darker than they are.
-    Sparsity { weight: f64 },
+    Sparsity {
+        /// How much it counts.
+        weight: f64,
+    },
     /// Values stay near `value` (`None`: near where they start): the mean of the squared difference of the unknowns.
-    Prior { of: Quantity, value: Option<[f64; 3]>, weight: f64 },
+    Prior {
+        /// The values that it is about.
+        of: Quantity,
+        /// In the unit of the quantity.
+        value: Option<[f64; 3]>,
+        /// How much it counts.
+        weight: f64,
+    },
 }
 
 impl Regulariser {
+    /// How much it counts.
     pub fn weight(&self) -> f64 {
         match self {
             Self::Smoothness { weight, .. }

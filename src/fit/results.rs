@@ -2,12 +2,12 @@
 
 use super::gradient::Quantity;
 use super::job::{FitError, Job, Outcome, Record};
-use super::renderer::Estimate;
+use super::renderer::CostEstimate;
 use super::settings::StopRule;
 use super::target::Target;
 use crate::image::Picture;
 use crate::output::{OutputError, atomic_write, write_array, write_json};
-use crate::plan::Wanted;
+use crate::plan::GradientRequest;
 use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -25,9 +25,13 @@ pub const REPORT: &str = "report.json";
 pub struct Circumstances {
     /// The scene file, for people.
     pub scene: String,
+    /// When the fit was to end.
     pub stop: StopRule,
-    pub estimate: Estimate,
+    /// What was expected before it started.
+    pub estimate: CostEstimate,
+    /// Memory of the host that optimiser and targets take, bytes.
     pub host_bytes: u64,
+    /// For people, one line each.
     pub warnings: Vec<String>,
     /// More for the report: device and memory.
     pub more: Value,
@@ -94,7 +98,7 @@ pub fn view_names(job: &Job) -> Vec<String> {
     job.problem().targets.iter().map(|t| t.camera.name.as_str()).map(name).collect()
 }
 
-fn write_arrays(directory: &Path, fitted: Wanted, outcome: &Outcome) -> Result<(), OutputError> {
+fn write_arrays(directory: &Path, fitted: GradientRequest, outcome: &Outcome) -> Result<(), OutputError> {
     let scene = &outcome.scene;
     let n = scene.triangles.len() as u64;
     let materials = || (0..scene.triangles.len()).map(|t| scene.material(t));

@@ -16,8 +16,11 @@ pub enum OptimiserKind {
     /// the very different weights of a relative loss better.
     #[default]
     Auto,
+    /// L-BFGS within bounds.
     QuasiNewton,
+    /// Adam within bounds.
     Adam,
+    /// Bounded linear least squares: for emission and the loss L2 alone.
     LeastSquares,
 }
 
@@ -25,6 +28,7 @@ pub enum OptimiserKind {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct StopRule {
+    /// As many at most.
     pub iterations: u32,
     /// The loss has fallen by less than this share over the last five iterations (of Adam: fifty); 0 for never.
     pub relative_decrease: f64,
@@ -48,17 +52,24 @@ impl Default for StopRule {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Settings {
+    /// What is unknown.
     pub fits: Vec<Fit>,
+    /// How far a picture is from its target.
     pub loss: LossKind,
     /// W/(m² sr); `None`: a hundredth of the mean target.
     pub epsilon: Option<f64>,
+    /// Assumptions beside the pictures.
     pub regularisers: Vec<Regulariser>,
+    /// Which one minimises.
     pub optimiser: OptimiserKind,
+    /// Of the quasi-Newton method.
     pub quasi_newton: QuasiNewtonOptions,
     /// Rounding of the loss, relative; `None`: a tenth of the tolerance of solves, or 1e-4 where positions are
     /// fitted. Takes the place of that in [`Self::quasi_newton`].
     pub noise: Option<f64>,
+    /// Of Adam.
     pub adam: AdamOptions,
+    /// Samples of a pixel each way.
     pub supersample: u32,
     /// Relative residual of solves; `None`: that of the scene, or 1e-5 if that is less.
     pub tolerance: Option<f64>,

@@ -9,23 +9,65 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TargetError {
+    /// A file is no picture that can be read.
     #[error("{}: cannot be read as a picture: {reason}", path.display())]
-    Read { path: PathBuf, reason: String },
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What its reader says.
+        reason: String,
+    },
+    /// The ending of a file says no known format.
     #[error("{}: neither .exr nor .png; give a picture in one of these formats", path.display())]
-    Format { path: PathBuf },
+    Format {
+        /// The file.
+        path: PathBuf,
+    },
     #[error(
         "{what} is {got_width} x {got_height} pixels, but camera \"{camera}\" takes {width} x {height}; change the \
          camera's width and height, or scale the picture"
     )]
-    Size { what: &'static str, got_width: u32, got_height: u32, camera: String, width: u32, height: u32 },
+    /// A picture or mask is not as large as what the camera takes.
+    Size {
+        /// The picture or its mask.
+        what: &'static str,
+        /// Its width, pixels.
+        got_width: u32,
+        /// Its height, pixels.
+        got_height: u32,
+        /// Name of the camera.
+        camera: String,
+        /// Of its pictures, pixels.
+        width: u32,
+        /// Of its pictures, pixels.
+        height: u32,
+    },
+    /// A pixel is infinite or not a number.
     #[error(
         "the picture is {value} at column {x}, row {y} (from 0, from the top left); mask the pixel out or repair it"
     )]
-    NotFinite { x: usize, y: usize, value: f64 },
+    NotFinite {
+        /// Column, from 0 at the left.
+        x: usize,
+        /// Row, from 0 at the top.
+        y: usize,
+        /// What stands there.
+        value: f64,
+    },
+    /// A mask has a value beyond 0 to 1.
     #[error("the mask is {value} at column {x}, row {y}; it must lie in 0 to 1")]
-    Mask { x: usize, y: usize, value: f64 },
+    Mask {
+        /// Column, from 0 at the left.
+        x: usize,
+        /// Row, from 0 at the top.
+        y: usize,
+        /// What stands there.
+        value: f64,
+    },
+    /// No pixel is left to compare with.
     #[error("no pixel is left to compare with: the mask is 0 everywhere, or the picture all clipped")]
     Nothing,
+    /// A weight is not finite and above 0; it holds the weight.
     #[error("the weight is {0}; it must be finite and above 0")]
     Weight(f64),
 }
@@ -101,8 +143,11 @@ impl Target {
 /// A picture from a file, for [`Target::new`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct TargetPicture {
+    /// Pixels a row.
     pub width: u32,
+    /// Rows.
     pub height: u32,
+    /// Linear RGB, W/(m² sr), row by row from the top.
     pub pixels: Vec<DVec3>,
     /// Pixels at the end of what the file's format can hold: they say "at least", not "equal".
     pub clipped: Vec<bool>,

@@ -26,7 +26,7 @@ pub enum BufferKind {
 /// A buffer of a device. The label names it in errors, reports and debuggers.
 pub struct Buffer {
     shared: Arc<Shared>,
-    block: Block,
+    block: BufferMemory,
 }
 
 /// A part of a buffer, to bind to a kernel.
@@ -38,13 +38,13 @@ pub struct BufferSlice<'a> {
 }
 
 impl Buffer {
-    /// `bytes` are rounded up as [`rounded`] says. The content is undefined.
+    /// Allocates `bytes`, rounded up by [`rounded`]. The content is undefined.
     pub fn new(device: &Device, label: &str, bytes: u64, kind: BufferKind) -> Result<Self> {
-        let block = Block::new(&device.shared, device.scope.id(), label, bytes, kind)?;
+        let block = BufferMemory::new(&device.shared, device.scope.id(), label, bytes, kind)?;
         Ok(Self { shared: device.shared.clone(), block })
     }
 
-    /// What the buffer is called in errors, reports and debuggers.
+    /// The name in errors, reports and debuggers.
     pub fn label(&self) -> &str {
         &self.block.label
     }
@@ -54,8 +54,8 @@ impl Buffer {
         self.block.bytes
     }
 
-    /// Of [`Upload`](BufferKind::Upload) and [`Readback`](BufferKind::Readback) buffers: the content, for the host.
-    /// The exclusive borrow keeps batches away meanwhile.
+    /// The content of an [`Upload`](BufferKind::Upload) or [`Readback`](BufferKind::Readback) buffer, mapped for the
+    /// host; `None` for other kinds. The exclusive borrow keeps batches away from it.
     pub fn mapped(&mut self) -> Option<&mut [u8]> {
         self.block.mapped()
     }
@@ -70,12 +70,12 @@ impl Buffer {
         BufferSlice { buffer: self, offset, bytes }
     }
 
-    /// For embedders that add commands of their own.
+    /// The Vulkan handle, for embedders that record commands of their own.
     pub fn raw(&self) -> vk::Buffer {
         self.block.raw
     }
 
-    /// That the buffer belongs to `device` and has these bytes.
+    /// Checks that the buffer belongs to `device` and contains these bytes.
     pub(super) fn check(&self, device: &Device, offset: u64, bytes: u64) -> Result<()> {
         let label = || self.label().to_owned();
         if !Arc::ptr_eq(&self.shared, &device.shared) {
@@ -108,9 +108,9 @@ impl Drop for Buffer {
     }
 }
 
-/// A buffer without its device: what the device itself can hold without keeping itself alive.
+/// A buffer that does not keep its device alive, so that the device can own it.
 #[derive(Default)]
-pub(super) struct Block {
+pub(super) struct BufferMemory {
     pub(super) raw: vk::Buffer,
     allocation: Allocation,
     scope: ScopeId,
@@ -118,7 +118,7 @@ pub(super) struct Block {
     bytes: u64,
 }
 
-impl Block {
+impl BufferMemory {
     pub(super) fn new(
         shared: &Shared,
         scope: ScopeId,
@@ -133,7 +133,7 @@ impl Block {
             return Err(GpuError::BufferTooLarge { label: label.to_owned(), bytes, limit });
         }
         lock(&shared.memory).take(scope, label, bytes)?;
-        // From here on `destroy` undoes what is done, on a failure too.
+        // From here on `destroy` undoes everything, on failure too.
         let mut block = Self { scope, label: label.to_owned(), bytes, ..Self::default() };
         match block.create(shared, kind) {
             Ok(()) => Ok(block),
@@ -166,7 +166,7 @@ impl Block {
         // SAFETY: the buffer was just made from this device.
         let requirements = unsafe { device.get_buffer_memory_requirements(self.raw) };
         self.allocation = lock(&shared.memory).allocate(&self.label, requirements, location)?;
-        // SAFETY: the memory is fresh, of the type, size and alignment that the buffer asked for, and freed after it.
+        // SAFETY: the memory is fresh, of the type, size and alignment that the buffer requires, and freed after it.
         unsafe {
             let memory = self.allocation.memory();
             device.bind_buffer_memory(self.raw, memory, self.allocation.offset())

@@ -19,15 +19,15 @@ use super::{Result, lock};
 pub struct BatchTiming {
     /// Number of kernels that ran; copies and fills are not counted.
     pub dispatches: u64,
-    /// Of the dispatches alone, by the device's clock; 0 where it keeps none.
+    /// Device time of the dispatches, s; 0 where the device has no timestamps.
     pub device_seconds: f64,
-    /// From the first submission to the end, by the host's clock.
+    /// Host time from the first submission to the end, s.
     pub wall_seconds: f64,
 }
 
-/// A sequence of operations. Each one sees all that those before it wrote. It borrows buffers and pipelines until
-/// it is submitted; dropping it instead throws it away, except that a batch of hundreds of dispatches is executed in
-/// parts as it grows.
+/// A sequence of operations, each of which sees everything that earlier ones wrote. It borrows buffers and pipelines
+/// until it is submitted. Dropping it discards it, except that a batch of hundreds of dispatches is executed in parts
+/// as it grows.
 pub struct Batch<'a> {
     device: Device,
     recorder: Recorder,
@@ -36,7 +36,7 @@ pub struct Batch<'a> {
 }
 
 impl Device {
-    /// An empty batch. The Vulkan objects behind it come from earlier ones: a batch costs little more than its submission.
+    /// An empty batch. It reuses the Vulkan objects of earlier ones, and so costs little more than its submission.
     pub fn batch<'a>(&self) -> Result<Batch<'a>> {
         let idle = lock(&self.shared.idle).pop();
         let recorder = match idle {
@@ -49,7 +49,7 @@ impl Device {
 }
 
 impl<'a> Batch<'a> {
-    /// Runs `pipeline` over `groups` workgroups. `shape` says how large the work is, for the profile: "64x4096".
+    /// Runs `pipeline` over `groups` workgroups. `shape` labels the size of the work in the profile, e.g. "64x4096".
     pub fn dispatch(
         &mut self,
         pipeline: &'a Pipeline,
@@ -118,7 +118,7 @@ impl<'a> Batch<'a> {
         Ok(())
     }
 
-    /// Copies `bytes` from one place to another, in the same buffer too if the two do not overlap.
+    /// Copies `bytes` between buffers, or within one if the ranges do not overlap.
     pub fn copy(
         &mut self,
         source: &'a Buffer,
@@ -194,7 +194,7 @@ impl<'a> Batch<'a> {
                 false => buffer.check_aligned(*offset, 0, info.storage_buffer_alignment)?,
             }
             if *bytes == 0 {
-                // Vulkan cannot bind nothing.
+                // Vulkan cannot bind an empty range.
                 let (label, size) = (buffer.label().to_owned(), buffer.bytes());
                 return Err(GpuError::OutOfRange { label, offset: *offset, bytes: 0, size });
             }
@@ -202,9 +202,9 @@ impl<'a> Batch<'a> {
         Ok(())
     }
 
-    /// Before every operation: starts recording, executes what would not fit together with it, and makes it wait
-    /// for all that came before, in earlier batches too. One barrier for everything: the kernels of a batch depend
-    /// on each other nearly always, and each of them fills the device.
+    /// Before every operation: starts recording, executes what was recorded if the operation would no longer fit, and
+    /// makes it wait for all earlier work, that of earlier batches too. One barrier serves everything: the kernels of a
+    /// batch nearly always depend on each other, and each of them fills the device.
     fn make_room(&mut self, bindings: u32) -> Result<()> {
         if self.recorder.is_recording() && !self.recorder.fits(bindings) {
             self.execute()?;
@@ -227,7 +227,7 @@ impl<'a> Batch<'a> {
         if !self.recorder.is_recording() {
             return Ok(());
         }
-        // Mapped buffers are read by the host next.
+        // The host may read mapped buffers next.
         let stages = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
         let writes = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
         self.barrier(stages, writes, vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ);
@@ -260,8 +260,8 @@ impl<'a> Batch<'a> {
     }
 }
 
-/// That a part of a buffer can be a uniform buffer. The alignment is the largest that Vulkan lets a device ask, whatever
-/// this one asks: what goes here goes on every device.
+/// Checks that a part of a buffer can be a uniform buffer. The alignment is the largest that Vulkan lets any device
+/// require, not that of this one: what passes here passes on every device.
 fn check_uniform(buffer: &Buffer, offset: u64, bytes: u64, limit: u64) -> Result<()> {
     buffer.check_aligned(offset, 0, ALIGN)?;
     if bytes > limit {

@@ -1,4 +1,4 @@
-//! A device opened for compute, and what all that uses it shares.
+//! A device opened for compute, and the state that its users share.
 
 use crate::options::setters;
 use std::collections::HashMap;
@@ -27,12 +27,12 @@ use super::{Result, lock};
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct DeviceOptions {
-    /// Position in [`list_devices`](super::list_devices) or part of the name, in any case; none: the best device.
+    /// Index in [`list_devices`](super::list_devices) or part of the name, ignoring case; `None`: the best device.
     /// Default: ANTIRAD_DEVICE.
     pub selector: Option<String>,
     /// Check every call with the Vulkan validation layer. Default: whether ANTIRAD_VALIDATION is 1.
     pub validation: bool,
-    /// Bytes that buffers may take; none: what VK_EXT_memory_budget leaves to this process, or the whole heap.
+    /// Budget of all buffers, bytes; `None`: what VK_EXT_memory_budget leaves to this process, or the whole heap.
     pub memory_budget: Option<u64>,
 }
 
@@ -53,7 +53,7 @@ impl Default for DeviceOptions {
 }
 
 impl DeviceOptions {
-    /// What a command line asked for, over the defaults.
+    /// The options of a command line, over the defaults.
     pub fn asked(selector: &Option<String>, memory_budget: Option<u64>) -> Self {
         let usual = Self::default();
         Self { selector: selector.clone().or(usual.selector), memory_budget, ..usual }
@@ -70,19 +70,19 @@ pub struct Device {
 pub(super) struct Shared {
     pub(super) info: DeviceInfo,
     pub(super) queue_family: u32,
-    /// Vulkan lets one thread at a time submit.
+    /// Vulkan allows one thread at a time to submit.
     pub(super) queue: Mutex<vk::Queue>,
     pub(super) timestamp_bits: u32,
     pub(super) memory: Mutex<Memory>,
     pub(super) cache: vk::PipelineCache,
-    /// Every kernel that was compiled, to the end of the device.
+    /// Every kernel compiled so far, kept until the device is closed.
     pub(super) pipelines: Mutex<HashMap<Key, Parts>>,
-    /// Recorders between two batches: a batch takes one, or makes one when all are busy.
+    /// Recorders not in use. A batch takes one, or makes one if there is none.
     pub(super) idle: Mutex<Vec<Recorder>>,
-    /// How many scopes were made so far.
+    /// Number of scopes made so far.
     pub(super) scopes: AtomicU64,
     pub(super) profile: Mutex<Profile>,
-    /// The device stopped answering: it may use its objects for ever, so none may be destroyed.
+    /// The device stopped responding. It may still use its objects, so none may be destroyed.
     hung: AtomicBool,
     names: Option<debug_utils::Device>,
     // Dropped in this order: the device before its instance.
@@ -93,7 +93,7 @@ pub(super) struct Shared {
 /// The Vulkan device itself.
 pub(super) struct Logical {
     pub(super) raw: ash::Device,
-    /// False for an embedder's device, and for one that hangs: then it is not destroyed.
+    /// Whether to destroy it: false for an embedder's device and for one that hangs.
     pub(super) owned: bool,
 }
 
@@ -140,7 +140,7 @@ impl Device {
         let memory = Memory::new(instance.raw(), &logical.raw, physical, budget)?;
         let names = enabled.debug_utils.then(|| debug_utils::Device::new(instance.raw(), &logical.raw));
         let create = vk::PipelineCacheCreateInfo::default();
-        // SAFETY: the device is alive; the last call that can fail, so that nothing made here is left behind.
+        // SAFETY: the device is alive. This is the last call that can fail, so nothing made here is left behind.
         let cache = unsafe { logical.raw.create_pipeline_cache(&create, None) }
             .during("creating", "pipeline cache")?;
         let shared = Shared {
@@ -164,60 +164,60 @@ impl Device {
         Ok(Self { scope: Scope::new(&shared, 2 * STAGING_CHUNK), shared })
     }
 
-    /// A handle on the same device for one user of it among several, an engine for instance: what it allocates is counted
-    /// apart ([`Self::scope_memory`]), under the one budget, and it has staging buffers of its own for its transfers, which
-    /// take `staging` bytes together from the first transfer on, to the end of the last clone of the handle.
+    /// A handle on the same device for one of its users, such as an engine. Its allocations are counted separately
+    /// ([`Self::scope_memory`]), under the common budget. Its transfers use staging buffers of their own, `staging`
+    /// bytes together, from the first transfer until the last clone of the handle is dropped.
     pub fn scope(&self, staging: u64) -> Self {
         Self { scope: Scope::new(&self.shared, staging), shared: self.shared.clone() }
     }
 
-    /// What the device is, and which optional capabilities are switched on.
+    /// Properties of the device, and the optional capabilities that are enabled.
     pub fn info(&self) -> &DeviceInfo {
         &self.shared.info
     }
 
-    /// What the buffers take, those that the host can see included.
+    /// Memory use of all buffers, host-visible ones included.
     pub fn memory(&self) -> MemoryReport {
         lock(&self.shared.memory).report()
     }
 
-    /// By label, what the buffers take that were made with this handle or its clones, staging buffers included.
+    /// Memory by label of the buffers made with this handle or its clones, staging buffers included.
     pub fn scope_memory(&self) -> Vec<LabelReport> {
         lock(&self.shared.memory).report_of(self.scope.id())
     }
 
-    /// Time on the device since the start or the last [`reset_profile`](Self::reset_profile), the most expensive first.
+    /// Device time by kernel and shape since the last [`reset_profile`](Self::reset_profile), most expensive first.
     pub fn profile(&self) -> Vec<ProfileRow> {
         lock(&self.shared.profile).rows()
     }
 
-    /// Says what a kernel does under a shape: items of work, and bytes that it asks of buffers, for its rates.
+    /// Credits a kernel under a shape with items of work and bytes of buffer accesses, for the rates of its profile.
     pub fn credit(&self, kernel: &'static str, shape: &str, items: u64, bytes: u64) {
         lock(&self.shared.profile).credit(kernel, shape, items, bytes);
     }
 
-    /// Forgets all times and credits so far.
+    /// Clears all times and credits.
     pub fn reset_profile(&self) {
         lock(&self.shared.profile).clear();
     }
 
-    /// Empty without validation.
+    /// Messages of the validation layer so far; empty without validation.
     pub fn validation_messages(&self) -> Vec<String> {
         self.validation_log().messages()
     }
 
-    /// The log itself: a clone of it outlives the device.
+    /// The log of these messages; a clone of it outlives the device.
     pub fn validation_log(&self) -> ValidationLog {
         self.shared.instance.log().clone()
     }
 
-    /// An error if validation has found anything.
+    /// Fails if the validation layer has reported anything.
     pub fn check_validation(&self) -> Result<()> {
         let messages = self.validation_messages();
         if messages.is_empty() { Ok(()) } else { Err(GpuError::Validation(messages)) }
     }
 
-    /// For embedders that add commands of their own.
+    /// The Vulkan device, for embedders that record commands of their own.
     pub fn raw(&self) -> &ash::Device {
         self.shared.raw()
     }
@@ -234,7 +234,7 @@ impl Shared {
         &self.logical.raw
     }
 
-    /// Gives an object the label that errors and profiles use. Only for debuggers: a failure is no error.
+    /// Gives an object the label that errors and profiles use. For debuggers only, so failures are ignored.
     pub(super) fn name<H: vk::Handle>(&self, handle: H, label: &str) {
         if let (Some(names), Ok(label)) = (&self.names, CString::new(label)) {
             let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(handle).object_name(&label);
@@ -243,7 +243,7 @@ impl Shared {
         }
     }
 
-    /// The device stopped answering: from now on nothing is submitted to it or destroyed.
+    /// Marks the device as hung: from now on nothing is submitted to it or destroyed.
     pub(super) fn hang(&self) {
         self.hung.store(true, Ordering::SeqCst);
     }
@@ -277,7 +277,7 @@ impl Drop for Shared {
 fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<ash::Device> {
     let has = |name| survey::has_extension(&candidate.extensions, name);
     let mut names = Vec::new();
-    // The specification demands it of every device that lists it.
+    // The specification requires enabling it on every device that lists it.
     if has(khr::portability_subset::NAME) {
         names.push(khr::portability_subset::NAME.as_ptr());
     }

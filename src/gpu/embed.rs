@@ -2,7 +2,7 @@
 
 use ash::vk;
 
-/// The bindings whose handles are taken, in the version that is taken.
+/// The Vulkan bindings whose handles this API takes, in the version it uses.
 pub use ash;
 
 use super::Result;
@@ -11,21 +11,21 @@ use super::info::Enabled;
 use super::instance::Instance;
 use super::survey::Candidate;
 
-/// A Vulkan 1.2 device of the embedder, who keeps owning it. It must have been created with the feature
+/// A Vulkan 1.2 device that the embedder opened and continues to own. It must have been created with the feature
 /// `scalarBlockLayout`.
 #[derive(Clone)]
 pub struct RawDevice {
     /// The loaded Vulkan library.
     pub entry: ash::Entry,
-    /// That the device was opened from.
+    /// The instance from which the device was opened.
     pub instance: ash::Instance,
-    /// Which device of the machine it is.
+    /// The physical device.
     pub physical_device: vk::PhysicalDevice,
     /// The logical device.
     pub device: ash::Device,
-    /// Family of `queue`; it must offer compute.
+    /// Family of `queue`; it must support compute.
     pub queue_family: u32,
-    /// Where all work is submitted.
+    /// The queue to which all work is submitted.
     pub queue: vk::Queue,
     /// The optional features and extensions that `device` was created with; `Enabled::default()` for none.
     pub enabled: Enabled,

@@ -1,15 +1,15 @@
-//! What a plan has to know of a device.
+//! Properties of a device that a plan depends on.
 
 use crate::options::setters;
 
-/// In the order of preference.
+/// Kinds of devices, in order of preference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DeviceKind {
-    /// A card with memory of its own.
+    /// A GPU with memory of its own.
     Discrete,
     /// Shares memory with the CPU.
     Integrated,
-    /// Given to a virtual machine.
+    /// A GPU given to a virtual machine.
     Virtual,
     /// A driver that computes on the CPU (lavapipe).
     Cpu,
@@ -30,7 +30,7 @@ impl std::fmt::Display for DeviceKind {
     }
 }
 
-/// Optional capabilities that are switched on in a device.
+/// Optional capabilities that are enabled on a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Enabled {
@@ -44,58 +44,59 @@ pub struct Enabled {
 
 setters!(Enabled { float64: bool, subgroup_size_control: bool, debug_utils: bool });
 
-/// What a plan has to know of a device. Sizes in bytes.
+/// Properties of a device that a plan depends on. Sizes in bytes.
 #[derive(Clone, Debug, Default)]
 pub struct DeviceInfo {
-    /// Position in [`list_devices`](super::list_devices); 0 for an embedder's device.
+    /// Index in [`list_devices`](super::list_devices); 0 for an embedder's device.
     pub index: usize,
-    /// As the driver says it.
+    /// Name, as reported by the driver.
     pub name: String,
-    /// What sort of hardware it is.
+    /// Kind of hardware.
     pub kind: DeviceKind,
-    /// Name and version.
+    /// Name and version of the driver.
     pub driver: String,
-    /// The newest version of Vulkan it knows: "1.3.255".
+    /// Newest version of Vulkan that it supports, e.g. "1.3.255".
     pub api_version: String,
-    /// What a kernel sees of a storage buffer at most.
+    /// Largest range of a storage buffer that a kernel can bind.
     pub max_storage_buffer_range: u64,
-    /// The largest piece of memory the driver gives at once.
+    /// Largest single allocation.
     pub max_allocation: u64,
     /// The largest device-local heap.
     pub heap_bytes: u64,
-    /// What VK_EXT_memory_budget leaves to this process, where there is that extension.
+    /// What VK_EXT_memory_budget leaves to this process, if the extension is supported.
     pub available_bytes: Option<u64>,
-    /// Of offsets of storage buffers: a power of two, 256 at most.
+    /// Required alignment of storage buffer offsets: a power of two, 256 at most.
     pub storage_buffer_alignment: u64,
-    /// Of offsets of uniform buffers. At most [`ALIGN`](super::ALIGN), which batches demand on every device.
+    /// Required alignment of uniform buffer offsets. At most [`ALIGN`](super::ALIGN), which batches always require.
     pub uniform_buffer_alignment: u64,
-    /// What a kernel sees of a uniform buffer at most.
+    /// Largest range of a uniform buffer that a kernel can bind.
     pub max_uniform_buffer_range: u64,
-    /// Storage buffers that one kernel can bind.
+    /// Maximum number of storage buffers that one kernel can bind.
     pub max_storage_buffers: u32,
-    /// Bytes of push constants that a kernel can have; at least [`MAX_PUSH_BYTES`](super::MAX_PUSH_BYTES) on every device.
+    /// Bytes of push constants that a kernel can have; at least [`MAX_PUSH_BYTES`](super::MAX_PUSH_BYTES) on every
+    /// device.
     pub max_push_bytes: u32,
-    /// Lanes of a subgroup, where a kernel does not ask for another size.
+    /// Lanes of a subgroup, unless a kernel requires another size.
     pub subgroup_size: u32,
     /// Smallest and largest size that a kernel can require; both `subgroup_size` where it has no choice.
     pub subgroup_size_range: (u32, u32),
-    /// Lanes of a workgroup at most.
+    /// Maximum number of lanes of a workgroup.
     pub max_workgroup_invocations: u32,
-    /// Workgroups of a dispatch along x, y and z at most.
+    /// Maximum number of workgroups of a dispatch along x, y and z.
     pub max_workgroup_count: [u32; 3],
-    /// Memory that the lanes of a workgroup share, at most.
+    /// Maximum memory that the lanes of a workgroup can share.
     pub shared_memory_bytes: u32,
-    /// Nanoseconds a tick; 0: the device keeps no time and every timing is zero.
+    /// Nanoseconds per tick; 0 if the device has no timestamps, so that every timing is zero.
     pub timestamp_period_ns: f32,
-    /// What the device can do; of a [`Device`](super::Device): what is switched on.
+    /// Supported capabilities; of a [`Device`](super::Device), those enabled.
     pub enabled: Enabled,
 }
 
-/// A device, with all that keeps it from being used (nothing: it can be used).
+/// A device, and what keeps it from being used.
 #[derive(Clone, Debug)]
 pub struct ListedDevice {
-    /// What the device is.
+    /// Its properties.
     pub info: DeviceInfo,
-    /// What it lacks, in words; empty where it can be used.
+    /// What it lacks, in words; empty if it can be used.
     pub missing: Vec<String>,
 }

@@ -1,4 +1,4 @@
-//! The Vulkan loader and instance, with the validation layer where it is asked for.
+//! The Vulkan loader and instance, with the validation layer on request.
 
 use std::ffi::CStr;
 
@@ -14,7 +14,7 @@ pub(super) struct Instance {
     messenger: Option<(debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     log: ValidationLog,
     debug_utils: bool,
-    /// False for an embedder's instance, and for one whose device hangs: then nothing is destroyed.
+    /// Whether to destroy it: false for an embedder's instance and for one whose device hangs.
     owned: bool,
     /// The loaded library: every function pointer above points into it, so it goes last.
     _entry: ash::Entry,
@@ -30,7 +30,7 @@ impl Instance {
         if validation && !has_layer(&entry)? {
             return Err(GpuError::NoValidation("the layer VK_LAYER_KHRONOS_validation"));
         }
-        // The layer brings the extension with it where the loader does not.
+        // The layer provides the extension where the loader does not.
         let debug_utils = debug_utils || validation;
 
         let mut names = Vec::new();
@@ -39,7 +39,7 @@ impl Instance {
             names.push(debug_utils::NAME.as_ptr());
         }
         if has(khr::portability_enumeration::NAME) {
-            // Also lists devices that are Vulkan on top of something else (MoltenVK).
+            // Also lists devices that implement Vulkan on top of another API (MoltenVK).
             names.push(khr::portability_enumeration::NAME.as_ptr());
             flags |= vk::InstanceCreateFlags::ENUMERATE_PORTABILITY_KHR;
         }
@@ -50,7 +50,7 @@ impl Instance {
             .api_version(survey::API_VERSION);
         let log = ValidationLog::default();
         let mut messenger_info = log.messenger();
-        // Besides each call on its own: hazards between commands, which find a forgotten barrier.
+        // Checks for hazards between commands as well, which reveal a missing barrier.
         let checks = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
         let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&checks);
         let mut create = vk::InstanceCreateInfo::default()
@@ -94,7 +94,7 @@ impl Instance {
         self.debug_utils
     }
 
-    /// Leaves the instance to the end of the process, with the library and the log that it points to.
+    /// Leaks the instance, with the library and the log that it points to.
     pub(super) fn abandon(&mut self) {
         self.owned = false;
         std::mem::forget(self._entry.clone());

@@ -13,11 +13,11 @@ use gpu_allocator::{AllocationSizes, AllocatorDebugSettings, MemoryLocation};
 use super::Result;
 use super::error::GpuError;
 
-/// Buffer sizes are multiples of this many bytes: the largest alignment that Vulkan lets a device ask of a storage
+/// Buffer sizes are multiples of this many bytes: the largest alignment that Vulkan lets a device require of a storage
 /// buffer's offset, so that the sizes a plan computes hold on every device.
 pub const ALIGN: u64 = 256;
 
-/// Blocks that small buffers share. Small ones, since what they reserve is beyond the budget's control; larger
+/// Size of the blocks that small buffers share. It is small, since what blocks reserve escapes the budget; larger
 /// buffers get memory of their own.
 const DEVICE_BLOCK: u64 = 8 << 20;
 const HOST_BLOCK: u64 = 4 << 20;
@@ -28,7 +28,7 @@ pub const fn rounded(bytes: u64) -> u64 {
     if blocks == 0 { ALIGN } else { blocks.saturating_mul(ALIGN) }
 }
 
-/// A number of bytes that prints itself both for people and exactly: `8.0 MiB (8388608 bytes)`.
+/// A number of bytes that prints itself both rounded and exactly: `8.0 MiB (8388608 bytes)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Bytes(pub u64);
 
@@ -48,20 +48,20 @@ impl fmt::Display for Bytes {
 /// The memory in use under one label.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LabelReport {
-    /// Of the buffers.
+    /// Label of the buffers.
     pub label: String,
-    /// Of all of them together, rounded up.
+    /// Their total size, each rounded up.
     pub bytes: u64,
     /// Number of buffers.
     pub count: u64,
 }
 
-/// All in bytes.
+/// Memory use of a device, bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MemoryReport {
-    /// What buffers may take together.
+    /// Budget of all buffers together.
     pub budget: u64,
-    /// What they take now.
+    /// Size of all buffers now.
     pub in_use: u64,
     /// The largest `in_use` so far.
     pub peak: u64,
@@ -69,7 +69,7 @@ pub struct MemoryReport {
     pub reserved: u64,
     /// Sorted by label.
     pub by_label: Vec<LabelReport>,
-    /// The most bytes each label ever had, of those freed meanwhile, too.
+    /// Peak bytes of each label, labels freed since included.
     pub peak_by_label: Vec<(String, u64)>,
 }
 
@@ -124,7 +124,7 @@ impl Ledger {
     }
 }
 
-/// Takes one buffer of `bytes` out of the counts.
+/// Removes one buffer of `bytes` from the counts.
 fn forget(labels: &mut BTreeMap<String, (u64, u64)>, label: &str, bytes: u64) {
     if let Some(entry) = labels.get_mut(label) {
         *entry = (entry.0.saturating_sub(bytes), entry.1.saturating_sub(1));
@@ -170,7 +170,7 @@ impl Memory {
         Ok(Self { ledger, allocator: ManuallyDrop::new(allocator) })
     }
 
-    /// Counts `bytes` under `label`, or says that they are beyond the budget. Comes before `allocate`.
+    /// Counts `bytes` under `label`, or fails if they exceed the budget. Precedes `allocate`.
     pub(super) fn take(&mut self, scope: ScopeId, label: &str, bytes: u64) -> Result<()> {
         self.ledger.take(scope, label, bytes)
     }
@@ -217,12 +217,12 @@ impl Memory {
         }
     }
 
-    /// By label, what the buffers of one scope take.
+    /// Memory by label of the buffers of one scope.
     pub(super) fn report_of(&self, scope: ScopeId) -> Vec<LabelReport> {
         self.ledger.scopes.get(&scope).map(rows).unwrap_or_default()
     }
 
-    /// Hands all blocks back to the driver.
+    /// Returns all blocks to the driver.
     ///
     /// # Safety
     /// The device is alive and idle, no buffer is left, and nothing but dropping follows.

@@ -1,4 +1,5 @@
-//! Vulkan compute: devices, memory under a budget, buffers, pipelines, dispatches and their timing. Nothing of light.
+//! Vulkan compute: devices, memory under a budget, buffers, pipelines, dispatches and their timing. It knows nothing of
+//! light.
 //!
 //! ```no_run
 //! use antirad::gpu::{Buffer, BufferKind, Device, DeviceOptions, Pipeline};
@@ -25,7 +26,7 @@
 //!
 //! The calls are safe as far as the host can check them: ranges, alignments, limits and lifetimes. What a kernel
 //! reads and writes inside its buffers is the kernel's own responsibility.
-#![allow(unsafe_code, reason = "calls into Vulkan; here and nowhere else, each with what makes it sound")]
+#![allow(unsafe_code, reason = "calls into Vulkan; only in this layer, each with its safety argument")]
 
 mod buffer;
 mod commands;
@@ -38,6 +39,7 @@ mod memory;
 mod pipeline;
 mod profile;
 mod recorder;
+mod shader;
 mod survey;
 mod transfer;
 mod validation;
@@ -50,6 +52,7 @@ pub use info::{DeviceInfo, DeviceKind, Enabled, ListedDevice};
 pub use memory::{ALIGN, Bytes, LabelReport, MemoryReport, rounded};
 pub use pipeline::{Bindings, MAX_PUSH_BYTES, Pipeline};
 pub use profile::ProfileRow;
+pub use shader::Shader;
 pub(crate) use survey::UNIFORM_BYTES;
 pub use survey::list_devices;
 pub use transfer::{STAGING_CHUNK, staging_bytes};
@@ -57,10 +60,10 @@ pub use validation::ValidationLog;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// What calls of this layer return.
+/// The result of calls into this layer.
 pub type Result<T, E = GpuError> = std::result::Result<T, E>;
 
-/// A thread that panicked while it held a lock left counters and lists that are still whole: go on.
+/// Ignores poisoning: a thread that panics while it holds a lock leaves counters and lists intact.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -7,17 +7,17 @@ use ash::vk;
 
 use super::device::{Device, Shared};
 use super::error::{During, GpuError};
+use super::shader::Shader;
 use super::{Result, lock};
-use crate::shaders::Shader;
 
-/// What every Vulkan device takes; more goes into a buffer.
+/// Bytes of push constants that every Vulkan device supports; longer parameters go into a buffer.
 pub const MAX_PUSH_BYTES: u32 = 128;
 
-/// Storage buffers that one kernel can bind, at most: a batch has this many descriptors at its disposal.
+/// Maximum number of storage buffers that one kernel can bind: a batch has this many descriptors.
 pub(super) const MAX_BINDINGS: u32 = 64;
 
-/// A kernel that is ready to be dispatched. Its Vulkan objects belong to the device: making the same one again, for the
-/// next of many engines, costs nothing.
+/// A kernel that is ready to be dispatched. Its Vulkan objects belong to the device: making the same one again, for
+/// another engine, costs nothing.
 #[derive(Clone)]
 pub struct Pipeline {
     pub(super) device: Device,
@@ -63,8 +63,8 @@ impl Bindings {
     }
 }
 
-/// What a compiled kernel depends on: the place of its code, which unlike its name no other kernel has, its bindings, push
-/// constants, specialization and subgroup size.
+/// What identifies a compiled kernel: the address of its code (unique, unlike its name), its bindings, push constants,
+/// specialization and subgroup size.
 pub(super) type Key = (usize, Bindings, u32, Vec<(u32, u32)>, Option<u32>);
 
 impl Parts {
@@ -81,9 +81,9 @@ impl Parts {
 }
 
 impl Pipeline {
-    /// The kernel has these buffers and `push_bytes` of push constants.
-    /// `specialization`: (constant id, value) pairs. `subgroup_size`: lanes that the kernel is written for, if it is
-    /// written for a certain number.
+    /// Compiles a kernel with these buffers and `push_bytes` of push constants.
+    /// `specialization`: (constant id, value) pairs. `subgroup_size`: lanes per subgroup, if the kernel requires a
+    /// certain number.
     pub fn new(
         device: &Device,
         shader: &Shader,
@@ -114,7 +114,7 @@ impl Pipeline {
         let required = subgroup_size.filter(|_| info.enabled.subgroup_size_control);
         let code = shader.spirv();
         let key = (code.as_ptr() as usize, bindings, push_bytes, specialization.to_vec(), required);
-        // Held while compiling: who wants the same kernel waits for it instead of compiling it, too.
+        // Held while compiling, so that a thread that needs the same kernel waits instead of compiling it again.
         let mut compiled = lock(&device.shared.pipelines);
         let parts = compiled.get(&key).copied().unwrap_or_default();
         let mut pipeline = Self { device: device.clone(), kernel, bindings, push_bytes, parts };
@@ -131,7 +131,7 @@ impl Pipeline {
         Ok(pipeline)
     }
 
-    /// The kernel's name, which is also its profile rows'.
+    /// The kernel's name, in the profile too.
     pub fn kernel(&self) -> &'static str {
         self.kernel
     }
@@ -243,7 +243,7 @@ mod tests {
         let new =
             |shader: &Shader| Pipeline::new(&device, shader, 3, 12, &[], None).expect("a pipeline").parts;
         let combine = shaders::COMBINE.of(Precision::F32);
-        let other = combine.impostor(shaders::DOT.of(Precision::F32));
+        let other = Shader::new(combine.name(), shaders::DOT.of(Precision::F32).spirv());
         let (parts, others) = (new(combine), new(&other));
         assert_ne!(parts.pipeline, others.pipeline);
         assert_eq!((new(combine).pipeline, new(&other).pipeline), (parts.pipeline, others.pipeline));

@@ -1,27 +1,26 @@
-//! Where the device's time goes: one row for each kernel and shape of its work.
+//! Profile of the device's time: one row for each kernel and shape of its work.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// What one kernel has done under one shape.
+/// Time and work of one kernel under one shape.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ProfileRow {
-    /// Its name: the file of the shader without `.comp`.
+    /// Name of the kernel: the shader's file without `.comp`.
     pub kernel: String,
-    /// What the caller of the dispatch said about its size, e.g. "64x4096".
+    /// Size of the work as the caller of the dispatch labelled it, e.g. "64x4096".
     pub shape: String,
     /// Number of dispatches.
     pub count: u64,
-    /// Time on the device of all of them; 0 where it keeps no time.
+    /// Their device time, s; 0 where the device has no timestamps.
     pub seconds: f64,
-    /// Items of work done, and bytes that kernels asked of buffers for them, as far as callers have said so
-    /// ([`Device::credit`](super::Device::credit)).
+    /// Items of work done, as far as callers have credited them ([`Device::credit`](super::Device::credit)).
     pub items: u64,
-    /// Bytes of those reads and writes.
+    /// Bytes of buffer accesses for these items, credited likewise.
     pub bytes: u64,
 }
 
-/// What a kernel has done so far.
+/// Totals of a kernel under one shape.
 #[derive(Clone, Copy, Default)]
 struct Work {
     count: u64,

@@ -18,13 +18,13 @@ const _: () = assert!(MAX_BINDINGS <= MAX_DESCRIPTORS);
 /// minutes at most, on a slow CPU too.
 const TIMEOUT_SECONDS: u64 = 600;
 
-/// Null handles where not made yet.
+/// Handles are null until made.
 #[derive(Default)]
 pub(super) struct Recorder {
     pool: vk::CommandPool,
     pub(super) commands: vk::CommandBuffer,
     descriptors: vk::DescriptorPool,
-    /// Two timestamps a dispatch; null where the device keeps no time.
+    /// Two timestamps per dispatch; null where the device has none.
     queries: vk::QueryPool,
     fence: vk::Fence,
     /// Kernel and shape of each dispatch recorded so far.
@@ -98,12 +98,12 @@ impl Recorder {
         self.recording
     }
 
-    /// Whether a dispatch that binds so many buffers still fits.
+    /// Whether a dispatch that binds this many buffers still fits.
     pub(super) fn fits(&self, bindings: u32) -> bool {
         self.dispatches.len() < MAX_DISPATCHES as usize && self.descriptors_used + bindings <= MAX_DESCRIPTORS
     }
 
-    /// Throws away what was recorded and starts anew.
+    /// Discards what was recorded and starts over.
     pub(super) fn begin(&mut self, shared: &Shared) -> Result<()> {
         self.clear();
         let device = shared.raw();
@@ -147,7 +147,7 @@ impl Recorder {
         Ok(sets.into_iter().next().unwrap_or_default())
     }
 
-    /// Records what `record` records, between two timestamps.
+    /// Calls `record` between two timestamps.
     pub(super) fn timed(
         &mut self,
         shared: &Shared,
@@ -226,7 +226,7 @@ impl Recorder {
         }
     }
 
-    /// Of each dispatch.
+    /// Device time of each dispatch, s.
     fn seconds(&self, shared: &Shared) -> Result<Vec<f64>> {
         let count = self.dispatches.len();
         if self.queries == vk::QueryPool::null() || count == 0 {

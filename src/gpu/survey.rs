@@ -1,4 +1,4 @@
-//! The devices of this machine: what they are, what they lack, and which one to take.
+//! The devices of this machine: their properties, what they lack, and the choice among them.
 
 use std::ffi::CStr;
 
@@ -18,7 +18,7 @@ const SUBGROUP_OPERATIONS: vk::SubgroupFeatureFlags = vk::SubgroupFeatureFlags::
     vk::SubgroupFeatureFlags::BASIC.as_raw() | vk::SubgroupFeatureFlags::BALLOT.as_raw(),
 );
 
-/// The devices of this machine, best first: a position in this list selects a device.
+/// The devices of this machine, best first: an index into this list selects a device.
 pub fn list_devices() -> Result<Vec<ListedDevice>> {
     let instance = Instance::new(false)?;
     let found = survey(&instance)?;
@@ -36,8 +36,8 @@ pub(super) struct Candidate {
 
 pub(super) fn no_driver() -> GpuError {
     GpuError::NoDevice {
-        wanted: "anything".into(),
-        found: "no Vulkan driver; install one (`apt install mesa-vulkan-drivers` brings a CPU device)".into(),
+        wanted: "any selector".into(),
+        found: "none; install a Vulkan driver (`apt install mesa-vulkan-drivers` brings a CPU device)".into(),
     }
 }
 
@@ -61,11 +61,11 @@ pub(super) fn survey(instance: &Instance) -> Result<Vec<Candidate>> {
     Ok(found)
 }
 
-/// The device that `selector` (a position, or a part of the name in any case) means, or the best one that can be used.
+/// The device that `selector` names (an index, or part of the name ignoring case), or the best usable one.
 pub(super) fn choose(mut found: Vec<Candidate>, selector: Option<&str>) -> Result<Candidate> {
     let position = match selector {
         None => found.iter().position(|candidate| candidate.listed.missing.is_empty()).or(
-            // All lack something: the error of the best one says what.
+            // If all lack something, the error says what the best one lacks.
             (!found.is_empty()).then_some(0),
         ),
         Some(text) => match text.trim().parse::<usize>() {
@@ -86,7 +86,7 @@ pub(super) fn choose(mut found: Vec<Candidate>, selector: Option<&str>) -> Resul
             format!("{} \"{}\"", info.index, info.name)
         });
         let names: Vec<_> = names.collect();
-        let found = if names.is_empty() { "nothing".to_owned() } else { names.join(", ") };
+        let found = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
         return Err(GpuError::NoDevice { wanted: format!("\"{selector}\""), found });
     };
     let candidate = found.swap_remove(position);
@@ -94,11 +94,11 @@ pub(super) fn choose(mut found: Vec<Candidate>, selector: Option<&str>) -> Resul
     Ok(candidate)
 }
 
-/// What kernels see of a uniform buffer at most; common devices offer that or more.
+/// Uniform buffer range that kernels need; common devices offer at least this.
 pub(crate) const UNIFORM_BYTES: u32 = 1 << 16;
 
 impl Candidate {
-    /// `queue_family`: the one to judge, else the first that computes.
+    /// `queue_family`: the one to examine, else the first that supports compute.
     pub(super) fn new(
         instance: &Instance,
         physical: vk::PhysicalDevice,
@@ -140,7 +140,7 @@ impl Candidate {
             missing.push(format!("uniform buffers of {UNIFORM_BYTES} bytes"));
         }
         if info.uniform_buffer_alignment > ALIGN {
-            // Against the specification.
+            // A violation of the specification.
             missing.push(format!("uniform buffers at multiples of {ALIGN} bytes"));
         }
         if timestamp_bits == 0 {
@@ -159,7 +159,7 @@ impl Candidate {
     }
 }
 
-/// What every Vulkan device tells.
+/// Properties that every Vulkan device reports.
 fn from_core(core: &vk::PhysicalDeviceProperties, name: String) -> DeviceInfo {
     let limits = &core.limits;
     let version = core.api_version;
@@ -194,7 +194,7 @@ fn from_core(core: &vk::PhysicalDeviceProperties, name: String) -> DeviceInfo {
     }
 }
 
-/// What a device of Vulkan 1.2 tells in addition; the result: what it lacks.
+/// Adds what a device of Vulkan 1.2 reports; returns what it lacks.
 fn from_extended(
     instance: &Instance,
     physical: vk::PhysicalDevice,

@@ -5,30 +5,30 @@ use std::sync::{Arc, Mutex};
 
 use bytemuck::Pod;
 
-use super::buffer::{Block, Buffer, BufferKind};
+use super::buffer::{Buffer, BufferKind, BufferMemory};
 use super::device::{Device, Shared};
 use super::error::GpuError;
 use super::memory::{ScopeId, rounded};
 use super::{Result, lock};
 
 /// Bytes of one staging buffer, unless [`Device::scope`] says otherwise; longer transfers go piece by piece. Large
-/// enough that a piece costs more than its submission, small beside most budgets.
+/// enough that a piece costs more than its submission, small compared with most budgets.
 pub const STAGING_CHUNK: u64 = 8 << 20;
 
-/// The device memory that transfers take, for a plan to count: one staging buffer up, one down, made at first use.
+/// Device memory of transfers, for a plan to count: staging buffers for upload and download, made at first use.
 pub const fn staging_bytes() -> u64 {
     2 * rounded(STAGING_CHUNK)
 }
 
-/// What one user of a device has for itself: a number under which its buffers are counted, and staging buffers, with the
-/// locks that give them to one transfer at a time.
+/// The state of one user of a device: the id under which its buffers are counted, and its staging buffers, each locked
+/// by one transfer at a time.
 pub(super) struct Scope {
     shared: Arc<Shared>,
     id: ScopeId,
     /// Bytes of each staging buffer.
     chunk: u64,
-    upload: Mutex<Option<Block>>,
-    readback: Mutex<Option<Block>>,
+    upload: Mutex<Option<BufferMemory>>,
+    readback: Mutex<Option<BufferMemory>>,
 }
 
 impl Scope {
@@ -52,13 +52,13 @@ impl Scope {
     /// The staging buffer of a slot, made at its first use.
     fn staging<'a>(
         &self,
-        slot: &'a mut Option<Block>,
+        slot: &'a mut Option<BufferMemory>,
         label: &str,
         kind: BufferKind,
-    ) -> Result<&'a mut Block> {
+    ) -> Result<&'a mut BufferMemory> {
         match slot {
             Some(block) => Ok(block),
-            None => Ok(slot.insert(Block::new(&self.shared, self.id, label, self.chunk, kind)?)),
+            None => Ok(slot.insert(BufferMemory::new(&self.shared, self.id, label, self.chunk, kind)?)),
         }
     }
 }
@@ -128,7 +128,7 @@ impl Device {
 
     /// Reads `count` values from `offset` (bytes) on.
     pub fn download_slice<T: Pod>(&self, buffer: &Buffer, offset: u64, count: u64) -> Result<Vec<T>> {
-        // Before the host's memory is taken: a wrong count is an error, not an abort.
+        // Checked before host memory is allocated: a wrong count is an error, not an abort.
         buffer.check(self, offset, count.saturating_mul(size_of::<T>() as u64))?;
         let mut values = vec![T::zeroed(); count as usize];
         self.download_into(buffer, offset, bytemuck::cast_slice_mut(&mut values))?;
@@ -136,7 +136,7 @@ impl Device {
     }
 }
 
-fn mapped(block: &mut Block) -> Result<&mut [u8]> {
+fn mapped(block: &mut BufferMemory) -> Result<&mut [u8]> {
     let what = "mapping a staging buffer".to_owned();
     let result = ash::vk::Result::ERROR_MEMORY_MAP_FAILED.to_string();
     block.mapped().ok_or(GpuError::Vulkan { what, result })

@@ -1,4 +1,4 @@
-//! The messages of the Vulkan validation layer, kept so that a test can demand that there are none.
+//! The messages of the Vulkan validation layer, kept so that tests can require that there are none.
 
 use std::borrow::Cow;
 use std::ffi::{CStr, c_void};
@@ -10,10 +10,11 @@ use super::lock;
 
 pub(super) const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// Messages that are known to be wrong: (message id, reason). Every entry needs its reason.
+/// Messages known to be wrong: (message id, reason). Every entry needs its reason.
 const SUPPRESSED: &[(&str, &str)] = &[];
 
-/// Warnings and errors of the validation layer. A clone outlives the device and so sees what destroying it leaves over.
+/// Warnings and errors of the validation layer. A clone outlives the device, and so also sees what was not destroyed
+/// before it.
 #[derive(Clone, Debug, Default)]
 pub struct ValidationLog(Arc<Mutex<Vec<String>>>);
 
@@ -45,7 +46,7 @@ unsafe extern "system" fn record(
     // SAFETY: `log` is the pointer that `messenger` set; the instance holds the log until its messenger is destroyed.
     let log = unsafe { log.cast_const().cast::<Mutex<Vec<String>>>().as_ref() };
     if let (Some(data), Some(log)) = (data, log) {
-        // SAFETY: both are null-terminated strings or null, as the extension demands.
+        // SAFETY: both are null-terminated strings or null, as the extension requires.
         let (id, text) = unsafe { (string(data.p_message_id_name), string(data.p_message)) };
         if !SUPPRESSED.iter().any(|(suppressed, _)| *suppressed == id) {
             if severity.contains(vk::DebugUtilsMessageSeverityFlagsEXT::ERROR) {

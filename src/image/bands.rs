@@ -1,29 +1,30 @@
-//! How a picture is cut up: samples, square tiles of samples, bands of tile rows that fit in memory.
+//! The subdivision of a picture: samples, square tiles of samples, and bands of tile rows that fit in memory.
 
 use std::ops::Range;
 
 use crate::scene::Camera;
 
-/// Samples a side of a tile: the kernel's workgroup.
+/// Samples along a side of a tile: the kernel's workgroup.
 pub(super) const TILE: u32 = 16;
 
-/// Samples in a band, unless one row of tiles already has more. At 8 bytes a sample, and at most 16 a pixel.
+/// Samples in a band, unless one row of tiles already has more: 8 bytes each, and at most 16 per pixel.
 const BAND_SAMPLES: u64 = 1 << 20;
 
-/// The samples of a picture, row by row, and the bands it is made in. Bands begin at whole tiles and at whole
-/// pixels, so that they do not show.
+/// The samples of a picture, row by row, and its division into bands. Bands begin at whole tiles and whole pixels, so that they
+/// do not show.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grid {
-    /// Samples a side of a pixel, a power of two.
+    /// Samples along a side of a pixel, a power of two.
     pub side: u32,
-    /// Samples.
+    /// In samples.
     pub width: u32,
+    /// In samples.
     pub height: u32,
     /// Tile rows in all bands but the last.
     band_tile_rows: u32,
 }
 
-/// Some rows of samples.
+/// A range of rows of samples.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Band {
     pub first_row: u32,
@@ -66,7 +67,7 @@ impl Grid {
 }
 
 impl Band {
-    /// Rows of tiles, from the top of the picture.
+    /// Rows of tiles, counted from the top of the picture.
     pub fn tile_rows(self) -> Range<u32> {
         self.first_row / TILE..(self.first_row + self.rows).div_ceil(TILE)
     }

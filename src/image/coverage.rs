@@ -1,4 +1,4 @@
-//! Which share of each pixel shows which face: the picture as a linear map from colours of faces, and its transpose.
+//! The share of each face in each pixel: the picture as a linear map of face colours, and its transpose.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -8,41 +8,41 @@ use super::projection::Projected;
 use super::visibility::NONE;
 use super::{ImageError, Picture};
 
-/// In place of a face: the back of any. Black, and no background.
+/// Stands for the back of any face, which is black but not background.
 const BACK: u32 = NONE - 1;
 
-/// What a camera sees of a scene, whatever its colours: for each pixel the faces behind its samples, and how many samples
-/// each one has. It stays right until a vertex or the camera moves.
+/// What a camera sees of a scene, independent of colours: the faces in each pixel, with their number of samples. Valid until a
+/// vertex or the camera moves.
 ///
-/// Takes 4 bytes a pixel and 8 for each face in each pixel, on the host.
+/// Takes 4 bytes per pixel and 8 per face in each pixel, on the host.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Coverage {
     width: u32,
     height: u32,
-    /// Samples a side of a pixel.
+    /// Samples along a side of a pixel.
     supersample: u32,
     triangles: usize,
-    /// How many of `shares` each pixel has, row by row from the top.
+    /// Number of `shares` of each pixel, row by row from the top.
     counts: Vec<u32>,
-    /// In ascending order of the faces within a pixel.
+    /// Within a pixel in ascending order of faces.
     shares: Vec<Share>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Share {
-    /// In the scene, or [`BACK`].
+    /// Index in the scene, or [`BACK`].
     face: u32,
     samples: u32,
 }
 
 impl Coverage {
-    /// Of no rows.
+    /// Coverage of no rows.
     pub(super) fn empty(grid: &Grid, triangles: usize) -> Self {
         let (counts, shares) = (Vec::new(), Vec::new());
         Self { width: grid.width / grid.side, height: 0, supersample: grid.side, triangles, counts, shares }
     }
 
-    /// Of some rows of pixels: those of `samples`, whole rows of the grid.
+    /// Coverage of a band, from the visible face of each of its samples.
     pub(super) fn of_band(grid: &Grid, band: Band, samples: &[u32], sides: &Sides) -> Self {
         let side = grid.side as usize;
         let (width, columns) = (grid.width as usize, (grid.width / grid.side) as usize);
@@ -74,37 +74,37 @@ impl Coverage {
         coverage
     }
 
-    /// Adds the rows below.
+    /// Appends the rows below.
     pub(super) fn append(&mut self, below: Self) {
         self.height += below.height;
         self.counts.extend(below.counts);
         self.shares.extend(below.shares);
     }
 
-    /// Pixels.
+    /// Width in pixels.
     pub fn width(&self) -> u32 {
         self.width
     }
 
-    /// Pixels.
+    /// Height in pixels.
     pub fn height(&self) -> u32 {
         self.height
     }
 
-    /// The faces whose fronts are seen, pixel by pixel: a face once for each pixel that shows it.
+    /// The faces whose fronts are visible, pixel by pixel: each face once per pixel that shows it.
     pub fn faces(&self) -> impl Iterator<Item = usize> + '_ {
         self.shares.iter().filter(|share| share.face != BACK).map(|share| share.face as usize)
     }
 
-    /// Per triangle of a scene, whether one of these views of it shows its front, in one sample at least.
+    /// Per triangle, whether its front is visible in at least one sample of at least one of these views of the scene.
     pub fn seen(views: &[Self], triangles: usize) -> Vec<bool> {
         let mut seen = vec![false; triangles];
         views.iter().flat_map(Self::faces).for_each(|face| seen[face] = true);
         seen
     }
 
-    /// The pixels, row by row from the top: linear RGB, and the share of the pixel that shows a face. `colours`: radiance
-    /// of the front of each triangle, in the scene's order; backs are black. Fails if there are more or fewer.
+    /// The pixels, row by row from the top: linear RGB, and the share of samples that show a face. `colours`: radiance of the
+    /// front of each triangle, in the scene's order; backs are black. Fails if their number is wrong.
     pub fn pixels<C>(&self, colours: &[[C; 3]]) -> Result<Vec<[f64; 4]>, ImageError>
     where
         C: Copy + Into<f64>,
@@ -128,7 +128,7 @@ impl Coverage {
         Ok(self.counts.iter().map(pixel).collect())
     }
 
-    /// The same, rounded, as a picture.
+    /// [`pixels`](Self::pixels) as a picture, rounded to f32.
     pub fn picture<C>(&self, colours: &[[C; 3]]) -> Result<Picture, ImageError>
     where
         C: Copy + Into<f64>,
@@ -139,18 +139,17 @@ impl Coverage {
     }
 
     /// The derivatives of a loss with respect to the colour of each triangle, in the scene's order: the transpose of
-    /// [`pixels`](Self::pixels), to which f64 rounding alone is added. `cotangent`: how much the loss grows per unit of
-    /// each pixel's RGB and alpha, row by row from the top; no colour changes alpha. Fails if there is not one, finite,
-    /// per pixel.
+    /// [`pixels`](Self::pixels), exact up to f64 rounding. `cotangent`: the derivative of the loss with respect to each pixel's
+    /// RGB and alpha, row by row from the top; alpha does not depend on colours. Fails unless there is one per pixel, finite.
     pub fn colour_gradient(&self, cotangent: &[[f64; 4]]) -> Result<Vec<DVec3>, ImageError> {
         check_cotangent(cotangent, self.counts.len())?;
         let mut gradient = vec![DVec3::ZERO; self.triangles];
         let mut shares = self.shares.iter();
-        // In one order, so that sums are the same every time; a pixel costs a few nanoseconds.
+        // Sequential, so that sums are reproducible; a pixel costs a few nanoseconds.
         for (&count, &[r, g, b, _]) in self.counts.iter().zip(cotangent) {
-            let worth = DVec3::new(r, g, b) / self.samples_of_pixel();
+            let adjoint = DVec3::new(r, g, b) / self.samples_of_pixel();
             for share in shares.by_ref().take(count as usize).filter(|share| share.face != BACK) {
-                gradient[share.face as usize] += f64::from(share.samples) * worth;
+                gradient[share.face as usize] += f64::from(share.samples) * adjoint;
             }
         }
         Ok(gradient)
@@ -161,9 +160,9 @@ impl Coverage {
     }
 }
 
-/// Which side of each face a camera sees.
+/// The side of each face that a camera sees.
 pub(super) struct Sides {
-    /// Per triangle of the scene.
+    /// Per triangle of the scene, whether it is the front.
     front: Vec<bool>,
 }
 
@@ -185,12 +184,12 @@ impl Sides {
     }
 }
 
-/// One colour per triangle.
+/// Fails unless there is one colour per triangle.
 pub(super) fn check_colours(given: usize, wanted: usize) -> Result<(), ImageError> {
     if given == wanted { Ok(()) } else { Err(ImageError::Colours { given, wanted }) }
 }
 
-/// One number per channel of each pixel.
+/// Fails unless the cotangent has one entry per pixel, all finite.
 pub(super) fn check_cotangent(cotangent: &[[f64; 4]], pixels: usize) -> Result<(), ImageError> {
     if cotangent.len() != pixels {
         return Err(ImageError::CotangentLength { given: cotangent.len(), wanted: pixels });

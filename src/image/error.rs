@@ -1,4 +1,4 @@
-//! What can go wrong between a scene and a picture's file.
+//! Errors of pictures and their files.
 
 use std::path::PathBuf;
 
@@ -7,7 +7,7 @@ use crate::gpu::GpuError;
 use crate::output::OutputError;
 use crate::scene::SceneError;
 
-/// Why there is no picture, or no derivative of one.
+/// Why a picture, its derivative or its file could not be made.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ImageError {
@@ -15,49 +15,49 @@ pub enum ImageError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
 
-    /// The camera cannot take pictures, or the scene cannot be shown.
+    /// The camera or the scene is invalid.
     #[error(transparent)]
     Scene(#[from] SceneError),
 
-    /// The number of samples is not allowed; it holds the number.
+    /// The number of samples along a side of a pixel is not allowed.
     #[error("supersample = {0} must be a power of two, at most {MAX_SUPERSAMPLE}")]
     Supersample(u32),
 
-    /// Colours do not fit the triangles of the scene.
+    /// The number of colours is not that of triangles.
     #[error("{given} colours for {wanted} triangles; give one per triangle, in the scene's order")]
     Colours {
-        /// How many there are.
+        /// Number of colours.
         given: usize,
-        /// How many there should be.
+        /// Number of triangles.
         wanted: usize,
     },
 
-    /// A cotangent does not fit the picture.
-    #[error("a cotangent of {given} pixels for a picture of {wanted}; give one per pixel")]
+    /// The length of a cotangent is not the number of pixels.
+    #[error("a cotangent of {given} pixels for a picture of {wanted}; give one entry per pixel")]
     CotangentLength {
-        /// How many there are.
+        /// Length of the cotangent.
         given: usize,
-        /// How many there should be.
+        /// Number of pixels.
         wanted: usize,
     },
 
     /// A cotangent is infinite or not a number.
     #[error("the cotangent of pixel {pixel} is not finite")]
     CotangentNotFinite {
-        /// Row by row from the top.
+        /// Index of the pixel, row by row from the top.
         pixel: usize,
     },
 
-    /// The pixels of a picture do not fit its size.
+    /// The number of pixels of a picture is not width times height, or zero.
     #[error(
-        "a picture of {width} x {height} with {pixels} pixels cannot be written; give it width x height of them"
+        "a picture of {width} x {height} with {pixels} pixels cannot be written; give width x height pixels, at least one"
     )]
     Size {
-        /// Pixels a row.
+        /// Width in pixels.
         width: u32,
-        /// Rows.
+        /// Height in pixels.
         height: u32,
-        /// How many pixels there are.
+        /// Number of pixels.
         pixels: usize,
     },
 
@@ -65,12 +65,12 @@ pub enum ImageError {
     #[error(transparent)]
     Write(#[from] OutputError),
 
-    /// A file is no picture that can be read.
+    /// A file cannot be read as a picture.
     #[error("{}: cannot be read as an EXR picture: {reason}", path.display())]
     Read {
         /// The file.
         path: PathBuf,
-        /// What its reader says.
+        /// The reason, from the reader of the file.
         reason: String,
     },
 }

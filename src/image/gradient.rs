@@ -1,12 +1,12 @@
-//! The derivatives of a picture with respect to where things are: edges that move.
+//! The derivatives of a picture with respect to geometry: moving edges.
 //!
-//! A pixel is the mean of the colours in it, so it changes as the edges in it move: by the jump of the colour across
-//! an edge times the area that the edge sweeps. With x* the place where a row of the picture crosses an edge, that area is
-//! the integral of dx* over y; for edges that are closer to horizontal than to vertical, that of dy* over x, along columns.
-//! Each edge counts along the one direction which crosses it at the larger angle, where the integrand is bounded.
-//! x* is the root of the edge's function e of the picture, e · (x, y, 1) = 0, hence ∂x*/∂e = -(x*, y, 1) / e_x.
+//! A pixel is the mean of the colours in it, so a moving edge changes it by the jump of the colour across the edge times the
+//! area that the edge sweeps. With x* the intersection of a row of the picture with an edge, that area is the integral of dx*
+//! over y; for edges closer to horizontal than to vertical, that of dy* over x, along columns. Each edge is integrated along the
+//! direction that crosses it at the larger angle, where the integrand is bounded. x* is the root of the edge function e of the
+//! picture, e · (x, y, 1) = 0, hence ∂x*/∂e = -(x*, y, 1) / e_x.
 //!
-//! Lines run through the middles of the samples, and what they see is found exactly ([`super::sweep`]).
+//! Lines run through the centres of the samples; the visible faces along them are found exactly ([`super::sweep`]).
 
 use std::ops::Range;
 
@@ -21,33 +21,32 @@ use super::sweep::{Axis, Cause, Change, Sweep};
 use super::visibility;
 use crate::scene::{Camera, Scene};
 
-/// Lines that are swept together. It decides the order of sums, so it must not depend on the host.
+/// Lines that are swept together. This determines the order of sums, so it must not depend on the host.
 const BLOCK: u32 = 16;
 
-/// Blocks whose lists of faces and sums are kept at a time.
+/// Blocks whose lists of faces and sums are in memory at a time.
 const BLOCKS: u32 = 64;
 
-/// The derivatives of a loss with respect to where a scene and its camera are, per metre.
+/// The derivatives of a loss with respect to positions of vertices and camera, per metre.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GeometryGradient {
-    /// Of each vertex of the scene.
+    /// With respect to each vertex of the scene.
     pub vertices: Vec<DVec3>,
-    /// Of [`Camera::position`], with target and up held fixed: the camera turns as it moves.
+    /// With respect to [`Camera::position`], target and up held fixed: the camera turns as it moves.
     pub position: DVec3,
-    /// Of [`Camera::target`], with position and up held fixed.
+    /// With respect to [`Camera::target`], position and up held fixed.
     pub target: DVec3,
 }
 
-/// The derivatives of a loss with respect to where vertices and camera are, through what the picture shows: silhouettes,
-/// what is hidden, edges between colours, and where faces pass through each other. They are those of the picture whose
-/// pixels are exact means over their areas, with one colour a face, along `supersample` lines a pixel each way, a power
-/// of two. That the colours themselves may depend on the geometry is not in it.
+/// The derivatives of a loss with respect to the positions of vertices and camera, through visibility: silhouettes, occlusion,
+/// edges between colours, and intersections of faces. The picture that is differentiated has one colour per face, and its pixels
+/// are exact means over their areas, integrated along `supersample` lines per pixel in each direction, a power of two. The
+/// dependence of the colours themselves on geometry is not included.
 ///
-/// `colours` are those of the picture: radiance of the front of each triangle, in the scene's order. `cotangent`: how
-/// much the loss grows per unit of each pixel's RGB and alpha, row by row from the top. Fails if there is not one of
-/// each, and if a cotangent is not finite.
+/// `colours`: radiance of the front of each triangle, in the scene's order. `cotangent`: the derivative of the loss with respect
+/// to each pixel's RGB and alpha, row by row from the top. Fails if the number of either is wrong, or a cotangent is not finite.
 ///
-/// The result is the same every time, to the last bit. No device is used.
+/// The result is reproducible to the last bit. No device is used.
 pub fn geometry_gradient<C>(
     scene: &Scene,
     camera: &Camera,
@@ -72,7 +71,7 @@ where
     };
     let shown: Vec<[f64; 4]> = faces.iter().map(shown).collect();
 
-    // In the frame of the view, see `View`.
+    // In the frame of the view, see the module `projection`.
     let mut vertices = vec![DVec3::ZERO; scene.vertices.len()];
     let size = [camera.width, camera.height];
     for (axis, lines) in [(Axis::Rows, grid.height), (Axis::Columns, grid.width)] {
@@ -96,32 +95,32 @@ where
     Ok(to_metres(scene, camera, &view, vertices))
 }
 
-/// The lines of one direction.
+/// The lines in one direction.
 struct Lines {
     axis: Axis,
-    /// In the picture.
+    /// Lines per picture.
     count: u32,
-    /// In a pixel.
+    /// Lines per pixel.
     side: u32,
     /// Width and height of the picture in pixels.
     size: [u32; 2],
 }
 
 impl Lines {
-    /// Where line number `line` is, from the top or from the left.
+    /// Coordinate of a line, counted from the top or from the left.
     fn across(&self, line: u32) -> f64 {
         let place = f64::from(2 * line + 1) / f64::from(self.count) - 1.0;
         if self.axis == Axis::Rows { -place } else { place }
     }
 
-    /// The faces that each of some blocks may cross, in ascending order. The blocks begin with line `first`.
+    /// The faces that each of the [`BLOCKS`] blocks from line `first` on may cross, in ascending order.
     fn faces_of_blocks(&self, first: u32, faces: &[Projected]) -> Vec<Vec<u32>> {
         let blocks = (self.count - first).div_ceil(BLOCK).min(BLOCKS);
         let mut lists = vec![Vec::new(); blocks as usize];
         for (number, face) in (0..).zip(faces) {
             // Conversions saturate.
             let line = |place: f64| ((place + 1.0) / 2.0 * f64::from(self.count)) as u32;
-            let [low, high] = self.extent(face).map(line);
+            let [low, high] = self.range(face).map(line);
             if high >= first {
                 let block = |line: u32| (line.max(first) - first) / BLOCK;
                 let listed = block(low)..(block(high) + 1).min(blocks);
@@ -133,8 +132,8 @@ impl Lines {
         lists
     }
 
-    /// What a face takes of the picture across the lines, in the order of the lines.
-    fn extent(&self, face: &Projected) -> [f64; 2] {
+    /// Range of a face across the lines, in the order of the lines.
+    fn range(&self, face: &Projected) -> [f64; 2] {
         match self.axis {
             Axis::Rows => {
                 let [low, high] = face.bounds.y;
@@ -144,16 +143,16 @@ impl Lines {
         }
     }
 
-    /// Whether these are the lines that cross the zeros of a function at the larger angle.
+    /// Whether these lines cross the zeros of a function at the larger angle.
     fn own(&self, function: DVec3) -> bool {
         let [width, height] = self.size.map(f64::from);
         let rows = function.x.abs() * height >= function.y.abs() * width;
         rows == (self.axis == Axis::Rows)
     }
 
-    /// How much of an edge a line that crosses it stands for, over the distance of lines: halfway to the next line, or to the
-    /// end of the edge if that comes before the next line. So an edge counts with its length, however the lines lie, unless
-    /// it is shorter than their distance: then it counts once if it is crossed, which is right on average.
+    /// Quadrature weight of the crossing of a line and an edge, in units of the line spacing: the edge up to halfway to the next
+    /// line, or to its end if that comes before the next line. So an edge counts with its length wherever the lines lie. If it is
+    /// shorter than their spacing it counts 1 where it is crossed, which is right on average.
     fn lines_near(&self, face: &Projected, edge: usize, across: f64) -> f64 {
         let mut reach = [f64::INFINITY; 2];
         for corner in [face.corners[(edge + 1) % 3], face.corners[(edge + 2) % 3]] {
@@ -170,7 +169,7 @@ impl Lines {
         if before + after < 1.0 { 1.0 } else { stands_for(before) + stands_for(after) }
     }
 
-    /// The pixel of a place.
+    /// The pixel at a point.
     fn pixel(&self, along: f64, line: u32) -> usize {
         let [width, height] = self.size;
         let cell = |place: f64, cells: u32| (((place + 1.0) / 2.0 * f64::from(cells)) as u32).min(cells - 1);
@@ -181,8 +180,8 @@ impl Lines {
         row as usize * width as usize + column as usize
     }
 
-    /// What a block of lines adds to the derivatives of each face's corners, for the faces `list` of `faces` in so far as
-    /// they are seen.
+    /// Contribution of a block of lines to the derivatives with respect to the corners of the visible ones of the faces `list` of
+    /// `faces`.
     fn sweep(
         &self,
         block: Range<u32>,
@@ -201,14 +200,14 @@ impl Lines {
         let colour =
             |place: Option<u32>| place.map_or([0.0; 4], |place| shown[list[place as usize] as usize]);
 
-        let mut worth = vec![Worth::default(); list.len()];
+        let mut adjoint = vec![FaceAdjoint::default(); list.len()];
         let mut sweep = Sweep::default();
         for line in block {
             let across = self.across(line);
             let order = if self.axis == Axis::Rows { -across } else { across };
             let crossed =
                 (0..).zip(list).map(|(place, &face)| (place, &faces[face as usize])).filter(|(_, face)| {
-                    let [low, high] = self.extent(face);
+                    let [low, high] = self.range(face);
                     low <= order && order <= high
                 });
             sweep.line(crossed, self.axis, across, |Change { at, before, after, cause }| {
@@ -233,32 +232,33 @@ impl Lines {
                 let of_function = -gain * lines * area / slope * self.axis.place(at, across);
                 match (cause, before, after) {
                     (Cause::Edge { face: owner, edge }, ..) => {
-                        worth[owner as usize].edges[edge] += of_function
+                        adjoint[owner as usize].edges[edge] += of_function
                     }
                     (Cause::Crossing, Some(a), Some(b)) => {
-                        worth[a as usize].inverse_depth += of_function;
-                        worth[b as usize].inverse_depth -= of_function;
+                        adjoint[a as usize].inverse_depth += of_function;
+                        adjoint[b as usize].inverse_depth -= of_function;
                     }
                     _ => {}
                 }
             });
         }
-        let sum = |(&number, worth): (&u32, &Worth)| {
-            (*worth != Worth::default()).then(|| (number, worth.of_corners(&faces[number as usize])))
+        let sum = |(&number, adjoint): (&u32, &FaceAdjoint)| {
+            (*adjoint != FaceAdjoint::default())
+                .then(|| (number, adjoint.of_corners(&faces[number as usize])))
         };
-        list.iter().zip(&worth).filter_map(sum).collect()
+        list.iter().zip(&adjoint).filter_map(sum).collect()
     }
 }
 
 /// The derivatives of a loss with respect to the functions of a face.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Worth {
+struct FaceAdjoint {
     edges: [DVec3; 3],
     inverse_depth: DVec3,
 }
 
-impl Worth {
-    /// With respect to its corners, in the frame of the view.
+impl FaceAdjoint {
+    /// The derivatives with respect to its corners, in the frame of the view.
     fn of_corners(&self, face: &Projected) -> [DVec3; 3] {
         let [a, b, c] = face.corners;
         let sign = if face.front { 1.0 } else { -1.0 };

@@ -1,12 +1,11 @@
 //! Pictures of a scene: what a pinhole camera sees, from a colour per face.
 //!
-//! A regular grid of samples in each pixel finds the nearest face behind it ([`Rasterizer::visible_samples`]); a
-//! pixel is the mean over its samples ([`Rasterizer::render`]). Pictures of any size go in bands of rows, so that they
-//! take a bounded amount of device memory. Fronts have their colour; backs are black and hide what is behind them.
+//! The nearest face is found at a regular grid of samples in each pixel ([`Rasterizer::visible_samples`]); a pixel is the mean
+//! over its samples ([`Rasterizer::render`]). Pictures are made in bands of rows, so that any size takes bounded device memory.
+//! Fronts have their colour; backs are black and occlude.
 //!
-//! A fit to pictures needs derivatives: [`Rasterizer::coverage`] is what a camera sees as a linear map from colours to
-//! pixels, with its transpose; [`geometry_gradient`] says how the picture changes as vertices and the camera move. Both
-//! are for one colour a face.
+//! Fits to pictures need derivatives: [`Rasterizer::coverage`] gives the picture as a linear map of colours, with its
+//! transpose; [`geometry_gradient`] gives the derivatives with respect to vertices and camera. Both assume one colour per face.
 //!
 //! ```no_run
 //! use antirad::gpu::{Device, DeviceOptions};

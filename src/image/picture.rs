@@ -1,4 +1,4 @@
-//! A picture and its files.
+//! Pictures and their files.
 
 use std::io::{self, BufReader, BufWriter, Write};
 use std::path::Path;
@@ -16,23 +16,23 @@ use exr::prelude::{ReadChannels, ReadLayers, read};
 use super::{ImageError, ToneMap};
 use crate::output::atomic_write;
 
-/// Pixels of a file that is read: 16384 x 16384, as a camera has at most. A header can claim anything.
+/// Largest number of pixels that is read, 16384 x 16384 as for cameras, since a header can claim anything.
 const MAX_PIXELS: usize = 1 << 28;
 
 /// Radiance per pixel, W/(m² sr).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// Pixels a row.
+    /// Width in pixels.
     pub width: u32,
-    /// Rows.
+    /// Height in pixels.
     pub height: u32,
     /// Row by row from the top: linear RGB, and the share of the pixel that shows a face.
     pub pixels: Vec<[f32; 4]>,
 }
 
 impl Picture {
-    /// Writes an OpenEXR file of linear RGB, 32-bit floats, compressed without loss. Alpha is left out: radiance is
-    /// what the file is for, and viewers would blend it.
+    /// Writes an OpenEXR file of linear RGB in 32-bit floats with lossless compression. Alpha is omitted, since viewers would
+    /// blend the radiance with it.
     pub fn write_exr(&self, path: impl AsRef<Path>) -> Result<(), ImageError> {
         self.check()?;
         let size = (self.width as usize, self.height as usize);
@@ -90,12 +90,12 @@ impl Picture {
         Ok(Self { width, height, pixels: image.layer_data.channel_data.pixels.pixels })
     }
 
-    /// Writes a PNG of 8 bits a channel, for looking at.
+    /// Writes a tone-mapped PNG of 8 bits per channel.
     pub fn write_png(&self, path: impl AsRef<Path>, tone: &ToneMap) -> Result<(), ImageError> {
         self.write_png_filtered(path, tone, FilterType::Adaptive)
     }
 
-    /// The same; pictures of flat colours become smaller without a filter.
+    /// The same with a choice of filter; pictures of flat colours compress better without one.
     pub(crate) fn write_png_filtered(
         &self,
         path: impl AsRef<Path>,
@@ -117,7 +117,7 @@ impl Picture {
         Ok(())
     }
 
-    /// That there are as many pixels as the size says, and at least one: files cannot hold none.
+    /// Fails unless there are width x height pixels, and at least one: files cannot be empty.
     fn check(&self) -> Result<(), ImageError> {
         let Self { width, height, ref pixels } = *self;
         if pixels.is_empty() || width as usize * height as usize != pixels.len() {
@@ -127,7 +127,7 @@ impl Picture {
     }
 }
 
-/// Pixels while they are read.
+/// Pixels during reading.
 struct Rows {
     width: usize,
     pixels: Vec<[f32; 4]>,

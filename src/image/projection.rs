@@ -1,27 +1,27 @@
-//! From the camera to the plane of its picture, in f64: what the kernels evaluate per sample is prepared here.
+//! Projection onto the picture plane, in f64: prepares the functions that kernels evaluate per sample.
 //!
-//! Places in the picture are (x, y) in -1..1, y upwards. The ray through one is x X + y Y + Z in a frame whose axes X
-//! and Y are as long as the picture is wide, so a corner at (X, Y, Z) is seen at (X/Z, Y/Z). For corners a, b, c in
-//! that frame, the function (b × c)·(x, y, 1) changes sign where the ray crosses the edge bc: it has the sign of
-//! det = a·(b × c) on the triangle's side, and over det it is the weight of corner a at the hit, over the depth there.
-//! All this holds for corners behind the camera too; nothing is clipped.
+//! Points of the picture are (x, y) in -1..1, y upwards. The frame of the view has axes X, Y, Z to the right, up and along the
+//! line of sight, with X and Y scaled by the tangents of half the fields of view: a corner at (X, Y, Z) projects to (X/Z, Y/Z).
+//! For corners a, b, c in that frame, the function (b × c)·(x, y, 1) changes sign where the ray crosses the edge bc. It has the
+//! sign of det = a·(b × c) on the triangle's side; divided by det it is the barycentric weight of corner a at the hit, over the
+//! depth there. All this holds for corners behind the camera too; nothing is clipped.
 
 use glam::DVec3;
 
 use crate::scene::Camera;
 
-/// A bound of the error that a function of the picture whose absolute coefficients sum to 1 has when an f32 kernel
-/// evaluates it: eight roundings. Edges are moved outwards by so much, and every sample on a shared edge or corner
-/// is on at least one of the faces: no cracks. The nearest one, then the first one wins where they overlap.
+/// Bound on the error of an f32 kernel that evaluates a function of the picture whose absolute coefficients sum to 1: eight
+/// roundings. Edges are moved outwards by as much, so that every sample on a shared edge or corner lies on at least one of the
+/// faces and there are no cracks. Where faces overlap the nearest wins, then the first.
 pub(super) const ROUNDING: f64 = 8.0 / (1 << 24) as f64;
 
-/// Below this sine of the angle at which a plane is seen, f64 cannot tell its front from its back.
+/// Below this sine of the angle between line of sight and plane, f64 cannot tell front from back.
 const EDGE_ON: f64 = 1e-13;
 
-/// Where a camera stands and looks, with an orthonormal frame.
+/// Position and orthonormal frame of a camera.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// Where the camera is, m.
+    /// Position of the camera, m.
     pub position: DVec3,
     /// Unit vector to the right of the picture.
     pub right: DVec3,
@@ -29,16 +29,16 @@ pub struct View {
     pub up: DVec3,
     /// Unit vector along the line of sight.
     pub forward: DVec3,
-    /// Tangents of half the fields of view; their ratio is that of width to height.
+    /// Tangent of half the horizontal field of view.
     pub tan_half_x: f64,
-    /// Tangent of half the vertical angle of view.
+    /// Tangent of half the vertical field of view: `tan_half_x` times height over width.
     pub tan_half_y: f64,
     width: f64,
     height: f64,
 }
 
 impl View {
-    /// The camera must be sound, see [`Camera::check`].
+    /// The camera must be valid, see [`Camera::check`].
     pub fn new(camera: &Camera) -> Self {
         let (width, height) = (f64::from(camera.width), f64::from(camera.height));
         let forward = (camera.target - camera.position).normalize();
@@ -56,7 +56,7 @@ impl View {
         }
     }
 
-    /// The unit direction of the ray through a place in pixels: from the left edge, and from the top one, downwards.
+    /// The unit direction of the ray through a point of the picture, in pixels from the left and from the top edge.
     pub fn ray(&self, column: f64, row: f64) -> DVec3 {
         let x = (2.0 * column / self.width - 1.0) * self.tan_half_x;
         let y = (1.0 - 2.0 * row / self.height) * self.tan_half_y;
@@ -72,7 +72,7 @@ impl View {
         )
     }
 
-    /// None if the triangle cannot be seen: behind the camera, outside of the picture, seen edge-on, or without area.
+    /// `None` if the triangle is invisible: behind the camera, outside the picture, edge-on, or without area.
     pub(super) fn project(&self, number: u32, corners: [DVec3; 3]) -> Option<Projected> {
         let corners @ [a, b, c] = corners.map(|corner| self.to_frame(corner));
         let normal = (b - a).cross(c - a);
@@ -81,13 +81,13 @@ impl View {
             return None;
         }
         let edges = [b.cross(c), c.cross(a), a.cross(b)].map(|edge| edge * det.signum());
-        // The frame is left-handed: this is the other way round than in the scene.
+        // The frame is left-handed, so the sign is opposite to that in the scene.
         let front = det > 0.0;
         let bounds = Bounds::of(corners)?;
         Some(Projected { number, front, bounds, corners, edges, inverse_depth: normal / det })
     }
 
-    /// The functions of the picture that are the weights of a face's corners over the depth.
+    /// The functions of the picture that give the barycentric weights of a face's corners, over the depth.
     pub(super) fn corner_weights(&self, corners: [DVec3; 3]) -> [DVec3; 3] {
         let [a, b, c] = corners.map(|corner| self.to_frame(corner));
         let det = (b - a).cross(c - a).dot(a);
@@ -95,22 +95,22 @@ impl View {
     }
 }
 
-/// A triangle as the picture sees it. Functions of the picture are (a, b, c) of a x + b y + c.
+/// A projected triangle. A function of the picture, a x + b y + c, is stored as (a, b, c).
 #[derive(Clone, Debug)]
 pub(super) struct Projected {
-    /// In the scene.
+    /// Index in the scene.
     pub number: u32,
     pub front: bool,
     pub bounds: Bounds,
     /// In the frame of the view.
     pub corners: [DVec3; 3],
-    /// At least zero on the triangle: opposite to each corner, the cross product of the two others, turned inwards.
+    /// Edge functions, non-negative on the triangle: for the edge opposite each corner, the cross product of the two others.
     pub edges: [DVec3; 3],
     pub inverse_depth: DVec3,
 }
 
 impl Projected {
-    /// The same for an f32 kernel: the absolute coefficients of edges sum to 1, and they are moved by [`ROUNDING`].
+    /// The same for an f32 kernel: edge functions normalised to absolute coefficients of sum 1, and moved by [`ROUNDING`].
     pub fn rounded(mut self) -> Self {
         self.edges = self.edges.map(|edge| {
             let size = l1(edge);
@@ -119,14 +119,14 @@ impl Projected {
             unit
         });
         if self.front {
-            // Of the two sides of a sheet, which differ by rounding only, the front is seen.
+            // Of the two sides of a sheet, whose depths differ by rounding only, the front wins.
             self.inverse_depth.z += ROUNDING * l1(self.inverse_depth);
         }
         self
     }
 }
 
-/// A part of the picture.
+/// A rectangle of the picture.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bounds {
     pub x: [f64; 2],
@@ -136,8 +136,8 @@ pub(super) struct Bounds {
 impl Bounds {
     const PICTURE: Self = Self { x: [-1.0, 1.0], y: [-1.0, 1.0] };
 
-    /// What holds the triangle and its outwards move; none if that is outside of the picture. Behind the camera
-    /// nothing bounds a triangle but its edges.
+    /// The bounds of the triangle after its edges are moved outwards; `None` if they are outside the picture. A triangle that
+    /// reaches behind the camera is bounded by its edges only.
     fn of(corners: [DVec3; 3]) -> Option<Self> {
         const MARGIN: f64 = 1e-5;
         if corners.iter().any(|corner| corner.z <= 0.0) {

@@ -10,11 +10,11 @@ use crate::gpu::{Buffer, Device, GpuError, Pipeline, rounded};
 use crate::options::setters;
 use crate::scene::{Camera, Scene};
 
-/// Bytes of the staging buffers of a picture, both together: it has its own beside those of engines, so that what it takes
+/// Bytes of both staging buffers of a picture together. They are separate from those of engines, so that the memory of a picture
 /// does not depend on theirs.
 const STAGING: u64 = 1 << 20;
 
-/// A pixel has at most so many samples each way.
+/// Largest number of samples along a side of a pixel.
 pub const MAX_SUPERSAMPLE: u32 = 16;
 
 /// How a picture is made.
@@ -23,7 +23,7 @@ pub const MAX_SUPERSAMPLE: u32 = 16;
 pub struct PictureOptions {
     /// Each pixel is the mean of `supersample` x `supersample` samples on a regular grid; a power of two.
     pub supersample: u32,
-    /// Interpolate [`corner_colours`](super::corner_colours) instead of showing one colour a face.
+    /// Interpolate [`corner_colours`](super::corner_colours) instead of showing one colour per face.
     pub smooth: bool,
 }
 
@@ -35,7 +35,7 @@ impl Default for PictureOptions {
     }
 }
 
-/// Makes pictures on a device. The same input makes the same picture, to the last bit.
+/// Makes pictures on a device. The same input gives the same picture, to the last bit.
 #[derive(Debug)]
 pub struct Rasterizer {
     device: Device,
@@ -44,7 +44,7 @@ pub struct Rasterizer {
 }
 
 impl Rasterizer {
-    /// Compiles the kernels; memory is taken while pictures are made.
+    /// Compiles the kernels. Memory is allocated only while a picture is made.
     pub fn new(device: &Device) -> Result<Self, ImageError> {
         Ok(Self {
             device: device.clone(),
@@ -53,7 +53,7 @@ impl Rasterizer {
         })
     }
 
-    /// The same with staging buffers, for one picture: nothing is held between two of them.
+    /// The same with staging buffers, for one picture: nothing stays allocated between pictures.
     fn with_staging(&self) -> Self {
         let (visibility, resolve) = (self.visibility.clone(), self.resolve.clone());
         Self { device: self.device.scope(STAGING), visibility, resolve }
@@ -91,8 +91,8 @@ impl Rasterizer {
         Ok(Picture { width: camera.width, height: camera.height, pixels })
     }
 
-    /// What a camera sees of a scene, for pictures of `supersample` x `supersample` samples a pixel in
-    /// any colours, and for their derivatives.
+    /// What a camera sees of a scene, at `supersample` x `supersample` samples per pixel: for pictures in any colours, and for
+    /// their derivatives.
     pub fn coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
         let grid = grid(camera, supersample)?;
         let faces = visibility::project(scene, camera)?;
@@ -104,8 +104,8 @@ impl Rasterizer {
         Ok(whole)
     }
 
-    /// The visible face of every sample of a picture, `u32::MAX` where there is none: `supersample` times the width
-    /// of the camera a row, row by row from the top. Sample (u, v) of a pixel is at ((u + 0.5) / `supersample`,
+    /// The visible face of every sample of a picture, `u32::MAX` where there is none: row by row from the top, each of
+    /// `supersample` times the width of the camera. Sample (u, v) of a pixel is at ((u + 0.5) / `supersample`,
     /// (v + 0.5) / `supersample`) in it, see [`View::ray`](super::View::ray).
     pub fn visible_samples(
         &self,
@@ -159,12 +159,12 @@ impl Rasterizer {
         self.device.download_slice(samples, 0, count)
     }
 
-    /// The device memory that [`render`](Self::render) takes for a scene of so many triangles, exactly, staging buffers
+    /// Exact bytes of device memory that [`render`](Self::render) takes for a scene of this many triangles, staging buffers
     /// included.
     pub fn bytes(triangles: usize, camera: &Camera, options: &PictureOptions) -> Result<u64, ImageError> {
         let grid = grid(camera, options.supersample)?;
         let visibility = visibility::sizes(&grid, triangles as u64);
-        // One colour a face is spread on the host.
+        // With one colour per face, pixels are computed on the host.
         let resolve = if options.smooth { resolve::sizes(&grid, triangles as u64) } else { [0; 3] };
         Ok(STAGING + visibility.into_iter().chain(resolve).map(rounded).sum::<u64>())
     }

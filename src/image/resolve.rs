@@ -1,4 +1,4 @@
-//! Pixels from samples and colours of corners, band by band, on the device.
+//! Pixels from samples and corner colours, band by band, on the device.
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
@@ -11,10 +11,10 @@ use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
 use crate::scene::{Camera, Scene};
 use crate::shaders;
 
-/// Faces whose colours are on the device at a time: 12 MiB with their weights.
+/// Faces whose colours are on the device at a time: 12 MiB with the interpolation weights.
 const PAGE: usize = 1 << 17;
 
-/// Pixels a side of the kernel's workgroup.
+/// Pixels along a side of the kernel's workgroup.
 const GROUP: u32 = 8;
 
 #[repr(C)]
@@ -33,11 +33,11 @@ pub(super) fn pipeline(device: &Device) -> Result<Pipeline, GpuError> {
     Pipeline::new(device, &shaders::RESOLVE, 4, size_of::<Push>() as u32, &[], None)
 }
 
-/// What a picture shows on each face of the scene, backs black.
+/// Interpolated colours of each face of the scene; backs are black.
 pub(super) struct Shading {
-    /// Of corners.
+    /// Colours of the corners.
     colours: Vec<[[f32; 4]; 3]>,
-    /// The functions of the picture that weigh them.
+    /// The functions of the picture that give their interpolation weights.
     weights: Vec<[[f32; 4]; 3]>,
 }
 
@@ -77,7 +77,7 @@ pub(super) struct Resolve<'a> {
 }
 
 impl<'a> Resolve<'a> {
-    /// For scenes of so many triangles.
+    /// For scenes of at most this many triangles.
     pub fn new(
         device: &'a Device,
         pipeline: &'a Pipeline,
@@ -96,7 +96,7 @@ impl<'a> Resolve<'a> {
         })
     }
 
-    /// The pixels of a band whose samples are in `samples`.
+    /// The pixels of a band, from its samples.
     pub fn run(&self, band: Band, samples: &Buffer, shading: &Shading) -> Result<Vec<[f32; 4]>, GpuError> {
         let Grid { side, width, height, .. } = self.grid;
         let (columns, rows) = (width / side, band.rows / side);

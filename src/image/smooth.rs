@@ -1,4 +1,4 @@
-//! Colours of corners, for pictures that do not show the triangles.
+//! Corner colours, for smooth pictures.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -6,12 +6,11 @@ use rayon::prelude::*;
 use super::ImageError;
 use crate::scene::{Fans, Scene, Welded};
 
-/// Cosine of the largest angle between faces that one surface has; more is an edge, which stays sharp: 30°.
+/// Cosine of the largest angle between faces of one smooth surface, 30°; larger ones are sharp edges.
 const SAME_SURFACE: f64 = 0.866_025_403_784_438_6;
 
-/// For each corner of each face, the mean of the colours around it, weighted by area: over the faces that meet there,
-/// have the same material, and are turned by at most 30°. Faces meet where corners have the same position, whatever
-/// the indices of their vertices.
+/// For each corner of each face, the area-weighted mean of the colours of the faces that meet there, have the same material, and
+/// whose normals differ by at most 30°. Faces meet where corners have the same position, whatever the indices of their vertices.
 pub fn corner_colours(scene: &Scene, colours: &[[f32; 3]]) -> Result<Vec<[[f32; 3]; 3]>, ImageError> {
     let (given, wanted) = (colours.len(), scene.triangles.len());
     if given != wanted {

@@ -1,22 +1,22 @@
-//! What is seen along one line of a picture, exactly: where the nearest face changes, and why.
+//! Exact visibility along a line of the picture: where the nearest face changes, and why.
 //!
-//! Along a line across the picture each face is an interval, and its inverse depth is linear there. A sweep over the ends
-//! of the intervals knows the faces at hand between any two of them; the nearest one changes at such an end, or where two
-//! inverse depths cross. Faces that share an edge end and begin at the same number, bit for bit: an edge's function, seen
-//! from the other side, has the opposite coefficients.
+//! On a line each face covers an interval, in which its inverse depth is linear. A sweep over the ends of the intervals keeps the
+//! list of faces between two of them; the nearest face changes at such an end, or where two inverse depths cross. Faces that
+//! share an edge end and begin at the same coordinate, bit for bit, since the two functions of the edge have opposite
+//! coefficients.
 
 use glam::DVec3;
 
 use super::projection::Projected;
 
-/// Places in the picture, and relative inverse depths, that differ by less are the same. A picture has at most 2^18
-/// samples a side, at distances of 7.6e-6.
+/// Coordinates in the picture, and relative inverse depths, that differ by less count as equal. A picture has at most 2^18
+/// samples along a side, 7.6e-6 apart.
 const CLOSE: f64 = 1e-9;
 
-/// In place of an edge: the border of the picture.
+/// Stands for an edge at the border of the picture.
 const BORDER: usize = 3;
 
-/// Which way lines go.
+/// Direction of lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Axis {
     /// From left to right, at one y.
@@ -35,7 +35,7 @@ impl Axis {
         }
     }
 
-    /// (x, y, 1) of a place.
+    /// (x, y, 1) of a point.
     pub fn place(self, along: f64, across: f64) -> DVec3 {
         match self {
             Self::Rows => DVec3::new(along, across, 1.0),
@@ -44,7 +44,7 @@ impl Axis {
     }
 }
 
-/// What makes the nearest face another one.
+/// Why the nearest face changes.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Cause {
     /// An edge of a face.
@@ -53,7 +53,7 @@ pub(super) enum Cause {
     Crossing,
 }
 
-/// A place on a line where the nearest face changes. Faces are places in the list that is swept.
+/// A change of the nearest face along a line. Faces are positions in the list that is swept.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Change {
     pub at: f64,
@@ -62,7 +62,7 @@ pub(super) struct Change {
     pub cause: Cause,
 }
 
-/// What a line sees of a face, and the inverse depth there: a times the place, plus b.
+/// The interval that a face covers on a line; its inverse depth there is `slope` times the coordinate, plus `offset`.
 #[derive(Clone, Copy, Debug)]
 struct Span {
     face: u32,
@@ -105,16 +105,16 @@ impl Span {
         self.slope * at + self.offset
     }
 
-    /// How much nearer this is than another at a place; zero if one cannot tell.
+    /// Difference of inverse depth to another face at a point, positive if this one is nearer; zero within [`CLOSE`].
     fn nearer_by(&self, other: &Self, at: f64) -> f64 {
         let (own, others) = (self.inverse_depth(at), other.inverse_depth(at));
         if (own - others).abs() <= CLOSE * (own.abs() + others.abs()) { 0.0 } else { own - others }
     }
 
-    /// Whether this hides another just after `from`; no face begins or ends before `to`. Of faces in one place the front
-    /// is seen, then the first.
+    /// Whether this hides another just after `from`; no face begins or ends before `to`. Of coincident faces a front wins, then
+    /// the first.
     fn hides(&self, other: &Self, from: f64, to: f64) -> bool {
-        // Faces that touch at `from` are told apart further on.
+        // Faces that touch at `from` differ at `to`.
         let by = [from, to].map(|at| self.nearer_by(other, at));
         match by.into_iter().find(|&by| by != 0.0) {
             Some(by) => by > 0.0,
@@ -126,14 +126,14 @@ impl Span {
 /// Sweeps one line after another.
 #[derive(Debug, Default)]
 pub(super) struct Sweep {
-    /// Of the line at hand, by where they begin.
+    /// Spans of the current line, sorted by where they begin.
     spans: Vec<Span>,
-    /// Those that have begun and not ended.
+    /// Those that have begun and not yet ended.
     active: Vec<u32>,
 }
 
 impl Sweep {
-    /// Calls `change` with each change along the line, in its order. `faces` are listed in ascending order.
+    /// Calls `change` with each change along the line, in order. `faces` are in ascending order.
     pub fn line<'a>(
         &mut self,
         faces: impl Iterator<Item = (u32, &'a Projected)>,
@@ -150,7 +150,7 @@ impl Sweep {
         let mut at = -1.0;
         let mut seen: Option<&Span> = None;
         loop {
-            // Ends that are close together are one, or rounding would show what is behind a joint of two faces.
+            // Ends that are close together coincide; otherwise rounding would reveal faces behind a common edge.
             let reached = at + CLOSE;
             self.active.retain(|&span| spans[span as usize].high > reached);
             while let Some(span) = spans.get(next).filter(|span| span.low <= reached) {
@@ -164,7 +164,7 @@ impl Sweep {
             let end = active().map(|span| span.high).fold(begins, f64::min);
 
             let mut nearest = active().reduce(|a, b| if b.hides(a, at, end) { b } else { a });
-            // What is left of the picture is not known.
+            // At the left border there is no change: what lies beyond it is unknown.
             if at > -1.0
                 && let Some(found) = boundary(seen, nearest, at)
             {
@@ -195,13 +195,13 @@ fn boundary(before: Option<&Span>, after: Option<&Span>, at: f64) -> Option<Chan
     let begins = after.filter(|span| span.low >= at && span.low_edge != BORDER);
     let by_end = match (ends, begins) {
         (Some(a), Some(b)) => {
-            // The nearer one's edge hides the other; joined faces share it.
+            // The edge of the nearer face hides the other; adjacent faces share it.
             let by = a.nearer_by(b, at);
             by > 0.0 || by == 0.0 && a.face < b.face
         }
         (ends, _) => ends.is_some(),
     };
-    // If neither, rounding alone has changed its mind about two faces in one place.
+    // If neither, rounding has swapped two coincident faces.
     let (at, cause) = match (ends, begins) {
         (Some(a), _) if by_end => (a.high, Cause::Edge { face: a.face, edge: a.high_edge }),
         (_, Some(b)) => (b.low, Cause::Edge { face: b.face, edge: b.low_edge }),
@@ -210,7 +210,7 @@ fn boundary(before: Option<&Span>, after: Option<&Span>, at: f64) -> Option<Chan
     Some(Change { at, before: before.map(|span| span.face), after: after.map(|span| span.face), cause })
 }
 
-/// Where, between `from` and `to`, the nearest face is first passed through by another one.
+/// Where another face first crosses the nearest one between `from` and `to`.
 fn first_crossing<'a>(
     front: &Span,
     others: impl Iterator<Item = &'a Span>,

@@ -1,4 +1,4 @@
-//! Which faces each tile has to look at.
+//! Lists of the faces that may touch each tile.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -7,12 +7,12 @@ use glam::DVec3;
 use super::bands::{Band, Grid, TILE};
 use super::projection::{Projected, ROUNDING};
 
-/// Pairs of tile and face after which a list is closed. One costs a core of a CPU about 2 µs: a dispatch stays well
-/// below a second there, even if all its pairs are of one tile.
-/// And lavapipe leaves a kernel's loops after 65535 iterations: no tile may have more faces than that.
+/// Pairs of tile and face after which a list is closed. A pair costs a CPU core about 2 µs, so that a dispatch stays well below
+/// a second there, even if all its pairs are of one tile. Lavapipe leaves a kernel's loops after 65535 iterations, so no tile
+/// may have more faces than that.
 const PAIRS: usize = 1 << 15;
 
-/// The most pairs that one list has in bands of so many tiles: the last face may touch all of them.
+/// Largest number of pairs in one list for bands of this many tiles: the last face may touch all of them.
 pub(super) fn max_pairs(band_tiles: u64, faces: u64) -> u64 {
     (faces * band_tiles).min(PAIRS as u64 + band_tiles)
 }
@@ -20,16 +20,16 @@ pub(super) fn max_pairs(band_tiles: u64, faces: u64) -> u64 {
 /// The faces that may touch each tile of a band, tile by tile, in ascending order.
 #[derive(Debug, Default)]
 pub(super) struct TileLists {
-    /// Places in the slice of projected faces, of those that touch a tile at all.
+    /// Indices of the projected faces that may touch a tile.
     pub faces: Vec<u32>,
     /// Tile t has the entries `tile_start[t]..tile_start[t + 1]` of `tile_faces`.
     pub tile_start: Vec<u32>,
-    /// Places in `faces`.
+    /// Indices into `faces`.
     pub tile_faces: Vec<u32>,
 }
 
 impl TileLists {
-    /// Takes faces from `first` on, up to about [`PAIRS`] pairs; also returns the first face that it left.
+    /// Takes faces from `first` on, up to about [`PAIRS`] pairs; also returns the index of the first face not taken.
     pub fn build(grid: &Grid, band: Band, faces: &[Projected], first: usize) -> (Self, usize) {
         let rows = band.tile_rows();
         let mut lists = Self::default();
@@ -74,7 +74,7 @@ fn touched(grid: &Grid, rows: &Range<u32>, face: &Projected, mut touch: impl FnM
         let y = -centre(row, grid.height);
         for column in columns.clone() {
             let middle = DVec3::new(centre(column, grid.width), y, 1.0);
-            // The largest value that a function takes on the tile's samples, as the kernel may see it.
+            // The largest value of the function on the tile's samples, within the kernel's rounding.
             let may_pass = |edge: &DVec3| edge.dot(middle) + edge.abs().dot(half) >= -ROUNDING;
             if face.edges.iter().all(may_pass) {
                 touch((row - rows.start) * grid.tile_columns() + column);
@@ -83,14 +83,14 @@ fn touched(grid: &Grid, rows: &Range<u32>, face: &Projected, mut touch: impl FnM
     }
 }
 
-/// Where in the picture, from -1 to 1, the middle of a tile's samples is.
+/// Centre of a tile's samples in the picture, from -1 to 1.
 fn centre(tile: u32, samples: u32) -> f64 {
     f64::from((2 * tile + 1) * TILE) / f64::from(samples) - 1.0
 }
 
-/// The tiles that have samples in a range of the picture, from -1 to 1, or next to it.
+/// The tiles with samples in a range of the picture, from -1 to 1, or next to it.
 fn tiles(range: [f64; 2], samples: u32) -> RangeInclusive<u32> {
     let [first, last] = range.map(|place| (place + 1.0) / 2.0 * f64::from(samples));
-    // Conversions saturate: negative numbers are tile 0.
+    // Conversions saturate: negative numbers give tile 0.
     (first - 1.0) as u32 / TILE..=(last as u32).min(samples - 1) / TILE
 }

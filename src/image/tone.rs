@@ -1,25 +1,25 @@
-//! From radiance to the 8 bits of a screen.
+//! Tone mapping: from radiance to 8 bits per channel.
 
 use crate::options::setters;
 
-/// How bright a picture is shown.
+/// The exposure of a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Exposure {
-    /// So that of the pixels that are not black, 99 in 100 are below white: the 99th percentile of their brightest
-    /// channel becomes 0.99. Depends on the picture alone; use stops to compare pictures.
+    /// Maps the 99th percentile of the brightest channel of all pixels that are not black to 0.99. It differs between pictures;
+    /// use stops to compare them.
     #[default]
     Auto,
-    /// Radiance is multiplied by two to the power of this.
+    /// Multiplies radiance by two to the power of this.
     Stops(f64),
 }
 
-/// How radiance becomes the 8 bits of a PNG: scaled, cut at 0 and 1, encoded, rounded to nearest. NaN is shown as black.
+/// How radiance becomes the 8 bits of a PNG: scaled, clamped to 0..1, encoded, rounded to nearest. NaN becomes black.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct ToneMap {
-    /// What the radiance is multiplied by.
+    /// The factor on radiance.
     pub exposure: Exposure,
-    /// Encode for a screen, as PNG viewers expect; else linear values.
+    /// Encode as sRGB, as PNG viewers expect, instead of linearly.
     pub srgb: bool,
 }
 
@@ -32,7 +32,7 @@ impl Default for ToneMap {
 }
 
 impl ToneMap {
-    /// RGB bytes of pixels.
+    /// RGB bytes of the pixels.
     pub(super) fn apply(&self, pixels: &[[f32; 4]]) -> Vec<u8> {
         let factor = match self.exposure {
             Exposure::Auto => auto_factor(pixels),
@@ -40,7 +40,7 @@ impl ToneMap {
         };
         let byte = |&value: &f32| {
             let shown = (f64::from(value) * factor).clamp(0.0, 1.0);
-            // The conversion makes NaN 0.
+            // The conversion turns NaN into 0.
             (255.0 * if self.srgb { srgb(shown) } else { shown }).round() as u8
         };
         pixels.iter().flat_map(|pixel| pixel[..3].iter().map(byte)).collect()
@@ -61,7 +61,7 @@ fn auto_factor(pixels: &[[f32; 4]]) -> f64 {
     0.99 / f64::from(*percentile)
 }
 
-/// The transfer curve of IEC 61966-2-1.
+/// The sRGB transfer function (IEC 61966-2-1).
 fn srgb(linear: f64) -> f64 {
     if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }

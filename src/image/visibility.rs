@@ -1,4 +1,4 @@
-//! The nearest face behind every sample, band by band, on the device.
+//! The nearest face at every sample, band by band, on the device.
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
@@ -10,7 +10,7 @@ use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
 use crate::scene::{Camera, Scene, SceneError};
 use crate::shaders;
 
-/// In place of a face: the background.
+/// Stands for a face in the background.
 pub(super) const NONE: u32 = u32::MAX;
 
 #[repr(C)]
@@ -22,7 +22,7 @@ struct Push {
     rows: u32,
 }
 
-/// As the kernel reads a face: the coefficients of its edges, and beside each edge one of the inverse depth's.
+/// A face as the kernel reads it: the coefficients of its three edge functions, each with one coefficient of the inverse depth.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Face {
@@ -40,7 +40,7 @@ pub(super) fn pipeline(device: &Device) -> Result<Pipeline, GpuError> {
     Pipeline::new(device, &shaders::VISIBILITY, 6, size_of::<Push>() as u32, &[], None)
 }
 
-/// The faces that a camera may see, in the scene's order, exactly. The scene and the camera are checked first.
+/// The faces that a camera may see, in the scene's order, unrounded. Fails if the scene or the camera is invalid.
 pub(super) fn project(scene: &Scene, camera: &Camera) -> Result<Vec<Projected>, SceneError> {
     scene.check_geometry()?;
     camera.check()?;
@@ -56,7 +56,7 @@ pub(super) fn project(scene: &Scene, camera: &Camera) -> Result<Vec<Projected>, 
         .collect())
 }
 
-/// The same faces for the kernel.
+/// The same faces prepared for the kernel.
 pub(super) fn rounded(faces: Vec<Projected>) -> Vec<Projected> {
     faces.into_par_iter().map(Projected::rounded).collect()
 }
@@ -76,7 +76,7 @@ pub(super) struct Visibility<'a> {
 }
 
 impl<'a> Visibility<'a> {
-    /// For scenes of so many triangles.
+    /// For scenes of at most this many triangles.
     pub fn new(
         device: &'a Device,
         pipeline: &'a Pipeline,

@@ -5,7 +5,7 @@ use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::{Mutex, PoisonError};
 
-/// Midpoint samples per bin and axis of the quadrature: its error of c_b is below 1e-6 of c_b.
+/// Midpoint samples per bin and axis of the quadrature, for a relative error of c_b below 1e-6.
 const QUADRATURE: u32 = 64;
 
 /// The four bins around a direction and their weights, which sum to 1.
@@ -16,7 +16,7 @@ pub type Taps = [(usize, f64); 4];
 pub(crate) struct Cells {
     pub first: usize,
     pub next: usize,
-    /// 0 at the centre of `first`, 1 at that of `next`; what the weights are shaped from.
+    /// 0 at the centre of `first`, 1 at that of `next`; the argument of [`Bins::shape`].
     pub fraction: f64,
     /// Outside the outermost centres, where the weights do not depend on the coordinate.
     pub clamped: bool,
@@ -25,9 +25,9 @@ pub(crate) struct Cells {
 /// A hemisphere split into bins. Directions are unit vectors in the frame of the triangle, z along the normal.
 #[derive(Clone, Debug)]
 pub struct Bins {
-    /// How the hemisphere is cut.
+    /// Partition of the hemisphere.
     pub layout: BinLayout,
-    /// How T_b falls from one bin to the next.
+    /// Interpolation between neighbouring bins.
     pub weights: Weights,
     /// w_b = ∫ T_b dω, sr; sums to 2π.
     pub solid_angle: Vec<f64>,
@@ -37,7 +37,7 @@ pub struct Bins {
     pub centre: Vec<DVec3>,
 }
 
-/// All bins that this process has made: their quadrature takes as long as planning a small scene.
+/// All bins that this process has computed: their quadrature takes as long as planning a small scene.
 static MADE: Mutex<Vec<Bins>> = Mutex::new(Vec::new());
 
 impl Bins {
@@ -120,7 +120,8 @@ impl Bins {
         }
     }
 
-    /// Fills w_b and c_b by midpoint quadrature over cells of the layout's own map, then scales away what rounding left.
+    /// Computes w_b and c_b by midpoint quadrature over cells of the layout's own map, then scales them to the exact
+    /// sums.
     fn integrate(&mut self) {
         let count = self.count();
         let (mut w, mut c) = (vec![0.0; count], vec![0.0; count]);

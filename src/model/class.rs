@@ -1,8 +1,8 @@
-//! Which triangles need direction bins, and why: exact, for whatever the lights and materials are.
+//! Which triangles need direction bins and why; exact for any lights and materials.
 
 use super::facet::Facet;
 use super::hierarchy::{Hierarchy, Node, Sight};
-use super::order::{Block, spatial_order};
+use super::order::{BoundedRun, spatial_order};
 use crate::scene::Scene;
 use rayon::prelude::*;
 
@@ -22,7 +22,7 @@ impl Class {
     }
 }
 
-/// Heights above a plane below this share of the scene's diagonal are rounding, not geometry: the walls of a room,
+/// Heights above a plane below this fraction of the scene's diagonal are rounding, not geometry: the walls of a room,
 /// subdivided and rotated, must not count as being behind one another.
 const COPLANAR: f64 = 1e-6;
 
@@ -44,11 +44,11 @@ pub fn classify(scene: &Scene) -> Vec<Class> {
 
 /// The height in metres below which a corner counts as lying in a plane.
 pub fn coplanar_tolerance(facets: &[Facet]) -> f64 {
-    let bounds = Block::around(facets.iter());
+    let bounds = BoundedRun::around(facets.iter());
     COPLANAR * (bounds.max - bounds.min).length()
 }
 
-/// True where light that leaves the front or back of `source` as `side` (1 or -1) can reach the front of `receiver`.
+/// Whether light from the front (`side` = 1) or back (-1) of `source` can reach the front of `receiver`.
 pub fn reaches(source: &Facet, receiver: &Facet, side: f64, tolerance: f64) -> bool {
     let beyond = |plane: &Facet, corner: glam::DVec3| (corner - plane.centroid).dot(plane.normal);
     receiver.corners.iter().any(|&c| side * beyond(source, c) > tolerance)
@@ -75,7 +75,7 @@ impl<'a> Search<'a> {
     /// True where some triangle can receive antiradiance from the back of triangle `i`.
     fn casts_shadow(&self, i: usize) -> bool {
         let source = &self.facets[i];
-        let bounds = Block::around(std::iter::once(source));
+        let bounds = BoundedRun::around(std::iter::once(source));
         let behind = |node: &Node| {
             !self.tree.misses(source, &node.bounds, -1.0)
                 && self.tree.sight(node, &bounds, 1.0, true) != Sight::Nothing

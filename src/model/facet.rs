@@ -1,8 +1,8 @@
-//! What is known of a triangle, in f64. Twin of glsl/geometry.glsl.
+//! Geometry of a triangle, in f64. Twin of glsl/geometry.glsl.
 
 use glam::{DMat3, DVec3};
 
-/// A triangle with everything the operators read of it.
+/// A triangle with the quantities that the operators read.
 #[derive(Clone, Copy, Debug)]
 pub struct Facet {
     /// Counter-clockwise, seen from the front.
@@ -11,16 +11,16 @@ pub struct Facet {
     pub centroid: DVec3,
     /// Unit normal; zero for a triangle without area.
     pub normal: DVec3,
-    /// Of the triangle.
+    /// Area, in the square of the corners' unit.
     pub area: f64,
     /// s = Σl²/(4√3): the area of the equilateral triangle with the same sum of squared edges. At least `area`
     /// (Weitzenböck's inequality), equal for equilateral triangles, and large for needles, whose area says little
-    /// about their extent.
-    pub extent: f64,
+    /// about their size.
+    pub characteristic_area: f64,
 }
 
 impl Facet {
-    /// Of corners in any unit; areas have its square.
+    /// From corners in any unit of length; areas are in its square.
     pub fn new(corners: [DVec3; 3]) -> Self {
         let [a, b, c] = corners;
         let cross = (b - a).cross(c - a);
@@ -30,7 +30,7 @@ impl Facet {
             centroid: centroid(corners),
             normal: cross.normalize_or_zero(),
             area: 0.5 * cross.length(),
-            extent: squares / (4.0 * 3.0_f64.sqrt()),
+            characteristic_area: squares / (4.0 * 3.0_f64.sqrt()),
         }
     }
 
@@ -51,8 +51,7 @@ pub fn quarters([a, b, c]: [DVec3; 3]) -> [[DVec3; 3]; 4] {
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
 }
 
-/// Columns: two tangents and the normal. After Duff et al. (JCGT 2017), continuous but
-/// for n.z = `FRAME_SWITCH`.
+/// Columns: two tangents and the normal. After Duff et al. (JCGT 2017), continuous except at n.z = `FRAME_SWITCH`.
 pub fn orthonormal_basis(n: DVec3) -> DMat3 {
     let sign = basis_sign(n);
     let a = -1.0 / (sign + n.z);
@@ -64,9 +63,9 @@ pub fn orthonormal_basis(n: DVec3) -> DMat3 {
     )
 }
 
-/// Where the frame jumps: at a height that no wall, floor or roof of a usual slope has, nor a triangle of a round shape.
-/// At 0, where the published frame jumps, a wall that leans by rounding would have its bins turned, and no derivative
-/// would see it.
+/// The n.z at which the frame is discontinuous: no wall, floor or roof of a usual slope has it, nor a triangle of a
+/// round shape. At 0, as in Duff et al., rounding in the slope of a wall would rotate its bins, unseen by any
+/// derivative.
 const FRAME_SWITCH: f64 = -0.6543;
 
 /// The sign that keeps the frame away from its singular normal.

@@ -1,21 +1,21 @@
-//! The gradient with respect to what the operators read of a triangle, and from there to its corners.
+//! Gradients with respect to the quantities that the operators read of a triangle, and from these to its corners.
 
 use super::facet::Facet;
 use glam::DVec3;
 use std::ops::AddAssign;
 
-/// Derivative of a number with respect to a [`Facet`], each entry with the others held fixed. The centroid is the mean of
-/// the corners: its gradient stands there, a third in each.
+/// Derivative of a scalar with respect to a [`Facet`], each field with the others held fixed. The centroid is the
+/// mean of the corners: a third of its gradient is added to each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FacetGradient {
     /// Per metre.
     pub corners: [DVec3; 3],
-    /// With respect to the unit normal as three free numbers: the part along the normal means nothing.
+    /// With respect to the unit normal as three free numbers; the component along the normal is meaningless.
     pub normal: DVec3,
     /// Per square metre.
     pub area: f64,
     /// Per square metre.
-    pub extent: f64,
+    pub characteristic_area: f64,
 }
 
 impl FacetGradient {
@@ -26,8 +26,8 @@ impl FacetGradient {
         }
     }
 
-    /// The whole derivative with respect to the three corners, per metre: with n = c/|c|, a = |c|/2, c the cross product
-    /// of two edges, and s = Σl²/(4√3).
+    /// The total derivative with respect to the three corners, per metre: with n = c/|c|, a = |c|/2, c the cross
+    /// product of two edges, and s = Σl²/(4√3).
     pub fn to_corners(&self, facet: &Facet) -> [DVec3; 3] {
         let [a, b, c] = facet.corners;
         let mut corners = self.corners;
@@ -40,7 +40,7 @@ impl FacetGradient {
             corners[2] += at_c;
         }
         // Of Σl²: 2 (a - b) + 2 (a - c) at corner a.
-        let scale = self.extent / (2.0 * 3.0_f64.sqrt());
+        let scale = self.characteristic_area / (2.0 * 3.0_f64.sqrt());
         for (gradient, corner) in corners.iter_mut().zip([a, b, c]) {
             *gradient += scale * (3.0 * corner - (a + b + c));
         }
@@ -55,7 +55,7 @@ impl AddAssign for FacetGradient {
         }
         self.normal += other.normal;
         self.area += other.area;
-        self.extent += other.extent;
+        self.characteristic_area += other.characteristic_area;
     }
 }
 
@@ -65,18 +65,21 @@ mod tests {
 
     /// Central differences at 1e-6: their own error is 1e-10.
     #[test]
-    fn corners_move_normal_area_and_extent() {
+    fn corners_move_normal_area_and_characteristic_area() {
         let corners = [DVec3::new(0.1, 0.2, -0.3), DVec3::new(1.0, 0.4, 0.1), DVec3::new(0.3, 1.2, 0.5)];
         let gradient = FacetGradient {
             corners: [DVec3::new(0.3, 0.1, 0.7), DVec3::new(-0.2, 0.5, 0.4), DVec3::new(0.9, -0.8, 0.1)],
             normal: DVec3::new(0.5, -1.3, 0.8),
             area: 1.7,
-            extent: -0.6,
+            characteristic_area: -0.6,
         };
         let value = |corners: [DVec3; 3]| {
             let f = Facet::new(corners);
             let at_corners: f64 = corners.iter().zip(gradient.corners).map(|(c, g)| c.dot(g)).sum();
-            at_corners + f.normal.dot(gradient.normal) + f.area * gradient.area + f.extent * gradient.extent
+            at_corners
+                + f.normal.dot(gradient.normal)
+                + f.area * gradient.area
+                + f.characteristic_area * gradient.characteristic_area
         };
         let found = gradient.to_corners(&Facet::new(corners));
         for k in 0..3 {
@@ -94,7 +97,8 @@ mod tests {
 
     #[test]
     fn a_triangle_without_area_has_a_finite_gradient() {
-        let gradient = FacetGradient { normal: DVec3::ONE, area: 1.0, extent: 1.0, ..Default::default() };
+        let gradient =
+            FacetGradient { normal: DVec3::ONE, area: 1.0, characteristic_area: 1.0, ..Default::default() };
         for corners in [[DVec3::ONE; 3], [DVec3::ZERO, DVec3::X, 2.0 * DVec3::X]] {
             assert!(gradient.to_corners(&Facet::new(corners)).iter().all(|g| g.is_finite()));
         }

@@ -1,36 +1,36 @@
-//! A binary tree over runs of neighbouring triangles: what holds for all of a branch is not asked of its leaves.
+//! A binary tree over runs of neighbouring triangles: a test that holds for a whole branch skips its leaves.
 
 use super::facet::Facet;
-use super::order::{Block, PADDING};
+use super::order::{BoundedRun, PADDING};
 use glam::DVec3;
 use std::ops::Range;
 
-/// Share of the tolerance by which bounds must clear it, so that rounding in them decides nothing.
+/// Fraction of the tolerance by which bounds must clear it, so that their rounding decides nothing.
 const MARGIN: f64 = 1e-3;
-/// The same as a share of the largest coordinate.
+/// The same as a fraction of the largest coordinate.
 const ROUNDING: f64 = 1e-13;
 
 /// A branch of the tree, or a leaf: a run of leaves, and bounds of their triangles.
 #[derive(Clone, Debug)]
 pub struct Node {
     pub leaves: Range<usize>,
-    pub bounds: Block,
+    pub bounds: BoundedRun,
     /// Largest area, and characteristic area.
     pub area: f64,
-    pub extent: f64,
+    pub characteristic_area: f64,
     planes: Planes,
-    /// Where the walk goes on behind this branch.
+    /// The node at which a walk continues after this branch.
     next: usize,
 }
 
-/// What of some things lies on one side of the planes of a branch.
+/// Which of some objects extend to one side of the planes of a branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sight {
-    /// Nothing, of any of them, beyond any of the planes.
+    /// None, beyond any plane.
     Nothing,
-    /// It takes a closer look to say.
+    /// The bounds do not decide.
     Unknown,
-    /// A part of each, beyond each of the planes.
+    /// Each, beyond each plane.
     Each,
 }
 
@@ -42,7 +42,7 @@ pub struct Hierarchy {
     margin: f64,
 }
 
-/// What a tree is made of: the triangle of each slot, or [`PADDING`], and slots per leaf.
+/// Input of a tree: the triangle of each slot, or [`PADDING`], and slots per leaf.
 struct Source<'a> {
     facets: &'a [Facet],
     order: &'a [u32],
@@ -59,9 +59,9 @@ impl Source<'_> {
     fn node(&self, leaves: Range<usize>) -> Node {
         let facets = self.facets(&leaves);
         Node {
-            bounds: Block::around(facets.clone()),
+            bounds: BoundedRun::around(facets.clone()),
             area: facets.clone().map(|f| f.area).fold(0.0, f64::max),
-            extent: facets.clone().map(|f| f.extent).fold(0.0, f64::max),
+            characteristic_area: facets.clone().map(|f| f.characteristic_area).fold(0.0, f64::max),
             planes: Planes::of(facets),
             leaves,
             next: 0,
@@ -81,7 +81,7 @@ impl Source<'_> {
 }
 
 impl Hierarchy {
-    /// Over runs of `leaf` slots of an order. `tolerance`: height above a plane that counts as lying in it.
+    /// A tree over runs of `leaf` slots of an order. `tolerance`: greatest height above a plane that counts as in it.
     pub fn new(facets: &[Facet], order: &[u32], leaf: usize, tolerance: f64) -> Self {
         let leaves = order.len().div_ceil(leaf);
         let mut nodes = Vec::with_capacity(2 * leaves);
@@ -94,7 +94,7 @@ impl Hierarchy {
         Self { nodes, tolerance, margin: MARGIN * tolerance + ROUNDING * farthest }
     }
 
-    /// Calls `enter` for nodes, in the order of their leaves and each before its branches, to which it goes where that is true.
+    /// Visits nodes depth first, in the order of their leaves, and descends where `enter` returns true.
     pub fn walk(&self, mut enter: impl FnMut(&Node) -> bool) {
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
@@ -102,7 +102,7 @@ impl Hierarchy {
         }
     }
 
-    /// The leaves that pass a test, as all branches around them do.
+    /// The leaves that pass a test together with all branches that contain them.
     pub fn leaves(&self, test: impl Fn(&Node) -> bool) -> impl Iterator<Item = &Node> {
         let mut at = 0;
         std::iter::from_fn(move || {
@@ -122,15 +122,15 @@ impl Hierarchy {
         self.nodes.iter().filter(|node| node.is_leaf())
     }
 
-    /// True where no part of a box lies above (`side` = 1) or below (`side` = -1) the plane of a triangle.
-    pub fn misses(&self, plane: &Facet, bounds: &Block, side: f64) -> bool {
+    /// Whether no part of a box lies above (`side` = 1) or below (`side` = -1) the plane of a triangle.
+    pub fn misses(&self, plane: &Facet, bounds: &BoundedRun, side: f64) -> bool {
         let normal = side * plane.normal;
         -bounds.lowest(-normal) - normal.dot(plane.centroid) <= self.tolerance - self.margin
     }
 
-    /// What of boxes lies above (`side` = 1) or below (`side` = -1) the planes of a branch. `one`: whether `bounds` is the box
-    /// itself, or only goes around all boxes.
-    pub fn sight(&self, of: &Node, bounds: &Block, side: f64, one: bool) -> Sight {
+    /// Which boxes extend above (`side` = 1) or below (`side` = -1) the planes of a branch. `one`: whether `bounds`
+    /// is a single box, rather than one around all boxes.
+    pub fn sight(&self, of: &Node, bounds: &BoundedRun, side: f64, one: bool) -> Sight {
         let [least, most] = of.planes.heights(bounds, side, one);
         if most <= self.tolerance - self.margin {
             Sight::Nothing
@@ -143,7 +143,7 @@ impl Hierarchy {
 }
 
 impl Node {
-    /// Its slots of an order, of which `leaf` make a leaf.
+    /// Its slots of an order with `leaf` slots per leaf.
     pub fn slots<'a>(&self, leaf: usize, order: &'a [u32]) -> &'a [u32] {
         &order[self.leaves.start * leaf..(self.leaves.end * leaf).min(order.len())]
     }
@@ -153,7 +153,7 @@ impl Node {
     }
 }
 
-/// Bounds of planes ⟨n, x - centre⟩ = height: least and most of the normals, by component, and of the heights.
+/// Bounds of planes ⟨n, x - centre⟩ = height: minimum and maximum of the normals, by component, and of the heights.
 #[derive(Clone, Debug)]
 struct Planes {
     centre: DVec3,
@@ -163,7 +163,7 @@ struct Planes {
 
 impl Planes {
     fn of<'a>(facets: impl Iterator<Item = &'a Facet> + Clone) -> Self {
-        let bounds = Block::around(facets.clone());
+        let bounds = BoundedRun::around(facets.clone());
         let centre = bounds.min.midpoint(bounds.max);
         let none = Self {
             centre,
@@ -180,8 +180,8 @@ impl Planes {
         })
     }
 
-    /// Least and most, over the planes, of the height of the farthest corner of a box, or of any box inside of it.
-    fn heights(&self, bounds: &Block, side: f64, one: bool) -> [f64; 2] {
+    /// Minimum and maximum, over the planes, of the height of the farthest corner of a box, or of any box inside it.
+    fn heights(&self, bounds: &BoundedRun, side: f64, one: bool) -> [f64; 2] {
         let [low, high] = self.normals;
         let (low, high) = if side > 0.0 { (low, high) } else { (-high, -low) };
         let [least, most] = self.heights;
@@ -205,13 +205,13 @@ mod tests {
     use super::*;
     use crate::scene::Shape;
 
-    /// A sphere, whose neighbours face about the same way.
+    /// A sphere: neighbours have similar normals.
     fn sphere() -> Vec<Facet> {
         let (vertices, faces) = Shape::Icosphere { level: 2, inward: false }.mesh();
         faces.iter().map(|face| Facet::new(face.map(|v| vertices[v as usize]))).collect()
     }
 
-    /// What is said of a branch holds for each plane and each box in it.
+    /// The result for a branch holds for each plane and each box in it.
     #[test]
     fn bounds_hold_for_everything_inside() {
         const TOLERANCE: f64 = 1e-6;
@@ -224,11 +224,11 @@ mod tests {
             for (side, one) in [(1.0, false), (-1.0, false), (1.0, true), (-1.0, true)] {
                 let sight = tree.sight(planes, &boxes.bounds, side, one);
                 said[sight as usize] += 1;
-                let beyond = |plane: &Facet, of: &Block| {
+                let beyond = |plane: &Facet, of: &BoundedRun| {
                     -of.lowest(-side * plane.normal) - side * plane.normal.dot(plane.centroid) > TOLERANCE
                 };
-                let around = |&i: &u32| Block::around([&facets[i as usize]].into_iter());
-                let inside: Vec<Block> =
+                let around = |&i: &u32| BoundedRun::around([&facets[i as usize]].into_iter());
+                let inside: Vec<BoundedRun> =
                     if one { vec![boxes.bounds.clone()] } else { of(boxes).map(around).collect() };
                 let mut pairs = of(planes).flat_map(|&i| inside.iter().map(move |of| (i, of)));
                 let holds = match sight {

@@ -1,5 +1,5 @@
-//! What every layer means by a triangle, a direction bin and a class of triangles: neutral ground between the planner, the
-//! kernels' host side and the f64 reference, none of which depends on another for it.
+//! Shared definitions of a triangle, a direction bin and a class of triangles. The planner, the host side of the
+//! kernels and the f64 reference use them without depending on one another.
 
 mod bins;
 mod class;
@@ -19,4 +19,4 @@ pub use facet_gradient::FacetGradient;
 pub(crate) use hierarchy::{Hierarchy, Node, Sight};
 pub(crate) use near_field::{QUARTER_RANGE, far_weight};
 pub use order::PADDING;
-pub(crate) use order::{Block, morton, spatial_order};
+pub(crate) use order::{BoundedRun, morton, spatial_order};

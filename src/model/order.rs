@@ -1,21 +1,21 @@
-//! Order in space: neighbours of like orientation stand side by side, so that groups of them have small boxes and
-//! narrow normal cones.
+//! Spatial order: neighbours of similar orientation are adjacent, so that groups of them have small boxes and narrow
+//! normal cones.
 
 use super::facet::Facet;
 use glam::DVec3;
 
-/// Triangle index of the slots that only fill up a tile.
+/// Triangle index of the slots that pad a tile.
 pub const PADDING: u32 = u32::MAX;
 
 /// The box around the corners of some triangles.
 #[derive(Clone, Debug)]
-pub struct Block {
+pub struct BoundedRun {
     pub min: DVec3,
     pub max: DVec3,
 }
 
-impl Block {
-    /// The box around some facets (an empty range; empty boxes are inside out).
+impl BoundedRun {
+    /// The box around some facets; around none, its minimum is +∞ and its maximum -∞.
     pub fn around<'a>(facets: impl Iterator<Item = &'a Facet>) -> Self {
         let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for corner in facets.flat_map(|f| f.corners) {
@@ -40,7 +40,7 @@ impl Block {
 
 /// Indices of the facets with an area, sorted by the cube face their normal points to, then along a Morton curve.
 pub fn spatial_order(facets: &[Facet]) -> Vec<u32> {
-    let bounds = Block::around(facets.iter());
+    let bounds = BoundedRun::around(facets.iter());
     let size = (bounds.max - bounds.min).max_element().max(f64::MIN_POSITIVE);
     let mut keyed: Vec<(u8, u64, u32)> = facets
         .iter()

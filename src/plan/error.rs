@@ -1,59 +1,61 @@
-//! Why there is no plan.
+//! Errors of planning.
 
 use crate::scene::{Precision, SceneError};
 
-/// One clear line, with the way out.
+/// Why a scene cannot be planned. Each message is one line with the remedy.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlanError {
-    /// The scene or the accuracy cannot be solved.
+    /// The scene or its settings are invalid.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    #[error("tiles of {0} triangles: kernels take 32 or 64")]
+    /// The number of triangles per tile is not supported.
+    #[error("tiles of {0} triangles: kernels support 32 or 64")]
     Tile(u32),
     #[error(
-        "a tolerance of {wanted:e} is more than precision \"{precision}\" can tell: choose {least:e} or more, or another \
-         precision (\"f64\" on a device that has it)"
+        "a tolerance of {wanted:e} is below the rounding of precision \"{precision}\": choose {least:e} or more, or \
+         another precision (\"f64\" on a device that has it)"
     )]
-    /// Numbers of the precision cannot tell residuals as small as that.
+    /// The precision does not resolve residuals that small.
     Tolerance {
-        /// The relative residual that was asked for.
+        /// The relative residual required.
         wanted: f64,
-        /// The smallest that the precision can tell.
+        /// The smallest that the precision resolves.
         least: f64,
-        /// Of the numbers on the device.
+        /// Precision of the numbers on the device.
         precision: Precision,
     },
     /// No triangle has an area.
-    #[error("the scene has no triangle with an area: there is nothing to solve")]
+    #[error("the scene has no triangle with an area, so there is nothing to solve")]
     NothingToSolve,
     #[error(
         "a memory budget of {budget} bytes is too small: this scene needs at least {needed} bytes with these bins \
          (--memory-budget {needed}, or fewer bins, or fewer triangles)"
     )]
-    /// Not even the least memory fits the budget.
+    /// Even the smallest plan exceeds the budget.
     OverBudget {
         /// Bytes that buffers may take.
         budget: u64,
-        /// Bytes that would do.
+        /// Bytes that the smallest plan takes.
         needed: u64,
     },
     #[error(
-        "the buffer \"{label}\" needs {bytes} bytes, and the device's kernels see at most {limit} bytes of one buffer: \
-         fewer triangles, or a smaller near field (accuracy.subsample)"
+        "the buffer \"{label}\" needs {bytes} bytes, but kernels on this device can bind at most {limit} bytes: \
+         fewer triangles, or a smaller near field (settings.near_field)"
     )]
+    /// A buffer exceeds the size that kernels can bind.
     BufferTooLarge {
-        /// Of the buffer.
+        /// Label of the buffer.
         label: String,
         /// Its size.
         bytes: u64,
-        /// Bytes that kernels see of a buffer.
+        /// Bytes of a buffer that kernels can bind.
         limit: u64,
     },
-    /// More pairs, or runs of tiles, than an index can number.
+    /// More pairs, or runs of tiles, than 32-bit indices can address.
     #[error(
-        "{count} {what} are more than 32-bit indices can tell apart: fewer triangles, or a smaller near field \
-         (accuracy.subsample)"
+        "{count} {what} exceed 32-bit indices: use fewer triangles, or a smaller near field \
+         (settings.near_field)"
     )]
     TooManyPairs {
         /// What is counted.

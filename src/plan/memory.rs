@@ -1,4 +1,4 @@
-//! Bytes, by label, before they are allocated. The engine asserts that it allocates these and no others.
+//! Memory by label, computed before allocation. The engine checks that it allocates exactly this.
 
 use super::{Group, PairLists, Plan, PlanError, Residency};
 use crate::model::Bins;
@@ -11,27 +11,27 @@ pub(super) const FACET: u64 = 8;
 const CORNERS: u64 = 12;
 const SURFACE: u64 = 12;
 pub(super) const RGB: u64 = 4;
-/// Bytes of a bin of glsl/packed.glsl.
-pub(super) const PACKED_BIN: u64 = 12;
-/// Of glsl/facet_gradient.glsl.
+/// Bytes of a half bin (glsl/half_bins.glsl).
+pub(super) const HALF_BIN: u64 = 12;
+/// Reals of a gradient (glsl/facet_gradient.glsl).
 const FACET_GRADIENT: u64 = 16;
-/// Lanes of the kernel that sums vectors up: enough for any device, few enough to be added up on the host.
+/// Lanes of the kernel that sums vectors: enough for any device, few enough for the host to add up.
 pub(crate) const PARTIAL_SUMS: u64 = 4096;
 
-/// Labels of bytes that are counted here and allocated elsewhere.
+/// Labels of memory that is counted here and allocated elsewhere.
 const STAGING: &str = "staging";
 const PICTURES: &str = "pictures";
 
 /// One kind of buffer.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct MemoryItem {
-    /// What the buffers are called in errors, reports and debuggers.
+    /// Label of the buffers in errors, reports and debuggers.
     pub label: String,
-    /// Of all buffers of this label together.
+    /// Bytes of all buffers of this label together.
     pub bytes: u64,
     /// Number of buffers.
     pub count: u32,
-    /// Of the largest of them.
+    /// Bytes of the largest of them.
     #[serde(skip)]
     largest: u64,
 }
@@ -39,7 +39,7 @@ pub struct MemoryItem {
 /// All device memory of an engine.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MemoryPlan {
-    /// One for each label.
+    /// One item per label.
     pub items: Vec<MemoryItem>,
 }
 
@@ -50,10 +50,10 @@ pub(super) fn bin_bytes(bins: &Bins, channels: u32, precision: Precision) -> u64
 
 impl MemoryPlan {
     pub(super) fn of(plan: &Plan) -> Self {
-        let real = plan.accuracy.precision.bytes();
+        let real = plan.settings.precision.bytes();
         let slots = u64::from(plan.layout.slots());
         let mut memory = Self::default();
-        let seen = slots + u64::from(plan.other_slots());
+        let seen = slots + u64::from(plan.partner_slots());
         memory.add("facets", seen * FACET * real, 1);
         memory.add("corners", slots * CORNERS * real, 1);
         memory.add("surfaces", slots * SURFACE * real, 1);
@@ -63,25 +63,25 @@ impl MemoryPlan {
         let PairLists { far, near } = &plan.interactions.by_receiver;
         memory.add("far runs", size_of_val(far.words()) as u64, 1);
         memory.add("near offsets", near.offsets.len() as u64 * 4, 1);
-        memory.add("near owners", slots * 4, 1);
-        memory.add("near sources", near.others.len() as u64 * 4, 1);
+        memory.add("near targets", slots * 4, 1);
+        memory.add("near sources", near.partners.len() as u64 * 4, 1);
         memory.add("partial sums", PARTIAL_SUMS * real, 1);
         memory.add("no bins", real, 1);
         memory.add_states(plan);
-        if plan.packs() {
+        if plan.half_bins() {
             let any = |wanted: fn(&Group) -> bool| u32::from(plan.layout.groups.iter().any(wanted));
             let kinds = any(|group| group.class.blocker) + any(|group| group.class.glossy);
-            memory.add("packed bins", plan.packed_bytes(), kinds);
+            memory.add("half bins", plan.half_bin_bytes(), kinds);
         }
         memory.add_gradients(plan, slots);
         memory.add(STAGING, plan.staging, 1);
-        if plan.limits.pictures > 0 {
-            memory.add(PICTURES, plan.limits.pictures, 1);
+        if plan.options.pictures > 0 {
+            memory.add(PICTURES, plan.options.pictures, 1);
         }
         memory
     }
 
-    /// Vectors of the solver, or the windows on them, and what glossy triangles make of one.
+    /// Vectors of the solver, or the windows on them, and the specular radiance.
     fn add_states(&mut self, plan: &Plan) {
         match plan.residency {
             Residency::Device => {
@@ -107,25 +107,25 @@ impl MemoryPlan {
         }
     }
 
-    /// What [`crate::Engine::backward`] needs beyond a solve: the solution's own vector, the loss's cotangent, and what
-    /// gradients are summed up in.
+    /// What [`crate::Engine::backward`] needs beyond a solve: the solution's vector, the cotangents of the loss, and
+    /// the sums of gradients.
     fn add_gradients(&mut self, plan: &Plan, slots: u64) {
-        let (wanted, real) = (plan.limits.gradients, plan.accuracy.precision.bytes());
+        let (request, real) = (plan.options.gradients, plan.settings.precision.bytes());
         let Some(PairLists { far, near }) = &plan.interactions.by_source else { return };
         let rgb = slots * plan.rgb_bytes();
         self.add("cotangent: irradiance", rgb, 1);
         self.add("cotangent: radiance", rgb, 1);
-        self.add("cotangent: receivers", rgb + u64::from(plan.other_slots()) * plan.rgb_bytes(), 1);
+        self.add("cotangent: receivers", rgb + u64::from(plan.partner_slots()) * plan.rgb_bytes(), 1);
         for group in plan.layout.groups.iter().filter(|g| g.class.glossy) {
             self.add("cotangent: specular", plan.page_bytes(group), 1);
         }
         self.add("far runs, by source", size_of_val(far.words()) as u64, 1);
         self.add("near offsets, by source", near.offsets.len() as u64 * 4, 1);
-        self.add("near receivers", near.others.len() as u64 * 4, 1);
-        if wanted.geometry() {
+        self.add("near receivers", near.partners.len() as u64 * 4, 1);
+        if request.geometry() {
             self.add("facet gradients", slots * FACET_GRADIENT * real, 1);
         }
-        if wanted.lobes() && plan.classes.iter().any(|class| class.glossy) {
+        if request.lobes() && plan.classes.iter().any(|class| class.glossy) {
             self.add("lobe sums", 2 * rgb, 1);
         }
     }
@@ -145,7 +145,7 @@ impl MemoryPlan {
         }
     }
 
-    /// Bytes of all of it.
+    /// Total bytes.
     pub fn total(&self) -> u64 {
         self.items.iter().map(|item| item.bytes).sum()
     }
@@ -155,7 +155,7 @@ impl MemoryPlan {
         self.items.iter().find(|item| item.label == label).map_or(0, |item| item.bytes)
     }
 
-    /// What the engine allocates itself.
+    /// The items that the engine allocates itself.
     pub fn own(&self) -> impl Iterator<Item = &MemoryItem> {
         self.items.iter().filter(|item| item.label != STAGING && item.label != PICTURES)
     }

@@ -1,57 +1,57 @@
-//! What is to be done, worked out before any device is touched: which triangles need what, in which order they stand,
-//! which tiles exchange light, how many bytes and pairs that takes. Pure host code.
+//! Planning, before any device is used: the class and order of triangles, the tiles that exchange light, and the
+//! memory and pairs that a solve takes. Pure host code.
 
 mod error;
+mod gradient_request;
 mod interactions;
 mod memory;
 mod report;
 mod residency;
 mod tiles;
-mod wanted;
 
 pub use crate::model::PADDING;
 pub use error::PlanError;
+pub use gradient_request::GradientRequest;
 pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
 pub(crate) use memory::PARTIAL_SUMS;
 pub use memory::{MemoryItem, MemoryPlan};
 pub use report::{ClassReport, PairReport, PlanReport, StatesReport};
 pub use residency::{Piece, Residency};
-pub use tiles::{Group, Layout};
-pub use wanted::Wanted;
+pub use tiles::{Group, TileLayout};
 
 use crate::model::{Bins, Class, Facet, classify, spatial_order};
 use crate::options::setters;
-use crate::scene::{Accuracy, Precision, Scene, SolverChoice};
+use crate::scene::{Precision, Scene, SolveSettings, SolverChoice};
 use glam::DVec3;
 
-/// Bytes of the facets of others that a dispatch sees.
-pub(crate) const OTHER_BYTES: u32 = 1 << 16;
+/// Bytes of the facets of partners that a dispatch binds.
+pub(crate) const PARTNER_BYTES: u32 = 1 << 16;
 
-/// What a device offers, and choices that change the work but not the result.
+/// Limits of a device, and choices that change the work but not the result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
-pub struct Limits {
+pub struct PlanOptions {
     /// Bytes that all buffers together may take.
     pub memory_budget: u64,
-    /// Largest buffer a kernel can see, bytes.
+    /// Largest buffer that a kernel can bind, bytes.
     pub max_buffer: u64,
-    /// Bytes of the buffers through which data comes and goes: the plan takes fewer where memory is short.
+    /// Bytes of staging buffers for transfers; the plan uses fewer where memory is short.
     pub staging: u64,
-    /// Bytes to leave to others under the same budget: pictures.
+    /// Bytes of the budget to reserve for pictures.
     pub pictures: u64,
     /// Triangles per tile: 32 or 64.
     pub tile: u32,
     /// Largest page of state, bytes; at most `max_buffer`.
     pub page: u64,
-    /// Leave out pairs of tiles that can't see each other.
+    /// Whether to omit pairs of tiles that cannot exchange light.
     pub cull: bool,
-    /// Which triangles hold light back.
+    /// Which triangles block light.
     pub occlusion: Occlusion,
-    /// Derivatives that will be asked for.
-    pub gradients: Wanted,
+    /// Kinds of derivatives to plan for.
+    pub gradients: GradientRequest,
 }
 
-setters!(Limits {
+setters!(PlanOptions {
     memory_budget: u64,
     max_buffer: u64,
     staging: u64,
@@ -60,29 +60,29 @@ setters!(Limits {
     page: u64,
     cull: bool,
     occlusion: Occlusion,
-    gradients: Wanted,
+    gradients: GradientRequest,
 });
 
-/// Which triangles hold light back.
+/// Which triangles block light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Occlusion {
-    /// Those that something behind them can tell.
+    /// Those behind which a triangle could receive the light that they block.
     #[default]
     Exact,
-    /// None: light goes through everything. Only of use to show what that does.
+    /// None: light passes through everything. Only useful to show the effect of occlusion.
     Nothing,
-    /// All, whether it matters or not: the same answer for the most work, to measure what that is.
+    /// All, whether it matters or not: the same result with the most work, to measure its cost.
     Everything,
 }
 
-impl Limits {
-    /// With room for everything: for plans that are looked at and never run.
+impl PlanOptions {
+    /// Without limits of memory: for plans that are inspected and never run.
     pub fn boundless(self) -> Self {
         Self { memory_budget: u64::MAX, max_buffer: u64::MAX, ..self }
     }
 }
 
-impl Default for Limits {
+impl Default for PlanOptions {
     /// Lavapipe: a heap of 2 GiB, 128 MiB per storage buffer.
     fn default() -> Self {
         Self {
@@ -94,14 +94,14 @@ impl Default for Limits {
             page: 128 << 20,
             cull: true,
             occlusion: Occlusion::Exact,
-            gradients: Wanted::NOTHING,
+            gradients: GradientRequest::NOTHING,
         }
     }
 }
 
-/// Where the engine's coordinates come from: x_engine = (x - centre) · scale, so that the scene lies within one unit of
-/// the origin and f32 is as good for a scene in millimetres far from the origin as for any other. Irradiance does not
-/// depend on the scale.
+/// The map to the engine's coordinates: x_engine = (x - centre) · scale, so that the scene lies within the unit ball
+/// and f32 is as accurate for a scene in millimetres far from the origin as for any other. Irradiance does not depend
+/// on the scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// Metres.
@@ -111,7 +111,7 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// The box around the vertices that triangles use, put around the origin.
+    /// Centres the box around the vertices in use at the origin.
     pub fn of(scene: &Scene) -> Self {
         let used = scene.triangles.iter().flat_map(|t| t.vertices).map(|v| scene.vertices[v as usize]);
         let (min, max) =
@@ -132,10 +132,36 @@ impl Placement {
     }
 }
 
-/// Which solver runs, with how much memory.
+/// Rough albedo of the scene, of the brightest channel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Reflectance {
+    /// Mean over area.
+    mean: f64,
+    most: f64,
+}
+
+impl Reflectance {
+    fn of(scene: &Scene) -> Self {
+        // That of a lobe is taken as σ: its integral would take longer than the plan.
+        let albedo = |m: &crate::scene::Material| {
+            let channels = m.diffuse_albedo().into_iter().zip(m.specular);
+            channels.map(|(diffuse, sigma)| diffuse + sigma).fold(0.0, f64::max).min(0.99)
+        };
+        let (mut reflecting, mut all, mut most) = (0.0, 0.0, 0.0_f64);
+        for i in 0..scene.triangles.len() {
+            let (area, albedo) = (scene.area_vector(i).length(), albedo(scene.material(i)));
+            reflecting += area * albedo;
+            all += area;
+            most = if area > 0.0 { most.max(albedo) } else { most };
+        }
+        Self { mean: if all > 0.0 { reflecting / all } else { 0.0 }, most }
+    }
+}
+
+/// The solver to run, and its length of basis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlannedSolver {
-    /// A bounce per pass.
+    /// Fixed-point iteration, one bounce per pass.
     FixedPoint,
     /// Restarted GMRES.
     Gmres {
@@ -145,63 +171,66 @@ pub enum PlannedSolver {
 }
 
 impl PlannedSolver {
-    /// Vectors of the state's size that it needs.
+    /// Number of states that it needs.
     pub fn vectors(self) -> u32 {
         match self {
             Self::FixedPoint => 2,
-            Self::Gmres { restart } => crate::solve::gmres_scratch(restart),
+            // Its basis, the right-hand side and the iterate: `solve::gmres_scratch`.
+            Self::Gmres { restart } => restart + 2,
         }
     }
 }
 
 /// The longest Krylov basis worth its memory: rooms need 10 to 14 passes for 1e-4.
 const LONGEST_RESTART: u32 = 16;
-/// The shortest one that still beats the fixed point.
+/// The shortest one that is still faster than the fixed point.
 const SHORTEST_RESTART: u32 = 4;
 
-/// Triangles per tile that kernels are made for.
+/// Triangles per tile that kernels support.
 const TILES: [u32; 2] = [32, 64];
 
-/// The smallest relative residual that numbers of a precision can tell; packed ones, that solvers were seen to reach.
+/// The smallest relative residual that a precision resolves; for half bins, the smallest that solvers were seen to
+/// reach.
 fn least_tolerance(precision: Precision) -> f64 {
     match precision {
         Precision::F32 => 1e-7,
-        Precision::Packed => 1e-5,
+        Precision::HalfBins => 1e-5,
         Precision::F64 => 0.0,
     }
 }
 
-/// Everything the engine needs to know, decided.
+/// All decisions that the engine follows.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    pub(crate) limits: Limits,
-    pub(crate) accuracy: Accuracy,
+    pub(crate) options: PlanOptions,
+    pub(crate) settings: SolveSettings,
     pub(crate) bins: Bins,
-    /// 3, or 1 where nothing in the scene has a colour.
+    /// 3, or 1 for a scene without colour.
     pub(crate) channels: u32,
-    /// In the engine's coordinates; index = triangle of the scene.
+    /// Triangles in the engine's coordinates; index = triangle of the scene.
     pub(crate) facets: Vec<Facet>,
     pub(crate) placement: Placement,
-    /// Index = triangle of the scene.
+    /// Classes; index = triangle of the scene.
     pub(crate) classes: Vec<Class>,
-    pub(crate) layout: Layout,
+    pub(crate) layout: TileLayout,
     pub(crate) interactions: Interactions,
     pub(crate) solver: PlannedSolver,
     pub(crate) residency: Residency,
     /// Bytes of the staging buffers.
     pub(crate) staging: u64,
     memory: MemoryPlan,
+    reflectance: Reflectance,
 }
 
 impl Plan {
     /// Plans a solve of a scene, which is checked first.
-    pub fn new(scene: &Scene, limits: &Limits, accuracy: &Accuracy) -> Result<Self, PlanError> {
+    pub fn new(scene: &Scene, options: &PlanOptions, settings: &SolveSettings) -> Result<Self, PlanError> {
         scene.validate()?;
-        accuracy.check()?;
-        if !TILES.contains(&limits.tile) {
-            return Err(PlanError::Tile(limits.tile));
+        settings.check()?;
+        if !TILES.contains(&options.tile) {
+            return Err(PlanError::Tile(options.tile));
         }
-        let (wanted, precision) = (accuracy.tolerance, accuracy.precision);
+        let (wanted, precision) = (settings.tolerance, settings.precision);
         let least = least_tolerance(precision);
         if wanted < least {
             return Err(PlanError::Tolerance { wanted, least, precision });
@@ -209,33 +238,34 @@ impl Plan {
         let placement = Placement::of(scene);
         let facets = placement.facets(scene);
         let mut classes = classify(scene);
-        match limits.occlusion {
+        match options.occlusion {
             Occlusion::Exact => {}
             Occlusion::Nothing => classes.iter_mut().for_each(|class| class.blocker = false),
             Occlusion::Everything => {
                 classes.iter_mut().zip(&facets).for_each(|(class, f)| class.blocker = f.area > 0.0);
             }
         }
-        let bins = Bins::new(accuracy.bins, accuracy.weights);
-        // A loss may see colours in a grey scene.
-        let channels = if is_grey(scene) && !limits.gradients.any() { 1 } else { 3 };
+        let bins = Bins::new(settings.bins, settings.weights);
+        // A loss may have colour in a scene without.
+        let channels = if is_grey(scene) && !options.gradients.any() { 1 } else { 3 };
 
         let order = spatial_order(&facets);
         if order.is_empty() {
             return Err(PlanError::NothingToSolve);
         }
-        let tile_bytes = u64::from(limits.tile) * memory::bin_bytes(&bins, channels, accuracy.precision);
-        let page = limits.page.min(limits.max_buffer);
+        let tile_bytes = u64::from(options.tile) * memory::bin_bytes(&bins, channels, settings.precision);
+        let page = options.page.min(options.max_buffer);
         let page_tiles = (page / tile_bytes).max(1).min(u64::from(u32::MAX)) as u32;
-        let layout = Layout::new(&order, &classes, limits.tile, page_tiles);
+        let layout = TileLayout::new(&order, &classes, options.tile, page_tiles);
 
-        let half_range = 0.5 * accuracy.subsample;
-        let by_source = limits.gradients.any();
-        let interactions = Interactions::new(&layout, &facets, &classes, half_range, limits.cull, by_source)?;
+        let half_range = 0.5 * settings.near_field;
+        let by_source = options.gradients.any();
+        let interactions =
+            Interactions::new(&layout, &facets, &classes, half_range, options.cull, by_source)?;
 
         let mut plan = Self {
-            limits: *limits,
-            accuracy: *accuracy,
+            options: *options,
+            settings: *settings,
             bins,
             channels,
             facets,
@@ -245,21 +275,22 @@ impl Plan {
             interactions,
             solver: PlannedSolver::FixedPoint,
             residency: Residency::Device,
-            staging: limits.staging,
+            staging: options.staging,
             memory: MemoryPlan::default(),
+            reflectance: Reflectance::of(scene),
         };
         plan.choose_solver()?;
         Ok(plan)
     }
 
-    /// The longest basis that fits the budget, or the fixed point; if nothing does, states on the host, or an error that
-    /// says how many bytes would do.
+    /// Chooses the longest basis that fits the budget, or the fixed point; if neither fits, states on the host, or an
+    /// error with the number of bytes required.
     fn choose_solver(&mut self) -> Result<(), PlanError> {
         let wanted: Vec<PlannedSolver> = {
             let bases = |shortest: u32| {
                 (shortest..=LONGEST_RESTART).rev().map(|restart| PlannedSolver::Gmres { restart })
             };
-            match self.accuracy.solver {
+            match self.settings.solver {
                 SolverChoice::FixedPoint => vec![PlannedSolver::FixedPoint],
                 SolverChoice::Gmres => bases(1).collect(),
                 SolverChoice::Auto => bases(SHORTEST_RESTART).chain([PlannedSolver::FixedPoint]).collect(),
@@ -268,22 +299,22 @@ impl Plan {
         let mut least = u64::MAX;
         for &solver in &wanted {
             self.solver = solver;
-            for staging in [self.limits.staging, self.short_staging()] {
+            for staging in [self.options.staging, self.short_staging()] {
                 self.staging = staging;
                 self.memory = MemoryPlan::of(self);
-                self.memory.check_buffers(self.limits.max_buffer)?;
+                self.memory.check_buffers(self.options.max_buffer)?;
                 least = least.min(self.memory.total());
-                if self.memory.total() <= self.limits.memory_budget {
+                if self.memory.total() <= self.options.memory_budget {
                     return Ok(());
                 }
             }
         }
-        if self.limits.gradients.any() {
-            // The adjoint works on states of the device alone.
-            return Err(PlanError::OverBudget { budget: self.limits.memory_budget, needed: least });
+        if self.options.gradients.any() {
+            // The adjoint requires states on the device.
+            return Err(PlanError::OverBudget { budget: self.options.memory_budget, needed: least });
         }
-        // Vectors of the host take no memory of the device: the solver can be the one that runs where memory is plenty,
-        // so that the answer does not depend on the budget.
+        // Vectors on the host take no device memory, so the solver is that of an unlimited budget, and the result
+        // does not depend on the budget.
         self.solver = wanted.first().copied().unwrap_or(PlannedSolver::FixedPoint);
         self.stream()
     }
@@ -293,46 +324,52 @@ impl Plan {
         &self.interactions
     }
 
-    /// What the plan was made for.
-    pub fn limits(&self) -> &Limits {
-        &self.limits
+    /// The options that the plan was made with.
+    pub fn options(&self) -> &PlanOptions {
+        &self.options
     }
 
-    pub fn accuracy(&self) -> &Accuracy {
-        &self.accuracy
+    /// The settings of the solve.
+    pub fn settings(&self) -> &SolveSettings {
+        &self.settings
     }
 
+    /// The direction bins of triangles that have some.
     pub fn bins(&self) -> &Bins {
         &self.bins
     }
 
-    /// 3, or 1 where nothing in the scene has a colour.
+    /// 3, or 1 for a scene without colour.
     pub fn channels(&self) -> u32 {
         self.channels
     }
 
-    /// In the engine's coordinates; index = triangle of the scene.
+    /// Triangles in the engine's coordinates; index = triangle of the scene.
     pub fn facets(&self) -> &[Facet] {
         &self.facets
     }
 
+    /// The map from metres to the engine's coordinates.
     pub fn placement(&self) -> Placement {
         self.placement
     }
 
-    /// Index = triangle of the scene.
+    /// Classes; index = triangle of the scene.
     pub fn classes(&self) -> &[Class] {
         &self.classes
     }
 
-    pub fn layout(&self) -> &Layout {
+    /// The order of the triangles, their tiles and groups.
+    pub fn layout(&self) -> &TileLayout {
         &self.layout
     }
 
+    /// The solver chosen for the budget.
     pub fn solver(&self) -> PlannedSolver {
         self.solver
     }
 
+    /// Where the states live.
     pub fn residency(&self) -> Residency {
         self.residency
     }
@@ -342,7 +379,7 @@ impl Plan {
         self.staging
     }
 
-    /// The first triangle of the scene that is not where the plan has it.
+    /// The first triangle of the scene whose position differs from the plan's.
     pub(crate) fn moved_triangle(&self, scene: &Scene) -> Option<usize> {
         let moved =
             |(i, facet): (usize, &Facet)| scene.corners(i).map(|c| self.placement.apply(c)) != facet.corners;
@@ -354,10 +391,10 @@ impl Plan {
         &self.memory
     }
 
-    /// Vectors of the state's size: those of the solver, and where gradients are wanted the solution, which is there
-    /// while the solver runs on the adjoint.
+    /// Number of states: those of the solver and, if gradients are planned, the solution, which is held during the
+    /// adjoint solve.
     pub fn vectors(&self) -> u32 {
-        self.solver.vectors() + u32::from(self.limits.gradients.any())
+        self.solver.vectors() + u32::from(self.options.gradients.any())
     }
 
     /// Bytes of one page of bins.
@@ -367,20 +404,20 @@ impl Plan {
 
     /// Bytes of the bins of one triangle.
     pub fn bin_bytes(&self) -> u64 {
-        memory::bin_bytes(&self.bins, self.channels, self.accuracy.precision)
+        memory::bin_bytes(&self.bins, self.channels, self.settings.precision)
     }
 
-    /// Whether sources are read packed. Without colour one read fetches a bin as it is.
-    pub fn packs(&self) -> bool {
+    /// Whether sources are read as half bins. Not without colour, where one read fetches a whole bin.
+    pub fn half_bins(&self) -> bool {
         let any_bins = self.layout.groups.iter().any(|group| group.class.has_bins());
-        self.accuracy.precision == Precision::Packed && self.channels == 3 && any_bins
+        self.settings.precision == Precision::HalfBins && self.channels == 3 && any_bins
     }
 
-    /// Bytes of packed bins of the sources of one dispatch.
-    pub(crate) fn packed_bytes(&self) -> u64 {
-        u64::from(self.other_tiles()).min(self.tiles_with_bins().len() as u64)
+    /// Bytes of the half bins of the sources of one dispatch.
+    pub(crate) fn half_bin_bytes(&self) -> u64 {
+        u64::from(self.partner_tiles()).min(self.tiles_with_bins().len() as u64)
             * u64::from(self.layout.tile)
-            * memory::PACKED_BIN
+            * memory::HALF_BIN
             * self.bins.count() as u64
     }
 
@@ -394,37 +431,37 @@ impl Plan {
         u64::from(self.layout.slots()) * self.rgb_bytes()
     }
 
-    /// Bytes of what kernels read of each triangle.
+    /// Bytes of a `Facet` of glsl/geometry.glsl.
     pub(crate) fn facet_bytes(&self) -> u64 {
-        memory::FACET * self.accuracy.precision.bytes()
+        memory::FACET * self.settings.precision.bytes()
     }
 
-    /// Slots of others that a dispatch sees (glsl/others.glsl): buffers that are bound so go on for as many more behind the
-    /// last one. After a dispatch sums go to memory: the number is always the same, so that sums don't depend on how the
-    /// work is cut.
+    /// Slots of partners that a dispatch binds (glsl/partners.glsl); buffers bound in this way extend as many slots
+    /// past the last. Sums go to memory after each dispatch, so the number is constant to keep them independent of
+    /// how the work is divided.
     ///
-    /// Few enough for lavapipe, which leaves every loop of an invocation after 65535 iterations of all its loops together,
-    /// without a word: 64 others take at most 1 + 8 + 64 · 20 of them, even if its compiler unrolls nothing.
-    pub(crate) fn other_slots(&self) -> u32 {
-        OTHER_BYTES / self.facet_bytes() as u32
+    /// Few enough for lavapipe, which silently leaves every loop of an invocation after 65535 iterations of all its
+    /// loops together: 64 partners take at most 1 + 8 + 64 · 20 of them, even without unrolling.
+    pub(crate) fn partner_slots(&self) -> u32 {
+        PARTNER_BYTES / self.facet_bytes() as u32
     }
 
     /// The same in tiles.
-    pub(crate) fn other_tiles(&self) -> u32 {
-        self.other_slots() / self.layout.tile
+    pub(crate) fn partner_tiles(&self) -> u32 {
+        self.partner_slots() / self.layout.tile
     }
 
     /// Bytes of one vec4 of reals.
     pub(crate) fn rgb_bytes(&self) -> u64 {
-        memory::RGB * self.accuracy.precision.bytes()
+        memory::RGB * self.settings.precision.bytes()
     }
 
-    /// The groups of glossy triangles, with their numbers.
+    /// The groups of glossy triangles, with their indices.
     pub(crate) fn glossy_groups(&self) -> impl Iterator<Item = (usize, &Group)> {
         self.layout.groups.iter().enumerate().filter(|(_, group)| group.class.glossy)
     }
 
-    /// Triangles that take part.
+    /// Number of triangles with an area.
     pub fn triangles(&self) -> usize {
         self.layout.order.iter().filter(|&&i| i != PADDING).count()
     }

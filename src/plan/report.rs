@@ -1,95 +1,103 @@
 //! The plan in words and numbers.
 
-use super::{MemoryItem, PADDING, PairLists, Plan, PlannedSolver, Residency};
+use super::{MemoryItem, PADDING, PairLists, Plan, PlannedSolver, Reflectance, Residency};
 use std::fmt;
 
-/// Pairs per second that estimates of time count on: two cores of a CPU driver.
+/// Pairs per second assumed by estimates of time: two cores of a CPU driver.
 const IRRADIANCE_RATE: f64 = 1e9;
 const BINS_RATE: f64 = 60e6;
 const NEAR_RATE: f64 = 1e6;
 /// Bytes per second between host and device.
 const MOVE_RATE: f64 = 2e9;
-/// Passes that estimates of time count on: a room of albedo 0.7 to 1e-4.
-const PASSES: f64 = 11.0;
+/// Passes in addition to those due to the albedo: direct light, and the verification of the result.
+const FIRST_AND_LAST: f64 = 2.0;
+/// Factor on the passes where light is blocked: J is not normal, and triangles inside or close behind others slow a
+/// restarted solver.
+const BLOCKED: f64 = 3.0;
 
-/// What is modelled of some triangles, and why.
+/// What is modelled of a class of triangles, and why.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ClassReport {
     /// Number of triangles.
     pub triangles: usize,
-    /// What the kernels compute of them, in words.
+    /// What the kernels compute for them, in words.
     pub modelled: String,
-    /// What makes that necessary.
+    /// Why that is necessary.
     pub why: String,
 }
 
 /// Pairs (receiver, source) of triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct PairReport {
-    /// All of them.
+    /// All pairs.
     pub total: u64,
-    /// Left out with their tiles, exactly.
+    /// Culled with their tiles, exactly.
     pub culled: u64,
-    /// Of irradiance alone, point to point.
+    /// Irradiance alone, point to point.
     pub irradiance: u64,
     /// With bins at one end or both, point to point.
     pub bins: u64,
-    /// Close pairs, integrated over pieces.
+    /// Close pairs, integrated piecewise.
     pub sub_sampled: u64,
 }
 
-/// Where the states are.
+/// Where the states live.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct StatesReport {
     /// "device" or "host".
     pub residency: &'static str,
-    /// Bytes of memory of the host for the solver's vectors, if it needs them all.
+    /// Largest host memory of the solver's vectors, bytes.
     pub host_bytes: u64,
-    /// How often all sources pass by the receivers in a pass.
+    /// How often a pass streams all sources past the receivers.
     pub sweeps: usize,
-    /// Tiles whose bins the device holds at a time, of receivers and of sources.
+    /// Tiles of receivers whose bins the device holds at a time.
     pub receiver_tiles: u32,
-    /// The same of sources.
+    /// Tiles of sources whose bins the device holds at a time.
     pub source_tiles: u32,
-    /// Between host and device.
+    /// Bytes moved between host and device per pass.
     pub bytes_moved_per_pass: u64,
 }
 
-/// Everything worth knowing of a plan, for people and for JSON.
+/// Summary of a plan, as text and JSON.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PlanReport {
-    /// Triangles that take part.
+    /// Number of triangles with an area.
     pub triangles: usize,
-    /// Triangles without area, left out.
+    /// Number of triangles without area, which are omitted.
     pub degenerate: usize,
-    /// 3, or 1 where nothing has a colour.
+    /// 3, or 1 for a scene without colour.
     pub channels: u32,
     /// The layout of directions ("8x16"), or "none" where nothing has bins.
     pub bins: String,
     /// The solver, with the length of its basis.
     pub solver: String,
-    /// What is modelled of which triangles.
+    /// What is modelled of each class of triangles.
     pub classes: Vec<ClassReport>,
     /// Triangles per tile.
     pub tile: u32,
     /// Number of tiles.
     pub tiles: u32,
-    /// Groups of tiles that have bins, each a page of them.
+    /// Number of groups with bins, one page each.
     pub pages: usize,
-    /// How many pairs of triangles a pass goes over.
+    /// Pairs of triangles per pass.
     pub pairs: PairReport,
-    /// Where states live, and what that moves.
+    /// Where states live, and the transfers this causes.
     pub states: StatesReport,
     /// Bytes by label.
     pub memory: Vec<MemoryItem>,
     /// Bytes of all labels.
     pub memory_total: u64,
-    /// Bytes that the plan may take.
+    /// Memory budget, bytes.
     pub memory_budget: u64,
-    /// All memory but staging, over the triangles that take part.
+    /// All memory but staging, per triangle with an area.
     pub bytes_per_triangle: f64,
-    /// Rough: of two cores of a CPU driver.
+    /// Least and most passes that similar scenes were seen to take, from albedo, solver and tolerance. Uniformly lit
+    /// scenes take fewer; scenes that create light (interpenetrating objects) may take more.
+    pub estimated_passes: [f64; 2],
+    /// Rough time for the least number of passes, on two idle cores of a CPU driver.
     pub estimated_seconds: f64,
+    /// The same for the most.
+    pub estimated_seconds_at_most: f64,
 }
 
 impl Plan {
@@ -106,7 +114,7 @@ impl Plan {
         let triangles = self.triangles() as u64;
         let mut pairs = PairReport {
             total: triangles * triangles,
-            sub_sampled: near.others.len() as u64,
+            sub_sampled: near.partners.len() as u64,
             ..PairReport::default()
         };
         for to in &self.layout.groups {
@@ -136,11 +144,12 @@ impl Plan {
             + pairs.bins as f64 / BINS_RATE
             + pairs.sub_sampled as f64 / NEAR_RATE
             + self.moved_bytes() as f64 / MOVE_RATE;
+        let passes = self.estimated_passes();
         PlanReport {
             triangles,
             degenerate: self.facets.len() - triangles,
             channels: self.channels,
-            bins: if with_bins { self.accuracy.bins.to_string() } else { "none".to_owned() },
+            bins: if with_bins { self.settings.bins.to_string() } else { "none".to_owned() },
             solver: match self.solver {
                 PlannedSolver::FixedPoint => "fixed point".to_owned(),
                 PlannedSolver::Gmres { restart } => format!("GMRES, restart {restart}"),
@@ -153,11 +162,31 @@ impl Plan {
             states: self.states_report(),
             memory: self.memory.items.clone(),
             memory_total: self.memory.total(),
-            memory_budget: self.limits.memory_budget,
+            memory_budget: self.options.memory_budget,
             bytes_per_triangle: self.memory.own().map(|item| item.bytes).sum::<u64>() as f64
                 / triangles as f64,
-            estimated_seconds: pass * PASSES,
+            estimated_passes: passes,
+            estimated_seconds: pass * passes[0],
+            estimated_seconds_at_most: pass * passes[1],
         }
+    }
+
+    /// From Chebyshev's bound of Krylov methods for GMRES, from the decay of bounces for the fixed point. Least for
+    /// open scenes with the mean albedo, most for the largest albedo.
+    fn estimated_passes(&self) -> [f64; 2] {
+        let digits = (2.0 / self.settings.tolerance).ln();
+        let passes = |albedo: f64| {
+            let bounces = match self.solver {
+                PlannedSolver::FixedPoint => digits / (1.0 / albedo.clamp(1e-3, 0.99)).ln(),
+                PlannedSolver::Gmres { .. } => 0.5 * digits / (1.0 - albedo).sqrt(),
+            };
+            FIRST_AND_LAST + bounces
+        };
+        let blocked = self.classes.iter().any(|class| class.blocker);
+        let Reflectance { mean, most } = self.reflectance;
+        let factor = if blocked { BLOCKED } else { 1.0 };
+        let limit = f64::from(self.settings.max_passes);
+        [0.5 * passes(mean), factor * passes(most)].map(|passes| passes.ceil().min(limit))
     }
 
     fn states_report(&self) -> StatesReport {
@@ -183,12 +212,10 @@ impl Plan {
             .map(|class| {
                 let real = |&i: &u32| i != PADDING && self.classes[i as usize] == class;
                 let (modelled, why) = match (class.blocker, class.glossy) {
-                    (false, false) => {
-                        ("irradiance alone, no bins, no J", "diffuse, and nothing behind can receive")
-                    }
-                    (true, false) => ("bins, J", "something behind can receive what it blocks"),
-                    (false, true) => ("bins, specular K", "glossy, and nothing behind can receive"),
-                    (true, true) => ("bins, J, specular K", "glossy, and something behind can receive"),
+                    (false, false) => ("irradiance alone, no bins, no J", "diffuse, and no receiver behind"),
+                    (true, false) => ("bins, J", "diffuse, and a receiver behind"),
+                    (false, true) => ("bins, specular K", "glossy, and no receiver behind"),
+                    (true, true) => ("bins, J, specular K", "glossy, and a receiver behind"),
                 };
                 ClassReport {
                     triangles: self.layout.order.iter().filter(|i| real(i)).count(),
@@ -236,18 +263,18 @@ impl fmt::Display for PlanReport {
         writeln!(f, "  {:>13}  culled ({:.1} %)", pairs.culled, percent(pairs.culled))?;
         writeln!(f, "  {:>13}  irradiance alone ({:.1} %)", pairs.irradiance, percent(pairs.irradiance))?;
         writeln!(f, "  {:>13}  with bins ({:.1} %)", pairs.bins, percent(pairs.bins))?;
-        writeln!(
-            f,
-            "  {:>13}  sub-sampled, being close ({:.2} %)",
-            pairs.sub_sampled,
-            percent(pairs.sub_sampled)
-        )?;
+        writeln!(f, "  {:>13}  near field ({:.2} %)", pairs.sub_sampled, percent(pairs.sub_sampled))?;
         writeln!(f, "memory           {} bytes of {}", self.memory_total, self.memory_budget)?;
         for item in &self.memory {
             writeln!(f, "  {:>13}  {} ({})", item.bytes, item.label, item.count)?;
         }
         writeln!(f, "per triangle     {:.0} bytes of the engine's own", self.bytes_per_triangle)?;
-        write!(f, "estimated time   {:.1} s, on two cores of a CPU", self.estimated_seconds)
+        let [least, most] = self.estimated_passes;
+        write!(
+            f,
+            "estimated time   {:.1} to {:.1} s on two idle cores of a CPU, {least} to {most} passes",
+            self.estimated_seconds, self.estimated_seconds_at_most
+        )
     }
 }
 

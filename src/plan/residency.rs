@@ -1,4 +1,4 @@
-//! Where states live while a scene is solved, and in which pieces a pass goes over them.
+//! Where states live during a solve, and the pieces in which a pass processes them.
 
 use super::{Group, MemoryPlan, PAIR_BACK, PAIR_FRONT, Plan, PlanError};
 use std::ops::Range;
@@ -9,17 +9,17 @@ pub enum Residency {
     /// In buffers of the device, a page of bins for each group.
     #[default]
     Device,
-    /// In memory of the host. The device has two windows on them: one to write, for the bins of so many tiles of
-    /// receivers, one to read, for those of so many tiles of sources.
+    /// In host memory. The device has two windows on them: one to write the bins of some tiles of receivers, one to
+    /// read those of some tiles of sources.
     Host {
-        /// Tiles of receivers that the window to write holds.
+        /// Tiles of receivers in the window to write.
         receivers: u32,
-        /// Tiles of sources that the window to read holds.
+        /// Tiles of sources in the window to read.
         sources: u32,
     },
 }
 
-/// Tiles of one group whose light is sent together: all of them, or what the window for sources holds.
+/// Tiles of one group processed together as sources: all of them, or as many as the window for sources holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Piece {
     /// Index of the group.
@@ -28,26 +28,26 @@ pub struct Piece {
     pub part: Group,
 }
 
-/// Staging buffers of this size, both together, are enough where memory is short: smaller ones cost time in submissions.
+/// Total size of the staging buffers where memory is short; smaller ones cost time in submissions.
 const SHORT_STAGING: u64 = 2 << 20;
-/// No smaller ones than this are planned.
+/// Smallest total size that is planned.
 const LEAST_STAGING: u64 = 128 << 10;
-/// Staging buffers come in pairs of multiples of the rounding of buffers.
+/// Staging buffers are two, each a multiple of the rounding of buffer sizes.
 const STAGING_STEP: u64 = 512;
 
-/// Bytes of a window at most: it is copied at once, and Ctrl-C waits for that.
+/// Largest window, bytes: it is copied at once, which delays Ctrl-C.
 const MOST_WINDOW_BYTES: u64 = 512 << 20;
 
 impl Plan {
-    /// Tiles with bins: all groups that have some follow one another, at the end.
+    /// Tiles with bins: the groups that have some are contiguous, at the end.
     pub fn tiles_with_bins(&self) -> Range<u32> {
         let all = self.layout.tiles();
         let first = self.layout.groups.iter().find(|g| g.class.has_bins()).map_or(all, |g| g.tiles.start);
         first..all
     }
 
-    /// Groups whose arriving light is gathered at the same time, while all sources pass by: all of them, or those that
-    /// the window for receivers holds.
+    /// Groups whose incident light is accumulated in one sweep over all sources: all of them, or those that the
+    /// window for receivers holds.
     pub fn sweeps(&self) -> Vec<Range<usize>> {
         let groups = &self.layout.groups;
         let Residency::Host { receivers, .. } = self.residency else {
@@ -66,7 +66,7 @@ impl Plan {
         sweeps
     }
 
-    /// Sources in the order in which they send their light.
+    /// Pieces of sources in the order of a sweep.
     pub fn pieces(&self) -> Vec<Piece> {
         let mut pieces = Vec::new();
         for (group, g) in self.layout.groups.iter().enumerate() {
@@ -79,12 +79,12 @@ impl Plan {
         pieces
     }
 
-    /// True where light can pass from some source to some receiver.
+    /// Whether light can pass from any of the sources to any of the receivers.
     pub fn anything_passes(&self, receivers: &Range<u32>, sources: &Range<u32>) -> bool {
         self.interactions.by_receiver.far.any(receivers, sources, PAIR_FRONT | PAIR_BACK)
     }
 
-    /// Bytes of host memory that the solver's vectors take, if all of them are needed.
+    /// Largest host memory of the solver's vectors, bytes.
     pub fn host_bytes(&self) -> u64 {
         match self.residency {
             Residency::Device => 0,
@@ -92,7 +92,7 @@ impl Plan {
         }
     }
 
-    /// Bytes that a pass moves between host and device.
+    /// Bytes moved between host and device per pass.
     pub fn moved_bytes(&self) -> u64 {
         if self.residency == Residency::Device {
             return 0;
@@ -114,37 +114,37 @@ impl Plan {
         self.irradiance_bytes() + self.tiles_with_bins().len() as u64 * self.tile_bytes()
     }
 
-    /// The smaller staging buffers that leave room for a state more.
+    /// Bytes of the smaller staging buffers, used where they leave room for another state.
     pub(super) fn short_staging(&self) -> u64 {
-        self.limits.staging.min(SHORT_STAGING)
+        self.options.staging.min(SHORT_STAGING)
     }
 
     /// Moves all states to the host, with the largest windows on them that the budget allows.
     ///
-    /// Windows for receivers count most: in each pass all sources go by each of them. Larger ones for sources move no
-    /// fewer bytes, but lists of close sources are cut less often.
+    /// Windows for receivers matter most: each pass streams all sources past each of them. Larger windows for sources
+    /// move no fewer bytes, but split the lists of close sources less often.
     pub(super) fn stream(&mut self) -> Result<(), PlanError> {
-        let budget = self.limits.memory_budget;
-        self.set_windows(1, 1, self.limits.staging.min(LEAST_STAGING));
+        let budget = self.options.memory_budget;
+        self.set_windows(1, 1, self.options.staging.min(LEAST_STAGING));
         let (least_staging, needed) = (self.staging, self.memory.total());
-        self.memory.check_buffers(self.limits.max_buffer)?;
+        self.memory.check_buffers(self.options.max_buffer)?;
         if needed > budget {
             return Err(PlanError::OverBudget { budget, needed });
         }
-        // What is left beyond the smallest windows, less what rounding may take.
+        // Memory beyond the smallest windows, less what rounding may take.
         let free = budget - needed;
         let more_staging = (free / 16).min(self.short_staging().saturating_sub(least_staging));
         let more_staging = more_staging / STAGING_STEP * STAGING_STEP;
         let tiles = free.saturating_sub(more_staging + 1024) / self.tile_bytes();
-        // A glossy source takes two tiles: what arrives there, and what it makes of it.
+        // A glossy source takes two tiles: incident and specular radiance.
         let each = if self.layout.groups.iter().any(|g| g.class.glossy) { 2 } else { 1 };
-        let page = self.limits.page.min(self.limits.max_buffer);
+        let page = self.options.page.min(self.options.max_buffer);
         let most = |bytes: u64| (bytes / self.tile_bytes()).clamp(1, u64::from(u32::MAX)) as u32;
         let total = (self.tiles_with_bins().len() as u32).max(1);
         let most = most(page.min(MOST_WINDOW_BYTES)).min(total);
-        // First as few sweeps as leave an eighth for sources, or what a dispatch takes of them; then as many sources as
-        // these sweeps leave room for. Windows are all of about the same size: as many, and no short one at the end.
-        let dispatch = self.other_tiles();
+        // First the fewest sweeps that leave an eighth for sources, or the sources of a dispatch; then as many
+        // sources as fit beside. The sizes are evened out, so that no window at the end is short.
+        let dispatch = self.partner_tiles();
         let reserved = (tiles / 8).max((tiles / 2).min(each * u64::from(dispatch)));
         let receivers = u64::from(most).min(1 + tiles - reserved) as u32;
         let receivers = total.div_ceil(total.div_ceil(receivers));

@@ -3,10 +3,12 @@
 use crate::model::{Class, PADDING};
 use std::ops::Range;
 
-/// A run of tiles of one class. Where states live on the device, the bins of its triangles stand in one page of each.
+/// A run of tiles of one class. Where states live on the device, each holds the bins of the group in one page.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Group {
+    /// The class of its triangles.
     pub class: Class,
+    /// Indices of its tiles.
     pub tiles: Range<u32>,
 }
 
@@ -19,21 +21,22 @@ impl Group {
     }
 }
 
-/// The order in which the engine holds the triangles.
+/// The order of triangles in the engine.
 #[derive(Clone, Debug)]
-pub struct Layout {
+pub struct TileLayout {
     /// Triangles per tile.
     pub tile: u32,
     /// Triangle of each slot, or [`PADDING`].
     pub order: Vec<u32>,
+    /// Runs of tiles of one class, those without bins first.
     pub groups: Vec<Group>,
 }
 
-impl Layout {
-    /// Sorts triangles by class, keeping `order` within each, and fills up the last tile of each class.
+impl TileLayout {
+    /// Sorts triangles by class, keeping `order` within each, and pads the last tile of each class.
     pub fn new(order: &[u32], classes: &[Class], tile: u32, page_tiles: u32) -> Self {
         let mut present: Vec<Class> = order.iter().map(|&i| classes[i as usize]).collect();
-        // Those without bins come first.
+        // Classes without bins come first.
         present.sort_unstable();
         present.dedup();
         let mut layout = Self { tile, order: Vec::new(), groups: Vec::new() };
@@ -47,7 +50,7 @@ impl Layout {
         layout
     }
 
-    /// Cuts the groups whose triangles have bins anew: at every `page_tiles`th tile from the first one with bins on.
+    /// Splits the groups with bins anew, at every `page_tiles`th tile from the first one with bins on.
     pub fn cut(&mut self, page_tiles: u32) {
         let mut whole: Vec<Group> = Vec::new();
         for group in self.groups.drain(..) {
@@ -74,11 +77,12 @@ impl Layout {
         self.order.len() as u32
     }
 
+    /// Number of tiles.
     pub fn tiles(&self) -> u32 {
         self.slots() / self.tile
     }
 
-    /// The slots of some tiles.
+    /// The slots of a range of tiles.
     pub fn slots_of(&self, tiles: &Range<u32>) -> Range<u32> {
         tiles.start * self.tile..tiles.end * self.tile
     }
@@ -97,8 +101,8 @@ mod tests {
             .flat_map(|(class, tiles)| std::iter::repeat_n(class, 2 * tiles))
             .collect();
         let order: Vec<u32> = (0..classes.len() as u32).rev().collect();
-        let tiles = |layout: &Layout| layout.groups.iter().map(|g| g.tiles.clone()).collect::<Vec<_>>();
-        let mut layout = Layout::new(&order, &classes, 2, 100);
+        let tiles = |layout: &TileLayout| layout.groups.iter().map(|g| g.tiles.clone()).collect::<Vec<_>>();
+        let mut layout = TileLayout::new(&order, &classes, 2, 100);
         assert_eq!(tiles(&layout), [0..5, 5..8, 8..16]);
         layout.cut(4);
         assert_eq!(tiles(&layout), [0..5, 5..8, 8..9, 9..13, 13..16]);

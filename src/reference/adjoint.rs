@@ -1,18 +1,18 @@
-//! The transposes of U, K - J and S, and the adjoint of the light equation. Twin of glsl/*_adjoint.comp.
+//! The transposes of U, K - J and S, and the adjoint light equation. Twin of glsl/*_adjoint.comp.
 //!
-//! Of a loss F(H, C), λ = dF/dH and μ = dF/dC along every way by which light reaches it: with λ0 and μ0 the partial
-//! derivatives of F itself,
+//! For a loss F(H, C) with partial derivatives λ0 and μ0, the total derivatives λ = dF/dH and μ = dF/dC over all light paths
+//! satisfy
 //!
 //! ```text
 //! μ = μ0 + Uᵀ λ,   λ = λ0 + (K - J)ᵀ μ.
 //! ```
 //!
-//! λ has the form of a [`State`] and μ that of [`Leaving`]: an entry is the derivative with respect to that entry, as
-//! it is stored, so in particular with respect to H(b) / c_b.
+//! λ has the form of a [`State`] and μ that of [`Outgoing`]: an entry is the derivative with respect to that entry as it is
+//! stored, so in particular with respect to H(b) / c_b.
 
 use super::reflection::{specular_scale, spread};
 use super::transport::beams;
-use super::{Leaving, Model, State};
+use super::{Model, Outgoing, State};
 use crate::model::{Class, Taps};
 use crate::solve::LightOperator;
 use glam::DVec3;
@@ -20,32 +20,32 @@ use rayon::prelude::*;
 use std::convert::Infallible;
 use std::f64::consts::PI;
 
-/// Uᵀ: what the light that leaves each triangle is worth where it arrives.
-pub fn transport_adjoint(model: &Model, importance: &State) -> Leaving {
-    let departing: Vec<Departing> = (0..model.facets.len())
+/// Uᵀ: from the adjoint λ of the incident light (`importance`) to the cotangent of the outgoing light.
+pub fn transport_adjoint(model: &Model, importance: &State) -> Outgoing {
+    let cotangents: Vec<SourceCotangent> = (0..model.facets.len())
         .into_par_iter()
         .map(|i| {
-            let mut departing = Departing::new(model, i);
+            let mut cotangent = SourceCotangent::new(model, i);
             for j in 0..model.facets.len() {
-                departing.towards(importance, j);
+                cotangent.gather(importance, j);
             }
-            departing
+            cotangent
         })
         .collect();
-    let mut leaving = model.dark();
-    for (i, departing) in departing.into_iter().enumerate() {
-        leaving.diffuse[i] = departing.diffuse;
+    let mut outgoing = model.dark();
+    for (i, cotangent) in cotangents.into_iter().enumerate() {
+        outgoing.diffuse[i] = cotangent.diffuse;
         if let Some(range) = model.bins_of(i) {
-            leaving.specular[range.clone()].copy_from_slice(&departing.specular);
-            leaving.antiradiance[range].copy_from_slice(&departing.antiradiance);
+            outgoing.specular[range.clone()].copy_from_slice(&cotangent.specular);
+            outgoing.antiradiance[range].copy_from_slice(&cotangent.antiradiance);
         }
     }
-    leaving
+    outgoing
 }
 
 impl State {
-    /// Of a cotangent: what one W/m² is worth that arrives at triangle `j` from a direction of the world (receiver to
-    /// source): λ_E + Σ_b T_b λ_A(b) / c_b.
+    /// For a state that holds λ: the importance of light incident on triangle `j` from a world direction (receiver to source),
+    /// per W/m²: λ_E + Σ_b T_b λ_A(b) / c_b.
     pub fn importance(&self, model: &Model, j: usize, direction: DVec3) -> DVec3 {
         let binned = match model.bins_of(j) {
             None => DVec3::ZERO,
@@ -60,8 +60,8 @@ impl State {
     }
 }
 
-/// What the light that leaves one triangle is worth.
-struct Departing<'a> {
+/// The cotangent of the outgoing light of one triangle.
+struct SourceCotangent<'a> {
     model: &'a Model,
     i: usize,
     diffuse: DVec3,
@@ -71,27 +71,28 @@ struct Departing<'a> {
     antiradiance: Vec<DVec3>,
 }
 
-impl<'a> Departing<'a> {
+impl<'a> SourceCotangent<'a> {
     fn new(model: &'a Model, i: usize) -> Self {
         let dark = vec![DVec3::ZERO; model.bins_of(i).map_or(0, |range| range.len())];
         Self { model, i, diffuse: DVec3::ZERO, specular: dark.clone(), antiradiance: dark }
     }
 
-    fn towards(&mut self, importance: &State, j: usize) {
+    /// Adds the contribution of receiver `j`.
+    fn gather(&mut self, importance: &State, j: usize) {
         let model = self.model;
         beams(model, self.i, j, |beam| {
-            let worth = importance.importance(model, j, -beam.direction);
+            let importance = importance.importance(model, j, -beam.direction);
             let local = |direction| model.bins.taps(model.facets[self.i].to_local(direction));
             match (beam.front, model.classes[self.i]) {
                 (true, Class { glossy, .. }) => {
-                    self.diffuse += beam.diffuse * worth;
+                    self.diffuse += beam.diffuse * importance;
                     if glossy {
-                        deposit(&mut self.specular, local(beam.direction), beam.binned * worth);
+                        deposit(&mut self.specular, local(beam.direction), beam.binned * importance);
                     }
                 }
-                // Antiradiance is kept positive and read with a minus.
+                // Antiradiance is stored positive; U applies the minus.
                 (false, Class { blocker: true, .. }) => {
-                    deposit(&mut self.antiradiance, local(-beam.direction), -beam.binned * worth);
+                    deposit(&mut self.antiradiance, local(-beam.direction), -beam.binned * importance);
                 }
                 (false, _) => {}
             }
@@ -105,9 +106,8 @@ fn deposit(bins: &mut [DVec3], taps: Taps, value: DVec3) {
     }
 }
 
-/// (K - J)ᵀ. J is the identity on the state, so the cotangent of antiradiance passes as it is: the minus belongs to
-/// the reading in U.
-pub fn reflect_adjoint(model: &Model, cotangent: &Leaving) -> State {
+/// (K - J)ᵀ. J is the identity on the state, so the cotangent of antiradiance passes unchanged: the minus is applied in U.
+pub fn reflect_adjoint(model: &Model, cotangent: &Outgoing) -> State {
     let irradiance = (0..model.facets.len())
         .map(|i| DVec3::from(model.materials[i].diffuse_albedo()) / PI * cotangent.diffuse[i])
         .collect();
@@ -127,52 +127,51 @@ pub fn reflect_adjoint(model: &Model, cotangent: &Leaving) -> State {
     state
 }
 
-/// The specular lobe is symmetric in both directions; what arrives is radiance, hence the c_b of the incoming bin.
+/// The specular lobe is symmetric in its two directions; the state holds radiance, hence the c_b of the incident bin.
 fn lobe(model: &Model, i: usize, cotangent: &[DVec3]) -> Vec<DVec3> {
     let material = &model.materials[i];
-    let worth = spread(&model.bins, material.power, |out| cotangent[out]);
-    worth.iter().zip(&model.bins.projected).map(|(w, c)| specular_scale(material) * *w * *c).collect()
+    let adjoint = spread(&model.bins, material.power, |out| cotangent[out]);
+    adjoint.iter().zip(&model.bins.projected).map(|(w, c)| specular_scale(material) * *w * *c).collect()
 }
 
-/// Sᵀ: from the cotangent of the colours of faces, seen from `eye`, to that of what leaves them.
-pub fn observe_adjoint(model: &Model, eye: DVec3, colours: &[DVec3]) -> Leaving {
-    let mut leaving = model.dark();
+/// Sᵀ: from the cotangent of the colours of triangles, seen from `camera_position`, to that of their outgoing light.
+pub fn observe_adjoint(model: &Model, camera_position: DVec3, colours: &[DVec3]) -> Outgoing {
+    let mut outgoing = model.dark();
     for (i, (facet, &colour)) in model.facets.iter().zip(colours).enumerate() {
-        let to_eye = (eye - facet.centroid).normalize_or_zero();
-        if to_eye.dot(facet.normal) > 0.0 {
-            leaving.diffuse[i] = colour;
+        let to_camera = (camera_position - facet.centroid).normalize_or_zero();
+        if to_camera.dot(facet.normal) > 0.0 {
+            outgoing.diffuse[i] = colour;
             if let Some(range) = model.bins_of(i).filter(|_| model.classes[i].glossy) {
-                deposit(&mut leaving.specular[range], model.bins.taps(facet.to_local(to_eye)), colour);
+                deposit(&mut outgoing.specular[range], model.bins.taps(facet.to_local(to_camera)), colour);
             }
         }
     }
-    leaving
+    outgoing
 }
 
-/// The equation λ = λ0 + (K - J)ᵀ (μ0 + Uᵀ λ) for the solvers of [`crate::solve`]: its emission is
-/// λ0 + (K - J)ᵀ μ0.
-pub struct Adjoint<'a> {
-    /// The scene.
+/// The equation λ = λ0 + (K - J)ᵀ (μ0 + Uᵀ λ) for the solvers of [`crate::solve`]; λ0 + (K - J)ᵀ μ0 takes the place of emission.
+pub struct AdjointEquation<'a> {
+    /// The discretised scene.
     pub model: &'a Model,
-    /// λ0, the cotangent of what arrives.
-    pub arriving: State,
-    /// μ0, the cotangent of what leaves.
-    pub leaving: Leaving,
+    /// λ0, the partial derivative of the loss with respect to the incident light.
+    pub incident: State,
+    /// μ0, the partial derivative of the loss with respect to the outgoing light.
+    pub outgoing: Outgoing,
 }
 
-impl Adjoint<'_> {
-    /// μ = μ0 + Uᵀ λ: the derivative of the loss with respect to what leaves, emission among it.
-    pub fn leaving(&self, importance: &State) -> Leaving {
-        let mut leaving = transport_adjoint(self.model, importance);
+impl AdjointEquation<'_> {
+    /// μ = μ0 + Uᵀ λ: the derivative of the loss with respect to the outgoing light, and hence to emission.
+    pub fn outgoing(&self, importance: &State) -> Outgoing {
+        let mut outgoing = transport_adjoint(self.model, importance);
         let add = |to: &mut [DVec3], from: &[DVec3]| to.iter_mut().zip(from).for_each(|(t, f)| *t += *f);
-        add(&mut leaving.diffuse, &self.leaving.diffuse);
-        add(&mut leaving.specular, &self.leaving.specular);
-        add(&mut leaving.antiradiance, &self.leaving.antiradiance);
-        leaving
+        add(&mut outgoing.diffuse, &self.outgoing.diffuse);
+        add(&mut outgoing.specular, &self.outgoing.specular);
+        add(&mut outgoing.antiradiance, &self.outgoing.antiradiance);
+        outgoing
     }
 }
 
-impl LightOperator for Adjoint<'_> {
+impl LightOperator for AdjointEquation<'_> {
     type Vector = State;
     type Error = Infallible;
 
@@ -183,12 +182,12 @@ impl LightOperator for Adjoint<'_> {
     fn pass(&mut self, x: Option<&State>, emission: bool, y: &mut State) -> Result<(), Infallible> {
         *y = match (x, emission) {
             (None, false) => self.model.zero(),
-            (None, true) => reflect_adjoint(self.model, &self.leaving),
+            (None, true) => reflect_adjoint(self.model, &self.outgoing),
             (Some(x), false) => reflect_adjoint(self.model, &transport_adjoint(self.model, x)),
-            (Some(x), true) => reflect_adjoint(self.model, &self.leaving(x)),
+            (Some(x), true) => reflect_adjoint(self.model, &self.outgoing(x)),
         };
         if emission {
-            self.model.combine(1.0, &self.arriving, 1.0, y)?;
+            self.model.combine(1.0, &self.incident, 1.0, y)?;
         }
         Ok(())
     }
@@ -205,9 +204,8 @@ impl LightOperator for Adjoint<'_> {
         self.model.scale(b, y)
     }
 
-    /// Root of the sum of squares of all entries: importance per bin is as much a result as that of irradiance, and
-    /// areas are in it already.
-    fn magnitude(&mut self, x: &State) -> Result<f64, Infallible> {
-        Ok(self.model.dot(x, x)?.sqrt())
+    /// Convergence is judged by all entries: importance per bin is as much a result as that of irradiance, and includes the areas.
+    fn judged(&mut self, _: &State) -> Result<Option<Vec<f64>>, Infallible> {
+        Ok(None)
     }
 }

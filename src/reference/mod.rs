@@ -1,23 +1,23 @@
-//! An f64 twin of every kernel of light on the CPU, written to be read: the truth that the kernels are tested against.
+//! The f64 twin of every transport kernel on the CPU, written to be read: the definition that kernels are tested against.
 
 mod adjoint;
+mod bf16;
 mod derivative;
 mod near_field;
 mod observation;
 mod operator;
-mod packing;
 mod path_tracer;
 mod random;
 mod reflection;
 mod scenes;
 mod transport;
 
-pub use adjoint::{Adjoint, observe_adjoint, reflect_adjoint, transport_adjoint};
+pub use adjoint::{AdjointEquation, observe_adjoint, reflect_adjoint, transport_adjoint};
+pub use bf16::to_bf16;
 pub use derivative::{MaterialGradient, observe_derivative, reflect_derivative, transport_derivative};
 pub use near_field::projected_solid_angle;
 pub use observation::observe;
-pub use packing::packed;
-pub use path_tracer::{Estimate, PathTracer};
+pub use path_tracer::{MonteCarloEstimate, PathTracer};
 pub use random::Random;
 pub use reflection::{emission, reflect};
 pub use scenes::{Plates, Shadow};
@@ -28,52 +28,52 @@ use crate::scene::{Material, Scene};
 use glam::DVec3;
 use std::ops::Range;
 
-/// A scene made ready: facets, materials, and which triangles have bins. Index = index in the scene.
+/// A discretised scene: facets, materials and bins, by index of the triangle in the scene.
 pub struct Model {
     /// Geometry of each triangle.
     pub facets: Vec<Facet>,
-    /// Of each triangle.
+    /// Material of each triangle.
     pub materials: Vec<Material>,
-    /// What each triangle needs.
+    /// Class of each triangle, which decides whether it has bins.
     pub classes: Vec<Class>,
-    /// Directions of the hemisphere.
+    /// Direction bins of the hemisphere.
     pub bins: Bins,
-    /// The range of the near field, as in [`Accuracy`](crate::scene::Accuracy).
-    pub subsample: f64,
+    /// The range of the near field, as in [`SolveSettings`](crate::scene::SolveSettings).
+    pub near_field: f64,
     /// First bin of each triangle in [`State::bins`]; `None` where it has no bins.
     slots: Vec<Option<usize>>,
 }
 
-/// What arrives. RGB.
+/// Incident light H, RGB.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
-    /// E, W/m².
+    /// Irradiance of each front, W/m².
     pub irradiance: Vec<DVec3>,
-    /// Incident radiance per bin, H(b) / c_b, W/(m² sr), B for each triangle that has bins. In this form J is the
-    /// identity: what arrived at the front of a blocker leaves its back as antiradiance A(b).
+    /// Incident radiance per bin, H(b) / c_b, W/(m² sr), B entries for each triangle that has bins. In this form J is the
+    /// identity: incident radiance at the front of a blocker is antiradiance A(b) of its back.
     pub bins: Vec<DVec3>,
 }
 
-/// What leaves. RGB, W/(m² sr).
+/// Outgoing light C, RGB, W/(m² sr).
 #[derive(Clone, Debug)]
-pub struct Leaving {
+pub struct Outgoing {
     /// Diffuse radiance of the front.
     pub diffuse: Vec<DVec3>,
     /// Specular radiance of the front per bin, in the slots of [`State::bins`].
     pub specular: Vec<DVec3>,
-    /// A, antiradiance of the back per bin of its direction of arrival, in the slots of [`State::bins`].
+    /// A, antiradiance of the back per bin of the incident direction, in the slots of [`State::bins`].
     pub antiradiance: Vec<DVec3>,
 }
 
 impl Model {
-    /// With the classes that the plan finds.
+    /// With the classes that the plan chooses.
     pub fn new(scene: &Scene) -> Self {
         Self::with_classes(scene, classify(scene))
     }
 
-    /// With classes of one's own: to show that what the plan leaves out changes nothing, or what happens without J.
+    /// With given classes: to show that what the plan omits changes nothing, or what happens without J.
     pub fn with_classes(scene: &Scene, classes: Vec<Class>) -> Self {
-        let bins = Bins::new(scene.accuracy.bins, scene.accuracy.weights);
+        let bins = Bins::new(scene.settings.bins, scene.settings.weights);
         let mut next = 0;
         let slots = classes
             .iter()
@@ -89,7 +89,7 @@ impl Model {
             materials: (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect(),
             classes,
             bins,
-            subsample: scene.accuracy.subsample,
+            near_field: scene.settings.near_field,
             slots,
         }
     }
@@ -99,12 +99,12 @@ impl Model {
         self.slots[triangle].map(|first| first..first + self.bins.count())
     }
 
-    /// The squared distance within which a pair is integrated over pieces rather than taken from point to point, m².
+    /// R, the squared distance below which the near field takes part in the transport between two triangles, m².
     pub fn range(&self, i: usize, j: usize) -> f64 {
-        self.subsample * 0.5 * (self.facets[i].extent + self.facets[j].extent)
+        self.near_field * 0.5 * (self.facets[i].characteristic_area + self.facets[j].characteristic_area)
     }
 
-    /// A state without light.
+    /// A state without incident light.
     pub fn zero(&self) -> State {
         State {
             irradiance: vec![DVec3::ZERO; self.facets.len()],
@@ -112,33 +112,33 @@ impl Model {
         }
     }
 
-    /// Nothing that leaves.
-    pub fn dark(&self) -> Leaving {
+    /// No outgoing light.
+    pub fn dark(&self) -> Outgoing {
         let State { irradiance, bins } = self.zero();
-        Leaving { diffuse: irradiance, specular: bins.clone(), antiradiance: bins }
+        Outgoing { diffuse: irradiance, specular: bins.clone(), antiradiance: bins }
     }
 
-    /// (K - J) H, without emission.
-    pub fn leave(&self, state: &State) -> Leaving {
-        let mut leaving = reflect(self, state);
-        leaving.antiradiance = state.bins.clone();
-        leaving
+    /// (K - J) H: outgoing light without emission.
+    pub fn leave(&self, state: &State) -> Outgoing {
+        let mut outgoing = reflect(self, state);
+        outgoing.antiradiance = state.bins.clone();
+        outgoing
     }
 }
 
-impl Leaving {
-    /// Radiance that leaves triangle `i` in a direction of the world, from its front or its back.
+impl Outgoing {
+    /// Outgoing radiance of triangle `i` in a world direction, from its front or its back, W/(m² sr).
     pub fn radiance(&self, model: &Model, i: usize, direction: DVec3, front: bool) -> DVec3 {
         self.diffuse(i, front) + self.binned(model, i, direction, front)
     }
 
-    /// The part that is the same in all directions.
+    /// The part of the radiance that is the same in all directions.
     pub fn diffuse(&self, i: usize, front: bool) -> DVec3 {
         if front { self.diffuse[i] } else { DVec3::ZERO }
     }
 
-    /// The part that varies with direction: specular radiance from the front, and from the back the negative of what
-    /// arrived at the front in the same direction.
+    /// The part that varies with direction: specular radiance from the front, and from the back the negative of the radiance
+    /// incident on the front in the same direction of travel.
     pub fn binned(&self, model: &Model, i: usize, direction: DVec3, front: bool) -> DVec3 {
         let gather = |values: &[DVec3], direction: DVec3| -> DVec3 {
             let Some(range) = model.bins_of(i) else { return DVec3::ZERO };
@@ -147,7 +147,7 @@ impl Leaving {
         };
         match (front, model.classes[i]) {
             (true, class) if class.glossy => gather(&self.specular, direction),
-            // Light that leaves the back in `direction` arrived at the front from the opposite one.
+            // Antiradiance in `direction` stems from light incident on the front from the opposite direction.
             (false, class) if class.blocker => -gather(&self.antiradiance, -direction),
             _ => DVec3::ZERO,
         }

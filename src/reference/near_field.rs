@@ -1,9 +1,9 @@
-//! Light between triangles that are close to one another. Twin of glsl/near_field.glsl.
+//! Lambert's polygon formula, the integral of the near field. Twin of glsl/near_field.glsl.
 
 use glam::DVec3;
 
-/// ∫ cosθ dω over a triangle seen from `point` with normal `normal`, clipped at the horizon, in [0, π]: Lambert's
-/// polygon formula. The sign of the triangle's orientation is dropped.
+/// ∫ cosθ dω over a triangle seen from `point` with normal `normal`, clipped at the horizon, in [0, π] sr, by Lambert's
+/// polygon formula. Independent of the triangle's orientation.
 pub fn projected_solid_angle(point: DVec3, normal: DVec3, corners: [DVec3; 3]) -> f64 {
     let corner = corners.map(|c| c - point);
     let height = corner.map(|c| c.dot(normal));
@@ -38,7 +38,7 @@ fn edge(a: DVec3, b: DVec3) -> DVec3 {
     let cross = a.cross(b);
     let sine = cross.length();
     if sine <= 1e-12 * (a.length_squared() + b.length_squared()) {
-        // The origin is on the side, or the side has no length: it bounds no solid angle of its own.
+        // The point is on the side, or the side has no length: it bounds no solid angle.
         return DVec3::ZERO;
     }
     cross * (sine.atan2(a.dot(b)) / sine)

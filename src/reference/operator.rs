@@ -1,4 +1,4 @@
-//! The reference as an operator for the solvers.
+//! The reference as a [`LightOperator`] for the solvers.
 
 use super::{Model, State, emission, transport};
 use crate::solve::LightOperator;
@@ -15,19 +15,19 @@ impl LightOperator for &Model {
 
     fn pass(&mut self, x: Option<&State>, with_emission: bool, y: &mut State) -> Result<(), Infallible> {
         let emitted = emission(self);
-        let leaving = match x {
+        let outgoing = match x {
             None => emitted,
             Some(x) => {
-                let mut leaving = self.leave(x);
+                let mut outgoing = self.leave(x);
                 if with_emission {
-                    for (l, e) in leaving.diffuse.iter_mut().zip(emitted.diffuse) {
+                    for (l, e) in outgoing.diffuse.iter_mut().zip(emitted.diffuse) {
                         *l += e;
                     }
                 }
-                leaving
+                outgoing
             }
         };
-        *y = transport(self, &leaving);
+        *y = transport(self, &outgoing);
         Ok(())
     }
 
@@ -49,9 +49,9 @@ impl LightOperator for &Model {
         Ok(())
     }
 
-    fn magnitude(&mut self, x: &State) -> Result<f64, Infallible> {
-        let weighted = |(h, f): (&DVec3, &super::Facet)| f.area * h.length_squared();
-        Ok(x.irradiance.iter().zip(&self.facets).map(weighted).sum::<f64>().sqrt())
+    fn judged(&mut self, x: &State) -> Result<Option<Vec<f64>>, Infallible> {
+        let weighted = |(h, f): (&DVec3, &super::Facet)| (f.area.sqrt() * *h).to_array();
+        Ok(Some(x.irradiance.iter().zip(&self.facets).flat_map(weighted).collect()))
     }
 }
 

@@ -1,35 +1,36 @@
-//! Random numbers that are the same on every run.
+//! Reproducible random numbers.
 
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::SplitMix64;
 
-/// A generator of random numbers from a seed: splitmix64 (Steele, Lea and Flood 2014).
+/// A seeded random number generator: SplitMix64 (Steele, Lea and Flood 2014).
 #[derive(Clone, Debug)]
 pub struct Random(SplitMix64);
 
 impl Random {
+    /// The sequence of a seed.
     pub fn new(seed: u64) -> Self {
         Self(SplitMix64::seed_from_u64(seed))
     }
 
-    /// In [0, 1).
+    /// Uniform in [0, 1).
     #[expect(clippy::should_implement_trait, reason = "there is always a next one")]
     pub fn next(&mut self) -> f64 {
         self.0.random()
     }
 
-    /// In the unit cube [0, 1)³.
+    /// Uniform in the unit cube [0, 1)³.
     pub fn point(&mut self) -> DVec3 {
         DVec3::new(self.next(), self.next(), self.next())
     }
 
-    /// In [-1, 1)³.
+    /// Uniform in [-1, 1)³.
     pub fn vector(&mut self) -> DVec3 {
         2.0 * self.point() - 1.0
     }
 
-    /// Of length 1, all directions alike.
+    /// Uniform on the unit sphere.
     pub fn direction(&mut self) -> DVec3 {
         loop {
             let v = self.vector();
@@ -44,10 +45,10 @@ impl Random {
 mod tests {
     use super::*;
 
-    /// The first numbers of the published generator from the seed 1234567: reference data and the scenes of tests and
-    /// benchmarks rest on them, whatever version the crates have.
+    /// The first numbers of SplitMix64 for the seed 1234567. Reference data and the scenes of tests and benchmarks depend on the
+    /// sequence, which must survive updates of crates.
     #[test]
-    fn the_published_sequence() {
+    fn the_sequence_of_splitmix64() {
         let mut random = Random::new(1_234_567);
         for bits in [6_457_827_717_110_365_317_u64, 3_203_168_211_198_807_973, 9_817_491_932_198_370_423] {
             assert_eq!(random.next(), (bits >> 11) as f64 / (1u64 << 53) as f64);

@@ -1,22 +1,22 @@
 //! K: reflection. Twin of glsl/reflect.comp and glsl/reflect_glossy.comp.
 
-use super::{Leaving, Model, State};
+use super::{Model, Outgoing, State};
 use crate::model::Bins;
 use crate::scene::Material;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// E: what is emitted, in the form of light that leaves.
-pub fn emission(model: &Model) -> Leaving {
+/// E: emission as outgoing light.
+pub fn emission(model: &Model) -> Outgoing {
     let diffuse = model.materials.iter().map(|m| DVec3::from(m.emission)).collect();
-    Leaving { diffuse, ..model.dark() }
+    Outgoing { diffuse, ..model.dark() }
 }
 
-/// L = (δρ/π) Σ_b H(b), and per front bin of glossy triangles Σ_b σ N(p) ⟨h(b,o),n⟩^p H(b).
-pub fn reflect(model: &Model, state: &State) -> Leaving {
-    let mut leaving = emission(model);
-    leaving.diffuse = (0..model.facets.len())
+/// K: diffuse radiance (δρ/π) Σ_b H(b), and per outgoing bin o of glossy triangles Σ_b σ N(p) ⟨h(b,o),n⟩^p H(b), W/(m² sr).
+pub fn reflect(model: &Model, state: &State) -> Outgoing {
+    let mut outgoing = emission(model);
+    outgoing.diffuse = (0..model.facets.len())
         .map(|i| DVec3::from(model.materials[i].diffuse_albedo()) / PI * state.irradiance[i])
         .collect();
     let lobes: Vec<(usize, Vec<DVec3>)> = (0..model.facets.len())
@@ -25,15 +25,15 @@ pub fn reflect(model: &Model, state: &State) -> Leaving {
         .filter_map(|i| model.bins_of(i).map(|range| (range.start, specular(model, i, &state.bins[range]))))
         .collect();
     for (first, lobe) in lobes {
-        leaving.specular[first..first + lobe.len()].copy_from_slice(&lobe);
+        outgoing.specular[first..first + lobe.len()].copy_from_slice(&lobe);
     }
-    leaving
+    outgoing
 }
 
-fn specular(model: &Model, i: usize, arriving: &[DVec3]) -> Vec<DVec3> {
+fn specular(model: &Model, i: usize, incident: &[DVec3]) -> Vec<DVec3> {
     let material = &model.materials[i];
     let scale = specular_scale(material);
-    let light = spread(&model.bins, material.power, |b| model.bins.projected[b] * arriving[b]);
+    let light = spread(&model.bins, material.power, |b| model.bins.projected[b] * incident[b]);
     light.into_iter().map(|light| scale * light).collect()
 }
 
@@ -42,13 +42,13 @@ pub(super) fn specular_scale(material: &Material) -> DVec3 {
     DVec3::from(material.specular) * material.specular_normalization()
 }
 
-/// Σ_b ⟨h(b,o),n⟩^p value(b), per bin o.
+/// Σ_b ⟨h(b,o),n⟩^p value(b), per outgoing bin o.
 pub(super) fn spread(bins: &Bins, power: f64, value: impl Fn(usize) -> DVec3) -> Vec<DVec3> {
     let sum = |o: usize| (0..bins.count()).map(|b| half_cosine(bins, b, o).powf(power) * value(b)).sum();
     (0..bins.count()).map(sum).collect()
 }
 
-/// ⟨h(b,o),n⟩, the cosine between the normal and the half vector of two bins, in [0, 1].
+/// ⟨h(b,o),n⟩, the cosine between the normal and the half vector of two bins, clamped to [0, 1].
 pub(super) fn half_cosine(bins: &Bins, b: usize, o: usize) -> f64 {
     (bins.centre[b] + bins.centre[o]).normalize_or_zero().z.max(0.0)
 }

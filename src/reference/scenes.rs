@@ -1,4 +1,4 @@
-//! Scenes whose answer is known in closed form.
+//! Scenes with a solution in closed form.
 
 use super::near_field::projected_solid_angle;
 use crate::model::{centroid, quarters};
@@ -6,49 +6,49 @@ use crate::scene::{Material, Scene, SceneBuilder, SceneError, Shape};
 use glam::{DAffine3, DVec2, DVec3};
 use rayon::prelude::*;
 
-/// A lamp over thin closed plates over a floor, all black but the lamp: the plates hide the lamp from all of the floor, so
-/// that no light arrives there.
+/// A lamp above thin closed plates above a floor, all black but the lamp. With plates as large as the floor and a small lamp, the
+/// irradiance of the floor is zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plates {
     /// Number of plates.
     pub count: u32,
     /// Squares along each side of a plate and of the floor.
     pub cells: u32,
-    /// Side of the plates, m; that of the floor is 1.
+    /// Side of the plates, m; that of the floor is 1 m.
     pub side: f64,
-    /// Of each plate, m.
+    /// Thickness of each plate, m.
     pub thickness: f64,
-    /// Between two plates, m.
+    /// Distance between two plates, m.
     pub gap: f64,
-    /// Of the lowest plate above the floor, m.
+    /// Height of the lowest plate above the floor, m.
     pub height: f64,
-    /// Side of the lamp, 2 m above the floor.
+    /// Side of the lamp, which is 2 m above the floor, m.
     pub lamp: f64,
 }
 
-/// Puts a unit square of the ground at a height, m, centred over the origin, with sides of so many metres.
+/// Transforms the unit square of the ground into one of the given side, m, centred over the origin at the given height, m.
 fn square(side: f64, height: f64) -> DAffine3 {
     DAffine3::from_translation(DVec3::new(-0.5 * side, height, -0.5 * side))
         * DAffine3::from_scale(DVec3::new(side, 1.0, side))
 }
 
-/// Turns what faces up.
+/// Turns a square that faces up to face down.
 const DOWN: DAffine3 = DAffine3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::Z, DVec3::ZERO);
 
-/// A square lamp 2 m above a floor of 2 x 2 m, and between them a square blocker of 0.8 x 0.8 m in 12 x 12 cells, all black
-/// but the lamp.
+/// A square lamp 2 m above a floor of 2 x 2 m, with a square blocker of 0.8 x 0.8 m in 12 x 12 cells between them, all black but
+/// the lamp.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shadow {
     /// Side of the lamp, m.
     pub lamp: f64,
-    /// Of the blocker above the floor, m.
+    /// Height of the blocker above the floor, m.
     pub height: f64,
 }
 
 impl Shadow {
     const LAMP_HEIGHT: f64 = 2.0;
     const RADIANCE: f64 = 10.0;
-    /// Half the side of the blocker.
+    /// Half the side of the blocker, m.
     const BLOCKER: f64 = 0.4;
 
     /// Meshes "floor", "blocker" and "lamp".
@@ -63,9 +63,8 @@ impl Shadow {
         builder.finish("shadow")
     }
 
-    /// Irradiance in the shadow, and as it would be without the blocker, means over each triangle of [`Shadow::scene`], W/m².
-    /// Exact from a point: the lamp less the part of it that the blocker hides, both rectangles, by Lambert's formula; the mean
-    /// is over 256 points.
+    /// Irradiance with and without the blocker, means over each triangle of [`Shadow::scene`], W/m². Exact at a point: the lamp
+    /// minus the part that the blocker occludes, both rectangles, by Lambert's polygon formula. Means are over 256 points.
     pub fn irradiance(&self, scene: &Scene) -> Vec<[f64; 2]> {
         let of = |triangle: usize| {
             if scene.area_vector(triangle).y <= 0.0 {
@@ -84,7 +83,7 @@ impl Shadow {
         (0..scene.triangles.len()).into_par_iter().map(of).collect()
     }
 
-    /// At a point of a surface that faces up: with and without the blocker.
+    /// Irradiance at a point of a surface that faces up, with and without the blocker.
     fn at(&self, point: DVec3) -> [f64; 2] {
         let half = 0.5 * self.lamp;
         let seen = |low: DVec2, high: DVec2| {
@@ -97,7 +96,7 @@ impl Shadow {
         if point.y >= self.height {
             return [open; 2];
         }
-        // What of the lamp's plane the blocker hides.
+        // The part of the lamp's plane that the blocker occludes.
         let stretch = (Self::LAMP_HEIGHT - point.y) / (self.height - point.y);
         let here = DVec2::new(point.x, point.z);
         let edge = |side: f64| here + stretch * (DVec2::splat(side * Self::BLOCKER) - here);

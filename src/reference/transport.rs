@@ -1,31 +1,30 @@
-//! U: light from every triangle to every other, with no visibility test. Twin of glsl/transport_*.comp and
-//! glsl/near.comp.
+//! U: transport between all pairs of triangles, without visibility tests. Twin of glsl/transport_*.comp and glsl/near.comp.
 
 use super::near_field::projected_solid_angle;
-use super::{Leaving, Model, State};
+use super::{Model, Outgoing, State};
 use crate::model::{QUARTER_RANGE, centroid, far_weight, quarters};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// H_j(b) += T_b(ω_j) max(cos_j, 0) g_ij a_i |cos_i| · (front: L_i(ω_i); back: -A_i(ω_i)), for all i and j; the state
-/// keeps H_j(b) / c_b.
-pub fn transport(model: &Model, leaving: &Leaving) -> State {
-    let arriving: Vec<Arriving> = (0..model.facets.len())
+/// H_j(b) += T_b(ω_j) max(cos_j, 0) g_ij a_i |cos_i| · (front: L_i(ω_i); back: -A_i(ω_i)), for all i and j; the state holds
+/// H_j(b) / c_b.
+pub fn transport(model: &Model, outgoing: &Outgoing) -> State {
+    let incident: Vec<Incident> = (0..model.facets.len())
         .into_par_iter()
         .map(|j| {
-            let mut arriving = Arriving::new(model, j);
+            let mut incident = Incident::new(model, j);
             for i in 0..model.facets.len() {
-                arriving.from(leaving, i);
+                incident.from(outgoing, i);
             }
-            arriving
+            incident
         })
         .collect();
     let mut state = model.zero();
-    for (j, arriving) in arriving.into_iter().enumerate() {
-        state.irradiance[j] = arriving.irradiance;
+    for (j, incident) in incident.into_iter().enumerate() {
+        state.irradiance[j] = incident.irradiance;
         if let Some(range) = model.bins_of(j) {
-            for ((bin, h), c) in state.bins[range].iter_mut().zip(arriving.bins).zip(&model.bins.projected) {
+            for ((bin, h), c) in state.bins[range].iter_mut().zip(incident.bins).zip(&model.bins.projected) {
                 *bin = h / *c;
             }
         }
@@ -33,8 +32,8 @@ pub fn transport(model: &Model, leaving: &Leaving) -> State {
     state
 }
 
-/// What arrives at one triangle.
-struct Arriving<'a> {
+/// Incident light of one triangle.
+struct Incident<'a> {
     model: &'a Model,
     j: usize,
     irradiance: DVec3,
@@ -42,21 +41,21 @@ struct Arriving<'a> {
     bins: Vec<DVec3>,
 }
 
-impl<'a> Arriving<'a> {
+impl<'a> Incident<'a> {
     fn new(model: &'a Model, j: usize) -> Self {
         let bins = vec![DVec3::ZERO; model.bins_of(j).map_or(0, |range| range.len())];
         Self { model, j, irradiance: DVec3::ZERO, bins }
     }
 
-    fn from(&mut self, leaving: &Leaving, i: usize) {
+    fn from(&mut self, outgoing: &Outgoing, i: usize) {
         beams(self.model, i, self.j, |beam| {
-            let radiance = beam.diffuse * leaving.diffuse(i, beam.front)
-                + beam.binned * leaving.binned(self.model, i, beam.direction, beam.front);
+            let radiance = beam.diffuse * outgoing.diffuse(i, beam.front)
+                + beam.binned * outgoing.binned(self.model, i, beam.direction, beam.front);
             self.deposit(-beam.direction, radiance);
         });
     }
 
-    /// Irradiance from `direction` (receiver to source).
+    /// Adds irradiance from `direction` (receiver to source).
     fn deposit(&mut self, direction: DVec3, irradiance: DVec3) {
         self.irradiance += irradiance;
         if !self.bins.is_empty() {
@@ -67,37 +66,37 @@ impl<'a> Arriving<'a> {
     }
 }
 
-/// Light on one line from a source to a receiver. What arrives is `diffuse` times the uniform part of the radiance and
+/// Transport along one line from a source to a receiver. The irradiance is `diffuse` times the uniform part of the radiance plus
 /// `binned` times the part that varies with direction.
 pub(super) struct Beam {
     /// Unit, from the source to the receiver.
     pub direction: DVec3,
-    /// Whether it leaves the front of the source.
+    /// Whether the receiver is on the front side of the source.
     pub front: bool,
-    /// Projected solid angle, sr.
+    /// Projected solid angle for uniform radiance, sr.
     pub diffuse: f64,
-    /// Projected solid angle, sr.
+    /// Projected solid angle for directional radiance, sr.
     pub binned: f64,
 }
 
-/// U from source `i` to receiver `j`, line by line: the one place that says which, so that U and its transpose agree.
+/// The lines along which light travels from source `i` to receiver `j`. U and its transpose both use them, so that they agree.
 pub(super) fn beams(model: &Model, i: usize, j: usize, mut visit: impl FnMut(Beam)) {
     let (source, receiver) = (&model.facets[i], &model.facets[j]);
     if source.area == 0.0 || receiver.area == 0.0 {
         return;
     }
     let r2 = (receiver.centroid - source.centroid).length_squared();
-    let share = far_weight(r2, model.range(i, j));
-    if share > 0.0 {
-        visit_far(model, i, j, share, &mut visit);
+    let weight = far_weight(r2, model.range(i, j));
+    if weight > 0.0 {
+        visit_far(model, i, j, weight, &mut visit);
     }
-    if share < 1.0 {
-        visit_near(model, i, j, 1.0 - share, &mut visit);
+    if weight < 1.0 {
+        visit_near(model, i, j, 1.0 - weight, &mut visit);
     }
 }
 
 /// Centroid to centroid.
-fn visit_far(model: &Model, i: usize, j: usize, share: f64, visit: &mut impl FnMut(Beam)) {
+fn visit_far(model: &Model, i: usize, j: usize, weight: f64, visit: &mut impl FnMut(Beam)) {
     let (source, receiver) = (&model.facets[i], &model.facets[j]);
     let between = receiver.centroid - source.centroid;
     let r2 = between.length_squared();
@@ -105,14 +104,13 @@ fn visit_far(model: &Model, i: usize, j: usize, share: f64, visit: &mut impl FnM
     let (cos_i, cos_j) = (direction.dot(source.normal), -direction.dot(receiver.normal));
     if cos_j > 0.0 && cos_i != 0.0 {
         let g = 1.0 / (r2 + source.area / PI);
-        let projected = share * cos_j * cos_i.abs() * source.area * g;
+        let projected = weight * cos_j * cos_i.abs() * source.area * g;
         visit(Beam { direction, front: cos_i > 0.0, diffuse: projected, binned: projected });
     }
 }
 
-/// Quarter to quarter; and for radiance that varies with direction, where two quarters are close for their own size,
-/// quarter of a quarter to quarter of a quarter.
-fn visit_near(model: &Model, i: usize, j: usize, share: f64, visit: &mut impl FnMut(Beam)) {
+/// Quarters to quarters; for directional radiance, where two quarters are close relative to their size, sixteenths to sixteenths.
+fn visit_near(model: &Model, i: usize, j: usize, weight: f64, visit: &mut impl FnMut(Beam)) {
     for to in quarters(model.facets[j].corners) {
         for from in quarters(model.facets[i].corners) {
             let r2 = (centroid(to) - centroid(from)).length_squared();
@@ -120,11 +118,11 @@ fn visit_near(model: &Model, i: usize, j: usize, share: f64, visit: &mut impl Fn
                 true => far_weight(r2, model.range(i, j) * QUARTER_RANGE),
                 false => 1.0,
             };
-            visit_piece(model, i, j, [from, to], [share / 4.0, share * far / 4.0], visit);
+            visit_piece(model, i, j, [from, to], [weight / 4.0, weight * far / 4.0], visit);
             if far < 1.0 {
                 for to in quarters(to) {
                     for from in quarters(from) {
-                        let binned = share * (1.0 - far) / 16.0;
+                        let binned = weight * (1.0 - far) / 16.0;
                         visit_piece(model, i, j, [from, to], [0.0, binned], visit);
                     }
                 }
@@ -133,12 +131,12 @@ fn visit_near(model: &Model, i: usize, j: usize, share: f64, visit: &mut impl Fn
     }
 }
 
-/// Distances from a plane below this share of the triangle's size are rounding: they have no side. Without this the
-/// two sides of a sheet would light each other.
+/// Distances from a plane below this multiple of the triangle's size √s are rounding and have no side. Otherwise the two sides of
+/// a sheet would illuminate each other.
 pub(super) const COINCIDENT: f64 = 1e-12;
 
-/// From a piece of the source to the centroid of a piece of the receiver, by Lambert's polygon formula, which is exact
-/// for uniform radiance. The shares are of the two kinds of radiance.
+/// From a piece of the source to the centroid of a piece of the receiver, by Lambert's polygon formula, which is exact for
+/// uniform radiance. `diffuse` and `binned` are the weights of the two kinds of radiance.
 fn visit_piece(
     model: &Model,
     i: usize,
@@ -151,7 +149,7 @@ fn visit_piece(
     let offset = point - centroid(from);
     let side = offset.dot(model.facets[i].normal);
     let projected = projected_solid_angle(point, model.facets[j].normal, from);
-    let apart = side.abs() > COINCIDENT * model.facets[i].extent.sqrt();
+    let apart = side.abs() > COINCIDENT * model.facets[i].characteristic_area.sqrt();
     if apart && projected > 0.0 {
         visit(Beam {
             direction: offset.normalize(),

@@ -8,7 +8,7 @@ use super::error::{Place, SceneError, nearest};
 use super::file::LoadOptions;
 use super::geometry::RawMesh;
 use super::tables::MaterialTable;
-use super::{Accuracy, Camera, Choice, Material, Mesh, Origin, Scene, Triangle};
+use super::{Camera, Choice, Material, Mesh, Origin, Scene, SolveSettings, Triangle};
 
 /// A scene in the making.
 pub(super) struct Assembly {
@@ -33,7 +33,7 @@ impl Assembly {
                 origins: Vec::new(),
                 materials: Vec::new(),
                 cameras: Vec::new(),
-                accuracy: Accuracy::default(),
+                settings: SolveSettings::default(),
                 choice: Default::default(),
                 degenerate: Vec::new(),
                 warnings: Vec::new(),
@@ -159,8 +159,8 @@ impl Assembly {
         self.scene.cameras.push(camera);
     }
 
-    pub fn set_accuracy(&mut self, accuracy: Accuracy, choice: Choice, line: usize) {
-        self.scene.accuracy = accuracy;
+    pub fn set_accuracy(&mut self, settings: SolveSettings, choice: Choice, line: usize) {
+        self.scene.settings = settings;
         self.scene.choice = choice;
         self.accuracy_line = Some(line);
     }
@@ -191,7 +191,7 @@ impl Assembly {
                 None => scene_file(None),
             },
             SceneError::Camera { name, .. } => scene_file(self.camera_lines.get(name).copied()),
-            SceneError::Accuracy { .. } => scene_file(self.accuracy_line),
+            SceneError::SolveSettings { .. } => scene_file(self.accuracy_line),
             SceneError::Vertex { mesh, .. }
             | SceneError::Degenerate { mesh, .. }
             | SceneError::Outlier { mesh, .. } => {

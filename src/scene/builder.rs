@@ -24,6 +24,7 @@ struct OutOfRange {
 }
 
 impl SceneBuilder {
+    /// Nothing yet.
     pub fn new() -> Self {
         Self::default()
     }

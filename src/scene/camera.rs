@@ -9,15 +9,19 @@ const MAX_PIXELS: u32 = 16384;
 /// A pinhole camera, right-handed, looking from `position` to `target`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
+    /// For messages and files.
     pub name: String,
     /// Metres.
     pub position: DVec3,
+    /// A point that it looks at, m.
     pub target: DVec3,
+    /// A direction that is upwards in the picture.
     pub up: DVec3,
     /// Horizontal field of view in degrees, in (0, 180).
     pub fov_x_degrees: f64,
     /// Pixels.
     pub width: u32,
+    /// Rows of its picture.
     pub height: u32,
 }
 

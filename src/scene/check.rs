@@ -35,7 +35,7 @@ impl Scene {
             materials,
             origins: Vec::new(),
             cameras: Vec::new(),
-            accuracy: Default::default(),
+            settings: Default::default(),
             choice: Default::default(),
             degenerate: Vec::new(),
             warnings: Vec::new(),
@@ -63,7 +63,7 @@ impl Scene {
         self.find_degenerate(strict)?;
         self.check_size()?;
         self.check_materials(Emission::Light)?.into_iter().for_each(|warning| self.warn(warning));
-        self.accuracy.check()?;
+        self.settings.check()?;
         self.choice.check()?;
         self.cameras.iter().try_for_each(Camera::check)
     }
@@ -214,7 +214,7 @@ impl Scene {
                 (Ok(albedo), true) if albedo >= HIGH_ALBEDO => warnings.push(format!(
                     "Material \"{name}\" reflects up to {albedo:.3} of the light: \
                      in a closed room it takes many passes, over which small errors of each add up; \
-                     accuracy.subsample = 400 keeps their sum below 1 %."
+                     settings.near_field = 400 keeps their sum below 1 %."
                 )),
                 _ => {}
             }
@@ -265,7 +265,7 @@ impl LobeCache {
 }
 
 impl Material {
-    /// The total albedo, or below [`HIGH_ALBEDO`] a bound of it; or what is wrong and the way out.
+    /// The total albedo, or below [`HIGH_ALBEDO`] a bound of it; or what is wrong and the remedy.
     fn problem(&self, emission: Emission, lobes: &mut LobeCache) -> Result<f64, String> {
         let emission = match emission {
             Emission::Light => self.emission,
@@ -304,7 +304,7 @@ impl Material {
         }
         let factor = (1.0 - diffuse) / (total - diffuse);
         let other = match self.normalization {
-            Normalization::Published => ", or set normalization = \"energy\"",
+            Normalization::Phong => ", or set normalization = \"energy\"",
             Normalization::Energy => "",
         };
         Err(format!(

@@ -1,4 +1,4 @@
-//! What can be wrong with a scene. Every message is one line that says where, what, and the way out.
+//! What can be wrong with a scene. Every message is one line that says where, what, and the remedy.
 
 use std::path::{Path, PathBuf};
 
@@ -10,33 +10,58 @@ use super::size::SIZES;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneError {
+    /// A file cannot be read.
     #[error("{}: cannot be read: {reason}", path.display())]
-    Read { path: PathBuf, reason: std::io::Error },
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        reason: std::io::Error,
+    },
 
+    /// The ending of a file says no known format.
     #[error("{}: neither a scene (.toml) nor a mesh (.obj); give a file with one of these endings", path.display())]
-    UnknownFormat { path: PathBuf },
+    UnknownFormat {
+        /// The file.
+        path: PathBuf,
+    },
 
     /// A line of a TOML, OBJ or MTL file does not say what it should.
     #[error("{}:{line}: {message}", path.display())]
     Line {
+        /// The file.
         path: PathBuf,
         /// From 1.
         line: usize,
+        /// What is wrong there, and what would do.
         message: String,
     },
 
+    /// An MTL file that a mesh names cannot be read.
     #[error(
         "{}:{line}: material file {} cannot be read ({reason}); put it there or remove the mtllib line for grey faces",
         path.display(), mtl.display()
     )]
-    MaterialFile { path: PathBuf, line: usize, mtl: PathBuf, reason: std::io::Error },
+    MaterialFile {
+        /// The file.
+        path: PathBuf,
+        /// From 1.
+        line: usize,
+        /// The material file.
+        mtl: PathBuf,
+        /// What the system says.
+        reason: std::io::Error,
+    },
 
+    /// There is nothing in the scene.
     #[error("the scene has no triangles; it needs at least one mesh with one face")]
     NoTriangles,
 
+    /// All triangles are points or lines.
     #[error("none of the scene's triangles has an area: check the meshes' coordinates and scale")]
     NoArea,
 
+    /// Too large or too small for any computation.
     #[error(
         "the scene measures {size:.3e} m, but light can be computed from {:.0e} to {:.0e} m; scale its meshes, \
          which changes no irradiance",
@@ -55,50 +80,120 @@ pub enum SceneError {
     )]
     Outlier { mesh: String, triangle: usize, vertex: u32, position: DVec3, size: f64 },
 
+    /// More than indices of 32 bits, or memory, can tell apart.
     #[error("{count} {what}, but at most {limit} are possible; use fewer or a lower `subdivide`")]
-    TooMany { what: &'static str, count: u64, limit: u64 },
+    TooMany {
+        /// What there is too much of, or what is out of range.
+        what: &'static str,
+        /// How many there would be.
+        count: u64,
+        /// How many there may be.
+        limit: u64,
+    },
 
+    /// A corner of a triangle is not finite.
     #[error(
         "triangle {triangle} of mesh \"{mesh}\": vertex {vertex} is at ({}, {}, {}); coordinates must be finite",
         position.x, position.y, position.z
     )]
-    Vertex { mesh: String, triangle: usize, vertex: u32, position: DVec3 },
+    Vertex {
+        /// Name of the mesh.
+        mesh: String,
+        /// Index within the mesh.
+        triangle: usize,
+        /// Index of the vertex.
+        vertex: u32,
+        /// Where it is, m.
+        position: DVec3,
+    },
 
+    /// A vertex that no triangle uses is not finite.
     #[error("vertex {vertex}, which no triangle uses, is not finite; remove it")]
-    UnusedVertex { vertex: usize },
+    UnusedVertex {
+        /// Index of the vertex.
+        vertex: usize,
+    },
 
+    /// A triangle refers to something that is not there.
     #[error(
         "triangle {triangle} of mesh \"{mesh}\": {what} index {index} is out of range; there are {count}, from 0"
     )]
-    Index { mesh: String, triangle: usize, what: &'static str, index: u32, count: usize },
+    Index {
+        /// Name of the mesh.
+        mesh: String,
+        /// Index within the mesh.
+        triangle: usize,
+        /// What there is too much of, or what is out of range.
+        what: &'static str,
+        /// What it refers to.
+        index: u32,
+        /// How many there are.
+        count: usize,
+    },
 
+    /// Meshes do not cover the triangles one after the other.
     #[error("the meshes do not cover the triangles: {message}")]
-    Meshes { message: String },
+    Meshes {
+        /// What is wrong, and what would do.
+        message: String,
+    },
 
     #[error(
         "{count} triangle(s) without area, the first is triangle {triangle} of mesh \"{mesh}\"; \
          remove them or load without strict"
     )]
-    Degenerate { count: usize, mesh: String, triangle: usize },
+    /// Triangles have no area, and the scene is loaded strictly.
+    Degenerate {
+        /// How many.
+        count: usize,
+        /// Name of the mesh.
+        mesh: String,
+        /// Index within the mesh.
+        triangle: usize,
+    },
 
+    /// A list that does not belong to the triangles.
     #[error(
         "triangle {triangle} is listed as degenerate, and there are {count}: Scene::check lists them anew"
     )]
     UnknownDegenerate { triangle: u32, count: usize },
 
+    /// A material has a value that it cannot have.
     #[error("material \"{name}\": {message}")]
-    Material { name: String, message: String },
+    Material {
+        /// What it is called in the file.
+        name: String,
+        /// What is wrong, and what would do.
+        message: String,
+    },
 
+    /// A camera cannot take pictures.
     #[error("camera \"{name}\": {message}")]
-    Camera { name: String, message: String },
+    Camera {
+        /// What it is called in the file.
+        name: String,
+        /// What is wrong, and what would do.
+        message: String,
+    },
 
+    /// The settings of a solve contradict each other.
     #[error("accuracy: {message}")]
-    Accuracy { message: String },
+    SolveSettings {
+        /// What is wrong, and what would do.
+        message: String,
+    },
 
     /// A problem found by the check of a scene that came from a file.
     // Not a `source`: the message holds it already, and a printed chain would say it twice.
     #[error("{}{}: {problem}", path.display(), line.map(|n| format!(":{n}")).unwrap_or_default())]
-    In { path: PathBuf, line: Option<usize>, problem: Box<SceneError> },
+    In {
+        /// The file.
+        path: PathBuf,
+        /// From 1, where it is known.
+        line: Option<usize>,
+        /// What the check found.
+        problem: Box<SceneError>,
+    },
 }
 
 /// A line of a file, to say where something is.

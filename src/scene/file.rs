@@ -47,7 +47,7 @@ impl Scene {
     /// specular = 0.05                # σ
     /// power = 20                     # p
     /// emission = 0
-    /// normalization = "published"    # or "energy"
+    /// normalization = "phong"    # or "energy"
     ///
     /// [camera.main]
     /// position = [0, 1, 5]
@@ -57,15 +57,15 @@ impl Scene {
     /// width = 640                    # pixels
     /// height = 480
     ///
-    /// [accuracy]
+    /// [settings]
     /// bins = { equal_angle = [10, 13] }  # or { concentric = 12 }
     /// weights = "bilinear"           # or "smoothstep"
-    /// subsample = 30
+    /// near_field = 30
     /// tolerance = 1e-4
     /// max_passes = 200
     /// solver = "auto"                # or "fixed-point", "gmres"
-    /// precision = "f32"              # or "packed"; "f64", where the device has it
-    /// # error = 0.02                 # instead of bins, subsample and tolerance: the error of irradiance to solve to
+    /// precision = "f32"              # or "half-bins"; "f64", where the device has it
+    /// # error = 0.02                 # instead of bins, near_field and tolerance: the error of irradiance to solve to
     /// ```
     pub fn load(path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {
         let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
@@ -123,11 +123,11 @@ impl TomlFile<'_> {
             let place = self.place(name.span());
             assembly.add_camera(table.camera(name.get_ref().clone(), place)?, place.line);
         }
-        if let Some(table) = &tables.accuracy {
+        if let Some(table) = &tables.settings {
             let place = self.place(table.span());
             let (line, choice) = (place.line, table.get_ref().choice());
             let choice = choice.map_err(|message| place.error(message))?;
-            assembly.set_accuracy(table.get_ref().accuracy(), choice, line);
+            assembly.set_accuracy(table.get_ref().settings(), choice, line);
         }
         Ok(())
     }

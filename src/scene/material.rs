@@ -6,9 +6,12 @@ use serde::Deserialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Normalization {
-    /// (p+2)/(2π), the published factor. It gains energy for large p: the albedo is checked when a scene is loaded.
+    /// (p+2)/(2π), the factor of the modified Phong lobe (E. Lafortune and Y. Willems, *Using the Modified Phong Reflectance
+    /// Model for Physically Based Rendering*, 1994). With a half vector it gains energy for large p: the albedo is checked
+    /// when a scene is loaded.
     #[default]
-    Published,
+    #[serde(alias = "published")]
+    Phong,
     /// (p+2)(p+4)/(8π(2^(-p/2)+p)), which keeps the lobe's normal-incidence albedo near σ.
     Energy,
 }
@@ -16,6 +19,7 @@ pub enum Normalization {
 /// f = δρ/π + σ N(p) ⟨h,n⟩^p, in 1/sr.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
+    /// For messages and choices of materials.
     pub name: String,
     /// Diffuse constant δ.
     pub diffuse: f64,
@@ -27,6 +31,7 @@ pub struct Material {
     pub power: f64,
     /// Emitted radiance L_e, RGB, W/(m² sr), the same in all directions.
     pub emission: [f64; 3],
+    /// Of the specular lobe.
     pub normalization: Normalization,
 }
 
@@ -40,7 +45,7 @@ impl Material {
             specular: [0.0; 3],
             power: 0.0,
             emission: [0.0; 3],
-            normalization: Normalization::Published,
+            normalization: Normalization::Phong,
         }
     }
 
@@ -64,7 +69,7 @@ impl Material {
         use std::f64::consts::PI;
         let p = self.power;
         match self.normalization {
-            Normalization::Published => (p + 2.0) / (2.0 * PI),
+            Normalization::Phong => (p + 2.0) / (2.0 * PI),
             Normalization::Energy => (p + 2.0) * (p + 4.0) / (8.0 * PI * ((-p / 2.0).exp2() + p)),
         }
     }
@@ -74,7 +79,7 @@ impl Material {
         use std::f64::consts::{LN_2, PI};
         let p = self.power;
         match self.normalization {
-            Normalization::Published => 1.0 / (2.0 * PI),
+            Normalization::Phong => 1.0 / (2.0 * PI),
             Normalization::Energy => {
                 let decay = (-p / 2.0).exp2();
                 let (above, below) = ((p + 2.0) * (p + 4.0), decay + p);
@@ -92,7 +97,7 @@ mod tests {
     /// Central difference at a step of 1e-5: its error is about 1e-11 of N.
     #[test]
     fn the_derivative_of_the_normalization_is_its_slope() {
-        for normalization in [Normalization::Published, Normalization::Energy] {
+        for normalization in [Normalization::Phong, Normalization::Energy] {
             for power in [0.0, 0.3, 1.0, 20.0, 1000.0] {
                 let at = |power| Material { power, normalization, ..Material::named("m") };
                 let step = 1e-5;

@@ -3,7 +3,6 @@
 //! Everything that comes from outside is checked here, once ([`Scene::load`], [`Scene::check`]); the layers behind
 //! may rely on finite vertices, indices in range and physical materials. SI units: metres, W/(m² sr).
 
-mod accuracy;
 mod adjacency;
 mod albedo;
 mod assembly;
@@ -18,6 +17,7 @@ mod mtl;
 mod obj;
 mod refine;
 mod save;
+mod settings;
 mod shapes;
 mod size;
 mod split;
@@ -27,12 +27,12 @@ mod tables;
 mod toml_file;
 mod triangulate;
 
-pub use accuracy::{Accuracy, BinLayout, Choice, Precision, SolverChoice, Weights};
 pub use builder::SceneBuilder;
 pub use camera::Camera;
 pub use error::SceneError;
 pub use file::LoadOptions;
 pub use material::{Material, Normalization};
+pub use settings::{BinLayout, Choice, Precision, SolveSettings, SolverChoice, Weights};
 pub use shapes::Shape;
 
 pub(crate) use adjacency::{Edges, Fans, Welded, sides};
@@ -55,6 +55,7 @@ pub struct Triangle {
 /// A run of consecutive triangles that came from one file or shape.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mesh {
+    /// For messages and choices of meshes.
     pub name: String,
     /// Triangles `range.start..range.end` of [`Scene::triangles`].
     pub range: std::ops::Range<u32>,
@@ -72,16 +73,22 @@ pub struct Origin {
 /// A scene, checked. Triangles stand in file order, mesh after mesh; every per-face output has that order.
 #[derive(Clone, Debug)]
 pub struct Scene {
+    /// For messages and files.
     pub name: String,
     /// Metres.
     pub vertices: Vec<DVec3>,
+    /// Corners and material of each.
     pub triangles: Vec<Triangle>,
+    /// They cover all triangles, in order.
     pub meshes: Vec<Mesh>,
     /// One for each mesh of a scene that came from files, else none.
     pub origins: Vec<Origin>,
+    /// That triangles refer to by index.
     pub materials: Vec<Material>,
+    /// In the order of the file.
     pub cameras: Vec<Camera>,
-    pub accuracy: Accuracy,
+    /// How exact a solve is to be.
+    pub settings: SolveSettings,
     /// What of it is left open.
     pub choice: Choice,
     /// Indices of triangles without area: they keep their row in every output, and take no part.

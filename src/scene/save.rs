@@ -7,7 +7,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{Accuracy, BinLayout, Choice, Material, Normalization, Scene, SolverChoice, Weights};
+use super::{BinLayout, Choice, Material, Normalization, Scene, SolveSettings, SolverChoice, Weights};
 use crate::output::{OutputError, atomic_write};
 
 #[derive(Serialize)]
@@ -15,7 +15,7 @@ struct SceneTable<'a> {
     mesh: Vec<MeshTable<'a>>,
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     material: BTreeMap<&'a str, MaterialTable>,
-    accuracy: AccuracyTable,
+    settings: AccuracyTable,
 }
 
 #[derive(Serialize)]
@@ -49,7 +49,7 @@ struct AccuracyTable {
     bins: Option<BTreeMap<&'static str, Bins>>,
     weights: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
-    subsample: Option<f64>,
+    near_field: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     tolerance: Option<f64>,
     max_passes: u32,
@@ -177,50 +177,50 @@ impl Scene {
     }
 
     fn toml(&self, mesh: Vec<MeshTable>, names: &[String]) -> Result<String, toml::ser::Error> {
-        let special = |m: &Material| m.diffuse != 1.0 || m.normalization != Normalization::Published;
+        let special = |m: &Material| m.diffuse != 1.0 || m.normalization != Normalization::Phong;
         let material = self.materials.iter().zip(names).filter(|(m, _)| special(m));
         let table = |m: &Material| MaterialTable {
             diffuse: m.diffuse,
             normalization: match m.normalization {
-                Normalization::Published => "published",
+                Normalization::Phong => "phong",
                 Normalization::Energy => "energy",
             },
         };
         // Settings that another program has changed count as stated, whether it said so or not.
-        let usual = Accuracy::default();
+        let usual = SolveSettings::default();
         let (error, state_bins, state_subsample) = match self.choice {
             Choice::Within(error) => (Some(error), false, false),
-            Choice::Open { bins, subsample } => (
+            Choice::Open { bins, near_field } => (
                 None,
-                !bins || self.accuracy.bins != usual.bins,
-                !subsample || self.accuracy.subsample != usual.subsample,
+                !bins || self.settings.bins != usual.bins,
+                !near_field || self.settings.near_field != usual.near_field,
             ),
         };
-        let bins = BTreeMap::from([match self.accuracy.bins {
+        let bins = BTreeMap::from([match self.settings.bins {
             BinLayout::EqualAngle { theta, phi } => ("equal_angle", Bins::Two([theta, phi])),
             BinLayout::Concentric { n } => ("concentric", Bins::One(n)),
         }]);
-        let accuracy = AccuracyTable {
+        let settings = AccuracyTable {
             error,
             bins: state_bins.then_some(bins),
-            weights: match self.accuracy.weights {
+            weights: match self.settings.weights {
                 Weights::Bilinear => "bilinear",
                 Weights::Smoothstep => "smoothstep",
             },
-            subsample: state_subsample.then_some(self.accuracy.subsample),
-            tolerance: error.is_none().then_some(self.accuracy.tolerance),
-            max_passes: self.accuracy.max_passes,
-            solver: match self.accuracy.solver {
+            near_field: state_subsample.then_some(self.settings.near_field),
+            tolerance: error.is_none().then_some(self.settings.tolerance),
+            max_passes: self.settings.max_passes,
+            solver: match self.settings.solver {
                 SolverChoice::Auto => "auto",
                 SolverChoice::FixedPoint => "fixed-point",
                 SolverChoice::Gmres => "gmres",
             },
-            precision: self.accuracy.precision.to_string(),
+            precision: self.settings.precision.to_string(),
         };
         let scene = SceneTable {
             mesh,
             material: material.map(|(m, name)| (name.as_str(), table(m))).collect(),
-            accuracy,
+            settings,
         };
         let mut text = toml::to_string(&scene)?;
         // One by one: the order of cameras means something, and maps have none.

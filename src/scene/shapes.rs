@@ -19,32 +19,41 @@ const STATUE_TRIANGLES: RangeInclusive<u32> = 500..=10_000_000;
 pub enum Shape {
     /// The unit square, x and z in [0, 1], at y = 0, facing +y: `cells` x `cells` squares of two triangles.
     Quad {
+        /// Squares along a side.
         #[serde(default = "one")]
         cells: u32,
     },
     /// The unit cube [0, 1]³ seen from outside, `cells` x `cells` squares a side.
     Box {
+        /// Squares along a side.
         #[serde(default = "one")]
         cells: u32,
     },
     /// The same with whole sides: two sides of `cells` x `cells` squares, y = 0 and y = 1, and four of `cells` x 1. For plates.
     Slab {
+        /// Squares along a side.
         #[serde(default = "one")]
         cells: u32,
     },
     /// The unit cube [0, 1]³ seen from inside, `cells` x `cells` squares a side.
     Room {
+        /// Squares along a side.
         #[serde(default = "one")]
         cells: u32,
     },
     /// The unit sphere about the origin: 20·4^`level` triangles, facing out, or in with `inward`.
     Icosphere {
+        /// How often each triangle is cut into four.
         level: u32,
+        /// Whether the fronts face the centre.
         #[serde(default)]
         inward: bool,
     },
     /// A closed standing figure about 1.8 m high on y = 0, facing +z, of `triangles` triangles (to 1 %).
-    Statue { triangles: u32 },
+    Statue {
+        /// How many, to 1 %.
+        triangles: u32,
+    },
 }
 
 fn one() -> u32 {

@@ -11,7 +11,8 @@ use toml::Spanned;
 
 use super::error::{Place, SceneError};
 use super::{
-    Accuracy, BinLayout, Camera, Choice, Material, Normalization, Precision, Shape, SolverChoice, Weights,
+    BinLayout, Camera, Choice, Material, Normalization, Precision, Shape, SolveSettings, SolverChoice,
+    Weights,
 };
 
 /// Named tables; the span of the name says where it stands in the file.
@@ -26,7 +27,8 @@ pub(super) struct SceneTable {
     pub material: Named<MaterialTable>,
     #[serde(default)]
     pub camera: Named<CameraTable>,
-    pub accuracy: Option<Spanned<AccuracyTable>>,
+    #[serde(alias = "accuracy")]
+    pub settings: Option<Spanned<SettingsTable>>,
 }
 
 #[derive(Deserialize)]
@@ -122,25 +124,26 @@ impl CameraTable {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct AccuracyTable {
+pub(super) struct SettingsTable {
     pub error: Option<f64>,
     pub bins: Option<BinsTable>,
     pub weights: Option<Weights>,
-    pub subsample: Option<f64>,
+    #[serde(alias = "subsample")]
+    pub near_field: Option<f64>,
     pub tolerance: Option<f64>,
     pub max_passes: Option<u32>,
     pub solver: Option<SolverChoice>,
     pub precision: Option<Precision>,
 }
 
-impl AccuracyTable {
+impl SettingsTable {
     /// The settings, defaults where the table says nothing.
-    pub fn accuracy(&self) -> Accuracy {
-        let default = Accuracy::default();
-        Accuracy {
+    pub fn settings(&self) -> SolveSettings {
+        let default = SolveSettings::default();
+        SolveSettings {
             bins: self.bins.map_or(default.bins, Into::into),
             weights: self.weights.unwrap_or(default.weights),
-            subsample: self.subsample.unwrap_or(default.subsample),
+            near_field: self.near_field.unwrap_or(default.near_field),
             tolerance: self.tolerance.unwrap_or(default.tolerance),
             max_passes: self.max_passes.unwrap_or(default.max_passes),
             solver: self.solver.unwrap_or(default.solver),
@@ -149,21 +152,23 @@ impl AccuracyTable {
     }
 }
 
-impl AccuracyTable {
+impl SettingsTable {
     /// What is left open. An error and what would be found for it do not go together.
     pub fn choice(&self) -> Result<Choice, String> {
         let stated = [
             ("bins", self.bins.is_some()),
-            ("subsample", self.subsample.is_some()),
+            ("near_field", self.near_field.is_some()),
             ("tolerance", self.tolerance.is_some()),
         ];
         match (self.error, stated.iter().find(|(_, stated)| *stated)) {
             (Some(_), Some((name, _))) => Err(format!(
-                "`error` and `{name}` cannot both be given: bins, subsample and tolerance are found for the error; leave \
+                "`error` and `{name}` cannot both be given: bins, near_field and tolerance are found for the error; leave \
                  one of the two out"
             )),
             (Some(error), None) => Ok(Choice::Within(error)),
-            (None, _) => Ok(Choice::Open { bins: self.bins.is_none(), subsample: self.subsample.is_none() }),
+            (None, _) => {
+                Ok(Choice::Open { bins: self.bins.is_none(), near_field: self.near_field.is_none() })
+            }
         }
     }
 }

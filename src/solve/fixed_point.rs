@@ -1,13 +1,13 @@
-//! Fixed-point (Neumann) iteration: every pass adds one bounce. Needs two vectors and nothing else.
+//! Fixed-point (Neumann) iteration: each pass adds one bounce. Needs two vectors only.
 
-use super::{LightOperator, Progress, SolveError, SolveInfo, Watch};
+use super::{ConvergenceMonitor, LightOperator, Next, SolveProgress, Solved};
 
-/// When the fixed point stops.
+/// Stopping criteria of the fixed point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FixedPointParams {
     /// Relative residual at which to stop.
     pub tolerance: f64,
-    /// Bounces at most; beyond that the solve fails.
+    /// Largest number of passes; a solve that needs more fails.
     pub max_passes: u32,
 }
 
@@ -15,19 +15,19 @@ pub struct FixedPointParams {
 pub fn fixed_point<O: LightOperator>(
     operator: &mut O,
     params: &FixedPointParams,
-    progress: &mut Progress,
-) -> Result<(O::Vector, SolveInfo), SolveError<O::Error>> {
+    progress: &mut SolveProgress,
+) -> Solved<O> {
     fixed_point_from(operator, None, params, progress)
 }
 
-/// The same from a first guess rather than from darkness.
+/// The same from an initial guess rather than from zero.
 pub fn fixed_point_from<O: LightOperator>(
     operator: &mut O,
     guess: Option<O::Vector>,
     params: &FixedPointParams,
-    progress: &mut Progress,
-) -> Result<(O::Vector, SolveInfo), SolveError<O::Error>> {
-    let mut watch = Watch::new(params.tolerance, params.max_passes, progress);
+    progress: &mut SolveProgress,
+) -> Solved<O> {
+    let mut monitor = ConvergenceMonitor::new(params.tolerance, params.max_passes, progress);
     let guessed = guess.is_some();
     let mut old = match guess {
         Some(guess) => guess,
@@ -37,10 +37,12 @@ pub fn fixed_point_from<O: LightOperator>(
     if !guessed {
         operator.pass(None, true, &mut old)?;
         if operator.magnitude(&old)? == 0.0 {
-            watch.pass(0.0)?;
-            return Ok((old, watch.info()));
+            monitor.pass(0.0)?;
+            return Ok((old, monitor.info(None)));
         }
-        watch.pass(1.0)?;
+        if monitor.pass(1.0)? == Next::GiveUp {
+            return Err(monitor.no_convergence(old, None));
+        }
     }
     loop {
         operator.pass(Some(&old), true, &mut new)?;
@@ -49,15 +51,17 @@ pub fn fixed_point_from<O: LightOperator>(
         let change = operator.magnitude(&old)?;
         let residual = if size > 0.0 { change / size } else { change };
         std::mem::swap(&mut old, &mut new);
-        watch.pass(residual)?;
-        if watch.converged(residual) {
-            let info = watch.info();
-            return Ok((old, SolveInfo { spectral_radius: decay(&info.residuals), ..info }));
+        let next = monitor.pass(residual)?;
+        let radius = decay(&monitor.residuals);
+        match next {
+            Next::Converged => return Ok((old, monitor.info(radius))),
+            Next::GiveUp => return Err(monitor.no_convergence(old, radius)),
+            Next::Continue => {}
         }
     }
 }
 
-/// Mean factor of the last residuals.
+/// Mean ratio of successive residuals over the last five.
 fn decay(residuals: &[f64]) -> Option<f64> {
     let tail = &residuals[residuals.len().saturating_sub(5)..];
     let (first, last) = (tail.first()?, tail.last()?);

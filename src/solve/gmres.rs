@@ -1,14 +1,16 @@
 //! Restarted GMRES (Saad and Schultz 1986) on (1 - U (K - J)) H = U E: about half the passes of the fixed point in
 //! bright closed rooms, for a basis of `restart` more vectors.
 
-use super::{LightOperator, Progress, SolveError, SolveInfo, Watch};
+use super::{ConvergenceMonitor, Failed, LightOperator, Next, STAGNATION, SolveProgress, Solved, norm};
+use nalgebra::{DMatrix, DVector, Schur};
+use std::ops::AddAssign;
 
-/// When GMRES stops, and how much it remembers.
+/// Stopping criteria and restart length of GMRES.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GmresParams {
     /// Relative residual at which to stop.
     pub tolerance: f64,
-    /// Passes at most; beyond that the solve fails.
+    /// Largest number of passes; a solve that needs more fails.
     pub max_passes: u32,
     /// Vectors of the Krylov basis kept before a restart, at least 1.
     pub restart: u32,
@@ -19,24 +21,24 @@ pub fn gmres_scratch(restart: u32) -> u32 {
     restart + 2
 }
 
-/// Solves to a relative residual ‖U (E + (K - J) H) - H‖ / ‖H‖ in the operator's magnitude, verified by a pass of its
-/// own before it is believed.
+/// Solves to a relative residual ‖U (E + (K - J) H) - H‖ / ‖H‖ in the operator's magnitude. The basis gives the
+/// residual without a pass; one more pass verifies it at the end.
 pub fn gmres<O: LightOperator>(
     operator: &mut O,
     params: &GmresParams,
-    progress: &mut Progress,
-) -> Result<(O::Vector, SolveInfo), SolveError<O::Error>> {
+    progress: &mut SolveProgress,
+) -> Solved<O> {
     gmres_from(operator, None, params, progress)
 }
 
-/// The same from a first guess rather than from darkness: each digit of it that is right saves a pass or two.
+/// The same from an initial guess rather than from zero: each correct digit saves a pass or two.
 pub fn gmres_from<O: LightOperator>(
     operator: &mut O,
     guess: Option<O::Vector>,
     params: &GmresParams,
-    progress: &mut Progress,
-) -> Result<(O::Vector, SolveInfo), SolveError<O::Error>> {
-    let mut watch = Watch::new(params.tolerance, params.max_passes, progress);
+    progress: &mut SolveProgress,
+) -> Solved<O> {
+    let mut monitor = ConvergenceMonitor::new(params.tolerance, params.max_passes, progress);
     let mut started = guess.is_some();
     let mut solution = match guess {
         Some(guess) => guess,
@@ -44,55 +46,72 @@ pub fn gmres_from<O: LightOperator>(
     };
     let mut basis = vec![operator.vector()?];
     let mut radius = Radius::default();
+    // Verified residual of the previous cycle.
+    let mut before = f64::INFINITY;
     loop {
         // r = U (E + (K - J) x) - x, in the first basis vector.
         operator.pass(started.then_some(&solution), true, &mut basis[0])?;
-        let size = operator.magnitude(&basis[0])?;
+        let judge = Judge::new(operator, &basis[0], started)?;
         if started {
             operator.combine(-1.0, &solution, 1.0, &mut basis[0])?;
         }
-        let magnitude = operator.magnitude(&basis[0])?;
+        let (size, magnitude) = (judge.size(), operator.magnitude(&basis[0])?);
         let residual = if size > 0.0 { magnitude / size } else { magnitude };
-        watch.pass(residual)?;
-        if watch.converged(residual) {
-            return Ok((solution, SolveInfo { spectral_radius: radius.estimate, ..watch.info() }));
+        let stagnates = residual > STAGNATION * before;
+        before = residual;
+        match monitor.pass(residual)? {
+            Next::Converged => return Ok((solution, monitor.info(radius.estimate))),
+            // From zero, direct light is the better iterate.
+            Next::GiveUp if !started => {
+                return Err(monitor.no_convergence(basis.swap_remove(0), radius.estimate));
+            }
+            Next::Continue if !stagnates => {}
+            Next::Continue | Next::GiveUp => return Err(monitor.no_convergence(solution, radius.estimate)),
         }
         started = true;
-        let cycle = Cycle::new(operator, &mut basis, params, residual, &mut watch)?;
+        let (cycle, y, next) = Cycle::run(operator, &mut basis, params.restart, judge, &mut monitor)?;
         radius.learn(&cycle);
-        let coefficients = cycle.coefficients();
-        for (y, v) in coefficients.into_iter().zip(&basis) {
+        for (y, v) in y.into_iter().zip(&basis) {
             operator.combine(y, v, 1.0, &mut solution)?;
+        }
+        if next == Next::GiveUp {
+            return Err(monitor.no_convergence(solution, radius.estimate));
         }
     }
 }
 
-/// One Arnoldi cycle: the Hessenberg matrix, made triangular by Givens rotations as it grows.
+/// One Arnoldi cycle, from the residual r0 of x0.
 struct Cycle {
-    /// Columns of the Hessenberg matrix itself.
+    /// ‖r0‖, in the norm of the basis.
+    beta: f64,
+    /// Columns of the Hessenberg matrix.
     hessenberg: Vec<Vec<f64>>,
-    /// Columns of the triangular factor.
-    columns: Vec<Vec<f64>>,
-    rotations: Vec<(f64, f64)>,
-    /// Right-hand side; its last entry is the norm of the residual.
-    rhs: Vec<f64>,
+    judge: Judge,
+}
+
+/// Result of a cycle: x = x0 + V y.
+struct Found {
+    y: Vec<f64>,
+    /// ‖r‖ / ‖x + r‖ in the norm of the convergence criterion.
+    residual: f64,
 }
 
 impl Cycle {
-    /// Runs until the estimated residual falls to half the tolerance, the basis is full, or it spans the solution.
-    /// `residual` is the relative residual that the first basis vector, not yet normalised, stands for.
-    fn new<O: LightOperator>(
+    /// Runs until the residual is within the tolerance, the basis is full, or it spans the solution. The first basis vector is
+    /// the residual, not yet normalised.
+    fn run<O: LightOperator>(
         operator: &mut O,
         basis: &mut Vec<O::Vector>,
-        params: &GmresParams,
-        residual: f64,
-        watch: &mut Watch,
-    ) -> Result<Self, SolveError<O::Error>> {
+        restart: u32,
+        judge: Judge,
+        monitor: &mut ConvergenceMonitor,
+    ) -> Result<(Self, Vec<f64>, Next), Failed<O>> {
         let beta = operator.dot(&basis[0], &basis[0])?.sqrt();
         operator.scale(1.0 / beta, &mut basis[0])?;
-        let mut cycle =
-            Self { hessenberg: Vec::new(), columns: Vec::new(), rotations: Vec::new(), rhs: vec![beta] };
-        for k in 0..params.restart.max(1) as usize {
+        let mut cycle = Self { beta, hessenberg: Vec::new(), judge };
+        cycle.judge.add(operator, &basis[0])?;
+        loop {
+            let k = cycle.hessenberg.len();
             if basis.len() == k + 1 {
                 basis.push(operator.vector()?);
             }
@@ -109,52 +128,112 @@ impl Cycle {
             }
             let norm = operator.dot(next, next)?.sqrt();
             column.push(norm);
-            let estimate = residual * cycle.push(column) / beta;
-            watch.pass(estimate)?;
-            // Half the tolerance: the estimate is of another norm, and a second cycle costs more than a pass.
-            if estimate <= 0.5 * params.tolerance || norm <= f64::EPSILON * beta {
-                break;
-            }
-            operator.scale(1.0 / norm, next)?;
-        }
-        Ok(cycle)
-    }
-
-    /// Adds a column of the Hessenberg matrix; returns the norm of the residual.
-    fn push(&mut self, mut column: Vec<f64>) -> f64 {
-        let k = self.columns.len();
-        self.hessenberg.push(column.clone());
-        for (row, &(c, s)) in self.rotations.iter().enumerate() {
-            let (a, b) = (column[row], column[row + 1]);
-            column[row] = c * a + s * b;
-            column[row + 1] = c * b - s * a;
-        }
-        let r = column[k].hypot(column[k + 1]);
-        let (c, s) = if r > 0.0 { (column[k] / r, column[k + 1] / r) } else { (1.0, 0.0) };
-        column[k] = r;
-        column.truncate(k + 1);
-        let last = self.rhs[k];
-        self.rhs[k] = c * last;
-        self.rhs.push(-s * last);
-        self.rotations.push((c, s));
-        self.columns.push(column);
-        (s * last).abs()
-    }
-
-    /// The coefficients of the basis vectors that minimise the residual, by back substitution.
-    fn coefficients(&self) -> Vec<f64> {
-        let n = self.columns.len();
-        let mut y = self.rhs[..n].to_vec();
-        for k in (0..n).rev() {
-            let pivot = self.columns[k][k];
-            y[k] = if pivot != 0.0 { y[k] / pivot } else { 0.0 };
-            for row in 0..k {
-                y[row] -= self.columns[k][row] * y[k];
+            cycle.hessenberg.push(column);
+            let spanned = norm <= f64::EPSILON * beta;
+            operator.scale(if spanned { 0.0 } else { 1.0 / norm }, next)?;
+            cycle.judge.add(operator, next)?;
+            let found = cycle.found();
+            let verdict = monitor.pass(found.residual)?;
+            if spanned || k + 1 >= restart.max(1) as usize || verdict != Next::Continue {
+                return Ok((cycle, found.y, verdict));
             }
         }
-        y
+    }
+
+    /// Entry of the Hessenberg matrix, k + 1 by k.
+    fn entry(&self, row: usize, column: usize) -> f64 {
+        self.hessenberg[column].get(row).copied().unwrap_or(0.0)
+    }
+
+    /// Minimises r = V t over y, with t = β e1 - H y.
+    fn found(&self) -> Found {
+        let k = self.hessenberg.len();
+        let hessenberg = DMatrix::from_fn(k + 1, k, |row, column| self.entry(row, column));
+        let mut start = DVector::zeros(k + 1);
+        start[0] = self.beta;
+        let qr = hessenberg.clone().qr();
+        let least = qr.r().solve_upper_triangular(&(qr.q().transpose() * &start));
+        // `None` where the transport is the identity on a vector: y = 0 then.
+        let y = least.unwrap_or_else(|| DVector::zeros(k));
+        let t = &start - hessenberg * &y;
+        let residual = self.judge.relative(self.beta, &y, &t);
+        Found { y: y.as_slice().to_vec(), residual }
     }
 }
+
+/// Evaluates the residual of a cycle in the norm of the convergence criterion.
+struct Judge {
+    /// U (E + (K - J) x0), or its size.
+    incident: Judged,
+    /// The basis in that norm; empty where `incident` is a size.
+    basis: Vec<Vec<f64>>,
+    /// Whether x0 is not zero, so that x0 + r0 is not in the basis.
+    started: bool,
+}
+
+/// The part of a vector that the convergence criterion uses.
+enum Judged {
+    Part(Vec<f64>),
+    /// All of it: the basis is orthonormal, so its coefficients suffice.
+    All {
+        size: f64,
+    },
+}
+
+impl Judge {
+    fn new<O: LightOperator>(
+        operator: &mut O,
+        incident: &O::Vector,
+        started: bool,
+    ) -> Result<Self, O::Error> {
+        let incident = match operator.judged(incident)? {
+            Some(part) => Judged::Part(part),
+            None => Judged::All { size: operator.dot(incident, incident)?.sqrt() },
+        };
+        Ok(Self { incident, basis: Vec::new(), started })
+    }
+
+    fn size(&self) -> f64 {
+        match &self.incident {
+            Judged::Part(part) => norm(part),
+            Judged::All { size } => *size,
+        }
+    }
+
+    /// Appends the next vector of the basis.
+    fn add<O: LightOperator>(&mut self, operator: &mut O, v: &O::Vector) -> Result<(), O::Error> {
+        self.basis.extend(operator.judged(v)?);
+        Ok(())
+    }
+
+    /// ‖r‖ / ‖x + r‖ of r = V t and x = x0 + V y.
+    fn relative(&self, beta: f64, y: &DVector<f64>, t: &DVector<f64>) -> f64 {
+        let mut gain = t.clone();
+        gain.rows_mut(0, y.len()).add_assign(y);
+        match &self.incident {
+            Judged::Part(incident) => {
+                // x + r = (x0 + r0) + V (y + t) - r0.
+                gain[0] -= beta;
+                let r = self.combined(t, vec![0.0; incident.len()]);
+                norm(&r) / norm(&self.combined(&gain, incident.clone()))
+            }
+            Judged::All { size } if self.started => t.norm() / size,
+            Judged::All { .. } => t.norm() / gain.norm(),
+        }
+    }
+
+    fn combined(&self, coefficients: &DVector<f64>, mut sum: Vec<f64>) -> Vec<f64> {
+        for (c, v) in coefficients.iter().zip(&self.basis) {
+            for (sum, x) in sum.iter_mut().zip(v) {
+                *sum += c * x;
+            }
+        }
+        sum
+    }
+}
+
+/// Largest number of steps of the QR algorithm; a few per eigenvalue are usual.
+const RITZ_ITERATIONS: usize = 1000;
 
 /// Estimate of the spectral radius of M = U (K - J): the eigenvalues of the Hessenberg matrix of a cycle (Ritz values)
 /// approximate the outermost ones of 1 - M.
@@ -165,15 +244,17 @@ struct Radius {
 }
 
 impl Radius {
-    /// Believes the longest cycle.
+    /// Keeps the estimate of the longest cycle.
     fn learn(&mut self, cycle: &Cycle) {
         let n = cycle.hessenberg.len();
         if n <= self.dimension || cycle.hessenberg.iter().flatten().any(|h| !h.is_finite()) {
             return;
         }
+        let hessenberg = DMatrix::from_fn(n, n, |row, column| cycle.entry(row, column));
+        // Without a bound the iteration does not terminate on some matrices, such as a cyclic shift.
+        let Some(schur) = Schur::try_new(hessenberg, f64::EPSILON, RITZ_ITERATIONS) else { return };
+        let ritz = schur.complex_eigenvalues();
         self.dimension = n;
-        let entry = |row: usize, column: usize| cycle.hessenberg[column].get(row).copied().unwrap_or(0.0);
-        let ritz = nalgebra::DMatrix::from_fn(n, n, entry).complex_eigenvalues();
         self.estimate = Some(ritz.iter().map(|z| (1.0 - z.re).hypot(z.im)).fold(0.0, f64::max));
     }
 }

@@ -6,13 +6,14 @@ mod gmres;
 pub use fixed_point::{FixedPointParams, fixed_point, fixed_point_from};
 pub use gmres::{GmresParams, gmres, gmres_from, gmres_scratch};
 
+use std::fmt;
 use std::ops::ControlFlow;
 
 /// The affine map of the light equation, and the vector space it acts on.
 pub trait LightOperator {
-    /// What the solvers add and multiply.
+    /// A vector of that space.
     type Vector;
-    /// Why a pass may fail.
+    /// Error of a pass.
     type Error;
 
     /// A vector of zeros.
@@ -30,9 +31,22 @@ pub trait LightOperator {
     fn combine(&mut self, a: f64, x: &Self::Vector, b: f64, y: &mut Self::Vector) -> Result<(), Self::Error>;
     /// y = b y.
     fn scale(&mut self, b: f64, y: &mut Self::Vector) -> Result<(), Self::Error>;
-    /// The size of a vector that convergence is judged by: root of the area-weighted sum of squared irradiance. Unlike
-    /// the reflected radiosity, of which it is a bound, it sees black surfaces too.
-    fn magnitude(&mut self, x: &Self::Vector) -> Result<f64, Self::Error>;
+    /// The part of a vector that the convergence criterion uses, weighted so that its 2-norm is the vector's
+    /// magnitude: irradiance times the square root of the area. It bounds reflected radiosity and, unlike it,
+    /// includes black surfaces. `None` where the whole vector counts, as in [`LightOperator::dot`].
+    fn judged(&mut self, x: &Self::Vector) -> Result<Option<Vec<f64>>, Self::Error>;
+    /// Norm of a vector in the convergence criterion.
+    fn magnitude(&mut self, x: &Self::Vector) -> Result<f64, Self::Error> {
+        Ok(match self.judged(x)? {
+            Some(values) => norm(&values),
+            None => self.dot(x, x)?.sqrt(),
+        })
+    }
+}
+
+/// The 2-norm.
+fn norm(values: &[f64]) -> f64 {
+    values.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
 /// How a solve went.
@@ -40,21 +54,24 @@ pub trait LightOperator {
 pub struct SolveInfo {
     /// Applications of the transport.
     pub passes: u32,
-    /// Relative residual after each pass; of GMRES its own running estimate, the last one verified.
+    /// Whether the tolerance was reached and verified by a pass. If not, the result is the last iterate.
+    pub converged: bool,
+    /// Relative residual after each pass; within a cycle of GMRES computed from the basis; the last one is verified.
     pub residuals: Vec<f64>,
-    /// Estimate of the spectral radius of U (K - J): of the fixed point from the decay of its residual, of GMRES from the
-    /// Ritz values of its longest cycle. From 1 on, light is created somewhere, and what GMRES finds is not physical.
+    /// Estimate of the spectral radius of U (K - J): for the fixed point from the decay of its residual, for GMRES
+    /// from the Ritz values of its longest cycle. From 1 on the discretisation creates light, and the solution of
+    /// GMRES is not physical.
     pub spectral_radius: Option<f64>,
 }
 
-/// Why a solve stopped without an answer. All carry what was reached.
-#[derive(Debug, thiserror::Error)]
-pub enum SolveError<E> {
+/// Why a solve stopped without a solution. `V` holds the last iterate.
+#[derive(thiserror::Error)]
+pub enum SolveError<E, V> {
     #[error(
-        "the solve diverges: relative residual {residual:.3e} after {passes} passes. Light is created in the scene: \
+        "the solve diverges: relative residual {residual:.3e} after {passes} passes. The scene creates light: \
          look for interpenetrating triangles, stacked layers closer than a triangle's size, or an albedo near 1"
     )]
-    /// The residual grows: light gains more by a bounce than it loses.
+    /// The residual grows: a bounce creates more light than it absorbs.
     Diverged {
         /// Passes made so far.
         passes: u32,
@@ -64,19 +81,30 @@ pub enum SolveError<E> {
         residuals: Vec<f64>,
     },
     #[error(
-        "no convergence: relative residual {residual:.3e} after {passes} passes, wanted {tolerance:.1e}. Allow more \
-         passes or a larger tolerance, or choose the other solver"
+        "no convergence: relative residual {residual:.3e} after {passes} passes, tolerance {tolerance:.1e}. {}",
+        if *stagnated {
+            "The last cycle reduced it by less than a tenth, so more passes would not help: use a larger tolerance, \
+             precision f64 or the fixed point, and look for interpenetrating objects (antirad check)"
+        } else {
+            "Allow more passes or a larger tolerance, or choose the other solver"
+        }
     )]
-    /// `max_passes` were not enough.
+    /// `max_passes` were not enough, or the residual stagnated.
     NoConvergence {
         /// Passes made so far.
         passes: u32,
         /// The last relative residual.
         residual: f64,
-        /// The relative residual that was asked for.
+        /// The relative residual required.
         tolerance: f64,
+        /// Whether it stopped before `max_passes` because the residual stagnated.
+        stagnated: bool,
         /// The relative residual after each pass.
         residuals: Vec<f64>,
+        /// As in [`SolveInfo::spectral_radius`].
+        spectral_radius: Option<f64>,
+        /// The iterate with this residual.
+        best: V,
     },
     /// The progress callback stopped the solve.
     #[error("interrupted after {passes} passes")]
@@ -89,23 +117,89 @@ pub enum SolveError<E> {
     Operator(#[from] E),
 }
 
-/// Called after every pass with the number of passes and the relative residual; may stop the solve.
-pub type Progress<'a> = dyn FnMut(u32, f64) -> ControlFlow<()> + 'a;
+/// Omits the iterate, which is large.
+impl<E: fmt::Debug, V> fmt::Debug for SolveError<E, V> {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Diverged { residuals, .. } => {
+                f.debug_struct("Diverged").field("residuals", residuals).finish_non_exhaustive()
+            }
+            Self::NoConvergence { residuals, tolerance, stagnated, .. } => f
+                .debug_struct("NoConvergence")
+                .field("tolerance", tolerance)
+                .field("stagnated", stagnated)
+                .field("residuals", residuals)
+                .finish_non_exhaustive(),
+            Self::Interrupted { passes } => f.debug_struct("Interrupted").field("passes", passes).finish(),
+            Self::Operator(error) => f.debug_tuple("Operator").field(error).finish(),
+        }
+    }
+}
 
-/// Counts passes, keeps their residuals and decides when to give up; shared by the solvers.
-struct Watch<'a, 'b> {
+impl<E, V> SolveError<E, V> {
+    /// Whether the solver ran but found no solution.
+    pub fn is_without_answer(&self) -> bool {
+        matches!(self, Self::Diverged { .. } | Self::NoConvergence { .. })
+    }
+
+    /// The same error with the last iterate converted.
+    pub fn map_best<W, F>(
+        self,
+        make: impl FnOnce(V, SolveInfo) -> Result<W, F>,
+    ) -> Result<SolveError<E, W>, F> {
+        Ok(match self {
+            Self::NoConvergence {
+                passes,
+                residual,
+                tolerance,
+                stagnated,
+                residuals,
+                spectral_radius,
+                best,
+            } => {
+                let info =
+                    SolveInfo { passes, converged: false, residuals: residuals.clone(), spectral_radius };
+                SolveError::NoConvergence {
+                    passes,
+                    residual,
+                    tolerance,
+                    stagnated,
+                    residuals,
+                    spectral_radius,
+                    best: make(best, info)?,
+                }
+            }
+            Self::Diverged { passes, residual, residuals } => {
+                SolveError::Diverged { passes, residual, residuals }
+            }
+            Self::Interrupted { passes } => SolveError::Interrupted { passes },
+            Self::Operator(error) => SolveError::Operator(error),
+        })
+    }
+}
+
+/// The error of a solver with an operator.
+type Failed<O> = SolveError<<O as LightOperator>::Error, <O as LightOperator>::Vector>;
+/// Result of a solver: the solution and how the solve went.
+pub type Solved<O> = Result<(<O as LightOperator>::Vector, SolveInfo), Failed<O>>;
+
+/// Called after each pass with the number of passes and the relative residual; may stop the solve.
+pub type SolveProgress<'a> = dyn FnMut(u32, f64) -> ControlFlow<()> + 'a;
+
+/// Counts passes, records their residuals and applies the stopping criteria; shared by the solvers.
+struct ConvergenceMonitor<'a, 'b> {
     tolerance: f64,
     max_passes: u32,
     residuals: Vec<f64>,
-    progress: &'a mut Progress<'b>,
+    progress: &'a mut SolveProgress<'b>,
 }
 
-/// Growth of the residual over the best one that counts as divergence: stacked layers may gain a few orders of
-/// magnitude before they cancel (J U is non-normal), a radius above one has no bound.
+/// Growth of the residual over the best one that counts as divergence: stacked layers may grow by a few orders of
+/// magnitude before they cancel (J U is non-normal), a spectral radius above one grows without bound.
 const DIVERGENCE: f64 = 1e6;
 
-impl<'a, 'b> Watch<'a, 'b> {
-    fn new(tolerance: f64, max_passes: u32, progress: &'a mut Progress<'b>) -> Self {
+impl<'a, 'b> ConvergenceMonitor<'a, 'b> {
+    fn new(tolerance: f64, max_passes: u32, progress: &'a mut SolveProgress<'b>) -> Self {
         Self { tolerance, max_passes, residuals: Vec::new(), progress }
     }
 
@@ -113,35 +207,54 @@ impl<'a, 'b> Watch<'a, 'b> {
         self.residuals.len() as u32
     }
 
-    fn converged(&self, residual: f64) -> bool {
-        residual <= self.tolerance
-    }
-
-    /// Records a pass.
-    fn pass<E>(&mut self, residual: f64) -> Result<(), SolveError<E>> {
+    /// Records a pass and decides how to continue.
+    fn pass<E, V>(&mut self, residual: f64) -> Result<Next, SolveError<E, V>> {
         self.residuals.push(residual);
         let passes = self.passes();
         let best = self.residuals.iter().copied().fold(f64::INFINITY, f64::min).max(self.tolerance);
-        if !residual.is_finite() || residual > DIVERGENCE * best {
+        // Still growing at the end, so more passes would not help.
+        let last = passes >= self.max_passes && residual > self.residuals[0];
+        if !residual.is_finite() || residual > DIVERGENCE * best || last {
             return Err(SolveError::Diverged { passes, residual, residuals: self.residuals.clone() });
         }
         if (self.progress)(passes, residual).is_break() {
             return Err(SolveError::Interrupted { passes });
         }
-        if passes >= self.max_passes && !self.converged(residual) {
-            // Still growing at the end: more passes would not help.
-            let first = self.residuals.first().copied().unwrap_or(residual);
-            return Err(if residual > first {
-                SolveError::Diverged { passes, residual, residuals: self.residuals.clone() }
-            } else {
-                let (tolerance, residuals) = (self.tolerance, self.residuals.clone());
-                SolveError::NoConvergence { passes, residual, tolerance, residuals }
-            });
-        }
-        Ok(())
+        Ok(match residual <= self.tolerance {
+            true => Next::Converged,
+            false if passes >= self.max_passes => Next::GiveUp,
+            false => Next::Continue,
+        })
     }
 
-    fn info(self) -> SolveInfo {
-        SolveInfo { passes: self.passes(), spectral_radius: None, residuals: self.residuals }
+    /// Summary of a verified solution.
+    fn info(self, spectral_radius: Option<f64>) -> SolveInfo {
+        SolveInfo { passes: self.passes(), converged: true, spectral_radius, residuals: self.residuals }
     }
+
+    /// The error with the iterate of the last residual.
+    fn no_convergence<E, V>(self, best: V, spectral_radius: Option<f64>) -> SolveError<E, V> {
+        SolveError::NoConvergence {
+            passes: self.passes(),
+            stagnated: self.passes() < self.max_passes,
+            residual: self.residuals.last().copied().unwrap_or(f64::INFINITY),
+            tolerance: self.tolerance,
+            residuals: self.residuals,
+            spectral_radius,
+            best,
+        }
+    }
+}
+
+/// Largest ratio of residuals over a cycle that counts as progress: at nine tenths, the next digit would take 22
+/// cycles.
+const STAGNATION: f64 = 0.9;
+
+/// What to do after a pass.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Next {
+    Converged,
+    Continue,
+    /// All passes allowed have been made, or the residual stagnates.
+    GiveUp,
 }

@@ -1,5 +1,6 @@
-//! The transposed operators as one for the solvers: λ = λ₀ + (K - J)ᵀ (μ₀ + Uᵀ λ), with λ the cotangent of what arrives and
-//! μ that of what leaves. A state of the adjoint holds the cotangents of irradiance and, per bin, of H(b).
+//! The transposed operators combined for the solvers: λ = λ₀ + (K - J)ᵀ (μ₀ + Uᵀ λ), with λ the adjoint of incident
+//! light (importance) and μ the cotangent of outgoing light. A state of the adjoint holds the cotangents of
+//! irradiance and, per bin, of H(b).
 
 use super::exchange_adjoint::ExchangeAdjoint;
 use super::exchange_derivative::ExchangeDerivative;
@@ -14,7 +15,7 @@ use crate::plan::{PairLists, Plan};
 use crate::solve::LightOperator;
 use glam::DVec3;
 
-/// The loss's own cotangents, and where gradients are summed up.
+/// The cotangents that the loss itself provides, and the sums of gradients.
 pub struct AdjointBuffers {
     /// λ₀: of irradiance, vec4 per slot.
     pub irradiance: Buffer,
@@ -22,9 +23,9 @@ pub struct AdjointBuffers {
     pub radiance: Buffer,
     /// μ₀: of specular radiance, per glossy group.
     pub specular: Vec<Option<Buffer>>,
-    /// λ of irradiance in the state that is worked on, vec4 per slot, as point-to-point kernels read it of others: it
-    /// goes on behind the last slot, which states don't.
-    pub shown: Buffer,
+    /// The cotangent of irradiance that a pass reads, vec4 per slot, as point-to-point kernels bind it of partners:
+    /// unlike that of a state, it extends past the last slot.
+    pub receivers: Buffer,
     /// [`crate::plan::FarRuns`] by source.
     pub far_runs: Buffer,
     pub near_offsets: Buffer,
@@ -35,8 +36,8 @@ pub struct AdjointBuffers {
     lobe_sums: Option<Buffer>,
 }
 
-/// All that a backward pass needs beyond the operators.
-pub struct Adjoint {
+/// What a backward pass needs in addition to the operators.
+pub struct AdjointKernels {
     pub(super) buffers: AdjointBuffers,
     exchange: ExchangeAdjoint,
     reflection: ReflectionAdjoint,
@@ -44,14 +45,15 @@ pub struct Adjoint {
     derivative: Option<ExchangeDerivative>,
 }
 
-/// What a loss has to say about specular parameters of a slot: Σ_ob μ(o) lobe H(b), and the same with ln⟨h,n⟩.
+/// Derivatives of a loss by the specular parameters of a slot: Σ_ob μ(o) lobe H(b), and the same with the factor
+/// ln⟨h,n⟩.
 pub type LobeSums = [DVec3; 2];
 
-impl Adjoint {
-    /// What the plan has foreseen; nothing if it wants no gradients.
+impl AdjointKernels {
+    /// The kernels and buffers that the plan counts; `None` without planned gradients.
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
         let Some(PairLists { far, near }) = &plan.interactions().by_source else { return Ok(None) };
-        let wanted = plan.limits.gradients;
+        let request = plan.options.gradients;
         let rgb = u64::from(plan.layout.slots()) * plan.rgb_bytes();
         let storage = |label: &str, bytes: u64| Buffer::new(device, label, bytes, BufferKind::Storage);
         let words = |label: &str, words: &[u32]| -> Result<Buffer, GpuError> {
@@ -59,16 +61,19 @@ impl Adjoint {
             device.upload_slice(&buffer, 0, words)?;
             Ok(buffer)
         };
-        let lobes = wanted.lobes() && plan.classes.iter().any(|class| class.glossy);
-        let geometry = wanted.geometry();
+        let lobes = request.lobes() && plan.classes.iter().any(|class| class.glossy);
+        let geometry = request.geometry();
         let buffers = AdjointBuffers {
             irradiance: storage("cotangent: irradiance", rgb)?,
             radiance: storage("cotangent: radiance", rgb)?,
             specular: pages(device, plan, "cotangent: specular", |group| group.class.glossy)?,
-            shown: storage("cotangent: receivers", rgb + u64::from(plan.other_slots()) * plan.rgb_bytes())?,
+            receivers: storage(
+                "cotangent: receivers",
+                rgb + u64::from(plan.partner_slots()) * plan.rgb_bytes(),
+            )?,
             far_runs: words("far runs, by source", far.words())?,
             near_offsets: words("near offsets, by source", &near.offsets)?,
-            near_receivers: words("near receivers", &near.others)?,
+            near_receivers: words("near receivers", &near.partners)?,
             gradients: geometry.then(|| storage("facet gradients", 4 * rgb)).transpose()?,
             lobe_sums: lobes.then(|| storage("lobe sums", 2 * rgb)).transpose()?,
         };
@@ -83,8 +88,8 @@ impl Adjoint {
 }
 
 impl AdjointBuffers {
-    /// Sets the loss's own cotangents: λ₀ of irradiance and μ₀ of radiance, per slot, and of specular radiance per group,
-    /// laid out like the bins of a state.
+    /// Sets the cotangents of the loss: λ₀ of irradiance and μ₀ of radiance, per slot, and μ₀ of specular radiance
+    /// per group, laid out like the bins of a state.
     fn set(
         &self,
         context: &Context,
@@ -93,7 +98,7 @@ impl AdjointBuffers {
         specular: &[Option<Vec<f64>>],
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         real::upload(device, &self.irradiance, precision, irradiance.as_flattened())?;
         real::upload(device, &self.radiance, precision, radiance.as_flattened())?;
         for (g, group) in plan.glossy_groups() {
@@ -110,22 +115,22 @@ impl AdjointBuffers {
         Ok(())
     }
 
-    /// Copies the cotangent of irradiance to where point-to-point kernels read it of others.
-    pub fn show(&self, context: &Context, cotangent: &StateBuffers) -> Result<(), TransportError> {
+    /// Copies the cotangent of irradiance to where point-to-point kernels read it of partners.
+    pub fn copy_receivers(&self, context: &Context, cotangent: &StateBuffers) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
         let mut batch = device.batch()?;
-        batch.copy(&cotangent.irradiance, 0, &self.shown, 0, plan.irradiance_bytes())?;
+        batch.copy(&cotangent.irradiance, 0, &self.receivers, 0, plan.irradiance_bytes())?;
         batch.submit()?;
         Ok(())
     }
 
-    /// Makes what leaves the loss's own cotangent μ₀ of it, or zero.
+    /// Initialises the cotangent of outgoing light to μ₀, or to zero.
     fn start(&self, context: &Context, given: bool) -> Result<(), TransportError> {
-        let Context { device, plan, leaving, .. } = context;
+        let Context { device, plan, outgoing, .. } = context;
         let rgb = u64::from(plan.layout.slots()) * plan.rgb_bytes();
-        let mut copies = vec![(&self.radiance, &leaving.radiance, rgb)];
+        let mut copies = vec![(&self.radiance, &outgoing.radiance, rgb)];
         for (g, group) in plan.glossy_groups() {
-            copies.push((page(&self.specular, g)?, page(&leaving.specular, g)?, plan.page_bytes(group)));
+            copies.push((page(&self.specular, g)?, page(&outgoing.specular, g)?, plan.page_bytes(group)));
         }
         let mut batch = device.batch()?;
         for (from, to, bytes) in copies {
@@ -142,12 +147,12 @@ impl AdjointBuffers {
 /// The adjoint of the light equation, for the solvers.
 pub struct AdjointOperator<'a> {
     operators: &'a mut Operators,
-    adjoint: &'a mut Adjoint,
+    adjoint: &'a mut AdjointKernels,
 }
 
 impl<'a> AdjointOperator<'a> {
-    /// Borrows both for one solve; [`Self::set`] comes first.
-    pub fn new(operators: &'a mut Operators, adjoint: &'a mut Adjoint) -> Self {
+    /// Borrows both for one solve. Call [`Self::set`] first.
+    pub fn new(operators: &'a mut Operators, adjoint: &'a mut AdjointKernels) -> Self {
         Self { operators, adjoint }
     }
 
@@ -155,8 +160,8 @@ impl<'a> AdjointOperator<'a> {
         &self.operators.context
     }
 
-    /// Sets the loss's own cotangents: λ₀ of irradiance and μ₀ of radiance, per slot, and μ₀ of specular radiance per group,
-    /// laid out like [`Operators::bins`].
+    /// Sets the cotangents of the loss: λ₀ of irradiance and μ₀ of radiance, per slot, and μ₀ of specular radiance
+    /// per group, laid out like [`Operators::bins`].
     pub fn set(
         &mut self,
         irradiance: &[[f64; 4]],
@@ -166,37 +171,38 @@ impl<'a> AdjointOperator<'a> {
         self.adjoint.buffers.set(self.context(), irradiance, radiance, specular)
     }
 
-    /// Adds the cotangent of what every slot sends to `eye` (metres).
-    pub fn add_view(&mut self, eye: DVec3, colours: &[[f64; 4]]) -> Result<(), TransportError> {
+    /// Adds the cotangent of the radiance of every slot towards `camera_position` (metres).
+    pub fn add_view(&mut self, camera_position: DVec3, colours: &[[f64; 4]]) -> Result<(), TransportError> {
         let face_colours = self.operators.observation.colours();
-        let Adjoint { observation, buffers, .. } = &*self.adjoint;
-        observation.run(self.context(), buffers, face_colours, eye, colours)
+        let AdjointKernels { observation, buffers, .. } = &*self.adjoint;
+        observation.run(self.context(), buffers, face_colours, camera_position, colours)
     }
 
-    /// μ = μ₀ + Uᵀ λ, the cotangent of what leaves: of radiance per slot, and of specular radiance per group. It stays on the
-    /// device until the next use of the operators.
-    pub fn worth_of_leaving(&mut self, cotangent: &State) -> Result<super::LeavingValues, TransportError> {
-        // The bins of antiradiance go to a state that nobody reads.
+    /// μ = μ₀ + Uᵀ λ, the cotangent of outgoing light: of radiance per slot, and of specular radiance per group. It
+    /// stays on the device until the next use of the operators.
+    pub fn outgoing_cotangent(&mut self, cotangent: &State) -> Result<super::OutgoingValues, TransportError> {
+        // The bins of antiradiance go to a state that is discarded.
         let mut unused = self.vector()?;
         self.transpose(Some(cotangent), true, &mut unused)?;
-        Ok(self.operators.leaving_values()?)
+        Ok(self.operators.outgoing_values()?)
     }
 
-    /// Per slot, what specular parameters are worth, after [`Self::worth_of_leaving`]. `None` where nothing is glossy.
+    /// Derivatives by the specular parameters of each slot; requires [`Self::outgoing_cotangent`]. `None` where
+    /// nothing is glossy.
     pub fn lobe_sums(&mut self, x: &State) -> Result<Option<Vec<LobeSums>>, TransportError> {
         let Some(sums) = &self.adjoint.buffers.lobe_sums else { return Ok(None) };
         let context = self.context();
         self.adjoint.reflection.derivative(context, x, sums)?;
         let Context { device, plan, .. } = context;
         let count = u64::from(plan.layout.slots()) * 8;
-        let values = real::download(device, sums, plan.accuracy.precision, count)?;
+        let values = real::download(device, sums, plan.settings.precision, count)?;
         let rgb = |v: &[f64]| DVec3::new(v[0], v[1], v[2]);
         Ok(Some(values.chunks_exact(8).map(|v| [rgb(v), rgb(&v[4..])]).collect()))
     }
 
     /// Per slot, the derivative of ⟨λ, U (E + (K - J) x)⟩ and of the views' ⟨colours, S (E + K x)⟩ with respect to geometry,
-    /// and of the latter with respect to each eye; per unit of length of the engine. Makes the fronts emit and
-    /// reflect again.
+    /// and of the latter with respect to each camera; per unit of length of the engine. Recomputes the outgoing
+    /// light.
     pub fn geometry(
         &mut self,
         x: &State,
@@ -204,24 +210,30 @@ impl<'a> AdjointOperator<'a> {
         views: &[(DVec3, Vec<[f64; 4]>)],
         pairs: bool,
     ) -> Result<(Vec<FacetGradient>, Vec<DVec3>), TransportError> {
-        self.operators.leave(Some(x), true)?;
-        let Operators { context, observation, watch, .. } = &mut *self.operators;
-        let Adjoint { buffers, derivative, observation: views_derivative, .. } = &mut *self.adjoint;
+        self.operators.update_outgoing(Some(x), true)?;
+        let Operators { context, observation, monitor, .. } = &mut *self.operators;
+        let AdjointKernels { buffers, derivative, observation: views_derivative, .. } = &mut *self.adjoint;
         let (Some(gradients), Some(derivative)) = (&buffers.gradients, derivative) else {
             return Err(TransportError::missing("derivatives with respect to geometry"));
         };
         let count = u64::from(context.plan.layout.slots()) * 16;
-        let precision = context.plan.accuracy.precision;
+        let precision = context.plan.settings.precision;
         let mut batch = context.device.batch()?;
         batch.fill(gradients, 0, count * precision.bytes(), 0)?;
         batch.submit()?;
         if pairs {
-            derivative.run(context, buffers, x, cotangent, gradients, watch)?;
+            derivative.run(context, buffers, x, cotangent, gradients, monitor)?;
         }
-        let mut eyes = Vec::with_capacity(views.len());
-        for (eye, colours) in views {
+        let mut camera_positions = Vec::with_capacity(views.len());
+        for (camera_position, colours) in views {
             let face_colours = observation.colours();
-            eyes.push(views_derivative.derivative(context, face_colours, gradients, *eye, colours)?);
+            camera_positions.push(views_derivative.derivative(
+                context,
+                face_colours,
+                gradients,
+                *camera_position,
+                colours,
+            )?);
         }
         let values = real::download(&context.device, gradients, precision, count)?;
         let gradient = |v: &[f64]| {
@@ -230,20 +242,20 @@ impl<'a> AdjointOperator<'a> {
                 corners: [vector(0), vector(4), vector(8)],
                 normal: vector(12),
                 area: v[3],
-                extent: v[7],
+                characteristic_area: v[7],
             }
         };
-        Ok((values.chunks_exact(16).map(gradient).collect(), eyes))
+        Ok((values.chunks_exact(16).map(gradient).collect(), camera_positions))
     }
 
-    /// y = [given] λ₀ + (K - J)ᵀ ([given] μ₀ + Uᵀ x), leaving the cotangent of what leaves behind.
+    /// y = [given] λ₀ + (K - J)ᵀ ([given] μ₀ + Uᵀ x); also stores the cotangent of outgoing light.
     fn transpose(&mut self, x: Option<&State>, given: bool, y: &mut State) -> Result<(), TransportError> {
-        let Operators { context, vectors, watch, .. } = &mut *self.operators;
-        let Adjoint { buffers, exchange, reflection, .. } = &mut *self.adjoint;
+        let Operators { context, vectors, monitor, .. } = &mut *self.operators;
+        let AdjointKernels { buffers, exchange, reflection, .. } = &mut *self.adjoint;
         vectors.clear(context, y)?;
         buffers.start(context, given)?;
         if let Some(x) = x {
-            exchange.run(context, buffers, x, y, watch)?;
+            exchange.run(context, buffers, x, y, monitor)?;
         }
         reflection.run(context, buffers, given, y)?;
         Ok(())
@@ -274,8 +286,8 @@ impl LightOperator for AdjointOperator<'_> {
         self.operators.scale(b, y)
     }
 
-    /// The 2-norm of all entries: what matters of a cotangent depends on the loss, so all of it counts.
-    fn magnitude(&mut self, x: &State) -> Result<f64, TransportError> {
-        Ok(self.operators.dot(x, x)?.sqrt())
+    /// All entries count: which of them matter depends on the loss.
+    fn judged(&mut self, _: &State) -> Result<Option<Vec<f64>>, TransportError> {
+        Ok(None)
     }
 }

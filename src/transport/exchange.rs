@@ -1,11 +1,11 @@
 //! U: light from every triangle to every other.
 
-use super::packing::Packing;
+use super::half_bins::HalfBins;
 use super::reflection::Reflection;
 use super::residency::{Part, View};
 use super::state::State;
-use super::sweep::{Between, Kernels, Sweep, of_others};
-use super::watch::{TransportError, Watch};
+use super::sweep::{Between, Kernels, Sweep, of_partners};
+use super::watch::{PassMonitor, TransportError};
 use super::{Context, bin_constants};
 use crate::gpu::{Bindings, Device, GpuError};
 use crate::model::Class;
@@ -15,10 +15,10 @@ use crate::shaders;
 /// Close sources per receiver and dispatch: lavapipe bounds the iterations of all loops of an invocation together by
 /// 65535, and one source takes at most 1 + 16 · (20 + 16 · 19).
 pub const NEAR_TAKE: u32 = 8;
-/// The same where sources have no bins, and nothing is cut twice: 1 + 16 · 20 iterations.
+/// The same where sources have no bins and need no second level: 1 + 16 · 20 iterations.
 pub const PLAIN_NEAR_TAKE: u32 = 128;
 
-/// What kernels know of a pair of classes at compile time.
+/// The classes of a pair, as far as kernels are specialised for them.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Shape {
     pub source: Class,
@@ -41,7 +41,7 @@ impl Shape {
         [&own[..], &bin_constants(plan)].concat()
     }
 
-    /// For the profile.
+    /// Name of the shape in the profile.
     pub fn name(self) -> String {
         let source = match (self.source.blocker, self.source.glossy) {
             (false, false) => "fronts",
@@ -79,7 +79,7 @@ pub fn sweep_of(sweeps: &mut [(Shape, Sweep)], shape: Shape) -> Result<&mut Swee
 
 pub struct Exchange {
     sweeps: Vec<(Shape, Sweep)>,
-    packing: Option<Packing>,
+    half_bins: Option<HalfBins>,
 }
 
 impl Exchange {
@@ -91,55 +91,55 @@ impl Exchange {
             },
             near: (&shaders::NEAR, 11),
             single: shape.any_bins(),
-            constants: [&shape.constants(plan)[..], &[(10, u32::from(plan.packs()))]].concat(),
+            constants: [&shape.constants(plan)[..], &[(10, u32::from(plan.half_bins()))]].concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()),
             deposits: u64::from(shape.receiver_bins),
             shape: shape.name(),
         };
-        Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)?, packing: Packing::new(device, plan)? })
+        Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)?, half_bins: HalfBins::new(device, plan)? })
     }
 
-    /// y = U (leaving - J x); without `x` nothing leaves the backs.
+    /// y = U (outgoing - J x); without `x` there is no antiradiance.
     pub fn run(
         &mut self,
         context: &Context,
         reflection: &mut Reflection,
         x: Option<&State>,
         y: &State,
-        watch: &mut Watch,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
-        let Context { device, plan, scene, leaving } = context;
-        watch.begin(Sweep::pairs(plan));
+        let Context { device, plan, scene, outgoing } = context;
+        monitor.begin(Sweep::pairs(plan));
         let backs = x.is_some();
         let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
         let none = || View::resident(&scene.no_bins, 0, 0);
-        let (facets, radiance) = (scene.facets.whole(), leaving.radiance.whole());
-        let others = of_others(context, &leaving.radiance);
+        let (facets, radiance) = (scene.facets.whole(), outgoing.radiance.whole());
+        let partners = of_partners(context, &outgoing.radiance);
         let irradiance = y.receive(device, &Part::irradiance(plan))?;
         let pieces = plan.pieces();
         for groups in plan.sweeps() {
             let mut receivers = Vec::new();
             for t in groups {
                 let to = &plan.layout.groups[t];
-                let arriving = Part::of_group(plan, t, to).map(|part| y.receive(device, &part));
-                receivers.push((to, arriving.transpose()?.unwrap_or_else(none)));
+                let incident = Part::of_group(plan, t, to).map(|part| y.receive(device, &part));
+                receivers.push((to, incident.transpose()?.unwrap_or_else(none)));
             }
             for piece in &pieces {
                 let from = &piece.part;
                 let reached = |to: &Group| plan.anything_passes(&to.tiles, &from.tiles);
                 let (lit, culled): (Vec<_>, Vec<_>) = receivers.iter().partition(|(to, _)| reached(to));
                 for (to, _) in culled {
-                    watch.done(Sweep::far_pairs(plan, to, from))?;
+                    monitor.done(Sweep::far_pairs(plan, to, from))?;
                 }
                 if lit.is_empty() {
                     continue;
                 }
                 let light = x.zip(Part::of_piece(plan, piece));
                 let light = light.map(|(x, part)| x.show(device, &part)).transpose()?;
-                let specular = reflection.specular_under(context, piece, light.as_ref(), watch)?;
+                let specular = reflection.specular_under(context, piece, light.as_ref(), monitor)?;
                 let antiradiance = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
-                for (to, arriving) in &lit {
+                for (to, incident) in &lit {
                     let sweep = sweep_of(&mut self.sweeps, Shape::new(from.class, to.class))?;
                     let near = [
                         facets,
@@ -148,27 +148,27 @@ impl Exchange {
                         irradiance.slice(),
                         antiradiance,
                         specular,
-                        arriving.slice(),
+                        incident.slice(),
                         scene.near_offsets.whole(),
                         scene.near_sources.whole(),
                         scene.bin_table.whole(),
                     ];
-                    let between = Between::receivers(plan, to, from, arriving.first_slot);
-                    sweep.near(context, between, &near, backs, watch)?;
+                    let between = Between::receivers(plan, to, from, incident.first_slot);
+                    sweep.near(context, between, &near, backs, monitor)?;
                 }
-                // What is packed lasts for one dispatch of sources.
-                let packing = self.packing.as_ref().filter(|_| from.class.has_bins());
-                let step = if packing.is_some() { plan.other_tiles() } else { u32::MAX };
+                // Half bins are valid for the sources of one dispatch.
+                let half_bins = self.half_bins.as_ref().filter(|_| from.class.has_bins());
+                let step = if half_bins.is_some() { plan.partner_tiles() } else { u32::MAX };
                 for part in from.parts(step) {
-                    let sent = match packing {
-                        Some(packing) => {
+                    let sent = match half_bins {
+                        Some(half_bins) => {
                             let first_slot = plan.layout.slots_of(&from.tiles).start;
                             let antiradiance = light.as_ref().map(View::slice);
-                            packing.run(context, &part, first_slot, antiradiance, specular)?
+                            half_bins.run(context, &part, first_slot, antiradiance, specular)?
                         }
                         None => [antiradiance, specular],
                     };
-                    for (to, arriving) in &lit {
+                    for (to, incident) in &lit {
                         let shape = Shape::new(from.class, to.class);
                         let sweep = sweep_of(&mut self.sweeps, shape)?;
                         let far = [
@@ -177,17 +177,17 @@ impl Exchange {
                             irradiance.slice(),
                             sent[0],
                             sent[1],
-                            arriving.slice(),
+                            incident.slice(),
                             scene.bin_table.whole(),
                         ];
                         let far = if shape.any_bins() { &far[..] } else { &far[..3] };
-                        let between = Between::receivers(plan, to, &part, arriving.first_slot);
-                        sweep.far(context, between, far, &others, passing, watch)?;
+                        let between = Between::receivers(plan, to, &part, incident.first_slot);
+                        sweep.far(context, between, far, &partners, passing, monitor)?;
                     }
                 }
             }
-            for (_, arriving) in receivers {
-                arriving.store(device)?;
+            for (_, incident) in receivers {
+                incident.store(device)?;
             }
         }
         irradiance.store(device)?;

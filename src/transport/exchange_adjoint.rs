@@ -1,11 +1,11 @@
-//! Uᵀ: what the light that leaves each triangle is worth where it arrives.
+//! Uᵀ: the cotangent of outgoing light from that of incident light.
 
 use super::Context;
 use super::adjoint::AdjointBuffers;
 use super::exchange::{NEAR_TAKE, PLAIN_NEAR_TAKE, Shape, sweep_of};
 use super::state::{State, page_of};
-use super::sweep::{Between, Kernels, Sweep, of_others};
-use super::watch::{TransportError, Watch};
+use super::sweep::{Between, Kernels, Sweep, of_partners};
+use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, Device, GpuError};
 use crate::plan::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
@@ -32,57 +32,57 @@ impl ExchangeAdjoint {
         Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)? })
     }
 
-    /// (radiance, specular; y) += Uᵀ x: the cotangent of diffuse and specular radiance goes to what leaves, that of
-    /// antiradiance to the bins of `y`.
+    /// (radiance, specular; y) += Uᵀ x: the cotangents of diffuse and specular radiance go to the buffers of outgoing
+    /// light, that of antiradiance to the bins of `y`.
     pub fn run(
         &mut self,
         context: &Context,
         adjoint: &AdjointBuffers,
         x: &State,
         y: &State,
-        watch: &mut Watch,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
-        let Context { plan, scene, leaving, .. } = context;
+        let Context { plan, scene, outgoing, .. } = context;
         let (x, y) = (x.resident()?, y.resident()?);
         let lists = plan.interactions().by_source.as_ref().ok_or(TransportError::NotPlanned)?;
-        watch.begin(Sweep::pairs(plan));
+        monitor.begin(Sweep::pairs(plan));
         let none = &scene.no_bins;
-        adjoint.show(context, x)?;
-        let others = of_others(context, &adjoint.shown);
+        adjoint.copy_receivers(context, x)?;
+        let partners = of_partners(context, &adjoint.receivers);
         for (s, from) in plan.layout.groups.iter().enumerate() {
             for (t, to) in plan.layout.groups.iter().enumerate() {
                 let shape = Shape::new(from.class, to.class);
                 let sweep = sweep_of(&mut self.sweeps, shape)?;
                 let between = Between::groups(plan, lists, from, to);
                 let irradiance = x.irradiance.whole();
-                let arriving = page_of(&x.bins, t, to.class.has_bins(), none)?;
+                let incident = page_of(&x.bins, t, to.class.has_bins(), none)?;
                 let back = page_of(&y.bins, s, from.class.has_bins(), none)?;
-                let front = page_of(&leaving.specular, s, from.class.glossy, none)?;
-                let (facets, radiance) = (scene.facets.whole(), leaving.radiance.whole());
+                let front = page_of(&outgoing.specular, s, from.class.glossy, none)?;
+                let (facets, radiance) = (scene.facets.whole(), outgoing.radiance.whole());
                 let near = [
                     facets,
                     irradiance,
                     scene.corners.whole(),
                     radiance,
-                    arriving,
+                    incident,
                     back,
                     front,
                     adjoint.near_offsets.whole(),
                     adjoint.near_receivers.whole(),
                     scene.bin_table.whole(),
                 ];
-                sweep.near(context, between, &near, true, watch)?;
+                sweep.near(context, between, &near, true, monitor)?;
                 let far = [
                     facets,
                     adjoint.far_runs.whole(),
                     radiance,
-                    arriving,
+                    incident,
                     back,
                     front,
                     scene.bin_table.whole(),
                 ];
                 let far = if shape.any_bins() { &far[..] } else { &far[..3] };
-                sweep.far(context, between, far, &others, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, watch)?;
+                sweep.far(context, between, far, &partners, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, monitor)?;
             }
         }
         Ok(())

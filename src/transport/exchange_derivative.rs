@@ -1,24 +1,24 @@
-//! The derivative of ⟨λ, U L⟩ with respect to the geometry of all triangles: twice over all pairs, for the part of each
-//! triangle as a source and for its part as a receiver.
+//! The derivative of ⟨λ, U L⟩ with respect to the geometry of all triangles: two passes over all pairs, one for each
+//! triangle as a source and one as a receiver.
 
 use super::Context;
 use super::adjoint::AdjointBuffers;
 use super::exchange::{Shape, sweep_of};
 use super::state::{State, page_of};
-use super::sweep::{Between, Kernels, Sweep, of_others};
-use super::watch::{TransportError, Watch};
+use super::sweep::{Between, Kernels, Sweep, of_partners};
+use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, Buffer, Device, GpuError};
 use crate::plan::{Interactions, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
-/// Close others per owner and dispatch: an invocation on lavapipe is left after 65535 iterations of all its loops, and one
-/// other takes at most 16 · (1 + 45 · 17).
+/// Close partners per target and dispatch: lavapipe stops an invocation after 65535 iterations of all its loops
+/// together, and a partner takes at most 16 · (1 + 45 · 17).
 const NEAR_TAKE: u32 = 4;
 /// The same where sources have no bins: 16 · 50 iterations.
 const PLAIN_NEAR_TAKE: u32 = 64;
 
-/// Specialization constant of the kernels: whether lanes own sources.
-const OWNS_SOURCE: u32 = 10;
+/// Specialization constant of the kernels: whether targets are sources.
+const TARGET_IS_SOURCE: u32 = 10;
 
 pub struct ExchangeDerivative {
     by_source: Vec<(Shape, Sweep)>,
@@ -27,15 +27,16 @@ pub struct ExchangeDerivative {
 
 impl ExchangeDerivative {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let kernels = |shape: Shape, owns_source: bool| Kernels {
+        let kernels = |shape: Shape, target_is_source: bool| Kernels {
             far: (&shaders::TRANSPORT_DERIVATIVE, Bindings { storage: 8, uniform: 2 }),
             near: (&shaders::NEAR_DERIVATIVE, 11),
             single: true,
-            constants: [&shape.constants(plan)[..], &[(OWNS_SOURCE, u32::from(owns_source))]].concat(),
+            constants: [&shape.constants(plan)[..], &[(TARGET_IS_SOURCE, u32::from(target_is_source))]]
+                .concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()) + u64::from(shape.receiver_bins),
             deposits: 0,
-            shape: format!("{}, by {}", shape.name(), if owns_source { "source" } else { "receiver" }),
+            shape: format!("{}, by {}", shape.name(), if target_is_source { "source" } else { "receiver" }),
         };
         Ok(Self {
             by_source: Shape::sweeps(device, plan, |shape| kernels(shape, true))?,
@@ -43,7 +44,7 @@ impl ExchangeDerivative {
         })
     }
 
-    /// Adds to `gradients` what ⟨λ, U (L - J x)⟩ changes by with the geometry; L is what leaves at the moment.
+    /// Adds to `gradients` the derivative of ⟨λ, U (L - J x)⟩ by the geometry; L is the current outgoing light.
     pub fn run(
         &mut self,
         context: &Context,
@@ -51,53 +52,53 @@ impl ExchangeDerivative {
         x: &State,
         cotangent: &State,
         gradients: &Buffer,
-        watch: &mut Watch,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
-        let Context { plan, scene, leaving, .. } = context;
+        let Context { plan, scene, outgoing, .. } = context;
         let (x, cotangent) = (x.resident()?, cotangent.resident()?);
         let Interactions { by_receiver, by_source } = plan.interactions();
         let by_source = by_source.as_ref().ok_or(TransportError::NotPlanned)?;
-        watch.begin(2 * Sweep::pairs(plan));
+        monitor.begin(2 * Sweep::pairs(plan));
         let none = &scene.no_bins;
-        adjoint.show(context, cotangent)?;
-        for owns_source in [true, false] {
-            let (sweeps, lists, runs) = match owns_source {
+        adjoint.copy_receivers(context, cotangent)?;
+        for target_is_source in [true, false] {
+            let (sweeps, lists, runs) = match target_is_source {
                 true => (&mut self.by_source, by_source, &adjoint.far_runs),
                 false => (&mut self.by_receiver, by_receiver, &scene.far_runs),
             };
-            let (offsets, others) = match owns_source {
+            let (offsets, partners) = match target_is_source {
                 true => (&adjoint.near_offsets, &adjoint.near_receivers),
                 false => (&scene.near_offsets, &scene.near_sources),
             };
-            let others_light =
-                of_others(context, if owns_source { &adjoint.shown } else { &leaving.radiance });
+            let light = if target_is_source { &adjoint.receivers } else { &outgoing.radiance };
+            let uniforms = of_partners(context, light);
             for (s, from) in plan.layout.groups.iter().enumerate() {
                 for (t, to) in plan.layout.groups.iter().enumerate() {
                     let sweep = sweep_of(sweeps, Shape::new(from.class, to.class))?;
-                    let between = match owns_source {
+                    let between = match target_is_source {
                         true => Between::groups(plan, lists, from, to),
                         false => Between::groups(plan, lists, to, from),
                     };
                     let both = [
                         scene.facets.whole(),
-                        leaving.radiance.whole(),
+                        outgoing.radiance.whole(),
                         cotangent.irradiance.whole(),
                         gradients.whole(),
                         page_of(&x.bins, s, from.class.has_bins(), none)?,
-                        page_of(&leaving.specular, s, from.class.glossy, none)?,
+                        page_of(&outgoing.specular, s, from.class.glossy, none)?,
                         page_of(&cotangent.bins, t, to.class.has_bins(), none)?,
                     ];
                     let near =
-                        [&both[..], &[offsets.whole(), others.whole(), scene.corners.whole()]].concat();
-                    sweep.near(context, between, &near, true, watch)?;
+                        [&both[..], &[offsets.whole(), partners.whole(), scene.corners.whole()]].concat();
+                    sweep.near(context, between, &near, true, monitor)?;
                     let far = [&both[..], &[runs.whole()]].concat();
                     sweep.far(
                         context,
                         between,
                         &far,
-                        &others_light,
+                        &uniforms,
                         PAIR_FRONT | PAIR_NEAR | PAIR_BACK,
-                        watch,
+                        monitor,
                     )?;
                 }
             }

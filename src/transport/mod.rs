@@ -1,16 +1,16 @@
 //! The operators of C = (1 - (K - J) U)^-1 E on the device, one file each: `exchange` (U), `reflection` (K),
-//! `observation` (S). J needs no kernel: the bins of a state hold H(b) / c_b, which is what leaves the back of a blocker
-//! as antiradiance. Each is the host side of one or two kernels in `glsl/` and has an f64 twin
-//! in [`crate::reference`].
+//! `observation` (S). J needs no kernel: the bins of a state hold H(b) / c_b, which is the antiradiance of a
+//! blocker's back. Each is the host side of one or two kernels in `glsl/` and has an f64 twin in
+//! [`crate::reference`].
 
 mod adjoint;
 mod exchange;
 mod exchange_adjoint;
 mod exchange_derivative;
+mod half_bins;
 mod observation;
 mod observation_adjoint;
 mod pace;
-mod packing;
 mod real;
 mod reflection;
 mod reflection_adjoint;
@@ -21,17 +21,17 @@ mod sweep;
 mod vectors;
 mod watch;
 
+pub use half_bins::PackPush;
 pub use pace::Pace;
-pub use packing::PackPush;
 pub use scene_buffers::SceneBuffers;
-pub use state::{Leaving, State};
+pub use state::{Outgoing, State};
 
-pub use adjoint::{Adjoint, AdjointOperator, LobeSums};
+pub use adjoint::{AdjointKernels, AdjointOperator, LobeSums};
 pub use reflection::{GlossyPush, ReflectPush};
 pub use reflection_adjoint::{GlossyDerivativePush, ReflectAdjointPush};
 pub use sweep::{FarPush, NearPush};
 pub use vectors::DotPush;
-pub use watch::{TransportError, Watcher};
+pub use watch::{PassCallback, TransportError};
 
 use crate::gpu::{Buffer, Device, GpuError};
 use crate::plan::Plan;
@@ -39,24 +39,24 @@ use crate::scene::{BinLayout, Precision, Scene, Weights};
 use crate::solve::LightOperator;
 use residency::Part;
 
-/// What all operators work on.
+/// Device, plan and buffers shared by all operators.
 pub(crate) struct Context {
     device: Device,
     plan: Plan,
     scene: SceneBuffers,
-    leaving: Leaving,
+    outgoing: Outgoing,
 }
 
 impl Context {
-    /// What a buffer of one vec4 per slot holds.
+    /// Downloads a buffer of one vec4 per slot.
     fn slots(&self, buffer: &Buffer) -> Result<Vec<[f64; 4]>, GpuError> {
         let count = u64::from(self.plan.layout.slots()) * 4;
-        let values = real::download(&self.device, buffer, self.plan.accuracy.precision, count)?;
+        let values = real::download(&self.device, buffer, self.plan.settings.precision, count)?;
         Ok(rows(&values))
     }
 }
 
-/// All operators over one planned scene, and what leaves the triangles at the moment.
+/// All operators over one planned scene, and its current outgoing light.
 pub struct Operators {
     context: Context,
     pool: state::Pool,
@@ -64,7 +64,7 @@ pub struct Operators {
     reflection: reflection::Reflection,
     observation: observation::Observation,
     vectors: vectors::Vectors,
-    watch: watch::Watch,
+    monitor: watch::PassMonitor,
 }
 
 /// Lanes of a workgroup of the kernels that don't depend on the subgroup's size.
@@ -72,18 +72,18 @@ const WORKGROUP: u32 = 64;
 
 /// Specialization constants that say how bins are laid out (glsl/bins.glsl).
 fn bin_constants(plan: &Plan) -> [(u32, u32); 5] {
-    let (concentric, rows, columns) = match plan.accuracy.bins {
+    let (concentric, rows, columns) = match plan.settings.bins {
         BinLayout::EqualAngle { theta, phi } => (0, theta, phi),
         BinLayout::Concentric { n } => (1, n, n),
     };
-    let smoothstep = u32::from(plan.accuracy.weights == Weights::Smoothstep);
+    let smoothstep = u32::from(plan.settings.weights == Weights::Smoothstep);
     [(2, concentric), (3, smoothstep), (4, rows), (5, columns), (6, plan.channels)]
 }
 
 impl Operators {
-    /// Allocates everything the plan names and compiles the kernels.
+    /// Allocates everything that the plan counts and compiles the kernels.
     pub fn new(device: &Device, plan: Plan, scene: SceneBuffers) -> Result<Self, GpuError> {
-        if plan.accuracy.precision == Precision::F64 && !device.info().enabled.float64 {
+        if plan.settings.precision == Precision::F64 && !device.info().enabled.float64 {
             return Err(GpuError::MissingFeature {
                 device: device.info().name.clone(),
                 features: "shaderFloat64, without which precision \"f64\" can't be; take \"f32\"".to_owned(),
@@ -94,15 +94,15 @@ impl Operators {
             exchange: exchange::Exchange::new(device, &plan)?,
             reflection: reflection::Reflection::new(device, &plan)?,
             observation: observation::Observation::new(device, &plan)?,
-            vectors: vectors::Vectors::new(device, plan.accuracy.precision)?,
-            watch: watch::Watch::default(),
-            context: Context { leaving: Leaving::new(device, &plan)?, device: device.clone(), plan, scene },
+            vectors: vectors::Vectors::new(device, plan.settings.precision)?,
+            monitor: watch::PassMonitor::default(),
+            context: Context { outgoing: Outgoing::new(device, &plan)?, device: device.clone(), plan, scene },
         })
     }
 
-    /// Replaces the materials; geometry and classes stay as planned.
-    pub fn set_materials(&self, scene: &Scene) -> Result<(), GpuError> {
-        self.context.scene.set_materials(&self.context.device, scene, &self.context.plan)
+    /// Replaces the materials; geometry and classes stay as planned. Light is counted in units of `unit`, W/(m² sr).
+    pub fn set_materials(&self, scene: &Scene, unit: f64) -> Result<(), GpuError> {
+        self.context.scene.set_materials(&self.context.device, scene, &self.context.plan, unit)
     }
 
     /// The plan they were made for.
@@ -110,40 +110,44 @@ impl Operators {
         &self.context.plan
     }
 
-    /// Who looks on while the device works: called after every dispatch of the transport. `None`: nobody.
-    pub fn set_watcher(&mut self, watcher: Option<Watcher>) {
-        self.watch.watcher = watcher;
+    /// Sets the callback of a pass, called after every submission; `None` removes it.
+    pub fn set_pass_callback(&mut self, callback: Option<PassCallback>) {
+        self.monitor.callback = callback;
     }
 
-    /// Makes the fronts emit and reflect what arrives: E + K x. For states that live on the device.
-    fn leave(&mut self, x: Option<&State>, emission: bool) -> Result<(), TransportError> {
+    /// Computes the outgoing light of the fronts, E + K x, of a state on the device.
+    fn update_outgoing(&mut self, x: Option<&State>, emission: bool) -> Result<(), TransportError> {
         self.reflection.diffuse(&self.context, x, emission)?;
         for piece in self.context.plan.pieces() {
-            self.reflection.specular(&self.context, &piece, x, &mut self.watch)?;
+            self.reflection.specular(&self.context, &piece, x, &mut self.monitor)?;
         }
         Ok(())
     }
 
-    /// Radiance of every slot towards `eye` (metres), W/(m² sr): S (E + (K - J) x).
-    pub fn observe(&mut self, x: &State, eye: glam::DVec3) -> Result<Vec<[f64; 4]>, TransportError> {
+    /// Radiance of every slot towards `camera_position` (metres), W/(m² sr): S (E + (K - J) x).
+    pub fn observe(
+        &mut self,
+        x: &State,
+        camera_position: glam::DVec3,
+    ) -> Result<Vec<[f64; 4]>, TransportError> {
         self.reflection.diffuse(&self.context, Some(x), true)?;
-        self.observation.run(&self.context, &mut self.reflection, x, eye, &mut self.watch)
+        self.observation.run(&self.context, &mut self.reflection, x, camera_position, &mut self.monitor)
     }
 
     /// Irradiance of every slot, W/m².
     pub fn irradiance(&self, x: &State) -> Result<Vec<[f64; 4]>, TransportError> {
         let Context { device, plan, .. } = &self.context;
-        Ok(rows(&x.download(device, &Part::irradiance(plan), plan.accuracy.precision)?))
+        Ok(rows(&x.download(device, &Part::irradiance(plan), plan.settings.precision)?))
     }
 
     /// Bins of the triangles of one group, as they lie in memory: triangle, bin, channel. `None` if it has none.
     pub fn bins(&self, x: &State, group: usize) -> Result<Option<Vec<f64>>, TransportError> {
         let Context { device, plan, .. } = &self.context;
         let part = Part::of_group(plan, group, &plan.layout.groups[group]);
-        part.map(|part| x.download(device, &part, plan.accuracy.precision)).transpose()
+        part.map(|part| x.download(device, &part, plan.settings.precision)).transpose()
     }
 
-    /// Sets a state: vec4 per slot, and per group what [`Operators::bins`] gives back.
+    /// Sets a state: vec4 per slot, and per group the result of [`Operators::bins`].
     pub fn set(
         &self,
         x: &State,
@@ -151,7 +155,7 @@ impl Operators {
         bins: &[Option<Vec<f64>>],
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = &self.context;
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         x.upload(device, &Part::irradiance(plan), precision, irradiance.as_flattened())?;
         for ((g, group), values) in plan.layout.groups.iter().enumerate().zip(bins) {
             if let (Some(part), Some(values)) = (Part::of_group(plan, g, group), values) {
@@ -161,10 +165,10 @@ impl Operators {
         Ok(())
     }
 
-    /// Sets every value of a state to the same: light everywhere, for measurements.
+    /// Sets every value of a state to `value`, for measurements.
     pub fn fill(&mut self, x: &mut State, value: f64) -> Result<(), TransportError> {
         let Context { device, plan, .. } = &self.context;
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         for part in Part::all(plan) {
             let values = vec![value; (part.bytes() / precision.bytes()) as usize];
             x.upload(device, &part, precision, &values)?;
@@ -172,31 +176,31 @@ impl Operators {
         Ok(())
     }
 
-    /// What leaves under `x`, emission included: diffuse radiance of every slot, and per group the specular radiance,
-    /// laid out like [`Operators::bins`]. W/(m² sr).
-    pub fn leaving(&mut self, x: &State) -> Result<LeavingValues, TransportError> {
-        let Context { device, plan, leaving, .. } = &self.context;
+    /// Outgoing light under `x`, emission included: diffuse radiance of every slot, and per group the specular
+    /// radiance, laid out like [`Operators::bins`]. W/(m² sr).
+    pub fn outgoing(&mut self, x: &State) -> Result<OutgoingValues, TransportError> {
+        let Context { device, plan, outgoing, .. } = &self.context;
         self.reflection.diffuse(&self.context, Some(x), true)?;
         let mut specular: Vec<Option<Vec<f64>>> = vec![None; plan.layout.groups.len()];
         for piece in plan.pieces() {
-            self.reflection.specular(&self.context, &piece, Some(x), &mut self.watch)?;
+            self.reflection.specular(&self.context, &piece, Some(x), &mut self.monitor)?;
             if piece.part.class.glossy {
-                let buffer = leaving.specular_of(piece.group)?;
+                let buffer = outgoing.specular_of(piece.group)?;
                 let count = state::page_reals(plan, &piece.part).into();
-                let values = real::download(device, buffer, plan.accuracy.precision, count)?;
+                let values = real::download(device, buffer, plan.settings.precision, count)?;
                 specular[piece.group].get_or_insert_default().extend(values);
             }
         }
-        Ok(LeavingValues { radiance: self.context.slots(&leaving.radiance)?, specular })
+        Ok(OutgoingValues { radiance: self.context.slots(&outgoing.radiance)?, specular })
     }
 
-    /// What leaves at the moment. For states that live on the device.
-    fn leaving_values(&self) -> Result<LeavingValues, GpuError> {
+    /// The current outgoing light, for states on the device.
+    fn outgoing_values(&self) -> Result<OutgoingValues, GpuError> {
         let groups = 0..self.context.plan.layout.groups.len();
-        Ok(LeavingValues {
-            radiance: self.context.slots(&self.context.leaving.radiance)?,
+        Ok(OutgoingValues {
+            radiance: self.context.slots(&self.context.outgoing.radiance)?,
             specular: groups
-                .map(|g| self.page(&self.context.leaving.specular, g))
+                .map(|g| self.page(&self.context.outgoing.specular, g))
                 .collect::<Result<_, _>>()?,
         })
     }
@@ -204,7 +208,7 @@ impl Operators {
     fn page(&self, pages: &[Option<Buffer>], group: usize) -> Result<Option<Vec<f64>>, GpuError> {
         let Context { device, plan, .. } = &self.context;
         let reals = state::page_reals(plan, &plan.layout.groups[group]);
-        let download = |page: &Buffer| real::download(device, page, plan.accuracy.precision, reals.into());
+        let download = |page: &Buffer| real::download(device, page, plan.settings.precision, reals.into());
         pages[group].as_ref().map(download).transpose()
     }
 }
@@ -214,8 +218,8 @@ fn rows(values: &[f64]) -> Vec<[f64; 4]> {
     values.chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]).collect()
 }
 
-/// A copy of what leaves the triangles.
-pub struct LeavingValues {
+/// A copy of the outgoing light on the host.
+pub struct OutgoingValues {
     /// Diffuse radiance of every slot, RGB and an unused fourth, W/(m² sr).
     pub radiance: Vec<[f64; 4]>,
     /// Specular radiance per group, by triangle, bin and channel, W/(m² sr); `None` where the group is not glossy.
@@ -234,28 +238,28 @@ impl LightOperator for Operators {
 
     fn pass(&mut self, x: Option<&State>, emission: bool, y: &mut State) -> Result<(), TransportError> {
         self.reflection.diffuse(&self.context, x, emission)?;
-        self.exchange.run(&self.context, &mut self.reflection, x, y, &mut self.watch)
+        self.exchange.run(&self.context, &mut self.reflection, x, y, &mut self.monitor)
     }
 
     fn dot(&mut self, x: &State, y: &State) -> Result<f64, TransportError> {
-        self.vectors.dot(&self.context, x, y, &mut self.watch)
+        self.vectors.dot(&self.context, x, y, &mut self.monitor)
     }
 
     fn combine(&mut self, a: f64, x: &State, b: f64, y: &mut State) -> Result<(), TransportError> {
-        self.vectors.combine(&self.context, (a, x), (b, y), &mut self.watch)
+        self.vectors.combine(&self.context, (a, x), (b, y), &mut self.monitor)
     }
 
     fn scale(&mut self, b: f64, y: &mut State) -> Result<(), TransportError> {
-        self.vectors.scale(&self.context, b, y, &mut self.watch)
+        self.vectors.scale(&self.context, b, y, &mut self.monitor)
     }
 
-    fn magnitude(&mut self, x: &State) -> Result<f64, TransportError> {
+    fn judged(&mut self, x: &State) -> Result<Option<Vec<f64>>, TransportError> {
         let weighted = |(h, &i): (&[f64; 4], &u32)| {
             let area = self.context.plan.facets.get(i as usize).map_or(0.0, |f| f.area);
-            area * h[..3].iter().map(|&h| h * h).sum::<f64>()
+            [h[0], h[1], h[2]].map(|h| area.sqrt() * h)
         };
         let irradiance = self.irradiance(x)?;
-        Ok(irradiance.iter().zip(&self.context.plan.layout.order).map(weighted).sum::<f64>().sqrt())
+        Ok(Some(irradiance.iter().zip(&self.context.plan.layout.order).flat_map(weighted).collect()))
     }
 }
 
@@ -263,7 +267,7 @@ impl LightOperator for Operators {
 mod tests {
     use super::*;
     use crate::gpu::DeviceOptions;
-    use crate::plan::{Limits, Wanted};
+    use crate::plan::{GradientRequest, PlanOptions};
     use crate::scene::{Material, SceneBuilder, Shape};
     use glam::{DAffine3, DVec3};
 
@@ -282,8 +286,8 @@ mod tests {
     }
 
     pub fn plan(device: &Device, scene: &Scene) -> Plan {
-        let limits = Limits { gradients: Wanted::EVERYTHING, ..Limits::of(device) };
-        Plan::new(scene, &limits, &scene.accuracy).expect("a plan")
+        let options = PlanOptions { gradients: GradientRequest::EVERYTHING, ..PlanOptions::of(device) };
+        Plan::new(scene, &options, &scene.settings).expect("a plan")
     }
 
     pub fn operators() -> Operators {
@@ -294,8 +298,8 @@ mod tests {
         Operators::new(&device, plan, buffers).expect("operators")
     }
 
-    pub fn adjoint(operators: &Operators) -> Adjoint {
+    pub fn adjoint(operators: &Operators) -> AdjointKernels {
         let Context { device, plan, .. } = &operators.context;
-        Adjoint::new(device, plan).expect("an adjoint").expect("gradients")
+        AdjointKernels::new(device, plan).expect("an adjoint").expect("gradients")
     }
 }

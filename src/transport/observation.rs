@@ -1,8 +1,8 @@
-//! S: the radiance that each triangle sends to a camera.
+//! S: the radiance of each triangle towards a camera.
 
 use super::reflection::Reflection;
 use super::state::State;
-use super::watch::{TransportError, Watch};
+use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, bin_constants, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
 use crate::plan::Plan;
@@ -10,7 +10,7 @@ use crate::shaders;
 use glam::DVec3;
 
 pub struct Observation {
-    /// Of diffuse triangles, and of glossy ones.
+    /// Kernels of diffuse triangles, and of glossy ones.
     kernels: [Pipeline; 2],
     /// vec4 of reals per slot.
     colours: Buffer,
@@ -18,7 +18,7 @@ pub struct Observation {
 
 impl Observation {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         let kernel = |glossy: u32| {
             let constants = [&[(0, WORKGROUP), (8, glossy)][..], &bin_constants(plan)].concat();
             let push = real::push_bytes(precision, 3, 2);
@@ -31,32 +31,33 @@ impl Observation {
         })
     }
 
-    /// The buffer that pictures' colours pass through, vec4 per slot.
+    /// The buffer for colours in transfer, vec4 per slot.
     pub fn colours(&self) -> &Buffer {
         &self.colours
     }
 
-    /// RGB of every slot towards `eye`, which is in metres, under the light `x` that made what leaves. W/(m² sr).
+    /// Radiance of every slot towards `camera_position` (metres), RGB, W/(m² sr). `x` is the incident light of the
+    /// current outgoing light.
     pub fn run(
         &self,
         context: &Context,
         reflection: &mut Reflection,
         x: &State,
-        eye: DVec3,
-        watch: &mut Watch,
+        camera_position: DVec3,
+        monitor: &mut PassMonitor,
     ) -> Result<Vec<[f64; 4]>, TransportError> {
-        let Context { device, plan, scene, leaving } = context;
-        let eye = plan.placement.apply(eye).to_array();
+        let Context { device, plan, scene, outgoing } = context;
+        let camera_position = plan.placement.apply(camera_position).to_array();
         for piece in plan.pieces() {
             let slots = plan.layout.slots_of(&piece.part.tiles);
             let buffers = [
                 scene.facets.whole(),
-                leaving.radiance.whole(),
+                outgoing.radiance.whole(),
                 scene.no_bins.whole(),
-                reflection.specular(context, &piece, Some(x), watch)?,
+                reflection.specular(context, &piece, Some(x), monitor)?,
                 self.colours.whole(),
             ];
-            let push = real::push(plan.accuracy.precision, &eye, &[slots.start, slots.end]);
+            let push = real::push(plan.settings.precision, &camera_position, &[slots.start, slots.end]);
             let kernel = &self.kernels[usize::from(piece.part.class.glossy)];
             let groups = [(slots.len() as u32).div_ceil(WORKGROUP), 1, 1];
             let mut batch = device.batch()?;

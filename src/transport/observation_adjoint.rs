@@ -1,4 +1,4 @@
-//! Sᵀ, and the derivative of S with respect to geometry and eye.
+//! Sᵀ, and the derivative of S with respect to geometry and camera.
 
 use super::adjoint::AdjointBuffers;
 use super::state::{page, page_of};
@@ -10,14 +10,14 @@ use crate::shaders;
 use glam::DVec3;
 
 pub struct ObservationAdjoint {
-    /// Of diffuse triangles, and of glossy ones.
+    /// Kernels of diffuse triangles, and of glossy ones.
     adjoint: [Pipeline; 2],
     derivative: Pipeline,
 }
 
 impl ObservationAdjoint {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         let push = real::push_bytes(precision, 3, 2);
         let constants = |glossy: u32| [&[(0, WORKGROUP), (8, glossy)][..], &bin_constants(plan)].concat();
         let adjoint = |glossy: u32| {
@@ -31,17 +31,17 @@ impl ObservationAdjoint {
         })
     }
 
-    /// Adds Sᵀ `colours` to the loss's cotangent of what leaves. `eye` in metres; `colours` per slot.
+    /// Adds Sᵀ `colours` to the cotangent μ₀ of the loss. `camera_position` in metres; `colours` per slot.
     pub fn run(
         &self,
         context: &Context,
         adjoint: &AdjointBuffers,
         face_colours: &Buffer,
-        eye: DVec3,
+        camera_position: DVec3,
         colours: &[[f64; 4]],
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, .. } = context;
-        real::upload(device, face_colours, plan.accuracy.precision, colours.as_flattened())?;
+        real::upload(device, face_colours, plan.settings.precision, colours.as_flattened())?;
         let mut batch = device.batch()?;
         for (g, group) in plan.layout.groups.iter().enumerate() {
             let buffers = [
@@ -51,31 +51,31 @@ impl ObservationAdjoint {
                 page_of(&adjoint.specular, g, group.class.glossy, &scene.no_bins)?,
             ];
             let kernel = &self.adjoint[usize::from(group.class.glossy)];
-            let (push, groups) = whole_group(plan, group, eye);
+            let (push, groups) = whole_group(plan, group, camera_position);
             batch.dispatch(kernel, "all", &buffers, &push, groups)?;
         }
         batch.submit()?;
         Ok(())
     }
 
-    /// Adds to `gradients` what ⟨`colours`, S L⟩ changes by with the geometry, and returns how it changes with the eye, per
-    /// unit of length of the engine; L is what leaves at the moment. Without glossy triangles nothing depends on
-    /// either: diffuse radiance looks the same from everywhere.
+    /// Adds to `gradients` the derivative of ⟨`colours`, S L⟩ by the geometry, and returns that by the camera
+    /// position, per unit of length of the engine; L is the current outgoing light. Both are zero without glossy
+    /// triangles: diffuse radiance is the same in all directions.
     pub fn derivative(
         &self,
         context: &Context,
         face_colours: &Buffer,
         gradients: &Buffer,
-        eye: DVec3,
+        camera_position: DVec3,
         colours: &[[f64; 4]],
     ) -> Result<DVec3, TransportError> {
-        let Context { device, plan, scene, leaving } = context;
-        real::upload(device, face_colours, plan.accuracy.precision, colours.as_flattened())?;
+        let Context { device, plan, scene, outgoing } = context;
+        real::upload(device, face_colours, plan.settings.precision, colours.as_flattened())?;
         let mut batch = device.batch()?;
         for (g, group) in plan.glossy_groups() {
-            let specular = page(&leaving.specular, g)?;
+            let specular = page(&outgoing.specular, g)?;
             let buffers = [scene.facets.whole(), face_colours.whole(), specular.whole(), gradients.whole()];
-            let (push, groups) = whole_group(plan, group, eye);
+            let (push, groups) = whole_group(plan, group, camera_position);
             batch.dispatch(&self.derivative, "glossy fronts", &buffers, &push, groups)?;
         }
         batch.submit()?;
@@ -91,9 +91,9 @@ impl ObservationAdjoint {
     }
 }
 
-fn whole_group(plan: &Plan, group: &Group, eye: DVec3) -> (Vec<u8>, [u32; 3]) {
+fn whole_group(plan: &Plan, group: &Group, camera_position: DVec3) -> (Vec<u8>, [u32; 3]) {
     let slots = plan.layout.slots_of(&group.tiles);
-    let eye = plan.placement.apply(eye).to_array();
-    let push = real::push(plan.accuracy.precision, &eye, &[slots.start, slots.end]);
+    let camera_position = plan.placement.apply(camera_position).to_array();
+    let push = real::push(plan.settings.precision, &camera_position, &[slots.start, slots.end]);
     (push, [(slots.len() as u32).div_ceil(WORKGROUP), 1, 1])
 }

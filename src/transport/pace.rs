@@ -1,14 +1,14 @@
-//! How much work to give the device at a time: submissions short enough to be interrupted and not to trip the watchdog
-//! of a graphics driver, long enough that their number costs nothing. Never changes a result.
+//! How much work to submit at once: short enough to be interrupted and not to trigger the watchdog of a graphics
+//! driver, long enough that the overhead of submissions is negligible. Never changes a result.
 
-use super::watch::{TransportError, Watch};
+use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Batch, Device, GpuError};
 
 /// Seconds a submission should take.
 const TARGET: f64 = 0.15;
-/// Workgroups along one axis that every device takes.
+/// Workgroups along one axis that every device supports.
 pub const MOST_GROUPS: u32 = 65_535;
-/// A submission may grow by this much over the one before: rates are noisy.
+/// Largest growth from one submission to the next, since rates are noisy.
 const GROWTH: f64 = 4.0;
 
 /// The measured rate of one kernel.
@@ -18,7 +18,7 @@ pub struct Pace {
 }
 
 impl Pace {
-    /// With a first guess of the rate in pairs per second, on the low side.
+    /// Starts with a low estimate of the rate, in pairs per second.
     pub fn new(rate: f64) -> Self {
         Self { pairs_per_submission: rate * TARGET }
     }
@@ -28,19 +28,19 @@ impl Pace {
         self.pairs_per_submission.max(1.0) as u64
     }
 
-    /// How many of `items` of so many pairs each to dispatch at once: in parts of equal size, so that no short one is
-    /// left over.
+    /// How many of `items` of `pairs` pairs each to dispatch at once: in parts of equal size, so that no short one
+    /// remains.
     pub fn share(&self, items: u32, pairs: u64) -> u32 {
         let affordable = (self.pairs() / pairs.max(1)).clamp(1, u64::from(MOST_GROUPS)) as u32;
         items.div_ceil(items.div_ceil(affordable).max(1)).max(1)
     }
 
-    /// Learns from a submission.
+    /// Updates the rate from a submission.
     pub fn learn(&mut self, pairs: u64, seconds: f64) {
         if pairs > 0 && seconds > 0.0 {
             let wanted = pairs as f64 * TARGET / seconds;
             let small = pairs < self.pairs() / 2;
-            // A short submission says little: mostly what starting one costs.
+            // The time of a short submission is mostly overhead.
             let highest = if small { self.pairs_per_submission } else { self.pairs_per_submission * GROWTH };
             let lowest = if small { self.pairs_per_submission } else { 1.0 };
             self.pairs_per_submission = wanted.clamp(lowest, highest);
@@ -48,23 +48,23 @@ impl Pace {
     }
 }
 
-/// Dispatches of one kernel on their way to the device: those that are too short to be submitted alone go together.
+/// Dispatches of one kernel not yet submitted: those too short to be submitted alone are submitted together.
 pub struct Bundle<'a, 'b> {
     device: &'b Device,
     pace: &'b mut Pace,
-    watch: &'b mut Watch,
+    monitor: &'b mut PassMonitor,
     batch: Option<Batch<'a>>,
-    /// Pairs recorded, and how many of them the watcher is told.
+    /// Pairs recorded, and the pairs to report to the callback.
     pairs: u64,
     shown: u64,
 }
 
 impl<'a, 'b> Bundle<'a, 'b> {
-    pub fn new(device: &'b Device, pace: &'b mut Pace, watch: &'b mut Watch) -> Self {
-        Self { device, pace, watch, batch: None, pairs: 0, shown: 0 }
+    pub fn new(device: &'b Device, pace: &'b mut Pace, monitor: &'b mut PassMonitor) -> Self {
+        Self { device, pace, monitor, batch: None, pairs: 0, shown: 0 }
     }
 
-    /// [`Pace::share`], as of now.
+    /// [`Pace::share`] at the current rate.
     pub fn share(&self, items: u32, pairs: u64) -> u32 {
         self.pace.share(items, pairs)
     }
@@ -74,8 +74,8 @@ impl<'a, 'b> Bundle<'a, 'b> {
         self.pace.pairs()
     }
 
-    /// Records a dispatch of `pairs` pairs, of which the watcher is told as `shown`. Submits those before it if all
-    /// together would be too many.
+    /// Records a dispatch of `pairs` pairs, reported to the callback as `shown`. First submits the earlier ones if
+    /// all together would be too many.
     pub fn add(
         &mut self,
         pairs: u64,
@@ -95,12 +95,12 @@ impl<'a, 'b> Bundle<'a, 'b> {
         Ok(())
     }
 
-    /// Submits what is recorded, and waits for it.
+    /// Submits the recorded dispatches and waits for them.
     pub fn submit(&mut self) -> Result<(), TransportError> {
         if let Some(batch) = self.batch.take() {
             let seconds = batch.submit()?.wall_seconds;
             self.pace.learn(std::mem::take(&mut self.pairs), seconds);
-            self.watch.done(std::mem::take(&mut self.shown))?;
+            self.monitor.done(std::mem::take(&mut self.shown))?;
         }
         Ok(())
     }

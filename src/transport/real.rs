@@ -1,9 +1,9 @@
-//! The device's numbers, f32 or f64 by the plan, as the host sees them: always f64.
+//! Conversion between the device's numbers, f32 or f64 by the plan, and the host's, always f64.
 
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
 use crate::scene::Precision;
 
-/// Push constants of a kernel: its reals, then its words. No kernel mixes them, so that this is their layout in either
+/// Push constants of a kernel: its reals, then its words. No kernel mixes them, so this is their layout in either
 /// precision.
 pub fn push(precision: Precision, reals: &[f64], words: &[u32]) -> Vec<u8> {
     let mut bytes = encode(precision, reals);
@@ -11,7 +11,7 @@ pub fn push(precision: Precision, reals: &[f64], words: &[u32]) -> Vec<u8> {
     bytes
 }
 
-/// Bytes of the push constants of so many reals and words.
+/// Size in bytes of the push constants of `reals` reals and `words` words.
 pub fn push_bytes(precision: Precision, reals: u32, words: u32) -> u32 {
     reals * precision.bytes() as u32 + words * 4
 }
@@ -34,7 +34,7 @@ pub fn download(
     count: u64,
 ) -> Result<Vec<f64>, GpuError> {
     match precision {
-        Precision::F32 | Precision::Packed => {
+        Precision::F32 | Precision::HalfBins => {
             Ok(device.download_slice::<f32>(buffer, 0, count)?.into_iter().map(f64::from).collect())
         }
         Precision::F64 => device.download_slice(buffer, 0, count),
@@ -54,18 +54,20 @@ pub fn filled(
     Ok(buffer)
 }
 
-/// As the device holds them.
+/// Values to bytes of the device.
 pub fn encode(precision: Precision, values: &[f64]) -> Vec<u8> {
     match precision {
-        Precision::F32 | Precision::Packed => values.iter().flat_map(|&x| (x as f32).to_ne_bytes()).collect(),
+        Precision::F32 | Precision::HalfBins => {
+            values.iter().flat_map(|&x| (x as f32).to_ne_bytes()).collect()
+        }
         Precision::F64 => bytemuck::cast_slice(values).to_vec(),
     }
 }
 
-/// What the device holds.
+/// Bytes of the device to values.
 pub fn decode(precision: Precision, bytes: &[u8]) -> Vec<f64> {
     match precision {
-        Precision::F32 | Precision::Packed => {
+        Precision::F32 | Precision::HalfBins => {
             bytemuck::pod_collect_to_vec::<_, f32>(bytes).into_iter().map(f64::from).collect()
         }
         Precision::F64 => bytemuck::pod_collect_to_vec(bytes),

@@ -1,9 +1,9 @@
-//! K and E: what triangles emit, and reflect of what arrives.
+//! K and E: reflection of incident light, and emission.
 
 use super::pace::{Bundle, Pace};
 use super::residency::{Part, View};
 use super::state::State;
-use super::watch::{TransportError, Watch};
+use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{BufferSlice, Device, GpuError, Pipeline};
 use crate::plan::{Piece, Plan};
@@ -18,7 +18,7 @@ pub struct ReflectPush {
     pub count: u32,
     /// 1 to emit, 0 not to.
     pub emission: f32,
-    /// 1 to reflect what arrives, 0 not to.
+    /// 1 to reflect incident light, 0 not to.
     pub reflection: f32,
 }
 
@@ -26,11 +26,11 @@ pub struct ReflectPush {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct GlossyPush {
-    /// The slot that the page begins with.
+    /// First slot of the page.
     pub page: u32,
-    /// The first bin of the page that this dispatch makes.
+    /// The first bin of the page that this dispatch computes.
     pub first: u32,
-    /// How many bins it makes.
+    /// How many bins it computes.
     pub count: u32,
 }
 
@@ -38,13 +38,13 @@ pub struct Reflection {
     diffuse: Pipeline,
     /// Only where something is glossy.
     glossy: Option<Pipeline>,
-    /// Of the glossy kernel, in pairs of bins.
+    /// Pace of the glossy kernel, in pairs of bins.
     pace: Pace,
 }
 
 impl Reflection {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         let any_glossy = plan.layout.groups.iter().any(|g| g.class.glossy);
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
         let glossy = || {
@@ -72,50 +72,51 @@ impl Reflection {
         x: Option<&State>,
         emission: bool,
     ) -> Result<(), TransportError> {
-        let Context { device, plan, scene, leaving } = context;
+        let Context { device, plan, scene, outgoing } = context;
         let slots = plan.layout.slots();
         let push = ReflectPush {
             count: slots,
             emission: if emission { 1.0 } else { 0.0 },
             reflection: if x.is_some() { 1.0 } else { 0.0 },
         };
-        // Without a state something has to be bound all the same; it is not read.
+        // Something must be bound even without a state; it is not read.
         let irradiance = x.map(|x| x.show(device, &Part::irradiance(plan))).transpose()?;
-        let arriving = irradiance.map_or(scene.no_bins.whole(), |view| view.slice());
-        let buffers = [scene.surfaces.whole(), arriving, leaving.radiance.whole()];
+        let incident = irradiance.map_or(scene.no_bins.whole(), |view| view.slice());
+        let buffers = [scene.surfaces.whole(), incident, outgoing.radiance.whole()];
         let mut batch = device.batch()?;
         batch.dispatch(&self.diffuse, "all", &buffers, bytes_of(&push), [slots.div_ceil(WORKGROUP), 1, 1])?;
         batch.submit()?;
         Ok(())
     }
 
-    /// The same, specular, of a piece of the sources.
+    /// The specular radiance of a piece of the sources.
     pub fn specular<'a>(
         &mut self,
         context: &'a Context,
         piece: &Piece,
         x: Option<&State>,
-        watch: &mut Watch,
+        monitor: &mut PassMonitor,
     ) -> Result<BufferSlice<'a>, TransportError> {
         let part = Part::of_piece(&context.plan, piece).filter(|_| piece.part.class.glossy);
         let light = x.zip(part).map(|(x, part)| x.show(&context.device, &part)).transpose()?;
-        self.specular_under(context, piece, light.as_ref(), watch)
+        self.specular_under(context, piece, light.as_ref(), monitor)
     }
 
-    /// The same under light that is shown already. Where states live on the host, that of the piece before is gone.
+    /// The same under incident light already on the device. Where states live on the host, it replaces the radiance
+    /// of the previous piece.
     pub fn specular_under<'a>(
         &mut self,
         context: &'a Context,
         piece: &Piece,
         light: Option<&View>,
-        watch: &mut Watch,
+        monitor: &mut PassMonitor,
     ) -> Result<BufferSlice<'a>, TransportError> {
-        let Context { device, plan, scene, leaving } = context;
+        let Context { device, plan, scene, outgoing } = context;
         if !piece.part.class.glossy {
             return Ok(scene.no_bins.whole());
         }
         let kernel = self.glossy.as_ref().ok_or_else(|| TransportError::missing("specular reflection"))?;
-        let specular = leaving.specular_of(piece.group)?;
+        let specular = outgoing.specular_of(piece.group)?;
         let slots = plan.layout.slots_of(&piece.part.tiles);
         let Some(light) = light else {
             View::resident(specular, slots.start, plan.page_bytes(&piece.part)).clear(device)?;
@@ -124,7 +125,7 @@ impl Reflection {
         let buffers = [scene.surfaces.whole(), scene.bin_table.whole(), light.slice(), specular.whole()];
         let each = plan.bins.count() as u64;
         let bins = slots.len() as u32 * plan.bins.count() as u32;
-        let mut bundle = Bundle::new(device, &mut self.pace, watch);
+        let mut bundle = Bundle::new(device, &mut self.pace, monitor);
         let mut first = 0;
         while first < bins {
             let groups = bundle.share((bins - first).div_ceil(WORKGROUP), u64::from(WORKGROUP) * each);

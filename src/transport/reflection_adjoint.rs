@@ -16,7 +16,7 @@ use bytemuck::{Pod, Zeroable, bytes_of};
 pub struct ReflectAdjointPush {
     /// Number of slots.
     pub count: u32,
-    /// 1 to add the loss's own cotangent of irradiance, 0 not to.
+    /// 1 to add λ₀, the loss's cotangent of irradiance, 0 not to.
     pub given: f32,
 }
 
@@ -24,30 +24,30 @@ pub struct ReflectAdjointPush {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct GlossyDerivativePush {
-    /// The slot that the page begins with.
+    /// First slot of the page.
     pub page: u32,
     /// Number of slots in the page.
     pub count: u32,
     /// The first incident bin of this dispatch.
     pub bin_begin: u32,
-    /// The one behind its last.
+    /// One past its last.
     pub bin_end: u32,
 }
 
 /// Workgroups of one dispatch of Kᵀ: some tens of milliseconds on a CPU.
 const GLOSSY_GROUPS: u32 = 1024;
-/// Pairs of bins per lane and dispatch of the derivative: lavapipe leaves all loops after 65535 iterations.
+/// Pairs of bins per lane and dispatch of the derivative: lavapipe stops all loops after 65535 iterations.
 const BIN_PAIRS: u32 = 1 << 14;
 
 pub struct ReflectionAdjoint {
     diffuse: Pipeline,
-    /// Kᵀ, and the derivative.
+    /// Kernels of Kᵀ and of the derivative.
     glossy: Option<(Pipeline, Pipeline)>,
 }
 
 impl ReflectionAdjoint {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
         let glossy = || -> Result<_, GpuError> {
             let adjoint = shaders::REFLECT_GLOSSY_ADJOINT.of(precision);
@@ -71,7 +71,7 @@ impl ReflectionAdjoint {
         self.glossy.as_ref().ok_or_else(|| TransportError::missing("specular reflection"))
     }
 
-    /// y += Kᵀ of the cotangent of what leaves; the loss's own cotangent of irradiance comes on top where it is `given`.
+    /// y += Kᵀ μ, plus λ₀ of the loss if `given`.
     pub fn run(
         &self,
         context: &Context,
@@ -79,21 +79,21 @@ impl ReflectionAdjoint {
         given: bool,
         y: &State,
     ) -> Result<(), TransportError> {
-        let Context { device, plan, scene, leaving } = context;
+        let Context { device, plan, scene, outgoing } = context;
         let y = y.resident()?;
         let slots = plan.layout.slots();
         let push = ReflectAdjointPush { count: slots, given: if given { 1.0 } else { 0.0 } };
         let mut batch = device.batch()?;
         let buffers = [
             scene.surfaces.whole(),
-            leaving.radiance.whole(),
+            outgoing.radiance.whole(),
             adjoint.irradiance.whole(),
             y.irradiance.whole(),
         ];
         batch.dispatch(&self.diffuse, "all", &buffers, bytes_of(&push), [slots.div_ceil(WORKGROUP), 1, 1])?;
         for (g, group) in plan.glossy_groups() {
             let (kernel, _) = self.glossy()?;
-            let (specular, bins) = (page(&leaving.specular, g)?, page(&y.bins, g)?);
+            let (specular, bins) = (page(&outgoing.specular, g)?, page(&y.bins, g)?);
             let buffers = [scene.surfaces.whole(), scene.bin_table.whole(), specular.whole(), bins.whole()];
             let lanes = page_reals(plan, group) / plan.channels;
             for first in (0..lanes).step_by((GLOSSY_GROUPS * WORKGROUP) as usize) {
@@ -107,20 +107,20 @@ impl ReflectionAdjoint {
         Ok(())
     }
 
-    /// `sums` = what specular parameters are worth under `x`, given the cotangent of what leaves.
+    /// `sums` = derivatives by the specular parameters under the incident light `x`, from the current μ.
     pub fn derivative(&self, context: &Context, x: &State, sums: &Buffer) -> Result<(), TransportError> {
-        let Context { device, plan, scene, leaving } = context;
+        let Context { device, plan, scene, outgoing } = context;
         let x = x.resident()?;
         let mut batch = device.batch()?;
         batch.fill(sums, 0, 2 * u64::from(plan.layout.slots()) * plan.rgb_bytes(), 0)?;
         let bins = plan.bins.count() as u32;
         for (g, group) in plan.glossy_groups() {
             let (_, kernel) = self.glossy()?;
-            let (specular, arriving) = (page(&leaving.specular, g)?, page(&x.bins, g)?);
+            let (specular, incident) = (page(&outgoing.specular, g)?, page(&x.bins, g)?);
             let buffers = [
                 scene.surfaces.whole(),
                 scene.bin_table.whole(),
-                arriving.whole(),
+                incident.whole(),
                 specular.whole(),
                 sums.whole(),
             ];

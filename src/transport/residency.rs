@@ -1,5 +1,5 @@
-//! States that live on the host: the device sees them part by part, through two windows. What kernels do with a part
-//! does not depend on where it lives, bit for bit.
+//! States on the host: the device accesses them part by part, through two windows. Results do not depend on where a
+//! part lives, bit for bit.
 
 use super::watch::TransportError;
 use crate::gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError};
@@ -8,7 +8,7 @@ use crate::scene::Precision;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A part of a state that kernels work on at once.
+/// A part of a state that one dispatch can access.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Part {
     /// Irradiance of all slots.
@@ -22,13 +22,13 @@ impl Part {
         Self::Irradiance { bytes: plan.irradiance_bytes() }
     }
 
-    /// Of all of a group, or of some of its tiles. None where the class has no bins.
+    /// The bins of a group, or of some of its tiles. `None` where the class has no bins.
     pub fn of_group(plan: &Plan, group: usize, of: &Group) -> Option<Self> {
         let (slots, bytes) = (plan.layout.slots_of(&of.tiles), plan.page_bytes(of));
         of.class.has_bins().then_some(Self::Bins { group, slots, bytes })
     }
 
-    /// None where the class has no bins.
+    /// The bins of a piece. `None` where the class has no bins.
     pub fn of_piece(plan: &Plan, piece: &Piece) -> Option<Self> {
         Self::of_group(plan, piece.group, &piece.part)
     }
@@ -52,9 +52,9 @@ pub struct View<'a> {
     buffer: &'a Buffer,
     offset: u64,
     bytes: u64,
-    /// The slot that the first values of the buffer belong to.
+    /// The slot of the first values in the buffer.
     pub first_slot: u32,
-    /// Where the values belong, if not here.
+    /// Where the values are stored on the host, if they are.
     home: Option<(&'a Hosted, Place)>,
 }
 
@@ -89,7 +89,7 @@ impl<'a> View<'a> {
         device.download(self.buffer, self.offset, self.bytes)
     }
 
-    /// Takes the values home.
+    /// Copies the values back to the host, if the state lives there.
     pub fn store(self, device: &Device) -> Result<(), TransportError> {
         if let Some((hosted, place)) = self.home {
             device.download_into(self.buffer, self.offset, place.of(&mut hosted.values())?)?;
@@ -98,10 +98,10 @@ impl<'a> View<'a> {
     }
 }
 
-/// What a window holds: the irradiance of a state, and bins of a few tiles.
+/// A window: the irradiance of a state, and bins of a few tiles.
 struct Window {
     irradiance: Buffer,
-    /// None where nothing has bins.
+    /// `None` where nothing has bins.
     bins: Option<Buffer>,
 }
 
@@ -125,14 +125,14 @@ impl Window {
     }
 }
 
-/// The two windows that all states share, and what they look on.
+/// The two windows shared by all states, and the layout of the bins on the host.
 pub struct Windows {
     read: Window,
     write: Window,
-    /// Slots with bins, and how many of them a sweep takes.
+    /// Slots with bins, and the number of them in a sweep.
     slots: Range<u32>,
     swept: u32,
-    /// Of the bins of one slot.
+    /// Bytes of the bins of one slot.
     slot_bytes: u64,
     irradiance_bytes: u64,
 }
@@ -149,7 +149,7 @@ impl Windows {
         })
     }
 
-    /// The number of the first of some slots among those with bins.
+    /// Index of the first of `slots` among the slots with bins.
     fn slot(&self, slots: &Range<u32>) -> Result<u32, TransportError> {
         let number = slots.start.checked_sub(self.slots.start);
         number.ok_or_else(|| TransportError::missing(format!("bins of slot {}", slots.start)))
@@ -164,11 +164,11 @@ pub struct Hosted {
 
 struct Values {
     irradiance: Vec<u8>,
-    /// Of all slots with bins.
+    /// Bins of all slots that have some.
     bins: Vec<u8>,
 }
 
-/// Bytes of the one or the other array.
+/// A byte range of one of the two arrays.
 #[derive(Debug)]
 enum Place {
     Irradiance,
@@ -238,7 +238,7 @@ impl Hosted {
         Ok(view)
     }
 
-    /// All parts of a sweep have their places beside one another.
+    /// The parts of a sweep are adjacent in the window.
     pub fn receive(&self, part: &Part) -> Result<View<'_>, TransportError> {
         let view = self.view(&self.windows.write, part)?;
         let Part::Bins { slots, .. } = part else { return Ok(view) };
@@ -252,7 +252,7 @@ impl Hosted {
     }
 }
 
-/// Without the abort of a plain vector where there is no memory left.
+/// Returns an error where a plain vector would abort for lack of memory.
 fn zeros(bytes: u64) -> Result<Vec<u8>, TransportError> {
     let short = || TransportError::HostMemory { bytes };
     let count = usize::try_from(bytes).map_err(|_| short())?;

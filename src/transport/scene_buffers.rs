@@ -7,7 +7,7 @@ use crate::plan::{PADDING, PairLists, Plan};
 use crate::scene::{Material, Scene};
 use bytemuck::Pod;
 
-/// Reals of a `Facet` of glsl/geometry.glsl: centre, area, normal, extent.
+/// Reals of a `Facet` of glsl/geometry.glsl: centre, area, normal, characteristic area.
 pub const FACET: usize = 8;
 /// Reals of the corners of a triangle: three vec4.
 pub const CORNERS: usize = 12;
@@ -16,7 +16,7 @@ pub const SURFACE: usize = 12;
 
 fn facet_reals(f: &Facet) -> [f64; FACET] {
     let ([x, y, z], [u, v, w]) = (f.centroid.to_array(), f.normal.to_array());
-    [x, y, z, f.area, u, v, w, f.extent]
+    [x, y, z, f.area, u, v, w, f.characteristic_area]
 }
 
 fn corner_reals(f: &Facet) -> [f64; CORNERS] {
@@ -24,20 +24,20 @@ fn corner_reals(f: &Facet) -> [f64; CORNERS] {
     [a, b, c, 0.0, d, e, g, 0.0, h, i, j, 0.0]
 }
 
-fn surface_reals(m: &Material) -> [f64; SURFACE] {
+fn surface_reals(m: &Material, unit: f64) -> [f64; SURFACE] {
     let normalization = m.specular_normalization();
-    let ([a, b, c], [d, e, f]) = (m.diffuse_albedo(), m.emission);
+    let ([a, b, c], [d, e, f]) = (m.diffuse_albedo(), m.emission.map(|l| l / unit));
     let [g, h, i] = m.specular.map(|sigma| sigma * normalization);
     [a, b, c, m.power, d, e, f, 0.0, g, h, i, 0.0]
 }
 
-/// Values of every slot, zero in those that only fill up a tile.
+/// Values of every slot, zero in padding.
 fn by_slot<const N: usize>(plan: &Plan, value: impl Fn(usize) -> [f64; N]) -> Vec<f64> {
     let slot = |&i: &u32| if i == PADDING { [0.0; N] } else { value(i as usize) };
     plan.layout.order.iter().flat_map(slot).collect()
 }
 
-/// Buffers that no operator writes.
+/// Buffers that operators only read.
 pub struct SceneBuffers {
     /// Centroid, area, normal and characteristic area per slot: `Facet` of glsl/geometry.glsl.
     pub facets: Buffer,
@@ -49,37 +49,42 @@ pub struct SceneBuffers {
     pub bin_table: Buffer,
     /// [`crate::plan::FarRuns`] by receiver.
     pub far_runs: Buffer,
-    /// Where the close sources of each slot begin in `near_sources`, and where the last end.
+    /// Offset of the close sources of each slot in `near_sources`, then the end of the last.
     pub near_offsets: Buffer,
     /// Slots of close sources, by receiver.
     pub near_sources: Buffer,
-    /// Slots of the owners of a sweep over close pairs, in the order in which lanes take them.
-    pub near_owners: Buffer,
-    /// Bound where a kernel has no use for bins.
+    /// Slots of the targets of a sweep over close pairs, in the order of the lanes.
+    pub near_targets: Buffer,
+    /// Bound in place of bins where a kernel reads none.
     pub no_bins: Buffer,
 }
 
 impl SceneBuffers {
-    /// Uploads scene and plan; the bytes are those that the plan counts.
+    /// Uploads scene and plan; their sizes are those that the plan counts.
     pub fn new(device: &Device, scene: &Scene, plan: &Plan) -> Result<Self, GpuError> {
+        Self::in_units(device, scene, plan, 1.0)
+    }
+
+    /// With emission, and so all light, counted in units of `unit`, W/(m² sr).
+    pub fn in_units(device: &Device, scene: &Scene, plan: &Plan, unit: f64) -> Result<Self, GpuError> {
         let bins = plan.bins.centre.iter().zip(&plan.bins.projected);
         let bin_table: Vec<f64> = bins.flat_map(|(c, &p)| [c.x, c.y, c.z, p]).collect();
         let mut facets = by_slot(plan, |i| facet_reals(&plan.facets[i]));
-        facets.resize(facets.len() + plan.other_slots() as usize * FACET, 0.0);
+        facets.resize(facets.len() + plan.partner_slots() as usize * FACET, 0.0);
         let reals =
-            |label: &str, values: &[f64]| real::filled(device, label, plan.accuracy.precision, values);
+            |label: &str, values: &[f64]| real::filled(device, label, plan.settings.precision, values);
         let PairLists { far, near } = &plan.interactions().by_receiver;
         Ok(Self {
             facets: reals("facets", &facets)?,
             corners: reals("corners", &by_slot(plan, |i| corner_reals(&plan.facets[i])))?,
-            surfaces: reals("surfaces", &by_slot(plan, |i| surface_reals(scene.material(i))))?,
+            surfaces: reals("surfaces", &by_slot(plan, |i| surface_reals(scene.material(i), unit)))?,
             bin_table: reals("bin table", &bin_table)?,
             far_runs: filled(device, "far runs", far.words())?,
             near_offsets: filled(device, "near offsets", &near.offsets)?,
-            near_sources: filled(device, "near sources", &near.others)?,
-            near_owners: Buffer::new(
+            near_sources: filled(device, "near sources", &near.partners)?,
+            near_targets: Buffer::new(
                 device,
-                "near owners",
+                "near targets",
                 u64::from(plan.layout.slots()) * 4,
                 BufferKind::Storage,
             )?,
@@ -88,9 +93,15 @@ impl SceneBuffers {
     }
 
     /// Replaces the materials; geometry and classes stay as planned.
-    pub fn set_materials(&self, device: &Device, scene: &Scene, plan: &Plan) -> Result<(), GpuError> {
-        let surfaces = by_slot(plan, |i| surface_reals(scene.material(i)));
-        real::upload(device, &self.surfaces, plan.accuracy.precision, &surfaces)
+    pub fn set_materials(
+        &self,
+        device: &Device,
+        scene: &Scene,
+        plan: &Plan,
+        unit: f64,
+    ) -> Result<(), GpuError> {
+        let surfaces = by_slot(plan, |i| surface_reals(scene.material(i), unit));
+        real::upload(device, &self.surfaces, plan.settings.precision, &surfaces)
     }
 }
 

@@ -1,4 +1,4 @@
-//! What arrives and what leaves.
+//! Incident and outgoing light.
 
 use super::real;
 use super::residency::{Hosted, Part, View, Windows};
@@ -8,9 +8,9 @@ use crate::plan::{Group, Plan, Residency};
 use crate::scene::Precision;
 use std::sync::Arc;
 
-/// What arrives: irradiance of every slot, and radiance per bin for the groups that have bins. Kernels get at it through
-/// views of its parts, wherever it lives. A handle: the memory belongs to a pool and is used again when the last
-/// handle is gone.
+/// Incident light: irradiance of every slot, and radiance per bin for the groups that have bins. Kernels access it
+/// through views of its parts, wherever it lives. A handle: the memory belongs to a pool and is reused when the last
+/// handle is dropped.
 #[derive(Clone)]
 pub struct State(Arc<Memory>);
 
@@ -24,18 +24,18 @@ enum Memory {
 pub struct StateBuffers {
     /// E, W/m², vec4 per slot; the last component is unused and zero.
     pub irradiance: Buffer,
-    /// Per group: A(b) = H(b) / c_b, W/(m² sr), reals by triangle, bin, channel. Of a blocker it is at once what leaves
-    /// the back as antiradiance: J is the identity on this state.
+    /// Per group: A(b) = H(b) / c_b, W/(m² sr), reals by triangle, bin, channel. For a blocker this is also the
+    /// antiradiance of the back: J is the identity on this state.
     pub bins: Vec<Option<Buffer>>,
 }
 
 /// E + K H: radiance of the fronts of every slot, and per bin. W/(m² sr).
-pub struct Leaving {
+pub struct Outgoing {
     /// Diffuse radiance of the fronts, vec4 per slot.
     pub radiance: Buffer,
     /// Per group: specular radiance of the fronts of glossy triangles. Where states live on the host, of none.
     pub specular: Vec<Option<Buffer>>,
-    /// There, that of the piece of the sources that sends its light at the moment.
+    /// Where states live on the host, the specular radiance of the current piece of sources.
     window: Option<Buffer>,
 }
 
@@ -59,7 +59,7 @@ impl StateBuffers {
 }
 
 impl State {
-    /// The buffers of a state that lives on the device, as all do where gradients are wanted.
+    /// The buffers of a state on the device, where all states live if gradients are planned. An error on the host.
     pub fn resident(&self) -> Result<&StateBuffers, TransportError> {
         match &*self.0 {
             Memory::Device(buffers) => Ok(buffers),
@@ -67,7 +67,7 @@ impl State {
         }
     }
 
-    /// Where kernels can read a part, until another part of a state is shown.
+    /// A view for kernels to read a part, valid until another part of any state is shown.
     pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
             Memory::Device(buffers) => buffers.view(part),
@@ -75,8 +75,9 @@ impl State {
         }
     }
 
-    /// Where kernels can gather what arrives in a part, from zero on: together with the other parts of the same sweep,
-    /// until a part of another one is opened, here or in another state. The view must be stored at the end.
+    /// A view in which kernels accumulate the incident light of a part, initially zero. It is valid together with the
+    /// other parts of the same sweep, until a part of another sweep or state is opened. The view must be stored at
+    /// the end.
     pub fn receive(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         let view = match &*self.0 {
             Memory::Device(buffers) => buffers.view(part)?,
@@ -86,8 +87,8 @@ impl State {
         Ok(view)
     }
 
-    /// Where kernels can change a part, until another part of a state is opened; with `old`, what it holds is there. The
-    /// view must be stored if it was changed.
+    /// A view for kernels to change a part, valid until another part of any state is opened; with `old` it holds the
+    /// part's values. The view must be stored if it was changed.
     pub fn edit(&self, device: &Device, part: &Part, old: bool) -> Result<View<'_>, TransportError> {
         match &*self.0 {
             Memory::Device(buffers) => buffers.view(part),
@@ -123,8 +124,8 @@ impl State {
     }
 }
 
-impl Leaving {
-    /// Allocates what the plan counts; nothing leaves yet.
+impl Outgoing {
+    /// Allocates what the plan counts; no light is computed yet.
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let label = "specular radiance";
         let buffer = |label: &str, bytes: u64| Buffer::new(device, label, bytes, BufferKind::Storage);
@@ -140,14 +141,14 @@ impl Leaving {
         Ok(Self {
             radiance: buffer(
                 "radiance",
-                plan.irradiance_bytes() + u64::from(plan.other_slots()) * plan.rgb_bytes(),
+                plan.irradiance_bytes() + u64::from(plan.partner_slots()) * plan.rgb_bytes(),
             )?,
             specular,
             window,
         })
     }
 
-    /// Where the specular radiance of a piece of a glossy group goes.
+    /// The buffer for the specular radiance of a piece of a glossy group.
     pub fn specular_of(&self, group: usize) -> Result<&Buffer, TransportError> {
         self.window.as_ref().map_or_else(|| page(&self.specular, group), Ok)
     }
@@ -158,13 +159,13 @@ pub fn page_reals(plan: &Plan, group: &Group) -> u32 {
     plan.layout.slots_of(&group.tiles).len() as u32 * plan.bins.count() as u32 * plan.channels
 }
 
-/// The page of a group that has one.
+/// The page of a group; an error if it has none.
 pub fn page(pages: &[Option<Buffer>], group: usize) -> Result<&Buffer, TransportError> {
     let page = pages.get(group).and_then(Option::as_ref);
     page.ok_or_else(|| TransportError::missing(format!("bins of group {group}")))
 }
 
-/// The same to bind, if the group's class has such a page; else `none`, which kernels of that class don't read.
+/// The page to bind if the group's class has one; else `none`, which kernels of that class do not read.
 pub fn page_of<'a>(
     pages: &'a [Option<Buffer>],
     group: usize,
@@ -174,7 +175,7 @@ pub fn page_of<'a>(
     Ok(if there { page(pages, group)? } else { none }.whole())
 }
 
-/// One buffer of bins for each group that `wanted` picks.
+/// One buffer of bins for each group that `wanted` selects.
 pub fn pages(
     device: &Device,
     plan: &Plan,
@@ -188,7 +189,7 @@ pub fn pages(
     plan.layout.groups.iter().map(page).collect()
 }
 
-/// The memory of all states: what the plan counts on the device is made at once.
+/// The memory of all states. What the plan counts on the device is allocated at once.
 pub struct Pool {
     states: Vec<State>,
     /// Where states live on the host.
@@ -211,8 +212,8 @@ impl Pool {
         Ok(pool)
     }
 
-    /// A state that nobody holds, or a new one. On the device a new one goes beyond the plan: users hold on to more than
-    /// it counts. Its values are those of its last user.
+    /// An unused state, or a new one. A new one on the device exceeds the plan: its users hold more states than it
+    /// counts. The values are undefined.
     pub fn take(&mut self, device: &Device, plan: &Plan) -> Result<State, TransportError> {
         if let Some(idle) = self.states.iter().find(|state| Arc::strong_count(&state.0) == 1) {
             return Ok(idle.clone());
@@ -233,7 +234,7 @@ mod tests {
     use super::*;
     use crate::solve::LightOperator;
 
-    /// Kernels that read irradiance in the place of bins would give an answer that looks like one.
+    /// Kernels that read irradiance in place of bins would give plausible but wrong results.
     #[test]
     fn a_page_that_is_missing_is_an_error_not_other_light() {
         let mut operators = operators();

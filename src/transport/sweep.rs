@@ -1,36 +1,36 @@
-//! Walking over pairs of triangles: point to point by tiles, and over pieces for close pairs. What U, its transpose and
-//! its derivatives have in common.
+//! Traversal of pairs of triangles: point to point by tiles, and piecewise for close pairs. Shared by U, its
+//! transpose and its derivatives.
 
 use super::Context;
 use super::pace::{Bundle, MOST_GROUPS, Pace};
-use super::watch::{TransportError, Watch};
+use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, Buffer, BufferSlice, Device, DeviceKind, GpuError, Pipeline, UNIFORM_BYTES};
-use crate::plan::{Group, NearPairs, OTHER_BYTES, PAIR_BACK, PAIR_FRONT, PairLists, Plan};
+use crate::plan::{Group, NearPairs, PAIR_BACK, PAIR_FRONT, PARTNER_BYTES, PairLists, Plan};
 use crate::shaders::RealShader;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::cmp::Reverse;
 use std::ops::Range;
 
-// Others of a dispatch stand in a uniform buffer.
-const _: () = assert!(OTHER_BYTES <= UNIFORM_BYTES);
+// The partners of a dispatch are in a uniform buffer.
+const _: () = assert!(PARTNER_BYTES <= UNIFORM_BYTES);
 
 /// `FarPush` of glsl/far_push.glsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct FarPush {
-    /// The first tile whose triangles own lanes.
-    pub owner_tile: u32,
-    /// The first tile they walk over.
-    pub other_begin: u32,
-    /// The one behind the last.
-    pub other_end: u32,
-    /// Half of the near field: pairs with r² below this times the sum of their characteristic areas are close.
+    /// First tile of targets.
+    pub target_tile: u32,
+    /// First tile of partners.
+    pub partner_begin: u32,
+    /// One past the last.
+    pub partner_end: u32,
+    /// Half of `near_field`: pairs with r² below this times the sum of their characteristic areas are close.
     pub half_range: f32,
-    /// The slot that the bins of the owners begin with in their buffer.
-    pub owner_page: u32,
-    /// The same of the others.
-    pub other_page: u32,
-    /// What may pass, of the bits of a tile pair.
+    /// First slot of the buffer of the targets' bins.
+    pub target_page: u32,
+    /// The same for the partners.
+    pub partner_page: u32,
+    /// Bits of a tile pair to consider.
     pub passing: u32,
 }
 
@@ -38,29 +38,29 @@ pub struct FarPush {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct NearPush {
-    /// Index of the first owner in the list of owners.
-    pub owner_begin: u32,
-    /// How many follow from there.
-    pub owners: u32,
-    /// The first slot of the others.
-    pub other_begin: u32,
-    /// The one behind the last.
-    pub other_end: u32,
-    /// Half of the near field: pairs with r² below this times the sum of their characteristic areas are close.
+    /// Index of the first target in the list of targets.
+    pub target_begin: u32,
+    /// Number of targets from there on.
+    pub targets: u32,
+    /// First slot of the partners.
+    pub partner_begin: u32,
+    /// One past the last.
+    pub partner_end: u32,
+    /// Half of `near_field`: pairs with r² below this times the sum of their characteristic areas are close.
     pub half_range: f32,
-    /// The slot that the bins of the owners begin with in their buffer.
-    pub owner_page: u32,
-    /// The same of the others.
-    pub other_page: u32,
-    /// 1 where antiradiance leaves the backs, else 0.
+    /// First slot of the buffer of the targets' bins.
+    pub target_page: u32,
+    /// The same for the partners.
+    pub partner_page: u32,
+    /// 1 if backs emit antiradiance, else 0.
     pub backs: u32,
-    /// Close others of each owner that earlier dispatches took.
+    /// Close partners of each target that earlier dispatches covered.
     pub skip: u32,
-    /// How many this one takes at most.
+    /// Largest number that this one covers.
     pub take: u32,
 }
 
-/// Point-to-point pairs that a close one takes as long as: for the time left, nothing else.
+/// Cost of a close pair in point-to-point pairs; only for the estimate of the remaining time.
 const NEAR_COST: u64 = 100;
 
 /// Reals of a `Facet` and of radiance, and of corners: glsl/geometry.glsl.
@@ -69,30 +69,30 @@ const CORNER_REALS: f64 = 12.0;
 /// Pairs of pieces at the first level of the near field.
 const PIECES: u32 = 16;
 
-/// What a sweep is made of.
+/// The parts of a sweep.
 pub struct Kernels<'a> {
-    /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the others of a dispatch; the last
-    /// buffer of `near` is that of owners.
+    /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the partners of a dispatch; the
+    /// last buffer of `near` lists the targets.
     pub far: (&'a RealShader, Bindings),
     pub near: (&'a RealShader, u32),
-    /// Whether a lane of `far` owns one triangle, or one in each run of lanes of a tile.
+    /// Whether a lane of `far` owns one triangle, rather than one in each run of lanes of a tile.
     pub single: bool,
     /// Specialization of both, beyond lanes and tiles.
     pub constants: Vec<(u32, u32)>,
-    /// Close others per owner and dispatch: bounded as [`Plan::other_slots`] is.
+    /// Close partners per target and dispatch, bounded for the same reason as [`Plan::partner_slots`].
     pub take: u32,
-    /// Bins of which a pair reads four at either end, so many ends: for the profile.
+    /// Ends of a pair, 0 to 2, at which four bins are read; for the profile.
     pub gathers: u64,
-    /// Sets of bins that a lane of `far` sums up in.
+    /// Sets of bins that a lane of `far` accumulates.
     pub deposits: u64,
-    /// For the profile.
+    /// Name of the shape in the profile.
     pub shape: String,
 }
 
-/// Kernels over pairs of triangles of certain classes. A lane owns a triangle and walks over others.
+/// Kernels over pairs of triangles of certain classes. A lane owns a triangle and walks over partners.
 pub struct Sweep {
     far: Pipeline,
-    /// Workgroups of `far` per tile of owners.
+    /// Workgroups of `far` per tile of targets.
     workgroups: u32,
     near: Pipeline,
     /// Lanes of a workgroup of `near`.
@@ -100,76 +100,76 @@ pub struct Sweep {
     take: u32,
     far_pace: Pace,
     near_pace: Pace,
-    /// Bytes that a point-to-point pair and a close pair ask of buffers.
+    /// Bytes read from buffers by a point-to-point pair and by a close pair.
     bytes: [f64; 2],
     shape: String,
 }
 
-/// A buffer of values per slot, of which a dispatch sees those of its others. It goes on for [`Plan::other_slots`] behind
-/// the last, so that there is always that much to see.
+/// A buffer of values per slot, of which a dispatch binds those of its partners. It extends [`Plan::partner_slots`]
+/// past the last slot, so that the bound range always exists.
 #[derive(Clone, Copy)]
-pub struct OfOthers<'a> {
+pub struct OfPartners<'a> {
     pub buffer: &'a Buffer,
     /// Per slot.
     pub bytes: u64,
 }
 
-/// What point-to-point kernels read of others: geometry, and `light`, one RGB value of each.
-pub fn of_others<'a>(context: &'a Context, light: &'a Buffer) -> [OfOthers<'a>; 2] {
+/// What point-to-point kernels read of partners: geometry, and `light`, one RGB value of each.
+pub fn of_partners<'a>(context: &'a Context, light: &'a Buffer) -> [OfPartners<'a>; 2] {
     let Context { plan, scene, .. } = context;
     [
-        OfOthers { buffer: &scene.facets, bytes: plan.facet_bytes() },
-        OfOthers { buffer: light, bytes: plan.rgb_bytes() },
+        OfPartners { buffer: &scene.facets, bytes: plan.facet_bytes() },
+        OfPartners { buffer: light, bytes: plan.rgb_bytes() },
     ]
 }
 
-/// Who owns the lanes, and over whom they walk.
+/// Targets and partners of a sweep.
 #[derive(Clone, Copy)]
 pub struct Between<'a> {
-    pub owners: &'a Group,
-    pub others: &'a Group,
-    /// By owner, receivers or sources.
+    pub targets: &'a Group,
+    pub partners: &'a Group,
+    /// Pairs by target, receivers or sources.
     pub lists: &'a PairLists,
-    /// The slot whose bins come first in the buffers of the owners.
+    /// First slot of the buffers of the targets' bins.
     pub first_slot: u32,
 }
 
 impl<'a> Between<'a> {
-    /// Receivers whose bins begin with those of `first_slot`, and sources.
-    pub fn receivers(plan: &'a Plan, owners: &'a Group, others: &'a Group, first_slot: u32) -> Self {
-        Self { owners, others, lists: &plan.interactions().by_receiver, first_slot }
+    /// Targets are receivers, with bins from `first_slot` on.
+    pub fn receivers(plan: &'a Plan, targets: &'a Group, partners: &'a Group, first_slot: u32) -> Self {
+        Self { targets, partners, lists: &plan.interactions().by_receiver, first_slot }
     }
 
-    /// Of groups whose bins stand in pages of their own.
-    pub fn groups(plan: &Plan, lists: &'a PairLists, owners: &'a Group, others: &'a Group) -> Self {
-        Self { owners, others, lists, first_slot: plan.layout.slots_of(&owners.tiles).start }
+    /// Groups with one page of bins each.
+    pub fn groups(plan: &Plan, lists: &'a PairLists, targets: &'a Group, partners: &'a Group) -> Self {
+        Self { targets, partners, lists, first_slot: plan.layout.slots_of(&targets.tiles).start }
     }
 }
 
 impl Sweep {
     pub fn new(device: &Device, plan: &Plan, kernels: Kernels) -> Result<Self, GpuError> {
-        let precision = plan.accuracy.precision;
-        let lanes = device.info().subgroup_size.min(plan.limits.tile);
+        let precision = plan.settings.precision;
+        let lanes = device.info().subgroup_size.min(plan.options.tile);
         let Kernels { far, near, single, constants, take, gathers, deposits, shape } = kernels;
         let real = precision.bytes() as f64;
         let gathered = gathers as f64 * 4.0 * f64::from(plan.channels) * real;
-        // What is read of a source serves all the triangles that a subgroup owns.
-        let owned = f64::from(if single { lanes } else { plan.limits.tile });
+        // A source is read once for all triangles of a subgroup.
+        let per_target = f64::from(if single { lanes } else { plan.options.tile });
         let shared = u32::from(shares_deposits(device, plan, lanes, deposits));
-        let of_far = [&[(0, lanes), (1, plan.limits.tile), (11, shared)][..], &constants].concat();
+        let of_far = [&[(0, lanes), (1, plan.options.tile), (11, shared)][..], &constants].concat();
         let of_near = [&[(0, lanes), (11, shared)][..], &constants].concat();
         let far_push = size_of::<FarPush>() as u32;
         let near_push = size_of::<NearPush>() as u32;
         Ok(Self {
             far: Pipeline::new(device, far.0.of(precision), far.1, far_push, &of_far, Some(lanes))?,
-            workgroups: if single { plan.limits.tile / lanes } else { 1 },
+            workgroups: if single { plan.options.tile / lanes } else { 1 },
             near: Pipeline::new(device, near.0.of(precision), near.1, near_push, &of_near, None)?,
             lanes,
             take,
             far_pace: Pace::new(if single { 2e6 } else { 5e7 }),
             near_pace: Pace::new(1e5),
             bytes: [
-                SOURCE_REALS * real / owned + gathered,
+                SOURCE_REALS * real / per_target + gathered,
                 (SOURCE_REALS + CORNER_REALS) * real + f64::from(PIECES) * gathered,
             ],
             shape,
@@ -182,46 +182,46 @@ impl Sweep {
         tiles * u64::from(plan.layout.tile * plan.layout.tile)
     }
 
-    /// Pairs of a whole pass, weighted by what they cost.
+    /// Pairs of a whole pass, weighted by cost.
     pub fn pairs(plan: &Plan) -> u64 {
         let slots = u64::from(plan.layout.slots());
-        slots * slots + plan.interactions().by_receiver.near.others.len() as u64 * NEAR_COST
+        slots * slots + plan.interactions().by_receiver.near.partners.len() as u64 * NEAR_COST
     }
 
-    /// Pairs of tiles. `passing`: what may pass, of the bits that the plan keeps for them.
+    /// Runs the point-to-point kernel over pairs of tiles. `passing`: the bits of the pairs to consider.
     pub fn far(
         &mut self,
         context: &Context,
         between: Between,
         buffers: &[BufferSlice],
-        uniforms: &[OfOthers],
+        uniforms: &[OfPartners],
         passing: u32,
-        watch: &mut Watch,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
-        let Between { owners, others, lists, first_slot } = between;
+        let Between { targets, partners, lists, first_slot } = between;
         let tile = plan.layout.tile;
         let Self { far, far_pace, workgroups, bytes, shape, .. } = self;
         let mut passed = 0;
-        let mut bundle = Bundle::new(device, far_pace, watch);
-        for run in tile_runs(&others.tiles, plan.other_tiles()) {
+        let mut bundle = Bundle::new(device, far_pace, monitor);
+        for run in tile_runs(&partners.tiles, plan.partner_tiles()) {
             let pairs_of_row = u64::from(tile * tile) * run.len() as u64;
-            let mut begin = owners.tiles.start;
-            while begin < owners.tiles.end {
-                let rows = bundle.share(owners.tiles.end - begin, pairs_of_row);
+            let mut begin = targets.tiles.start;
+            while begin < targets.tiles.end {
+                let rows = bundle.share(targets.tiles.end - begin, pairs_of_row);
                 let push = FarPush {
-                    owner_tile: begin,
-                    other_begin: run.start,
-                    other_end: run.end,
-                    half_range: 0.5 * plan.accuracy.subsample as f32,
-                    owner_page: first_slot,
-                    other_page: others.tiles.start * tile,
+                    target_tile: begin,
+                    partner_begin: run.start,
+                    partner_end: run.end,
+                    half_range: 0.5 * plan.settings.near_field as f32,
+                    target_page: first_slot,
+                    partner_page: partners.tiles.start * tile,
                     passing,
                 };
                 let from = u64::from(run.start * tile);
                 let seen = uniforms
                     .iter()
-                    .map(|of| of.buffer.slice(from * of.bytes, u64::from(plan.other_slots()) * of.bytes));
+                    .map(|of| of.buffer.slice(from * of.bytes, u64::from(plan.partner_slots()) * of.bytes));
                 let buffers: Vec<_> = buffers.iter().copied().chain(seen).collect();
                 let groups = [rows, *workgroups, 1];
                 passed += passing_tiles(lists, begin..begin + rows, &run, passing);
@@ -238,35 +238,36 @@ impl Sweep {
         Ok(())
     }
 
-    /// The close pairs. `backs`: whether there is antiradiance.
+    /// Runs the near-field kernel over close pairs. `backs`: whether there is antiradiance.
     pub fn near(
         &mut self,
         context: &Context,
         between: Between,
         buffers: &[BufferSlice],
         backs: bool,
-        watch: &mut Watch,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, .. } = context;
-        let others = plan.layout.slots_of(&between.others.tiles);
-        let owners = busy_owners(&between.lists.near, plan.layout.slots_of(&between.owners.tiles), &others);
-        if owners.is_empty() {
+        let partners = plan.layout.slots_of(&between.partners.tiles);
+        let targets =
+            busy_targets(&between.lists.near, plan.layout.slots_of(&between.targets.tiles), &partners);
+        if targets.is_empty() {
             return Ok(());
         }
-        let slots: Vec<u32> = owners.iter().map(|owner| owner.slot).collect();
-        device.upload_slice(&scene.near_owners, 0, &slots)?;
-        let buffers = [buffers, &[scene.near_owners.whole()]].concat();
+        let slots: Vec<u32> = targets.iter().map(|target| target.slot).collect();
+        device.upload_slice(&scene.near_targets, 0, &slots)?;
+        let buffers = [buffers, &[scene.near_targets.whole()]].concat();
         let Self { near, near_pace, lanes, take, bytes, shape, .. } = self;
-        let mut bundle = Bundle::new(device, near_pace, watch);
-        let longest = owners.iter().map(|owner| owner.others).max().unwrap_or(0);
+        let mut bundle = Bundle::new(device, near_pace, monitor);
+        let longest = targets.iter().map(|target| target.partners).max().unwrap_or(0);
         for skip in (0..longest).step_by(*take as usize) {
-            let left = |owner: &Owner| u64::from(owner.others.saturating_sub(skip).min(*take));
-            let end = owners.iter().rposition(|owner| left(owner) > 0).map_or(0, |last| last + 1);
+            let left = |target: &Target| u64::from(target.partners.saturating_sub(skip).min(*take));
+            let end = targets.iter().rposition(|target| left(target) > 0).map_or(0, |last| last + 1);
             let mut begin = 0;
             while begin < end {
-                // As many whole workgroups as make a submission, at least one.
+                // As many whole workgroups as fit a submission, at least one.
                 let mut pairs = 0;
-                let workgroups = owners[begin..end].chunks(*lanes as usize).take(MOST_GROUPS as usize);
+                let workgroups = targets[begin..end].chunks(*lanes as usize).take(MOST_GROUPS as usize);
                 let workgroups = workgroups.take_while(|group| {
                     let more = group.iter().map(left).sum::<u64>();
                     let fits = pairs == 0 || pairs + more <= bundle.affordable();
@@ -276,13 +277,13 @@ impl Sweep {
                 let workgroups = workgroups.count() as u32;
                 let count = (workgroups * *lanes).min((end - begin) as u32);
                 let push = NearPush {
-                    owner_begin: begin as u32,
-                    owners: count,
-                    other_begin: others.start,
-                    other_end: others.end,
-                    half_range: 0.5 * plan.accuracy.subsample as f32,
-                    owner_page: between.first_slot,
-                    other_page: others.start,
+                    target_begin: begin as u32,
+                    targets: count,
+                    partner_begin: partners.start,
+                    partner_end: partners.end,
+                    half_range: 0.5 * plan.settings.near_field as f32,
+                    target_page: between.first_slot,
+                    partner_page: partners.start,
                     backs: u32::from(backs),
                     skip,
                     take: *take,
@@ -294,30 +295,30 @@ impl Sweep {
             }
         }
         bundle.submit()?;
-        let pairs = owners.iter().map(|owner| u64::from(owner.others)).sum();
+        let pairs = targets.iter().map(|target| u64::from(target.partners)).sum();
         device.credit(near.kernel(), shape, pairs, (pairs as f64 * bytes[1]) as u64);
         Ok(())
     }
 }
 
-/// Who has close others, and how many.
-struct Owner {
+/// A target with close partners, and their number.
+struct Target {
     slot: u32,
-    others: u32,
+    partners: u32,
 }
 
-/// Those of a range of slots with close ones among `others`: who has many comes first, so that lanes that work together
-/// have about as much to do; who has about as many stand by slot, so that they share what they read.
-fn busy_owners(list: &NearPairs, owners: Range<u32>, others: &Range<u32>) -> Vec<Owner> {
-    let of = |slot| Owner { slot, others: list.of(slot, others).len() as u32 };
-    let mut owners: Vec<Owner> = owners.map(of).filter(|owner| owner.others > 0).collect();
+/// The targets in a range of slots with close ones among `partners`, in descending order of their number, so that the
+/// lanes of a workgroup have similar work. Similar numbers are ordered by slot, so that lanes read the same partners.
+fn busy_targets(list: &NearPairs, targets: Range<u32>, partners: &Range<u32>) -> Vec<Target> {
+    let of = |slot| Target { slot, partners: list.of(slot, partners).len() as u32 };
+    let mut targets: Vec<Target> = targets.map(of).filter(|target| target.partners > 0).collect();
     // Steps of a ninth.
-    owners.sort_by_key(|owner| Reverse((8.0 * f64::from(owner.others).log2()) as u32));
-    owners
+    targets.sort_by_key(|target| Reverse((8.0 * f64::from(target.partners).log2()) as u32));
+    targets
 }
 
-/// Whether `lanes` gather so many sets of bins in memory of their workgroup. CPU drivers are quicker at that; on GPUs it
-/// would leave room for a few workgroups only.
+/// Whether `lanes` accumulate `sets` sets of bins in workgroup memory. CPU drivers are faster that way; on GPUs it
+/// would leave room for few workgroups only.
 fn shares_deposits(device: &Device, plan: &Plan, lanes: u32, sets: u64) -> bool {
     let info = device.info();
     // Drivers may align a vec3 like a vec4.
@@ -325,13 +326,13 @@ fn shares_deposits(device: &Device, plan: &Plan, lanes: u32, sets: u64) -> bool 
     info.kind == DeviceKind::Cpu && plan.channels == 3 && bytes <= u64::from(info.shared_memory_bytes)
 }
 
-/// Pairs of tiles between which something may pass.
-fn passing_tiles(lists: &PairLists, owners: Range<u32>, others: &Range<u32>, passing: u32) -> u64 {
+/// Number of pairs of tiles between which light may pass.
+fn passing_tiles(lists: &PairLists, targets: Range<u32>, partners: &Range<u32>, passing: u32) -> u64 {
     let wanted = passing & (PAIR_FRONT | PAIR_BACK);
-    owners.map(|owner| lists.far.passing(owner, others, wanted).count() as u64).sum()
+    targets.map(|target| lists.far.passing(target, partners, wanted).count() as u64).sum()
 }
 
-/// Runs of at most so many tiles, one a dispatch.
+/// Runs of at most `most` tiles, one per dispatch.
 fn tile_runs(tiles: &Range<u32>, most: u32) -> impl Iterator<Item = Range<u32>> + use<> {
     let end = tiles.end;
     (tiles.start..end).step_by(most as usize).map(move |start| start..(start + most).min(end))
@@ -342,12 +343,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn owners_with_many_others_come_first() {
-        // Others of slots 0 to 3: 2, none, 9, 2 of which one is out of range.
-        let others = [vec![1, 2], vec![], (0..9).collect(), vec![3, 20]].concat();
-        let list = NearPairs { offsets: vec![0, 2, 2, 11, 13], others };
-        let owners = busy_owners(&list, 0..4, &(0..10));
-        let found: Vec<_> = owners.iter().map(|owner| (owner.slot, owner.others)).collect();
+    fn targets_with_many_partners_come_first() {
+        // Partners of slots 0 to 3: 2, none, 9, 2 of which one is out of range.
+        let partners = [vec![1, 2], vec![], (0..9).collect(), vec![3, 20]].concat();
+        let list = NearPairs { offsets: vec![0, 2, 2, 11, 13], partners };
+        let targets = busy_targets(&list, 0..4, &(0..10));
+        let found: Vec<_> = targets.iter().map(|target| (target.slot, target.partners)).collect();
         assert_eq!(found, [(2, 9), (0, 2), (3, 1)]);
     }
 

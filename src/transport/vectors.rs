@@ -2,7 +2,7 @@
 
 use super::residency::Part;
 use super::state::State;
-use super::watch::{TransportError, Watch};
+use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
 use crate::scene::Precision;
@@ -17,7 +17,7 @@ pub struct DotPush {
     pub count: u32,
 }
 
-/// Lanes that share a vector between them; each leaves one partial sum.
+/// Lanes that process a vector; each writes one partial sum.
 const LANES: u32 = crate::plan::PARTIAL_SUMS as u32;
 
 pub struct Vectors {
@@ -68,10 +68,10 @@ impl Vectors {
         context: &Context,
         (a, x): (f64, &State),
         (b, y): (f64, &State),
-        watch: &mut Watch,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         for part in Part::all(plan) {
             let (x, y) = (x.show(device, &part)?, y.edit(device, &part, b != 0.0)?);
             let count = y.reals(precision);
@@ -81,20 +81,20 @@ impl Vectors {
             batch.dispatch(&self.combine, "vector", &[x.slice(), y.slice()], &push, groups)?;
             batch.submit()?;
             y.store(device)?;
-            watch.done(0)?;
+            monitor.done(0)?;
         }
         Ok(())
     }
 
-    /// y = b y: as b x + 0 y with y in both places.
+    /// y = b y, as b x + 0 y with x = y.
     pub fn scale(
         &self,
         context: &Context,
         b: f64,
         y: &State,
-        watch: &mut Watch,
+        monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
-        self.combine(context, (b, y), (0.0, y), watch)
+        self.combine(context, (b, y), (0.0, y), monitor)
     }
 
     /// ⟨x, y⟩.
@@ -103,10 +103,10 @@ impl Vectors {
         context: &Context,
         x: &State,
         y: &State,
-        watch: &mut Watch,
+        monitor: &mut PassMonitor,
     ) -> Result<f64, TransportError> {
         let Context { device, plan, .. } = context;
-        let precision = plan.accuracy.precision;
+        let precision = plan.settings.precision;
         let mut sum = 0.0;
         for part in Part::all(plan) {
             let (x, y) = (x.show(device, &part)?, y.edit(device, &part, true)?);
@@ -116,7 +116,7 @@ impl Vectors {
             batch.dispatch(&self.dot, "vector", &buffers, bytes_of(&push), [LANES / WORKGROUP, 1, 1])?;
             batch.submit()?;
             sum += real::download(device, &self.partial, precision, LANES.into())?.into_iter().sum::<f64>();
-            watch.done(0)?;
+            monitor.done(0)?;
         }
         Ok(sum)
     }

@@ -1,56 +1,57 @@
-//! Looking on while the device works, and stopping it.
+//! Progress within a pass, interruption, and errors of transport.
 
 use crate::gpu::GpuError;
 use std::ops::ControlFlow;
 
-/// Called after every submission, of a quarter of a second at most, with the pairs done and the pairs of the whole pass;
-/// may stop the work.
-pub type Watcher = Box<dyn FnMut(u64, u64) -> ControlFlow<()> + Send>;
+/// Called after every submission, a quarter of a second at most, with the number of pairs done and that of the whole
+/// pass; may stop the work.
+pub type PassCallback = Box<dyn FnMut(u64, u64) -> ControlFlow<()> + Send>;
 
-/// Why a pass did not end.
+/// Why a pass failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TransportError {
     /// The device, or a call into it, failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// A watcher stopped the pass; what it would have written is undefined.
+    /// A callback stopped the pass; its output is undefined.
     #[error("interrupted")]
     Interrupted,
     #[error(
-        "the host has no {bytes} bytes for one more vector of the solver: the fixed point needs two (--solver \
-         fixed-point), a larger memory budget of the device none, fewer bins smaller ones"
+        "the host cannot allocate {bytes} bytes for another vector of the solver: use the fixed point, which needs two \
+         (--solver fixed-point), fewer bins, or a larger memory budget, with which vectors stay on the device"
     )]
-    /// States live on the host, and it has no room for another one.
+    /// States live on the host, and it has no memory for another one.
     HostMemory {
         /// Size of the state, or of the part that did not fit.
         bytes: u64,
     },
-    /// An adjoint was asked of states that live on the host.
+    /// The adjoint requires states on the device, but they live on the host.
     #[error(
-        "gradients need the solver's vectors on the device, and these are on the host: name the gradients in Limits"
+        "gradients require the solver's vectors on the device, but they are on the host: request them in \
+         PlanOptions::gradients"
     )]
     NotResident,
-    /// Going on without it would lose light and give a wrong answer that looks like a right one.
-    #[error("the plan has work for {what}, which the engine was made without: a defect of antirad")]
+    /// A kernel or buffer is missing; without it the result would be wrong but plausible.
+    #[error("the plan requires {what}, which the engine lacks: a defect of antirad")]
     Missing {
         /// What is missing, in words.
         what: String,
     },
-    /// The same of a part of a state on the host.
+    /// A part lies outside a state on the host.
     #[error(
-        "bytes {begin}..{end} are outside of the {bytes} bytes of bins of a state on the host: a defect of antirad"
+        "bytes {begin}..{end} are outside the {bytes} bytes of bins of a state on the host: a defect of antirad"
     )]
     OutsideOfState {
         /// First byte of the part.
         begin: u64,
-        /// The byte behind its last.
+        /// One past its last byte.
         end: u64,
-        /// What there is.
+        /// Size of the state's bins.
         bytes: u64,
     },
-    /// Derivatives that the plan did not foresee.
-    #[error("gradients were not planned: name them in Limits::gradients before the plan is made")]
+    /// Derivatives that were not planned.
+    #[error("gradients were not planned: request them in PlanOptions::gradients and plan again")]
     NotPlanned,
 }
 
@@ -62,13 +63,13 @@ impl TransportError {
 
 /// Counts the pairs of a pass.
 #[derive(Default)]
-pub struct Watch {
-    pub watcher: Option<Watcher>,
+pub struct PassMonitor {
+    pub callback: Option<PassCallback>,
     done: u64,
     total: u64,
 }
 
-impl Watch {
+impl PassMonitor {
     /// A pass over `total` pairs begins.
     pub fn begin(&mut self, total: u64) {
         (self.done, self.total) = (0, total);
@@ -77,7 +78,7 @@ impl Watch {
     /// Work on `pairs` pairs has ended.
     pub fn done(&mut self, pairs: u64) -> Result<(), TransportError> {
         self.done += pairs;
-        match self.watcher.as_mut().map(|watcher| watcher(self.done, self.total)) {
+        match self.callback.as_mut().map(|callback| callback(self.done, self.total)) {
             Some(ControlFlow::Break(())) => Err(TransportError::Interrupted),
             _ => Ok(()),
         }

@@ -1,8 +1,8 @@
-//! How near two triangles come to each other.
+//! Distances between triangles.
 
 use glam::DVec3;
 
-/// The shortest vector from one triangle to another; zero where they touch or meet.
+/// The shortest vector from one triangle to another; zero where they touch or intersect.
 pub fn between(a: [DVec3; 3], b: [DVec3; 3]) -> DVec3 {
     if crosses(a, b) || crosses(b, a) {
         return DVec3::ZERO;
@@ -61,16 +61,16 @@ fn between_segments([p, p_end]: [DVec3; 2], [q, q_end]: [DVec3; 2]) -> DVec3 {
     let (d, e, r) = (p_end - p, q_end - q, p - q);
     let (dd, ee, de) = (d.length_squared(), e.length_squared(), d.dot(e));
     let (dr, er) = (d.dot(r), e.dot(r));
-    let share = |x: f64, whole: f64| if whole > 0.0 { (x / whole).clamp(0.0, 1.0) } else { 0.0 };
+    let fraction = |x: f64, whole: f64| if whole > 0.0 { (x / whole).clamp(0.0, 1.0) } else { 0.0 };
     let determinant = dd * ee - de * de;
-    let s = share(de * er - dr * ee, determinant);
-    let t = share(de * s + er, ee);
-    // Where t was clamped, the best s is another.
-    let s = share(t * de - dr, dd);
+    let s = fraction(de * er - dr * ee, determinant);
+    let t = fraction(de * s + er, ee);
+    // Where t was clamped, the best s changes.
+    let s = fraction(t * de - dr, dd);
     (q + e * t) - (p + d * s)
 }
 
-/// True where an edge of `a` passes through the inside of `b`.
+/// Whether an edge of `a` passes through the interior of `b`.
 fn crosses(a: [DVec3; 3], b: [DVec3; 3]) -> bool {
     let normal = (b[1] - b[0]).cross(b[2] - b[0]);
     (0..3).any(|k| {
@@ -114,7 +114,7 @@ mod tests {
         }
     }
 
-    /// No point of a grid on one is nearer to the other than the distance, and one is nearly as near.
+    /// No point of a grid on one triangle is closer to the other than the distance, and some point is nearly as close.
     #[test]
     fn distances_by_sampling() {
         let mut random = Random::new(7);

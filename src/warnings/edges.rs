@@ -1,28 +1,28 @@
-//! Blockers that are not closed, or not of one orientation, and triangles that are there twice.
+//! Blockers that are open or inconsistently oriented, and duplicate triangles.
 //!
-//! A triangle holds back what meets its front; what meets its back goes on. So a blocker must be closed, or stand on
-//! something that closes it, with all fronts outside. Edges are compared as chains: along each, the triangles that run one
-//! way are counted against those that run the other way, after edges have been cut where vertices of others lie on them.
+//! A triangle blocks light that hits its front; light that hits its back passes. So a blocker must be closed, or stand on
+//! something that closes it, with all fronts outside. An edge is balanced if as many triangles traverse it one way as the other.
+//! Unbalanced edges are split at vertices of others that lie on them, and tested again.
 
 use super::distance::to_triangle;
-use crate::model::{Block, Hierarchy, coplanar_tolerance};
+use crate::model::{BoundedRun, Hierarchy, coplanar_tolerance};
 use crate::plan::{PADDING, Plan};
 use crate::scene::{self, Welded, sides};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashSet;
 
-/// Triangles per leaf of the search for what edges stand on.
+/// Triangles per leaf of the search for surfaces that edges stand on.
 const LEAF: usize = 8;
 
-/// Blockers with bad edges, by triangle of the scene, rising.
+/// Triangles with bad edges: indices in the scene, ascending.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Edges {
-    /// With an edge that no other triangle shares or touches.
+    /// Blockers with an edge that no other triangle shares or touches.
     pub open: Vec<u32>,
-    /// With an edge along which all triangles run the same way.
+    /// Blockers with an edge that all its triangles traverse in the same direction.
     pub inconsistent: Vec<u32>,
-    /// Triangles, blockers or not, that lie on another one of the same corners and the same front.
+    /// Triangles, blockers or not, with the same corners and the same front as another.
     pub duplicate: Vec<u32>,
 }
 
@@ -33,22 +33,22 @@ impl Edges {
         let whole = scene::Edges::new(faces.iter().flat_map(|&(t, abc)| sides(abc).map(|side| (t, side))));
         let unbalanced = whole.iter().filter(|edge| edge.balance() != 0);
         let loose: Vec<(u32, [u32; 2])> = unbalanced.flat_map(|edge| edge.directed()).collect();
-        // What is not balanced may be where one edge meets several shorter ones.
+        // An unbalanced edge may meet several shorter ones.
         let cut = scene::Edges::new(cut(&vertices, &loose, tolerance));
 
         let blocker = |t: &u32| plan.classes[*t as usize].blocker;
         let mut edges = Self::default();
-        let mut lonely = Vec::new();
-        // The others balance, or end on a surface that goes on.
+        let mut unshared = Vec::new();
+        // All other edges balance, or end on a surface that continues.
         for edge in cut.iter().filter(|edge| edge.balance().unsigned_abs() as usize == edge.len()) {
             let blockers = edge.triangles().filter(blocker);
             match edge.len() {
-                1 => lonely.extend(blockers.map(|alone| (alone, edge.ends()))),
+                1 => unshared.extend(blockers.map(|alone| (alone, edge.ends()))),
                 _ => edges.inconsistent.extend(blockers),
             }
         }
         let standing = Standing::new(plan, tolerance);
-        edges.open = lonely
+        edges.open = unshared
             .par_iter()
             .filter(|(t, [a, b])| {
                 let [a, b] = [vertices[*a as usize], vertices[*b as usize]];
@@ -65,7 +65,7 @@ impl Edges {
     }
 }
 
-/// All but the first of the triangles that have the same corners in the same turn, rising.
+/// All but the first of the triangles with the same corners in the same cyclic order, ascending.
 fn duplicates(faces: &[(u32, [u32; 3])]) -> Vec<u32> {
     let mut seen = HashSet::new();
     let again = |&&(_, [a, b, c]): &&(u32, [u32; 3])| {
@@ -75,7 +75,7 @@ fn duplicates(faces: &[(u32, [u32; 3])]) -> Vec<u32> {
     faces.iter().filter(again).map(|&(t, _)| t).collect()
 }
 
-/// The positions and corners of triangles, welded within the tolerance. Triangles without area are left out.
+/// Vertex positions and triangles, welded within the tolerance, without triangles of zero area.
 fn weld(plan: &Plan, tolerance: f64) -> (Vec<DVec3>, Vec<(u32, [u32; 3])>) {
     let with_area = || (0u32..).zip(&plan.facets).filter(|(_, facet)| facet.area > 0.0);
     let corners: Vec<DVec3> = with_area().flat_map(|(_, facet)| facet.corners).collect();
@@ -85,13 +85,13 @@ fn weld(plan: &Plan, tolerance: f64) -> (Vec<DVec3>, Vec<(u32, [u32; 3])>) {
     (welded.first.iter().map(|&v| corners[v as usize]).collect(), faces.collect())
 }
 
-/// The same edges, cut at the ends of others that lie on them.
+/// The same edges, split at ends of others that lie on them.
 fn cut(vertices: &[DVec3], edges: &[(u32, [u32; 2])], tolerance: f64) -> Vec<(u32, [u32; 2])> {
     let mut ends: Vec<u32> = edges.iter().flat_map(|(_, ends)| *ends).collect();
     ends.sort_unstable();
     ends.dedup();
     let at = |v: u32| vertices[v as usize];
-    // Sorted along the axis in which they are spread most.
+    // Sorted along the axis of largest spread.
     let spread = ends
         .iter()
         .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), &v| (low.min(at(v)), high.max(at(v))));
@@ -120,7 +120,7 @@ fn cut(vertices: &[DVec3], edges: &[(u32, [u32; 2])], tolerance: f64) -> Vec<(u3
     edges.par_iter().flat_map_iter(pieces).collect()
 }
 
-/// Finds what a point lies on.
+/// Finds triangles at a point.
 struct Standing<'a> {
     plan: &'a Plan,
     order: Vec<u32>,
@@ -135,10 +135,11 @@ impl<'a> Standing<'a> {
         Self { plan, order, tree, tolerance }
     }
 
-    /// True where a triangle other than `triangle` holds the point.
+    /// Whether a triangle other than `triangle` contains the point.
     fn on_another(&self, triangle: u32, point: DVec3) -> bool {
-        let near =
-            |Block { min, max }: &Block| (*min - point).max(point - *max).max_element() <= self.tolerance;
+        let near = |BoundedRun { min, max }: &BoundedRun| {
+            (*min - point).max(point - *max).max_element() <= self.tolerance
+        };
         let holds = |&i: &u32| {
             i != triangle
                 && to_triangle(point, self.plan.facets[i as usize].corners).length() <= self.tolerance

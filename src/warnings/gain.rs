@@ -1,14 +1,14 @@
-//! How far light that a blocker holds back may miss where it should be taken away.
+//! The factor by which the antiradiance of a blocker may be wrong at a receiver.
 //!
-//! What arrives at a blocker from one direction is spread over the bins around it, and leaves its back over their whole
-//! solid angle s_b. A receiver at distance d that sees the blocker under a/d² is to lose what arrived exactly along the
-//! line between the two; if a/d² is well below s_b, many blockers share what is spread and the sum is right. Else one
-//! blocker takes away up to a/(d² s_b) times what it should from the receivers in one direction, and nothing from
-//! others. That factor is the gain here, with the pieces of the near field in place of the whole blocker.
+//! Light incident on a blocker from one direction is interpolated into the surrounding bins, and its antiradiance is emitted
+//! over their whole solid angle s_b. A receiver at distance d should lose exactly the light along the line to the blocker, which
+//! it sees under a/d². If a/d² is well below s_b, the antiradiance of many blockers overlaps there and the sum is right.
+//! Otherwise a single blocker removes up to a/(d² s_b) times too much light from the receivers in one direction, and none from
+//! others. This factor is called gain, with the pieces of the near field in place of the whole blocker.
 
 use super::distance::between;
 use crate::model::{
-    Bins, Block, Class, Facet, Hierarchy, Node, PADDING, QUARTER_RANGE, Sight, coplanar_tolerance,
+    Bins, BoundedRun, Class, Facet, Hierarchy, Node, PADDING, QUARTER_RANGE, Sight, coplanar_tolerance,
     far_weight, morton, reaches,
 };
 use crate::plan::Plan;
@@ -17,14 +17,15 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 use std::f64::consts::PI;
 
-/// Strongest gains that are remembered per receiver.
+/// Number of strongest gains kept per receiver.
 const STRONGEST: usize = 4;
 
-/// Triangles per leaf of the search, and receivers that are looked at together.
+/// Triangles per leaf of the search.
 const LEAF: usize = 8;
+/// Receivers per parallel task.
 const RUN: usize = 64;
 
-/// Of each receiver its strongest gains.
+/// The strongest gains of each receiver.
 type Strongest = Vec<Vec<Gain>>;
 
 /// Gain from the back of a blocker to the front of a receiver. Index = triangle of the scene.
@@ -35,24 +36,24 @@ pub struct Gain {
     pub gain: f64,
 }
 
-/// What pairs of a blocker and a receiver behind it say, summed up by either.
+/// The gains above a limit, by receiver and by blocker.
 #[derive(Clone, Debug, Default)]
 pub struct Gains {
-    /// Of each receiver the strongest, from the strongest on; those above the limit alone.
+    /// The strongest gains of each receiver, in descending order.
     pub strongest: Strongest,
-    /// Of each blocker the strongest towards receivers above the limit, if there is one.
+    /// The strongest gain of each blocker, if there is one.
     pub of_blocker: Vec<Option<Gain>>,
 }
 
-/// What gains depend on: triangles, with their classes, and the transport between them.
+/// The input of gains: triangles with their classes, and the discretisation of the transport.
 #[derive(Clone, Copy)]
 pub struct Surfaces<'a> {
     pub facets: &'a [Facet],
     pub classes: &'a [Class],
-    /// Triangles that take part, neighbours side by side, and [`PADDING`].
+    /// Triangles with area, in spatial order, and [`PADDING`].
     pub order: &'a [u32],
     pub bins: &'a Bins,
-    pub subsample: f64,
+    pub near_field: f64,
 }
 
 impl<'a> From<&'a Plan> for Surfaces<'a> {
@@ -62,15 +63,14 @@ impl<'a> From<&'a Plan> for Surfaces<'a> {
             classes: &plan.classes,
             order: &plan.layout.order,
             bins: &plan.bins,
-            subsample: plan.accuracy.subsample,
+            near_field: plan.settings.near_field,
         }
     }
 }
 
 impl Gains {
-    /// All pairs that can exchange antiradiance and whose gain is above `limit`, but those where surfaces meet: towards the
-    /// place where a blocker touches a receiver, gains stay the same however fine the mesh is, and what shrinks is the area
-    /// concerned.
+    /// All pairs that can exchange antiradiance and whose gain exceeds `limit`, except where surfaces meet: close to a contact of
+    /// blocker and receiver, refinement does not reduce the gains, only the area affected.
     pub fn above(limit: f64, surfaces: Surfaces) -> Self {
         let Surfaces { facets, order, .. } = surfaces;
         let search = Search::new(limit, surfaces);
@@ -120,13 +120,13 @@ impl Gains {
     }
 }
 
-/// Finds pairs of a receiver and blockers that it lies behind.
+/// Finds the blockers in front of a receiver.
 struct Search<'a> {
     surfaces: Surfaces<'a>,
     limit: f64,
     /// The smallest solid angle of a bin, sr.
     finest: f64,
-    /// In the order of the surfaces.
+    /// In the order of [`Surfaces::order`].
     blockers: Vec<u32>,
     tree: Hierarchy,
     tolerance: f64,
@@ -147,10 +147,10 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The blockers that a receiver may lie behind, of the branches that are near its box.
-    fn before(&self, receiver: u32, near: impl Fn(&Block, &Node) -> bool) -> impl Iterator<Item = u32> {
+    /// The blockers that may be in front of a receiver, from the nodes that are `near` its box.
+    fn before(&self, receiver: u32, near: impl Fn(&BoundedRun, &Node) -> bool) -> impl Iterator<Item = u32> {
         let to = &self.surfaces.facets[receiver as usize];
-        let bounds = Block::around(std::iter::once(to));
+        let bounds = BoundedRun::around(std::iter::once(to));
         let may = move |node: &Node| {
             near(&bounds, node)
                 && !self.tree.misses(to, &node.bounds, 1.0)
@@ -160,18 +160,18 @@ impl<'a> Search<'a> {
         slots.copied().filter(move |&blocker| blocker != receiver)
     }
 
-    /// Gains towards a receiver.
+    /// All gains above the limit at a receiver.
     fn gains(&self, receiver: u32) -> Vec<Gain> {
-        let large = |bounds: &Block, node: &Node| {
+        let large = |bounds: &BoundedRun, node: &Node| {
             node.area > self.limit * self.finest * node.bounds.distance_squared(bounds)
         };
         self.before(receiver, large).filter_map(|blocker| self.gain(blocker, receiver)).collect()
     }
 
-    /// Middles of pairs of a blocker and what it should keep dark that touch.
+    /// Midpoints of all pairs of a blocker and a receiver behind it that touch.
     fn meeting(&self) -> Vec<DVec3> {
         let most = (2.0 * self.tolerance).powi(2);
-        let near = |bounds: &Block, node: &Node| node.bounds.distance_squared(bounds) <= most;
+        let near = |bounds: &BoundedRun, node: &Node| node.bounds.distance_squared(bounds) <= most;
         let receivers: Vec<u32> = real(self.surfaces.order).collect();
         let meeting = |&receiver: &u32| {
             self.before(receiver, near).filter_map(move |blocker| self.touching(blocker, receiver))
@@ -179,7 +179,7 @@ impl<'a> Search<'a> {
         receivers.par_iter().flat_map_iter(meeting).collect()
     }
 
-    /// The middle of a blocker and a receiver behind it that touch.
+    /// The midpoint between the centroids of a blocker and a receiver behind it, if they touch.
     fn touching(&self, blocker: u32, receiver: u32) -> Option<DVec3> {
         let [from, to] = [blocker, receiver].map(|i| &self.surfaces.facets[i as usize]);
         let reach = |f: &Facet| f.corners.iter().map(|&c| c.distance(f.centroid)).fold(0.0, f64::max);
@@ -189,7 +189,7 @@ impl<'a> Search<'a> {
             .then(|| from.centroid.midpoint(to.centroid))
     }
 
-    /// True where antiradiance goes from centroid to centroid.
+    /// Whether antiradiance passes from centroid to centroid.
     fn passes(&self, from: &Facet, to: &Facet) -> bool {
         let between = to.centroid - from.centroid;
         between.dot(from.normal) < 0.0
@@ -197,16 +197,16 @@ impl<'a> Search<'a> {
             && reaches(from, to, -1.0, self.tolerance)
     }
 
-    /// a cos_i / (d² s_b), with the pieces that the transport cuts the blocker into, if it is above the limit.
+    /// a cos_i / (d² s_b), with a the area of the pieces into which the transport cuts the blocker, if above the limit.
     fn gain(&self, blocker: u32, receiver: u32) -> Option<Gain> {
-        let Surfaces { facets, bins, subsample, .. } = self.surfaces;
+        let Surfaces { facets, bins, near_field, .. } = self.surfaces;
         let (from, to) = (&facets[blocker as usize], &facets[receiver as usize]);
         let between = to.centroid - from.centroid;
         let r2 = between.length_squared();
         if from.area <= self.limit * self.finest * r2 || between.dot(from.normal) >= 0.0 {
             return None;
         }
-        let range = 0.5 * subsample * (from.extent + to.extent);
+        let range = 0.5 * near_field * (from.characteristic_area + to.characteristic_area);
         let (far, middle) = (far_weight(r2, range), far_weight(r2, range * QUARTER_RANGE));
         let piece = from.area * (far + (1.0 - far) * (middle / 4.0 + (1.0 - middle) / 16.0));
         let back = -between / r2.sqrt();
@@ -225,7 +225,7 @@ fn real(slots: &[u32]) -> impl Iterator<Item = u32> + Clone {
     slots.iter().copied().filter(|&i| i != PADDING)
 }
 
-/// Distances to the nearest of some points, which are kept in runs of neighbours.
+/// Distances to the nearest of a set of points, stored in runs of neighbours with their bounds.
 struct Nearest {
     runs: Vec<(DVec3, DVec3, Vec<DVec3>)>,
 }
@@ -244,7 +244,7 @@ impl Nearest {
         Self { runs: points.chunks(Self::RUN).map(run).collect() }
     }
 
-    /// Infinite where there is no point.
+    /// Infinite if there are no points.
     fn distance(&self, from: DVec3) -> f64 {
         let mut nearest = f64::INFINITY;
         for (low, high, points) in &self.runs {
@@ -264,7 +264,7 @@ fn bounds(points: &[DVec3]) -> (DVec3, DVec3) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::Limits;
+    use crate::plan::PlanOptions;
     use crate::reference::Plates;
     use crate::scene::{LoadOptions, Material, Scene, SceneBuilder, Shape};
     use glam::DAffine3;
@@ -286,7 +286,8 @@ mod tests {
         let rooms = Scene::load(&rooms, &LoadOptions::default()).expect("a shipped scene");
         let (mut gains, mut touching) = (0, 0);
         for scene in [statue(), rooms, Plates::default().scene().expect("a scene")] {
-            let plan = Plan::new(&scene, &Limits::default().boundless(), &scene.accuracy).expect("a plan");
+            let plan =
+                Plan::new(&scene, &PlanOptions::default().boundless(), &scene.settings).expect("a plan");
             let search = Search::new(0.5, (&plan).into());
             let others = |receiver: u32| search.blockers.iter().copied().filter(move |&i| i != receiver);
             let mut meeting = Vec::new();

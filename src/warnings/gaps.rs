@@ -1,34 +1,34 @@
-//! Layers that face each other closer than their triangles are wide: light between them leaks past.
+//! Gaps narrower than the triangles on their sides, from which light leaks.
 
 use super::distance::between;
-use crate::model::{Block, Facet, Hierarchy, coplanar_tolerance, reaches};
+use crate::model::{BoundedRun, Facet, Hierarchy, coplanar_tolerance, reaches};
 use crate::plan::{PADDING, Plan};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// A gap counts below this share of the size √s of the larger triangle.
+/// A gap is narrow below this multiple of the size √s of the larger triangle.
 const NARROW: f64 = 0.5;
-/// Least cosine of the gap with both normals: what meets at an angle is an edge, not a gap.
+/// Smallest cosine between the gap and both normals: surfaces that meet at an angle form an edge, not a gap.
 const FACING: f64 = 0.7;
 
 /// Triangles per leaf of the search.
 const LEAF: usize = 8;
 
-/// Two triangles that face each other. Index = triangle of the scene.
+/// Two triangles that face each other: indices in the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gap {
     /// The larger one.
     pub wide: u32,
     pub other: u32,
-    /// Width over the size √s of the larger triangle.
+    /// Width of the gap over the size √s of the larger triangle.
     pub share: f64,
 }
 
-/// Of each triangle the narrowest gap to a smaller one, if light or antiradiance passes it.
+/// For each triangle, the narrowest gap to a smaller one that light or antiradiance crosses.
 pub fn gaps(plan: &Plan) -> Vec<Gap> {
     let facets = &plan.facets;
     let order: Vec<u32> = plan.layout.order.iter().copied().filter(|&i| i != PADDING).collect();
-    let size = |i: u32| facets[i as usize].extent.sqrt();
+    let size = |i: u32| facets[i as usize].characteristic_area.sqrt();
     let tolerance = coplanar_tolerance(facets);
     let tree = Hierarchy::new(facets, &order, LEAF, tolerance);
     let passes = |i: usize, j: usize| {
@@ -49,7 +49,7 @@ pub fn gaps(plan: &Plan) -> Vec<Gap> {
             .map(|()| Gap { wide, other, share: width / size(wide) })
     };
     let narrowest = |&wide: &u32| {
-        let around = Block::around(std::iter::once(&facets[wide as usize]));
+        let around = BoundedRun::around(std::iter::once(&facets[wide as usize]));
         let range = NARROW * size(wide);
         tree.leaves(|node| around.distance_squared(&node.bounds) < range * range)
             .flat_map(|node| node.slots(LEAF, &order))
@@ -59,7 +59,7 @@ pub fn gaps(plan: &Plan) -> Vec<Gap> {
     order.par_iter().filter_map(narrowest).collect()
 }
 
-/// The shortest vector between two facets of like planes, or `None` where it is surely longer than `most`.
+/// The shortest vector between two roughly parallel facets, or `None` where it is certainly longer than `most`.
 fn near(a: &Facet, b: &Facet, most: f64) -> Option<DVec3> {
     if a.normal.dot(b.normal).abs() < FACING {
         return None;

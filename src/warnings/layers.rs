@@ -1,25 +1,26 @@
-//! Stacked layers: the gains of blockers behind one another multiply.
+//! Stacked layers, whose gains multiply.
 
 use super::gain::{Gain, Gains};
 
-/// Longest chain that is followed: beyond it, errors feed on themselves.
+/// Longest chain that is followed; longer ones count as endless.
 const LONGEST: usize = 64;
 
-/// The worst chain of layers in front of some triangle.
+/// The worst chain of layers in front of a triangle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chain {
     /// Product of the gains.
     pub gain: f64,
-    /// The blockers from the first that light meets, and what they should keep dark.
+    /// The blockers, from the first that light meets, and the triangle that they shadow.
     pub triangles: Vec<u32>,
-    /// More than [`LONGEST`] layers, or a ring of blockers each behind the other.
+    /// More than [`LONGEST`] layers, or a cycle of blockers each behind the other.
     pub endless: bool,
 }
 
-/// For each triangle, the largest product of gains above 1 along blockers behind one another that ends there.
+/// For each triangle, the largest product of gains above 1 along a chain of blockers that ends there.
 pub struct Layers {
-    /// 1 where there is none.
+    /// 1 where there is no chain.
     product: Vec<f64>,
+    /// The last link of the chain.
     last: Vec<Option<Gain>>,
     endless: bool,
 }
@@ -100,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn rings_end() {
+    fn cycles_end() {
         let layers = Layers::of(&gains(3, &[(0, 1, 2.0), (1, 0, 2.0), (1, 2, 2.0)]));
         let chain = layers.chain(2);
         assert!(chain.endless && chain.gain > 1e12 && chain.triangles == [0, 1, 2], "{chain:?}");

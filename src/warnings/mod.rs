@@ -1,5 +1,5 @@
-//! What of a scene the method will get wrong, with the triangles to blame: found without solving ([`Warnings::of`]), or
-//! seen in a solution ([`Warnings::after`]). Pure host code between plan and engine.
+//! Where the method will be wrong, and the triangles that cause it: predicted without a solve ([`Warnings::of`]), or found in a
+//! solution ([`Warnings::after`]). Pure host code between plan and engine.
 
 mod distance;
 mod edges;
@@ -12,7 +12,6 @@ pub use refine::{RefineError, RefineOptions, Refined, refine};
 
 use crate::plan::Plan;
 use crate::scene::Scene;
-use crate::solve::SolveError;
 use edges::Edges;
 pub(crate) use gain::Surfaces;
 use gain::{Gain, Gains};
@@ -20,39 +19,39 @@ use layers::Layers;
 use serde::Serialize;
 use std::fmt;
 
-/// Largest a/(d² s_b) that is passed over: beyond it errors of the shadow grow with every triangle's size.
+/// Largest a/(d² s_b) without a warning: above it, the error of a shadow grows with the size of triangles.
 const GAIN_LIMIT: f64 = 0.5;
-/// Triangles that a warning shows by name.
+/// Number of examples that a warning prints.
 const SHOWN: usize = 5;
-/// Product of gains of stacked layers from which on shadows below them are worth nothing.
+/// Product of gains of stacked layers above which the shadows below them are meaningless.
 const SEVERE_LAYERS: f64 = 10.0;
-/// Share of negative in all irradiance from which on it is more than the usual error.
+/// Share of negative in total absolute irradiance above which it exceeds the usual error.
 const SEVERE_NEGATIVE: f64 = 0.01;
 
 /// What a warning is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
-    /// A blocker spans more than a part of a direction bin, seen from a receiver behind it.
+    /// A blocker subtends too much of a direction bin, seen from a receiver behind it.
     CoarseBlockers,
-    /// Blockers behind one another whose gains multiply.
+    /// Blockers behind one another whose errors multiply.
     StackedLayers,
-    /// Triangles face each other closer than they are wide.
+    /// Triangles face each other at less than half their size.
     NarrowGaps,
-    /// Blockers with an edge that nothing closes.
+    /// Blockers with an open edge.
     OpenBlockers,
-    /// Blockers of which some triangles are turned over.
+    /// Blockers with some triangles of opposite orientation.
     InconsistentBlockers,
-    /// Triangles that are there more than once.
+    /// Triangles with the same corners and front as another.
     DuplicateTriangles,
-    /// Light is created: the spectral radius of the transport is 1 or more.
+    /// The spectral radius of the transport is 1 or more, so that it creates light.
     Unphysical,
     /// Irradiance below zero.
     NegativeIrradiance,
 }
 
 impl Kind {
-    /// Two or three words.
+    /// A name of one or two words, for people.
     pub fn name(self) -> &'static str {
         match self {
             Self::CoarseBlockers => "coarse blockers",
@@ -72,36 +71,36 @@ impl Kind {
 pub struct Example {
     /// Index in the scene.
     pub triangle: u32,
-    /// `room.obj:17 (triangle 5 of mesh "room")`.
+    /// Where it is, such as `room.obj:17 (triangle 5 of mesh "room")`.
     pub place: String,
-    /// What it is measured by: see [`Warning::measure`].
+    /// Its value of [`Warning::measure`].
     pub value: f64,
-    /// The triangle that it is bad for or with, if there is one.
+    /// The other triangle concerned, such as the receiver behind a blocker, if there is one.
     pub other: Option<u32>,
-    /// The mesh of that triangle, and its place there.
+    /// Where that one is.
     pub other_place: Option<String>,
 }
 
-/// Something of a scene that the method will get wrong.
+/// A cause of errors, with the triangles concerned.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Warning {
-    /// What sort of thing it is.
+    /// The cause.
     pub kind: Kind,
     /// Whether the result may be useless, not just less accurate.
     pub severe: bool,
     /// What is wrong, in a sentence.
     pub message: String,
     /// What to do about it.
-    pub way_out: String,
-    /// What the values of the examples are, with the unit.
+    pub remedy: String,
+    /// The quantity that ranks the triangles, with its unit.
     pub measure: &'static str,
-    /// Number of triangles it is true of.
+    /// Number of triangles concerned.
     pub count: usize,
-    /// Of the scene's area, 0 to 1.
+    /// Their share of the scene's area, 0 to 1.
     pub area_share: f64,
-    /// The worst ones.
+    /// The worst triangles.
     pub worst: Vec<Example>,
-    /// All triangles, the worst first.
+    /// All triangles concerned, the worst first.
     #[serde(skip)]
     pub triangles: Vec<u32>,
 }
@@ -109,15 +108,15 @@ pub struct Warning {
 /// All warnings of a scene under a plan.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Warnings {
-    /// One for each kind of thing that was found.
+    /// At most one of each kind.
     pub list: Vec<Warning>,
 }
 
-/// A triangle, its value and what it is bad for.
+/// A triangle, its value and the other triangle concerned.
 type Found = (u32, f64, Option<u32>);
 
 impl Warnings {
-    /// What can be told before a solve. Takes about as long as planning: it looks at pairs of triangles that are near.
+    /// Warnings before a solve. Takes about as long as planning, since only pairs of nearby triangles are examined.
     pub fn of(scene: &Scene, plan: &Plan) -> Self {
         let mut warnings = Self::default();
         let gains = Gains::above(GAIN_LIMIT, plan.into());
@@ -128,8 +127,8 @@ impl Warnings {
         warnings
     }
 
-    /// Share of the scene's area, 0 to 1, that blockers take whose a/(d² s_b) is above 1, so that what they do wrong grows from
-    /// layer to layer ([`Kind::CoarseBlockers`] are those above one half).
+    /// Share of the scene's area, 0 to 1, in blockers whose a/(d² s_b) is above 1, so that their errors grow from layer to layer
+    /// ([`Kind::CoarseBlockers`] are those above one half).
     pub(crate) fn coarse_share(surfaces: Surfaces) -> f64 {
         let area = |triangle: usize| surfaces.facets[triangle].area;
         let blockers = Gains::above(1.0, surfaces).of_blocker;
@@ -137,8 +136,8 @@ impl Warnings {
         coarse / (0..surfaces.facets.len()).map(area).sum::<f64>().max(f64::MIN_POSITIVE)
     }
 
-    /// What the result of a solve shows: `irradiance` per triangle of the scene, W/m², and the estimate of the spectral radius,
-    /// if the solver has one.
+    /// Warnings after a solve, from the irradiance of each triangle, W/m², and the estimate of the spectral radius, if the solver
+    /// has one.
     pub fn after(scene: &Scene, plan: &Plan, irradiance: &[[f64; 3]], spectral_radius: Option<f64>) -> Self {
         let mut warnings = Self::default();
         if let Some(radius) = spectral_radius.filter(|&radius| radius >= 1.0) {
@@ -159,23 +158,15 @@ impl Warnings {
             kind: Kind::NegativeIrradiance,
             severe: share > SEVERE_NEGATIVE,
             message: format!(
-                "{count} triangles have negative irradiance, {:.2} % of all light in size: more was taken away there than \
-                 arrived",
+                "{count} triangles have negative irradiance, {:.2} % of all light by magnitude: more antiradiance than light \
+                 is incident there",
                 100.0 * share
             ),
-            way_out: "antirad refine, or a finer mesh where blockers are near; a little of it is usual".to_owned(),
+            remedy: "antirad refine, or a finer mesh near blockers; small amounts are normal".to_owned(),
             measure: "irradiance, W/m²",
             ..Warning::blank()
         });
         warnings
-    }
-
-    /// What a solve that found nothing says.
-    pub fn after_failure<E>(scene: &Scene, plan: &Plan, error: &SolveError<E>) -> Self {
-        match error {
-            SolveError::Diverged { .. } => Self { list: vec![unphysical(scene, plan, f64::INFINITY)] },
-            _ => Self::default(),
-        }
     }
 
     /// The warning of a kind.
@@ -183,7 +174,7 @@ impl Warnings {
         self.list.iter().find(|w| w.kind == kind)
     }
 
-    /// Triangles under any warning, each counted once per warning.
+    /// Number of triangles under any warning, each counted once per warning.
     pub fn count(&self) -> usize {
         self.list.iter().map(|w| w.count).sum()
     }
@@ -197,7 +188,7 @@ impl Warnings {
         names.dedup();
         let links = chain.triangles.len() - 1;
         let product = if chain.endless {
-            "without bound: some blockers lie behind one another in a ring".to_owned()
+            "without bound: some blockers form a cycle, each behind the other".to_owned()
         } else {
             format!("up to {:.1e}", chain.gain)
         };
@@ -206,11 +197,11 @@ impl Warnings {
             kind: Kind::StackedLayers,
             severe: chain.endless || chain.gain > SEVERE_LAYERS,
             message: format!(
-                "{count} triangles lie behind two or more layers whose errors multiply, {product}; the worst are {links} \
-                 in a row: {}",
+                "{count} triangles lie behind two or more layers whose errors multiply, {product}; the worst stack has {links} \
+                 layers: {}",
                 quoted(&names)
             ),
-            way_out: "antirad refine, a mesh finer than the distance of the layers, bins of one size (--bins \
+            remedy: "antirad refine, a mesh finer than the distance of the layers, bins of equal size (--bins \
                       concentric:10), or one layer in place of several"
                 .to_owned(),
             measure: "product of a/(d² s_b) over the layers",
@@ -227,11 +218,11 @@ impl Warnings {
             kind: Kind::CoarseBlockers,
             severe: false,
             message: format!(
-                "{count} blockers are too large for {} bins where {receivers} triangles behind them are near: shadows \
+                "{count} blockers are too large for {} bins, seen from {receivers} triangles close behind them: shadows \
                  there are wrong by about a tenth of a/(d² s_b), which should be below {GAIN_LIMIT}",
-                plan.accuracy.bins
+                plan.settings.bins
             ),
-            way_out: "antirad refine, a finer mesh, or bins of one size (--bins concentric:10)".to_owned(),
+            remedy: "antirad refine, a finer mesh, or bins of equal size (--bins concentric:10)".to_owned(),
             measure: "a/(d² s_b): the blocker's solid angle, in pieces, over that of a bin",
             ..Warning::blank()
         });
@@ -245,9 +236,9 @@ impl Warnings {
             kind: Kind::NarrowGaps,
             severe: false,
             message: format!(
-                "{count} triangles face others closer than half their own size: light leaks from the gap"
+                "{count} triangles face others at less than half their own size: light leaks from the gap"
             ),
-            way_out: "antirad refine, close the gap, or leave out what lies in it".to_owned(),
+            remedy: "antirad refine, close the gap, or remove the surfaces in it".to_owned(),
             measure: "width of the gap over the triangle's size √s",
             ..Warning::blank()
         });
@@ -265,10 +256,10 @@ impl Warnings {
             kind: Kind::InconsistentBlockers,
             severe: true,
             message: format!(
-                "{count} blockers share an edge with a triangle that is turned the other way: one of the two shows its \
-                 black back, which holds nothing back"
+                "{count} blockers share an edge with a triangle of opposite orientation: one of the two shows its black back, \
+                 which blocks no light"
             ),
-            way_out: "turn the triangles of each object so that all fronts are outside".to_owned(),
+            remedy: "orient the triangles of each object so that all fronts are outside".to_owned(),
             measure: "area, m²",
             ..Warning::blank()
         });
@@ -276,9 +267,10 @@ impl Warnings {
             kind: Kind::OpenBlockers,
             severe: false,
             message: format!(
-                "{count} blockers have an edge that nothing closes: light that meets a back there goes through"
+                "{count} blockers have an open edge: light that hits a back there passes through"
             ),
-            way_out: "close the object, or give sheets a second side; a lamp close to a ceiling may stay".to_owned(),
+            remedy: "close the object, or give sheets a second side; a lamp close to a ceiling does no harm"
+                .to_owned(),
             measure: "area, m²",
             ..Warning::blank()
         });
@@ -286,16 +278,16 @@ impl Warnings {
             kind: Kind::DuplicateTriangles,
             severe: true,
             message: format!(
-                "{count} triangles lie on another with the same corners and the same front: each of them emits, reflects \
-                 and holds back light once more"
+                "{count} triangles have the same corners and the same front as another: each emits, reflects and blocks light \
+                 once more"
             ),
-            way_out: "remove them from the mesh".to_owned(),
+            remedy: "remove them from the mesh".to_owned(),
             measure: "area, m²",
             ..Warning::blank()
         });
     }
 
-    /// Adds a warning for what was found, if anything was; the worst come first.
+    /// Adds a warning if any triangles were found; the worst come first.
     fn push(
         &mut self,
         scene: &Scene,
@@ -325,7 +317,7 @@ impl Warnings {
     }
 }
 
-/// The radius says that, not where: the layers and blockers that are known to be bad are the first to look at.
+/// The spectral radius does not tell where the cause is; the likeliest are stacked layers and coarse blockers.
 fn unphysical(scene: &Scene, plan: &Plan, radius: f64) -> Warning {
     let before = Warnings::of(scene, plan);
     let suspects = before.get(Kind::StackedLayers).or(before.get(Kind::CoarseBlockers));
@@ -334,9 +326,9 @@ fn unphysical(scene: &Scene, plan: &Plan, radius: f64) -> Warning {
         kind: Kind::Unphysical,
         severe: true,
         message: format!(
-            "the spectral radius of the transport is {size}: light is created, and the answer is not physical"
+            "the spectral radius of the transport is {size}: light is created, and the answer is unphysical"
         ),
-        way_out: "look for interpenetrating triangles, and stacked layers closer than a triangle's size"
+        remedy: "look for interpenetrating triangles, and for stacked layers closer than a triangle's size"
             .to_owned(),
         ..suspects.cloned().unwrap_or(Warning::blank())
     }
@@ -348,7 +340,7 @@ impl Warning {
             kind: Kind::Unphysical,
             severe: false,
             message: String::new(),
-            way_out: String::new(),
+            remedy: String::new(),
             measure: "",
             count: 0,
             area_share: 0.0,
@@ -362,7 +354,7 @@ fn mesh_name(scene: &Scene, triangle: u32) -> &str {
     scene.meshes.iter().find(|m| m.range.contains(&triangle)).map_or("", |m| m.name.as_str())
 }
 
-/// A list of names, its middle left out if it is long.
+/// A list of quoted names, abbreviated in the middle if it is long.
 fn quoted(names: &[&str]) -> String {
     const MOST: usize = 12;
     let quote = |names: &[&str]| names.iter().map(|n| format!("\"{n}\"")).collect::<Vec<_>>().join(", ");
@@ -376,7 +368,7 @@ impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let severe = if self.severe { " (severe)" } else { "" };
         writeln!(f, "{}{severe}", self.kind.name())?;
-        writeln!(f, "  what         {}", self.message)?;
+        writeln!(f, "  problem      {}", self.message)?;
         if self.count > 0 {
             writeln!(f, "  triangles    {}, {:.2} % of the area", self.count, 100.0 * self.area_share)?;
         }
@@ -391,7 +383,7 @@ impl fmt::Display for Warning {
         if !self.worst.is_empty() {
             writeln!(f, "  measured as  {}", self.measure)?;
         }
-        write!(f, "  way out      {}", self.way_out)
+        write!(f, "  remedy       {}", self.remedy)
     }
 }
 

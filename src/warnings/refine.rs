@@ -1,8 +1,8 @@
-//! Finer meshes where warnings ask for them.
+//! Refinement of the mesh where warnings ask for it.
 
 use super::{Kind, Warnings};
 use crate::options::setters;
-use crate::plan::{Limits, Plan, PlanError};
+use crate::plan::{Plan, PlanError, PlanOptions};
 use crate::scene::Scene;
 use std::collections::BTreeMap;
 
@@ -10,9 +10,9 @@ use std::collections::BTreeMap;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct RefineOptions {
-    /// Triangles that the scene may have in the end.
+    /// Largest number of triangles of the refined scene.
     pub max_triangles: usize,
-    /// Times that a triangle may be cut.
+    /// How many times a triangle may be cut.
     pub levels: u32,
 }
 
@@ -24,31 +24,31 @@ impl Default for RefineOptions {
     }
 }
 
-/// What was done.
+/// What [`refine`] did.
 #[derive(Clone, Debug)]
 pub struct Refined {
-    /// Warnings of the scene as it was given.
+    /// Warnings of the given scene.
     pub before: Warnings,
-    /// Those that are left.
+    /// Warnings of the refined scene.
     pub after: Warnings,
-    /// Per new triangle the one of the old scene that it is a part of.
+    /// Per new triangle, the index of the old triangle that it is a part of.
     pub parents: Vec<u32>,
-    /// Old triangles that were cut, by the name of their mesh.
+    /// Number of old triangles that were cut, by the name of their mesh.
     pub cut: BTreeMap<String, usize>,
-    /// Times that cutting was done.
+    /// Number of rounds of cutting.
     pub rounds: u32,
-    /// Some more would have been cut, had there been room below `max_triangles`.
+    /// Whether `max_triangles` prevented further cuts.
     pub full: bool,
 }
 
-/// Why there is nothing refined.
+/// Why a scene could not be refined.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RefineError {
-    /// There is no plan to judge the scene by.
+    /// The scene has no plan, without which there are no warnings.
     #[error(transparent)]
     Plan(#[from] PlanError),
-    /// The scene is as large as it may be before anything is cut.
+    /// The scene already has the largest number of triangles allowed.
     #[error("the scene has {triangles} triangles already; allow more than {allowed} (--max-triangles)")]
     Full {
         /// Number of triangles it has.
@@ -58,12 +58,16 @@ pub enum RefineError {
     },
 }
 
-/// Cuts coarse blockers, those of stacked layers, and the wide sides of narrow gaps, the worst first, until there are none,
-/// or no room, or each was cut `levels` times. See [`Scene::split`] for what a cut is. Materials, cameras and settings stay.
-pub fn refine(scene: &mut Scene, limits: &Limits, options: &RefineOptions) -> Result<Refined, RefineError> {
+/// Cuts coarse blockers, those of stacked layers included, and the larger triangles of narrow gaps, the worst first, until none
+/// are left, `max_triangles` is reached, or `levels` rounds are done; see [`Scene::split`]. Materials, cameras and settings stay.
+pub fn refine(
+    scene: &mut Scene,
+    plan_options: &PlanOptions,
+    options: &RefineOptions,
+) -> Result<Refined, RefineError> {
     let plan = |scene: &Scene| {
-        // Only what is near matters here, not whether a solve would fit the memory.
-        Plan::new(scene, &limits.boundless(), &scene.accuracy)
+        // Warnings do not depend on whether a solve would fit into memory.
+        Plan::new(scene, &plan_options.boundless(), &scene.settings)
     };
     let (count, allowed) = (scene.triangles.len(), options.max_triangles);
     let before = Warnings::of(scene, &plan(scene)?);
@@ -104,7 +108,7 @@ pub fn refine(scene: &mut Scene, limits: &Limits, options: &RefineOptions) -> Re
     Ok(refined)
 }
 
-/// The triangles that should be smaller, the worst first, each once.
+/// The triangles to cut, the worst first, each once.
 fn asked(warnings: &Warnings) -> Vec<u32> {
     let lists = [Kind::CoarseBlockers, Kind::NarrowGaps].map(|kind| warnings.get(kind));
     let mut seen = std::collections::HashSet::new();

@@ -3,7 +3,7 @@
 use crate::{Folder, names, says};
 
 #[test]
-fn what_pictures_leave_open() {
+fn what_pictures_leave_undetermined() {
     let folder = Folder::with(&[]);
     let run =
         folder.run("ambiguity room.toml --camera side --triangle 3 --triangle 150 --output out").succeeded();
@@ -45,7 +45,7 @@ fn ambiguities_that_cannot_be_examined() {
         .run("ambiguity room.toml --camera nobody --output out")
         .refused(&["no camera \"nobody\"", "main, side"]);
     assert!(!folder.path("out").exists());
-    // Too many unseen triangles for intervals: the rest is said all the same.
+    // Too many unseen triangles for intervals: the rest is reported all the same.
     let run = folder.run("ambiguity room.toml --camera side --max-unseen 5 --output out").succeeded();
     says(&run.stdout, &["ker V", "left out", "--max-unseen"]);
     assert_eq!(names(&folder.path("out")), ["ambiguity.json"]);

@@ -1,4 +1,4 @@
-//! The examples, compiled in: so they are never older than the library they show, whichever tests are asked for.
+//! The examples, compiled in, so that they always use the current library, whichever tests are run.
 
 use std::process::Command;
 
@@ -20,10 +20,10 @@ mod own_device {
     }
 }
 
-/// Runs them again in processes of their own: there the layer watches an embedder's instance too, from its first call to
-/// its last, and prints what it finds.
+/// Runs them again in processes of their own, where the validation layer checks an embedder's instance too, from its
+/// first call to its last, and prints its messages.
 #[test]
-fn they_keep_the_rules_of_vulkan() {
+fn they_pass_validation() {
     let tests = std::env::current_exe().expect("this program");
     for example in ["embed", "own_device"] {
         let output = Command::new(&tests)

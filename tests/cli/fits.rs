@@ -1,4 +1,4 @@
-//! `antirad fit`: single jobs, batches, and what is left of them when they are killed.
+//! `antirad fit`: single jobs, batches, and what remains of them when they are killed.
 
 use crate::{Folder, ROOM, Run, names, run, says};
 use antirad::scene::{LoadOptions, Scene};
@@ -7,9 +7,9 @@ use std::fs;
 use std::path::Path;
 
 /// Few bins: these tests are about files and processes.
-const ACCURACY: &str = "\n[accuracy]\nbins = { concentric = 2 }\ntolerance = 1e-5\nsubsample = 4\n";
+const SETTINGS: &str = "\n[settings]\nbins = { concentric = 2 }\ntolerance = 1e-5\nnear_field = 4\n";
 
-/// What runs leave with something of their own in it.
+/// Result files that differ between runs.
 const DIFFERS: [&str; 4] = [".lock", "checkpoint", "checkpoint.previous", "report.json"];
 
 const JOB: &str = r#"scene = "room.toml"
@@ -42,7 +42,7 @@ every = 2
 
 /// A folder with the room, pictures of it, and jobs besides.
 fn folder(jobs: &[(&str, &str)]) -> Folder {
-    let mut files = vec![("room.toml", format!("{ROOM}{ACCURACY}"))];
+    let mut files = vec![("room.toml", format!("{ROOM}{SETTINGS}"))];
     files.extend(jobs.iter().map(|(name, text)| (*name, (*text).to_owned())));
     let files: Vec<(&str, &str)> = files.iter().map(|(name, text)| (*name, text.as_str())).collect();
     let folder = Folder::with(&files);
@@ -50,7 +50,7 @@ fn folder(jobs: &[(&str, &str)]) -> Folder {
     folder
 }
 
-/// Names and bytes of what a job left, but for what tells of time and of the way there.
+/// Names and bytes of a job's results, except for files that hold times or the course of the run.
 fn results(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let kept = names(folder).into_iter().filter(|name| !DIFFERS.contains(&name.as_str()));
     kept.map(|name| (name.clone(), fs::read(folder.join(name)).expect("a file"))).collect()
@@ -79,7 +79,7 @@ fn a_job_finds_what_the_pictures_were_made_with() {
     let mut tool = folder.tool(["fit", "job.toml", "--output", "fits"]);
     let run = run(tool.env("ANTIRAD_VALIDATION", "1")).succeeded();
     says(&run.stdout, &["job:", "iterations", "albedo", "of wall", "fits/job"]);
-    // A line to begin with and one for each iteration, nothing else: no terminal is there.
+    // One line at the start and one per iteration, nothing else, as there is no terminal.
     let lines: Vec<&str> = run.stderr.lines().collect();
     assert!(lines[0].contains("6 unknowns") && lines[0].contains("s per iteration"), "{lines:?}");
     assert!(lines[1..].iter().all(|line| line.starts_with("job iteration ")), "{lines:?}");
@@ -121,7 +121,7 @@ fn a_box_is_moved_back_by_what_two_views_see() {
     let boxed = "\n[[mesh]]\nname = \"block\"\nshape = { kind = \"box\", cells = 1 }\nmaterial = \"lamp\"\n\
                  scale = 0.2\ntranslate = [0.4, 0.1, 0.5]\n";
     let room =
-        format!("{ROOM}{boxed}{ACCURACY}").replace("width = 32\nheight = 24", "width = 64\nheight = 48");
+        format!("{ROOM}{boxed}{SETTINGS}").replace("width = 32\nheight = 24", "width = 64\nheight = 48");
     let room = room.replace("width = 16\nheight = 16", "width = 48\nheight = 48");
     let job = "scene = \"room.toml\"\n[[target]]\npicture = \"out/main.exr\"\ncamera = \"main\"\n[[target]]\n\
                picture = \"out/side.exr\"\ncamera = \"side\"\n[[fit]]\nparameter = \"position\"\n\
@@ -131,7 +131,7 @@ fn a_box_is_moved_back_by_what_two_views_see() {
     folder.render("room.toml --supersample 8").succeeded();
     folder.run("fit job.toml --output fits").succeeded();
     let way = value(&folder, "fits/job/parameters.json", "translation");
-    // A tenth of its size away at first.
+    // Initially off by a tenth of its size.
     assert!(way.iter().all(|w| w.abs() < 1e-3), "{way:?}");
 }
 
@@ -153,7 +153,7 @@ fn the_log_can_be_json() {
     assert_eq!((quiet.stdout.as_str(), quiet.stderr.as_str()), ("", ""));
 }
 
-/// Each broken job is told of in a line; the others are what they would have been alone.
+/// Each broken job is reported in a line; the others are what they would have been alone.
 #[test]
 fn a_broken_job_harms_no_other() {
     let short = JOB.replace("iterations = 12", "iterations = 3");
@@ -164,7 +164,7 @@ fn a_broken_job_harms_no_other() {
         ("b.toml", short.replace("albedo", "albido")),
         ("c.toml", short.replace("main.exr", "none.exr")),
         ("d.toml", short.replace("initial = 0.5", "initial = 0.4")),
-        ("no_job.toml", format!("{ROOM}{ACCURACY}")),
+        ("no_job.toml", format!("{ROOM}{SETTINGS}")),
         ("notes.txt", String::from("not a job")),
         ("z.toml", String::from("scene = ")),
     ] {
@@ -202,7 +202,7 @@ fn a_broken_job_harms_no_other() {
         folder.run(&format!("fit jobs/{name}.toml --output alone")).succeeded();
         same_results(&folder.path("fits").join(name), &folder.path("alone").join(name));
     }
-    // Once more: what is done is left alone.
+    // Run again: finished jobs are skipped.
     let again = folder.run("fit jobs/a.toml jobs/d.toml --output fits --resume").succeeded();
     says(&again.stderr, &["a: finished before", "d: finished before"]);
     let summary = String::from_utf8(folder.read("fits/summary.csv")).expect("text");
@@ -240,7 +240,7 @@ mod killed {
     use std::process::{Command, Stdio};
     use std::time::Duration;
 
-    /// Starts a fit and sends it a signal once it has told of a job's iteration.
+    /// Starts a fit and sends it a signal once it has reported a job's iteration.
     fn kill_at(folder: &Folder, arguments: &str, iteration: &str, signal: &str) -> Run {
         kill_tool_at(folder.tool(arguments.split_whitespace()), iteration, signal)
     }
@@ -268,7 +268,7 @@ mod killed {
         folder.run("fit job.toml --output whole").succeeded();
         for (signal, code) in [("-TERM", Some(143)), ("-INT", Some(130)), ("-KILL", None)] {
             let _ = fs::remove_dir_all(folder.path("cut"));
-            // Twice: early, and once more after it went on.
+            // Twice: early, and again after it was resumed.
             for (iteration, resume) in [("iteration 3:", ""), ("iteration 7:", "--resume")] {
                 let run = kill_at(&folder, &format!("fit job.toml --output cut {resume}"), iteration, signal);
                 assert_eq!(run.code, code, "{run:?}");
@@ -279,7 +279,7 @@ mod killed {
                 assert!(!folder.path("cut/job/report.json").exists());
             }
             let run = folder.run("fit job.toml --output cut --resume").succeeded();
-            // Only what was lost since the checkpoint, every two iterations, is done again.
+            // Only the iterations since the last checkpoint, written every two, are repeated.
             let first = run.stderr.lines().nth(1).expect("an iteration");
             assert!(
                 ["6", "7", "8", "9"].iter().any(|n| first.starts_with(&format!("job iteration {n}:"))),
@@ -306,11 +306,12 @@ mod killed {
             assert_eq!(run.code, Some(143), "{run:?}");
             says(&run.stderr, &["antirad: job: interrupted after iteration", "--resume"]);
         };
-        // Told to end it passes that on in the same way. The checkpoint before the signal may be one of an earlier iteration.
+        // A signal to `timeout` itself is passed on in the same way. The checkpoint before the signal may be one of an
+        // earlier iteration.
         let run = kill_tool_at(timeout("1h"), "iteration 3:", "-TERM");
         ended(&run);
         let reached: u32 = last_iteration(&run.stderr);
-        // Its time over by itself.
+        // `timeout` ends it by itself.
         let run = Run::from(timeout("4s").output().expect("timeout runs"));
         ended(&run);
         let first = run.stderr.lines().nth(1).expect("an iteration");
@@ -328,7 +329,7 @@ mod killed {
         assert_eq!(run.code, Some(0), "{run:?}");
     }
 
-    /// The one that is told of last.
+    /// The last one reported.
     fn last_iteration(stderr: &str) -> u32 {
         let mut told = stderr.lines().filter_map(|line| line.strip_prefix("job iteration ")?.split_once(':'));
         told.next_back().and_then(|(number, _)| number.parse().ok()).expect("an iteration")
@@ -363,12 +364,12 @@ mod killed {
         says(&last.stdout, &["18 of 20 jobs are done"]);
         says(&last.stderr, &["antirad: j04: ", "antirad: j11: ", "did you mean \"wall\"?"]);
         for name in names.iter().filter(|name| !broken.contains(&name.as_str())) {
-            // Nothing of the kills is left: no half-written file either.
+            // The kills left nothing behind, no half-written file either.
             same_results(&folder.path(&format!("whole/{name}")), &folder.path(&format!("cut/{name}")));
         }
     }
 
-    /// The batch in which a signal comes tells of every job.
+    /// A batch that a signal interrupts reports every job.
     #[test]
     fn a_signal_ends_a_batch() {
         let job = JOB.replace("iterations = 12", "iterations = 3");
@@ -393,7 +394,7 @@ mod killed {
             &["fits/job/checkpoint: ", "should hold", "remove it to continue from", "checkpoint.previous"],
         );
         assert_eq!(fs::read(&path).expect("a checkpoint").len(), good.len() / 2);
-        // As it says.
+        // The remedy of the message.
         fs::remove_file(&path).expect("removed");
         let changed = JOB.replace("initial = 3", "initial = 4");
         fs::write(folder.path("job.toml"), &changed).expect("written");
@@ -405,12 +406,12 @@ mod killed {
         same_results(&folder.path("whole/job"), &folder.path("fits/job"));
     }
 
-    /// What a disk without room does, a limit on the size of files does without a right to mount one: writes end half-way.
+    /// A limit on file sizes simulates a full disk without the right to mount one: writes end half-way.
     #[test]
     fn a_failed_write_is_an_error_and_costs_no_checkpoint() {
         let folder = folder(&[("job.toml", JOB)]);
         let mut limited = Command::new("sh");
-        // Some KiB: a checkpoint has two, pictures and plots have more.
+        // Some KiB: a checkpoint has two, pictures and plots more.
         limited.args(["-c", "trap '' XFSZ; ulimit -f 8; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_antirad")]);
         limited.args(["fit", "job.toml", "--output", "full"]).current_dir(folder.path(""));
         let run = run(&mut limited);
@@ -420,14 +421,14 @@ mod killed {
         assert!(left.contains(&String::from("checkpoint")), "{left:?}");
         assert!(!left.contains(&String::from("report.json")), "{left:?}");
         assert!(left.iter().all(|name| !name.starts_with(".antirad")), "{left:?}");
-        // With room again, it goes on from there.
+        // Without the limit it continues from there.
         let resumed = folder.run("fit job.toml --output full --resume").succeeded();
         assert!(!resumed.stderr.contains("iteration 1:"), "{}", resumed.stderr);
         folder.run("fit job.toml --output whole").succeeded();
         same_results(&folder.path("whole/job"), &folder.path("full/job"));
     }
 
-    /// Without a word on what is there, it stays as it is.
+    /// Without --resume or --restart existing progress stays as it is.
     #[test]
     fn progress_is_not_destroyed_in_silence() {
         let folder = folder(&[("job.toml", JOB)]);
@@ -441,7 +442,7 @@ mod killed {
         assert_eq!(folder.run("fit job.toml --output cut --resume --restart").code, Some(2));
         let anew = folder.run("fit job.toml --output cut --restart").succeeded();
         says(&anew.stderr, &["job iteration 0:", "job iteration 12:"]);
-        // A fit that has ended is as much work.
+        // A finished fit is protected in the same way.
         says(&folder.run("fit job.toml --output cut").stderr, &["--resume", "--restart"]);
     }
 
@@ -463,14 +464,14 @@ mod killed {
         assert_eq!(second.code, Some(1), "{second:?}");
         let holder = format!("antirad: job: fits/job: process {} on ", first.id());
         says(&second.stderr, &[&holder, "at work in this folder", "other iteration 2:"]);
-        // The first one lost nothing by it, and its lock has gone with it.
+        // The first one is unharmed, and its lock was released at its end.
         let resumed = kill_at(&folder, "fit job.toml --output fits --resume", "iteration ", "-TERM");
         assert!(!resumed.stderr.contains("iteration 1:"), "{}", resumed.stderr);
     }
 
-    /// Whatever ends like a job and cannot be read as one.
+    /// Files that are named like a job and cannot be read as one.
     #[test]
-    fn files_that_say_nothing_are_told_of() {
+    fn unreadable_jobs_are_reported() {
         let short = JOB.replace("iterations = 12", "iterations = 2");
         let folder = folder(&[]);
         fs::create_dir_all(folder.path("jobs/folder.toml")).expect("a folder");
@@ -487,7 +488,7 @@ mod killed {
                 "antirad: empty: jobs/empty.toml:1: ",
                 "missing field `scene`",
                 "antirad: link: jobs/link.toml: ",
-                "a link to a file that is not there",
+                "a link to a file that does not exist",
             ],
         );
     }

@@ -1,4 +1,4 @@
-//! The command-line tool, run as people run it: what it refuses and how it says so, and what it leaves behind.
+//! The command-line tool as a process: what it refuses, its messages, and the files it writes.
 
 mod ambiguities;
 mod examples;
@@ -82,7 +82,7 @@ impl Run {
         self
     }
 
-    /// Ended with one line that has these parts, and no word else.
+    /// Failed with one line that has these parts, and no other output.
     #[track_caller]
     fn refused(&self, parts: &[&str]) {
         assert_eq!(self.code, Some(2), "{self:?}");
@@ -105,7 +105,7 @@ fn says(text: &str, parts: &[&str]) {
 struct Folder(TempDir);
 
 impl Folder {
-    /// With files besides the good ones, or instead of them.
+    /// With these files in addition to the good ones, or instead of them.
     fn with(files: &[(&str, &str)]) -> Self {
         let folder = Self(TempDir::new().expect("a temporary folder"));
         for (name, text) in [("room.toml", ROOM), ("m.obj", OBJ), ("m.mtl", MTL)].iter().chain(files) {
@@ -162,7 +162,7 @@ fn names(directory: &Path) -> Vec<String> {
     names
 }
 
-/// Lets the Vulkan loader find no driver. Older loaders know the second name only.
+/// Hides all drivers from the Vulkan loader. Older loaders know the second name only.
 fn without_driver<'a>(command: &'a mut Command, driver_file: &Path) -> &'a mut Command {
     command.env("VK_DRIVER_FILES", driver_file).env("VK_ICD_FILENAMES", driver_file)
 }

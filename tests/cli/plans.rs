@@ -3,7 +3,7 @@
 use crate::{Folder, run, says, without_driver};
 use std::path::Path;
 
-/// A plan is made where no device can be: what it says does not depend on one.
+/// A plan needs no Vulkan driver and does not depend on a device.
 #[test]
 fn a_plan_needs_no_device() {
     let folder = Folder::with(&[]);
@@ -36,7 +36,7 @@ fn a_plan_keeps_to_the_settings_given() {
     assert_eq!(plan["solver"], "fixed point");
 }
 
-/// Where memory is short, states go to the host, and the plan says what that takes.
+/// Where memory is short, states go to the host, and the plan reports the traffic.
 #[test]
 fn a_plan_for_little_memory() {
     let folder = Folder::with(&[]);

@@ -1,10 +1,10 @@
-//! Bad input and impossible wishes: one line that says where and what, exit code 2, no results.
+//! Bad input and impossible options: one line that says where and what, exit code 2, no results.
 
 use crate::{Folder, MTL, OBJ, ROOM, run, says, without_driver};
 use std::fs;
 use std::path::Path;
 
-/// The good files but for one, and what the tool says of it.
+/// One bad file among the good ones, and the parts of the error.
 #[track_caller]
 fn refused(file: &str, text: &str, parts: &[&str]) {
     let folder = Folder::with(&[(file, text)]);
@@ -99,7 +99,7 @@ fn triangles_without_area_are_an_error_when_strict() {
     assert!(folder.results().is_empty());
 }
 
-/// Needs no rights that root lacks: nothing can be made below a regular file.
+/// Fails for root, too: nothing can be created below a regular file.
 #[test]
 fn results_that_cannot_be_written() {
     let folder = Folder::with(&[]);
@@ -107,6 +107,37 @@ fn results_that_cannot_be_written() {
         folder.run(&format!("render room.toml --output {output}")).refused(&[output, "cannot be written"]);
     }
     assert_eq!(folder.read("room.toml"), ROOM.as_bytes());
+}
+
+/// The system's message would only say that the file exists.
+#[test]
+#[cfg(unix)]
+fn a_link_for_results_that_leads_nowhere() {
+    let folder = Folder::with(&[]);
+    std::os::unix::fs::symlink("gone", folder.path("out")).expect("a link");
+    folder.render("room.toml").refused(&["out is a link to gone", "does not exist", "remove the link"]);
+    folder.run("render room.toml --output out/below").refused(&[
+        "out is a link to gone",
+        "does not exist",
+        "remove the link",
+    ]);
+}
+
+/// A stray coordinate is named, rather than blamed on what the others turn into.
+#[test]
+fn coordinates_of_any_size() {
+    refused("m.obj", &format!("{OBJ}v 1e30 0 0\nf 1 2 5\n"), &["triangle 2 of mesh", "1e30"]);
+    refused("m.obj", &OBJ.replace("v 1 0 0", "v 1e300 0 0"), &["1e300"]);
+    // A scene that is large or small as a whole is only in another unit.
+    for unit in ["1e30", "1e-30"] {
+        let folder = Folder::with(&[(
+            "m.obj",
+            &OBJ.replace(" 1 0", &format!(" {unit} 0"))
+                .replace("0 1\n", &format!("0 {unit}\n"))
+                .replace("v 1 0 0", &format!("v {unit} 0 0")),
+        )]);
+        folder.render("m.obj").succeeded();
+    }
 }
 
 #[test]
@@ -126,7 +157,7 @@ fn no_device_or_not_that_one() {
     assert!(folder.results().is_empty());
 }
 
-/// The error says how many bytes would do; they do.
+/// The budget that the error names suffices.
 #[test]
 fn a_budget_that_is_too_small() {
     let folder = Folder::with(&[]);
@@ -160,7 +191,7 @@ fn cameras_that_are_not_there_and_samples_that_cannot_be() {
     assert!(folder.results().is_empty());
 }
 
-/// The parser of arguments says these in its own form, of a few lines.
+/// The argument parser reports these in its own format of a few lines.
 #[test]
 fn arguments_that_say_nothing() {
     let folder = Folder::with(&[]);
@@ -180,6 +211,7 @@ fn arguments_that_say_nothing() {
         ("--max-passes 0", ["--max-passes", "0"]),
         ("--solver magic", ["--solver", "gmres"]),
         ("--memory-budget 5parsec", ["--memory-budget", "MiB"]),
+        ("--memory-budget 100000000000000000000GiB", ["--memory-budget", "more than"]),
         ("--camra main", ["--camra", "--camera"]),
     ] {
         let run = folder.render(&format!("room.toml {argument}"));

@@ -9,7 +9,7 @@ fn against_truth(folder: &Folder, arguments: &str) -> Run {
     run(tool.args(arguments.split_whitespace()))
 }
 
-/// The shares of a row of the table.
+/// The percentages of a row of the table.
 fn shares(row: &str) -> Vec<f64> {
     let cells = row.split('|').filter_map(|cell| cell.trim().strip_suffix(" %"));
     cells.map(|cell| cell.parse().expect("a number")).collect()

@@ -1,9 +1,9 @@
-//! `antirad check`, `antirad refine`, and what a render says of the same.
+//! `antirad check`, `antirad refine`, and the warnings of a render.
 
 use crate::{Folder, run, says, without_driver};
 use std::path::Path;
 
-/// A lamp over so many thin plates over a floor.
+/// A lamp over `count` thin plates over a floor.
 fn plates(count: u32) -> String {
     let mut text = String::from(
         "[material.black]\n[material.lamp]\nemission = 10\n[[mesh]]\nname = \"floor\"\nmaterial = \"black\"\nshape = { kind = \
@@ -37,7 +37,7 @@ fn a_check_needs_no_device_and_names_triangles() {
         "\"plate 3\", \"plate 2\", \"plate 1\"",
         "coarse blockers",
         "towards",
-        "way out",
+        "remedy",
     ];
     says(&checked.stdout, &parts);
 
@@ -57,7 +57,7 @@ fn a_check_needs_no_device_and_names_triangles() {
     }
     says(&folder.run("check room.toml").succeeded().stdout, &["200 triangles", "open blockers", "\"lamp\""]);
     folder.run("check nowhere.toml").refused(&["nowhere.toml", "cannot be read"]);
-    // Fewer bins need no finer mesh.
+    // With fewer bins the mesh is fine enough.
     let coarse = folder.run("check one.toml --bins 2x3").succeeded().stdout;
     assert!(coarse.contains("nothing to warn of"), "{coarse}");
 }
@@ -98,15 +98,15 @@ fn a_refined_scene_is_warned_of_less_and_renders() {
 fn a_render_warns_of_what_makes_it_useless() {
     let folder = folder();
     let rendered = folder.render("plates.toml --max-passes 2000").succeeded();
-    says(&rendered.stderr, &["WARN stacked layers: ", "\"plate 2\"", "way out: "]);
-    says(&rendered.stdout, &["beware      stacked layers ("]);
+    says(&rendered.stderr, &["WARN stacked layers: ", "\"plate 2\"", "remedy: "]);
+    says(&rendered.stdout, &["warnings    stacked layers ("]);
     let report = folder.json("out/report.json");
     assert_eq!(report["accuracy_warnings"][0]["kind"], "stacked_layers");
     let kinds = report["accuracy_warnings"].as_array().expect("warnings").iter().map(|w| &w["kind"]);
     assert!(kinds.clone().any(|kind| kind == "negative_irradiance"), "{report}");
 }
 
-/// Work of the host alone stops as soon as that of a device.
+/// Work on the host stops as soon as work on a device.
 #[test]
 #[cfg(unix)]
 fn an_interrupted_refinement_ends_soon_and_writes_nothing() {

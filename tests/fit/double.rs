@@ -1,7 +1,7 @@
 //! A renderer without light transport: one pixel a triangle, of a formula with all the parameters in it.
 
-use antirad::fit::{Estimate, RenderError, Renderer, SceneGradient, Target};
-use antirad::plan::Wanted;
+use antirad::fit::{CostEstimate, RenderError, Renderer, SceneGradient, Target};
+use antirad::plan::GradientRequest;
 use antirad::scene::{Camera, Scene};
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -63,9 +63,9 @@ fn direct(view: usize) -> f64 {
 }
 
 impl Renderer for Double {
-    fn estimate(&mut self, planning: &Scene) -> Result<Estimate, RenderError> {
+    fn estimate(&mut self, planning: &Scene) -> Result<CostEstimate, RenderError> {
         let device_bytes = planning.triangles.len() as u64;
-        Ok(Estimate { device_bytes, device_budget: 1 << 20, seconds: 0.1 })
+        Ok(CostEstimate { device_bytes, device_budget: 1 << 20, seconds: 0.1 })
     }
 
     fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
@@ -92,7 +92,7 @@ impl Renderer for Double {
     fn pull_back(
         &mut self,
         by_pixels: &[Vec<DVec3>],
-        wanted: Wanted,
+        wanted: GradientRequest,
     ) -> Result<Option<SceneGradient>, RenderError> {
         if self.without_derivatives {
             return Ok(None);

@@ -40,7 +40,7 @@ fn wave(n: usize, a: f64) -> Vec<f64> {
 }
 
 /// A smooth function of all that a scene is made of, and its derivatives.
-fn toy(scene: &Scene, wanted: antirad::plan::Wanted) -> (f64, SceneGradient) {
+fn toy(scene: &Scene, wanted: antirad::plan::GradientRequest) -> (f64, SceneGradient) {
     let mut gradient = SceneGradient::zeros(scene, wanted);
     let mut sum = 0.0;
     for t in 0..scene.triangles.len() {

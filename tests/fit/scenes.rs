@@ -53,9 +53,9 @@ fn exact() -> StopRule {
 /// Coarser than shipped, in smaller pictures: these tests are about what is found, not about how light looks.
 fn coarse(name: &str) -> Scene {
     let mut scene = load(name);
-    scene.accuracy.bins = BinLayout::Concentric { n: 4 };
-    scene.accuracy.subsample = 10.0;
-    scene.accuracy.tolerance = 1e-5;
+    scene.settings.bins = BinLayout::Concentric { n: 4 };
+    scene.settings.near_field = 10.0;
+    scene.settings.tolerance = 1e-5;
     for camera in &mut scene.cameras {
         (camera.width, camera.height) = (48, 36);
     }
@@ -209,8 +209,8 @@ fn resident() -> u64 {
 fn memory_does_not_grow_over_200_iterations() {
     let device = Device::new(&Default::default()).expect("a device");
     let mut scene = crate::scene();
-    scene.accuracy.bins = BinLayout::Concentric { n: 2 };
-    scene.accuracy.subsample = 1.0;
+    scene.settings.bins = BinLayout::Concentric { n: 2 };
+    scene.settings.near_field = 1.0;
     let albedo = of(Quantity::Albedo, &["wall"], 0.5);
     let position = displaced(1).fits.remove(0);
     for (fits, iterations) in [(vec![albedo.clone()], 200), (vec![albedo, position], 25)] {

@@ -23,7 +23,7 @@ fn device_tells_what_it_is() {
     let same = &listed[info.index];
     assert_eq!(same.info.name, info.name);
     assert!(same.missing.is_empty());
-    // The position selects it, and so does a part of the name in another case.
+    // The index selects it, and so does part of the name in another case.
     for selector in [info.index.to_string(), info.name[..4].to_uppercase()] {
         let options = options().selector(Some(selector));
         finish(Device::new(&options).unwrap());
@@ -85,19 +85,19 @@ fn an_embedders_device_is_used_and_left_alone() {
             batch.submit().unwrap();
             assert_eq!(device.download_slice::<f32>(&y, 0, 2).unwrap(), [13.0, 24.0]);
         }
-        // Still the embedder's, and alive.
+        // The device still belongs to the embedder and works.
         raw.device_wait_idle().unwrap();
         raw.destroy_device(None);
         instance.destroy_instance(None);
     }
 }
 
-/// Every test relies on an empty log: a log that is always empty would make them all worthless.
+/// Every test relies on an empty log, so the log must be able to fill.
 #[test]
 fn validation_finds_a_mistake() {
     let device = device();
     device.check_validation().unwrap();
-    // Without any usage: wrong, but harmless.
+    // A buffer without any usage: invalid, but harmless.
     let create = vk::BufferCreateInfo::default().size(256);
     // SAFETY: the mistake that validation must find; drivers ignore it.
     unsafe {
@@ -110,9 +110,9 @@ fn validation_finds_a_mistake() {
     assert!(matches!(device.check_validation(), Err(GpuError::Validation(_))));
 }
 
-/// What is not destroyed before the device must get into the log as well: `finish` relies on it.
+/// Objects that outlive the device must appear in the log as well: `finish` relies on it.
 #[test]
-fn validation_finds_what_is_left_over() {
+fn validation_finds_leaks() {
     let device = device();
     let create = vk::BufferCreateInfo::default().size(256).usage(vk::BufferUsageFlags::TRANSFER_SRC);
     // SAFETY: a plain call; the leak is the point.

@@ -70,7 +70,7 @@ fn slices_bind_a_part_and_leave_the_rest() {
     assert!(matches!(refused, Err(GpuError::Misaligned { .. })));
     let refused = batch.copy(&x, 0, &x, 100, 101);
     assert!(matches!(refused, Err(GpuError::Overlap { .. })));
-    // What was refused leaves the batch as it was.
+    // A refused operation leaves the batch unchanged.
     batch.copy(&x, 0, &x, 1024, 1024).unwrap();
     batch.submit().unwrap();
 
@@ -82,7 +82,7 @@ fn slices_bind_a_part_and_leave_the_rest() {
     finish(device);
 }
 
-/// Uniform buffers begin where every device lets them begin, not only this one.
+/// Uniform buffers are aligned as any device may require, not only this one.
 #[test]
 fn uniform_buffers_are_checked() {
     let device = device();
@@ -180,10 +180,11 @@ fn thousands_of_submits_neither_leak_nor_crawl() {
         batch.submit().unwrap();
         seconds.push(start.elapsed().as_secs_f64());
     }
-    // The fastest of many is what a submit costs, whoever else uses the machine. What piles up would show in all the last.
+    // The fastest of many gives the cost of a submission on a busy machine. A leak would slow down all of the last
+    // ones.
     let fastest = |some: &[f64]| some.iter().copied().fold(f64::INFINITY, f64::min);
     let (first, last) = (fastest(&seconds[..500]), fastest(&seconds[1500..]));
-    println!("{:.0} µs a submit at first, {:.0} µs at last", 1e6 * first, 1e6 * last);
+    println!("{:.0} µs per submission at first, {:.0} µs at last", 1e6 * first, 1e6 * last);
     assert!(last <= 3.0 * first, "{last} s after {first} s");
     assert_eq!(device.memory(), before);
     let expected = axpy(2000.0, &ramp(100), &[0.0; 100]);

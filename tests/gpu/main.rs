@@ -1,5 +1,5 @@
-//! The gpu layer on a real device (a CPU one will do), with validation: every test ends with an empty message log,
-//! after the device is destroyed, so that what is left over is found as well.
+//! The GPU layer on a real device (a CPU driver suffices), with validation: every test ends with an empty message log
+//! after the device is destroyed, so that leaks are found as well.
 
 mod devices;
 mod dispatches;
@@ -31,7 +31,7 @@ fn device() -> Device {
     Device::new(&options()).unwrap()
 }
 
-/// Drops the last reference to the device and demands that validation has found nothing.
+/// Drops the last reference to the device and requires that validation has found nothing.
 fn finish(device: Device) {
     let log = device.validation_log();
     drop(device);

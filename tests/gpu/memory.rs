@@ -12,7 +12,7 @@ fn transfers_beyond_one_staging_chunk() {
     let buffer = Buffer::new(&device, "big", bytes as u64 + 100, BufferKind::Storage).unwrap();
     device.upload(&buffer, 77, &data).unwrap();
     assert!(device.download(&buffer, 77, bytes as u64).unwrap() == data);
-    // A part of it, into memory of the caller.
+    // A part of it, into the caller's memory.
     let mut part = vec![0; 1000];
     device.download_into(&buffer, 77 + STAGING_CHUNK - 500, &mut part).unwrap();
     assert!(part == data[STAGING_CHUNK as usize - 500..][..1000]);
@@ -82,7 +82,7 @@ fn budget_refuses_by_name_and_freed_memory_is_uncounted() {
     let report = device.memory();
     assert_eq!((report.budget, report.in_use, report.peak), (budget, ALIGN, ALIGN));
 
-    // Exactly what is left still goes, and comes back.
+    // Exactly the rest of the budget can be allocated, and is returned.
     buffer("rest", budget - ALIGN).unwrap();
     let report = device.memory();
     assert_eq!((report.in_use, report.peak), (ALIGN, budget));
@@ -90,7 +90,7 @@ fn budget_refuses_by_name_and_freed_memory_is_uncounted() {
     let row = &report.by_label[0];
     assert_eq!((row.label.as_str(), row.bytes, row.count), ("small", ALIGN, 1));
 
-    // An empty buffer is a buffer, and the device works on.
+    // Empty buffers are possible, and the device still works.
     let empty = Buffer::new(&device, "empty", 0, BufferKind::Storage).unwrap();
     assert_eq!(empty.bytes(), ALIGN);
     device.upload(&empty, 0, &[1, 2, 3]).unwrap();

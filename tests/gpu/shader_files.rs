@@ -1,12 +1,13 @@
-//! The compiled shaders themselves, and where the build takes them from.
+//! The compiled shaders, and how the build obtains them.
 
-// The build script: what it does is tested as it is.
+// The build script itself, under test.
 #[allow(dead_code)]
 #[path = "../../build.rs"]
 mod build;
 
+use antirad::gpu::Shader;
 use antirad::scene::Precision;
-use antirad::shaders::{self, Shader};
+use antirad::shaders;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -20,7 +21,7 @@ fn here() -> Sources<'static> {
     Sources { root: Path::new("."), glslc: "glslc" }
 }
 
-/// What the host relies on in a module.
+/// The interface of a module on which the host relies.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct Interface {
     /// Entry point, capabilities, bindings, specialisation constants, strides.
@@ -73,14 +74,14 @@ impl Interface {
         }
         let capabilities = module.capabilities.iter().chain(&module.extensions).chain(&module.memory_model);
         lines.extend(capabilities.map(|line| format!("{:?}", line.operands)));
-        // Without the variables: how many are left is up to the optimiser.
+        // Without the variables, whose number depends on the optimiser.
         let entries = module.entry_points.iter();
         lines.extend(entries.map(|entry| format!("{:?} {:?}", entry.operands[0], entry.operands[2])));
         lines.extend(module.execution_modes.iter().map(|mode| format!("{:?}", &mode.operands[1..])));
         Self { lines, members }
     }
 
-    /// Where the two disagree. Members that one of them does not have are not used.
+    /// Where the two disagree. A member that one of them lacks is unused.
     fn against(&self, other: &Self) -> Vec<String> {
         let lines = self.lines.symmetric_difference(&other.lines).cloned();
         let moved = self.members.iter().filter_map(|(member, offset)| {
@@ -113,7 +114,7 @@ fn the_shipped_modules_are_of_these_sources() {
     assert_eq!(files, expected.collect());
 }
 
-/// Byte for byte where the compiler is the one that compiled them, else by all that the host relies on.
+/// Byte for byte if the compiler is the one that compiled them, else by the interface.
 #[test]
 fn the_shipped_modules_are_what_the_compiler_makes() {
     let Ok(compiler) = here().compiler() else {
@@ -148,7 +149,7 @@ fn the_interface_is_that_of_the_shader_not_of_the_optimiser() {
     assert!(different > 0, "the other optimiser made no difference");
     assert_eq!(interfaces.len(), others.len(), "no two shaders look alike");
 
-    // What must not go unnoticed.
+    // Changes that must be detected.
     let mut moved = Interface::of(shaders::COMBINE.of(Precision::F32).spirv());
     let combine = Interface::of(shaders::COMBINE.of(Precision::F32).spirv());
     moved.members.insert(("Push".to_owned(), "b".to_owned()), 8);
@@ -186,7 +187,7 @@ fn only_edited_shaders_need_the_compiler() {
 
     fs::write(&shader, text.replace('\n', "\r\n")).expect("written");
     assert_eq!(rust("no-such-glslc").expect("other ends of lines"), before);
-    // A head changes all that include it.
+    // Editing a header affects every shader that includes it.
     let head = copy.path().join("glsl/real.glsl");
     let text = fs::read_to_string(&head).expect("the head");
     fs::write(&head, format!("{text}// More.\n")).expect("written");

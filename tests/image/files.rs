@@ -1,4 +1,4 @@
-//! EXR and PNG.
+//! EXR and PNG files.
 
 use std::fs;
 use std::path::Path;
@@ -33,7 +33,7 @@ fn exr_keeps_every_bit() {
     let written = picture(37, &pixels);
     written.write_exr(&path).unwrap();
     assert_eq!(Picture::read_exr(&path).unwrap(), written);
-    // Over what is there, without anything else left behind.
+    // Overwriting leaves no other file behind.
     written.write_exr(&path).unwrap();
     assert_eq!(fs::read_dir(&directory).unwrap().count(), 1);
 }
@@ -50,7 +50,7 @@ fn png_is_srgb() {
 
 #[test]
 fn automatic_exposure_puts_the_brightest_hundredth_at_white() {
-    // 200 pixels from 0.05 to 10 and a lamp, on any number of black ones and ones that are no numbers.
+    // 200 pixels from 0.05 to 10 and a lamp, among black and NaN pixels.
     let mut pixels: Vec<[f32; 3]> = (1..=200).map(|i| [0.0, i as f32 / 20.0, 0.0]).collect();
     pixels[199] = [1e6, 0.0, 0.0];
     pixels.extend([[0.0; 3]; 2000]);

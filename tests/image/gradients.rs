@@ -1,4 +1,4 @@
-//! Derivatives of pictures: colours against the transpose, places against differences of far finer pictures.
+//! Derivatives of pictures: with respect to colours against the transpose, to geometry against differences of far finer pictures.
 
 use antirad::image::{GeometryGradient, ImageError, PictureOptions, Rasterizer, geometry_gradient};
 use antirad::scene::{Camera, Scene};
@@ -9,10 +9,10 @@ use crate::scenes::{Random, above, device, finish, flipped, grid, scene, square,
 /// Width and height of the pictures whose derivatives are taken.
 const SIZE: [u32; 2] = [36, 27];
 
-/// How much finer each way the pictures are that differences are taken of; each pixel with 16 x 16 samples.
+/// Refinement in each direction of the pictures that differences are taken of, with 16 x 16 samples per pixel.
 const FINE: u32 = 6;
 
-/// A loss that is linear in the pixels, with slow waves, so that differences over a part of a pixel are smooth.
+/// A loss linear in the pixels, with slowly varying weights, so that differences over part of a pixel are smooth.
 fn cotangent(width: u32, height: u32) -> Vec<[f64; 4]> {
     let pixel = |at: u32| {
         let (x, y) = (f64::from(at % width) / f64::from(width), f64::from(at / width) / f64::from(height));
@@ -21,7 +21,7 @@ fn cotangent(width: u32, height: u32) -> Vec<[f64; 4]> {
     (0..width * height).map(pixel).collect()
 }
 
-/// What a cotangent of a picture is on one that is `times` finer each way.
+/// The same cotangent on a picture `times` finer in each direction.
 fn finer(cotangent: &[[f64; 4]], width: u32, height: u32, times: u32) -> Vec<[f64; 4]> {
     let columns = width * times;
     let pixel = |at: u32| {
@@ -31,14 +31,16 @@ fn finer(cotangent: &[[f64; 4]], width: u32, height: u32, times: u32) -> Vec<[f6
     (0..columns * height * times).map(pixel).collect()
 }
 
-/// Something that moves at a constant speed from time 0 to 1.
+/// A scene and a camera in uniform motion from time 0 to 1.
 struct Motion<'a> {
     scene: Scene,
     colours: Vec<[f32; 3]>,
     camera: Camera,
-    /// Of each vertex.
+    /// Velocity of each vertex.
     vertices: &'a (dyn Fn(usize) -> DVec3 + Sync),
+    /// Velocity of the camera's position.
     position: DVec3,
+    /// Velocity of the camera's target.
     target: DVec3,
 }
 
@@ -48,7 +50,7 @@ impl<'a> Motion<'a> {
         Self { scene, colours, camera, vertices, position: DVec3::ZERO, target: DVec3::ZERO }
     }
 
-    /// The scene and the camera, so much finer, and the cotangent of its picture.
+    /// The scene, the camera with a picture `times` finer in each direction, and the cotangent of that picture.
     fn at(&self, time: f64, times: u32) -> (Scene, Camera, Vec<[f64; 4]>) {
         let (mut scene, mut camera) = (self.scene.clone(), self.camera.clone());
         for (number, vertex) in scene.vertices.iter_mut().enumerate() {
@@ -65,8 +67,9 @@ impl<'a> Motion<'a> {
     fn loss(&self, rasterizer: &Rasterizer, time: f64) -> f64 {
         let (scene, camera, cotangent) = self.at(time, FINE);
         let pixels = rasterizer.coverage(&scene, &camera, 16).unwrap().pixels(&self.colours).unwrap();
-        let worth = |(pixel, worth): (&[f64; 4], &[f64; 4])| (0..4).map(|i| pixel[i] * worth[i]).sum::<f64>();
-        pixels.iter().zip(&cotangent).map(worth).sum()
+        let adjoint =
+            |(pixel, adjoint): (&[f64; 4], &[f64; 4])| (0..4).map(|i| pixel[i] * adjoint[i]).sum::<f64>();
+        pixels.iter().zip(&cotangent).map(adjoint).sum()
     }
 
     fn gradient(&self, time: f64, side: u32, times: u32) -> GeometryGradient {
@@ -83,15 +86,15 @@ impl<'a> Motion<'a> {
             + gradient.target.dot(self.target)
     }
 
-    /// The size of an error, which must be a number: maxima would pass over others.
+    /// A relative error, which must be finite: maxima ignore NaN.
     fn error(value: f64, right: f64, size: f64) -> f64 {
         let error = (value - right).abs() / size;
         assert!(error.is_finite(), "{value} {right} {size}");
         error
     }
 
-    /// With 8 lines a pixel, all relative to the size of the slope: the mean slope over each quarter of the time against
-    /// the difference of the loss, and the slope at any time against that of far more lines.
+    /// With 8 lines per pixel, relative to the size of the slope: the mean slope over each quarter of the time against the
+    /// difference of the loss, and the slope at a time against that with far more lines.
     fn check(&self, rasterizer: &Rasterizer, mean_bound: f64, single_bound: f64) {
         let losses = [0.0, 0.25, 0.5, 0.75, 1.0].map(|time| self.loss(rasterizer, time));
         let slopes: Vec<f64> = losses.windows(2).map(|pair| (pair[1] - pair[0]) / 0.25).collect();
@@ -155,7 +158,7 @@ fn wall() -> Scene {
     grid(1, 1, |x, y| DVec3::new(3.0 * x - 1.5, 3.0 * y - 1.5, -0.5 - 0.2 * x))
 }
 
-/// A cube, a wall behind it, and before it two strips, of which one shows its black back.
+/// A cube, a wall behind it, and two strips in front of it, one of which shows its black back.
 fn hidden() -> Scene {
     let strip = |low: f64, z: f64| {
         grid(1, 1, move |x, y| DVec3::new(0.3 * x - 0.2, low + 0.1 * y + 0.03 * x, z - 0.1 * x))
@@ -163,7 +166,7 @@ fn hidden() -> Scene {
     together(&[flying(), wall(), strip(0.0, 0.5), flipped(strip(0.14, 0.4))])
 }
 
-/// Moves the first mesh, a cube, alone.
+/// Moves only the first mesh, a cube.
 fn cube_moves(by: DVec3) -> impl Fn(usize) -> DVec3 {
     move |vertex| if vertex < 24 { by } else { DVec3::ZERO }
 }
@@ -174,11 +177,11 @@ const FLIGHT: DVec3 = DVec3::new(0.06, 0.04, 0.05);
 fn colours_have_the_transpose_of_the_picture() {
     on_device(|rasterizer| {
         let scene = hidden();
-        // Several bands, and a size that is no multiple of tiles.
+        // Several bands, and a size that is not a multiple of tiles.
         let camera = Camera { width: 701, height: 333, ..camera() };
         let mut random = Random::new(3);
         let colours = random.colours(&scene);
-        let worth: Vec<[f64; 4]> = (0..701 * 333).map(|_| [0; 4].map(|_| random.next() - 0.5)).collect();
+        let adjoint: Vec<[f64; 4]> = (0..701 * 333).map(|_| [0; 4].map(|_| random.next() - 0.5)).collect();
         for side in [1, 2, 8] {
             let coverage = rasterizer.coverage(&scene, &camera, side).unwrap();
             let pixels = coverage.pixels(&colours).unwrap();
@@ -197,21 +200,21 @@ fn colours_have_the_transpose_of_the_picture() {
                 assert_eq!(pixel[3], f64::from(alpha) / f64::from(side * side));
             }
 
-            let gradient = coverage.colour_gradient(&worth).unwrap();
-            assert_eq!(gradient, coverage.clone().colour_gradient(&worth).unwrap());
+            let gradient = coverage.colour_gradient(&adjoint).unwrap();
+            assert_eq!(gradient, coverage.clone().colour_gradient(&adjoint).unwrap());
             let rgb = |pixel: &[f64; 4]| DVec3::new(pixel[0], pixel[1], pixel[2]);
-            let there: f64 = pixels.iter().zip(&worth).map(|(a, b)| rgb(a).dot(rgb(b))).sum();
+            let there: f64 = pixels.iter().zip(&adjoint).map(|(a, b)| rgb(a).dot(rgb(b))).sum();
             let back: f64 = gradient.iter().zip(&colours).map(|(a, b)| a.dot(b.map(f64::from).into())).sum();
-            let size: f64 = pixels.iter().zip(&worth).map(|(a, b)| rgb(a).dot(rgb(b)).abs()).sum();
+            let size: f64 = pixels.iter().zip(&adjoint).map(|(a, b)| rgb(a).dot(rgb(b)).abs()).sum();
             assert!((there - back).abs() <= 1e-13 * size, "{there} {back}");
-            // Backs are black whatever their colour, and the last strip shows its back.
+            // Backs are black whatever their colour; the last strip shows its back.
             assert!(gradient[gradient.len() - 2..].iter().all(|of_back| *of_back == DVec3::ZERO));
             assert!(gradient[gradient.len() - 4].length() > 0.0);
         }
     });
 }
 
-/// Whatever the lines hit, the area of a rectangle is exact, hence its derivative too.
+/// The area of a rectangle is exact wherever the lines are, hence its derivative too.
 #[test]
 fn a_rectangle_that_grows_gains_its_area() {
     let mut random = Random::new(9);
@@ -233,21 +236,21 @@ fn a_rectangle_that_grows_gains_its_area() {
             assert!((grown / expected - 1.0).abs() <= 1e-12, "{grown} {expected}");
             let moved: DVec3 = gradient.vertices.iter().sum();
             assert!(moved.x.abs().max(moved.y.abs()) <= 1e-12 * expected, "{moved}");
-            // Nearer by dz, larger by dz over the distance of 1 m.
+            // Closer by dz is larger by dz over the distance of 1 m.
             assert!((moved.z / (2.0 * half * half * 4.0 * 256.0) - 1.0).abs() <= 0.01, "{moved}");
         }
     }
 }
 
 #[test]
-fn silhouettes_move_before_the_background() {
+fn silhouettes_move_in_front_of_the_background() {
     on_device(|rasterizer| {
         Motion::new(flying(), camera(), &|_| FLIGHT).check(rasterizer, 2e-3, 5e-3);
     });
 }
 
 #[test]
-fn silhouettes_move_before_other_faces() {
+fn silhouettes_move_in_front_of_other_faces() {
     on_device(|rasterizer| {
         let scene = together(&[flying(), wall()]);
         Motion::new(scene, camera(), &cube_moves(FLIGHT)).check(rasterizer, 1e-3, 4e-3);
@@ -258,7 +261,7 @@ fn silhouettes_move_before_other_faces() {
 fn hidden_parts_of_edges_do_not_count() {
     on_device(|rasterizer| {
         Motion::new(hidden(), camera(), &cube_moves(FLIGHT)).check(rasterizer, 5e-3, 2.5e-2);
-        // What hides moves.
+        // The occluders move.
         let strips = |vertex: usize| if vertex < 28 { DVec3::ZERO } else { FLIGHT };
         Motion::new(hidden(), camera(), &strips).check(rasterizer, 7e-3, 8e-2);
     });
@@ -285,7 +288,7 @@ fn edges_between_colours_move() {
 }
 
 #[test]
-fn what_is_outside_of_the_picture_does_not_count() {
+fn geometry_outside_the_picture_does_not_count() {
     on_device(|rasterizer| {
         let scene = together(&[flying(), wall()]);
         let close = Camera { fov_x_degrees: 25.0, ..camera() };
@@ -353,10 +356,10 @@ fn random_triangles_move_all_at_once() {
     });
 }
 
-/// Joints of a surface of one colour do not show, however they lie: of faces with common vertices, with vertices of their
-/// own, and of unlike sizes, near the origin and far from it.
+/// Edges inside a surface of one colour have no derivative: between faces with common vertices, with vertices of their own, and of
+/// different sizes, near the origin and far from it.
 #[test]
-fn joints_of_one_colour_have_no_derivative() {
+fn edges_within_one_colour_have_no_derivative() {
     let tilt = DQuat::from_rotation_x(0.7) * DQuat::from_rotation_z(0.4);
     for offset in [DVec3::ZERO, DVec3::new(1e4, -2e4, 3e4)] {
         let half = |columns: u32, rows: u32, left: f64| {
@@ -389,9 +392,9 @@ fn joints_of_one_colour_have_no_derivative() {
     }
 }
 
-/// Nothing changes if all moves together; and nothing but the input decides the result, to the last bit.
+/// A motion of scene and camera together changes nothing; and the result depends only on the input, to the last bit.
 #[test]
-fn the_whole_does_not_matter_and_neither_do_threads() {
+fn rigid_motion_and_threads_change_nothing() {
     let still = Motion::new(hidden(), camera(), &|_| DVec3::ZERO);
     let gradient = still.gradient(0.0, 8, 1);
     let sum = gradient.vertices.iter().sum::<DVec3>() + gradient.position + gradient.target;
@@ -404,28 +407,28 @@ fn the_whole_does_not_matter_and_neither_do_threads() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused() {
+fn mismatched_input_is_refused() {
     on_device(|rasterizer| {
         let (scene, camera) = (square(1.0, 0.0), above(8, 8));
-        let (colours, worth) = ([[1.0; 3]; 2], [[1.0; 4]; 64]);
+        let (colours, adjoint) = ([[1.0; 3]; 2], [[1.0; 4]; 64]);
         let coverage = rasterizer.coverage(&scene, &camera, 2).unwrap();
         assert_eq!((coverage.width(), coverage.height()), (8, 8));
         let error = coverage.pixels(&colours[1..]).unwrap_err();
         assert!(matches!(error, ImageError::Colours { given: 1, wanted: 2 }));
-        let error = coverage.colour_gradient(&worth[1..]).unwrap_err();
+        let error = coverage.colour_gradient(&adjoint[1..]).unwrap_err();
         assert!(matches!(error, ImageError::CotangentLength { given: 63, wanted: 64 }));
-        let error = geometry_gradient(&scene, &camera, 2, &colours, &worth[1..]).unwrap_err();
+        let error = geometry_gradient(&scene, &camera, 2, &colours, &adjoint[1..]).unwrap_err();
         assert!(matches!(error, ImageError::CotangentLength { given: 63, wanted: 64 }));
-        let error = geometry_gradient(&scene, &camera, 2, &colours[1..], &worth).unwrap_err();
+        let error = geometry_gradient(&scene, &camera, 2, &colours[1..], &adjoint).unwrap_err();
         assert!(matches!(error, ImageError::Colours { given: 1, wanted: 2 }));
-        let error = geometry_gradient(&scene, &camera, 3, &colours, &worth).unwrap_err();
+        let error = geometry_gradient(&scene, &camera, 3, &colours, &adjoint).unwrap_err();
         assert!(matches!(error, ImageError::Supersample(3)));
         for wrong in [f64::NAN, f64::INFINITY] {
-            let mut worth = worth;
-            worth[5][2] = wrong;
-            let error = coverage.colour_gradient(&worth).unwrap_err();
+            let mut adjoint = adjoint;
+            adjoint[5][2] = wrong;
+            let error = coverage.colour_gradient(&adjoint).unwrap_err();
             assert!(matches!(error, ImageError::CotangentNotFinite { pixel: 5 }));
-            let error = geometry_gradient(&scene, &camera, 2, &colours, &worth).unwrap_err();
+            let error = geometry_gradient(&scene, &camera, 2, &colours, &adjoint).unwrap_err();
             assert!(matches!(error, ImageError::CotangentNotFinite { pixel: 5 }));
         }
     });

@@ -1,4 +1,4 @@
-//! Pictures, against what geometry says they must show, on a Vulkan device under validation.
+//! Pictures against geometry, on a Vulkan device under validation.
 
 mod files;
 mod gradients;

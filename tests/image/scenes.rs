@@ -1,15 +1,15 @@
-//! What the tests look at, and an f64 ray tracer to compare with.
+//! The scenes of the tests, and an f64 ray tracer to compare with.
 
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::image::View;
-use antirad::scene::{Accuracy, Camera, Material, Scene, Triangle};
+use antirad::scene::{Camera, Material, Scene, SolveSettings, Triangle};
 use glam::DVec3;
 
 pub fn device() -> Device {
     Device::new(&DeviceOptions::default().validation(true)).unwrap()
 }
 
-/// Every test ends here.
+/// Ends a test: fails on any validation message.
 pub fn finish(device: Device) {
     let log = device.validation_log();
     drop(device);
@@ -26,14 +26,14 @@ pub fn scene(vertices: Vec<DVec3>, triangles: &[[u32; 3]]) -> Scene {
         origins: Vec::new(),
         materials: vec![Material::named("white")],
         cameras: Vec::new(),
-        accuracy: Accuracy::default(),
+        settings: SolveSettings::default(),
         choice: Default::default(),
         degenerate: Vec::new(),
         warnings: Vec::new(),
     }
 }
 
-/// Faces of a grid of quads; `place` gives the position of the vertex (column, row). Fronts look along column × row.
+/// Faces of a grid of quads; `place` gives the position of the vertex (column, row). Fronts face along column × row.
 pub fn grid(columns: u32, rows: u32, place: impl Fn(f64, f64) -> DVec3) -> Scene {
     let mut vertices = Vec::new();
     let mut triangles = Vec::new();
@@ -74,7 +74,7 @@ pub fn flipped(mut scene: Scene) -> Scene {
     scene
 }
 
-/// At (0, 0, 1), looking down on z = 0, of which it sees x from -1 to 1.
+/// A camera at (0, 0, 1) that looks down on z = 0, where it sees x from -1 to 1.
 pub fn above(width: u32, height: u32) -> Camera {
     Camera {
         name: "above".into(),
@@ -87,7 +87,7 @@ pub fn above(width: u32, height: u32) -> Camera {
     }
 }
 
-/// Numbers in 0..1, always the same ones.
+/// Reproducible random numbers in 0..1.
 pub struct Random(u64);
 
 impl Random {
@@ -112,8 +112,8 @@ pub struct Hit {
     pub weights: [f64; 3],
 }
 
-/// What a ray hits first. The flag says that nobody can tell: it passes within 1e-4 of an edge, or two faces are
-/// equally far.
+/// The first hit of a ray. The flag is true where it is ambiguous: the ray passes within 1e-4 of an edge, or two faces are equally
+/// far.
 pub fn trace(scene: &Scene, origin: DVec3, direction: DVec3) -> (Option<Hit>, bool) {
     const CLOSE: f64 = 1e-4;
     let mut hits: Vec<Hit> = Vec::new();

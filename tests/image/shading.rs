@@ -1,4 +1,4 @@
-//! What pixels show.
+//! Values of pixels.
 
 use antirad::image::{Picture, PictureOptions, Rasterizer, corner_colours};
 use antirad::scene::{Camera, Material, Scene};
@@ -42,7 +42,7 @@ fn near_faces_hide_far_ones_and_backs_are_black() {
     let device = device();
     let rasterizer = Rasterizer::new(&device).unwrap();
     let colours = [RED, RED, BLUE, BLUE];
-    // A small square before a large one, in either order of the list.
+    // A small square in front of a large one, in either order of the list.
     let (far, near) = (square(0.9, 0.0), square(0.2, 0.5));
     for smooth in [false, true] {
         let options = PictureOptions::default().smooth(smooth);
@@ -61,7 +61,7 @@ fn near_faces_hide_far_ones_and_backs_are_black() {
     finish(device);
 }
 
-/// More faces than the device holds colours of at a time.
+/// More faces than the device holds colours for at a time.
 #[test]
 fn every_face_of_a_large_scene_has_its_colour() {
     let device = device();
@@ -97,7 +97,7 @@ fn coverage_of_an_edge_is_its_area() {
         let picture = rasterizer.render(&half_plane, &above(32, 32), &[RED; 2], &options).unwrap();
         for (at, pixel) in picture.pixels.iter().enumerate() {
             let low = DVec2::new((at % 32) as f64 / 16.0 - 1.0, 1.0 - (at / 32) as f64 / 16.0 - 1.0 / 16.0);
-            // By a far finer grid than the picture's.
+            // By a much finer grid than that of the picture.
             let fine = 200;
             let place = |i: i32| (f64::from(i) + 0.5) / f64::from(fine) / 16.0;
             let inside = |i: i32| {
@@ -143,8 +143,8 @@ fn smooth_colours_are_interpolated_in_perspective() {
 
 #[test]
 fn corners_share_the_colours_of_their_surface() {
-    // Three faces around the origin, in vertices of their own: the second in the plane of the first and twice as large,
-    // the third at a right angle.
+    // Three faces around the origin, each with its own vertices: the second in the plane of the first and twice as large, the
+    // third at a right angle.
     let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
     let vertices = vec![DVec3::ZERO, x, y, -DVec3::ZERO, y, -2.0 * x, DVec3::ZERO, z, y];
     let mut scene = scene(vertices, &[[0, 1, 2], [3, 4, 5], [6, 7, 8]]);

@@ -1,4 +1,4 @@
-//! Which face is behind which sample.
+//! The visible face of each sample.
 
 use antirad::image::{ImageError, PictureOptions, Rasterizer, View, corner_colours, geometry_gradient};
 use antirad::scene::{Camera, Scene, SceneError};
@@ -8,7 +8,7 @@ use crate::scenes::{Random, above, device, finish, flipped, grid, rays, scene, s
 
 const NONE: u32 = u32::MAX;
 
-/// Compares every sample with the ray tracer; returns the share of samples on which it could not tell.
+/// Compares every sample with the ray tracer; returns the share of samples where that is ambiguous.
 fn compare(rasterizer: &Rasterizer, scene: &Scene, camera: &Camera, side: u32) -> f64 {
     let samples = rasterizer.visible_samples(scene, camera, side).unwrap();
     assert_eq!(samples.len(), (camera.width * camera.height * side * side) as usize);
@@ -50,7 +50,7 @@ fn a_floor_reaches_from_behind_the_camera_to_the_horizon() {
     let floor = grid(3, 3, |x, y| DVec3::new(x * 80.0 - 100.0, -1.0, 110.0 - y * 70.0));
     let camera = Camera { position: DVec3::ZERO, target: -DVec3::Z, ..above(64, 64) };
     assert!(compare(&rasterizer, &floor, &camera, 2) < 0.05);
-    // Exactly in the plane of the floor there is nothing to see.
+    // Exactly in the plane of the floor nothing is visible.
     let camera = Camera { position: -DVec3::Y, target: DVec3::new(0.0, -1.0, -1.0), ..camera };
     let samples = rasterizer.visible_samples(&floor, &camera, 1).unwrap();
     assert!(samples.iter().all(|&face| face == NONE));
@@ -100,7 +100,7 @@ fn subdivided_surfaces_have_no_cracks() {
 
 /// More pairs of tile and face than one dispatch takes.
 #[test]
-fn of_many_layers_the_nearest_is_seen() {
+fn the_nearest_of_many_layers_is_seen() {
     let device = device();
     let rasterizer = Rasterizer::new(&device).unwrap();
     let layers: Vec<Scene> = (0..40).map(|i| square(3.0, -f64::from((i * 17 + 5) % 40) / 20.0)).collect();
@@ -112,7 +112,7 @@ fn of_many_layers_the_nearest_is_seen() {
 }
 
 #[test]
-fn of_the_two_sides_of_a_sheet_the_front_is_seen() {
+fn the_front_of_a_two_sided_sheet_is_seen() {
     let device = device();
     let rasterizer = Rasterizer::new(&device).unwrap();
     let turn = glam::DQuat::from_rotation_y(0.9) * glam::DQuat::from_rotation_x(0.3);
@@ -126,7 +126,7 @@ fn of_the_two_sides_of_a_sheet_the_front_is_seen() {
     finish(device);
 }
 
-/// A picture of several bands, of a size that is no multiple of tiles; and the memory that it takes.
+/// A picture of several bands, of a size that is not a multiple of tiles; and the memory that it takes.
 #[test]
 fn bands_do_not_show() {
     let device = device();
@@ -155,7 +155,7 @@ fn bands_do_not_show() {
 }
 
 #[test]
-fn what_cannot_be_pictured_is_refused() {
+fn invalid_input_is_refused() {
     let device = device();
     let rasterizer = Rasterizer::new(&device).unwrap();
     let scene = square(1.0, 0.0);
@@ -170,7 +170,7 @@ fn what_cannot_be_pictured_is_refused() {
     let error = rasterizer.render(&scene, &nowhere, &[[1.0; 3]; 2], &options).unwrap_err();
     assert!(matches!(error, ImageError::Scene(SceneError::Camera { .. })));
 
-    // Cameras and scenes that come by code.
+    // Cameras and scenes built by code.
     let sound = above(8, 8);
     let cameras = [
         Camera { position: DVec3::NAN, ..sound.clone() },

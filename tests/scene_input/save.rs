@@ -1,7 +1,7 @@
 //! Scenes that are written come back as they were.
 
 use antirad::scene::{
-    Accuracy, BinLayout, Camera, Choice, LoadOptions, Material, Mesh, Normalization, Precision, Scene,
+    BinLayout, Camera, Choice, LoadOptions, Material, Mesh, Normalization, Precision, Scene, SolveSettings,
     SolverChoice, Triangle, Weights,
 };
 use glam::DVec3;
@@ -18,7 +18,7 @@ fn same(a: &Scene, b: &Scene) {
     assert_eq!(a.meshes, b.meshes);
     assert_eq!(a.materials, b.materials);
     assert_eq!(a.cameras, b.cameras);
-    assert_eq!(a.accuracy, b.accuracy);
+    assert_eq!(a.settings, b.settings);
     assert_eq!(a.choice, b.choice);
     assert_eq!(a.degenerate, b.degenerate);
 }
@@ -72,9 +72,9 @@ fn awkward_scenes() {
         ..Material::named(name)
     };
     let materials = vec![
-        material("white #2\"'.[x]", 0.7, Normalization::Published),
+        material("white #2\"'.[x]", 0.7, Normalization::Phong),
         material("wood#2 = é", third, Normalization::Energy),
-        material("odd\nname\\", 1.0, Normalization::Published),
+        material("odd\nname\\", 1.0, Normalization::Phong),
         Material::named("spare"),
     ];
     let mut scene = Scene::new("awkward", vertices, triangles, materials).expect("a scene");
@@ -89,10 +89,10 @@ fn awkward_scenes() {
         scene.set_camera(camera).expect("a camera");
     }
     scene.choice = Choice::STATED;
-    scene.accuracy = Accuracy::default()
+    scene.settings = SolveSettings::default()
         .bins(BinLayout::Concentric { n: 8 })
         .weights(Weights::Smoothstep)
-        .subsample(third)
+        .near_field(third)
         .tolerance(1e-7)
         .max_passes(77)
         .solver(SolverChoice::FixedPoint)
@@ -111,8 +111,8 @@ fn awkward_scenes() {
     // An error that is asked for stands alone: what would be found for it is left out.
     scene.choice = Choice::Within(0.05);
     scene.save(&path).expect("written");
-    let Accuracy { bins, subsample, tolerance, .. } = Accuracy::default();
-    scene.accuracy = scene.accuracy.bins(bins).subsample(subsample).tolerance(tolerance);
+    let SolveSettings { bins, near_field, tolerance, .. } = SolveSettings::default();
+    scene.settings = scene.settings.bins(bins).near_field(near_field).tolerance(tolerance);
     same(&scene, &load(&path));
 }
 

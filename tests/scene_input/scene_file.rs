@@ -1,6 +1,6 @@
 //! TOML scene files.
 
-use antirad::scene::{Accuracy, BinLayout, Choice, Weights};
+use antirad::scene::{BinLayout, Choice, SolveSettings, Weights};
 
 use super::{Folder, OBJ, TOML, assert_refused, assert_says, good, with_mesh};
 
@@ -72,7 +72,7 @@ fn broken_accuracy() {
         ("bins = { concentrc = 8 }", vec!["s.toml:10", "did you mean `concentric`?"]),
         ("weights = \"bilinea\"", vec!["s.toml:10", "did you mean `bilinear`?"]),
         ("solver = \"gmre\"", vec!["s.toml:10", "did you mean `gmres`?"]),
-        ("subsample = -1", vec!["s.toml:9", "subsample = -1"]),
+        ("near_field = -1", vec!["s.toml:9", "near_field = -1"]),
         ("tolerance = 0", vec!["s.toml:9", "tolerance = 0", "between 0 and 1"]),
         ("error = 0", vec!["s.toml:9", "error = 0", "0.02 is 2 %"]),
         ("error = 2", vec!["s.toml:9", "between 0 and 1"]),
@@ -83,11 +83,11 @@ fn broken_accuracy() {
         ("max_passes = 0", vec!["s.toml:9", "max_passes"]),
         ("max_pases = 3", vec!["s.toml:10", "did you mean `max_passes`?"]),
     ] {
-        assert_refused("s.toml", &with_mesh(&format!("[accuracy]\n{line}\n")), &parts);
+        assert_refused("s.toml", &with_mesh(&format!("[settings]\n{line}\n")), &parts);
     }
-    let text = "[accuracy]\nbins = { concentric = 12 }\nweights = \"smoothstep\"\nsolver = \"fixed-point\"\n";
-    let accuracy = good("s.toml", &[("s.toml", &with_mesh(text))]).accuracy;
-    assert_eq!((accuracy.bins, accuracy.weights), (BinLayout::Concentric { n: 12 }, Weights::Smoothstep));
+    let text = "[settings]\nbins = { concentric = 12 }\nweights = \"smoothstep\"\nsolver = \"fixed-point\"\n";
+    let settings = good("s.toml", &[("s.toml", &with_mesh(text))]).settings;
+    assert_eq!((settings.bins, settings.weights), (BinLayout::Concentric { n: 12 }, Weights::Smoothstep));
 }
 
 /// What is not stated is open.
@@ -95,12 +95,12 @@ fn broken_accuracy() {
 fn what_is_left_to_be_chosen() {
     for (lines, choice) in [
         ("", Choice::default()),
-        ("tolerance = 1e-3", Choice::Open { bins: true, subsample: true }),
-        ("bins = { concentric = 12 }", Choice::Open { bins: false, subsample: true }),
-        ("subsample = 30\nbins = { equal_angle = [10, 13] }", Choice::STATED),
+        ("tolerance = 1e-3", Choice::Open { bins: true, near_field: true }),
+        ("bins = { concentric = 12 }", Choice::Open { bins: false, near_field: true }),
+        ("near_field = 30\nbins = { equal_angle = [10, 13] }", Choice::STATED),
         ("error = 0.02\nmax_passes = 30", Choice::Within(0.02)),
     ] {
-        let scene = good("s.toml", &[("s.toml", &with_mesh(&format!("[accuracy]\n{lines}\n")))]);
+        let scene = good("s.toml", &[("s.toml", &with_mesh(&format!("[settings]\n{lines}\n")))]);
         assert_eq!(scene.choice, choice, "{lines}");
     }
 }
@@ -172,5 +172,5 @@ fn the_documented_keys_are_the_keys() {
     let room = OBJ.replace("usemtl lamp", "usemtl white");
     let scene = good("s.toml", &[("s.toml", &documented), ("room.obj", &room)]);
     assert_eq!((scene.triangles.len(), scene.cameras.len()), (8, 1));
-    assert_eq!(scene.accuracy, Accuracy::default());
+    assert_eq!(scene.settings, SolveSettings::default());
 }

@@ -5,8 +5,8 @@ pub mod random;
 pub mod slots;
 
 use antirad::gpu::{Device, DeviceOptions};
-use antirad::plan::{Limits, Plan};
-use antirad::scene::{Accuracy, LoadOptions, Scene};
+use antirad::plan::{Plan, PlanOptions};
+use antirad::scene::{LoadOptions, Scene, SolveSettings};
 use antirad::{Engine, Solution, SolveParams};
 use std::path::{Path, PathBuf};
 
@@ -27,20 +27,20 @@ pub fn load(relative: &str) -> Scene {
     Scene::load(&path(relative), &LoadOptions::default()).expect("a scene of the project")
 }
 
-/// Solves with a device's own limits.
-pub fn solve(device: &Device, scene: &Scene, accuracy: &Accuracy) -> (Engine, Solution) {
-    solve_within(device, scene, accuracy, &Limits::of(device))
+/// Solves with the options of a device.
+pub fn solve(device: &Device, scene: &Scene, settings: &SolveSettings) -> (Engine, Solution) {
+    solve_within(device, scene, settings, &PlanOptions::of(device))
 }
 
 pub fn solve_within(
     device: &Device,
     scene: &Scene,
-    accuracy: &Accuracy,
-    limits: &Limits,
+    settings: &SolveSettings,
+    options: &PlanOptions,
 ) -> (Engine, Solution) {
-    let plan = Plan::new(scene, limits, accuracy).expect("a plan");
+    let plan = Plan::new(scene, options, settings).expect("a plan");
     let mut engine = Engine::new(device, scene, plan).expect("an engine");
-    let solution = engine.solve(&SolveParams::from(accuracy)).expect("a solution");
+    let solution = engine.solve(&SolveParams::from(settings)).expect("a solution");
     (engine, solution)
 }
 

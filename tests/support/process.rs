@@ -1,10 +1,10 @@
-//! What a process has worked, which a busy machine does not change, unlike the time it took.
+//! CPU time of processes, which unlike wall time does not depend on the load of the machine.
 #![cfg(unix)]
 
 use std::process::Child;
 use std::time::Duration;
 
-/// What Linux tells of a process; elsewhere nothing is known, and bounds on it are not checked.
+/// State and CPU time of a process on Linux; elsewhere they are unknown, and bounds on them are not checked.
 struct Stat {
     ended: bool,
     worked: Duration,
@@ -13,7 +13,7 @@ struct Stat {
 impl Stat {
     fn of(process: u32) -> Option<Self> {
         let text = std::fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
-        // The name in front may hold anything, blanks and parentheses too.
+        // The name in front may contain anything, blanks and parentheses too.
         let fields: Vec<&str> = text.rsplit_once(") ")?.1.split_whitespace().collect();
         let ticks = |k: usize| fields.get(k)?.parse::<u64>().ok();
         // Hundredths of a second on every architecture.
@@ -22,13 +22,13 @@ impl Stat {
     }
 }
 
-/// Sends a signal, and says how much CPU time the process takes from then to its end.
+/// Sends a signal, and returns the CPU time of the process from then to its end.
 pub fn work_after(child: &mut Child, signal: &str) -> Option<Duration> {
     let process = child.id();
     let before = Stat::of(process).map(|stat| stat.worked);
     let sent = std::process::Command::new("kill").args([signal, &process.to_string()]).status();
     assert!(sent.expect("kill runs").success());
-    // Until it is waited for, a process that has ended still tells what it worked.
+    // A process that has ended keeps its CPU time until it is waited for.
     let mut last = Stat::of(process)?;
     while !last.ended {
         std::thread::sleep(Duration::from_millis(10));
@@ -37,7 +37,7 @@ pub fn work_after(child: &mut Child, signal: &str) -> Option<Duration> {
     Some(last.worked - before?)
 }
 
-/// Waits until a process catches Ctrl-C.
+/// Waits until a process handles Ctrl-C.
 pub fn until_caught(child: &mut Child) {
     let status = format!("/proc/{}/status", child.id());
     let catches = || {
@@ -54,7 +54,7 @@ pub fn until_caught(child: &mut Child) {
     }
 }
 
-/// Waits until a process has worked so long.
+/// Waits until a process has used this much CPU time.
 pub fn until_worked(child: &mut Child, worked: Duration) {
     if Stat::of(child.id()).is_none() {
         std::thread::sleep(worked);

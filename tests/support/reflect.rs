@@ -1,4 +1,4 @@
-//! Reads struct layouts out of SPIR-V, so that tests can hold them against the host's.
+//! Reads struct layouts out of SPIR-V, so that tests can compare them with the host's.
 
 /// Name and offset in bytes of each member of the struct or block `name` of a module, in order of declaration.
 pub fn member_offsets(spirv: &[u32], name: &str) -> Vec<(String, u32)> {

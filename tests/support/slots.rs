@@ -1,4 +1,4 @@
-//! Between the order and form of the device's values and those of the reference.
+//! Conversion between the layouts of values on the device and in the reference.
 
 use antirad::model::Class;
 use antirad::plan::{PADDING, Plan};
@@ -13,7 +13,7 @@ pub fn relative(values: &[f64], truth: &[f64]) -> f64 {
     if size > 0.0 { error / size } else { error }
 }
 
-/// RGB values per slot, of the triangles that take part.
+/// RGB values per slot, of the triangles that have one.
 pub fn by_slot(plan: &Plan, values: impl Fn(usize) -> DVec3) -> Vec<[f64; 4]> {
     let value = |&i: &u32| if i == PADDING { DVec3::ZERO } else { values(i as usize) };
     plan.layout().order.iter().map(|i| value(i).extend(0.0).to_array()).collect()
@@ -84,10 +84,10 @@ pub fn flat(rgb: &[DVec3]) -> Vec<f64> {
 }
 
 /// Masks bins by class: the reference computes both kinds for every triangle with bins.
-pub fn of_class(model: &Model, bins: &[DVec3], wanted: impl Fn(Class) -> bool) -> Vec<f64> {
+pub fn of_class(model: &Model, bins: &[DVec3], selected: impl Fn(Class) -> bool) -> Vec<f64> {
     let mut kept = vec![DVec3::ZERO; bins.len()];
     for (i, &class) in model.classes.iter().enumerate() {
-        if let Some(range) = model.bins_of(i).filter(|_| wanted(class)) {
+        if let Some(range) = model.bins_of(i).filter(|_| selected(class)) {
             kept[range.clone()].copy_from_slice(&bins[range]);
         }
     }

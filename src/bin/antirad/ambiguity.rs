@@ -27,21 +27,21 @@ use std::sync::Arc;
 pub struct Arguments {
     #[command(flatten)]
     settings: SceneSettings,
-    /// A view that there is a picture of; may be given several times [default: all cameras of the scene]
+    /// Camera of which there is a picture; may be given several times [default: all cameras of the scene]
     #[arg(long, value_name = "NAME")]
     camera: Vec<String>,
-    /// A triangle whose emissions are bounded, by its row in the results; may be given several times [default: all that
-    /// no view shows, and the three brightest lights]
+    /// Triangle whose emission is bounded, by its index from 0; may be given several times [default: all that no camera
+    /// sees, and the three brightest lights that one sees]
     #[arg(long, value_name = "NUMBER")]
     triangle: Vec<usize>,
-    /// By how much the radiance of what is seen may differ, over its mean
-    #[arg(long, value_name = "SHARE", default_value_t = 1e-3, value_parser = parse_noise)]
+    /// Allowed difference of visible radiance, relative to its mean
+    #[arg(long, value_name = "FRACTION", default_value_t = 1e-3, value_parser = parse_noise)]
     noise: f64,
-    /// Leave out intervals and the picture of what is determined beyond this many unseen triangles: they take a third of
-    /// a solve for each
+    /// Leave out intervals and the pictures of determination beyond this many unseen triangles: each takes a third of a
+    /// solve
     #[arg(long, value_name = "NUMBER", default_value_t = 2000)]
     max_unseen: usize,
-    /// Where the results go [default: out/SCENE/ambiguity]
+    /// Folder for the results [default: out/SCENE/ambiguity]
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Vulkan device, by its number or a part of its name (see `antirad devices`) [env: ANTIRAD_DEVICE]
@@ -49,7 +49,7 @@ pub struct Arguments {
     device: Option<String>,
 }
 
-/// Seen triangles whose interval is found when none is asked for: each takes linear programs.
+/// Seen lights whose intervals are found by default: each takes linear programs.
 const LIGHTS: usize = 3;
 /// Samples along each side of a pixel.
 const SUPERSAMPLE: u32 = 4;
@@ -57,7 +57,7 @@ const SUPERSAMPLE: u32 = 4;
 fn parse_noise(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(noise) if (0.0..1.0).contains(&noise) => Ok(noise),
-        _ => Err(String::from("a share from 0 to below 1")),
+        _ => Err(String::from("expected a number from 0 to below 1")),
     }
 }
 
@@ -70,18 +70,19 @@ struct Report {
     seen: usize,
     unseen: usize,
     without_area: usize,
-    /// Of the space of emissions that give the same pictures, per channel.
+    /// Dimension of the space of emissions that give the same pictures, per channel.
     kernel_dimension: usize,
-    /// Absent: no light is hidden.
+    /// Absent if no light is hidden.
     first_bounce: Option<FirstBounce>,
     /// Why there are no intervals.
     left_out: Option<String>,
     noise: f64,
     intervals: Vec<Row>,
-    /// Means over area.
+    /// Area-weighted means.
     determination_of_seen: Option<f64>,
     determination_of_unseen: Option<f64>,
-    /// What seen triangles would emit if no unseen one did, at the lowest, over the mean: below zero by discretisation.
+    /// Lowest emission of a seen triangle if no unseen one emitted, relative to the mean: negative by discretisation
+    /// error.
     lowest: Option<f64>,
 }
 
@@ -141,7 +142,7 @@ pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<
     if report.left_out.is_none() {
         let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new(unseen.len() as u64) };
         if let Ok(style) = ProgressStyle::with_template(
-            "light of {pos}/{len} unseen triangles [{bar:30}] {elapsed} gone, {eta} left",
+            "light of {pos}/{len} unseen triangles [{bar:30}] {elapsed} elapsed, {eta} left",
         ) {
             bar.set_style(style.progress_chars("=> "));
         }
@@ -186,7 +187,7 @@ fn reason_to_leave_out(arguments: &Arguments, scene: &Scene, unseen: &[usize]) -
     (unseen.len() > arguments.max_unseen).then(|| {
         let bytes = Bytes((8 * unseen.len() * scene.triangles.len()) as u64);
         format!(
-            "{} triangles are unseen, more than {}: --max-unseen allows more, for {bytes} of memory and {} solves",
+            "{} triangles are unseen, more than {}: raising --max-unseen takes {bytes} of memory and {} solves",
             unseen.len(),
             arguments.max_unseen,
             unseen.len().div_ceil(3)
@@ -198,7 +199,7 @@ fn areas(scene: &Scene) -> Vec<f64> {
     (0..scene.triangles.len()).map(|i| scene.area_vector(i).length()).collect()
 }
 
-/// By channel.
+/// One per channel.
 fn polytopes(
     arguments: &Arguments,
     scene: &Scene,
@@ -243,7 +244,7 @@ fn intervals(
                 (0..scene.triangles.len()).filter(|i| views.seen[*i] && sum(i) > 0.0).collect();
             lights.sort_by(|a, b| sum(b).total_cmp(&sum(a)));
             lights.truncate(LIGHTS);
-            // Of what is hidden, lights first: the table shows the first rows.
+            // Of unseen triangles, lights first: the table shows the first rows.
             let (emitting, dark): (Vec<usize>, Vec<usize>) = unseen.iter().partition(|i| sum(i) > 0.0);
             lights.into_iter().chain(emitting).chain(dark).collect()
         }
@@ -256,7 +257,7 @@ fn intervals(
         let found: Vec<Interval> = match unseen.binary_search(&i) {
             Ok(k) => hidden.iter().map(|channel| channel[k]).collect(),
             Err(_) if !views.seen[i] => {
-                tracing::warn!("triangle {i} has no area: it sends no light, and takes no part");
+                tracing::warn!("triangle {i} has no area, emits nothing and is left out");
                 continue;
             }
             Err(_) => {
@@ -289,7 +290,7 @@ fn mean(values: &[f64], areas: &[f64], of: impl Fn(usize) -> bool) -> Option<f64
     (area > 0.0).then(|| picked().map(|i| areas[i] * values[i]).sum::<f64>() / area)
 }
 
-/// The numbers, and pictures: from all cameras of the scene, and from outside, through whatever shows its back.
+/// Writes the numbers and pictures of them: from all cameras of the scene, and from outside, with back faces left out.
 fn write_determination(
     directory: &Path,
     rasterizer: &Rasterizer,
@@ -329,7 +330,7 @@ fn write_determination(
     Ok(files)
 }
 
-/// From dark violet (0: free) to yellow (1: determined), as sRGB values; grey for triangles that take no part.
+/// From dark violet (0: free) to yellow (1: determined), as sRGB values; grey for triangles left out.
 fn false_colour(share: f64) -> [f64; 3] {
     if share.is_nan() {
         return [0.5; 3];
@@ -370,7 +371,7 @@ fn write_intervals(directory: &Path, rows: &[Row]) -> Result<PathBuf, Failure> {
     Ok(path)
 }
 
-/// Rows of the table that is printed.
+/// Rows of the printed table.
 const SHOWN: usize = 12;
 
 fn summarise(report: &Report, files: &[PathBuf]) {
@@ -385,22 +386,22 @@ fn summarise(report: &Report, files: &[PathBuf]) {
         }
     );
     println!(
-        "ker V       {} dimensions a channel: one for each unseen triangle, whose emission the others can make up for",
+        "ker V       {} dimensions per channel: one for each unseen triangle, whose emission the others can compensate",
         report.kernel_dimension
     );
     match &report.first_bounce {
         None => println!("lights      none is hidden"),
         Some(bounce) => {
             println!(
-                "lights      {} triangles that emit are hidden; with the first bounce of their light emitted by the walls\n\
-                 \x20           instead, pictures differ by {:.1e} (root mean square, relative), faces by {:.1e} at most",
+                "lights      {} emitting triangles are hidden; if the walls emit the first bounce of their light instead,\n\
+                 \x20           pictures differ by {:.1e} (relative RMS), faces by {:.1e} at most",
                 bounce.hidden_lights.len(),
                 bounce.picture_difference,
                 bounce.largest_difference
             );
             if bounce.glossy > 0 {
                 println!(
-                    "            {} triangles are glossy: the diffuse part of their first bounce alone is meant",
+                    "            {} triangles are glossy: only the diffuse part of their first bounce counts",
                     bounce.glossy
                 );
             }
@@ -411,8 +412,8 @@ fn summarise(report: &Report, files: &[PathBuf]) {
     }
     if !report.intervals.is_empty() {
         println!(
-            "intervals   of emissions (mean of RGB) that explain the pictures within {:.1e}: unseen ones in closed form,\n\
-             \x20           the least of seen ones by linear programming",
+            "intervals   of emissions (mean of RGB) that explain the pictures within {:.1e}: of unseen triangles in closed form,\n\
+             \x20           the minimum of seen ones by linear programming",
             report.noise
         );
         println!(

@@ -1,9 +1,9 @@
-//! Which cameras are meant.
+//! Choice of cameras by name.
 
 use crate::Failure;
 use antirad::scene::{Camera, Scene};
 
-/// Those of these names; all of the scene if there is none.
+/// The cameras with these names; without names, all of the scene.
 pub fn choose<'a>(scene: &'a Scene, names: &[String]) -> Result<Vec<&'a Camera>, Failure> {
     if names.is_empty() {
         return Ok(scene.cameras.iter().collect());

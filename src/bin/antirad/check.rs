@@ -3,7 +3,7 @@
 use crate::Failure;
 use crate::settings::SceneSettings;
 use antirad::cli::{Interrupt, Working};
-use antirad::plan::Limits;
+use antirad::plan::PlanOptions;
 use antirad::warnings::{Warning, Warnings};
 use clap::Args;
 use serde::Serialize;
@@ -15,7 +15,7 @@ use serde::Serialize;
 pub struct Arguments {
     #[command(flatten)]
     settings: SceneSettings,
-    /// Print JSON
+    /// Print the warnings as JSON
     #[arg(long)]
     json: bool,
 }
@@ -25,19 +25,19 @@ struct Report<'a> {
     scene: &'a str,
     triangles: usize,
     bins: String,
-    /// What the scene's files say that may not be meant.
+    /// Entries of the scene's files that are probably mistakes.
     notes: &'a [String],
     warnings: &'a [Warning],
 }
 
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
-    // Whether a solve fits the memory is the matter of `antirad plan`.
-    let limits = Limits::default().boundless();
-    let (scene, plan) = arguments.settings.load_planned(&limits, interrupt)?;
-    let working = Working::on("looking for what will come out wrong");
+    // `antirad plan` tells whether a solve fits in memory.
+    let options = PlanOptions::default().boundless();
+    let (scene, plan) = arguments.settings.load_planned(&options, interrupt)?;
+    let working = Working::on("looking for causes of errors");
     let warnings = interrupt.while_computing(|| Warnings::of(&scene, &plan));
     drop(working);
-    let bins = scene.accuracy.bins.to_string();
+    let bins = scene.settings.bins.to_string();
     if arguments.json {
         let report = Report {
             scene: &scene.name,

@@ -1,4 +1,4 @@
-//! `antirad compare`: how near a fitted scene comes to the true one.
+//! `antirad compare`: the errors of a fitted scene.
 
 use crate::Failure;
 use antirad::scene::{LoadOptions, Material, Scene};
@@ -7,11 +7,13 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
+#[command(after_help = "Examples:
+  antirad compare scenes/cornell_boxes.toml out/fits/cornell/scene.toml")]
 pub struct Arguments {
-    /// The scene as it is
+    /// The true scene
     #[arg(value_name = "TRUTH")]
     truth: PathBuf,
-    /// The same triangles with other materials or places: scene.toml of a fit
+    /// The fitted scene, which has the same triangles: scene.toml of a fit
     #[arg(value_name = "FITTED")]
     fitted: PathBuf,
 }
@@ -30,7 +32,7 @@ const QUANTITIES: [Quantity; 5] = [
     Quantity { name: "power", of: |m| vec![m.power] },
 ];
 
-/// Rows that are printed of a quantity at most.
+/// Maximum number of rows printed per quantity.
 const ROWS: usize = 12;
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
@@ -49,7 +51,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         );
         return Err(Failure::Error(message.into()));
     }
-    row(["", "true", "found", "largest error, of a channel"]);
+    row(["", "true", "found", "largest error of a channel"]);
     for quantity in &QUANTITIES {
         print(quantity, &differences(&truth, &fitted, quantity));
     }
@@ -103,7 +105,7 @@ fn numbers(values: &[f64]) -> String {
     values.iter().map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(" ")
 }
 
-/// The share of the power emitted by the fitted scene that leaves triangles which emit in truth.
+/// Fraction of the fitted scene's emitted power that comes from triangles which emit in the true scene.
 fn power_where_true(truth: &Scene, fitted: &Scene) -> f64 {
     let power = |t: usize| fitted.area_vector(t).length() * fitted.material(t).emission.iter().sum::<f64>();
     let all = 0..truth.triangles.len();

@@ -21,7 +21,7 @@ pub fn run() -> Result<(), Failure> {
         println!("   timestamps        {}", if info.timestamp_period_ns > 0.0 { "yes" } else { "no" });
         match device.missing.as_slice() {
             [] => println!("   antirad           has all it needs"),
-            missing => println!("   antirad           can't use it: it lacks {}", missing.join(", ")),
+            missing => println!("   antirad           cannot use it: it lacks {}", missing.join(", ")),
         }
     }
     Ok(())

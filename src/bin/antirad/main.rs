@@ -16,17 +16,17 @@ use antirad::cli::{self, Interrupt};
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
-/// Help lists these options behind those of each command, which count from 0.
+/// Display order of the global options: after those of each command, which count from 0.
 const LAST: usize = 100;
 
-/// What a scene is made of, from pictures of it; and pictures of a scene, with full global illumination.
+/// Render scenes with global illumination, and recover scenes from pictures, by differentiable radiosity.
 #[derive(Parser)]
 #[command(version, about, after_help = EXAMPLES)]
 struct Arguments {
-    /// No progress, no summary, no warnings: errors alone
+    /// Print errors only: no progress, summary or warnings
     #[arg(short, long, global = true, display_order = LAST)]
     quiet: bool,
-    /// More to read: once for what is done, twice for everything
+    /// Print more: once for the main steps, twice for everything
     #[arg(short, long, global = true, display_order = LAST, action = clap::ArgAction::Count)]
     verbose: u8,
     #[command(subcommand)]
@@ -46,29 +46,32 @@ const EXAMPLES: &str = "Examples:
 
 #[derive(Subcommand)]
 enum Command {
-    /// Solve a scene and make its pictures
+    /// Solve a scene and render pictures of it
     Render(render::Arguments),
-    /// Fit scenes to pictures: jobs, one or many
+    /// Fit scenes to pictures (inverse rendering), in one job or many
     Fit(fit::Arguments),
-    /// What pictures of a scene leave open: which other lights would look the same
+    /// Examine what pictures leave undetermined: which other lights would look the same
     Ambiguity(ambiguity::Arguments),
-    /// List what of a scene will come out wrong, with the triangles to blame, without solving
+    /// List the triangles of a scene that will cause errors, without solving it
     Check(check::Arguments),
-    /// Cut triangles where the warnings of `check` ask for it, and write the finer scene
+    /// Subdivide the triangles that `check` warns of, and write the finer scene
     Refine(refine::Arguments),
-    /// Say how a fitted scene differs from the true one
+    /// Compare a fitted scene with the true one
     Compare(compare::Arguments),
-    /// Print what a solve would take, without touching a device
+    /// Print the memory and work that a solve needs, without using a device
     Plan(plan::Arguments),
-    /// List Vulkan devices, with what antirad needs of each
+    /// List Vulkan devices, and what each lacks for antirad
+    #[command(
+        after_help = "Examples:\n  antirad devices\n  ANTIRAD_DEVICE=1 antirad render scenes/cornell_boxes.toml"
+    )]
     Devices,
 }
 
-/// How a command ends without its result.
+/// Why a command ended without a result.
 enum Failure {
     Error(Box<dyn std::error::Error>),
     Interrupted,
-    /// All was said already.
+    /// Already reported.
     Code(u8),
 }
 

@@ -3,22 +3,25 @@
 use crate::Failure;
 use crate::settings::SceneSettings;
 use antirad::cli::Interrupt;
-use antirad::plan::Limits;
+use antirad::plan::PlanOptions;
 use clap::Args;
 
 #[derive(Args)]
+#[command(after_help = "Examples:
+  antirad plan scenes/statue.toml --memory-budget 256MiB
+  antirad plan room.obj --bins concentric:12 --json")]
 pub struct Arguments {
     #[command(flatten)]
     settings: SceneSettings,
-    /// Print JSON
+    /// Print the plan as JSON
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
-    let usual = Limits::default();
-    let limits = usual.memory_budget(arguments.settings.memory_budget.unwrap_or(usual.memory_budget));
-    let (_, plan) = arguments.settings.load_planned(&limits, interrupt)?;
+    let usual = PlanOptions::default();
+    let options = usual.memory_budget(arguments.settings.memory_budget.unwrap_or(usual.memory_budget));
+    let (_, plan) = arguments.settings.load_planned(&options, interrupt)?;
     let report = plan.report();
     if arguments.json {
         println!("{}", serde_json::to_string_pretty(&report)?);

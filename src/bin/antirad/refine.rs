@@ -4,16 +4,16 @@ use crate::Failure;
 use crate::settings::SceneSettings;
 use antirad::cli::{Interrupt, Working};
 use antirad::output::prepare_directory;
-use antirad::plan::Limits;
+use antirad::plan::PlanOptions;
 use antirad::warnings::{RefineOptions, Warnings, refine};
 use clap::Args;
 use std::path::PathBuf;
 
 #[derive(Args)]
 #[command(
-    after_help = "Cuts triangles into four by the midpoints of their edges, where `antirad check` finds them too \
-large: coarse blockers and the wide sides of narrow gaps. Neighbours that are not cut stay whole: the new vertices lie on \
-their edges, so no crack opens.
+    after_help = "Cuts triangles into four at the midpoints of their edges where `antirad check` finds them too \
+large: coarse blockers, and the wide sides of narrow gaps. Their neighbours stay whole: the new vertices lie on their \
+edges, so no cracks open.
 
 Examples:
   antirad refine scenes/two_rooms.toml --output out/fine
@@ -22,13 +22,13 @@ Examples:
 pub struct Arguments {
     #[command(flatten)]
     settings: SceneSettings,
-    /// Where the finer scene goes: SCENE.toml, with its meshes and materials beside it
+    /// Folder for the finer scene: SCENE.toml, with its meshes and materials beside it
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
-    /// Triangles that the finer scene may have
+    /// Maximum number of triangles of the finer scene
     #[arg(long, value_name = "NUMBER", default_value_t = RefineOptions::default().max_triangles)]
     max_triangles: usize,
-    /// Times that a triangle may be cut
+    /// Maximum number of times that a triangle is cut
     #[arg(long, value_name = "NUMBER", default_value_t = RefineOptions::default().levels)]
     levels: u32,
 }
@@ -38,7 +38,7 @@ pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<
     let triangles = scene.triangles.len();
     let options = RefineOptions::default().max_triangles(arguments.max_triangles).levels(arguments.levels);
     let working = Working::on("refining");
-    let refined = interrupt.while_computing(|| refine(&mut scene, &Limits::default(), &options))?;
+    let refined = interrupt.while_computing(|| refine(&mut scene, &PlanOptions::default(), &options))?;
     drop(working);
     prepare_directory(&arguments.output)?;
     let path = arguments.output.join(format!("{}.toml", scene.name));

@@ -4,14 +4,16 @@ use crate::Failure;
 use crate::cameras;
 use crate::report::{DeviceReport, MemoryUse, Report, SolveReport};
 use crate::settings::SceneSettings;
-use antirad::cli::{Interrupt, SolveBar, Working};
+use antirad::cli::{EXIT_UNRELIABLE, Interrupt, SolveBar, Working};
 use antirad::gpu::{Bytes, Device, DeviceOptions};
 use antirad::image::{Exposure, PictureOptions, Rasterizer, ToneMap};
-use antirad::ladder::{Answer, Climb, LadderOptions, Solved, Stage, solve_within, usual_plan};
 use antirad::output::{prepare_directory, single, write_json, write_npy};
-use antirad::plan::Limits;
+use antirad::plan::PlanOptions;
 use antirad::scene::{Camera, Choice, Precision, Scene};
-use antirad::warnings::Warnings;
+use antirad::target_error::{
+    Answer, Refinement, Solved, Stage, TargetErrorOptions, solve_within, usual_plan,
+};
+use antirad::warnings::{Kind, Warnings};
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use clap::Args;
 use std::borrow::Cow;
@@ -21,16 +23,20 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 #[derive(Args)]
+#[command(after_help = "Examples:
+  antirad render scenes/cornell_boxes.toml --output out/cornell
+  antirad render bunny.obj --bins concentric:12 --tolerance 1e-3
+  antirad render scenes/two_rooms.toml --camera main --target-error 0.05")]
 pub struct Arguments {
     #[command(flatten)]
     settings: SceneSettings,
-    /// Picture from this camera only; may be given several times [default: all cameras of the scene]
+    /// Render this camera only; may be given several times [default: all cameras of the scene]
     #[arg(long, value_name = "NAME")]
     camera: Vec<String>,
-    /// Triangles that --target-error may cut the scene to
-    #[arg(long, value_name = "NUMBER", default_value_t = LadderOptions::MAX_TRIANGLES)]
+    /// Maximum number of triangles into which --target-error may subdivide the scene
+    #[arg(long, value_name = "NUMBER", default_value_t = TargetErrorOptions::MAX_TRIANGLES)]
     max_triangles: usize,
-    /// Where the results go [default: out/SCENE]
+    /// Folder for the results [default: out/SCENE]
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Vulkan device, by its number or a part of its name (see `antirad devices`) [env: ANTIRAD_DEVICE]
@@ -39,10 +45,10 @@ pub struct Arguments {
     /// Exposure of the PNG in stops (0 shows radiance 1 as white), or auto
     #[arg(long, value_name = "STOPS|auto", default_value = "auto", allow_hyphen_values = true, value_parser = parse_exposure)]
     exposure: Exposure,
-    /// Write the PNG with linear instead of sRGB values
+    /// Write linear instead of sRGB values to the PNG
     #[arg(long)]
     linear_png: bool,
-    /// Interpolate colours over vertices instead of flat faces
+    /// Interpolate colours between vertices instead of drawing flat faces
     #[arg(long)]
     smooth: bool,
     /// Samples along each side of a pixel: 1, 2, 4, 8 or 16
@@ -55,7 +61,7 @@ fn parse_exposure(text: &str) -> Result<Exposure, String> {
         "auto" => Ok(Exposure::Auto),
         _ => match text.parse::<f64>() {
             Ok(stops) if stops.is_finite() => Ok(Exposure::Stops(stops)),
-            _ => Err("a number of stops, or auto".to_owned()),
+            _ => Err("expected a number of stops, or auto".to_owned()),
         },
     }
 }
@@ -98,11 +104,12 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
                 let of = |camera: &Camera| Rasterizer::bytes(scene.triangles.len(), camera, &options);
                 cameras.iter().map(of).map(|bytes| bytes.unwrap_or(u64::MAX)).max().unwrap_or(0)
             };
-            let options =
-                LadderOptions::new(error).max_triangles(arguments.max_triangles).cameras(cameras.clone());
-            let bar = SolveBar::new(scene.accuracy.tolerance, quiet);
+            let options = TargetErrorOptions::new(error)
+                .max_triangles(arguments.max_triangles)
+                .cameras(cameras.clone());
+            let bar = SolveBar::new(scene.settings.tolerance, quiet);
             let mut run = |engine: &mut Engine, scene: &Scene, stage: &Stage| {
-                let part = bar.part(scene.accuracy.tolerance, &stage.name, stage.begin..stage.end);
+                let part = bar.part(scene.settings.tolerance, &stage.name, stage.begin..stage.end);
                 solve(engine, scene, &part, interrupt)
             };
             let refined =
@@ -114,21 +121,21 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
             Rendered::refined(refined)
         }
         Choice::Open { .. } => {
-            let limits = Limits::of(&device).pictures(pictures);
+            let options = PlanOptions::of(&device).pictures(pictures);
             let working = Working::on("planning");
-            let (accuracy, plan) = interrupt.while_computing(|| usual_plan(&scene, &limits))?;
+            let (settings, plan) = interrupt.while_computing(|| usual_plan(&scene, &options))?;
             drop(working);
-            scene.accuracy = accuracy;
+            scene.settings = settings;
             tracing::info!("{}", plan.report());
             stages.end("plan");
             let mut engine = Engine::new(&device, &scene, plan)?;
             stages.end("prepare");
-            let bar = SolveBar::new(accuracy.tolerance, quiet);
+            let bar = SolveBar::new(settings.tolerance, quiet);
             let solved = solve(&mut engine, &scene, &bar, interrupt);
             bar.finish();
-            let solution = solved.map_err(failure)?;
+            let solution = solved.or_else(best_iterate)?;
             stages.end("solve");
-            let working = Working::on("looking for what came out wrong");
+            let working = Working::on("looking for causes of errors");
             let warnings = interrupt.while_computing(|| Warnings::of(&scene, engine.plan()));
             drop(working);
             stages.end("check");
@@ -136,7 +143,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
             Rendered::plain(&scene, answer, engine)
         }
     };
-    let Rendered { scene: solved, irradiance, radiosity, answer, climb, engine } = result;
+    let Rendered { scene: solved, irradiance, radiosity, answer, refinement, engine } = result;
     let rasterizer = Rasterizer::new(&device)?;
     let pictures = cameras
         .iter()
@@ -158,15 +165,18 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         files.extend(["exr", "png"].map(|kind| format!("{}.{kind}", camera.name)));
     }
     for (name, rows) in [("irradiance.npy", &irradiance), ("radiosity.npy", &radiosity)] {
-        match solved.accuracy.precision {
-            Precision::F32 | Precision::Packed => write_npy(&directory.join(name), &single(rows))?,
+        match solved.settings.precision {
+            Precision::F32 | Precision::HalfBins => {
+                warn_of_range(rows, name);
+                write_npy(&directory.join(name), &single(rows))?;
+            }
             Precision::F64 => write_npy(&directory.join(name), rows)?,
         }
     }
     stages.end("write");
 
     for warning in answer.warnings.list.iter().filter(|warning| warning.severe) {
-        tracing::warn!("{}: {}; way out: {}", warning.kind.name(), warning.message, warning.way_out);
+        tracing::warn!("{}: {}; remedy: {}", warning.kind.name(), warning.message, warning.remedy);
     }
     let report = Report {
         scene: arguments.settings.scene.display().to_string(),
@@ -175,46 +185,81 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         warnings: solved.warnings.clone(),
         accuracy_warnings: answer.warnings.list,
         plan: answer.plan,
-        climb,
+        refinement,
         memory: MemoryUse::from(device.memory()),
-        solve: SolveReport::new(answer.info, solved.accuracy.tolerance),
+        solve: SolveReport::new(answer.info, solved.settings.tolerance),
         energy: answer.energy,
         negative_irradiance: answer.negative,
         pictures: files,
         seconds: stages.seconds,
         kernels: device.profile(),
     };
-    // The report says what it holds.
+    // The report already has its memory use.
     drop(engine);
     write_json(&directory.join("report.json"), &report)?;
     if !quiet {
         summarise(&report, &directory, verbose);
     }
-    Ok(())
+    let unphysical = report.accuracy_warnings.iter().any(|warning| warning.kind == Kind::Unphysical);
+    match report.solve.converged && !unphysical {
+        true => Ok(()),
+        false => Err(Failure::Code(EXIT_UNRELIABLE)),
+    }
 }
 
-/// A scene as it was solved, with what was found on the triangles of the scene as it was given.
+/// A scene as solved, with results for the triangles of the scene as given.
 struct Rendered<'a> {
     scene: Cow<'a, Scene>,
     irradiance: Vec<[f64; 3]>,
     radiosity: Vec<[f64; 3]>,
     answer: Answer,
-    climb: Option<Climb>,
-    /// If it is still there.
+    refinement: Option<Refinement>,
+    /// `None` if the solve has dropped it.
     engine: Option<Engine>,
 }
 
 impl<'a> Rendered<'a> {
     fn plain(scene: &'a Scene, answer: Answer, engine: Engine) -> Self {
         let (irradiance, radiosity) = (answer.irradiance.clone(), answer.radiosity.clone());
-        Self { scene: Cow::Borrowed(scene), irradiance, radiosity, answer, climb: None, engine: Some(engine) }
+        Self {
+            scene: Cow::Borrowed(scene),
+            irradiance,
+            radiosity,
+            answer,
+            refinement: None,
+            engine: Some(engine),
+        }
     }
 
     fn refined(solved: Solved) -> Self {
         let irradiance = solved.on_given(&solved.answer.irradiance);
         let radiosity = solved.on_given(&solved.answer.radiosity);
-        let Solved { scene, answer, climb, .. } = solved;
-        Self { scene: Cow::Owned(scene), irradiance, radiosity, answer, climb: Some(climb), engine: None }
+        let Solved { scene, answer, refinement, .. } = solved;
+        Self {
+            scene: Cow::Owned(scene),
+            irradiance,
+            radiosity,
+            answer,
+            refinement: Some(refinement),
+            engine: None,
+        }
+    }
+}
+
+/// The best iterate of a solve without convergence, which is logged as an error.
+fn best_iterate(error: EngineError) -> Result<Solution, Failure> {
+    let message = error.to_string();
+    let best = error.into_best().map_err(failure)?;
+    tracing::error!("{message}. The results are those of the best iterate, which is NOT CONVERGED");
+    Ok(*best)
+}
+
+/// Warns of values beyond the range of f32, which files hold as infinity.
+fn warn_of_range(rows: &[[f64; 3]], name: &str) {
+    if rows.iter().flatten().any(|&value| !(value as f32).is_finite()) {
+        tracing::warn!(
+            "{name} has values beyond 3.4e38, written as infinity in f32: state emission in a larger unit"
+        );
     }
 }
 
@@ -228,10 +273,10 @@ fn solve(
     bar: &SolveBar,
     interrupt: &Interrupt,
 ) -> Result<Solution, EngineError> {
-    let params = SolveParams::from(&scene.accuracy);
+    let params = SolveParams::from(&scene.settings);
     let reached = Arc::new(Mutex::new((0, 1.0)));
     let (within, shared, stop) = (bar.clone(), reached.clone(), interrupt.clone());
-    engine.set_watcher(Some(Box::new(move |done, total| {
+    engine.set_pass_callback(Some(Box::new(move |done, total| {
         let (passes, residual) = *shared.lock().unwrap_or_else(PoisonError::into_inner);
         within.show(passes, residual, done as f64 / total.max(1) as f64);
         stop.flow()
@@ -242,7 +287,7 @@ fn solve(
         bar.show(passes, residual, 0.0);
         interrupt.flow()
     });
-    engine.set_watcher(None);
+    engine.set_pass_callback(None);
     solved
 }
 
@@ -253,7 +298,8 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     let (emitted, absorbed) = (sum(report.energy.emitted), sum(report.energy.absorbed));
     println!("device      {} ({})", report.device.name, report.device.driver);
     println!(
-        "solved      {} triangles in {} passes to {residual:.1e}, {:.2} s",
+        "{}      {} triangles in {} passes to {residual:.1e}, {:.2} s",
+        if solve.converged { "solved" } else { "NOT CONVERGED" },
         report.plan.triangles,
         solve.passes,
         report.seconds.get("solve").copied().unwrap_or(0.0)
@@ -262,18 +308,18 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     for class in &report.plan.classes {
         println!("            {} triangles: {} ({})", class.triangles, class.modelled, class.why);
     }
-    if let Some(climb) = &report.climb {
-        for (step, number) in climb.steps.iter().zip(1..) {
+    if let Some(refinement) = &report.refinement {
+        for (step, number) in refinement.steps.iter().zip(1..) {
             println!("step {number:<6} {step}");
         }
-        for reason in &climb.why {
+        for reason in &refinement.why {
             println!("            {reason}");
         }
-        let verdict = if climb.met { "kept" } else { "NOT KEPT" };
+        let verdict = if refinement.met { "kept" } else { "NOT KEPT" };
         println!(
-            "target      {:.2} % was asked: {verdict} by step {}",
-            100.0 * climb.error,
-            climb.chosen + 1
+            "target      {:.2} % requested: {verdict} by step {}",
+            100.0 * refinement.error,
+            refinement.chosen + 1
         );
     }
     if emitted > 0.0 {
@@ -288,9 +334,13 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     }
     if !report.accuracy_warnings.is_empty() {
         let each = report.accuracy_warnings.iter().map(|w| format!("{} ({})", w.kind.name(), w.count));
-        println!("beware      {}: see antirad check", each.collect::<Vec<_>>().join(", "));
+        println!("warnings    {}: see `antirad check`", each.collect::<Vec<_>>().join(", "));
     }
-    println!("memory      {} at the peak of {}", Bytes(report.memory.peak), Bytes(report.memory.budget));
+    println!(
+        "memory      {} at the peak, of a budget of {}",
+        Bytes(report.memory.peak),
+        Bytes(report.memory.budget)
+    );
     if verbose > 0 {
         for k in &report.kernels {
             println!("kernel      {k}");

@@ -1,9 +1,9 @@
-//! `report.json`: everything about a run that a script or a person may ask later.
+//! `report.json`: everything about a run that a script or a person may need later.
 
 use antirad::gpu::{DeviceInfo, MemoryReport, ProfileRow};
-use antirad::ladder::Climb;
 use antirad::plan::PlanReport;
 use antirad::solve::SolveInfo;
+use antirad::target_error::Refinement;
 use antirad::warnings::Warning;
 use antirad::{Energy, Negative};
 use serde::Serialize;
@@ -15,12 +15,12 @@ pub struct Report {
     pub version: &'static str,
     pub device: DeviceReport,
     pub warnings: Vec<String>,
-    /// What the method gets wrong in this scene, and where.
+    /// Triangles of this scene for which the method is inaccurate.
     pub accuracy_warnings: Vec<Warning>,
     /// Units: bytes, pairs of triangles, seconds.
     pub plan: PlanReport,
-    /// How the settings were found, where an error was asked for.
-    pub climb: Option<Climb>,
+    /// How the settings were found, for a target error.
+    pub refinement: Option<Refinement>,
     pub memory: MemoryUse,
     pub solve: SolveReport,
     /// RGB, W.
@@ -52,6 +52,8 @@ pub struct MemoryUse {
 pub struct SolveReport {
     pub passes: u32,
     pub tolerance: f64,
+    /// Whether the tolerance was reached.
+    pub converged: bool,
     pub residuals: Vec<f64>,
     pub spectral_radius: Option<f64>,
 }
@@ -80,6 +82,7 @@ impl SolveReport {
         Self {
             passes: info.passes,
             tolerance,
+            converged: info.converged,
             residuals: info.residuals,
             spectral_radius: info.spectral_radius,
         }

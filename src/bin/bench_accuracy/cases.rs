@@ -1,10 +1,10 @@
-//! Scenes whose answer is known.
+//! Scenes with a known solution.
 
 use crate::Interrupted;
 use antirad::cli::Interrupt;
 use antirad::gpu::Device;
-use antirad::plan::{Limits, Occlusion, Plan};
-use antirad::reference::{Estimate, PathTracer, Shadow};
+use antirad::plan::{Occlusion, Plan, PlanOptions};
+use antirad::reference::{MonteCarloEstimate, PathTracer, Shadow};
 use antirad::scene::{LoadOptions, Material, Scene};
 use antirad::{Engine, SolveParams};
 use glam::DVec3;
@@ -30,12 +30,12 @@ pub const NAMES: [&str; 13] = [
 
 /// Paths for each triangle of a scene without a reference.
 pub const SAMPLES: u32 = 1024;
-/// For direct light alone, where shadows are.
+/// The same for direct light alone, from which shadows are determined.
 const SHADOW_SAMPLES: u32 = 256;
-/// A triangle is in shadow if less than this share of the light of lamps arrives.
+/// A triangle is in shadow if it receives less than this fraction of the lamps' light.
 const SHADOW: f64 = 0.5;
 
-/// What irradiance should be.
+/// The true irradiance.
 pub enum Truth {
     /// Of each triangle of the unrefined scene, W/m².
     Triangles(Vec<DVec3>),
@@ -51,7 +51,7 @@ pub struct Case {
     pub noise: Option<f64>,
     /// m².
     pub areas: Vec<f64>,
-    /// What would arrive from lamps if it were not for blockers, W/m², and which triangles are in shadow.
+    /// Irradiance from lamps without blockers, W/m², and which triangles are in shadow.
     pub blocked: Vec<DVec3>,
     pub in_shadow: Vec<bool>,
 }
@@ -94,7 +94,7 @@ impl Case {
             _ => {
                 let mut numbers = name.split('_').skip(1).map(str::parse::<f64>);
                 let (Some(Ok(lamp)), Some(Ok(height))) = (numbers.next(), numbers.next()) else {
-                    return Err(format!("{name} is no shadow").into());
+                    return Err(format!("{name} is not a shadow scene").into());
                 };
                 let shadow = Shadow { lamp, height };
                 let scene = shadow.scene()?;
@@ -108,7 +108,7 @@ impl Case {
         Self::with_truth(name, scene, truth, device, interrupt)
     }
 
-    /// Any scene; its truth is path-traced, with so many paths for each triangle.
+    /// Any scene, with truth path-traced by `samples` paths per triangle.
     pub fn traced(
         name: &str,
         scene: Scene,
@@ -117,7 +117,7 @@ impl Case {
         interrupt: &Interrupt,
     ) -> Result<Self, Box<dyn Error>> {
         let found = trace(&scene, paths, interrupt)?;
-        let squares = |of: fn(&Estimate) -> DVec3| -> f64 {
+        let squares = |of: fn(&MonteCarloEstimate) -> DVec3| -> f64 {
             let each = found.iter().enumerate();
             each.map(|(i, estimate)| scene.area_vector(i).length() * of(estimate).length_squared()).sum()
         };
@@ -149,8 +149,8 @@ impl Case {
     }
 }
 
-/// The irradiance of each triangle over so many paths.
-fn trace(scene: &Scene, samples: u32, interrupt: &Interrupt) -> Result<Vec<Estimate>, Interrupted> {
+/// The irradiance of each triangle, by `samples` paths each.
+fn trace(scene: &Scene, samples: u32, interrupt: &Interrupt) -> Result<Vec<MonteCarloEstimate>, Interrupted> {
     let tracer = PathTracer::new(scene);
     let one = |j| (!interrupt.is_set()).then(|| tracer.irradiance_of(j, samples));
     (0..scene.triangles.len()).into_par_iter().map(one).collect::<Option<_>>().ok_or(Interrupted)
@@ -160,7 +160,7 @@ fn brightest(scene: &Scene) -> f64 {
     scene.materials.iter().flat_map(|m| m.emission).fold(0.0, f64::max)
 }
 
-/// Lamps alone reflect nothing and shine.
+/// The scene with black materials, so that there is direct light only.
 fn black(scene: &Scene) -> Scene {
     let mut black = scene.clone();
     for material in &mut black.materials {
@@ -170,16 +170,16 @@ fn black(scene: &Scene) -> Scene {
 }
 
 fn without_blockers(device: &Device, scene: &Scene) -> Result<Vec<DVec3>, Box<dyn Error>> {
-    let limits = Limits::of(device).occlusion(Occlusion::Nothing);
-    let plan = Plan::new(scene, &limits, &scene.accuracy)?;
-    let solution = Engine::new(device, scene, plan)?.solve(&SolveParams::from(&scene.accuracy))?;
+    let options = PlanOptions::of(device).occlusion(Occlusion::Nothing);
+    let plan = Plan::new(scene, &options, &scene.settings)?;
+    let solution = Engine::new(device, scene, plan)?.solve(&SolveParams::from(&scene.settings))?;
     Ok(solution.irradiance.into_iter().map(DVec3::from).collect())
 }
 
 /// Rows of a float32 array [n, 3].
 fn read(path: &Path) -> Result<Vec<DVec3>, Box<dyn Error>> {
     let name =
-        |error: std::io::Error| format!("{}: {error}; --root names the project's folder", path.display());
+        |error: std::io::Error| format!("{}: {error}; set --root to the project's folder", path.display());
     let bytes = std::fs::read(path).map_err(name)?;
     let flat: Vec<f32> = npyz::NpyFile::new(&bytes[..]).map_err(name)?.into_vec().map_err(name)?;
     Ok(flat.chunks_exact(3).map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into())).collect())

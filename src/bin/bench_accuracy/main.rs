@@ -1,4 +1,4 @@
-//! Error against time, for scenes whose answer is known.
+//! Error against time, for scenes with a known solution.
 
 mod cases;
 mod measure;
@@ -19,50 +19,50 @@ use std::process::ExitCode;
 use sweep::Setting;
 use table::Row;
 
-/// What accuracy costs: errors of irradiance, shadows and pictures, and seconds, passes and bytes, over triangles, direction
-/// bins, weights, near field, precision, solver and tolerance
+/// Measure error against cost for scenes with a known solution
 ///
-/// Truth is a closed form, path-traced irradiance made by others (tests/data), or the project's own path tracer, which is
-/// checked against both.
+/// Errors of irradiance, shadows and pictures, and seconds, passes and bytes, over triangles, direction bins, weights,
+/// near field, precision, solver and tolerance. The truth is a closed form, irradiance from another path tracer
+/// (tests/data), or the project's own path tracer, which is checked against both.
 #[derive(Parser)]
 #[command(version, about, after_help = EXAMPLES)]
 struct Arguments {
-    /// A scene; may be given several times [default: all]
+    /// Scene to measure; may be given several times [default: all]
     #[arg(long, value_name = "NAME")]
     scene: Vec<String>,
     /// Fewer settings, without the finest meshes: minutes instead of an hour
     #[arg(long)]
     quick: bool,
-    /// No sweep: pictures of these scenes beside the path-traced truth, NAME_CAMERA_against_truth.png, and a table of their
-    /// errors in Markdown
+    /// Instead of measuring, draw these scenes beside the path-traced truth, NAME_CAMERA_against_truth.png, and print a
+    /// Markdown table of their errors
     #[arg(long, value_name = "SCENE", num_args = 1.., conflicts_with_all = ["scene", "quick"])]
     pictures: Vec<PathBuf>,
-    /// Pictures also of what `antirad refine` makes of the scene, below
+    /// Add a row of pictures of the scene refined as by `antirad refine`
     #[arg(long, requires = "pictures")]
     refine: bool,
-    /// Pictures also with these direction bins, below: 20x26 or concentric:12
+    /// Add a row of pictures with these direction bins: 20x26 or concentric:12
     #[arg(long, value_name = "LAYOUT", requires = "pictures")]
     bins: Option<BinLayout>,
-    /// Pictures from this camera only [default: all cameras of the scene]
+    /// Draw this camera only [default: all cameras of the scene]
     #[arg(long, value_name = "NAME", requires = "pictures")]
     camera: Option<String>,
-    /// Paths for each triangle of a picture's truth
+    /// Paths per triangle for the truth of pictures
     #[arg(long, value_name = "NUMBER", requires = "pictures", default_value_t = cases::SAMPLES,
           value_parser = clap::value_parser!(u32).range(2..))]
     paths: u32,
-    /// Where the project's scenes/ and tests/data/ are
+    /// Folder of the project's scenes/ and tests/data/
     #[arg(long, value_name = "DIR", default_value = ".")]
     root: PathBuf,
-    /// Where accuracy.csv and the plots go
+    /// Folder for accuracy.csv and the plots
     #[arg(long, short, value_name = "DIR", default_value = "out/accuracy")]
     output: PathBuf,
     /// Vulkan device, by its number or a part of its name [env: ANTIRAD_DEVICE]
     #[arg(long, value_name = "INDEX|NAME")]
     device: Option<String>,
-    /// No progress, no table: errors alone
+    /// Print errors only: no progress, no table
     #[arg(short, long)]
     quiet: bool,
-    /// A line for each measurement, too
+    /// Print a line for each measurement, too
     #[arg(short, long, action = clap::ArgAction::Count)]
     verbose: u8,
 }
@@ -106,7 +106,7 @@ fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
 
     let names: Vec<&str> = known.into_iter().filter(chosen).collect();
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(1000) };
-    if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} gone, {eta} left") {
+    if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} elapsed, {eta} left") {
         bar.set_style(style.progress_chars("=> "));
     }
     let mut rows: Vec<Row> = Vec::new();
@@ -122,7 +122,7 @@ fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
             let row = measure::measure(&device, &case, setting, interrupt)?;
             tracing::info!("{name}, {setting}: {row}");
             rows.push(row);
-            // Whoever stops it keeps what there is.
+            // Written after each row, so that an interrupt keeps the rows so far.
             table::write(&arguments.output, &rows)?;
             done += setting.cost();
             bar.set_position(((k as f64 + done / total) / names.len() as f64 * 1000.0) as u64);
@@ -131,7 +131,7 @@ fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
             let percent = 100.0 * options.error;
             bar.set_message(format!("{name}: settings for {percent} %"));
             let row = measure::measure_asked(&device, &case, options, interrupt)?;
-            tracing::info!("{name}, {percent} % asked: {row}");
+            tracing::info!("{name}, target error {percent} %: {row}");
             rows.push(row);
             table::write(&arguments.output, &rows)?;
             done += sweep::ASKED_COST;

@@ -7,9 +7,9 @@ use crate::table::Row;
 use antirad::cli::Interrupt;
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
-use antirad::ladder::{LadderOptions, Stage, solve_within};
-use antirad::plan::{Limits, Plan};
+use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{Camera, Scene};
+use antirad::target_error::{Stage, TargetErrorOptions, solve_within};
 use antirad::{Engine, SolveParams};
 use glam::DVec3;
 use std::error::Error;
@@ -25,14 +25,14 @@ pub fn measure(
     setting: &Setting,
     interrupt: &Interrupt,
 ) -> Result<Row, Box<dyn Error>> {
-    let mut scene = Scene { accuracy: setting.accuracy, ..case.scene.clone() };
+    let mut scene = Scene { settings: setting.solve, ..case.scene.clone() };
     let parents = scene.split_all(setting.level);
-    let plan = Plan::new(&scene, &Limits::of(device), &scene.accuracy)?;
+    let plan = Plan::new(&scene, &PlanOptions::of(device), &scene.settings)?;
     let bytes = plan.memory().total();
     let mut engine = Engine::new(device, &scene, plan)?;
-    // Kernels are compiled by the first dispatches: a first pass is not measured.
+    // The first dispatches compile kernels, so a first pass is not measured.
     let stop = interrupt.clone();
-    engine.set_watcher(Some(Box::new(move |_, _| stop.flow())));
+    engine.set_pass_callback(Some(Box::new(move |_, _| stop.flow())));
     let warm_up = SolveParams::default().tolerance(0.9).max_passes(3);
     match engine.solve(&warm_up) {
         Err(error) if !error.is_without_answer() => return Err(interrupted_or(error, interrupt)),
@@ -40,7 +40,7 @@ pub fn measure(
     }
     let mut row = Row { triangles: scene.triangles.len(), bytes, ..Row::new(case, setting) };
     let start = Instant::now();
-    let solved = engine.solve(&SolveParams::from(&scene.accuracy));
+    let solved = engine.solve(&SolveParams::from(&scene.settings));
     row.seconds = start.elapsed().as_secs_f64();
     let solution = match solved {
         Ok(solution) => solution,
@@ -58,39 +58,39 @@ pub fn measure(
     Ok(row)
 }
 
-/// Settings found for an error that is asked, and how far off they really are.
+/// Settings found for a target error, and their real error.
 pub fn measure_asked(
     device: &Device,
     case: &Case,
-    options: &LadderOptions,
+    options: &TargetErrorOptions,
     interrupt: &Interrupt,
 ) -> Result<Row, Box<dyn Error>> {
     let start = Instant::now();
     let stop = interrupt.clone();
     let mut solve = |engine: &mut Engine, scene: &Scene, _: &Stage| {
         let stop = stop.clone();
-        engine.set_watcher(Some(Box::new(move |_, _| stop.flow())));
-        engine.solve(&SolveParams::from(&scene.accuracy))
+        engine.set_pass_callback(Some(Box::new(move |_, _| stop.flow())));
+        engine.solve(&SolveParams::from(&scene.settings))
     };
     let solved = solve_within(device, &case.scene, options, &|_| 0, &mut solve);
     let solved = match solved {
         Ok(solved) => solved,
         Err(error) if error.is_without_answer() => {
-            let setting = Setting { accuracy: case.scene.accuracy, level: 0, varies: ASKED };
+            let setting = Setting { solve: case.scene.settings, level: 0, varies: ASKED };
             return Ok(Row { failure: error.to_string(), ..Row::new(case, &setting) });
         }
         Err(error) => return Err(interrupted_or(error, interrupt)),
     };
     let seconds = start.elapsed().as_secs_f64();
-    let step = solved.climb.answer();
+    let step = solved.refinement.answer();
     let level = step.map_or(0, |step| step.cuts);
-    let setting = Setting { accuracy: solved.scene.accuracy, level, varies: ASKED };
+    let setting = Setting { solve: solved.scene.settings, level, varies: ASKED };
     let mut row = Row {
         triangles: solved.scene.triangles.len(),
         asked: Some(options.error),
         estimate: step.and_then(|step| step.estimate.as_ref()).map(|estimate| estimate.total),
         seconds,
-        passes: solved.climb.steps.iter().map(|step| step.passes).sum(),
+        passes: solved.refinement.steps.iter().map(|step| step.passes).sum(),
         bytes: solved.answer.plan.memory_total,
         negative: solved.answer.negative.triangles,
         ..Row::new(case, &setting)
@@ -99,7 +99,7 @@ pub fn measure_asked(
     Ok(row)
 }
 
-/// What is varied where settings are found for an error.
+/// The varied setting of rows whose settings were found for a target error.
 const ASKED: &str = "asked";
 
 /// `found`: irradiance of the scene's own triangles.
@@ -122,19 +122,19 @@ pub fn interrupted_or(error: impl Error + 'static, interrupt: &Interrupt) -> Box
     if interrupt.is_set() { Interrupted.into() } else { error.into() }
 }
 
-/// How far irradiance is from the truth.
+/// Errors of irradiance.
 pub struct Errors {
-    /// Relative L2, over area.
+    /// Area-weighted relative L2.
     pub relative: f64,
-    /// Of a triangle, over the mean.
+    /// Largest error of a triangle, relative to the mean.
     pub largest: f64,
-    /// L2 inside shadows, over what is blocked there. `None`: there is none.
+    /// L2 inside shadows, relative to the light blocked there. `None` without shadows.
     pub shadow: Option<f64>,
-    /// The same, over the truth there: what light there is comes on other ways.
+    /// The same, relative to the true irradiance there, which is indirect light.
     pub dark: Option<f64>,
-    /// L2 over all triangles, over what is blocked.
+    /// L2 over all triangles, relative to the blocked light.
     pub blocked: f64,
-    /// Power absorbed by diffuse surfaces, relative.
+    /// Relative error of the power absorbed by diffuse surfaces.
     pub absorbed: f64,
 }
 
@@ -178,7 +178,7 @@ fn compare(
     row.shadow_error = errors.shadow;
     row.floor_error = case.name.starts_with("shadow").then_some(errors.blocked);
     row.absorbed_error = Some(errors.absorbed);
-    // A camera that was made up looks at closed rooms from outside.
+    // The default camera looks at closed rooms from outside.
     let camera = case.scene.cameras.first().filter(|camera| camera.name != "auto");
     if let (Some(camera), true) = (camera, is_diffuse(&case.scene)) {
         row.picture_error = Some(picture_error(device, &case.scene, camera, found, truth)?);
@@ -190,7 +190,7 @@ pub fn is_diffuse(scene: &Scene) -> bool {
     (0..scene.triangles.len()).all(|i| !scene.material(i).is_glossy())
 }
 
-/// Radiance of the fronts of diffuse triangles, W/(m² sr), by irradiance.
+/// Radiance of the fronts of diffuse triangles, W/(m² sr), from their irradiance.
 pub fn colours(scene: &Scene, irradiance: &[DVec3]) -> Vec<[f64; 3]> {
     let colour = |i: usize| {
         let m = scene.material(i);

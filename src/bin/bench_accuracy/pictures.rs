@@ -6,9 +6,9 @@ use crate::measure::{Errors, colours, interrupted_or, is_diffuse};
 use antirad::cli::{Interrupt, Panel, Sheet, percentile, signed_heat, white_point};
 use antirad::gpu::Device;
 use antirad::image::{Coverage, ImageError, Rasterizer};
-use antirad::ladder::usual_accuracy;
-use antirad::plan::{Limits, Plan};
+use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{Camera, LoadOptions, Scene};
+use antirad::target_error::usual_settings;
 use antirad::warnings::{RefineOptions, refine};
 use antirad::{Engine, SolveParams};
 use glam::DVec3;
@@ -20,11 +20,11 @@ use std::time::Duration;
 /// Samples along each side of a pixel.
 const SUPERSAMPLE: u32 = 2;
 
-/// A scene, or a variation of it: what was found, and what is true.
+/// A scene or a variation of it, with computed and true values.
 struct Compared {
-    /// What tells it from other variations.
+    /// What distinguishes it from other variations.
     label: String,
-    /// For each triangle of the truth.
+    /// Paths per triangle of the truth.
     paths: u32,
     case: Case,
     /// W/m².
@@ -39,11 +39,11 @@ struct Seen {
     truth: Vec<Option<DVec3>>,
 }
 
-/// For each scene and camera a sheet: what was found, the truth, and the signed difference, in the same exposure; below,
-/// the same for its variations. The errors go to standard output.
+/// Draws a sheet for each scene and camera: the computed picture, the truth in the same exposure, and their signed
+/// difference; below, the same for its variations. Errors go to standard output.
 pub fn draw(arguments: &Arguments, device: &Device, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
-    bar.set_style(ProgressStyle::with_template("{spinner} {msg}, {elapsed} gone")?);
+    bar.set_style(ProgressStyle::with_template("{spinner} {msg}, {elapsed} elapsed")?);
     bar.enable_steady_tick(Duration::from_millis(200));
     let mut table = vec![
         String::from(
@@ -53,16 +53,16 @@ pub fn draw(arguments: &Arguments, device: &Device, interrupt: &Interrupt) -> Re
     ];
     for path in &arguments.pictures {
         let mut scene = Scene::load(path, &LoadOptions::default())?;
-        scene.accuracy = usual_accuracy(&scene);
+        scene.settings = usual_settings(&scene);
         if !is_diffuse(&scene) {
             return Err(format!(
-                "{} has glossy materials, whose colours the path tracer does not tell; take diffuse ones",
+                "{} has glossy materials, whose radiance the path tracer does not compute; use diffuse ones",
                 path.display()
             )
             .into());
         }
-        let wanted = |camera: &Camera| arguments.camera.as_ref().is_none_or(|name| *name == camera.name);
-        let cameras: Vec<Camera> = scene.cameras.iter().filter(|c| wanted(c)).cloned().collect();
+        let selected = |camera: &Camera| arguments.camera.as_ref().is_none_or(|name| *name == camera.name);
+        let cameras: Vec<Camera> = scene.cameras.iter().filter(|c| selected(c)).cloned().collect();
         if cameras.is_empty() {
             let known: Vec<&str> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
             return Err(format!("{} has these cameras only: {}", path.display(), known.join(", ")).into());
@@ -93,15 +93,16 @@ fn variations(
     let mut more = Vec::new();
     if arguments.refine {
         let mut finer = scene.clone();
-        interrupt.while_computing(|| refine(&mut finer, &Limits::of(device), &RefineOptions::default()))?;
+        interrupt
+            .while_computing(|| refine(&mut finer, &PlanOptions::of(device), &RefineOptions::default()))?;
         more.push((format!("refined to {} triangles", finer.triangles.len()), finer));
     }
     if let Some(bins) = arguments.bins {
-        let accuracy = scene.accuracy.bins(bins);
-        more.push((format!("{bins} bins"), Scene { accuracy, ..scene.clone() }));
+        let settings = scene.settings.bins(bins);
+        more.push((format!("{bins} bins"), Scene { settings, ..scene.clone() }));
     }
     let usual = match arguments.bins {
-        Some(_) => format!("{} bins", scene.accuracy.bins),
+        Some(_) => format!("{} bins", scene.settings.bins),
         None => format!("{} triangles", scene.triangles.len()),
     };
     more.insert(0, (usual, scene));
@@ -116,12 +117,12 @@ impl Compared {
         device: &Device,
         interrupt: &Interrupt,
     ) -> Result<Self, Box<dyn Error>> {
-        let plan = Plan::new(&scene, &Limits::of(device), &scene.accuracy)?;
+        let plan = Plan::new(&scene, &PlanOptions::of(device), &scene.settings)?;
         let mut engine = Engine::new(device, &scene, plan)?;
         let stop = interrupt.clone();
-        engine.set_watcher(Some(Box::new(move |_, _| stop.flow())));
+        engine.set_pass_callback(Some(Box::new(move |_, _| stop.flow())));
         let solution = engine
-            .solve(&SolveParams::from(&scene.accuracy))
+            .solve(&SolveParams::from(&scene.settings))
             .map_err(|error| interrupted_or(error, interrupt))?;
         let found: Vec<DVec3> = solution.irradiance.iter().copied().map(DVec3::from).collect();
         let name = scene.name.clone();
@@ -140,7 +141,7 @@ impl Compared {
         let cells = [
             format!("`{}`", self.case.name),
             self.found.len().to_string(),
-            self.case.scene.accuracy.bins.to_string(),
+            self.case.scene.settings.bins.to_string(),
             share(relative),
             share(largest),
             shadow.map_or_else(|| String::from("none"), share),
@@ -188,7 +189,7 @@ fn write(
 }
 
 impl Seen {
-    /// Found less true, the mean over RGB; 0 where there is no face.
+    /// Computed minus true, mean over RGB; 0 where there is no face.
     fn differences(&self) -> impl Iterator<Item = f64> {
         let mean = |pixel: &Option<DVec3>| pixel.map_or(0.0, |p| p.element_sum() / 3.0);
         self.found.iter().zip(&self.truth).map(move |(found, truth)| mean(found) - mean(truth))
@@ -220,7 +221,7 @@ fn panels(row: &Compared, view: &Seen, white: f64, limit: f64) -> Vec<Panel> {
     ]
 }
 
-/// The next of 1, 2, 4, 10, 20, … times a power of ten: halves of it are round, too.
+/// The next of 1, 2, 4, 10, 20, …, of which the half is round, too.
 fn rounded(limit: f64) -> f64 {
     let power = 10.0_f64.powi(limit.log10().floor() as i32);
     [1.0, 2.0, 4.0, 10.0]

@@ -1,25 +1,25 @@
 //! Which settings are measured.
 
 use crate::cases::Case;
-use antirad::ladder::LadderOptions;
-use antirad::scene::{Accuracy, BinLayout, Precision, SolverChoice, Weights};
+use antirad::scene::{BinLayout, Precision, SolveSettings, SolverChoice, Weights};
+use antirad::target_error::TargetErrorOptions;
 use std::fmt;
 
 /// One measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setting {
-    pub accuracy: Accuracy,
+    pub solve: SolveSettings,
     /// How often every triangle is cut into four.
     pub level: u32,
-    /// What is varied here.
+    /// The setting that is varied.
     pub varies: &'static str,
 }
 
 impl Setting {
-    /// About, for the progress bar.
+    /// Rough cost, for the progress bar.
     pub fn cost(&self) -> f64 {
-        let precision = match self.accuracy.precision {
-            Precision::F32 | Precision::Packed => 1.0,
+        let precision = match self.solve.precision {
+            Precision::F32 | Precision::HalfBins => 1.0,
             Precision::F64 => 3.0,
         };
         16_f64.powi(self.level as i32) * precision
@@ -28,21 +28,24 @@ impl Setting {
 
 impl fmt::Display for Setting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Accuracy { bins, weights, subsample, tolerance, solver, precision, .. } = self.accuracy;
+        let SolveSettings { bins, weights, near_field, tolerance, solver, precision, .. } = self.solve;
         let cuts = self.level;
-        write!(f, "{bins} {weights:?} near {subsample} {precision:?} {solver:?} {tolerance:.0e}, {cuts} cuts")
+        write!(
+            f,
+            "{bins} {weights:?} near {near_field} {precision:?} {solver:?} {tolerance:.0e}, {cuts} cuts"
+        )
     }
 }
 
-/// Errors that are asked for, so that settings are found. The cost of one is about [`ASKED_COST`].
-pub fn asked(case: &Case, quick: bool) -> Vec<LadderOptions> {
+/// Target errors for which settings are found. Each costs about [`ASKED_COST`].
+pub fn asked(case: &Case, quick: bool) -> Vec<TargetErrorOptions> {
     let errors: &[f64] = match (case.scene.triangles.len(), quick) {
         (0..1500, _) | (_, false) => &[0.1, 0.05, 0.02],
         _ => &[0.1, 0.05],
     };
     let options = |&error| match quick {
-        true => LadderOptions::new(error).max_triangles(6000),
-        false => LadderOptions::new(error),
+        true => TargetErrorOptions::new(error).max_triangles(6000),
+        false => TargetErrorOptions::new(error),
     };
     errors.iter().map(options).collect()
 }
@@ -52,14 +55,14 @@ pub const ASKED_COST: f64 = 20.0;
 
 const TIGHT: f64 = 1e-5;
 
-/// The defaults, and what differs from them in one thing; triangles and bins together. `quick` leaves out finer meshes of
-/// scenes that are large already, and what is known to matter little.
+/// The defaults and variations of one setting each; triangles and bins together. `quick` leaves out finer meshes of
+/// scenes that are large already, and settings known to matter little.
 pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
-    let usual = Accuracy::default().tolerance(TIGHT);
+    let usual = SolveSettings::default().tolerance(TIGHT);
     let mut settings: Vec<Setting> = Vec::new();
-    let mut add = |varies: &'static str, level: u32, accuracy: Accuracy| {
-        let setting = Setting { accuracy, level, varies };
-        let known = settings.iter().any(|s| s.accuracy == accuracy && s.level == level);
+    let mut add = |varies: &'static str, level: u32, solve: SolveSettings| {
+        let setting = Setting { solve, level, varies };
+        let known = settings.iter().any(|s| s.solve == solve && s.level == level);
         if !known {
             settings.push(setting);
         }
@@ -93,13 +96,13 @@ pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
     }
     add("weights", 0, usual.weights(Weights::Smoothstep));
     let near: &[f64] = if quick { &[0.0, 10.0, 60.0] } else { &[0.0, 3.0, 10.0, 60.0, 120.0] };
-    for &subsample in near {
-        add("near field", 0, usual.subsample(subsample));
-        if !quick || subsample <= 10.0 {
-            add("near field", 0, usual.subsample(subsample).bins(square(8)));
+    for &near_field in near {
+        add("near field", 0, usual.near_field(near_field));
+        if !quick || near_field <= 10.0 {
+            add("near field", 0, usual.near_field(near_field).bins(square(8)));
         }
     }
-    add("precision", 0, usual.precision(Precision::Packed));
+    add("precision", 0, usual.precision(Precision::HalfBins));
     if !quick {
         add("precision", 0, usual.precision(Precision::F64));
     }

@@ -4,11 +4,11 @@ use crate::cases::Case;
 use crate::sweep::Setting;
 use antirad::cli::{Curve, Drawn, LogPlot};
 use antirad::output::{OutputError, atomic_write};
-use antirad::scene::Accuracy;
+use antirad::scene::SolveSettings;
 use std::fmt;
 use std::path::Path;
 
-/// One measurement. `None`: of no meaning for this scene, or there was no answer.
+/// One measurement. `None` where a value does not apply to the scene, or the solve failed.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Row {
     pub scene: String,
@@ -23,26 +23,26 @@ pub struct Row {
     pub precision: String,
     pub solver: String,
     pub tolerance: f64,
-    /// The error that settings were found for.
+    /// The target error, if settings were found for one.
     pub asked: Option<f64>,
-    /// What it was estimated to be.
+    /// The estimate of the error.
     pub estimate: Option<f64>,
-    /// Of the solve; with an error asked, of all that was tried.
+    /// Of the solve; for a target error, of all attempts.
     pub seconds: f64,
     pub passes: u32,
     /// Device memory.
     pub bytes: u64,
-    /// Relative L2 of irradiance, over area.
+    /// Area-weighted relative L2 of irradiance.
     pub error: Option<f64>,
-    /// Of a triangle's irradiance, over the mean.
+    /// Largest error of a triangle's irradiance, relative to the mean.
     pub largest_error: Option<f64>,
-    /// L2 inside shadows, over what is blocked there.
+    /// L2 inside shadows, relative to the light blocked there.
     pub shadow_error: Option<f64>,
-    /// L2 over all triangles, over what is blocked.
+    /// L2 over all triangles, relative to the blocked light.
     pub floor_error: Option<f64>,
     /// Relative mean squared error of the picture.
     pub picture_error: Option<f64>,
-    /// Power absorbed by diffuse surfaces, relative.
+    /// Relative error of the power absorbed by diffuse surfaces.
     pub absorbed_error: Option<f64>,
     /// Triangles with negative irradiance.
     pub negative: usize,
@@ -53,7 +53,7 @@ pub struct Row {
 
 impl Row {
     pub fn new(case: &Case, setting: &Setting) -> Self {
-        let Accuracy { bins, weights, subsample, tolerance, solver, precision, .. } = setting.accuracy;
+        let SolveSettings { bins, weights, near_field, tolerance, solver, precision, .. } = setting.solve;
         Self {
             scene: case.name.clone(),
             varies: setting.varies,
@@ -62,7 +62,7 @@ impl Row {
             bins: bins.to_string(),
             bin_count: bins.count(),
             weights: format!("{weights:?}").to_lowercase(),
-            near_field: subsample,
+            near_field: near_field,
             precision: format!("{precision:?}").to_lowercase(),
             solver: format!("{solver:?}").to_lowercase(),
             tolerance,
@@ -91,7 +91,7 @@ impl Row {
         };
         let asked = match (self.asked, self.estimate) {
             (Some(asked), Some(estimate)) => {
-                format!(" (asked {:.1} %, estimated {:.2} %)", 100.0 * asked, 100.0 * estimate)
+                format!(" (target {:.1} %, estimated {:.2} %)", 100.0 * asked, 100.0 * estimate)
             }
             _ => String::new(),
         };
@@ -127,7 +127,7 @@ fn scenes(rows: &[Row]) -> impl Iterator<Item = &[Row]> {
     rows.chunk_by(|a, b| a.scene == b.scene)
 }
 
-/// Those that no other one beats in both error and time, by time.
+/// The Pareto front of error and time, by time.
 fn front(rows: &[Row]) -> Vec<&Row> {
     let mut sorted: Vec<&Row> = rows.iter().filter(|row| row.error.is_some()).collect();
     sorted.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
@@ -204,12 +204,12 @@ fn plot_one(
     }
     let linear_x = kind == "residual_passes";
     let (x, y, title) = (x.to_owned(), y.to_owned(), scene.to_owned());
-    // No file's ending begins with a scene's height.
+    // A dot in the scene's name would start the file's extension.
     let file = format!("{kind}_{}", scene.replace('.', "-"));
     LogPlot { title, x, y, curves, linear_x }.write(&directory.join(file))
 }
 
-/// The best of each scene.
+/// Prints the best rows of each scene.
 pub fn print(rows: &[Row]) {
     let share =
         |value: Option<f64>| value.map_or_else(|| String::from("-"), |v| format!("{:.3} %", 100.0 * v));
@@ -240,7 +240,7 @@ pub fn print(rows: &[Row]) {
             );
         }
         for row in rows.iter().filter(|row| !row.failure.is_empty()) {
-            println!("  no answer: {}: {}", row.setting(), row.failure);
+            println!("  failed: {}: {}", row.setting(), row.failure);
         }
     }
 }

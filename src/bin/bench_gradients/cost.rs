@@ -1,10 +1,10 @@
-//! What gradients cost beside the solve they belong to.
+//! The cost of gradients relative to that of their solve.
 
-use crate::loss::{Loss, eyes};
+use crate::loss::{Loss, camera_positions};
 use crate::{Arguments, device};
 use antirad::cli::Interrupt;
 use antirad::gpu::Bytes;
-use antirad::plan::{Limits, Plan, Wanted};
+use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::scene::{LoadOptions, Scene};
 use antirad::{Engine, SolveParams};
 use std::error::Error;
@@ -17,22 +17,28 @@ const REPEATS: u32 = 3;
 pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
     let device = device(arguments)?;
     let mut scene = Scene::load(path, &LoadOptions::default())?;
-    scene.accuracy.bins = arguments.bins;
-    let wanted =
-        Wanted::NOTHING.emission(true).diffuse(true).albedo(true).specular(true).power(true).positions(true);
-    let plan =
-        |gradients: Wanted| Plan::new(&scene, &Limits::of(&device).gradients(gradients), &scene.accuracy);
-    let without = plan(Wanted::NOTHING)?.memory().total();
-    let with = plan(wanted)?;
+    scene.settings.bins = arguments.bins;
+    let request = GradientRequest::NOTHING
+        .emission(true)
+        .diffuse(true)
+        .albedo(true)
+        .specular(true)
+        .power(true)
+        .positions(true);
+    let plan = |gradients: GradientRequest| {
+        Plan::new(&scene, &PlanOptions::of(&device).gradients(gradients), &scene.settings)
+    };
+    let without = plan(GradientRequest::NOTHING)?.memory().total();
+    let with = plan(request)?;
     let (triangles, bytes) = (with.triangles() as f64, with.memory().total());
-    let staging = with.limits().staging;
+    let staging = with.options().staging;
     let mut engine = Engine::new(&device, &scene, with)?;
-    let params = SolveParams::from(&scene.accuracy);
+    let params = SolveParams::from(&scene.settings);
     let loss = Loss::new(scene.triangles.len());
-    let mut cotangent = loss.cotangent(eyes(&scene));
+    let mut cotangent = loss.cotangent(camera_positions(&scene));
     cotangent.colours.truncate(1);
     let watch = interrupt.clone();
-    engine.set_watcher(Some(Box::new(move |_, _| watch.flow())));
+    engine.set_pass_callback(Some(Box::new(move |_, _| watch.flow())));
 
     let (mut forward, mut backward) = (f64::INFINITY, f64::INFINITY);
     let (mut there, mut back) = (0, 0);
@@ -41,7 +47,7 @@ pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<
         let solution = engine.solve(&params)?;
         forward = forward.min(start.elapsed().as_secs_f64());
         let start = Instant::now();
-        let gradients = engine.backward(&solution, &cotangent, wanted, &params)?;
+        let gradients = engine.backward(&solution, &cotangent, request, &params)?;
         backward = backward.min(start.elapsed().as_secs_f64());
         (there, back) = (solution.info.passes, gradients.info.passes);
     }

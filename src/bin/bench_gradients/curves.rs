@@ -1,4 +1,4 @@
-//! Errors over steps.
+//! Errors of gradients over the step of the differences.
 
 use crate::Interrupted;
 use crate::kind::{Kind, Sample, Shape};
@@ -6,7 +6,7 @@ use crate::loss::{self, Loss, Values};
 use crate::table::Row;
 use antirad::cli::Interrupt;
 use antirad::gpu::Device;
-use antirad::plan::Wanted;
+use antirad::plan::GradientRequest;
 use antirad::scene::{Scene, Weights};
 use antirad::{Engine, Solution};
 use glam::DVec3;
@@ -15,11 +15,11 @@ use std::error::Error;
 
 /// 1e-1 to 1e-8.
 const STEPS: i32 = 8;
-/// Solves take this many times what it takes to look at a solution.
+/// Cost of a solve in units of evaluating the loss of a solution.
 const SOLVE_COST: u64 = 50;
 
-/// A fixed subset: triangles at equal distances in the scene's order, and the first vertex of each; of those with a lobe
-/// for its parameters; both eyes.
+/// A fixed subset: triangles at equal intervals in the scene's order, and the first vertex of each; glossy ones for the
+/// parameters of the lobe; both cameras.
 pub fn samples(scene: &Scene, kinds: &[Kind], count: usize) -> Vec<Sample> {
     let valid = |i: &usize| !scene.degenerate.contains(&(*i as u32));
     let all: Vec<usize> = (0..scene.triangles.len()).filter(valid).collect();
@@ -52,7 +52,7 @@ pub struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// In units of looking at a solution.
+    /// In units of evaluating the loss.
     pub fn cost(&self) -> u64 {
         let of_sample = |sample: &Sample| match sample.kind {
             Kind::Camera => 6,
@@ -62,7 +62,7 @@ impl Bench<'_> {
     }
 
     fn weights(&self) -> &'static str {
-        match self.scene.accuracy.weights {
+        match self.scene.settings.weights {
             Weights::Bilinear => "bilinear",
             Weights::Smoothstep => "smoothstep",
         }
@@ -70,12 +70,12 @@ impl Bench<'_> {
 
     pub fn run(&self, bar: &ProgressBar) -> Result<Vec<Row>, Box<dyn Error>> {
         let mut progress = |_: u32, _: f64| self.interrupt.flow();
-        let eyes = loss::eyes(&self.scene);
+        let camera_positions = loss::camera_positions(&self.scene);
         let loss = Loss::new(self.scene.triangles.len());
         bar.set_message(format!("{} mesh, {}: gradients", self.mesh, self.weights()));
-        let mut engine = loss::engine(self.device, &self.scene, Wanted::EVERYTHING)?;
+        let mut engine = loss::engine(self.device, &self.scene, GradientRequest::EVERYTHING)?;
         let solution = engine.solve_with(&loss::params(), &mut progress)?;
-        let gradients = loss::gradients(&mut engine, &solution, &loss, eyes, &mut progress)?;
+        let gradients = loss::gradients(&mut engine, &solution, &loss, camera_positions, &mut progress)?;
         bar.inc(10 * SOLVE_COST);
         tracing::info!(
             "{} mesh, {}: {} and {} passes",
@@ -92,14 +92,14 @@ impl Bench<'_> {
             let found: Vec<DVec3> = samples
                 .iter()
                 .map(|s| {
-                    let per_step = s.gradient(&gradients)? * s.size(&self.scene, &eyes);
+                    let per_step = s.gradient(&gradients)? * s.size(&self.scene, &camera_positions);
                     Some(match kind.shape() {
                         Shape::Direction => DVec3::new(per_step.dot(s.direction()), 0.0, 0.0),
                         _ => per_step,
                     })
                 })
                 .collect::<Option<_>>()
-                .ok_or("gradients are missing: a defect of antirad")?;
+                .ok_or("gradients are missing: a bug in antirad")?;
             for power in 1..=STEPS {
                 let step = 10.0_f64.powi(-power);
                 let at = format!("{} mesh, {}: {}, ε = 1e-{power}", self.mesh, self.weights(), kind.name());
@@ -109,7 +109,7 @@ impl Bench<'_> {
                     let row = Row {
                         mesh: self.mesh.to_owned(),
                         weights: self.weights().to_owned(),
-                        bins: self.scene.accuracy.bins.to_string(),
+                        bins: self.scene.settings.bins.to_string(),
                         kind,
                         index: sample.index,
                         step,
@@ -135,22 +135,22 @@ impl Bench<'_> {
         bar: &ProgressBar,
     ) -> Result<DVec3, Box<dyn Error>> {
         let (engine, solution) = base;
-        let eyes = loss::eyes(&self.scene);
-        let size = sample.size(&self.scene, &eyes);
+        let camera_positions = loss::camera_positions(&self.scene);
+        let size = sample.size(&self.scene, &camera_positions);
         let mut at = |by: DVec3| -> Result<Values, Box<dyn Error>> {
             if self.interrupt.is_set() {
                 return Err(Interrupted.into());
             }
-            let (scene, eyes) = sample.changed(&self.scene, eyes, by);
+            let (scene, camera_positions) = sample.changed(&self.scene, camera_positions, by);
             if sample.kind == Kind::Camera {
                 bar.inc(1);
-                return Ok(Values::of(engine, solution, eyes)?);
+                return Ok(Values::of(engine, solution, camera_positions)?);
             }
-            let mut engine = loss::engine(self.device, &scene, Wanted::NOTHING)?;
+            let mut engine = loss::engine(self.device, &scene, GradientRequest::NOTHING)?;
             let moved =
                 engine.solve_from(Some(solution), &loss::params(), &mut |_, _| self.interrupt.flow())?;
             bar.inc(SOLVE_COST);
-            Ok(Values::of(&mut engine, &moved, eyes)?)
+            Ok(Values::of(&mut engine, &moved, camera_positions)?)
         };
         let mut difference = |by: DVec3| -> Result<DVec3, Box<dyn Error>> {
             Ok(loss.of_difference(&at(by)?, &at(-by)?) / (2.0 * step))

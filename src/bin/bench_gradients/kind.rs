@@ -1,4 +1,4 @@
-//! The kinds of parameters: how one is changed, by how much, and where its gradient stands.
+//! The kinds of parameters: how one is changed, by how much, and which gradient belongs to it.
 
 use crate::room::{bounds, mean_edge};
 use antirad::Gradients;
@@ -22,17 +22,17 @@ pub enum Kind {
 /// Three numbers, and how the loss depends on them.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
-    /// One per channel, and channels don't mix: all three are changed at once.
+    /// One per channel. Channels are independent, so all three are changed at once.
     Rgb,
     /// One number, which all channels depend on.
     Scalar,
-    /// A position, of which one fixed random direction stands for all: every axis would take solves of its own.
+    /// A position, changed along one fixed random direction, since every axis would take solves of its own.
     Direction,
     /// A position, one axis after another.
     Position,
 }
 
-/// One parameter. `index` is that of a triangle, vertex or eye.
+/// One parameter. `index` is that of a triangle, vertex or camera.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
     pub kind: Kind,
@@ -73,7 +73,7 @@ impl Kind {
         }
     }
 
-    /// What the error must be below at the best step, on a jittered and on a regular mesh.
+    /// Bound of the error at the best step, on a jittered and on a regular mesh.
     pub fn target(self, mesh: &str) -> Option<f64> {
         match (self, mesh) {
             (Self::Emission, "jittered") => Some(1e-10),
@@ -87,7 +87,7 @@ impl Kind {
 
 impl Sample {
     /// The size of a step of 1, per channel or axis.
-    pub fn size(&self, scene: &Scene, eyes: &[DVec3]) -> DVec3 {
+    pub fn size(&self, scene: &Scene, camera_positions: &[DVec3]) -> DVec3 {
         let material = || scene.material(self.index);
         match self.kind {
             Kind::Emission => {
@@ -107,7 +107,7 @@ impl Sample {
                     .collect();
                 DVec3::splat(around.iter().sum::<f64>() / around.len().max(1) as f64)
             }
-            Kind::Camera => DVec3::splat(eyes[self.index].distance(bounds(scene).0)),
+            Kind::Camera => DVec3::splat(camera_positions[self.index].distance(bounds(scene).0)),
         }
     }
 
@@ -116,10 +116,10 @@ impl Sample {
         Random::new(self.index as u64 + 1000).direction()
     }
 
-    /// The scene and the eyes with this parameter changed.
-    pub fn changed(&self, scene: &Scene, eyes: [DVec3; 2], by: DVec3) -> (Scene, [DVec3; 2]) {
-        let (mut scene, mut eyes) = (scene.clone(), eyes);
-        // One triangle alone: with a material of its own.
+    /// The scene and the cameras with this parameter changed.
+    pub fn changed(&self, scene: &Scene, camera_positions: [DVec3; 2], by: DVec3) -> (Scene, [DVec3; 2]) {
+        let (mut scene, mut camera_positions) = (scene.clone(), camera_positions);
+        // Give the triangle a material of its own.
         let mut with_material = |change: &dyn Fn(&mut Material)| {
             let mut material = scene.material(self.index).clone();
             change(&mut material);
@@ -133,16 +133,16 @@ impl Sample {
             Kind::Diffuse => with_material(&|m| m.diffuse += by.x),
             Kind::Specular => with_material(&|m| add(&mut m.specular)),
             Kind::Power => with_material(&|m| m.power += by.x),
-            // As a whole, away from its neighbours: with vertices of its own.
+            // Detach it from its neighbours: give it vertices of its own.
             Kind::Centroid => {
                 let first = scene.vertices.len() as u32;
                 scene.vertices.extend(scene.corners(self.index).map(|x| x + by));
                 scene.triangles[self.index].vertices = [first, first + 1, first + 2];
             }
             Kind::Vertex => scene.vertices[self.index] += by,
-            Kind::Camera => eyes[self.index] += by,
+            Kind::Camera => camera_positions[self.index] += by,
         }
-        (scene, eyes)
+        (scene, camera_positions)
     }
 
     /// Per unit of the parameter; `None` where it was not computed.
@@ -157,7 +157,7 @@ impl Sample {
             Kind::Power => first(gradients.power.as_ref()?[i]),
             Kind::Centroid => gradients.corners.as_ref()?[i].iter().sum(),
             Kind::Vertex => gradients.vertices.as_ref()?[i],
-            Kind::Camera => gradients.eyes.as_ref()?[i],
+            Kind::Camera => gradients.camera_positions.as_ref()?[i],
         })
     }
 }

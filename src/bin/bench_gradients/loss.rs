@@ -1,13 +1,13 @@
-//! The loss: fixed random weights on irradiance, radiosity, and what two eyes see.
+//! The loss: fixed random weights on irradiance, radiosity, and what two cameras see.
 
 use crate::room::bounds;
-use antirad::plan::{Limits, Plan, Wanted};
+use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::reference::Random;
 use antirad::scene::{Precision, Scene};
 use antirad::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
 use glam::DVec3;
 
-/// All that rounding leaves of the residual: differences at the smallest step need it.
+/// The smallest residual that rounding allows, which differences at the smallest step need.
 const TOLERANCE: f64 = 1e-14;
 const MAX_PASSES: u32 = 120;
 
@@ -18,11 +18,11 @@ pub struct Loss {
     colours: [Vec<DVec3>; 2],
 }
 
-/// Everything that a loss weighs: values of triangles, one array after another.
+/// All values that a loss weighs, per triangle, one array after another.
 pub struct Values(Vec<DVec3>);
 
-/// Where the two eyes are, metres: the first camera, and inside the scene.
-pub fn eyes(scene: &Scene) -> [DVec3; 2] {
+/// Where the two cameras are, metres: the first camera, and inside the scene.
+pub fn camera_positions(scene: &Scene) -> [DVec3; 2] {
     let (middle, radius) = bounds(scene);
     let inside = middle + radius * DVec3::new(0.11, 0.23, 0.37);
     [scene.cameras.first().map_or(middle + radius * DVec3::new(0.7, 0.6, 2.0), |c| c.position), inside]
@@ -35,11 +35,11 @@ impl Loss {
         Self { irradiance: weights(1.0), radiosity: weights(1.0), colours: [weights(3.0), weights(3.0)] }
     }
 
-    pub fn cotangent(&self, eyes: [DVec3; 2]) -> Cotangent {
+    pub fn cotangent(&self, camera_positions: [DVec3; 2]) -> Cotangent {
         Cotangent::default()
             .irradiance(Some(self.irradiance.clone()))
             .radiosity(Some(self.radiosity.clone()))
-            .colours(eyes.into_iter().zip(self.colours.clone()).collect())
+            .colours(camera_positions.into_iter().zip(self.colours.clone()).collect())
     }
 
     /// The loss of a difference of values, per channel: the sum of small differences, not the difference of large sums.
@@ -50,21 +50,29 @@ impl Loss {
 }
 
 impl Values {
-    pub fn of(engine: &mut Engine, solution: &Solution, eyes: [DVec3; 2]) -> Result<Self, EngineError> {
+    pub fn of(
+        engine: &mut Engine,
+        solution: &Solution,
+        camera_positions: [DVec3; 2],
+    ) -> Result<Self, EngineError> {
         let mut values = Vec::with_capacity(4 * solution.irradiance.len());
         values.extend(solution.irradiance.iter().chain(&solution.radiosity).copied().map(DVec3::from));
-        for eye in eyes {
-            values.extend(engine.face_colours(solution, eye)?.into_iter().map(DVec3::from));
+        for camera_position in camera_positions {
+            values.extend(engine.face_colours(solution, camera_position)?.into_iter().map(DVec3::from));
         }
         Ok(Self(values))
     }
 }
 
 /// An engine in double precision.
-pub fn engine(device: &antirad::gpu::Device, scene: &Scene, wanted: Wanted) -> Result<Engine, EngineError> {
-    let mut accuracy = scene.accuracy;
-    (accuracy.precision, accuracy.tolerance, accuracy.max_passes) = (Precision::F64, TOLERANCE, MAX_PASSES);
-    let plan = Plan::new(scene, &Limits::of(device).gradients(wanted), &accuracy)?;
+pub fn engine(
+    device: &antirad::gpu::Device,
+    scene: &Scene,
+    request: GradientRequest,
+) -> Result<Engine, EngineError> {
+    let mut settings = scene.settings;
+    (settings.precision, settings.tolerance, settings.max_passes) = (Precision::F64, TOLERANCE, MAX_PASSES);
+    let plan = Plan::new(scene, &PlanOptions::of(device).gradients(request), &settings)?;
     Engine::new(device, scene, plan)
 }
 
@@ -77,9 +85,9 @@ pub fn gradients(
     engine: &mut Engine,
     solution: &Solution,
     loss: &Loss,
-    eyes: [DVec3; 2],
-    progress: &mut antirad::solve::Progress,
+    camera_positions: [DVec3; 2],
+    progress: &mut antirad::solve::SolveProgress,
 ) -> Result<Gradients, EngineError> {
-    let wanted = engine.plan().limits().gradients;
-    engine.backward_with(solution, &loss.cotangent(eyes), wanted, &params(), progress)
+    let request = engine.plan().options().gradients;
+    engine.backward_with(solution, &loss.cotangent(camera_positions), request, &params(), progress)
 }

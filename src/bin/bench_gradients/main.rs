@@ -18,11 +18,12 @@ use std::error::Error;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Relative error of gradients against central differences over the step, for every kind of parameter
+/// Compare gradients with central differences, for every kind of parameter
 ///
-/// e(ε) = |fd - ∇| / (|fd| + |∇|), averaged over a fixed subset of triangles. Steps are relative: to the highest emission
-/// of the scene; to 1 for δ and the albedo; to σ and p themselves; to the mean edge of a triangle for its position and
-/// that of its vertices, along one fixed random direction; to the distance of the camera from the middle of the scene.
+/// The error over the step is e(ε) = |fd - ∇| / (|fd| + |∇|), averaged over a fixed subset of triangles. Steps are
+/// relative: to the highest emission of the scene; to 1 for δ and the albedo; to σ and p themselves; to the mean edge
+/// of a triangle for its position and that of its vertices, along one fixed random direction; to the distance of the
+/// camera from the middle of the scene.
 #[derive(Parser)]
 #[command(version, about, after_help = EXAMPLES)]
 struct Arguments {
@@ -32,28 +33,28 @@ struct Arguments {
     /// Triangles in the subset
     #[arg(long, value_name = "NUMBER", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
     triangles: u32,
-    /// How far vertices are moved at random on the jittered mesh, in mean edges
-    #[arg(long, value_name = "SHARE", default_value_t = 0.05, value_parser = share)]
+    /// Random displacement of vertices on the jittered mesh, in mean edge lengths
+    #[arg(long, value_name = "FRACTION", default_value_t = 0.05, value_parser = jitter)]
     jitter: f64,
     /// Direction bins per hemisphere: 10x13 (polar x azimuth) or concentric:12
     #[arg(long, value_name = "LAYOUT", default_value = "10x13")]
     bins: BinLayout,
-    /// Kinds of parameters, of emission, albedo, diffuse, specular, power, centroid, vertex, camera [default: all]
+    /// Kinds of parameters: emission, albedo, diffuse, specular, power, centroid, vertex, camera [default: all]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     kinds: Vec<Kind>,
-    /// Time and memory of gradients of this scene against those of its solve, instead of errors
+    /// Instead of errors, measure time and memory of this scene's gradients against those of its solve
     #[arg(long, value_name = "SCENE", conflicts_with_all = ["scene", "kinds", "triangles", "jitter"])]
     cost: Option<PathBuf>,
-    /// Where gradients.csv and the plots go
+    /// Folder for gradients.csv and the plots
     #[arg(long, short, value_name = "DIR", default_value = "out/gradients")]
     output: PathBuf,
     /// Vulkan device, by its number or a part of its name [env: ANTIRAD_DEVICE]
     #[arg(long, value_name = "INDEX|NAME")]
     device: Option<String>,
-    /// No progress, no table: errors alone
+    /// Print errors only: no progress, no table
     #[arg(short, long)]
     quiet: bool,
-    /// Errors of every step, too
+    /// Print the errors of every step, too
     #[arg(short, long, action = clap::ArgAction::Count)]
     verbose: u8,
 }
@@ -64,7 +65,7 @@ const EXAMPLES: &str = "Examples:
   bench_gradients --bins concentric:12 --output out/concentric
   bench_gradients --cost scenes/cornell_boxes.toml";
 
-fn share(text: &str) -> Result<f64, String> {
+fn jitter(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (0.0..=0.3).contains(&value) => Ok(value),
         _ => Err("expected a number from 0 to 0.3: beyond that, triangles fold over".to_owned()),
@@ -88,7 +89,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("bench_gradients: {error}");
-            // A solve that Ctrl-C stopped has an error of its own.
+            // A solve stopped by Ctrl-C returns an error of its own.
             ExitCode::from(if interrupt.is_set() { interrupt.exit_code() } else { cli::EXIT_FAILURE })
         }
     }
@@ -105,29 +106,29 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
         Some(path) => Scene::load(path, &LoadOptions::default())?,
         None => room::room()?,
     };
-    scene.accuracy.bins = arguments.bins;
+    scene.settings.bins = arguments.bins;
     room::weld(&mut scene);
-    let wanted = |kinds: &[Kind]| -> Vec<Kind> {
+    let selected = |kinds: &[Kind]| -> Vec<Kind> {
         let asked = |kind: &Kind| arguments.kinds.is_empty() || arguments.kinds.contains(kind);
         kinds.iter().copied().filter(asked).collect()
     };
     let geometry = [Kind::Centroid, Kind::Vertex, Kind::Camera];
     let jittered = room::jittered(&scene, arguments.jitter)?;
     let cases = [
-        ("jittered", &jittered, Weights::Bilinear, wanted(&Kind::ALL)),
-        ("regular", &scene, Weights::Bilinear, wanted(&geometry)),
-        ("regular", &scene, Weights::Smoothstep, wanted(&geometry)),
+        ("jittered", &jittered, Weights::Bilinear, selected(&Kind::ALL)),
+        ("regular", &scene, Weights::Bilinear, selected(&geometry)),
+        ("regular", &scene, Weights::Smoothstep, selected(&geometry)),
     ];
 
     let mut benches = Vec::new();
     for (mesh, scene, weights, kinds) in cases {
         let mut scene = scene.clone();
-        scene.accuracy.weights = weights;
+        scene.settings.weights = weights;
         let samples = curves::samples(&scene, &kinds, arguments.triangles as usize);
         benches.push(curves::Bench { mesh, scene, samples, device: &device, interrupt });
     }
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(0) };
-    if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} gone, {eta} left") {
+    if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} elapsed, {eta} left") {
         bar.set_style(style.progress_chars("=> "));
     }
     bar.set_length(benches.iter().map(curves::Bench::cost).sum());

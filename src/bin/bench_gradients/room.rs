@@ -5,16 +5,17 @@ use antirad::scene::{Camera, Material, Scene, SceneError, Shape, Triangle};
 use glam::{DMat3, DVec3};
 use std::collections::HashMap;
 
-/// Vertices closer than this share of the scene are one.
+/// Vertices closer than this fraction of the scene are welded.
 const WELD: f64 = 1e-9;
 
-/// In a mesh as coarse as this the default of 30 makes nearly all pairs close ones: it would leave the far field untested, and
-/// take three times as long.
-const SUBSAMPLE: f64 = 10.0;
+/// On a mesh as coarse as this, the default of 30 makes nearly all pairs close: it would leave the far field untested
+/// and take three times as long.
+const NEAR_FIELD: f64 = 10.0;
 
-/// A room of 2 m with an open front, two boxes on its floor and a lamp below its ceiling: 182 triangles, without the bottoms
-/// of the boxes. The tall box is glossy. Boxes and lamp are turned and placed so that no two triangles face each other exactly,
-/// centroid above centroid: at the pole of an equal-angle layout the azimuth jumps, and the model with it.
+/// A room of 2 m with an open front, two boxes on its floor and a lamp below its ceiling: 182 triangles, without the
+/// bottoms of the boxes. The tall box is glossy. Boxes and lamp are turned and placed so that no two triangles face
+/// each other exactly, centroid above centroid: at the pole of an equal-angle layout the azimuth jumps, and the model
+/// with it.
 pub fn room() -> Result<Scene, SceneError> {
     let turn = |axis: DVec3, degrees: f64| DMat3::from_axis_angle(axis, degrees.to_radians());
     let boxed = |degrees: f64, size: DVec3, at: DVec3| {
@@ -58,7 +59,7 @@ pub fn room() -> Result<Scene, SceneError> {
         );
     }
     let mut scene = Scene::new("room", vertices, triangles, materials)?;
-    scene.accuracy.subsample = SUBSAMPLE;
+    scene.settings.near_field = NEAR_FIELD;
     scene.set_camera(Camera {
         name: "main".to_owned(),
         position: DVec3::new(0.9, 1.1, 4.3),
@@ -79,7 +80,7 @@ pub fn bounds(scene: &Scene) -> (DVec3, f64) {
     (low.midpoint(high), 0.5 * (high - low).length())
 }
 
-/// Makes vertices at one place one vertex, so that a mesh of several parts stays closed when it is jittered.
+/// Welds coincident vertices, so that a mesh of several parts stays closed when it is jittered.
 pub fn weld(scene: &mut Scene) {
     let (_, radius) = bounds(scene);
     let cell = (WELD * radius).max(f64::MIN_POSITIVE);
@@ -108,8 +109,8 @@ pub fn mean_edge(scene: &Scene, triangle: usize) -> f64 {
     (a.distance(b) + b.distance(c) + c.distance(a)) / 3.0
 }
 
-/// Every vertex moved by `share` of the mean edge around it, in a random direction.
-pub fn jittered(scene: &Scene, share: f64) -> Result<Scene, SceneError> {
+/// Every vertex moved by `fraction` of the mean edge around it, in a random direction.
+pub fn jittered(scene: &Scene, fraction: f64) -> Result<Scene, SceneError> {
     let mut edges = vec![(0.0, 0.0); scene.vertices.len()];
     for (i, triangle) in scene.triangles.iter().enumerate() {
         for v in triangle.vertices {
@@ -122,7 +123,7 @@ pub fn jittered(scene: &Scene, share: f64) -> Result<Scene, SceneError> {
     let mut scene = scene.clone();
     for (x, (sum, count)) in scene.vertices.iter_mut().zip(edges) {
         if count > 0.0 {
-            *x += share * sum / count * random.direction();
+            *x += fraction * sum / count * random.direction();
         }
     }
     scene.check(false)?;

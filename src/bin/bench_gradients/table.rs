@@ -5,8 +5,8 @@ use antirad::cli::{Curve, Drawn, LogPlot};
 use antirad::output::{OutputError, atomic_write};
 use std::path::Path;
 
-/// Gradients below this share of the largest of their kind count as none, and their differences are held against the
-/// largest: relative to itself, that of a triangle which hardly matters is rounding.
+/// Gradients below this fraction of the largest of their kind count as zero, and their errors are taken relative to the
+/// largest: relative to itself, a negligible gradient shows rounding alone.
 const NO_INFLUENCE: f64 = 1e-2;
 
 /// One parameter at one step. The loss per step of 1.
@@ -16,7 +16,7 @@ pub struct Row {
     pub weights: String,
     pub bins: String,
     pub kind: Kind,
-    /// Of the triangle, vertex or eye.
+    /// Of the triangle, vertex or camera.
     pub index: usize,
     /// ε, relative to the size of the parameter.
     pub step: f64,
@@ -41,8 +41,8 @@ impl Row {
     }
 }
 
-/// Published minima.
-fn published(kind: Kind) -> Option<f64> {
+/// The minima shown in *Differentiable Radiosity for Inverse Rendering*.
+fn of_paper(kind: Kind) -> Option<f64> {
     match kind {
         Kind::Emission | Kind::Albedo => Some(1e-8),
         Kind::Centroid => Some(1e-3),
@@ -72,7 +72,7 @@ fn errors(group: &[Row]) -> Vec<(f64, f64)> {
     group.chunk_by(|a, b| a.step == b.step).map(|rows| (rows[0].step, mean(rows))).collect()
 }
 
-/// The largest of the samples' own minima over the step: what remains of the worst of them, relative to itself.
+/// The largest of the samples' own minima over the step: the error of the worst of them, relative to itself.
 fn worst_sample(group: &[Row]) -> f64 {
     let own = |row: &Row| {
         let same = group.iter().filter(|other| other.index == row.index);
@@ -87,7 +87,7 @@ fn curve(group: &[Row], label: String) -> Curve {
     Curve { label, points, drawn: Drawn::Curve }
 }
 
-/// The published panels (emission, albedo, centroid), each with all its meshes, and one with all other kinds.
+/// The panels of the paper (emission, albedo, centroid), each with all its meshes, and one with all other kinds.
 pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
     let panels = [Kind::Emission, Kind::Albedo, Kind::Centroid];
     let draw = |title: &str, curves: Vec<Curve>, file: &str| match curves.is_empty() {
@@ -106,9 +106,9 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
             .filter(|group| group[0].kind == panel)
             .map(|group| curve(group, format!("{} mesh, {} weights", group[0].mesh, group[0].weights)))
             .collect();
-        if let (Some(level), false) = (published(panel), curves.is_empty()) {
+        if let (Some(level), false) = (of_paper(panel), curves.is_empty()) {
             let ends = curves[0].points.iter().map(|&(step, _)| (step, level)).collect();
-            curves.push(Curve { label: "published minimum".to_owned(), points: ends, drawn: Drawn::Line });
+            curves.push(Curve { label: "minimum in the paper".to_owned(), points: ends, drawn: Drawn::Line });
         }
         draw(
             &format!("Gradients with respect to {}", panel.name()),
@@ -123,7 +123,7 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
             curve(group, format!("{}, {} mesh{weights}", group[0].kind.name(), group[0].mesh))
         })
         .collect();
-    draw("Gradients beyond those published", curves, "gradients_rest")
+    draw("Gradients beyond those of the paper", curves, "gradients_rest")
 }
 
 fn key(kind: Kind) -> &'static str {
@@ -133,7 +133,7 @@ fn key(kind: Kind) -> &'static str {
 pub fn print(rows: &[Row], all: bool) {
     println!(
         "{:<9} {:<10} {:<10} {:>8} {:>8} {:>8} {:>9} {:>13}",
-        "mesh", "weights", "kind", "minimum", "at ε", "must be", "published", "worst sample"
+        "mesh", "weights", "kind", "minimum", "at ε", "must be", "paper", "worst sample"
     );
     for group in groups(rows) {
         let errors = errors(group);
@@ -145,7 +145,7 @@ pub fn print(rows: &[Row], all: bool) {
             group[0].weights,
             group[0].kind.name(),
             or_none(group[0].kind.target(&group[0].mesh)),
-            or_none(published(group[0].kind)),
+            or_none(of_paper(group[0].kind)),
             worst_sample(group),
         );
         if all {
@@ -176,7 +176,7 @@ mod tests {
         assert_eq!(worst_sample(&rows), 1e-6);
     }
 
-    /// Whatever is no number must stand out.
+    /// NaN must stand out.
     #[test]
     fn a_nan_is_not_a_minimum() {
         let rows = [row(0, 0.1, [1.0, f64::NAN, f64::NAN]), row(0, 0.01, [1.0, f64::NAN, f64::NAN])];

@@ -12,8 +12,10 @@ use measure::{Outcome, Size};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// One light bounce, one application of (K - J) U with light in every bin and every triangle a blocker, on a statue over
-/// a floor, for several numbers of triangles
+/// Measure memory and time of one light bounce over the number of triangles
+///
+/// A bounce is one application of (K - J) U, with light in every bin and every triangle a blocker, on a statue over a
+/// floor.
 #[derive(Parser)]
 #[command(version, about, after_help = EXAMPLES)]
 struct Arguments {
@@ -27,22 +29,22 @@ struct Arguments {
     /// Bounces per size; the fastest counts
     #[arg(long, value_name = "NUMBER", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     repeats: u32,
-    /// Device memory to use at most, e.g. 512MiB [default: what the device has]
+    /// Limit of device memory, e.g. 512MiB [default: what the device has]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     memory_budget: Option<u64>,
-    /// Where scaling.csv and the plots go
+    /// Folder for scaling.csv and the plots
     #[arg(long, short, value_name = "DIR", default_value = "out/scaling")]
     output: PathBuf,
-    /// Keep the sizes that DIR/scaling.csv has already, with the same bins and memory budget
+    /// Skip sizes that DIR/scaling.csv already has with the same bins and memory budget
     #[arg(long)]
     resume: bool,
     /// Vulkan device, by its number or a part of its name [env: ANTIRAD_DEVICE]
     #[arg(long, value_name = "INDEX|NAME")]
     device: Option<String>,
-    /// No progress, no table: errors alone
+    /// Print errors only: no progress, no table
     #[arg(short, long)]
     quiet: bool,
-    /// Seconds and rates of each kernel, too
+    /// Print seconds and rates of each kernel, too
     #[arg(short, long, action = clap::ArgAction::Count)]
     verbose: u8,
     /// Measure one size in this process, and print the row: each size has a process of its own, so that its memory is
@@ -72,7 +74,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Every size in a process of its own; the table is written anew after each.
+/// Measures every size in a process of its own, and rewrites the table after each.
 fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn std::error::Error>> {
     prepare_directory(&arguments.output)?;
     let mut rows = if arguments.resume { table::read(&arguments.output)? } else { Vec::new() };
@@ -80,7 +82,7 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn 
     rows.retain(|row| row.bins == bins && row.budget == arguments.memory_budget);
     rows.retain(|row| arguments.triangles.contains(&row.size));
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(1000) };
-    if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} gone, {eta} left") {
+    if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} elapsed, {eta} left") {
         bar.set_style(style.progress_chars("=> "));
     }
     // Time grows with the square of the size.
@@ -88,7 +90,7 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn 
     let todo: Vec<u32> =
         arguments.triangles.iter().copied().filter(|&size| rows.iter().all(|row| row.size != size)).collect();
     if !todo.is_empty() {
-        // Drivers keep the kernels that they compile: what that takes is no part of a size.
+        // Drivers cache compiled kernels: compiling them now keeps it out of the measurements.
         bar.set_message("compiling kernels");
         measure::in_child(arguments, measure::SMALLEST, interrupt, &|_| ())?;
     }

@@ -4,8 +4,8 @@ use crate::Arguments;
 use crate::table::Row;
 use antirad::cli::Interrupt;
 use antirad::gpu::{Device, DeviceOptions};
-use antirad::plan::{Limits, Occlusion, Plan};
-use antirad::scene::{Accuracy, Material, Scene, SceneError, Shape, SolverChoice, Triangle};
+use antirad::plan::{Occlusion, Plan, PlanOptions};
+use antirad::scene::{Material, Scene, SceneError, Shape, SolveSettings, SolverChoice, Triangle};
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers, TransportError};
 use glam::DVec3;
@@ -16,7 +16,7 @@ use std::process::{Command, Stdio};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-/// How soon an interrupt is noticed.
+/// How often interrupts are checked.
 const POLL: Duration = Duration::from_millis(100);
 
 /// Triangles of the smallest statue.
@@ -33,14 +33,14 @@ pub enum Size {
     Interrupted,
 }
 
-/// What the measuring process prints, a line each.
+/// What the measuring process prints, one line each.
 #[derive(serde::Serialize, serde::Deserialize)]
 enum Message {
     Progress(f64),
     Row(Row),
 }
 
-/// A statue on a floor under a lamp, the statue having all triangles that the others leave.
+/// A statue on a floor under a lamp; the statue gets all triangles that floor and lamp leave.
 fn statue(triangles: u32) -> Result<Scene, SceneError> {
     // A tenth of the triangles for the floor.
     let cells = (f64::from(triangles) / 20.0).sqrt().round().max(1.0) as u32;
@@ -72,9 +72,9 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
     let size = arguments.triangles[0];
     let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.memory_budget))?;
     let scene = statue(size)?;
-    let accuracy = Accuracy::default().bins(arguments.bins).solver(SolverChoice::FixedPoint);
-    let limits = Limits::of(&device).occlusion(Occlusion::Everything);
-    let plan = Plan::new(&scene, &limits, &accuracy)?;
+    let settings = SolveSettings::default().bins(arguments.bins).solver(SolverChoice::FixedPoint);
+    let options = PlanOptions::of(&device).occlusion(Occlusion::Everything);
+    let plan = Plan::new(&scene, &options, &settings)?;
     let report = plan.report();
     let staging = plan.staging();
 
@@ -88,7 +88,7 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
     let stop = interrupt.clone();
     let (repeats, mut last) = (arguments.repeats, Instant::now());
     let (mut bounce, mut before) = (0, 0);
-    operators.set_watcher(Some(Box::new(move |done, total| {
+    operators.set_pass_callback(Some(Box::new(move |done, total| {
         if done < before {
             bounce += 1;
         }
@@ -113,16 +113,14 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
         wall = wall.min(start.elapsed().as_secs_f64());
         gpu = gpu.min(device.profile().iter().map(|row| row.seconds).sum());
     }
-    // A user reads the result, too: it needs the staging buffer for that.
+    // A user reads the result, too, which allocates the staging buffer.
     if operators.irradiance(&y)?.iter().flatten().any(|h| !h.is_finite()) {
-        return Err("the bounce gave irradiance that is not finite: a defect of antirad".into());
+        return Err("the bounce gave irradiance that is not finite: a bug in antirad".into());
     }
     let memory = device.memory();
     let planned: u64 = report.memory.iter().map(|item| item.bytes).sum();
     if memory.in_use != planned {
-        return Err(
-            format!("planned {planned} bytes, allocated {}: a defect of antirad", memory.in_use).into()
-        );
+        return Err(format!("planned {planned} bytes, allocated {}: a bug in antirad", memory.in_use).into());
     }
     if arguments.verbose > 0 {
         for row in device.profile() {

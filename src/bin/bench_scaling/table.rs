@@ -7,7 +7,7 @@ use std::error::Error;
 use std::fs::File;
 use std::path::Path;
 
-/// Published: 36 kB per triangle.
+/// What *Differentiable Radiosity for Inverse Rendering* states: 36 kB per triangle.
 const PUBLISHED_BYTES: f64 = 36e3;
 
 /// One size. Bytes, pairs of triangles, seconds.
@@ -23,9 +23,9 @@ pub struct Row {
     pub bytes_planned: u64,
     pub bytes_allocated: u64,
     pub bytes_peak: u64,
-    /// Of them those that do not depend on the scene: staging.
+    /// Of these, bytes that do not depend on the scene: staging.
     pub bytes_fixed: u64,
-    /// Of states on the host, and what a bounce moves between it and the device; 0 where they live on the device.
+    /// Size of states on the host, and traffic of a bounce between host and device; 0 where states are on the device.
     #[serde(default)]
     pub bytes_host: u64,
     #[serde(default)]
@@ -38,7 +38,7 @@ pub struct Row {
     pub seconds_gpu: f64,
     pub seconds_wall: f64,
     pub pairs_per_second: f64,
-    /// Fixed bytes apart.
+    /// Without the fixed bytes.
     pub bytes_per_triangle: f64,
 }
 
@@ -52,7 +52,7 @@ pub fn read(directory: &Path) -> Result<Vec<Row>, Box<dyn Error>> {
     }
     let rows: Result<_, csv::Error> =
         csv::Reader::from_reader(File::open(&path)?).into_deserialize().collect();
-    rows.map_err(|error| format!("{}: {error}; remove it, or don't resume", path.display()).into())
+    rows.map_err(|error| format!("{}: {error}; remove it, or run without --resume", path.display()).into())
 }
 
 pub fn write(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
@@ -84,7 +84,7 @@ fn with_slope(label: &str, points: &[(f64, f64)]) -> String {
 pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
     let bins = rows.first().map_or("", |row| &row.bins);
     let ours = memory(rows);
-    let published = points(rows, |row| PUBLISHED_BYTES * row.triangles as f64);
+    let of_paper = points(rows, |row| PUBLISHED_BYTES * row.triangles as f64);
     LogPlot {
         title: format!("Device memory of one bounce, {bins} bins, every triangle a blocker"),
         x: "triangles".to_owned(),
@@ -92,8 +92,8 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
         curves: vec![
             Curve { label: with_slope("antirad", &ours), points: ours, drawn: Drawn::Curve },
             Curve {
-                label: "published: 36 kB per triangle".to_owned(),
-                points: published,
+                label: "Differentiable Radiosity paper: 36 kB per triangle".to_owned(),
+                points: of_paper,
                 drawn: Drawn::Line,
             },
         ],
@@ -142,7 +142,7 @@ pub fn print(rows: &[Row]) {
     }
     if let Some(slope) = slope(&memory(rows)) {
         println!(
-            "memory grows with triangles to the power {slope:.3}, fixed costs apart (published: 36 kB per triangle)"
+            "memory grows with triangles to the power {slope:.3}, fixed costs apart (Differentiable Radiosity paper: 36 kB per triangle)"
         );
     }
     if let Some(slope) = slope(&seconds(rows)) {

@@ -58,6 +58,7 @@ impl Adam {
         }
     }
 
+    /// The unknowns as they are now.
     pub fn x(&self) -> &[f64] {
         self.point.as_ref().map_or(&self.start, |point| &point.x)
     }

@@ -15,6 +15,7 @@ const REFRESH: u64 = 25;
 /// A bound counts as met within this share of the distance between bounds and unknown: rounding of the step.
 const NEAR: f64 = 1e-14;
 
+/// The state of a fit by bounded linear least squares, which can be stored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LeastSquares {
     bounds: Bounds,
@@ -39,6 +40,7 @@ impl LeastSquares {
         Self { bounds, start: x, state: None, steps: 0 }
     }
 
+    /// The unknowns as they are now.
     pub fn x(&self) -> &[f64] {
         self.state.as_ref().map_or(&self.start, |state| &state.point.x)
     }

@@ -32,12 +32,23 @@ pub enum StepError<E> {
         "the objective is not finite at the starting point (value {value}); start from other values, or narrow the \
          bounds"
     )]
-    Start { value: f64 },
+    /// The function is not finite at the start.
+    Start {
+        /// What it is there.
+        value: f64,
+    },
+    /// A vector does not fit the number of unknowns.
     #[error("{got} derivatives for {expected} unknowns: a defect of the objective")]
-    Length { got: usize, expected: usize },
+    Length {
+        /// Its length.
+        got: usize,
+        /// The number of unknowns.
+        expected: usize,
+    },
     /// A linear model gave something that is not finite: there is no shorter step to take.
     #[error("the product with the Hessian is not finite; the model cannot be evaluated")]
     Curvature,
+    /// The function could not be evaluated.
     #[error(transparent)]
     Objective(E),
 }
@@ -60,7 +71,9 @@ pub struct Step {
 /// Box constraints; infinite where there is none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bounds {
+    /// Per unknown; minus infinity where there is none.
     pub lower: Vec<f64>,
+    /// Per unknown; infinity where there is none.
     pub upper: Vec<f64>,
 }
 
@@ -140,8 +153,11 @@ fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
 /// One of the optimisers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Optimiser {
+    /// L-BFGS within bounds.
     QuasiNewton(QuasiNewton),
+    /// Adam within bounds.
     Adam(Adam),
+    /// Bounded linear least squares.
     LeastSquares(LeastSquares),
 }
 

@@ -45,6 +45,7 @@ impl QuasiNewton {
         Self { options, bounds, start: x, point: None, memory }
     }
 
+    /// The unknowns as they are now.
     pub fn x(&self) -> &[f64] {
         self.point.as_ref().map_or(&self.start, |point| &point.x)
     }

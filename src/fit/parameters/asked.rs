@@ -8,9 +8,12 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Per {
+    /// All triangles of a material.
     #[default]
     Material,
+    /// All triangles of a mesh.
     Mesh,
+    /// Nothing: each triangle has its own.
     Triangle,
 }
 
@@ -20,6 +23,7 @@ pub enum Per {
 pub enum MotionKind {
     /// Every vertex for itself; vertices at the same place move as one.
     Vertices,
+    /// The mesh moves as it is.
     Translation,
     /// Translation and rotation.
     Rigid,
@@ -46,16 +50,21 @@ impl MotionKind {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Fit {
+    /// What is unknown.
     pub quantity: Quantity,
     /// Names of materials and meshes: what has both is fitted. `None`: all.
     pub materials: Option<Vec<String>>,
+    /// The same of meshes.
     pub meshes: Option<Vec<String>>,
+    /// What shares one value.
     pub per: Per,
+    /// Of positions: how they may change.
     pub motion: MotionKind,
     /// The meshes move as one body, rather than each for itself.
     pub together: bool,
     /// In the unit of the quantity; of a position, the way from where it stands in the scene, metres.
     pub lower: Option<[f64; 3]>,
+    /// The same from above.
     pub upper: Option<[f64; 3]>,
     /// Where to start; `None`: what the scene has.
     pub initial: Option<[f64; 3]>,

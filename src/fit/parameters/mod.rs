@@ -20,7 +20,7 @@ use super::limit::{limit, lobe};
 use super::motion::Motion;
 use super::optimiser::Bounds;
 use super::selection::{self, Selected};
-use crate::plan::Wanted;
+use crate::plan::GradientRequest;
 use crate::scene::{Material, Scene};
 use glam::DVec3;
 use std::collections::HashMap;
@@ -31,12 +31,13 @@ use std::collections::HashMap;
 pub struct ParameterError {
     /// Index of the [`Fit`] to blame.
     pub fit: usize,
+    /// What is wrong with it.
     pub message: String,
 }
 
 /// Some unknowns that belong together.
 #[derive(Clone, Debug)]
-struct Block {
+struct ParameterBlock {
     fit: usize,
     /// Material, mesh or triangle.
     name: String,
@@ -57,7 +58,7 @@ enum What {
     Vertex { vertices: Vec<u32> },
 }
 
-impl Block {
+impl ParameterBlock {
     fn unknowns(&self) -> usize {
         match &self.what {
             What::Material { quantity, .. } => quantity.channels(),
@@ -75,14 +76,14 @@ pub struct Parameters {
     fits: Vec<Fit>,
     /// The scene with a material for each part that is fitted alone; its own values are the starting point.
     base: Scene,
-    blocks: Vec<Block>,
+    blocks: Vec<ParameterBlock>,
     bounds: Bounds,
     start: Vec<f64>,
     /// Materials whose σ is fitted, and so limited.
     limited: Vec<bool>,
     /// Which [`Fit`] a quantity of a material takes part in.
     fit_of: HashMap<(Quantity, u32), usize>,
-    wanted: Wanted,
+    wanted: GradientRequest,
 }
 
 /// What the scene's check lets through.
@@ -110,7 +111,7 @@ impl Parameters {
             bounds: Bounds::free(0),
             start: Vec::new(),
             fit_of: HashMap::new(),
-            wanted: Wanted::NOTHING,
+            wanted: GradientRequest::NOTHING,
         };
         for (fit, selected) in selected.iter().enumerate() {
             parameters.add(fit, selected, brightness.max(f64::MIN_POSITIVE));
@@ -167,7 +168,7 @@ impl Parameters {
                 let scale = if quantity == Quantity::Emission { brightness } else { 1.0 };
                 (scale, What::Material { quantity, materials, triangles: members.clone() })
             };
-            let block = Block { fit, name: name.clone(), first: self.start.len(), scale, what };
+            let block = ParameterBlock { fit, name: name.clone(), first: self.start.len(), scale, what };
             self.start.resize(self.start.len() + block.unknowns(), 0.0);
             self.blocks.push(block);
         }
@@ -222,6 +223,7 @@ impl Parameters {
         self.start.len()
     }
 
+    /// Whether nothing is unknown.
     pub fn is_empty(&self) -> bool {
         self.start.is_empty()
     }
@@ -237,7 +239,7 @@ impl Parameters {
     }
 
     /// Which derivatives [`Self::pull_back`] needs.
-    pub fn wanted(&self) -> Wanted {
+    pub fn wanted(&self) -> GradientRequest {
         self.wanted
     }
 
@@ -334,7 +336,7 @@ impl Parameters {
         }
     }
 
-    fn motion(&self, block: &Block, x: &[f64]) -> Motion {
+    fn motion(&self, block: &ParameterBlock, x: &[f64]) -> Motion {
         let What::Motion { centre, parts, .. } = &block.what else {
             return Motion::at_rest(DVec3::ZERO);
         };
@@ -398,7 +400,7 @@ impl Parameters {
 
     /// A change of a quantity that means as much as a change of an unknown by 1.
     pub fn scale(&self, quantity: Quantity) -> f64 {
-        let of = |block: &&Block| self.fits[block.fit].quantity == quantity;
+        let of = |block: &&ParameterBlock| self.fits[block.fit].quantity == quantity;
         self.blocks.iter().find(of).map_or(1.0, |block| block.scale)
     }
 }

@@ -8,11 +8,15 @@ use serde::Serialize;
 /// A value that was fitted, for people and for JSON.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Recovered {
+    /// Which one.
     pub quantity: &'static str,
     /// Material, mesh, or triangle by its number.
     pub of: String,
+    /// Of the values; "1" for plain numbers.
     pub unit: &'static str,
+    /// What was found, per channel or component.
     pub value: Vec<f64>,
+    /// Where it started.
     pub initial: Vec<f64>,
     /// Channels that stand on a bound.
     pub at_bound: Vec<bool>,

@@ -7,6 +7,7 @@ use std::fmt;
 /// Values of one [`Fit`](super::Fit) none of whose triangles any view shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unseen {
+    /// Which one no picture tells.
     pub quantity: Quantity,
     /// Out of view.
     pub unseen: usize,

@@ -1,29 +1,30 @@
-//! Which tiles exchange light from point to point, as runs of tiles between which the same may pass.
+//! Which tiles exchange light point to point, as runs of partner tiles with the same bits.
 
 use crate::plan::PlanError;
 use std::ops::Range;
 
-/// Bits of a run that say what may pass; the rest is the tile behind its last one.
+/// Bits of a run that say what may pass; the rest is its end, one past its last tile.
 const PASSING_BITS: u32 = 4;
 const PASSING: u32 = (1 << PASSING_BITS) - 1;
 
-/// For each owner tile, receivers or sources, the runs of all others: from the end of the one before, a word each,
-/// `end << 4 | passing`, the ends rising up to the number of tiles. Kernels read the same words (glsl/far_push.glsl).
+/// For each target tile, of receivers or sources, runs that cover all partner tiles. A run is one word,
+/// `end << 4 | passing`, and begins at the end of the one before; ends ascend to the number of tiles. Kernels read the
+/// same words (glsl/far_push.glsl).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FarRuns {
     tiles: u32,
-    /// Of each owner, where its runs begin in these words, and where those of the last end; then all runs.
+    /// For each target the index of its first run in these words, then the end of the last; then all runs.
     words: Vec<u32>,
 }
 
-/// The runs of one owner in the making.
+/// The runs of one target under construction.
 #[derive(Clone, Debug, Default)]
 pub struct Row {
     words: Vec<u32>,
 }
 
 impl Row {
-    /// Says what may pass up to before `end`, from where the row ends.
+    /// Extends the row to `end` (exclusive) with `passing`.
     pub fn extend(&mut self, end: u32, passing: u32) {
         match self.words.last_mut() {
             Some(last) if *last & PASSING == passing => *last = word(end, passing),
@@ -54,20 +55,24 @@ impl FarRuns {
         Ok(Self { tiles: rows.len() as u32, words })
     }
 
-    /// What kernels read.
+    /// The words that kernels read.
     pub fn words(&self) -> &[u32] {
         &self.words
     }
 
-    fn row(&self, owner: u32) -> &[u32] {
-        let [begin, end] = [owner, owner + 1].map(|k| self.words[k as usize] as usize);
+    fn row(&self, target: u32) -> &[u32] {
+        let [begin, end] = [target, target + 1].map(|k| self.words[k as usize] as usize);
         &self.words[begin..end]
     }
 
-    /// The runs of an owner within a range of others, with what may pass.
-    pub fn of(&self, owner: u32, others: &Range<u32>) -> impl Iterator<Item = (Range<u32>, u32)> + use<'_> {
-        let (mut begin, end) = (others.start, others.end);
-        let row = self.row(owner);
+    /// The runs of a target within a range of partners, with the bits that may pass.
+    pub fn of(
+        &self,
+        target: u32,
+        partners: &Range<u32>,
+    ) -> impl Iterator<Item = (Range<u32>, u32)> + use<'_> {
+        let (mut begin, end) = (partners.start, partners.end);
+        let row = self.row(target);
         let first = row.partition_point(|run| run >> PASSING_BITS <= begin);
         row[first..].iter().map_while(move |run| {
             let from = std::mem::replace(&mut begin, (run >> PASSING_BITS).min(end));
@@ -75,30 +80,35 @@ impl FarRuns {
         })
     }
 
-    /// What may pass between two tiles.
-    pub fn get(&self, owner: u32, other: u32) -> u32 {
-        self.of(owner, &(other..other + 1)).next().map_or(0, |(_, passing)| passing)
+    /// The bits that may pass between two tiles.
+    pub fn get(&self, target: u32, partner: u32) -> u32 {
+        self.of(target, &(partner..partner + 1)).next().map_or(0, |(_, passing)| passing)
     }
 
-    /// The tiles of a range with which an owner exchanges something of these bits.
-    pub fn passing(&self, owner: u32, others: &Range<u32>, bits: u32) -> impl Iterator<Item = u32> + use<'_> {
-        self.of(owner, others).filter(move |(_, passing)| passing & bits != 0).flat_map(|(run, _)| run)
+    /// The partner tiles in a range with any of these bits.
+    pub fn passing(
+        &self,
+        target: u32,
+        partners: &Range<u32>,
+        bits: u32,
+    ) -> impl Iterator<Item = u32> + use<'_> {
+        self.of(target, partners).filter(move |(_, passing)| passing & bits != 0).flat_map(|(run, _)| run)
     }
 
-    /// True where some pair has one of these bits.
-    pub fn any(&self, owners: &Range<u32>, others: &Range<u32>, bits: u32) -> bool {
-        owners.clone().any(|owner| self.passing(owner, others, bits).next().is_some())
+    /// Whether any pair has one of these bits.
+    pub fn any(&self, targets: &Range<u32>, partners: &Range<u32>, bits: u32) -> bool {
+        targets.clone().any(|target| self.passing(target, partners, bits).next().is_some())
     }
 
-    /// The same pairs by the other end.
+    /// The same pairs with targets and partners exchanged.
     pub fn transposed(&self) -> Result<Self, PlanError> {
         let all = 0..self.tiles;
         let mut rows = vec![Row::default(); self.tiles as usize];
-        // Where a row differs from the one before, the runs of those others end.
-        for owner in 1..self.tiles {
-            for other in self.changes(owner, &all) {
-                let (tile, passing) = other;
-                rows[tile as usize].extend(owner, passing);
+        // Where a row differs from the one before, the runs of those partners end.
+        for target in 1..self.tiles {
+            for partner in self.changes(target, &all) {
+                let (tile, passing) = partner;
+                rows[tile as usize].extend(target, passing);
             }
         }
         if let Some(last) = self.tiles.checked_sub(1) {
@@ -109,11 +119,11 @@ impl FarRuns {
         Self::new(&rows)
     }
 
-    /// The others with which the owner exchanges something else than the owner before it, and what that was.
-    fn changes(&self, owner: u32, all: &Range<u32>) -> impl Iterator<Item = (u32, u32)> + use<'_> {
-        let mut runs = self.of(owner, all);
+    /// The partners whose bits differ from those of the previous target, with the previous bits.
+    fn changes(&self, target: u32, all: &Range<u32>) -> impl Iterator<Item = (u32, u32)> + use<'_> {
+        let mut runs = self.of(target, all);
         let mut run = runs.next();
-        let mut before = self.of(owner - 1, all);
+        let mut before = self.of(target - 1, all);
         let mut old = before.next();
         let mut begin = 0;
         std::iter::from_fn(move || {
@@ -147,7 +157,7 @@ mod tests {
 
     fn states(runs: &FarRuns) -> Vec<Vec<u32>> {
         let all = 0..runs.tiles;
-        let row = |owner| runs.of(owner, &all).flat_map(|(run, state)| run.map(move |_| state)).collect();
+        let row = |target| runs.of(target, &all).flat_map(|(run, state)| run.map(move |_| state)).collect();
         all.clone().map(row).collect()
     }
 
@@ -165,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn transposing_swaps_owners_and_others() {
+    fn transposing_swaps_targets_and_partners() {
         let rows: [&[u32]; 5] = [&[1, 1, 3, 3, 0], &[0; 5], &[0, 1, 0, 1, 2], &[7; 5], &[7, 7, 3, 0, 0]];
         let list = runs(&rows);
         let turned = list.transposed().expect("few runs");

@@ -1,5 +1,5 @@
-//! Which pairs interact: for each group of receivers, a tile, runs of source tiles and what may pass, and for each receiver
-//! the close sources. All that walks over pairs asks here, so that other ways to choose them need change nothing else.
+//! Which pairs interact: for each receiver tile, runs of source tiles with what may pass, and for each receiver the
+//! close sources. Every traversal of pairs uses these lists, so that another selection changes nothing else.
 
 mod far;
 mod near;
@@ -8,18 +8,18 @@ mod passing;
 pub use far::FarRuns;
 pub use near::NearPairs;
 
-use super::{Layout, PlanError};
+use super::{PlanError, TileLayout};
 use crate::model::{Class, Facet, Hierarchy, coplanar_tolerance};
 use passing::Passing;
 
-/// Light can leave the fronts of the sources and arrive at fronts of the receivers.
+/// Light of the sources' fronts can reach fronts of the receivers.
 pub const PAIR_FRONT: u32 = 1;
-/// Antiradiance can leave the backs of the sources and arrive at fronts of the receivers.
+/// Antiradiance of the sources' backs can reach fronts of the receivers.
 pub const PAIR_BACK: u32 = 2;
-/// Some pair may be so close that the near field has a share in it.
+/// Some pair may be within the near field.
 pub const PAIR_NEAR: u32 = 4;
 
-/// The pairs of owners, receivers or sources, and others, the other way round.
+/// The pairs by target: receivers with sources as partners, or sources with receivers.
 #[derive(Clone, Debug)]
 pub struct PairLists {
     /// By tile.
@@ -28,18 +28,21 @@ pub struct PairLists {
     pub near: NearPairs,
 }
 
-/// All pairs that interact, by receiver, and by source where gradients are wanted.
+/// All pairs that interact, by receiver, and by source if gradients are planned.
 #[derive(Clone, Debug)]
 pub struct Interactions {
+    /// Targets are receivers.
     pub by_receiver: PairLists,
+    /// Targets are sources; `None` without planned gradients.
     pub by_source: Option<PairLists>,
 }
 
 impl Interactions {
-    /// Finds all pairs by their geometry. `half_range`: of the near field in units of characteristic areas; `cull`: whether
-    /// tiles that cannot see each other are left out.
+    /// Finds all pairs by their geometry. `half_range`: half of `near_field`, in units of the sum of characteristic
+    /// areas;
+    /// `cull`: whether tiles that cannot exchange light are omitted.
     pub(super) fn new(
-        layout: &Layout,
+        layout: &TileLayout,
         facets: &[Facet],
         classes: &[Class],
         half_range: f64,
@@ -65,8 +68,8 @@ impl PairLists {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Block, reaches};
-    use crate::plan::{Limits, PADDING, Plan, Wanted};
+    use crate::model::{BoundedRun, reaches};
+    use crate::plan::{GradientRequest, PADDING, Plan, PlanOptions};
     use crate::reference::Random;
     use crate::scene::{LoadOptions, Material, Scene, SceneBuilder, Shape, Triangle};
     use glam::{DAffine3, DVec3};
@@ -100,11 +103,11 @@ mod tests {
         Scene::new("random", vertices, triangles.collect(), vec![Material::named("grey")]).expect("a scene")
     }
 
-    fn plan(scene: &Scene, limits: Limits) -> Plan {
-        Plan::new(scene, &limits.boundless(), &scene.accuracy).expect("a plan")
+    fn plan(scene: &Scene, options: PlanOptions) -> Plan {
+        Plan::new(scene, &options.boundless(), &scene.settings).expect("a plan")
     }
 
-    /// What may pass between two tiles, from all their triangles.
+    /// The bits that may pass between two tiles, from all their triangles.
     fn dense(plan: &Plan, receiver: u32, source: u32) -> u32 {
         let facets = |tile: u32| -> Vec<&Facet> {
             let slots = plan.layout.slots_of(&(tile..tile + 1));
@@ -112,15 +115,16 @@ mod tests {
             order.iter().filter(|&&i| i != PADDING).map(|&i| &plan.facets[i as usize]).collect()
         };
         let (to, from) = (facets(receiver), facets(source));
-        let bounds = |of: &[&Facet]| Block::around(of.iter().copied());
+        let bounds = |of: &[&Facet]| BoundedRun::around(of.iter().copied());
         let tolerance = coplanar_tolerance(&plan.facets);
         let sees = |of: &[&Facet], other: &[&Facet], side: f64| {
             let other = bounds(other);
             let height = |f: &Facet| -other.lowest(-side * f.normal) - side * f.normal.dot(f.centroid);
-            !plan.limits.cull || of.iter().any(|f| height(f) > tolerance)
+            !plan.options.cull || of.iter().any(|f| height(f) > tolerance)
         };
-        let extent = |of: &[&Facet]| of.iter().map(|f| f.extent).fold(0.0, f64::max);
-        let range = 0.5 * plan.accuracy.subsample * (extent(&to) + extent(&from));
+        let characteristic_area =
+            |of: &[&Facet]| of.iter().map(|f| f.characteristic_area).fold(0.0, f64::max);
+        let range = 0.5 * plan.settings.near_field * (characteristic_area(&to) + characteristic_area(&from));
         let blocker = plan.layout.groups.iter().any(|g| g.class.blocker && g.tiles.contains(&source));
         let front = if sees(&from, &to, 1.0) { PAIR_FRONT } else { 0 };
         let back = if blocker && sees(&from, &to, -1.0) { PAIR_BACK } else { 0 };
@@ -135,7 +139,7 @@ mod tests {
         scenes.extend([statue(3000), random(1, 1000), random(2, 3000)]);
         for scene in &scenes {
             for (tile, cull) in [(64, true), (32, true), (64, false)] {
-                let plan = plan(scene, Limits { tile, cull, ..Limits::default() });
+                let plan = plan(scene, PlanOptions { tile, cull, ..PlanOptions::default() });
                 let far = &plan.interactions.by_receiver.far;
                 let tiles = plan.layout.tiles();
                 for (receiver, source) in (0..tiles).flat_map(|r| (0..tiles).map(move |s| (r, s))) {
@@ -150,14 +154,17 @@ mod tests {
     #[test]
     fn classes_and_close_pairs_are_those_of_the_dense_search() {
         for scene in [shipped("two_rooms.toml"), statue(2000), random(3, 1500)] {
-            let plan = plan(&scene, Limits { gradients: Wanted::EVERYTHING, ..Limits::default() });
+            let plan = plan(
+                &scene,
+                PlanOptions { gradients: GradientRequest::EVERYTHING, ..PlanOptions::default() },
+            );
             let (facets, count) = (&plan.facets, plan.facets.len());
             let own: Vec<Facet> = (0..count).map(|i| Facet::new(scene.corners(i))).collect();
             let tolerance = coplanar_tolerance(&own);
             let real = |i: usize| own[i].area > 0.0;
             for (i, class) in plan.classes.iter().enumerate() {
-                let mut others = (0..count).filter(|&j| j != i && real(j));
-                let casts = real(i) && others.any(|j| reaches(&own[i], &own[j], -1.0, tolerance));
+                let mut partners = (0..count).filter(|&j| j != i && real(j));
+                let casts = real(i) && partners.any(|j| reaches(&own[i], &own[j], -1.0, tolerance));
                 assert_eq!(class.blocker, casts, "{}: triangle {i}", scene.name);
             }
             let tolerance = coplanar_tolerance(facets);
@@ -169,7 +176,9 @@ mod tests {
                 let close = |&&source: &&usize| {
                     let i = order[source] as usize;
                     let apart = facets[i].centroid.distance_squared(facets[j].centroid);
-                    let range = 0.5 * plan.accuracy.subsample * (facets[i].extent + facets[j].extent);
+                    let range = 0.5
+                        * plan.settings.near_field
+                        * (facets[i].characteristic_area + facets[j].characteristic_area);
                     i != j
                         && apart < range
                         && (reaches(&facets[i], &facets[j], 1.0, tolerance)
@@ -178,18 +187,18 @@ mod tests {
                 sources.extend(slots.iter().filter(close).map(|&source| source as u32));
             }
             let Interactions { by_receiver, by_source } = &plan.interactions;
-            assert_eq!(by_receiver.near.others, sources, "{}", scene.name);
+            assert_eq!(by_receiver.near.partners, sources, "{}", scene.name);
             let by_source = by_source.as_ref().expect("gradients were planned");
             assert_eq!(by_source.far, by_receiver.far.transposed().expect("few runs"));
         }
     }
 
-    /// Tiles in the same state merge: the lists of a room grow no faster than the room.
+    /// Equal neighbours merge into runs: the lists of a room grow no faster than the room.
     #[test]
     fn runs_of_rooms_take_a_few_bytes_a_triangle() {
         let mut scene = shipped("cornell_boxes.toml");
         for _ in 0..3 {
-            let far = &plan(&scene, Limits::default()).interactions.by_receiver.far;
+            let far = &plan(&scene, PlanOptions::default()).interactions.by_receiver.far;
             let bytes = size_of_val(far.words()) as f64 / scene.triangles.len() as f64;
             println!("{} triangles: {bytes:.2} bytes each", scene.triangles.len());
             assert!(bytes <= 8.0, "{} triangles: {bytes}", scene.triangles.len());

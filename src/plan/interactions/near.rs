@@ -1,25 +1,26 @@
-//! Pairs so close that they are integrated over pieces: O(N) of them.
+//! Close pairs, which are integrated piecewise: O(N) of them.
 
 use super::{FarRuns, PAIR_NEAR};
 use crate::model::{Class, Facet, PADDING, reaches};
-use crate::plan::Layout;
 use crate::plan::PlanError;
+use crate::plan::TileLayout;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// For each owner slot, a receiver, the slots of its close others, sources, rising; or the other way round.
+/// For each target slot the slots of its close partners, ascending. Targets are receivers and partners sources, or
+/// the other way round.
 #[derive(Clone, Debug, Default)]
 pub struct NearPairs {
     /// Where each slot's list starts; one entry more than there are slots.
     pub offsets: Vec<u32>,
     /// Slots of the close triangles, list after list, ascending in each.
-    pub others: Vec<u32>,
+    pub partners: Vec<u32>,
 }
 
 impl NearPairs {
-    /// Finds the close pairs among the tiles that may hold some.
+    /// Finds the close pairs among the tiles marked [`PAIR_NEAR`].
     pub fn new(
-        layout: &Layout,
+        layout: &TileLayout,
         far: &FarRuns,
         facets: &[Facet],
         classes: &[Class],
@@ -31,7 +32,8 @@ impl NearPairs {
         let close = |j: usize, i: usize| {
             let (to, from) = (&facets[j], &facets[i]);
             i != j
-                && (to.centroid - from.centroid).length_squared() < half_range * (to.extent + from.extent)
+                && (to.centroid - from.centroid).length_squared()
+                    < half_range * (to.characteristic_area + from.characteristic_area)
                 && (reaches(from, to, 1.0, tolerance)
                     || classes[i].blocker && reaches(from, to, -1.0, tolerance))
         };
@@ -55,37 +57,37 @@ impl NearPairs {
         for list in &lists {
             offsets.push(offsets.last().copied().unwrap_or(0) + list.len() as u32);
         }
-        Ok(Self { offsets, others: lists.concat() })
+        Ok(Self { offsets, partners: lists.concat() })
     }
 
-    /// The others of an owner within a range of slots.
-    pub fn of(&self, owner: u32, others: &Range<u32>) -> &[u32] {
-        let list = owner as usize..=owner as usize + 1;
+    /// The partners of a target within a range of slots.
+    pub fn of(&self, target: u32, partners: &Range<u32>) -> &[u32] {
+        let list = target as usize..=target as usize + 1;
         let &[begin, end] = &self.offsets[list] else { return &[] };
-        let all = &self.others[begin as usize..end as usize];
-        let before = |bound: u32| all.partition_point(|&other| other < bound);
-        &all[before(others.start)..before(others.end)]
+        let all = &self.partners[begin as usize..end as usize];
+        let before = |bound: u32| all.partition_point(|&partner| partner < bound);
+        &all[before(partners.start)..before(partners.end)]
     }
 
-    /// The same pairs by the other end.
+    /// The same pairs with targets and partners exchanged.
     pub fn transposed(&self) -> Self {
         let slots = self.offsets.len() - 1;
         let mut offsets = vec![0; slots + 1];
-        for &other in &self.others {
-            offsets[other as usize + 1] += 1;
+        for &partner in &self.partners {
+            offsets[partner as usize + 1] += 1;
         }
         for slot in 0..slots {
             offsets[slot + 1] += offsets[slot];
         }
         let mut next = offsets.clone();
-        let mut others = vec![0; self.others.len()];
-        for (owner, run) in self.offsets.windows(2).enumerate() {
-            for &other in &self.others[run[0] as usize..run[1] as usize] {
-                others[next[other as usize] as usize] = owner as u32;
-                next[other as usize] += 1;
+        let mut partners = vec![0; self.partners.len()];
+        for (target, run) in self.offsets.windows(2).enumerate() {
+            for &partner in &self.partners[run[0] as usize..run[1] as usize] {
+                partners[next[partner as usize] as usize] = target as u32;
+                next[partner as usize] += 1;
             }
         }
-        Self { offsets, others }
+        Self { offsets, partners }
     }
 }
 
@@ -95,11 +97,11 @@ mod tests {
 
     #[test]
     fn transposing_keeps_the_pairs_and_their_order() {
-        let list = NearPairs { offsets: vec![0, 2, 2, 5], others: vec![1, 2, 0, 1, 2] };
+        let list = NearPairs { offsets: vec![0, 2, 2, 5], partners: vec![1, 2, 0, 1, 2] };
         let turned = list.transposed();
         assert_eq!(turned.offsets, [0, 1, 3, 5]);
-        assert_eq!(turned.others, [2, 0, 2, 0, 2]);
+        assert_eq!(turned.partners, [2, 0, 2, 0, 2]);
         let back = turned.transposed();
-        assert_eq!((back.offsets, back.others), (list.offsets, list.others));
+        assert_eq!((back.offsets, back.partners), (list.offsets, list.partners));
     }
 }

@@ -1,28 +1,28 @@
-//! What can pass between tiles: whole branches of tiles at a time, where bounds tell.
+//! What can pass between tiles, decided for whole branches of tiles where bounds suffice.
 
 use super::far::{FarRuns, Row};
 use super::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 use crate::model::{Facet, Hierarchy, Node, PADDING, Sight};
-use crate::plan::Layout;
 use crate::plan::PlanError;
+use crate::plan::TileLayout;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Finds what can pass between tiles.
+/// Determines what can pass between tiles.
 pub struct Passing<'a> {
     half_range: f64,
     tolerance: f64,
     cull: bool,
     tree: &'a Hierarchy,
-    /// By tile, its leaf and of each triangle the normal n and height ⟨n, x⟩ of its plane.
+    /// By tile, its leaf and, for each triangle, the normal n and height ⟨n, x⟩ of its plane.
     tiles: Vec<(&'a Node, Vec<(DVec3, f64)>)>,
-    /// Blockers among the tiles before each one.
+    /// Number of blocker tiles before each tile.
     blockers: Vec<u32>,
 }
 
 impl<'a> Passing<'a> {
     pub fn new(
-        layout: &Layout,
+        layout: &TileLayout,
         facets: &[Facet],
         tree: &'a Hierarchy,
         half_range: f64,
@@ -47,8 +47,8 @@ impl<'a> Passing<'a> {
         Self { half_range, tolerance, cull, tree, tiles, blockers }
     }
 
-    /// For each receiver tile, what sources send it. Never loses a pair whose contribution is more than rounding; without
-    /// culling, loses none.
+    /// For each receiver tile, what source tiles can send. Never omits a pair that contributes more than rounding;
+    /// without culling, omits none.
     pub fn runs(&self) -> Result<FarRuns, PlanError> {
         let rows: Vec<Row> =
             (0..self.tiles.len()).into_par_iter().map(|receiver| self.row(receiver)).collect();
@@ -67,7 +67,7 @@ impl<'a> Passing<'a> {
         row
     }
 
-    /// What each tile of a branch sends, if that is the same for all and bounds can tell.
+    /// What each tile of a branch can send, if bounds show that it is the same for all.
     fn branch_sends(&self, receiver: usize, sources: &Node) -> Option<u32> {
         let to = self.tiles[receiver].0;
         let [before, after] = [sources.leaves.start, sources.leaves.end].map(|tile| self.blockers[tile]);
@@ -97,7 +97,7 @@ impl<'a> Passing<'a> {
         Some(bit(front, PAIR_FRONT) | bit(back, PAIR_BACK) | if near { PAIR_NEAR } else { 0 })
     }
 
-    /// What one tile sends, from the planes of its triangles.
+    /// What one tile can send, from the planes of its triangles.
     fn tile_sends(&self, receiver: usize, source: &Node) -> u32 {
         let (to, from) = (self.tiles[receiver].0, source.leaves.start);
         let sees = |tile: usize, other: &Node, side: f64| {
@@ -118,8 +118,9 @@ impl<'a> Passing<'a> {
         }
     }
 
-    /// Whether the near field may have a share in some pair.
+    /// Whether any pair may be within the near field.
     fn near(&self, a: &Node, b: &Node) -> bool {
-        a.bounds.distance_squared(&b.bounds) <= self.half_range * (b.extent + a.extent)
+        a.bounds.distance_squared(&b.bounds)
+            <= self.half_range * (b.characteristic_area + a.characteristic_area)
     }
 }

@@ -1,14 +1,15 @@
-//! The slope of the blending between the near and the far field.
+//! The derivative of the blend weight between near and far field.
 
 /// Derivative of [`far_weight`](crate::model::far_weight), per square metre.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FarWeightSlope {
     /// With respect to the squared distance.
     pub r2: f64,
+    /// With respect to the range of the near field.
     pub range: f64,
 }
 
-/// Zero at both ends of the blending and beyond: a smoothstep.
+/// Derivative of a smoothstep: zero at both ends of the transition and beyond.
 pub fn far_weight_slope(r2: f64, range: f64) -> FarWeightSlope {
     if range <= 0.0 {
         return FarWeightSlope::default();
@@ -23,9 +24,9 @@ mod tests {
     use super::*;
     use crate::model::far_weight;
 
-    /// Central differences at 1e-6: their own error is 1e-9 on these slopes of up to 6.
+    /// Central differences with step 1e-6, whose error is 1e-9 for these slopes of up to 6.
     #[test]
-    fn slopes_are_those_of_the_share() {
+    fn slopes_are_those_of_the_weight() {
         for range in [0.0, 0.5, 2.0] {
             for r2 in [0.0, 0.1, 0.3, 0.41, 1.3, 1.9, 5.0] {
                 let found = far_weight_slope(r2, range);

@@ -1,4 +1,4 @@
-//! Back through the frame of a triangle, and through making a vector a unit vector.
+//! Derivatives through the frame of a triangle, and through the normalisation of a vector.
 
 use crate::model::{basis_sign, orthonormal_basis};
 use glam::DVec3;
@@ -8,14 +8,14 @@ pub fn pull_unit(unit: DVec3, length: f64, gradient: DVec3) -> DVec3 {
     (gradient - unit * unit.dot(gradient)) / length
 }
 
-/// The gradient with respect to a direction of the world and to the normal, as three free numbers.
+/// The gradient with respect to a world direction and the normal, each as an unconstrained vector.
 pub struct FrameGradient {
     pub direction: DVec3,
     pub normal: DVec3,
 }
 
-/// From the gradient with respect to Rᵀd, d in the frame R(n) of [`orthonormal_basis`]. The sign in the frame is a
-/// constant: the frame jumps where it changes.
+/// From the gradient with respect to Rᵀd to those with respect to d and n, with R(n) the frame of [`orthonormal_basis`]. The sign
+/// in the frame is held constant, since the frame jumps where it changes.
 pub fn pull_local(n: DVec3, d: DVec3, local: DVec3) -> FrameGradient {
     let sign = basis_sign(n);
     let a = -1.0 / (sign + n.z);
@@ -31,9 +31,9 @@ pub fn pull_local(n: DVec3, d: DVec3, local: DVec3) -> FrameGradient {
 mod tests {
     use super::*;
 
-    /// Central differences at 1e-6, along tangents for the normal, which stays a unit vector: their own error is 1e-10.
+    /// Central differences with step 1e-6, whose error is 1e-10; along tangents for the normal, which stays a unit vector.
     #[test]
-    fn frames_turn_as_their_derivative_says() {
+    fn frames_match_their_derivative() {
         let d = DVec3::new(0.3, -0.7, 0.2).normalize();
         let cotangent = DVec3::new(0.9, -0.4, 1.1);
         let normals =

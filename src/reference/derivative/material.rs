@@ -2,22 +2,22 @@
 
 use crate::model::Bins;
 use crate::reference::reflection::half_cosine;
-use crate::reference::{Leaving, Model, State};
+use crate::reference::{Model, Outgoing, State};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// Derivative of a number with respect to the [`Material`](crate::scene::Material) of one triangle, as if it had a
-/// material of its own. RGB where the material has RGB.
+/// Derivative of a loss with respect to the [`Material`](crate::scene::Material) of one triangle, as if it had a material of
+/// its own. RGB where the material has RGB.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MaterialGradient {
-    /// Per W/(m² sr).
+    /// With respect to L_e, per W/(m² sr).
     pub emission: DVec3,
     /// With respect to δ.
     pub diffuse: f64,
     /// With respect to ρ.
     pub albedo: DVec3,
-    /// With respect to σ; zero for triangles that are not glossy, which keep no bins for it.
+    /// With respect to σ; zero for triangles that are not glossy, which have no bins for it.
     pub specular: DVec3,
     /// With respect to p; zero for triangles that are not glossy.
     pub power: f64,
@@ -25,7 +25,7 @@ pub struct MaterialGradient {
 
 /// The gradient of μ·(E + K H) with respect to the material of every triangle, H (`state`) and μ (`cotangent`) held
 /// fixed.
-pub fn reflect_derivative(model: &Model, state: &State, cotangent: &Leaving) -> Vec<MaterialGradient> {
+pub fn reflect_derivative(model: &Model, state: &State, cotangent: &Outgoing) -> Vec<MaterialGradient> {
     let gradient = |i: usize| {
         let material = &model.materials[i];
         let light = cotangent.diffuse[i] * state.irradiance[i] / PI;
@@ -36,8 +36,8 @@ pub fn reflect_derivative(model: &Model, state: &State, cotangent: &Leaving) -> 
             ..Default::default()
         };
         if let Some(range) = model.bins_of(i).filter(|_| model.classes[i].glossy) {
-            let (arriving, worth) = (&state.bins[range.clone()], &cotangent.specular[range]);
-            let lobe = Lobe::new(&model.bins, material.power, arriving, worth);
+            let (incident, adjoint) = (&state.bins[range.clone()], &cotangent.specular[range]);
+            let lobe = Lobe::new(&model.bins, material.power, incident, adjoint);
             let normalization = material.specular_normalization();
             gradient.specular = normalization * lobe.value;
             let slope =
@@ -56,14 +56,14 @@ struct Lobe {
 }
 
 impl Lobe {
-    fn new(bins: &Bins, power: f64, arriving: &[DVec3], worth: &[DVec3]) -> Self {
+    fn new(bins: &Bins, power: f64, incident: &[DVec3], adjoint: &[DVec3]) -> Self {
         let mut lobe = Self { value: DVec3::ZERO, slope: DVec3::ZERO };
-        for (o, worth) in worth.iter().enumerate() {
-            for (b, arriving) in arriving.iter().enumerate() {
+        for (o, adjoint) in adjoint.iter().enumerate() {
+            for (b, incident) in incident.iter().enumerate() {
                 let cosine = half_cosine(bins, b, o);
-                let light = cosine.powf(power) * bins.projected[b] * *worth * *arriving;
+                let light = cosine.powf(power) * bins.projected[b] * *adjoint * *incident;
                 lobe.value += light;
-                // x^p ln x tends to zero with x for every p > 0, and is taken as zero there for p = 0 too.
+                // x^p ln x tends to zero with x for every p > 0, and counts as zero there for p = 0 too.
                 if cosine > 0.0 {
                     lobe.slope += cosine.ln() * light;
                 }

@@ -1,10 +1,9 @@
-//! Derivatives of the discretised model, by hand: of U and S with respect to geometry, of K and E with respect to
+//! Hand-written derivatives of the discretised model: of U and S with respect to geometry, of K and E with respect to
 //! materials. Twin of glsl/*_derivative.comp.
 //!
-//! What is differentiated is the model as it is computed, not light itself: the taps of the bins, the two levels of the
-//! near field and their blending included. Where a derivative does not exist (edges of bins with bilinear weights, the
-//! pole, a triangle that lies in another's horizon) or nothing is exchanged, it counts as zero or as that of one side,
-//! and is finite.
+//! They are those of the model as computed, including interpolation weights, both levels of the near field and their blending.
+//! Where a derivative does not exist (edges of bins with bilinear weights, the pole, a triangle in the horizon of another) or a
+//! pair exchanges no light, it is zero or one-sided, and always finite.
 
 mod far_weight;
 mod frame;

@@ -6,11 +6,11 @@ use super::polygon::projected_solid_angle_gradient;
 use super::reading::Reading;
 use crate::model::{Facet, FacetGradient, QUARTER_RANGE, centroid, far_weight, quarters};
 use crate::reference::transport::COINCIDENT;
-use crate::reference::{Leaving, Model, State};
+use crate::reference::{Model, Outgoing, State};
 use glam::DVec3;
 use std::f64::consts::PI;
 
-/// Of λ·U(leaving), what one pair adds: with respect to its source, and to its receiver.
+/// The gradient of the contribution of one pair to λ·U(outgoing), with respect to its source and its receiver.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PairGradient {
     pub source: FacetGradient,
@@ -18,23 +18,23 @@ pub struct PairGradient {
 }
 
 impl PairGradient {
-    /// A gradient with respect to the vector from the source's centroid to the receiver's.
+    /// Adds a gradient with respect to the vector from the source's centroid to the receiver's.
     fn add_between(&mut self, gradient: DVec3) {
         self.source.add_centroid(-gradient);
         self.receiver.add_centroid(gradient);
     }
 
-    /// The same between the centroids of a piece of each.
+    /// The same for the vector between the centroids of a piece of each.
     fn add_piece_between(&mut self, from: Piece, to: Piece, gradient: DVec3) {
         from.pull_centroid(-gradient, &mut self.source);
         to.pull_centroid(gradient, &mut self.receiver);
     }
 }
 
-/// The gradient of λ·U(leaving) from source `i` to receiver `j`.
+/// The gradient of λ·U(outgoing) from source `i` to receiver `j`.
 pub fn pair_derivative(
     model: &Model,
-    leaving: &Leaving,
+    outgoing: &Outgoing,
     importance: &State,
     i: usize,
     j: usize,
@@ -44,32 +44,32 @@ pub fn pair_derivative(
     if source.area == 0.0 || receiver.area == 0.0 {
         return gradient;
     }
-    let pair = Pair { model, leaving, importance, i, j, source, receiver };
+    let pair = Pair { model, outgoing, importance, i, j, source, receiver };
     let between = receiver.centroid - source.centroid;
     let (r2, range) = (between.length_squared(), model.range(i, j));
-    let share = far_weight(r2, range);
-    // Derivatives with respect to the share, and to the range of the near field.
-    let (mut at_share, mut at_range) = (0.0, 0.0);
-    if share > 0.0 {
-        at_share += pair.far(between, share, &mut gradient);
+    let weight = far_weight(r2, range);
+    // Derivatives with respect to the blend weight, and to the range of the near field.
+    let (mut at_weight, mut at_range) = (0.0, 0.0);
+    if weight > 0.0 {
+        at_weight += pair.far(between, weight, &mut gradient);
     }
-    if share < 1.0 {
-        let near = pair.near(range, 1.0 - share, &mut gradient);
-        at_share -= near.share;
+    if weight < 1.0 {
+        let near = pair.near(range, 1.0 - weight, &mut gradient);
+        at_weight -= near.weight;
         at_range += near.range;
     }
     let slope = far_weight_slope(r2, range);
-    at_range += at_share * slope.range;
-    gradient.add_between(2.0 * at_share * slope.r2 * between);
-    let at_extent = 0.5 * model.subsample * at_range;
-    gradient.source.extent += at_extent;
-    gradient.receiver.extent += at_extent;
+    at_range += at_weight * slope.range;
+    gradient.add_between(2.0 * at_weight * slope.r2 * between);
+    let at_characteristic_area = 0.5 * model.near_field * at_range;
+    gradient.source.characteristic_area += at_characteristic_area;
+    gradient.receiver.characteristic_area += at_characteristic_area;
     gradient
 }
 
 struct Pair<'a> {
     model: &'a Model,
-    leaving: &'a Leaving,
+    outgoing: &'a Outgoing,
     importance: &'a State,
     i: usize,
     j: usize,
@@ -77,29 +77,29 @@ struct Pair<'a> {
     receiver: &'a Facet,
 }
 
-/// Derivatives of the near field with respect to its share of the pair, and to its range in m².
+/// Derivatives of the near field with respect to its blend weight, and to its range in m².
 struct NearSlope {
-    share: f64,
+    weight: f64,
     range: f64,
 }
 
 impl Pair<'_> {
-    /// Centroid to centroid. Returns the derivative with respect to the share: the value at share 1.
-    fn far(&self, between: DVec3, share: f64, gradient: &mut PairGradient) -> f64 {
+    /// Centroid to centroid. Returns the derivative with respect to the blend weight: the value at weight 1.
+    fn far(&self, between: DVec3, weight: f64, gradient: &mut PairGradient) -> f64 {
         let (source, receiver) = (self.source, self.receiver);
         let r2 = between.length_squared();
         let direction = between / r2.sqrt();
         let (cos_i, cos_j) = (direction.dot(source.normal), -direction.dot(receiver.normal));
-        // In this form, a direction that is not a number exchanges nothing either.
+        // In this form, a NaN direction exchanges nothing either.
         if !(cos_j > 0.0 && cos_i != 0.0) {
             return 0.0;
         }
         let ends = Ends::new(self, direction, cos_i > 0.0);
         let g = 1.0 / (r2 + source.area / PI);
         let projected = cos_j * cos_i.abs() * source.area * g;
-        let (diffuse, binned) = (ends.diffuse_worth(), ends.binned_worth());
-        let at_projected = share * (diffuse + binned);
-        let mut at_direction = ends.pull(share * projected, share * projected, gradient);
+        let (diffuse, binned) = (ends.diffuse_adjoint(), ends.binned_adjoint());
+        let at_projected = weight * (diffuse + binned);
+        let mut at_direction = ends.pull(weight * projected, weight * projected, gradient);
 
         let at_cos_i = at_projected * cos_j * cos_i.signum() * source.area * g;
         gradient.source.normal += at_cos_i * direction;
@@ -115,24 +115,24 @@ impl Pair<'_> {
         projected * (diffuse + binned)
     }
 
-    /// Quarter to quarter, and quarter of a quarter to quarter of a quarter.
-    fn near(&self, range: f64, share: f64, gradient: &mut PairGradient) -> NearSlope {
+    /// Quarters to quarters, and sixteenths to sixteenths.
+    fn near(&self, range: f64, weight: f64, gradient: &mut PairGradient) -> NearSlope {
         let has_bins = self.model.classes[self.i].has_bins();
-        let mut slope = NearSlope { share: 0.0, range: 0.0 };
+        let mut slope = NearSlope { weight: 0.0, range: 0.0 };
         for to in Piece::whole(self.receiver).quarters() {
             for from in Piece::whole(self.source).quarters() {
                 let between = to.centroid() - from.centroid();
                 let (r2, range) = (between.length_squared(), range * QUARTER_RANGE);
                 let far = if has_bins { far_weight(r2, range) } else { 1.0 };
-                let worth = self.piece(from, to, share / 4.0, share * far / 4.0, gradient);
-                slope.share += (worth.diffuse + far * worth.binned) / 4.0;
-                let mut at_far = share * worth.binned / 4.0;
+                let adjoint = self.piece(from, to, weight / 4.0, weight * far / 4.0, gradient);
+                slope.weight += (adjoint.diffuse + far * adjoint.binned) / 4.0;
+                let mut at_far = weight * adjoint.binned / 4.0;
                 if far < 1.0 {
                     for to in to.quarters() {
                         for from in from.quarters() {
-                            let worth = self.piece(from, to, 0.0, share * (1.0 - far) / 16.0, gradient);
-                            slope.share += (1.0 - far) * worth.binned / 16.0;
-                            at_far -= share * worth.binned / 16.0;
+                            let adjoint = self.piece(from, to, 0.0, weight * (1.0 - far) / 16.0, gradient);
+                            slope.weight += (1.0 - far) * adjoint.binned / 16.0;
+                            at_far -= weight * adjoint.binned / 16.0;
                         }
                     }
                 }
@@ -147,87 +147,97 @@ impl Pair<'_> {
     }
 
     /// From a piece of the source to the centroid of a piece of the receiver. Returns the derivatives with respect to the
-    /// two shares.
-    fn piece(&self, from: Piece, to: Piece, diffuse: f64, binned: f64, gradient: &mut PairGradient) -> Worth {
+    /// weights `diffuse` and `binned`.
+    fn piece(
+        &self,
+        from: Piece,
+        to: Piece,
+        diffuse: f64,
+        binned: f64,
+        gradient: &mut PairGradient,
+    ) -> PairAdjoint {
         let point = to.centroid();
         let offset = point - from.centroid();
         let side = offset.dot(self.source.normal);
         let length = offset.length();
-        if side.abs() <= COINCIDENT * self.source.extent.sqrt() {
-            return Worth::default();
+        if side.abs() <= COINCIDENT * self.source.characteristic_area.sqrt() {
+            return PairAdjoint::default();
         }
         let polygon = projected_solid_angle_gradient(point, self.receiver.normal, from.corners);
         if polygon.projected <= 0.0 {
-            return Worth::default();
+            return PairAdjoint::default();
         }
         let direction = offset / length;
         let ends = Ends::new(self, direction, side > 0.0);
-        let worth = Worth { diffuse: ends.diffuse_worth(), binned: ends.binned_worth() };
+        let adjoint = PairAdjoint { diffuse: ends.diffuse_adjoint(), binned: ends.binned_adjoint() };
         let at_direction = ends.pull(diffuse * polygon.projected, binned * polygon.projected, gradient);
         gradient.add_piece_between(from, to, pull_unit(direction, length, at_direction));
 
-        let at_projected = diffuse * worth.diffuse + binned * worth.binned;
+        let at_projected = diffuse * adjoint.diffuse + binned * adjoint.binned;
         let corners = polygon.corners.map(|c| at_projected * c);
         gradient.receiver.normal += at_projected * polygon.normal;
         from.pull(corners, &mut gradient.source);
         to.pull_centroid(-corners.iter().sum::<DVec3>(), &mut gradient.receiver);
-        Worth { diffuse: polygon.projected * worth.diffuse, binned: polygon.projected * worth.binned }
+        PairAdjoint {
+            diffuse: polygon.projected * adjoint.diffuse,
+            binned: polygon.projected * adjoint.binned,
+        }
     }
 }
 
-/// What the two kinds of radiance are worth at the receiver.
+/// Contribution of the two kinds of radiance to the loss at the receiver.
 #[derive(Clone, Copy, Default)]
-struct Worth {
+struct PairAdjoint {
     diffuse: f64,
     binned: f64,
 }
 
-/// What both ends of a line know of its direction.
+/// Radiance of the source and importance of the receiver along a line.
 struct Ends {
     diffuse: DVec3,
     binned: Reading,
-    /// λ_E of the receiver, and what it reads from its bins.
+    /// λ_E of the receiver.
     irradiance: DVec3,
-    arriving: Reading,
+    /// Importance of the receiver per bin.
+    incident: Reading,
 }
 
 impl Ends {
     /// `direction`: unit, from the source to the receiver.
     fn new(pair: &Pair, direction: DVec3, front: bool) -> Self {
         Self {
-            diffuse: pair.leaving.diffuse(pair.i, front),
-            binned: Reading::of_source(pair.model, pair.leaving, pair.i, direction, front),
+            diffuse: pair.outgoing.diffuse(pair.i, front),
+            binned: Reading::of_source(pair.model, pair.outgoing, pair.i, direction, front),
             irradiance: pair.importance.irradiance[pair.j],
-            arriving: Reading::of_receiver(pair.model, pair.importance, pair.j, direction),
+            incident: Reading::of_receiver(pair.model, pair.importance, pair.j, direction),
         }
     }
 
     fn importance(&self) -> DVec3 {
-        self.irradiance + self.arriving.value
+        self.irradiance + self.incident.value
     }
 
-    fn diffuse_worth(&self) -> f64 {
+    fn diffuse_adjoint(&self) -> f64 {
         self.importance().dot(self.diffuse)
     }
 
-    fn binned_worth(&self) -> f64 {
+    fn binned_adjoint(&self) -> f64 {
         self.importance().dot(self.binned.value)
     }
 
-    /// Of diffuse · diffuse_worth + binned · binned_worth: adds what goes through the frames to the normals, and returns
-    /// the gradient with respect to the direction.
+    /// The gradient of diffuse · diffuse_adjoint + binned · binned_adjoint: adds the part through the frames to the normals, and
+    /// returns that with respect to the direction.
     fn pull(&self, diffuse: f64, binned: f64, gradient: &mut PairGradient) -> DVec3 {
         let source = self.binned.pull(binned * self.importance());
-        let receiver = self.arriving.pull(diffuse * self.diffuse + binned * self.binned.value);
+        let receiver = self.incident.pull(diffuse * self.diffuse + binned * self.binned.value);
         gradient.source.normal += source.normal;
         gradient.receiver.normal += receiver.normal;
         source.direction + receiver.direction
     }
 }
 
-/// A piece of a triangle, and the barycentric coordinates of its corners in that triangle: with the corners as the columns
-/// of matrices, piece = triangle · B. The corners are found by halving, as in the forward pass, so that both sides of every
-/// comparison are the same to the last bit.
+/// A piece of a triangle, with the barycentric coordinates of its corners in that triangle: with corners as columns of matrices,
+/// piece = triangle · B. Corners are computed by halving, as in the forward pass, so that comparisons decide alike in both.
 #[derive(Clone, Copy)]
 struct Piece {
     corners: [DVec3; 3],
@@ -248,7 +258,7 @@ impl Piece {
         centroid(self.corners)
     }
 
-    /// Adds a gradient with respect to the corners of the piece to that of the triangle: times Bᵀ.
+    /// Adds a gradient with respect to the corners of the piece, times Bᵀ, to that of the triangle.
     fn pull(&self, corners: [DVec3; 3], gradient: &mut FacetGradient) {
         for (corner, at) in corners.into_iter().zip(self.barycentric) {
             for k in 0..3 {

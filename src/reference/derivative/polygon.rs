@@ -5,26 +5,26 @@ use glam::DVec3;
 /// ∫ cosθ dω over a triangle, and its derivatives.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Polygon {
-    /// As of [`projected_solid_angle`](crate::reference::projected_solid_angle), sr.
+    /// The value, as of [`projected_solid_angle`](crate::reference::projected_solid_angle), sr.
     pub projected: f64,
-    /// With respect to the normal: the part across it, which is all that a unit vector can move along, is right; the part
-    /// along it lacks the side in the horizon.
+    /// Derivative with respect to the normal. Only the part perpendicular to the normal is valid, which is all that a unit vector
+    /// needs; the part along it lacks the side in the horizon.
     pub normal: DVec3,
-    /// With respect to the corners relative to the point; with respect to the point it is minus their sum. sr/m.
+    /// Derivatives with respect to the corners, sr/m; that with respect to the point is minus their sum.
     pub corners: [DVec3; 3],
 }
 
-/// With a → b a side of the clipped triangle, seen from the origin, u the unit normal of its plane through the origin, θ
-/// the angle that it subtends, and P = |Σ θ u·n|/2:
+/// The projected solid angle by Lambert's polygon formula, and its derivatives. With a → b a side of the clipped triangle
+/// relative to the point, u the unit normal of the plane through the point and the side, θ the angle that the side subtends, and
+/// P = |Σ θ u·n|/2:
 ///
 /// ```text
 /// d(θ u·n) = θ u·dn + (φ b - a/|a|²) × q · da + q × (φ a - b/|b|²) · db,   φ = θ/|a × b|,   q = n - (u·n) u,
 /// ```
 ///
-/// but for a term n × b/|b|² · db - n × a/|a|² · da that cancels between neighbouring sides. Two consequences of it make
-/// the clip simple. The side in the horizon has q = 0: it adds to the value and to nothing else. And where a corner is
-/// below the horizon, so that a side ends at a + t (b - a), P does not depend on t: there cosθ = 0, so light through the
-/// end of the side counts nothing. The ends may therefore be held at a fixed t, which leaves no quotient of two heights
+/// up to a term n × b/|b|² · db - n × a/|a|² · da that cancels between neighbouring sides. Clipping is simple for two reasons.
+/// The side in the horizon has q = 0: it contributes to the value only. And where a side ends in the horizon at a + t (b - a), P
+/// does not depend on t, since cosθ = 0 there. The ends may therefore be held at fixed t, which avoids a quotient of two heights
 /// that vanish together.
 pub fn projected_solid_angle_gradient(point: DVec3, normal: DVec3, corners: [DVec3; 3]) -> Polygon {
     let corner = corners.map(|c| c - point);
@@ -39,7 +39,7 @@ pub fn projected_solid_angle_gradient(point: DVec3, normal: DVec3, corners: [DVe
         if !above_a && !above_b {
             continue;
         }
-        // Where the side begins and ends, in shares of the way from one corner to the next.
+        // Where the clipped side begins and ends, from 0 at one corner to 1 at the next.
         let (mut begin, mut end) = (0.0, 1.0);
         if above_a != above_b {
             let t = height[k] / (height[k] - height[next]);
@@ -72,8 +72,9 @@ pub fn projected_solid_angle_gradient(point: DVec3, normal: DVec3, corners: [DVe
 struct Side {
     /// θ u.
     vector: DVec3,
-    /// Derivatives of θ u·n with respect to the ends, without the terms that cancel.
+    /// Derivative of θ u·n with respect to a, without the terms that cancel.
     at_a: DVec3,
+    /// The same with respect to b.
     at_b: DVec3,
 }
 
@@ -82,7 +83,7 @@ impl Side {
         let cross = a.cross(b);
         let sine = cross.length();
         if sine <= 1e-12 * (a.length_squared() + b.length_squared()) {
-            // The origin is on the side, or the side has no length: it bounds no solid angle of its own.
+            // The point is on the side, or the side has no length: it bounds no solid angle.
             return Self::default();
         }
         let phi = sine.atan2(a.dot(b)) / sine;
@@ -105,8 +106,8 @@ mod tests {
         vector + step * DVec3::AXES[axis]
     }
 
-    /// Triangles above the horizon, across it with one or two corners, and just touching it; steps of 1e-6, at which
-    /// the error of the central differences is below 1e-9 of slopes up to 14.
+    /// Triangles above the horizon, across it with one or two corners, and just touching it. Central differences with step 1e-6,
+    /// whose error is below 1e-9 for slopes up to 14.
     #[test]
     fn gradients_are_those_of_the_value() {
         let point = DVec3::new(0.2, -0.1, 0.3);

@@ -1,44 +1,43 @@
-//! What one end of a line of light reads from its bins, with the way back to the geometry.
+//! Interpolation of bins at one end of a line of light, with its derivative with respect to geometry.
 
 use super::frame::{FrameGradient, pull_local};
 use super::taps::TapSlopes;
 use crate::model::orthonormal_basis;
-use crate::reference::{Leaving, Model, State};
+use crate::reference::{Model, Outgoing, State};
 use glam::DVec3;
 
-/// RGB values interpolated between the four taps of a direction.
+/// RGB values interpolated between the four taps of a direction, differentiable.
 #[derive(Clone, Copy)]
 pub struct Reading {
     /// Σ weight · value.
     pub value: DVec3,
-    /// None where there are no bins.
+    /// The taps and the values of their bins; `None` where there are no bins.
     taps: Option<(TapSlopes, [DVec3; 4])>,
-    /// In the frame of the normal: the direction that is looked up.
+    /// The world direction that is looked up in the frame of the normal.
     direction: DVec3,
     normal: DVec3,
-    /// Of the direction of the line in that which is looked up.
+    /// 1 if the direction looked up is that of the line, -1 if it is the opposite.
     sign: f64,
 }
 
 impl Reading {
-    /// Radiance of source `i` that varies with `direction`, in which light travels, from its front or its back.
-    pub fn of_source(model: &Model, leaving: &Leaving, i: usize, direction: DVec3, front: bool) -> Self {
+    /// The directional part of the radiance of source `i` in `direction`, that of travel, from its front or its back.
+    pub fn of_source(model: &Model, outgoing: &Outgoing, i: usize, direction: DVec3, front: bool) -> Self {
         let class = model.classes[i];
         let normal = model.facets[i].normal;
         match model.bins_of(i) {
             Some(range) if front && class.glossy => {
-                Self::new(model, normal, direction, 1.0, |b| leaving.specular[range.start + b])
+                Self::new(model, normal, direction, 1.0, |b| outgoing.specular[range.start + b])
             }
-            // What leaves the back arrived at the front from the opposite direction.
+            // Antiradiance stems from light incident on the front from the opposite direction.
             Some(range) if !front && class.blocker => {
-                Self::new(model, normal, direction, -1.0, |b| -leaving.antiradiance[range.start + b])
+                Self::new(model, normal, direction, -1.0, |b| -outgoing.antiradiance[range.start + b])
             }
             _ => Self::none(),
         }
     }
 
-    /// What irradiance from the source is worth to receiver `j`, per bin: λ_A(b) / c_b. `direction` is that in which
-    /// light travels.
+    /// Importance of the bins of receiver `j`, λ_A(b) / c_b, for light that travels in `direction`.
     pub fn of_receiver(model: &Model, importance: &State, j: usize, direction: DVec3) -> Self {
         let normal = model.facets[j].normal;
         match model.bins_of(j) {
@@ -63,7 +62,7 @@ impl Reading {
         Self { value, taps: Some((taps, values)), direction, normal, sign }
     }
 
-    /// From the cotangent of the value to the gradients with respect to the line's direction and to the normal.
+    /// From the cotangent of the value to the gradients with respect to the line's direction and the normal.
     pub fn pull(&self, cotangent: DVec3) -> FrameGradient {
         let Some((taps, values)) = self.taps else {
             return FrameGradient { direction: DVec3::ZERO, normal: DVec3::ZERO };

@@ -1,21 +1,21 @@
-//! How the taps of a direction change as it turns.
+//! The derivatives of the taps with respect to their direction.
 
 use crate::model::{Bins, Cells};
 use crate::scene::{BinLayout, Weights};
 use glam::{DVec2, DVec3, Vec2Swizzles};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// Below this sine of the polar angle the azimuth is rounding, and its derivative counts as zero.
+/// Below this sine of the polar angle the azimuth is rounding noise, and its derivative counts as zero.
 const POLE: f64 = 1e-12;
 
-/// The taps of a direction together with their derivative with respect to it, as three free numbers in the frame of the
-/// triangle.
+/// The taps of a direction and their derivatives with respect to it, as unconstrained vectors in the frame of the triangle.
 #[derive(Clone, Copy, Debug)]
 pub struct TapSlopes {
     /// In the order of [`Bins::taps`].
     pub index: [usize; 4],
-    /// Weight of the second row, and of the second column.
+    /// Weight of the second row.
     row: f64,
+    /// Weight of the second column.
     column: f64,
     row_slope: DVec3,
     column_slope: DVec3,
@@ -51,7 +51,7 @@ impl TapSlopes {
     }
 }
 
-/// Of the weight with respect to the coordinate, in cells.
+/// Derivative of the weight with respect to the coordinate, per cell.
 fn shape_slope(weights: Weights, cells: Cells) -> f64 {
     let t = cells.fraction;
     match weights {
@@ -61,8 +61,8 @@ fn shape_slope(weights: Weights, cells: Cells) -> f64 {
     }
 }
 
-/// Gradients of the row (polar angle) and of the sector (azimuth), in cells. Below the horizon z is read as 0, and the
-/// polar angle does not change.
+/// Gradients of row (polar angle) and column (azimuth), in cells. Below the horizon z counts as 0, so that the polar angle is
+/// constant.
 fn equal_angle(direction: DVec3, theta: u32, phi: u32) -> (DVec3, DVec3) {
     let sine = direction.truncate().length();
     if sine <= POLE {
@@ -77,7 +77,8 @@ fn equal_angle(direction: DVec3, theta: u32, phi: u32) -> (DVec3, DVec3) {
     (polar * (f64::from(theta) / FRAC_PI_2), azimuth * (f64::from(phi) / TAU))
 }
 
-/// Gradients of v and of u of the square, in cells: through the disk point (x, y)/√(1+z), z read as 0 below the horizon.
+/// Gradients of v and u of the square, in cells: the concentric map (Shirley and Chiu 1997) of the disk point (x, y)/√(1+z), where
+/// z counts as 0 below the horizon.
 fn concentric(direction: DVec3, n: u32) -> (DVec3, DVec3) {
     let z = direction.z.max(0.0);
     let scale = 1.0 / (1.0 + z).sqrt();
@@ -125,10 +126,10 @@ mod tests {
         (bin as f64 * 1.7).sin()
     }
 
-    /// Along two tangents, at a step of 1e-6: the error of the central difference is 1e-9. Where a kink lies within a
-    /// step, half the step gives another slope, and the direction is passed over; few are.
+    /// Along two tangents, by central differences with step 1e-6, whose error is 1e-9. Where a kink lies within the step, half the
+    /// step gives another slope, and the direction is skipped; few are.
     #[test]
-    fn taps_turn_as_their_slopes_say() {
+    fn taps_match_their_slopes() {
         for bins in every_kind() {
             let read = |d: DVec3| bins.taps(d).iter().map(|&(b, w)| w * value_of(b)).sum::<f64>();
             let (mut compared, mut kinks) = (0, 0);

@@ -2,21 +2,21 @@
 
 use super::pair::pair_derivative;
 use crate::model::FacetGradient;
-use crate::reference::{Leaving, Model, State};
+use crate::reference::{Model, Outgoing, State};
 use rayon::prelude::*;
 
-/// The gradient of λ·U(leaving) with respect to every triangle, what leaves and λ (`importance`) held fixed. Which side
-/// of a source is seen, and whether a pair exchanges light at all, are no matters of degree and have no derivative.
+/// The gradient of λ·U(outgoing) with respect to every triangle, outgoing light and λ (`importance`) held fixed. The visible side
+/// of a source, and whether a pair exchanges light at all, are discrete and have no derivative.
 ///
-/// Every triangle is once the source and once the receiver of every other; its gradient is summed in one place, as on the
-/// device, where nothing may be added up across lanes.
-pub fn transport_derivative(model: &Model, leaving: &Leaving, importance: &State) -> Vec<FacetGradient> {
+/// Each triangle is both source and receiver of every other. Its gradient is one sum over both roles, as on the device, where no
+/// sum crosses lanes.
+pub fn transport_derivative(model: &Model, outgoing: &Outgoing, importance: &State) -> Vec<FacetGradient> {
     let count = model.facets.len();
     let gradient = |k: usize| {
         let mut sum = FacetGradient::default();
         for other in 0..count {
-            sum += pair_derivative(model, leaving, importance, k, other).source;
-            sum += pair_derivative(model, leaving, importance, other, k).receiver;
+            sum += pair_derivative(model, outgoing, importance, k, other).source;
+            sum += pair_derivative(model, outgoing, importance, other, k).receiver;
         }
         sum
     };

@@ -1,11 +1,11 @@
-//! Irradiance by Monte Carlo: paths with explicit sampling of lights, in f64, on the CPU.
+//! Irradiance by path tracing (Kajiya 1986) with next-event estimation, in f64 on the CPU.
 //!
-//! Light is sampled in two ways, from points of lights and along the path, weighted by the balance heuristic (Veach and
-//! Guibas 1995): either alone has no finite variance where lights touch receivers, or are small.
+//! Direct light is estimated from points on lights, sampled by area (Shirley, Wang and Zimmerman 1996), and along the path,
+//! combined by the balance heuristic (Veach and Guibas 1995): alone, the first has no finite variance where lights touch
+//! receivers, and the second a large one where lights are small.
 //!
-//! Shares no formula with the radiosity but the material's, and has visibility tests: what radiosity is measured against
-//! where there is neither a closed form nor anybody else's result. Kajiya, "The rendering equation" (1986); lights by area,
-//! Shirley, Wang and Zimmerman (1996).
+//! Shares only material formulas with the radiosity code, and tests visibility: the ground truth for scenes without a closed
+//! form or other reference data.
 
 mod rays;
 
@@ -16,30 +16,30 @@ use rayon::prelude::*;
 use rays::Rays;
 use std::f64::consts::{PI, TAU};
 
-/// Paths this long may end by chance, in proportion to what they still carry.
+/// Path length from which Russian roulette may end a path, with the throughput as the probability of survival.
 const ROULETTE_AFTER: u32 = 3;
-/// The end of every path: at albedo 0.99 they carry 1e-4 of the light by then.
+/// Largest path length: at albedo 0.99, paths carry 4e-5 of the light by then.
 const LONGEST: u32 = 1000;
 
 /// A mean and its standard error, RGB, W/m².
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Estimate {
-    /// Of all paths.
+pub struct MonteCarloEstimate {
+    /// Mean over all paths.
     pub mean: DVec3,
-    /// Its standard error.
+    /// Standard error of the mean.
     pub error: DVec3,
 }
 
-/// A scene to trace.
+/// A Monte Carlo renderer of irradiance.
 pub struct PathTracer<'a> {
     scene: &'a Scene,
     rays: Rays,
     normals: Vec<DVec3>,
     areas: Vec<f64>,
-    /// Triangles that emit, and the sum of the chances up to each.
+    /// Emitting triangles, with the cumulative probability of choosing each.
     lights: Vec<(usize, f64)>,
-    /// Of each triangle to be chosen, per area, 1/m².
-    chances: Vec<f64>,
+    /// Probability density of choosing a point on each triangle as that of a light, 1/m².
+    density: Vec<f64>,
 }
 
 /// A point on a triangle, uniform for uniform u, v.
@@ -56,18 +56,18 @@ fn cosine_direction(normal: DVec3, random: &mut Random) -> DVec3 {
     u.sqrt() * (azimuth.cos() * x + azimuth.sin() * y) + (1.0 - u).sqrt() * normal
 }
 
-/// The BRDF for light that arrives from `to_light` and leaves towards `to_eye`, 1/sr.
-fn brdf(material: &Material, normal: DVec3, to_light: DVec3, to_eye: DVec3) -> DVec3 {
+/// The BRDF for light incident from `incident` and reflected towards `outgoing`, 1/sr.
+fn brdf(material: &Material, normal: DVec3, incident: DVec3, outgoing: DVec3) -> DVec3 {
     let diffuse = DVec3::from(material.diffuse_albedo()) / PI;
     if !material.is_glossy() {
         return diffuse;
     }
-    let cosine = (to_light + to_eye).normalize_or_zero().dot(normal).max(0.0);
+    let cosine = (incident + outgoing).normalize_or_zero().dot(normal).max(0.0);
     diffuse + DVec3::from(material.specular) * material.specular_normalization() * cosine.powf(material.power)
 }
 
 impl<'a> PathTracer<'a> {
-    /// Sorts the triangles for finding what rays hit.
+    /// Builds the bounding volume hierarchy and the light distribution.
     pub fn new(scene: &'a Scene) -> Self {
         let vectors: Vec<DVec3> = (0..scene.triangles.len()).map(|i| scene.area_vector(i)).collect();
         let areas: Vec<f64> = vectors.iter().map(|v| v.length()).collect();
@@ -75,11 +75,11 @@ impl<'a> PathTracer<'a> {
         let total: f64 = (0..areas.len()).map(power).sum();
         let mut sum = 0.0;
         let mut lights = Vec::new();
-        let mut chances = vec![0.0; areas.len()];
+        let mut density = vec![0.0; areas.len()];
         for i in (0..areas.len()).filter(|&i| power(i) > 0.0) {
             sum += power(i) / total;
             lights.push((i, sum));
-            chances[i] = power(i) / total / areas[i];
+            density[i] = power(i) / total / areas[i];
         }
         Self {
             scene,
@@ -87,24 +87,24 @@ impl<'a> PathTracer<'a> {
             normals: vectors.iter().map(|v| v.normalize_or_zero()).collect(),
             areas,
             lights,
-            chances,
+            density,
         }
     }
 
-    /// The mean irradiance of each triangle, over `samples` paths from points spread over it.
-    pub fn irradiance(&self, samples: u32) -> Vec<Estimate> {
+    /// The mean irradiance of each triangle, W/m², from `samples` paths that start at stratified points on it.
+    pub fn irradiance(&self, samples: u32) -> Vec<MonteCarloEstimate> {
         (0..self.areas.len()).into_par_iter().map(|j| self.irradiance_of(j, samples)).collect()
     }
 
-    /// The same of one triangle.
-    pub fn irradiance_of(&self, triangle: usize, samples: u32) -> Estimate {
+    /// The same for one triangle.
+    pub fn irradiance_of(&self, triangle: usize, samples: u32) -> MonteCarloEstimate {
         if self.areas[triangle] <= 0.0 || self.lights.is_empty() || samples == 0 {
-            return Estimate::default();
+            return MonteCarloEstimate::default();
         }
-        // A stream for each triangle: results do not depend on the order of work.
+        // A random stream per triangle, so that results do not depend on the order of work.
         let mut random = Random::new((triangle as u64 + 1).wrapping_mul(0x2545_f491_4f6c_dd1d));
         let (mut sum, mut squares) = (DVec3::ZERO, DVec3::ZERO);
-        // Points in a grid of √n x √n cells, as far as it goes.
+        // Stratified in √n x √n cells; the remaining points are uniform.
         let side = f64::from(samples).sqrt().floor().max(1.0) as u32;
         for k in 0..samples {
             let (mut u, mut v) = (random.next(), random.next());
@@ -120,10 +120,10 @@ impl<'a> PathTracer<'a> {
         let n = f64::from(samples);
         let mean = sum / n;
         let variance = (squares / n - mean * mean).max(DVec3::ZERO) / (n - 1.0).max(1.0);
-        Estimate { mean, error: variance.map(f64::sqrt) }
+        MonteCarloEstimate { mean, error: variance.map(f64::sqrt) }
     }
 
-    /// One sample of the irradiance at a point: lights seen from it and from every point that the path visits.
+    /// One sample of the irradiance at a point: direct light there and at every vertex of a path.
     fn path(&self, triangle: usize, point: DVec3, random: &mut Random) -> DVec3 {
         let mut irradiance = self.direct(triangle, point, &|_| DVec3::ONE, random);
         // Directions with density cosθ/π: irradiance is π times the mean radiance.
@@ -134,19 +134,19 @@ impl<'a> PathTracer<'a> {
             let Some((hit, distance)) = self.rays.nearest(at, direction, from) else { break };
             let normal = self.normals[hit];
             if direction.dot(normal) >= 0.0 {
-                // The back: black.
+                // Backs are black.
                 break;
             }
             let material = self.scene.material(hit);
-            // Density of this direction per area of what was hit, beside that of choosing the point as one of a light.
+            // Balance heuristic: density of this direction per area at the hit, over the sum with that of sampling lights.
             let along =
                 self.normals[from].dot(direction) / PI * -direction.dot(normal) / (distance * distance);
-            let weight = along / (along + self.chances[hit]);
+            let weight = along / (along + self.density[hit]);
             irradiance += weight * throughput * DVec3::from(material.emission);
             at += distance * direction;
             from = hit;
-            let to_eye = -direction;
-            let reflected = |to_light: DVec3| brdf(material, normal, to_light, to_eye);
+            let outgoing = -direction;
+            let reflected = |incident: DVec3| brdf(material, normal, incident, outgoing);
             irradiance += throughput * self.direct(hit, at, &reflected, random);
             direction = cosine_direction(normal, random);
             throughput *= PI * reflected(direction);
@@ -161,7 +161,7 @@ impl<'a> PathTracer<'a> {
         irradiance
     }
 
-    /// Light of one random point of one random light, times `reflected` of the direction to it.
+    /// Light from one random point on one random light, times `reflected` of the direction to it.
     fn direct(
         &self,
         triangle: usize,
@@ -184,7 +184,7 @@ impl<'a> PathTracer<'a> {
             return DVec3::ZERO;
         }
         let geometry = here * there / (r2 * r2);
-        let density = self.chances[light] + geometry / PI;
+        let density = self.density[light] + geometry / PI;
         DVec3::from(self.scene.material(light).emission) * (geometry / density) * reflected(way / r2.sqrt())
     }
 }
@@ -201,7 +201,7 @@ mod tests {
             .extend([[0, 1, 2], [0, 2, 3]].map(|f| Triangle { vertices: f.map(|v| v + first), material }));
     }
 
-    /// A square over another one of side 1 at distance 1, and a blocker of side `hole` between them, if above 0.
+    /// Two parallel squares of side 1 at distance 1, and a square blocker of side `blocker` between them, if above 0.
     fn squares(blocker: f64) -> Scene {
         let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
         let square = |z: f64, s: f64, up: bool| {
@@ -223,7 +223,7 @@ mod tests {
         (0.5 * (found[0].mean + found[1].mean), 0.5 * (found[0].error + found[1].error))
     }
 
-    /// The form factor of equal parallel squares at the distance of their side is 0.199824895698.
+    /// The form factor of equal parallel squares whose distance is their side is 0.199824895698.
     #[test]
     fn parallel_squares() {
         let (mean, error) = on_floor(&squares(0.0));
@@ -232,7 +232,7 @@ mod tests {
         assert!(error.x <= 0.01 * truth.x && error.x > 0.0);
     }
 
-    /// A blocker as large as both squares lets light pass only around it; larger, none at all.
+    /// A smaller blocker lets light pass only around it; one slightly larger than the squares, none at all.
     #[test]
     fn a_blocker_blocks() {
         let (some, _) = on_floor(&squares(0.6));
@@ -240,7 +240,7 @@ mod tests {
         assert_eq!(on_floor(&squares(1.001)).0, DVec3::ZERO);
     }
 
-    /// In a closed room where all emits and reflects alike, B = π L / (1 - ρ) everywhere.
+    /// In a closed room of uniform emission and albedo, B = π L / (1 - ρ) everywhere.
     #[test]
     fn a_furnace() {
         let (vertices, faces) = crate::scene::Shape::Room { cells: 1 }.mesh();
@@ -259,6 +259,6 @@ mod tests {
     fn darkness_is_dark() {
         let mut scene = squares(0.0);
         scene.materials[1].emission = [0.0; 3];
-        assert!(PathTracer::new(&scene).irradiance(4).iter().all(|e| *e == Estimate::default()));
+        assert!(PathTracer::new(&scene).irradiance(4).iter().all(|e| *e == MonteCarloEstimate::default()));
     }
 }

@@ -1,31 +1,33 @@
-//! Rays against triangles, through a hierarchy of boxes.
+//! Ray casting against triangles with a bounding volume hierarchy.
 //!
-//! The crate `bvh` (0.11, the last one for Rust 1.85) finds the same hits in 0.7 of the time in a room of 2400 triangles,
-//! but takes 1.3 times as long in one of 60 000 and 1.6 times among 20 000 scattered ones, as it cannot leave out boxes
-//! behind the nearest hit so far; and it brings thirteen crates, a second `rand` among them.
+//! The crate `bvh` (0.11, the last for Rust 1.85) finds the same hits in 0.7 of the time in a room of 2400 triangles, but takes
+//! 1.3 times as long in one of 60 000 and 1.6 times among 20 000 scattered ones, as it does not cull boxes behind the nearest hit
+//! so far; and it brings thirteen crates, a second `rand` among them.
 
 use crate::scene::Scene;
 use glam::DVec3;
 
 /// Triangles in a leaf.
 const LEAF: usize = 4;
-/// Hits closer than this share of the scene are where the ray starts; and before its end, where it ends.
-const NOTHING: f64 = 1e-9;
+/// Hits closer than this share of the scene's diagonal to either end of a ray count as its ends.
+const EPSILON: f64 = 1e-9;
 
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// Of a leaf: the range of `order`; else the second child, the first one being the next node.
+    /// In a leaf, the start of its range of `order`; otherwise the second child, the first being the next node.
     first: u32,
+    /// Triangles of a leaf; 0 in inner nodes.
     count: u32,
 }
 
-/// The triangles of a scene, sorted for rays. Triangles without area are left out.
+/// A bounding volume hierarchy of the triangles of a scene, except those without area.
 pub struct Rays {
     nodes: Vec<Node>,
     order: Vec<u32>,
     corners: Vec<[DVec3; 3]>,
-    nothing: f64,
+    /// [`EPSILON`] of the scene, m.
+    epsilon: f64,
 }
 
 impl Rays {
@@ -38,10 +40,10 @@ impl Rays {
             build(&corners, &mut order, 0, &mut nodes);
         }
         let size = nodes.first().map_or(1.0, |root: &Node| (root.high - root.low).length());
-        Self { nodes, order, corners, nothing: NOTHING * size }
+        Self { nodes, order, corners, epsilon: EPSILON * size }
     }
 
-    /// The nearest triangle along a unit direction and its distance; not `from`, where the ray starts.
+    /// The nearest triangle along a unit direction and its distance, m; never `from`, where the ray starts.
     pub fn nearest(&self, origin: DVec3, direction: DVec3, from: usize) -> Option<(usize, f64)> {
         let mut best: Option<(usize, f64)> = None;
         self.visit(origin, direction, &mut |triangle, limit| {
@@ -57,16 +59,17 @@ impl Rays {
         best
     }
 
-    /// Whether anything but two triangles, front or back, lies between two points.
-    pub fn blocked(&self, from: DVec3, to: DVec3, but: [usize; 2]) -> bool {
+    /// Whether any triangle but two, front or back, lies between two points.
+    pub fn blocked(&self, from: DVec3, to: DVec3, except: [usize; 2]) -> bool {
         let length = from.distance(to);
         let direction = (to - from) / length;
         let mut found = false;
         self.visit(from, direction, &mut |triangle, limit| {
-            let distance = if but.contains(&triangle) { None } else { self.hit(triangle, from, direction) };
-            if distance.is_some_and(|distance| distance < length - self.nothing) {
+            let distance =
+                if except.contains(&triangle) { None } else { self.hit(triangle, from, direction) };
+            if distance.is_some_and(|distance| distance < length - self.epsilon) {
                 found = true;
-                // Nothing that is nearer is of interest.
+                // No other hit matters.
                 return 0.0;
             }
             limit.min(length)
@@ -74,7 +77,7 @@ impl Rays {
         found
     }
 
-    /// Calls with every triangle whose leaf lies on the ray, nearer than what the latest call gave back.
+    /// Calls `call` with every triangle of the leaves that the ray meets within the limit that the last call returned.
     fn visit(&self, origin: DVec3, direction: DVec3, call: &mut dyn FnMut(usize, f64) -> f64) {
         let inverse = direction.recip();
         let mut limit = f64::INFINITY;
@@ -113,16 +116,16 @@ impl Rays {
         let q = s.cross(ab);
         let v = direction.dot(q) / determinant;
         let distance = ac.dot(q) / determinant;
-        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > self.nothing).then_some(distance)
+        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > self.epsilon).then_some(distance)
     }
 }
 
-/// Cuts triangles in half by their middles along the longest side of the box of those, node by node.
+/// Builds the hierarchy by median splits of the centroids along the longest side of their bounds.
 fn build(corners: &[[DVec3; 3]], order: &mut [u32], first: usize, nodes: &mut Vec<Node>) {
     let points = order.iter().flat_map(|&i| corners[i as usize]);
     let (low, high) =
         points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
-    // Flat boxes must have an inside for rays.
+    // Flat boxes need some thickness for rays.
     let grown = 1e-12 * (high - low).length().max(f64::MIN_POSITIVE);
     let index = nodes.len();
     let leaf = order.len() <= LEAF;
@@ -131,15 +134,15 @@ fn build(corners: &[[DVec3; 3]], order: &mut [u32], first: usize, nodes: &mut Ve
     if leaf {
         return;
     }
-    let middle = |i: u32| corners[i as usize].iter().sum::<DVec3>() / 3.0;
+    let centroid = |i: u32| corners[i as usize].iter().sum::<DVec3>() / 3.0;
     let (low, high) = order
         .iter()
-        .map(|&i| middle(i))
+        .map(|&i| centroid(i))
         .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
     let sides = high - low;
     let axis = (0..3).max_by(|&a, &b| sides[a].total_cmp(&sides[b])).unwrap_or(0);
     let half = order.len() / 2;
-    order.select_nth_unstable_by(half, |&a, &b| middle(a)[axis].total_cmp(&middle(b)[axis]));
+    order.select_nth_unstable_by(half, |&a, &b| centroid(a)[axis].total_cmp(&centroid(b)[axis]));
     let (left, right) = order.split_at_mut(half);
     build(corners, left, first, nodes);
     nodes[index].first = nodes.len() as u32;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// A job file.
 pub struct Found {
     pub path: PathBuf,
-    /// The file's name without its ending: what its folder of results is called.
+    /// The file's name without its extension: the name of its folder of results.
     pub name: String,
 }
 
@@ -30,9 +30,7 @@ pub fn find(paths: &[PathBuf]) -> Result<Vec<Found>, Failure> {
         inside.retain(|path| is_job(path));
         inside.sort();
         if inside.is_empty() {
-            return Err(refuse(
-                "no job file in it; a job is a .toml that says which scene to fit".to_owned(),
-            ));
+            return Err(refuse("no job file in it; a job is a .toml that names a scene to fit".to_owned()));
         }
         files.append(&mut inside);
     }
@@ -53,12 +51,12 @@ pub fn find(paths: &[PathBuf]) -> Result<Vec<Found>, Failure> {
     Ok(found)
 }
 
-/// Scene files lie beside job files. What is no scene counts as a job, so that it is complained of: a file that is empty
-/// or no TOML at all, a link to nowhere.
+/// Scene files lie beside job files. Any other file counts as a job, so that its errors are reported: one that is empty
+/// or not TOML, a dangling link.
 fn is_job(path: &Path) -> bool {
     let toml = !path.is_dir() && path.extension().is_some_and(|end| end.eq_ignore_ascii_case("toml"));
     let says = || std::fs::read_to_string(path).ok()?.parse::<toml::Table>().ok();
-    // A pipe would not end.
+    // Reading a pipe might never end.
     toml && match path.is_file().then(says).flatten() {
         Some(table) => table.is_empty() || KEYS.iter().any(|key| table.contains_key(*key)),
         None => true,

@@ -1,8 +1,8 @@
-//! How a fit tells of its progress, on standard error.
+//! The progress of fits, on standard error.
 
 use super::summary::{Row, Status};
 use super::{bytes, quantities};
-use antirad::fit::{Estimate, JobFile, Record};
+use antirad::fit::{CostEstimate, JobFile, Record};
 use antirad::gpu::Device;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
@@ -27,7 +27,7 @@ impl Log {
         }
     }
 
-    pub fn begin(&self, file: &JobFile, device: &Device, estimate: &Estimate) {
+    pub fn begin(&self, file: &JobFile, device: &Device, estimate: &CostEstimate) {
         let (job, problem) = (&file.job, file.job.problem());
         let (unknowns, views) = (problem.parameters.len(), problem.targets.len());
         let seconds = estimate.seconds;
@@ -56,14 +56,14 @@ impl Log {
         }
     }
 
-    /// For the iterations of a job, of which there are `most`.
+    /// For the iterations of a job, at most `most`.
     pub fn job(&self, name: &str, most: u32) -> JobLog<'_> {
         let bar = if self.terminal && !self.json && !self.quiet {
             ProgressBar::new(most.into())
         } else {
             ProgressBar::hidden()
         };
-        let template = "{prefix} [{bar:24}] {pos} of at most {len}, {msg}, {elapsed} gone, {eta} left";
+        let template = "{prefix} [{bar:24}] {pos} of at most {len}, {msg}, {elapsed} elapsed, {eta} left";
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style.progress_chars("=> "));
         }
@@ -86,7 +86,7 @@ impl Log {
             return;
         }
         match row.status {
-            // Errors are told even to those who want no other word.
+            // Errors are printed even with --quiet.
             Status::Failed => eprintln!("antirad: {}: {}", row.job, row.message),
             Status::Interrupted => eprintln!(
                 "antirad: {}: interrupted after iteration {}; --resume goes on from there",

@@ -21,36 +21,39 @@ use std::sync::Arc;
 use summary::{Row, Status};
 
 #[derive(Args)]
+#[command(after_help = "Examples:
+  antirad fit scenes/fits/cornell.toml --output out/fits
+  antirad fit jobs/ --output out/fits --resume")]
 pub struct Arguments {
-    /// Job files, or folders whose job files (*.toml that name a scene to fit) are all run
+    /// Job files (*.toml that name a scene to fit), or folders of them
     #[arg(required = true, value_name = "JOB.toml|DIR")]
     jobs: Vec<PathBuf>,
-    /// Each job writes into a folder of its name in here
+    /// Folder for the results; each job writes into a subfolder of its name
     #[arg(long, short, value_name = "DIR", default_value = "out")]
     output: PathBuf,
-    /// Go on from the checkpoints that are there; jobs that are done are left alone
+    /// Continue from existing checkpoints; finished jobs are skipped
     #[arg(long)]
     resume: bool,
-    /// Start over where there are checkpoints, and discard them
+    /// Discard existing checkpoints and start over
     #[arg(long, conflicts_with = "resume")]
     restart: bool,
-    /// Try the other jobs even after a failure that they are likely to share: a full disk, a lost device
+    /// Run the other jobs even after a failure that they are likely to share: a full disk, a lost device
     #[arg(long)]
     keep_going: bool,
-    /// Device memory to use at most, e.g. 512MiB [default: what the device has]
+    /// Limit of device memory, e.g. 512MiB [default: what the device has]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     memory_budget: Option<u64>,
     /// Vulkan device, by its number or a part of its name (see `antirad devices`) [env: ANTIRAD_DEVICE]
     #[arg(long, value_name = "INDEX|NAME")]
     device: Option<String>,
-    /// How progress is told on standard error
+    /// Format of progress on standard error
     #[arg(long, value_enum, default_value_t = LogFormat::Text)]
     log_format: LogFormat,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum LogFormat {
-    /// A bar on a terminal, else a line per iteration
+    /// A progress bar on a terminal, else a line per iteration
     Text,
     /// A JSON object per line
     Json,
@@ -77,7 +80,7 @@ impl Arguments {
 pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrupt) -> Result<(), Failure> {
     let jobs = batch::find(&arguments.jobs)?;
     prepare_directory(&arguments.output)?;
-    // What no job could do without, before any of them is blamed for it.
+    // Without a device no job can run: fail here rather than in each of them.
     drop(Device::new(&arguments.device_options())?);
     let log = Log::new(arguments.json(), quiet, verbose);
     let mut rows: Vec<Row> = Vec::new();
@@ -93,7 +96,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         log.ended(&row);
         rows.push(row);
         if jobs.len() > 1 {
-            // After every job: whoever kills the batch finds what was done.
+            // After every job, so that a killed batch leaves a summary too.
             summary::write(&arguments.output, &rows)?;
         }
     }
@@ -109,8 +112,8 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     }
 }
 
-/// Runs a job so that nothing it does, not even a defect of the program, stops the others. The second value: whether
-/// the others are likely to fail alike.
+/// Runs a job such that no failure, not even a panic, stops the others. The second value: whether the others are likely
+/// to fail for the same reason.
 fn run_guarded(arguments: &Arguments, job: &batch::Found, log: &Log, interrupt: &Interrupt) -> (Row, bool) {
     let attempt = std::panic::AssertUnwindSafe(|| run_job(arguments, job, log, interrupt));
     match std::panic::catch_unwind(attempt) {
@@ -121,13 +124,13 @@ fn run_guarded(arguments: &Arguments, job: &batch::Found, log: &Log, interrupt: 
         Ok(Err(error)) => {
             let shared = match &error {
                 FitError::Write(_) | FitError::Lock(LockError::Write(_)) => true,
-                FitError::Render(RenderError::Failed(cause)) => cause.to_string().contains("device lost"),
+                FitError::Render(error) => error.is_device_lost(),
                 _ => false,
             };
             (Row { message: error.to_string(), ..Row::new(&job.name, Status::Failed) }, shared)
         }
         Err(_) => {
-            let message = String::from("a defect of antirad, see the message above; please report it");
+            let message = String::from("a bug in antirad, see the message above; please report it");
             (Row { message, ..Row::new(&job.name, Status::Failed) }, false)
         }
     }
@@ -164,18 +167,18 @@ fn run_job(
     }
 
     let failed = |error: antirad::gpu::GpuError| FitError::Render(RenderError::Failed(Box::new(error)));
-    // One for each job: what it does to a device ends with it.
+    // One per job: if the job loses its device, the next one is not affected.
     let device = Device::new(&arguments.device_options()).map_err(failed)?;
     let asked = interrupt.clone();
     let watch: Watch = Arc::new(move || asked.flow());
     let problem = file.job.problem();
     let cameras: Vec<Camera> = problem.targets.iter().map(|target| target.camera.clone()).collect();
-    let (planning, wanted) = (problem.parameters.planning_scene(), problem.parameters.wanted());
+    let (planning, gradients) = (problem.parameters.planning_scene(), problem.parameters.wanted());
     let supersample = file.job.settings().supersample;
-    let mut renderer = EngineRenderer::new(&device, planning, cameras, supersample, wanted, watch)?;
-    // Before anything takes memory: a job that does not fit is refused with the number of bytes that would do.
+    let mut renderer = EngineRenderer::new(&device, planning, cameras, supersample, gradients, watch)?;
+    // Before anything is allocated: a job that does not fit is refused with the number of bytes that it needs.
     let (estimate, host_bytes) = file.job.estimate(&mut renderer)?;
-    // What is fitted although no view shows it.
+    // Parameters that are fitted although no view shows them.
     for unseen in problem.parameters.unseen(&renderer.seen()?) {
         let unseen = unseen.to_string();
         tracing::warn!("{}: {unseen}", found.name);
@@ -224,7 +227,7 @@ fn more(device: &Device) -> serde_json::Value {
     })
 }
 
-/// Values that are printed at most; the rest is in the files.
+/// Maximum number of values printed; the rest is in the files.
 const PRINTED: usize = 24;
 
 fn print(name: &str, outcome: &Outcome, picture_error: f64, directory: &Path) {
@@ -253,7 +256,7 @@ fn print(name: &str, outcome: &Outcome, picture_error: f64, directory: &Path) {
     println!("  written     {}", directory.display());
 }
 
-/// What is fitted, for one line.
+/// The fitted quantities, in one line.
 fn quantities(file: &JobFile) -> String {
     let mut words: Vec<&str> = file.job.settings().fits.iter().map(|fit| fit.quantity.word()).collect();
     words.sort_unstable();

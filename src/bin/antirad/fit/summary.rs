@@ -1,4 +1,4 @@
-//! What became of each job of a batch.
+//! The outcome of each job of a batch.
 
 use antirad::fit::Record;
 use antirad::output::{OutputError, atomic_write};
@@ -42,9 +42,9 @@ pub struct Row {
     /// Relative L2 difference of the fitted pictures from their targets.
     pub picture_error: Option<f64>,
     pub seconds: Option<f64>,
-    /// Why it ended.
+    /// Why the fit ended.
     pub stop: Option<&'static str>,
-    /// What went wrong.
+    /// The error, if it failed.
     pub message: String,
 }
 

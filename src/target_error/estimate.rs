@@ -1,4 +1,4 @@
-//! How far off an answer may be, from the answer itself and one of other settings.
+//! Error estimates of an answer, from the answer itself and a comparison solve with other settings.
 
 use super::Answer;
 use super::pictures::Visible;
@@ -7,51 +7,54 @@ use glam::DVec3;
 use serde::Serialize;
 use std::fmt;
 
-/// Estimated errors of an answer, on the triangles that were solved.
+/// Estimated errors of an answer on the triangles of the solved scene, as fractions.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Estimate {
-    /// The largest of irradiance and pictures.
+pub struct ErrorEstimate {
+    /// The largest of those of irradiance and pictures.
     pub total: f64,
+    /// Error of the irradiance.
     pub irradiance: IrradianceEstimate,
-    /// One per camera.
+    /// Errors of the pictures, one per camera.
     pub pictures: Vec<PictureEstimate>,
 }
 
-/// Of the means over triangles: relative L2, weighted with area.
+/// Error of the mean irradiance of triangles: relative L2, area-weighted.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct IrradianceEstimate {
-    /// Root of the sum of squares of `compared`, `mesh` and `residual`, which have different causes; at least `balance`.
+    /// Root of the sum of squares of `compared`, `mesh` and `residual`, whose causes are independent; at least `balance`.
     pub total: f64,
-    /// Difference from a solve with other bins and a smaller near field, times what errors were over such differences in
-    /// scenes whose answer is known.
+    /// Difference from a solve with other bins and a smaller near field, times the ratio of error to such a difference in
+    /// scenes of known solution.
     pub compared: f64,
-    /// A quarter of how far triangles are off the mean of their coplanar neighbours: what the mean over a triangle
-    /// differs from the value at its centroid.
+    /// A quarter of the deviation of triangles from the mean of their coplanar neighbours: an estimate of the difference
+    /// between the mean over a triangle and the value at its centroid.
     pub mesh: f64,
     /// The residual over 1 - spectral radius.
     pub residual: f64,
-    /// What is emitted and not absorbed, of all that is emitted, if the scene is closed, so that it should be nothing.
+    /// Share of the emitted power that is not absorbed; zero in an exact solution. Closed scenes only.
     pub balance: Option<f64>,
 }
 
-/// Of the picture of a camera with one colour a triangle: relative L2 over its pixels, of reflected light alone, since a lamp
+/// Error of a camera's picture with one colour per triangle: relative L2 over its pixels. Reflected light only, since a lamp
 /// in view is exact and would outshine every error.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PictureEstimate {
+    /// Name of the camera.
     pub camera: String,
     /// Root of the sum of squares of the parts.
     pub total: f64,
-    /// As for irradiance.
+    /// As [`IrradianceEstimate::compared`].
     pub compared: f64,
-    /// What light varies within triangles, from the differences between coplanar neighbours of one material: edges of shadows
-    /// that one colour a triangle does not show.
+    /// Variation of light within triangles, from the differences between coplanar neighbours of one material: shadow edges,
+    /// for example, that one colour per triangle does not show.
     pub within: f64,
-    /// As for irradiance.
+    /// As [`IrradianceEstimate::residual`].
     pub residual: f64,
 }
 
-impl Estimate {
-    /// `own` is the answer, `other` that of the comparison solve; `ratio`: see [`IrradianceEstimate::compared`].
+impl ErrorEstimate {
+    /// `own` is the answer, `other` that of the comparison solve; `ratio` of error to difference: see
+    /// [`IrradianceEstimate::compared`].
     pub(super) fn new(scene: &Scene, own: &Answer, other: &Answer, ratio: f64, visible: &[Visible]) -> Self {
         let surface = Surface::new(scene);
         let left = 1.0 - own.info.spectral_radius.unwrap_or(0.0).clamp(0.0, 0.999);
@@ -118,7 +121,7 @@ impl PictureEstimate {
     }
 }
 
-impl fmt::Display for Estimate {
+impl fmt::Display for ErrorEstimate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let IrradianceEstimate { total, compared, mesh, residual, balance } = self.irradiance;
         let percent = |share: f64| format!("{:.2} %", 100.0 * share);
@@ -159,13 +162,13 @@ fn norm(weights: &[f64], of: &dyn Fn(usize) -> DVec3) -> f64 {
     weights.iter().enumerate().map(|(i, weight)| weight * of(i).length_squared()).sum::<f64>().sqrt()
 }
 
-/// What is in darkness has no relative error.
+/// Relative to `all`; zero where there is no light.
 fn relative_to(all: f64) -> impl Fn(f64) -> f64 {
     move |error| if all > 0.0 { error / all } else { 0.0 }
 }
 
-/// Whether no light can leave: all edges are shared by triangles that run them both ways, and the fronts enclose something.
-/// A box that stands on a floor without a bottom of its own makes a room look open, which costs the check, no more.
+/// Whether no light can escape: the triangles at each edge traverse it equally often in both directions, and the fronts enclose
+/// a volume. A box without a bottom on the floor makes a room look open, which only costs the energy check.
 fn is_closed(scene: &Scene) -> bool {
     let volume = |triangle: usize| {
         let [a, b, c] = scene.corners(triangle);
@@ -177,16 +180,16 @@ fn is_closed(scene: &Scene) -> bool {
     volume < 0.0 && edges.iter().all(|edge| edge.balance() == 0)
 }
 
-/// Normals of neighbours that are closer than this count as one surface.
+/// Neighbours whose normals have a cosine above this are coplanar.
 const COPLANAR: f64 = 0.999;
 
-/// Areas, and which triangles go on in which.
+/// Areas and coplanar neighbours of triangles.
 struct Surface {
     /// m².
     areas: Vec<f64>,
-    /// Coplanar ones across an edge.
+    /// Coplanar triangles across an edge, per triangle.
     neighbours: Vec<Vec<u32>>,
-    /// Per triangle.
+    /// Index per triangle.
     materials: Vec<u32>,
 }
 
@@ -207,11 +210,11 @@ impl Surface {
         Self { areas, neighbours, materials }
     }
 
-    /// (mean of the neighbours - own value) / 4. For light that is smooth within an equilateral triangle of side s, its mean is
-    /// off the value at the centroid by s²/48 ∇²E, and the mean of the three neighbours by s²/12 ∇²E.
+    /// (mean of the neighbours - own value) / 4. For smooth E on equilateral triangles of side s, the mean over a triangle
+    /// differs from the value at its centroid by s²/48 ∇²E, and the mean of the three neighbours by s²/12 ∇²E.
     fn off_neighbours(&self, values: &[DVec3], triangle: usize) -> DVec3 {
         match self.neighbours[triangle].as_slice() {
-            // At the rim a slope would look like a bend.
+            // At a border a slope would look like curvature.
             list if list.len() == 3 => {
                 let sum: DVec3 = list.iter().map(|&j| values[j as usize]).sum();
                 0.25 * (sum / 3.0 - values[triangle])
@@ -220,10 +223,10 @@ impl Surface {
         }
     }
 
-    /// Root of the mean squared deviation of light within a triangle from its mean, by the differences to its neighbours. For
-    /// light with slope g within equilateral triangles of side s it is g²s²/24, a quarter of the mean squared difference: their
-    /// centroids are s/√3 apart, in three directions. Along the edge of a shadow a quarter says 1/8 of the squared step where
-    /// 1/6 is true. A third is right there, and too much by a sixth for the slope.
+    /// Estimates the standard deviation of light within a triangle from the differences to its neighbours. For a slope g on
+    /// equilateral triangles of side s, the variance is g²s²/24, a quarter of the mean squared difference, since centroids are
+    /// s/√3 apart in three directions. Along a shadow edge a quarter gives 1/8 of the squared step where 1/6 is true. We take a
+    /// third, which is right there and overestimates the deviation of a slope by a sixth.
     fn within(&self, values: &[DVec3], triangle: usize) -> DVec3 {
         let of_one_material = |&&j: &&u32| self.materials[j as usize] == self.materials[triangle];
         let (mut squares, mut count) = (DVec3::ZERO, 0.0);
@@ -261,9 +264,10 @@ mod tests {
         assert!(!is_closed(&scene(Shape::Quad { cells: 3 })));
     }
 
-    /// E = x² over a square of n x n cells: the mean over a triangle with legs h is h²/18 off the value at its centroid.
+    /// E = x² over a square of n x n cells: the mean over a triangle with legs h differs from the value at its centroid by
+    /// h²/18.
     #[test]
-    fn neighbours_say_what_the_mean_over_a_triangle_is() {
+    fn neighbours_estimate_the_mean_over_a_triangle() {
         for cells in [8, 32] {
             let scene = scene(Shape::Quad { cells });
             let (surface, values) = (Surface::new(&scene), centroids(&scene, |x| x * x));
@@ -276,7 +280,7 @@ mod tests {
 
     /// E = x: the mean squared deviation within a right triangle with legs h is h²/18, a quarter of the mean squared difference.
     #[test]
-    fn neighbours_say_how_light_varies_within_a_triangle() {
+    fn neighbours_estimate_the_variation_within_a_triangle() {
         for cells in [8, 32] {
             let scene = scene(Shape::Quad { cells });
             let surface = Surface::new(&scene);
@@ -285,14 +289,14 @@ mod tests {
             let exact = 1.0 / (f64::from(cells) * 18f64.sqrt());
             let expected = exact * (4.0f64 / 3.0).sqrt();
             println!("{cells} cells, slope: {slope:.2e}, exact {exact:.2e}");
-            // Less the rim, where neighbours are missing.
+            // Up to the border, where neighbours are missing.
             assert!((slope / expected - 1.0).abs() <= 0.5 / f64::from(cells), "{slope} {expected}");
         }
     }
 
-    /// Steps of albedo are no light that varies within a triangle.
+    /// A step of albedo is not a variation within a triangle.
     #[test]
-    fn borders_of_materials_are_no_shadows() {
+    fn material_borders_are_not_shadows() {
         let (black, white) = (Material::named("black"), Material::named("white"));
         let mut scene = scene(Shape::Quad { cells: 2 });
         scene.materials = vec![black, white];

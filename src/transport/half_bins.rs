@@ -1,4 +1,4 @@
-//! Bins of sources in half the bits, for [`Precision::Packed`](crate::scene::Precision::Packed).
+//! Bins of sources as bfloat16, for [`Precision::HalfBins`](crate::scene::Precision::HalfBins).
 
 use super::{Context, WORKGROUP};
 use crate::gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
@@ -14,21 +14,21 @@ pub struct PackPush {
     pub first: u32,
 }
 
-/// Makes packed copies of the bins of the sources of one dispatch, which are all that is packed at a time.
-pub struct Packing {
+/// Converts the bins of the sources of one dispatch to half bins; no others are held.
+pub struct HalfBins {
     kernel: Pipeline,
     antiradiance: Option<Buffer>,
     specular: Option<Buffer>,
 }
 
-impl Packing {
-    /// None where the plan packs nothing.
+impl HalfBins {
+    /// `None` if the plan has no half bins.
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
-        if !plan.packs() {
+        if !plan.half_bins() {
             return Ok(None);
         }
-        let any = |wanted: fn(&Group) -> bool| plan.layout.groups.iter().any(wanted);
-        let buffer = || Buffer::new(device, "packed bins", plan.packed_bytes(), BufferKind::Storage);
+        let any = |test: fn(&Group) -> bool| plan.layout.groups.iter().any(test);
+        let buffer = || Buffer::new(device, "half bins", plan.half_bin_bytes(), BufferKind::Storage);
         let constants = [&[(0, WORKGROUP)][..], &super::bin_constants(plan)].concat();
         let push = size_of::<PackPush>() as u32;
         Ok(Some(Self {
@@ -38,8 +38,8 @@ impl Packing {
         }))
     }
 
-    /// Packed copies of the bins of `part`, whose pages start with those of `first_slot`: of its antiradiance, if there is
-    /// some, and its specular radiance.
+    /// Half bins of `part`, whose pages start at `first_slot`: of its antiradiance, if any, and its specular
+    /// radiance.
     pub fn run<'a>(
         &'a self,
         context: &'a Context,
@@ -60,6 +60,6 @@ impl Packing {
             batch.dispatch(&self.kernel, "bins", &[*from, to.whole()], bytes_of(&push), groups)?;
         }
         batch.submit()?;
-        Ok([antiradiance, specular].map(|packed| packed.map_or(none, |(_, to)| to.whole())))
+        Ok([antiradiance, specular].map(|halved| halved.map_or(none, |(_, to)| to.whole())))
     }
 }

@@ -1,17 +1,18 @@
-//! Which triangles the pictures of a scene show.
+//! The visible triangles of each camera.
 
 use crate::gpu::Device;
 use crate::image::{ImageError, Rasterizer};
 use crate::scene::{Camera, Scene};
 use glam::DVec3;
 
-/// What a camera sees of a scene. Index = triangle.
+/// The triangles of a scene that a camera sees, by index.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Visible {
+    /// Name of the camera.
     pub camera: String,
-    /// Pixels whose middle shows it.
+    /// Number of pixels at whose centre the triangle is visible.
     pub samples: Vec<f64>,
-    /// Whether the camera is on the side of its front.
+    /// Whether the camera is in front of the triangle.
     pub fronts: Vec<bool>,
 }
 
@@ -23,7 +24,7 @@ impl Visible {
         let visible = |camera: &Camera| {
             let mut samples = vec![0.0; triangles];
             for face in rasterizer.visible_samples(scene, camera, 1)? {
-                // Where there is none, its number is beyond all.
+                // The background has a number beyond all triangles.
                 if let Some(count) = samples.get_mut(face as usize) {
                     *count += 1.0;
                 }

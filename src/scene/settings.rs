@@ -13,9 +13,17 @@ use super::SceneError;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BinLayout {
     /// `theta` rows of equal polar angle times `phi` sectors of equal azimuth.
-    EqualAngle { theta: u32, phi: u32 },
+    EqualAngle {
+        /// Rows from the normal to the plane.
+        theta: u32,
+        /// Sectors around the normal.
+        phi: u32,
+    },
     /// An `n` x `n` grid on the equal-area concentric map of the hemisphere onto a square, `n` even.
-    Concentric { n: u32 },
+    Concentric {
+        /// Cells along each side of the square.
+        n: u32,
+    },
 }
 
 impl BinLayout {
@@ -91,7 +99,9 @@ pub enum SolverChoice {
     /// GMRES where its basis fits the memory budget, else the fixed point.
     #[default]
     Auto,
+    /// A bounce per pass.
     FixedPoint,
+    /// Restarted GMRES, with the longest basis that fits.
     Gmres,
 }
 
@@ -105,7 +115,8 @@ pub enum Precision {
     /// Single precision, but of sources far away radiance per bin is read in half the bits, with a relative error of up to
     /// 2⁻⁸ a bin. A pass is faster where there are blockers, but for tolerances below 1e-3 GMRES may need more
     /// passes. Scenes without colour, close pairs and gradients take f32.
-    Packed,
+    #[serde(alias = "packed")]
+    HalfBins,
     /// Double precision, for validation: needs a device with `shaderFloat64`, twice the memory, and several times the
     /// time.
     F64,
@@ -115,7 +126,7 @@ impl Precision {
     /// Bytes of one number.
     pub fn bytes(self) -> u64 {
         match self {
-            Self::F32 | Self::Packed => 4,
+            Self::F32 | Self::HalfBins => 4,
             Self::F64 => 8,
         }
     }
@@ -125,7 +136,7 @@ impl fmt::Display for Precision {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::F32 => "f32",
-            Self::Packed => "packed",
+            Self::HalfBins => "half-bins",
             Self::F64 => "f64",
         })
     }
@@ -134,57 +145,66 @@ impl fmt::Display for Precision {
 /// Settings that trade accuracy for time and memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
-pub struct Accuracy {
+pub struct SolveSettings {
+    /// How the hemisphere is split.
     pub bins: BinLayout,
+    /// How T_b falls from one bin to the next.
     pub weights: Weights,
-    /// Pairs with r² < `subsample` · (s_i + s_j) / 2 are integrated over sub-triangles, s = Σl²/(4√3) being the
+    /// Pairs with r² < `near_field` · (s_i + s_j) / 2 are integrated over sub-triangles, s = Σl²/(4√3) being the
     /// area of the equilateral triangle with the same sum of squared edges. 0 switches the near field off.
-    pub subsample: f64,
+    pub near_field: f64,
     /// Relative residual of the irradiance, area-weighted, at which the solve stops: a bound of that of the
     /// radiosity that sees black surfaces too.
     pub tolerance: f64,
     /// Passes (applications of the transport) after which the solve gives up.
     pub max_passes: u32,
+    /// Which solver, or that the plan may choose.
     pub solver: SolverChoice,
+    /// Of the numbers on the device.
     pub precision: Precision,
 }
 
-setters!(Accuracy {
+setters!(SolveSettings {
     bins: BinLayout,
     weights: Weights,
-    subsample: f64,
+    near_field: f64,
     tolerance: f64,
     max_passes: u32,
     solver: SolverChoice,
     precision: Precision,
 });
 
-/// What of a scene's [`Accuracy`] is left to be chosen for it.
+/// What of a scene's [`SolveSettings`] is left to be chosen for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Choice {
     /// The bins, the range of the near field, or neither: what is open has its usual value, and another may suit the scene
-    /// better ([`crate::ladder::usual_accuracy`]).
-    Open { bins: bool, subsample: bool },
+    /// better ([`crate::target_error::usual_settings`]).
+    Open {
+        /// Whether the bins are open.
+        bins: bool,
+        /// Whether the range of the near field is open.
+        near_field: bool,
+    },
     /// Bins, near field, mesh and tolerance, such that the relative L2 error of irradiance and of pictures is about this at most
-    /// ([`crate::ladder::solve_within`]).
+    /// ([`crate::target_error::solve_within`]).
     Within(f64),
 }
 
 impl Default for Choice {
     /// Nobody has said anything.
     fn default() -> Self {
-        Self::Open { bins: true, subsample: true }
+        Self::Open { bins: true, near_field: true }
     }
 }
 
 impl Choice {
     /// All is stated.
-    pub const STATED: Self = Self::Open { bins: false, subsample: false };
+    pub const STATED: Self = Self::Open { bins: false, near_field: false };
 
     /// Says what is wrong with the error asked, if anything.
     pub fn check(self) -> Result<(), SceneError> {
         match self {
-            Self::Within(error) if !(error > 0.0 && error < 1.0) => Err(SceneError::Accuracy {
+            Self::Within(error) if !(error > 0.0 && error < 1.0) => Err(SceneError::SolveSettings {
                 message: format!("error = {error} must lie between 0 and 1; 0.02 is 2 %"),
             }),
             _ => Ok(()),
@@ -192,16 +212,16 @@ impl Choice {
     }
 }
 
-impl Accuracy {
+impl SolveSettings {
     /// Says what is wrong with the numbers, if anything.
     pub fn check(&self) -> Result<(), SceneError> {
-        self.validate().map_err(|message| SceneError::Accuracy { message })
+        self.validate().map_err(|message| SceneError::SolveSettings { message })
     }
 
     fn validate(&self) -> Result<(), String> {
         self.bins.validate()?;
-        if !(self.subsample >= 0.0 && self.subsample.is_finite()) {
-            return Err(format!("subsample = {} must be 0 or more, and finite", self.subsample));
+        if !(self.near_field >= 0.0 && self.near_field.is_finite()) {
+            return Err(format!("near_field = {} must be 0 or more, and finite", self.near_field));
         }
         if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
             return Err(format!("tolerance = {} must lie between 0 and 1", self.tolerance));
@@ -213,12 +233,12 @@ impl Accuracy {
     }
 }
 
-impl Default for Accuracy {
+impl Default for SolveSettings {
     fn default() -> Self {
         Self {
             bins: BinLayout::EqualAngle { theta: 10, phi: 13 },
             weights: Weights::Bilinear,
-            subsample: 30.0,
+            near_field: 30.0,
             tolerance: 1e-4,
             max_passes: 200,
             solver: SolverChoice::Auto,

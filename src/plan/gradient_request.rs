@@ -1,11 +1,11 @@
-//! Which derivatives are asked for: what is not is neither planned nor computed.
+//! Which derivatives are requested: others are neither planned nor computed.
 
 use crate::options::setters;
 
 /// Kinds of derivatives of a loss.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct Wanted {
+pub struct GradientRequest {
     /// With respect to the emitted radiance L_e.
     pub emission: bool,
     /// With respect to the diffuse constant δ.
@@ -18,11 +18,11 @@ pub struct Wanted {
     pub power: bool,
     /// With respect to the positions of vertices.
     pub positions: bool,
-    /// With respect to the positions of the eyes.
+    /// With respect to the positions of the cameras.
     pub camera: bool,
 }
 
-setters!(Wanted {
+setters!(GradientRequest {
     emission: bool,
     diffuse: bool,
     albedo: bool,
@@ -32,7 +32,7 @@ setters!(Wanted {
     camera: bool,
 });
 
-impl Wanted {
+impl GradientRequest {
     /// No derivatives.
     pub const NOTHING: Self = Self {
         emission: false,
@@ -54,22 +54,22 @@ impl Wanted {
         camera: true,
     };
 
-    /// Whether anything is wanted at all.
+    /// Whether any kind is requested.
     pub fn any(self) -> bool {
         self != Self::NOTHING
     }
 
-    /// Those that need the geometry differentiated.
+    /// Whether a kind is requested that differentiates the geometry.
     pub fn geometry(self) -> bool {
         self.positions || self.camera
     }
 
-    /// Those of specular lobes.
+    /// Whether a kind of specular lobes is requested.
     pub fn lobes(self) -> bool {
         self.specular || self.power
     }
 
-    /// The names of those that are wanted here and not in `planned`.
+    /// The names of the kinds requested here but not in `planned`.
     pub fn beyond(self, planned: Self) -> Vec<&'static str> {
         let kinds = [
             ("emission", self.emission, planned.emission),
@@ -80,6 +80,10 @@ impl Wanted {
             ("positions", self.positions, planned.positions),
             ("camera", self.camera, planned.camera),
         ];
-        kinds.into_iter().filter(|&(_, wanted, planned)| wanted && !planned).map(|(name, ..)| name).collect()
+        kinds
+            .into_iter()
+            .filter(|&(_, request, planned)| request && !planned)
+            .map(|(name, ..)| name)
+            .collect()
     }
 }

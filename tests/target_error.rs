@@ -1,43 +1,43 @@
-//! Errors that are asked for, against scenes whose answer is known; and what is chosen where nobody says anything.
+//! Target errors, on scenes of known solution; and the settings chosen by default.
 
 mod support;
 
 use antirad::gpu::{Bytes, Device, GpuError};
 use antirad::image::Rasterizer;
-use antirad::ladder::{
-    Climb, Estimate, LadderError, LadderOptions, Layout, Solved, Stage, layout, solve_within, usual_accuracy,
-    usual_plan,
-};
-use antirad::plan::{Limits, Plan};
+use antirad::plan::{Plan, PlanOptions};
 use antirad::reference::{PathTracer, Plates, Shadow};
 use antirad::scene::{BinLayout, Choice, Material, Scene, SceneBuilder, Shape};
 use antirad::solve::SolveError;
+use antirad::target_error::{
+    ErrorEstimate, LayoutKind, Refinement, SearchError, Solved, Stage, TargetErrorOptions, layout,
+    solve_within, usual_plan, usual_settings,
+};
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
 use support::{areas, device, finish, load, read_npy, relative_l2, solve};
 
 fn run(engine: &mut Engine, scene: &Scene, _: &Stage) -> Result<Solution, EngineError> {
-    engine.solve(&SolveParams::from(&scene.accuracy))
+    engine.solve(&SolveParams::from(&scene.settings))
 }
 
-fn within(device: &Device, scene: &Scene, options: &LadderOptions) -> Solved {
+fn within(device: &Device, scene: &Scene, options: &TargetErrorOptions) -> Solved {
     let solved = solve_within(device, scene, options, &|_| 0, &mut run).expect("a solution");
-    for step in &solved.climb.steps {
+    for step in &solved.refinement.steps {
         println!("  {step}");
     }
     solved
 }
 
-fn estimate(solved: &Solved) -> &Estimate {
-    solved.climb.answer().and_then(|step| step.estimate.as_ref()).expect("an estimate")
+fn estimate(solved: &Solved) -> &ErrorEstimate {
+    solved.refinement.answer().and_then(|step| step.estimate.as_ref()).expect("an estimate")
 }
 
 fn cornell() -> Scene {
     load("scenes/cornell_boxes.toml")
 }
 
-/// A closed room that glows: the radiosity is 1 / (1 - ρ) everywhere.
+/// A closed room of emitting walls: the radiosity is 1 / (1 - ρ) everywhere.
 fn furnace(albedo: f64) -> Scene {
     let material = Material { albedo: [albedo; 3], emission: [1.0 / PI; 3], ..Material::named("glowing") };
     let mut builder = SceneBuilder::new();
@@ -45,7 +45,7 @@ fn furnace(albedo: f64) -> Scene {
     builder.finish("furnace").expect("a scene")
 }
 
-/// The error is kept, and the estimate neither far below nor far above it.
+/// The error is within its target, and the estimate is neither far below nor far above it.
 #[test]
 fn a_room_with_boxes() {
     let device = device();
@@ -53,12 +53,12 @@ fn a_room_with_boxes() {
     let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
     let mut before = f64::INFINITY;
     for error in [0.1, 0.05] {
-        let solved = within(&device, &scene, &LadderOptions::new(error));
+        let solved = within(&device, &scene, &TargetErrorOptions::new(error));
         let found = solved.on_given(&solved.answer.irradiance);
         let real = relative_l2(&found, &truth, &areas(&scene));
         let estimate = estimate(&solved);
-        println!("{error} asked: {real:.4}, estimated {:.4}", estimate.total);
-        assert!(solved.climb.met && real <= error, "{real}");
+        println!("target {error}: {real:.4}, estimated {:.4}", estimate.total);
+        assert!(solved.refinement.met && real <= error, "{real}");
         assert!(real <= 1.5 * estimate.total && estimate.total <= 3.0 * real, "{real} {estimate}");
         assert!(estimate.irradiance.balance.is_none(), "the room is open");
         assert!(real < before);
@@ -67,12 +67,12 @@ fn a_room_with_boxes() {
     finish(&device);
 }
 
-/// Errors of shadows over what is blocked, for 2 % asked: at most half of those of the usual settings with 10 x 13 bins
-/// and pieces in a near field, as they were before (.052, .081, .067 for a lamp of .4; .12, .26, .138 for .1).
+/// Errors of shadows relative to the blocked irradiance, for a target of 2 %: at most half of those of 10 x 13 bins with pieces
+/// in a near field of 30 (.052, .081, .067 for a lamp of .4 m; .12, .26, .138 for .1 m).
 #[test]
 fn shadows() {
     let device = device();
-    // The finest levels take minutes: `cargo test --test ladder -- --ignored`.
+    // The finest levels take minutes: `cargo test --test target_error -- --ignored`.
     for (lamp, height, bound) in [(0.4, 0.25, 0.026), (0.4, 1.0, 0.0405), (0.4, 1.5, 0.0335)] {
         shadow(&device, lamp, height, bound);
     }
@@ -93,7 +93,7 @@ fn shadow(device: &Device, lamp: f64, height: f64, bound: f64) {
     let shadow = Shadow { lamp, height };
     let scene = shadow.scene().expect("a scene");
     let exact = shadow.irradiance(&scene);
-    let solved = within(device, &scene, &LadderOptions::new(0.02));
+    let solved = within(device, &scene, &TargetErrorOptions::new(0.02));
     let found = solved.on_given(&solved.answer.irradiance);
     let floor = scene.meshes[0].range.start as usize..scene.meshes[0].range.end as usize;
     let norm = |of: &dyn Fn(usize) -> f64| floor.clone().map(|i| of(i).powi(2)).sum::<f64>().sqrt();
@@ -102,27 +102,27 @@ fn shadow(device: &Device, lamp: f64, height: f64, bound: f64) {
     assert!(error <= bound, "lamp {lamp}, height {height}: {error}");
 }
 
-/// What no comparison shows, the energy of a closed room does.
+/// Errors that no comparison shows appear in the energy balance of a closed room.
 #[test]
 fn closed_rooms_of_high_albedo() {
     let device = device();
     for albedo in [0.8, 0.95, 0.99] {
         let scene = furnace(albedo);
-        let solved = within(&device, &scene, &LadderOptions::new(0.01));
+        let solved = within(&device, &scene, &TargetErrorOptions::new(0.01));
         let found = solved.on_given(&solved.answer.radiosity);
         let truth = vec![[1.0 / (1.0 - albedo); 3]; found.len()];
         let error = relative_l2(&found, &truth, &areas(&scene));
         println!("albedo {albedo}: {:.3} %", 100.0 * error);
-        assert!(solved.climb.met && error <= 0.01, "{error}");
+        assert!(solved.refinement.met && error <= 0.01, "{error}");
         assert!(estimate(&solved).irradiance.balance.is_some(), "the room is closed");
 
-        // And with the settings that are chosen where none are stated.
-        let accuracy = usual_accuracy(&scene);
-        let (_engine, solution) = solve(&device, &scene, &accuracy);
+        // With the settings chosen by default, too.
+        let settings = usual_settings(&scene);
+        let (_engine, solution) = solve(&device, &scene, &settings);
         let error = relative_l2(&solution.radiosity, &truth, &areas(&scene));
         println!(
             "albedo {albedo}, usual settings (near field {}): {:.3} %",
-            accuracy.subsample,
+            settings.near_field,
             100.0 * error
         );
         assert!(error <= 0.01, "{error}");
@@ -130,37 +130,37 @@ fn closed_rooms_of_high_albedo() {
     finish(&device);
 }
 
-/// Bins of one size where blockers are coarse, unless others are stated.
+/// Bins of equal size where blockers are coarse, unless the scene states its own.
 #[test]
 fn bins_suit_the_scene() {
-    let chosen = |scene: &Scene| usual_accuracy(scene).bins;
+    let chosen = |scene: &Scene| usual_settings(scene).bins;
     let usual = BinLayout::EqualAngle { theta: 10, phi: 13 };
     let mut plates = Plates::default().scene().expect("a scene");
     assert_eq!(chosen(&cornell()), usual);
     assert_eq!(chosen(&furnace(0.5)), usual);
-    assert_eq!(layout(&furnace(0.5), &furnace(0.5).accuracy), Layout::None);
+    assert_eq!(layout(&furnace(0.5), &furnace(0.5).settings), LayoutKind::None);
     assert_eq!(chosen(&plates), BinLayout::Concentric { n: 10 });
     plates.choice = Choice::STATED;
     assert_eq!(chosen(&plates), usual);
 }
 
-/// What cannot be had is said, and the best that can be is given.
+/// A target out of reach is reported as such, with the best answer found.
 #[test]
-fn an_error_that_cannot_be_kept() {
+fn an_error_that_cannot_be_met() {
     let device = device();
     let scene = Shadow { lamp: 0.1, height: 1.0 }.scene().expect("a scene");
-    let options = LadderOptions::new(0.001).max_triangles(2000);
+    let options = TargetErrorOptions::new(0.001).max_triangles(2000);
     let solved = within(&device, &scene, &options);
-    assert!(!solved.climb.met);
+    assert!(!solved.refinement.met);
     assert_eq!(solved.scene.triangles.len(), scene.triangles.len());
-    let why = solved.climb.why.join("\n");
+    let why = solved.refinement.why.join("\n");
     assert!(why.contains("5792 triangles, and 2000 are allowed"), "{why}");
     finish(&device);
 }
 
-/// Real errors of a solved scene of diffuse triangles against path-traced truth: of the means over its triangles, and of the
-/// reflected light in a picture, in which light varies within triangles. Less what the truth's own noise adds.
-fn real_errors(device: &Device, solved: &Solved, options: &LadderOptions) -> (f64, f64) {
+/// Errors of a solved scene of diffuse triangles against a path-traced reference: of the means over its triangles, and of the
+/// reflected light in a picture, where light varies within triangles. The noise of the reference is subtracted.
+fn real_errors(device: &Device, solved: &Solved, options: &TargetErrorOptions) -> (f64, f64) {
     let areas = areas(&solved.scene);
     let truth = PathTracer::new(&solved.scene).irradiance(1024);
     let (mut off, mut all) = (0.0, 0.0);
@@ -190,23 +190,24 @@ fn real_errors(device: &Device, solved: &Solved, options: &LadderOptions) -> (f6
     (irradiance, (off / all).sqrt())
 }
 
-/// A room of 36 triangles: shadows lie within them, which no comparison of bins shows. Estimates speak for the triangles that
-/// were solved and for the picture, and are neither far below nor far above the truth.
+/// A room of 36 triangles, with shadows inside them that no comparison of bins shows. The estimates, of the solved triangles and
+/// of the picture, are neither far below nor far above the errors.
 #[test]
 fn a_mesh_that_is_too_coarse_for_its_shadows() {
     let device = device();
     let scene = load("scenes/coarse_cornell.toml");
     assert_eq!(scene.triangles.len(), 36);
     for (error, max_triangles, met) in [(0.16, 2000, true), (0.05, 300, false)] {
-        let options = LadderOptions::new(error).max_triangles(max_triangles).cameras(scene.cameras.clone());
+        let options =
+            TargetErrorOptions::new(error).max_triangles(max_triangles).cameras(scene.cameras.clone());
         let solved = within(&device, &scene, &options);
         let found = estimate(&solved);
         let (irradiance, picture) = real_errors(&device, &solved, &options);
         println!(
-            "{error} asked: irradiance {irradiance:.4}, estimated {:.4}; picture {picture:.4}, estimated {:.4}",
+            "target {error}: irradiance {irradiance:.4}, estimated {:.4}; picture {picture:.4}, estimated {:.4}",
             found.irradiance.total, found.pictures[0].total
         );
-        assert_eq!(solved.climb.met, met);
+        assert_eq!(solved.refinement.met, met);
         assert!(solved.scene.triangles.len() > 200, "wide triangles are cut");
         for (real, estimated) in [(irradiance, found.irradiance.total), (picture, found.pictures[0].total)] {
             assert!(real <= 1.5 * estimated && estimated <= 3.0 * real, "{real}, estimated {estimated}");
@@ -227,15 +228,15 @@ fn diverged() -> EngineError {
     EngineError::Solve(SolveError::Diverged { passes: 3, residual: 1e9, residuals })
 }
 
-/// Solves a shadow to an error, where solves of these numbers fail, two to a level.
+/// Solves a shadow to a target error while solves of certain numbers fail; each level has two.
 fn failing(
     device: &Device,
     error: f64,
     fails: impl Fn(u32) -> bool,
     with: fn() -> EngineError,
-) -> Result<Solved, LadderError> {
+) -> Result<Solved, SearchError> {
     let scene = Shadow { lamp: 0.4, height: 1.0 }.scene().expect("a scene");
-    let options = LadderOptions::new(error).max_triangles(6000);
+    let options = TargetErrorOptions::new(error).max_triangles(6000);
     let mut solves = 0;
     let mut run = |engine: &mut Engine, scene: &Scene, stage: &Stage| {
         solves += 1;
@@ -244,32 +245,38 @@ fn failing(
     solve_within(device, &scene, &options, &|_| 0, &mut run)
 }
 
-/// What later levels fail with does not take away what earlier ones have found.
+/// Failures of later levels do not lose the answers of earlier ones.
 #[test]
 fn the_best_answer_stays() {
     let device = device();
-    // Memory ends at the second level.
+    // Out of memory at the second level.
     let solved = failing(&device, 0.04, |solve| solve > 2, no_memory).expect("the first level's answer");
-    let why = solved.climb.why.join("\n");
-    assert!(why.contains("the next level was left out: \"state: bins\" needs"), "{why}");
-    assert_eq!((solved.climb.steps.len(), solved.climb.chosen, solved.climb.met), (1, 0, false));
+    let why = solved.refinement.why.join("\n");
+    assert!(why.contains("the next level was skipped: \"state: bins\" needs"), "{why}");
+    assert_eq!(
+        (solved.refinement.steps.len(), solved.refinement.chosen, solved.refinement.met),
+        (1, 0, false)
+    );
     assert_eq!(solved.answer.irradiance.len(), 1448);
-    // The solve itself diverges at the second level, and all at the third.
+    // At the second level the solve diverges, at the third its comparison too.
     let solved = failing(&device, 0.04, |solve| solve > 3, diverged).expect("the first level's answer");
-    let Solved { climb, answer, .. } = solved;
-    assert_eq!((climb.steps.len(), climb.chosen, climb.met), (3, 0, false));
-    assert!(climb.steps[1].failure.as_deref().is_some_and(|text| text.contains("diverges")), "{climb:?}");
-    assert_eq!((answer.irradiance.len(), climb.steps[1].triangles), (1448, 5792));
-    // The first level cannot be run: the one below is, and that one is not tried again.
+    let Solved { refinement, answer, .. } = solved;
+    assert_eq!((refinement.steps.len(), refinement.chosen, refinement.met), (3, 0, false));
+    assert!(
+        refinement.steps[1].failure.as_deref().is_some_and(|text| text.contains("diverges")),
+        "{refinement:?}"
+    );
+    assert_eq!((answer.irradiance.len(), refinement.steps[1].triangles), (1448, 5792));
+    // The first level cannot be run: the one below is, and the first is not tried again.
     let solved = failing(&device, 0.04, |solve| solve == 1, no_memory).expect("a lower level's answer");
-    assert_eq!((solved.climb.steps.len(), solved.climb.steps[0].bins.as_str()), (1, "6x8"));
-    assert!(solved.climb.why.join("\n").contains("left out"), "{:?}", solved.climb.why);
-    // No level from the first on has an answer, but one below.
+    assert_eq!((solved.refinement.steps.len(), solved.refinement.steps[0].bins.as_str()), (1, "6x8"));
+    assert!(solved.refinement.why.join("\n").contains("skipped"), "{:?}", solved.refinement.why);
+    // No level from the first on has an answer, but the one below it has.
     let solved = failing(&device, 0.04, |solve| solve <= 6, diverged).expect("a lower level's answer");
-    let Climb { steps, chosen, .. } = &solved.climb;
+    let Refinement { steps, chosen, .. } = &solved.refinement;
     assert_eq!((steps.len(), *chosen, steps[3].bins.as_str()), (4, 3, "6x8"));
     assert!(steps[3].estimate.is_some() && steps[..3].iter().all(|step| step.failure.is_some()));
-    // Nothing at all.
+    // No level has an answer.
     let error = failing(&device, 0.04, |_| true, diverged).err().expect("no answer");
     assert!(error.is_without_answer(), "{error}");
     let error = failing(&device, 0.04, |_| true, no_memory).err().expect("no answer");
@@ -277,24 +284,24 @@ fn the_best_answer_stays() {
     finish(&device);
 }
 
-/// Triangles that are there twice are no matter of bins: both solves agree on the wrong answer.
+/// Duplicate triangles do not depend on bins: both solves agree on the wrong answer.
 #[test]
-fn nothing_is_kept_beside_a_severe_warning() {
+fn a_severe_warning_prevents_meeting_the_target() {
     let device = device();
     let mut scene = furnace(0.5);
     let twice = scene.triangles[7];
     scene.triangles.push(twice);
     scene.meshes[0].range.end += 1;
-    let options = LadderOptions::new(0.5).max_triangles(1000);
+    let options = TargetErrorOptions::new(0.5).max_triangles(1000);
     let solved = within(&device, &scene, &options);
     assert!(estimate(&solved).total <= 0.5);
-    assert!(!solved.climb.met);
-    let why = solved.climb.why.join("\n");
-    assert!(why.contains("errors that the estimate does not see: duplicate triangles"), "{why}");
+    assert!(!solved.refinement.met);
+    let why = solved.refinement.why.join("\n");
+    assert!(why.contains("errors that the estimate does not include: duplicate triangles"), "{why}");
     finish(&device);
 }
 
-/// Nothing of a solve is left on the device when the next one is planned with all of its memory.
+/// A solve leaves nothing on the device, since the next one is planned with all of its memory.
 #[test]
 fn comparisons_leave_no_memory_taken() {
     let device = device();
@@ -305,23 +312,23 @@ fn comparisons_leave_no_memory_taken() {
         run(engine, scene, stage)
     };
     let solved =
-        solve_within(&device, &scene, &LadderOptions::new(0.05), &|_| 0, &mut run).expect("a solution");
-    assert!(solved.climb.steps.len() == 1);
+        solve_within(&device, &scene, &TargetErrorOptions::new(0.05), &|_| 0, &mut run).expect("a solution");
+    assert!(solved.refinement.steps.len() == 1);
     let left = device.memory().by_label.into_iter().map(|l| l.label);
     // Staging buffers belong to the device.
     assert_eq!(left.filter(|label| !label.starts_with("staging")).collect::<Vec<_>>(), [""; 0]);
     finish(&device);
 }
 
-/// One plan serves to choose the usual settings and to run them, if it is theirs.
+/// The plan returned with the usual settings is the plan of these settings.
 #[test]
 fn usual_plans_are_those_of_the_usual_settings() {
     for scene in [cornell(), furnace(0.9), Plates::default().scene().expect("a scene")] {
-        let accuracy = usual_accuracy(&scene);
-        for limits in [Limits::default(), Limits::default().memory_budget(12 << 20)] {
-            let expected = Plan::new(&scene, &limits, &accuracy).expect("a plan");
-            let (found, plan) = usual_plan(&scene, &limits).expect("a plan");
-            assert_eq!(found, accuracy);
+        let settings = usual_settings(&scene);
+        for options in [PlanOptions::default(), PlanOptions::default().memory_budget(12 << 20)] {
+            let expected = Plan::new(&scene, &options, &settings).expect("a plan");
+            let (found, plan) = usual_plan(&scene, &options).expect("a plan");
+            assert_eq!(found, settings);
             assert_eq!(plan.report(), expected.report());
         }
     }

@@ -1,14 +1,14 @@
-//! The mesh that refinement starts with.
+//! The mesh at which the search starts.
 
 use crate::plan::Placement;
 use crate::scene::Scene;
 
-/// Longest edge that is left whole, over the diagonal of the scene: a wall should have some triangles beside one another,
-/// since what differs between them is all that is known of the light within them.
+/// Longest edge that is not cut, as a share of the scene's diagonal. A wall needs several triangles: only the differences
+/// between neighbours show how light varies within them.
 const WIDEST: f64 = 0.22;
 
-/// Cuts triangles with longer edges than that as often as it takes, within `max_triangles`. Returns for each triangle the one
-/// that it came from.
+/// Cuts triangles with edges longer than [`WIDEST`] until there are none, or `max_triangles` would be exceeded. Returns the
+/// index of the original triangle of each triangle.
 pub(super) fn cut_wide(scene: &mut Scene, max_triangles: usize) -> Vec<u32> {
     let diagonal = 2.0 / Placement::of(scene).scale;
     let mut parents: Vec<u32> = (0..scene.triangles.len() as u32).collect();

@@ -1,76 +1,83 @@
-//! From a target error to settings that meet it: solves at refinement levels from cheap to exact, each twice, the second time
-//! with other bins and a smaller near field for comparison, and stops where the two agree. docs/accuracy.md says what the
-//! levels were chosen by.
+//! From a target error to settings that meet it. Each refinement level, from cheap to accurate, is solved twice, the second time
+//! with other bins and a smaller near field; the search stops where the two agree. docs/accuracy.md explains the choice of
+//! levels.
 //!
-//! The device holds one engine at a time. What is kept of a solve lies on the host ([`Answer`]), so that no level can take the
-//! memory of another, and the best answer stays if a later level fails.
+//! The device holds one engine at a time. Results are kept on the host ([`Answer`]), so that no level takes memory from another
+//! and the best answer survives if a later level fails.
 
 mod answer;
 mod estimate;
+mod levels;
 mod mesh;
 mod pictures;
-mod rungs;
 
 pub use answer::Answer;
-pub use estimate::{Estimate, IrradianceEstimate, PictureEstimate};
-pub use rungs::{Layout, layout, usual_accuracy, usual_plan};
+pub use estimate::{ErrorEstimate, IrradianceEstimate, PictureEstimate};
+pub use levels::{LayoutKind, layout, usual_plan, usual_settings};
 
 use crate::gpu::Device;
 use crate::image::ImageError;
 use crate::options::setters;
-use crate::plan::{Limits, Plan, PlanError};
-use crate::scene::{Accuracy, Camera, Choice, Scene};
+use crate::plan::{Plan, PlanError, PlanOptions};
+use crate::scene::{Camera, Choice, Scene, SolveSettings};
 use crate::warnings::Warnings;
 use crate::{Engine, EngineError, Solution};
+use levels::{Level, is_directional, mean_albedo, near_field_for};
 use pictures::Visible;
-use rungs::{Level, is_directional, mean_albedo, near_field};
 use serde::Serialize;
 use std::fmt;
 
-/// What is asked.
+/// A target error, and the bounds of the search for settings that meet it.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
-pub struct LadderOptions {
+pub struct TargetErrorOptions {
     /// Relative L2 error of irradiance over the scene, and of the pictures of `cameras`: 0.05 for 5 %.
     pub error: f64,
-    /// Triangles that the scene may be cut to.
+    /// Largest number of triangles to which the scene may be subdivided.
     pub max_triangles: usize,
-    /// Whose pictures are to be within the error, too.
+    /// Cameras whose pictures must be within the error, too.
     pub cameras: Vec<Camera>,
 }
 
-setters!(LadderOptions { error: f64, max_triangles: usize, cameras: Vec<Camera> });
+setters!(TargetErrorOptions { error: f64, max_triangles: usize, cameras: Vec<Camera> });
 
-impl LadderOptions {
-    /// What is allowed if nobody says otherwise.
+impl TargetErrorOptions {
+    /// Default of `max_triangles`.
     pub const MAX_TRIANGLES: usize = 200_000;
 
-    /// With room for [`LadderOptions::MAX_TRIANGLES`], for irradiance alone.
+    /// A target for irradiance alone, with at most [`TargetErrorOptions::MAX_TRIANGLES`].
     pub fn new(error: f64) -> Self {
         Self { error, max_triangles: Self::MAX_TRIANGLES, cameras: Vec::new() }
     }
 }
 
-/// Why there is no answer.
+/// Why the search has no answer.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum LadderError {
+pub enum SearchError {
+    /// A scene could not be planned or solved.
     #[error(transparent)]
     Engine(#[from] EngineError),
-    /// What the cameras see could not be found.
+    /// The visible triangles of a camera could not be determined.
     #[error(transparent)]
     Image(#[from] ImageError),
+    /// The level would exceed [`TargetErrorOptions::max_triangles`].
     #[error("it takes {triangles} triangles, and {allowed} are allowed (--max-triangles)")]
-    Triangles { triangles: usize, allowed: usize },
+    Triangles {
+        /// Number of triangles of the level.
+        triangles: usize,
+        /// Largest number allowed.
+        allowed: usize,
+    },
 }
 
-impl From<PlanError> for LadderError {
+impl From<PlanError> for SearchError {
     fn from(error: PlanError) -> Self {
         Self::Engine(error.into())
     }
 }
 
-impl LadderError {
+impl SearchError {
     /// As [`EngineError::is_interruption`].
     pub fn is_interruption(&self) -> bool {
         matches!(self, Self::Engine(error) if error.is_interruption())
@@ -85,31 +92,35 @@ impl LadderError {
 /// One refinement level that was solved.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Step {
-    /// `10x13`, `concentric:12`.
+    /// Such as `10x13` or `concentric:12`.
     pub bins: String,
-    pub layout: Layout,
-    pub subsample: f64,
+    /// Layout of the bins.
+    pub layout: LayoutKind,
+    /// The range of the near field.
+    pub near_field: f64,
+    /// The relative residual at which the solver stopped.
     pub tolerance: f64,
-    /// Times that every triangle was cut into four.
+    /// How many times every triangle was cut into four.
     pub cuts: u32,
+    /// Number of triangles after cutting.
     pub triangles: usize,
-    /// Of the solve and its comparison together.
+    /// Passes of the solve and its comparison together.
     pub passes: u32,
-    /// `None` where a solve failed.
-    pub estimate: Option<Estimate>,
-    /// How it failed.
+    /// The estimated error; `None` where a solve failed.
+    pub estimate: Option<ErrorEstimate>,
+    /// The message of the solve that failed.
     pub failure: Option<String>,
-    /// Names of the severe warnings there: of errors that the estimate does not see.
+    /// Names of the severe warnings: of errors that the estimate does not include.
     pub severe: Vec<&'static str>,
 }
 
 impl Step {
-    /// Whether the estimate is within the error, and no severe warning speaks against it.
+    /// Whether the estimate is within the error, without a severe warning.
     fn meets(&self, error: f64) -> bool {
         self.severe.is_empty() && self.estimate.as_ref().is_some_and(|estimate| estimate.total <= error)
     }
 
-    /// No severe warning rather than some, then the smaller estimate.
+    /// By the absence of severe warnings, then by the smaller estimate.
     fn is_better_than(&self, other: &Self) -> bool {
         let rank = |step: &Self| {
             let estimate = step.estimate.as_ref().map_or(f64::INFINITY, |estimate| estimate.total);
@@ -120,77 +131,81 @@ impl Step {
     }
 }
 
-/// How the settings were found.
+/// The course of the search.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Climb {
-    /// What was asked.
+pub struct Refinement {
+    /// The target error.
     pub error: f64,
-    /// Whether the estimate of the answer is within it, and no severe warning speaks against it.
+    /// Whether the estimate of the answer is within `error`, without a severe warning.
     pub met: bool,
-    /// Whole sentences: why these bins and this near field, and why it ended above the error, if it did.
+    /// The reasons for this near field and mesh, and for ending above the error, if it did: a sentence each.
     pub why: Vec<String>,
+    /// The levels, in the order in which they were solved.
     pub steps: Vec<Step>,
-    /// Index of the step whose answer was taken: the best one.
+    /// Index of the step with the best answer, the one returned.
     pub chosen: usize,
 }
 
-impl Climb {
-    /// The step whose answer was taken.
+impl Refinement {
+    /// The step whose answer is returned.
     pub fn answer(&self) -> Option<&Step> {
         self.steps.get(self.chosen)
     }
 }
 
-/// A scene solved as well as was asked.
+/// The best answer that the search found.
 pub struct Solved {
-    /// As it was solved: its triangles are cut, and `accuracy` are the settings found.
+    /// The scene as it was solved: with its triangles cut, and with the settings found.
     pub scene: Scene,
-    /// Per triangle of that scene, the one of the given scene that it is a part of.
+    /// Per triangle of `scene`, the index of the given triangle that it is a part of.
     pub parents: Vec<u32>,
-    /// Of the given triangles, m².
+    /// Areas of the given triangles, m².
     areas: Vec<f64>,
-    /// On the triangles of that scene.
+    /// The result on the triangles of `scene`.
     pub answer: Answer,
-    pub climb: Climb,
+    /// The course of the search.
+    pub refinement: Refinement,
 }
 
 impl Solved {
-    /// Values per triangle of the solved scene, as means over area on the triangles of the given one: a row for each.
+    /// Averages values per triangle of the solved scene over the triangles of the given one, by area.
     pub fn on_given(&self, values: &[[f64; 3]]) -> Vec<[f64; 3]> {
         self.scene.means_on(&self.parents, &self.areas, values)
     }
 }
 
-/// A solve among those that may come.
+/// One solve of the search, for reporting progress.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stage {
-    /// `level 2 of at most 5, comparison`.
+    /// Such as `level 2 of at most 5, comparison`.
     pub name: String,
-    /// Shares of the work of all levels that may come, 0 to 1, before and after this solve.
+    /// Share of the work of the whole search that is done before this solve, 0 to 1.
     pub begin: f64,
+    /// The same after this solve.
     pub end: f64,
 }
 
 /// Runs a solver to the tolerance of the scene.
 pub type Solve<'a> = dyn FnMut(&mut Engine, &Scene, &Stage) -> Result<Solution, EngineError> + 'a;
 
-/// Solves `scene` to the error asked, or as near to it as memory and `max_triangles` allow: see [`Climb::met`]. The scene's own
-/// bins, near field and tolerance are not used; its other settings are. Fails only if no level has an answer.
+/// Solves `scene` to the target error, or as close to it as memory and `max_triangles` allow: see [`Refinement::met`]. The
+/// scene's own bins, near field and tolerance are ignored; its other settings are used. Fails if interrupted, or if no level has
+/// an answer.
 ///
-/// `reserve` says how many bytes of the device pictures of a scene will need; `solve` runs the solver, with what progress and
-/// interruption the caller likes, to `scene.accuracy.tolerance`.
+/// `reserve` returns the bytes of device memory to set aside for pictures of a scene. `solve` runs the solver to
+/// `scene.settings.tolerance`; progress and interruption are up to it.
 pub fn solve_within(
     device: &Device,
     scene: &Scene,
-    options: &LadderOptions,
+    options: &TargetErrorOptions,
     reserve: &dyn Fn(&Scene) -> u64,
     solve: &mut Solve,
-) -> Result<Solved, LadderError> {
+) -> Result<Solved, SearchError> {
     scene.validate().map_err(EngineError::from)?;
     Choice::Within(options.error).check().map_err(EngineError::from)?;
     let search = Search::new(device, scene, options, reserve);
     let mut why = search.reasons();
-    // Rather less exact than not at all: the first level is the highest that can be run, up to the one that usually suffices.
+    // Start at the level that usually suffices, or at the highest below it that can be run.
     let (mut number, mut barrier) = (Level::start(search.levels, options.error), None);
     let mut tried = loop {
         match search.run(number, number, solve) {
@@ -214,12 +229,12 @@ pub fn solve_within(
             Ok((step, found)) => tried.add(step, found),
             Err(error) if error.is_interruption() => return Err(error),
             Err(error) => {
-                why.push(format!("the next level was left out: {error}"));
+                why.push(format!("the next level was skipped: {error}"));
                 break;
             }
         }
     }
-    // Where no solver has found an answer, one may with fewer bins.
+    // Where no solve has converged, one with fewer bins may.
     for number in (0..first).rev() {
         if tried.best.is_ok() {
             break;
@@ -231,20 +246,20 @@ pub fn solve_within(
     let Found { scene, parents, answer } = best?;
     let Step { severe, .. } = &steps[chosen];
     if !severe.is_empty() {
-        why.push(format!("there are errors that the estimate does not see: {}", severe.join(", ")));
+        why.push(format!("there are errors that the estimate does not include: {}", severe.join(", ")));
     }
     let met = steps[chosen].meets(options.error);
-    let climb = Climb { error: options.error, met, why, steps, chosen };
-    Ok(Solved { scene, parents, areas: search.areas, answer, climb })
+    let refinement = Refinement { error: options.error, met, why, steps, chosen };
+    Ok(Solved { scene, parents, areas: search.areas, answer, refinement })
 }
 
-/// What came of the levels that were solved.
+/// The levels solved so far.
 struct Tried {
     /// At least one.
     steps: Vec<Step>,
-    /// Index of the step that `best` is of.
+    /// Index of the step of `best`.
     chosen: usize,
-    /// The best answer, or why the first solver found none.
+    /// The best answer, or the error of the first solve.
     best: Result<Found, EngineError>,
 }
 
@@ -261,21 +276,21 @@ impl Tried {
     }
 }
 
-/// What all levels share.
+/// What all levels have in common.
 struct Search<'a> {
     device: &'a Device,
-    /// With its wide triangles cut.
+    /// The given scene with its wide triangles cut.
     scene: Scene,
-    /// Per triangle of it the one of the given scene.
+    /// Per triangle of `scene`, the index of the given triangle.
     parents: Vec<u32>,
-    options: &'a LadderOptions,
+    options: &'a TargetErrorOptions,
     reserve: &'a dyn Fn(&Scene) -> u64,
     levels: &'static [Level],
-    /// Of the given triangles, m².
+    /// Areas of the given triangles, m².
     areas: Vec<f64>,
-    /// Mean over area.
+    /// Area-weighted mean.
     albedo: f64,
-    /// The least range of the near field.
+    /// The smallest admissible range of the near field.
     near: f64,
 }
 
@@ -283,9 +298,9 @@ struct Search<'a> {
 struct Planned {
     scene: Scene,
     parents: Vec<u32>,
-    layout: Layout,
+    layout: LayoutKind,
     plan: Plan,
-    comparison: Accuracy,
+    comparison: SolveSettings,
     comparison_plan: Plan,
 }
 
@@ -299,7 +314,7 @@ impl<'a> Search<'a> {
     fn new(
         device: &'a Device,
         given: &Scene,
-        options: &'a LadderOptions,
+        options: &'a TargetErrorOptions,
         reserve: &'a dyn Fn(&Scene) -> u64,
     ) -> Self {
         let mut scene = given.clone();
@@ -314,68 +329,70 @@ impl<'a> Search<'a> {
             scene,
             areas: (0..given.triangles.len()).map(|i| given.area_vector(i).length()).collect(),
             albedo,
-            near: near_field(albedo, options.error),
+            near: near_field_for(albedo, options.error),
         }
     }
 
     fn reasons(&self) -> Vec<String> {
         let near = format!(
-            "surfaces reflect {:.0} % on average: a near field of {} or more keeps what the bounces lose within half the \
-             error",
+            "surfaces reflect {:.0} % on average: a near field of at least {} keeps the loss over all bounces within half \
+             the error",
             100.0 * self.albedo,
             self.near
         );
         let (given, cut) = (self.areas.len(), self.scene.triangles.len());
         let wide = (cut > given).then(|| {
-            format!("wide triangles hide shadows within them: {given} were cut to {cut} to begin with")
+            format!(
+                "wide triangles hide the shadows within them: the {given} triangles were first cut into {cut}"
+            )
         });
         std::iter::once(near).chain(wide).collect()
     }
 
     /// Plans both solves of a level before either is run.
-    fn plan(&self, level: &Level) -> Result<Planned, LadderError> {
+    fn plan(&self, level: &Level) -> Result<Planned, SearchError> {
         let (triangles, allowed) = (
             self.scene.triangles.len().saturating_mul(4_usize.saturating_pow(level.cuts)),
             self.options.max_triangles,
         );
         if level.cuts > 0 && triangles > allowed {
-            return Err(LadderError::Triangles { triangles, allowed });
+            return Err(SearchError::Triangles { triangles, allowed });
         }
         let mut scene = self.scene.clone();
         let cut = scene.split_all(level.cuts);
         let parents = cut.into_iter().map(|parent| self.parents[parent as usize]).collect();
-        let given = scene.accuracy;
-        let accuracy = |layout| level.accuracy(layout, self.near, &given);
-        let limits = Limits::of(self.device).pictures((self.reserve)(&scene));
-        let layout = layout(&scene, &accuracy(Layout::EqualAngle));
-        let own = accuracy(layout);
-        let plan = Plan::new(&scene, &limits, &own)?;
-        scene.accuracy = own;
+        let given = scene.settings;
+        let settings = |layout| level.settings(layout, self.near, &given);
+        let options = PlanOptions::of(self.device).pictures((self.reserve)(&scene));
+        let layout = layout(&scene, &settings(LayoutKind::EqualAngle));
+        let own = settings(layout);
+        let plan = Plan::new(&scene, &options, &own)?;
+        scene.settings = own;
         let comparison = level.comparison(layout, self.near, &given);
-        let comparison_plan = Plan::new(&scene, &limits, &comparison)?;
+        let comparison_plan = Plan::new(&scene, &options, &comparison)?;
         Ok(Planned { scene, parents, layout, plan, comparison, comparison_plan })
     }
 
-    /// Solves the comparison, then the scene itself. That a solver finds no answer is a result. `first` is the lowest level of
-    /// this search.
+    /// Solves the comparison, then the scene itself. A solver that does not converge is a result (inner `Err`), not a failure of
+    /// the level. `first` is the lowest level of this search.
     fn run(
         &self,
         number: usize,
         first: usize,
         solve: &mut Solve,
-    ) -> Result<(Step, Result<Found, EngineError>), LadderError> {
+    ) -> Result<(Step, Result<Found, EngineError>), SearchError> {
         let level = &self.levels[number];
         let Planned { mut scene, parents, layout, plan, comparison, comparison_plan } = self.plan(level)?;
         let [comparing, solving] = self.stages(number, first);
-        let own = std::mem::replace(&mut scene.accuracy, comparison);
+        let own = std::mem::replace(&mut scene.settings, comparison);
         let other = self.answer(&scene, comparison_plan, Warnings::default(), &comparing, solve)?;
-        scene.accuracy = own;
+        scene.settings = own;
         let warnings = Warnings::of(&scene, &plan);
         let answer = self.answer(&scene, plan, warnings, &solving, solve)?;
         let estimate = match (&answer, &other) {
             (Ok(answer), Ok(other)) => {
                 let visible = Visible::of(self.device, &scene, &self.options.cameras)?;
-                Some(Estimate::new(&scene, answer, other, layout.ratio(), &visible))
+                Some(ErrorEstimate::new(&scene, answer, other, layout.ratio(), &visible))
             }
             _ => None,
         };
@@ -384,7 +401,7 @@ impl<'a> Search<'a> {
         let step = Step {
             bins: own.bins.to_string(),
             layout,
-            subsample: own.subsample,
+            near_field: own.near_field,
             tolerance: own.tolerance,
             cuts: level.cuts,
             triangles: scene.triangles.len(),
@@ -397,7 +414,7 @@ impl<'a> Search<'a> {
         Ok((step, answer.map(|answer| Found { scene, parents, answer })))
     }
 
-    /// Solvers that find no answer go into the inner result, all else into the outer. Gives back all memory of the device.
+    /// Solvers that do not converge go into the inner result, all other errors into the outer. Releases all device memory.
     fn answer(
         &self,
         scene: &Scene,
@@ -405,18 +422,18 @@ impl<'a> Search<'a> {
         warnings: Warnings,
         stage: &Stage,
         solve: &mut Solve,
-    ) -> Result<Result<Answer, EngineError>, LadderError> {
+    ) -> Result<Result<Answer, EngineError>, SearchError> {
         let mut engine = Engine::new(self.device, scene, plan)?;
         match solve(&mut engine, scene, stage) {
             Ok(solution) => {
                 Ok(Ok(Answer::new(&mut engine, scene, solution, &self.options.cameras, warnings)?))
             }
-            Err(error) if error.is_without_answer() => Ok(Err(error)),
+            Err(error) if error.is_without_answer() => Ok(Err(error.without_best())),
             Err(error) => Err(error.into()),
         }
     }
 
-    /// Of the comparison and of the solve itself.
+    /// The comparison and the solve itself.
     fn stages(&self, number: usize, first: usize) -> [Stage; 2] {
         let work = |range: &[Level]| range.iter().map(Level::work).sum::<f64>();
         let all = work(&self.levels[first..]);
@@ -434,8 +451,8 @@ impl<'a> Search<'a> {
 
 impl fmt::Display for Step {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { bins, subsample, cuts, triangles, .. } = self;
-        write!(f, "{bins} bins, near field {subsample}, {triangles} triangles")?;
+        let Self { bins, near_field, cuts, triangles, .. } = self;
+        write!(f, "{bins} bins, near field {near_field}, {triangles} triangles")?;
         match cuts {
             0 => write!(f, ": ")?,
             1 => write!(f, " (each cut into 4): ")?,

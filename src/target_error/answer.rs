@@ -1,4 +1,4 @@
-//! What is kept of a solve once its engine is gone: nothing of a device.
+//! The results of a solve on the host, which outlive its engine.
 
 use crate::plan::PlanReport;
 use crate::scene::{Camera, Scene};
@@ -9,22 +9,27 @@ use crate::{Energy, Engine, EngineError, Negative, Solution};
 /// A solved scene on the host.
 #[derive(Clone, Debug)]
 pub struct Answer {
-    /// As in [`Solution`].
+    /// As in [`Solution`], W/m².
     pub irradiance: Vec<[f64; 3]>,
-    /// As in [`Solution`].
+    /// As in [`Solution`], W/m².
     pub radiosity: Vec<[f64; 3]>,
-    /// Per camera what [`Engine::face_colours`] says.
+    /// Per camera, the radiance of each triangle towards it as [`Engine::face_colours`] returns it, W/(m² sr).
     pub colours: Vec<Vec<[f64; 3]>>,
+    /// Passes, residuals and spectral radius of the solver.
     pub info: SolveInfo,
+    /// The balance of power.
     pub energy: Energy,
+    /// How much of the irradiance is negative.
     pub negative: Negative,
+    /// The plan that the solve ran under.
     pub plan: PlanReport,
-    /// Before the solve and after it.
+    /// Of the scene before the solve, and of its solution.
     pub warnings: Warnings,
 }
 
 impl Answer {
-    /// Reads from the device what `cameras` see. `warnings`: [`Warnings::of`] the scene, to which those of the solution are added.
+    /// Reads the colours towards `cameras` from the device. `warnings`: [`Warnings::of`] the scene; those of the solution are
+    /// added to them.
     pub fn new(
         engine: &mut Engine,
         scene: &Scene,
