@@ -1,5 +1,6 @@
-//! Rates of the transport kernels in pairs per second, minima of time over many repeats, with nothing culled within the
-//! measured shape. `LP_NUM_THREADS=1 cargo bench --bench kernels` gives rates per core of lavapipe.
+//! Rates of the transport kernels in pairs per second, forward, transposed and with derivatives, minima of time over many
+//! repeats, with nothing culled within the measured shape. `LP_NUM_THREADS=1 cargo bench --bench kernels` gives rates per
+//! core of lavapipe, `-- adjoint` and `-- derivative` those of gradients alone.
 //!
 //! The harness is its own, since it measures the device time of one shape of one kernel within a pass, by the fastest
 //! repeat. `divan` reports fastest times, but only of whole calls; `criterion` accepts given times (`iter_custom`), but
@@ -7,14 +8,17 @@
 //! in three runs that alternated with this harness, which found 15, 46 and 29; a quiet machine gives 44.
 
 use antirad::gpu::{Device, DeviceOptions};
-use antirad::plan::{Plan, PlanOptions};
+use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::scene::{Material, Precision, Scene, SceneBuilder, Shape, SolveSettings};
 use antirad::solve::LightOperator;
-use antirad::transport::{Operators, SceneBuffers};
+use antirad::transport::{AdjointKernels, AdjointOperator, Operators, SceneBuffers, State};
 use glam::{DAffine3, DQuat, DVec3};
+use std::time::{Duration, Instant};
 
 /// Repeats; the fastest counts, since other programs may use the machine.
 const REPEATS: usize = 40;
+/// Of one row of the table. Slow kernels have fewer repeats, at least three.
+const PATIENCE: Duration = Duration::from_secs(20);
 
 struct Case {
     name: &'static str,
@@ -41,6 +45,91 @@ fn sheets(cells: u32, heights: &[f64]) -> Scene {
         builder.shape(&material.name, Shape::Quad { cells }, &material, place);
     }
     builder.finish("sheets").expect("a scene")
+}
+
+/// What runs the kernels, and which of them.
+#[derive(Clone, Copy)]
+enum Run {
+    Forward,
+    Adjoint,
+    /// With respect to the geometry of the sources, or of the receivers.
+    Derivative(&'static str),
+}
+
+impl Run {
+    const ALL: [Self; 4] =
+        [Self::Forward, Self::Adjoint, Self::Derivative("source"), Self::Derivative("receiver")];
+
+    fn name(self, case: &Case) -> String {
+        match self {
+            Self::Forward => case.name.to_owned(),
+            Self::Adjoint => format!("{}, adjoint", case.name),
+            Self::Derivative(by) => format!("{}, derivative by {by}", case.name),
+        }
+    }
+
+    /// Whether a row of the profile is about it.
+    fn measures(self, case: &Case, kernel: &str, shape: &str) -> bool {
+        let of_shape = match self {
+            Self::Derivative(by) => shape == format!("{}, by {by}", case.shape),
+            _ => shape == case.shape,
+        };
+        of_shape && kernel.starts_with("transport")
+    }
+}
+
+/// A case on the device.
+struct Bench {
+    device: Device,
+    operators: Operators,
+    adjoint: AdjointKernels,
+    /// Light in every bin, and where a pass puts its result.
+    x: State,
+    y: State,
+}
+
+impl Bench {
+    fn new(device: &Device, case: &Case) -> Self {
+        // The near field is a kernel of its own.
+        let settings = SolveSettings::default().near_field(0.0).precision(case.precision);
+        let options = PlanOptions::of(device).gradients(GradientRequest::EVERYTHING);
+        let plan = Plan::new(&case.scene, &options, &settings).expect("a plan");
+        let buffers = SceneBuffers::new(device, &case.scene, &plan).expect("buffers");
+        let mut operators = Operators::new(device, plan, buffers).expect("operators");
+        let adjoint = AdjointKernels::new(device, operators.plan()).expect("an adjoint").expect("gradients");
+        let mut x = operators.vector().expect("a vector");
+        let y = operators.vector().expect("a vector");
+        operators.pass(None, true, &mut x).expect("a pass");
+        Self { device: device.clone(), operators, adjoint, x, y }
+    }
+
+    fn pass(&mut self, run: Run) {
+        let Self { operators, adjoint, x, y, .. } = self;
+        match run {
+            Run::Forward => operators.pass(Some(x), true, y).expect("a pass"),
+            Run::Adjoint => AdjointOperator::new(operators, adjoint).pass(Some(x), false, y).expect("a pass"),
+            Run::Derivative(_) => {
+                AdjointOperator::new(operators, adjoint).geometry(x, x, &[], true).expect("gradients");
+            }
+        }
+    }
+
+    /// Seconds of the kernels of one run, at best.
+    fn fastest(&mut self, case: &Case, run: Run) -> f64 {
+        let start = Instant::now();
+        let mut fastest = f64::INFINITY;
+        for repeat in 0..REPEATS {
+            if repeat >= 3 && start.elapsed() > PATIENCE {
+                break;
+            }
+            self.device.reset_profile();
+            self.pass(run);
+            let rows = self.device.profile().into_iter();
+            let rows = rows.filter(|row| run.measures(case, &row.kernel, &row.shape));
+            fastest = fastest.min(rows.map(|row| row.seconds).sum());
+        }
+        fastest
+    }
 }
 
 fn main() {
@@ -92,27 +181,21 @@ fn main() {
     ];
     // An argument filters by name, as in cargo's own harness.
     let wanted: Vec<String> = std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
-    let matches = |case: &Case| wanted.is_empty() || wanted.iter().any(|name| case.name.contains(name));
-    for case in cases.into_iter().filter(matches) {
-        // The near field is a kernel of its own.
-        let settings = SolveSettings::default().near_field(0.0).precision(case.precision);
-        let plan = Plan::new(&case.scene, &PlanOptions::of(&device), &settings).expect("a plan");
+    let matches = |name: &str| wanted.is_empty() || wanted.iter().any(|part| name.contains(part));
+    for case in cases {
+        // Only sources of the forward kernels are half bins.
+        let runs = if case.precision == Precision::HalfBins { &Run::ALL[..1] } else { &Run::ALL };
+        let runs: Vec<Run> = runs.iter().copied().filter(|run| matches(&run.name(&case))).collect();
+        if runs.is_empty() {
+            continue;
+        }
         let of =
             |material: u32| case.scene.triangles.iter().filter(|t| t.material == material).count() as f64;
         let pairs = of(case.pairs.0) * of(case.pairs.1);
-        let buffers = SceneBuffers::new(&device, &case.scene, &plan).expect("buffers");
-        let mut operators = Operators::new(&device, plan, buffers).expect("operators");
-        let mut x = operators.vector().expect("a vector");
-        let mut y = operators.vector().expect("a vector");
-        operators.pass(None, true, &mut x).expect("a pass");
-        let mut fastest = f64::INFINITY;
-        for _ in 0..REPEATS {
-            device.reset_profile();
-            operators.pass(Some(&x), true, &mut y).expect("a pass");
-            let rows = device.profile().into_iter();
-            let rows = rows.filter(|row| row.shape == case.shape && row.kernel.starts_with("transport"));
-            fastest = fastest.min(rows.map(|row| row.seconds).sum());
+        let mut bench = Bench::new(&device, &case);
+        for run in runs {
+            let rate = pairs / bench.fastest(&case, run);
+            println!("{:48} {:8.1} million pairs/s", run.name(&case), 1e-6 * rate);
         }
-        println!("{:24} {:8.1} million pairs/s", case.name, 1e-6 * pairs / fastest);
     }
 }

@@ -27,6 +27,7 @@ layout(scalar, binding = 5) buffer IncidentRgb { real3 incident_rgb[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
 layout(std430, binding = 6) readonly buffer BinTable { real4 bin_table[]; };
 #define PARTNERS_BINDING 7
+#define PARTNERS_LIGHT partner_radiance
 #include "partners.glsl"
 
 #include "far_push.glsl"

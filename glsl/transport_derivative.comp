@@ -1,5 +1,4 @@
 #version 450 core
-#extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 // The derivative of ⟨λ, U L⟩ with respect to the geometry of the targets, sources or receivers, point to point: of
@@ -26,6 +25,10 @@ layout(std430, binding = 5) readonly buffer Specular { real specular[]; };
 layout(scalar, binding = 5) readonly buffer SpecularRgb { real3 specular_rgb[]; };
 layout(scalar, binding = 6) readonly buffer CotangentRgb { real3 cotangent_rgb[]; };
 layout(std430, binding = 7) readonly buffer FarRuns { uint far_runs[]; };
+#define PARTNERS_BINDING 8
+// What diffuse fronts send, or the cotangent of irradiance.
+#define PARTNERS_LIGHT partner_light
+#include "partners.glsl"
 
 #include "far_push.glsl"
 #include "source_bins.glsl"
@@ -36,7 +39,7 @@ void main() {
     uint target = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
     Facet own = facets[target];
     real3 own_light = TARGET_IS_SOURCE ? radiance[target].rgb : cotangent_irradiance[target].rgb;
-    uint own_first = (target - target_page) * BINS;
+    uint own_bins = (target - target_page) * BINS;
     real3 by_centre = real3(0.0), by_normal = real3(0.0);
     real by_area = 0.0, by_characteristic_area = 0.0;
     uint end = partner_begin;
@@ -47,55 +50,53 @@ void main() {
         bool fronts = (flags & PAIR_FRONT) != 0;
         bool backs = SOURCE_BACK && (flags & PAIR_BACK) != 0;
         bool near = (flags & PAIR_NEAR) != 0;
-        uint batches = fronts || backs ? (end - begin) * (TILE / LANES) : 0;
-        for (uint batch = 0; batch < batches; batch++) {
-            uint mine = begin * TILE + batch * LANES + gl_LocalInvocationID.x;
-            Facet f = facets[mine];
-            real3 light = TARGET_IS_SOURCE ? cotangent_irradiance[mine].rgb : radiance[mine].rgb;
-            for (uint lane = 0; lane < LANES; lane++) {
-                uint partner = begin * TILE + batch * LANES + lane;
-                real3 x = subgroupBroadcast(f.centre, lane);
-                real3 n = subgroupBroadcast(f.normal, lane);
-                real3 l = subgroupBroadcast(light, lane);
-                real area = TARGET_IS_SOURCE ? own.area : subgroupBroadcast(f.area, lane);
-                real characteristic_area = subgroupBroadcast(f.characteristic_area, lane) + own.characteristic_area;
-                real3 d = TARGET_IS_SOURCE ? x - own.centre : own.centre - x;
-                real3 source_normal = TARGET_IS_SOURCE ? own.normal : n;
-                real3 receiver_normal = TARGET_IS_SOURCE ? n : own.normal;
-                real r2 = max(dot(d, d), R2_MIN);
-                real from = dot(d, source_normal);
-                real to = max(-dot(d, receiver_normal), 0.0);
-                real range = half_range * characteristic_area;
-                real blend = near ? far_weight(r2, range) : real(1.0);
-                bool front = from > 0.0;
-                real side = front ? real(fronts) : -real(backs);
-                // w = blend · side from · to · kernel.
-                real wide = r2 + area * INV_PI;
-                real kernel = area / (r2 * wide);
-                for (uint once = side * from * to * blend * area > 0.0 ? 1 : 0; once > 0; once--) {
-                    real weight = blend * side * from * to * kernel;
-                    real r = sqrt(r2);
-                    real3 direction = d / r;
-                    uint partner_first = (partner - partner_page) * BINS;
-                    Exchanged e = exchanged(
-                        source_normal, TARGET_IS_SOURCE ? own_first : partner_first, TARGET_IS_SOURCE ? own_light : l, front,
-                        receiver_normal, TARGET_IS_SOURCE ? partner_first : own_first, TARGET_IS_SOURCE ? l : own_light,
-                        direction, 1.0, 1.0
-                    );
-                    real value = dot(e.diffuse + e.binned, e.adjoint);
-                    real2 slopes = near ? far_weight_slopes(r2, range) : real2(0.0);
-                    real plain = value * side * from * to * kernel;
-                    real by_from = value * blend * side * to * kernel;
-                    real by_to = value * blend * side * from * kernel;
-                    real by_r2 = slopes.x * plain - blend * plain * (1.0 / r2 + 1.0 / wide);
-                    real3 by_d = by_from * source_normal - by_to * receiver_normal + 2.0 * by_r2 * d
-                        + through_normalization(weight * e.by_direction, direction, r);
-                    by_centre += TARGET_IS_SOURCE ? -by_d : by_d;
-                    by_normal += TARGET_IS_SOURCE ? by_from * d + weight * e.by_source_normal
-                                             : -by_to * d + weight * e.by_receiver_normal;
-                    by_area += TARGET_IS_SOURCE ? blend * value * side * from * to / (wide * wide) : real(0.0);
-                    by_characteristic_area += slopes.y * plain * half_range;
-                }
+        uint count = fronts || backs ? (end - begin) * TILE : 0;
+        uint first = (begin - partner_begin) * TILE;
+        for (uint k = 0; k < count; k++) {
+            Facet partner = partners[first + k];
+            real3 d = TARGET_IS_SOURCE ? partner.centre - own.centre : own.centre - partner.centre;
+            real3 source_normal = TARGET_IS_SOURCE ? own.normal : partner.normal;
+            real3 receiver_normal = TARGET_IS_SOURCE ? partner.normal : own.normal;
+            real area = TARGET_IS_SOURCE ? own.area : partner.area;
+            real r2 = max(dot(d, d), R2_MIN);
+            real from = dot(d, source_normal);
+            real to = max(-dot(d, receiver_normal), 0.0);
+            real range = half_range * (partner.characteristic_area + own.characteristic_area);
+            real blend = 1.0;
+            real2 slopes = real2(0.0);
+            // A loop, to skip it for tiles that are far apart, nearly all.
+            for (uint once = near ? 1 : 0; once > 0; once--) {
+                blend = far_weight(r2, range);
+                slopes = far_weight_slopes(r2, range);
+            }
+            bool front = from > 0.0;
+            real side = front ? real(fronts) : -real(backs);
+            // w = blend · side from · to · kernel.
+            real wide = r2 + area * INV_PI;
+            real kernel = area / (r2 * wide);
+            for (uint once = side * from * to * blend * area > 0.0 ? 1 : 0; once > 0; once--) {
+                real weight = blend * side * from * to * kernel;
+                real r = sqrt(r2);
+                real3 direction = d / r;
+                real3 light = partner_light[first + k].rgb;
+                uint bins = (begin * TILE + k - partner_page) * BINS;
+                Exchanged e = exchanged(
+                    source_normal, TARGET_IS_SOURCE ? own_bins : bins, TARGET_IS_SOURCE ? own_light : light, front,
+                    receiver_normal, TARGET_IS_SOURCE ? bins : own_bins, TARGET_IS_SOURCE ? light : own_light,
+                    direction, 1.0, 1.0
+                );
+                real value = dot(e.diffuse + e.binned, e.adjoint);
+                real plain = value * side * from * to * kernel;
+                real by_from = value * blend * side * to * kernel;
+                real by_to = value * blend * side * from * kernel;
+                real by_r2 = slopes.x * plain - blend * plain * (1.0 / r2 + 1.0 / wide);
+                real3 by_d = by_from * source_normal - by_to * receiver_normal + 2.0 * by_r2 * d
+                    + through_normalization(weight * e.by_direction, direction, r);
+                by_centre += TARGET_IS_SOURCE ? -by_d : by_d;
+                by_normal += TARGET_IS_SOURCE ? by_from * d + weight * e.by_source_normal
+                                         : -by_to * d + weight * e.by_receiver_normal;
+                by_area += TARGET_IS_SOURCE ? blend * value * side * from * to / (wide * wide) : real(0.0);
+                by_characteristic_area += slopes.y * plain * half_range;
             }
         }
     }

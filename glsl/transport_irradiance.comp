@@ -17,6 +17,7 @@ layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
 layout(std430, binding = 1) readonly buffer FarRuns { uint far_runs[]; };
 layout(std430, binding = 2) buffer Irradiance { real4 irradiance[]; };
 #define PARTNERS_BINDING 3
+#define PARTNERS_LIGHT partner_radiance
 #include "partners.glsl"
 
 #include "far_push.glsl"

@@ -1,5 +1,4 @@
 #version 450 core
-#extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_GOOGLE_include_directive : require
 // U^T from triangles without bins to diffuse fronts, point to point:
 //     μ_i += a_i Σ_j max(cos_i, 0) max(cos_j, 0) g_ij λ_j,   g = 1 / (r² + a_i/π).
@@ -14,11 +13,13 @@ layout(constant_id = 1) const uint TILE = 64;
 const uint PER_LANE = TILE / LANES;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
-// λ, the cotangent of irradiance.
-layout(std430, binding = 1) readonly buffer Cotangent { real4 cotangent_irradiance[]; };
-layout(std430, binding = 2) readonly buffer FarRuns { uint far_runs[]; };
+layout(std430, binding = 1) readonly buffer FarRuns { uint far_runs[]; };
 // μ, the cotangent of radiance.
-layout(std430, binding = 3) buffer Radiance { real4 radiance[]; };
+layout(std430, binding = 2) buffer Radiance { real4 radiance[]; };
+#define PARTNERS_BINDING 3
+// λ, the cotangent of irradiance.
+#define PARTNERS_LIGHT partner_cotangent
+#include "partners.glsl"
 
 #include "far_push.glsl"
 
@@ -39,24 +40,30 @@ void main() {
         uint begin = end;
         end = run_end(run);
         uint flags = run_flags(run);
-        bool near = (flags & PAIR_NEAR) != 0;
-        uint batches = (flags & PAIR_FRONT) != 0 ? (end - begin) * (TILE / LANES) : 0;
-        for (uint batch = 0; batch < batches; batch++) {
-            uint mine = begin * TILE + batch * LANES + gl_LocalInvocationID.x;
-            Facet f = facets[mine];
-            real3 light = cotangent_irradiance[mine].rgb;
-            for (uint lane = 0; lane < LANES; lane++) {
-                real3 x = subgroupBroadcast(f.centre, lane);
-                real3 n = subgroupBroadcast(f.normal, lane);
-                real3 l = subgroupBroadcast(light, lane);
-                real e = subgroupBroadcast(f.characteristic_area, lane);
-                for (uint k = 0; k < PER_LANE; k++) {
-                    real3 d = x - centre[k];
-                    real r2 = max(dot(d, d), R2_MIN);
-                    real cosines = max(dot(d, normal[k]), 0.0) * max(-dot(d, n), 0.0);
-                    real blend = near ? far_weight(r2, half_range * (e + characteristic_area[k])) : real(1.0);
-                    sum[k] += l * (blend * cosines / (r2 * (r2 + area[k] * INV_PI)));
-                }
+        // Loops that may run zero times: an `if` would not skip the work on a device that executes both branches.
+        uint receivers = (flags & PAIR_FRONT) != 0 ? (end - begin) * TILE : 0;
+        uint near_receivers = (flags & PAIR_NEAR) != 0 ? receivers : 0;
+        uint far_receivers = receivers - near_receivers;
+        uint at = (begin - partner_begin) * TILE;
+        for (uint j = at; j < at + far_receivers; j++) {
+            Facet f = partners[j];
+            real3 l = partner_cotangent[j].rgb;
+            for (uint k = 0; k < PER_LANE; k++) {
+                real3 d = f.centre - centre[k];
+                real r2 = max(dot(d, d), R2_MIN);
+                real cosines = max(dot(d, normal[k]), 0.0) * max(-dot(d, f.normal), 0.0);
+                sum[k] += l * (cosines / (r2 * (r2 + area[k] * INV_PI)));
+            }
+        }
+        for (uint j = at; j < at + near_receivers; j++) {
+            Facet f = partners[j];
+            real3 l = partner_cotangent[j].rgb;
+            for (uint k = 0; k < PER_LANE; k++) {
+                real3 d = f.centre - centre[k];
+                real r2 = max(dot(d, d), R2_MIN);
+                real cosines = max(dot(d, normal[k]), 0.0) * max(-dot(d, f.normal), 0.0);
+                real blend = far_weight(r2, half_range * (f.characteristic_area + characteristic_area[k]));
+                sum[k] += l * (blend * cosines / (r2 * (r2 + area[k] * INV_PI)));
             }
         }
     }

@@ -115,6 +115,7 @@ impl MemoryPlan {
         let rgb = slots * plan.rgb_bytes();
         self.add("cotangent: irradiance", rgb, 1);
         self.add("cotangent: radiance", rgb, 1);
+        self.add("cotangent: receivers", rgb + u64::from(plan.partner_slots()) * plan.rgb_bytes(), 1);
         for group in plan.layout.groups.iter().filter(|g| g.class.glossy) {
             self.add("cotangent: specular", plan.page_bytes(group), 1);
         }

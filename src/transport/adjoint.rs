@@ -6,7 +6,7 @@ use super::exchange_adjoint::ExchangeAdjoint;
 use super::exchange_derivative::ExchangeDerivative;
 use super::observation_adjoint::ObservationAdjoint;
 use super::reflection_adjoint::ReflectionAdjoint;
-use super::state::{State, page, pages};
+use super::state::{State, StateBuffers, page, pages};
 use super::watch::TransportError;
 use super::{Context, Operators, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
@@ -23,6 +23,9 @@ pub struct AdjointBuffers {
     pub radiance: Buffer,
     /// μ₀: of specular radiance, per glossy group.
     pub specular: Vec<Option<Buffer>>,
+    /// The cotangent of irradiance that a pass reads, vec4 per slot, as point-to-point kernels bind it of partners:
+    /// unlike that of a state, it extends past the last slot.
+    pub receivers: Buffer,
     /// [`crate::plan::FarRuns`] by source.
     pub far_runs: Buffer,
     pub near_offsets: Buffer,
@@ -64,6 +67,10 @@ impl AdjointKernels {
             irradiance: storage("cotangent: irradiance", rgb)?,
             radiance: storage("cotangent: radiance", rgb)?,
             specular: pages(device, plan, "cotangent: specular", |group| group.class.glossy)?,
+            receivers: storage(
+                "cotangent: receivers",
+                rgb + u64::from(plan.partner_slots()) * plan.rgb_bytes(),
+            )?,
             far_runs: words("far runs, by source", far.words())?,
             near_offsets: words("near offsets, by source", &near.offsets)?,
             near_receivers: words("near receivers", &near.partners)?,
@@ -105,6 +112,15 @@ impl AdjointBuffers {
                 }
             }
         }
+        Ok(())
+    }
+
+    /// Copies the cotangent of irradiance to where point-to-point kernels read it of partners.
+    pub fn copy_receivers(&self, context: &Context, cotangent: &StateBuffers) -> Result<(), TransportError> {
+        let Context { device, plan, .. } = context;
+        let mut batch = device.batch()?;
+        batch.copy(&cotangent.irradiance, 0, &self.receivers, 0, plan.irradiance_bytes())?;
+        batch.submit()?;
         Ok(())
     }
 

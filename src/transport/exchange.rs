@@ -4,7 +4,7 @@ use super::half_bins::HalfBins;
 use super::reflection::Reflection;
 use super::residency::{Part, View};
 use super::state::State;
-use super::sweep::{Between, Kernels, OfPartners, Sweep};
+use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, bin_constants};
 use crate::gpu::{Bindings, Device, GpuError};
@@ -115,10 +115,7 @@ impl Exchange {
         let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
         let none = || View::resident(&scene.no_bins, 0, 0);
         let (facets, radiance) = (scene.facets.whole(), outgoing.radiance.whole());
-        let partners = [
-            OfPartners { buffer: &scene.facets, bytes: plan.facet_bytes() },
-            OfPartners { buffer: &outgoing.radiance, bytes: plan.rgb_bytes() },
-        ];
+        let partners = of_partners(context, &outgoing.radiance);
         let irradiance = y.receive(device, &Part::irradiance(plan))?;
         let pieces = plan.pieces();
         for groups in plan.sweeps() {

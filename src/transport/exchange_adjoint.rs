@@ -4,9 +4,9 @@ use super::Context;
 use super::adjoint::AdjointBuffers;
 use super::exchange::{NEAR_TAKE, PLAIN_NEAR_TAKE, Shape, sweep_of};
 use super::state::{State, page_of};
-use super::sweep::{Between, Kernels, Sweep};
+use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::watch::{PassMonitor, TransportError};
-use crate::gpu::{Device, GpuError};
+use crate::gpu::{Bindings, Device, GpuError};
 use crate::plan::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
@@ -18,8 +18,8 @@ impl ExchangeAdjoint {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape| Kernels {
             far: match shape.any_bins() {
-                true => (&shaders::TRANSPORT_BINS_ADJOINT, 8.into()),
-                false => (&shaders::TRANSPORT_IRRADIANCE_ADJOINT, 4.into()),
+                true => (&shaders::TRANSPORT_BINS_ADJOINT, Bindings { storage: 7, uniform: 2 }),
+                false => (&shaders::TRANSPORT_IRRADIANCE_ADJOINT, Bindings { storage: 3, uniform: 2 }),
             },
             near: (&shaders::NEAR_ADJOINT, 11),
             single: shape.any_bins(),
@@ -47,6 +47,8 @@ impl ExchangeAdjoint {
         let lists = plan.interactions().by_source.as_ref().ok_or(TransportError::NotPlanned)?;
         monitor.begin(Sweep::pairs(plan));
         let none = &scene.no_bins;
+        adjoint.copy_receivers(context, x)?;
+        let partners = of_partners(context, &adjoint.receivers);
         for (s, from) in plan.layout.groups.iter().enumerate() {
             for (t, to) in plan.layout.groups.iter().enumerate() {
                 let shape = Shape::new(from.class, to.class);
@@ -72,7 +74,6 @@ impl ExchangeAdjoint {
                 sweep.near(context, between, &near, true, monitor)?;
                 let far = [
                     facets,
-                    irradiance,
                     adjoint.far_runs.whole(),
                     radiance,
                     incident,
@@ -80,8 +81,8 @@ impl ExchangeAdjoint {
                     front,
                     scene.bin_table.whole(),
                 ];
-                let far = if shape.any_bins() { &far[..] } else { &far[..4] };
-                sweep.far(context, between, far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, monitor)?;
+                let far = if shape.any_bins() { &far[..] } else { &far[..3] };
+                sweep.far(context, between, far, &partners, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, monitor)?;
             }
         }
         Ok(())

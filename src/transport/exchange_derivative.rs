@@ -5,9 +5,9 @@ use super::Context;
 use super::adjoint::AdjointBuffers;
 use super::exchange::{Shape, sweep_of};
 use super::state::{State, page_of};
-use super::sweep::{Between, Kernels, Sweep};
+use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::watch::{PassMonitor, TransportError};
-use crate::gpu::{Buffer, Device, GpuError};
+use crate::gpu::{Bindings, Buffer, Device, GpuError};
 use crate::plan::{Interactions, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
@@ -28,7 +28,7 @@ pub struct ExchangeDerivative {
 impl ExchangeDerivative {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape, target_is_source: bool| Kernels {
-            far: (&shaders::TRANSPORT_DERIVATIVE, 8.into()),
+            far: (&shaders::TRANSPORT_DERIVATIVE, Bindings { storage: 8, uniform: 2 }),
             near: (&shaders::NEAR_DERIVATIVE, 11),
             single: true,
             constants: [&shape.constants(plan)[..], &[(TARGET_IS_SOURCE, u32::from(target_is_source))]]
@@ -60,6 +60,7 @@ impl ExchangeDerivative {
         let by_source = by_source.as_ref().ok_or(TransportError::NotPlanned)?;
         monitor.begin(2 * Sweep::pairs(plan));
         let none = &scene.no_bins;
+        adjoint.copy_receivers(context, cotangent)?;
         for target_is_source in [true, false] {
             let (sweeps, lists, runs) = match target_is_source {
                 true => (&mut self.by_source, by_source, &adjoint.far_runs),
@@ -69,6 +70,8 @@ impl ExchangeDerivative {
                 true => (&adjoint.near_offsets, &adjoint.near_receivers),
                 false => (&scene.near_offsets, &scene.near_sources),
             };
+            let light = if target_is_source { &adjoint.receivers } else { &outgoing.radiance };
+            let uniforms = of_partners(context, light);
             for (s, from) in plan.layout.groups.iter().enumerate() {
                 for (t, to) in plan.layout.groups.iter().enumerate() {
                     let sweep = sweep_of(sweeps, Shape::new(from.class, to.class))?;
@@ -89,7 +92,14 @@ impl ExchangeDerivative {
                         [&both[..], &[offsets.whole(), partners.whole(), scene.corners.whole()]].concat();
                     sweep.near(context, between, &near, true, monitor)?;
                     let far = [&both[..], &[runs.whole()]].concat();
-                    sweep.far(context, between, &far, &[], PAIR_FRONT | PAIR_NEAR | PAIR_BACK, monitor)?;
+                    sweep.far(
+                        context,
+                        between,
+                        &far,
+                        &uniforms,
+                        PAIR_FRONT | PAIR_NEAR | PAIR_BACK,
+                        monitor,
+                    )?;
                 }
             }
         }

@@ -114,6 +114,15 @@ pub struct OfPartners<'a> {
     pub bytes: u64,
 }
 
+/// What point-to-point kernels read of partners: geometry, and `light`, one RGB value of each.
+pub fn of_partners<'a>(context: &'a Context, light: &'a Buffer) -> [OfPartners<'a>; 2] {
+    let Context { plan, scene, .. } = context;
+    [
+        OfPartners { buffer: &scene.facets, bytes: plan.facet_bytes() },
+        OfPartners { buffer: light, bytes: plan.rgb_bytes() },
+    ]
+}
+
 /// Targets and partners of a sweep.
 #[derive(Clone, Copy)]
 pub struct Between<'a> {
