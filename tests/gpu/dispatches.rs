@@ -87,7 +87,7 @@ fn slices_bind_a_part_and_leave_the_rest() {
 fn uniform_buffers_are_checked() {
     let device = device();
     let limit = device.info().max_uniform_buffer_range;
-    assert!(limit >= 1 << 16 && ALIGN % device.info().uniform_buffer_alignment == 0);
+    assert!(limit >= 1 << 16 && ALIGN.is_multiple_of(device.info().uniform_buffer_alignment));
     let shader = shaders::TRANSPORT_IRRADIANCE.of(Precision::F32);
     let pipeline =
         Pipeline::new(&device, shader, Bindings { storage: 3, uniform: 2 }, 32, &[], None).unwrap();

@@ -62,7 +62,7 @@ impl Row {
             bins: bins.to_string(),
             bin_count: bins.count(),
             weights: format!("{weights:?}").to_lowercase(),
-            near_field: near_field,
+            near_field,
             precision: format!("{precision:?}").to_lowercase(),
             solver: format!("{solver:?}").to_lowercase(),
             tolerance,
