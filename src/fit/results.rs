@@ -80,7 +80,7 @@ pub fn picture_error(targets: &[Target], fitted: &[Vec<DVec3>]) -> f64 {
     if off == 0.0 { 0.0 } else { (off / all).sqrt() }
 }
 
-/// The picture error over all views, read from the report in a folder written by [`write`]; `None` if absent.
+/// The picture error over all views, read from the report in a folder written by [`write()`]; `None` if absent.
 pub fn written_picture_error(directory: &Path) -> Option<f64> {
     let text = std::fs::read(directory.join(REPORT)).ok()?;
     serde_json::from_slice::<Value>(&text).ok()?.get("picture_error")?.as_f64()

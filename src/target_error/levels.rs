@@ -150,7 +150,7 @@ pub(super) fn is_directional(scene: &Scene) -> bool {
 }
 
 /// The layout of bins that suits a scene: equal polar angles, unless coarse blockers would then make up more than a twentieth of
-/// the area ([`Warnings::coarse_share`]). Examines pairs of nearby triangles; needs no device.
+/// the area. Examines pairs of nearby triangles; needs no device.
 pub fn layout(scene: &Scene, settings: &SolveSettings) -> LayoutKind {
     let classes = classify(scene);
     if !classes.iter().any(|class| class.has_bins()) {
