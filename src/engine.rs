@@ -371,8 +371,9 @@ impl Engine {
         self.replace_materials(scene)
     }
 
-    /// The same for emission that may be negative.
-    pub(crate) fn set_linear_materials(&mut self, scene: &Scene) -> Result<(), EngineError> {
+    /// The same for emission that may be negative: light is linear in it, so that differences of scenes can be solved, too
+    /// (finite differences, least squares).
+    pub fn set_linear_materials(&mut self, scene: &Scene) -> Result<(), EngineError> {
         scene.validate_linear()?;
         self.replace_materials(scene)
     }

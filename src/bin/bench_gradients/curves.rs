@@ -146,7 +146,14 @@ impl Bench<'_> {
                 bar.inc(1);
                 return Ok(Values::of(engine, solution, camera_positions)?);
             }
-            let mut engine = loss::engine(self.device, &scene, GradientRequest::NOTHING)?;
+            let mut engine = if sample.kind == Kind::Emission {
+                // Below zero on one side of a dark triangle.
+                let mut engine = loss::engine(self.device, &self.scene, GradientRequest::NOTHING)?;
+                engine.set_linear_materials(&scene)?;
+                engine
+            } else {
+                loss::engine(self.device, &scene, GradientRequest::NOTHING)?
+            };
             let moved =
                 engine.solve_from(Some(solution), &loss::params(), &mut |_, _| self.interrupt.flow())?;
             bar.inc(SOLVE_COST);
