@@ -342,7 +342,7 @@ impl Job {
             OptimiserKind::QuasiNewton | OptimiserKind::Auto => {
                 let parameters = &self.problem.parameters;
                 let of_solve = NOISE_OF_TOLERANCE * parameters.base().settings.tolerance;
-                let of_samples = if parameters.wanted().positions { NOISE_OF_SAMPLES } else { 0.0 };
+                let of_samples = if parameters.gradient_request().positions { NOISE_OF_SAMPLES } else { 0.0 };
                 let noise = self.settings.noise.unwrap_or(of_solve.max(of_samples));
                 let options = QuasiNewtonOptions { noise, ..self.settings.quasi_newton };
                 Optimiser::QuasiNewton(QuasiNewton::new(x, bounds, options))

@@ -93,7 +93,7 @@ impl Problem {
             Err(error) => return Err(error),
         };
         let (views, loss, by_pixels) = self.compare(&pictures);
-        let request = self.parameters.wanted();
+        let request = self.parameters.gradient_request();
         let (mut by_scene, mut gradient) = match renderer.pull_back(&by_pixels, request)? {
             Some(by_scene) => (by_scene, vec![0.0; x.len()]),
             None => {
@@ -159,7 +159,7 @@ impl Problem {
                 curvature.ok_or_else(|| refuse("this loss is not quadratic; use another optimiser"))?;
             picture.iter_mut().zip(curvature).for_each(|(v, c)| *v *= weight * c);
         }
-        let request = self.parameters.wanted();
+        let request = self.parameters.gradient_request();
         let mut product_of = match renderer.pull_back(&by_pixels, request)? {
             Some(by_scene) => self.parameters.pull_back(p, &by_scene),
             None => {

@@ -52,7 +52,7 @@ pub struct Circumstances {
 pub fn write(directory: &Path, job: &Job, outcome: &Outcome, about: &Circumstances) -> Result<(), FitError> {
     outcome.scene.save(&directory.join(SCENE))?;
     write_json(&directory.join("parameters.json"), &outcome.recovered)?;
-    write_arrays(directory, job.problem().parameters.wanted(), outcome)?;
+    write_arrays(directory, job.problem().parameters.gradient_request(), outcome)?;
     write_history(directory, &outcome.history)?;
     let names = view_names(job);
     for ((target, fitted), name) in job.problem().targets.iter().zip(&outcome.pictures).zip(&names) {

@@ -98,7 +98,7 @@ fn derivatives_are_those_of_finite_differences() {
     let regularisers = Regularisers::new(&terms, &parameters).expect("terms");
     let evaluate = |x: &[f64]| {
         let scene = parameters.scene(x);
-        let (toy, mut by_scene) = toy(&scene, parameters.wanted());
+        let (toy, mut by_scene) = toy(&scene, parameters.gradient_request());
         let mut direct = vec![0.0; x.len()];
         let values = regularisers.evaluate(&parameters, &scene, x, &mut by_scene, &mut direct);
         assert!(values.iter().all(|v| *v > 0.0), "{values:?}");

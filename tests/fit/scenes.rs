@@ -31,7 +31,7 @@ fn job(device: &Device, scene: &Scene, cameras: Vec<Camera>, settings: Settings)
     let targets = cameras.iter().cloned().zip(pictures).map(target).collect();
     let job = Job::new("test", scene.clone(), targets, settings).expect("a job");
     let parameters = &job.problem().parameters;
-    let (planning, request) = (parameters.planning_scene(), parameters.wanted());
+    let (planning, request) = (parameters.planning_scene(), parameters.gradient_request());
     let renderer = EngineRenderer::new(device, planning, cameras, side, request, watch());
     (job, renderer.expect("a renderer"))
 }

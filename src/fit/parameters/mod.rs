@@ -239,7 +239,7 @@ impl Parameters {
     }
 
     /// Which derivatives [`Self::pull_back`] needs.
-    pub fn wanted(&self) -> GradientRequest {
+    pub fn gradient_request(&self) -> GradientRequest {
         self.request
     }
 

@@ -173,7 +173,7 @@ fn run_job(
     let watch: Watch = Arc::new(move || asked.flow());
     let problem = file.job.problem();
     let cameras: Vec<Camera> = problem.targets.iter().map(|target| target.camera.clone()).collect();
-    let (planning, gradients) = (problem.parameters.planning_scene(), problem.parameters.wanted());
+    let (planning, gradients) = (problem.parameters.planning_scene(), problem.parameters.gradient_request());
     let supersample = file.job.settings().supersample;
     let mut renderer = EngineRenderer::new(&device, planning, cameras, supersample, gradients, watch)?;
     // Before anything is allocated: a job that does not fit is refused with the number of bytes that it needs.
