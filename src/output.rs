@@ -10,6 +10,7 @@ const UNFINISHED: &str = ".antirad-";
 /// A file could not be written. Its previous content is intact.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: cannot be written: {reason}", path.display())]
+#[non_exhaustive]
 pub struct OutputError {
     /// The file that could not be written.
     pub path: PathBuf,

@@ -117,7 +117,7 @@ fn solve<O: antirad::solve::LightOperator>(operator: &mut O) -> O::Vector
 where
     O::Error: std::fmt::Debug,
 {
-    let params = GmresParams { tolerance: 1e-13, max_passes: 400, restart: 60 };
+    let params = GmresParams::new(1e-13, 400, 60);
     gmres(operator, &params, &mut |_, _| ControlFlow::Continue(())).expect("a solution").0
 }
 

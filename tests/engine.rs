@@ -123,7 +123,7 @@ fn solvers_agree_with_each_other_and_with_the_reference() {
     let scene = room(4, 0.7);
     let model = Model::new(&scene);
     let mut operator = &model;
-    let params = FixedPointParams { tolerance: 1e-9, max_passes: 200 };
+    let params = FixedPointParams::new(1e-9, 200);
     let (truth, info) =
         fixed_point(&mut operator, &params, &mut |_, _| ControlFlow::Continue(())).expect("a reference");
     let expected = info.spectral_radius.expect("an estimate");

@@ -110,7 +110,7 @@ fn closed_boxes_take_a_third_of_the_passes() {
 /// Irradiance by the f64 twin.
 fn reference(scene: &Scene) -> Vec<[f64; 3]> {
     let model = Model::new(scene);
-    let params = GmresParams { tolerance: 1e-9, max_passes: 200, restart: 30 };
+    let params = GmresParams::new(1e-9, 200, 30);
     let (truth, _) = gmres(&mut &model, &params, &mut |_, _| ControlFlow::Continue(())).expect("a reference");
     truth.irradiance.iter().map(|h| h.to_array()).collect()
 }

@@ -195,7 +195,7 @@ fn a_wrong_kernel_would_be_found() {
     let solution = engine.solve(&SolveParams::default().tolerance(1e-6).max_passes(100)).expect("a solution");
     let model = Model::new(&scene);
     let mut operator = &model;
-    let params = antirad::solve::FixedPointParams { tolerance: 1e-6, max_passes: 100 };
+    let params = antirad::solve::FixedPointParams::new(1e-6, 100);
     let (truth, _) =
         antirad::solve::fixed_point(&mut operator, &params, &mut |_, _| std::ops::ControlFlow::Continue(()))
             .expect("a reference");

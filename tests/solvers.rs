@@ -32,7 +32,7 @@ fn gmres_ends_with_the_residual_it_reports_and_one_pass_after_reaching_it() {
         let model = Model::new(&random_scene(seed, 120, glossy, false));
         for tolerance in [1e-3, 1e-4, 1e-8] {
             for restart in [4, 16] {
-                let params = GmresParams { tolerance, max_passes: 400, restart };
+                let params = GmresParams::new(tolerance, 400, restart);
                 let (x, info) = gmres(&mut &model, &params, &mut go_on).expect("a solution");
                 let told = *info.residuals.last().expect("a residual");
                 let true_one = residual(&model, &x);
@@ -51,7 +51,7 @@ fn gmres_ends_with_the_residual_it_reports_and_one_pass_after_reaching_it() {
 fn without_convergence_the_best_iterate_is_returned() {
     let model = Model::new(&random_scene(2, 120, true, false));
     for max_passes in [1, 2, 3, 4, 5] {
-        let params = GmresParams { tolerance: 1e-12, max_passes, restart: 3 };
+        let params = GmresParams::new(1e-12, max_passes, 3);
         let Err(SolveError::NoConvergence { residual: told, best, passes, stagnated, residuals, .. }) =
             gmres(&mut &model, &params, &mut go_on)
         else {
@@ -64,11 +64,11 @@ fn without_convergence_the_best_iterate_is_returned() {
         assert!(max_passes == 1 || (reached / told - 1.0).abs() <= 1e-6, "{told:e} told, {reached:e}");
         assert!(reached < 1.0, "{reached}");
 
-        let params = GmresParams { max_passes: 400, restart: 16, ..params };
+        let params = GmresParams::new(params.tolerance, 400, 16);
         let (_, from_there) = gmres_from(&mut &model, Some(best), &params, &mut go_on).expect("a solution");
         assert!(from_there.residuals[0] <= reached * (1.0 + 1e-6), "{from_there:?}");
     }
-    let params = FixedPointParams { tolerance: 1e-10, max_passes: 4 };
+    let params = FixedPointParams::new(1e-10, 4);
     match fixed_point(&mut &model, &params, &mut go_on) {
         Err(SolveError::NoConvergence { residual: told, best, .. }) => {
             let reached = residual(&model, &best);
@@ -121,7 +121,7 @@ impl LightOperator for Shift {
 /// A cycle that gains nothing ends the solve.
 #[test]
 fn stagnation_is_reported_as_soon_as_a_cycle_gains_nothing() {
-    let params = |restart| GmresParams { tolerance: 1e-6, max_passes: 1000, restart };
+    let params = |restart| GmresParams::new(1e-6, 1000, restart);
     let (x, info) = gmres(&mut Shift(12), &params(12), &mut go_on).expect("the basis spans the space");
     assert!((x[11] - 1.0).abs() <= 1e-12 && info.passes == 14, "{x:?} {info:?}");
     match gmres(&mut Shift(12), &params(5), &mut go_on) {

@@ -4,11 +4,19 @@ use super::{ConvergenceMonitor, LightOperator, Next, SolveProgress, Solved};
 
 /// Stopping criteria of the fixed point.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct FixedPointParams {
     /// Relative residual at which to stop.
     pub tolerance: f64,
     /// Largest number of passes; a solve that needs more fails.
     pub max_passes: u32,
+}
+
+impl FixedPointParams {
+    /// To a relative residual of `tolerance`, in at most `max_passes` passes.
+    pub fn new(tolerance: f64, max_passes: u32) -> Self {
+        Self { tolerance, max_passes }
+    }
 }
 
 /// Iterates H ← U (E + (K - J) H) from zero until ‖H_new - H‖ / ‖H_new‖ is at most the tolerance.

@@ -7,6 +7,7 @@ use std::ops::AddAssign;
 
 /// Stopping criteria and restart length of GMRES.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct GmresParams {
     /// Relative residual at which to stop.
     pub tolerance: f64,
@@ -14,6 +15,13 @@ pub struct GmresParams {
     pub max_passes: u32,
     /// Vectors of the Krylov basis kept before a restart, at least 1.
     pub restart: u32,
+}
+
+impl GmresParams {
+    /// To a relative residual of `tolerance`, in at most `max_passes` passes, with a basis of `restart` vectors.
+    pub fn new(tolerance: f64, max_passes: u32, restart: u32) -> Self {
+        Self { tolerance, max_passes, restart }
+    }
 }
 
 /// Vectors that GMRES allocates for a restart length.

@@ -66,6 +66,7 @@ pub struct SolveInfo {
 
 /// Why a solve stopped without a solution. `V` holds the last iterate.
 #[derive(thiserror::Error)]
+#[non_exhaustive]
 pub enum SolveError<E, V> {
     #[error(
         "the solve diverges: relative residual {residual:.3e} after {passes} passes. The scene creates light: \

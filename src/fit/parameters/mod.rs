@@ -28,6 +28,7 @@ use std::collections::HashMap;
 /// A [`Fit`] is invalid for the scene.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
+#[non_exhaustive]
 pub struct ParameterError {
     /// Index of the [`Fit`].
     pub fit: usize,
