@@ -34,7 +34,7 @@ pub enum EngineError {
     Transport(#[from] TransportError),
     /// The engine allocated a different size than the plan counts.
     #[error(
-        "the plan counts {planned} bytes of \"{label}\" and the engine allocated {allocated}: a defect of antirad"
+        "the plan counts {planned} bytes of \"{label}\" and the engine allocated {allocated}: a bug in antirad"
     )]
     Miscounted {
         /// Label of the buffers.
@@ -76,11 +76,11 @@ pub enum EngineError {
         /// Index of the triangle in the scene.
         triangle: usize,
     },
+    /// New materials need features that were not planned.
     #[error(
         "triangle {triangle} {why}, which was not planned: call Engine::rebuilt, or plan a scene \
          that has it"
     )]
-    /// New materials need features that were not planned.
     BeyondPlan {
         /// Index of the triangle in the scene.
         triangle: usize,

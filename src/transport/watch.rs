@@ -33,14 +33,14 @@ pub enum TransportError {
     )]
     NotResident,
     /// A kernel or buffer is missing; without it the result would be wrong but plausible.
-    #[error("the plan requires {what}, which the engine lacks: a defect of antirad")]
+    #[error("the plan requires {what}, which the engine lacks: a bug in antirad")]
     Missing {
         /// What is missing, in words.
         what: String,
     },
     /// A part lies outside a state on the host.
     #[error(
-        "bytes {begin}..{end} are outside the {bytes} bytes of bins of a state on the host: a defect of antirad"
+        "bytes {begin}..{end} are outside the {bytes} bytes of bins of a state on the host: a bug in antirad"
     )]
     OutsideOfState {
         /// First byte of the part.

@@ -1,7 +1,7 @@
 //! The compiled shaders, and how the build obtains them.
 
 // The build script itself, under test.
-#[allow(dead_code)]
+#[allow(dead_code, reason = "`main` and what only it calls")]
 #[path = "../../build.rs"]
 mod build;
 
