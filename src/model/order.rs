@@ -2,6 +2,7 @@
 //! normal cones.
 
 use super::facet::Facet;
+use crate::scene::bounds;
 use glam::DVec3;
 
 /// Triangle index of the slots that pad a tile.
@@ -17,11 +18,7 @@ pub struct BoundedRun {
 impl BoundedRun {
     /// The box around some facets; around none, its minimum is +∞ and its maximum -∞.
     pub fn around<'a>(facets: impl Iterator<Item = &'a Facet>) -> Self {
-        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for corner in facets.flat_map(|f| f.corners) {
-            min = min.min(corner);
-            max = max.max(corner);
-        }
+        let (min, max) = bounds(facets.flat_map(|f| f.corners));
         Self { min, max }
     }
 

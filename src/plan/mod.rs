@@ -21,7 +21,7 @@ pub use tiles::{Group, TileLayout};
 
 use crate::model::{Bins, Class, Facet, classify, spatial_order};
 use crate::options::setters;
-use crate::scene::{Precision, Scene, SolveSettings, SolverChoice};
+use crate::scene::{Precision, Scene, SolveSettings, SolverChoice, bounds};
 use glam::DVec3;
 
 /// Bytes of the facets of partners that a dispatch binds.
@@ -114,8 +114,7 @@ impl Placement {
     /// Centres the box around the vertices in use at the origin.
     pub fn of(scene: &Scene) -> Self {
         let used = scene.triangles.iter().flat_map(|t| t.vertices).map(|v| scene.vertices[v as usize]);
-        let (min, max) =
-            used.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), x| (lo.min(x), hi.max(x)));
+        let (min, max) = bounds(used);
         let radius = 0.5 * (max - min).length();
         Self { centre: 0.5 * (min + max), scale: if radius > 0.0 { 1.0 / radius } else { 1.0 } }
     }

@@ -37,6 +37,7 @@ pub use shapes::Shape;
 
 pub(crate) use adjacency::{Edges, Fans, Welded, sides};
 pub(crate) use error::{Place, nearest};
+pub(crate) use size::bounds;
 pub(crate) use tables::{CameraTable, Triple};
 pub(crate) use toml_file::TomlFile;
 

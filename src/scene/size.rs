@@ -12,13 +12,17 @@ pub(super) const SIZES: RangeInclusive<f64> = 1e-60..=1e60;
 /// size exchange no light.
 const LEAST: f64 = 1e-6;
 
+/// The corners of the box around some points; around none, +∞ and -∞.
+pub(crate) fn bounds(points: impl IntoIterator<Item = DVec3>) -> (DVec3, DVec3) {
+    let around = |(low, high): (DVec3, DVec3), x| (low.min(x), high.max(x));
+    points.into_iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), around)
+}
+
 impl Scene {
     /// Checks the sizes of scene and triangles. Requires `degenerate` to be up to date.
     pub(super) fn check_size(&mut self) -> Result<(), SceneError> {
         let corners: Vec<DVec3> = (0..self.triangles.len()).flat_map(|t| self.corners(t)).collect();
-        let (low, high) = corners
-            .iter()
-            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), &x| (low.min(x), high.max(x)));
+        let (low, high) = bounds(corners.iter().copied());
         let size = (high - low).max_element();
         if !SIZES.contains(&size) {
             return Err(SceneError::Size { size });

@@ -7,7 +7,7 @@
 use super::distance::to_triangle;
 use crate::model::{BoundedRun, Hierarchy, coplanar_tolerance};
 use crate::plan::{PADDING, Plan};
-use crate::scene::{self, Welded, sides};
+use crate::scene::{self, Welded, bounds, sides};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashSet;
@@ -92,9 +92,7 @@ fn cut(vertices: &[DVec3], edges: &[(u32, [u32; 2])], tolerance: f64) -> Vec<(u3
     ends.dedup();
     let at = |v: u32| vertices[v as usize];
     // Sorted along the axis of largest spread.
-    let spread = ends
-        .iter()
-        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), &v| (low.min(at(v)), high.max(at(v))));
+    let spread = bounds(ends.iter().map(|&v| at(v)));
     let axis = (spread.1 - spread.0).max_position();
     ends.sort_by(|&a, &b| at(a)[axis].total_cmp(&at(b)[axis]));
     let pieces = |&(triangle, [a, b]): &(u32, [u32; 2])| {

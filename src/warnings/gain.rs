@@ -12,6 +12,7 @@ use crate::model::{
     far_weight, morton, reaches,
 };
 use crate::plan::Plan;
+use crate::scene::bounds;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -234,11 +235,11 @@ impl Nearest {
     const RUN: usize = 64;
 
     fn new(mut points: Vec<DVec3>) -> Self {
-        let (low, high) = bounds(&points);
+        let (low, high) = bounds(points.iter().copied());
         let size = (high - low).max_element().max(f64::MIN_POSITIVE);
         points.sort_by_cached_key(|&p| morton((p - low) / size));
         let run = |points: &[DVec3]| {
-            let (low, high) = bounds(points);
+            let (low, high) = bounds(points.iter().copied());
             (low, high, points.to_vec())
         };
         Self { runs: points.chunks(Self::RUN).map(run).collect() }
@@ -254,11 +255,6 @@ impl Nearest {
         }
         nearest.sqrt()
     }
-}
-
-fn bounds(points: &[DVec3]) -> (DVec3, DVec3) {
-    let around = |(low, high): (DVec3, DVec3), &p: &DVec3| (low.min(p), high.max(p));
-    points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), around)
 }
 
 #[cfg(test)]

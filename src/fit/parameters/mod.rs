@@ -21,7 +21,7 @@ use super::motion::Motion;
 use super::optimiser::Bounds;
 use super::selection::{self, Selected};
 use crate::plan::GradientRequest;
-use crate::scene::{Material, Scene};
+use crate::scene::{Material, Scene, bounds};
 use glam::DVec3;
 use std::collections::HashMap;
 
@@ -141,10 +141,7 @@ impl Parameters {
         for (name, members) in &selected.groups {
             let (scale, what) = if quantity == Quantity::Position {
                 let place = |v: &u32| self.base.vertices[*v as usize];
-                let (low, high) = members
-                    .iter()
-                    .map(place)
-                    .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+                let (low, high) = bounds(members.iter().map(place));
                 match self.fits[fit].motion {
                     MotionKind::Vertices => (selected.edge, What::Vertex { vertices: members.clone() }),
                     motion => {
