@@ -2,7 +2,7 @@
 
 use crate::model::Facet;
 use crate::scene::{Scene, Welded, sides};
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 use std::collections::{BTreeMap, HashMap};
 
 /// Sine of the largest angle between normals of one plane.
@@ -10,8 +10,8 @@ const PARALLEL: f64 = 1e-6;
 /// Relative difference of areas up to which a convex hull is the union of its triangles.
 const FILLED: f64 = 1e-9;
 
-/// A planar convex emitter: one triangle, or several of the same emission in one plane.
-#[derive(Clone, Debug)]
+/// A planar convex emitter: one triangle, or several of one material in one plane.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Lamp {
     /// Its triangles.
     pub triangles: Vec<u32>,
@@ -52,7 +52,7 @@ pub fn lamps(scene: &Scene, facets: &[Facet], tolerance: f64) -> Vec<Lamp> {
     lamps
 }
 
-/// Groups of triangles that share edges, plane and emission; each in ascending order.
+/// Groups of triangles that share edges, plane and material; each in ascending order.
 fn connected(scene: &Scene, facets: &[Facet], emitters: &[u32], tolerance: f64) -> Vec<Vec<u32>> {
     let welded = Welded::exactly(scene.vertices.iter().copied());
     let mut with_side: HashMap<[u32; 2], Vec<u32>> = HashMap::new();
@@ -63,11 +63,11 @@ fn connected(scene: &Scene, facets: &[Facet], emitters: &[u32], tolerance: f64) 
     let same = |i: u32, j: u32| {
         let (a, b) = (&facets[i as usize], &facets[j as usize]);
         let in_plane = b.corners.iter().all(|c| (*c - a.centroid).dot(a.normal).abs() <= tolerance);
-        let emission = |i: u32| scene.material(i as usize).emission;
+        let material = |i: u32| scene.triangles[i as usize].material;
         a.normal.dot(b.normal) > 0.0
             && a.normal.cross(b.normal).length() <= PARALLEL
             && in_plane
-            && emission(i) == emission(j)
+            && material(i) == material(j)
     };
     let mut group_of: BTreeMap<u32, ()> = BTreeMap::new();
     let mut groups = Vec::new();

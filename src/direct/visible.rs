@@ -1,21 +1,36 @@
 //! The part of a lamp that a point sees, exactly: its cone of directions less those of all blockers.
 
 use super::cone::{Side, cut, extent};
+use super::derivative::Sight;
 use super::lamps::Lamp;
 use super::shaft::Shaft;
-use crate::model::{Facet, Hierarchy};
+use crate::model::{Facet, Hierarchy, coplanar_tolerance, spatial_order};
 use glam::DVec3;
 
 /// Triangles per leaf of the search for blockers.
 const LEAF: usize = 4;
 
-/// What shadows are computed from: triangles, in any unit of length, and a tree over them.
-pub struct Geometry<'a> {
-    pub facets: &'a [Facet],
+/// A tree over the triangles with an area, all of which block light from both sides.
+pub struct Tree {
     order: Vec<u32>,
     tree: Hierarchy,
     /// Height up to which a point counts as in a plane.
-    pub tolerance: f64,
+    tolerance: f64,
+}
+
+impl Tree {
+    pub fn new(facets: &[Facet]) -> Self {
+        let (order, tolerance) = (spatial_order(facets), coplanar_tolerance(facets));
+        let tree = Hierarchy::new(facets, &order, LEAF, tolerance);
+        Self { order, tree, tolerance }
+    }
+}
+
+/// What shadows are computed from: triangles, in any unit of length, and the tree over them.
+#[derive(Clone, Copy)]
+pub struct Geometry<'a> {
+    pub facets: &'a [Facet],
+    pub tree: &'a Tree,
 }
 
 /// A lamp in place.
@@ -26,11 +41,10 @@ pub struct Placed<'a> {
     pub normal: DVec3,
 }
 
-impl<'a> Geometry<'a> {
-    /// `order`: the triangles with an area, neighbours side by side. All of them block light from both sides.
-    pub fn new(facets: &'a [Facet], order: Vec<u32>, tolerance: f64) -> Self {
-        let tree = Hierarchy::new(facets, &order, LEAF, tolerance);
-        Self { facets, order, tree, tolerance }
+impl Geometry<'_> {
+    /// Height up to which a point counts as in a plane.
+    pub fn tolerance(&self) -> f64 {
+        self.tree.tolerance
     }
 
     pub fn place<'b>(&self, lamp: &'b Lamp) -> Placed<'b> {
@@ -43,15 +57,35 @@ impl<'a> Geometry<'a> {
         }
     }
 
+    /// Whether a triangle and the front of a lamp can see each other.
+    pub fn faces(&self, receiver: usize, lamp: &Placed) -> bool {
+        let facet = &self.facets[receiver];
+        let above =
+            |plane: DVec3, normal: DVec3, corner: &DVec3| (*corner - plane).dot(normal) > self.tolerance();
+        facet.area > 0.0
+            && lamp.corners.iter().any(|c| above(facet.centroid, facet.normal, c))
+            && facet.corners.iter().any(|c| above(lamp.corners[0], lamp.normal, c))
+    }
+
+    /// The triangles that may stand between a receiver and a lamp.
+    pub fn blockers_of(&self, receiver: usize, lamp: &Placed) -> Vec<u32> {
+        let facet = &self.facets[receiver];
+        if self.faces(receiver, lamp) {
+            self.blockers(&facet.corners, facet.normal, lamp)
+        } else {
+            Vec::new()
+        }
+    }
+
     /// The triangles that may stand between some points of a plane and a lamp, the widest first. `points[0]` and `normal` give the
     /// plane.
     pub fn blockers(&self, points: &[DVec3], normal: DVec3, lamp: &Placed) -> Vec<u32> {
-        let shaft = Shaft::new(points, normal, &lamp.corners, lamp.normal, self.tolerance);
+        let shaft = Shaft::new(points, normal, &lamp.corners, lamp.normal, self.tolerance());
         let mut found = Vec::new();
-        self.tree.walk(|node| {
+        self.tree.tree.walk(|node| {
             let enter = !shaft.misses_box(&node.bounds);
             if enter && node.is_leaf() {
-                let slots = node.slots(LEAF, &self.order).iter().copied();
+                let slots = node.slots(LEAF, &self.tree.order).iter().copied();
                 found.extend(slots.filter(|&i| !shaft.misses(&self.facets[i as usize].corners)));
             }
             enter
@@ -130,21 +164,12 @@ pub struct Visible {
 }
 
 impl Visible {
-    /// Calls `emit` with each part of a lamp that is visible at `point` above the plane with unit normal `normal`: convex cones without
-    /// overlap. `blockers`: triangles that may be in between. `outline`: whether sides end at all vertices of the lamp's outline, or only at
-    /// its corners.
-    pub fn parts(
-        &mut self,
-        geometry: &Geometry,
-        point: DVec3,
-        normal: DVec3,
-        lamp: &Placed,
-        blockers: &[u32],
-        outline: bool,
-        emit: &mut dyn FnMut(&[Side]),
-    ) {
+    /// Calls `emit` with each part of the lamp that is visible above the horizon: convex cones without overlap. `outline`: whether sides end
+    /// at all vertices of the lamp's outline, or only at its corners.
+    pub fn parts(&mut self, sight: &Sight, outline: bool, emit: &mut dyn FnMut(&[Side])) {
+        let &Sight { ref geometry, point, normal, lamp, blockers } = sight;
         let corners = if outline { &lamp.outline } else { &lamp.corners };
-        if (point - corners[0]).dot(lamp.normal) <= geometry.tolerance {
+        if (point - corners[0]).dot(lamp.normal) <= geometry.tolerance() {
             return;
         }
         self.stack.clear();
@@ -180,11 +205,11 @@ impl Visible {
                 let normal = cone[k].corner.cross(cone[(k + 1) % cone.len()].corner);
                 corners.iter().all(|c| c.dot(normal) <= 0.0)
             };
-            let beyond = |c: &DVec3| (*c - lamp_corner).dot(lamp.normal) <= geometry.tolerance;
+            let beyond = |c: &DVec3| (*c - lamp_corner).dot(lamp.normal) <= geometry.tolerance();
             if corners.iter().all(beyond) || (0..cone.len()).any(beside) {
                 continue;
             }
-            let Some(mut planes) = Planes::new(&corners, lamp_corner, lamp.normal, geometry.tolerance) else {
+            let Some(mut planes) = Planes::new(&corners, lamp_corner, lamp.normal, geometry.tolerance()) else {
                 continue;
             };
             planes.normals = planes.normals.map(DVec3::normalize_or_zero);
