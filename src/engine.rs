@@ -15,6 +15,7 @@ use glam::DVec3;
 use std::f64::consts::PI;
 use std::fmt;
 use std::ops::{ControlFlow, Range};
+use std::sync::Arc;
 
 /// Why an operation of the engine failed.
 #[derive(Debug, thiserror::Error)]
@@ -306,7 +307,7 @@ pub struct Engine {
     /// `None` unless gradients are planned.
     pub(crate) adjoint: Option<AdjointKernels>,
     /// The light that comes straight from lamps.
-    pub(crate) direct: DirectLight,
+    pub(crate) direct: Arc<DirectLight>,
     /// The same as irradiance of each triangle of the scene, W/m².
     pub(crate) direct_irradiance: Vec<DVec3>,
     /// Per triangle of the scene.
@@ -341,7 +342,7 @@ impl Engine {
         // Counted apart from everything else on the device, such as engines of other threads.
         let own = device.scope(plan.staging);
         let unit = light_unit(scene);
-        let direct = DirectLight::new(&plan.facets, lamps_of(scene, plan.lamps.clone()));
+        let direct = Arc::new(DirectLight::new(&plan.facets, lamps_of(scene, plan.lamps.clone())));
         let direct_irradiance = direct.irradiance(|i| scene.material(i).emission);
         let emitted = emitted(scene, &direct, &direct_irradiance);
         let buffers = SceneBuffers::emitting(&own, scene, &plan, &emitted, unit)?;
@@ -399,7 +400,7 @@ impl Engine {
         self.unit = light_unit(scene);
         let lamps = lamps_of(scene, self.direct.lamps().to_vec());
         if lamps != self.direct.lamps() {
-            self.direct = DirectLight::new(&self.operators.plan().facets, lamps);
+            self.direct = Arc::new(DirectLight::new(&self.operators.plan().facets, lamps));
         }
         self.direct_irradiance = self.direct.irradiance(|i| scene.material(i).emission);
         let emitted = emitted(scene, &self.direct, &self.direct_irradiance);

@@ -18,6 +18,10 @@ use std::ops::ControlFlow;
 pub struct Cotangent {
     /// Of [`Solution::irradiance`], per W/m².
     pub irradiance: Option<Vec<DVec3>>,
+    /// Of the part of it that comes straight from lamps with exact visibility, per W/m².
+    pub direct_irradiance: Option<Vec<DVec3>>,
+    /// Of the other part, per W/m².
+    pub indirect_irradiance: Option<Vec<DVec3>>,
     /// Of [`Solution::radiosity`], per W/m².
     pub radiosity: Option<Vec<DVec3>>,
     /// Of [`Engine::face_colours`] for cameras (metres), per W/(m² sr).
@@ -26,6 +30,8 @@ pub struct Cotangent {
 
 setters!(Cotangent {
     irradiance: Option<Vec<DVec3>>,
+    direct_irradiance: Option<Vec<DVec3>>,
+    indirect_irradiance: Option<Vec<DVec3>>,
     radiosity: Option<Vec<DVec3>>,
     colours: Vec<(DVec3, Vec<DVec3>)>,
 });
@@ -55,7 +61,8 @@ pub struct Gradients {
 
 impl Cotangent {
     fn values(&self) -> impl Iterator<Item = &Vec<DVec3>> {
-        self.irradiance.iter().chain(&self.radiosity).chain(self.colours.iter().map(|(_, values)| values))
+        let irradiance = [&self.irradiance, &self.direct_irradiance, &self.indirect_irradiance];
+        irradiance.into_iter().flatten().chain(&self.radiosity).chain(self.colours.iter().map(|(_, values)| values))
     }
 
     /// The power of two at or below the largest entry.
@@ -67,6 +74,8 @@ impl Cotangent {
         let values = |values: &Vec<DVec3>| values.iter().map(|&v| v / by).collect();
         Self {
             irradiance: self.irradiance.as_ref().map(values),
+            direct_irradiance: self.direct_irradiance.as_ref().map(values),
+            indirect_irradiance: self.indirect_irradiance.as_ref().map(values),
             radiosity: self.radiosity.as_ref().map(values),
             colours: self
                 .colours
@@ -202,8 +211,12 @@ impl Engine {
                 None => Ok(()),
             }
         };
-        if let Some(values) = &cotangent.irradiance {
-            check("irradiance", values)?;
+        for (what, values) in [
+            ("irradiance", &cotangent.irradiance),
+            ("direct irradiance", &cotangent.direct_irradiance),
+            ("indirect irradiance", &cotangent.indirect_irradiance),
+        ] {
+            values.as_ref().map_or(Ok(()), |values| check(what, values))?;
         }
         if let Some(values) = &cotangent.radiosity {
             check("radiosity", values)?;
@@ -219,7 +232,12 @@ impl Engine {
     fn own_cotangents(&self, cotangent: &Cotangent) -> (Vec<[f64; 4]>, Vec<[f64; 4]>, Vec<Option<Vec<f64>>>) {
         let plan = self.plan();
         let none = || vec![[0.0; 4]; plan.layout.slots() as usize];
-        let irradiance = cotangent.irradiance.as_ref().map_or_else(none, |values| self.to_slots(values));
+        let mut irradiance = none();
+        for values in [&cotangent.irradiance, &cotangent.indirect_irradiance].into_iter().flatten() {
+            for (to, values) in irradiance.iter_mut().zip(self.to_slots(values)) {
+                (0..3).for_each(|channel| to[channel] += values[channel]);
+            }
+        }
         let Some(radiosity) = &cotangent.radiosity else {
             return (irradiance, none(), vec![None; plan.layout.groups.len()]);
         };
@@ -265,8 +283,8 @@ impl Engine {
     fn direct_cotangent(&self, cotangent: &Cotangent, steepness: f64, of_radiance: &[DVec3]) -> Vec<DVec3> {
         let reflected = |(m, material): (&DVec3, &Material)| *m * DVec3::from(material.diffuse_albedo()) / PI;
         let mut of_direct: Vec<DVec3> = of_radiance.iter().zip(&self.materials).map(reflected).collect();
-        for (to, own) in of_direct.iter_mut().zip(cotangent.irradiance.iter().flatten()) {
-            *to += steepness * *own;
+        for values in [&cotangent.irradiance, &cotangent.direct_irradiance].into_iter().flatten() {
+            of_direct.iter_mut().zip(values).for_each(|(to, own)| *to += steepness * *own);
         }
         of_direct
     }

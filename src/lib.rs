@@ -59,6 +59,7 @@ pub mod reference;
 mod revision;
 pub mod scene;
 pub mod shaders;
+pub mod shading;
 pub mod solve;
 pub mod target_error;
 pub mod transport;

@@ -115,6 +115,54 @@ impl DirectLight {
         gradients
     }
 
+    /// Vector irradiance Φ = ∫ ω dω of the visible part of each lamp above the horizon, at points of one triangle, sr: irradiance per
+    /// radiance is its product with the normal. Points far apart are better asked for separately, since they share a search.
+    pub fn at_points(&self, facets: &[Facet], face: usize, points: &[DVec3]) -> Vec<Vec<DVec3>> {
+        let geometry = self.geometry(facets);
+        let normal = facets[face].normal;
+        let visible = &mut Visible::default();
+        let mut light = vec![vec![DVec3::ZERO; self.lamps.len()]; points.len()];
+        for (l, lamp) in self.lamps.iter().enumerate() {
+            let lamp = &geometry.place(lamp);
+            if !geometry.faces(face, lamp) {
+                continue;
+            }
+            let blockers = &geometry.blockers(points, normal, lamp);
+            for (of_point, &point) in light.iter_mut().zip(points) {
+                of_point[l] = Sight { geometry, point, normal, lamp, blockers }.vector_irradiance(visible);
+            }
+        }
+        light
+    }
+
+    /// The transpose of the derivative of [`Self::at_points`]: contributions by triangle, from the derivative of a loss by each Φ. The
+    /// second result is the derivative by each point.
+    pub fn pull_back_points(
+        &self,
+        facets: &[Facet],
+        face: usize,
+        points: &[DVec3],
+        cotangent: impl Fn(usize, usize) -> DVec3,
+    ) -> (Vec<(u32, FacetGradient)>, Vec<DVec3>) {
+        let geometry = self.geometry(facets);
+        let normal = facets[face].normal;
+        let visible = &mut Visible::default();
+        let mut to = Contributions::default();
+        let mut of_points = vec![DVec3::ZERO; points.len()];
+        for (l, lamp) in self.lamps.iter().enumerate() {
+            let lamp = &geometry.place(lamp);
+            if !geometry.faces(face, lamp) {
+                continue;
+            }
+            let blockers = &geometry.blockers(points, normal, lamp);
+            for (k, (of_point, &point)) in of_points.iter_mut().zip(points).enumerate() {
+                let sight = Sight { geometry, point, normal, lamp, blockers };
+                *of_point += sight.pull_back(visible, cotangent(k, l), &mut to).1;
+            }
+        }
+        (to.merged(), of_points)
+    }
+
     fn pull_back_to(
         &self,
         geometry: Geometry,

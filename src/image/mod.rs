@@ -34,7 +34,7 @@ mod tiles;
 mod tone;
 mod visibility;
 
-pub use coverage::Coverage;
+pub use coverage::{Coverage, FaceInPixel};
 pub use error::ImageError;
 pub use gradient::{GeometryGradient, geometry_gradient};
 pub use picture::Picture;
