@@ -339,10 +339,19 @@ impl Engine {
     pub fn new(device: &Device, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
         scene.validate()?;
         check_planned(&plan, scene)?;
+        let direct = DirectLight::new(&plan.facets, lamps_of(scene, plan.lamps.clone()));
+        Self::with_direct(device, scene, plan, direct)
+    }
+
+    fn with_direct(
+        device: &Device,
+        scene: &Scene,
+        plan: Plan,
+        direct: DirectLight,
+    ) -> Result<Self, EngineError> {
         // Counted apart from everything else on the device, such as engines of other threads.
         let own = device.scope(plan.staging);
         let unit = light_unit(scene);
-        let direct = Arc::new(DirectLight::new(&plan.facets, lamps_of(scene, plan.lamps.clone())));
         let direct_irradiance = direct.irradiance(|i| scene.material(i).emission);
         let emitted = emitted(scene, &direct, &direct_irradiance);
         let buffers = SceneBuffers::emitting(&own, scene, &plan, &emitted, unit)?;
@@ -365,7 +374,7 @@ impl Engine {
             operators,
             adjoint,
             unit,
-            direct,
+            direct: Arc::new(direct),
             direct_irradiance,
             materials: (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect(),
             triangles: scene.triangles.iter().map(|t| t.vertices).collect(),
@@ -410,12 +419,19 @@ impl Engine {
     }
 
     /// An engine for a changed scene, planned anew with the same options and settings. Frees the memory of this one
-    /// first, except for held solutions; compiled kernels stay with the device.
+    /// first, except for held solutions; compiled kernels stay with the device. Where only vertices have moved, direct light is
+    /// sampled at the same points of each triangle, so that results are smooth functions of the vertices.
     pub fn rebuilt(self, scene: &Scene) -> Result<Self, EngineError> {
-        let Self { device, operators, adjoint, .. } = self;
+        let Self { device, operators, adjoint, direct, .. } = self;
         let (options, settings) = (operators.plan().options, operators.plan().settings);
         drop((operators, adjoint));
-        Self::new(&device, scene, Plan::new(scene, &options, &settings)?)
+        let plan = Plan::new(scene, &options, &settings)?;
+        let lamps = lamps_of(scene, plan.lamps.clone());
+        let direct = match lamps == direct.lamps() && plan.facets.len() == direct.receivers() {
+            true => direct.moved(&plan.facets),
+            false => DirectLight::new(&plan.facets, lamps),
+        };
+        Self::with_direct(&device, scene, plan, direct)
     }
 
     /// The device that it runs on.

@@ -62,7 +62,11 @@ pub struct Gradients {
 impl Cotangent {
     fn values(&self) -> impl Iterator<Item = &Vec<DVec3>> {
         let irradiance = [&self.irradiance, &self.direct_irradiance, &self.indirect_irradiance];
-        irradiance.into_iter().flatten().chain(&self.radiosity).chain(self.colours.iter().map(|(_, values)| values))
+        irradiance
+            .into_iter()
+            .flatten()
+            .chain(&self.radiosity)
+            .chain(self.colours.iter().map(|(_, values)| values))
     }
 
     /// The power of two at or below the largest entry.

@@ -20,10 +20,17 @@ fn cornell() {
     let mut worst = (0.0, 0, 0.0, 0.0);
     for i in 0..facets.len() {
         for c in 0..3 {
-            let h: f64 = light.lamps().iter().enumerate().map(|(l, lamp)| light.factors(i)[l] * scene.material(lamp.triangles[0] as usize).emission[c]).sum();
+            let h: f64 = light
+                .lamps()
+                .iter()
+                .enumerate()
+                .map(|(l, lamp)| light.factors(i)[l] * scene.material(lamp.triangles[0] as usize).emission[c])
+                .sum();
             let t = f64::from(truth[3 * i + c]);
             let d = (h - t).powi(2) * facets[i].area;
-            if d > worst.0 { worst = (d, i, h, t); }
+            if d > worst.0 {
+                worst = (d, i, h, t);
+            }
             e += d;
             n += t * t * facets[i].area;
         }

@@ -147,9 +147,11 @@ fn hull(points: &[(DVec2, [u32; 2])], slack: f64) -> Vec<[u32; 2]> {
     }
     // Points on a side that both chains pass are listed once.
     let mut seen = Vec::new();
-    hull.retain(|k| !seen.contains(k) && {
-        seen.push(*k);
-        true
+    hull.retain(|k| {
+        !seen.contains(k) && {
+            seen.push(*k);
+            true
+        }
     });
     hull.into_iter().map(|k| points[k].1).collect()
 }

@@ -16,50 +16,73 @@ pub use lamps::{Lamp, lamps};
 use crate::model::{Facet, FacetGradient};
 use derivative::{Contributions, Sight};
 use glam::DVec3;
-use quadrature::{Quadrature, Sample};
+use quadrature::{Cuts, Sample};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use visible::{Geometry, Placed, Tree, Visible};
 
 /// Light of lamps on the triangles of a scene.
+#[derive(Clone, Debug)]
 pub struct DirectLight {
     tree: Tree,
     lamps: Vec<Lamp>,
     receivers: usize,
     /// By receiver, then lamp.
     factors: Vec<f64>,
-    quadrature: Quadrature,
+    /// Of receivers with a penumbra, by receiver and lamp.
+    cuts: BTreeMap<[usize; 2], Cuts>,
 }
 
 impl DirectLight {
     /// Computes the light of lamps on triangles, in any unit of length.
     pub fn new(facets: &[Facet], lamps: Vec<Lamp>) -> Self {
-        Self::with(facets, lamps, Quadrature::default())
+        Self::compute(facets, lamps, None)
     }
 
-    fn with(facets: &[Facet], lamps: Vec<Lamp>, quadrature: Quadrature) -> Self {
-        let mut light = Self {
-            tree: Tree::new(facets),
-            lamps,
-            receivers: facets.len(),
-            factors: Vec::new(),
-            quadrature,
+    /// The same for triangles and lamps of which only vertices have moved, at the same points: a smooth function of the vertices.
+    pub fn moved(&self, facets: &[Facet]) -> Self {
+        Self::compute(facets, self.lamps.clone(), Some(&self.cuts))
+    }
+
+    fn compute(facets: &[Facet], lamps: Vec<Lamp>, cuts: Option<&BTreeMap<[usize; 2], Cuts>>) -> Self {
+        let tree = Tree::new(facets);
+        let geometry = Geometry { facets, tree: &tree };
+        let placed: Vec<Placed> = lamps.iter().map(|lamp| geometry.place(lamp)).collect();
+        let of_receiver = |visible: &mut Visible, receiver: usize| -> Vec<(f64, Cuts)> {
+            let Facet { corners, normal, .. } = facets[receiver];
+            let of_lamp = |(l, lamp): (usize, &Placed)| {
+                if !geometry.faces(receiver, lamp) {
+                    return (0.0, Cuts::default());
+                }
+                let blockers = &geometry.blockers(&corners, normal, lamp);
+                let mut irradiance = |b: DVec3| {
+                    let sight = Sight { geometry, point: at(corners, b), normal, lamp, blockers };
+                    sight.vector_irradiance(visible).dot(normal)
+                };
+                match cuts {
+                    None => quadrature::mean(&mut irradiance),
+                    Some(cuts) => {
+                        let cuts = cuts.get(&[receiver, l]).cloned().unwrap_or_default();
+                        let samples = quadrature::samples(&cuts);
+                        (samples.iter().map(|s| s.weight * irradiance(s.barycentric)).sum(), cuts)
+                    }
+                }
+            };
+            placed.iter().enumerate().map(of_lamp).collect()
         };
-        let geometry = light.geometry(facets);
-        let placed: Vec<Placed> = light.lamps.iter().map(|lamp| geometry.place(lamp)).collect();
-        let mean = |visible: &mut Visible, receiver: usize, lamp: &Placed| {
-            let blockers = geometry.blockers_of(receiver, lamp);
-            let samples = light.samples(geometry, visible, receiver, lamp, &blockers);
-            samples.iter().map(|(sample, value)| sample.weight * value).sum::<f64>()
-        };
-        let factors = (0..facets.len())
-            .into_par_iter()
-            .map_init(Visible::default, |visible, receiver| {
-                placed.iter().map(|lamp| mean(visible, receiver, lamp)).collect::<Vec<f64>>()
-            })
-            .flatten_iter()
-            .collect();
-        light.factors = factors;
-        light
+        let found: Vec<Vec<(f64, Cuts)>> =
+            (0..facets.len()).into_par_iter().map_init(Visible::default, of_receiver).collect();
+        let mut factors = Vec::with_capacity(facets.len() * lamps.len());
+        let mut cuts = BTreeMap::new();
+        for (receiver, of_lamps) in found.into_iter().enumerate() {
+            for (l, (factor, of_lamp)) in of_lamps.into_iter().enumerate() {
+                factors.push(factor);
+                if !of_lamp.is_whole() {
+                    cuts.insert([receiver, l], of_lamp);
+                }
+            }
+        }
+        Self { receivers: facets.len(), tree, lamps, factors, cuts }
     }
 
     fn geometry<'a>(&'a self, facets: &'a [Facet]) -> Geometry<'a> {
@@ -69,6 +92,11 @@ impl DirectLight {
     /// The lamps.
     pub fn lamps(&self) -> &[Lamp] {
         &self.lamps
+    }
+
+    /// Number of triangles.
+    pub fn receivers(&self) -> usize {
+        self.receivers
     }
 
     /// Mean irradiance of a triangle per radiance of each lamp, sr: its form factor times π.
@@ -105,8 +133,7 @@ impl DirectLight {
         let mut gradients = vec![FacetGradient::default(); facets.len()];
         for first in (0..facets.len()).step_by(RECEIVERS) {
             let receivers = first..facets.len().min(first + RECEIVERS);
-            let parts: Vec<_> =
-                receivers.into_par_iter().map_init(Visible::default, of_receiver).collect();
+            let parts: Vec<_> = receivers.into_par_iter().map_init(Visible::default, of_receiver).collect();
             // One after the other, so that sums are the same from run to run.
             for (triangle, gradient) in parts.into_iter().flatten() {
                 gradients[triangle as usize] += gradient;
@@ -176,13 +203,11 @@ impl DirectLight {
             return;
         }
         let Facet { corners, normal, .. } = geometry.facets[receiver];
-        let blockers = geometry.blockers_of(receiver, lamp);
+        let blockers = &geometry.blockers(&corners, normal, lamp);
+        let cuts = self.cuts.get(&[receiver, l]).cloned().unwrap_or_default();
         let mut own = FacetGradient::default();
-        for (Sample { barycentric, weight: share }, _) in
-            self.samples(geometry, visible, receiver, lamp, &blockers)
-        {
-            let sight =
-                Sight { geometry, point: at(corners, barycentric), normal, lamp, blockers: &blockers };
+        for Sample { barycentric, weight: share } in quadrature::samples(&cuts) {
+            let sight = Sight { geometry, point: at(corners, barycentric), normal, lamp, blockers };
             let (light, by_point) = sight.pull_back(visible, weight * share * normal, to);
             own.normal += weight * share * light;
             for (corner, b) in own.corners.iter_mut().zip(barycentric.to_array()) {
@@ -190,25 +215,6 @@ impl DirectLight {
             }
         }
         to.add(receiver as u32, own);
-    }
-
-    /// Points of a receiver with the irradiance per radiance of a lamp.
-    fn samples(
-        &self,
-        geometry: Geometry,
-        visible: &mut Visible,
-        receiver: usize,
-        lamp: &Placed,
-        blockers: &[u32],
-    ) -> Vec<(Sample, f64)> {
-        let Facet { corners, normal, .. } = geometry.facets[receiver];
-        if !geometry.faces(receiver, lamp) {
-            return Vec::new();
-        }
-        self.quadrature.samples(&mut |b| {
-            let sight = Sight { geometry, point: at(corners, b), normal, lamp, blockers };
-            sight.vector_irradiance(visible).dot(normal)
-        })
     }
 }
 
@@ -259,12 +265,11 @@ mod tests {
         1.0 + (receiver as f64).sin()
     }
 
-    fn loss(facets: &[Facet], lamps: &[Lamp]) -> f64 {
-        let light = DirectLight::with(facets, lamps.to_vec(), Quadrature::uniform(2));
-        (0..facets.len()).map(|receiver| weight(receiver, 0) * light.factors(receiver)[0]).sum()
+    fn loss(light: &DirectLight) -> f64 {
+        (0..light.receivers).map(|receiver| weight(receiver, 0) * light.factors(receiver)[0]).sum()
     }
 
-    /// Central differences with fixed points.
+    /// Central differences at fixed points.
     #[test]
     fn derivatives_are_those_of_central_differences() {
         let scene = scene();
@@ -272,11 +277,13 @@ mod tests {
         let lamps = lamps(&scene, &facets, 1e-9);
         assert_eq!(lamps.len(), 1);
         assert_eq!((lamps[0].corners.len(), lamps[0].outline.len()), (4, 8));
-        let light = DirectLight::with(&facets, lamps.clone(), Quadrature::uniform(2));
+        let light = DirectLight::new(&facets, lamps.clone());
+        assert!(light.cuts.len() > 4);
         let gradients: Vec<[DVec3; 3]> =
             light.pull_back(&facets, weight).iter().zip(&facets).map(|(g, f)| g.to_corners(f)).collect();
         // What moves are all vertices of the outline, not only those that are corners now.
-        let moving = vec![Lamp { corners: lamps[0].outline.clone(), ..lamps[0].clone() }];
+        let mut moving = light.clone();
+        moving.lamps[0].corners = lamps[0].outline.clone();
         // Vertices move with all triangles that share them: a lamp stays one piece.
         let mut by_vertex = vec![DVec3::ZERO; scene.vertices.len()];
         for (triangle, gradient) in scene.triangles.iter().zip(&gradients) {
@@ -295,7 +302,7 @@ mod tests {
                 let moved = |by: f64| {
                     let mut scene = scene.clone();
                     scene.vertices[vertex][axis] += by;
-                    loss(&self::facets(&scene), &moving)
+                    loss(&moving.moved(&self::facets(&scene)))
                 };
                 let difference = (moved(step) - moved(-step)) / (2.0 * step);
                 let error = (difference - gradient[axis]).abs() / largest;

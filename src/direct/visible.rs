@@ -11,6 +11,7 @@ use glam::DVec3;
 const LEAF: usize = 4;
 
 /// A tree over the triangles with an area, all of which block light from both sides.
+#[derive(Clone, Debug)]
 pub struct Tree {
     order: Vec<u32>,
     tree: Hierarchy,
@@ -65,16 +66,6 @@ impl Geometry<'_> {
         facet.area > 0.0
             && lamp.corners.iter().any(|c| above(facet.centroid, facet.normal, c))
             && facet.corners.iter().any(|c| above(lamp.corners[0], lamp.normal, c))
-    }
-
-    /// The triangles that may stand between a receiver and a lamp.
-    pub fn blockers_of(&self, receiver: usize, lamp: &Placed) -> Vec<u32> {
-        let facet = &self.facets[receiver];
-        if self.faces(receiver, lamp) {
-            self.blockers(&facet.corners, facet.normal, lamp)
-        } else {
-            Vec::new()
-        }
     }
 
     /// The triangles that may stand between some points of a plane and a lamp, the widest first. `points[0]` and `normal` give the
@@ -147,7 +138,11 @@ impl Planes {
         let crosses = corners.iter().any(|c| over_lamp(c) < -tolerance);
         let lamp_height = -lamp_corner.dot(lamp_normal);
         let before = sign * (lamp_height * area_vector - height * lamp_normal);
-        Some(Self { normals: [edges[0], edges[1], edges[2], before], count: if crosses { 4 } else { 3 }, sign })
+        Some(Self {
+            normals: [edges[0], edges[1], edges[2], before],
+            count: if crosses { 4 } else { 3 },
+            sign,
+        })
     }
 }
 
@@ -209,7 +204,8 @@ impl Visible {
             if corners.iter().all(beyond) || (0..cone.len()).any(beside) {
                 continue;
             }
-            let Some(mut planes) = Planes::new(&corners, lamp_corner, lamp.normal, geometry.tolerance()) else {
+            let Some(mut planes) = Planes::new(&corners, lamp_corner, lamp.normal, geometry.tolerance())
+            else {
                 continue;
             };
             planes.normals = planes.normals.map(DVec3::normalize_or_zero);

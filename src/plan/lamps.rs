@@ -34,7 +34,9 @@ impl Plan {
         let triangles = self.lamps.iter().map(|lamp| lamp.triangles.len()).sum();
         let why = match (self.settings.lamps, self.lamps.len()) {
             (Lamps::Antiradiance, _) => String::from("by antiradiance, as stated"),
-            (Lamps::Auto, 0) => format!("by antiradiance: no emitter, or more than {MOST} that cannot be merged"),
+            (Lamps::Auto, 0) => {
+                format!("by antiradiance: no emitter, or more than {MOST} that cannot be merged")
+            }
             (Lamps::Exact, 0) => String::from("no emitter"),
             (_, 1) => String::from("direct light of 1 lamp with exact visibility"),
             (_, count) => format!("direct light of {count} lamps with exact visibility"),

@@ -170,8 +170,7 @@ impl Light {
             return None;
         }
         let emission = self.lamp_emission();
-        let corners =
-            self.interpolation.corners(scene, &self.facets, &self.indirect_irradiance, face);
+        let corners = self.interpolation.corners(scene, &self.facets, &self.indirect_irradiance, face);
         let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
         let light = self.direct.at_points(&self.facets, face, at);
         let mut of = OfPoints {
@@ -210,7 +209,8 @@ impl Light {
             of.facets.extend(by_others);
             for (k, (&point, by_point)) in at.iter().zip(by_points).enumerate() {
                 // Along the face, indirect light changes with the place between the corners.
-                let slope = slope(facet.corners, facet.normal, facet.area, corners.map(|c| c.dot(by_irradiance[k])));
+                let slope =
+                    slope(facet.corners, facet.normal, facet.area, corners.map(|c| c.dot(by_irradiance[k])));
                 // The point stays on its ray: dx = ray ⟨n, Σ b dc⟩ / ⟨n, ray⟩.
                 let along = facet.normal * ((by_point + slope).dot(rays[k]) / facet.normal.dot(rays[k]));
                 for (to, b) in own.corners.iter_mut().zip(barycentric(facet, point).to_array()) {
@@ -226,5 +226,6 @@ impl Light {
 /// The gradient along a face of the function that has given values at its corners and is linear in between.
 fn slope([a, b, c]: [DVec3; 3], normal: DVec3, area: f64, values: [f64; 3]) -> DVec3 {
     let opposite = [c - b, a - c, b - a];
-    opposite.into_iter().zip(values).map(|(edge, value)| normal.cross(edge) * value).sum::<DVec3>() / (2.0 * area)
+    opposite.into_iter().zip(values).map(|(edge, value)| normal.cross(edge) * value).sum::<DVec3>()
+        / (2.0 * area)
 }

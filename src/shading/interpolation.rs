@@ -8,6 +8,7 @@ use glam::DVec3;
 const SAME_SURFACE: f64 = 0.866_025_403_784_438_6;
 
 /// The faces around each corner of a scene.
+#[derive(Clone, Debug)]
 pub struct Interpolation {
     welded: Welded,
     fans: Fans,
@@ -16,8 +17,7 @@ pub struct Interpolation {
 impl Interpolation {
     pub fn new(scene: &Scene) -> Self {
         let welded = Welded::exactly(scene.vertices.iter().copied());
-        let fans =
-            Fans::of(welded.first.len(), scene.triangles.iter().map(|t| welded.positions(t.vertices)));
+        let fans = Fans::of(welded.first.len(), scene.triangles.iter().map(|t| welded.positions(t.vertices)));
         Self { welded, fans }
     }
 

@@ -4,16 +4,13 @@
 //! The radiance of a face towards the camera ([`Engine::face_colours`]) holds the means of both over the face. Gathering adds, at each
 //! point x, the diffuse reflection of the differences D(x) - D and H(x) - H.
 
-
 mod backward;
 mod interpolation;
 
 pub use backward::{SeenFrom, ShadingError, backward};
 
-
-
 use crate::direct::DirectLight;
-use crate::image::{Coverage, FaceInPixel, ImageError, View};
+use crate::image::{Coverage, FaceInPixel, ImageError, Picture, View};
 use crate::model::Facet;
 use crate::plan::Placement;
 use crate::scene::{Camera, Material, Scene};
@@ -25,10 +22,24 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
+/// How a picture shows the light of faces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shading {
+    /// One colour per face.
+    Face,
+    /// Interpolated between the corners of faces.
+    Smooth,
+    /// Direct light at each visible point, indirect light interpolated.
+    #[default]
+    Gathered,
+}
+
 /// Points that share a search for blockers.
 const POINTS: usize = 64;
 
 /// The light of a solution on the host, which outlives its engine: what pictures with gathered light are made from.
+#[derive(Clone, Debug)]
 pub struct Light {
     direct: Arc<DirectLight>,
     placement: Placement,
@@ -85,8 +96,40 @@ impl Light {
         Ok(pixels)
     }
 
+    /// The same as a picture, rounded to f32.
+    pub fn picture(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        coverage: &Coverage,
+        colours: &[[f64; 3]],
+    ) -> Result<Picture, ImageError> {
+        let round = |pixel: [f64; 4]| pixel.map(|value| value as f32);
+        let pixels = self.pixels(scene, camera, coverage, colours)?.into_iter().map(round).collect();
+        Ok(Picture { width: coverage.width(), height: coverage.height(), pixels })
+    }
+
+    /// The colour of each face in each pixel that shows it, by which moving silhouettes change a picture. A face that no sample of a
+    /// pixel shows has the colour of its mean light there.
+    pub fn colours_in_pixels<'a>(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        coverage: &Coverage,
+        colours: &'a [[f64; 3]],
+    ) -> impl Fn(usize, usize) -> [f64; 3] + Sync + use<'a> {
+        let seen: Vec<FaceInPixel> = coverage.faces_in_pixels().collect();
+        let differences = self.differences(scene, camera, &seen);
+        // Ordered by pixel, then face.
+        let keys: Vec<(usize, usize)> = seen.iter().map(|seen| (seen.pixel, seen.face)).collect();
+        move |face, pixel| {
+            let more = keys.binary_search(&(pixel, face)).map_or(DVec3::ZERO, |at| differences[at]);
+            (DVec3::from(colours[face]) + more).to_array()
+        }
+    }
+
     /// What gathering adds to the radiance of each face in a pixel, W/(m² sr).
-    fn differences(&self, scene: &Scene, camera: &Camera, seen: &[FaceInPixel]) -> Vec<DVec3> {
+    pub(crate) fn differences(&self, scene: &Scene, camera: &Camera, seen: &[FaceInPixel]) -> Vec<DVec3> {
         let runs = self.points(camera, seen);
         let found: Vec<Vec<DVec3>> = runs.par_iter().map(|run| self.difference(scene, run)).collect();
         let mut differences = vec![DVec3::ZERO; seen.len()];
@@ -104,8 +147,7 @@ impl Light {
             return vec![DVec3::ZERO; at.len()];
         }
         let emission = self.lamp_emission();
-        let corners =
-            self.interpolation.corners(scene, &self.facets, &self.indirect_irradiance, face);
+        let corners = self.interpolation.corners(scene, &self.facets, &self.indirect_irradiance, face);
         let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
         let light = self.direct.at_points(&self.facets, face, at);
         let total = |(point, of_lamps): (&DVec3, &Vec<DVec3>)| {
@@ -161,6 +203,7 @@ fn hit(facet: &Facet, eye: DVec3, ray: DVec3) -> DVec3 {
 /// Barycentric coordinates of a point of a face.
 fn barycentric(facet: &Facet, point: DVec3) -> DVec3 {
     let [a, b, c] = facet.corners.map(|corner| corner - point);
-    let areas = DVec3::new(b.cross(c).dot(facet.normal), c.cross(a).dot(facet.normal), a.cross(b).dot(facet.normal));
+    let areas =
+        DVec3::new(b.cross(c).dot(facet.normal), c.cross(a).dot(facet.normal), a.cross(b).dot(facet.normal));
     areas / (2.0 * facet.area)
 }

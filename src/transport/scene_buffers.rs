@@ -62,7 +62,8 @@ pub struct SceneBuffers {
 impl SceneBuffers {
     /// Uploads scene and plan; their sizes are those that the plan counts.
     pub fn new(device: &Device, scene: &Scene, plan: &Plan) -> Result<Self, GpuError> {
-        let emission: Vec<[f64; 3]> = (0..scene.triangles.len()).map(|i| scene.material(i).emission).collect();
+        let emission: Vec<[f64; 3]> =
+            (0..scene.triangles.len()).map(|i| scene.material(i).emission).collect();
         Self::emitting(device, scene, plan, &emission, 1.0)
     }
 
