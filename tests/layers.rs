@@ -13,7 +13,7 @@ const LAYERS: [(&str, &[&str]); 21] = [
     ("scene", &["input", "options", "output"]),
     ("model", &["scene"]),
     ("solve", &[]),
-    ("reference", &["model", "scene", "solve"]),
+    ("reference", &["image", "model", "scene", "solve"]),
     ("plan", &["model", "options", "scene"]),
     ("gpu", &["options"]),
     ("shaders", &["gpu", "scene"]),
