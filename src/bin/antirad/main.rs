@@ -11,6 +11,7 @@ mod refine;
 mod render;
 mod report;
 mod settings;
+mod trace;
 
 use antirad::cli::{self, Interrupt};
 use clap::{Parser, Subcommand};
@@ -36,6 +37,7 @@ struct Arguments {
 const EXAMPLES: &str = "Examples:
   antirad render scenes/cornell_boxes.toml --output out/cornell
   antirad render bunny.obj --bins concentric:12 --tolerance 1e-3
+  antirad trace scenes/cornell_boxes.toml --samples 256
   antirad fit jobs/ --output out/fits --resume
   antirad ambiguity scenes/two_rooms.toml --camera main
   antirad compare scenes/cornell_boxes.toml out/fits/cornell/scene.toml
@@ -48,6 +50,8 @@ const EXAMPLES: &str = "Examples:
 enum Command {
     /// Solve a scene and render pictures of it
     Render(render::Arguments),
+    /// Path-trace pictures of a scene: the ground truth, with noise
+    Trace(trace::Arguments),
     /// Fit scenes to pictures (inverse rendering), in one job or many
     Fit(fit::Arguments),
     /// Examine what pictures leave undetermined: which other lights would look the same
@@ -88,6 +92,7 @@ fn main() -> ExitCode {
     let interrupt = Interrupt::catch();
     let result = match arguments.command {
         Command::Render(render) => render::run(&render, arguments.quiet, arguments.verbose, &interrupt),
+        Command::Trace(trace) => trace::run(&trace, arguments.quiet, &interrupt),
         Command::Fit(fit) => fit::run(&fit, arguments.quiet, arguments.verbose, &interrupt),
         Command::Ambiguity(ambiguity) => ambiguity::run(&ambiguity, arguments.quiet, &interrupt),
         Command::Check(check) => check::run(&check, &interrupt),

@@ -6,6 +6,8 @@ use glam::DVec3;
 
 /// Least number of independent repetitions of an estimate, from which its standard error follows.
 const REPETITIONS: u32 = 16;
+/// Most cells along a side of the unit square, so that their orders take little memory.
+const MOST_CELLS: u32 = 64;
 /// The first pairs of numbers of a path, which are stratified: where it starts, the point on a light, the direction from there.
 const STRATIFIED: usize = 3;
 
@@ -40,7 +42,7 @@ impl Numbers {
 
 /// The number of repetitions, and of cells along each side of a square: one path for each cell and repetition.
 fn strata(samples: u32) -> (u32, u32) {
-    let side = (samples / REPETITIONS).isqrt().max(1);
+    let side = (samples / REPETITIONS).isqrt().clamp(1, MOST_CELLS);
     (samples.div_ceil(side * side), side)
 }
 
