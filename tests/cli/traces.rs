@@ -33,7 +33,14 @@ fn a_trace_leaves_pictures_and_their_noise() {
     folder.run("render room.toml --camera main --quiet --output solved").succeeded();
     let solved = picture(&folder, "solved/main.exr");
     let mean = |picture: &Picture| picture.pixels.iter().map(|p| f64::from(p[0])).sum::<f64>();
+    let total = |picture: &Picture| -> f64 {
+        picture.pixels.iter().flat_map(|[r, g, b, _]| [r, g, b]).map(|&x| f64::from(x)).sum()
+    };
     assert!((mean(&found) / mean(&solved) - 1.0).abs() <= 0.1, "{} {}", mean(&found), mean(&solved));
+    let compared = folder.run("compare out/main.exr solved/main.exr").succeeded().stdout;
+    let bias = format!("{:+.3} %", 100.0 * (total(&solved) / total(&found) - 1.0));
+    says(&compared, &["difference", &format!("noise of the first     {:.3} %", 100.0 * noise), &bias]);
+    assert!(!compared.contains("of the second"), "{compared}");
 }
 
 #[test]
@@ -42,7 +49,8 @@ fn the_same_seed_gives_the_same_bytes_in_any_number_of_threads() {
     let trace = |out: &str, seed: &str, threads: &str| {
         let arguments = ["trace", "room.toml", "--samples", "4", "--seed", seed, "--quiet", "--output", out];
         crate::run(folder.tool(arguments).env("RAYON_NUM_THREADS", threads)).succeeded();
-        ["main.exr", "main.png", "main.error.exr", "side.exr"].map(|file| folder.read(&format!("{out}/{file}")))
+        ["main.exr", "main.png", "main.error.exr", "side.exr"]
+            .map(|file| folder.read(&format!("{out}/{file}")))
     };
     let first = trace("a", "7", "1");
     assert_eq!(trace("b", "7", "3"), first);
@@ -58,4 +66,20 @@ fn what_cannot_be_traced_is_refused() {
     assert_eq!(run.code, Some(2), "{run:?}");
     says(&run.stderr, &["--samples", "2.."]);
     assert!(folder.results().is_empty());
+}
+
+#[test]
+fn pictures_that_cannot_be_compared() {
+    let folder = Folder::with(&[]);
+    folder.run("trace room.toml --samples 2 --quiet --output out").succeeded();
+    let wrong = ["32 x 24", "16 x 16"];
+    folder.run("compare out/main.exr out/side.exr").refused(&wrong);
+    folder.run("compare out/main.exr out/nowhere.exr").refused(&["nowhere.exr"]);
+    let mut picture = picture(&folder, "out/main.exr");
+    picture.pixels[35][1] = f32::NAN;
+    picture.write_exr(folder.path("nan.exr")).expect("a file");
+    folder.run("compare out/main.exr nan.exr").refused(&["nan.exr", "pixel 3, 1", "not finite"]);
+    picture.pixels.fill([0.0; 4]);
+    picture.write_exr(folder.path("black.exr")).expect("a file");
+    folder.run("compare black.exr out/main.exr").refused(&["black.exr is black"]);
 }

@@ -4,6 +4,7 @@ mod ambiguity;
 mod cameras;
 mod check;
 mod compare;
+mod compare_pictures;
 mod devices;
 mod fit;
 mod plan;
@@ -51,6 +52,9 @@ enum Command {
     /// Solve a scene and render pictures of it
     Render(render::Arguments),
     /// Path-trace pictures of a scene: the ground truth, with noise
+    ///
+    /// Unbiased, on all cores of the CPU, without a Vulkan device. Settings of the solve do not matter. Each picture comes
+    /// with the standard error of its pixels.
     Trace(trace::Arguments),
     /// Fit scenes to pictures (inverse rendering), in one job or many
     Fit(fit::Arguments),
@@ -60,7 +64,7 @@ enum Command {
     Check(check::Arguments),
     /// Subdivide the triangles that `check` warns of, and write the finer scene
     Refine(refine::Arguments),
-    /// Compare a fitted scene with the true one
+    /// Compare a fitted scene with the true one, or a picture with the true one
     Compare(compare::Arguments),
     /// Print the memory and work that a solve needs, without using a device
     Plan(plan::Arguments),

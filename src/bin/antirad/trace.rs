@@ -13,8 +13,6 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// The ground truth: unbiased pictures with noise, on all cores of the CPU, without a Vulkan device. Settings of the solve
-/// do not matter.
 #[derive(Args)]
 #[command(after_help = "Examples:
   antirad trace scenes/cornell_boxes.toml
