@@ -9,6 +9,7 @@ mod plans;
 mod process;
 mod refusals;
 mod signals;
+mod traces;
 mod truth;
 mod warnings;
 

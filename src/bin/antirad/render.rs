@@ -61,7 +61,7 @@ pub struct Arguments {
     supersample: u32,
 }
 
-fn parse_exposure(text: &str) -> Result<Exposure, String> {
+pub fn parse_exposure(text: &str) -> Result<Exposure, String> {
     match text {
         "auto" => Ok(Exposure::Auto),
         _ => match text.parse::<f64>() {
