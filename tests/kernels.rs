@@ -319,8 +319,20 @@ fn layouts_agree_with_the_shaders() {
         shaders::REFLECT_GLOSSY.of(Precision::F64),
         "GlossyPush",
         GlossyPush,
-        ["page" = page, "first" = first, "count" = count]
+        ["page" = page, "list" = list, "first" = first, "count" = count]
     );
+    for shader in [
+        shaders::REFLECT_LOBES.of(Precision::F32),
+        shaders::REFLECT_LOBES_ADJOINT.of(Precision::F64),
+        shaders::REFLECT_LOBES_DERIVATIVE.of(Precision::F64),
+    ] {
+        check!(
+            shader,
+            "LobePush",
+            LobePush,
+            ["page" = page, "first" = first, "count" = count, "row" = row, "begin" = begin, "end" = end,]
+        );
+    }
     check!(
         shaders::REFLECT_ADJOINT.of(Precision::F64),
         "ReflectAdjointPush",
@@ -331,13 +343,13 @@ fn layouts_agree_with_the_shaders() {
         shaders::REFLECT_GLOSSY_DERIVATIVE.of(Precision::F64),
         "GlossyDerivativePush",
         GlossyDerivativePush,
-        ["page" = page, "count" = count, "bin_begin" = bin_begin, "bin_end" = bin_end]
+        ["page" = page, "list" = list, "count" = count, "bin_begin" = bin_begin, "bin_end" = bin_end]
     );
     check!(
         shaders::REFLECT_GLOSSY_ADJOINT.of(Precision::F64),
         "GlossyPush",
         GlossyPush,
-        ["page" = page, "first" = first, "count" = count]
+        ["page" = page, "list" = list, "first" = first, "count" = count]
     );
     check!(shaders::PACK, "PackPush", PackPush, ["first" = first]);
     check!(shaders::DOT.of(Precision::F64), "DotPush", DotPush, ["count" = count]);

@@ -41,6 +41,17 @@ pub struct PairReport {
     pub sub_sampled: u64,
 }
 
+/// How the lobes of glossy triangles are computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct LobeReport {
+    /// Number of matrices, one for each power that enough triangles share.
+    pub matrices: u32,
+    /// Triangles whose lobes come from a matrix.
+    pub shared: u32,
+    /// Triangles whose lobes are evaluated bin by bin.
+    pub direct: u32,
+}
+
 /// Where the states live.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct StatesReport {
@@ -81,6 +92,8 @@ pub struct PlanReport {
     pub pages: usize,
     /// Pairs of triangles per pass.
     pub pairs: PairReport,
+    /// How lobes are computed.
+    pub lobes: LobeReport,
     /// Where states live, and the transfers this causes.
     pub states: StatesReport,
     /// Bytes by label.
@@ -159,6 +172,7 @@ impl Plan {
             tiles: self.layout.tiles(),
             pages: self.layout.groups.iter().filter(|g| g.class.has_bins()).count(),
             pairs,
+            lobes: self.lobe_report(),
             states: self.states_report(),
             memory: self.memory.items.clone(),
             memory_total: self.memory.total(),
@@ -187,6 +201,11 @@ impl Plan {
         let factor = if blocked { BLOCKED } else { 1.0 };
         let limit = f64::from(self.settings.max_passes);
         [0.5 * passes(mean), factor * passes(most)].map(|passes| passes.ceil().min(limit))
+    }
+
+    fn lobe_report(&self) -> LobeReport {
+        let [glossy, shared] = self.lobes.triangles();
+        LobeReport { matrices: self.lobes.matrices, shared, direct: glossy - shared }
     }
 
     fn states_report(&self) -> StatesReport {
@@ -264,6 +283,10 @@ impl fmt::Display for PlanReport {
         writeln!(f, "  {:>13}  irradiance alone ({:.1} %)", pairs.irradiance, percent(pairs.irradiance))?;
         writeln!(f, "  {:>13}  with bins ({:.1} %)", pairs.bins, percent(pairs.bins))?;
         writeln!(f, "  {:>13}  near field ({:.2} %)", pairs.sub_sampled, percent(pairs.sub_sampled))?;
+        let LobeReport { matrices, shared, direct } = self.lobes;
+        if shared + direct > 0 {
+            writeln!(f, "lobes            {shared} by {matrices} matrices, {direct} bin by bin")?;
+        }
         writeln!(f, "memory           {} bytes of {}", self.memory_total, self.memory_budget)?;
         for item in &self.memory {
             writeln!(f, "  {:>13}  {} ({})", item.bytes, item.label, item.count)?;
