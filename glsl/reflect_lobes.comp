@@ -15,6 +15,7 @@ layout(std430, binding = 1) readonly buffer Surfaces { Surface surfaces[]; };
 layout(std430, binding = 2) readonly buffer Incident { real incident[]; };
 layout(scalar, binding = 2) readonly buffer IncidentRgb { real3 incident_rgb[]; };
 layout(std430, binding = 3) buffer Specular { real specular[]; };
+layout(scalar, binding = 3) buffer SpecularRgb { real3 specular_rgb[]; };
 
 void main() {
     if (gl_GlobalInvocationID.x >= count) {
@@ -22,21 +23,26 @@ void main() {
     }
     uint slot = lobe_slots[first + gl_GlobalInvocationID.x];
     uint bins = (slot - page) * BINS;
+    uint row = first_row + gl_WorkGroupID.y * LOBE_ROWS;
     real3 sum[LOBE_ROWS];
     for (uint r = 0; r < LOBE_ROWS; r++) {
         sum[r] = real3(0.0);
     }
     for (uint b = begin; b < end; b++) {
+        uint column = column_of(gl_WorkGroupID.y, b);
         real3 light = CHANNELS == 1 ? real3(incident[bins + b]) : incident_rgb[bins + b];
         for (uint r = 0; r < LOBE_ROWS; r++) {
-            sum[r] += entry(r, b) * light;
+            sum[r] += ENTRY(lobes, column, r) * light;
         }
     }
     real3 scale = surfaces[slot].specular;
     for (uint r = 0; r < LOBE_ROWS; r++) {
-        for (uint c = 0; row + r < BINS && c < CHANNELS; c++) {
-            uint at = (bins + row + r) * CHANNELS + c;
-            specular[at] = (begin > 0 ? specular[at] : real(0.0)) + scale[c] * sum[r][c];
+        uint o = bins + row + r;
+        // No loop inside, which would keep this one from being unrolled and the sums from staying in registers.
+        if (row + r < BINS && CHANNELS == 1) {
+            specular[o] = (begin > 0 ? specular[o] : real(0.0)) + scale.r * sum[r].r;
+        } else if (row + r < BINS) {
+            specular_rgb[o] = (begin > 0 ? specular_rgb[o] : real3(0.0)) + scale * sum[r];
         }
     }
 }

@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 // Derivatives by the specular parameters of triangles that share a power: adds, per channel,
 //     Σ_ob μ(o) ⟨h,n⟩^p H(b)   and   Σ_ob μ(o) ⟨h,n⟩^p ln⟨h,n⟩ H(b),
-// from which the host computes ∂/∂σ and ∂/∂p. A lane owns a triangle; the rows of this dispatch are outgoing bins o.
+// from which the host computes ∂/∂σ and ∂/∂p. A lane owns a triangle; the rows are outgoing bins o.
 // Twin: src/reference/derivative/.
 
 #include "surface.glsl"
@@ -28,23 +28,26 @@ void main() {
     }
     uint slot = lobe_slots[first + gl_GlobalInvocationID.x];
     uint bins = (slot - page) * BINS;
-    real3 adjoint[LOBE_ROWS];
-    for (uint r = 0; r < LOBE_ROWS; r++) {
-        // Rows behind the last are zero, whatever they are multiplied by.
-        uint o = bins + min(row + r, BINS - 1);
-        adjoint[r] = CHANNELS == 1 ? real3(specular[o]) : specular_rgb[o];
-    }
     real3 sum = real3(0.0), sum_of_logarithms = real3(0.0);
-    for (uint b = begin; b < end; b++) {
-        real3 spread = real3(0.0), spread_logarithms = real3(0.0);
+    for (uint block = 0; block < blocks; block++) {
+        real3 adjoint[LOBE_ROWS];
         for (uint r = 0; r < LOBE_ROWS; r++) {
-            real3 value = entry(r, b) * adjoint[r];
-            spread += value;
-            spread_logarithms += logarithms[(b - begin) * (LOBE_ROWS / 4) + r / 4][r % 4] * value;
+            // The matrix is zero behind its last row, whatever that is multiplied by.
+            uint o = bins + min(first_row + block * LOBE_ROWS + r, BINS - 1);
+            adjoint[r] = CHANNELS == 1 ? real3(specular[o]) : specular_rgb[o];
         }
-        real3 light = CHANNELS == 1 ? real3(incident[bins + b]) : incident_rgb[bins + b];
-        sum += spread * light;
-        sum_of_logarithms += spread_logarithms * light;
+        for (uint b = begin; b < end; b++) {
+            uint column = column_of(block, b);
+            real3 spread = real3(0.0), spread_logarithms = real3(0.0);
+            for (uint r = 0; r < LOBE_ROWS; r++) {
+                real3 value = ENTRY(lobes, column, r) * adjoint[r];
+                spread += value;
+                spread_logarithms += ENTRY(logarithms, column, r) * value;
+            }
+            real3 light = CHANNELS == 1 ? real3(incident[bins + b]) : incident_rgb[bins + b];
+            sum += spread * light;
+            sum_of_logarithms += spread_logarithms * light;
+        }
     }
     sums[2 * slot].rgb += sum;
     sums[2 * slot + 1].rgb += sum_of_logarithms;

@@ -330,7 +330,15 @@ fn layouts_agree_with_the_shaders() {
             shader,
             "LobePush",
             LobePush,
-            ["page" = page, "first" = first, "count" = count, "row" = row, "begin" = begin, "end" = end,]
+            [
+                "page" = page,
+                "first" = first,
+                "count" = count,
+                "first_row" = first_row,
+                "blocks" = blocks,
+                "begin" = begin,
+                "end" = end,
+            ]
         );
     }
     check!(

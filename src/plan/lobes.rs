@@ -98,11 +98,6 @@ impl Plan {
         (self.bins.count() as u32).div_ceil(LOBE_ROWS)
     }
 
-    /// Columns of a block of rows that a dispatch binds.
-    pub(crate) fn lobe_columns(&self) -> u32 {
-        LOBE_BYTES / (LOBE_ROWS * self.settings.precision.bytes() as u32)
-    }
-
     /// Bytes of a matrix.
     pub(crate) fn lobe_matrix_bytes(&self) -> u64 {
         u64::from(self.lobe_blocks()) * self.lobe_block_bytes()

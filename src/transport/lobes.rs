@@ -25,8 +25,10 @@ pub struct LobePush {
     pub first: u32,
     /// How many triangles it computes.
     pub count: u32,
-    /// The first row of the matrix.
-    pub row: u32,
+    /// The first row of the first block.
+    pub first_row: u32,
+    /// Blocks of rows.
+    pub blocks: u32,
     /// The first column of this dispatch.
     pub begin: u32,
     /// One past its last.
@@ -46,13 +48,13 @@ pub struct Product<'a> {
 impl Product<'_> {
     /// Pairs of bins, over all triangles.
     pub fn pairs(&self) -> u64 {
-        let LobePush { count, begin, end, .. } = self.push;
-        u64::from(count) * u64::from(LOBE_ROWS * (end - begin))
+        let LobePush { count, blocks, begin, end, .. } = self.push;
+        u64::from(count) * u64::from(blocks * LOBE_ROWS) * u64::from(end - begin)
     }
 
-    /// Workgroups.
+    /// Workgroups, each for one block of rows.
     pub fn groups(&self) -> [u32; 3] {
-        [self.push.count.div_ceil(WORKGROUP), 1, 1]
+        [self.push.count.div_ceil(WORKGROUP), self.push.blocks, 1]
     }
 }
 
@@ -133,35 +135,45 @@ impl Lobes {
     /// columns, whose sums add up.
     pub fn products<'a>(&'a self, plan: &Plan, page: u32, slots: &Range<u32>) -> Vec<Product<'a>> {
         let Some(forward) = &self.forward else { return Vec::new() };
-        let real = plan.settings.precision.bytes();
-        let bins = plan.bins.count() as u32;
+        let part =
+            |buffer: &'a Option<Buffer>, at| buffer.as_ref().unwrap_or(forward).slice(at, LOBE_BYTES.into());
+        let parts = parts(plan);
         let mut products = Vec::new();
         for k in 0..self.by_power.powers.len() {
             let entries = self.by_power.within(k, slots);
             for first in entries.clone().step_by(MOST_TRIANGLES as usize) {
                 let count = (entries.end - first).min(MOST_TRIANGLES);
-                for block in 0..plan.lobe_blocks() {
-                    for begin in (0..bins).step_by(plan.lobe_columns() as usize) {
-                        let end = (begin + plan.lobe_columns()).min(bins);
-                        let push = LobePush { page, first, count, row: block * LOBE_ROWS, begin, end };
-                        let within =
-                            u64::from(block) * plan.lobe_block_bytes() + u64::from(begin * LOBE_ROWS) * real;
-                        let at = k as u64 * plan.lobe_matrix_bytes() + within;
-                        let part = |buffer: &'a Option<Buffer>, at| {
-                            buffer.as_ref().unwrap_or(forward).slice(at, LOBE_BYTES.into())
-                        };
-                        products.push(Product {
-                            push,
-                            forward: forward.slice(at, LOBE_BYTES.into()),
-                            transposed: part(&self.transposed, at),
-                            logarithms: part(&self.logarithms, within),
-                        });
+                products.extend(parts.iter().map(|&(offset, push)| {
+                    let at = k as u64 * plan.lobe_matrix_bytes() + offset;
+                    Product {
+                        push: LobePush { page, first, count, ..push },
+                        forward: part(&self.forward, at),
+                        transposed: part(&self.transposed, at),
+                        logarithms: part(&self.logarithms, offset),
                     }
-                }
+                }));
             }
         }
         products
     }
+}
+
+/// The parts of a matrix that a dispatch binds, and where they are: some blocks of rows, or some columns of one.
+fn parts(plan: &Plan) -> Vec<(u64, LobePush)> {
+    let (bins, blocks) = (plan.bins.count() as u32, plan.lobe_blocks());
+    let fitting = (u64::from(LOBE_BYTES) / plan.lobe_block_bytes()).max(1) as u32;
+    let columns = LOBE_BYTES / (LOBE_ROWS * plan.settings.precision.bytes() as u32);
+    let mut parts = Vec::new();
+    for block in (0..blocks).step_by(fitting as usize) {
+        for begin in (0..bins).step_by(columns as usize) {
+            let end = (begin + columns).min(bins);
+            let (first_row, blocks) = (block * LOBE_ROWS, (blocks - block).min(fitting));
+            let column_bytes = u64::from(LOBE_ROWS) * plan.settings.precision.bytes();
+            let offset = u64::from(block) * plan.lobe_block_bytes() + u64::from(begin) * column_bytes;
+            parts.push((offset, LobePush { first_row, blocks, begin, end, ..LobePush::zeroed() }));
+        }
+    }
+    parts
 }
 
 /// ln⟨h(b,o),n⟩; where the cosine is zero so is every lobe, and x^p ln x counts as zero.

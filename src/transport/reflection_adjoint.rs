@@ -153,7 +153,9 @@ impl ReflectionAdjoint {
                 let (_, kernel) = self.lobes()?;
                 let (incident, specular, sums) = (incident.whole(), specular.whole(), sums.whole());
                 let buffers = [by_power, incident, specular, sums, product.forward, product.logarithms];
-                batch.dispatch(kernel, "by matrix", &buffers, bytes_of(&product.push), product.groups())?;
+                // A lane sums over all blocks.
+                let [groups, ..] = product.groups();
+                batch.dispatch(kernel, "by matrix", &buffers, bytes_of(&product.push), [groups, 1, 1])?;
             }
             let buffers = [
                 scene.surfaces.whole(),
