@@ -7,6 +7,9 @@ use std::fmt;
 const IRRADIANCE_RATE: f64 = 1e9;
 const BINS_RATE: f64 = 60e6;
 const NEAR_RATE: f64 = 1e6;
+/// Pairs of bins per second, by matrix and one by one.
+const LOBE_RATE: f64 = 3e9;
+const DIRECT_LOBE_RATE: f64 = 3e8;
 /// Bytes per second between host and device.
 const MOVE_RATE: f64 = 2e9;
 /// Passes in addition to those due to the albedo: direct light, and the verification of the result.
@@ -156,6 +159,7 @@ impl Plan {
         let pass = pairs.irradiance as f64 / IRRADIANCE_RATE
             + pairs.bins as f64 / BINS_RATE
             + pairs.sub_sampled as f64 / NEAR_RATE
+            + self.lobe_seconds()
             + self.moved_bytes() as f64 / MOVE_RATE;
         let passes = self.estimated_passes();
         PlanReport {
@@ -201,6 +205,13 @@ impl Plan {
         let factor = if blocked { BLOCKED } else { 1.0 };
         let limit = f64::from(self.settings.max_passes);
         [0.5 * passes(mean), factor * passes(most)].map(|passes| passes.ceil().min(limit))
+    }
+
+    /// Estimated time of the specular part of K.
+    fn lobe_seconds(&self) -> f64 {
+        let LobeReport { shared, direct, .. } = self.lobe_report();
+        let pairs = (self.bins.count() as f64).powi(2);
+        pairs * (f64::from(shared) / LOBE_RATE + f64::from(direct) / DIRECT_LOBE_RATE)
     }
 
     fn lobe_report(&self) -> LobeReport {
@@ -285,7 +296,10 @@ impl fmt::Display for PlanReport {
         writeln!(f, "  {:>13}  near field ({:.2} %)", pairs.sub_sampled, percent(pairs.sub_sampled))?;
         let LobeReport { matrices, shared, direct } = self.lobes;
         if shared + direct > 0 {
-            writeln!(f, "lobes            {shared} by {matrices} matrices, {direct} bin by bin")?;
+            writeln!(
+                f,
+                "lobes            by matrix for {shared} triangles ({matrices}), bin by bin for {direct}"
+            )?;
         }
         writeln!(f, "memory           {} bytes of {}", self.memory_total, self.memory_budget)?;
         for item in &self.memory {
