@@ -5,6 +5,7 @@ mod error;
 mod gradient_request;
 mod interactions;
 mod lamps;
+mod lobes;
 mod memory;
 mod report;
 mod residency;
@@ -15,9 +16,10 @@ pub use error::PlanError;
 pub use gradient_request::GradientRequest;
 pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
 pub use lamps::LampsReport;
+pub(crate) use lobes::{LOBE_BYTES, LOBE_ROWS, LobeSlots, PlannedLobes};
 pub(crate) use memory::PARTIAL_SUMS;
 pub use memory::{MemoryItem, MemoryPlan};
-pub use report::{ClassReport, PairReport, PlanReport, StatesReport};
+pub use report::{ClassReport, LobeReport, PairReport, PlanReport, StatesReport};
 pub use residency::{Piece, Residency};
 pub use tiles::{Group, TileLayout};
 
@@ -218,6 +220,7 @@ pub struct Plan {
     pub(crate) lamps: Vec<Lamp>,
     pub(crate) layout: TileLayout,
     pub(crate) interactions: Interactions,
+    pub(crate) lobes: PlannedLobes,
     pub(crate) solver: PlannedSolver,
     pub(crate) residency: Residency,
     /// Bytes of the staging buffers.
@@ -271,6 +274,7 @@ impl Plan {
         let interactions =
             Interactions::new(&layout, &facets, &classes, half_range, options.cull, by_source)?;
 
+        let lobes = PlannedLobes::new(scene, &layout, options.gradients);
         let mut plan = Self {
             options: *options,
             settings: *settings,
@@ -282,12 +286,14 @@ impl Plan {
             lamps,
             layout,
             interactions,
+            lobes,
             solver: PlannedSolver::FixedPoint,
             residency: Residency::Device,
             staging: options.staging,
             memory: MemoryPlan::default(),
             reflectance: Reflectance::of(scene),
         };
+        plan.lobes.matrices = plan.affordable_lobes();
         plan.choose_solver()?;
         Ok(plan)
     }
@@ -306,15 +312,20 @@ impl Plan {
             }
         };
         let mut least = u64::MAX;
-        for &solver in &wanted {
-            self.solver = solver;
-            for staging in [self.options.staging, self.short_staging()] {
-                self.staging = staging;
-                self.memory = MemoryPlan::of(self);
-                self.memory.check_buffers(self.options.max_buffer)?;
-                least = least.min(self.memory.total());
-                if self.memory.total() <= self.options.memory_budget {
-                    return Ok(());
+        let matrices = self.lobes.matrices;
+        // Matrices take a small part of the budget: only where nothing else fits are there none.
+        for matrices in [matrices, 0] {
+            self.lobes.matrices = matrices;
+            for &solver in &wanted {
+                self.solver = solver;
+                for staging in [self.options.staging, self.short_staging()] {
+                    self.staging = staging;
+                    self.memory = MemoryPlan::of(self);
+                    self.memory.check_buffers(self.options.max_buffer)?;
+                    least = least.min(self.memory.total());
+                    if self.memory.total() <= self.options.memory_budget {
+                        return Ok(());
+                    }
                 }
             }
         }
@@ -325,6 +336,7 @@ impl Plan {
         // Vectors on the host take no device memory, so the solver is that of an unlimited budget, and the result
         // does not depend on the budget.
         self.solver = wanted.first().copied().unwrap_or(PlannedSolver::FixedPoint);
+        self.lobes.matrices = matrices;
         self.stream()
     }
 

@@ -8,6 +8,7 @@ mod exchange;
 mod exchange_adjoint;
 mod exchange_derivative;
 mod half_bins;
+mod lobes;
 mod observation;
 mod observation_adjoint;
 mod pace;
@@ -22,6 +23,7 @@ mod vectors;
 mod watch;
 
 pub use half_bins::PackPush;
+pub use lobes::LobePush;
 pub use pace::Pace;
 pub use scene_buffers::SceneBuffers;
 pub use state::{Outgoing, State};
@@ -102,8 +104,9 @@ impl Operators {
 
     /// Replaces the materials, and the radiance that each triangle of the scene emits, W/(m² sr); geometry and classes stay as
     /// planned. Light is counted in units of `unit`, W/(m² sr).
-    pub fn set_materials(&self, scene: &Scene, emitted: &[[f64; 3]], unit: f64) -> Result<(), GpuError> {
-        self.context.scene.set_materials(&self.context.device, scene, &self.context.plan, emitted, unit)
+    pub fn set_materials(&mut self, scene: &Scene, emitted: &[[f64; 3]], unit: f64) -> Result<(), GpuError> {
+        let Context { device, plan, scene: buffers, .. } = &mut self.context;
+        buffers.set_materials(device, scene, plan, emitted, unit)
     }
 
     /// The plan they were made for.

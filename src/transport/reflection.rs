@@ -1,11 +1,12 @@
 //! K and E: reflection of incident light, and emission.
 
+use super::lobes::LobePush;
 use super::pace::{Bundle, Pace};
 use super::residency::{Part, View};
 use super::state::State;
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, bin_constants};
-use crate::gpu::{BufferSlice, Device, GpuError, Pipeline};
+use crate::gpu::{Bindings, BufferSlice, Device, GpuError, Pipeline};
 use crate::plan::{Piece, Plan};
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
@@ -28,18 +29,23 @@ pub struct ReflectPush {
 pub struct GlossyPush {
     /// First slot of the page.
     pub page: u32,
-    /// The first bin of the page that this dispatch computes.
+    /// The first triangle, among the slots by power.
+    pub list: u32,
+    /// The first pair of triangle and bin, from there on, that this dispatch computes.
     pub first: u32,
-    /// How many bins it computes.
+    /// How many pairs it computes.
     pub count: u32,
 }
 
 pub struct Reflection {
     diffuse: Pipeline,
-    /// Only where something is glossy.
+    /// Lobes pair by pair of bins. Only where something is glossy.
     glossy: Option<Pipeline>,
-    /// Pace of the glossy kernel, in pairs of bins.
+    /// Lobes by matrix. Only where some are planned.
+    lobes: Option<Pipeline>,
+    /// Paces of the two, in pairs of bins.
     pace: Pace,
+    lobes_pace: Pace,
 }
 
 impl Reflection {
@@ -51,17 +57,24 @@ impl Reflection {
             Pipeline::new(
                 device,
                 shaders::REFLECT_GLOSSY.of(precision),
-                4,
+                5,
                 size_of::<GlossyPush>() as u32,
                 &constants,
                 None,
             )
         };
+        let lobes = || {
+            let bindings = Bindings { storage: 4, uniform: 1 };
+            let push = size_of::<LobePush>() as u32;
+            Pipeline::new(device, shaders::REFLECT_LOBES.of(precision), bindings, push, &constants, None)
+        };
         let push = size_of::<ReflectPush>() as u32;
         Ok(Self {
             diffuse: Pipeline::new(device, shaders::REFLECT.of(precision), 3, push, &[(0, WORKGROUP)], None)?,
             glossy: any_glossy.then(glossy).transpose()?,
+            lobes: (plan.lobes.matrices > 0).then(lobes).transpose()?,
             pace: Pace::new(2e7),
+            lobes_pace: Pace::new(2e8),
         })
     }
 
@@ -115,22 +128,36 @@ impl Reflection {
         if !piece.part.class.glossy {
             return Ok(scene.no_bins.whole());
         }
-        let kernel = self.glossy.as_ref().ok_or_else(|| TransportError::missing("specular reflection"))?;
+        let missing = || TransportError::missing("specular reflection");
+        let kernel = self.glossy.as_ref().ok_or_else(missing)?;
         let specular = outgoing.specular_of(piece.group)?;
         let slots = plan.layout.slots_of(&piece.part.tiles);
         let Some(light) = light else {
             View::resident(specular, slots.start, plan.page_bytes(&piece.part)).clear(device)?;
             return Ok(specular.whole());
         };
-        let buffers = [scene.surfaces.whole(), scene.bin_table.whole(), light.slice(), specular.whole()];
+        let by_power = scene.lobes.slots(&scene.no_bins);
+        let mut bundle = Bundle::new(device, &mut self.lobes_pace, monitor);
+        for product in scene.lobes.products(plan, slots.start, &slots) {
+            let kernel = self.lobes.as_ref().ok_or_else(missing)?;
+            let buffers =
+                [by_power, scene.surfaces.whole(), light.slice(), specular.whole(), product.forward];
+            bundle.add(product.pairs(), 0, |batch| {
+                batch.dispatch(kernel, "by matrix", &buffers, bytes_of(&product.push), product.groups())
+            })?;
+        }
+        bundle.submit()?;
+        let buffers =
+            [scene.surfaces.whole(), scene.bin_table.whole(), light.slice(), specular.whole(), by_power];
         let each = plan.bins.count() as u64;
-        let bins = slots.len() as u32 * plan.bins.count() as u32;
+        let direct = scene.lobes.direct(&slots);
+        let bins = direct.len() as u32 * plan.bins.count() as u32;
         let mut bundle = Bundle::new(device, &mut self.pace, monitor);
         let mut first = 0;
         while first < bins {
             let groups = bundle.share((bins - first).div_ceil(WORKGROUP), u64::from(WORKGROUP) * each);
             let count = (bins - first).min(groups * WORKGROUP);
-            let push = GlossyPush { page: slots.start, first, count };
+            let push = GlossyPush { page: slots.start, list: direct.start, first, count };
             bundle.add(u64::from(count) * each, 0, |batch| {
                 batch.dispatch(kernel, "bins to bins", &buffers, bytes_of(&push), [groups, 1, 1])
             })?;

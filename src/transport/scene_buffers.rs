@@ -1,5 +1,6 @@
 //! The scene as the kernels read it, in the order and the coordinates of the plan.
 
+use super::lobes::Lobes;
 use super::real;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
 use crate::model::Facet;
@@ -47,6 +48,7 @@ pub struct SceneBuffers {
     pub surfaces: Buffer,
     /// Centre of each bin, and c_b.
     pub bin_table: Buffer,
+    pub(super) lobes: Lobes,
     /// [`crate::plan::FarRuns`] by receiver.
     pub far_runs: Buffer,
     /// Offset of the close sources of each slot in `near_sources`, then the end of the last.
@@ -83,11 +85,14 @@ impl SceneBuffers {
         let reals =
             |label: &str, values: &[f64]| real::filled(device, label, plan.settings.precision, values);
         let PairLists { far, near } = &plan.interactions().by_receiver;
+        let mut lobes = Lobes::new(device, plan)?;
+        lobes.set(device, scene, plan)?;
         Ok(Self {
             facets: reals("facets", &facets)?,
             corners: reals("corners", &by_slot(plan, |i| corner_reals(&plan.facets[i])))?,
             surfaces: reals("surfaces", &surfaces(scene, plan, emitted, unit))?,
             bin_table: reals("bin table", &bin_table)?,
+            lobes,
             far_runs: filled(device, "far runs", far.words())?,
             near_offsets: filled(device, "near offsets", &near.offsets)?,
             near_sources: filled(device, "near sources", &near.partners)?,
@@ -103,7 +108,7 @@ impl SceneBuffers {
 
     /// Replaces the materials and what is emitted; geometry and classes stay as planned.
     pub fn set_materials(
-        &self,
+        &mut self,
         device: &Device,
         scene: &Scene,
         plan: &Plan,
@@ -111,6 +116,7 @@ impl SceneBuffers {
         unit: f64,
     ) -> Result<(), GpuError> {
         let surfaces = surfaces(scene, plan, emitted, unit);
+        self.lobes.set(device, scene, plan)?;
         real::upload(device, &self.surfaces, plan.settings.precision, &surfaces)
     }
 }
