@@ -2,18 +2,19 @@
 
 mod support;
 
-use antirad::image::{Coverage, Picture, Rasterizer};
+use antirad::image::{Coverage, Rasterizer};
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::scene::{BinLayout, Camera, Material, Precision, Scene, SceneBuilder, Shape};
 use antirad::shading::{Light, SeenFrom, backward};
 use antirad::{Engine, SolveParams};
 use glam::{DAffine3, DVec3};
 use std::ops::ControlFlow;
-use support::{device, finish, load, solve};
+use support::{device, finish};
 
 /// A tilted blocker over a floor and beside a wall, under a lamp.
 fn scene() -> Scene {
     let grey = |name: &str, albedo: [f64; 3]| Material { albedo, ..Material::named(name) };
+    let floor = Material { specular: [0.1, 0.12, 0.15], power: 15.0, ..grey("floor", [0.7, 0.6, 0.5]) };
     let lamp = Material { emission: [5.0, 4.0, 3.0], ..Material::named("lamp") };
     let at = |x: f64, y: f64, z: f64| DAffine3::from_translation(DVec3::new(x, y, z));
     let small = DAffine3::from_scale(DVec3::splat(0.4));
@@ -22,7 +23,7 @@ fn scene() -> Scene {
     let wall = DAffine3::from_rotation_z(-1.4);
     let mut builder = SceneBuilder::new();
     builder
-        .shape("floor", Shape::Quad { cells: 3 }, &grey("floor", [0.7, 0.6, 0.5]), at(0.0, 0.0, 0.0))
+        .shape("floor", Shape::Quad { cells: 3 }, &floor, at(0.0, 0.0, 0.0))
         .shape("wall", Shape::Quad { cells: 2 }, &grey("wall", [0.3, 0.7, 0.4]), at(-0.55, 0.5, 0.0) * wall)
         .shape(
             "blocker",
@@ -72,9 +73,8 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
         // At the same points of each triangle.
         let mut engine = engine(&base).rebuilt(scene).expect("an engine");
         let solution = engine.solve(&params).expect("a solution");
-        let colours = engine.face_colours(&solution, camera.position).expect("colours");
-        let light = Light::new(&engine, &solution, scene);
-        let pixels = light.pixels(scene, &camera, coverage, &colours).expect("pixels");
+        let light = Light::new(&mut engine, &solution, scene, std::slice::from_ref(&camera)).expect("light");
+        let pixels = light.pixels(scene, 0, coverage).expect("pixels");
         let of = |(p, rgb): (usize, &[f64; 4])| (0..3).map(|c| weight(p, c) * rgb[c]).sum::<f64>();
         pixels.iter().enumerate().map(of).sum::<f64>()
     };
@@ -83,8 +83,8 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
     let mut own = engine(&scene);
     assert_eq!(own.plan().lamps().len(), 1);
     let solution = own.solve(&params).expect("a solution");
-    let light = Light::new(&own, &solution, &scene);
-    let view = SeenFrom { camera: &camera, coverage: &coverage, by_pixels: &by_pixels };
+    let light = Light::new(&mut own, &solution, &scene, std::slice::from_ref(&camera)).expect("light");
+    let view = SeenFrom { coverage: &coverage, by_pixels: &by_pixels };
     let mut request = GradientRequest::EVERYTHING;
     request.camera = false;
     let gradients = backward(&mut own, &solution, &light, &scene, &[view], request, &params, &mut |_, _| {
@@ -117,6 +117,11 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
     let lamp = scene.materials.iter().position(|m| m.name == "lamp").expect("a lamp");
     let emission = |scene: &mut Scene, by: f64| scene.materials[lamp].emission[0] += by;
     check("emission", materials[lamp].emission[0], difference(&emission, 1e-4), 1e-7);
+    let floor = scene.materials.iter().position(|m| m.name == "floor").expect("a floor");
+    let specular = |scene: &mut Scene, by: f64| scene.materials[floor].specular[2] += by;
+    check("specular", materials[floor].specular[2], difference(&specular, 1e-5), 1e-7);
+    let power = |scene: &mut Scene, by: f64| scene.materials[floor].power += by;
+    check("power", materials[floor].power, difference(&power, 1e-3), 1e-6);
     let vertices = gradients.vertices.as_ref().expect("vertices");
     for mesh in ["blocker", "lamp", "floor", "wall"] {
         let mesh = scene.meshes.iter().find(|m| m.name == mesh).expect("a mesh");

@@ -5,6 +5,7 @@
 //! two count twice with opposite signs.
 
 use super::cone::{Side, arc_moment, sides, vector_irradiance};
+use super::highlight::{Lobe, LobeGradient};
 use super::visible::{Geometry, HORIZON, Placed, Planes, Visible, blocker_plane};
 use crate::model::FacetGradient;
 use glam::DVec3;
@@ -69,16 +70,53 @@ impl Sight<'_> {
         let mut of_point = DVec3::ZERO;
         visible.parts(self, true, &mut |part: &[Side]| {
             sum += vector_irradiance(part);
-            for (plane, arc) in sides(part).filter(|&(plane, _)| plane != HORIZON) {
-                // By the normal of the side's plane if its length is one and it points into the part.
-                let moment = arc_moment(arc, cotangent);
-                of_point += match blocker_plane(plane) {
-                    Some((place, which)) => self.blocker(self.blockers[place], which, arc, moment, to),
-                    None => self.lamp_side(plane as usize, moment, to),
-                };
+            for (plane, arc) in sides(part) {
+                of_point += self.side(plane, arc, arc_moment(arc, cotangent), to);
             }
         });
         (sum, of_point)
+    }
+
+    /// ∫ ⟨h, n⟩^p cosθ dω of the part of the lamp that the point sees.
+    pub fn highlight(&self, visible: &mut Visible, lobe: &Lobe) -> f64 {
+        let mut sum = 0.0;
+        visible.parts(self, false, &mut |part| sum += lobe.integral(part));
+        sum
+    }
+
+    /// As [`Self::pull_back`], of [`Self::highlight`]; returns it with its derivatives by the lobe, and that of the loss by the point as far
+    /// as the visible part depends on it.
+    pub fn pull_back_highlight(
+        &self,
+        visible: &mut Visible,
+        lobe: &Lobe,
+        cotangent: f64,
+        to: &mut Contributions,
+    ) -> (f64, LobeGradient, DVec3) {
+        let mut sum = 0.0;
+        let mut slopes = LobeGradient::default();
+        let mut of_point = DVec3::ZERO;
+        visible.parts(self, true, &mut |part: &[Side]| {
+            let (value, by_lobe) = lobe.slopes(part);
+            sum += value;
+            slopes.normal += by_lobe.normal;
+            slopes.eye += by_lobe.eye;
+            slopes.power += by_lobe.power;
+            for (plane, arc, moment) in lobe.arcs(part) {
+                of_point += self.side(plane, arc, cotangent * moment, to);
+            }
+        });
+        (sum, slopes, of_point)
+    }
+
+    /// Adds the derivatives by the corners that a side's plane passes through, and returns that by the point; `moment`: derivative by the
+    /// normal of that plane if its length is one and it points into the part.
+    fn side(&self, plane: u32, arc: [DVec3; 2], moment: DVec3, to: &mut Contributions) -> DVec3 {
+        match blocker_plane(plane) {
+            _ if plane == HORIZON => DVec3::ZERO,
+            Some((place, which)) => self.blocker(self.blockers[place], which, arc, moment, to),
+            None => self.lamp_side(plane as usize, moment, to),
+        }
     }
 
     fn from_point(&self, [triangle, corner]: [u32; 2]) -> DVec3 {

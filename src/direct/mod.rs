@@ -6,17 +6,22 @@
 
 mod cone;
 mod derivative;
+mod highlight;
 mod lamps;
+mod lobes;
 mod quadrature;
 mod shaft;
 mod visible;
 
 pub use lamps::{Lamp, lamps};
 
+use crate::model::pull_unit;
 use crate::model::{Facet, FacetGradient};
 use derivative::{Contributions, Sight};
 use glam::DVec3;
-use quadrature::{Cuts, Sample};
+use highlight::Lobe;
+use quadrature::Cuts;
+pub use quadrature::Sample;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use visible::{Geometry, Placed, Tree, Visible};
@@ -92,6 +97,11 @@ impl DirectLight {
     /// The lamps.
     pub fn lamps(&self) -> &[Lamp] {
         &self.lamps
+    }
+
+    /// Points of a triangle that suffice where light is smooth.
+    pub fn whole_samples(&self) -> Vec<Sample> {
+        quadrature::samples(&Cuts::default())
     }
 
     /// Number of triangles.
@@ -190,6 +200,136 @@ impl DirectLight {
         (to.merged(), of_points)
     }
 
+    /// Specular reflection of each lamp at points of one triangle towards an eye, ∫ ⟨h, n⟩^p cosθ dω over the visible part, sr: times σ N(p)
+    /// and the lamp's radiance, it is the radiance that the eye sees.
+    pub fn highlights(
+        &self,
+        facets: &[Facet],
+        face: usize,
+        points: &[DVec3],
+        eye: DVec3,
+        power: f64,
+    ) -> Vec<Vec<f64>> {
+        let geometry = self.geometry(facets);
+        let normal = facets[face].normal;
+        let visible = &mut Visible::default();
+        let mut light = vec![vec![0.0; self.lamps.len()]; points.len()];
+        for (l, lamp) in self.lamps.iter().enumerate() {
+            let lamp = &geometry.place(lamp);
+            if !geometry.faces(face, lamp) {
+                continue;
+            }
+            let blockers = &geometry.blockers(points, normal, lamp);
+            for (of_point, &point) in light.iter_mut().zip(points) {
+                let lobe = Lobe { normal, eye: (eye - point).normalize_or_zero(), power };
+                let sight = Sight { geometry, point, normal, lamp, blockers };
+                of_point[l] = sight.highlight(visible, &lobe);
+            }
+        }
+        light
+    }
+
+    /// The transpose of the derivative of [`Self::highlights`], from the derivative of a loss by each of them.
+    pub fn pull_back_highlights(
+        &self,
+        facets: &[Facet],
+        face: usize,
+        points: &[DVec3],
+        eye: DVec3,
+        power: f64,
+        cotangent: impl Fn(usize, usize) -> f64,
+    ) -> HighlightGradient {
+        let geometry = self.geometry(facets);
+        let normal = facets[face].normal;
+        let visible = &mut Visible::default();
+        let mut to = Contributions::default();
+        let mut gradient =
+            HighlightGradient { points: vec![DVec3::ZERO; points.len()], ..HighlightGradient::default() };
+        let mut own = FacetGradient::default();
+        for (l, lamp) in self.lamps.iter().enumerate() {
+            let lamp = &geometry.place(lamp);
+            if !geometry.faces(face, lamp) {
+                continue;
+            }
+            let blockers = &geometry.blockers(points, normal, lamp);
+            for (k, &point) in points.iter().enumerate() {
+                let by = cotangent(k, l);
+                let distance = (eye - point).length();
+                let lobe = Lobe { normal, eye: (eye - point).normalize_or_zero(), power };
+                let sight = Sight { geometry, point, normal, lamp, blockers };
+                let (_, slopes, by_point) = sight.pull_back_highlight(visible, &lobe, by, &mut to);
+                let by_eye = by * pull_unit(lobe.eye, distance, slopes.eye);
+                gradient.points[k] += by_point - by_eye;
+                gradient.eye += by_eye;
+                gradient.power += by * slopes.power;
+                own.normal += by * slopes.normal;
+            }
+        }
+        to.add(face as u32, own);
+        gradient.facets = to.merged();
+        gradient
+    }
+
+    /// Per lamp and outgoing bin, the mean over a triangle of ⟨n, Φ⟩ ⟨h, n⟩^p, sr, with Φ the vector irradiance per radiance of the lamp.
+    /// `bins`: their directions, in the frame of the triangle.
+    pub fn lobes(&self, facets: &[Facet], receiver: usize, bins: &[DVec3], power: f64) -> Vec<Vec<f64>> {
+        let mut lobes = vec![vec![0.0; bins.len()]; self.lamps.len()];
+        self.each_sample(facets, receiver, &mut |l, sight, share, visible| {
+            let phi = sight.vector_irradiance(visible);
+            lobes::add(phi, sight.normal, share, bins, power, &mut lobes[l]);
+        });
+        lobes
+    }
+
+    /// The transpose of the derivative of [`Self::lobes`], from the derivative of a loss by each of them: by triangles, and by the power.
+    pub fn pull_back_lobes(
+        &self,
+        facets: &[Facet],
+        receiver: usize,
+        bins: &[DVec3],
+        power: f64,
+        cotangent: impl Fn(usize, usize) -> f64,
+    ) -> (Vec<(u32, FacetGradient)>, f64) {
+        let mut to = Contributions::default();
+        let mut by_power = 0.0;
+        let corners = facets[receiver].corners;
+        self.each_sample(facets, receiver, &mut |l, sight, share, visible| {
+            let phi = sight.vector_irradiance(visible);
+            let (by_phi, by_normal, by_exponent) =
+                lobes::pull_back(phi, sight.normal, bins, power, |b| share * cotangent(l, b));
+            by_power += by_exponent;
+            let (_, by_point) = sight.pull_back(visible, by_phi, &mut to);
+            let mut own = FacetGradient { normal: by_normal, ..FacetGradient::default() };
+            let weights = barycentric(corners, sight.normal, sight.point);
+            for (corner, b) in own.corners.iter_mut().zip(weights.to_array()) {
+                *corner += b * by_point;
+            }
+            to.add(receiver as u32, own);
+        });
+        (to.merged(), by_power)
+    }
+
+    /// Calls `each` with each lamp, a point of a receiver that may see it, and the share of the receiver that the point stands for.
+    fn each_sample(
+        &self,
+        facets: &[Facet],
+        receiver: usize,
+        each: &mut dyn FnMut(usize, &Sight, f64, &mut Visible),
+    ) {
+        let geometry = self.geometry(facets);
+        let Facet { corners, normal, .. } = facets[receiver];
+        let visible = &mut Visible::default();
+        for (l, lamp) in self.lamps.iter().enumerate().filter(|&(l, _)| self.factors(receiver)[l] != 0.0) {
+            let lamp = &geometry.place(lamp);
+            let blockers = &geometry.blockers(&corners, normal, lamp);
+            let cuts = self.cuts.get(&[receiver, l]).cloned().unwrap_or_default();
+            for Sample { barycentric, weight } in quadrature::samples(&cuts) {
+                let sight = Sight { geometry, point: at(corners, barycentric), normal, lamp, blockers };
+                each(l, &sight, weight, visible);
+            }
+        }
+    }
+
     fn pull_back_to(
         &self,
         geometry: Geometry,
@@ -218,11 +358,31 @@ impl DirectLight {
     }
 }
 
+/// Derivatives of a loss of highlights.
+#[derive(Clone, Debug, Default)]
+pub struct HighlightGradient {
+    /// By triangle; that of the points themselves is not included.
+    pub facets: Vec<(u32, FacetGradient)>,
+    /// By each point.
+    pub points: Vec<DVec3>,
+    /// By the position of the eye.
+    pub eye: DVec3,
+    /// By the power.
+    pub power: f64,
+}
+
 /// Receivers whose derivatives are held in memory at a time.
 const RECEIVERS: usize = 4096;
 
+/// Barycentric coordinates of a point of a triangle.
+pub fn barycentric(corners: [DVec3; 3], normal: DVec3, point: DVec3) -> DVec3 {
+    let [a, b, c] = corners.map(|corner| corner - point);
+    let areas = [b.cross(c), c.cross(a), a.cross(b)].map(|double| double.dot(normal));
+    DVec3::from(areas) / areas.iter().sum::<f64>()
+}
+
 /// The point with given barycentric coordinates.
-fn at([a, b, c]: [DVec3; 3], barycentric: DVec3) -> DVec3 {
+pub fn at([a, b, c]: [DVec3; 3], barycentric: DVec3) -> DVec3 {
     a * barycentric.x + b * barycentric.y + c * barycentric.z
 }
 

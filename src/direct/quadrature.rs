@@ -47,6 +47,7 @@ impl Cuts {
 /// A point of a triangle.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
+    /// Barycentric coordinates.
     pub barycentric: DVec3,
     /// Share of the triangle's area that it stands for.
     pub weight: f64,

@@ -41,9 +41,9 @@ struct Latest {
     scene: Scene,
     solution: Solution,
     params: SolveParams,
-    /// Face colours, per view.
+    /// Face colours per view, where each face has one.
     colours: Vec<Vec<[f64; 3]>>,
-    /// Where it is gathered.
+    /// What pictures are gathered from.
     light: Option<Light>,
 }
 
@@ -161,16 +161,20 @@ impl Renderer for EngineRenderer {
         let mut pictures = Vec::with_capacity(self.cameras.len());
         let mut colours = Vec::with_capacity(self.cameras.len());
         let gathers = self.shading == Shading::Gathered;
-        let light = gathers.then(|| Light::new(engine, &solution, scene));
-        for (camera, coverage) in self.cameras.iter().zip(&self.coverage) {
-            let shown = engine.face_colours(&solution, camera.position).map_err(sort_out)?;
+        let light = gathers.then(|| Light::new(engine, &solution, scene, &self.cameras));
+        let light = light.transpose().map_err(sort_out)?;
+        for (view, (camera, coverage)) in self.cameras.iter().zip(&self.coverage).enumerate() {
             let pixels = match &light {
-                Some(light) => light.pixels(scene, camera, coverage, &shown),
-                None => coverage.pixels(&shown),
+                Some(light) => light.pixels(scene, view, coverage),
+                None => {
+                    let shown = engine.face_colours(&solution, camera.position).map_err(sort_out)?;
+                    let pixels = coverage.pixels(&shown);
+                    colours.push(shown);
+                    pixels
+                }
             };
             let pixels = pixels.map_err(failed)?;
             pictures.push(pixels.iter().map(|&[r, g, b, _]| DVec3::new(r, g, b)).collect());
-            colours.push(shown);
         }
         self.latest = Some(Latest { scene: scene.clone(), solution, params, colours, light });
         Ok(pictures)
@@ -194,9 +198,8 @@ impl Renderer for EngineRenderer {
         let Latest { scene, solution, params, light, .. } = latest;
         let gradients = match light {
             Some(light) => {
-                let views: Vec<SeenFrom> = views()
-                    .map(|((camera, coverage), by_pixels)| SeenFrom { camera, coverage, by_pixels })
-                    .collect();
+                let views: Vec<SeenFrom> =
+                    views().map(|((_, coverage), by_pixels)| SeenFrom { coverage, by_pixels }).collect();
                 shading::backward(engine, solution, light, scene, &views, request, params, &mut progress)
                     .map_err(|error| match error {
                         ShadingError::Engine(error) => sort_out(error),
@@ -217,13 +220,16 @@ impl Renderer for EngineRenderer {
         let mut gradient = SceneGradient::from(gradients);
         if let Some(positions) = &mut gradient.positions {
             // Silhouettes that move in the picture, in addition to the light that changes.
-            for (((camera, coverage), by_pixels), colours) in views().zip(&latest.colours) {
+            for (view, ((camera, coverage), by_pixels)) in views().enumerate() {
                 let by_edges = match light {
                     Some(light) => {
-                        let colour = light.colours_in_pixels(scene, camera, coverage, colours);
+                        let colour = light.colours_in_pixels(scene, view, coverage);
                         geometry_gradient_of(scene, camera, self.supersample, &colour, by_pixels)
                     }
-                    None => geometry_gradient(scene, camera, self.supersample, colours, by_pixels),
+                    None => {
+                        let colours = &latest.colours[view];
+                        geometry_gradient(scene, camera, self.supersample, colours, by_pixels)
+                    }
                 };
                 let by_edges = by_edges.map_err(failed)?;
                 positions.iter_mut().zip(by_edges.vertices).for_each(|(to, by)| *to += by);

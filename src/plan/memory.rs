@@ -68,6 +68,9 @@ impl MemoryPlan {
         memory.add("partial sums", PARTIAL_SUMS * real, 1);
         memory.add("no bins", real, 1);
         memory.add_states(plan);
+        for (_, group) in plan.glossy_groups().filter(|_| plan.has_first_bounce()) {
+            memory.add("first bounce", plan.page_bytes(group), 1);
+        }
         memory.add_lobes(plan);
         if plan.half_bins() {
             let any = |wanted: fn(&Group) -> bool| u32::from(plan.layout.groups.iter().any(wanted));

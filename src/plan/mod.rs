@@ -482,6 +482,11 @@ impl Plan {
         memory::RGB * self.settings.precision.bytes()
     }
 
+    /// Whether glossy triangles reflect the light of lamps that does not take part in U.
+    pub(crate) fn has_first_bounce(&self) -> bool {
+        !self.lamps.is_empty() && self.glossy_groups().next().is_some()
+    }
+
     /// The groups of glossy triangles, with their indices.
     pub(crate) fn glossy_groups(&self) -> impl Iterator<Item = (usize, &Group)> {
         self.layout.groups.iter().enumerate().filter(|(_, group)| group.class.glossy)

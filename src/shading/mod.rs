@@ -1,20 +1,22 @@
 //! Pictures with the last bounce gathered where a camera sees it: direct light at each visible point, and indirect irradiance
 //! interpolated over smooth surfaces, in place of one value per face.
 //!
-//! The radiance of a face towards the camera ([`Engine::face_colours`]) holds the means of both over the face. Gathering adds, at each
-//! point x, the diffuse reflection of the differences D(x) - D and H(x) - H.
+//! The radiance of a face towards the camera (the operator S) holds the means of both over the face. Gathering adds, at each point x, the
+//! diffuse reflection of the differences D(x) - D and H(x) - H, and the specular reflection of lamps at the exact directions of lamp and
+//! eye. What glossy faces reflect of indirect light is that of S.
 
 mod backward;
 mod interpolation;
 
 pub use backward::{SeenFrom, ShadingError, backward};
 
-use crate::direct::DirectLight;
-use crate::image::{Coverage, FaceInPixel, ImageError, Picture, View};
+use crate::direct::{DirectLight, barycentric};
+use crate::engine_direct::{lamp_radiance, lobe_scale};
+use crate::image::{self, Coverage, FaceInPixel, ImageError, Picture};
 use crate::model::Facet;
 use crate::plan::Placement;
 use crate::scene::{Camera, Material, Scene};
-use crate::{Engine, Solution};
+use crate::{Engine, EngineError, Solution};
 use glam::DVec3;
 use interpolation::Interpolation;
 use rayon::prelude::*;
@@ -38,7 +40,7 @@ pub enum Shading {
 /// Points that share a search for blockers.
 const POINTS: usize = 64;
 
-/// The light of a solution on the host, which outlives its engine: what pictures with gathered light are made from.
+/// The light of a solution towards some cameras, on the host: what pictures with gathered light are made from. It outlives its engine.
 #[derive(Clone, Debug)]
 pub struct Light {
     direct: Arc<DirectLight>,
@@ -50,6 +52,14 @@ pub struct Light {
     direct_irradiance: Vec<DVec3>,
     indirect_irradiance: Vec<DVec3>,
     interpolation: Interpolation,
+    views: Vec<View>,
+}
+
+/// A camera, and the radiance of each face towards it without highlights, W/(m² sr).
+#[derive(Clone, Debug)]
+struct View {
+    camera: Camera,
+    colours: Vec<[f64; 3]>,
 }
 
 /// Points of a picture on one face, in the order of the picture.
@@ -62,33 +72,44 @@ struct Points {
 }
 
 impl Light {
-    /// Copies what is needed of the latest solution of an engine for a scene.
-    pub fn new(engine: &Engine, solution: &Solution, scene: &Scene) -> Self {
-        let direct_irradiance = engine.direct_irradiance.clone();
+    /// Reads what is needed of the latest solution of an engine for a scene.
+    pub fn new(
+        engine: &mut Engine,
+        solution: &Solution,
+        scene: &Scene,
+        cameras: &[Camera],
+    ) -> Result<Self, EngineError> {
+        let view = |camera: &Camera| {
+            let colours = engine.colours_without_highlights(solution, camera.position)?;
+            Ok(View { camera: camera.clone(), colours })
+        };
+        let views = cameras.iter().map(view).collect::<Result<_, EngineError>>()?;
+        let direct_irradiance = engine.direct.irradiance.clone();
         let total = solution.irradiance.iter().map(|h| DVec3::from(*h));
-        Self {
-            direct: engine.direct.clone(),
+        Ok(Self {
+            direct: engine.direct.light.clone(),
             placement: engine.plan().placement(),
             facets: engine.plan().facets().to_vec(),
             materials: engine.materials.clone(),
             indirect_irradiance: total.zip(&direct_irradiance).map(|(h, d)| h - *d).collect(),
             direct_irradiance,
             interpolation: Interpolation::new(scene),
-        }
+            views,
+        })
     }
 
-    /// The pixels of a picture, row by row from the top: linear RGB, and the share of samples that show a face. `colours`: radiance of each
-    /// face towards the camera.
+    /// The pixels of a camera's picture, row by row from the top: linear RGB, and the share of samples that show a face. `view`: number of the
+    /// camera; `coverage`: what it sees.
     pub fn pixels(
         &self,
         scene: &Scene,
-        camera: &Camera,
+        view: usize,
         coverage: &Coverage,
-        colours: &[[f64; 3]],
     ) -> Result<Vec<[f64; 4]>, ImageError> {
-        let mut pixels = coverage.pixels(colours)?;
+        let view = &self.views[view];
+        let mut pixels = coverage.pixels(&view.colours)?;
         let seen: Vec<FaceInPixel> = coverage.faces_in_pixels().collect();
-        for (seen, more) in seen.iter().zip(self.differences(scene, camera, &seen)) {
+        for (seen, more) in seen.iter().zip(self.differences(scene, &view.camera, &seen)) {
             for (to, more) in pixels[seen.pixel].iter_mut().zip(more.to_array()) {
                 *to += seen.share * more;
             }
@@ -97,27 +118,21 @@ impl Light {
     }
 
     /// The same as a picture, rounded to f32.
-    pub fn picture(
-        &self,
-        scene: &Scene,
-        camera: &Camera,
-        coverage: &Coverage,
-        colours: &[[f64; 3]],
-    ) -> Result<Picture, ImageError> {
+    pub fn picture(&self, scene: &Scene, view: usize, coverage: &Coverage) -> Result<Picture, ImageError> {
         let round = |pixel: [f64; 4]| pixel.map(|value| value as f32);
-        let pixels = self.pixels(scene, camera, coverage, colours)?.into_iter().map(round).collect();
+        let pixels = self.pixels(scene, view, coverage)?.into_iter().map(round).collect();
         Ok(Picture { width: coverage.width(), height: coverage.height(), pixels })
     }
 
     /// The colour of each face in each pixel that shows it, by which moving silhouettes change a picture. A face that no sample of a
     /// pixel shows has the colour of its mean light there.
     pub fn colours_in_pixels<'a>(
-        &self,
+        &'a self,
         scene: &Scene,
-        camera: &Camera,
+        view: usize,
         coverage: &Coverage,
-        colours: &'a [[f64; 3]],
     ) -> impl Fn(usize, usize) -> [f64; 3] + Sync + use<'a> {
+        let View { camera, colours } = &self.views[view];
         let seen: Vec<FaceInPixel> = coverage.faces_in_pixels().collect();
         let differences = self.differences(scene, camera, &seen);
         // Ordered by pixel, then face.
@@ -129,9 +144,10 @@ impl Light {
     }
 
     /// What gathering adds to the radiance of each face in a pixel, W/(m² sr).
-    pub(crate) fn differences(&self, scene: &Scene, camera: &Camera, seen: &[FaceInPixel]) -> Vec<DVec3> {
+    fn differences(&self, scene: &Scene, camera: &Camera, seen: &[FaceInPixel]) -> Vec<DVec3> {
         let runs = self.points(camera, seen);
-        let found: Vec<Vec<DVec3>> = runs.par_iter().map(|run| self.difference(scene, run)).collect();
+        let eye = self.placement.apply(camera.position);
+        let found: Vec<Vec<DVec3>> = runs.par_iter().map(|run| self.difference(scene, run, eye)).collect();
         let mut differences = vec![DVec3::ZERO; seen.len()];
         for (run, found) in runs.iter().zip(found) {
             run.of.iter().zip(found).for_each(|(&place, found)| differences[place] = found);
@@ -139,34 +155,41 @@ impl Light {
         differences
     }
 
-    fn difference(&self, scene: &Scene, Points { face, at, .. }: &Points) -> Vec<DVec3> {
+    fn difference(&self, scene: &Scene, Points { face, at, .. }: &Points, eye: DVec3) -> Vec<DVec3> {
         let face = *face;
-        let facet = &self.facets[face];
-        let reflectance = DVec3::from(self.materials[face].diffuse_albedo()) / PI;
-        if reflectance == DVec3::ZERO {
-            return vec![DVec3::ZERO; at.len()];
+        let (facet, material) = (&self.facets[face], &self.materials[face]);
+        let reflectance = DVec3::from(material.diffuse_albedo()) / PI;
+        let radiance = self.lamp_radiance();
+        let mut differences = vec![DVec3::ZERO; at.len()];
+        if reflectance != DVec3::ZERO {
+            let corners = self.interpolation.corners(scene, &self.facets, &self.indirect_irradiance, face);
+            let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
+            let light = self.direct.at_points(&self.facets, face, at);
+            for (to, (point, of_lamps)) in differences.iter_mut().zip(at.iter().zip(&light)) {
+                let direct: DVec3 =
+                    of_lamps.iter().zip(&radiance).map(|(phi, l)| phi.dot(facet.normal) * *l).sum();
+                let b = barycentric(facet.corners, facet.normal, *point);
+                let indirect = corners[0] * b.x + corners[1] * b.y + corners[2] * b.z;
+                *to += reflectance * (direct + indirect - means);
+            }
         }
-        let emission = self.lamp_emission();
-        let corners = self.interpolation.corners(scene, &self.facets, &self.indirect_irradiance, face);
-        let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
-        let light = self.direct.at_points(&self.facets, face, at);
-        let total = |(point, of_lamps): (&DVec3, &Vec<DVec3>)| {
-            let direct: DVec3 =
-                of_lamps.iter().zip(&emission).map(|(phi, l)| phi.dot(facet.normal) * *l).sum();
-            let b = barycentric(facet, *point);
-            let indirect = corners[0] * b.x + corners[1] * b.y + corners[2] * b.z;
-            reflectance * (direct + indirect - means)
-        };
-        at.iter().zip(&light).map(total).collect()
+        if material.is_glossy() {
+            let highlights = self.direct.highlights(&self.facets, face, at, eye, material.power);
+            for (to, of_lamps) in differences.iter_mut().zip(&highlights) {
+                let highlight: DVec3 = of_lamps.iter().zip(&radiance).map(|(&h, &l)| h * l).sum();
+                *to += lobe_scale(material) * highlight;
+            }
+        }
+        differences
     }
 
-    fn lamp_emission(&self) -> Vec<DVec3> {
-        self.direct.lamps().iter().map(|lamp| self.materials[lamp.first()].emission.into()).collect()
+    fn lamp_radiance(&self) -> Vec<DVec3> {
+        lamp_radiance(&self.direct, |i| &self.materials[i])
     }
 
     /// Runs of points on one face that are close in the picture.
     fn points(&self, camera: &Camera, seen: &[FaceInPixel]) -> Vec<Points> {
-        let view = View::new(camera);
+        let view = image::View::new(camera);
         let eye = self.placement.apply(view.position);
         let mut by_face: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (place, seen) in seen.iter().enumerate() {
@@ -191,19 +214,11 @@ impl Light {
 fn hit(facet: &Facet, eye: DVec3, ray: DVec3) -> DVec3 {
     let distance = (facet.centroid - eye).dot(facet.normal) / ray.dot(facet.normal);
     let point = eye + distance * ray;
-    let inside = barycentric(facet, point).max(DVec3::ZERO);
+    let inside = barycentric(facet.corners, facet.normal, point).max(DVec3::ZERO);
     let sum = inside.element_sum();
     if !(sum.is_finite() && sum > 0.0) {
         return facet.centroid;
     }
     let [a, b, c] = facet.corners;
     (a * inside.x + b * inside.y + c * inside.z) / sum
-}
-
-/// Barycentric coordinates of a point of a face.
-fn barycentric(facet: &Facet, point: DVec3) -> DVec3 {
-    let [a, b, c] = facet.corners.map(|corner| corner - point);
-    let areas =
-        DVec3::new(b.cross(c).dot(facet.normal), c.cross(a).dot(facet.normal), a.cross(b).dot(facet.normal));
-    areas / (2.0 * facet.area)
 }

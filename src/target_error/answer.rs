@@ -42,7 +42,7 @@ impl Answer {
     ) -> Result<Self, EngineError> {
         let colours = cameras.iter().map(|camera| engine.face_colours(&solution, camera.position));
         let colours = colours.collect::<Result<_, _>>()?;
-        let light = Light::new(engine, &solution, scene);
+        let light = Light::new(engine, &solution, scene, cameras)?;
         let Solution { irradiance, radiosity, info, energy, negative, .. } = solution;
         let plan = engine.plan();
         warnings.list.extend(Warnings::after(scene, plan, &irradiance, info.spectral_radius).list);

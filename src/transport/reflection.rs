@@ -3,7 +3,7 @@
 use super::lobes::LobePush;
 use super::pace::{Bundle, Pace};
 use super::residency::{Part, View};
-use super::state::State;
+use super::state::{State, page};
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Bindings, BufferSlice, Device, GpuError, Pipeline};
@@ -37,8 +37,27 @@ pub struct GlossyPush {
     pub count: u32,
 }
 
+/// `FirstBouncePush` of glsl/first_bounce.comp.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct FirstBouncePush {
+    /// The first value for the piece.
+    pub offset: u32,
+    /// Number of values.
+    pub count: u32,
+    /// 1 to add to what is there, 0 to replace it.
+    pub add: u32,
+}
+
+/// Workgroups of the kernel that adds the first bounce.
+const FIRST_BOUNCE_GROUPS: u32 = 256;
+
 pub struct Reflection {
     diffuse: Pipeline,
+    /// Only where something glossy is lit by lamps.
+    first_bounce: Option<Pipeline>,
+    /// Whether specular radiance contains the first bounce of lamps.
+    pub with_first_bounce: bool,
     /// Lobes pair by pair of bins. Only where something is glossy.
     glossy: Option<Pipeline>,
     /// Lobes by matrix. Only where some are planned.
@@ -68,9 +87,15 @@ impl Reflection {
             let push = size_of::<LobePush>() as u32;
             Pipeline::new(device, shaders::REFLECT_LOBES.of(precision), bindings, push, &constants, None)
         };
+        let first_bounce = || {
+            let push = size_of::<FirstBouncePush>() as u32;
+            Pipeline::new(device, shaders::FIRST_BOUNCE.of(precision), 2, push, &[(0, WORKGROUP)], None)
+        };
         let push = size_of::<ReflectPush>() as u32;
         Ok(Self {
             diffuse: Pipeline::new(device, shaders::REFLECT.of(precision), 3, push, &[(0, WORKGROUP)], None)?,
+            first_bounce: plan.has_first_bounce().then(first_bounce).transpose()?,
+            with_first_bounce: false,
             glossy: any_glossy.then(glossy).transpose()?,
             lobes: (plan.lobes.matrices > 0).then(lobes).transpose()?,
             pace: Pace::new(2e7),
@@ -133,7 +158,9 @@ impl Reflection {
         let specular = outgoing.specular_of(piece.group)?;
         let slots = plan.layout.slots_of(&piece.part.tiles);
         let Some(light) = light else {
-            View::resident(specular, slots.start, plan.page_bytes(&piece.part)).clear(device)?;
+            if !self.add_first_bounce(context, piece, false)? {
+                View::resident(specular, slots.start, plan.page_bytes(&piece.part)).clear(device)?;
+            }
             return Ok(specular.whole());
         };
         let by_power = scene.lobes.slots(&scene.no_bins);
@@ -164,6 +191,30 @@ impl Reflection {
             first += count;
         }
         bundle.submit()?;
+        self.add_first_bounce(context, piece, true)?;
         Ok(specular.whole())
+    }
+
+    /// Adds what a piece reflects of the light of lamps, or replaces its radiance by that; false where there is none.
+    fn add_first_bounce(&self, context: &Context, piece: &Piece, add: bool) -> Result<bool, TransportError> {
+        let Context { device, plan, scene, outgoing } = context;
+        let Some(kernel) = self.first_bounce.as_ref().filter(|_| self.with_first_bounce) else {
+            return Ok(false);
+        };
+        let slots = plan.layout.slots_of(&piece.part.tiles);
+        let first = plan.layout.slots_of(&plan.layout.groups[piece.group].tiles).start;
+        let per_slot = plan.bins.count() as u32 * plan.channels;
+        let push = FirstBouncePush {
+            offset: (slots.start - first) * per_slot,
+            count: slots.len() as u32 * per_slot,
+            add: u32::from(add),
+        };
+        let page = page(&scene.first_bounce, piece.group)?;
+        let buffers = [page.whole(), outgoing.specular_of(piece.group)?.whole()];
+        let groups = push.count.div_ceil(WORKGROUP).min(FIRST_BOUNCE_GROUPS);
+        let mut batch = device.batch()?;
+        batch.dispatch(kernel, "all", &buffers, bytes_of(&push), [groups, 1, 1])?;
+        batch.submit()?;
+        Ok(true)
     }
 }

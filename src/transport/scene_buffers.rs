@@ -2,6 +2,7 @@
 
 use super::lobes::Lobes;
 use super::real;
+use super::state::pages;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
 use crate::model::Facet;
 use crate::plan::{PADDING, PairLists, Plan};
@@ -46,6 +47,8 @@ pub struct SceneBuffers {
     pub corners: Buffer,
     /// Material per slot: `Surface` of glsl/surface.glsl.
     pub surfaces: Buffer,
+    /// Per glossy group, the radiance of lamps that it reflects, W/(m² sr), reals by triangle, bin, channel.
+    pub first_bounce: Vec<Option<Buffer>>,
     /// Centre of each bin, and c_b.
     pub bin_table: Buffer,
     pub(super) lobes: Lobes,
@@ -91,6 +94,9 @@ impl SceneBuffers {
             facets: reals("facets", &facets)?,
             corners: reals("corners", &by_slot(plan, |i| corner_reals(&plan.facets[i])))?,
             surfaces: reals("surfaces", &surfaces(scene, plan, emitted, unit))?,
+            first_bounce: pages(device, plan, "first bounce", |group| {
+                plan.has_first_bounce() && group.class.glossy
+            })?,
             bin_table: reals("bin table", &bin_table)?,
             lobes,
             far_runs: filled(device, "far runs", far.words())?,
@@ -104,6 +110,21 @@ impl SceneBuffers {
             )?,
             no_bins: reals("no bins", &[0.0])?,
         })
+    }
+
+    /// Sets the radiance of lamps that glossy triangles reflect, per group as by [`super::Operators::set_first_bounce`].
+    pub fn set_first_bounce(
+        &self,
+        device: &Device,
+        plan: &Plan,
+        values: &[Option<Vec<f64>>],
+    ) -> Result<(), GpuError> {
+        for (page, values) in self.first_bounce.iter().zip(values) {
+            if let (Some(page), Some(values)) = (page, values) {
+                real::upload(device, page, plan.settings.precision, values)?;
+            }
+        }
+        Ok(())
     }
 
     /// Replaces the materials and what is emitted; geometry and classes stay as planned.

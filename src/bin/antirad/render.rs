@@ -155,11 +155,12 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     let pictures = cameras
         .iter()
         .zip(&answer.colours)
-        .map(|(camera, colours)| {
+        .enumerate()
+        .map(|(view, (camera, colours))| {
             let picture = match shading {
                 Shading::Gathered => {
                     let coverage = rasterizer.coverage(&solved, camera, options.supersample)?;
-                    answer.light.picture(&solved, camera, &coverage, colours)?
+                    answer.light.picture(&solved, view, &coverage)?
                 }
                 _ => rasterizer.render(&solved, camera, &single(colours), &options)?,
             };
