@@ -116,7 +116,9 @@ impl Plan {
 
     /// The most matrices that fit their part of the budget and a buffer.
     pub(super) fn affordable_lobes(&self) -> u32 {
-        let most = self.options.max_buffer.min(self.options.memory_budget / BUDGET_SHARE);
+        let buffers = 1 + u64::from(self.lobe_gradients()[0]);
+        let share = self.options.memory_budget / (BUDGET_SHARE * buffers);
+        let most = self.options.max_buffer.min(share);
         let most = most.saturating_sub(u64::from(LOBE_BYTES)) / self.lobe_matrix_bytes();
         u64::from(self.lobes.matrices).min(most) as u32
     }

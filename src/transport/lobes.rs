@@ -38,10 +38,11 @@ pub struct LobePush {
 /// One dispatch over triangles that share a matrix.
 pub struct Product<'a> {
     pub push: LobePush,
-    /// The part of the matrix of K, ⟨h(b,o),n⟩^p c_b.
+    /// Its part of the matrix of K, ⟨h(b,o),n⟩^p c_b.
     pub forward: BufferSlice<'a>,
-    /// That of Kᵀ, ⟨h(b,o),n⟩^p, and that of the logarithms ln⟨h(b,o),n⟩; without gradients, of K again.
+    /// Of that of Kᵀ, ⟨h(b,o),n⟩^p; where no gradients are planned, `forward` again.
     pub transposed: BufferSlice<'a>,
+    /// Of the logarithms ln⟨h(b,o),n⟩; where no derivatives of lobes are planned, `forward` again.
     pub logarithms: BufferSlice<'a>,
 }
 
@@ -66,6 +67,7 @@ pub struct Lobes {
     transposed: Option<Buffer>,
     /// ln⟨h(b,o),n⟩ in the same order.
     logarithms: Option<Buffer>,
+    /// The slots of the glossy triangles, by power.
     slots: Option<Buffer>,
     by_power: LobeSlots,
     /// The powers of the matrices on the device.

@@ -166,9 +166,12 @@ impl ReflectionAdjoint {
                 by_power,
             ];
             let direct = scene.lobes.direct(&slots);
+            if direct.is_empty() {
+                continue;
+            }
             let (list, count) = (direct.start, direct.len() as u32);
             let step = (BIN_PAIRS / bins).max(1);
-            for bin_begin in (0..if count > 0 { bins } else { 0 }).step_by(step as usize) {
+            for bin_begin in (0..bins).step_by(step as usize) {
                 let bin_end = (bin_begin + step).min(bins);
                 let push = GlossyDerivativePush { page: slots.start, list, count, bin_begin, bin_end };
                 let groups = [count.div_ceil(WORKGROUP), 1, 1];
