@@ -40,7 +40,7 @@ impl TracedPicture {
         self.with(|pixel| pixel.radiance.mean)
     }
 
-    /// The standard error of each pixel. From 16 repetitions or more, it is itself uncertain by up to 18 %.
+    /// The standard error of each pixel. From 16 repetitions, it is itself uncertain by 18 % or more.
     pub fn standard_error(&self) -> Picture {
         self.with(|pixel| pixel.radiance.error)
     }
