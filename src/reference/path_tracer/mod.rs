@@ -32,7 +32,7 @@ const LONGEST: u32 = 1000;
 pub struct MonteCarloEstimate {
     /// Mean over all paths.
     pub mean: DVec3,
-    /// Standard error of the mean, from at least 16 independent repetitions.
+    /// Standard error of the mean, from independent repetitions: 16 or more, or as many as there are paths.
     pub error: DVec3,
 }
 

@@ -40,7 +40,7 @@ impl TracedPicture {
         self.with(|pixel| pixel.radiance.mean)
     }
 
-    /// The standard error of each pixel. From 16 repetitions or more, it is itself uncertain by up to 18 %.
+    /// The standard error of each pixel. From 16 repetitions, it is itself uncertain by 18 % or more.
     pub fn standard_error(&self) -> Picture {
         self.with(|pixel| pixel.radiance.error)
     }
@@ -62,13 +62,13 @@ impl PathTracer<'_> {
     ///
     /// ```
     /// use antirad::reference::PathTracer;
-    /// use antirad::scene::{Material, SceneBuilder, Shape};
+    /// use antirad::scene::{Camera, Material, SceneBuilder, Shape};
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// let lamp = Material { emission: [1.0; 3], ..Material::named("lamp") };
     /// let mut builder = SceneBuilder::new();
     /// builder.shape("lamp", Shape::Box { cells: 1 }, &lamp, glam::DAffine3::IDENTITY);
     /// let scene = builder.finish("lamp")?;
-    /// let traced = PathTracer::new(&scene).picture(&scene.cameras[0], 16, 0);
+    /// let traced = PathTracer::new(&scene).picture(&Camera::framing(&scene.vertices), 16, 0);
     /// println!("noise {:.1} %", 100.0 * traced.noise());
     /// # let folder = tempfile::tempdir()?;
     /// # let path = folder.path().join("lamp.exr");
