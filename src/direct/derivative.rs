@@ -59,22 +59,28 @@ impl Sight<'_> {
     }
 
     /// Adds the derivatives of a loss by the corners of blockers and lamp, where `cotangent` is its derivative by Φ; returns Φ and the
-    /// derivative by the point. The horizon is held fixed: light along it adds nothing to irradiance.
+    /// derivatives by the point and by the normal, which tilts the horizon. (Light along the horizon adds nothing to irradiance: for a
+    /// cotangent along the normal, the last is zero.)
     pub fn pull_back(
         &self,
         visible: &mut Visible,
         cotangent: DVec3,
         to: &mut Contributions,
-    ) -> (DVec3, DVec3) {
+    ) -> (DVec3, DVec3, DVec3) {
         let mut sum = DVec3::ZERO;
         let mut of_point = DVec3::ZERO;
+        let mut of_normal = DVec3::ZERO;
         visible.parts(self, true, &mut |part: &[Side]| {
             sum += vector_irradiance(part);
             for (plane, arc) in sides(part) {
-                of_point += self.side(plane, arc, arc_moment(arc, cotangent), to);
+                let moment = arc_moment(arc, cotangent);
+                match plane {
+                    HORIZON => of_normal += moment,
+                    plane => of_point += self.side(plane, arc, moment, to),
+                }
             }
         });
-        (sum, of_point)
+        (sum, of_point, of_normal)
     }
 
     /// ∫ ⟨h, n⟩^p cosθ dω of the part of the lamp that the point sees.

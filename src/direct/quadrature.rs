@@ -5,7 +5,7 @@ use glam::DVec3;
 
 /// Barycentric coordinates and weights of seven points that integrate polynomials of degree five over a triangle exactly (J. Radon,
 /// 1948).
-const POINTS: [([f64; 3], f64); 7] = {
+pub const POINTS: [([f64; 3], f64); 7] = {
     const A: f64 = 0.101_286_507_323_456_34;
     const B: f64 = 0.470_142_064_105_115_1;
     const AA: f64 = 1.0 - 2.0 * A;

@@ -124,9 +124,15 @@ impl Operators {
         self.monitor.callback = callback;
     }
 
-    /// Computes the outgoing light of the fronts, E + K x, of a state on the device.
-    fn update_outgoing(&mut self, x: Option<&State>, emission: bool) -> Result<(), TransportError> {
-        self.reflection.with_first_bounce = emission;
+    /// Computes the outgoing light of the fronts, E + K x, of a state on the device; `first_bounce`: whether with the specular reflection of
+    /// lamps, which is part of what enters U but not of what S shows.
+    fn update_outgoing(
+        &mut self,
+        x: Option<&State>,
+        emission: bool,
+        first_bounce: bool,
+    ) -> Result<(), TransportError> {
+        self.reflection.with_first_bounce = first_bounce;
         self.reflection.diffuse(&self.context, x, emission)?;
         for piece in self.context.plan.pieces() {
             self.reflection.specular(&self.context, &piece, x, &mut self.monitor)?;
