@@ -1,6 +1,6 @@
 //! The renderer that solves on a device.
 
-use super::gradient::SceneGradient;
+use super::gradient::{CameraGradient, SceneGradient};
 use super::renderer::{CostEstimate, RenderError, Renderer};
 use crate::gpu::Device;
 use crate::image::{Coverage, ImageError, PictureOptions, Rasterizer, geometry_gradient};
@@ -94,6 +94,15 @@ impl EngineRenderer {
         Ok(())
     }
 
+    /// Replaces the cameras: the next pictures are taken from these.
+    pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
+        if self.cameras != cameras {
+            self.cameras = cameras;
+            self.coverage.clear();
+            self.latest = None;
+        }
+    }
+
     /// Updates engine and coverage to the positions of a scene.
     fn prepare(&mut self, scene: &Scene) -> Result<Engine, RenderError> {
         if self.planning.vertices != scene.vertices {
@@ -179,12 +188,19 @@ impl Renderer for EngineRenderer {
                 watch()
             });
         let mut gradient = SceneGradient::from(gradients.map_err(sort_out)?);
-        if let Some(positions) = &mut gradient.positions {
+        if request.geometry() {
             // Silhouettes that move in the picture, in addition to the light that changes.
-            for ((camera, colours), by_pixels) in self.cameras.iter().zip(&latest.colours).zip(&by_pixels) {
+            for (view, (colours, by_pixels)) in latest.colours.iter().zip(&by_pixels).enumerate() {
+                let camera = &self.cameras[view];
                 let by_edges = geometry_gradient(&latest.scene, camera, self.supersample, colours, by_pixels)
                     .map_err(failed)?;
-                positions.iter_mut().zip(by_edges.vertices).for_each(|(to, by)| *to += by);
+                if let Some(positions) = &mut gradient.positions {
+                    positions.iter_mut().zip(by_edges.vertices).for_each(|(to, by)| *to += by);
+                }
+                if let Some(cameras) = &mut gradient.cameras {
+                    cameras[view].position += by_edges.position;
+                    cameras[view].target = by_edges.target;
+                }
             }
         }
         Ok(Some(gradient))
@@ -221,6 +237,10 @@ impl From<Gradients> for SceneGradient {
             specular: gradients.specular,
             power: gradients.power,
             positions: gradients.vertices,
+            cameras: gradients.camera_positions.map(|positions| {
+                let moved = |position| CameraGradient { position, target: DVec3::ZERO };
+                positions.into_iter().map(moved).collect()
+            }),
         }
     }
 }

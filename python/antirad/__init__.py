@@ -1,0 +1,1 @@
+from antirad._antirad import *
