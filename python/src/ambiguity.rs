@@ -1,6 +1,6 @@
 //! What pictures leave undetermined.
 
-use crate::arrays;
+use crate::arrays::{self, Array};
 use crate::device::{self, Device};
 use crate::engine::check_supersample;
 use crate::errors::{OrRaise, Raise, invalid};
@@ -8,7 +8,6 @@ use crate::scene::Scene;
 use crate::work::{self, Report, callback};
 use antirad::ambiguity::{DirectLight, Given, Interval, Polytope, Views};
 use antirad::image::Rasterizer;
-use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
 /// Which other emissions would give the same pictures of a diffuse scene.
@@ -25,32 +24,32 @@ pub struct Ambiguity {
 impl Ambiguity {
     /// Whether any camera sees it, per triangle, bool (T,).
     #[getter]
-    fn seen<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+    fn seen<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         arrays::vector(py, self.seen.clone())
     }
 
     /// The triangles that no camera sees, uint32 (U,). Each adds a dimension, per channel, to the space of emissions that
     /// give the same pictures.
     #[getter]
-    fn unseen<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+    fn unseen<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         arrays::vector(py, self.unseen.clone())
     }
 
     /// The least emission of each of these in any explanation of the pictures, float64 (U, 3), W/(m² sr).
     #[getter]
-    fn least<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn least<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         arrays::rows(py, self.least.clone())
     }
 
     /// The largest, likewise; infinite where no seen triangle receives its light.
     #[getter]
-    fn most<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn most<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         arrays::rows(py, self.most.clone())
     }
 
     /// How far the pictures determine the emission of each triangle, float64 (T,): 1 fully, 0 not at all, nan without area.
     #[getter]
-    fn determination<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+    fn determination<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         arrays::vector(py, self.determination.clone())
     }
 

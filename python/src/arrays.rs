@@ -1,53 +1,181 @@
-//! NumPy arrays from values of the library and back. Results are moved into arrays, and arrays of the right type are read
-//! in place.
+//! NumPy arrays from values of the library and back. Results stay where they are: an array that shows them keeps them alive
+//! (NumPy's array interface). Arguments are copied once, into what the library keeps.
 
 use crate::errors::invalid;
+use antirad::Solution;
 use antirad::glam::DVec3;
-use numpy::{
-    AllowTypeChange, Element, PyArray, PyArray1, PyArray2, PyArray3, PyArrayLikeDyn, PyArrayMethods,
-};
+use pyo3::buffer::{Element, PyBuffer};
 use pyo3::prelude::*;
+use pyo3::types::{IntoPyDict, PyDict};
+use std::sync::Arc;
 
-/// An argument: anything that NumPy turns into an array of numbers.
-pub type Numbers<'py> = PyArrayLikeDyn<'py, f64, AllowTypeChange>;
+/// An array.
+pub type Array<'py> = Bound<'py, PyAny>;
 
-/// An array [rows, 3].
-pub fn rows<T: Element>(py: Python<'_>, rows: Vec<[T; 3]>) -> PyResult<Bound<'_, PyArray2<T>>> {
-    let shape = [rows.len(), 3];
-    PyArray::from_vec(py, rows.into_flattened()).reshape(shape)
+/// The numbers of an array, and what keeps them alive.
+#[pyclass(frozen, module = "antirad")]
+pub struct Memory {
+    address: usize,
+    shape: Vec<usize>,
+    /// NumPy's name of the type of a number.
+    kind: &'static str,
+    writable: bool,
+    _owner: Owner,
+}
+
+/// Never read: it keeps the numbers where they are.
+#[expect(dead_code, reason = "held for their memory")]
+enum Owner {
+    F32(Vec<f32>),
+    F64(Vec<f64>),
+    U32(Vec<u32>),
+    Bool(Vec<bool>),
+    Solution(Arc<Solution>),
+}
+
+/// Types of numbers that arrays hold.
+pub trait Number: Copy {
+    /// NumPy's name of the type.
+    const KIND: &'static str;
+    /// A vector of them as an owner.
+    #[expect(private_interfaces, reason = "within this module")]
+    fn owner(values: Vec<Self>) -> Owner;
+}
+
+macro_rules! numbers {
+    ($($type:ty, $kind:literal, $owner:ident;)+) => {
+        $(impl Number for $type {
+            const KIND: &'static str = $kind;
+            #[expect(private_interfaces, reason = "within this module")]
+            fn owner(values: Vec<Self>) -> Owner {
+                Owner::$owner(values)
+            }
+        })+
+    };
+}
+
+numbers! {
+    f32, "=f4", F32;
+    f64, "=f8", F64;
+    u32, "=u4", U32;
+    bool, "|b1", Bool;
+}
+
+#[pymethods]
+impl Memory {
+    /// What `numpy.asarray` asks for.
+    #[getter]
+    fn __array_interface__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let interface = [("version", 3)].into_py_dict(py)?;
+        interface.set_item("shape", pyo3::types::PyTuple::new(py, &self.shape)?)?;
+        let order = if cfg!(target_endian = "little") { "<" } else { ">" };
+        interface.set_item("typestr", self.kind.replace('=', order))?;
+        interface.set_item("data", (self.address, !self.writable))?;
+        Ok(interface)
+    }
+}
+
+fn shown_by(py: Python<'_>, memory: Memory) -> PyResult<Array<'_>> {
+    py.import("numpy")?.call_method1("asarray", (memory,))
+}
+
+/// An array of a shape that holds the numbers.
+pub fn array<'py, T: Number>(py: Python<'py>, mut values: Vec<T>, shape: &[usize]) -> PyResult<Array<'py>> {
+    let address = values.as_mut_ptr().expose_provenance();
+    let memory = Memory {
+        address,
+        shape: shape.to_vec(),
+        kind: T::KIND,
+        writable: true,
+        _owner: T::owner(values),
+    };
+    shown_by(py, memory)
 }
 
 /// An array [rows, 3].
-pub fn points(py: Python<'_>, points: Vec<DVec3>) -> PyResult<Bound<'_, PyArray2<f64>>> {
-    rows(py, bytemuck::allocation::cast_vec(points))
+pub fn rows<T: Number>(py: Python<'_>, rows: Vec<[T; 3]>) -> PyResult<Array<'_>> {
+    let shape = [rows.len(), 3];
+    array(py, rows.into_flattened(), &shape)
+}
+
+/// An array [rows, 3].
+pub fn points(py: Python<'_>, points: Vec<DVec3>) -> PyResult<Array<'_>> {
+    rows::<f64>(py, bytemuck::allocation::cast_vec(points))
 }
 
 /// An array [rows].
-pub fn vector<T: Element>(py: Python<'_>, values: Vec<T>) -> Bound<'_, PyArray1<T>> {
-    PyArray::from_vec(py, values)
+pub fn vector<T: Number>(py: Python<'_>, values: Vec<T>) -> PyResult<Array<'_>> {
+    let shape = [values.len()];
+    array(py, values, &shape)
 }
 
 /// A picture [height, width, 3].
-pub fn picture(py: Python<'_>, pixels: Vec<DVec3>, width: u32) -> PyResult<Bound<'_, PyArray3<f64>>> {
-    let height = pixels.len() / (width as usize).max(1);
-    points(py, pixels)?.reshape([height, width as usize, 3])
+pub fn picture<T: Number>(py: Python<'_>, pixels: Vec<[T; 3]>, width: u32) -> PyResult<Array<'_>> {
+    let width = width as usize;
+    let height = pixels.len() / width.max(1);
+    array(py, pixels.into_flattened(), &[height, width, 3])
+}
+
+/// A part of a solution, which must not be written to.
+pub fn of_solution<'py>(
+    py: Python<'py>,
+    solution: &Arc<Solution>,
+    part: fn(&Solution) -> &Vec<[f64; 3]>,
+) -> PyResult<Array<'py>> {
+    let rows = part(solution);
+    let memory = Memory {
+        address: rows.as_ptr().expose_provenance(),
+        shape: vec![rows.len(), 3],
+        kind: f64::KIND,
+        writable: false,
+        _owner: Owner::Solution(solution.clone()),
+    };
+    shown_by(py, memory)
+}
+
+/// An argument: anything that NumPy turns into an array of this type of numbers.
+pub struct Numbers<T = f64> {
+    /// Row by row.
+    pub values: Vec<T>,
+    pub shape: Vec<usize>,
+}
+
+impl<T: Element> Numbers<T> {
+    fn copied(array: &Bound<PyAny>) -> PyResult<Self> {
+        let buffer = PyBuffer::<T>::get(array)?;
+        Ok(Self { values: buffer.to_vec(array.py())?, shape: buffer.shape().to_vec() })
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for Numbers<f64> {
+    type Error = PyErr;
+
+    fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        let arguments = [("dtype", "float64"), ("order", "C")].into_py_dict(given.py())?;
+        Self::copied(&given.py().import("numpy")?.call_method("asarray", (given,), Some(&arguments))?)
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for Numbers<i64> {
+    type Error = PyErr;
+
+    /// Refuses fractions.
+    fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        let arguments = [("casting", "same_kind"), ("order", "C")].into_py_dict(given.py())?;
+        let array = given.py().import("numpy")?.call_method1("asarray", (given,))?;
+        Self::copied(&array.call_method("astype", ("int64",), Some(&arguments))?)
+    }
 }
 
 /// Rows of three from an array [count, 3]. `what` is its name in messages.
-pub fn triples(what: &str, numbers: &Numbers, count: Option<usize>) -> PyResult<Vec<[f64; 3]>> {
-    let array = numbers.as_array();
-    match *array.shape() {
-        [given, 3] if count.is_none_or(|count| count == given) => {}
+pub fn triples<T: Copy>(what: &str, numbers: &Numbers<T>, count: Option<usize>) -> PyResult<Vec<[T; 3]>> {
+    match *numbers.shape {
+        [given, 3] if count.is_none_or(|count| count == given) => Ok(numbers.values.as_chunks().0.to_vec()),
         ref shape => {
             let wanted = count.map_or_else(|| String::from("n"), |count| count.to_string());
-            return Err(invalid(format!("{what} has the shape {}; it must be ({wanted}, 3)", shown(shape))));
+            Err(invalid(format!("{what} has the shape {}; it must be ({wanted}, 3)", shown(shape))))
         }
     }
-    let triple = |row: numpy::ndarray::ArrayView1<f64>| [row[0], row[1], row[2]];
-    Ok(array.outer_iter().map(|row| match row.into_dimensionality() {
-        Ok(row) => triple(row),
-        Err(_) => unreachable!("the array has two axes"),
-    }).collect())
 }
 
 /// Points from an array [count, 3].
@@ -56,24 +184,20 @@ pub fn vectors(what: &str, numbers: &Numbers, count: Option<usize>) -> PyResult<
 }
 
 /// Numbers from an array [count].
-pub fn scalars(what: &str, numbers: &Numbers, count: usize) -> PyResult<Vec<f64>> {
-    let array = numbers.as_array();
-    match *array.shape() {
-        [given] if given == count => Ok(array.iter().copied().collect()),
+pub fn scalars<T: Copy>(what: &str, numbers: &Numbers<T>, count: usize) -> PyResult<Vec<T>> {
+    match *numbers.shape {
+        [given] if given == count => Ok(numbers.values.clone()),
         ref shape => Err(invalid(format!("{what} has the shape {}; it must be ({count},)", shown(shape)))),
     }
 }
 
 /// The pixels of a picture [height, width, 3], row by row from the top.
 pub fn pixels(what: &str, numbers: &Numbers, width: u32, height: u32) -> PyResult<Vec<DVec3>> {
-    let array = numbers.as_array();
-    if *array.shape() != [height as usize, width as usize, 3] {
-        let shape = shown(array.shape());
+    if *numbers.shape != [height as usize, width as usize, 3] {
+        let shape = shown(&numbers.shape);
         return Err(invalid(format!("{what} has the shape {shape}; it must be ({height}, {width}, 3)")));
     }
-    let flat: Vec<f64> = array.iter().copied().collect();
-    let (pixels, _) = flat.as_chunks::<3>();
-    Ok(pixels.iter().copied().map(DVec3::from).collect())
+    Ok(numbers.values.as_chunks().0.iter().copied().map(DVec3::from_array).collect())
 }
 
 /// A shape as Python shows it.

@@ -1,13 +1,12 @@
 //! What will come out wrong, and the mesh refined there.
 
-use crate::arrays;
+use crate::arrays::{self, Array};
 use crate::errors::OrRaise;
 use crate::plan::from_json;
 use crate::scene::Scene;
 use crate::work;
 use antirad::plan::{Plan, PlanOptions};
 use antirad::warnings::{self, RefineOptions, Warnings};
-use numpy::PyArray1;
 use pyo3::prelude::*;
 
 /// Something that makes a result less accurate, with the triangles to blame. Printed, it says all of this.
@@ -44,7 +43,7 @@ impl Warning {
 
     /// All triangles concerned, the worst first, uint32.
     #[getter]
-    fn triangles<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+    fn triangles<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         arrays::vector(py, self.inner.triangles.clone())
     }
 
@@ -110,7 +109,7 @@ impl Refined {
 
     /// Per new triangle, the index of the old one that it is a part of, uint32.
     #[getter]
-    fn parents<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+    fn parents<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         arrays::vector(py, self.inner.parents.clone())
     }
 

@@ -1,6 +1,6 @@
 //! The engine: a planned scene on a device.
 
-use crate::arrays::{self, Numbers};
+use crate::arrays::{self, Array, Numbers};
 use crate::device::{self, Device};
 use crate::errors::{OrRaise, Raise, invalid};
 use crate::plan::{Plan, limited, request};
@@ -12,7 +12,6 @@ use antirad::image::{PictureOptions, Rasterizer};
 use antirad::output::single;
 use antirad::plan::{GradientRequest, PlanOptions};
 use antirad::{Cotangent, EngineError, SolveParams};
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -183,7 +182,7 @@ impl Engine {
         py: Python<'py>,
         solution: &Solution,
         position: [f64; 3],
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<Array<'py>> {
         let solution = solution.inner.clone();
         let colours = self.with(py, None, move |state, _| {
             state.engine.face_colours(&solution, position.into()).or_raise()
@@ -206,7 +205,7 @@ impl Engine {
         camera: Option<&Camera>,
         supersample: u32,
         smooth: bool,
-    ) -> PyResult<Bound<'py, PyArray3<f32>>> {
+    ) -> PyResult<Array<'py>> {
         let solution = solution.inner.clone();
         let camera = camera.cloned();
         let options = PictureOptions::default().supersample(supersample).smooth(smooth);
@@ -224,7 +223,7 @@ impl Engine {
             picture.or_raise()
         })?;
         let rgb = picture.pixels.iter().map(|&[r, g, b, _]| [r, g, b]).collect();
-        arrays::rows(py, rgb)?.reshape([picture.height as usize, picture.width as usize, 3])
+        arrays::picture(py, rgb, picture.width)
     }
 
     /// Derivatives of a loss by the scene, exact for the discretised model: one adjoint solve.
@@ -291,16 +290,16 @@ pub struct Solution {
 
 #[pymethods]
 impl Solution {
-    /// Irradiance of the front of each triangle, float64 (T, 3), W/m². A copy.
+    /// Irradiance of the front of each triangle, float64 (T, 3), W/m². Not to be written to.
     #[getter]
-    fn irradiance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        arrays::rows(py, self.inner.irradiance.clone())
+    fn irradiance<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
+        arrays::of_solution(py, &self.inner, |solution| &solution.irradiance)
     }
 
-    /// Emitted and reflected power per area of each triangle, float64 (T, 3), W/m². A copy.
+    /// Emitted and reflected power per area of each triangle, float64 (T, 3), W/m². Not to be written to.
     #[getter]
-    fn radiosity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        arrays::rows(py, self.inner.radiosity.clone())
+    fn radiosity<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
+        arrays::of_solution(py, &self.inner, |solution| &solution.radiosity)
     }
 
     /// Passes (applications of the transport) that the solve took.
@@ -349,19 +348,19 @@ impl Solution {
 #[pyclass(frozen, module = "antirad", get_all)]
 pub struct Gradients {
     /// By emitted radiance, float64 (T, 3) or (M, 3), per W/(m² sr).
-    emission: Option<Py<PyArray2<f64>>>,
+    emission: Option<Py<PyAny>>,
     /// By the albedo ρ, float64 (T, 3) or (M, 3).
-    albedo: Option<Py<PyArray2<f64>>>,
+    albedo: Option<Py<PyAny>>,
     /// By the specular constant σ, float64 (T, 3) or (M, 3).
-    specular: Option<Py<PyArray2<f64>>>,
+    specular: Option<Py<PyAny>>,
     /// By the diffuse constant δ, float64 (T,) or (M,).
-    diffuse: Option<Py<PyArray1<f64>>>,
+    diffuse: Option<Py<PyAny>>,
     /// By the power p, float64 (T,) or (M,).
-    power: Option<Py<PyArray1<f64>>>,
+    power: Option<Py<PyAny>>,
     /// By the positions of vertices, float64 (V, 3), per metre.
-    vertices: Option<Py<PyArray2<f64>>>,
+    vertices: Option<Py<PyAny>>,
     /// By position and target of each camera, float64 (n, 2, 3), per metre.
-    camera: Option<Py<PyArray3<f64>>>,
+    camera: Option<Py<PyAny>>,
 }
 
 impl Gradients {
@@ -370,18 +369,21 @@ impl Gradients {
         let rows = |of: Option<Vec<DVec3>>| {
             of.map(|of| PyResult::Ok(arrays::points(py, of)?.unbind())).transpose()
         };
-        let numbers = |of: Option<Vec<f64>>| of.map(|of| arrays::vector(py, of).unbind());
+        let numbers = |of: Option<Vec<f64>>| {
+            of.map(|of| PyResult::Ok(arrays::vector(py, of)?.unbind())).transpose()
+        };
         let cameras = cameras.map(|cameras| {
             let count = cameras.len();
-            let flat = cameras.into_iter().flat_map(|camera| [camera.position, camera.target]).collect();
-            PyResult::Ok(arrays::points(py, flat)?.reshape([count, 2, 3])?.unbind())
+            let flat = cameras.into_iter().flat_map(|camera| [camera.position.into(), camera.target.into()]).collect();
+            let flat: Vec<[f64; 3]> = flat;
+            PyResult::Ok(arrays::array(py, flat.into_flattened(), &[count, 2, 3])?.unbind())
         });
         Ok(Self {
             emission: rows(emission)?,
             albedo: rows(albedo)?,
             specular: rows(specular)?,
-            diffuse: numbers(diffuse),
-            power: numbers(power),
+            diffuse: numbers(diffuse)?,
+            power: numbers(power)?,
             vertices: rows(positions)?,
             camera: cameras.transpose()?,
         })
@@ -396,11 +398,11 @@ impl Gradients {
     ///     ValueError: They are not per triangle of this scene.
     fn by_material(&self, py: Python<'_>, scene: &Scene) -> PyResult<Self> {
         let count = scene.inner.triangles.len();
-        let rows = |what, of: &Option<Py<PyArray2<f64>>>| {
+        let rows = |what, of: &Option<Py<PyAny>>| {
             let values = of.as_ref().map(|of| of.bind(py).extract::<Numbers>());
             values.map(|values| arrays::vectors(what, &values?, Some(count))).transpose()
         };
-        let numbers = |what, of: &Option<Py<PyArray1<f64>>>| {
+        let numbers = |what, of: &Option<Py<PyAny>>| {
             let values = of.as_ref().map(|of| of.bind(py).extract::<Numbers>());
             values.map(|values| arrays::scalars(what, &values?, count)).transpose()
         };

@@ -1,6 +1,6 @@
 //! Fits of scenes to pictures.
 
-use crate::arrays::{self, Numbers, Triple};
+use crate::arrays::{self, Array, Numbers, Triple};
 use crate::device::{self, Device};
 use crate::errors::{OrRaise, Raise, exceptions, word};
 use crate::plan::from_json;
@@ -10,8 +10,8 @@ use antirad::fit::{
     self, EngineRenderer, FitError, FolderLock, Job, JobFile, LockError, OnCheckpoint, RunOptions, Settings,
     StopRule,
 };
+use antirad::glam::DVec3;
 use antirad::output::prepare_directory;
-use numpy::{PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
@@ -103,16 +103,15 @@ impl Target {
         let pixels = arrays::pixels("picture", &picture, camera.width, camera.height)?;
         let mask = match mask {
             Some(mask) => {
-                let mask = mask.as_array();
-                if *mask.shape() != [camera.height as usize, camera.width as usize] {
+                if *mask.shape != [camera.height as usize, camera.width as usize] {
                     return Err(crate::errors::invalid(format!(
                         "mask has the shape {}; it must be ({}, {})",
-                        arrays::shown(mask.shape()),
+                        arrays::shown(&mask.shape),
                         camera.height,
                         camera.width
                     )));
                 }
-                Some(mask.iter().copied().collect())
+                Some(mask.values)
             }
             None => None,
         };
@@ -195,9 +194,10 @@ impl FitResult {
 
     /// The final picture of each target, float64 (height, width, 3), W/(m² sr).
     #[getter]
-    fn pictures<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyArray3<f64>>>> {
-        let pictures = self.inner.pictures.iter().cloned().zip(&self.widths);
-        pictures.map(|(pixels, &width)| arrays::picture(py, pixels, width)).collect()
+    fn pictures<'py>(&self, py: Python<'py>) -> PyResult<Vec<Array<'py>>> {
+        let pictures = self.inner.pictures.iter().zip(&self.widths);
+        let rgb = |pixels: &Vec<DVec3>| pixels.iter().map(|pixel| pixel.to_array()).collect();
+        pictures.map(|(pixels, &width)| arrays::picture::<f64>(py, rgb(pixels), width)).collect()
     }
 
     /// Final loss, regularisers included.
@@ -401,7 +401,7 @@ fn run(
 ///     PictureError: The file is no such picture.
 #[pyfunction]
 #[pyo3(signature = (path, *, white=1.0))]
-pub fn read_picture(py: Python<'_>, path: PathBuf, white: f64) -> PyResult<Bound<'_, PyArray3<f64>>> {
+pub fn read_picture(py: Python<'_>, path: PathBuf, white: f64) -> PyResult<Array<'_>> {
     let picture = work::run(py, None, move |_| fit::TargetPicture::read(&path, white))?.or_raise()?;
-    arrays::points(py, picture.pixels)?.reshape([picture.height as usize, picture.width as usize, 3])
+    arrays::picture(py, picture.pixels.into_iter().map(Into::into).collect(), picture.width)
 }

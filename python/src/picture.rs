@@ -28,14 +28,13 @@ pub fn write_picture(
     exposure: Option<f64>,
     srgb: bool,
 ) -> PyResult<()> {
-    let array = picture.as_array();
-    let [height, width, 3] = *array.shape() else {
+    let [height, width, 3] = *picture.shape else {
         return Err(invalid(format!(
             "picture has the shape {}; it must be (height, width, 3)",
-            shown(array.shape())
+            shown(&picture.shape)
         )));
     };
-    let flat: Vec<f32> = array.iter().map(|&value| value as f32).collect();
+    let flat: Vec<f32> = picture.values.iter().map(|&value| value as f32).collect();
     let (rgb, _) = flat.as_chunks::<3>();
     let pixels = rgb.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect();
     let picture = Picture { width: width as u32, height: height as u32, pixels };

@@ -1,6 +1,6 @@
 //! Pictures of a scene as a differentiable function of its values.
 
-use crate::arrays::{self, Numbers};
+use crate::arrays::{self, Array, Numbers};
 use crate::device::{self, Device};
 use crate::engine::{Gradients, check_supersample};
 use crate::errors::{OrRaise, Raise, invalid};
@@ -12,7 +12,6 @@ use antirad::glam::DVec3;
 use antirad::plan::GradientRequest;
 use antirad::scene::{self, Camera};
 use antirad::Watch;
-use numpy::PyArray3;
 use pyo3::prelude::*;
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -92,17 +91,15 @@ impl Renderer {
     fn moved(&self, camera: Option<&Numbers>) -> PyResult<Vec<Camera>> {
         let mut cameras = self.cameras.clone();
         if let Some(camera) = camera {
-            let array = camera.as_array();
             let count = cameras.len();
-            let fits = *array.shape() == [count, 2, 3] || (count == 1 && *array.shape() == [2, 3]);
+            let fits = *camera.shape == [count, 2, 3] || (count == 1 && *camera.shape == [2, 3]);
             if !fits {
-                let shape = arrays::shown(array.shape());
+                let shape = arrays::shown(&camera.shape);
                 return Err(invalid(format!(
                     "camera has the shape {shape}; it must be ({count}, 2, 3): position and target of each"
                 )));
             }
-            let flat: Vec<f64> = array.iter().copied().collect();
-            for (camera, values) in cameras.iter_mut().zip(flat.chunks(6)) {
+            for (camera, values) in cameras.iter_mut().zip(camera.values.chunks(6)) {
                 camera.position = DVec3::from_slice(values);
                 camera.target = DVec3::from_slice(&values[3..]);
                 camera.check().or_raise()?;
@@ -190,12 +187,13 @@ impl Renderer {
         power: Option<Numbers>,
         vertices: Option<Numbers>,
         camera: Option<Numbers>,
-    ) -> PyResult<Vec<Bound<'py, PyArray3<f64>>>> {
+    ) -> PyResult<Vec<Array<'py>>> {
         let values = Values { vertices, emission, albedo, specular, diffuse, power };
         let point = self.point(&values, camera.as_ref())?;
         let pictures = self.with(py, move |state| state.pictures(&point))?;
         let views = pictures.into_iter().zip(&self.cameras);
-        views.map(|(pixels, camera)| arrays::picture(py, pixels, camera.width)).collect()
+        let rgb = |pixels: Vec<DVec3>| pixels.into_iter().map(Into::into).collect();
+        views.map(|(pixels, camera)| arrays::picture::<f64>(py, rgb(pixels), camera.width)).collect()
     }
 
     /// Derivatives of a loss by the values of the scene, from those by the pixels.

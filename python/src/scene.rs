@@ -1,12 +1,11 @@
 //! Scenes, materials and cameras: values that never change; `replace` makes changed ones.
 
-use crate::arrays::{self, Numbers, Triple};
+use crate::arrays::{self, Array, Numbers, Triple};
 use crate::errors::{OrRaise, invalid, word};
 use crate::work;
 use antirad::glam::DVec3;
 use antirad::scene::{self, BinLayout, Choice, LoadOptions, Mesh, Normalization, Triangle};
 use antirad::target_error::usual_settings;
-use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArrayLike1, PyArrayLike2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyRange};
 use std::path::PathBuf;
@@ -256,11 +255,7 @@ impl Scene {
     }
 
     /// One value per material.
-    fn numbers<'py, T: numpy::Element>(
-        &self,
-        py: Python<'py>,
-        of: impl Fn(&scene::Material) -> T,
-    ) -> Bound<'py, PyArray1<T>> {
+    fn numbers<'py>(&self, py: Python<'py>, of: impl Fn(&scene::Material) -> f64) -> PyResult<Array<'py>> {
         arrays::vector(py, self.inner.materials.iter().map(of).collect())
     }
 
@@ -269,7 +264,7 @@ impl Scene {
         &self,
         py: Python<'py>,
         of: impl Fn(&scene::Material) -> [f64; 3],
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<Array<'py>> {
         arrays::rows(py, self.inner.materials.iter().map(of).collect())
     }
 }
@@ -313,33 +308,26 @@ impl Scene {
         text_signature = "(vertices, triangles, materials, cameras=(), *, material_of=None, meshes=None, name='scene')")]
     fn from_arrays(
         vertices: Numbers,
-        triangles: PyArrayLike2<i64, AllowTypeChange>,
+        triangles: Numbers<i64>,
         materials: Vec<PyRef<Material>>,
         cameras: Vec<PyRef<Camera>>,
-        material_of: Option<PyArrayLike1<i64, AllowTypeChange>>,
+        material_of: Option<Numbers<i64>>,
         meshes: Option<Vec<(String, u32)>>,
         name: String,
     ) -> PyResult<Self> {
         let vertices = arrays::vectors("vertices", &vertices, None)?;
-        let corners = triangles.as_array();
-        if corners.ncols() != 3 {
-            let shape = arrays::shown(corners.shape());
-            return Err(invalid(format!("triangles has the shape {shape}; it must be (n, 3)")));
-        }
-        if let Some(of) = &material_of
-            && of.as_array().len() != corners.nrows()
-        {
-            let (given, wanted) = (of.as_array().len(), corners.nrows());
-            return Err(invalid(format!("material_of has {given} entries; it must have {wanted}")));
-        }
+        let corners = arrays::triples("triangles", &triangles, None)?;
+        let material_of = match material_of {
+            Some(of) => arrays::scalars("material_of", &of, corners.len())?,
+            None => vec![0; corners.len()],
+        };
         // What is out of range stays so, and the check names the triangle.
         let index = |value: i64| u32::try_from(value).unwrap_or(u32::MAX);
-        let material = |i: usize| material_of.as_ref().map_or(0, |of| index(of.as_array()[i]));
-        let triangle = |(i, row): (usize, numpy::ndarray::ArrayView1<i64>)| Triangle {
-            vertices: [row[0], row[1], row[2]].map(index),
-            material: material(i),
+        let triangle = |(corners, material): ([i64; 3], i64)| Triangle {
+            vertices: corners.map(index),
+            material: index(material),
         };
-        let triangles = corners.outer_iter().enumerate().map(triangle).collect();
+        let triangles = corners.into_iter().zip(material_of).map(triangle).collect();
         let materials = materials.iter().map(|material| material.inner.clone()).collect();
         let mut scene = scene::Scene::new(name, vertices, triangles, materials).or_raise()?;
         if let Some(meshes) = meshes {
@@ -523,25 +511,25 @@ impl Scene {
 
     /// Positions, float64 (V, 3), metres. A copy.
     #[getter]
-    fn vertices<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn vertices<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         arrays::points(py, self.inner.vertices.clone())
     }
 
     /// Indices of the corners of each triangle, uint32 (T, 3). A copy.
     #[getter]
-    fn triangles<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
+    fn triangles<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         arrays::rows(py, self.inner.triangles.iter().map(|triangle| triangle.vertices).collect())
     }
 
     /// Index of the material of each triangle, uint32 (T,). A copy.
     #[getter]
-    fn material_of<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+    fn material_of<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         arrays::vector(py, self.inner.triangles.iter().map(|triangle| triangle.material).collect())
     }
 
     /// Area of each triangle, float64 (T,), m².
     #[getter]
-    fn areas<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+    fn areas<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         let area = |triangle| self.inner.area_vector(triangle).length();
         arrays::vector(py, (0..self.inner.triangles.len()).map(area).collect())
     }
@@ -570,37 +558,37 @@ impl Scene {
 
     /// Emitted radiance of each material, float64 (M, 3), W/(m² sr). A copy, like the following.
     #[getter]
-    fn emission<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn emission<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         self.colours(py, |material| material.emission)
     }
 
     /// Albedo ρ of each material, float64 (M, 3).
     #[getter]
-    fn albedo<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn albedo<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         self.colours(py, |material| material.albedo)
     }
 
     /// Specular constant σ of each material, float64 (M, 3).
     #[getter]
-    fn specular<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn specular<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         self.colours(py, |material| material.specular)
     }
 
     /// Diffuse constant δ of each material, float64 (M,).
     #[getter]
-    fn diffuse<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+    fn diffuse<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         self.numbers(py, |material| material.diffuse)
     }
 
     /// Power p of each material, float64 (M,).
     #[getter]
-    fn power<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+    fn power<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         self.numbers(py, |material| material.power)
     }
 
     /// Triangles without area, uint32: they take no part in light transport.
     #[getter]
-    fn degenerate<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+    fn degenerate<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         arrays::vector(py, self.inner.degenerate.clone())
     }
 
@@ -628,16 +616,16 @@ fn distinct(cameras: Vec<PyRef<Camera>>) -> PyResult<Vec<scene::Camera>> {
 }
 
 /// Values that replace those of a scene.
-pub struct Values<'py> {
-    pub vertices: Option<Numbers<'py>>,
-    pub emission: Option<Numbers<'py>>,
-    pub albedo: Option<Numbers<'py>>,
-    pub specular: Option<Numbers<'py>>,
-    pub diffuse: Option<Numbers<'py>>,
-    pub power: Option<Numbers<'py>>,
+pub struct Values {
+    pub vertices: Option<Numbers>,
+    pub emission: Option<Numbers>,
+    pub albedo: Option<Numbers>,
+    pub specular: Option<Numbers>,
+    pub diffuse: Option<Numbers>,
+    pub power: Option<Numbers>,
 }
 
-impl Values<'_> {
+impl Values {
     /// The scene with these values, not checked.
     pub fn applied(&self, to: &scene::Scene) -> PyResult<scene::Scene> {
         let mut scene = to.clone();
