@@ -73,9 +73,10 @@ def room(width=12, height=8, cells=3):
     camera = antirad.Camera(
         (0.3, 0.1, 0.95), (0.0, -0.4, -0.6), fov_x_degrees=80, width=width, height=height, name="main"
     )
-    return build.scene(materials, [camera])
+    # Coarse, so that tests take moments.
+    return build.scene(materials, [camera]).with_settings(bins="4x6", near_field=4)
 
 
 def exact(scene):
     """The same scene, solved in double precision nearly to its end."""
-    return scene.with_settings(bins="4x6", near_field=4, precision="f64", tolerance=1e-11)
+    return scene.with_settings(precision="f64", tolerance=1e-11)

@@ -97,13 +97,19 @@ def test_backward_agrees_with_differences():
         return (weights * antirad.Engine(changed).solve().irradiance).sum()
 
     step = 1e-5
-    for kind, at in [("emission", (2, 1)), ("albedo", (0, 0)), ("diffuse", (1,)), ("vertices", (3, 2))]:
+    # The light is piecewise smooth in positions, so differences are less accurate there.
+    for kind, at, within in [
+        ("emission", (2, 1), 1e-7),
+        ("albedo", (0, 0), 1e-7),
+        ("diffuse", (1,), 1e-7),
+        ("vertices", (3, 2), 1e-3),
+    ]:
         moved = [getattr(scene, kind) for _ in range(2)]
         moved[0][at] += step
         moved[1][at] -= step
         above, below = (loss(scene.replace(**{kind: values})) for values in moved)
         difference = (above - below) / (2 * step)
-        assert getattr(gradients, kind)[at] == pytest.approx(difference, rel=1e-5), kind
+        assert getattr(gradients, kind)[at] == pytest.approx(difference, rel=within), kind
 
 
 def test_backward_refuses_what_was_not_planned():
