@@ -6,10 +6,12 @@
 >>> solution = engine.solve()
 >>> antirad.write_picture("room.png", engine.render(solution))
 
-Units are SI: metres, W/m², W/(m² sr). Light is RGB. Arrays are NumPy's, with one row per triangle, vertex or material of the
-scene, in its order. `antirad.torch` and `antirad.jax` give pictures as differentiable functions of a scene's values.
+Units are SI: metres, W/m², W/(m² sr). Light is RGB. Arrays are NumPy's, with one row per triangle, vertex
+or material of the scene, in its order. `antirad.torch` and `antirad.jax` give pictures as differentiable
+functions of a scene's values.
 
-Work runs without the GIL. Ctrl-C stops it. Errors are subclasses of `antirad.Error`; their messages say what to do.
+Work runs without the GIL. Ctrl-C stops it. Errors are subclasses of `antirad.Error`; their messages say what
+to do.
 """
 
 from antirad._antirad import (

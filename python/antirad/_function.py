@@ -37,11 +37,11 @@ class Function:
         return [(height, width, 3) for _, width, height in self.renderer.views]
 
     def pictures(self, values):
-        """Pictures at values, in the order of the kinds."""
+        """Render at values, in the order of the kinds."""
         return self.renderer.pictures(**dict(zip(self.kinds, values, strict=True)))
 
     def pull_back(self, values, cotangents):
-        """Derivatives by the values, from those by the pictures."""
+        """Compute derivatives by the values from those by the pictures."""
         gradients = self.renderer.pull_back(cotangents, **dict(zip(self.kinds, values, strict=True)))
         derivatives = [getattr(gradients, kind) for kind in self.kinds]
         return [
@@ -50,5 +50,5 @@ class Function:
 
 
 def given(**values):
-    """Names and values of those that are not None."""
+    """Leave out those that are None, and keep the order of the kinds."""
     return {kind: values[kind] for kind in KINDS if values[kind] is not None}

@@ -14,7 +14,7 @@ def _bar(**options):
 
 
 def solve_bar(tolerance):
-    """A bar over the digits of the residual that a solve has left to gain."""
+    """Show the digits of the residual that a solve has gained."""
     digits = -math.log10(tolerance)
     bar = _bar(total=round(digits, 2), desc="solve", unit="digit", bar_format="{l_bar}{bar}| {postfix}")
 
@@ -31,7 +31,7 @@ def solve_bar(tolerance):
 
 
 def fit_bar(iterations):
-    """A bar over the iterations of a fit."""
+    """Show the iterations of a fit."""
     bar = _bar(total=iterations, desc="fit", unit="it")
 
     def report(record):
@@ -42,7 +42,7 @@ def fit_bar(iterations):
 
 
 def steps_bar(unit):
-    """A bar over steps of equal length."""
+    """Show steps of equal length."""
     bar = _bar(unit=unit)
 
     def report(done, total):

@@ -55,14 +55,15 @@ def render(
     supersample=4,
     device=None,
 ):
-    """Render pictures of a scene, differentiable by the arrays given; `jit`, `grad`, `vjp` and `vmap` apply to it.
+    """Render pictures of a scene, differentiable by the arrays given, also within `jit` and `vmap`.
 
-    The arguments, the errors and what the derivatives are of are those of `antirad.torch.render`, with arrays of JAX in place of
-    tensors. Only reverse mode is possible. Without `jax_enable_x64` values pass in single precision.
+    Arguments and errors are those of `antirad.torch.render`, with arrays of JAX in place of tensors. Only
+    reverse mode is possible. Without `jax_enable_x64` values pass in single precision.
 
     Returns:
-        An array (height, width, 3) for one name, or for a scene with one camera: linear RGB, rows from the top, W/(m² sr).
-        Otherwise a tuple of them, one per view.
+        An array (height, width, 3) for one name, or for a scene with one camera: linear RGB, rows from the
+        top, W/(m² sr). Otherwise a tuple of them, one per view.
+
     """
     values = given(
         emission=emission,
@@ -74,5 +75,7 @@ def render(
         camera=camera,
     )
     function = Function(scene, values, views, supersample, device)
-    pictures = _pictures(function, [jnp.asarray(value, jnp.result_type(float, value)) for value in values.values()])
+    pictures = _pictures(
+        function, [jnp.asarray(value, jnp.result_type(float, value)) for value in values.values()]
+    )
     return pictures[0] if function.one else tuple(pictures)

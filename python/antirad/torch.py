@@ -55,8 +55,11 @@ def render(
 ):
     """Render pictures of a scene, differentiable by the tensors given.
 
-    Values that are None are the scene's own. M is the number of materials, V that of vertices, n that of views. For a value per
-    triangle, use `scene.per_triangle()`.
+    Values that are None are the scene's own. M is the number of materials, V that of vertices, n that of
+    views. For a value per triangle, use `scene.per_triangle()`.
+
+    The derivatives are those of the discretised model, by one adjoint solve however many values there are.
+    Pixels are means over samples, while derivatives by positions are those of exact areas.
 
     Args:
         scene: An `antirad.Scene`. It keeps the device memory of its last call; delete it to free that.
@@ -72,16 +75,15 @@ def render(
         device: An `antirad.Device`; by default the one that all such calls share.
 
     Returns:
-        A tensor (height, width, 3) for one name, or for a scene with one camera: linear RGB, rows from the top, W/(m² sr).
-        Otherwise a tuple of them, one per view. On the CPU, in the common type of the tensors given.
+        A tensor (height, width, 3) for one name, or for a scene with one camera: linear RGB, rows from the
+        top, W/(m² sr). Otherwise a tuple of them, one per view. On the CPU, in the common type of the tensors
+        given.
 
     Raises:
         ValueError: A tensor has the wrong shape, or there is no such camera.
         antirad.SceneError: The values are no valid scene, for instance an albedo of 1 or more.
         antirad.SolveError: The scene has no solution.
 
-    The derivatives are those of the discretised model, by one adjoint solve however many values there are. Pictures are means
-    over samples, while derivatives by positions are those of exact areas; they differ as samples do from areas.
     """
     values = given(
         emission=emission,

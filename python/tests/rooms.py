@@ -56,12 +56,12 @@ class Builder:
         )
 
 
-def room(width=12, height=8, cells=3):
-    """A grey room of 2 m with a coloured block and a lamp under the ceiling; 6 cells² triangles per wall, and so on."""
+def room(width=12, height=8, cells=2):
+    """A grey room of 2 m with a coloured block and a lamp under the ceiling; cells² quads per wall."""
     build = Builder()
     build.box((-1, -1, -1), (1, 1, 1), cells, 0, inside=True)
     build.mesh("walls")
-    build.box((-0.2, -0.9, -0.3), (0.4, -0.3, 0.3), 2, 1)
+    build.box((-0.2, -0.9, -0.3), (0.4, -0.3, 0.3), 1, 1)
     build.mesh("block")
     build.quad((-0.3, 0.95, -0.3), (0.6, 0, 0), (0, 0, 0.6), 1, 2)
     build.mesh("lamp")

@@ -15,7 +15,7 @@ def test_planned_bytes_are_labelled_and_add_up():
     assert "memory" in str(plan)
     with pytest.raises(antirad.PlanError, match="a memory budget of 1000 bytes is too small"):
         antirad.plan(room(), memory_budget=1000)
-    with pytest.raises(ValueError, match="there is no derivative by 'colour'|by \"colour\""):
+    with pytest.raises(ValueError, match='there is no derivative by "colour"'):
         antirad.plan(room(), gradients=["colour"])
 
 
@@ -138,14 +138,14 @@ def test_other_threads_run_during_a_solve():
 
 
 def test_an_exception_in_a_callback_ends_the_work():
-    class Enough(Exception):
+    class EnoughError(Exception):
         pass
 
     def stop(*_):
-        raise Enough
+        raise EnoughError
 
     engine = antirad.Engine(room())
-    with pytest.raises(Enough):
+    with pytest.raises(EnoughError):
         engine.solve(progress=stop)
     assert engine.solve().passes > 2, "the engine remains usable"
 

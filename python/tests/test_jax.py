@@ -7,7 +7,7 @@ from rooms import exact, room
 jax = pytest.importorskip("jax", reason="JAX is not installed")
 
 import jax.numpy as jnp  # noqa: E402
-import jax.test_util  # noqa: E402
+from jax.test_util import check_grads  # noqa: E402
 
 import antirad  # noqa: E402
 import antirad.jax  # noqa: E402
@@ -33,7 +33,7 @@ def test_check_grads(scene, kinds):
         return antirad.jax.render(scene, **dict(zip(kinds, values, strict=True)))
 
     values = [jnp.asarray(getattr(scene, kind)) for kind in kinds]
-    jax.test_util.check_grads(render, values, order=1, modes=["rev"], eps=1e-4, atol=1e-6, rtol=1e-5)
+    check_grads(render, values, order=1, modes=["rev"], eps=1e-4, atol=1e-6, rtol=1e-5)
 
 
 def test_it_is_a_transpose():
