@@ -28,11 +28,11 @@ impl Ambiguity {
         arrays::vector(py, self.seen.clone())
     }
 
-    /// The triangles that no camera sees, uint32 (U,). Each adds a dimension, per channel, to the space of emissions that
+    /// The triangles that no camera sees, int64 (U,). Each adds a dimension, per channel, to the space of emissions that
     /// give the same pictures.
     #[getter]
     fn unseen<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        arrays::vector(py, self.unseen.clone())
+        arrays::indices(py, &self.unseen)
     }
 
     /// The least emission of each of these in any explanation of the pictures, float64 (U, 3), W/(m² sr).
@@ -102,9 +102,8 @@ pub fn ambiguity(
         let unseen = views.unseen(&scene);
         let mut direct = DirectLight::new(&device, &scene, &link.watch()).or_raise()?;
         let report = link.reporter();
-        let light = direct
-            .columns(&unseen, &mut |done| report(Report::Steps(done, unseen.len())))
-            .or_raise()?;
+        let light =
+            direct.columns(&unseen, &mut |done| report(Report::Steps(done, unseen.len()))).or_raise()?;
         let areas: Vec<f64> = (0..triangles).map(|i| scene.area_vector(i).length()).collect();
         let channel = |channel: usize| {
             let pick = |of: &dyn Fn(usize) -> [f64; 3]| -> Vec<f64> {

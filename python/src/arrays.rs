@@ -28,7 +28,7 @@ pub struct Memory {
 enum Owner {
     F32(Vec<f32>),
     F64(Vec<f64>),
-    U32(Vec<u32>),
+    I64(Vec<i64>),
     Bool(Vec<bool>),
     Solution(Arc<Solution>),
 }
@@ -57,7 +57,7 @@ macro_rules! numbers {
 numbers! {
     f32, "=f4", F32;
     f64, "=f8", F64;
-    u32, "=u4", U32;
+    i64, "=i8", I64;
     bool, "|b1", Bool;
 }
 
@@ -82,13 +82,8 @@ fn shown_by(py: Python<'_>, memory: Memory) -> PyResult<Array<'_>> {
 /// An array of a shape that holds the numbers.
 pub fn array<'py, T: Number>(py: Python<'py>, mut values: Vec<T>, shape: &[usize]) -> PyResult<Array<'py>> {
     let address = values.as_mut_ptr().expose_provenance();
-    let memory = Memory {
-        address,
-        shape: shape.to_vec(),
-        kind: T::KIND,
-        writable: true,
-        _owner: T::owner(values),
-    };
+    let memory =
+        Memory { address, shape: shape.to_vec(), kind: T::KIND, writable: true, _owner: T::owner(values) };
     shown_by(py, memory)
 }
 
@@ -107,6 +102,11 @@ pub fn points(py: Python<'_>, points: Vec<DVec3>) -> PyResult<Array<'_>> {
 pub fn vector<T: Number>(py: Python<'_>, values: Vec<T>) -> PyResult<Array<'_>> {
     let shape = [values.len()];
     array(py, values, &shape)
+}
+
+/// An array [rows] of indices, in the type that NumPy and PyTorch index with.
+pub fn indices<'py>(py: Python<'py>, indices: &[u32]) -> PyResult<Array<'py>> {
+    vector(py, indices.iter().copied().map(i64::from).collect())
 }
 
 /// A picture [height, width, 3].

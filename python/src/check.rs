@@ -41,10 +41,10 @@ impl Warning {
         &self.inner.remedy
     }
 
-    /// All triangles concerned, the worst first, uint32.
+    /// All triangles concerned, the worst first, int64.
     #[getter]
     fn triangles<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        arrays::vector(py, self.inner.triangles.clone())
+        arrays::indices(py, &self.inner.triangles)
     }
 
     /// Their share of the scene's area, 0 to 1.
@@ -107,10 +107,10 @@ impl Refined {
         self.scene.clone()
     }
 
-    /// Per new triangle, the index of the old one that it is a part of, uint32.
+    /// Per new triangle, the index of the old one that it is a part of, int64.
     #[getter]
     fn parents<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        arrays::vector(py, self.inner.parents.clone())
+        arrays::indices(py, &self.inner.parents)
     }
 
     /// Rounds of cutting.

@@ -219,7 +219,8 @@ impl Engine {
                 Some(rasterizer) => rasterizer,
                 None => Rasterizer::new(state.engine.device()).or_raise()?,
             };
-            let picture = state.rasterizer.insert(rasterizer).render(&state.scene, &camera, &colours, &options);
+            let picture =
+                state.rasterizer.insert(rasterizer).render(&state.scene, &camera, &colours, &options);
             picture.or_raise()
         })?;
         let rgb = picture.pixels.iter().map(|&[r, g, b, _]| [r, g, b]).collect();
@@ -366,15 +367,16 @@ pub struct Gradients {
 impl Gradients {
     pub fn of(py: Python<'_>, gradient: SceneGradient) -> PyResult<Self> {
         let SceneGradient { emission, diffuse, albedo, specular, power, positions, cameras } = gradient;
-        let rows = |of: Option<Vec<DVec3>>| {
-            of.map(|of| PyResult::Ok(arrays::points(py, of)?.unbind())).transpose()
-        };
-        let numbers = |of: Option<Vec<f64>>| {
-            of.map(|of| PyResult::Ok(arrays::vector(py, of)?.unbind())).transpose()
-        };
+        let rows =
+            |of: Option<Vec<DVec3>>| of.map(|of| PyResult::Ok(arrays::points(py, of)?.unbind())).transpose();
+        let numbers =
+            |of: Option<Vec<f64>>| of.map(|of| PyResult::Ok(arrays::vector(py, of)?.unbind())).transpose();
         let cameras = cameras.map(|cameras| {
             let count = cameras.len();
-            let flat = cameras.into_iter().flat_map(|camera| [camera.position.into(), camera.target.into()]).collect();
+            let flat = cameras
+                .into_iter()
+                .flat_map(|camera| [camera.position.into(), camera.target.into()])
+                .collect();
             let flat: Vec<[f64; 3]> = flat;
             PyResult::Ok(arrays::array(py, flat.into_flattened(), &[count, 2, 3])?.unbind())
         });

@@ -127,15 +127,13 @@ impl Raise for RenderError {
         match self {
             Self::NoAnswer(message) => exceptions::SolveError::new_err(message),
             Self::Failed(_) if lost => exceptions::DeviceError::new_err(self.to_string()),
-            Self::Failed(cause) => {
-                match cause.downcast::<EngineError>() {
+            Self::Failed(cause) => match cause.downcast::<EngineError>() {
+                Ok(error) => error.raise(),
+                Err(cause) => match cause.downcast::<ImageError>() {
                     Ok(error) => error.raise(),
-                    Err(cause) => match cause.downcast::<ImageError>() {
-                        Ok(error) => error.raise(),
-                        Err(cause) => exceptions::Error::new_err(cause.to_string()),
-                    },
-                }
-            }
+                    Err(cause) => exceptions::Error::new_err(cause.to_string()),
+                },
+            },
             error => exceptions::Error::new_err(error.to_string()),
         }
     }

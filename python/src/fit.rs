@@ -372,7 +372,8 @@ fn run(
         let (planning, gradients) = (parameters.planning_scene(), parameters.gradient_request());
         let supersample = job.settings().supersample;
         let mut renderer =
-            EngineRenderer::new(&device, planning, cameras, supersample, gradients, link.watch()).or_raise()?;
+            EngineRenderer::new(&device, planning, cameras, supersample, gradients, link.watch())
+                .or_raise()?;
         job.estimate(&mut renderer).or_raise()?;
         let seen = renderer.seen().or_raise()?;
         warnings.extend(job.problem().parameters.unseen(&seen).iter().map(ToString::to_string));
@@ -383,7 +384,9 @@ fn run(
         });
         match outcome {
             Ok(outcome) => Ok((outcome, warnings)),
-            Err(error @ FitError::Interrupted { .. }) => Err(exceptions::FitError::new_err(error.to_string())),
+            Err(error @ FitError::Interrupted { .. }) => {
+                Err(exceptions::FitError::new_err(error.to_string()))
+            }
             Err(error) => Err(error.raise()),
         }
     })?;

@@ -47,7 +47,9 @@ impl Material {
     ) -> PyResult<Self> {
         let normalization: Normalization = word("normalization", normalization)?;
         let (albedo, specular, emission) = (albedo.into(), specular.into(), emission.into());
-        Ok(Self { inner: scene::Material { name, diffuse, albedo, specular, power, emission, normalization } })
+        Ok(Self {
+            inner: scene::Material { name, diffuse, albedo, specular, power, emission, normalization },
+        })
     }
 
     /// Name.
@@ -488,7 +490,10 @@ impl Scene {
             (Some(name), _) => self.named(name)?,
             (None, [only]) => only.clone(),
             (None, cameras) => {
-                return Err(invalid(format!("the scene has {} cameras; give the name of one", cameras.len())));
+                return Err(invalid(format!(
+                    "the scene has {} cameras; give the name of one",
+                    cameras.len()
+                )));
             }
         };
         Ok(Camera { inner })
@@ -515,16 +520,22 @@ impl Scene {
         arrays::points(py, self.inner.vertices.clone())
     }
 
-    /// Indices of the corners of each triangle, uint32 (T, 3). A copy.
+    /// Indices of the corners of each triangle, int64 (T, 3). A copy.
     #[getter]
     fn triangles<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        arrays::rows(py, self.inner.triangles.iter().map(|triangle| triangle.vertices).collect())
+        arrays::rows(
+            py,
+            self.inner.triangles.iter().map(|triangle| triangle.vertices.map(i64::from)).collect(),
+        )
     }
 
-    /// Index of the material of each triangle, uint32 (T,). A copy.
+    /// Index of the material of each triangle, int64 (T,). A copy.
     #[getter]
     fn material_of<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        arrays::vector(py, self.inner.triangles.iter().map(|triangle| triangle.material).collect())
+        arrays::vector(
+            py,
+            self.inner.triangles.iter().map(|triangle| triangle.material.into()).collect::<Vec<i64>>(),
+        )
     }
 
     /// Area of each triangle, float64 (T,), m².
@@ -586,10 +597,10 @@ impl Scene {
         self.numbers(py, |material| material.power)
     }
 
-    /// Triangles without area, uint32: they take no part in light transport.
+    /// Triangles without area, int64: they take no part in light transport.
     #[getter]
     fn degenerate<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        arrays::vector(py, self.inner.degenerate.clone())
+        arrays::indices(py, &self.inner.degenerate)
     }
 
     /// What is probably a mistake, in whole sentences.
@@ -609,7 +620,10 @@ fn distinct(cameras: Vec<PyRef<Camera>>) -> PyResult<Vec<scene::Camera>> {
     let cameras: Vec<scene::Camera> = cameras.iter().map(|camera| camera.inner.clone()).collect();
     for (i, camera) in cameras.iter().enumerate() {
         if cameras[..i].iter().any(|other| other.name == camera.name) {
-            return Err(invalid(format!("two cameras are named {:?}; give each a name of its own", camera.name)));
+            return Err(invalid(format!(
+                "two cameras are named {:?}; give each a name of its own",
+                camera.name
+            )));
         }
     }
     Ok(cameras)

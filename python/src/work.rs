@@ -108,9 +108,7 @@ pub fn run<T: Send + 'static>(
     loop {
         let interrupted = match py.detach(|| receive(&events, LOOK)) {
             Ok(Event::Done(result)) => return Ok(result),
-            Ok(Event::Report(report)) => {
-                callback.as_ref().map_or(Ok(()), |callback| report.call(callback))
-            }
+            Ok(Event::Report(report)) => callback.as_ref().map_or(Ok(()), |callback| report.call(callback)),
             Err(RecvTimeoutError::Timeout) => Ok(()),
             Err(RecvTimeoutError::Disconnected) => match worker.join() {
                 Err(panic) => resume_unwind(panic),
@@ -122,7 +120,9 @@ pub fn run<T: Send + 'static>(
             stop.store(true, Ordering::Relaxed);
             py.detach(|| {
                 let end = Instant::now() + GRACE;
-                while let Ok(Event::Report(_)) = receive(&events, end.saturating_duration_since(Instant::now())) {}
+                while let Ok(Event::Report(_)) =
+                    receive(&events, end.saturating_duration_since(Instant::now()))
+                {}
             });
             return Err(exception);
         }

@@ -11,7 +11,7 @@ SCENES = Path(__file__).resolve().parents[2] / "scenes"
 
 def test_a_scene_file_is_loaded():
     scene = antirad.Scene.load(SCENES / "cornell_boxes.toml")
-    assert scene.triangles.shape == (3092, 3) and scene.triangles.dtype == np.uint32
+    assert scene.triangles.shape == (3092, 3) and scene.triangles.dtype == np.int64
     assert scene.vertices.dtype == np.float64
     assert scene.material_of.max() < len(scene.materials) == len(scene.albedo)
     assert scene.camera().width == 256

@@ -104,7 +104,10 @@ impl SceneGradient {
     /// The derivatives by the scene's materials: the same with one entry per material in place of one per triangle, each the
     /// sum over the material's triangles.
     pub fn by_material(&self, scene: &Scene) -> Self {
-        fn sums<T: std::ops::AddAssign + Copy + Default>(of: &Option<Vec<T>>, scene: &Scene) -> Option<Vec<T>> {
+        fn sums<T: std::ops::AddAssign + Copy + Default>(
+            of: &Option<Vec<T>>,
+            scene: &Scene,
+        ) -> Option<Vec<T>> {
             let mut sums = vec![T::default(); scene.materials.len()];
             for (value, triangle) in of.as_ref()?.iter().zip(&scene.triangles) {
                 sums[triangle.material as usize] += *value;
