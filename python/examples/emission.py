@@ -2,8 +2,8 @@
 
     python emission.py               # seconds
 
-Writes emission.png: for each view its picture, the recovered one, and how far the emission of each triangle is determined,
-from dark (any share of the light may be its own) to bright.
+Writes emission.png: for each view its picture, the recovered one, and how far the emission of each triangle is
+determined, from dark (not at all) to bright.
 """
 
 import argparse
@@ -27,8 +27,8 @@ engine = antirad.Engine(scene)
 solution = engine.solve()
 given = [engine.render(solution, camera) for camera in scene.cameras]
 
-# A lamp may be anywhere: each triangle has an emission of its own, none at the start. Of all emissions that explain the
-# pictures the penalty prefers one with little power.
+# A lamp may be anywhere: each triangle has an emission of its own, none at the start. Of all emissions that
+# explain the pictures the regulariser prefers one with little power.
 dark = scene.replace(emission=np.zeros_like(scene.emission))
 result = antirad.fit(
     dark,
@@ -44,17 +44,17 @@ found = result.scene.emission[result.scene.material_of]
 true = scene.emission[scene.material_of]
 areas = scene.areas[:, None]
 lamp = true.sum(axis=1) > 0
-share = (areas * found)[lamp].sum() / (areas * found).sum()
+power = (areas * found).sum()
+share = (areas * found)[lamp].sum() / power
 print(
-    f"{100 * share:.1f} % of the light found leaves the lamp; {(areas * found).sum() / (areas * true).sum():.3f} of its power"
+    f"{100 * share:.1f} % of the light found leaves the lamp, {power / (areas * true).sum():.3f} of its power"
 )
 
 # What these pictures cannot tell, whatever the method.
 ambiguity = antirad.ambiguity(scene)
-print(
-    f"{len(ambiguity.unseen)} of {len(ambiguity.seen)} triangles are unseen: as many dimensions, per channel, of emissions"
-)
-print("that give the same pictures. The unseen triangle that may be brightest:")
+unseen, count = len(ambiguity.unseen), len(ambiguity.seen)
+print(f"{unseen} of {count} triangles are unseen: the emissions that give the same pictures have {unseen}")
+print("dimensions per channel. The unseen triangle that may be brightest:")
 most = np.where(np.isfinite(ambiguity.most), ambiguity.most, 0).sum(axis=1)
 brightest = ambiguity.unseen[most.argmax()]
 print(

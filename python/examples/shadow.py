@@ -1,4 +1,4 @@
-"""Find the place of a box that no picture shows, from the shadow that it casts on the floor, with torch.optim.
+"""Find the place of a box that no picture shows, from its shadow on the floor, with torch.optim.
 
     python shadow.py                 # seconds
 

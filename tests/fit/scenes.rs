@@ -8,7 +8,9 @@ use antirad::fit::{
 };
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
+use antirad::plan::GradientRequest;
 use antirad::scene::{BinLayout, Camera, Scene};
+use glam::DVec3;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
@@ -235,4 +237,46 @@ fn memory_does_not_grow_over_200_iterations() {
         println!("{iterations} iterations: {grown} bytes more, {before} before");
         assert!(grown < 4 << 20, "{iterations} iterations: {grown} bytes more, {before} before");
     }
+}
+
+/// Position and target of a camera, silhouettes included, against central differences of finely sampled pictures.
+#[test]
+fn pictures_are_differentiated_by_their_cameras() {
+    let device = device();
+    let scene = coarse("scenes/fits/box.toml");
+    let camera = cameras(&scene, &["one"]).remove(0);
+    let request = GradientRequest::NOTHING.camera(true);
+    let planning = scene.clone();
+    let mut renderer = EngineRenderer::new(&device, planning, vec![camera.clone()], 16, request, watch())
+        .expect("a renderer");
+    // Weights that vary slowly over the picture.
+    let weight = |pixel: usize| DVec3::new(1.0, 0.8, 0.6) * (1.0 + (pixel % 48) as f64 / 48.0);
+    let weights: Vec<DVec3> = (0..48 * 36).map(weight).collect();
+    let mut loss = |renderer: &mut EngineRenderer, camera: Camera| -> f64 {
+        renderer.set_cameras(vec![camera]);
+        let pictures = renderer.pictures(&scene).expect("pictures");
+        pictures[0].iter().zip(&weights).map(|(pixel, weight)| pixel.dot(*weight)).sum()
+    };
+    const STEP: f64 = 0.01;
+    let mut differences = [DVec3::ZERO; 2];
+    for axis in 0..3 {
+        let way = STEP * DVec3::AXES[axis];
+        let moved = |sign: f64| Camera { position: camera.position + sign * way, ..camera.clone() };
+        let turned = |sign: f64| Camera { target: camera.target + sign * way, ..camera.clone() };
+        let mut difference =
+            |above, below| (loss(&mut renderer, above) - loss(&mut renderer, below)) / (2.0 * STEP);
+        differences[0][axis] = difference(moved(1.0), moved(-1.0));
+        differences[1][axis] = difference(turned(1.0), turned(-1.0));
+    }
+    loss(&mut renderer, camera);
+    let gradient =
+        renderer.pull_back(&[weights.clone()], request).expect("derivatives").expect("pictures before");
+    let [found] = gradient.cameras.expect("by cameras")[..] else { panic!("one camera") };
+    for (found, expected) in [found.position, found.target].into_iter().zip(differences) {
+        let error = (found - expected).length() / expected.length();
+        println!("{found} and {expected}: {error:.4}");
+        assert!(error <= 0.01, "{found}, but differences give {expected}");
+    }
+    drop(renderer);
+    finish(&device);
 }
