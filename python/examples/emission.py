@@ -2,8 +2,8 @@
 
     python emission.py               # seconds
 
-Writes emission.png: for each view its picture, the recovered one, and how far the emission of each triangle is
-determined, from dark (not at all) to bright.
+Writes emission.png: for both views, and for a third one that was not given, the true picture, the recovered
+one, and how far the emission of each triangle is determined, from black (not at all) to bright.
 """
 
 import argparse
@@ -21,11 +21,14 @@ arguments.add_argument("--output", type=Path, default=Path("out/python"))
 arguments = arguments.parse_args()
 
 scene = antirad.Scene.load(SCENES / "fits" / "room.toml")
-size = {"width": 48, "height": 36} if arguments.quick else {}
-scene = scene.replace(cameras=[scene.camera(name).replace(**size) for name in ("one", "low")])
+width, height = (48, 36) if arguments.quick else (192, 144)
+views = [scene.camera(name).replace(width=width, height=height) for name in ("one", "low", "other")]
+# The third view is not given: it shows what the others leave open.
+scene = scene.replace(cameras=views[:2])
 engine = antirad.Engine(scene)
 solution = engine.solve()
-given = [engine.render(solution, camera) for camera in scene.cameras]
+true_pictures = [engine.render(solution, camera) for camera in views]
+given = true_pictures[:2]
 
 # A lamp may be anywhere: each triangle has an emission of its own, none at the start. Of all emissions that
 # explain the pictures the regulariser prefers one with little power.
@@ -57,18 +60,20 @@ print(f"{unseen} of {count} triangles are unseen: the emissions that give the sa
 print("dimensions per channel. The unseen triangle that may be brightest:")
 most = np.where(np.isfinite(ambiguity.most), ambiguity.most, 0).sum(axis=1)
 brightest = ambiguity.unseen[most.argmax()]
-print(
-    f"  {scene.place_of(brightest)}: up to {most.max() / 3:.2f} W/(m² sr), in truth {true[brightest].mean():.2f}"
-)
+place, truth = scene.place_of(brightest), true[brightest].mean()
+print(f"  {place}: up to {most.max() / 3:.2f} W/(m² sr), in truth {truth:.2f}")
 
 # Determination as a picture: a scene of black triangles that glow.
 glow = np.nan_to_num(ambiguity.determination)[:, None] * [1.0, 0.8, 0.3]
 own = scene.per_triangle()
 shown = antirad.Engine(own.replace(albedo=np.zeros_like(own.albedo), emission=glow))
 light = shown.solve()
+engine = antirad.Engine(result.scene)
+solution = engine.solve()
 rows = []
-for camera, picture, recovered in zip(scene.cameras, given, result.pictures, strict=True):
-    bright = 1 / np.quantile(picture, 0.98)
+for camera, picture in zip(views, true_pictures, strict=True):
+    bright = 1 / np.quantile(picture, 0.9)
+    recovered = engine.render(solution, camera)
     rows.append(np.concatenate([bright * picture, bright * recovered, shown.render(light, camera)], axis=1))
 arguments.output.mkdir(parents=True, exist_ok=True)
 antirad.write_picture(arguments.output / "emission.png", np.concatenate(rows), exposure=0)

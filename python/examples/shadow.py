@@ -22,7 +22,8 @@ arguments.add_argument("--output", type=Path, default=Path("out/python"))
 arguments = arguments.parse_args()
 
 truth = antirad.Scene.load(SCENES / "fits" / "box.toml")
-view = truth.camera("shadow").replace(**({"width": 32, "height": 24} if arguments.quick else {}))
+width, height = (32, 24) if arguments.quick else (192, 144)
+view = truth.camera("shadow").replace(width=width, height=height)
 truth = truth.replace(cameras=[view])
 
 # The vertices of the box; all others stay.
