@@ -1,11 +1,13 @@
 """Pictures of a scene as a differentiable function for JAX."""
 
 import functools
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from antirad import Device, Scene
 from antirad._function import Function, given
 
 
@@ -42,19 +44,19 @@ def _arrays(values):
 
 
 def render(
-    scene,
+    scene: Scene,
     *,
-    emission=None,
-    albedo=None,
-    specular=None,
-    diffuse=None,
-    power=None,
-    vertices=None,
-    camera=None,
-    views=None,
-    supersample=4,
-    device=None,
-):
+    emission: jax.typing.ArrayLike | None = None,
+    albedo: jax.typing.ArrayLike | None = None,
+    specular: jax.typing.ArrayLike | None = None,
+    diffuse: jax.typing.ArrayLike | None = None,
+    power: jax.typing.ArrayLike | None = None,
+    vertices: jax.typing.ArrayLike | None = None,
+    camera: jax.typing.ArrayLike | None = None,
+    views: str | Sequence[str] | None = None,
+    supersample: int = 4,
+    device: Device | None = None,
+) -> jax.Array | tuple[jax.Array, ...]:
     """Render pictures of a scene, differentiable by the arrays given, also within `jit` and `vmap`.
 
     Arguments and errors are those of `antirad.torch.render`, with arrays of JAX in place of tensors. Only

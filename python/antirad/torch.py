@@ -1,8 +1,11 @@
 """Pictures of a scene as a differentiable function for PyTorch."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 
+from antirad import Device, Scene
 from antirad._function import Function, given
 
 
@@ -40,19 +43,19 @@ def _array(tensor):
 
 
 def render(
-    scene,
+    scene: Scene,
     *,
-    emission=None,
-    albedo=None,
-    specular=None,
-    diffuse=None,
-    power=None,
-    vertices=None,
-    camera=None,
-    views=None,
-    supersample=4,
-    device=None,
-):
+    emission: torch.Tensor | None = None,
+    albedo: torch.Tensor | None = None,
+    specular: torch.Tensor | None = None,
+    diffuse: torch.Tensor | None = None,
+    power: torch.Tensor | None = None,
+    vertices: torch.Tensor | None = None,
+    camera: torch.Tensor | None = None,
+    views: str | Sequence[str] | None = None,
+    supersample: int = 4,
+    device: Device | None = None,
+) -> torch.Tensor | tuple[torch.Tensor, ...]:
     """Render pictures of a scene, differentiable by the tensors given.
 
     Values that are None are the scene's own. M is the number of materials, V that of vertices, n that of
