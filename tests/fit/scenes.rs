@@ -259,19 +259,21 @@ fn pictures_are_differentiated_by_their_cameras() {
         pictures[0].iter().zip(&weights).map(|(pixel, weight)| pixel.dot(*weight)).sum()
     };
     const STEP: f64 = 0.02;
-    let mut differences = [DVec3::ZERO; 2];
-    for axis in 0..3 {
-        let way = STEP * DVec3::AXES[axis];
-        let moved = |sign: f64| Camera { position: camera.position + sign * way, ..camera.clone() };
-        let turned = |sign: f64| Camera { target: camera.target + sign * way, ..camera.clone() };
-        let mut difference =
-            |above, below| (loss(&mut renderer, above) - loss(&mut renderer, below)) / (2.0 * STEP);
-        differences[0][axis] = difference(moved(1.0), moved(-1.0));
-        differences[1][axis] = difference(turned(1.0), turned(-1.0));
-    }
+    let mut difference = |moved: &dyn Fn(DVec3) -> Camera| {
+        DVec3::from(DVec3::AXES.map(|axis| {
+            let [above, below] = [STEP, -STEP].map(|way| loss(&mut renderer, moved(way * axis)));
+            (above - below) / (2.0 * STEP)
+        }))
+    };
+    let differences = [
+        difference(&|way| Camera { position: camera.position + way, ..camera.clone() }),
+        difference(&|way| Camera { target: camera.target + way, ..camera.clone() }),
+    ];
     loss(&mut renderer, camera);
-    let gradient =
-        renderer.pull_back(&[weights.clone()], request).expect("derivatives").expect("pictures before");
+    let gradient = renderer
+        .pull_back(std::slice::from_ref(&weights), request)
+        .expect("derivatives")
+        .expect("pictures before");
     let [found] = gradient.cameras.expect("by cameras")[..] else { panic!("one camera") };
     for (found, expected) in [found.position, found.target].into_iter().zip(differences) {
         let error = (found - expected).length() / expected.length();
