@@ -85,12 +85,12 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
     let solution = own.solve(&params).expect("a solution");
     let light = Light::new(&mut own, &solution, &scene, std::slice::from_ref(&camera)).expect("light");
     let view = SeenFrom { coverage: &coverage, by_pixels: &by_pixels };
-    let mut request = GradientRequest::EVERYTHING;
-    request.camera = false;
-    let gradients = backward(&mut own, &solution, &light, &scene, &[view], request, &params, &mut |_, _| {
-        ControlFlow::Continue(())
-    })
-    .expect("gradients");
+    let request = GradientRequest::EVERYTHING;
+    let (gradients, targets) =
+        backward(&mut own, &solution, &light, &scene, &[view], request, &params, &mut |_, _| {
+            ControlFlow::Continue(())
+        })
+        .expect("gradients");
     let materials = gradients.by_material(&scene);
     let difference = |change: &dyn Fn(&mut Scene, f64), step: f64| {
         let at = |by: f64| {
@@ -136,6 +136,27 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
             };
             check(&format!("{} along {axis}", mesh.name), found, difference(&shift, 1e-4), 1e-3);
         }
+    }
+    // The same faces in each pixel.
+    let from = |own: &mut Engine, camera: &Camera| {
+        let light = Light::new(own, &solution, &scene, std::slice::from_ref(camera)).expect("light");
+        let pixels = light.pixels(&scene, 0, &coverage).expect("pixels");
+        let of = |(p, rgb): (usize, &[f64; 4])| (0..3).map(|c| weight(p, c) * rgb[c]).sum::<f64>();
+        pixels.iter().enumerate().map(of).sum::<f64>()
+    };
+    let position = gradients.camera_positions.as_ref().expect("cameras")[0];
+    for axis in 0..3 {
+        let moved = |by: DVec3, to: DVec3| Camera {
+            position: camera.position + by,
+            target: camera.target + to,
+            ..camera.clone()
+        };
+        let step = 1e-5 * DVec3::AXES[axis];
+        let none = DVec3::ZERO;
+        let [above, below] = [step, -step].map(|by| from(&mut own, &moved(by, none)));
+        check(&format!("position along {axis}"), position[axis], (above - below) / 2e-5, 1e-4);
+        let [above, below] = [step, -step].map(|to| from(&mut own, &moved(none, to)));
+        check(&format!("target along {axis}"), targets[0][axis], (above - below) / 2e-5, 1e-4);
     }
     finish(&device);
 }

@@ -1,6 +1,6 @@
 //! The renderer that solves on a device.
 
-use super::gradient::SceneGradient;
+use super::gradient::{CameraGradient, SceneGradient};
 use super::renderer::{CostEstimate, RenderError, Renderer};
 use crate::gpu::Device;
 use crate::image::{
@@ -106,6 +106,15 @@ impl EngineRenderer {
         Ok(())
     }
 
+    /// Replaces the cameras: the next pictures are taken from these.
+    pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
+        if self.cameras != cameras {
+            self.cameras = cameras;
+            self.coverage.clear();
+            self.latest = None;
+        }
+    }
+
     /// Updates engine and coverage to the positions of a scene.
     fn prepare(&mut self, scene: &Scene) -> Result<Engine, RenderError> {
         if self.planning.vertices != scene.vertices {
@@ -196,7 +205,7 @@ impl Renderer for EngineRenderer {
             watch()
         };
         let Latest { scene, solution, params, light, .. } = latest;
-        let gradients = match light {
+        let (gradients, targets) = match light {
             Some(light) => {
                 let views: Vec<SeenFrom> =
                     views().map(|((_, coverage), by_pixels)| SeenFrom { coverage, by_pixels }).collect();
@@ -212,13 +221,15 @@ impl Renderer for EngineRenderer {
                     let by_colours = coverage.colour_gradient(by_pixels).map_err(failed)?;
                     cotangent.colours.push((camera.position, by_colours));
                 }
-                engine
-                    .backward_with(solution, &cotangent, request, params, &mut progress)
-                    .map_err(sort_out)?
+                let gradients = engine.backward_with(solution, &cotangent, request, params, &mut progress);
+                (gradients.map_err(sort_out)?, vec![DVec3::ZERO; self.cameras.len()])
             }
         };
         let mut gradient = SceneGradient::from(gradients);
-        if let Some(positions) = &mut gradient.positions {
+        for (camera, target) in gradient.cameras.iter_mut().flatten().zip(targets) {
+            camera.target = target;
+        }
+        if request.geometry() {
             // Silhouettes that move in the picture, in addition to the light that changes.
             for (view, ((camera, coverage), by_pixels)) in views().enumerate() {
                 let by_edges = match light {
@@ -232,7 +243,13 @@ impl Renderer for EngineRenderer {
                     }
                 };
                 let by_edges = by_edges.map_err(failed)?;
-                positions.iter_mut().zip(by_edges.vertices).for_each(|(to, by)| *to += by);
+                if let Some(positions) = &mut gradient.positions {
+                    positions.iter_mut().zip(by_edges.vertices).for_each(|(to, by)| *to += by);
+                }
+                if let Some(cameras) = &mut gradient.cameras {
+                    cameras[view].position += by_edges.position;
+                    cameras[view].target += by_edges.target;
+                }
             }
         }
         Ok(Some(gradient))
@@ -269,6 +286,10 @@ impl From<Gradients> for SceneGradient {
             specular: gradients.specular,
             power: gradients.power,
             positions: gradients.vertices,
+            cameras: gradients.camera_positions.map(|positions| {
+                let moved = |position| CameraGradient { position, target: DVec3::ZERO };
+                positions.into_iter().map(moved).collect()
+            }),
         }
     }
 }

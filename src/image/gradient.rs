@@ -312,13 +312,24 @@ fn to_metres(scene: &Scene, camera: &Camera, view: &View, in_frame: Vec<DVec3>) 
     };
     let vertices = in_frame.into_iter().zip(&scene.vertices).map(to_scene).collect();
 
+    let (position, target) = camera_gradient(camera, -moved, [of_right, of_up, of_forward]);
+    GeometryGradient { vertices, position, target }
+}
+
+/// Derivatives of a loss by a camera's position and target, from those by its position with the axes of its [`View`] held fixed, and by
+/// these axes: right, up and forward.
+pub(crate) fn camera_gradient(
+    camera: &Camera,
+    position: DVec3,
+    [of_right, of_up, of_forward]: [DVec3; 3],
+) -> (DVec3, DVec3) {
     // up = right × forward; right = s / |s|, s = forward × u; forward = f / |f|, f = target - position.
-    let View { right, up: _, forward, .. } = *view;
+    let View { right, forward, .. } = View::new(camera);
     let of_right = of_right + forward.cross(of_up);
     let of_forward = of_forward + of_up.cross(right);
     let u = camera.up.normalize();
     let of_s = of_right.reject_from_normalized(right) / forward.cross(u).length();
     let of_forward = of_forward + u.cross(of_s);
     let target = of_forward.reject_from_normalized(forward) / (camera.target - camera.position).length();
-    GeometryGradient { vertices, position: -moved - target, target }
+    (position - target, target)
 }

@@ -3,7 +3,7 @@
 use super::{Light, Points};
 use crate::direct::barycentric;
 use crate::engine_direct::lobe_scale;
-use crate::image::{Coverage, FaceInPixel, ImageError, View};
+use crate::image::{Coverage, FaceInPixel, ImageError, View, camera_gradient};
 use crate::model::FacetGradient;
 use crate::plan::GradientRequest;
 use crate::scene::{Camera, Scene};
@@ -46,6 +46,15 @@ struct Differences {
     specular: Vec<DVec3>,
     power: Vec<f64>,
     facets: Vec<FacetGradient>,
+    /// Per camera, per unit of length of the engine.
+    cameras: Vec<OfCamera>,
+}
+
+/// By a camera's position, its axes held fixed, and by its axes.
+#[derive(Clone, Copy, Default)]
+struct OfCamera {
+    position: DVec3,
+    axes: [DVec3; 3],
 }
 
 /// The same of the points on one face.
@@ -58,9 +67,11 @@ struct OfPoints {
     /// By the indirect irradiance of triangles.
     indirect: Vec<(usize, DVec3)>,
     facets: Vec<(u32, FacetGradient)>,
+    camera: OfCamera,
 }
 
-/// Derivatives of a loss of pictures made by [`Light::pixels`], as [`Engine::backward_with`] returns those of its results. The light must be
+/// Derivatives of a loss of pictures made by [`Light::pixels`], as [`Engine::backward_with`] returns those of its results, and by the target
+/// of each camera, per metre. Cameras turn towards their targets as they move. The light must be
 /// that of the solution. The movement of silhouettes is not included ([`crate::image::geometry_gradient`]).
 pub fn backward(
     engine: &mut Engine,
@@ -71,12 +82,12 @@ pub fn backward(
     request: GradientRequest,
     params: &SolveParams,
     progress: &mut SolveProgress,
-) -> Result<Gradients, ShadingError> {
+) -> Result<(Gradients, Vec<DVec3>), ShadingError> {
     let mut sums = Differences::new(light);
     let mut colours = Vec::new();
     for (view, seen) in light.views.iter().zip(views) {
         colours.push((view.camera.position, seen.coverage.colour_gradient(seen.by_pixels)?));
-        light.pull_back(scene, &view.camera, seen, request.positions, &mut sums);
+        light.pull_back(scene, &view.camera, seen, request.geometry(), &mut sums);
     }
     let cotangent = Cotangent::default()
         .colours_without_highlights(colours)
@@ -84,7 +95,8 @@ pub fn backward(
         .indirect_irradiance(Some(std::mem::take(&mut sums.indirect)));
     let mut gradients = engine.backward_with(solution, &cotangent, request, params, progress)?;
     sums.add_to(&mut gradients, light, scene);
-    Ok(gradients)
+    let targets = sums.add_cameras(&mut gradients, light);
+    Ok((gradients, targets))
 }
 
 impl Differences {
@@ -98,6 +110,7 @@ impl Differences {
             specular: none(),
             power: vec![0.0; light.facets.len()],
             facets: vec![FacetGradient::default(); light.facets.len()],
+            cameras: Vec::new(),
         }
     }
 
@@ -139,13 +152,29 @@ impl Differences {
     }
 }
 
+impl Differences {
+    /// Adds the derivatives by positions; returns those by targets.
+    fn add_cameras(&self, gradients: &mut Gradients, light: &Light) -> Vec<DVec3> {
+        let mut targets = Vec::new();
+        for (view, of) in self.cameras.iter().enumerate() {
+            let position = of.position * light.placement.scale;
+            let (position, target) = camera_gradient(&light.views[view].camera, position, of.axes);
+            targets.push(target);
+            if let Some(positions) = &mut gradients.camera_positions {
+                positions[view] += position;
+            }
+        }
+        targets
+    }
+}
+
 impl Light {
     fn pull_back(
         &self,
         scene: &Scene,
         camera: &Camera,
         view: &SeenFrom,
-        positions: bool,
+        geometry: bool,
         sums: &mut Differences,
     ) {
         let seen: Vec<FaceInPixel> = view.coverage.faces_in_pixels().collect();
@@ -153,15 +182,15 @@ impl Light {
             let [r, g, b, _] = view.by_pixels[seen[*place].pixel];
             seen[*place].share * DVec3::new(r, g, b)
         };
-        let eye = self.placement.apply(camera.position);
         let runs = self.points(camera, &seen);
         let camera = View::new(camera);
+        let mut by_camera = OfCamera::default();
         let of_run = |run: &Points| {
             let cotangent: Vec<DVec3> = run.of.iter().map(by_seen).collect();
             let rays: Vec<DVec3> = (run.of.iter())
                 .map(|&place| camera.ray(seen[place].place[0], seen[place].place[1]))
                 .collect();
-            self.pull_back_points(scene, run, eye, &cotangent, &rays, positions)
+            self.pull_back_points(scene, run, &camera, &cotangent, &rays, geometry)
         };
         let all: Vec<Option<OfPoints>> = runs.par_iter().map(of_run).collect();
         // One after the other, so that sums are the same from run to run.
@@ -174,7 +203,10 @@ impl Light {
             sums.emission.iter_mut().zip(of.emission).for_each(|(to, by)| *to += by);
             of.indirect.into_iter().for_each(|(face, by)| sums.indirect[face] += by);
             of.facets.into_iter().for_each(|(face, by)| sums.facets[face as usize] += by);
+            by_camera.position += of.camera.position;
+            by_camera.axes.iter_mut().zip(of.camera.axes).for_each(|(to, by)| *to += by);
         }
+        sums.cameras.push(by_camera);
     }
 
     /// Derivatives by everything that the points of a run depend on; `None` where all are zero.
@@ -182,10 +214,10 @@ impl Light {
         &self,
         scene: &Scene,
         Points { face, at, .. }: &Points,
-        eye: DVec3,
+        camera: &View,
         cotangent: &[DVec3],
         rays: &[DVec3],
-        positions: bool,
+        geometry: bool,
     ) -> Option<OfPoints> {
         let face = *face;
         let facet = &self.facets[face];
@@ -205,6 +237,7 @@ impl Light {
             power: 0.0,
             indirect: Vec::new(),
             facets: Vec::new(),
+            camera: OfCamera::default(),
         };
         let mut own = FacetGradient::default();
         let mut by_corners = [DVec3::ZERO; 3];
@@ -229,12 +262,13 @@ impl Light {
             of.indirect.push((i, by));
             of.facets.push((i as u32, FacetGradient { area: by_area, ..FacetGradient::default() }));
         });
+        let eye = self.placement.apply(camera.position);
         let mut by_points = vec![DVec3::ZERO; at.len()];
         let material = &self.materials[face];
         if material.is_glossy() {
             by_points = self.pull_back_highlights(face, at, eye, cotangent, &mut of);
         }
-        if positions {
+        if geometry {
             let by_phi = |k: usize, l: usize| by_irradiance[k].dot(radiance[l]) * facet.normal;
             let (by_others, by_light) = self.direct.pull_back_points(&self.facets, face, at, by_phi);
             of.facets.extend(by_others);
@@ -243,8 +277,15 @@ impl Light {
                 // Along the face, indirect light changes with the place between the corners.
                 let slope =
                     slope(facet.corners, facet.normal, facet.area, corners.map(|c| c.dot(by_irradiance[k])));
-                // The point stays on its ray: dx = ray ⟨n, Σ b dc⟩ / ⟨n, ray⟩.
+                // The point stays on its ray and in the plane: with the ray's end moved by dp and the corners by dc, dx = dp + ray ⟨n, Σ b dc
+                // - dp⟩ / ⟨n, ray⟩.
                 let along = facet.normal * ((by_point + slope).dot(rays[k]) / facet.normal.dot(rays[k]));
+                let by_end = by_point + slope - along;
+                let from_eye = point - eye;
+                of.camera.position += by_end;
+                for (to, axis) in of.camera.axes.iter_mut().zip([camera.right, camera.up, camera.forward]) {
+                    *to += by_end * from_eye.dot(axis);
+                }
                 for (to, b) in
                     own.corners.iter_mut().zip(barycentric(facet.corners, facet.normal, point).to_array())
                 {
@@ -281,6 +322,7 @@ impl Light {
         // σ N(p): the derivative of N goes with that by σ.
         let slope = material.specular_normalization_derivative() / normalization;
         of.power += gradient.power + slope * of.specular.dot(material.specular.into());
+        of.camera.position += gradient.eye;
         of.facets.extend(gradient.facets);
         gradient.points
     }
