@@ -4,7 +4,7 @@
 use crate::direct::{DirectLight, Lamp, at};
 use crate::engine::Engine;
 use crate::plan::{PADDING, Plan};
-use crate::scene::{Material, Scene};
+use crate::scene::Scene;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -31,7 +31,7 @@ pub(crate) struct Lobes {
 impl Direct {
     /// `known`: lobes that may be computed already.
     pub fn new(light: Arc<DirectLight>, scene: &Scene, plan: &Plan, known: &[Lobes]) -> Self {
-        let irradiance = light.irradiance(|i| scene.material(i).emission);
+        let irradiance = light.irradiance(|i| scene.material(i));
         let glossy = plan.classes().par_iter().enumerate().filter(|(_, class)| class.glossy);
         let lobes = |triangle: usize| {
             let power = scene.material(triangle).power;
@@ -68,14 +68,14 @@ impl Direct {
 
     /// The same for what they reflect specularly: per glossy group, by slot, bin and channel, in units of `unit`.
     pub fn first_bounce(&self, scene: &Scene, plan: &Plan, unit: f64) -> Vec<Option<Vec<f64>>> {
-        let radiance: Vec<DVec3> = lamp_radiance(&self.light, |i| scene.material(i));
+        let radiance = self.light.radiance(|i| scene.material(i));
         let (bins, channels) = (plan.bins().count(), plan.channels() as usize);
         let of_slot = |slot: u32| {
             let mut values = vec![0.0; bins * channels];
             let triangle = plan.layout().order[slot as usize];
             let known = self.lobes.binary_search_by_key(&(triangle as usize), |lobes| lobes.triangle);
             if let (true, Ok(at)) = (triangle != PADDING, known) {
-                let scale = lobe_scale(scene.material(triangle as usize)) / unit;
+                let scale = DVec3::from(scene.material(triangle as usize).lobe_scale()) / unit;
                 for (of_lamp, radiance) in self.lobes[at].values.iter().zip(&radiance) {
                     for (to, lobe) in values.chunks_mut(channels).zip(of_lamp) {
                         let reflected = *lobe * *radiance * scale;
@@ -91,16 +91,6 @@ impl Direct {
         };
         plan.layout().groups.iter().map(page).collect()
     }
-}
-
-/// Radiance of each lamp, W/(m² sr).
-pub(crate) fn lamp_radiance<'a>(light: &DirectLight, material: impl Fn(usize) -> &'a Material) -> Vec<DVec3> {
-    light.lamps().iter().map(|lamp| material(lamp.first()).emission.into()).collect()
-}
-
-/// σ N(p), 1/sr.
-pub(crate) fn lobe_scale(material: &Material) -> DVec3 {
-    DVec3::from(material.specular) * material.specular_normalization()
 }
 
 /// Lamps, and triangles of their own for those whose triangles no longer emit the same.
@@ -146,14 +136,18 @@ impl Engine {
     pub(crate) fn highlights(&self, point: DVec3) -> Vec<(usize, DVec3)> {
         let eye = self.plan().placement().apply(point);
         let (light, materials, facets) = (&self.direct.light, &self.materials, self.plan().facets());
-        let radiance = lamp_radiance(light, |i| &materials[i]);
+        let radiance = light.radiance(|i| &materials[i]);
         let mean = |(triangle, points, shares): &(usize, Vec<DVec3>, Vec<f64>)| {
             let material = &materials[*triangle];
             let of_points = light.highlights(facets, *triangle, points, eye, material.power);
             let of_point = |(of_lamps, share): (&Vec<f64>, &f64)| {
                 of_lamps.iter().zip(&radiance).map(|(&h, &l)| *share * h * l).sum::<DVec3>()
             };
-            (*triangle, lobe_scale(material) * of_points.iter().zip(shares).map(of_point).sum::<DVec3>())
+            (
+                *triangle,
+                DVec3::from(material.lobe_scale())
+                    * of_points.iter().zip(shares).map(of_point).sum::<DVec3>(),
+            )
         };
         self.highlighted(point).par_iter().map(mean).collect()
     }

@@ -1,7 +1,6 @@
 //! Derivatives of the light that comes straight from lamps: by emission, materials and corners.
 
 use crate::engine::Engine;
-use crate::engine_direct::{lamp_radiance, lobe_scale};
 use crate::gradients::Cotangent;
 use crate::model::FacetGradient;
 use crate::plan::{GradientRequest, PADDING};
@@ -60,7 +59,7 @@ impl Engine {
             .map(|l| of_direct.iter().enumerate().map(|(i, &d)| d * light.factors(i)[l]).sum())
             .collect();
         if positions {
-            let radiance = lamp_radiance(light, |i| &self.materials[i]);
+            let radiance = light.radiance(|i| &self.materials[i]);
             let by_factor = |receiver: usize, lamp: usize| of_direct[receiver].dot(radiance[lamp]);
             sums.facets = light.pull_back(self.plan().facets(), by_factor);
         }
@@ -116,7 +115,7 @@ impl Engine {
         let plan = self.plan();
         let (bins, facets) = (&plan.bins().centre, plan.facets());
         let (light, known, materials) = (&self.direct.light, &self.direct.lobes, &self.materials);
-        let radiance = lamp_radiance(light, |i| &materials[i]);
+        let radiance = light.radiance(|i| &materials[i]);
         // The values of each glossy triangle, by bin.
         let mut of_triangles: Vec<(usize, Vec<DVec3>)> = Vec::new();
         for (group, values) in plan.layout().groups.iter().zip(of_specular) {
@@ -132,7 +131,8 @@ impl Engine {
         let of_triangle = |(triangle, by_bin): &(usize, Vec<DVec3>)| {
             let at = known.binary_search_by_key(triangle, |lobes| lobes.triangle).ok()?;
             let (material, values) = (&materials[*triangle], &known[at].values);
-            let (scale, normalization) = (lobe_scale(material), material.specular_normalization());
+            let (scale, normalization) =
+                (DVec3::from(material.lobe_scale()), material.specular_normalization());
             let of_lamp = |l: usize| -> DVec3 { values[l].iter().zip(by_bin).map(|(&s, &by)| s * by).sum() };
             let lamps: Vec<DVec3> = (0..radiance.len()).map(of_lamp).collect();
             let light_of_lobe: DVec3 = lamps.iter().zip(&radiance).map(|(&by, &l)| by * l).sum();
@@ -161,11 +161,11 @@ impl Engine {
         let facets = self.plan().facets();
         let eye = self.plan().placement().apply(camera_position);
         let (light, materials) = (&self.direct.light, &self.materials);
-        let radiance = lamp_radiance(light, |i| &materials[i]);
+        let radiance = light.radiance(|i| &materials[i]);
         let of_triangle = |(triangle, points, shares): &(usize, Vec<DVec3>, Vec<f64>)| {
             let cotangent: Vec<DVec3> = shares.iter().map(|share| *share * colours[*triangle]).collect();
             let material = &materials[*triangle];
-            let scale = lobe_scale(material);
+            let scale = DVec3::from(material.lobe_scale());
             let values = light.highlights(facets, *triangle, points, eye, material.power);
             let of_lamp =
                 |l: usize| -> DVec3 { values.iter().zip(&cotangent).map(|(h, &by)| h[l] * by).sum() };

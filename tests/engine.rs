@@ -5,7 +5,7 @@ mod support;
 use antirad::gpu::{Buffer, BufferKind, Device, DeviceOptions};
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, Residency};
 use antirad::reference::{Model, emission, transport};
-use antirad::scene::{Material, Precision, Scene, Shape, SolveSettings, SolverChoice, Triangle};
+use antirad::scene::{Lamps, Material, Precision, Scene, Shape, SolveSettings, SolverChoice, Triangle};
 use antirad::solve::{FixedPointParams, SolveError, fixed_point};
 use antirad::{Cotangent, Engine, EngineError, SolveParams};
 use glam::DVec3;
@@ -130,7 +130,7 @@ fn solvers_agree_with_each_other_and_with_the_reference() {
     assert!(expected > 0.1 && expected < 1.0, "{info:?}");
     let truth: Vec<[f64; 3]> = truth.irradiance.iter().map(|h| h.to_array()).collect();
     for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
-        let settings = scene.settings.solver(solver).tolerance(1e-6);
+        let settings = scene.settings.solver(solver).tolerance(1e-6).lamps(Lamps::Antiradiance);
         let (_engine, solution) = solve(&device, &scene, &settings);
         let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
         let radius = solution.info.spectral_radius.expect("an estimate");

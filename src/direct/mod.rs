@@ -15,8 +15,8 @@ mod visible;
 
 pub use lamps::{Lamp, lamps};
 
-use crate::model::pull_unit;
-use crate::model::{Facet, FacetGradient};
+use crate::model::{Facet, FacetGradient, pull_unit};
+use crate::scene::Material;
 use derivative::{Contributions, Sight};
 use glam::DVec3;
 use highlight::Lobe;
@@ -114,10 +114,14 @@ impl DirectLight {
         &self.factors[receiver * self.lamps.len()..(receiver + 1) * self.lamps.len()]
     }
 
-    /// Irradiance of each triangle, W/m², RGB; `emission`: radiance of each triangle, W/(m² sr).
-    pub fn irradiance(&self, emission: impl Fn(usize) -> [f64; 3]) -> Vec<DVec3> {
-        let radiance: Vec<DVec3> =
-            self.lamps.iter().map(|lamp| DVec3::from(emission(lamp.first()))).collect();
+    /// Radiance of each lamp, W/(m² sr), from the material of each triangle.
+    pub fn radiance<'a>(&self, material: impl Fn(usize) -> &'a Material) -> Vec<DVec3> {
+        self.lamps.iter().map(|lamp| material(lamp.first()).emission.into()).collect()
+    }
+
+    /// Irradiance of each triangle, W/m², RGB.
+    pub fn irradiance<'a>(&self, material: impl Fn(usize) -> &'a Material) -> Vec<DVec3> {
+        let radiance = self.radiance(material);
         let of = |receiver| self.factors(receiver).iter().zip(&radiance).map(|(&f, &l)| f * l).sum();
         (0..self.receivers).map(of).collect()
     }

@@ -74,19 +74,20 @@ fn walk(mut cut: impl FnMut(f64, u32, &[Sample; 7]) -> bool) -> Vec<Sample> {
 
 /// The mean of a function over a triangle. Cells are cut where the samples say that the function is not smooth.
 pub fn mean(function: &mut dyn FnMut(DVec3) -> f64) -> (f64, Cuts) {
-    let (mut sum, mut largest) = (0.0, 0.0_f64);
+    let (mut kept, mut largest) = (Vec::new(), 0.0_f64);
     let mut cuts = Vec::new();
     walk(|weight, depth, samples| {
         let values = samples.map(|sample| function(sample.barycentric));
         largest = values.iter().fold(largest, |largest, value| largest.max(value.abs()));
         let cut = depth < DEEPEST && error(&values) * weight.sqrt() > TOLERANCE * largest;
         if !cut {
-            sum += samples.iter().zip(values).map(|(sample, value)| sample.weight * value).sum::<f64>();
+            kept.extend(samples.iter().zip(values).map(|(sample, value)| sample.weight * value));
         }
         cuts.push(cut);
         cut
     });
-    (sum, if cuts.len() > 1 { Cuts(cuts) } else { Cuts::default() })
+    // In the order of `samples`: with the same cuts, means are the same to the last bit.
+    (kept.iter().sum(), if cuts.len() > 1 { Cuts(cuts) } else { Cuts::default() })
 }
 
 /// The samples of a triangle with given cuts.

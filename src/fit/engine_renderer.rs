@@ -231,10 +231,10 @@ impl Renderer for EngineRenderer {
         }
         if request.geometry() {
             // Silhouettes that move in the picture, in addition to the light that changes.
-            for (view, ((camera, coverage), by_pixels)) in views().enumerate() {
+            for (view, ((camera, _), by_pixels)) in views().enumerate() {
                 let by_edges = match light {
                     Some(light) => {
-                        let colour = light.colours_in_pixels(scene, view, coverage);
+                        let colour = |face, place| light.colour_at(scene, view, face, place);
                         geometry_gradient_of(scene, camera, self.supersample, &colour, by_pixels)
                     }
                     None => {

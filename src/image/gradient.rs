@@ -58,25 +58,26 @@ where
     C: Copy + Into<f64> + Sync,
 {
     check_colours(colours.len(), scene.triangles.len())?;
-    let colour = |face: usize, _: usize| colours[face].map(C::into);
+    let colour = |face: usize, _: [f64; 2]| colours[face].map(C::into);
     geometry_gradient_of(scene, camera, supersample, &colour, cotangent)
 }
 
-/// The same for colours that vary over faces: `colour` gives that of the front of a triangle in a pixel, counted row by row from the top.
+/// The same for colours that vary over faces: `colour` gives that of the front of a triangle at a place of the picture, column and row in
+/// pixels from its upper left corner.
 pub fn geometry_gradient_of(
     scene: &Scene,
     camera: &Camera,
     supersample: u32,
-    colour: &(dyn Fn(usize, usize) -> [f64; 3] + Sync),
+    colour: &(dyn Fn(usize, [f64; 2]) -> [f64; 3] + Sync),
     cotangent: &[[f64; 4]],
 ) -> Result<GeometryGradient, ImageError> {
     let grid = grid(camera, supersample)?;
     check_cotangent(cotangent, camera.width as usize * camera.height as usize)?;
     let faces = visibility::project(scene, camera)?;
     let view = View::new(camera);
-    let shown = |face: &Projected, pixel: usize| match face.front {
+    let shown = |face: &Projected, place: [f64; 2]| match face.front {
         true => {
-            let [r, g, b] = colour(face.number as usize, pixel);
+            let [r, g, b] = colour(face.number as usize, place);
             [r, g, b, 1.0]
         }
         false => [0.0, 0.0, 0.0, 1.0],
@@ -180,6 +181,16 @@ impl Lines {
         if before + after < 1.0 { 1.0 } else { stands_for(before) + stands_for(after) }
     }
 
+    /// Column and row of a point of a line.
+    fn place(&self, along: f64, across: f64) -> [f64; 2] {
+        let [width, height] = self.size.map(f64::from);
+        let [x, y] = match self.axis {
+            Axis::Rows => [along, across],
+            Axis::Columns => [across, along],
+        };
+        [0.5 * (x + 1.0) * width, 0.5 * (1.0 - y) * height]
+    }
+
     /// The pixel at a point.
     fn pixel(&self, along: f64, line: u32) -> usize {
         let [width, height] = self.size;
@@ -198,7 +209,7 @@ impl Lines {
         block: Range<u32>,
         list: &[u32],
         faces: &[Projected],
-        shown: &(dyn Fn(&Projected, usize) -> [f64; 4] + Sync),
+        shown: &(dyn Fn(&Projected, [f64; 2]) -> [f64; 4] + Sync),
         cotangent: &[[f64; 4]],
     ) -> Vec<(u32, [DVec3; 3])> {
         // From a distance in the picture, whose side is 2, to an area in pixels.
@@ -208,8 +219,9 @@ impl Lines {
         };
         let area = f64::from(cells) / 2.0 / f64::from(self.side);
         let face = |place: u32| &faces[list[place as usize] as usize];
-        let colour =
-            |place: Option<u32>, pixel: usize| place.map_or([0.0; 4], |place| shown(face(place), pixel));
+        let colour = |number: Option<u32>, place: [f64; 2]| {
+            number.map_or([0.0; 4], |number| shown(face(number), place))
+        };
 
         let mut adjoint = vec![FaceAdjoint::default(); list.len()];
         let mut sweep = Sweep::default();
@@ -223,8 +235,12 @@ impl Lines {
                 });
             sweep.line(crossed, self.axis, across, |Change { at, before, after, cause }| {
                 let pixel = self.pixel(at, line);
-                let (before_colour, after_colour) = (colour(before, pixel), colour(after, pixel));
                 let pixel = cotangent[pixel];
+                if pixel == [0.0; 4] {
+                    return;
+                }
+                let place = self.place(at, across);
+                let (before_colour, after_colour) = (colour(before, place), colour(after, place));
                 let gain: f64 = (0..4)
                     .map(|channel| pixel[channel] * (before_colour[channel] - after_colour[channel]))
                     .sum();

@@ -2,7 +2,6 @@
 
 use super::{Light, Points};
 use crate::direct::barycentric;
-use crate::engine_direct::lobe_scale;
 use crate::image::{Coverage, FaceInPixel, ImageError, View, camera_gradient};
 use crate::model::FacetGradient;
 use crate::plan::GradientRequest;
@@ -309,7 +308,7 @@ impl Light {
         of: &mut OfPoints,
     ) -> Vec<DVec3> {
         let (material, radiance) = (&self.materials[face], self.lamp_radiance());
-        let (scale, normalization) = (lobe_scale(material), material.specular_normalization());
+        let (scale, normalization) = (DVec3::from(material.lobe_scale()), material.specular_normalization());
         let highlights = self.direct.highlights(&self.facets, face, at, eye, material.power);
         for (of_lamps, &by) in highlights.iter().zip(cotangent) {
             for (l, (&highlight, &radiance)) in of_lamps.iter().zip(&radiance).enumerate() {

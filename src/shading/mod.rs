@@ -11,7 +11,6 @@ mod interpolation;
 pub use backward::{SeenFrom, ShadingError, backward};
 
 use crate::direct::{DirectLight, barycentric};
-use crate::engine_direct::{lamp_radiance, lobe_scale};
 use crate::image::{self, Coverage, FaceInPixel, ImageError, Picture};
 use crate::model::Facet;
 use crate::plan::Placement;
@@ -124,23 +123,14 @@ impl Light {
         Ok(Picture { width: coverage.width(), height: coverage.height(), pixels })
     }
 
-    /// The colour of each face in each pixel that shows it, by which moving silhouettes change a picture. A face that no sample of a
-    /// pixel shows has the colour of its mean light there.
-    pub fn colours_in_pixels<'a>(
-        &'a self,
-        scene: &Scene,
-        view: usize,
-        coverage: &Coverage,
-    ) -> impl Fn(usize, usize) -> [f64; 3] + Sync + use<'a> {
+    /// The colour of a face at a place of a picture, column and row in pixels: that by which moving silhouettes change it.
+    pub fn colour_at(&self, scene: &Scene, view: usize, face: usize, [column, row]: [f64; 2]) -> [f64; 3] {
         let View { camera, colours } = &self.views[view];
-        let seen: Vec<FaceInPixel> = coverage.faces_in_pixels().collect();
-        let differences = self.differences(scene, camera, &seen);
-        // Ordered by pixel, then face.
-        let keys: Vec<(usize, usize)> = seen.iter().map(|seen| (seen.pixel, seen.face)).collect();
-        move |face, pixel| {
-            let more = keys.binary_search(&(pixel, face)).map_or(DVec3::ZERO, |at| differences[at]);
-            (DVec3::from(colours[face]) + more).to_array()
-        }
+        let ray = image::View::new(camera).ray(column, row);
+        let eye = self.placement.apply(camera.position);
+        let at = vec![hit(&self.facets[face], eye, ray)];
+        let more = self.difference(scene, &Points { face, of: vec![0], at }, eye)[0];
+        (DVec3::from(colours[face]) + more).to_array()
     }
 
     /// What gathering adds to the radiance of each face in a pixel, W/(m² sr).
@@ -177,14 +167,14 @@ impl Light {
             let highlights = self.direct.highlights(&self.facets, face, at, eye, material.power);
             for (to, of_lamps) in differences.iter_mut().zip(&highlights) {
                 let highlight: DVec3 = of_lamps.iter().zip(&radiance).map(|(&h, &l)| h * l).sum();
-                *to += lobe_scale(material) * highlight;
+                *to += DVec3::from(material.lobe_scale()) * highlight;
             }
         }
         differences
     }
 
     fn lamp_radiance(&self) -> Vec<DVec3> {
-        lamp_radiance(&self.direct, |i| &self.materials[i])
+        self.direct.radiance(|i| &self.materials[i])
     }
 
     /// Runs of points on one face that are close in the picture.

@@ -90,13 +90,18 @@ impl SceneBuffers {
         let PairLists { far, near } = &plan.interactions().by_receiver;
         let mut lobes = Lobes::new(device, plan)?;
         lobes.set(device, scene, plan)?;
+        let first_bounce =
+            pages(device, plan, "first bounce", |group| plan.has_first_bounce() && group.class.glossy)?;
+        let mut batch = device.batch()?;
+        for page in first_bounce.iter().flatten() {
+            batch.fill(page, 0, page.bytes(), 0)?;
+        }
+        batch.submit()?;
         Ok(Self {
             facets: reals("facets", &facets)?,
             corners: reals("corners", &by_slot(plan, |i| corner_reals(&plan.facets[i])))?,
             surfaces: reals("surfaces", &surfaces(scene, plan, emitted, unit))?,
-            first_bounce: pages(device, plan, "first bounce", |group| {
-                plan.has_first_bounce() && group.class.glossy
-            })?,
+            first_bounce,
             bin_table: reals("bin table", &bin_table)?,
             lobes,
             far_runs: filled(device, "far runs", far.words())?,
@@ -112,7 +117,7 @@ impl SceneBuffers {
         })
     }
 
-    /// Sets the radiance of lamps that glossy triangles reflect, per group as by [`super::Operators::set_first_bounce`].
+    /// Sets the radiance of lamps that glossy triangles reflect, initially zero, per group as by [`super::Operators::set_first_bounce`].
     pub fn set_first_bounce(
         &self,
         device: &Device,

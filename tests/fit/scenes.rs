@@ -9,7 +9,7 @@ use antirad::fit::{
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
 use antirad::plan::GradientRequest;
-use antirad::scene::{BinLayout, Camera, Scene};
+use antirad::scene::{BinLayout, Camera, Lamps, Scene};
 use glam::DVec3;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -169,9 +169,16 @@ fn emission_of_triangles() -> Settings {
     Settings::new(vec![fit])
 }
 
+/// Where every triangle may emit, light takes the way of antiradiance; so do the pictures to fit.
+fn emitters() -> Scene {
+    let mut scene = coarse("scenes/fits/room.toml");
+    scene.settings.lamps = Lamps::Antiradiance;
+    scene
+}
+
 #[test]
 fn a_lamp_in_view_is_found_among_all_triangles() {
-    let scene = coarse("scenes/fits/room.toml");
+    let scene = emitters();
     let views = cameras(&scene, &["one", "other"]);
     let outcome = run(&scene, views, emission_of_triangles(), exact().iterations(15));
     let share = share_of_lamp(&outcome.scene);
@@ -182,7 +189,7 @@ fn a_lamp_in_view_is_found_among_all_triangles() {
 /// regulariser, the picture is explained with less power than the lamp's, emitted by visible walls.
 #[test]
 fn a_hidden_lamp_is_not_found_but_replaced() {
-    let scene = coarse("scenes/fits/room.toml");
+    let scene = emitters();
     let sparse = Regulariser::Sparsity { weight: 1e-3 };
     let settings = emission_of_triangles().regularisers(vec![sparse]);
     let outcome = run(&scene, cameras(&scene, &["low"]), settings, exact().iterations(25));
