@@ -14,7 +14,7 @@ use support::{device, finish};
 /// A tilted blocker over a floor and beside a wall, under a lamp.
 fn scene() -> Scene {
     let grey = |name: &str, albedo: [f64; 3]| Material { albedo, ..Material::named(name) };
-    let floor = Material { specular: [0.1, 0.12, 0.15], power: 15.0, ..grey("floor", [0.7, 0.6, 0.5]) };
+    let floor = Material { specular: [0.08, 0.1, 0.12], power: 15.0, ..grey("floor", [0.7, 0.6, 0.5]) };
     let lamp = Material { emission: [5.0, 4.0, 3.0], ..Material::named("lamp") };
     let at = |x: f64, y: f64, z: f64| DAffine3::from_translation(DVec3::new(x, y, z));
     let small = DAffine3::from_scale(DVec3::splat(0.4));
