@@ -1,5 +1,7 @@
 //! The engine: a planned scene on a device, solved.
 
+use crate::direct::DirectLight;
+use crate::engine_direct::{Direct, lamps_of};
 use crate::gpu::{Device, GpuError};
 use crate::options::setters;
 use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, Residency};
@@ -14,6 +16,7 @@ use glam::DVec3;
 use std::f64::consts::PI;
 use std::fmt;
 use std::ops::{ControlFlow, Range};
+use std::sync::Arc;
 
 /// Why an operation of the engine failed.
 #[derive(Debug, thiserror::Error)]
@@ -304,6 +307,8 @@ pub struct Engine {
     pub(crate) operators: Operators,
     /// `None` unless gradients are planned.
     pub(crate) adjoint: Option<AdjointKernels>,
+    /// The light that comes straight from lamps.
+    pub(crate) direct: Direct,
     /// Per triangle of the scene.
     pub(crate) materials: Vec<Material>,
     /// Unit of incident and outgoing light on the device: W/m², W/(m² sr).
@@ -333,12 +338,25 @@ impl Engine {
     pub fn new(device: &Device, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
         scene.validate()?;
         check_planned(&plan, scene)?;
+        let direct = DirectLight::new(&plan.facets, lamps_of(scene, &plan.lamps));
+        Self::with_direct(device, scene, plan, direct)
+    }
+
+    fn with_direct(
+        device: &Device,
+        scene: &Scene,
+        plan: Plan,
+        direct: DirectLight,
+    ) -> Result<Self, EngineError> {
         // Counted apart from everything else on the device, such as engines of other threads.
         let own = device.scope(plan.staging);
         let unit = light_unit(scene);
-        let buffers = SceneBuffers::in_units(&own, scene, &plan, unit)?;
+        let direct = Direct::new(Arc::new(direct), scene, &plan, &[]);
+        let emitted = direct.emitted(scene);
+        let buffers = SceneBuffers::emitting(&own, scene, &plan, &emitted, unit)?;
         let adjoint = AdjointKernels::new(&own, &plan)?;
         let operators = Operators::new(&own, plan, buffers)?;
+        operators.set_first_bounce(&direct.first_bounce(scene, operators.plan(), unit))?;
         let allocated = own.scope_memory();
         for item in operators.plan().memory().own() {
             let row = allocated.iter().find(|row| row.label == item.label);
@@ -356,6 +374,7 @@ impl Engine {
             operators,
             adjoint,
             unit,
+            direct,
             materials: (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect(),
             triangles: scene.triangles.iter().map(|t| t.vertices).collect(),
             vertices: scene.vertices.len(),
@@ -387,18 +406,34 @@ impl Engine {
         // First, since a failed transfer may be partial.
         self.revision = self.revision.next();
         self.unit = light_unit(scene);
-        self.operators.set_materials(scene, self.unit)?;
+        let lamps = lamps_of(scene, self.direct.light.lamps());
+        let plan = self.operators.plan();
+        self.direct = match lamps == self.direct.light.lamps() {
+            true => Direct::new(self.direct.light.clone(), scene, plan, &self.direct.lobes),
+            false => Direct::new(Arc::new(DirectLight::new(&plan.facets, lamps)), scene, plan, &[]),
+        };
+        let emitted = self.direct.emitted(scene);
+        let first_bounce = self.direct.first_bounce(scene, plan, self.unit);
+        self.operators.set_materials(scene, &emitted, self.unit)?;
+        self.operators.set_first_bounce(&first_bounce)?;
         self.materials = (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect();
         Ok(())
     }
 
     /// An engine for a changed scene, planned anew with the same options and settings. Frees the memory of this one
-    /// first, except for held solutions; compiled kernels stay with the device.
+    /// first, except for held solutions; compiled kernels stay with the device. Where only vertices have moved, direct light is
+    /// sampled at the same points of each triangle, so that results are smooth functions of the vertices.
     pub fn rebuilt(self, scene: &Scene) -> Result<Self, EngineError> {
-        let Self { device, operators, adjoint, .. } = self;
+        let Self { device, operators, adjoint, direct, .. } = self;
         let (options, settings) = (operators.plan().options, operators.plan().settings);
         drop((operators, adjoint));
-        Self::new(&device, scene, Plan::new(scene, &options, &settings)?)
+        let plan = Plan::new(scene, &options, &settings)?;
+        let lamps = lamps_of(scene, &plan.lamps);
+        let direct = match lamps == direct.light.lamps() && plan.facets.len() == direct.light.receivers() {
+            true => direct.light.moved(&plan.facets),
+            false => DirectLight::new(&plan.facets, lamps),
+        };
+        Self::with_direct(&device, scene, plan, direct)
     }
 
     /// The device that it runs on.
@@ -466,7 +501,9 @@ impl Engine {
 
     /// Converts a state to a solution in scene order, with its energy balance.
     fn solution(&mut self, state: State, info: SolveInfo) -> Result<Solution, EngineError> {
-        let irradiance = self.scaled(self.unit, &self.operators.irradiance(&state)?);
+        let indirect = self.scaled(self.unit, &self.operators.irradiance(&state)?);
+        let total = |(indirect, direct): (&[f64; 3], &DVec3)| (DVec3::from(*indirect) + *direct).to_array();
+        let irradiance: Vec<[f64; 3]> = indirect.iter().zip(&self.direct.irradiance).map(total).collect();
         let radiosity = self.radiosity(&state, &irradiance)?;
         let energy = self.energy(&irradiance, &radiosity);
         let lowest = irradiance.iter().map(|rgb| rgb.iter().copied().fold(f64::INFINITY, f64::min));
@@ -494,10 +531,27 @@ impl Engine {
         solution: &Solution,
         camera_position: DVec3,
     ) -> Result<Vec<[f64; 3]>, EngineError> {
+        let mut colours = self.colours_without_highlights(solution, camera_position)?;
+        for (i, highlight) in self.highlights(camera_position) {
+            colours[i] = (DVec3::from(colours[i]) + highlight).to_array();
+        }
+        Ok(colours)
+    }
+
+    /// The same without the light of lamps that triangles reflect specularly.
+    pub(crate) fn colours_without_highlights(
+        &mut self,
+        solution: &Solution,
+        camera_position: DVec3,
+    ) -> Result<Vec<[f64; 3]>, EngineError> {
         self.check_own(solution)?;
         check_position(camera_position)?;
         let colours = self.operators.observe(&solution.state, camera_position)?;
-        Ok(self.scaled(self.unit, &colours))
+        let mut colours = self.scaled(self.unit, &colours);
+        for i in self.lamp_triangles_facing(camera_position) {
+            colours[i] = (DVec3::from(colours[i]) + DVec3::from(self.materials[i].emission)).to_array();
+        }
+        Ok(colours)
     }
 
     /// Sets a callback within passes. It is called after every submission with the number of pairs done and that of

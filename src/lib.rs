@@ -43,11 +43,14 @@
 pub mod ambiguity;
 #[cfg(feature = "cli")]
 pub mod cli;
+pub mod direct;
 mod engine;
 mod engine_builder;
+mod engine_direct;
 pub mod fit;
 pub mod gpu;
 mod gradients;
+mod gradients_direct;
 pub mod image;
 mod input;
 pub mod model;
@@ -58,6 +61,7 @@ pub mod reference;
 mod revision;
 pub mod scene;
 pub mod shaders;
+pub mod shading;
 pub mod solve;
 pub mod target_error;
 pub mod transport;

@@ -588,6 +588,44 @@ fn plan_options_exclude_what_others_use() {
     finish(&device);
 }
 
+/// One plan serves all powers: the most frequent have matrices as far as they are planned, others do without.
+#[test]
+fn powers_beyond_the_plan_change_nothing_but_rounding() {
+    let device = device();
+    let scene = glossy_room(3);
+    let settings = tight(&scene);
+    let matrices = |options: &PlanOptions| {
+        let lobes = Plan::new(&scene, options, &settings).expect("a plan").report().lobes;
+        assert_eq!(lobes.shared == 0, lobes.matrices == 0);
+        (lobes.matrices, lobes.shared + lobes.direct)
+    };
+    let usual = PlanOptions::of(&device);
+    let (one, glossy) = matrices(&usual);
+    assert_eq!(one, 1);
+    // Each of the two materials may get a power of its own.
+    assert_eq!(matrices(&usual.gradients(GradientRequest::NOTHING.power(true))), (2, glossy));
+    let least = least_budget(&scene, &settings, &usual);
+    assert_eq!(matrices(&usual.memory_budget(least)), (0, glossy));
+    assert_eq!(matrices(&usual.memory_budget(least + (1 << 20))), (1, glossy));
+
+    let mut other = scene.clone();
+    other.materials[1].power = 50.0;
+    let params = SolveParams::from(&settings);
+    let (mut engine, before) = solve_within(&device, &scene, &settings, &usual);
+    engine.set_materials(&other).expect("materials that fit the plan");
+    let beyond = engine.solve(&params).expect("a solution");
+    let (fresh, expected) = solve_within(&device, &other, &settings, &usual);
+    assert_eq!(fresh.plan().report().lobes.matrices, 2);
+    let error = relative_l2(&beyond.irradiance, &expected.irradiance, &areas(&scene));
+    println!("beyond the plan: {error:.2e}");
+    assert!(error <= 1e-6, "{error:e}");
+    let change = relative_l2(&beyond.irradiance, &before.irradiance, &areas(&scene));
+    assert!(change >= 1e-5, "the power matters: {change:e}");
+    engine.set_materials(&scene).expect("materials that fit the plan");
+    assert_eq!(engine.solve(&params).expect("a solution").irradiance, before.irradiance);
+    finish(&device);
+}
+
 #[test]
 fn new_materials_and_a_rebuilt_engine_give_what_a_new_engine_gives() {
     let device = device();

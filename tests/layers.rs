@@ -13,7 +13,6 @@ const LAYERS: [(&str, &[&str]); 21] = [
     ("scene", &["input", "options", "output"]),
     ("model", &["scene"]),
     ("solve", &[]),
-    ("reference", &["model", "scene", "solve"]),
     ("plan", &["model", "options", "scene"]),
     ("gpu", &["options"]),
     ("shaders", &["gpu", "scene"]),
@@ -22,6 +21,7 @@ const LAYERS: [(&str, &[&str]); 21] = [
     ("engine", &["gpu", "model", "options", "plan", "revision", "scene", "solve", "transport"]),
     ("gradients", &["engine", "model", "options", "plan", "scene", "solve", "transport"]),
     ("image", &["gpu", "input", "options", "output", "scene", "shaders"]),
+    ("reference", &["image", "model", "scene", "solve"]),
     ("warnings", &["model", "options", "plan", "scene"]),
     ("target_error", &["engine", "gpu", "image", "model", "options", "plan", "scene", "solve", "warnings"]),
     (

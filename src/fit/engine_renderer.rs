@@ -3,9 +3,12 @@
 use super::gradient::{CameraGradient, SceneGradient};
 use super::renderer::{CostEstimate, RenderError, Renderer};
 use crate::gpu::Device;
-use crate::image::{Coverage, ImageError, PictureOptions, Rasterizer, geometry_gradient};
+use crate::image::{
+    Coverage, ImageError, PictureOptions, Rasterizer, geometry_gradient, geometry_gradient_of,
+};
 use crate::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use crate::scene::{Camera, Scene};
+use crate::shading::{self, Light, SeenFrom, Shading, ShadingError};
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams, Watch};
 use glam::DVec3;
 
@@ -22,6 +25,7 @@ pub struct EngineRenderer {
     planning: Scene,
     cameras: Vec<Camera>,
     supersample: u32,
+    shading: Shading,
     request: GradientRequest,
     watch: Watch,
     passes: u64,
@@ -37,8 +41,10 @@ struct Latest {
     scene: Scene,
     solution: Solution,
     params: SolveParams,
-    /// Face colours, per view.
+    /// Face colours per view, where each face has one.
     colours: Vec<Vec<[f64; 3]>>,
+    /// What pictures are gathered from.
+    light: Option<Light>,
 }
 
 impl EngineRenderer {
@@ -59,6 +65,7 @@ impl EngineRenderer {
             planning,
             cameras,
             supersample,
+            shading: Shading::default(),
             request,
             watch,
             passes: 0,
@@ -66,6 +73,12 @@ impl EngineRenderer {
             coverage: Vec::new(),
             latest: None,
         })
+    }
+
+    /// The same with another shading: gathered unless stated; smooth pictures have no derivatives and count as those of faces,
+    /// and derivatives by cameras need those.
+    pub fn shading(self, shading: Shading) -> Self {
+        Self { shading, ..self }
     }
 
     fn plan(&self, scene: &Scene) -> Result<Plan, RenderError> {
@@ -157,13 +170,23 @@ impl Renderer for EngineRenderer {
         let solution = solved.map_err(sort_out)?;
         let mut pictures = Vec::with_capacity(self.cameras.len());
         let mut colours = Vec::with_capacity(self.cameras.len());
-        for (camera, coverage) in self.cameras.iter().zip(&self.coverage) {
-            let shown = engine.face_colours(&solution, camera.position).map_err(sort_out)?;
-            let pixels = coverage.pixels(&shown).map_err(failed)?;
+        let gathers = self.shading == Shading::Gathered;
+        let light = gathers.then(|| Light::new(engine, &solution, scene, &self.cameras));
+        let light = light.transpose().map_err(sort_out)?;
+        for (view, (camera, coverage)) in self.cameras.iter().zip(&self.coverage).enumerate() {
+            let pixels = match &light {
+                Some(light) => light.pixels(scene, view, coverage),
+                None => {
+                    let shown = engine.face_colours(&solution, camera.position).map_err(sort_out)?;
+                    let pixels = coverage.pixels(&shown);
+                    colours.push(shown);
+                    pixels
+                }
+            };
+            let pixels = pixels.map_err(failed)?;
             pictures.push(pixels.iter().map(|&[r, g, b, _]| DVec3::new(r, g, b)).collect());
-            colours.push(shown);
         }
-        self.latest = Some(Latest { scene: scene.clone(), solution, params, colours });
+        self.latest = Some(Latest { scene: scene.clone(), solution, params, colours, light });
         Ok(pictures)
     }
 
@@ -172,28 +195,58 @@ impl Renderer for EngineRenderer {
         by_pixels: &[Vec<DVec3>],
         request: GradientRequest,
     ) -> Result<Option<SceneGradient>, RenderError> {
+        if request.camera && self.shading == Shading::Gathered {
+            return Err(RenderError::Failed(
+                "derivatives by cameras are those of one colour per face: EngineRenderer::shading(Shading::Face)".into(),
+            ));
+        }
         let (Some(latest), Some(engine)) = (&self.latest, &mut self.engine) else { return Ok(None) };
         // Losses do not depend on coverage itself.
         let by_pixels: Vec<Vec<[f64; 4]>> =
             by_pixels.iter().map(|view| view.iter().map(|by| by.extend(0.0).to_array()).collect()).collect();
-        let mut cotangent = Cotangent::default();
-        for ((camera, coverage), by_pixels) in self.cameras.iter().zip(&self.coverage).zip(&by_pixels) {
-            let by_colours = coverage.colour_gradient(by_pixels).map_err(failed)?;
-            cotangent.colours.push((camera.position, by_colours));
-        }
+        let views = || self.cameras.iter().zip(&self.coverage).zip(&by_pixels);
         let (watch, passes) = (self.watch.clone(), &mut self.passes);
-        let gradients =
-            engine.backward_with(&latest.solution, &cotangent, request, &latest.params, &mut |_, _| {
-                *passes += 1;
-                watch()
-            });
-        let mut gradient = SceneGradient::from(gradients.map_err(sort_out)?);
+        let mut progress = |_, _| {
+            *passes += 1;
+            watch()
+        };
+        let Latest { scene, solution, params, light, .. } = latest;
+        let gradients = match light {
+            Some(light) => {
+                let views: Vec<SeenFrom> =
+                    views().map(|((_, coverage), by_pixels)| SeenFrom { coverage, by_pixels }).collect();
+                shading::backward(engine, solution, light, scene, &views, request, params, &mut progress)
+                    .map_err(|error| match error {
+                        ShadingError::Engine(error) => sort_out(error),
+                        ShadingError::Image(error) => failed(error),
+                    })?
+            }
+            None => {
+                let mut cotangent = Cotangent::default();
+                for ((camera, coverage), by_pixels) in views() {
+                    let by_colours = coverage.colour_gradient(by_pixels).map_err(failed)?;
+                    cotangent.colours.push((camera.position, by_colours));
+                }
+                engine
+                    .backward_with(solution, &cotangent, request, params, &mut progress)
+                    .map_err(sort_out)?
+            }
+        };
+        let mut gradient = SceneGradient::from(gradients);
         if request.geometry() {
             // Silhouettes that move in the picture, in addition to the light that changes.
-            for (view, (colours, by_pixels)) in latest.colours.iter().zip(&by_pixels).enumerate() {
-                let camera = &self.cameras[view];
-                let by_edges = geometry_gradient(&latest.scene, camera, self.supersample, colours, by_pixels)
-                    .map_err(failed)?;
+            for (view, ((camera, coverage), by_pixels)) in views().enumerate() {
+                let by_edges = match light {
+                    Some(light) => {
+                        let colour = light.colours_in_pixels(scene, view, coverage);
+                        geometry_gradient_of(scene, camera, self.supersample, &colour, by_pixels)
+                    }
+                    None => {
+                        let colours = &latest.colours[view];
+                        geometry_gradient(scene, camera, self.supersample, colours, by_pixels)
+                    }
+                };
+                let by_edges = by_edges.map_err(failed)?;
                 if let Some(positions) = &mut gradient.positions {
                     positions.iter_mut().zip(by_edges.vertices).for_each(|(to, by)| *to += by);
                 }

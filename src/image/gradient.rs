@@ -58,18 +58,29 @@ where
     C: Copy + Into<f64> + Sync,
 {
     check_colours(colours.len(), scene.triangles.len())?;
+    let colour = |face: usize, _: usize| colours[face].map(C::into);
+    geometry_gradient_of(scene, camera, supersample, &colour, cotangent)
+}
+
+/// The same for colours that vary over faces: `colour` gives that of the front of a triangle in a pixel, counted row by row from the top.
+pub fn geometry_gradient_of(
+    scene: &Scene,
+    camera: &Camera,
+    supersample: u32,
+    colour: &(dyn Fn(usize, usize) -> [f64; 3] + Sync),
+    cotangent: &[[f64; 4]],
+) -> Result<GeometryGradient, ImageError> {
     let grid = grid(camera, supersample)?;
     check_cotangent(cotangent, camera.width as usize * camera.height as usize)?;
     let faces = visibility::project(scene, camera)?;
     let view = View::new(camera);
-    let shown = |face: &Projected| match face.front {
+    let shown = |face: &Projected, pixel: usize| match face.front {
         true => {
-            let [r, g, b] = colours[face.number as usize].map(C::into);
+            let [r, g, b] = colour(face.number as usize, pixel);
             [r, g, b, 1.0]
         }
         false => [0.0, 0.0, 0.0, 1.0],
     };
-    let shown: Vec<[f64; 4]> = faces.iter().map(shown).collect();
 
     // In the frame of the view, see the module `projection`.
     let mut vertices = vec![DVec3::ZERO; scene.vertices.len()];
@@ -187,7 +198,7 @@ impl Lines {
         block: Range<u32>,
         list: &[u32],
         faces: &[Projected],
-        shown: &[[f64; 4]],
+        shown: &(dyn Fn(&Projected, usize) -> [f64; 4] + Sync),
         cotangent: &[[f64; 4]],
     ) -> Vec<(u32, [DVec3; 3])> {
         // From a distance in the picture, whose side is 2, to an area in pixels.
@@ -198,7 +209,7 @@ impl Lines {
         let area = f64::from(cells) / 2.0 / f64::from(self.side);
         let face = |place: u32| &faces[list[place as usize] as usize];
         let colour =
-            |place: Option<u32>| place.map_or([0.0; 4], |place| shown[list[place as usize] as usize]);
+            |place: Option<u32>, pixel: usize| place.map_or([0.0; 4], |place| shown(face(place), pixel));
 
         let mut adjoint = vec![FaceAdjoint::default(); list.len()];
         let mut sweep = Sweep::default();
@@ -211,8 +222,9 @@ impl Lines {
                     low <= order && order <= high
                 });
             sweep.line(crossed, self.axis, across, |Change { at, before, after, cause }| {
-                let pixel = cotangent[self.pixel(at, line)];
-                let (before_colour, after_colour) = (colour(before), colour(after));
+                let pixel = self.pixel(at, line);
+                let (before_colour, after_colour) = (colour(before, pixel), colour(after, pixel));
+                let pixel = cotangent[pixel];
                 let gain: f64 = (0..4)
                     .map(|channel| pixel[channel] * (before_colour[channel] - after_colour[channel]))
                     .sum();

@@ -4,6 +4,8 @@
 mod error;
 mod gradient_request;
 mod interactions;
+mod lamps;
+mod lobes;
 mod memory;
 mod report;
 mod residency;
@@ -13,12 +15,15 @@ pub use crate::model::PADDING;
 pub use error::PlanError;
 pub use gradient_request::GradientRequest;
 pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
+pub use lamps::LampsReport;
+pub(crate) use lobes::{LOBE_BYTES, LOBE_ROWS, LobeSlots, PlannedLobes};
 pub(crate) use memory::PARTIAL_SUMS;
 pub use memory::{MemoryItem, MemoryPlan};
-pub use report::{ClassReport, PairReport, PlanReport, StatesReport};
+pub use report::{ClassReport, LobeReport, PairReport, PlanReport, StatesReport};
 pub use residency::{Piece, Residency};
 pub use tiles::{Group, TileLayout};
 
+use crate::direct::Lamp;
 use crate::model::{Bins, Class, Facet, classify, spatial_order};
 use crate::options::setters;
 use crate::scene::{Precision, Scene, SolveSettings, SolverChoice, bounds};
@@ -211,8 +216,11 @@ pub struct Plan {
     pub(crate) placement: Placement,
     /// Classes; index = triangle of the scene.
     pub(crate) classes: Vec<Class>,
+    /// Emitters whose direct light is exact; that of others takes part in U.
+    pub(crate) lamps: Vec<Lamp>,
     pub(crate) layout: TileLayout,
     pub(crate) interactions: Interactions,
+    pub(crate) lobes: PlannedLobes,
     pub(crate) solver: PlannedSolver,
     pub(crate) residency: Residency,
     /// Bytes of the staging buffers.
@@ -237,6 +245,10 @@ impl Plan {
         let placement = Placement::of(scene);
         let facets = placement.facets(scene);
         let mut classes = classify(scene);
+        let lamps = match options.occlusion {
+            Occlusion::Nothing => Vec::new(),
+            _ => lamps::choose(scene, &facets, settings.lamps),
+        };
         match options.occlusion {
             Occlusion::Exact => {}
             Occlusion::Nothing => classes.iter_mut().for_each(|class| class.blocker = false),
@@ -262,6 +274,7 @@ impl Plan {
         let interactions =
             Interactions::new(&layout, &facets, &classes, half_range, options.cull, by_source)?;
 
+        let lobes = PlannedLobes::new(scene, &layout, options.gradients);
         let mut plan = Self {
             options: *options,
             settings: *settings,
@@ -270,14 +283,17 @@ impl Plan {
             facets,
             placement,
             classes,
+            lamps,
             layout,
             interactions,
+            lobes,
             solver: PlannedSolver::FixedPoint,
             residency: Residency::Device,
             staging: options.staging,
             memory: MemoryPlan::default(),
             reflectance: Reflectance::of(scene),
         };
+        plan.lobes.matrices = plan.affordable_lobes();
         plan.choose_solver()?;
         Ok(plan)
     }
@@ -296,15 +312,20 @@ impl Plan {
             }
         };
         let mut least = u64::MAX;
-        for &solver in &wanted {
-            self.solver = solver;
-            for staging in [self.options.staging, self.short_staging()] {
-                self.staging = staging;
-                self.memory = MemoryPlan::of(self);
-                self.memory.check_buffers(self.options.max_buffer)?;
-                least = least.min(self.memory.total());
-                if self.memory.total() <= self.options.memory_budget {
-                    return Ok(());
+        let matrices = self.lobes.matrices;
+        // Matrices take a small part of the budget: only where nothing else fits are there none.
+        for matrices in [matrices, 0] {
+            self.lobes.matrices = matrices;
+            for &solver in &wanted {
+                self.solver = solver;
+                for staging in [self.options.staging, self.short_staging()] {
+                    self.staging = staging;
+                    self.memory = MemoryPlan::of(self);
+                    self.memory.check_buffers(self.options.max_buffer)?;
+                    least = least.min(self.memory.total());
+                    if self.memory.total() <= self.options.memory_budget {
+                        return Ok(());
+                    }
                 }
             }
         }
@@ -315,6 +336,7 @@ impl Plan {
         // Vectors on the host take no device memory, so the solver is that of an unlimited budget, and the result
         // does not depend on the budget.
         self.solver = wanted.first().copied().unwrap_or(PlannedSolver::FixedPoint);
+        self.lobes.matrices = matrices;
         self.stream()
     }
 
@@ -356,6 +378,11 @@ impl Plan {
     /// Classes; index = triangle of the scene.
     pub fn classes(&self) -> &[Class] {
         &self.classes
+    }
+
+    /// The emitters whose direct light is computed with exact visibility. That of all others takes part in U.
+    pub fn lamps(&self) -> &[Lamp] {
+        &self.lamps
     }
 
     /// The order of the triangles, their tiles and groups.
@@ -453,6 +480,11 @@ impl Plan {
     /// Bytes of one vec4 of reals.
     pub(crate) fn rgb_bytes(&self) -> u64 {
         memory::RGB * self.settings.precision.bytes()
+    }
+
+    /// Whether glossy triangles reflect the light of lamps that does not take part in U.
+    pub(crate) fn has_first_bounce(&self) -> bool {
+        !self.lamps.is_empty() && self.glossy_groups().next().is_some()
     }
 
     /// The groups of glossy triangles, with their indices.

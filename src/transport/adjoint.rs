@@ -178,6 +178,13 @@ impl<'a> AdjointOperator<'a> {
         observation.run(self.context(), buffers, face_colours, camera_position, colours)
     }
 
+    /// μ₀ of specular radiance per glossy group: that of the loss, and of the views added to it.
+    pub fn given_specular(&self) -> Result<Vec<Option<Vec<f64>>>, TransportError> {
+        let specular = &self.adjoint.buffers.specular;
+        let pages = (0..specular.len()).map(|group| self.operators.page(specular, group));
+        Ok(pages.collect::<Result<_, _>>()?)
+    }
+
     /// μ = μ₀ + Uᵀ λ, the cotangent of outgoing light: of radiance per slot, and of specular radiance per group. It
     /// stays on the device until the next use of the operators.
     pub fn outgoing_cotangent(&mut self, cotangent: &State) -> Result<super::OutgoingValues, TransportError> {

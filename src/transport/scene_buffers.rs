@@ -1,6 +1,8 @@
 //! The scene as the kernels read it, in the order and the coordinates of the plan.
 
+use super::lobes::Lobes;
 use super::real;
+use super::state::pages;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
 use crate::model::Facet;
 use crate::plan::{PADDING, PairLists, Plan};
@@ -24,9 +26,9 @@ fn corner_reals(f: &Facet) -> [f64; CORNERS] {
     [a, b, c, 0.0, d, e, g, 0.0, h, i, j, 0.0]
 }
 
-fn surface_reals(m: &Material, unit: f64) -> [f64; SURFACE] {
+fn surface_reals(m: &Material, emitted: [f64; 3], unit: f64) -> [f64; SURFACE] {
     let normalization = m.specular_normalization();
-    let ([a, b, c], [d, e, f]) = (m.diffuse_albedo(), m.emission.map(|l| l / unit));
+    let ([a, b, c], [d, e, f]) = (m.diffuse_albedo(), emitted.map(|l| l / unit));
     let [g, h, i] = m.specular.map(|sigma| sigma * normalization);
     [a, b, c, m.power, d, e, f, 0.0, g, h, i, 0.0]
 }
@@ -45,8 +47,11 @@ pub struct SceneBuffers {
     pub corners: Buffer,
     /// Material per slot: `Surface` of glsl/surface.glsl.
     pub surfaces: Buffer,
+    /// Per glossy group, the radiance of lamps that it reflects, W/(m² sr), reals by triangle, bin, channel.
+    pub first_bounce: Vec<Option<Buffer>>,
     /// Centre of each bin, and c_b.
     pub bin_table: Buffer,
+    pub(super) lobes: Lobes,
     /// [`crate::plan::FarRuns`] by receiver.
     pub far_runs: Buffer,
     /// Offset of the close sources of each slot in `near_sources`, then the end of the last.
@@ -62,11 +67,20 @@ pub struct SceneBuffers {
 impl SceneBuffers {
     /// Uploads scene and plan; their sizes are those that the plan counts.
     pub fn new(device: &Device, scene: &Scene, plan: &Plan) -> Result<Self, GpuError> {
-        Self::in_units(device, scene, plan, 1.0)
+        let emission: Vec<[f64; 3]> =
+            (0..scene.triangles.len()).map(|i| scene.material(i).emission).collect();
+        Self::emitting(device, scene, plan, &emission, 1.0)
     }
 
-    /// With emission, and so all light, counted in units of `unit`, W/(m² sr).
-    pub fn in_units(device: &Device, scene: &Scene, plan: &Plan, unit: f64) -> Result<Self, GpuError> {
+    /// With the radiance that each triangle of the scene emits in place of its material's, W/(m² sr), and all light counted in units
+    /// of `unit`, W/(m² sr).
+    pub fn emitting(
+        device: &Device,
+        scene: &Scene,
+        plan: &Plan,
+        emitted: &[[f64; 3]],
+        unit: f64,
+    ) -> Result<Self, GpuError> {
         let bins = plan.bins.centre.iter().zip(&plan.bins.projected);
         let bin_table: Vec<f64> = bins.flat_map(|(c, &p)| [c.x, c.y, c.z, p]).collect();
         let mut facets = by_slot(plan, |i| facet_reals(&plan.facets[i]));
@@ -74,11 +88,17 @@ impl SceneBuffers {
         let reals =
             |label: &str, values: &[f64]| real::filled(device, label, plan.settings.precision, values);
         let PairLists { far, near } = &plan.interactions().by_receiver;
+        let mut lobes = Lobes::new(device, plan)?;
+        lobes.set(device, scene, plan)?;
         Ok(Self {
             facets: reals("facets", &facets)?,
             corners: reals("corners", &by_slot(plan, |i| corner_reals(&plan.facets[i])))?,
-            surfaces: reals("surfaces", &by_slot(plan, |i| surface_reals(scene.material(i), unit)))?,
+            surfaces: reals("surfaces", &surfaces(scene, plan, emitted, unit))?,
+            first_bounce: pages(device, plan, "first bounce", |group| {
+                plan.has_first_bounce() && group.class.glossy
+            })?,
             bin_table: reals("bin table", &bin_table)?,
+            lobes,
             far_runs: filled(device, "far runs", far.words())?,
             near_offsets: filled(device, "near offsets", &near.offsets)?,
             near_sources: filled(device, "near sources", &near.partners)?,
@@ -92,17 +112,38 @@ impl SceneBuffers {
         })
     }
 
-    /// Replaces the materials; geometry and classes stay as planned.
-    pub fn set_materials(
+    /// Sets the radiance of lamps that glossy triangles reflect, per group as by [`super::Operators::set_first_bounce`].
+    pub fn set_first_bounce(
         &self,
+        device: &Device,
+        plan: &Plan,
+        values: &[Option<Vec<f64>>],
+    ) -> Result<(), GpuError> {
+        for (page, values) in self.first_bounce.iter().zip(values) {
+            if let (Some(page), Some(values)) = (page, values) {
+                real::upload(device, page, plan.settings.precision, values)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Replaces the materials and what is emitted; geometry and classes stay as planned.
+    pub fn set_materials(
+        &mut self,
         device: &Device,
         scene: &Scene,
         plan: &Plan,
+        emitted: &[[f64; 3]],
         unit: f64,
     ) -> Result<(), GpuError> {
-        let surfaces = by_slot(plan, |i| surface_reals(scene.material(i), unit));
+        let surfaces = surfaces(scene, plan, emitted, unit);
+        self.lobes.set(device, scene, plan)?;
         real::upload(device, &self.surfaces, plan.settings.precision, &surfaces)
     }
+}
+
+fn surfaces(scene: &Scene, plan: &Plan, emitted: &[[f64; 3]], unit: f64) -> Vec<f64> {
+    by_slot(plan, |i| surface_reals(scene.material(i), emitted[i], unit))
 }
 
 fn filled<T: Pod>(device: &Device, label: &str, values: &[T]) -> Result<Buffer, GpuError> {
