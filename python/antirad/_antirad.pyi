@@ -271,7 +271,7 @@ class Engine:
         camera: Camera | None = None,
         *,
         supersample: int = 4,
-        smooth: bool = False,
+        shading: Literal["gathered", "smooth", "face"] = "gathered",
     ) -> NDArray[np.float32]: ...
     def backward(
         self,
@@ -329,6 +329,7 @@ class Renderer:
         views: Sequence[str] | None = None,
         gradients: Sequence[_Kind] = (),
         supersample: int = 4,
+        shading: Literal["gathered", "face"] = "gathered",
         device: Device | None = None,
     ) -> Renderer: ...
     def pictures(

@@ -74,7 +74,7 @@ def test_the_camera_and_several_views():
     camera = jnp.array([[view.position, view.target] for view in scene.cameras])
 
     def loss(camera):
-        main, side = antirad.jax.render(scene, camera=camera)
+        main, side = antirad.jax.render(scene, camera=camera, shading="face")
         assert main.shape == (8, 12, 3) and side.shape == (6, 6, 3)
         return side.sum()
 

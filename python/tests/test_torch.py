@@ -56,8 +56,8 @@ def smooth_weights(height, width):
     )
 
 
-def weighted_mean(scene, **values):
-    picture = antirad.torch.render(scene, supersample=16, **values)
+def weighted_mean(scene, shading="gathered", **values):
+    picture = antirad.torch.render(scene, supersample=16, shading=shading, **values)
     return (smooth_weights(*picture.shape[:2]) * picture).mean()
 
 
@@ -94,7 +94,7 @@ def test_a_camera_that_moves():
     start = np.array([view.position, view.target])
 
     def loss(camera):
-        return weighted_mean(scene, camera=camera)
+        return weighted_mean(scene, shading="face", camera=camera)
 
     camera = tensor(start)
     loss(camera).backward()

@@ -10,6 +10,7 @@ use antirad::gpu::Device;
 use antirad::image::Rasterizer;
 use antirad::plan::GradientRequest;
 use antirad::scene::{BinLayout, Camera, Scene};
+use antirad::shading::Shading;
 use glam::DVec3;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -249,7 +250,8 @@ fn pictures_are_differentiated_by_their_cameras() {
     let request = GradientRequest::NOTHING.camera(true);
     let planning = scene.clone();
     let mut renderer = EngineRenderer::new(&device, planning, vec![camera.clone()], 16, request, watch())
-        .expect("a renderer");
+        .expect("a renderer")
+        .shading(Shading::Face);
     // Weights that vary slowly over the picture.
     let weight = |pixel: usize| DVec3::new(1.0, 0.8, 0.6) * (1.0 + (pixel % 48) as f64 / 48.0);
     let weights: Vec<DVec3> = (0..48 * 36).map(weight).collect();
