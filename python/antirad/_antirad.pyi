@@ -186,6 +186,7 @@ class Scene:
         max_passes: int | None = None,
         solver: Literal["auto", "fixed-point", "gmres"] | None = None,
         precision: Literal["f32", "half-bins", "f64"] | None = None,
+        lamps: Literal["auto", "exact", "antiradiance"] | None = None,
     ) -> Scene: ...
     def settled(self) -> Scene: ...
     def camera(self, name: str | None = None) -> Camera: ...
@@ -271,7 +272,7 @@ class Engine:
         camera: Camera | None = None,
         *,
         supersample: int = 4,
-        smooth: bool = False,
+        shading: Literal["gathered", "smooth", "face"] = "gathered",
     ) -> NDArray[np.float32]: ...
     def backward(
         self,
@@ -329,6 +330,7 @@ class Renderer:
         views: Sequence[str] | None = None,
         gradients: Sequence[_Kind] = (),
         supersample: int = 4,
+        shading: Literal["gathered", "face"] = "gathered",
         device: Device | None = None,
     ) -> Renderer: ...
     def pictures(

@@ -14,19 +14,24 @@ _renderers = weakref.WeakKeyDictionary()
 class Function:
     """Pictures of some views of a scene, of the values that `kinds` names."""
 
-    def __init__(self, scene, kinds, views, supersample, device):
+    def __init__(self, scene, kinds, views, supersample, shading, device):
         """Take the renderer of the last call with the same arguments, or a new one."""
         self.kinds = tuple(kinds)
         self.one = isinstance(views, str) or (views is None and len(scene.cameras) == 1)
         views = (views,) if isinstance(views, str) else views if views is None else tuple(views)
-        key = (self.kinds, views, supersample, device)
+        key = (self.kinds, views, supersample, shading, device)
         known, renderer = _renderers.get(scene, (None, None))
         if known != key:
             # First, so that its memory is free for the next one.
             _renderers.pop(scene, None)
             del renderer
             renderer = Renderer(
-                scene, views=views, gradients=list(self.kinds), supersample=supersample, device=device
+                scene,
+                views=views,
+                gradients=list(self.kinds),
+                supersample=supersample,
+                shading=shading,
+                device=device,
             )
             _renderers[scene] = (key, renderer)
         self.renderer = renderer

@@ -55,6 +55,7 @@ def render(
     camera: jax.typing.ArrayLike | None = None,
     views: str | Sequence[str] | None = None,
     supersample: int = 4,
+    shading: str = "gathered",
     device: Device | None = None,
 ) -> jax.Array | tuple[jax.Array, ...]:
     """Render pictures of a scene, differentiable by the arrays given, also within `jit` and `vmap`.
@@ -76,7 +77,7 @@ def render(
         vertices=vertices,
         camera=camera,
     )
-    function = Function(scene, values, views, supersample, device)
+    function = Function(scene, values, views, supersample, shading, device)
     pictures = _pictures(
         function, [jnp.asarray(value, jnp.result_type(float, value)) for value in values.values()]
     )

@@ -54,6 +54,7 @@ def render(
     camera: torch.Tensor | None = None,
     views: str | Sequence[str] | None = None,
     supersample: int = 4,
+    shading: str = "gathered",
     device: Device | None = None,
 ) -> torch.Tensor | tuple[torch.Tensor, ...]:
     """Render pictures of a scene, differentiable by the tensors given.
@@ -75,6 +76,8 @@ def render(
         camera: Position and target of each view, (n, 2, 3), or (2, 3) for one, metres.
         views: Names of cameras, or one name; by default all cameras of the scene.
         supersample: Samples along each side of a pixel, a power of two.
+        shading: "gathered" (direct light at each visible point, indirect light interpolated) or "face" (one
+            colour per triangle), which `camera` requires.
         device: An `antirad.Device`; by default the one that all such calls share.
 
     Returns:
@@ -97,6 +100,6 @@ def render(
         vertices=vertices,
         camera=camera,
     )
-    function = Function(scene, values, views, supersample, device)
+    function = Function(scene, values, views, supersample, shading, device)
     pictures = _Pictures.apply(function, *(torch.as_tensor(value) for value in values.values()))
     return pictures[0] if function.one else pictures

@@ -2,7 +2,7 @@
 
 use crate::arrays::{self, Array, Numbers};
 use crate::device::{self, Device};
-use crate::errors::{OrRaise, Raise, invalid};
+use crate::errors::{OrRaise, Raise, invalid, word};
 use crate::plan::{Plan, limited, request};
 use crate::scene::{Camera, Scene};
 use crate::work::{self, Report, callback};
@@ -11,6 +11,7 @@ use antirad::glam::DVec3;
 use antirad::image::{PictureOptions, Rasterizer};
 use antirad::output::single;
 use antirad::plan::{GradientRequest, PlanOptions};
+use antirad::shading::{Light, Shading};
 use antirad::{Cotangent, EngineError, SolveParams};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -196,31 +197,42 @@ impl Engine {
     ///     solution: A solution of this engine.
     ///     camera: The camera; by default the only one of the scene.
     ///     supersample: Samples along each side of a pixel, a power of two.
-    ///     smooth: Interpolate colours over vertices instead of showing one colour per triangle.
-    #[pyo3(signature = (solution, camera=None, *, supersample=4, smooth=false))]
+    ///     shading: "gathered" (direct light at each visible point, indirect light interpolated), "smooth" (colours
+    ///         interpolated over vertices) or "face" (one colour per triangle).
+    #[pyo3(signature = (solution, camera=None, *, supersample=4, shading="gathered"))]
     fn render<'py>(
         &self,
         py: Python<'py>,
         solution: &Solution,
         camera: Option<&Camera>,
         supersample: u32,
-        smooth: bool,
+        shading: &str,
     ) -> PyResult<Array<'py>> {
         let solution = solution.inner.clone();
         let camera = camera.cloned();
-        let options = PictureOptions::default().supersample(supersample).smooth(smooth);
+        let shading: Shading = word("shading", shading)?;
+        let options = PictureOptions::default().supersample(supersample).smooth(shading == Shading::Smooth);
         let picture = self.with(py, None, move |state, _| {
             let camera = match camera {
                 Some(camera) => camera.inner,
                 None => Scene { inner: state.scene.clone() }.camera(None)?.inner,
             };
             let colours = single(&state.engine.face_colours(&solution, camera.position).or_raise()?);
+            let cameras = std::slice::from_ref(&camera);
+            let light = (shading == Shading::Gathered)
+                .then(|| Light::new(&mut state.engine, &solution, &state.scene, cameras));
+            let light = light.transpose().or_raise()?;
             let rasterizer = match state.rasterizer.take() {
                 Some(rasterizer) => rasterizer,
                 None => Rasterizer::new(state.engine.device()).or_raise()?,
             };
-            let picture =
-                state.rasterizer.insert(rasterizer).render(&state.scene, &camera, &colours, &options);
+            let rasterizer = state.rasterizer.insert(rasterizer);
+            let picture = match light {
+                Some(light) => rasterizer
+                    .coverage(&state.scene, &camera, supersample)
+                    .and_then(|coverage| light.picture(&state.scene, 0, &coverage)),
+                None => rasterizer.render(&state.scene, &camera, &colours, &options),
+            };
             picture.or_raise()
         })?;
         let rgb = picture.pixels.iter().map(|&[r, g, b, _]| [r, g, b]).collect();

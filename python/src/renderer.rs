@@ -3,7 +3,7 @@
 use crate::arrays::{self, Array, Numbers};
 use crate::device::{self, Device};
 use crate::engine::{Gradients, check_supersample};
-use crate::errors::{OrRaise, Raise, invalid};
+use crate::errors::{OrRaise, Raise, invalid, word};
 use crate::plan::request;
 use crate::scene::{Scene, Values};
 use crate::work;
@@ -12,6 +12,7 @@ use antirad::fit::{EngineRenderer, Renderer as _};
 use antirad::glam::DVec3;
 use antirad::plan::GradientRequest;
 use antirad::scene::{self, Camera};
+use antirad::shading::Shading;
 use pyo3::prelude::*;
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -25,6 +26,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 ///     gradients: Kinds of derivatives that `pull_back` computes: "emission", "diffuse", "albedo", "specular", "power",
 ///         "vertices", "camera".
 ///     supersample: Samples along each side of a pixel, a power of two.
+///     shading: "gathered" (direct light at each visible point, indirect light interpolated) or "face" (one colour per
+///         triangle), which derivatives by "camera" require.
 ///     device: By default the one that all such calls share.
 ///
 /// Raises:
@@ -125,19 +128,24 @@ impl Renderer {
 #[pymethods]
 impl Renderer {
     #[new]
-    #[pyo3(signature = (scene, *, views=None, gradients=vec![], supersample=4, device=None),
-        text_signature = "(scene, *, views=None, gradients=(), supersample=4, device=None)")]
+    #[pyo3(signature = (scene, *, views=None, gradients=vec![], supersample=4, shading="gathered", device=None),
+        text_signature = "(scene, *, views=None, gradients=(), supersample=4, shading='gathered', device=None)")]
     fn new(
         py: Python<'_>,
         scene: &Scene,
         views: Option<Vec<String>>,
         gradients: Vec<String>,
         supersample: u32,
+        shading: &str,
         device: Option<&Device>,
     ) -> PyResult<Self> {
         check_supersample(supersample)?;
+        let shading: Shading = word("shading", shading)?;
         let cameras = scene.chosen(views)?;
         let gradients = request(&gradients)?;
+        if shading == Shading::Smooth {
+            return Err(invalid("smooth pictures have no derivatives: choose \"gathered\" or \"face\""));
+        }
         let device = device::chosen(py, device)?;
         let mut planning = (*scene.inner).clone();
         if gradients.lobes() {
@@ -154,6 +162,7 @@ impl Renderer {
                 watch()
             });
             EngineRenderer::new(&device, planning, seen_by, supersample, gradients, watch)
+                .map(|renderer| renderer.shading(shading))
         })?
         .or_raise()?;
         let state = State { renderer, watch, latest: None };

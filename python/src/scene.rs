@@ -416,6 +416,7 @@ impl Scene {
             },
         )?;
         dict.set_item("precision", settings.precision.to_string())?;
+        dict.set_item("lamps", format!("{:?}", settings.lamps).to_lowercase())?;
         Ok(dict)
     }
 
@@ -429,12 +430,13 @@ impl Scene {
     ///     max_passes: Passes after which a solve gives up.
     ///     solver: "auto", "fixed-point" or "gmres".
     ///     precision: "f32", "half-bins" or "f64".
+    ///     lamps: How direct light is computed: "exact", "antiradiance", or "auto" by the number of lamps.
     ///
     /// Raises:
     ///     ValueError: A word is unknown.
     ///     SceneError: A number is out of range.
     #[pyo3(signature = (*, bins=None, weights=None, near_field=None, tolerance=None, max_passes=None, solver=None,
-        precision=None))]
+        precision=None, lamps=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments")]
     fn with_settings(
         &self,
@@ -445,6 +447,7 @@ impl Scene {
         max_passes: Option<u32>,
         solver: Option<&str>,
         precision: Option<&str>,
+        lamps: Option<&str>,
     ) -> PyResult<Self> {
         let mut scene = (*self.inner).clone();
         let settings = &mut scene.settings;
@@ -462,6 +465,9 @@ impl Scene {
         }
         if let Some(precision) = precision {
             settings.precision = word("precision", precision)?;
+        }
+        if let Some(lamps) = lamps {
+            settings.lamps = word("lamps", lamps)?;
         }
         settings.check().or_raise()?;
         if let Choice::Open { bins: open_bins, near_field: open_near } = scene.choice {

@@ -58,7 +58,7 @@ def test_a_picture_is_a_mean_of_face_colours():
     scene = room(width=16, height=12)
     engine = antirad.Engine(scene)
     solution = engine.solve()
-    picture = engine.render(solution, supersample=4)
+    picture = engine.render(solution, supersample=4, shading="face")
     assert picture.shape == (12, 16, 3) and picture.dtype == np.float32
     colours = engine.face_colours(solution, scene.camera().position)
     assert colours.min() - 1e-6 <= picture.min() and picture.max() <= colours.max() + 1e-6

@@ -56,8 +56,8 @@ def smooth_weights(height, width):
     )
 
 
-def weighted_mean(scene, **values):
-    picture = antirad.torch.render(scene, supersample=16, **values)
+def weighted_mean(scene, shading="gathered", **values):
+    picture = antirad.torch.render(scene, supersample=16, shading=shading, **values)
     return (smooth_weights(*picture.shape[:2]) * picture).mean()
 
 
