@@ -65,7 +65,7 @@ fn layer_of(name: &str) -> &str {
         "Gradients" | "MaterialGradients" | "Cotangent" => "gradients",
         "Watch" => "watch",
         name if name.starts_with(char::is_uppercase) => "engine",
-        name => name,
+        name => layer_of_file(name),
     }
 }
 

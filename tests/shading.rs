@@ -74,7 +74,7 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
         let mut engine = engine(&base).rebuilt(scene).expect("an engine");
         let solution = engine.solve(&params).expect("a solution");
         let light = Light::new(&mut engine, &solution, scene, std::slice::from_ref(&camera)).expect("light");
-        let pixels = light.pixels(scene, 0, coverage).expect("pixels");
+        let pixels = light.pixels(0, coverage).expect("pixels");
         let of = |(p, rgb): (usize, &[f64; 4])| (0..3).map(|c| weight(p, c) * rgb[c]).sum::<f64>();
         pixels.iter().enumerate().map(of).sum::<f64>()
     };
@@ -87,7 +87,7 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
     let view = SeenFrom { coverage: &coverage, by_pixels: &by_pixels };
     let request = GradientRequest::EVERYTHING;
     let (gradients, targets) =
-        backward(&mut own, &solution, &light, &scene, &[view], request, &params, &mut |_, _| {
+        backward(&mut own, &solution, &light, &[view], request, &params, &mut |_, _| {
             ControlFlow::Continue(())
         })
         .expect("gradients");
@@ -129,18 +129,18 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
             mesh.range.clone().flat_map(|t| scene.triangles[t as usize].vertices).collect();
         moved.sort_unstable();
         moved.dedup();
+        let found: DVec3 = moved.iter().map(|&v| vertices[v as usize]).sum();
         for axis in 0..3 {
-            let found: f64 = moved.iter().map(|&v| vertices[v as usize][axis]).sum();
             let shift = |scene: &mut Scene, by: f64| {
                 moved.iter().for_each(|&v| scene.vertices[v as usize][axis] += by);
             };
-            check(&format!("{} along {axis}", mesh.name), found, difference(&shift, 1e-4), 1e-3);
+            check(&format!("{} along {axis}", mesh.name), found[axis], difference(&shift, 1e-4), 1e-3);
         }
     }
     // The same faces in each pixel.
     let from = |own: &mut Engine, camera: &Camera| {
         let light = Light::new(own, &solution, &scene, std::slice::from_ref(camera)).expect("light");
-        let pixels = light.pixels(&scene, 0, &coverage).expect("pixels");
+        let pixels = light.pixels(0, &coverage).expect("pixels");
         let of = |(p, rgb): (usize, &[f64; 4])| (0..3).map(|c| weight(p, c) * rgb[c]).sum::<f64>();
         pixels.iter().enumerate().map(of).sum::<f64>()
     };

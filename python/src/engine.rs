@@ -230,7 +230,7 @@ impl Engine {
             let picture = match light {
                 Some(light) => rasterizer
                     .coverage(&state.scene, &camera, supersample)
-                    .and_then(|coverage| light.picture(&state.scene, 0, &coverage)),
+                    .and_then(|coverage| light.picture(0, &coverage)),
                 None => rasterizer.render(&state.scene, &camera, &colours, &options),
             };
             picture.or_raise()

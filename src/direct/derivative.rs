@@ -125,13 +125,13 @@ impl Sight<'_> {
         }
     }
 
-    fn from_point(&self, [triangle, corner]: [u32; 2]) -> DVec3 {
+    fn offset(&self, [triangle, corner]: [u32; 2]) -> DVec3 {
         self.geometry.facets[triangle as usize].corners[corner as usize] - self.point
     }
 
     /// The plane through the point and two corners.
     fn edge(&self, [from, to]: [[u32; 2]; 2], by_normal: DVec3, out: &mut Contributions) -> DVec3 {
-        let (p, q) = (self.from_point(from), self.from_point(to));
+        let (p, q) = (self.offset(from), self.offset(to));
         let (by_p, by_q) = (q.cross(by_normal), by_normal.cross(p));
         out.corner(from, by_p);
         out.corner(to, by_q);
@@ -142,7 +142,7 @@ impl Sight<'_> {
         let outline = &self.lamp.lamp.outline;
         // The lamp's front is seen clockwise.
         let ends = [outline[(side + 1) % outline.len()], outline[side]];
-        let normal = self.from_point(ends[0]).cross(self.from_point(ends[1]));
+        let normal = self.offset(ends[0]).cross(self.offset(ends[1]));
         self.edge(ends, moment / normal.length(), out)
     }
 
@@ -154,7 +154,7 @@ impl Sight<'_> {
         moment: DVec3,
         out: &mut Contributions,
     ) -> DVec3 {
-        let corners = [0, 1, 2].map(|k| self.from_point([triangle, k]));
+        let corners = [0, 1, 2].map(|k| self.offset([triangle, k]));
         let over_lamp = self.lamp.corners[0] - self.point;
         let tolerance = self.geometry.tolerance();
         let Some(Planes { normals, sign, .. }) =
@@ -181,7 +181,7 @@ impl Sight<'_> {
         out: &mut Contributions,
     ) -> DVec3 {
         let lamp_corner = self.lamp.lamp.corners[0];
-        let (l, lamp_normal) = (self.from_point(lamp_corner), self.lamp.normal);
+        let (l, lamp_normal) = (self.offset(lamp_corner), self.lamp.normal);
         let area_vector = (b - a).cross(c - a);
         let (lamp_height, height) = (-l.dot(lamp_normal), -area_vector.dot(a));
         let (by_lamp_height, by_height) = (by_normal.dot(area_vector), -by_normal.dot(lamp_normal));

@@ -11,7 +11,7 @@ pub const POINTS: [([f64; 3], f64); 7] = {
     const AA: f64 = 1.0 - 2.0 * A;
     const BB: f64 = 1.0 - 2.0 * B;
     const WA: f64 = 0.125_939_180_544_827_15;
-    const WB: f64 = 0.132_394_152_788_506_18;
+    const WB: f64 = 0.132_394_152_788_506_2;
     const THIRD: f64 = 1.0 / 3.0;
     [
         ([THIRD, THIRD, THIRD], 0.225),

@@ -174,7 +174,7 @@ impl Renderer for EngineRenderer {
         let light = light.transpose().map_err(sort_out)?;
         for (view, (camera, coverage)) in self.cameras.iter().zip(&self.coverage).enumerate() {
             let pixels = match &light {
-                Some(light) => light.pixels(scene, view, coverage),
+                Some(light) => light.pixels(view, coverage),
                 None => {
                     let shown = engine.face_colours(&solution, camera.position).map_err(sort_out)?;
                     let pixels = coverage.pixels(&shown);
@@ -209,11 +209,12 @@ impl Renderer for EngineRenderer {
             Some(light) => {
                 let views: Vec<SeenFrom> =
                     views().map(|((_, coverage), by_pixels)| SeenFrom { coverage, by_pixels }).collect();
-                shading::backward(engine, solution, light, scene, &views, request, params, &mut progress)
-                    .map_err(|error| match error {
+                shading::backward(engine, solution, light, &views, request, params, &mut progress).map_err(
+                    |error| match error {
                         ShadingError::Engine(error) => sort_out(error),
                         ShadingError::Image(error) => failed(error),
-                    })?
+                    },
+                )?
             }
             None => {
                 let mut cotangent = Cotangent::default();
@@ -234,7 +235,7 @@ impl Renderer for EngineRenderer {
             for (view, ((camera, _), by_pixels)) in views().enumerate() {
                 let by_edges = match light {
                     Some(light) => {
-                        let colour = |face, place| light.colour_at(scene, view, face, place);
+                        let colour = |face, place| light.colour_at(view, face, place);
                         geometry_gradient_of(scene, camera, self.supersample, &colour, by_pixels)
                     }
                     None => {

@@ -5,7 +5,7 @@ use crate::direct::barycentric;
 use crate::image::{Coverage, FaceInPixel, ImageError, View, camera_gradient};
 use crate::model::FacetGradient;
 use crate::plan::GradientRequest;
-use crate::scene::{Camera, Scene};
+use crate::scene::Camera;
 use crate::solve::SolveProgress;
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
 use glam::DVec3;
@@ -76,7 +76,6 @@ pub fn backward(
     engine: &mut Engine,
     solution: &Solution,
     light: &Light,
-    scene: &Scene,
     views: &[SeenFrom],
     request: GradientRequest,
     params: &SolveParams,
@@ -86,14 +85,14 @@ pub fn backward(
     let mut colours = Vec::new();
     for (view, seen) in light.views.iter().zip(views) {
         colours.push((view.camera.position, seen.coverage.colour_gradient(seen.by_pixels)?));
-        light.pull_back(scene, &view.camera, seen, request.geometry(), &mut sums);
+        light.pull_back(&view.camera, seen, request.geometry(), &mut sums);
     }
     let cotangent = Cotangent::default()
         .colours_without_highlights(colours)
         .direct_irradiance(Some(std::mem::take(&mut sums.direct)))
         .indirect_irradiance(Some(std::mem::take(&mut sums.indirect)));
     let mut gradients = engine.backward_with(solution, &cotangent, request, params, progress)?;
-    sums.add_to(&mut gradients, light, scene);
+    sums.add_to(&mut gradients, light, &engine.triangles);
     let targets = sums.add_cameras(&mut gradients, light);
     Ok((gradients, targets))
 }
@@ -113,7 +112,7 @@ impl Differences {
         }
     }
 
-    fn add_to(&self, gradients: &mut Gradients, light: &Light, scene: &Scene) {
+    fn add_to(&self, gradients: &mut Gradients, light: &Light, triangles: &[[u32; 3]]) {
         for (i, (material, by)) in light.materials.iter().zip(&self.reflectance).enumerate() {
             if let Some(albedo) = &mut gradients.albedo {
                 albedo[i] += material.diffuse * *by;
@@ -141,8 +140,8 @@ impl Differences {
         };
         if let (Some(all), Some(vertices)) = (&mut gradients.corners, &mut gradients.vertices) {
             let own = self.facets.iter().zip(&light.facets).map(corners);
-            for ((to, own), triangle) in all.iter_mut().zip(own).zip(&scene.triangles) {
-                for ((to, own), &vertex) in to.iter_mut().zip(own).zip(&triangle.vertices) {
+            for ((to, own), triangle) in all.iter_mut().zip(own).zip(triangles) {
+                for ((to, own), &vertex) in to.iter_mut().zip(own).zip(triangle) {
                     *to += own;
                     vertices[vertex as usize] += own;
                 }
@@ -168,14 +167,7 @@ impl Differences {
 }
 
 impl Light {
-    fn pull_back(
-        &self,
-        scene: &Scene,
-        camera: &Camera,
-        view: &SeenFrom,
-        geometry: bool,
-        sums: &mut Differences,
-    ) {
+    fn pull_back(&self, camera: &Camera, view: &SeenFrom, geometry: bool, sums: &mut Differences) {
         let seen: Vec<FaceInPixel> = view.coverage.faces_in_pixels().collect();
         let by_seen = |place: &usize| {
             let [r, g, b, _] = view.by_pixels[seen[*place].pixel];
@@ -189,7 +181,7 @@ impl Light {
             let rays: Vec<DVec3> = (run.of.iter())
                 .map(|&place| camera.ray(seen[place].place[0], seen[place].place[1]))
                 .collect();
-            self.pull_back_points(scene, run, &camera, &cotangent, &rays, geometry)
+            self.pull_back_points(run, &camera, &cotangent, &rays, geometry)
         };
         let all: Vec<Option<OfPoints>> = runs.par_iter().map(of_run).collect();
         // One after the other, so that sums are the same from run to run.
@@ -211,7 +203,6 @@ impl Light {
     /// Derivatives by everything that the points of a run depend on; `None` where all are zero.
     fn pull_back_points(
         &self,
-        scene: &Scene,
         Points { face, at, .. }: &Points,
         camera: &View,
         cotangent: &[DVec3],
@@ -225,7 +216,7 @@ impl Light {
             return None;
         }
         let radiance = self.lamp_radiance();
-        let corners = self.interpolation.corners(scene, &self.facets, &self.indirect_irradiance, face);
+        let corners = self.interpolation.corners(&self.facets, &self.indirect_irradiance, face);
         let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
         let light = self.direct.at_points(&self.facets, face, at);
         let mut of = OfPoints {
@@ -257,7 +248,7 @@ impl Light {
             of.means -= by_irradiance[k];
         }
         let values = &self.indirect_irradiance;
-        self.interpolation.pull_back(scene, &self.facets, values, face, by_corners, &mut |i, by, by_area| {
+        self.interpolation.pull_back(&self.facets, values, face, by_corners, &mut |i, by, by_area| {
             of.indirect.push((i, by));
             of.facets.push((i as u32, FacetGradient { area: by_area, ..FacetGradient::default() }));
         });

@@ -99,16 +99,11 @@ impl Light {
 
     /// The pixels of a camera's picture, row by row from the top: linear RGB, and the share of samples that show a face. `view`: number of the
     /// camera; `coverage`: what it sees.
-    pub fn pixels(
-        &self,
-        scene: &Scene,
-        view: usize,
-        coverage: &Coverage,
-    ) -> Result<Vec<[f64; 4]>, ImageError> {
+    pub fn pixels(&self, view: usize, coverage: &Coverage) -> Result<Vec<[f64; 4]>, ImageError> {
         let view = &self.views[view];
         let mut pixels = coverage.pixels(&view.colours)?;
         let seen: Vec<FaceInPixel> = coverage.faces_in_pixels().collect();
-        for (seen, more) in seen.iter().zip(self.differences(scene, &view.camera, &seen)) {
+        for (seen, more) in seen.iter().zip(self.differences(&view.camera, &seen)) {
             for (to, more) in pixels[seen.pixel].iter_mut().zip(more.to_array()) {
                 *to += seen.share * more;
             }
@@ -117,27 +112,27 @@ impl Light {
     }
 
     /// The same as a picture, rounded to f32.
-    pub fn picture(&self, scene: &Scene, view: usize, coverage: &Coverage) -> Result<Picture, ImageError> {
+    pub fn picture(&self, view: usize, coverage: &Coverage) -> Result<Picture, ImageError> {
         let round = |pixel: [f64; 4]| pixel.map(|value| value as f32);
-        let pixels = self.pixels(scene, view, coverage)?.into_iter().map(round).collect();
+        let pixels = self.pixels(view, coverage)?.into_iter().map(round).collect();
         Ok(Picture { width: coverage.width(), height: coverage.height(), pixels })
     }
 
     /// The colour of a face at a place of a picture, column and row in pixels: that by which moving silhouettes change it.
-    pub fn colour_at(&self, scene: &Scene, view: usize, face: usize, [column, row]: [f64; 2]) -> [f64; 3] {
+    pub fn colour_at(&self, view: usize, face: usize, [column, row]: [f64; 2]) -> [f64; 3] {
         let View { camera, colours } = &self.views[view];
         let ray = image::View::new(camera).ray(column, row);
         let eye = self.placement.apply(camera.position);
         let at = vec![hit(&self.facets[face], eye, ray)];
-        let more = self.difference(scene, &Points { face, of: vec![0], at }, eye)[0];
+        let more = self.difference(&Points { face, of: vec![0], at }, eye)[0];
         (DVec3::from(colours[face]) + more).to_array()
     }
 
     /// What gathering adds to the radiance of each face in a pixel, W/(m² sr).
-    fn differences(&self, scene: &Scene, camera: &Camera, seen: &[FaceInPixel]) -> Vec<DVec3> {
+    fn differences(&self, camera: &Camera, seen: &[FaceInPixel]) -> Vec<DVec3> {
         let runs = self.points(camera, seen);
         let eye = self.placement.apply(camera.position);
-        let found: Vec<Vec<DVec3>> = runs.par_iter().map(|run| self.difference(scene, run, eye)).collect();
+        let found: Vec<Vec<DVec3>> = runs.par_iter().map(|run| self.difference(run, eye)).collect();
         let mut differences = vec![DVec3::ZERO; seen.len()];
         for (run, found) in runs.iter().zip(found) {
             run.of.iter().zip(found).for_each(|(&place, found)| differences[place] = found);
@@ -145,14 +140,14 @@ impl Light {
         differences
     }
 
-    fn difference(&self, scene: &Scene, Points { face, at, .. }: &Points, eye: DVec3) -> Vec<DVec3> {
+    fn difference(&self, Points { face, at, .. }: &Points, eye: DVec3) -> Vec<DVec3> {
         let face = *face;
         let (facet, material) = (&self.facets[face], &self.materials[face]);
         let reflectance = DVec3::from(material.diffuse_albedo()) / PI;
         let radiance = self.lamp_radiance();
         let mut differences = vec![DVec3::ZERO; at.len()];
         if reflectance != DVec3::ZERO {
-            let corners = self.interpolation.corners(scene, &self.facets, &self.indirect_irradiance, face);
+            let corners = self.interpolation.corners(&self.facets, &self.indirect_irradiance, face);
             let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
             let light = self.direct.at_points(&self.facets, face, at);
             for (to, (point, of_lamps)) in differences.iter_mut().zip(at.iter().zip(&light)) {

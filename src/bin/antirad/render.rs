@@ -160,7 +160,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
             let picture = match shading {
                 Shading::Gathered => {
                     let coverage = rasterizer.coverage(&solved, camera, options.supersample)?;
-                    answer.light.picture(&solved, view, &coverage)?
+                    answer.light.picture(view, &coverage)?
                 }
                 _ => rasterizer.render(&solved, camera, &single(colours), &options)?,
             };
