@@ -212,7 +212,7 @@ impl Light {
         let face = *face;
         let facet = &self.facets[face];
         let reflectance = DVec3::from(self.materials[face].diffuse_albedo()) / PI;
-        if cotangent.iter().all(|by| *by == DVec3::ZERO) {
+        if self.direct.lamps().is_empty() || cotangent.iter().all(|by| *by == DVec3::ZERO) {
             return None;
         }
         let radiance = self.lamp_radiance();

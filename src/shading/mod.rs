@@ -31,7 +31,7 @@ pub enum Shading {
     Face,
     /// Interpolated between the corners of faces.
     Smooth,
-    /// Direct light at each visible point, indirect light interpolated.
+    /// Direct light at each visible point, indirect light interpolated. Where no direct light is exact, one colour per face.
     #[default]
     Gathered,
 }
@@ -146,6 +146,10 @@ impl Light {
         let reflectance = DVec3::from(material.diffuse_albedo()) / PI;
         let radiance = self.lamp_radiance();
         let mut differences = vec![DVec3::ZERO; at.len()];
+        if radiance.is_empty() {
+            // Nothing is known more finely than per face.
+            return differences;
+        }
         if reflectance != DVec3::ZERO {
             let corners = self.interpolation.corners(&self.facets, &self.indirect_irradiance, face);
             let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
