@@ -7,7 +7,9 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{BinLayout, Choice, Material, Normalization, Scene, SolveSettings, SolverChoice, Weights};
+use super::{
+    BinLayout, Choice, Material, Normalization, Scene, SolveSettings, SolverChoice, Transport, Weights,
+};
 use crate::output::{OutputError, atomic_write};
 
 #[derive(Serialize)]
@@ -55,6 +57,15 @@ struct SettingsTable {
     max_passes: u32,
     solver: &'static str,
     precision: String,
+    transport: TransportTable,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "snake_case")]
+enum TransportTable {
+    Auto,
+    Exact,
+    Hierarchical(f64),
 }
 
 #[derive(Serialize)]
@@ -216,6 +227,11 @@ impl Scene {
                 SolverChoice::Gmres => "gmres",
             },
             precision: self.settings.precision.to_string(),
+            transport: match self.settings.transport {
+                Transport::Auto => TransportTable::Auto,
+                Transport::Exact => TransportTable::Exact,
+                Transport::Hierarchical { error } => TransportTable::Hierarchical(error),
+            },
         };
         let scene = SceneTable {
             mesh,
