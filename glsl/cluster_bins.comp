@@ -8,6 +8,7 @@
 
 #include "geometry.glsl"
 #include "near_field.glsl"
+#include "spread.glsl"
 #include "bins.glsl"
 
 layout(local_size_x_id = 0) in;
@@ -34,6 +35,7 @@ real3 light(uint at) {
     return fetched_light[at].rgb;
 }
 
+#define SPREAD
 #include "bins_pair.glsl"
 
 void main() {
@@ -52,9 +54,9 @@ void main() {
                 uint bits = entry & passing;
                 bool backs = SOURCE_BACK && (bits & PAIR_BACK) != 0;
                 uint bins = ((entry >> 3) - partner_page) * BINS;
-                receive(
-                    receiver, fetched_facets[k], k, bins, (bits & PAIR_FRONT) != 0, backs, (bits & PAIR_NEAR) != 0, sum
-                );
+                bool fronts = (bits & PAIR_FRONT) != 0, near = (bits & PAIR_NEAR) != 0;
+                Facet source = fetched_facets[k];
+                receive(receiver, source, k, bins, fronts, backs, near, sum);
             }
         }
         irradiance[j].rgb += sum;

@@ -8,6 +8,7 @@
 
 #include "geometry.glsl"
 #include "near_field.glsl"
+#include "spread.glsl"
 
 layout(local_size_x_id = 0) in;
 layout(constant_id = 0) const uint LANES = 8;
@@ -43,11 +44,14 @@ void main() {
             for (uint once = (bits & PAIR_FRONT) != 0 ? 1 : 0; once > 0; once--) {
                 real3 l = fetched_light[i].rgb * f.area;
                 real s = f.area * INV_PI;
+                real spread = spread_of(f);
                 bool near = (bits & PAIR_NEAR) != 0;
                 for (uint k = 0; k < PER_LANE; k++) {
                     real3 d = centre[k] - f.centre;
                     real r2 = max(dot(d, d), R2_MIN);
-                    real cosines = max(dot(d, f.normal), 0.0) * max(-dot(d, normal[k]), 0.0);
+                    real from = max(dot(d, f.normal), 0.0);
+                    real tilt = dot(normal[k], f.normal);
+                    real cosines = from * spread_over(-dot(d, normal[k]), from, tilt, spread, r2);
                     for (uint close = near ? 1 : 0; close > 0; close--) {
                         cosines *= far_weight(r2, half_range * (f.characteristic_area + characteristic_area[k]));
                     }

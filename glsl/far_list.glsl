@@ -26,6 +26,8 @@ layout(push_constant) uniform ListPush {
     // Of the sources in range, `take` after the first `skip`.
     uint skip;
     uint take;
+    // 1 if the sources are clusters.
+    uint clusters;
 };
 
 shared uint fetched_entries[LANES];
@@ -50,6 +52,11 @@ uvec2 part_of_list(uint list) {
     end = first_at_least(partner_end, begin, end);
     begin = min(begin + skip, end);
     return uvec2(begin, min(begin + take, end));
+}
+
+// Variance of the triangles of a source: clusters have it in place of the characteristic area, as they are never close.
+real spread_of(Facet source) {
+    return clusters != 0 ? source.characteristic_area : real(0.0);
 }
 
 // Fetches up to LANES entries from `at` on, and says how many.

@@ -1,5 +1,6 @@
 //! The engine: a planned scene on a device, solved.
 
+use crate::direct::{DirectLight, Lamp};
 use crate::gpu::{Device, GpuError};
 use crate::options::setters;
 use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, Residency};
@@ -304,6 +305,10 @@ pub struct Engine {
     pub(crate) operators: Operators,
     /// `None` unless gradients are planned.
     pub(crate) adjoint: Option<AdjointKernels>,
+    /// The light that comes straight from lamps.
+    pub(crate) direct: DirectLight,
+    /// The same as irradiance of each triangle of the scene, W/m².
+    pub(crate) direct_irradiance: Vec<DVec3>,
     /// Per triangle of the scene.
     pub(crate) materials: Vec<Material>,
     /// Unit of incident and outgoing light on the device: W/m², W/(m² sr).
@@ -336,7 +341,10 @@ impl Engine {
         // Counted apart from everything else on the device, such as engines of other threads.
         let own = device.scope(plan.staging);
         let unit = light_unit(scene);
-        let buffers = SceneBuffers::in_units(&own, scene, &plan, unit)?;
+        let direct = DirectLight::new(&plan.facets, lamps_of(scene, plan.lamps.clone()));
+        let direct_irradiance = direct.irradiance(|i| scene.material(i).emission);
+        let emitted = emitted(scene, &direct, &direct_irradiance);
+        let buffers = SceneBuffers::emitting(&own, scene, &plan, &emitted, unit)?;
         let adjoint = AdjointKernels::new(&own, &plan)?;
         let operators = Operators::new(&own, plan, buffers)?;
         let allocated = own.scope_memory();
@@ -356,6 +364,8 @@ impl Engine {
             operators,
             adjoint,
             unit,
+            direct,
+            direct_irradiance,
             materials: (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect(),
             triangles: scene.triangles.iter().map(|t| t.vertices).collect(),
             vertices: scene.vertices.len(),
@@ -387,7 +397,13 @@ impl Engine {
         // First, since a failed transfer may be partial.
         self.revision = self.revision.next();
         self.unit = light_unit(scene);
-        self.operators.set_materials(scene, self.unit)?;
+        let lamps = lamps_of(scene, self.direct.lamps().to_vec());
+        if lamps != self.direct.lamps() {
+            self.direct = DirectLight::new(&self.operators.plan().facets, lamps);
+        }
+        self.direct_irradiance = self.direct.irradiance(|i| scene.material(i).emission);
+        let emitted = emitted(scene, &self.direct, &self.direct_irradiance);
+        self.operators.set_materials(scene, &emitted, self.unit)?;
         self.materials = (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect();
         Ok(())
     }
@@ -466,7 +482,9 @@ impl Engine {
 
     /// Converts a state to a solution in scene order, with its energy balance.
     fn solution(&mut self, state: State, info: SolveInfo) -> Result<Solution, EngineError> {
-        let irradiance = self.scaled(self.unit, &self.operators.irradiance(&state)?);
+        let indirect = self.scaled(self.unit, &self.operators.irradiance(&state)?);
+        let total = |(indirect, direct): (&[f64; 3], &DVec3)| (DVec3::from(*indirect) + *direct).to_array();
+        let irradiance: Vec<[f64; 3]> = indirect.iter().zip(&self.direct_irradiance).map(total).collect();
         let radiosity = self.radiosity(&state, &irradiance)?;
         let energy = self.energy(&irradiance, &radiosity);
         let lowest = irradiance.iter().map(|rgb| rgb.iter().copied().fold(f64::INFINITY, f64::min));
@@ -497,7 +515,19 @@ impl Engine {
         self.check_own(solution)?;
         check_position(camera_position)?;
         let colours = self.operators.observe(&solution.state, camera_position)?;
-        Ok(self.scaled(self.unit, &colours))
+        let mut colours = self.scaled(self.unit, &colours);
+        for i in self.lamp_triangles_facing(camera_position) {
+            colours[i] = (DVec3::from(colours[i]) + DVec3::from(self.materials[i].emission)).to_array();
+        }
+        Ok(colours)
+    }
+
+    /// The triangles of lamps whose fronts face a point, metres.
+    pub(crate) fn lamp_triangles_facing(&self, point: DVec3) -> impl Iterator<Item = usize> + '_ {
+        let plan = self.operators.plan();
+        let point = plan.placement.apply(point);
+        let triangles = self.direct.lamps().iter().flat_map(|lamp| &lamp.triangles).map(|&i| i as usize);
+        triangles.filter(move |&i| (point - plan.facets[i].centroid).dot(plan.facets[i].normal) > 0.0)
     }
 
     /// Sets a callback within passes. It is called after every submission with the number of pairs done and that of
@@ -564,6 +594,30 @@ impl Engine {
         let (emitted, absorbed, escaped) = (emitted.into(), absorbed.into(), (emitted - absorbed).into());
         Energy { emitted, absorbed, escaped }
     }
+}
+
+/// Lamps, and triangles of their own for those whose triangles no longer emit the same.
+fn lamps_of(scene: &Scene, lamps: Vec<Lamp>) -> Vec<Lamp> {
+    let emission = |&i: &u32| scene.material(i as usize).emission;
+    let uniform = |lamp: &Lamp| lamp.triangles.iter().all(|i| emission(i) == emission(&lamp.triangles[0]));
+    let split = |lamp: Lamp| match uniform(&lamp) {
+        true => vec![lamp],
+        false => lamp.triangles.into_iter().map(Lamp::single).collect(),
+    };
+    lamps.into_iter().flat_map(split).collect()
+}
+
+/// What each triangle emits into U, W/(m² sr): its emission, except for lamps, and the direct light that it reflects diffusely.
+fn emitted(scene: &Scene, direct: &DirectLight, irradiance: &[DVec3]) -> Vec<[f64; 3]> {
+    let mut emitted: Vec<[f64; 3]> = (0..scene.triangles.len()).map(|i| scene.material(i).emission).collect();
+    for &i in direct.lamps().iter().flat_map(|lamp| &lamp.triangles) {
+        emitted[i as usize] = [0.0; 3];
+    }
+    if direct.lamps().is_empty() {
+        return emitted;
+    }
+    let reflected = |i: usize| irradiance[i] * DVec3::from(scene.material(i).diffuse_albedo()) / PI;
+    (0..).zip(emitted).map(|(i, l)| (DVec3::from(l) + reflected(i)).to_array()).collect()
 }
 
 /// Checks that a valid scene fits the plan: the same triangles, and no lobes or colours that were not planned.

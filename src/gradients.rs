@@ -4,7 +4,7 @@ use crate::engine::{Engine, EngineError, Solution, SolveParams, check_position, 
 use crate::model::FacetGradient;
 use crate::options::setters;
 use crate::plan::{GradientRequest, PADDING, PlannedSolver};
-use crate::scene::Scene;
+use crate::scene::{Material, Scene};
 use crate::solve::{FixedPointParams, GmresParams, SolveInfo, SolveProgress, fixed_point, gmres};
 use crate::transport::{AdjointOperator, LobeSums};
 use glam::DVec3;
@@ -153,9 +153,19 @@ impl Engine {
         // ∂(δρ/π E): the same for δ, given ρ, and for ρ, given δ.
         let of_albedo: Vec<DVec3> =
             of_radiance.iter().zip(&solution.irradiance).map(|(&m, &h)| m * DVec3::from(h) / PI).collect();
+        let of_direct = self.direct_cotangent(cotangent, steepness, &of_radiance);
         let materials = || of_albedo.iter().zip(&self.materials);
         let lobes = lobes.map(|sums| self.lobe_gradients(&sums, of_light));
-        let corners = request.positions.then(|| self.corner_gradients(&facets, per_metre));
+        let corners = request.positions.then(|| {
+            let mut corners = self.corner_gradients(&facets, per_metre);
+            self.add_direct_corners(&of_direct, &mut corners);
+            corners
+        });
+        let emission = request.emission.then(|| {
+            let mut emission = of_radiance.clone();
+            self.set_lamp_emission(cotangent, steepness, &of_direct, &mut emission);
+            emission
+        });
         Ok(Gradients {
             diffuse: request.diffuse.then(|| materials().map(|(&g, m)| g.dot(m.albedo.into())).collect()),
             albedo: request.albedo.then(|| materials().map(|(&g, m)| m.diffuse * g).collect()),
@@ -167,7 +177,7 @@ impl Engine {
                 Some(lobes) => lobes.iter().map(|(_, power)| *power).collect(),
                 None => vec![0.0; of_radiance.len()],
             }),
-            emission: request.emission.then_some(of_radiance),
+            emission,
             vertices: corners.as_ref().map(|corners| self.vertex_gradients(corners)),
             corners,
             camera_positions: request.camera.then(|| {
@@ -249,6 +259,56 @@ impl Engine {
             gradients[i as usize] = (scale * n * *sum, scale * power);
         }
         gradients
+    }
+
+    /// Cotangent of the direct irradiance of each triangle: that of irradiance, and through its diffuse reflection.
+    fn direct_cotangent(&self, cotangent: &Cotangent, steepness: f64, of_radiance: &[DVec3]) -> Vec<DVec3> {
+        let reflected = |(m, material): (&DVec3, &Material)| *m * DVec3::from(material.diffuse_albedo()) / PI;
+        let mut of_direct: Vec<DVec3> = of_radiance.iter().zip(&self.materials).map(reflected).collect();
+        for (to, own) in of_direct.iter_mut().zip(cotangent.irradiance.iter().flatten()) {
+            *to += steepness * *own;
+        }
+        of_direct
+    }
+
+    /// Derivatives by the emission of lamps: by what is seen of them, and by their direct light. The triangles of one lamp share the latter by
+    /// area.
+    fn set_lamp_emission(
+        &self,
+        cotangent: &Cotangent,
+        steepness: f64,
+        of_direct: &[DVec3],
+        emission: &mut [DVec3],
+    ) {
+        let facets = self.plan().facets();
+        for (l, lamp) in self.direct.lamps().iter().enumerate() {
+            let of_light: DVec3 =
+                of_direct.iter().enumerate().map(|(i, &d)| d * self.direct.factors(i)[l]).sum();
+            let area: f64 = lamp.triangles.iter().map(|&i| facets[i as usize].area).sum();
+            for i in lamp.triangles.iter().map(|&i| i as usize) {
+                let radiosity = cotangent.radiosity.as_ref().map_or(DVec3::ZERO, |values| PI * values[i]);
+                emission[i] = steepness * radiosity + of_light * (facets[i].area / area);
+            }
+        }
+        for (camera_position, colours) in &cotangent.colours {
+            for i in self.lamp_triangles_facing(*camera_position) {
+                emission[i] += steepness * colours[i];
+            }
+        }
+    }
+
+    /// Adds the derivatives of direct light by the corners of receivers, blockers and lamps.
+    fn add_direct_corners(&self, of_direct: &[DVec3], corners: &mut [[DVec3; 3]]) {
+        let (plan, lamps) = (self.plan(), self.direct.lamps());
+        let radiance: Vec<DVec3> =
+            lamps.iter().map(|lamp| self.materials[lamp.first()].emission.into()).collect();
+        let by_factor = |receiver: usize, lamp: usize| of_direct[receiver].dot(radiance[lamp]);
+        let facets = self.direct.pull_back(plan.facets(), by_factor);
+        for ((to, gradient), facet) in corners.iter_mut().zip(&facets).zip(plan.facets()) {
+            for (to, by) in to.iter_mut().zip(gradient.to_corners(facet)) {
+                *to += by * plan.placement.scale;
+            }
+        }
     }
 
     fn corner_gradients(&self, facets: &[FacetGradient], per_metre: f64) -> Vec<[DVec3; 3]> {

@@ -43,6 +43,7 @@
 pub mod ambiguity;
 #[cfg(feature = "cli")]
 pub mod cli;
+pub mod direct;
 mod engine;
 mod engine_builder;
 pub mod fit;

@@ -1,6 +1,6 @@
 //! Settings as words of the command line.
 
-use crate::scene::{Precision, SolverChoice};
+use crate::scene::{Lamps, Precision, SolverChoice};
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
 
@@ -32,6 +32,20 @@ impl ValueEnum for SolverChoice {
     }
 }
 
+impl ValueEnum for Lamps {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self::Auto, Self::Exact, Self::Antiradiance]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(match self {
+            Self::Auto => "auto",
+            Self::Exact => "exact",
+            Self::Antiradiance => "antiradiance",
+        }))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -54,5 +68,6 @@ mod tests {
     fn words_are_those_of_scene_files() {
         agree::<Precision>(3);
         agree::<SolverChoice>(3);
+        agree::<Lamps>(3);
     }
 }

@@ -152,11 +152,6 @@ impl Hierarchy {
         -bounds.lowest(-normal) - normal.dot(plane.centroid) <= self.tolerance - self.margin
     }
 
-    /// Whether no part of a box lies below any plane of a branch.
-    pub fn above(&self, of: &Node, bounds: &BoundedRun) -> bool {
-        self.sight(of, bounds, -1.0, true) == Sight::Nothing
-    }
-
     /// An upper bound of ⟨n, direction⟩ over the normals of a branch.
     pub fn steepest(of: &Node, direction: DVec3) -> f64 {
         let [low, high] = of.planes.normals;

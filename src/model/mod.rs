@@ -15,7 +15,9 @@ pub(crate) use bins::Cells;
 pub use bins::{Bins, Taps};
 pub use class::{Class, classify};
 pub(crate) use class::{coplanar_tolerance, reaches};
-pub use clusters::{ClusterInput, ClusterRun, Clusters, ENTRY_BITS, LIST, Parts, SourceLists, share};
+pub use clusters::{
+    ClusterInput, ClusterRun, Clusters, ENTRY_BITS, LIST, Parts, SourceLists, share, spread_over,
+};
 pub use facet::{Facet, orthonormal_basis};
 pub(crate) use facet::{basis_sign, centroid, quarters};
 pub use facet_gradient::FacetGradient;

@@ -4,6 +4,7 @@
 mod error;
 mod gradient_request;
 mod interactions;
+mod lamps;
 mod memory;
 mod report;
 mod residency;
@@ -14,6 +15,7 @@ pub use crate::model::PADDING;
 pub use error::PlanError;
 pub use gradient_request::GradientRequest;
 pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
+pub use lamps::LampsReport;
 pub(crate) use memory::PARTIAL_SUMS;
 pub use memory::{MemoryItem, MemoryPlan};
 pub use report::{ClassReport, PairReport, PlanReport, StatesReport};
@@ -21,6 +23,7 @@ pub use residency::{Piece, Residency};
 pub use tiles::{Group, TileLayout};
 pub use transport::PlannedTransport;
 
+use crate::direct::Lamp;
 use crate::model::{Bins, Class, Clusters, Facet, classify, spatial_order};
 use crate::options::setters;
 use crate::scene::{Precision, Scene, SolveSettings, SolverChoice, bounds};
@@ -213,6 +216,8 @@ pub struct Plan {
     pub(crate) placement: Placement,
     /// Classes; index = triangle of the scene.
     pub(crate) classes: Vec<Class>,
+    /// Emitters whose direct light is exact; that of others takes part in U.
+    pub(crate) lamps: Vec<Lamp>,
     pub(crate) layout: TileLayout,
     pub(crate) interactions: Interactions,
     pub(crate) transport: PlannedTransport,
@@ -240,6 +245,10 @@ impl Plan {
         let placement = Placement::of(scene);
         let facets = placement.facets(scene);
         let mut classes = classify(scene);
+        let lamps = match options.occlusion {
+            Occlusion::Nothing => Vec::new(),
+            _ => lamps::choose(scene, &facets, settings.lamps),
+        };
         match options.occlusion {
             Occlusion::Exact => {}
             Occlusion::Nothing => classes.iter_mut().for_each(|class| class.blocker = false),
@@ -266,6 +275,7 @@ impl Plan {
             facets,
             placement,
             classes,
+            lamps,
             layout,
             interactions: Interactions::default(),
             transport: PlannedTransport::default(),
@@ -368,6 +378,11 @@ impl Plan {
     /// Classes; index = triangle of the scene.
     pub fn classes(&self) -> &[Class] {
         &self.classes
+    }
+
+    /// The emitters whose direct light is computed with exact visibility. That of all others takes part in U.
+    pub fn lamps(&self) -> &[Lamp] {
+        &self.lamps
     }
 
     /// The order of the triangles, their tiles and groups.

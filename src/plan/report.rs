@@ -1,6 +1,6 @@
 //! The plan in words and numbers.
 
-use super::{MemoryItem, PADDING, PairLists, Plan, PlannedSolver, Reflectance, Residency};
+use super::{LampsReport, MemoryItem, PADDING, PairLists, Plan, PlannedSolver, Reflectance, Residency};
 use crate::model::{Class, Clusters, LIST};
 use std::fmt;
 use std::ops::Range;
@@ -79,6 +79,8 @@ pub struct PlanReport {
     pub transport: String,
     /// What is modelled of each class of triangles.
     pub classes: Vec<ClassReport>,
+    /// How the light that comes straight from emitters is computed.
+    pub lamps: LampsReport,
     /// Triangles per tile.
     pub tile: u32,
     /// Number of tiles.
@@ -186,6 +188,7 @@ impl Plan {
             },
             transport: self.transport.to_string(),
             classes: self.class_reports(),
+            lamps: self.lamps_report(),
             tile: self.layout.tile,
             tiles: self.layout.tiles(),
             pages: self.layout.groups.iter().filter(|g| g.class.has_bins()).count(),
@@ -269,6 +272,7 @@ impl fmt::Display for PlanReport {
         for class in &self.classes {
             writeln!(f, "  {:>9}      {}: {}", class.triangles, class.modelled, class.why)?;
         }
+        writeln!(f, "lamps            {}", self.lamps.why)?;
         writeln!(f, "bins             {}", self.bins)?;
         writeln!(f, "channels         {}", self.channels)?;
         writeln!(f, "solver           {}", self.solver)?;

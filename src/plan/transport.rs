@@ -1,7 +1,7 @@
 //! Clusters or the exact sum.
 
 use super::{Interactions, Plan, PlanError, Residency, page_tiles};
-use crate::model::{Facet, LIST};
+use crate::model::LIST;
 use crate::scene::{Scene, Transport};
 use std::f64::consts::TAU;
 use std::fmt;
@@ -39,11 +39,17 @@ impl fmt::Display for PlannedTransport {
 /// Triangles below which [`Transport::Auto`] takes the exact sum, whose time is then mostly that of close pairs.
 const SMALL: usize = 6000;
 /// Share of all pairs above which clusters do not pay: culling leaves out about half of the pairs, too.
-const WORTH: f64 = 0.25;
+const WORTH: f64 = 0.4;
 /// Triangles of the smallest clusters.
 const LEAF: u32 = 4;
 /// Largest brightness of a source, relative to the mean.
 const BRIGHTEST: f64 = 1e4;
+/// Brightness of backs under diffuse light, relative to the mean.
+const BACKS: f64 = 2.0;
+/// The same under the light of an emitter, relative to the emitter: bins spread it out.
+const NARROW: f64 = 0.25;
+/// Factor on the error of each cluster where light comes from emitters straight to clusters, and is uneven there.
+const UNEVEN: f64 = 0.3;
 
 impl Plan {
     /// Chooses transport, and solver and residency for it.
@@ -72,13 +78,16 @@ impl Plan {
 
     /// Plans clusters, or says why they are not worth it.
     fn with_clusters(&mut self, scene: &Scene, error: f64) -> Result<Result<(), &'static str>, PlanError> {
-        let brightness = brightness(scene, &self.facets);
+        let brightness = self.brightness(scene);
         let half_range = 0.5 * self.settings.near_field;
         let bin = TAU / self.bins.count() as f64;
         let Self { layout, facets, classes, .. } = &*self;
         let cull = self.options.cull;
-        let limits = (self.leaf(), error);
-        let lit = (&brightness[..], bin);
+        let uneven = brightness.iter().any(|&bright| bright > 1.0);
+        let each = if uneven { UNEVEN * error } else { error };
+        let limits = (self.leaf(), each);
+        let backs = brightness.iter().fold(BACKS, |most, &bright| most.max(NARROW * bright));
+        let lit = (&brightness[..], backs, bin);
         self.interactions =
             Interactions::hierarchical(layout, facets, classes, half_range, cull, limits, lit)?;
         self.transport = PlannedTransport::Hierarchical { error };
@@ -111,17 +120,20 @@ impl Plan {
         }
         leaf
     }
-}
 
-/// Brightness of the fronts, relative to the mean: 1, and more where light is emitted.
-fn brightness(scene: &Scene, facets: &[Facet]) -> Vec<f64> {
-    let emitted = |i: usize| scene.material(i).emission.into_iter().fold(0.0, |m: f64, e| m.max(e.abs()));
-    let (mut flux, mut area) = (0.0, 0.0);
-    for (i, facet) in facets.iter().enumerate() {
-        flux += facet.area * emitted(i);
-        area += facet.area;
+    /// Brightness of the fronts, relative to the mean: 1, and more where light is emitted into U.
+    fn brightness(&self, scene: &Scene) -> Vec<f64> {
+        let emitted = |i: usize| scene.material(i).emission.into_iter().fold(0.0, |m: f64, e| m.max(e.abs()));
+        let (mut flux, mut area) = (0.0, 0.0);
+        for (i, facet) in self.facets.iter().enumerate() {
+            flux += facet.area * emitted(i);
+            area += facet.area;
+        }
+        let mean = if area > 0.0 { flux / area } else { 0.0 };
+        let relative = |i: usize| if mean > 0.0 { (1.0 + emitted(i) / mean).min(BRIGHTEST) } else { 1.0 };
+        let mut brightness: Vec<f64> = (0..self.facets.len()).map(relative).collect();
+        // Direct light of lamps does not pass through U.
+        self.lamps.iter().flat_map(|lamp| &lamp.triangles).for_each(|&i| brightness[i as usize] = 1.0);
+        brightness
     }
-    let mean = if area > 0.0 { flux / area } else { 0.0 };
-    let relative = |i: usize| if mean > 0.0 { 1.0 + emitted(i) / mean } else { 1.0 };
-    (0..facets.len()).map(|i| relative(i).min(BRIGHTEST)).collect()
 }

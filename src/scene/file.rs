@@ -62,11 +62,12 @@ impl Scene {
     /// bins = { equal_angle = [10, 13] }  # or { concentric = 12 }
     /// weights = "bilinear"           # or "smoothstep"
     /// near_field = 30
+    /// lamps = "auto"                 # or "exact", "antiradiance": the light that comes straight from emitters
     /// tolerance = 1e-4
     /// max_passes = 200
     /// solver = "auto"                # or "fixed-point", "gmres"
     /// precision = "f32"              # or "half-bins"; "f64", where the device has it
-    /// transport = "auto"             # or "exact", { hierarchical = 0.003 } (relative error)
+    /// transport = "exact"            # or "auto", { hierarchical = 0.003 } (relative error)
     /// # error = 0.02                 # target error of irradiance, instead of bins, near_field and tolerance
     /// ```
     pub fn load(path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {

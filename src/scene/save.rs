@@ -8,7 +8,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::{
-    BinLayout, Choice, Material, Normalization, Scene, SolveSettings, SolverChoice, Transport, Weights,
+    BinLayout, Choice, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Transport, Weights,
 };
 use crate::output::{OutputError, atomic_write};
 
@@ -52,6 +52,7 @@ struct SettingsTable {
     weights: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     near_field: Option<f64>,
+    lamps: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     tolerance: Option<f64>,
     max_passes: u32,
@@ -219,6 +220,11 @@ impl Scene {
                 Weights::Smoothstep => "smoothstep",
             },
             near_field: state_near_field.then_some(self.settings.near_field),
+            lamps: match self.settings.lamps {
+                Lamps::Auto => "auto",
+                Lamps::Exact => "exact",
+                Lamps::Antiradiance => "antiradiance",
+            },
             tolerance: error.is_none().then_some(self.settings.tolerance),
             max_passes: self.settings.max_passes,
             solver: match self.settings.solver {

@@ -1,4 +1,4 @@
-//! Settings of a solve: bins, weights, near field, tolerance, solver, precision, transport.
+//! Settings of a solve: bins, weights, near field, lamps, tolerance, solver, precision, transport.
 
 use crate::options::setters;
 use std::fmt;
@@ -92,6 +92,19 @@ pub enum Weights {
     Smoothstep,
 }
 
+/// How the light that comes straight from emitters is computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Lamps {
+    /// Exactly where the emitters are few and shadows cost no more than the solve, else by antiradiance.
+    #[default]
+    Auto,
+    /// With exact visibility: shadows are as sharp as they are.
+    Exact,
+    /// Like all other light, through bins.
+    Antiradiance,
+}
+
 /// Which solver to use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -146,9 +159,9 @@ impl fmt::Display for Precision {
 pub enum Transport {
     /// Clusters with an error of [`Transport::USUAL_ERROR`] where they save much time and work with all that is asked
     /// for, else the exact sum. The plan says which, and why.
-    #[default]
     Auto,
     /// Every triangle from every other.
+    #[default]
     Exact,
     /// Neighbours that are far away are taken together, as one source.
     Hierarchical {
@@ -213,6 +226,8 @@ pub struct SolveSettings {
     /// Pairs with r² < `near_field` · (s_i + s_j) / 2 are integrated over sub-triangles, s = Σl²/(4√3) being the
     /// area of the equilateral triangle with the same sum of squared edges. 0 switches the near field off.
     pub near_field: f64,
+    /// How the light that comes straight from emitters is computed.
+    pub lamps: Lamps,
     /// Relative area-weighted residual of irradiance at which the solve stops. It bounds that of radiosity and, unlike it,
     /// includes black surfaces.
     pub tolerance: f64,
@@ -230,6 +245,7 @@ setters!(SolveSettings {
     bins: BinLayout,
     weights: Weights,
     near_field: f64,
+    lamps: Lamps,
     tolerance: f64,
     max_passes: u32,
     solver: SolverChoice,
@@ -303,11 +319,12 @@ impl Default for SolveSettings {
             bins: BinLayout::EqualAngle { theta: 10, phi: 13 },
             weights: Weights::Bilinear,
             near_field: 30.0,
+            lamps: Lamps::Auto,
             tolerance: 1e-4,
             max_passes: 200,
             solver: SolverChoice::Auto,
             precision: Precision::F32,
-            transport: Transport::Auto,
+            transport: Transport::Exact,
         }
     }
 }

@@ -11,7 +11,7 @@ use toml::Spanned;
 
 use super::error::{Place, SceneError};
 use super::{
-    BinLayout, Camera, Choice, Material, Normalization, Precision, Shape, SolveSettings, SolverChoice,
+    BinLayout, Camera, Choice, Lamps, Material, Normalization, Precision, Shape, SolveSettings, SolverChoice,
     Transport, Weights,
 };
 
@@ -130,6 +130,7 @@ pub(super) struct SettingsTable {
     pub weights: Option<Weights>,
     #[serde(alias = "subsample")]
     pub near_field: Option<f64>,
+    pub lamps: Option<Lamps>,
     pub tolerance: Option<f64>,
     pub max_passes: Option<u32>,
     pub solver: Option<SolverChoice>,
@@ -145,6 +146,7 @@ impl SettingsTable {
             bins: self.bins.map_or(default.bins, Into::into),
             weights: self.weights.unwrap_or(default.weights),
             near_field: self.near_field.unwrap_or(default.near_field),
+            lamps: self.lamps.unwrap_or(default.lamps),
             tolerance: self.tolerance.unwrap_or(default.tolerance),
             max_passes: self.max_passes.unwrap_or(default.max_passes),
             solver: self.solver.unwrap_or(default.solver),

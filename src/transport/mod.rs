@@ -102,9 +102,10 @@ impl Operators {
         })
     }
 
-    /// Replaces the materials; geometry and classes stay as planned. Light is counted in units of `unit`, W/(m² sr).
-    pub fn set_materials(&self, scene: &Scene, unit: f64) -> Result<(), GpuError> {
-        self.context.scene.set_materials(&self.context.device, scene, &self.context.plan, unit)
+    /// Replaces the materials, and the radiance that each triangle of the scene emits, W/(m² sr); geometry and classes stay as
+    /// planned. Light is counted in units of `unit`, W/(m² sr).
+    pub fn set_materials(&self, scene: &Scene, emitted: &[[f64; 3]], unit: f64) -> Result<(), GpuError> {
+        self.context.scene.set_materials(&self.context.device, scene, &self.context.plan, emitted, unit)
     }
 
     /// The plan they were made for.

@@ -24,9 +24,9 @@ fn corner_reals(f: &Facet) -> [f64; CORNERS] {
     [a, b, c, 0.0, d, e, g, 0.0, h, i, j, 0.0]
 }
 
-fn surface_reals(m: &Material, unit: f64) -> [f64; SURFACE] {
+fn surface_reals(m: &Material, emitted: [f64; 3], unit: f64) -> [f64; SURFACE] {
     let normalization = m.specular_normalization();
-    let ([a, b, c], [d, e, f]) = (m.diffuse_albedo(), m.emission.map(|l| l / unit));
+    let ([a, b, c], [d, e, f]) = (m.diffuse_albedo(), emitted.map(|l| l / unit));
     let [g, h, i] = m.specular.map(|sigma| sigma * normalization);
     [a, b, c, m.power, d, e, f, 0.0, g, h, i, 0.0]
 }
@@ -62,11 +62,20 @@ pub struct SceneBuffers {
 impl SceneBuffers {
     /// Uploads scene and plan; their sizes are those that the plan counts.
     pub fn new(device: &Device, scene: &Scene, plan: &Plan) -> Result<Self, GpuError> {
-        Self::in_units(device, scene, plan, 1.0)
+        let emission: Vec<[f64; 3]> =
+            (0..scene.triangles.len()).map(|i| scene.material(i).emission).collect();
+        Self::emitting(device, scene, plan, &emission, 1.0)
     }
 
-    /// With emission, and so all light, counted in units of `unit`, W/(m² sr).
-    pub fn in_units(device: &Device, scene: &Scene, plan: &Plan, unit: f64) -> Result<Self, GpuError> {
+    /// With the radiance that each triangle of the scene emits in place of its material's, W/(m² sr), and all light counted in units
+    /// of `unit`, W/(m² sr).
+    pub fn emitting(
+        device: &Device,
+        scene: &Scene,
+        plan: &Plan,
+        emitted: &[[f64; 3]],
+        unit: f64,
+    ) -> Result<Self, GpuError> {
         let bins = plan.bins.centre.iter().zip(&plan.bins.projected);
         let bin_table: Vec<f64> = bins.flat_map(|(c, &p)| [c.x, c.y, c.z, p]).collect();
         let mut facets = by_slot(plan, |i| facet_reals(&plan.facets[i]));
@@ -79,7 +88,7 @@ impl SceneBuffers {
         Ok(Self {
             facets: reals("facets", &facets)?,
             corners: reals("corners", &by_slot(plan, |i| corner_reals(&plan.facets[i])))?,
-            surfaces: reals("surfaces", &by_slot(plan, |i| surface_reals(scene.material(i), unit)))?,
+            surfaces: reals("surfaces", &surfaces(scene, plan, emitted, unit))?,
             bin_table: reals("bin table", &bin_table)?,
             far_sources: match plan.clusters() {
                 None => filled(device, "far runs", far.words())?,
@@ -97,17 +106,22 @@ impl SceneBuffers {
         })
     }
 
-    /// Replaces the materials; geometry and classes stay as planned.
+    /// Replaces the materials and what is emitted; geometry and classes stay as planned.
     pub fn set_materials(
         &self,
         device: &Device,
         scene: &Scene,
         plan: &Plan,
+        emitted: &[[f64; 3]],
         unit: f64,
     ) -> Result<(), GpuError> {
-        let surfaces = by_slot(plan, |i| surface_reals(scene.material(i), unit));
+        let surfaces = surfaces(scene, plan, emitted, unit);
         real::upload(device, &self.surfaces, plan.settings.precision, &surfaces)
     }
+}
+
+fn surfaces(scene: &Scene, plan: &Plan, emitted: &[[f64; 3]], unit: f64) -> Vec<f64> {
+    by_slot(plan, |i| surface_reals(scene.material(i), emitted[i], unit))
 }
 
 pub fn filled<T: Pod>(device: &Device, label: &str, values: &[T]) -> Result<Buffer, GpuError> {

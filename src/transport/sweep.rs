@@ -57,6 +57,8 @@ pub struct ListPush {
     pub skip: u32,
     /// Largest number that this one covers.
     pub take: u32,
+    /// 1 if the sources are clusters.
+    pub clusters: u32,
 }
 
 /// Sources of a list per dispatch: as many as [`Plan::partner_slots`] in f32, and for the same reason.
@@ -311,6 +313,7 @@ impl Sweep {
                     passing,
                     skip,
                     take: LIST_TAKE,
+                    clusters: u32::from(indices.start >= clusters.first()),
                 };
                 let pairs = (begin..begin + rows).map(|list| u64::from(left(list) * LIST)).sum();
                 bundle.add(pairs, pairs, |batch| {

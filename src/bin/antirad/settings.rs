@@ -3,7 +3,7 @@
 use crate::Failure;
 use antirad::cli::{Interrupt, Working, parse_size};
 use antirad::plan::{Plan, PlanOptions};
-use antirad::scene::{BinLayout, Choice, LoadOptions, Precision, Scene, SolverChoice, Transport};
+use antirad::scene::{BinLayout, Choice, Lamps, LoadOptions, Precision, Scene, SolverChoice, Transport};
 use antirad::target_error::{usual_plan, usual_settings};
 use clap::Args;
 use std::path::PathBuf;
@@ -22,6 +22,9 @@ pub struct SceneSettings {
     /// blockers are coarse]
     #[arg(long, value_name = "LAYOUT")]
     bins: Option<BinLayout>,
+    /// Light that comes straight from emitters: exact where few emit (auto), exact, or by antiradiance through bins
+    #[arg(long, value_name = "HOW", value_enum)]
+    lamps: Option<Lamps>,
     /// Relative residual at which the solve stops
     #[arg(long, value_name = "NUMBER", value_parser = parse_tolerance)]
     tolerance: Option<f64>,
@@ -56,6 +59,7 @@ impl SceneSettings {
         let file = scene.settings;
         scene.settings = file
             .bins(self.bins.unwrap_or(file.bins))
+            .lamps(self.lamps.unwrap_or(file.lamps))
             .tolerance(self.tolerance.unwrap_or(file.tolerance))
             .max_passes(self.max_passes.unwrap_or(file.max_passes))
             .solver(self.solver.unwrap_or(file.solver))

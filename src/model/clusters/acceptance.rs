@@ -2,44 +2,28 @@
 //!
 //! Seen from a distance r, a cluster with variance σ² of its centroids and δ² of its frames is wrong by about
 //! w (σ/r) (σ/r + δ) of the mean irradiance, w being its share of that irradiance; where bins are read or filled, by
-//! w ((σ/r)² + δ²) / Ω, since a bin resolves its solid angle Ω and no more. Where the horizon of a receiver crosses the
-//! cluster, or the cluster is seen edge-on, the error is of first order: w (σ/r), w δ. Light decides, not angle alone:
-//! small, dim and inclined sources need little care.
+//! w ((σ/r)² + δ²) / Ω, since a bin resolves its solid angle Ω and no more. Where a curved cluster is seen edge-on, or lamps
+//! lie off its centre, the error is of first order: w δ, w times that offset over r. Light decides, not angle alone: small,
+//! dim and inclined sources need little care.
 
 use super::moments::Moments;
 use super::sources::{ENTRY_BITS, SourceLists};
 use super::{ClusterInput, LIST};
 use crate::model::facet::Facet;
 use crate::model::hierarchy::{Hierarchy, Node, Sight};
-use crate::model::order::{BoundedRun, PADDING};
+use crate::model::order::PADDING;
 use crate::model::passing::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// Largest σ/r, and δ, whatever the light: without bins, and with bins.
-fn widest() -> f64 {
-    static V: std::sync::OnceLock<f64> = std::sync::OnceLock::new();
-    *V.get_or_init(|| std::env::var("WIDEST").ok().and_then(|v| v.parse().ok()).unwrap_or(0.35))
-}
-fn widest_with_bins() -> f64 {
-    static V: std::sync::OnceLock<f64> = std::sync::OnceLock::new();
-    *V.get_or_init(|| std::env::var("WIDEST_WITH_BINS").ok().and_then(|v| v.parse().ok()).unwrap_or(0.2))
-}
-/// Error of a single source, as a fraction of that wanted of the sum: errors of sources cancel in part.
-fn each() -> f64 {
-    static V: std::sync::OnceLock<f64> = std::sync::OnceLock::new();
-    *V.get_or_init(|| std::env::var("EACH").ok().and_then(|v| v.parse().ok()).unwrap_or(1.0))
-}
-fn each_with_bins() -> f64 {
-    static V: std::sync::OnceLock<f64> = std::sync::OnceLock::new();
-    *V.get_or_init(|| std::env::var("EACH_WITH_BINS").ok().and_then(|v| v.parse().ok()).unwrap_or(1.0))
-}
-/// Brightness of backs, relative to the mean: antiradiance is as narrow as the light that it cancels.
-fn backs() -> f64 {
-    static V: std::sync::OnceLock<f64> = std::sync::OnceLock::new();
-    *V.get_or_init(|| std::env::var("BACKS").ok().and_then(|v| v.parse().ok()).unwrap_or(4.0))
-}
+/// Square of the largest σ/r over the error: light that varies within a cluster is not resolved, and tends to be brighter
+/// on the near side, so that these errors add up.
+const WIDE: f64 = 2.5;
+/// Largest σ/r, and δ, for any error: beyond, higher orders count.
+const WIDEST: f64 = 0.2;
+/// δ below which a cluster counts as flat.
+const FLAT: f64 = 1e-3;
 
 /// A branch as the test sees it.
 struct Branch {
@@ -200,32 +184,27 @@ impl<'a> Acceptance<'a> {
         let nearest = facet.centroid.clamp(to.node.bounds.min, to.node.bounds.max);
         let r2 = facet.centroid.distance_squared(nearest);
         let angle2 = branch.spread / r2;
-        let bins = to.bins || passing & PAIR_BACK != 0 || passing & PAIR_FRONT != 0 && branch.glossy;
-        let widest: f64 = if bins { widest_with_bins() } else { widest() };
-        let turned = branch.turn <= widest || !bins;
-        if !(angle2 <= widest * widest && turned) || self.is_near(to, from) {
+        let bins = to.bins || passing & PAIR_BACK != 0 || branch.glossy;
+        let widest2 = (WIDE * self.input.error).min(WIDEST * WIDEST);
+        // In this form, a distance of zero accepts nothing.
+        if !(angle2 <= widest2 && branch.turn <= WIDEST) || self.is_near(to, from) {
             return false;
         }
         let angle = angle2.sqrt();
-        let around = BoundedRun { min: from.bounds.min, max: from.bounds.max };
-        let crossed = !self.tree.above(to.node, &around);
-        let edge_on = branch.turn > 1e-3 && passing & PAIR_FRONT != 0 && self.sees_back(to, from);
+        let edge_on = branch.turn > FLAT && passing & PAIR_FRONT != 0 && self.sees_back(to, from);
         let direction = (facet.centroid - to.centre).normalize_or_zero();
         let wide = (to.radius + branch.size) / r2.sqrt();
         let received = (Hierarchy::steepest(to.node, direction) + wide).clamp(0.0, 1.0);
         let sent = (facet.normal.dot(direction).abs() + wide + branch.turn).min(1.0);
         let light = if passing & PAIR_FRONT != 0 { branch.light } else { 0.0 };
-        let back = if passing & PAIR_BACK != 0 { backs() * branch.area } else { 0.0 };
+        let back = if passing & PAIR_BACK != 0 { self.input.backs * branch.area } else { 0.0 };
         let share = received * sent * light.max(back) / (PI * r2);
-        let mut error = angle * (angle + branch.turn) / each();
-        if bins {
-            let turn = if passing & PAIR_BACK != 0 || branch.glossy { branch.turn } else { 0.0 };
-            error = error.max((angle2 + turn * turn) / (each_with_bins() * self.input.bin));
-        }
-        let first_order = if crossed { angle } else { 0.0 }
-            + if edge_on { branch.turn } else { 0.0 }
-            + if passing & PAIR_FRONT != 0 { branch.offset / r2.sqrt() } else { 0.0 };
-        share * error.max(first_order / each()) <= self.input.error
+        let second_order = angle * (angle + branch.turn);
+        let turn = if passing & PAIR_BACK != 0 || branch.glossy { branch.turn } else { 0.0 };
+        let in_bins = if bins { (angle2 + turn * turn) / self.input.bin } else { 0.0 };
+        let turned = if edge_on { branch.turn } else { 0.0 };
+        let uneven = if passing & PAIR_FRONT != 0 { branch.offset / r2.sqrt() } else { 0.0 };
+        share * second_order.max(in_bins).max(turned + uneven) <= self.input.error
     }
 
     fn sees_back(&self, to: &Group, from: &Node) -> bool {

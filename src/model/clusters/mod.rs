@@ -58,6 +58,8 @@ pub struct ClusterInput<'a> {
     pub classes: &'a [Class],
     /// Brightness of the front of each, relative to the mean.
     pub brightness: &'a [f64],
+    /// The same of the backs of blockers: antiradiance is as narrow as the light that it cancels.
+    pub backs: f64,
     /// Triangle of each slot, sorted by class, or [`PADDING`].
     pub order: &'a [u32],
     /// Slots per cluster of the lowest height.
@@ -147,6 +149,18 @@ impl Clusters {
     }
 }
 
+/// The mean of max(cos_j, 0) cos_i / r² over the triangles of a cluster, spread evenly in its plane around its centroid, to
+/// second order, as another cos_j, in place of max(cos_j, 0): of the cosines `to` and `from` at the receiver and the cluster,
+/// and `tilt` between the normals of the two sides that face each other. `angle2`: variance of the triangles over r². Where
+/// they lie on both sides of the receiver's horizon, their heights count as uniformly distributed.
+pub fn spread_over(to: f64, from: f64, tilt: f64, angle2: f64) -> f64 {
+    let width = (1.5 * angle2 * (1.0 - tilt * tilt)).max(0.0).sqrt();
+    let above =
+        if width > 0.0 { (0.5 + 0.5 * to / width).clamp(0.0, 1.0) } else { f64::from(u8::from(to > 0.0)) };
+    let mean = if to > width { to } else { above * above * width };
+    (mean + above * 2.0 * angle2 * (mean - tilt * from - 3.0 * mean * from * from)).max(0.0)
+}
+
 /// The weight of a part's radiance in that of its cluster: a ⟨n_i, n⟩ / ā.
 pub fn share(part: &Facet, cluster: &Facet) -> f64 {
     if cluster.area > 0.0 { part.area * part.normal.dot(cluster.normal) / cluster.area } else { 0.0 }
@@ -164,38 +178,39 @@ impl Numbered {
     fn new(input: &ClusterInput, tree: &Hierarchy) -> Self {
         let &ClusterInput { classes, order, leaf, .. } = input;
         let nodes = tree.nodes();
-        let class = |slot: usize| classes.get(order[slot] as usize).copied();
-        // Padding is at the end of a class, so that a run of slots starts with a triangle, or has none.
+        // Padding is at the end of a class, so that a leaf starts with a triangle, or has none; then it is of the class of
+        // the leaf before.
+        let mut last = Class::default();
+        let classes_of_leaves: Vec<Class> = order
+            .chunks(leaf as usize)
+            .map(|slots| {
+                last = classes.get(slots[0] as usize).copied().unwrap_or(last);
+                last
+            })
+            .collect();
         let first = order.len() as u32;
         let (mut heights, mut found) = (vec![0u32; nodes.len()], Vec::new());
-        let mut class_of: Vec<Option<Class>> = vec![None; nodes.len()];
-        let mut pure = vec![false; nodes.len()];
+        // Leaves are sorted by class.
+        let class_of = |at: usize| {
+            let leaves = &nodes[at].leaves;
+            let [begin, end] = [leaves.start, leaves.end - 1].map(|leaf| classes_of_leaves[leaf]);
+            (begin == end).then_some(begin)
+        };
         for at in (0..nodes.len()).rev() {
-            match tree.branches(at) {
-                None => {
-                    class_of[at] = class(nodes[at].leaves.start * leaf as usize);
-                    pure[at] = true;
-                }
-                Some([a, b]) => {
-                    heights[at] = 1 + heights[a].max(heights[b]);
-                    class_of[at] = class_of[a].or(class_of[b]);
-                    let same = class_of[a] == class_of[b] || class_of[a].is_none() || class_of[b].is_none();
-                    pure[at] = pure[a] && pure[b] && same;
-                }
+            if let Some([a, b]) = tree.branches(at) {
+                heights[at] = 1 + heights[a].max(heights[b]);
             }
-            if pure[at] {
-                found.push(at);
+            if let Some(class) = class_of(at) {
+                found.push((class, heights[at], at));
             }
         }
-        // Leaves of padding alone belong to no class: they join the one before.
-        let key = |at: &usize| (class_of[*at].unwrap_or_default(), heights[*at], *at);
-        found.sort_unstable_by_key(key);
+        found.sort_unstable();
         let mut index = vec![None; nodes.len()];
-        for (&at, number) in found.iter().zip(first..) {
+        for (&(_, _, at), number) in found.iter().zip(first..) {
             index[at] = Some(number);
         }
         let (mut parts, mut runs) = (Vec::with_capacity(found.len()), Vec::<ClusterRun>::new());
-        for (&at, number) in found.iter().zip(first..) {
+        for (&(class, height, at), number) in found.iter().zip(first..) {
             parts.push(match tree.branches(at).map(|both| both.map(|b| index[b])) {
                 Some([Some(a), Some(b)]) => Parts::Clusters([a, b]),
                 _ => {
@@ -204,17 +219,16 @@ impl Numbered {
                     Parts::Triangles(leaves.start as u32 * leaf..end)
                 }
             });
-            let class = class_of[at].unwrap_or_default();
             if runs.last().is_none_or(|run| run.class != class) {
                 runs.push(ClusterRun { class, heights: Vec::new() });
             }
             if let Some(run) = runs.last_mut() {
                 // Heights of a class follow one another without gaps.
-                if run.heights.len() as u32 <= heights[at] {
+                if run.heights.len() as u32 <= height {
                     run.heights.push(number..number);
                 }
-                if let Some(height) = run.heights.last_mut() {
-                    height.end = number + 1;
+                if let Some(last) = run.heights.last_mut() {
+                    last.end = number + 1;
                 }
             }
         }

@@ -25,12 +25,11 @@ pub struct Moments {
     /// Σ a brightness, and with x.
     pub brightness: f64,
     bright_centre: DVec3,
-    characteristic_area: f64,
 }
 
 impl Moments {
     pub fn of(facet: &Facet, brightness: f64) -> Self {
-        let &Facet { centroid, normal, area, characteristic_area, .. } = facet;
+        let &Facet { centroid, normal, area, .. } = facet;
         let frame = orthonormal_basis(normal);
         Self {
             area,
@@ -41,11 +40,10 @@ impl Moments {
             frame: [frame.x_axis, frame.y_axis, frame.z_axis].map(|axis| area * axis),
             brightness: area * brightness,
             bright_centre: area * brightness * centroid,
-            characteristic_area,
         }
     }
 
-    /// The mean triangle.
+    /// The mean triangle, with the variance of the centroids in place of the characteristic area.
     pub fn facet(&self) -> Facet {
         if self.area == 0.0 {
             return Facet::new([DVec3::ZERO; 3]);
@@ -56,7 +54,7 @@ impl Moments {
             centroid,
             normal: super::mean_normal(self.normal),
             area: self.squares / self.area,
-            characteristic_area: self.characteristic_area,
+            characteristic_area: self.spread(),
         }
     }
 
@@ -99,7 +97,6 @@ impl Add for Moments {
             frame: [x + u, y + v, z + w],
             brightness: self.brightness + other.brightness,
             bright_centre: self.bright_centre + other.bright_centre,
-            characteristic_area: self.characteristic_area.max(other.characteristic_area),
         }
     }
 }

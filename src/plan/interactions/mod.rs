@@ -55,8 +55,8 @@ impl Interactions {
     }
 
     /// With clusters, and close pairs. `leaf`: triangles of the smallest clusters; `error`: what clusters may change,
-    /// relative to the mean irradiance; `brightness`: of the front of each triangle, relative to the mean; `bin`: solid
-    /// angle of a bin.
+    /// relative to the mean irradiance; `brightness`, `backs`: of the front of each triangle and of backs, relative to
+    /// the mean; `bin`: solid angle of a bin.
     pub(super) fn hierarchical(
         layout: &TileLayout,
         facets: &[Facet],
@@ -64,13 +64,14 @@ impl Interactions {
         half_range: f64,
         cull: bool,
         (leaf, error): (u32, f64),
-        (brightness, bin): (&[f64], f64),
+        (brightness, backs, bin): (&[f64], f64, f64),
     ) -> Result<Self, PlanError> {
         let tolerance = coplanar_tolerance(facets);
         let input = ClusterInput {
             facets,
             classes,
             brightness,
+            backs,
             order: &layout.order,
             leaf,
             half_range,
@@ -214,7 +215,7 @@ mod tests {
                 };
                 sources.extend(slots.iter().filter(close).map(|&source| source as u32));
             }
-            let Interactions { by_receiver, by_source } = &plan.interactions;
+            let Interactions { by_receiver, by_source, .. } = &plan.interactions;
             assert_eq!(by_receiver.near.partners, sources, "{}", scene.name);
             let by_source = by_source.as_ref().expect("gradients were planned");
             assert_eq!(by_source.far, by_receiver.far.transposed().expect("few runs"));

@@ -1,0 +1,46 @@
+//! Which emitters are lamps, whose direct light is exact.
+
+use super::Plan;
+use crate::direct::{Lamp, lamps};
+use crate::model::{Facet, coplanar_tolerance};
+use crate::scene::{Lamps, Scene};
+
+/// Lamps up to which direct light is exact unless stated: beyond, its cost exceeds that of the solve in most scenes.
+const MOST: usize = 64;
+
+/// How the light that comes straight from emitters is computed, and why.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct LampsReport {
+    /// Lamps with exact visibility: planar convex polygons, merged from triangles.
+    pub exact: usize,
+    /// Triangles of these.
+    pub triangles: usize,
+    /// In words.
+    pub why: String,
+}
+
+/// The lamps of a scene whose direct light is to be exact.
+pub(super) fn choose(scene: &Scene, facets: &[Facet], setting: Lamps) -> Vec<Lamp> {
+    if setting == Lamps::Antiradiance {
+        return Vec::new();
+    }
+    let lamps = lamps(scene, facets, coplanar_tolerance(facets));
+    if setting == Lamps::Auto && lamps.len() > MOST { Vec::new() } else { lamps }
+}
+
+impl Plan {
+    /// How the light of emitters is computed.
+    pub(super) fn lamps_report(&self) -> LampsReport {
+        let triangles = self.lamps.iter().map(|lamp| lamp.triangles.len()).sum();
+        let why = match (self.settings.lamps, self.lamps.len()) {
+            (Lamps::Antiradiance, _) => String::from("by antiradiance, as stated"),
+            (Lamps::Auto, 0) => {
+                format!("by antiradiance: no emitter, or more than {MOST} that cannot be merged")
+            }
+            (Lamps::Exact, 0) => String::from("no emitter"),
+            (_, 1) => String::from("direct light of 1 lamp with exact visibility"),
+            (_, count) => format!("direct light of {count} lamps with exact visibility"),
+        };
+        LampsReport { exact: self.lamps.len(), triangles, why }
+    }
+}
