@@ -289,6 +289,43 @@ fn layouts_agree_with_the_shaders() {
             ]
         );
     }
+    for shader in [shaders::CLUSTER_BINS.of(Precision::F32), shaders::CLUSTER_IRRADIANCE.of(Precision::F64)] {
+        check!(
+            shader,
+            "ListPush",
+            ListPush,
+            [
+                "target_list" = target_list,
+                "partner_begin" = partner_begin,
+                "partner_end" = partner_end,
+                "half_range" = half_range,
+                "target_page" = target_page,
+                "partner_page" = partner_page,
+                "passing" = passing,
+                "skip" = skip,
+                "take" = take,
+                "clusters" = clusters,
+            ]
+        );
+    }
+    check!(
+        shaders::GATHER.of(Precision::F64),
+        "GatherPush",
+        GatherPush,
+        ["begin" = begin, "end" = end, "clusters" = clusters, "triangles" = triangles]
+    );
+    check!(
+        shaders::GATHER_BINS.of(Precision::F32),
+        "GatherBinsPush",
+        GatherBinsPush,
+        [
+            "begin" = begin,
+            "clusters" = clusters,
+            "triangles" = triangles,
+            "from_page" = from_page,
+            "to_page" = to_page,
+        ]
+    );
     for shader in [
         shaders::NEAR.of(Precision::F64),
         shaders::NEAR_ADJOINT.of(Precision::F32),

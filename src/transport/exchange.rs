@@ -198,7 +198,7 @@ impl Exchange {
                     }
                 }
             }
-            self.from_clusters(context, x, &receivers, irradiance.slice(), passing, monitor)?;
+            self.add_clusters(context, x, &receivers, irradiance.slice(), passing, monitor)?;
             for (_, incident) in receivers {
                 incident.store(device)?;
             }
@@ -209,7 +209,7 @@ impl Exchange {
 
     /// Adds what far clusters and triangles send, where clusters stand for triangles; states are on the device then, and
     /// what triangles send is known.
-    fn from_clusters(
+    fn add_clusters(
         &mut self,
         context: &Context,
         x: Option<&State>,

@@ -92,7 +92,7 @@ impl Clusters {
         let &ClusterInput { facets, order, leaf, tolerance, .. } = input;
         let cuts = Cuts::new(input);
         let tree = Hierarchy::cut_by(facets, order, leaf as usize, tolerance, |leaves| cuts.cut(leaves));
-        let Numbered { index, parts, runs } = Numbered::new(input, &tree);
+        let Numbered { index, parts, runs } = Numbered::new(input, &tree, &cuts.classes);
         let sources = Acceptance::new(input, &tree, &index).lists()?;
         Some(Self { order: order.to_vec(), parts, runs, sources })
     }
@@ -175,25 +175,16 @@ struct Numbered {
 }
 
 impl Numbered {
-    fn new(input: &ClusterInput, tree: &Hierarchy) -> Self {
-        let &ClusterInput { classes, order, leaf, .. } = input;
+    /// `classes`: of the leaves of the tree.
+    fn new(input: &ClusterInput, tree: &Hierarchy, classes: &[Class]) -> Self {
+        let &ClusterInput { order, leaf, .. } = input;
         let nodes = tree.nodes();
-        // Padding is at the end of a class, so that a leaf starts with a triangle, or has none; then it is of the class of
-        // the leaf before.
-        let mut last = Class::default();
-        let classes_of_leaves: Vec<Class> = order
-            .chunks(leaf as usize)
-            .map(|slots| {
-                last = classes.get(slots[0] as usize).copied().unwrap_or(last);
-                last
-            })
-            .collect();
         let first = order.len() as u32;
         let (mut heights, mut found) = (vec![0u32; nodes.len()], Vec::new());
         // Leaves are sorted by class.
         let class_of = |at: usize| {
             let leaves = &nodes[at].leaves;
-            let [begin, end] = [leaves.start, leaves.end - 1].map(|leaf| classes_of_leaves[leaf]);
+            let [begin, end] = [leaves.start, leaves.end - 1].map(|leaf| classes[leaf]);
             (begin == end).then_some(begin)
         };
         for at in (0..nodes.len()).rev() {

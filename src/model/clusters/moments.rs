@@ -118,7 +118,7 @@ struct Before {
 /// Cuts runs of leaves where positions and normals then vary least in both branches, classes first.
 pub struct Cuts {
     before: Vec<Before>,
-    classes: Vec<Option<Class>>,
+    pub classes: Vec<Class>,
 }
 
 /// Smallest share of its leaves in a branch, which bounds the height of the tree.
@@ -130,7 +130,9 @@ impl Cuts {
         let (mut before, mut classes) = (Vec::new(), Vec::new());
         for slots in input.order.chunks(input.leaf as usize) {
             before.push(Before { ..sum });
-            classes.push(input.classes.get(slots[0] as usize).copied());
+            // Leaves of padding alone are of the class before.
+            let last = classes.last().copied().unwrap_or_default();
+            classes.push(input.classes.get(slots[0] as usize).copied().unwrap_or(last));
             for &i in slots.iter().filter(|&&i| i != PADDING) {
                 let Facet { centroid, normal, .. } = input.facets[i as usize];
                 sum.count += 1.0;
@@ -154,11 +156,9 @@ impl Cuts {
 
     pub fn cut(&self, leaves: &Range<usize>) -> usize {
         let class = self.classes[leaves.start];
-        let other = |at: &usize| self.classes[*at].is_some() && self.classes[*at] != class;
-        if self.classes[leaves.end - 1].is_none() || other(&(leaves.end - 1)) {
-            if let Some(at) = leaves.clone().find(other) {
-                return at;
-            }
+        let other = |at: &usize| self.classes[*at] != class;
+        if let Some(at) = Some(leaves.end - 1).filter(other).and_then(|_| leaves.clone().find(other)) {
+            return at;
         }
         let least = (leaves.len() / LEAST_SHARE).max(1);
         let cost = |at: usize| self.variance(leaves.start..at) + self.variance(at..leaves.end);
