@@ -15,11 +15,15 @@ layout(std430, binding = 0) readonly buffer Surfaces { Surface surfaces[]; };
 layout(std430, binding = 1) readonly buffer BinTable { real4 bin_table[]; };
 layout(std430, binding = 2) readonly buffer Incident { real incident[]; };
 layout(std430, binding = 3) writeonly buffer Specular { real specular[]; };
+// Slots of the triangles by power.
+layout(std430, binding = 4) readonly buffer LobeSlots { uint lobe_slots[]; };
 
 layout(push_constant) uniform GlossyPush {
     // First slot of the page.
     uint page;
-    // Pairs of triangle and bin of the page, from `first` on.
+    // The triangles are those of `lobe_slots` from here on.
+    uint list;
+    // Pairs of such a triangle and a bin, from `first` on.
     uint first;
     uint count;
 };
@@ -28,16 +32,18 @@ void main() {
     if (gl_GlobalInvocationID.x >= count) {
         return;
     }
-    uint at = first + gl_GlobalInvocationID.x;
-    uint triangle = at / BINS;
-    Surface s = surfaces[page + triangle];
-    real3 o = bin_table[at % BINS].xyz;
+    uint pair = first + gl_GlobalInvocationID.x;
+    uint slot = lobe_slots[list + pair / BINS];
+    uint bins = (slot - page) * BINS;
+    Surface s = surfaces[slot];
+    real3 o = bin_table[pair % BINS].xyz;
     real3 sum = real3(0.0);
     for (uint b = 0; b < BINS; b++) {
-        uint from = (triangle * BINS + b) * CHANNELS;
+        uint from = (bins + b) * CHANNELS;
         sum += lobe(half_cosine(bin_table[b].xyz, o), s.power) * bin_table[b].w * (CHANNELS == 1 ? real3(incident[from])
                                      : real3(incident[from], incident[from + 1], incident[from + 2]));
     }
+    uint at = bins + pair % BINS;
     for (uint c = 0; c < CHANNELS; c++) {
         specular[at * CHANNELS + c] = s.specular[c] * sum[c];
     }

@@ -15,11 +15,15 @@ layout(std430, binding = 0) readonly buffer Surfaces { Surface surfaces[]; };
 layout(std430, binding = 1) readonly buffer BinTable { real4 bin_table[]; };
 layout(std430, binding = 2) readonly buffer Specular { real specular[]; };
 layout(std430, binding = 3) buffer Cotangent { real cotangent[]; };
+// Slots of the triangles by power.
+layout(std430, binding = 4) readonly buffer LobeSlots { uint lobe_slots[]; };
 
 layout(push_constant) uniform GlossyPush {
     // First slot of the page.
     uint page;
-    // Pairs of triangle and bin of the page, from `first` on.
+    // The triangles are those of `lobe_slots` from here on.
+    uint list;
+    // Pairs of such a triangle and a bin, from `first` on.
     uint first;
     uint count;
 };
@@ -28,17 +32,19 @@ void main() {
     if (gl_GlobalInvocationID.x >= count) {
         return;
     }
-    uint at = first + gl_GlobalInvocationID.x;
-    uint triangle = at / BINS;
-    Surface s = surfaces[page + triangle];
-    real3 b = bin_table[at % BINS].xyz;
+    uint pair = first + gl_GlobalInvocationID.x;
+    uint slot = lobe_slots[list + pair / BINS];
+    uint bins = (slot - page) * BINS;
+    Surface s = surfaces[slot];
+    real3 b = bin_table[pair % BINS].xyz;
     real3 sum = real3(0.0);
     for (uint o = 0; o < BINS; o++) {
-        uint from = (triangle * BINS + o) * CHANNELS;
+        uint from = (bins + o) * CHANNELS;
         sum += lobe(half_cosine(bin_table[o].xyz, b), s.power)
             * (CHANNELS == 1 ? real3(specular[from])
                              : real3(specular[from], specular[from + 1], specular[from + 2]));
     }
+    uint at = bins + pair % BINS;
     for (uint c = 0; c < CHANNELS; c++) {
         cotangent[at * CHANNELS + c] += s.specular[c] * sum[c];
     }

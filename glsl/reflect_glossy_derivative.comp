@@ -19,10 +19,14 @@ layout(std430, binding = 2) readonly buffer Incident { real incident[]; };
 layout(std430, binding = 3) readonly buffer Specular { real specular[]; };
 // Two per slot.
 layout(std430, binding = 4) buffer Sums { real4 sums[]; };
+// Slots of the triangles by power.
+layout(std430, binding = 5) readonly buffer LobeSlots { uint lobe_slots[]; };
 
 layout(push_constant) uniform GlossyDerivativePush {
-    // First slot of the page, and the number of its slots.
+    // First slot of the page.
     uint page;
+    // The triangles: `count` entries of `lobe_slots` from `list` on.
+    uint list;
     uint count;
     // Outgoing bins, from `bin_begin` to before `bin_end`.
     uint bin_begin;
@@ -37,23 +41,23 @@ real3 rgb(bool outgoing, uint at) {
 }
 
 void main() {
-    uint triangle = gl_GlobalInvocationID.x;
-    if (triangle >= count) {
+    if (gl_GlobalInvocationID.x >= count) {
         return;
     }
-    Surface s = surfaces[page + triangle];
+    uint slot = lobe_slots[list + gl_GlobalInvocationID.x];
+    uint bins = (slot - page) * BINS;
+    Surface s = surfaces[slot];
     real3 sum = real3(0.0), sum_of_logarithms = real3(0.0);
     for (uint o = bin_begin; o < bin_end; o++) {
-        real3 adjoint = rgb(true, triangle * BINS + o);
+        real3 adjoint = rgb(true, bins + o);
         real3 out_direction = bin_table[o].xyz;
         for (uint b = 0; b < BINS; b++) {
             real cosine = half_cosine(bin_table[b].xyz, out_direction);
-            real3 value = lobe(cosine, s.power) * bin_table[b].w * adjoint * rgb(false, triangle * BINS + b);
+            real3 value = lobe(cosine, s.power) * bin_table[b].w * adjoint * rgb(false, bins + b);
             sum += value;
             sum_of_logarithms += logarithm(cosine) * value;
         }
     }
-    uint slot = page + triangle;
     sums[2 * slot].rgb += sum;
     sums[2 * slot + 1].rgb += sum_of_logarithms;
 }

@@ -1,6 +1,7 @@
 //! The engine: a planned scene on a device, solved.
 
-use crate::direct::{DirectLight, Lamp};
+use crate::direct::DirectLight;
+use crate::engine_direct::{Direct, lamps_of};
 use crate::gpu::{Device, GpuError};
 use crate::options::setters;
 use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, Residency};
@@ -15,6 +16,7 @@ use glam::DVec3;
 use std::f64::consts::PI;
 use std::fmt;
 use std::ops::{ControlFlow, Range};
+use std::sync::Arc;
 
 /// Why an operation of the engine failed.
 #[derive(Debug, thiserror::Error)]
@@ -306,9 +308,7 @@ pub struct Engine {
     /// `None` unless gradients are planned.
     pub(crate) adjoint: Option<AdjointKernels>,
     /// The light that comes straight from lamps.
-    pub(crate) direct: DirectLight,
-    /// The same as irradiance of each triangle of the scene, W/m².
-    pub(crate) direct_irradiance: Vec<DVec3>,
+    pub(crate) direct: Direct,
     /// Per triangle of the scene.
     pub(crate) materials: Vec<Material>,
     /// Unit of incident and outgoing light on the device: W/m², W/(m² sr).
@@ -338,15 +338,25 @@ impl Engine {
     pub fn new(device: &Device, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
         scene.validate()?;
         check_planned(&plan, scene)?;
+        let direct = DirectLight::new(&plan.facets, lamps_of(scene, &plan.lamps));
+        Self::with_direct(device, scene, plan, direct)
+    }
+
+    fn with_direct(
+        device: &Device,
+        scene: &Scene,
+        plan: Plan,
+        direct: DirectLight,
+    ) -> Result<Self, EngineError> {
         // Counted apart from everything else on the device, such as engines of other threads.
         let own = device.scope(plan.staging);
         let unit = light_unit(scene);
-        let direct = DirectLight::new(&plan.facets, lamps_of(scene, plan.lamps.clone()));
-        let direct_irradiance = direct.irradiance(|i| scene.material(i).emission);
-        let emitted = emitted(scene, &direct, &direct_irradiance);
+        let direct = Direct::new(Arc::new(direct), scene, &plan, &[]);
+        let emitted = direct.emitted(scene);
         let buffers = SceneBuffers::emitting(&own, scene, &plan, &emitted, unit)?;
         let adjoint = AdjointKernels::new(&own, &plan)?;
         let operators = Operators::new(&own, plan, buffers)?;
+        operators.set_first_bounce(&direct.first_bounce(scene, operators.plan(), unit))?;
         let allocated = own.scope_memory();
         for item in operators.plan().memory().own() {
             let row = allocated.iter().find(|row| row.label == item.label);
@@ -365,7 +375,6 @@ impl Engine {
             adjoint,
             unit,
             direct,
-            direct_irradiance,
             materials: (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect(),
             triangles: scene.triangles.iter().map(|t| t.vertices).collect(),
             vertices: scene.vertices.len(),
@@ -397,24 +406,34 @@ impl Engine {
         // First, since a failed transfer may be partial.
         self.revision = self.revision.next();
         self.unit = light_unit(scene);
-        let lamps = lamps_of(scene, self.direct.lamps().to_vec());
-        if lamps != self.direct.lamps() {
-            self.direct = DirectLight::new(&self.operators.plan().facets, lamps);
-        }
-        self.direct_irradiance = self.direct.irradiance(|i| scene.material(i).emission);
-        let emitted = emitted(scene, &self.direct, &self.direct_irradiance);
+        let lamps = lamps_of(scene, self.direct.light.lamps());
+        let plan = self.operators.plan();
+        self.direct = match lamps == self.direct.light.lamps() {
+            true => Direct::new(self.direct.light.clone(), scene, plan, &self.direct.lobes),
+            false => Direct::new(Arc::new(DirectLight::new(&plan.facets, lamps)), scene, plan, &[]),
+        };
+        let emitted = self.direct.emitted(scene);
+        let first_bounce = self.direct.first_bounce(scene, plan, self.unit);
         self.operators.set_materials(scene, &emitted, self.unit)?;
+        self.operators.set_first_bounce(&first_bounce)?;
         self.materials = (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect();
         Ok(())
     }
 
     /// An engine for a changed scene, planned anew with the same options and settings. Frees the memory of this one
-    /// first, except for held solutions; compiled kernels stay with the device.
+    /// first, except for held solutions; compiled kernels stay with the device. Where only vertices have moved, direct light is
+    /// sampled at the same points of each triangle, so that results are smooth functions of the vertices.
     pub fn rebuilt(self, scene: &Scene) -> Result<Self, EngineError> {
-        let Self { device, operators, adjoint, .. } = self;
+        let Self { device, operators, adjoint, direct, .. } = self;
         let (options, settings) = (operators.plan().options, operators.plan().settings);
         drop((operators, adjoint));
-        Self::new(&device, scene, Plan::new(scene, &options, &settings)?)
+        let plan = Plan::new(scene, &options, &settings)?;
+        let lamps = lamps_of(scene, &plan.lamps);
+        let direct = match lamps == direct.light.lamps() && plan.facets.len() == direct.light.receivers() {
+            true => direct.light.moved(&plan.facets),
+            false => DirectLight::new(&plan.facets, lamps),
+        };
+        Self::with_direct(&device, scene, plan, direct)
     }
 
     /// The device that it runs on.
@@ -484,7 +503,7 @@ impl Engine {
     fn solution(&mut self, state: State, info: SolveInfo) -> Result<Solution, EngineError> {
         let indirect = self.scaled(self.unit, &self.operators.irradiance(&state)?);
         let total = |(indirect, direct): (&[f64; 3], &DVec3)| (DVec3::from(*indirect) + *direct).to_array();
-        let irradiance: Vec<[f64; 3]> = indirect.iter().zip(&self.direct_irradiance).map(total).collect();
+        let irradiance: Vec<[f64; 3]> = indirect.iter().zip(&self.direct.irradiance).map(total).collect();
         let radiosity = self.radiosity(&state, &irradiance)?;
         let energy = self.energy(&irradiance, &radiosity);
         let lowest = irradiance.iter().map(|rgb| rgb.iter().copied().fold(f64::INFINITY, f64::min));
@@ -512,6 +531,19 @@ impl Engine {
         solution: &Solution,
         camera_position: DVec3,
     ) -> Result<Vec<[f64; 3]>, EngineError> {
+        let mut colours = self.colours_without_highlights(solution, camera_position)?;
+        for (i, highlight) in self.highlights(camera_position) {
+            colours[i] = (DVec3::from(colours[i]) + highlight).to_array();
+        }
+        Ok(colours)
+    }
+
+    /// The same without the light of lamps that triangles reflect specularly.
+    pub(crate) fn colours_without_highlights(
+        &mut self,
+        solution: &Solution,
+        camera_position: DVec3,
+    ) -> Result<Vec<[f64; 3]>, EngineError> {
         self.check_own(solution)?;
         check_position(camera_position)?;
         let colours = self.operators.observe(&solution.state, camera_position)?;
@@ -520,14 +552,6 @@ impl Engine {
             colours[i] = (DVec3::from(colours[i]) + DVec3::from(self.materials[i].emission)).to_array();
         }
         Ok(colours)
-    }
-
-    /// The triangles of lamps whose fronts face a point, metres.
-    pub(crate) fn lamp_triangles_facing(&self, point: DVec3) -> impl Iterator<Item = usize> + '_ {
-        let plan = self.operators.plan();
-        let point = plan.placement.apply(point);
-        let triangles = self.direct.lamps().iter().flat_map(|lamp| &lamp.triangles).map(|&i| i as usize);
-        triangles.filter(move |&i| (point - plan.facets[i].centroid).dot(plan.facets[i].normal) > 0.0)
     }
 
     /// Sets a callback within passes. It is called after every submission with the number of pairs done and that of
@@ -594,30 +618,6 @@ impl Engine {
         let (emitted, absorbed, escaped) = (emitted.into(), absorbed.into(), (emitted - absorbed).into());
         Energy { emitted, absorbed, escaped }
     }
-}
-
-/// Lamps, and triangles of their own for those whose triangles no longer emit the same.
-fn lamps_of(scene: &Scene, lamps: Vec<Lamp>) -> Vec<Lamp> {
-    let emission = |&i: &u32| scene.material(i as usize).emission;
-    let uniform = |lamp: &Lamp| lamp.triangles.iter().all(|i| emission(i) == emission(&lamp.triangles[0]));
-    let split = |lamp: Lamp| match uniform(&lamp) {
-        true => vec![lamp],
-        false => lamp.triangles.into_iter().map(Lamp::single).collect(),
-    };
-    lamps.into_iter().flat_map(split).collect()
-}
-
-/// What each triangle emits into U, W/(m² sr): its emission, except for lamps, and the direct light that it reflects diffusely.
-fn emitted(scene: &Scene, direct: &DirectLight, irradiance: &[DVec3]) -> Vec<[f64; 3]> {
-    let mut emitted: Vec<[f64; 3]> = (0..scene.triangles.len()).map(|i| scene.material(i).emission).collect();
-    for &i in direct.lamps().iter().flat_map(|lamp| &lamp.triangles) {
-        emitted[i as usize] = [0.0; 3];
-    }
-    if direct.lamps().is_empty() {
-        return emitted;
-    }
-    let reflected = |i: usize| irradiance[i] * DVec3::from(scene.material(i).diffuse_albedo()) / PI;
-    (0..).zip(emitted).map(|(i, l)| (DVec3::from(l) + reflected(i)).to_array()).collect()
 }
 
 /// Checks that a valid scene fits the plan: the same triangles, and no lobes or colours that were not planned.

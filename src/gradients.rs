@@ -4,7 +4,7 @@ use crate::engine::{Engine, EngineError, Solution, SolveParams, check_position, 
 use crate::model::FacetGradient;
 use crate::options::setters;
 use crate::plan::{GradientRequest, PADDING, PlannedSolver};
-use crate::scene::{Material, Scene};
+use crate::scene::Scene;
 use crate::solve::{FixedPointParams, GmresParams, SolveInfo, SolveProgress, fixed_point, gmres};
 use crate::transport::{AdjointOperator, LobeSums};
 use glam::DVec3;
@@ -18,16 +18,25 @@ use std::ops::ControlFlow;
 pub struct Cotangent {
     /// Of [`Solution::irradiance`], per W/m².
     pub irradiance: Option<Vec<DVec3>>,
+    /// Of the part of it that comes straight from lamps with exact visibility, per W/m².
+    pub direct_irradiance: Option<Vec<DVec3>>,
+    /// Of the other part, per W/m².
+    pub indirect_irradiance: Option<Vec<DVec3>>,
     /// Of [`Solution::radiosity`], per W/m².
     pub radiosity: Option<Vec<DVec3>>,
     /// Of [`Engine::face_colours`] for cameras (metres), per W/(m² sr).
     pub colours: Vec<(DVec3, Vec<DVec3>)>,
+    /// The same without the highlights of lamps.
+    pub colours_without_highlights: Vec<(DVec3, Vec<DVec3>)>,
 }
 
 setters!(Cotangent {
     irradiance: Option<Vec<DVec3>>,
+    direct_irradiance: Option<Vec<DVec3>>,
+    indirect_irradiance: Option<Vec<DVec3>>,
     radiosity: Option<Vec<DVec3>>,
     colours: Vec<(DVec3, Vec<DVec3>)>,
+    colours_without_highlights: Vec<(DVec3, Vec<DVec3>)>,
 });
 
 /// Derivatives of a loss with respect to the parameters of a scene; `None` for those not requested.
@@ -47,15 +56,25 @@ pub struct Gradients {
     pub corners: Option<Vec<[DVec3; 3]>>,
     /// With respect to each vertex of the scene, per metre.
     pub vertices: Option<Vec<DVec3>>,
-    /// With respect to each camera of [`Cotangent::colours`], per metre.
+    /// With respect to each camera of [`Cotangent::colours`], then of those without highlights, per metre.
     pub camera_positions: Option<Vec<DVec3>>,
     /// How the adjoint solve went.
     pub info: SolveInfo,
 }
 
 impl Cotangent {
+    /// The colours towards cameras, with highlights and then without.
+    pub(crate) fn views(&self) -> impl Iterator<Item = &(DVec3, Vec<DVec3>)> {
+        self.colours.iter().chain(&self.colours_without_highlights)
+    }
+
     fn values(&self) -> impl Iterator<Item = &Vec<DVec3>> {
-        self.irradiance.iter().chain(&self.radiosity).chain(self.colours.iter().map(|(_, values)| values))
+        let irradiance = [&self.irradiance, &self.direct_irradiance, &self.indirect_irradiance];
+        irradiance
+            .into_iter()
+            .flatten()
+            .chain(&self.radiosity)
+            .chain(self.colours.iter().map(|(_, values)| values))
     }
 
     /// The power of two at or below the largest entry.
@@ -65,14 +84,16 @@ impl Cotangent {
 
     fn divided(&self, by: f64) -> Self {
         let values = |values: &Vec<DVec3>| values.iter().map(|&v| v / by).collect();
+        let views = |views: &[(DVec3, Vec<DVec3>)]| {
+            views.iter().map(|(camera_position, colours)| (*camera_position, values(colours))).collect()
+        };
         Self {
             irradiance: self.irradiance.as_ref().map(values),
+            direct_irradiance: self.direct_irradiance.as_ref().map(values),
+            indirect_irradiance: self.indirect_irradiance.as_ref().map(values),
             radiosity: self.radiosity.as_ref().map(values),
-            colours: self
-                .colours
-                .iter()
-                .map(|(camera_position, colours)| (*camera_position, values(colours)))
-                .collect(),
+            colours: views(&self.colours),
+            colours_without_highlights: views(&self.colours_without_highlights),
         }
     }
 }
@@ -111,11 +132,11 @@ impl Engine {
         let cotangent = &cotangent.divided(steepness);
         let (irradiance, radiance, specular) = self.own_cotangents(cotangent);
         let views: Vec<(DVec3, Vec<[f64; 4]>)> = cotangent
-            .colours
-            .iter()
+            .views()
             .map(|(camera_position, colours)| (*camera_position, self.to_slots(colours)))
             .collect();
         let solver = self.plan().solver;
+        let first_bounce = self.plan().has_first_bounce();
         let SolveParams { tolerance, max_passes } = *params;
         let Some(adjoint) = &mut self.adjoint else {
             return Err(EngineError::NotPlanned { kinds: Vec::new() });
@@ -125,6 +146,11 @@ impl Engine {
         for (camera_position, colours) in &views {
             operator.add_view(*camera_position, colours)?;
         }
+        // What is seen of glossy triangles does not contain what they reflect of lamps per bin.
+        let seen = match first_bounce {
+            true => Some(less(operator.given_specular()?, &specular)),
+            false => None,
+        };
         let solved = match solver {
             PlannedSolver::FixedPoint => {
                 fixed_point(&mut operator, &FixedPointParams { tolerance, max_passes }, progress)
@@ -148,24 +174,40 @@ impl Engine {
         // Scale of what is also linear in the state's light.
         let of_light = steepness * self.unit;
         let per_metre = of_light * self.plan().placement.scale;
-        let of_radiance: Vec<DVec3> =
-            self.scaled(steepness, &outgoing.radiance).into_iter().map(DVec3::from).collect();
+        let unscaled: Vec<DVec3> =
+            self.scaled(1.0, &outgoing.radiance).into_iter().map(DVec3::from).collect();
+        let of_radiance: Vec<DVec3> = unscaled.iter().map(|by| steepness * *by).collect();
+        let of_lobes = match &seen {
+            Some(seen) => less(outgoing.specular, seen),
+            None => Vec::new(),
+        };
         // ∂(δρ/π E): the same for δ, given ρ, and for ρ, given δ.
         let of_albedo: Vec<DVec3> =
             of_radiance.iter().zip(&solution.irradiance).map(|(&m, &h)| m * DVec3::from(h) / PI).collect();
-        let of_direct = self.direct_cotangent(cotangent, steepness, &of_radiance);
         let materials = || of_albedo.iter().zip(&self.materials);
         let lobes = lobes.map(|sums| self.lobe_gradients(&sums, of_light));
+        let direct = self.direct_gradients(cotangent, &unscaled, &of_lobes, request);
         let corners = request.positions.then(|| {
             let mut corners = self.corner_gradients(&facets, per_metre);
-            self.add_direct_corners(&of_direct, &mut corners);
+            let scale = steepness * self.plan().placement.scale;
+            for ((to, by), facet) in corners.iter_mut().zip(&direct.facets).zip(self.plan().facets()) {
+                to.iter_mut().zip(by.to_corners(facet)).for_each(|(to, by)| *to += by * scale);
+            }
             corners
         });
         let emission = request.emission.then(|| {
             let mut emission = of_radiance.clone();
-            self.set_lamp_emission(cotangent, steepness, &of_direct, &mut emission);
+            for &i in self.direct.light.lamps().iter().flat_map(|lamp| &lamp.triangles) {
+                emission[i as usize] = steepness * direct.emission[i as usize];
+            }
             emission
         });
+        let mut lobes = lobes;
+        if let Some(lobes) = &mut lobes {
+            for (to, by) in lobes.iter_mut().zip(direct.specular.iter().zip(&direct.power)) {
+                *to = (to.0 + steepness * *by.0, to.1 + steepness * by.1);
+            }
+        }
         Ok(Gradients {
             diffuse: request.diffuse.then(|| materials().map(|(&g, m)| g.dot(m.albedo.into())).collect()),
             albedo: request.albedo.then(|| materials().map(|(&g, m)| m.diffuse * g).collect()),
@@ -181,7 +223,10 @@ impl Engine {
             vertices: corners.as_ref().map(|corners| self.vertex_gradients(corners)),
             corners,
             camera_positions: request.camera.then(|| {
-                camera_positions.into_iter().map(|camera_position| camera_position * per_metre).collect()
+                let scale = steepness * self.plan().placement.scale;
+                let highlights = direct.cameras.iter().copied().chain(std::iter::repeat(DVec3::ZERO));
+                let views = camera_positions.into_iter().zip(highlights);
+                views.map(|(by_faces, by_highlights)| by_faces * per_metre + by_highlights * scale).collect()
             }),
             info,
         })
@@ -202,13 +247,17 @@ impl Engine {
                 None => Ok(()),
             }
         };
-        if let Some(values) = &cotangent.irradiance {
-            check("irradiance", values)?;
+        for (what, values) in [
+            ("irradiance", &cotangent.irradiance),
+            ("direct irradiance", &cotangent.direct_irradiance),
+            ("indirect irradiance", &cotangent.indirect_irradiance),
+        ] {
+            values.as_ref().map_or(Ok(()), |values| check(what, values))?;
         }
         if let Some(values) = &cotangent.radiosity {
             check("radiosity", values)?;
         }
-        cotangent.colours.iter().try_for_each(|(camera_position, values)| {
+        cotangent.views().try_for_each(|(camera_position, values)| {
             check_position(*camera_position)?;
             check("face colours", values)
         })
@@ -219,7 +268,12 @@ impl Engine {
     fn own_cotangents(&self, cotangent: &Cotangent) -> (Vec<[f64; 4]>, Vec<[f64; 4]>, Vec<Option<Vec<f64>>>) {
         let plan = self.plan();
         let none = || vec![[0.0; 4]; plan.layout.slots() as usize];
-        let irradiance = cotangent.irradiance.as_ref().map_or_else(none, |values| self.to_slots(values));
+        let mut irradiance = none();
+        for values in [&cotangent.irradiance, &cotangent.indirect_irradiance].into_iter().flatten() {
+            for (to, values) in irradiance.iter_mut().zip(self.to_slots(values)) {
+                (0..3).for_each(|channel| to[channel] += values[channel]);
+            }
+        }
         let Some(radiosity) = &cotangent.radiosity else {
             return (irradiance, none(), vec![None; plan.layout.groups.len()]);
         };
@@ -261,56 +315,6 @@ impl Engine {
         gradients
     }
 
-    /// Cotangent of the direct irradiance of each triangle: that of irradiance, and through its diffuse reflection.
-    fn direct_cotangent(&self, cotangent: &Cotangent, steepness: f64, of_radiance: &[DVec3]) -> Vec<DVec3> {
-        let reflected = |(m, material): (&DVec3, &Material)| *m * DVec3::from(material.diffuse_albedo()) / PI;
-        let mut of_direct: Vec<DVec3> = of_radiance.iter().zip(&self.materials).map(reflected).collect();
-        for (to, own) in of_direct.iter_mut().zip(cotangent.irradiance.iter().flatten()) {
-            *to += steepness * *own;
-        }
-        of_direct
-    }
-
-    /// Derivatives by the emission of lamps: by what is seen of them, and by their direct light. The triangles of one lamp share the latter by
-    /// area.
-    fn set_lamp_emission(
-        &self,
-        cotangent: &Cotangent,
-        steepness: f64,
-        of_direct: &[DVec3],
-        emission: &mut [DVec3],
-    ) {
-        let facets = self.plan().facets();
-        for (l, lamp) in self.direct.lamps().iter().enumerate() {
-            let of_light: DVec3 =
-                of_direct.iter().enumerate().map(|(i, &d)| d * self.direct.factors(i)[l]).sum();
-            let area: f64 = lamp.triangles.iter().map(|&i| facets[i as usize].area).sum();
-            for i in lamp.triangles.iter().map(|&i| i as usize) {
-                let radiosity = cotangent.radiosity.as_ref().map_or(DVec3::ZERO, |values| PI * values[i]);
-                emission[i] = steepness * radiosity + of_light * (facets[i].area / area);
-            }
-        }
-        for (camera_position, colours) in &cotangent.colours {
-            for i in self.lamp_triangles_facing(*camera_position) {
-                emission[i] += steepness * colours[i];
-            }
-        }
-    }
-
-    /// Adds the derivatives of direct light by the corners of receivers, blockers and lamps.
-    fn add_direct_corners(&self, of_direct: &[DVec3], corners: &mut [[DVec3; 3]]) {
-        let (plan, lamps) = (self.plan(), self.direct.lamps());
-        let radiance: Vec<DVec3> =
-            lamps.iter().map(|lamp| self.materials[lamp.first()].emission.into()).collect();
-        let by_factor = |receiver: usize, lamp: usize| of_direct[receiver].dot(radiance[lamp]);
-        let facets = self.direct.pull_back(plan.facets(), by_factor);
-        for ((to, gradient), facet) in corners.iter_mut().zip(&facets).zip(plan.facets()) {
-            for (to, by) in to.iter_mut().zip(gradient.to_corners(facet)) {
-                *to += by * plan.placement.scale;
-            }
-        }
-    }
-
     fn corner_gradients(&self, facets: &[FacetGradient], per_metre: f64) -> Vec<[DVec3; 3]> {
         let plan = self.plan();
         let mut corners = vec![[DVec3::ZERO; 3]; plan.facets.len()];
@@ -331,6 +335,16 @@ impl Engine {
         }
         vertices
     }
+}
+
+/// The differences of values per group.
+fn less(values: Vec<Option<Vec<f64>>>, others: &[Option<Vec<f64>>]) -> Vec<Option<Vec<f64>>> {
+    let page = |(values, others): (Option<Vec<f64>>, &Option<Vec<f64>>)| {
+        let mut values = values?;
+        values.iter_mut().zip(others.iter().flatten()).for_each(|(to, other)| *to -= other);
+        Some(values)
+    };
+    values.into_iter().zip(others).map(page).collect()
 }
 
 impl Gradients {

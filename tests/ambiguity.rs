@@ -6,7 +6,7 @@ use antirad::Watch;
 use antirad::ambiguity::{DirectLight, FirstBounce, Given, Polytope, Views};
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
-use antirad::scene::{Camera, LoadOptions, Scene};
+use antirad::scene::{Camera, Lamps, LoadOptions, Scene};
 use std::fs;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -53,7 +53,10 @@ fn room() -> Scene {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("room.toml");
     fs::write(&path, ROOM).expect("written");
-    Scene::load(&path, &LoadOptions::default()).expect("a scene")
+    let mut scene = Scene::load(&path, &LoadOptions::default()).expect("a scene");
+    // All emitters take the same way.
+    scene.settings.lamps = Lamps::Antiradiance;
+    scene
 }
 
 /// Relative to the mean radiance: shadows of this coarse room are no better.

@@ -15,7 +15,7 @@ use antirad::transport::{AdjointKernels, AdjointOperator, Operators, SceneBuffer
 use antirad::{Cotangent, Engine, EngineError, Gradients, MaterialGradients, Solution, SolveParams};
 use ash::vk;
 use glam::DVec3;
-use support::random::{Random, random_scene, scattered};
+use support::random::{Random, random_scene, scattered, with_own_powers};
 use support::{device, finish, load};
 
 const EQUAL_ANGLE: BinLayout = BinLayout::EqualAngle { theta: 10, phi: 13 };
@@ -241,8 +241,8 @@ fn whole_solve(name: &str, scene: &Scene, bound: f64) {
     finish(&device);
 }
 
-/// Glossy and occluded; diffuse; nothing but blockers, so that U (K - J) = -U J; many close pairs.
-fn scenes(precision: Precision) -> [(&'static str, Scene); 4] {
+/// Glossy and occluded, also with a power for each triangle; diffuse; nothing but blockers, so that U (K - J) = -U J; many close pairs.
+fn scenes(precision: Precision) -> [(&'static str, Scene); 5] {
     let with = |mut scene: Scene| {
         scene.settings = settings(precision);
         scene
@@ -253,6 +253,7 @@ fn scenes(precision: Precision) -> [(&'static str, Scene); 4] {
     }
     [
         ("glossy", with(random_scene(11, 90, true, false))),
+        ("glossy, own powers", with(with_own_powers(random_scene(15, 90, true, false)))),
         ("diffuse", with(random_scene(12, 60, false, false))),
         ("black", with(black)),
         ("near", with(scattered(14, 40, true, false, 0.6))),

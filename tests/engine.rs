@@ -5,7 +5,7 @@ mod support;
 use antirad::gpu::{Buffer, BufferKind, Device, DeviceOptions};
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, Residency};
 use antirad::reference::{Model, emission, transport};
-use antirad::scene::{Material, Precision, Scene, Shape, SolveSettings, SolverChoice, Triangle};
+use antirad::scene::{Lamps, Material, Precision, Scene, Shape, SolveSettings, SolverChoice, Triangle};
 use antirad::solve::{FixedPointParams, SolveError, fixed_point};
 use antirad::{Cotangent, Engine, EngineError, SolveParams};
 use glam::DVec3;
@@ -130,7 +130,7 @@ fn solvers_agree_with_each_other_and_with_the_reference() {
     assert!(expected > 0.1 && expected < 1.0, "{info:?}");
     let truth: Vec<[f64; 3]> = truth.irradiance.iter().map(|h| h.to_array()).collect();
     for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
-        let settings = scene.settings.solver(solver).tolerance(1e-6);
+        let settings = scene.settings.solver(solver).tolerance(1e-6).lamps(Lamps::Antiradiance);
         let (_engine, solution) = solve(&device, &scene, &settings);
         let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
         let radius = solution.info.spectral_radius.expect("an estimate");
@@ -585,6 +585,44 @@ fn plan_options_exclude_what_others_use() {
     // Without memory left the budget is zero, not a number that has wrapped around.
     let _all = buffer(PlanOptions::of(&device).memory_budget);
     assert_eq!(PlanOptions::of(&device).memory_budget, 0);
+    finish(&device);
+}
+
+/// One plan serves all powers: the most frequent have matrices as far as they are planned, others do without.
+#[test]
+fn powers_beyond_the_plan_change_nothing_but_rounding() {
+    let device = device();
+    let scene = glossy_room(3);
+    let settings = tight(&scene);
+    let matrices = |options: &PlanOptions| {
+        let lobes = Plan::new(&scene, options, &settings).expect("a plan").report().lobes;
+        assert_eq!(lobes.shared == 0, lobes.matrices == 0);
+        (lobes.matrices, lobes.shared + lobes.direct)
+    };
+    let usual = PlanOptions::of(&device);
+    let (one, glossy) = matrices(&usual);
+    assert_eq!(one, 1);
+    // Each of the two materials may get a power of its own.
+    assert_eq!(matrices(&usual.gradients(GradientRequest::NOTHING.power(true))), (2, glossy));
+    let least = least_budget(&scene, &settings, &usual);
+    assert_eq!(matrices(&usual.memory_budget(least)), (0, glossy));
+    assert_eq!(matrices(&usual.memory_budget(least + (1 << 20))), (1, glossy));
+
+    let mut other = scene.clone();
+    other.materials[1].power = 50.0;
+    let params = SolveParams::from(&settings);
+    let (mut engine, before) = solve_within(&device, &scene, &settings, &usual);
+    engine.set_materials(&other).expect("materials that fit the plan");
+    let beyond = engine.solve(&params).expect("a solution");
+    let (fresh, expected) = solve_within(&device, &other, &settings, &usual);
+    assert_eq!(fresh.plan().report().lobes.matrices, 2);
+    let error = relative_l2(&beyond.irradiance, &expected.irradiance, &areas(&scene));
+    println!("beyond the plan: {error:.2e}");
+    assert!(error <= 1e-6, "{error:e}");
+    let change = relative_l2(&beyond.irradiance, &before.irradiance, &areas(&scene));
+    assert!(change >= 1e-5, "the power matters: {change:e}");
+    engine.set_materials(&scene).expect("materials that fit the plan");
+    assert_eq!(engine.solve(&params).expect("a solution").irradiance, before.irradiance);
     finish(&device);
 }
 

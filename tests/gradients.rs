@@ -12,7 +12,7 @@ use antirad::scene::{BinLayout, Precision, Scene, SolveSettings, Weights};
 use antirad::solve::LightOperator;
 use antirad::transport::{AdjointKernels, AdjointOperator, Operators, SceneBuffers};
 use glam::DVec3;
-use support::random::{Random, random_scene, scattered};
+use support::random::{Random, random_scene, scattered, with_own_powers};
 use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};
 use support::{device, finish};
 
@@ -210,6 +210,15 @@ fn other_weights_and_layouts() {
     let concentric = double().bins(BinLayout::Concentric { n: 12 });
     compare("concentric", &scene, concentric, |l| l);
     compare("both", &scene, concentric.weights(Weights::Smoothstep), |l| l);
+}
+
+#[test]
+fn lobes_by_matrix_and_bin_by_bin() {
+    let mixed = with_own_powers(random_scene(5, 131, true, false));
+    compare("own powers", &mixed, double(), |l| l);
+    compare("own powers, f32", &mixed, SolveSettings::default(), |l| l.tile(32).page(1));
+    let wide = double().bins(BinLayout::EqualAngle { theta: 24, phi: 23 });
+    compare("552 columns", &random_scene(17, 40, true, false), wide, |l| l);
 }
 
 #[test]

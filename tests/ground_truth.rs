@@ -144,3 +144,34 @@ fn path_traced_by_two() {
     println!("path tracers differ by {:+.3} % on average over {count} values", 100.0 * sum / count);
     assert!((sum / count).abs() <= 0.01, "{}", sum / count);
 }
+
+/// Pictures of the project's own path tracer against an independent one, over squares of 4 x 4 pixels.
+#[test]
+fn pictures_path_traced_by_two() {
+    let scene = load("scenes/cornell_boxes.toml");
+    let truth = antirad::image::Picture::read_exr("scenes/cornell_boxes.exr").expect("a picture");
+    let camera = antirad::scene::Camera { width: 64, height: 64, ..scene.cameras[0].clone() };
+    let found = antirad::reference::PathTracer::new(&scene).picture(&camera, 256, 0);
+    let (mut squares, mut sum, mut count) = (0.0, 0.0, 0.0);
+    for (k, pixel) in found.pixels.iter().enumerate() {
+        let (column, row) = (4 * (k % 64), 4 * (k / 64));
+        for c in 0..3 {
+            let of = |i: usize| f64::from(truth.pixels[256 * (row + i / 4) + column + i % 4][c]);
+            let values: Vec<f64> = (0..16).map(of).collect();
+            let mean = values.iter().sum::<f64>() / 16.0;
+            // The noise of the other picture, 0.68 % of a pixel at the median, is independent in each of them.
+            let error = pixel.radiance.error[c].hypot(0.01 * mean / 4.0);
+            if mean > 0.0 {
+                squares += ((pixel.radiance.mean[c] - mean) / error).powi(2);
+                sum += (pixel.radiance.mean[c] - mean) / mean;
+                count += 1.0;
+            } else {
+                assert_eq!(pixel.radiance.mean[c], 0.0);
+            }
+        }
+    }
+    let (deviation, bias) = ((squares / count).sqrt(), sum / count);
+    println!("pictures differ by {deviation:.2} standard errors, {:+.3} % on average", 100.0 * bias);
+    assert!((0.7..=1.3).contains(&deviation), "{deviation}");
+    assert!(bias.abs() <= 0.002, "{bias}");
+}

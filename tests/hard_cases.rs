@@ -10,7 +10,9 @@ use antirad::gpu::Device;
 use antirad::image::{PictureOptions, Rasterizer};
 use antirad::plan::{Occlusion, Plan, PlanOptions};
 use antirad::reference::{Model, Plates};
-use antirad::scene::{Camera, Material, Scene, SceneBuilder, Shape, SolveSettings, SolverChoice, Triangle};
+use antirad::scene::{
+    Camera, Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, SolverChoice, Triangle,
+};
 use antirad::solve::{GmresParams, SolveError, gmres};
 use antirad::target_error::usual_settings;
 use antirad::warnings::{Kind, Warnings};
@@ -53,7 +55,8 @@ fn warned(scene: &Scene, settings: &SolveSettings) -> Warnings {
 }
 
 fn with_solver(scene: &Scene, solver: SolverChoice) -> SolveSettings {
-    scene.settings.solver(solver).tolerance(1e-6).max_passes(4000)
+    // What is compared with the reference takes its way.
+    scene.settings.solver(solver).tolerance(1e-6).max_passes(4000).lamps(Lamps::Antiradiance)
 }
 
 /// Correct within 1.5 % at albedo 0.95, and within 1 % up to 0.99 with a near field of 400, which a warning recommends.

@@ -12,7 +12,7 @@ use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers};
 use antirad::{Engine, SolveParams, shaders, transport as device_side};
 use glam::DVec3;
-use support::random::{Random, random_scene, scattered};
+use support::random::{Random, random_scene, scattered, with_own_powers};
 use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};
 use support::{device, finish};
 
@@ -155,6 +155,23 @@ fn half_bins() {
     let concentric = usual.weights(Weights::Smoothstep).bins(BinLayout::Concentric { n: 12 });
     compare("half bins, concentric, smoothstep", &random_scene(14, 150, true, false), concentric, |l| l);
     compare("half bins, grey", &random_scene(15, 100, true, true), usual, |l| l);
+}
+
+/// Triangles that share a power take its matrix, which may have more columns than a dispatch binds; others do without.
+#[test]
+fn lobes_by_matrix_and_bin_by_bin() {
+    let mixed = with_own_powers(random_scene(16, 200, true, false));
+    let plan = Plan::new(&mixed, &PlanOptions::default(), &mixed.settings).expect("a plan");
+    let lobes = plan.report().lobes;
+    assert!(lobes.matrices > 0 && lobes.shared >= 8 && lobes.direct >= 8, "{lobes:?}");
+    compare("own powers", &mixed, SolveSettings::default(), |l| l);
+    compare("own powers, one page a tile", &mixed, SolveSettings::default(), |l| l.tile(32).page(1));
+    let grey = with_own_powers(random_scene(18, 100, true, true));
+    compare("own powers, grey", &grey, SolveSettings::default(), |l| l);
+    let double = SolveSettings::default().precision(Precision::F64);
+    compare("own powers, f64", &mixed, double, |l| l);
+    let wide = double.bins(BinLayout::EqualAngle { theta: 24, phi: 23 });
+    compare("f64, 552 columns", &random_scene(17, 40, true, false), wide, |l| l);
 }
 
 /// Lists of close sources longer than one dispatch takes.
@@ -359,8 +376,28 @@ fn layouts_agree_with_the_shaders() {
         shaders::REFLECT_GLOSSY.of(Precision::F64),
         "GlossyPush",
         GlossyPush,
-        ["page" = page, "first" = first, "count" = count]
+        ["page" = page, "list" = list, "first" = first, "count" = count]
     );
+    for shader in [
+        shaders::REFLECT_LOBES.of(Precision::F32),
+        shaders::REFLECT_LOBES_ADJOINT.of(Precision::F64),
+        shaders::REFLECT_LOBES_DERIVATIVE.of(Precision::F64),
+    ] {
+        check!(
+            shader,
+            "LobePush",
+            LobePush,
+            [
+                "page" = page,
+                "first" = first,
+                "count" = count,
+                "first_row" = first_row,
+                "blocks" = blocks,
+                "begin" = begin,
+                "end" = end,
+            ]
+        );
+    }
     check!(
         shaders::REFLECT_ADJOINT.of(Precision::F64),
         "ReflectAdjointPush",
@@ -371,13 +408,13 @@ fn layouts_agree_with_the_shaders() {
         shaders::REFLECT_GLOSSY_DERIVATIVE.of(Precision::F64),
         "GlossyDerivativePush",
         GlossyDerivativePush,
-        ["page" = page, "count" = count, "bin_begin" = bin_begin, "bin_end" = bin_end]
+        ["page" = page, "list" = list, "count" = count, "bin_begin" = bin_begin, "bin_end" = bin_end]
     );
     check!(
         shaders::REFLECT_GLOSSY_ADJOINT.of(Precision::F64),
         "GlossyPush",
         GlossyPush,
-        ["page" = page, "first" = first, "count" = count]
+        ["page" = page, "list" = list, "first" = first, "count" = count]
     );
     check!(shaders::PACK, "PackPush", PackPush, ["first" = first]);
     check!(shaders::DOT.of(Precision::F64), "DotPush", DotPush, ["count" = count]);

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 /// Each layer, and all that it may use. The graph has no cycles: a layer stands below those that it uses.
-const LAYERS: [(&str, &[&str]); 21] = [
+const LAYERS: [(&str, &[&str]); 23] = [
     ("options", &[]),
     ("watch", &[]),
     ("input", &[]),
@@ -13,17 +13,22 @@ const LAYERS: [(&str, &[&str]); 21] = [
     ("scene", &["input", "options", "output"]),
     ("model", &["scene"]),
     ("solve", &[]),
-    ("reference", &["model", "scene", "solve"]),
-    ("plan", &["model", "options", "scene"]),
+    ("direct", &["model", "scene"]),
+    ("plan", &["direct", "model", "options", "scene"]),
     ("gpu", &["options"]),
     ("shaders", &["gpu", "scene"]),
     ("transport", &["gpu", "model", "plan", "scene", "shaders", "solve"]),
     ("revision", &[]),
-    ("engine", &["gpu", "model", "options", "plan", "revision", "scene", "solve", "transport"]),
-    ("gradients", &["engine", "model", "options", "plan", "scene", "solve", "transport"]),
+    ("engine", &["direct", "gpu", "model", "options", "plan", "revision", "scene", "solve", "transport"]),
+    ("gradients", &["direct", "engine", "model", "options", "plan", "scene", "solve", "transport"]),
     ("image", &["gpu", "input", "options", "output", "scene", "shaders"]),
+    ("reference", &["image", "model", "scene", "solve"]),
     ("warnings", &["model", "options", "plan", "scene"]),
-    ("target_error", &["engine", "gpu", "image", "model", "options", "plan", "scene", "solve", "warnings"]),
+    ("shading", &["direct", "engine", "gradients", "image", "model", "plan", "scene", "solve"]),
+    (
+        "target_error",
+        &["engine", "gpu", "image", "model", "options", "plan", "scene", "shading", "solve", "warnings"],
+    ),
     (
         "fit",
         &[
@@ -36,17 +41,22 @@ const LAYERS: [(&str, &[&str]); 21] = [
             "output",
             "plan",
             "scene",
+            "shading",
             "solve",
             "watch",
         ],
     ),
     ("ambiguity", &["engine", "gpu", "image", "plan", "scene", "solve", "watch"]),
-    ("cli", &["engine", "fit", "gpu", "image", "output", "plan", "scene", "solve"]),
+    ("cli", &["engine", "fit", "gpu", "image", "output", "plan", "scene", "shading", "solve"]),
 ];
 
 /// The layer of a file or folder of `src/`.
 fn layer_of_file(name: &str) -> &str {
-    if name == "engine_builder" { "engine" } else { name }
+    match name {
+        "engine_builder" | "engine_direct" => "engine",
+        "gradients_direct" => "gradients",
+        name => name,
+    }
 }
 
 /// The layer of each name that the root re-exports.
@@ -55,7 +65,7 @@ fn layer_of(name: &str) -> &str {
         "Gradients" | "MaterialGradients" | "Cotangent" => "gradients",
         "Watch" => "watch",
         name if name.starts_with(char::is_uppercase) => "engine",
-        name => name,
+        name => layer_of_file(name),
     }
 }
 

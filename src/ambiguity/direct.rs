@@ -3,7 +3,7 @@
 use super::{AmbiguityError, LightMatrix};
 use crate::gpu::Device;
 use crate::plan::{Plan, PlanOptions};
-use crate::scene::{Material, Scene};
+use crate::scene::{Lamps, Material, Scene};
 use crate::{Engine, Solution, SolveParams, Watch};
 
 /// Irradiance from Lambertian emission, without any reflection: (1 + U J)⁻¹ U.
@@ -29,7 +29,9 @@ impl DirectLight {
         for (i, triangle) in scene.triangles.iter_mut().enumerate() {
             triangle.material = if i < 3 { i as u32 + 1 } else { 0 };
         }
-        let plan = Plan::new(&scene, &PlanOptions::of(device), &scene.settings)?;
+        // Every emission takes the same way, that of the matrix.
+        let settings = scene.settings.lamps(Lamps::Antiradiance);
+        let plan = Plan::new(&scene, &PlanOptions::of(device), &settings)?;
         let params = SolveParams::from(&scene.settings);
         let mut engine = Engine::new(device, &scene, plan)?;
         let watch = watch.clone();

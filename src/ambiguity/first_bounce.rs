@@ -5,7 +5,7 @@ use super::direct::DirectLight;
 use super::views::Views;
 use crate::gpu::Device;
 use crate::plan::{Plan, PlanOptions};
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, Lamps, Scene};
 use crate::{Engine, SolveParams, Watch};
 use glam::DVec3;
 use serde::Serialize;
@@ -59,7 +59,9 @@ impl FirstBounce {
             })
             .collect();
 
-        let plan = Plan::new(scene, &PlanOptions::of(device), &scene.settings)?;
+        // A lamp and its first bounce are to be compared, so both take the same way.
+        let settings = scene.settings.lamps(Lamps::Antiradiance);
+        let plan = Plan::new(scene, &PlanOptions::of(device), &settings)?;
         let mut engine = Engine::new(device, scene, plan)?;
         let watch = watch.clone();
         engine.set_pass_callback(Some(Box::new(move |_, _| watch())));

@@ -13,7 +13,7 @@ pub use draw_fit::draw_fit;
 pub use interrupt::Interrupt;
 use plot::register_font;
 pub use plot::{Curve, Drawn, LogPlot, slope};
-pub use progress::{SolveBar, Working};
+pub use progress::{PartsBar, SolveBar, Working};
 pub use sheet::{Panel, Sheet, heat, percentile, signed_heat, white_point};
 pub use size::parse_size;
 

@@ -66,12 +66,63 @@ struct Lines {
 }
 
 impl Lines {
+    /// `None` where a bar shows progress, or nothing shall.
+    fn without_terminal(quiet: bool) -> Option<Self> {
+        let lines = Self { period: PERIOD, last: Instant::now() };
+        (!quiet && !std::io::stderr().is_terminal()).then_some(lines)
+    }
+
     fn due(&mut self, now: Instant) -> bool {
         let due = now.duration_since(self.last) >= self.period;
         if due {
             self.last = now;
         }
         due
+    }
+}
+
+/// A bar of a number of steps, unless `quiet`; invisible where standard error is no terminal.
+fn bar(steps: u64, quiet: bool) -> ProgressBar {
+    let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new(steps) };
+    if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} elapsed, {eta} left") {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar
+}
+
+/// Progress of work in parts that take about the same time, in any number of threads.
+pub struct PartsBar {
+    bar: ProgressBar,
+    /// Lines, where there is no terminal.
+    lines: Option<Mutex<Lines>>,
+    parts: u64,
+}
+
+impl PartsBar {
+    /// A bar where standard error is a terminal, lines elsewhere, nothing if `quiet`.
+    pub fn new(parts: u64, quiet: bool) -> Self {
+        Self { bar: bar(parts, quiet), lines: Lines::without_terminal(quiet).map(Mutex::new), parts }
+    }
+
+    /// What the next parts belong to.
+    pub fn begin(&self, what: &str) {
+        self.bar.set_message(what.to_owned());
+    }
+
+    /// One more part is done.
+    pub fn part_done(&self) {
+        self.bar.inc(1);
+        let due =
+            |lines: &Mutex<Lines>| lines.lock().unwrap_or_else(PoisonError::into_inner).due(Instant::now());
+        if self.lines.as_ref().is_some_and(due) {
+            let percent = 100 * self.bar.position() / self.parts.max(1);
+            eprintln!("{}: {percent} % done, {} s", self.bar.message(), self.bar.elapsed().as_secs());
+        }
+    }
+
+    /// Removes the bar from the terminal.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
     }
 }
 
@@ -95,13 +146,8 @@ pub struct SolveBar {
 impl SolveBar {
     /// A bar where standard error is a terminal, lines elsewhere, nothing if `quiet`.
     pub fn new(tolerance: f64, quiet: bool) -> Self {
-        let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new(STEPS) };
-        if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} elapsed, {eta} left") {
-            bar.set_style(style.progress_chars("=> "));
-        }
-        let lines = Lines { period: PERIOD, last: Instant::now() };
-        let lines = (!quiet && !std::io::stderr().is_terminal()).then(|| Arc::new(Mutex::new(lines)));
-        Self { bar, lines, tolerance, name: None, range: 0.0..1.0 }
+        let lines = Lines::without_terminal(quiet).map(|lines| Arc::new(Mutex::new(lines)));
+        Self { bar: bar(STEPS, quiet), lines, tolerance, name: None, range: 0.0..1.0 }
     }
 
     /// For one of several solves, which covers a part of the same bar (0 to 1).

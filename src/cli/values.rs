@@ -1,6 +1,7 @@
 //! Settings as words of the command line.
 
 use crate::scene::{Lamps, Precision, SolverChoice};
+use crate::shading::Shading;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
 
@@ -46,6 +47,20 @@ impl ValueEnum for Lamps {
     }
 }
 
+impl ValueEnum for Shading {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self::Face, Self::Smooth, Self::Gathered]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(match self {
+            Self::Face => "face",
+            Self::Smooth => "smooth",
+            Self::Gathered => "gathered",
+        }))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -69,5 +84,6 @@ mod tests {
         agree::<Precision>(3);
         agree::<SolverChoice>(3);
         agree::<Lamps>(3);
+        agree::<Shading>(3);
     }
 }

@@ -5,6 +5,7 @@
 //! two count twice with opposite signs.
 
 use super::cone::{Side, arc_moment, sides, vector_irradiance};
+use super::highlight::{Lobe, LobeGradient};
 use super::visible::{Geometry, HORIZON, Placed, Planes, Visible, blocker_plane};
 use crate::model::FacetGradient;
 use glam::DVec3;
@@ -58,36 +59,79 @@ impl Sight<'_> {
     }
 
     /// Adds the derivatives of a loss by the corners of blockers and lamp, where `cotangent` is its derivative by Φ; returns Φ and the
-    /// derivative by the point. The horizon is held fixed: light along it adds nothing to irradiance.
+    /// derivatives by the point and by the normal, which tilts the horizon. (Light along the horizon adds nothing to irradiance: for a
+    /// cotangent along the normal, the last is zero.)
     pub fn pull_back(
         &self,
         visible: &mut Visible,
         cotangent: DVec3,
         to: &mut Contributions,
-    ) -> (DVec3, DVec3) {
+    ) -> (DVec3, DVec3, DVec3) {
         let mut sum = DVec3::ZERO;
         let mut of_point = DVec3::ZERO;
+        let mut of_normal = DVec3::ZERO;
         visible.parts(self, true, &mut |part: &[Side]| {
             sum += vector_irradiance(part);
-            for (plane, arc) in sides(part).filter(|&(plane, _)| plane != HORIZON) {
-                // By the normal of the side's plane if its length is one and it points into the part.
+            for (plane, arc) in sides(part) {
                 let moment = arc_moment(arc, cotangent);
-                of_point += match blocker_plane(plane) {
-                    Some((place, which)) => self.blocker(self.blockers[place], which, arc, moment, to),
-                    None => self.lamp_side(plane as usize, moment, to),
-                };
+                match plane {
+                    HORIZON => of_normal += moment,
+                    plane => of_point += self.side(plane, arc, moment, to),
+                }
             }
         });
-        (sum, of_point)
+        (sum, of_point, of_normal)
     }
 
-    fn from_point(&self, [triangle, corner]: [u32; 2]) -> DVec3 {
+    /// ∫ ⟨h, n⟩^p cosθ dω of the part of the lamp that the point sees.
+    pub fn highlight(&self, visible: &mut Visible, lobe: &Lobe) -> f64 {
+        let mut sum = 0.0;
+        visible.parts(self, false, &mut |part| sum += lobe.integral(part));
+        sum
+    }
+
+    /// As [`Self::pull_back`], of [`Self::highlight`]; returns it with its derivatives by the lobe, and that of the loss by the point as far
+    /// as the visible part depends on it.
+    pub fn pull_back_highlight(
+        &self,
+        visible: &mut Visible,
+        lobe: &Lobe,
+        cotangent: f64,
+        to: &mut Contributions,
+    ) -> (f64, LobeGradient, DVec3) {
+        let mut sum = 0.0;
+        let mut slopes = LobeGradient::default();
+        let mut of_point = DVec3::ZERO;
+        visible.parts(self, true, &mut |part: &[Side]| {
+            let (value, by_lobe) = lobe.slopes(part);
+            sum += value;
+            slopes.normal += by_lobe.normal;
+            slopes.eye += by_lobe.eye;
+            slopes.power += by_lobe.power;
+            for (plane, arc, moment) in lobe.arcs(part) {
+                of_point += self.side(plane, arc, cotangent * moment, to);
+            }
+        });
+        (sum, slopes, of_point)
+    }
+
+    /// Adds the derivatives by the corners that a side's plane passes through, and returns that by the point; `moment`: derivative by the
+    /// normal of that plane if its length is one and it points into the part.
+    fn side(&self, plane: u32, arc: [DVec3; 2], moment: DVec3, to: &mut Contributions) -> DVec3 {
+        match blocker_plane(plane) {
+            _ if plane == HORIZON => DVec3::ZERO,
+            Some((place, which)) => self.blocker(self.blockers[place], which, arc, moment, to),
+            None => self.lamp_side(plane as usize, moment, to),
+        }
+    }
+
+    fn offset(&self, [triangle, corner]: [u32; 2]) -> DVec3 {
         self.geometry.facets[triangle as usize].corners[corner as usize] - self.point
     }
 
     /// The plane through the point and two corners.
     fn edge(&self, [from, to]: [[u32; 2]; 2], by_normal: DVec3, out: &mut Contributions) -> DVec3 {
-        let (p, q) = (self.from_point(from), self.from_point(to));
+        let (p, q) = (self.offset(from), self.offset(to));
         let (by_p, by_q) = (q.cross(by_normal), by_normal.cross(p));
         out.corner(from, by_p);
         out.corner(to, by_q);
@@ -98,7 +142,7 @@ impl Sight<'_> {
         let outline = &self.lamp.lamp.outline;
         // The lamp's front is seen clockwise.
         let ends = [outline[(side + 1) % outline.len()], outline[side]];
-        let normal = self.from_point(ends[0]).cross(self.from_point(ends[1]));
+        let normal = self.offset(ends[0]).cross(self.offset(ends[1]));
         self.edge(ends, moment / normal.length(), out)
     }
 
@@ -110,7 +154,7 @@ impl Sight<'_> {
         moment: DVec3,
         out: &mut Contributions,
     ) -> DVec3 {
-        let corners = [0, 1, 2].map(|k| self.from_point([triangle, k]));
+        let corners = [0, 1, 2].map(|k| self.offset([triangle, k]));
         let over_lamp = self.lamp.corners[0] - self.point;
         let tolerance = self.geometry.tolerance();
         let Some(Planes { normals, sign, .. }) =
@@ -137,7 +181,7 @@ impl Sight<'_> {
         out: &mut Contributions,
     ) -> DVec3 {
         let lamp_corner = self.lamp.lamp.corners[0];
-        let (l, lamp_normal) = (self.from_point(lamp_corner), self.lamp.normal);
+        let (l, lamp_normal) = (self.offset(lamp_corner), self.lamp.normal);
         let area_vector = (b - a).cross(c - a);
         let (lamp_height, height) = (-l.dot(lamp_normal), -area_vector.dot(a));
         let (by_lamp_height, by_height) = (by_normal.dot(area_vector), -by_normal.dot(lamp_normal));

@@ -112,16 +112,14 @@ fn merged(facets: &[Facet], group: &[u32]) -> Option<Lamp> {
     let hull_area: f64 = (0..outline.len())
         .map(|k| 0.5 * place(&outline[k]).perp_dot(place(&outline[(k + 1) % outline.len()])))
         .sum();
-    if !((hull_area - area).abs() <= FILLED * area) {
-        return None;
-    }
+    let filled = (hull_area - area).abs() <= FILLED * area;
     let turns = |k: usize| {
         let [before, at, after] =
             [k + outline.len() - 1, k, k + 1].map(|k| place(&outline[k % outline.len()]));
         (at - before).perp_dot(after - at) > area * FILLED
     };
     let corners: Vec<[u32; 2]> = (0..outline.len()).filter(|&k| turns(k)).map(|k| outline[k]).collect();
-    (corners.len() >= 3).then(|| Lamp { triangles: group.to_vec(), corners, outline })
+    (filled && corners.len() >= 3).then(|| Lamp { triangles: group.to_vec(), corners, outline })
 }
 
 /// The convex hull of points in lexicographic order, counter-clockwise, with the points on its sides: those whose triangle with

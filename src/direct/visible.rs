@@ -11,6 +11,7 @@ use glam::DVec3;
 const LEAF: usize = 4;
 
 /// A tree over the triangles with an area, all of which block light from both sides.
+#[derive(Clone, Debug)]
 pub struct Tree {
     order: Vec<u32>,
     tree: Hierarchy,
@@ -65,16 +66,6 @@ impl Geometry<'_> {
         facet.area > 0.0
             && lamp.corners.iter().any(|c| above(facet.centroid, facet.normal, c))
             && facet.corners.iter().any(|c| above(lamp.corners[0], lamp.normal, c))
-    }
-
-    /// The triangles that may stand between a receiver and a lamp.
-    pub fn blockers_of(&self, receiver: usize, lamp: &Placed) -> Vec<u32> {
-        let facet = &self.facets[receiver];
-        if self.faces(receiver, lamp) {
-            self.blockers(&facet.corners, facet.normal, lamp)
-        } else {
-            Vec::new()
-        }
     }
 
     /// The triangles that may stand between some points of a plane and a lamp, the widest first. `points[0]` and `normal` give the

@@ -1,11 +1,14 @@
 //! The renderer that solves on a device.
 
-use super::gradient::SceneGradient;
+use super::gradient::{CameraGradient, SceneGradient};
 use super::renderer::{CostEstimate, RenderError, Renderer};
 use crate::gpu::Device;
-use crate::image::{Coverage, ImageError, PictureOptions, Rasterizer, geometry_gradient};
+use crate::image::{
+    Coverage, ImageError, PictureOptions, Rasterizer, geometry_gradient, geometry_gradient_of,
+};
 use crate::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use crate::scene::{Camera, Scene};
+use crate::shading::{self, Light, SeenFrom, Shading, ShadingError};
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams, Watch};
 use glam::DVec3;
 
@@ -22,6 +25,7 @@ pub struct EngineRenderer {
     planning: Scene,
     cameras: Vec<Camera>,
     supersample: u32,
+    shading: Shading,
     request: GradientRequest,
     watch: Watch,
     passes: u64,
@@ -37,8 +41,10 @@ struct Latest {
     scene: Scene,
     solution: Solution,
     params: SolveParams,
-    /// Face colours, per view.
+    /// Face colours per view, where each face has one.
     colours: Vec<Vec<[f64; 3]>>,
+    /// What pictures are gathered from.
+    light: Option<Light>,
 }
 
 impl EngineRenderer {
@@ -59,6 +65,7 @@ impl EngineRenderer {
             planning,
             cameras,
             supersample,
+            shading: Shading::default(),
             request,
             watch,
             passes: 0,
@@ -66,6 +73,11 @@ impl EngineRenderer {
             coverage: Vec::new(),
             latest: None,
         })
+    }
+
+    /// The same with another shading: gathered unless stated; smooth pictures have no derivatives and count as those of faces.
+    pub fn shading(self, shading: Shading) -> Self {
+        Self { shading, ..self }
     }
 
     fn plan(&self, scene: &Scene) -> Result<Plan, RenderError> {
@@ -92,6 +104,15 @@ impl EngineRenderer {
             self.coverage = self.cameras.iter().map(look).collect::<Result<_, _>>().map_err(failed)?;
         }
         Ok(())
+    }
+
+    /// Replaces the cameras: the next pictures are taken from these.
+    pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
+        if self.cameras != cameras {
+            self.cameras = cameras;
+            self.coverage.clear();
+            self.latest = None;
+        }
     }
 
     /// Updates engine and coverage to the positions of a scene.
@@ -148,13 +169,23 @@ impl Renderer for EngineRenderer {
         let solution = solved.map_err(sort_out)?;
         let mut pictures = Vec::with_capacity(self.cameras.len());
         let mut colours = Vec::with_capacity(self.cameras.len());
-        for (camera, coverage) in self.cameras.iter().zip(&self.coverage) {
-            let shown = engine.face_colours(&solution, camera.position).map_err(sort_out)?;
-            let pixels = coverage.pixels(&shown).map_err(failed)?;
+        let gathers = self.shading == Shading::Gathered;
+        let light = gathers.then(|| Light::new(engine, &solution, scene, &self.cameras));
+        let light = light.transpose().map_err(sort_out)?;
+        for (view, (camera, coverage)) in self.cameras.iter().zip(&self.coverage).enumerate() {
+            let pixels = match &light {
+                Some(light) => light.pixels(view, coverage),
+                None => {
+                    let shown = engine.face_colours(&solution, camera.position).map_err(sort_out)?;
+                    let pixels = coverage.pixels(&shown);
+                    colours.push(shown);
+                    pixels
+                }
+            };
+            let pixels = pixels.map_err(failed)?;
             pictures.push(pixels.iter().map(|&[r, g, b, _]| DVec3::new(r, g, b)).collect());
-            colours.push(shown);
         }
-        self.latest = Some(Latest { scene: scene.clone(), solution, params, colours });
+        self.latest = Some(Latest { scene: scene.clone(), solution, params, colours, light });
         Ok(pictures)
     }
 
@@ -167,24 +198,59 @@ impl Renderer for EngineRenderer {
         // Losses do not depend on coverage itself.
         let by_pixels: Vec<Vec<[f64; 4]>> =
             by_pixels.iter().map(|view| view.iter().map(|by| by.extend(0.0).to_array()).collect()).collect();
-        let mut cotangent = Cotangent::default();
-        for ((camera, coverage), by_pixels) in self.cameras.iter().zip(&self.coverage).zip(&by_pixels) {
-            let by_colours = coverage.colour_gradient(by_pixels).map_err(failed)?;
-            cotangent.colours.push((camera.position, by_colours));
-        }
+        let views = || self.cameras.iter().zip(&self.coverage).zip(&by_pixels);
         let (watch, passes) = (self.watch.clone(), &mut self.passes);
-        let gradients =
-            engine.backward_with(&latest.solution, &cotangent, request, &latest.params, &mut |_, _| {
-                *passes += 1;
-                watch()
-            });
-        let mut gradient = SceneGradient::from(gradients.map_err(sort_out)?);
-        if let Some(positions) = &mut gradient.positions {
+        let mut progress = |_, _| {
+            *passes += 1;
+            watch()
+        };
+        let Latest { scene, solution, params, light, .. } = latest;
+        let (gradients, targets) = match light {
+            Some(light) => {
+                let views: Vec<SeenFrom> =
+                    views().map(|((_, coverage), by_pixels)| SeenFrom { coverage, by_pixels }).collect();
+                shading::backward(engine, solution, light, &views, request, params, &mut progress).map_err(
+                    |error| match error {
+                        ShadingError::Engine(error) => sort_out(error),
+                        ShadingError::Image(error) => failed(error),
+                    },
+                )?
+            }
+            None => {
+                let mut cotangent = Cotangent::default();
+                for ((camera, coverage), by_pixels) in views() {
+                    let by_colours = coverage.colour_gradient(by_pixels).map_err(failed)?;
+                    cotangent.colours.push((camera.position, by_colours));
+                }
+                let gradients = engine.backward_with(solution, &cotangent, request, params, &mut progress);
+                (gradients.map_err(sort_out)?, vec![DVec3::ZERO; self.cameras.len()])
+            }
+        };
+        let mut gradient = SceneGradient::from(gradients);
+        for (camera, target) in gradient.cameras.iter_mut().flatten().zip(targets) {
+            camera.target = target;
+        }
+        if request.geometry() {
             // Silhouettes that move in the picture, in addition to the light that changes.
-            for ((camera, colours), by_pixels) in self.cameras.iter().zip(&latest.colours).zip(&by_pixels) {
-                let by_edges = geometry_gradient(&latest.scene, camera, self.supersample, colours, by_pixels)
-                    .map_err(failed)?;
-                positions.iter_mut().zip(by_edges.vertices).for_each(|(to, by)| *to += by);
+            for (view, ((camera, _), by_pixels)) in views().enumerate() {
+                let by_edges = match light {
+                    Some(light) => {
+                        let colour = |face, place| light.colour_at(view, face, place);
+                        geometry_gradient_of(scene, camera, self.supersample, &colour, by_pixels)
+                    }
+                    None => {
+                        let colours = &latest.colours[view];
+                        geometry_gradient(scene, camera, self.supersample, colours, by_pixels)
+                    }
+                };
+                let by_edges = by_edges.map_err(failed)?;
+                if let Some(positions) = &mut gradient.positions {
+                    positions.iter_mut().zip(by_edges.vertices).for_each(|(to, by)| *to += by);
+                }
+                if let Some(cameras) = &mut gradient.cameras {
+                    cameras[view].position += by_edges.position;
+                    cameras[view].target += by_edges.target;
+                }
             }
         }
         Ok(Some(gradient))
@@ -221,6 +287,10 @@ impl From<Gradients> for SceneGradient {
             specular: gradients.specular,
             power: gradients.power,
             positions: gradients.vertices,
+            cameras: gradients.camera_positions.map(|positions| {
+                let moved = |position| CameraGradient { position, target: DVec3::ZERO };
+                positions.into_iter().map(moved).collect()
+            }),
         }
     }
 }

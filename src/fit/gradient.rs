@@ -53,10 +53,19 @@ impl Quantity {
     }
 }
 
+/// Derivatives of a loss by a camera, per metre.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CameraGradient {
+    /// By its position, target and up held fixed: the camera turns as it moves.
+    pub position: DVec3,
+    /// By its target, position and up held fixed.
+    pub target: DVec3,
+}
+
 /// Derivatives of a loss, as far as requested.
 ///
-/// By the values of each triangle's material (as if no two triangles shared one) and by the position of each vertex, in
-/// scene order, per unit of the quantity.
+/// By the values of each triangle's material (as if no two triangles shared one), by the position of each vertex, in
+/// scene order, and by each camera, per unit of the quantity.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneGradient {
     /// Per triangle, RGB.
@@ -71,10 +80,12 @@ pub struct SceneGradient {
     pub power: Option<Vec<f64>>,
     /// Per vertex.
     pub positions: Option<Vec<DVec3>>,
+    /// Per camera of the pictures.
+    pub cameras: Option<Vec<CameraGradient>>,
 }
 
 impl SceneGradient {
-    /// Zeros for everything requested.
+    /// Zeros for everything requested of triangles and vertices.
     pub fn zeros(scene: &Scene, request: GradientRequest) -> Self {
         let triangles = scene.triangles.len();
         let rgb = |requested: bool| requested.then(|| vec![DVec3::ZERO; triangles]);
@@ -86,6 +97,31 @@ impl SceneGradient {
             specular: rgb(request.specular),
             power: scalar(request.power),
             positions: request.positions.then(|| vec![DVec3::ZERO; scene.vertices.len()]),
+            cameras: None,
+        }
+    }
+
+    /// The derivatives by the scene's materials: the same with one entry per material in place of one per triangle, each the
+    /// sum over the material's triangles.
+    pub fn by_material(&self, scene: &Scene) -> Self {
+        fn sums<T: std::ops::AddAssign + Copy + Default>(
+            of: &Option<Vec<T>>,
+            scene: &Scene,
+        ) -> Option<Vec<T>> {
+            let mut sums = vec![T::default(); scene.materials.len()];
+            for (value, triangle) in of.as_ref()?.iter().zip(&scene.triangles) {
+                sums[triangle.material as usize] += *value;
+            }
+            Some(sums)
+        }
+        Self {
+            emission: sums(&self.emission, scene),
+            diffuse: sums(&self.diffuse, scene),
+            albedo: sums(&self.albedo, scene),
+            specular: sums(&self.specular, scene),
+            power: sums(&self.power, scene),
+            positions: self.positions.clone(),
+            cameras: self.cameras.clone(),
         }
     }
 

@@ -11,6 +11,7 @@ use super::settings::{OptimiserKind, Settings, StopRule};
 use super::target::{Target, TargetPicture, read_mask};
 use crate::image::MAX_SUPERSAMPLE;
 use crate::scene::{Camera, CameraTable, LoadOptions, Place, Scene, SceneError, TomlFile, Triple};
+use crate::shading::Shading;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
@@ -139,6 +140,7 @@ struct CheckpointTable {
 struct SolveTable {
     tolerance: Option<f64>,
     supersample: Option<u32>,
+    shading: Option<Shading>,
 }
 
 impl JobFile {
@@ -202,6 +204,7 @@ impl JobFile {
     /// [solve]
     /// tolerance = 1e-5
     /// supersample = 4
+    /// shading = "gathered"           # or "face": one colour per face
     /// ```
     pub fn load(path: &Path) -> Result<Self, FitError> {
         let file = TomlFile::read(path)?;
@@ -494,6 +497,14 @@ impl SolveTable {
                 )));
             }
             settings.supersample = supersample;
+        }
+        match self.shading {
+            Some(Shading::Smooth) => {
+                let message = "shading = \"smooth\" is for display; fits take \"gathered\" or \"face\"";
+                return Err(place.error(message.to_owned()));
+            }
+            Some(shading) => settings.shading = shading,
+            None => {}
         }
         Ok(())
     }

@@ -26,7 +26,7 @@ mod target;
 
 pub use checkpoint::CheckpointError;
 pub use engine_renderer::EngineRenderer;
-pub use gradient::{Quantity, SceneGradient};
+pub use gradient::{CameraGradient, Quantity, SceneGradient};
 pub use job::{FitError, FitProgress, Job, OnCheckpoint, Outcome, Record, RunOptions, Stop};
 pub use job_file::JobFile;
 pub use lock::{FolderLock, LockError};

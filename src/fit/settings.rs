@@ -6,6 +6,7 @@ use super::parameters::Fit;
 use super::regulariser::Regulariser;
 use crate::image::PictureOptions;
 use crate::options::setters;
+use crate::shading::Shading;
 use serde::{Deserialize, Serialize};
 
 /// Kind of optimiser.
@@ -71,6 +72,8 @@ pub struct Settings {
     pub adam: AdamOptions,
     /// Samples per pixel along each axis.
     pub supersample: u32,
+    /// How pictures show the light of faces: gathered, or one colour per face.
+    pub shading: Shading,
     /// Tolerance of solves; `None`: that of the scene, but at most 1e-5.
     pub tolerance: Option<f64>,
 }
@@ -85,6 +88,7 @@ setters!(Settings {
     noise: Option<f64>,
     adam: AdamOptions,
     supersample: u32,
+    shading: Shading,
     tolerance: Option<f64>,
 });
 
@@ -101,6 +105,7 @@ impl Settings {
             noise: None,
             adam: AdamOptions::default(),
             supersample: PictureOptions::default().supersample,
+            shading: Shading::default(),
             tolerance: None,
         }
     }

@@ -14,7 +14,7 @@ const BACK: u32 = NONE - 1;
 /// What a camera sees of a scene, independent of colours: the faces in each pixel, with their number of samples. Valid until a
 /// vertex or the camera moves.
 ///
-/// Takes 4 bytes per pixel and 8 per face in each pixel, on the host.
+/// Takes 4 bytes per pixel and 12 per face in each pixel, on the host.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Coverage {
     width: u32,
@@ -32,7 +32,23 @@ pub struct Coverage {
 struct Share {
     /// Index in the scene, or [`BACK`].
     face: u32,
-    samples: u32,
+    samples: u16,
+    /// Sums of the columns and rows of the samples within the pixel.
+    sums: [u16; 2],
+}
+
+/// A face in a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FaceInPixel {
+    /// Index of the triangle in the scene.
+    pub face: usize,
+    /// Index of the pixel, row by row from the top.
+    pub pixel: usize,
+    /// Share of the pixel's samples that show the face's front.
+    pub share: f64,
+    /// Column and row of the mean of these samples, in pixels from the upper left corner of the picture: [`View::ray`](super::View::ray) gives
+    /// its direction.
+    pub place: [f64; 2],
 }
 
 impl Coverage {
@@ -51,15 +67,18 @@ impl Coverage {
             let mut seen = Vec::with_capacity(side * side);
             for column in 0..columns {
                 seen.clear();
-                for row in rows.chunks(width) {
-                    seen.extend(
-                        row[column * side..(column + 1) * side].iter().map(|&face| sides.shown(face)),
-                    );
+                for (v, row) in (0u16..).zip(rows.chunks(width)) {
+                    let cells = row[column * side..(column + 1) * side].iter();
+                    seen.extend((0u16..).zip(cells).map(|(u, &face)| (sides.shown(face), u, v)));
                 }
                 seen.sort_unstable();
                 let before = shares.len();
-                let runs = seen.chunk_by(|a, b| a == b).filter(|run| run[0] != NONE);
-                shares.extend(runs.map(|run| Share { face: run[0], samples: run.len() as u32 }));
+                let runs = seen.chunk_by(|a, b| a.0 == b.0).filter(|run| run[0].0 != NONE);
+                shares.extend(runs.map(|run| Share {
+                    face: run[0].0,
+                    samples: run.len() as u16,
+                    sums: [run.iter().map(|s| s.1).sum(), run.iter().map(|s| s.2).sum()],
+                }));
                 counts.push((shares.len() - before) as u32);
             }
             (counts, shares)
@@ -94,6 +113,25 @@ impl Coverage {
     /// The faces whose fronts are visible, pixel by pixel: each face once per pixel that shows it.
     pub fn faces(&self) -> impl Iterator<Item = usize> + '_ {
         self.shares.iter().filter(|share| share.face != BACK).map(|share| share.face as usize)
+    }
+
+    /// The same with the share and place of each, in the same order.
+    pub fn faces_in_pixels(&self) -> impl Iterator<Item = FaceInPixel> + '_ {
+        let (width, side) = (self.width as usize, f64::from(self.supersample));
+        let mut shares = self.shares.iter();
+        self.counts.iter().enumerate().flat_map(move |(pixel, &count)| {
+            let of_pixel = shares.by_ref().take(count as usize).collect::<Vec<_>>();
+            of_pixel.into_iter().filter(|share| share.face != BACK).map(move |share| {
+                let samples = f64::from(share.samples);
+                let within = share.sums.map(|sum| (f64::from(sum) / samples + 0.5) / side);
+                FaceInPixel {
+                    face: share.face as usize,
+                    pixel,
+                    share: samples / (side * side),
+                    place: [(pixel % width) as f64 + within[0], (pixel / width) as f64 + within[1]],
+                }
+            })
+        })
     }
 
     /// Per triangle, whether its front is visible in at least one sample of at least one of these views of the scene.

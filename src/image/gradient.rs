@@ -58,18 +58,30 @@ where
     C: Copy + Into<f64> + Sync,
 {
     check_colours(colours.len(), scene.triangles.len())?;
+    let colour = |face: usize, _: [f64; 2]| colours[face].map(C::into);
+    geometry_gradient_of(scene, camera, supersample, &colour, cotangent)
+}
+
+/// The same for colours that vary over faces: `colour` gives that of the front of a triangle at a place of the picture, column and row in
+/// pixels from its upper left corner.
+pub fn geometry_gradient_of(
+    scene: &Scene,
+    camera: &Camera,
+    supersample: u32,
+    colour: &(dyn Fn(usize, [f64; 2]) -> [f64; 3] + Sync),
+    cotangent: &[[f64; 4]],
+) -> Result<GeometryGradient, ImageError> {
     let grid = grid(camera, supersample)?;
     check_cotangent(cotangent, camera.width as usize * camera.height as usize)?;
     let faces = visibility::project(scene, camera)?;
     let view = View::new(camera);
-    let shown = |face: &Projected| match face.front {
+    let shown = |face: &Projected, place: [f64; 2]| match face.front {
         true => {
-            let [r, g, b] = colours[face.number as usize].map(C::into);
+            let [r, g, b] = colour(face.number as usize, place);
             [r, g, b, 1.0]
         }
         false => [0.0, 0.0, 0.0, 1.0],
     };
-    let shown: Vec<[f64; 4]> = faces.iter().map(shown).collect();
 
     // In the frame of the view, see the module `projection`.
     let mut vertices = vec![DVec3::ZERO; scene.vertices.len()];
@@ -169,6 +181,16 @@ impl Lines {
         if before + after < 1.0 { 1.0 } else { stands_for(before) + stands_for(after) }
     }
 
+    /// Column and row of a point of a line.
+    fn place(&self, along: f64, across: f64) -> [f64; 2] {
+        let [width, height] = self.size.map(f64::from);
+        let [x, y] = match self.axis {
+            Axis::Rows => [along, across],
+            Axis::Columns => [across, along],
+        };
+        [0.5 * (x + 1.0) * width, 0.5 * (1.0 - y) * height]
+    }
+
     /// The pixel at a point.
     fn pixel(&self, along: f64, line: u32) -> usize {
         let [width, height] = self.size;
@@ -187,7 +209,7 @@ impl Lines {
         block: Range<u32>,
         list: &[u32],
         faces: &[Projected],
-        shown: &[[f64; 4]],
+        shown: &(dyn Fn(&Projected, [f64; 2]) -> [f64; 4] + Sync),
         cotangent: &[[f64; 4]],
     ) -> Vec<(u32, [DVec3; 3])> {
         // From a distance in the picture, whose side is 2, to an area in pixels.
@@ -197,8 +219,9 @@ impl Lines {
         };
         let area = f64::from(cells) / 2.0 / f64::from(self.side);
         let face = |place: u32| &faces[list[place as usize] as usize];
-        let colour =
-            |place: Option<u32>| place.map_or([0.0; 4], |place| shown[list[place as usize] as usize]);
+        let colour = |number: Option<u32>, place: [f64; 2]| {
+            number.map_or([0.0; 4], |number| shown(face(number), place))
+        };
 
         let mut adjoint = vec![FaceAdjoint::default(); list.len()];
         let mut sweep = Sweep::default();
@@ -211,8 +234,13 @@ impl Lines {
                     low <= order && order <= high
                 });
             sweep.line(crossed, self.axis, across, |Change { at, before, after, cause }| {
-                let pixel = cotangent[self.pixel(at, line)];
-                let (before_colour, after_colour) = (colour(before), colour(after));
+                let pixel = self.pixel(at, line);
+                let pixel = cotangent[pixel];
+                if pixel == [0.0; 4] {
+                    return;
+                }
+                let place = self.place(at, across);
+                let (before_colour, after_colour) = (colour(before, place), colour(after, place));
                 let gain: f64 = (0..4)
                     .map(|channel| pixel[channel] * (before_colour[channel] - after_colour[channel]))
                     .sum();
@@ -300,13 +328,24 @@ fn to_metres(scene: &Scene, camera: &Camera, view: &View, in_frame: Vec<DVec3>) 
     };
     let vertices = in_frame.into_iter().zip(&scene.vertices).map(to_scene).collect();
 
+    let (position, target) = camera_gradient(camera, -moved, [of_right, of_up, of_forward]);
+    GeometryGradient { vertices, position, target }
+}
+
+/// Derivatives of a loss by a camera's position and target, from those by its position with the axes of its [`View`] held fixed, and by
+/// these axes: right, up and forward.
+pub(crate) fn camera_gradient(
+    camera: &Camera,
+    position: DVec3,
+    [of_right, of_up, of_forward]: [DVec3; 3],
+) -> (DVec3, DVec3) {
     // up = right × forward; right = s / |s|, s = forward × u; forward = f / |f|, f = target - position.
-    let View { right, up: _, forward, .. } = *view;
+    let View { right, forward, .. } = View::new(camera);
     let of_right = of_right + forward.cross(of_up);
     let of_forward = of_forward + of_up.cross(right);
     let u = camera.up.normalize();
     let of_s = of_right.reject_from_normalized(right) / forward.cross(u).length();
     let of_forward = of_forward + u.cross(of_s);
     let target = of_forward.reject_from_normalized(forward) / (camera.target - camera.position).length();
-    GeometryGradient { vertices, position: -moved - target, target }
+    (position - target, target)
 }

@@ -34,9 +34,10 @@ mod tiles;
 mod tone;
 mod visibility;
 
-pub use coverage::Coverage;
+pub use coverage::{Coverage, FaceInPixel};
 pub use error::ImageError;
-pub use gradient::{GeometryGradient, geometry_gradient};
+pub(crate) use gradient::camera_gradient;
+pub use gradient::{GeometryGradient, geometry_gradient, geometry_gradient_of};
 pub use picture::Picture;
 pub use projection::View;
 pub use raster::{MAX_SUPERSAMPLE, PictureOptions, Rasterizer};

@@ -69,6 +69,11 @@ impl Bins {
         self.centre.len()
     }
 
+    /// ⟨h(b,o),n⟩, the cosine between the normal and the half vector of two bins, clamped to [0, 1].
+    pub(crate) fn half_cosine(&self, b: usize, o: usize) -> f64 {
+        (self.centre[b] + self.centre[o]).normalize_or_zero().z.max(0.0)
+    }
+
     /// T_b(ω): the four taps of a direction of the upper hemisphere. Defined everywhere: at the pole, on the horizon
     /// (directions below it count as on it).
     pub fn taps(&self, direction: DVec3) -> Taps {

@@ -6,6 +6,7 @@ mod class;
 mod clusters;
 mod facet;
 mod facet_gradient;
+mod frame_gradient;
 mod hierarchy;
 mod near_field;
 mod order;
@@ -19,8 +20,9 @@ pub use clusters::{
     ClusterInput, ClusterRun, Clusters, ENTRY_BITS, LIST, Parts, SourceLists, share, spread_over,
 };
 pub use facet::{Facet, orthonormal_basis};
-pub(crate) use facet::{basis_sign, centroid, quarters};
+pub(crate) use facet::{centroid, quarters};
 pub use facet_gradient::FacetGradient;
+pub(crate) use frame_gradient::{FrameGradient, pull_local, pull_unit};
 pub(crate) use hierarchy::{Hierarchy, Node, Sight};
 pub(crate) use near_field::{QUARTER_RANGE, far_weight};
 pub use order::PADDING;

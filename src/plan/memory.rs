@@ -73,6 +73,10 @@ impl MemoryPlan {
         memory.add("partial sums", PARTIAL_SUMS * real, 1);
         memory.add("no bins", real, 1);
         memory.add_states(plan);
+        for (_, group) in plan.glossy_groups().filter(|_| plan.has_first_bounce()) {
+            memory.add("first bounce", plan.page_bytes(group), 1);
+        }
+        memory.add_lobes(plan);
         if plan.half_bins() {
             let any = |wanted: fn(&Group) -> bool| u32::from(plan.layout.groups.iter().any(wanted));
             let kinds = any(|group| group.class.blocker) + any(|group| group.class.glossy);
@@ -122,6 +126,22 @@ impl MemoryPlan {
                 if plan.layout.groups.iter().any(|g| g.class.glossy) {
                     self.add("specular radiance", bins(sources), 1);
                 }
+            }
+        }
+    }
+
+    /// The order of glossy triangles, and the matrices that they share.
+    fn add_lobes(&mut self, plan: &Plan) {
+        let glossy: usize = plan.glossy_groups().map(|(_, g)| plan.layout.slots_of(&g.tiles).len()).sum();
+        if glossy > 0 {
+            self.add("lobe slots", glossy as u64 * 4, 1);
+        }
+        let matrices = plan.lobes.matrices;
+        if matrices > 0 {
+            let [gradients, of_powers] = plan.lobe_gradients();
+            self.add("lobe matrices", plan.lobe_buffer_bytes(matrices), 1 + u32::from(gradients));
+            if of_powers {
+                self.add("lobe logarithms", plan.lobe_buffer_bytes(1), 1);
             }
         }
     }

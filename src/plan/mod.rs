@@ -5,6 +5,7 @@ mod error;
 mod gradient_request;
 mod interactions;
 mod lamps;
+mod lobes;
 mod memory;
 mod report;
 mod residency;
@@ -16,9 +17,10 @@ pub use error::PlanError;
 pub use gradient_request::GradientRequest;
 pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
 pub use lamps::LampsReport;
+pub(crate) use lobes::{LOBE_BYTES, LOBE_ROWS, LobeSlots, PlannedLobes};
 pub(crate) use memory::PARTIAL_SUMS;
 pub use memory::{MemoryItem, MemoryPlan};
-pub use report::{ClassReport, PairReport, PlanReport, StatesReport};
+pub use report::{ClassReport, LobeReport, PairReport, PlanReport, StatesReport};
 pub use residency::{Piece, Residency};
 pub use tiles::{Group, TileLayout};
 pub use transport::PlannedTransport;
@@ -221,6 +223,7 @@ pub struct Plan {
     pub(crate) layout: TileLayout,
     pub(crate) interactions: Interactions,
     pub(crate) transport: PlannedTransport,
+    pub(crate) lobes: PlannedLobes,
     pub(crate) solver: PlannedSolver,
     pub(crate) residency: Residency,
     /// Bytes of the staging buffers.
@@ -267,6 +270,7 @@ impl Plan {
         let tile_bytes = u64::from(options.tile) * memory::bin_bytes(&bins, channels, settings.precision);
         let layout = TileLayout::new(&order, &classes, options.tile, page_tiles(options, tile_bytes));
 
+        let lobes = PlannedLobes::new(scene, &layout, options.gradients);
         let mut plan = Self {
             options: *options,
             settings: *settings,
@@ -279,12 +283,14 @@ impl Plan {
             layout,
             interactions: Interactions::default(),
             transport: PlannedTransport::default(),
+            lobes,
             solver: PlannedSolver::FixedPoint,
             residency: Residency::Device,
             staging: options.staging,
             memory: MemoryPlan::default(),
             reflectance: Reflectance::of(scene),
         };
+        plan.lobes.matrices = plan.affordable_lobes();
         plan.choose_transport(scene)?;
         Ok(plan)
     }
@@ -303,15 +309,20 @@ impl Plan {
             }
         };
         let mut least = u64::MAX;
-        for &solver in &wanted {
-            self.solver = solver;
-            for staging in [self.options.staging, self.short_staging()] {
-                self.staging = staging;
-                self.memory = MemoryPlan::of(self);
-                self.memory.check_buffers(self.options.max_buffer)?;
-                least = least.min(self.memory.total());
-                if self.memory.total() <= self.options.memory_budget {
-                    return Ok(());
+        let matrices = self.lobes.matrices;
+        // Matrices take a small part of the budget: only where nothing else fits are there none.
+        for matrices in [matrices, 0] {
+            self.lobes.matrices = matrices;
+            for &solver in &wanted {
+                self.solver = solver;
+                for staging in [self.options.staging, self.short_staging()] {
+                    self.staging = staging;
+                    self.memory = MemoryPlan::of(self);
+                    self.memory.check_buffers(self.options.max_buffer)?;
+                    least = least.min(self.memory.total());
+                    if self.memory.total() <= self.options.memory_budget {
+                        return Ok(());
+                    }
                 }
             }
         }
@@ -322,6 +333,7 @@ impl Plan {
         // Vectors on the host take no device memory, so the solver is that of an unlimited budget, and the result
         // does not depend on the budget.
         self.solver = wanted.first().copied().unwrap_or(PlannedSolver::FixedPoint);
+        self.lobes.matrices = matrices;
         self.stream()
     }
 
@@ -482,6 +494,11 @@ impl Plan {
     /// Bytes of one vec4 of reals.
     pub(crate) fn rgb_bytes(&self) -> u64 {
         memory::RGB * self.settings.precision.bytes()
+    }
+
+    /// Whether glossy triangles reflect the light of lamps that does not take part in U.
+    pub(crate) fn has_first_bounce(&self) -> bool {
+        !self.lamps.is_empty() && self.glossy_groups().next().is_some()
     }
 
     /// The groups of glossy triangles, with their indices.

@@ -9,6 +9,9 @@ use std::ops::Range;
 const IRRADIANCE_RATE: f64 = 1e9;
 const BINS_RATE: f64 = 60e6;
 const NEAR_RATE: f64 = 1e6;
+/// Pairs of bins per second, by matrix and one by one.
+const LOBE_RATE: f64 = 3e9;
+const DIRECT_LOBE_RATE: f64 = 3e8;
 /// Bytes per second between host and device.
 const MOVE_RATE: f64 = 2e9;
 /// Passes in addition to those due to the albedo: direct light, and the verification of the result.
@@ -43,6 +46,17 @@ pub struct PairReport {
     pub sub_sampled: u64,
     /// Of `irradiance` and `bins`, those with a cluster as source.
     pub clusters: u64,
+}
+
+/// How the lobes of glossy triangles are computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct LobeReport {
+    /// Number of matrices, one for each power that enough triangles share.
+    pub matrices: u32,
+    /// Triangles whose lobes come from a matrix.
+    pub shared: u32,
+    /// Triangles whose lobes are evaluated bin by bin.
+    pub direct: u32,
 }
 
 /// Where the states live.
@@ -89,6 +103,8 @@ pub struct PlanReport {
     pub pages: usize,
     /// Pairs of triangles per pass.
     pub pairs: PairReport,
+    /// How lobes are computed.
+    pub lobes: LobeReport,
     /// Where states live, and the transfers this causes.
     pub states: StatesReport,
     /// Bytes by label.
@@ -175,6 +191,7 @@ impl Plan {
         let pass = pairs.irradiance as f64 / IRRADIANCE_RATE
             + pairs.bins as f64 / BINS_RATE
             + pairs.sub_sampled as f64 / NEAR_RATE
+            + self.lobe_seconds()
             + self.moved_bytes() as f64 / MOVE_RATE;
         let passes = self.estimated_passes();
         PlanReport {
@@ -193,6 +210,7 @@ impl Plan {
             tiles: self.layout.tiles(),
             pages: self.layout.groups.iter().filter(|g| g.class.has_bins()).count(),
             pairs,
+            lobes: self.lobe_report(),
             states: self.states_report(),
             memory: self.memory.items.clone(),
             memory_total: self.memory.total(),
@@ -221,6 +239,18 @@ impl Plan {
         let factor = if blocked { BLOCKED } else { 1.0 };
         let limit = f64::from(self.settings.max_passes);
         [0.5 * passes(mean), factor * passes(most)].map(|passes| passes.ceil().min(limit))
+    }
+
+    /// Estimated time of the specular part of K.
+    fn lobe_seconds(&self) -> f64 {
+        let LobeReport { shared, direct, .. } = self.lobe_report();
+        let pairs = (self.bins.count() as f64).powi(2);
+        pairs * (f64::from(shared) / LOBE_RATE + f64::from(direct) / DIRECT_LOBE_RATE)
+    }
+
+    fn lobe_report(&self) -> LobeReport {
+        let [glossy, shared] = self.lobes.triangles();
+        LobeReport { matrices: self.lobes.matrices, shared, direct: glossy - shared }
     }
 
     fn states_report(&self) -> StatesReport {
@@ -301,6 +331,13 @@ impl fmt::Display for PlanReport {
         writeln!(f, "  {:>13}  irradiance alone ({:.1} %)", pairs.irradiance, percent(pairs.irradiance))?;
         writeln!(f, "  {:>13}  with bins ({:.1} %)", pairs.bins, percent(pairs.bins))?;
         writeln!(f, "  {:>13}  near field ({:.2} %)", pairs.sub_sampled, percent(pairs.sub_sampled))?;
+        let LobeReport { matrices, shared, direct } = self.lobes;
+        if shared + direct > 0 {
+            writeln!(
+                f,
+                "lobes            by matrix for {shared} triangles ({matrices}), bin by bin for {direct}"
+            )?;
+        }
         writeln!(f, "memory           {} bytes of {}", self.memory_total, self.memory_budget)?;
         for item in &self.memory {
             writeln!(f, "  {:>13}  {} ({})", item.bytes, item.label, item.count)?;

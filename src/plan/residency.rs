@@ -34,6 +34,8 @@ const SHORT_STAGING: u64 = 2 << 20;
 const LEAST_STAGING: u64 = 128 << 10;
 /// Staging buffers are two, each a multiple of the rounding of buffer sizes.
 const STAGING_STEP: u64 = 512;
+/// Matrices of lobes may take one part in so many of the memory beyond the smallest windows.
+const MATRIX_SHARE: u64 = 4;
 
 /// Largest window, bytes: it is copied at once, which delays Ctrl-C.
 const MOST_WINDOW_BYTES: u64 = 512 << 20;
@@ -126,8 +128,16 @@ impl Plan {
     /// move no fewer bytes, but split the lists of close sources less often.
     pub(super) fn stream(&mut self) -> Result<(), PlanError> {
         let budget = self.options.memory_budget;
+        let matrices = std::mem::take(&mut self.lobes.matrices);
         self.set_windows(1, 1, self.options.staging.min(LEAST_STAGING));
         let (least_staging, needed) = (self.staging, self.memory.total());
+        // Matrices make K several times faster, but windows need the memory more.
+        let bytes = self.lobe_buffer_bytes(matrices) * (1 + u64::from(self.lobe_gradients()[0]));
+        if matrices > 0 && bytes <= budget.saturating_sub(needed) / MATRIX_SHARE {
+            self.lobes.matrices = matrices;
+        }
+        self.set_windows(1, 1, self.staging);
+        let needed = self.memory.total();
         self.memory.check_buffers(self.options.max_buffer)?;
         if needed > budget {
             return Err(PlanError::OverBudget { budget, needed });

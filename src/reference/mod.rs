@@ -19,7 +19,7 @@ pub use clusters::transport_through_clusters;
 pub use derivative::{MaterialGradient, observe_derivative, reflect_derivative, transport_derivative};
 pub use near_field::projected_solid_angle;
 pub use observation::observe;
-pub use path_tracer::{MonteCarloEstimate, PathTracer};
+pub use path_tracer::{MonteCarloEstimate, PathTracer, TracedPicture, TracedPixel};
 pub use random::Random;
 pub use reflection::{emission, reflect};
 pub use scenes::{Plates, Shadow};

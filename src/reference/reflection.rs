@@ -44,11 +44,6 @@ pub(super) fn specular_scale(material: &Material) -> DVec3 {
 
 /// Σ_b ⟨h(b,o),n⟩^p value(b), per outgoing bin o.
 pub(super) fn spread(bins: &Bins, power: f64, value: impl Fn(usize) -> DVec3) -> Vec<DVec3> {
-    let sum = |o: usize| (0..bins.count()).map(|b| half_cosine(bins, b, o).powf(power) * value(b)).sum();
+    let sum = |o: usize| (0..bins.count()).map(|b| bins.half_cosine(b, o).powf(power) * value(b)).sum();
     (0..bins.count()).map(sum).collect()
-}
-
-/// ⟨h(b,o),n⟩, the cosine between the normal and the half vector of two bins, clamped to [0, 1].
-pub(super) fn half_cosine(bins: &Bins, b: usize, o: usize) -> f64 {
-    (bins.centre[b] + bins.centre[o]).normalize_or_zero().z.max(0.0)
 }

@@ -9,6 +9,7 @@ use glam::{DVec3, I64Vec3};
 use rayon::prelude::*;
 
 /// Coincident vertices, welded into one position each.
+#[derive(Clone, Debug)]
 pub(crate) struct Welded {
     /// Per vertex, the index of its position.
     pub position: Vec<u32>,
@@ -153,6 +154,7 @@ impl Edges {
 }
 
 /// The triangles around each vertex.
+#[derive(Clone, Debug)]
 pub(crate) struct Fans {
     /// Vertex v has `triangles[start[v]..start[v + 1]]`.
     start: Vec<u32>,

@@ -74,6 +74,11 @@ impl Material {
         }
     }
 
+    /// σ N(p), RGB, 1/sr.
+    pub fn lobe_scale(&self) -> [f64; 3] {
+        self.specular.map(|sigma| sigma * self.specular_normalization())
+    }
+
     /// dN/dp, 1/sr.
     pub fn specular_normalization_derivative(&self) -> f64 {
         use std::f64::consts::{LN_2, PI};

@@ -2,6 +2,7 @@
 
 use crate::plan::PlanReport;
 use crate::scene::{Camera, Scene};
+use crate::shading::Light;
 use crate::solve::SolveInfo;
 use crate::warnings::Warnings;
 use crate::{Energy, Engine, EngineError, Negative, Solution};
@@ -15,6 +16,8 @@ pub struct Answer {
     pub radiosity: Vec<[f64; 3]>,
     /// Per camera, the radiance of each triangle towards it as [`Engine::face_colours`] returns it, W/(m² sr).
     pub colours: Vec<Vec<[f64; 3]>>,
+    /// What pictures with gathered light are made from.
+    pub light: Light,
     /// Passes, residuals and spectral radius of the solver.
     pub info: SolveInfo,
     /// The balance of power.
@@ -39,9 +42,20 @@ impl Answer {
     ) -> Result<Self, EngineError> {
         let colours = cameras.iter().map(|camera| engine.face_colours(&solution, camera.position));
         let colours = colours.collect::<Result<_, _>>()?;
+        let light = Light::new(engine, &solution, scene, cameras)?;
         let Solution { irradiance, radiosity, info, energy, negative, .. } = solution;
         let plan = engine.plan();
         warnings.list.extend(Warnings::after(scene, plan, &irradiance, info.spectral_radius).list);
-        Ok(Self { irradiance, radiosity, colours, info, energy, negative, plan: plan.report(), warnings })
+        Ok(Self {
+            irradiance,
+            radiosity,
+            colours,
+            light,
+            info,
+            energy,
+            negative,
+            plan: plan.report(),
+            warnings,
+        })
     }
 }

@@ -178,6 +178,13 @@ impl<'a> AdjointOperator<'a> {
         observation.run(self.context(), buffers, face_colours, camera_position, colours)
     }
 
+    /// μ₀ of specular radiance per glossy group: that of the loss, and of the views added to it.
+    pub fn given_specular(&self) -> Result<Vec<Option<Vec<f64>>>, TransportError> {
+        let specular = &self.adjoint.buffers.specular;
+        let pages = (0..specular.len()).map(|group| self.operators.page(specular, group));
+        Ok(pages.collect::<Result<_, _>>()?)
+    }
+
     /// μ = μ₀ + Uᵀ λ, the cotangent of outgoing light: of radiance per slot, and of specular radiance per group. It
     /// stays on the device until the next use of the operators.
     pub fn outgoing_cotangent(&mut self, cotangent: &State) -> Result<super::OutgoingValues, TransportError> {
@@ -210,8 +217,8 @@ impl<'a> AdjointOperator<'a> {
         views: &[(DVec3, Vec<[f64; 4]>)],
         pairs: bool,
     ) -> Result<(Vec<FacetGradient>, Vec<DVec3>), TransportError> {
-        self.operators.update_outgoing(Some(x), true)?;
-        let Operators { context, observation, monitor, .. } = &mut *self.operators;
+        self.operators.update_outgoing(Some(x), true, true)?;
+        let Operators { context, monitor, .. } = &mut *self.operators;
         let AdjointKernels { buffers, derivative, observation: views_derivative, .. } = &mut *self.adjoint;
         let (Some(gradients), Some(derivative)) = (&buffers.gradients, derivative) else {
             return Err(TransportError::missing("derivatives with respect to geometry"));
@@ -224,6 +231,10 @@ impl<'a> AdjointOperator<'a> {
         if pairs {
             derivative.run(context, buffers, x, cotangent, gradients, monitor)?;
         }
+        if context.plan.has_first_bounce() && !views.is_empty() {
+            self.operators.update_outgoing(Some(x), true, false)?;
+        }
+        let Operators { context, observation, .. } = &mut *self.operators;
         let mut camera_positions = Vec::with_capacity(views.len());
         for (camera_position, colours) in views {
             let face_colours = observation.colours();

@@ -9,6 +9,7 @@ mod exchange;
 mod exchange_adjoint;
 mod exchange_derivative;
 mod half_bins;
+mod lobes;
 mod observation;
 mod observation_adjoint;
 mod pace;
@@ -24,6 +25,7 @@ mod watch;
 
 pub use clusters::{GatherBinsPush, GatherPush};
 pub use half_bins::PackPush;
+pub use lobes::LobePush;
 pub use pace::Pace;
 pub use scene_buffers::SceneBuffers;
 pub use state::{Outgoing, State};
@@ -104,8 +106,14 @@ impl Operators {
 
     /// Replaces the materials, and the radiance that each triangle of the scene emits, W/(m² sr); geometry and classes stay as
     /// planned. Light is counted in units of `unit`, W/(m² sr).
-    pub fn set_materials(&self, scene: &Scene, emitted: &[[f64; 3]], unit: f64) -> Result<(), GpuError> {
-        self.context.scene.set_materials(&self.context.device, scene, &self.context.plan, emitted, unit)
+    pub fn set_materials(&mut self, scene: &Scene, emitted: &[[f64; 3]], unit: f64) -> Result<(), GpuError> {
+        let Context { device, plan, scene: buffers, .. } = &mut self.context;
+        buffers.set_materials(device, scene, plan, emitted, unit)
+    }
+
+    /// Sets the radiance of lamps that glossy triangles reflect: per glossy group, by slot, bin and channel, in units of light.
+    pub fn set_first_bounce(&self, values: &[Option<Vec<f64>>]) -> Result<(), GpuError> {
+        self.context.scene.set_first_bounce(&self.context.device, &self.context.plan, values)
     }
 
     /// The plan they were made for.
@@ -118,8 +126,15 @@ impl Operators {
         self.monitor.callback = callback;
     }
 
-    /// Computes the outgoing light of the fronts, E + K x, of a state on the device.
-    fn update_outgoing(&mut self, x: Option<&State>, emission: bool) -> Result<(), TransportError> {
+    /// Computes the outgoing light of the fronts, E + K x, of a state on the device; `first_bounce`: whether with the specular reflection of
+    /// lamps, which is part of what enters U but not of what S shows.
+    fn update_outgoing(
+        &mut self,
+        x: Option<&State>,
+        emission: bool,
+        first_bounce: bool,
+    ) -> Result<(), TransportError> {
+        self.reflection.with_first_bounce = first_bounce;
         self.reflection.diffuse(&self.context, x, emission)?;
         for piece in self.context.plan.pieces() {
             self.reflection.specular(&self.context, &piece, x, &mut self.monitor)?;
@@ -127,12 +142,14 @@ impl Operators {
         Ok(())
     }
 
-    /// Radiance of every slot towards `camera_position` (metres), W/(m² sr): S (E + (K - J) x).
+    /// Radiance of every slot towards `camera_position` (metres), W/(m² sr): S (E + (K - J) x), without the specular reflection of the
+    /// first bounce.
     pub fn observe(
         &mut self,
         x: &State,
         camera_position: glam::DVec3,
     ) -> Result<Vec<[f64; 4]>, TransportError> {
+        self.reflection.with_first_bounce = false;
         self.reflection.diffuse(&self.context, Some(x), true)?;
         self.observation.run(&self.context, &mut self.reflection, x, camera_position, &mut self.monitor)
     }
@@ -182,6 +199,7 @@ impl Operators {
     /// Outgoing light under `x`, emission included: diffuse radiance of every slot, and per group the specular
     /// radiance, laid out like [`Operators::bins`]. W/(m² sr).
     pub fn outgoing(&mut self, x: &State) -> Result<OutgoingValues, TransportError> {
+        self.reflection.with_first_bounce = true;
         let Context { device, plan, outgoing, .. } = &self.context;
         self.reflection.diffuse(&self.context, Some(x), true)?;
         let mut specular: Vec<Option<Vec<f64>>> = vec![None; plan.layout.groups.len()];
@@ -240,6 +258,7 @@ impl LightOperator for Operators {
     }
 
     fn pass(&mut self, x: Option<&State>, emission: bool, y: &mut State) -> Result<(), TransportError> {
+        self.reflection.with_first_bounce = emission;
         self.reflection.diffuse(&self.context, x, emission)?;
         self.exchange.run(&self.context, &mut self.reflection, x, y, &mut self.monitor)
     }

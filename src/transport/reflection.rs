@@ -1,11 +1,12 @@
 //! K and E: reflection of incident light, and emission.
 
+use super::lobes::LobePush;
 use super::pace::{Bundle, Pace};
 use super::residency::{Part, View};
-use super::state::State;
+use super::state::{State, page};
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, bin_constants};
-use crate::gpu::{BufferSlice, Device, GpuError, Pipeline};
+use crate::gpu::{Bindings, BufferSlice, Device, GpuError, Pipeline};
 use crate::plan::{Piece, Plan};
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
@@ -28,18 +29,42 @@ pub struct ReflectPush {
 pub struct GlossyPush {
     /// First slot of the page.
     pub page: u32,
-    /// The first bin of the page that this dispatch computes.
+    /// The first triangle, among the slots by power.
+    pub list: u32,
+    /// The first pair of triangle and bin, from there on, that this dispatch computes.
     pub first: u32,
-    /// How many bins it computes.
+    /// How many pairs it computes.
     pub count: u32,
 }
 
+/// `FirstBouncePush` of glsl/first_bounce.comp.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct FirstBouncePush {
+    /// The first value for the piece.
+    pub offset: u32,
+    /// Number of values.
+    pub count: u32,
+    /// 1 to add to what is there, 0 to replace it.
+    pub add: u32,
+}
+
+/// Workgroups of the kernel that adds the first bounce.
+const FIRST_BOUNCE_GROUPS: u32 = 256;
+
 pub struct Reflection {
     diffuse: Pipeline,
-    /// Only where something is glossy.
+    /// Only where something glossy is lit by lamps.
+    first_bounce: Option<Pipeline>,
+    /// Whether specular radiance contains the first bounce of lamps.
+    pub with_first_bounce: bool,
+    /// Lobes pair by pair of bins. Only where something is glossy.
     glossy: Option<Pipeline>,
-    /// Pace of the glossy kernel, in pairs of bins.
+    /// Lobes by matrix. Only where some are planned.
+    lobes: Option<Pipeline>,
+    /// Paces of the two, in pairs of bins.
     pace: Pace,
+    lobes_pace: Pace,
 }
 
 impl Reflection {
@@ -51,17 +76,30 @@ impl Reflection {
             Pipeline::new(
                 device,
                 shaders::REFLECT_GLOSSY.of(precision),
-                4,
+                5,
                 size_of::<GlossyPush>() as u32,
                 &constants,
                 None,
             )
         };
+        let lobes = || {
+            let bindings = Bindings { storage: 4, uniform: 1 };
+            let push = size_of::<LobePush>() as u32;
+            Pipeline::new(device, shaders::REFLECT_LOBES.of(precision), bindings, push, &constants, None)
+        };
+        let first_bounce = || {
+            let push = size_of::<FirstBouncePush>() as u32;
+            Pipeline::new(device, shaders::FIRST_BOUNCE.of(precision), 2, push, &[(0, WORKGROUP)], None)
+        };
         let push = size_of::<ReflectPush>() as u32;
         Ok(Self {
             diffuse: Pipeline::new(device, shaders::REFLECT.of(precision), 3, push, &[(0, WORKGROUP)], None)?,
+            first_bounce: plan.has_first_bounce().then(first_bounce).transpose()?,
+            with_first_bounce: false,
             glossy: any_glossy.then(glossy).transpose()?,
+            lobes: (plan.lobes.matrices > 0).then(lobes).transpose()?,
             pace: Pace::new(2e7),
+            lobes_pace: Pace::new(2e8),
         })
     }
 
@@ -115,28 +153,68 @@ impl Reflection {
         if !piece.part.class.glossy {
             return Ok(scene.no_bins.whole());
         }
-        let kernel = self.glossy.as_ref().ok_or_else(|| TransportError::missing("specular reflection"))?;
+        let missing = || TransportError::missing("specular reflection");
+        let kernel = self.glossy.as_ref().ok_or_else(missing)?;
         let specular = outgoing.specular_of(piece.group)?;
         let slots = plan.layout.slots_of(&piece.part.tiles);
         let Some(light) = light else {
-            View::resident(specular, slots.start, plan.page_bytes(&piece.part)).clear(device)?;
+            if !self.add_first_bounce(context, piece, false)? {
+                View::resident(specular, slots.start, plan.page_bytes(&piece.part)).clear(device)?;
+            }
             return Ok(specular.whole());
         };
-        let buffers = [scene.surfaces.whole(), scene.bin_table.whole(), light.slice(), specular.whole()];
+        let by_power = scene.lobes.slots(&scene.no_bins);
+        let mut bundle = Bundle::new(device, &mut self.lobes_pace, monitor);
+        for product in scene.lobes.products(plan, slots.start, &slots) {
+            let kernel = self.lobes.as_ref().ok_or_else(missing)?;
+            let buffers =
+                [by_power, scene.surfaces.whole(), light.slice(), specular.whole(), product.forward];
+            bundle.add(product.pairs(), 0, |batch| {
+                batch.dispatch(kernel, "by matrix", &buffers, bytes_of(&product.push), product.groups())
+            })?;
+        }
+        bundle.submit()?;
+        let buffers =
+            [scene.surfaces.whole(), scene.bin_table.whole(), light.slice(), specular.whole(), by_power];
         let each = plan.bins.count() as u64;
-        let bins = slots.len() as u32 * plan.bins.count() as u32;
+        let direct = scene.lobes.direct(&slots);
+        let bins = direct.len() as u32 * plan.bins.count() as u32;
         let mut bundle = Bundle::new(device, &mut self.pace, monitor);
         let mut first = 0;
         while first < bins {
             let groups = bundle.share((bins - first).div_ceil(WORKGROUP), u64::from(WORKGROUP) * each);
             let count = (bins - first).min(groups * WORKGROUP);
-            let push = GlossyPush { page: slots.start, first, count };
+            let push = GlossyPush { page: slots.start, list: direct.start, first, count };
             bundle.add(u64::from(count) * each, 0, |batch| {
                 batch.dispatch(kernel, "bins to bins", &buffers, bytes_of(&push), [groups, 1, 1])
             })?;
             first += count;
         }
         bundle.submit()?;
+        self.add_first_bounce(context, piece, true)?;
         Ok(specular.whole())
+    }
+
+    /// Adds what a piece reflects of the light of lamps, or replaces its radiance by that; false where there is none.
+    fn add_first_bounce(&self, context: &Context, piece: &Piece, add: bool) -> Result<bool, TransportError> {
+        let Context { device, plan, scene, outgoing } = context;
+        let Some(kernel) = self.first_bounce.as_ref().filter(|_| self.with_first_bounce) else {
+            return Ok(false);
+        };
+        let slots = plan.layout.slots_of(&piece.part.tiles);
+        let first = plan.layout.slots_of(&plan.layout.groups[piece.group].tiles).start;
+        let per_slot = plan.bins.count() as u32 * plan.channels;
+        let push = FirstBouncePush {
+            offset: (slots.start - first) * per_slot,
+            count: slots.len() as u32 * per_slot,
+            add: u32::from(add),
+        };
+        let page = page(&scene.first_bounce, piece.group)?;
+        let buffers = [page.whole(), outgoing.specular_of(piece.group)?.whole()];
+        let groups = push.count.div_ceil(WORKGROUP).min(FIRST_BOUNCE_GROUPS);
+        let mut batch = device.batch()?;
+        batch.dispatch(kernel, "all", &buffers, bytes_of(&push), [groups, 1, 1])?;
+        batch.submit()?;
+        Ok(true)
     }
 }

@@ -1,11 +1,12 @@
 //! Kᵀ, and the derivative of K with respect to specular parameters.
 
 use super::adjoint::AdjointBuffers;
+use super::lobes::LobePush;
 use super::reflection::GlossyPush;
-use super::state::{State, page, page_reals};
+use super::state::{State, page};
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
-use crate::gpu::{Buffer, Device, GpuError, Pipeline};
+use crate::gpu::{Bindings, Buffer, Device, GpuError, Pipeline};
 use crate::plan::Plan;
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
@@ -26,7 +27,9 @@ pub struct ReflectAdjointPush {
 pub struct GlossyDerivativePush {
     /// First slot of the page.
     pub page: u32,
-    /// Number of slots in the page.
+    /// The first triangle, among the slots by power.
+    pub list: u32,
+    /// Number of triangles.
     pub count: u32,
     /// The first incident bin of this dispatch.
     pub bin_begin: u32,
@@ -41,8 +44,10 @@ const BIN_PAIRS: u32 = 1 << 14;
 
 pub struct ReflectionAdjoint {
     diffuse: Pipeline,
-    /// Kernels of Kᵀ and of the derivative.
+    /// Kernels of Kᵀ and of the derivative, pair by pair of bins.
     glossy: Option<(Pipeline, Pipeline)>,
+    /// The same by matrix. Only where some are planned.
+    lobes: Option<(Pipeline, Pipeline)>,
 }
 
 impl ReflectionAdjoint {
@@ -54,8 +59,18 @@ impl ReflectionAdjoint {
             let derivative = shaders::REFLECT_GLOSSY_DERIVATIVE.of(precision);
             let push = [size_of::<GlossyPush>() as u32, size_of::<GlossyDerivativePush>() as u32];
             Ok((
-                Pipeline::new(device, adjoint, 4, push[0], &constants, None)?,
-                Pipeline::new(device, derivative, 5, push[1], &constants, None)?,
+                Pipeline::new(device, adjoint, 5, push[0], &constants, None)?,
+                Pipeline::new(device, derivative, 6, push[1], &constants, None)?,
+            ))
+        };
+        let lobes = || -> Result<_, GpuError> {
+            let adjoint = shaders::REFLECT_LOBES_ADJOINT.of(precision);
+            let derivative = shaders::REFLECT_LOBES_DERIVATIVE.of(precision);
+            let push = size_of::<LobePush>() as u32;
+            let bindings = |uniform: u32| Bindings { storage: 4, uniform };
+            Ok((
+                Pipeline::new(device, adjoint, bindings(1), push, &constants, None)?,
+                Pipeline::new(device, derivative, bindings(2), push, &constants, None)?,
             ))
         };
         let any_glossy = plan.layout.groups.iter().any(|g| g.class.glossy);
@@ -64,11 +79,16 @@ impl ReflectionAdjoint {
         Ok(Self {
             diffuse: Pipeline::new(device, diffuse, 4, push, &[(0, WORKGROUP)], None)?,
             glossy: any_glossy.then(glossy).transpose()?,
+            lobes: (plan.lobes.matrices > 0).then(lobes).transpose()?,
         })
     }
 
     fn glossy(&self) -> Result<&(Pipeline, Pipeline), TransportError> {
         self.glossy.as_ref().ok_or_else(|| TransportError::missing("specular reflection"))
+    }
+
+    fn lobes(&self) -> Result<&(Pipeline, Pipeline), TransportError> {
+        self.lobes.as_ref().ok_or_else(|| TransportError::missing("specular reflection by matrix"))
     }
 
     /// y += Kᵀ μ, plus λ₀ of the loss if `given`.
@@ -94,11 +114,21 @@ impl ReflectionAdjoint {
         for (g, group) in plan.glossy_groups() {
             let (kernel, _) = self.glossy()?;
             let (specular, bins) = (page(&outgoing.specular, g)?, page(&y.bins, g)?);
-            let buffers = [scene.surfaces.whole(), scene.bin_table.whole(), specular.whole(), bins.whole()];
-            let lanes = page_reals(plan, group) / plan.channels;
+            let slots = plan.layout.slots_of(&group.tiles);
+            let by_power = scene.lobes.slots(&scene.no_bins);
+            for product in scene.lobes.products(plan, slots.start, &slots) {
+                let (kernel, _) = self.lobes()?;
+                let surfaces = scene.surfaces.whole();
+                let buffers = [by_power, surfaces, specular.whole(), bins.whole(), product.transposed];
+                batch.dispatch(kernel, "by matrix", &buffers, bytes_of(&product.push), product.groups())?;
+            }
+            let buffers =
+                [scene.surfaces.whole(), scene.bin_table.whole(), specular.whole(), bins.whole(), by_power];
+            let direct = scene.lobes.direct(&slots);
+            let lanes = direct.len() as u32 * plan.bins.count() as u32;
             for first in (0..lanes).step_by((GLOSSY_GROUPS * WORKGROUP) as usize) {
                 let count = (lanes - first).min(GLOSSY_GROUPS * WORKGROUP);
-                let push = GlossyPush { page: group.tiles.start * plan.layout.tile, first, count };
+                let push = GlossyPush { page: slots.start, list: direct.start, first, count };
                 let groups = [count.div_ceil(WORKGROUP), 1, 1];
                 batch.dispatch(kernel, "bins to bins", &buffers, bytes_of(&push), groups)?;
             }
@@ -117,19 +147,33 @@ impl ReflectionAdjoint {
         for (g, group) in plan.glossy_groups() {
             let (_, kernel) = self.glossy()?;
             let (specular, incident) = (page(&outgoing.specular, g)?, page(&x.bins, g)?);
+            let slots = plan.layout.slots_of(&group.tiles);
+            let by_power = scene.lobes.slots(&scene.no_bins);
+            for product in scene.lobes.products(plan, slots.start, &slots) {
+                let (_, kernel) = self.lobes()?;
+                let (incident, specular, sums) = (incident.whole(), specular.whole(), sums.whole());
+                let buffers = [by_power, incident, specular, sums, product.forward, product.logarithms];
+                // A lane sums over all blocks.
+                let [groups, ..] = product.groups();
+                batch.dispatch(kernel, "by matrix", &buffers, bytes_of(&product.push), [groups, 1, 1])?;
+            }
             let buffers = [
                 scene.surfaces.whole(),
                 scene.bin_table.whole(),
                 incident.whole(),
                 specular.whole(),
                 sums.whole(),
+                by_power,
             ];
-            let slots = plan.layout.slots_of(&group.tiles);
-            let count = slots.len() as u32;
+            let direct = scene.lobes.direct(&slots);
+            if direct.is_empty() {
+                continue;
+            }
+            let (list, count) = (direct.start, direct.len() as u32);
             let step = (BIN_PAIRS / bins).max(1);
             for bin_begin in (0..bins).step_by(step as usize) {
                 let bin_end = (bin_begin + step).min(bins);
-                let push = GlossyDerivativePush { page: slots.start, count, bin_begin, bin_end };
+                let push = GlossyDerivativePush { page: slots.start, list, count, bin_begin, bin_end };
                 let groups = [count.div_ceil(WORKGROUP), 1, 1];
                 batch.dispatch(kernel, "bins to bins", &buffers, bytes_of(&push), groups)?;
             }

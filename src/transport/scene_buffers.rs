@@ -1,6 +1,8 @@
 //! The scene as the kernels read it, in the order and the coordinates of the plan.
 
+use super::lobes::Lobes;
 use super::real;
+use super::state::pages;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
 use crate::model::Facet;
 use crate::plan::{PADDING, PairLists, Plan};
@@ -45,8 +47,11 @@ pub struct SceneBuffers {
     pub corners: Buffer,
     /// Material per slot: `Surface` of glsl/surface.glsl.
     pub surfaces: Buffer,
+    /// Per glossy group, the radiance of lamps that it reflects, W/(m² sr), reals by triangle, bin, channel.
+    pub first_bounce: Vec<Option<Buffer>>,
     /// Centre of each bin, and c_b.
     pub bin_table: Buffer,
+    pub(super) lobes: Lobes,
     /// [`crate::plan::FarRuns`] by receiver; with clusters [`crate::model::SourceLists`].
     pub far_sources: Buffer,
     /// Offset of the close sources of each slot in `near_sources`, then the end of the last.
@@ -85,11 +90,22 @@ impl SceneBuffers {
         let reals =
             |label: &str, values: &[f64]| real::filled(device, label, plan.settings.precision, values);
         let PairLists { far, near } = &plan.interactions().by_receiver;
+        let mut lobes = Lobes::new(device, plan)?;
+        lobes.set(device, scene, plan)?;
+        let first_bounce =
+            pages(device, plan, "first bounce", |group| plan.has_first_bounce() && group.class.glossy)?;
+        let mut batch = device.batch()?;
+        for page in first_bounce.iter().flatten() {
+            batch.fill(page, 0, page.bytes(), 0)?;
+        }
+        batch.submit()?;
         Ok(Self {
             facets: reals("facets", &facets)?,
             corners: reals("corners", &by_slot(plan, |i| corner_reals(&plan.facets[i])))?,
             surfaces: reals("surfaces", &surfaces(scene, plan, emitted, unit))?,
+            first_bounce,
             bin_table: reals("bin table", &bin_table)?,
+            lobes,
             far_sources: match plan.clusters() {
                 None => filled(device, "far runs", far.words())?,
                 Some(clusters) => filled(device, "cluster sources", clusters.sources().words())?,
@@ -106,9 +122,24 @@ impl SceneBuffers {
         })
     }
 
+    /// Sets the radiance of lamps that glossy triangles reflect, initially zero, per group as by [`super::Operators::set_first_bounce`].
+    pub fn set_first_bounce(
+        &self,
+        device: &Device,
+        plan: &Plan,
+        values: &[Option<Vec<f64>>],
+    ) -> Result<(), GpuError> {
+        for (page, values) in self.first_bounce.iter().zip(values) {
+            if let (Some(page), Some(values)) = (page, values) {
+                real::upload(device, page, plan.settings.precision, values)?;
+            }
+        }
+        Ok(())
+    }
+
     /// Replaces the materials and what is emitted; geometry and classes stay as planned.
     pub fn set_materials(
-        &self,
+        &mut self,
         device: &Device,
         scene: &Scene,
         plan: &Plan,
@@ -116,6 +147,7 @@ impl SceneBuffers {
         unit: f64,
     ) -> Result<(), GpuError> {
         let surfaces = surfaces(scene, plan, emitted, unit);
+        self.lobes.set(device, scene, plan)?;
         real::upload(device, &self.surfaces, plan.settings.precision, &surfaces)
     }
 }

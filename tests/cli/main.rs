@@ -9,6 +9,7 @@ mod plans;
 mod process;
 mod refusals;
 mod signals;
+mod traces;
 mod truth;
 mod warnings;
 
@@ -87,7 +88,7 @@ impl Run {
     fn refused(&self, parts: &[&str]) {
         assert_eq!(self.code, Some(2), "{self:?}");
         assert_eq!(self.stderr.lines().count(), 1, "{self:?}");
-        let tools = ["antirad: ", "bench_accuracy: "];
+        let tools = ["antirad: ", "bench_accuracy: ", "bench_gradients: "];
         assert!(tools.iter().any(|tool| self.stderr.starts_with(tool)), "{self:?}");
         assert_eq!(self.stdout, "");
         says(&self.stderr, parts);

@@ -1,6 +1,6 @@
-//! `bench_accuracy --pictures`: a scene beside the path-traced truth.
+//! `bench_accuracy --pictures` and `bench_gradients --traced`: a scene and a gradient beside the path-traced truth.
 
-use crate::{Folder, ROOM, Run, run};
+use crate::{Folder, ROOM, Run, run, says};
 use std::process::Command;
 
 fn against_truth(folder: &Folder, arguments: &str) -> Run {
@@ -50,4 +50,42 @@ fn what_has_no_such_picture_is_refused() {
     against_truth(&folder, "room.toml --camera back").refused(&["room.toml", "main, side"]);
     against_truth(&folder, "nowhere.toml").refused(&["nowhere.toml", "cannot be read"]);
     assert!(folder.results().is_empty());
+}
+
+const ALBEDO: &str = "scene = \"room.toml\"\n
+[[target]]\npicture = \"truth/side.exr\"\ncamera = \"side\"\n
+[[fit]]\nparameter = \"albedo\"\nmaterials = [\"wall\"]\ninitial = 0.45\n";
+
+fn gradient(folder: &Folder, arguments: &str) -> Run {
+    let mut tool = Command::new(env!("CARGO_BIN_EXE_bench_gradients"));
+    tool.current_dir(folder.path("")).arg("--traced");
+    run(tool.args(arguments.split_whitespace()))
+}
+
+#[test]
+fn the_gradient_of_a_fit_beside_that_of_path_traced_pictures() {
+    let folder = Folder::with(&[("job.toml", ALBEDO)]);
+    folder.run("trace room.toml --camera side --samples 64 --quiet --output truth").succeeded();
+    let run = gradient(&folder, "job.toml --samples 256 --repetitions 4 --quiet").succeeded();
+    let rows: Vec<&str> = run.stdout.lines().filter(|line| line.starts_with("albedo of wall")).collect();
+    assert_eq!(rows.len(), 3, "{run:?}");
+    for (row, colour) in rows.iter().zip(["red", "green", "blue"]) {
+        says(row, &[colour, "±"]);
+        // Standard error, and how far antirad's derivatives are off: of the pictures, of the loss.
+        let words: Vec<&str> = row.split_whitespace().collect();
+        let before = words.iter().zip(&words[1..]).filter(|(_, unit)| **unit == "%");
+        let shares: Vec<f64> = before.map(|(share, _)| share.parse().expect("a number")).collect();
+        assert!(shares[0] > 0.0 && shares[0] <= 5.0, "{row}");
+        assert!(shares[1].abs() <= 10.0, "{row}");
+        assert_eq!(shares.len(), 3, "{row}");
+    }
+}
+
+#[test]
+fn fits_without_such_a_gradient_are_refused() {
+    let folder =
+        Folder::with(&[("job.toml", ALBEDO), ("l1.toml", &format!("{ALBEDO}[loss]\nkind = \"l1\"\n"))]);
+    gradient(&folder, "job.toml").refused(&["truth/side.exr", "cannot be read"]);
+    folder.run("trace room.toml --camera side --samples 2 --quiet --output truth").succeeded();
+    gradient(&folder, "l1.toml").refused(&["l1.toml", "l2 or relative-l2"]);
 }

@@ -97,7 +97,7 @@ fn a_refined_scene_is_warned_of_less_and_renders() {
 #[test]
 fn a_render_warns_of_what_makes_it_useless() {
     let folder = folder();
-    let rendered = folder.render("plates.toml --max-passes 2000").succeeded();
+    let rendered = folder.render("plates.toml --max-passes 2000 --lamps antiradiance").succeeded();
     says(&rendered.stderr, &["WARN stacked layers: ", "\"plate 2\"", "remedy: "]);
     says(&rendered.stdout, &["warnings    stacked layers ("]);
     let report = folder.json("out/report.json");

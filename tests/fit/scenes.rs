@@ -8,7 +8,9 @@ use antirad::fit::{
 };
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
-use antirad::scene::{BinLayout, Camera, Scene};
+use antirad::plan::GradientRequest;
+use antirad::scene::{BinLayout, Camera, Lamps, Scene};
+use glam::DVec3;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
@@ -167,9 +169,16 @@ fn emission_of_triangles() -> Settings {
     Settings::new(vec![fit])
 }
 
+/// Where every triangle may emit, light takes the way of antiradiance; so do the pictures to fit.
+fn emitters() -> Scene {
+    let mut scene = coarse("scenes/fits/room.toml");
+    scene.settings.lamps = Lamps::Antiradiance;
+    scene
+}
+
 #[test]
 fn a_lamp_in_view_is_found_among_all_triangles() {
-    let scene = coarse("scenes/fits/room.toml");
+    let scene = emitters();
     let views = cameras(&scene, &["one", "other"]);
     let outcome = run(&scene, views, emission_of_triangles(), exact().iterations(15));
     let share = share_of_lamp(&outcome.scene);
@@ -180,7 +189,7 @@ fn a_lamp_in_view_is_found_among_all_triangles() {
 /// regulariser, the picture is explained with less power than the lamp's, emitted by visible walls.
 #[test]
 fn a_hidden_lamp_is_not_found_but_replaced() {
-    let scene = coarse("scenes/fits/room.toml");
+    let scene = emitters();
     let sparse = Regulariser::Sparsity { weight: 1e-3 };
     let settings = emission_of_triangles().regularisers(vec![sparse]);
     let outcome = run(&scene, cameras(&scene, &["low"]), settings, exact().iterations(25));
@@ -235,4 +244,49 @@ fn memory_does_not_grow_over_200_iterations() {
         println!("{iterations} iterations: {grown} bytes more, {before} before");
         assert!(grown < 4 << 20, "{iterations} iterations: {grown} bytes more, {before} before");
     }
+}
+
+/// Position and target of a camera, silhouettes included, against central differences of finely sampled pictures.
+#[test]
+fn pictures_are_differentiated_by_their_cameras() {
+    let device = device();
+    let scene = coarse("scenes/fits/box.toml");
+    // Rolled, so that edges cross rows of samples one by one.
+    let camera = Camera { up: DVec3::new(0.3, 1.0, 0.1), ..cameras(&scene, &["one"]).remove(0) };
+    let request = GradientRequest::NOTHING.camera(true);
+    let planning = scene.clone();
+    let mut renderer = EngineRenderer::new(&device, planning, vec![camera.clone()], 16, request, watch())
+        .expect("a renderer");
+    // Weights that vary slowly over the picture.
+    let weight = |pixel: usize| DVec3::new(1.0, 0.8, 0.6) * (1.0 + (pixel % 48) as f64 / 48.0);
+    let weights: Vec<DVec3> = (0..48 * 36).map(weight).collect();
+    let loss = |renderer: &mut EngineRenderer, camera: Camera| -> f64 {
+        renderer.set_cameras(vec![camera]);
+        let pictures = renderer.pictures(&scene).expect("pictures");
+        pictures[0].iter().zip(&weights).map(|(pixel, weight)| pixel.dot(*weight)).sum()
+    };
+    const STEP: f64 = 0.02;
+    let mut difference = |moved: &dyn Fn(DVec3) -> Camera| {
+        DVec3::from(DVec3::AXES.map(|axis| {
+            let [above, below] = [STEP, -STEP].map(|way| loss(&mut renderer, moved(way * axis)));
+            (above - below) / (2.0 * STEP)
+        }))
+    };
+    let differences = [
+        difference(&|way| Camera { position: camera.position + way, ..camera.clone() }),
+        difference(&|way| Camera { target: camera.target + way, ..camera.clone() }),
+    ];
+    loss(&mut renderer, camera);
+    let gradient = renderer
+        .pull_back(std::slice::from_ref(&weights), request)
+        .expect("derivatives")
+        .expect("pictures before");
+    let [found] = gradient.cameras.expect("by cameras")[..] else { panic!("one camera") };
+    for (found, expected) in [found.position, found.target].into_iter().zip(differences) {
+        let error = (found - expected).length() / expected.length();
+        println!("{found} and {expected}: {error:.4}");
+        assert!(error <= 0.01, "{found}, but differences give {expected}");
+    }
+    drop(renderer);
+    finish(&device);
 }

@@ -57,7 +57,7 @@ fn shipped_jobs_name_scenes_that_load() {
         }
         jobs += 1;
     }
-    assert_eq!(jobs, 8);
+    assert_eq!(jobs, 10);
 }
 
 #[test]

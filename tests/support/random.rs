@@ -37,3 +37,15 @@ pub fn scattered(seed: u64, triangles: u32, glossy: bool, grey: bool, room: f64)
     }
     Scene::new("random", vertices, list, materials).expect("a scene")
 }
+
+/// The second half of the triangles with a power of its own each: lobes by matrix and bin by bin in one scene.
+pub fn with_own_powers(mut scene: Scene) -> Scene {
+    let (half, count) = (scene.triangles.len() / 2, scene.triangles.len());
+    let labels: Vec<u64> = (0..count).map(|i| if i < half { 0 } else { i as u64 }).collect();
+    scene.split_materials(&labels);
+    for i in half..count {
+        let material = &mut scene.materials[scene.triangles[i].material as usize];
+        material.power += if material.is_glossy() { 0.01 * i as f64 } else { 0.0 };
+    }
+    scene
+}

@@ -1,6 +1,7 @@
-//! `antirad compare`: the errors of a fitted scene.
+//! `antirad compare`: the errors of a fitted scene, or of a picture.
 
 use crate::Failure;
+use crate::compare_pictures;
 use antirad::scene::{LoadOptions, Material, Scene};
 use clap::Args;
 use std::collections::BTreeMap;
@@ -8,12 +9,13 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 #[command(after_help = "Examples:
-  antirad compare scenes/cornell_boxes.toml out/fits/cornell/scene.toml")]
+  antirad compare scenes/cornell_boxes.toml out/fits/cornell/scene.toml
+  antirad compare out/traced/cornell_boxes/main.exr out/cornell_boxes/main.exr")]
 pub struct Arguments {
-    /// The true scene
+    /// The true scene, or the true picture in EXR
     #[arg(value_name = "TRUTH")]
     truth: PathBuf,
-    /// The fitted scene, which has the same triangles: scene.toml of a fit
+    /// The fitted scene, which has the same triangles: scene.toml of a fit; or the other picture in EXR
     #[arg(value_name = "FITTED")]
     fitted: PathBuf,
 }
@@ -36,6 +38,10 @@ const QUANTITIES: [Quantity; 5] = [
 const ROWS: usize = 12;
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let is_picture = |path: &Path| path.extension().is_some_and(|extension| extension == "exr");
+    if [&arguments.truth, &arguments.fitted].iter().all(|path| is_picture(path)) {
+        return compare_pictures::run(&arguments.truth, &arguments.fitted);
+    }
     let load = |path: &Path| Scene::load(path, &LoadOptions::default());
     let (truth, fitted) = (load(&arguments.truth)?, load(&arguments.fitted)?);
     let counts = |scene: &Scene| (scene.triangles.len(), scene.vertices.len());

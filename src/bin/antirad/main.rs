@@ -4,6 +4,7 @@ mod ambiguity;
 mod cameras;
 mod check;
 mod compare;
+mod compare_pictures;
 mod devices;
 mod fit;
 mod plan;
@@ -11,6 +12,7 @@ mod refine;
 mod render;
 mod report;
 mod settings;
+mod trace;
 
 use antirad::cli::{self, Interrupt};
 use clap::{Parser, Subcommand};
@@ -36,6 +38,7 @@ struct Arguments {
 const EXAMPLES: &str = "Examples:
   antirad render scenes/cornell_boxes.toml --output out/cornell
   antirad render bunny.obj --bins concentric:12 --tolerance 1e-3
+  antirad trace scenes/cornell_boxes.toml --samples 256
   antirad fit jobs/ --output out/fits --resume
   antirad ambiguity scenes/two_rooms.toml --camera main
   antirad compare scenes/cornell_boxes.toml out/fits/cornell/scene.toml
@@ -48,6 +51,11 @@ const EXAMPLES: &str = "Examples:
 enum Command {
     /// Solve a scene and render pictures of it
     Render(render::Arguments),
+    /// Path-trace pictures of a scene: the ground truth, with noise
+    ///
+    /// Unbiased, on all cores of the CPU, without a Vulkan device. Settings of the solve do not matter. Each picture comes
+    /// with the standard error of its pixels.
+    Trace(trace::Arguments),
     /// Fit scenes to pictures (inverse rendering), in one job or many
     Fit(fit::Arguments),
     /// Examine what pictures leave undetermined: which other lights would look the same
@@ -56,7 +64,7 @@ enum Command {
     Check(check::Arguments),
     /// Subdivide the triangles that `check` warns of, and write the finer scene
     Refine(refine::Arguments),
-    /// Compare a fitted scene with the true one
+    /// Compare a fitted scene with the true one, or a picture with the true one
     Compare(compare::Arguments),
     /// Print the memory and work that a solve needs, without using a device
     Plan(plan::Arguments),
@@ -88,6 +96,7 @@ fn main() -> ExitCode {
     let interrupt = Interrupt::catch();
     let result = match arguments.command {
         Command::Render(render) => render::run(&render, arguments.quiet, arguments.verbose, &interrupt),
+        Command::Trace(trace) => trace::run(&trace, arguments.quiet, &interrupt),
         Command::Fit(fit) => fit::run(&fit, arguments.quiet, arguments.verbose, &interrupt),
         Command::Ambiguity(ambiguity) => ambiguity::run(&ambiguity, arguments.quiet, &interrupt),
         Command::Check(check) => check::run(&check, &interrupt),

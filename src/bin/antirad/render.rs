@@ -10,6 +10,7 @@ use antirad::image::{Exposure, PictureOptions, Rasterizer, ToneMap};
 use antirad::output::{prepare_directory, single, write_json, write_npy};
 use antirad::plan::PlanOptions;
 use antirad::scene::{Camera, Choice, Precision, Scene};
+use antirad::shading::Shading;
 use antirad::target_error::{
     Answer, Refinement, Solved, Stage, TargetErrorOptions, solve_within, usual_plan,
 };
@@ -48,15 +49,19 @@ pub struct Arguments {
     /// Write linear instead of sRGB values to the PNG
     #[arg(long)]
     linear_png: bool,
-    /// Interpolate colours between vertices instead of drawing flat faces
-    #[arg(long)]
+    /// Gather direct light at each visible point and interpolate indirect light, interpolate all light between vertices, or
+    /// draw flat faces
+    #[arg(long, value_name = "HOW", value_enum, default_value_t, conflicts_with = "smooth")]
+    shading: Shading,
+    /// Former name of --shading smooth
+    #[arg(long, hide = true)]
     smooth: bool,
     /// Samples along each side of a pixel: 1, 2, 4, 8 or 16
     #[arg(long, value_name = "NUMBER", default_value_t = 4)]
     supersample: u32,
 }
 
-fn parse_exposure(text: &str) -> Result<Exposure, String> {
+pub fn parse_exposure(text: &str) -> Result<Exposure, String> {
     match text {
         "auto" => Ok(Exposure::Auto),
         _ => match text.parse::<f64>() {
@@ -91,7 +96,9 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     prepare_directory(&directory)?;
     stages.end("load");
 
-    let options = PictureOptions::default().supersample(arguments.supersample).smooth(arguments.smooth);
+    let shading = if arguments.smooth { Shading::Smooth } else { arguments.shading };
+    let options =
+        PictureOptions::default().supersample(arguments.supersample).smooth(shading == Shading::Smooth);
     let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.settings.memory_budget))?;
     let mut pictures = 0;
     for camera in &cameras {
@@ -148,8 +155,16 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     let pictures = cameras
         .iter()
         .zip(&answer.colours)
-        .map(|(camera, colours)| {
-            Ok((camera, rasterizer.render(&solved, camera, &single(colours), &options)?))
+        .enumerate()
+        .map(|(view, (camera, colours))| {
+            let picture = match shading {
+                Shading::Gathered => {
+                    let coverage = rasterizer.coverage(&solved, camera, options.supersample)?;
+                    answer.light.picture(view, &coverage)?
+                }
+                _ => rasterizer.render(&solved, camera, &single(colours), &options)?,
+            };
+            Ok((camera, picture))
         })
         .collect::<Result<Vec<_>, Failure>>()?;
     stages.end("pictures");

@@ -56,7 +56,8 @@ pub fn draw(arguments: &Arguments, device: &Device, interrupt: &Interrupt) -> Re
         scene.settings = usual_settings(&scene);
         if !is_diffuse(&scene) {
             return Err(format!(
-                "{} has glossy materials, whose radiance the path tracer does not compute; use diffuse ones",
+                "{} has glossy materials, whose radiance does not follow from the irradiance that is compared here; use \
+                 diffuse ones, or `antirad trace` and `antirad compare`",
                 path.display()
             )
             .into());

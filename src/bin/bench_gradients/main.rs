@@ -6,6 +6,7 @@ mod kind;
 mod loss;
 mod room;
 mod table;
+mod traced;
 
 use antirad::cli::{self, Interrupt};
 use antirad::gpu::{Device, DeviceOptions};
@@ -45,6 +46,19 @@ struct Arguments {
     /// Instead of errors, measure time and memory of this scene's gradients against those of its solve
     #[arg(long, value_name = "SCENE", conflicts_with_all = ["scene", "kinds", "triangles", "jitter"])]
     cost: Option<PathBuf>,
+    /// Instead of errors, print the gradient where this fit starts beside that of path-traced pictures, by central
+    /// differences with common random numbers. Its targets must exist: see scripts/fits
+    #[arg(long, value_name = "JOB", conflicts_with_all = ["scene", "kinds", "triangles", "jitter", "cost"])]
+    traced: Option<PathBuf>,
+    /// Paths per pixel of each path-traced picture
+    #[arg(long, value_name = "NUMBER", requires = "traced", default_value_t = 256, value_parser = clap::value_parser!(u32).range(2..))]
+    samples: u32,
+    /// Independent repetitions, from which the standard error follows
+    #[arg(long, value_name = "NUMBER", requires = "traced", default_value_t = 8, value_parser = clap::value_parser!(u32).range(2..=1000))]
+    repetitions: u32,
+    /// Half width of the differences, in unknowns; that of a translation is half the diagonal of its mesh
+    #[arg(long, value_name = "NUMBER", requires = "traced", default_value_t = 0.01, value_parser = step)]
+    step: f64,
     /// Folder for gradients.csv and the plots
     #[arg(long, short, value_name = "DIR", default_value = "out/gradients")]
     output: PathBuf,
@@ -63,7 +77,15 @@ const EXAMPLES: &str = "Examples:
   bench_gradients
   bench_gradients --triangles 2 --kinds albedo,vertex
   bench_gradients --bins concentric:12 --output out/concentric
-  bench_gradients --cost scenes/cornell_boxes.toml";
+  bench_gradients --cost scenes/cornell_boxes.toml
+  bench_gradients --traced scenes/fits/box_traced_shadow.toml";
+
+fn step(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value <= 0.1 => Ok(value),
+        _ => Err("expected a number above 0, at most 0.1".to_owned()),
+    }
+}
 
 fn jitter(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
@@ -81,9 +103,10 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     cli::start_logging(arguments.quiet, arguments.verbose, false);
     let interrupt = Interrupt::catch();
-    let result = match &arguments.cost {
-        Some(scene) => cost::run(&arguments, scene, &interrupt),
-        None => all(&arguments, &interrupt),
+    let result = match (&arguments.cost, &arguments.traced) {
+        (Some(scene), _) => cost::run(&arguments, scene, &interrupt),
+        (_, Some(job)) => traced::run(&arguments, job, &interrupt),
+        _ => all(&arguments, &interrupt),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

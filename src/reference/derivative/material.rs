@@ -1,7 +1,6 @@
 //! The derivatives of E and K with respect to materials.
 
 use crate::model::Bins;
-use crate::reference::reflection::half_cosine;
 use crate::reference::{Model, Outgoing, State};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -60,7 +59,7 @@ impl Lobe {
         let mut lobe = Self { value: DVec3::ZERO, slope: DVec3::ZERO };
         for (o, adjoint) in adjoint.iter().enumerate() {
             for (b, incident) in incident.iter().enumerate() {
-                let cosine = half_cosine(bins, b, o);
+                let cosine = bins.half_cosine(b, o);
                 let light = cosine.powf(power) * bins.projected[b] * *adjoint * *incident;
                 lobe.value += light;
                 // x^p ln x tends to zero with x for every p > 0, and counts as zero there for p = 0 too.

@@ -6,7 +6,6 @@
 //! pair exchanges no light, it is zero or one-sided, and always finite.
 
 mod far_weight;
-mod frame;
 mod material;
 mod observation;
 mod pair;

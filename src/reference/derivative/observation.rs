@@ -1,8 +1,8 @@
 //! The derivative of S with respect to the triangles and the camera.
 
-use super::frame::pull_unit;
 use super::reading::Reading;
 use crate::model::FacetGradient;
+use crate::model::pull_unit;
 use crate::reference::{Model, Outgoing};
 use glam::DVec3;
 

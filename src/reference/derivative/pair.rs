@@ -1,9 +1,9 @@
 //! The derivative of U from one triangle to another. Twin of glsl/near_derivative.comp and glsl/transport_derivative.comp.
 
 use super::far_weight::far_weight_slope;
-use super::frame::pull_unit;
 use super::polygon::projected_solid_angle_gradient;
 use super::reading::Reading;
+use crate::model::pull_unit;
 use crate::model::{Facet, FacetGradient, QUARTER_RANGE, centroid, far_weight, quarters};
 use crate::reference::transport::COINCIDENT;
 use crate::reference::{Model, Outgoing, State};

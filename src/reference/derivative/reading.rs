@@ -1,8 +1,7 @@
 //! Interpolation of bins at one end of a line of light, with its derivative with respect to geometry.
 
-use super::frame::{FrameGradient, pull_local};
 use super::taps::TapSlopes;
-use crate::model::orthonormal_basis;
+use crate::model::{FrameGradient, orthonormal_basis, pull_local};
 use crate::reference::{Model, Outgoing, State};
 use glam::DVec3;
 

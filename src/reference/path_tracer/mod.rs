@@ -1,36 +1,42 @@
-//! Irradiance by path tracing (Kajiya 1986) with next-event estimation, in f64 on the CPU.
+//! Irradiance and pictures by path tracing (Kajiya 1986) with next-event estimation, in f64 on the CPU.
 //!
 //! Direct light is estimated from points on lights, sampled by area (Shirley, Wang and Zimmerman 1996), and along the path,
 //! combined by the balance heuristic (Veach and Guibas 1995): alone, the first has no finite variance where lights touch
-//! receivers, and the second a large one where lights are small.
+//! receivers, and the second a large one where lights are small. Paths go on in proportion to the cosine and to the specular
+//! lobe, so that mirrored lamps have little noise, too.
 //!
-//! Shares only material formulas with the radiosity code, and tests visibility: the ground truth for scenes without a closed
-//! form or other reference data.
+//! Shares only material formulas and the camera with the radiosity code, and tests visibility: the ground truth for scenes
+//! without a closed form or other reference data.
 
+mod lobe;
+mod numbers;
+mod picture;
 mod rays;
 
-use super::Random;
-use crate::scene::{Material, Scene};
+use crate::scene::Scene;
 use glam::DVec3;
+use lobe::Reflection;
+use numbers::{Numbers, estimate};
+pub use picture::{TracedPicture, TracedPixel};
 use rayon::prelude::*;
 use rays::Rays;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
-/// Path length from which Russian roulette may end a path, with the throughput as the probability of survival.
+/// Reflections after which Russian roulette may end a path, with the throughput as the probability of survival.
 const ROULETTE_AFTER: u32 = 3;
 /// Largest path length: at albedo 0.99, paths carry 4e-5 of the light by then.
 const LONGEST: u32 = 1000;
 
-/// A mean and its standard error, RGB, W/m².
+/// A mean and its standard error, RGB: irradiance, W/m², or radiance, W/(m² sr).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MonteCarloEstimate {
     /// Mean over all paths.
     pub mean: DVec3,
-    /// Standard error of the mean.
+    /// Standard error of the mean, from independent repetitions: 16 or more, or as many as there are paths.
     pub error: DVec3,
 }
 
-/// A Monte Carlo renderer of irradiance.
+/// A Monte Carlo renderer.
 pub struct PathTracer<'a> {
     scene: &'a Scene,
     rays: Rays,
@@ -43,27 +49,9 @@ pub struct PathTracer<'a> {
 }
 
 /// A point on a triangle, uniform for uniform u, v.
-fn on_triangle([a, b, c]: [DVec3; 3], u: f64, v: f64) -> DVec3 {
+fn on_triangle([a, b, c]: [DVec3; 3], [u, v]: [f64; 2]) -> DVec3 {
     let root = u.sqrt();
     a * (1.0 - root) + b * (root * (1.0 - v)) + c * (root * v)
-}
-
-/// A direction above the plane of `normal` with density cosθ/π.
-fn cosine_direction(normal: DVec3, random: &mut Random) -> DVec3 {
-    let (u, azimuth) = (random.next(), TAU * random.next());
-    let x = normal.any_orthonormal_vector();
-    let y = normal.cross(x);
-    u.sqrt() * (azimuth.cos() * x + azimuth.sin() * y) + (1.0 - u).sqrt() * normal
-}
-
-/// The BRDF for light incident from `incident` and reflected towards `outgoing`, 1/sr.
-fn brdf(material: &Material, normal: DVec3, incident: DVec3, outgoing: DVec3) -> DVec3 {
-    let diffuse = DVec3::from(material.diffuse_albedo()) / PI;
-    if !material.is_glossy() {
-        return diffuse;
-    }
-    let cosine = (incident + outgoing).normalize_or_zero().dot(normal).max(0.0);
-    diffuse + DVec3::from(material.specular) * material.specular_normalization() * cosine.powf(material.power)
 }
 
 impl<'a> PathTracer<'a> {
@@ -91,108 +79,97 @@ impl<'a> PathTracer<'a> {
         }
     }
 
-    /// The mean irradiance of each triangle, W/m², from `samples` paths that start at stratified points on it.
+    /// The mean irradiance of each triangle, W/m², from at least `samples` paths that start at stratified points on it.
     pub fn irradiance(&self, samples: u32) -> Vec<MonteCarloEstimate> {
         (0..self.areas.len()).into_par_iter().map(|j| self.irradiance_of(j, samples)).collect()
     }
 
     /// The same for one triangle.
     pub fn irradiance_of(&self, triangle: usize, samples: u32) -> MonteCarloEstimate {
-        if self.areas[triangle] <= 0.0 || self.lights.is_empty() || samples == 0 {
+        if self.areas[triangle] <= 0.0 || samples == 0 {
             return MonteCarloEstimate::default();
         }
         // A random stream per triangle, so that results do not depend on the order of work.
-        let mut random = Random::new((triangle as u64 + 1).wrapping_mul(0x2545_f491_4f6c_dd1d));
-        let (mut sum, mut squares) = (DVec3::ZERO, DVec3::ZERO);
-        // Stratified in √n x √n cells; the remaining points are uniform.
-        let side = f64::from(samples).sqrt().floor().max(1.0) as u32;
-        for k in 0..samples {
-            let (mut u, mut v) = (random.next(), random.next());
-            if k < side * side {
-                u = (f64::from(k % side) + u) / f64::from(side);
-                v = (f64::from(k / side) + v) / f64::from(side);
-            }
-            let point = on_triangle(self.scene.corners(triangle), u, v);
-            let value = self.path(triangle, point, &mut random);
-            sum += value;
-            squares += value * value;
-        }
-        let n = f64::from(samples);
-        let mean = sum / n;
-        let variance = (squares / n - mean * mean).max(DVec3::ZERO) / (n - 1.0).max(1.0);
-        MonteCarloEstimate { mean, error: variance.map(f64::sqrt) }
+        estimate(samples, [0, triangle as u64], |numbers| {
+            let point = on_triangle(self.scene.corners(triangle), numbers.pair());
+            PI * self.reflected(triangle, point, Reflection::white(self.normals[triangle]), numbers)
+        })
     }
 
-    /// One sample of the irradiance at a point: direct light there and at every vertex of a path.
-    fn path(&self, triangle: usize, point: DVec3, random: &mut Random) -> DVec3 {
-        let mut irradiance = self.direct(triangle, point, &|_| DVec3::ONE, random);
-        // Directions with density cosθ/π: irradiance is π times the mean radiance.
-        let mut throughput = DVec3::splat(PI);
+    /// One sample of the light that a point reflects: direct light there and at every further vertex of a path.
+    fn reflected(
+        &self,
+        triangle: usize,
+        point: DVec3,
+        mut reflection: Reflection,
+        numbers: &mut Numbers,
+    ) -> DVec3 {
         let (mut from, mut at) = (triangle, point);
-        let mut direction = cosine_direction(self.normals[from], random);
-        for depth in 1..LONGEST {
-            let Some((hit, distance)) = self.rays.nearest(at, direction, from) else { break };
+        let (mut light, mut throughput) = (DVec3::ZERO, DVec3::ONE);
+        for depth in 0..LONGEST {
+            light += throughput * self.direct(from, at, &reflection, numbers);
+            let Some((direction, density)) = reflection.sample(numbers) else { break };
+            throughput *= reflection.brdf(direction) * direction.dot(self.normals[from]) / density;
+            let chance = match throughput.max_element() {
+                0.0 => break,
+                _ if depth < ROULETTE_AFTER => 1.0,
+                largest => largest.min(0.99),
+            };
+            if numbers.next() >= chance {
+                break;
+            }
+            throughput /= chance;
+            let Some((hit, distance)) = self.rays.nearest(at, direction, Some(from)) else { break };
             let normal = self.normals[hit];
-            if direction.dot(normal) >= 0.0 {
+            let facing = -direction.dot(normal);
+            if facing <= 0.0 {
                 // Backs are black.
                 break;
             }
             let material = self.scene.material(hit);
             // Balance heuristic: density of this direction per area at the hit, over the sum with that of sampling lights.
-            let along =
-                self.normals[from].dot(direction) / PI * -direction.dot(normal) / (distance * distance);
-            let weight = along / (along + self.density[hit]);
-            irradiance += weight * throughput * DVec3::from(material.emission);
+            let along = density * facing / (distance * distance);
+            light += along / (along + self.density[hit]) * throughput * DVec3::from(material.emission);
             at += distance * direction;
             from = hit;
-            let outgoing = -direction;
-            let reflected = |incident: DVec3| brdf(material, normal, incident, outgoing);
-            irradiance += throughput * self.direct(hit, at, &reflected, random);
-            direction = cosine_direction(normal, random);
-            throughput *= PI * reflected(direction);
-            if depth >= ROULETTE_AFTER {
-                let chance = (throughput.max_element() / PI).clamp(0.0, 0.99);
-                if random.next() >= chance {
-                    break;
-                }
-                throughput /= chance;
-            }
+            reflection = Reflection::new(material, normal, -direction);
         }
-        irradiance
+        light
     }
 
-    /// Light from one random point on one random light, times `reflected` of the direction to it.
-    fn direct(
-        &self,
-        triangle: usize,
-        point: DVec3,
-        reflected: &dyn Fn(DVec3) -> DVec3,
-        random: &mut Random,
-    ) -> DVec3 {
-        let choice = random.next();
-        let k = self.lights.partition_point(|light| light.1 <= choice).min(self.lights.len() - 1);
-        let light = self.lights[k].0;
-        let target = on_triangle(self.scene.corners(light), random.next(), random.next());
+    /// Reflected light from one random point on one random light.
+    fn direct(&self, triangle: usize, point: DVec3, reflection: &Reflection, numbers: &mut Numbers) -> DVec3 {
+        let [choice, v] = numbers.pair();
+        let k =
+            self.lights.partition_point(|light| light.1 <= choice).min(self.lights.len().saturating_sub(1));
+        let Some(&(light, end)) = self.lights.get(k) else { return DVec3::ZERO };
+        // What is left of the number that chose the light is uniform, too.
+        let start = if k > 0 { self.lights[k - 1].1 } else { 0.0 };
+        let u = ((choice - start) / (end - start)).min(1.0);
+        let target = on_triangle(self.scene.corners(light), [u, v]);
         let way = target - point;
         let r2 = way.length_squared();
         let (here, there) = (way.dot(self.normals[triangle]), -way.dot(self.normals[light]));
-        if light == triangle
-            || here <= 0.0
-            || there <= 0.0
-            || self.rays.blocked(point, target, [triangle, light])
-        {
+        if light == triangle || here <= 0.0 || there <= 0.0 {
+            return DVec3::ZERO;
+        }
+        let direction = way / r2.sqrt();
+        let reflected = reflection.brdf(direction);
+        if reflected == DVec3::ZERO || self.rays.blocked(point, target, [triangle, light]) {
             return DVec3::ZERO;
         }
         let geometry = here * there / (r2 * r2);
-        let density = self.density[light] + geometry / PI;
-        DVec3::from(self.scene.material(light).emission) * (geometry / density) * reflected(way / r2.sqrt())
+        let along = reflection.density(direction) * there / (r2 * r2.sqrt());
+        DVec3::from(self.scene.material(light).emission)
+            * (geometry / (self.density[light] + along))
+            * reflected
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Triangle;
+    use crate::scene::{Material, Triangle};
 
     fn quad(vertices: &mut Vec<DVec3>, triangles: &mut Vec<Triangle>, corners: [DVec3; 4], material: u32) {
         let first = vertices.len() as u32;

@@ -175,7 +175,8 @@ fn run_job(
     let cameras: Vec<Camera> = problem.targets.iter().map(|target| target.camera.clone()).collect();
     let (planning, gradients) = (problem.parameters.planning_scene(), problem.parameters.gradient_request());
     let supersample = file.job.settings().supersample;
-    let mut renderer = EngineRenderer::new(&device, planning, cameras, supersample, gradients, watch)?;
+    let mut renderer = EngineRenderer::new(&device, planning, cameras, supersample, gradients, watch)?
+        .shading(file.job.settings().shading);
     // Before anything is allocated: a job that does not fit is refused with the number of bytes that it needs.
     let (estimate, host_bytes) = file.job.estimate(&mut renderer)?;
     // Parameters that are fitted although no view shows them.

@@ -1,6 +1,6 @@
 //! Derivatives through the frame of a triangle, and through the normalisation of a vector.
 
-use crate::model::{basis_sign, orthonormal_basis};
+use super::facet::{basis_sign, orthonormal_basis};
 use glam::DVec3;
 
 /// From the gradient with respect to d/|d| to that with respect to d, `unit` being d/|d|.

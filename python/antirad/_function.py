@@ -1,0 +1,59 @@
+"""Pictures as a function of arrays, and its vector-Jacobian product: the part that PyTorch and JAX share."""
+
+import weakref
+
+from antirad._antirad import Renderer
+
+#: What pictures can be differentiated by, in the order of the functions' arguments.
+KINDS = ("emission", "albedo", "specular", "diffuse", "power", "vertices", "camera")
+
+#: The renderer that was used last for each scene. One each, since it holds device memory.
+_renderers = weakref.WeakKeyDictionary()
+
+
+class Function:
+    """Pictures of some views of a scene, of the values that `kinds` names."""
+
+    def __init__(self, scene, kinds, views, supersample, shading, device):
+        """Take the renderer of the last call with the same arguments, or a new one."""
+        self.kinds = tuple(kinds)
+        self.one = isinstance(views, str) or (views is None and len(scene.cameras) == 1)
+        views = (views,) if isinstance(views, str) else views if views is None else tuple(views)
+        key = (self.kinds, views, supersample, shading, device)
+        known, renderer = _renderers.get(scene, (None, None))
+        if known != key:
+            # First, so that its memory is free for the next one.
+            _renderers.pop(scene, None)
+            del renderer
+            renderer = Renderer(
+                scene,
+                views=views,
+                gradients=list(self.kinds),
+                supersample=supersample,
+                shading=shading,
+                device=device,
+            )
+            _renderers[scene] = (key, renderer)
+        self.renderer = renderer
+
+    @property
+    def shapes(self):
+        """Shapes of the pictures."""
+        return [(height, width, 3) for _, width, height in self.renderer.views]
+
+    def pictures(self, values):
+        """Render at values, in the order of the kinds."""
+        return self.renderer.pictures(**dict(zip(self.kinds, values, strict=True)))
+
+    def pull_back(self, values, cotangents):
+        """Compute derivatives by the values from those by the pictures."""
+        gradients = self.renderer.pull_back(cotangents, **dict(zip(self.kinds, values, strict=True)))
+        derivatives = [getattr(gradients, kind) for kind in self.kinds]
+        return [
+            derivative.reshape(value.shape) for derivative, value in zip(derivatives, values, strict=True)
+        ]
+
+
+def given(**values):
+    """Leave out those that are None, and keep the order of the kinds."""
+    return {kind: values[kind] for kind in KINDS if values[kind] is not None}

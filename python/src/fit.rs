@@ -1,0 +1,410 @@
+//! Fits of scenes to pictures.
+
+use crate::arrays::{self, Array, Numbers, Triple};
+use crate::device::{self, Device};
+use crate::errors::{OrRaise, Raise, exceptions, word};
+use crate::plan::from_json;
+use crate::scene::{Camera, Scene};
+use crate::work::{self, Report, callback, record_dict};
+use antirad::fit::{
+    self, EngineRenderer, FitError, FolderLock, Job, JobFile, LockError, OnCheckpoint, RunOptions, Settings,
+    StopRule,
+};
+use antirad::glam::DVec3;
+use antirad::output::prepare_directory;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::PathBuf;
+
+/// A quantity to fit, where, and within which bounds.
+///
+/// Args:
+///     quantity: "emission", "albedo", "diffuse", "specular", "power" or "position".
+///     materials: Names of materials; triangles with both a material and a mesh listed are fitted. None: all.
+///     meshes: Names of meshes. None: all.
+///     per: Which triangles share a value: "material", "mesh" or "triangle".
+///     motion: How positions may change: "rigid", "translation", "scale", "similarity" or "vertices".
+///     together: Whether the meshes move as one body.
+///     lower: Lower bound, one number or three, in the unit of the quantity; for positions of the displacement, metres.
+///     upper: Upper bound.
+///     initial: Initial value; by default the scene's.
+///     max_rotation_degrees: Largest component of a rotation vector.
+///     max_scale: Largest factor of size; its reciprocal is the smallest.
+///
+/// Raises:
+///     ValueError: A word is unknown.
+#[pyclass(frozen, module = "antirad", skip_from_py_object)]
+#[derive(Clone)]
+pub struct Fit {
+    inner: fit::Fit,
+}
+
+#[pymethods]
+impl Fit {
+    #[new]
+    #[pyo3(signature = (quantity, *, materials=None, meshes=None, per="material", motion="rigid", together=false,
+        lower=None, upper=None, initial=None, max_rotation_degrees=None, max_scale=None))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments")]
+    fn new(
+        quantity: &str,
+        materials: Option<Vec<String>>,
+        meshes: Option<Vec<String>>,
+        per: &str,
+        motion: &str,
+        together: bool,
+        lower: Option<Triple>,
+        upper: Option<Triple>,
+        initial: Option<Triple>,
+        max_rotation_degrees: Option<f64>,
+        max_scale: Option<f64>,
+    ) -> PyResult<Self> {
+        let inner = fit::Fit::new(word("quantity", quantity)?)
+            .materials(materials)
+            .meshes(meshes)
+            .per(word("per", per)?)
+            .motion(word("motion", motion)?)
+            .together(together)
+            .lower(lower.map(Into::into))
+            .upper(upper.map(Into::into))
+            .initial(initial.map(Into::into))
+            .max_rotation_degrees(max_rotation_degrees)
+            .max_scale(max_scale);
+        Ok(Self { inner })
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Fit({:?})", self.inner.quantity.word())
+    }
+}
+
+/// A picture to be explained.
+///
+/// Args:
+///     camera: The camera that took it.
+///     picture: Linear RGB, (height, width, 3), W/(m² sr), rows from the top.
+///     mask: Weight of each pixel, (height, width), 0 to 1; by default 1.
+///     weight: Weight relative to other pictures.
+///
+/// Raises:
+///     ValueError: An array has the wrong shape.
+///     PictureError: A pixel that counts is not finite, or none counts.
+#[pyclass(frozen, module = "antirad", skip_from_py_object)]
+#[derive(Clone)]
+pub struct Target {
+    inner: fit::Target,
+}
+
+#[pymethods]
+impl Target {
+    #[new]
+    #[pyo3(signature = (camera, picture, *, mask=None, weight=1.0))]
+    fn new(camera: &Camera, picture: Numbers, mask: Option<Numbers>, weight: f64) -> PyResult<Self> {
+        let camera = camera.inner.clone();
+        let pixels = arrays::pixels("picture", &picture, camera.width, camera.height)?;
+        let mask = match mask {
+            Some(mask) => {
+                if *mask.shape != [camera.height as usize, camera.width as usize] {
+                    return Err(crate::errors::invalid(format!(
+                        "mask has the shape {}; it must be ({}, {})",
+                        arrays::shown(&mask.shape),
+                        camera.height,
+                        camera.width
+                    )));
+                }
+                Some(mask.values)
+            }
+            None => None,
+        };
+        Ok(Self { inner: fit::Target::new(camera, pixels, mask, weight).or_raise()? })
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Target of camera {:?}>", self.inner.camera.name)
+    }
+}
+
+/// An assumption about the scene, with its weight relative to the loss of the pictures.
+#[pyclass(frozen, module = "antirad", skip_from_py_object)]
+#[derive(Clone)]
+pub struct Regulariser {
+    inner: fit::Regulariser,
+}
+
+#[pymethods]
+impl Regulariser {
+    /// Neighbours on a mesh are alike in a quantity.
+    #[staticmethod]
+    fn smoothness(of: &str, weight: f64) -> PyResult<Self> {
+        Ok(Self { inner: fit::Regulariser::Smoothness { of: word("of", of)?, weight } })
+    }
+
+    /// Meshes keep their shape.
+    #[staticmethod]
+    fn laplacian(weight: f64) -> Self {
+        Self { inner: fit::Regulariser::Laplacian { weight } }
+    }
+
+    /// Few triangles emit.
+    #[staticmethod]
+    fn sparsity(weight: f64) -> Self {
+        Self { inner: fit::Regulariser::Sparsity { weight } }
+    }
+
+    /// A quantity stays near a value, one number or three; by default near its initial one.
+    #[staticmethod]
+    #[pyo3(signature = (of, weight, value=None))]
+    fn prior(of: &str, weight: f64, value: Option<Triple>) -> PyResult<Self> {
+        let value = value.map(Into::into);
+        Ok(Self { inner: fit::Regulariser::Prior { of: word("of", of)?, value, weight } })
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Regulariser: {}, weight {}>", self.inner.assumption(), self.inner.weight())
+    }
+}
+
+/// What a fit found.
+#[pyclass(frozen, module = "antirad")]
+pub struct FitResult {
+    inner: fit::Outcome,
+    /// Width of each picture.
+    widths: Vec<u32>,
+    warnings: Vec<String>,
+}
+
+#[pymethods]
+impl FitResult {
+    /// The scene with the values found.
+    #[getter]
+    fn scene(&self) -> Scene {
+        Scene::of(self.inner.scene.clone())
+    }
+
+    /// The values found: dictionaries with `quantity`, `of`, `unit`, `value`, `initial` and `at_bound`.
+    #[getter]
+    fn recovered<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        from_json(py, &self.inner.recovered)
+    }
+
+    /// One dictionary per iteration, the start first: `iteration`, `loss`, `gradient`, `step`, `evaluations`, `passes`.
+    #[getter]
+    fn history<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        self.inner.history.iter().map(|record| record_dict(py, record)).collect()
+    }
+
+    /// The final picture of each target, float64 (height, width, 3), W/(m² sr).
+    #[getter]
+    fn pictures<'py>(&self, py: Python<'py>) -> PyResult<Vec<Array<'py>>> {
+        let pictures = self.inner.pictures.iter().zip(&self.widths);
+        let rgb = |pixels: &Vec<DVec3>| pixels.iter().map(|pixel| pixel.to_array()).collect();
+        pictures.map(|(pixels, &width)| arrays::picture::<f64>(py, rgb(pixels), width)).collect()
+    }
+
+    /// Final loss, regularisers included.
+    #[getter]
+    fn loss(&self) -> f64 {
+        self.inner.loss
+    }
+
+    /// Why it ended, in words.
+    #[getter]
+    fn stop(&self) -> &'static str {
+        self.inner.stop.reason()
+    }
+
+    /// Time of all runs together, s.
+    #[getter]
+    fn seconds(&self) -> f64 {
+        self.inner.seconds
+    }
+
+    /// Warnings in whole sentences, such as of parameters that no picture shows.
+    #[getter]
+    fn warnings(&self) -> Vec<String> {
+        self.warnings.clone()
+    }
+
+    fn __repr__(&self) -> String {
+        let iterations = self.inner.history.last().map_or(0, |record| record.iteration);
+        format!("<FitResult: loss {:.3e} after {iterations} iterations>", self.inner.loss)
+    }
+}
+
+/// Finds the values of a scene that explain pictures of it.
+///
+/// Args:
+///     scene: The scene, with initial values.
+///     targets: Pictures.
+///     fits: What to find.
+///     loss: "l2", "l1", "relative-l2" or "log-l1".
+///     epsilon: ε of the last two losses, W/(m² sr); by default a hundredth of the mean picture.
+///     regularisers: Assumptions.
+///     optimiser: "auto", "quasi-newton" (L-BFGS-B), "adam" or "least-squares" (emission alone).
+///     learning_rate: Of adam.
+///     iterations: Largest number of iterations.
+///     relative_decrease: Relative decrease of the loss over five iterations below which to stop.
+///     seconds: Time limit, s.
+///     supersample: Samples along each side of a pixel.
+///     tolerance: Of solves; by default the scene's, but at most 1e-5.
+///     checkpoints: Folder for checkpoints.
+///     resume: Continue from a checkpoint there; otherwise one that is there is an error.
+///     device: By default the one that all such calls share.
+///     progress: Called after each iteration with a dictionary as in `FitResult.history`; or True for a bar of tqdm. An
+///         exception from it ends the fit.
+///
+/// Raises:
+///     FitError: The arguments contradict each other, or the fit failed.
+///     KeyboardInterrupt: Ctrl-C; with `checkpoints`, `resume=True` continues.
+#[pyfunction(name = "fit")]
+#[pyo3(signature = (scene, targets, fits, *, loss="l2", epsilon=None, regularisers=vec![], optimiser="auto",
+    learning_rate=None, iterations=200, relative_decrease=1e-4, seconds=None, supersample=None, tolerance=None,
+    checkpoints=None, resume=false, device=None, progress=None),
+    text_signature = "(scene, targets, fits, *, loss='l2', epsilon=None, regularisers=(), optimiser='auto', \
+    learning_rate=None, iterations=200, relative_decrease=0.0001, seconds=None, supersample=None, tolerance=None, \
+    checkpoints=None, resume=False, device=None, progress=None)")]
+#[expect(clippy::too_many_arguments, reason = "keyword arguments")]
+pub fn fit_(
+    py: Python<'_>,
+    scene: &Scene,
+    targets: Vec<PyRef<Target>>,
+    fits: Vec<PyRef<Fit>>,
+    loss: &str,
+    epsilon: Option<f64>,
+    regularisers: Vec<PyRef<Regulariser>>,
+    optimiser: &str,
+    learning_rate: Option<f64>,
+    iterations: u32,
+    relative_decrease: f64,
+    seconds: Option<f64>,
+    supersample: Option<u32>,
+    tolerance: Option<f64>,
+    checkpoints: Option<PathBuf>,
+    resume: bool,
+    device: Option<&Device>,
+    progress: Option<Bound<'_, PyAny>>,
+) -> PyResult<FitResult> {
+    let fits = fits.iter().map(|fit| fit.inner.clone()).collect();
+    let mut settings = Settings::new(fits)
+        .loss(word("loss", loss)?)
+        .epsilon(epsilon)
+        .regularisers(regularisers.iter().map(|term| term.inner.clone()).collect())
+        .optimiser(word("optimiser", optimiser)?)
+        .tolerance(tolerance);
+    if let Some(rate) = learning_rate {
+        settings.adam = settings.adam.learning_rate(rate);
+    }
+    if let Some(supersample) = supersample {
+        crate::engine::check_supersample(supersample)?;
+        settings.supersample = supersample;
+    }
+    let stop = StopRule::default()
+        .iterations(iterations)
+        .relative_decrease(relative_decrease)
+        .seconds(seconds.unwrap_or(f64::INFINITY));
+    let targets = targets.iter().map(|target| target.inner.clone()).collect();
+    let scene = (*scene.inner).clone();
+    let name = scene.name.clone();
+    let job = work::run(py, None, move |_| Job::new(name, scene, targets, settings))?.or_raise()?;
+    run(py, job, RunOptions::default().stop(stop), (checkpoints, resume), device, progress, Vec::new())
+}
+
+/// Runs a job file, as `antirad fit` does.
+///
+/// Args:
+///     path: The file.
+///     iterations: Largest number of iterations; by default that of the file.
+///     checkpoints: Folder for checkpoints.
+///     resume: Continue from a checkpoint there; otherwise one that is there is an error.
+///     device: By default the one that all such calls share.
+///     progress: As in `fit`.
+///
+/// Raises:
+///     SceneError: The file or its scene is invalid; the message names file, line and remedy.
+///     FitError: The fit failed.
+///     KeyboardInterrupt: Ctrl-C; with `checkpoints`, `resume=True` continues.
+#[pyfunction]
+#[pyo3(signature = (path, *, iterations=None, checkpoints=None, resume=false, device=None, progress=None))]
+pub fn fit_job(
+    py: Python<'_>,
+    path: PathBuf,
+    iterations: Option<u32>,
+    checkpoints: Option<PathBuf>,
+    resume: bool,
+    device: Option<&Device>,
+    progress: Option<Bound<'_, PyAny>>,
+) -> PyResult<FitResult> {
+    let file = work::run(py, None, move |_| JobFile::load(&path))?.or_raise()?;
+    let mut stop = file.stop;
+    stop.iterations = iterations.unwrap_or(stop.iterations);
+    let options = RunOptions::default().checkpoint_every(file.checkpoint_every).stop(stop);
+    run(py, file.job, options, (checkpoints, resume), device, progress, file.warnings)
+}
+
+fn run(
+    py: Python<'_>,
+    mut job: Job,
+    options: RunOptions,
+    (checkpoints, resume): (Option<PathBuf>, bool),
+    device: Option<&Device>,
+    progress: Option<Bound<'_, PyAny>>,
+    mut warnings: Vec<String>,
+) -> PyResult<FitResult> {
+    let device = device::chosen(py, device)?;
+    let progress = callback(py, progress, "fit_bar", options.stop.iterations)?;
+    let on_checkpoint = if resume { OnCheckpoint::Resume } else { OnCheckpoint::Refuse };
+    let options = options.on_checkpoint(on_checkpoint).checkpoints(checkpoints.clone());
+    let widths = job.problem().targets.iter().map(|target| target.camera.width).collect();
+    let result = work::run(py, progress, move |link| {
+        let _lock = match &checkpoints {
+            Some(folder) => {
+                prepare_directory(folder).or_raise()?;
+                match FolderLock::take(folder) {
+                    // Not every file system has locks.
+                    Err(LockError::Unavailable { .. }) => None,
+                    taken => Some(taken.map_err(FitError::from).or_raise()?),
+                }
+            }
+            None => None,
+        };
+        let problem = job.problem();
+        let cameras = problem.targets.iter().map(|target| target.camera.clone()).collect();
+        let parameters = &problem.parameters;
+        let (planning, gradients) = (parameters.planning_scene(), parameters.gradient_request());
+        let supersample = job.settings().supersample;
+        let mut renderer =
+            EngineRenderer::new(&device, planning, cameras, supersample, gradients, link.watch())
+                .or_raise()?;
+        job.estimate(&mut renderer).or_raise()?;
+        let seen = renderer.seen().or_raise()?;
+        warnings.extend(job.problem().parameters.unseen(&seen).iter().map(ToString::to_string));
+        let report = link.reporter();
+        let outcome = job.run(&mut renderer, &options, &mut |record, _| {
+            report(Report::Fit(*record));
+            link.flow()
+        });
+        match outcome {
+            Ok(outcome) => Ok((outcome, warnings)),
+            Err(error @ FitError::Interrupted { .. }) => {
+                Err(exceptions::FitError::new_err(error.to_string()))
+            }
+            Err(error) => Err(error.raise()),
+        }
+    })?;
+    let (inner, warnings) = result?;
+    Ok(FitResult { inner, widths, warnings })
+}
+
+/// Reads a picture, EXR or PNG, as float64 (height, width, 3): linear RGB, rows from the top.
+///
+/// Args:
+///     path: The file. PNGs are decoded from sRGB.
+///     white: Radiance of white in a PNG, W/(m² sr).
+///
+/// Raises:
+///     PictureError: The file is no such picture.
+#[pyfunction]
+#[pyo3(signature = (path, *, white=1.0))]
+pub fn read_picture(py: Python<'_>, path: PathBuf, white: f64) -> PyResult<Array<'_>> {
+    let picture = work::run(py, None, move |_| fit::TargetPicture::read(&path, white))?.or_raise()?;
+    arrays::picture(py, picture.pixels.into_iter().map(Into::into).collect(), picture.width)
+}

@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+from rooms import room
+
+import antirad
+
+
+def target(scene):
+    engine = antirad.Engine(scene.with_settings(tolerance=1e-5))
+    return antirad.Target(scene.camera(), engine.render(engine.solve()))
+
+
+def test_albedo_and_lamp_are_found():
+    truth = room()
+    start = truth.replace(albedo=[[0.3] * 3, [0.4] * 3, [0.1] * 3], emission=truth.emission * 0.5)
+    records = []
+    result = antirad.fit(
+        start,
+        [target(truth)],
+        [
+            antirad.Fit("albedo", materials=["wall", "paint"]),
+            antirad.Fit("emission", materials=["light"], lower=0, upper=20),
+        ],
+        iterations=100,
+        progress=records.append,
+    )
+    assert result.scene.albedo[:2] == pytest.approx(truth.albedo[:2], abs=1e-4)
+    assert result.scene.emission[2] == pytest.approx(truth.emission[2], rel=1e-4)
+    assert result.history == records and records[0]["iteration"] == 0
+    assert result.loss == records[-1]["loss"] < 1e-8 * records[0]["loss"]
+    assert result.pictures[0].shape == (8, 12, 3)
+    assert {found["quantity"] for found in result.recovered} == {"albedo", "emission"}
+
+
+def test_a_stopped_fit_continues(tmp_path):
+    truth = room()
+    start = truth.replace(albedo=np.full((3, 3), 0.3))
+    arguments = (start, [target(truth)], [antirad.Fit("albedo", materials=["wall"])])
+
+    class EnoughError(Exception):
+        pass
+
+    def stop(record):
+        if record["iteration"] == 2:
+            raise EnoughError
+
+    with pytest.raises(EnoughError):
+        antirad.fit(*arguments, checkpoints=tmp_path, progress=stop)
+    with pytest.raises(antirad.FitError, match="checkpoint"):
+        antirad.fit(*arguments, checkpoints=tmp_path)
+    resumed = antirad.fit(*arguments, checkpoints=tmp_path, resume=True)
+    straight = antirad.fit(*arguments)
+    assert resumed.loss == straight.loss
+    assert np.array_equal(resumed.scene.albedo, straight.scene.albedo)
+
+
+def test_a_job_file_is_run(tmp_path):
+    truth = room()
+    truth.replace(albedo=np.full((3, 3), 0.3)).save(tmp_path / "room.toml")
+    engine = antirad.Engine(truth)
+    antirad.write_picture(tmp_path / "photo.exr", engine.render(engine.solve()))
+    (tmp_path / "job.toml").write_text(
+        'scene = "room.toml"\n[[target]]\npicture = "photo.exr"\ncamera = "main"\n'
+        '[[fit]]\nparameter = "albedo"\nmaterials = ["wall"]\n'
+    )
+    result = antirad.fit_job(tmp_path / "job.toml", iterations=3)
+    assert result.history[-1]["iteration"] <= 3 and result.loss < result.history[0]["loss"]
+    with pytest.raises(antirad.SceneError, match=r"gone\.toml: cannot be read"):
+        antirad.fit_job(tmp_path / "gone.toml")
+
+
+def test_contradictions_are_refused():
+    scene = room()
+    picture = np.zeros((8, 12, 3))
+    view = antirad.Target(scene.camera(), picture)
+    with pytest.raises(antirad.FitError, match="there is nothing to fit"):
+        antirad.fit(scene, [view], [])
+    with pytest.raises(antirad.FitError, match='"wood"'):
+        antirad.fit(scene, [view], [antirad.Fit("albedo", materials=["wood"])])
+    with pytest.raises(ValueError, match="quantity: unknown variant `colour`"):
+        antirad.Fit("colour")
+    with pytest.raises(ValueError, match=r"picture has the shape \(8, 13, 3\); it must be \(8, 12, 3\)"):
+        antirad.Target(scene.camera(), np.zeros((8, 13, 3)))
+    with pytest.raises(antirad.PictureError, match="column 2, row 1"):
+        picture[1, 2] = np.nan
+        antirad.Target(scene.camera(), picture)
+    regulariser = antirad.Regulariser.smoothness("albedo", 1e-3)
+    assert "albedo" in repr(regulariser)

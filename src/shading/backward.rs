@@ -1,0 +1,326 @@
+//! Derivatives of a loss of pictures with gathered light.
+
+use super::{Light, Points};
+use crate::direct::barycentric;
+use crate::image::{Coverage, FaceInPixel, ImageError, View, camera_gradient};
+use crate::model::FacetGradient;
+use crate::plan::GradientRequest;
+use crate::scene::Camera;
+use crate::solve::SolveProgress;
+use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// What a camera of a [`Light`] sees, and the derivative of a loss by the pixels of its picture.
+pub struct SeenFrom<'a> {
+    /// What it sees.
+    pub coverage: &'a Coverage,
+    /// Of RGB and alpha, row by row from the top; alpha does not depend on light.
+    pub by_pixels: &'a [[f64; 4]],
+}
+
+/// Why derivatives of pictures failed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ShadingError {
+    /// The engine failed.
+    #[error(transparent)]
+    Engine(#[from] EngineError),
+    /// The cotangent does not fit the picture.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+}
+
+/// Derivatives of a loss through what gathering adds to the colours of faces.
+struct Differences {
+    /// Per triangle, by δρ.
+    reflectance: Vec<DVec3>,
+    /// Per triangle, by the means of irradiance over it.
+    direct: Vec<DVec3>,
+    indirect: Vec<DVec3>,
+    /// Per lamp, by its radiance.
+    emission: Vec<DVec3>,
+    /// Per triangle, by σ and p.
+    specular: Vec<DVec3>,
+    power: Vec<f64>,
+    facets: Vec<FacetGradient>,
+    /// Per camera, per unit of length of the engine.
+    cameras: Vec<OfCamera>,
+}
+
+/// By a camera's position, its axes held fixed, and by its axes.
+#[derive(Clone, Copy, Default)]
+struct OfCamera {
+    position: DVec3,
+    axes: [DVec3; 3],
+}
+
+/// The same of the points on one face.
+struct OfPoints {
+    reflectance: DVec3,
+    means: DVec3,
+    emission: Vec<DVec3>,
+    specular: DVec3,
+    power: f64,
+    /// By the indirect irradiance of triangles.
+    indirect: Vec<(usize, DVec3)>,
+    facets: Vec<(u32, FacetGradient)>,
+    camera: OfCamera,
+}
+
+/// Derivatives of a loss of pictures made by [`Light::pixels`], as [`Engine::backward_with`] returns those of its results, and by the target
+/// of each camera, per metre. Cameras turn towards their targets as they move. The light must be
+/// that of the solution. The movement of silhouettes is not included ([`crate::image::geometry_gradient`]).
+pub fn backward(
+    engine: &mut Engine,
+    solution: &Solution,
+    light: &Light,
+    views: &[SeenFrom],
+    request: GradientRequest,
+    params: &SolveParams,
+    progress: &mut SolveProgress,
+) -> Result<(Gradients, Vec<DVec3>), ShadingError> {
+    let mut sums = Differences::new(light);
+    let mut colours = Vec::new();
+    for (view, seen) in light.views.iter().zip(views) {
+        colours.push((view.camera.position, seen.coverage.colour_gradient(seen.by_pixels)?));
+        light.pull_back(&view.camera, seen, request.geometry(), &mut sums);
+    }
+    let cotangent = Cotangent::default()
+        .colours_without_highlights(colours)
+        .direct_irradiance(Some(std::mem::take(&mut sums.direct)))
+        .indirect_irradiance(Some(std::mem::take(&mut sums.indirect)));
+    let mut gradients = engine.backward_with(solution, &cotangent, request, params, progress)?;
+    sums.add_to(&mut gradients, light, &engine.triangles);
+    let targets = sums.add_cameras(&mut gradients, light);
+    Ok((gradients, targets))
+}
+
+impl Differences {
+    fn new(light: &Light) -> Self {
+        let none = || vec![DVec3::ZERO; light.facets.len()];
+        Self {
+            reflectance: none(),
+            direct: none(),
+            indirect: none(),
+            emission: vec![DVec3::ZERO; light.direct.lamps().len()],
+            specular: none(),
+            power: vec![0.0; light.facets.len()],
+            facets: vec![FacetGradient::default(); light.facets.len()],
+            cameras: Vec::new(),
+        }
+    }
+
+    fn add_to(&self, gradients: &mut Gradients, light: &Light, triangles: &[[u32; 3]]) {
+        for (i, (material, by)) in light.materials.iter().zip(&self.reflectance).enumerate() {
+            if let Some(albedo) = &mut gradients.albedo {
+                albedo[i] += material.diffuse * *by;
+            }
+            if let Some(diffuse) = &mut gradients.diffuse {
+                diffuse[i] += by.dot(material.albedo.into());
+            }
+        }
+        if let Some(specular) = &mut gradients.specular {
+            specular.iter_mut().zip(&self.specular).for_each(|(to, by)| *to += *by);
+        }
+        if let Some(power) = &mut gradients.power {
+            power.iter_mut().zip(&self.power).for_each(|(to, by)| *to += by);
+        }
+        if let Some(emission) = &mut gradients.emission {
+            for (lamp, by) in light.direct.lamps().iter().zip(&self.emission) {
+                let area: f64 = lamp.triangles.iter().map(|&i| light.facets[i as usize].area).sum();
+                for &i in &lamp.triangles {
+                    emission[i as usize] += *by * (light.facets[i as usize].area / area);
+                }
+            }
+        }
+        let corners = |(gradient, facet): (&FacetGradient, &crate::model::Facet)| {
+            gradient.to_corners(facet).map(|by| by * light.placement.scale)
+        };
+        if let (Some(all), Some(vertices)) = (&mut gradients.corners, &mut gradients.vertices) {
+            let own = self.facets.iter().zip(&light.facets).map(corners);
+            for ((to, own), triangle) in all.iter_mut().zip(own).zip(triangles) {
+                for ((to, own), &vertex) in to.iter_mut().zip(own).zip(triangle) {
+                    *to += own;
+                    vertices[vertex as usize] += own;
+                }
+            }
+        }
+    }
+}
+
+impl Differences {
+    /// Adds the derivatives by positions; returns those by targets.
+    fn add_cameras(&self, gradients: &mut Gradients, light: &Light) -> Vec<DVec3> {
+        let mut targets = Vec::new();
+        for (view, of) in self.cameras.iter().enumerate() {
+            let position = of.position * light.placement.scale;
+            let (position, target) = camera_gradient(&light.views[view].camera, position, of.axes);
+            targets.push(target);
+            if let Some(positions) = &mut gradients.camera_positions {
+                positions[view] += position;
+            }
+        }
+        targets
+    }
+}
+
+impl Light {
+    fn pull_back(&self, camera: &Camera, view: &SeenFrom, geometry: bool, sums: &mut Differences) {
+        let seen: Vec<FaceInPixel> = view.coverage.faces_in_pixels().collect();
+        let by_seen = |place: &usize| {
+            let [r, g, b, _] = view.by_pixels[seen[*place].pixel];
+            seen[*place].share * DVec3::new(r, g, b)
+        };
+        let runs = self.points(camera, &seen);
+        let camera = View::new(camera);
+        let mut by_camera = OfCamera::default();
+        let of_run = |run: &Points| {
+            let cotangent: Vec<DVec3> = run.of.iter().map(by_seen).collect();
+            let rays: Vec<DVec3> = (run.of.iter())
+                .map(|&place| camera.ray(seen[place].place[0], seen[place].place[1]))
+                .collect();
+            self.pull_back_points(run, &camera, &cotangent, &rays, geometry)
+        };
+        let all: Vec<Option<OfPoints>> = runs.par_iter().map(of_run).collect();
+        // One after the other, so that sums are the same from run to run.
+        for (run, of) in runs.iter().zip(all).filter_map(|(run, of)| Some((run, of?))) {
+            sums.reflectance[run.face] += of.reflectance;
+            sums.specular[run.face] += of.specular;
+            sums.power[run.face] += of.power;
+            sums.direct[run.face] += of.means;
+            sums.indirect[run.face] += of.means;
+            sums.emission.iter_mut().zip(of.emission).for_each(|(to, by)| *to += by);
+            of.indirect.into_iter().for_each(|(face, by)| sums.indirect[face] += by);
+            of.facets.into_iter().for_each(|(face, by)| sums.facets[face as usize] += by);
+            by_camera.position += of.camera.position;
+            by_camera.axes.iter_mut().zip(of.camera.axes).for_each(|(to, by)| *to += by);
+        }
+        sums.cameras.push(by_camera);
+    }
+
+    /// Derivatives by everything that the points of a run depend on; `None` where all are zero.
+    fn pull_back_points(
+        &self,
+        Points { face, at, .. }: &Points,
+        camera: &View,
+        cotangent: &[DVec3],
+        rays: &[DVec3],
+        geometry: bool,
+    ) -> Option<OfPoints> {
+        let face = *face;
+        let facet = &self.facets[face];
+        let reflectance = DVec3::from(self.materials[face].diffuse_albedo()) / PI;
+        if cotangent.iter().all(|by| *by == DVec3::ZERO) {
+            return None;
+        }
+        let radiance = self.lamp_radiance();
+        let corners = self.interpolation.corners(&self.facets, &self.indirect_irradiance, face);
+        let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
+        let light = self.direct.at_points(&self.facets, face, at);
+        let mut of = OfPoints {
+            reflectance: DVec3::ZERO,
+            means: DVec3::ZERO,
+            emission: vec![DVec3::ZERO; radiance.len()],
+            specular: DVec3::ZERO,
+            power: 0.0,
+            indirect: Vec::new(),
+            facets: Vec::new(),
+            camera: OfCamera::default(),
+        };
+        let mut own = FacetGradient::default();
+        let mut by_corners = [DVec3::ZERO; 3];
+        let by_irradiance: Vec<DVec3> = cotangent.iter().map(|by| reflectance * *by).collect();
+        for (k, point) in at.iter().enumerate() {
+            let weights = barycentric(facet.corners, facet.normal, *point).to_array();
+            let mut irradiance = -means;
+            for (corner, (b, value)) in weights.into_iter().zip(corners).enumerate() {
+                irradiance += b * value;
+                by_corners[corner] += b * by_irradiance[k];
+            }
+            for (l, (phi, radiance)) in light[k].iter().zip(&radiance).enumerate() {
+                irradiance += phi.dot(facet.normal) * *radiance;
+                of.emission[l] += by_irradiance[k] * phi.dot(facet.normal);
+                own.normal += by_irradiance[k].dot(*radiance) * *phi;
+            }
+            of.reflectance += cotangent[k] * irradiance / PI;
+            of.means -= by_irradiance[k];
+        }
+        let values = &self.indirect_irradiance;
+        self.interpolation.pull_back(&self.facets, values, face, by_corners, &mut |i, by, by_area| {
+            of.indirect.push((i, by));
+            of.facets.push((i as u32, FacetGradient { area: by_area, ..FacetGradient::default() }));
+        });
+        let eye = self.placement.apply(camera.position);
+        let mut by_points = vec![DVec3::ZERO; at.len()];
+        let material = &self.materials[face];
+        if material.is_glossy() {
+            by_points = self.pull_back_highlights(face, at, eye, cotangent, &mut of);
+        }
+        if geometry {
+            let by_phi = |k: usize, l: usize| by_irradiance[k].dot(radiance[l]) * facet.normal;
+            let (by_others, by_light) = self.direct.pull_back_points(&self.facets, face, at, by_phi);
+            of.facets.extend(by_others);
+            by_points.iter_mut().zip(by_light).for_each(|(to, by)| *to += by);
+            for (k, (&point, by_point)) in at.iter().zip(by_points).enumerate() {
+                // Along the face, indirect light changes with the place between the corners.
+                let slope =
+                    slope(facet.corners, facet.normal, facet.area, corners.map(|c| c.dot(by_irradiance[k])));
+                // The point stays on its ray and in the plane: with the ray's end moved by dp and the corners by dc, dx = dp + ray ⟨n, Σ b dc
+                // - dp⟩ / ⟨n, ray⟩.
+                let along = facet.normal * ((by_point + slope).dot(rays[k]) / facet.normal.dot(rays[k]));
+                let by_end = by_point + slope - along;
+                let from_eye = point - eye;
+                of.camera.position += by_end;
+                for (to, axis) in of.camera.axes.iter_mut().zip([camera.right, camera.up, camera.forward]) {
+                    *to += by_end * from_eye.dot(axis);
+                }
+                for (to, b) in
+                    own.corners.iter_mut().zip(barycentric(facet.corners, facet.normal, point).to_array())
+                {
+                    *to += b * (along - slope);
+                }
+            }
+        }
+        of.facets.push((face as u32, own));
+        Some(of)
+    }
+}
+
+impl Light {
+    /// Adds the derivatives of highlights; returns those by the points.
+    fn pull_back_highlights(
+        &self,
+        face: usize,
+        at: &[DVec3],
+        eye: DVec3,
+        cotangent: &[DVec3],
+        of: &mut OfPoints,
+    ) -> Vec<DVec3> {
+        let (material, radiance) = (&self.materials[face], self.lamp_radiance());
+        let (scale, normalization) = (DVec3::from(material.lobe_scale()), material.specular_normalization());
+        let highlights = self.direct.highlights(&self.facets, face, at, eye, material.power);
+        for (of_lamps, &by) in highlights.iter().zip(cotangent) {
+            for (l, (&highlight, &radiance)) in of_lamps.iter().zip(&radiance).enumerate() {
+                of.emission[l] += by * scale * highlight;
+                of.specular += by * radiance * (normalization * highlight);
+            }
+        }
+        let by = |k: usize, l: usize| (cotangent[k] * scale).dot(radiance[l]);
+        let gradient = self.direct.pull_back_highlights(&self.facets, face, at, eye, material.power, by);
+        // σ N(p): the derivative of N goes with that by σ.
+        let slope = material.specular_normalization_derivative() / normalization;
+        of.power += gradient.power + slope * of.specular.dot(material.specular.into());
+        of.camera.position += gradient.eye;
+        of.facets.extend(gradient.facets);
+        gradient.points
+    }
+}
+
+/// The gradient along a face of the function that has given values at its corners and is linear in between.
+fn slope([a, b, c]: [DVec3; 3], normal: DVec3, area: f64, values: [f64; 3]) -> DVec3 {
+    let opposite = [c - b, a - c, b - a];
+    opposite.into_iter().zip(values).map(|(edge, value)| normal.cross(edge) * value).sum::<DVec3>()
+        / (2.0 * area)
+}
