@@ -5,6 +5,8 @@
 // the index of the first run of each tile, then the end of the last; then all runs, `end << 4 | bits`. A run begins
 // at the end of the one before, the first one at tile 0, and ends before tile `end`.
 
+#include "passing.glsl"
+
 layout(push_constant) uniform FarPush {
     // First tile of targets; the workgroup's index counts from it.
     uint target_tile;
@@ -19,10 +21,6 @@ layout(push_constant) uniform FarPush {
     // Bits to consider: without PAIR_BACK in a pass of emission alone.
     uint passing;
 };
-
-const uint PAIR_FRONT = 1;
-const uint PAIR_BACK = 2;
-const uint PAIR_NEAR = 4;
 
 // The run of a target tile that contains the partner tile `first`, by bisection.
 uint first_run(uint target, uint first) {

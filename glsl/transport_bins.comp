@@ -35,6 +35,12 @@ layout(std430, binding = 6) readonly buffer BinTable { real4 bin_table[]; };
 #include "source_bins.glsl"
 #include "receiver_bins.glsl"
 
+real3 light(uint at) {
+    return partner_radiance[at].rgb;
+}
+
+#include "bins_pair.glsl"
+
 void main() {
     uint tile = target_tile + gl_WorkGroupID.x;
     uint j = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
@@ -52,28 +58,8 @@ void main() {
         uint sources = fronts || backs ? (end - begin) * TILE : 0;
         uint first = (begin - partner_begin) * TILE;
         for (uint k = 0; k < sources; k++) {
-            Facet source = partners[first + k];
-            real3 d = receiver.centre - source.centre;
-            real r2 = max(dot(d, d), R2_MIN);
-            real from = dot(d, source.normal);
-            real to = max(-dot(d, receiver.normal), 0.0);
-            real blend = 1.0;
-            // A loop, to skip it for tiles that are far apart, nearly all.
-            for (uint once = near ? 1 : 0; once > 0; once--) {
-                blend = far_weight(r2, half_range * (source.characteristic_area + receiver.characteristic_area));
-            }
-            real side = from > 0.0 ? real(fronts) : real(backs);
-            real weight = side * blend * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
-            // A loop, to skip it where no lane has anything to add.
-            for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
-                real3 direction = d * inversesqrt(r2);
-                bool front = from > 0.0;
-                uint bins = (begin * TILE + k - partner_page) * BINS;
-                real3 binned = binned_radiance(source.normal, bins, direction, front);
-                real3 value = weight * (front ? partner_radiance[first + k].rgb + binned : binned);
-                deposit(0, receiver.normal, -direction, value);
-                sum += value;
-            }
+            uint bins = (begin * TILE + k - partner_page) * BINS;
+            receive(receiver, partners[first + k], first + k, bins, fronts, backs, near, sum);
         }
     }
     irradiance[j].rgb += sum;

@@ -5,8 +5,8 @@ mod reflect;
 mod support;
 
 use antirad::plan::{Plan, PlanOptions};
-use antirad::reference::{Model, State, observe, to_bf16, transport};
-use antirad::scene::{BinLayout, Precision, Scene, SolveSettings, Weights};
+use antirad::reference::{Model, State, observe, to_bf16, transport, transport_through_clusters};
+use antirad::scene::{BinLayout, Precision, Scene, SolveSettings, Transport, Weights};
 use antirad::shaders::RealShader;
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers};
@@ -85,7 +85,10 @@ fn compare(name: &str, scene: &Scene, settings: SolveSettings, options: impl Fn(
         round(&mut outgoing.specular);
         round(&mut outgoing.antiradiance);
     }
-    let incident = transport(&model, &outgoing);
+    let incident = match plan.clusters() {
+        None => transport(&model, &outgoing),
+        Some(clusters) => transport_through_clusters(&model, clusters, &outgoing),
+    };
     let irradiance = operators.irradiance(&y).expect("irradiance");
     errors.push(("transport, irradiance", rgb_of(&plan, &irradiance), flat(&incident.irradiance)));
     let pages: Vec<_> =
@@ -303,6 +306,43 @@ fn layouts_agree_with_the_shaders() {
             ]
         );
     }
+    for shader in [shaders::CLUSTER_BINS.of(Precision::F32), shaders::CLUSTER_IRRADIANCE.of(Precision::F64)] {
+        check!(
+            shader,
+            "ListPush",
+            ListPush,
+            [
+                "target_list" = target_list,
+                "partner_begin" = partner_begin,
+                "partner_end" = partner_end,
+                "half_range" = half_range,
+                "target_page" = target_page,
+                "partner_page" = partner_page,
+                "passing" = passing,
+                "skip" = skip,
+                "take" = take,
+                "clusters" = clusters,
+            ]
+        );
+    }
+    check!(
+        shaders::GATHER.of(Precision::F64),
+        "GatherPush",
+        GatherPush,
+        ["begin" = begin, "end" = end, "clusters" = clusters, "triangles" = triangles]
+    );
+    check!(
+        shaders::GATHER_BINS.of(Precision::F32),
+        "GatherBinsPush",
+        GatherBinsPush,
+        [
+            "begin" = begin,
+            "clusters" = clusters,
+            "triangles" = triangles,
+            "from_page" = from_page,
+            "to_page" = to_page,
+        ]
+    );
     for shader in [
         shaders::NEAR.of(Precision::F64),
         shaders::NEAR_ADJOINT.of(Precision::F32),
@@ -378,4 +418,23 @@ fn layouts_agree_with_the_shaders() {
     );
     check!(shaders::PACK, "PackPush", PackPush, ["first" = first]);
     check!(shaders::DOT.of(Precision::F64), "DotPush", DotPush, ["count" = count]);
+}
+
+/// Clusters of diffuse, blocking and glossy triangles: a room with boxes, and one with a glossy floor.
+#[test]
+fn clusters_stand_for_far_triangles() {
+    let settings = |scene: &Scene| {
+        scene
+            .settings
+            .bins(BinLayout::EqualAngle { theta: 6, phi: 8 })
+            .transport(Transport::Hierarchical { error: 0.03 })
+    };
+    for name in ["scenes/cornell_boxes.toml", "scenes/glossy_floor.toml"] {
+        let scene = support::load(name);
+        compare(name, &scene, settings(&scene), |options| options);
+        let plan = Plan::new(&scene, &PlanOptions::default(), &settings(&scene)).expect("a plan");
+        assert!(plan.pairs().clusters > 0, "{name}: {}", plan.transport());
+    }
+    let scene = support::load("scenes/closed_box.toml");
+    compare("closed_box, f64", &scene, settings(&scene).precision(Precision::F64), |options| options);
 }

@@ -73,7 +73,7 @@ impl Geometry<'_> {
     pub fn blockers(&self, points: &[DVec3], normal: DVec3, lamp: &Placed) -> Vec<u32> {
         let shaft = Shaft::new(points, normal, &lamp.corners, lamp.normal, self.tolerance());
         let mut found = Vec::new();
-        self.tree.tree.walk(|node| {
+        self.tree.tree.walk(|_, node| {
             let enter = !shaft.misses_box(&node.bounds);
             if enter && node.is_leaf() {
                 let slots = node.slots(LEAF, &self.tree.order).iter().copied();

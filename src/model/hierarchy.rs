@@ -42,14 +42,15 @@ pub struct Hierarchy {
     margin: f64,
 }
 
-/// Input of a tree: the triangle of each slot, or [`PADDING`], and slots per leaf.
-struct Source<'a> {
+/// Input of a tree: the triangle of each slot, or [`PADDING`], slots per leaf, and where to cut a run of leaves.
+struct Source<'a, S> {
     facets: &'a [Facet],
     order: &'a [u32],
     leaf: usize,
+    cut: S,
 }
 
-impl Source<'_> {
+impl<S: Fn(&Range<usize>) -> usize> Source<'_, S> {
     fn facets(&self, leaves: &Range<usize>) -> impl Iterator<Item = &Facet> + Clone {
         let end = (leaves.end * self.leaf).min(self.order.len());
         let slots = &self.order[leaves.start * self.leaf..end];
@@ -72,7 +73,7 @@ impl Source<'_> {
         let at = nodes.len();
         nodes.push(self.node(leaves.clone()));
         if leaves.len() > 1 {
-            let middle = leaves.start.midpoint(leaves.end);
+            let middle = (self.cut)(&leaves);
             self.grow(leaves.start..middle, nodes);
             self.grow(middle..leaves.end, nodes);
         }
@@ -81,12 +82,24 @@ impl Source<'_> {
 }
 
 impl Hierarchy {
-    /// A tree over runs of `leaf` slots of an order. `tolerance`: greatest height above a plane that counts as in it.
+    /// A tree over runs of `leaf` slots of an order, cut in the middle. `tolerance`: greatest height above a plane that
+    /// counts as in it.
     pub fn new(facets: &[Facet], order: &[u32], leaf: usize, tolerance: f64) -> Self {
+        Self::cut_by(facets, order, leaf, tolerance, |leaves| leaves.start.midpoint(leaves.end))
+    }
+
+    /// The same, where `cut` says which leaf of a run of two or more begins the second branch.
+    pub fn cut_by(
+        facets: &[Facet],
+        order: &[u32],
+        leaf: usize,
+        tolerance: f64,
+        cut: impl Fn(&Range<usize>) -> usize,
+    ) -> Self {
         let leaves = order.len().div_ceil(leaf);
         let mut nodes = Vec::with_capacity(2 * leaves);
         if leaves > 0 {
-            Source { facets, order, leaf }.grow(0..leaves, &mut nodes);
+            Source { facets, order, leaf, cut }.grow(0..leaves, &mut nodes);
         }
         let farthest = nodes.first().map_or(0.0, |root: &Node| {
             root.bounds.min.abs().max_element().max(root.bounds.max.abs().max_element())
@@ -94,12 +107,23 @@ impl Hierarchy {
         Self { nodes, tolerance, margin: MARGIN * tolerance + ROUNDING * farthest }
     }
 
-    /// Visits nodes depth first, in the order of their leaves, and descends where `enter` returns true.
-    pub fn walk(&self, mut enter: impl FnMut(&Node) -> bool) {
+    /// Visits nodes, each with its number, depth first, in the order of their leaves, and descends where `enter`
+    /// returns true.
+    pub fn walk(&self, mut enter: impl FnMut(usize, &Node) -> bool) {
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
-            at = if enter(node) { at + 1 } else { node.next };
+            at = if enter(at, node) { at + 1 } else { node.next };
         }
+    }
+
+    /// All nodes by number, each before its branches.
+    pub fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+
+    /// The numbers of the two branches of a node; `None` for a leaf.
+    pub fn branches(&self, at: usize) -> Option<[usize; 2]> {
+        (!self.nodes[at].is_leaf()).then(|| [at + 1, self.nodes[at + 1].next])
     }
 
     /// The leaves that pass a test together with all branches that contain them.
@@ -126,6 +150,12 @@ impl Hierarchy {
     pub fn misses(&self, plane: &Facet, bounds: &BoundedRun, side: f64) -> bool {
         let normal = side * plane.normal;
         -bounds.lowest(-normal) - normal.dot(plane.centroid) <= self.tolerance - self.margin
+    }
+
+    /// An upper bound of ⟨n, direction⟩ over the normals of a branch.
+    pub fn steepest(of: &Node, direction: DVec3) -> f64 {
+        let [low, high] = of.planes.normals;
+        (low * direction).max(high * direction).element_sum().min(1.0)
     }
 
     /// Which boxes extend above (`side` = 1) or below (`side` = -1) the planes of a branch. `one`: whether `bounds`

@@ -3,17 +3,22 @@
 
 mod bins;
 mod class;
+mod clusters;
 mod facet;
 mod facet_gradient;
 mod frame_gradient;
 mod hierarchy;
 mod near_field;
 mod order;
+mod passing;
 
 pub(crate) use bins::Cells;
 pub use bins::{Bins, Taps};
 pub use class::{Class, classify};
 pub(crate) use class::{coplanar_tolerance, reaches};
+pub use clusters::{
+    ClusterInput, ClusterRun, Clusters, ENTRY_BITS, LIST, Parts, SourceLists, share, spread_over,
+};
 pub use facet::{Facet, orthonormal_basis};
 pub(crate) use facet::{centroid, quarters};
 pub use facet_gradient::FacetGradient;
@@ -22,3 +27,4 @@ pub(crate) use hierarchy::{Hierarchy, Node, Sight};
 pub(crate) use near_field::{QUARTER_RANGE, far_weight};
 pub use order::PADDING;
 pub(crate) use order::{BoundedRun, morton, spatial_order};
+pub use passing::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};

@@ -1,7 +1,7 @@
 //! Memory by label, computed before allocation. The engine checks that it allocates exactly this.
 
 use super::{Group, PairLists, Plan, PlanError, Residency};
-use crate::model::Bins;
+use crate::model::{Bins, Clusters};
 use crate::scene::Precision;
 
 /// Every buffer's size is rounded up to a multiple of this.
@@ -15,6 +15,8 @@ pub(super) const RGB: u64 = 4;
 pub(super) const HALF_BIN: u64 = 12;
 /// Reals of a gradient (glsl/facet_gradient.glsl).
 const FACET_GRADIENT: u64 = 16;
+/// Bytes of the parts of a cluster (glsl/gather.glsl).
+const CLUSTER_PARTS: u64 = 8;
 /// Lanes of the kernel that sums vectors: enough for any device, few enough for the host to add up.
 pub(crate) const PARTIAL_SUMS: u64 = 4096;
 
@@ -53,7 +55,7 @@ impl MemoryPlan {
         let real = plan.settings.precision.bytes();
         let slots = u64::from(plan.layout.slots());
         let mut memory = Self::default();
-        let seen = slots + u64::from(plan.partner_slots());
+        let seen = u64::from(plan.sources()) + u64::from(plan.partner_slots());
         memory.add("facets", seen * FACET * real, 1);
         memory.add("corners", slots * CORNERS * real, 1);
         memory.add("surfaces", slots * SURFACE * real, 1);
@@ -61,7 +63,10 @@ impl MemoryPlan {
         memory.add("face colours", slots * plan.rgb_bytes(), 1);
         memory.add("bin table", plan.bins.count() as u64 * RGB * real, 1);
         let PairLists { far, near } = &plan.interactions.by_receiver;
-        memory.add("far runs", size_of_val(far.words()) as u64, 1);
+        match plan.clusters() {
+            None => memory.add("far runs", size_of_val(far.words()) as u64, 1),
+            Some(clusters) => memory.add_clusters(plan, clusters),
+        }
         memory.add("near offsets", near.offsets.len() as u64 * 4, 1);
         memory.add("near targets", slots * 4, 1);
         memory.add("near sources", near.partners.len() as u64 * 4, 1);
@@ -83,6 +88,20 @@ impl MemoryPlan {
             memory.add(PICTURES, plan.options.pictures, 1);
         }
         memory
+    }
+
+    fn add_clusters(&mut self, plan: &Plan, clusters: &Clusters) {
+        self.add("cluster sources", size_of_val(clusters.sources().words()) as u64, 1);
+        self.add("cluster parts", u64::from(clusters.count()) * CLUSTER_PARTS, 1);
+        for run in clusters.runs() {
+            let bytes = run.range().len() as u64 * plan.bin_bytes();
+            if run.class.blocker {
+                self.add("cluster antiradiance", bytes, 1);
+            }
+            if run.class.glossy {
+                self.add("cluster specular", bytes, 1);
+            }
+        }
     }
 
     /// Vectors of the solver, or the windows on them, and the specular radiance.

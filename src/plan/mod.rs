@@ -10,6 +10,7 @@ mod memory;
 mod report;
 mod residency;
 mod tiles;
+mod transport;
 
 pub use crate::model::PADDING;
 pub use error::PlanError;
@@ -22,9 +23,10 @@ pub use memory::{MemoryItem, MemoryPlan};
 pub use report::{ClassReport, LobeReport, PairReport, PlanReport, StatesReport};
 pub use residency::{Piece, Residency};
 pub use tiles::{Group, TileLayout};
+pub use transport::PlannedTransport;
 
 use crate::direct::Lamp;
-use crate::model::{Bins, Class, Facet, classify, spatial_order};
+use crate::model::{Bins, Class, Clusters, Facet, classify, spatial_order};
 use crate::options::setters;
 use crate::scene::{Precision, Scene, SolveSettings, SolverChoice, bounds};
 use glam::DVec3;
@@ -220,6 +222,7 @@ pub struct Plan {
     pub(crate) lamps: Vec<Lamp>,
     pub(crate) layout: TileLayout,
     pub(crate) interactions: Interactions,
+    pub(crate) transport: PlannedTransport,
     pub(crate) lobes: PlannedLobes,
     pub(crate) solver: PlannedSolver,
     pub(crate) residency: Residency,
@@ -265,14 +268,7 @@ impl Plan {
             return Err(PlanError::NothingToSolve);
         }
         let tile_bytes = u64::from(options.tile) * memory::bin_bytes(&bins, channels, settings.precision);
-        let page = options.page.min(options.max_buffer);
-        let page_tiles = (page / tile_bytes).max(1).min(u64::from(u32::MAX)) as u32;
-        let layout = TileLayout::new(&order, &classes, options.tile, page_tiles);
-
-        let half_range = 0.5 * settings.near_field;
-        let by_source = options.gradients.any();
-        let interactions =
-            Interactions::new(&layout, &facets, &classes, half_range, options.cull, by_source)?;
+        let layout = TileLayout::new(&order, &classes, options.tile, page_tiles(options, tile_bytes));
 
         let lobes = PlannedLobes::new(scene, &layout, options.gradients);
         let mut plan = Self {
@@ -285,7 +281,8 @@ impl Plan {
             classes,
             lamps,
             layout,
-            interactions,
+            interactions: Interactions::default(),
+            transport: PlannedTransport::default(),
             lobes,
             solver: PlannedSolver::FixedPoint,
             residency: Residency::Device,
@@ -294,7 +291,7 @@ impl Plan {
             reflectance: Reflectance::of(scene),
         };
         plan.lobes.matrices = plan.affordable_lobes();
-        plan.choose_solver()?;
+        plan.choose_transport(scene)?;
         Ok(plan)
     }
 
@@ -343,6 +340,21 @@ impl Plan {
     /// Which pairs exchange light.
     pub fn interactions(&self) -> &Interactions {
         &self.interactions
+    }
+
+    /// The clusters that stand for far triangles, if any.
+    pub fn clusters(&self) -> Option<&Clusters> {
+        self.interactions.clusters.as_ref()
+    }
+
+    /// Whether clusters stand for far triangles, and why not.
+    pub fn transport(&self) -> PlannedTransport {
+        self.transport
+    }
+
+    /// Number of slots and clusters.
+    pub(crate) fn sources(&self) -> u32 {
+        self.layout.slots() + self.clusters().map_or(0, Clusters::count)
     }
 
     /// The options that the plan was made with.
@@ -433,10 +445,12 @@ impl Plan {
         memory::bin_bytes(&self.bins, self.channels, self.settings.precision)
     }
 
-    /// Whether sources are read as half bins. Not without colour, where one read fetches a whole bin.
+    /// Whether sources are read as half bins. Not without colour, where one read fetches a whole bin, nor with clusters,
+    /// whose sources are scattered: converting them would take longer than reading them.
     pub fn half_bins(&self) -> bool {
         let any_bins = self.layout.groups.iter().any(|group| group.class.has_bins());
-        self.settings.precision == Precision::HalfBins && self.channels == 3 && any_bins
+        let exact = self.clusters().is_none();
+        self.settings.precision == Precision::HalfBins && self.channels == 3 && any_bins && exact
     }
 
     /// Bytes of the half bins of the sources of one dispatch.
@@ -496,6 +510,12 @@ impl Plan {
     pub fn triangles(&self) -> usize {
         self.layout.order.iter().filter(|&&i| i != PADDING).count()
     }
+}
+
+/// Tiles whose bins fit one page.
+fn page_tiles(options: &PlanOptions, tile_bytes: u64) -> u32 {
+    let page = options.page.min(options.max_buffer);
+    (page / tile_bytes).max(1).min(u64::from(u32::MAX)) as u32
 }
 
 fn is_grey(scene: &Scene) -> bool {

@@ -1,7 +1,9 @@
 //! The plan in words and numbers.
 
 use super::{LampsReport, MemoryItem, PADDING, PairLists, Plan, PlannedSolver, Reflectance, Residency};
+use crate::model::{Class, Clusters, LIST};
 use std::fmt;
+use std::ops::Range;
 
 /// Pairs per second assumed by estimates of time: two cores of a CPU driver.
 const IRRADIANCE_RATE: f64 = 1e9;
@@ -34,7 +36,7 @@ pub struct ClassReport {
 pub struct PairReport {
     /// All pairs.
     pub total: u64,
-    /// Culled with their tiles, exactly.
+    /// Culled with their tiles, exactly; with clusters, also those that a cluster stands for.
     pub culled: u64,
     /// Irradiance alone, point to point.
     pub irradiance: u64,
@@ -42,6 +44,8 @@ pub struct PairReport {
     pub bins: u64,
     /// Close pairs, integrated piecewise.
     pub sub_sampled: u64,
+    /// Of `irradiance` and `bins`, those with a cluster as source.
+    pub clusters: u64,
 }
 
 /// How the lobes of glossy triangles are computed.
@@ -85,6 +89,8 @@ pub struct PlanReport {
     pub bins: String,
     /// The solver, with the length of its basis.
     pub solver: String,
+    /// Clusters with their error, or the exact sum and why it was taken.
+    pub transport: String,
     /// What is modelled of each class of triangles.
     pub classes: Vec<ClassReport>,
     /// How the light that comes straight from emitters is computed.
@@ -135,6 +141,10 @@ impl Plan {
             sub_sampled: near.partners.len() as u64,
             ..PairReport::default()
         };
+        if let Some(clusters) = self.clusters() {
+            self.add_cluster_pairs(clusters, &mut pairs);
+            return pairs;
+        }
         for to in &self.layout.groups {
             for from in &self.layout.groups {
                 for receiver in to.tiles.clone() {
@@ -151,6 +161,26 @@ impl Plan {
             }
         }
         pairs
+    }
+
+    fn add_cluster_pairs(&self, clusters: &Clusters, pairs: &mut PairReport) {
+        for to in &self.layout.groups {
+            let receivers = self.layout.slots_of(&to.tiles);
+            for list in receivers.start / LIST..receivers.end / LIST {
+                let of_list = clusters.triangles(&(list * LIST..(list + 1) * LIST)).count() as u64;
+                let mut add = |class: Class, indices: Range<u32>, as_cluster: bool| {
+                    let count = of_list * clusters.sources().of(list, &indices).len() as u64;
+                    match to.class.has_bins() || class.has_bins() {
+                        true => pairs.bins += count,
+                        false => pairs.irradiance += count,
+                    }
+                    pairs.clusters += if as_cluster { count } else { 0 };
+                };
+                self.layout.groups.iter().for_each(|g| add(g.class, self.layout.slots_of(&g.tiles), false));
+                clusters.runs().iter().for_each(|run| add(run.class, run.range(), true));
+            }
+        }
+        pairs.culled = pairs.total.saturating_sub(pairs.irradiance + pairs.bins);
     }
 
     /// The plan in numbers.
@@ -173,6 +203,7 @@ impl Plan {
                 PlannedSolver::FixedPoint => "fixed point".to_owned(),
                 PlannedSolver::Gmres { restart } => format!("GMRES, restart {restart}"),
             },
+            transport: self.transport.to_string(),
             classes: self.class_reports(),
             lamps: self.lamps_report(),
             tile: self.layout.tile,
@@ -275,6 +306,7 @@ impl fmt::Display for PlanReport {
         writeln!(f, "bins             {}", self.bins)?;
         writeln!(f, "channels         {}", self.channels)?;
         writeln!(f, "solver           {}", self.solver)?;
+        writeln!(f, "transport        {}", self.transport)?;
         writeln!(
             f,
             "tiles            {} of {} triangles, {} pages of bins",
@@ -294,7 +326,8 @@ impl fmt::Display for PlanReport {
         }
         let pairs = &self.pairs;
         writeln!(f, "pairs per pass   {}", pairs.total)?;
-        writeln!(f, "  {:>13}  culled ({:.1} %)", pairs.culled, percent(pairs.culled))?;
+        let by_cluster = if pairs.clusters > 0 { " or within clusters" } else { "" };
+        writeln!(f, "  {:>13}  culled{by_cluster} ({:.1} %)", pairs.culled, percent(pairs.culled))?;
         writeln!(f, "  {:>13}  irradiance alone ({:.1} %)", pairs.irradiance, percent(pairs.irradiance))?;
         writeln!(f, "  {:>13}  with bins ({:.1} %)", pairs.bins, percent(pairs.bins))?;
         writeln!(f, "  {:>13}  near field ({:.2} %)", pairs.sub_sampled, percent(pairs.sub_sampled))?;

@@ -83,7 +83,8 @@ impl Plan {
 
     /// Whether light can pass from any of the sources to any of the receivers.
     pub fn anything_passes(&self, receivers: &Range<u32>, sources: &Range<u32>) -> bool {
-        self.interactions.by_receiver.far.any(receivers, sources, PAIR_FRONT | PAIR_BACK)
+        let far = &self.interactions.by_receiver.far;
+        self.clusters().is_some() || far.any(receivers, sources, PAIR_FRONT | PAIR_BACK)
     }
 
     /// Largest host memory of the solver's vectors, bytes.

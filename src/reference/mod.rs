@@ -2,6 +2,7 @@
 
 mod adjoint;
 mod bf16;
+mod clusters;
 mod derivative;
 mod near_field;
 mod observation;
@@ -14,6 +15,7 @@ mod transport;
 
 pub use adjoint::{AdjointEquation, observe_adjoint, reflect_adjoint, transport_adjoint};
 pub use bf16::to_bf16;
+pub use clusters::transport_through_clusters;
 pub use derivative::{MaterialGradient, observe_derivative, reflect_derivative, transport_derivative};
 pub use near_field::projected_solid_angle;
 pub use observation::observe;

@@ -20,6 +20,11 @@ pub fn transport(model: &Model, outgoing: &Outgoing) -> State {
             incident
         })
         .collect();
+    collect(model, incident)
+}
+
+/// The state of all incident light.
+pub(super) fn collect(model: &Model, incident: Vec<Incident>) -> State {
     let mut state = model.zero();
     for (j, incident) in incident.into_iter().enumerate() {
         state.irradiance[j] = incident.irradiance;
@@ -33,30 +38,33 @@ pub fn transport(model: &Model, outgoing: &Outgoing) -> State {
 }
 
 /// Incident light of one triangle.
-struct Incident<'a> {
-    model: &'a Model,
-    j: usize,
+pub(super) struct Incident<'a> {
+    pub model: &'a Model,
+    pub j: usize,
     irradiance: DVec3,
     /// Empty where the receiver has no bins.
     bins: Vec<DVec3>,
 }
 
 impl<'a> Incident<'a> {
-    fn new(model: &'a Model, j: usize) -> Self {
+    pub fn new(model: &'a Model, j: usize) -> Self {
         let bins = vec![DVec3::ZERO; model.bins_of(j).map_or(0, |range| range.len())];
         Self { model, j, irradiance: DVec3::ZERO, bins }
     }
 
     fn from(&mut self, outgoing: &Outgoing, i: usize) {
-        beams(self.model, i, self.j, |beam| {
-            let radiance = beam.diffuse * outgoing.diffuse(i, beam.front)
-                + beam.binned * outgoing.binned(self.model, i, beam.direction, beam.front);
-            self.deposit(-beam.direction, radiance);
-        });
+        beams(self.model, i, self.j, |beam| self.receive(outgoing, i, beam));
+    }
+
+    /// Adds what triangle `i` sends along a beam.
+    pub fn receive(&mut self, outgoing: &Outgoing, i: usize, beam: Beam) {
+        let radiance = beam.diffuse * outgoing.diffuse(i, beam.front)
+            + beam.binned * outgoing.binned(self.model, i, beam.direction, beam.front);
+        self.deposit(-beam.direction, radiance);
     }
 
     /// Adds irradiance from `direction` (receiver to source).
-    fn deposit(&mut self, direction: DVec3, irradiance: DVec3) {
+    pub fn deposit(&mut self, direction: DVec3, irradiance: DVec3) {
         self.irradiance += irradiance;
         if !self.bins.is_empty() {
             for (b, weight) in self.model.bins.taps(self.model.facets[self.j].to_local(direction)) {
@@ -90,13 +98,21 @@ pub(super) fn beams(model: &Model, i: usize, j: usize, mut visit: impl FnMut(Bea
     if weight > 0.0 {
         visit_far(model, i, j, weight, &mut visit);
     }
-    if weight < 1.0 {
+    near_beams(model, i, j, visit);
+}
+
+/// Those of the near field alone.
+pub(super) fn near_beams(model: &Model, i: usize, j: usize, mut visit: impl FnMut(Beam)) {
+    let (source, receiver) = (&model.facets[i], &model.facets[j]);
+    let r2 = (receiver.centroid - source.centroid).length_squared();
+    let weight = far_weight(r2, model.range(i, j));
+    if weight < 1.0 && source.area > 0.0 && receiver.area > 0.0 {
         visit_near(model, i, j, 1.0 - weight, &mut visit);
     }
 }
 
 /// Centroid to centroid.
-fn visit_far(model: &Model, i: usize, j: usize, weight: f64, visit: &mut impl FnMut(Beam)) {
+pub(super) fn visit_far(model: &Model, i: usize, j: usize, weight: f64, visit: &mut impl FnMut(Beam)) {
     let (source, receiver) = (&model.facets[i], &model.facets[j]);
     let between = receiver.centroid - source.centroid;
     let r2 = between.length_squared();

@@ -32,7 +32,7 @@ pub use camera::Camera;
 pub use error::SceneError;
 pub use file::LoadOptions;
 pub use material::{Material, Normalization};
-pub use settings::{BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, Weights};
+pub use settings::{BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, Transport, Weights};
 pub use shapes::Shape;
 
 pub(crate) use adjacency::{Edges, Fans, Welded, sides};

@@ -7,7 +7,9 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{BinLayout, Choice, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Weights};
+use super::{
+    BinLayout, Choice, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Transport, Weights,
+};
 use crate::output::{OutputError, atomic_write};
 
 #[derive(Serialize)]
@@ -56,6 +58,15 @@ struct SettingsTable {
     max_passes: u32,
     solver: &'static str,
     precision: String,
+    transport: TransportTable,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "snake_case")]
+enum TransportTable {
+    Auto,
+    Exact,
+    Hierarchical(f64),
 }
 
 #[derive(Serialize)]
@@ -222,6 +233,11 @@ impl Scene {
                 SolverChoice::Gmres => "gmres",
             },
             precision: self.settings.precision.to_string(),
+            transport: match self.settings.transport {
+                Transport::Auto => TransportTable::Auto,
+                Transport::Exact => TransportTable::Exact,
+                Transport::Hierarchical { error } => TransportTable::Hierarchical(error),
+            },
         };
         let scene = SceneTable {
             mesh,

@@ -1,4 +1,4 @@
-//! Settings of a solve: bins, weights, near field, lamps, tolerance, solver, precision.
+//! Settings of a solve: bins, weights, near field, lamps, tolerance, solver, precision, transport.
 
 use crate::options::setters;
 use std::fmt;
@@ -154,6 +154,67 @@ impl fmt::Display for Precision {
     }
 }
 
+/// How light from far triangles is summed up.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub enum Transport {
+    /// Clusters with an error of [`Transport::USUAL_ERROR`] where they save much time and work with all that is asked
+    /// for, else the exact sum. The plan says which, and why.
+    Auto,
+    /// Every triangle from every other.
+    #[default]
+    Exact,
+    /// Neighbours that are far away are taken together, as one source.
+    Hierarchical {
+        /// Error of irradiance that this may cause, relative to its mean.
+        error: f64,
+    },
+}
+
+impl Transport {
+    /// A tenth of what bins and mesh usually cause.
+    pub const USUAL_ERROR: f64 = 0.003;
+
+    fn validate(self) -> Result<(), String> {
+        match self {
+            Self::Hierarchical { error } if !(error > 0.0 && error < 1.0) => {
+                Err(format!("transport: an error of {error} must lie between 0 and 1; 0.003 is 0.3 %"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// `auto`, `exact` or `hierarchical:0.003`, which [`Transport::from_str`] reads back.
+impl fmt::Display for Transport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::Exact => f.write_str("exact"),
+            Self::Hierarchical { error } => write!(f, "hierarchical:{error}"),
+        }
+    }
+}
+
+impl FromStr for Transport {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let error = text.strip_prefix("hierarchical:").and_then(|error| error.parse().ok());
+        let transport = match (text, error) {
+            ("auto", _) => Self::Auto,
+            ("exact", _) => Self::Exact,
+            (_, Some(error)) => Self::Hierarchical { error },
+            _ => {
+                return Err(format!(
+                    "transport `{text}`: expected auto, exact, or hierarchical:ERROR like 0.003"
+                ));
+            }
+        };
+        transport.validate()?;
+        Ok(transport)
+    }
+}
+
 /// Settings that trade accuracy for time and memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
@@ -176,6 +237,8 @@ pub struct SolveSettings {
     pub solver: SolverChoice,
     /// Number format on the device.
     pub precision: Precision,
+    /// How light from far triangles is summed up.
+    pub transport: Transport,
 }
 
 setters!(SolveSettings {
@@ -187,6 +250,7 @@ setters!(SolveSettings {
     max_passes: u32,
     solver: SolverChoice,
     precision: Precision,
+    transport: Transport,
 });
 
 /// Which of a scene's [`SolveSettings`] are left to be chosen for it.
@@ -235,6 +299,7 @@ impl SolveSettings {
 
     fn validate(&self) -> Result<(), String> {
         self.bins.validate()?;
+        self.transport.validate()?;
         if !(self.near_field >= 0.0 && self.near_field.is_finite()) {
             return Err(format!("near_field = {} must be 0 or more, and finite", self.near_field));
         }
@@ -259,6 +324,7 @@ impl Default for SolveSettings {
             max_passes: 200,
             solver: SolverChoice::Auto,
             precision: Precision::F32,
+            transport: Transport::Exact,
         }
     }
 }
@@ -266,6 +332,24 @@ impl Default for SolveSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn transport_is_read_as_it_is_shown() {
+        for text in ["auto", "exact", "hierarchical:0.003", "hierarchical:0.5"] {
+            assert_eq!(text.parse::<Transport>().map(|t| t.to_string()), Ok(text.to_owned()));
+        }
+        for text in [
+            "",
+            "clusters",
+            "hierarchical",
+            "hierarchical:",
+            "hierarchical:0",
+            "hierarchical:NaN",
+            "hierarchical:1",
+        ] {
+            assert!(text.parse::<Transport>().is_err(), "{text}");
+        }
+    }
 
     #[test]
     fn bins_are_read_as_they_are_shown() {

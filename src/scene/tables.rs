@@ -12,7 +12,7 @@ use toml::Spanned;
 use super::error::{Place, SceneError};
 use super::{
     BinLayout, Camera, Choice, Lamps, Material, Normalization, Precision, Shape, SolveSettings, SolverChoice,
-    Weights,
+    Transport, Weights,
 };
 
 /// Named tables; the span of a name is its position in the file.
@@ -135,6 +135,7 @@ pub(super) struct SettingsTable {
     pub max_passes: Option<u32>,
     pub solver: Option<SolverChoice>,
     pub precision: Option<Precision>,
+    pub transport: Option<TransportTable>,
 }
 
 impl SettingsTable {
@@ -150,6 +151,7 @@ impl SettingsTable {
             max_passes: self.max_passes.unwrap_or(default.max_passes),
             solver: self.solver.unwrap_or(default.solver),
             precision: self.precision.unwrap_or(default.precision),
+            transport: self.transport.map_or(default.transport, Into::into),
         }
     }
 }
@@ -188,6 +190,25 @@ impl From<BinsTable> for BinLayout {
         match bins {
             BinsTable::EqualAngle([theta, phi]) => Self::EqualAngle { theta, phi },
             BinsTable::Concentric(n) => Self::Concentric { n },
+        }
+    }
+}
+
+/// `"auto"`, `"exact"` or `{ hierarchical = 0.003 }`.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum TransportTable {
+    Auto,
+    Exact,
+    Hierarchical(f64),
+}
+
+impl From<TransportTable> for Transport {
+    fn from(transport: TransportTable) -> Self {
+        match transport {
+            TransportTable::Auto => Self::Auto,
+            TransportTable::Exact => Self::Exact,
+            TransportTable::Hierarchical(error) => Self::Hierarchical { error },
         }
     }
 }

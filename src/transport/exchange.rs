@@ -1,5 +1,6 @@
 //! U: light from every triangle to every other.
 
+use super::clusters::ClusterLight;
 use super::half_bins::HalfBins;
 use super::reflection::Reflection;
 use super::residency::{Part, View};
@@ -7,7 +8,7 @@ use super::state::State;
 use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, bin_constants};
-use crate::gpu::{Bindings, Device, GpuError};
+use crate::gpu::{Bindings, BufferSlice, Device, GpuError};
 use crate::model::Class;
 use crate::plan::{Group, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
@@ -80,14 +81,18 @@ pub fn sweep_of(sweeps: &mut [(Shape, Sweep)], shape: Shape) -> Result<&mut Swee
 pub struct Exchange {
     sweeps: Vec<(Shape, Sweep)>,
     half_bins: Option<HalfBins>,
+    /// Where clusters stand for far triangles.
+    clusters: Option<ClusterLight>,
 }
 
 impl Exchange {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape| Kernels {
-            far: match shape.any_bins() {
-                true => (&shaders::TRANSPORT_BINS, Bindings { storage: 7, uniform: 2 }),
-                false => (&shaders::TRANSPORT_IRRADIANCE, Bindings { storage: 3, uniform: 2 }),
+            far: match (shape.any_bins(), plan.clusters().is_some()) {
+                (true, false) => (&shaders::TRANSPORT_BINS, Bindings { storage: 7, uniform: 2 }),
+                (false, false) => (&shaders::TRANSPORT_IRRADIANCE, Bindings { storage: 3, uniform: 2 }),
+                (true, true) => (&shaders::CLUSTER_BINS, Bindings::from(8)),
+                (false, true) => (&shaders::CLUSTER_IRRADIANCE, Bindings::from(4)),
             },
             near: (&shaders::NEAR, 11),
             single: shape.any_bins(),
@@ -97,7 +102,11 @@ impl Exchange {
             deposits: u64::from(shape.receiver_bins),
             shape: shape.name(),
         };
-        Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)?, half_bins: HalfBins::new(device, plan)? })
+        Ok(Self {
+            sweeps: Shape::sweeps(device, plan, kernels)?,
+            half_bins: HalfBins::new(device, plan)?,
+            clusters: ClusterLight::new(device, plan)?,
+        })
     }
 
     /// y = U (outgoing - J x); without `x` there is no antiradiance.
@@ -156,6 +165,9 @@ impl Exchange {
                     let between = Between::receivers(plan, to, from, incident.first_slot);
                     sweep.near(context, between, &near, backs, monitor)?;
                 }
+                if self.clusters.is_some() {
+                    continue;
+                }
                 // Half bins are valid for the sources of one dispatch.
                 let half_bins = self.half_bins.as_ref().filter(|_| from.class.has_bins());
                 let step = if half_bins.is_some() { plan.partner_tiles() } else { u32::MAX };
@@ -173,7 +185,7 @@ impl Exchange {
                         let sweep = sweep_of(&mut self.sweeps, shape)?;
                         let far = [
                             facets,
-                            scene.far_runs.whole(),
+                            scene.far_sources.whole(),
                             irradiance.slice(),
                             sent[0],
                             sent[1],
@@ -186,11 +198,51 @@ impl Exchange {
                     }
                 }
             }
+            self.add_clusters(context, x, &receivers, irradiance.slice(), passing, monitor)?;
             for (_, incident) in receivers {
                 incident.store(device)?;
             }
         }
         irradiance.store(device)?;
+        Ok(())
+    }
+
+    /// Adds what far clusters and triangles send, where clusters stand for triangles; states are on the device then, and
+    /// what triangles send is known.
+    fn add_clusters(
+        &mut self,
+        context: &Context,
+        x: Option<&State>,
+        receivers: &[(&Group, View)],
+        irradiance: BufferSlice,
+        passing: u32,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { plan, scene, outgoing, .. } = context;
+        let Some(clusters) = &self.clusters else { return Ok(()) };
+        for sources in clusters.gather(context, x)? {
+            for (to, incident) in receivers {
+                let shape = Shape::new(sources.class, to.class);
+                let sweep = sweep_of(&mut self.sweeps, shape)?;
+                let (facets, lists) = (scene.facets.whole(), scene.far_sources.whole());
+                let radiance = outgoing.radiance.whole();
+                let with_bins = [
+                    facets,
+                    lists,
+                    irradiance,
+                    sources.antiradiance,
+                    sources.specular,
+                    incident.slice(),
+                    scene.bin_table.whole(),
+                    radiance,
+                ];
+                let without = [facets, lists, irradiance, radiance];
+                let buffers = if shape.any_bins() { &with_bins[..] } else { &without[..] };
+                let targets = (&plan.layout.slots_of(&to.tiles), incident.first_slot);
+                let partners = (&sources.indices, sources.indices.start);
+                sweep.listed(context, targets, partners, buffers, passing, monitor)?;
+            }
+        }
         Ok(())
     }
 }

@@ -56,7 +56,7 @@ impl ExchangeDerivative {
     ) -> Result<(), TransportError> {
         let Context { plan, scene, outgoing, .. } = context;
         let (x, cotangent) = (x.resident()?, cotangent.resident()?);
-        let Interactions { by_receiver, by_source } = plan.interactions();
+        let Interactions { by_receiver, by_source, .. } = plan.interactions();
         let by_source = by_source.as_ref().ok_or(TransportError::NotPlanned)?;
         monitor.begin(2 * Sweep::pairs(plan));
         let none = &scene.no_bins;
@@ -64,7 +64,7 @@ impl ExchangeDerivative {
         for target_is_source in [true, false] {
             let (sweeps, lists, runs) = match target_is_source {
                 true => (&mut self.by_source, by_source, &adjoint.far_runs),
-                false => (&mut self.by_receiver, by_receiver, &scene.far_runs),
+                false => (&mut self.by_receiver, by_receiver, &scene.far_sources),
             };
             let (offsets, partners) = match target_is_source {
                 true => (&adjoint.near_offsets, &adjoint.near_receivers),

@@ -4,6 +4,7 @@
 //! [`crate::reference`].
 
 mod adjoint;
+mod clusters;
 mod exchange;
 mod exchange_adjoint;
 mod exchange_derivative;
@@ -22,6 +23,7 @@ mod sweep;
 mod vectors;
 mod watch;
 
+pub use clusters::{GatherBinsPush, GatherPush};
 pub use half_bins::PackPush;
 pub use lobes::LobePush;
 pub use pace::Pace;
@@ -31,7 +33,7 @@ pub use state::{Outgoing, State};
 pub use adjoint::{AdjointKernels, AdjointOperator, LobeSums};
 pub use reflection::{GlossyPush, ReflectPush};
 pub use reflection_adjoint::{GlossyDerivativePush, ReflectAdjointPush};
-pub use sweep::{FarPush, NearPush};
+pub use sweep::{FarPush, ListPush, NearPush};
 pub use vectors::DotPush;
 pub use watch::{PassCallback, TransportError};
 

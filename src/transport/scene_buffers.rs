@@ -52,8 +52,8 @@ pub struct SceneBuffers {
     /// Centre of each bin, and c_b.
     pub bin_table: Buffer,
     pub(super) lobes: Lobes,
-    /// [`crate::plan::FarRuns`] by receiver.
-    pub far_runs: Buffer,
+    /// [`crate::plan::FarRuns`] by receiver; with clusters [`crate::model::SourceLists`].
+    pub far_sources: Buffer,
     /// Offset of the close sources of each slot in `near_sources`, then the end of the last.
     pub near_offsets: Buffer,
     /// Slots of close sources, by receiver.
@@ -84,6 +84,8 @@ impl SceneBuffers {
         let bins = plan.bins.centre.iter().zip(&plan.bins.projected);
         let bin_table: Vec<f64> = bins.flat_map(|(c, &p)| [c.x, c.y, c.z, p]).collect();
         let mut facets = by_slot(plan, |i| facet_reals(&plan.facets[i]));
+        let clusters = plan.clusters().map_or_else(Vec::new, |clusters| clusters.facets(&plan.facets));
+        facets.extend(clusters.iter().flat_map(facet_reals));
         facets.resize(facets.len() + plan.partner_slots() as usize * FACET, 0.0);
         let reals =
             |label: &str, values: &[f64]| real::filled(device, label, plan.settings.precision, values);
@@ -104,7 +106,10 @@ impl SceneBuffers {
             first_bounce,
             bin_table: reals("bin table", &bin_table)?,
             lobes,
-            far_runs: filled(device, "far runs", far.words())?,
+            far_sources: match plan.clusters() {
+                None => filled(device, "far runs", far.words())?,
+                Some(clusters) => filled(device, "cluster sources", clusters.sources().words())?,
+            },
             near_offsets: filled(device, "near offsets", &near.offsets)?,
             near_sources: filled(device, "near sources", &near.partners)?,
             near_targets: Buffer::new(
@@ -151,7 +156,7 @@ fn surfaces(scene: &Scene, plan: &Plan, emitted: &[[f64; 3]], unit: f64) -> Vec<
     by_slot(plan, |i| surface_reals(scene.material(i), emitted[i], unit))
 }
 
-fn filled<T: Pod>(device: &Device, label: &str, values: &[T]) -> Result<Buffer, GpuError> {
+pub fn filled<T: Pod>(device: &Device, label: &str, values: &[T]) -> Result<Buffer, GpuError> {
     let buffer = Buffer::new(device, label, std::mem::size_of_val(values) as u64, BufferKind::Storage)?;
     if !values.is_empty() {
         device.upload_slice(&buffer, 0, values)?;

@@ -141,7 +141,7 @@ impl Outgoing {
         Ok(Self {
             radiance: buffer(
                 "radiance",
-                plan.irradiance_bytes() + u64::from(plan.partner_slots()) * plan.rgb_bytes(),
+                u64::from(plan.sources() + plan.partner_slots()) * plan.rgb_bytes(),
             )?,
             specular,
             window,

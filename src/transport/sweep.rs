@@ -5,6 +5,7 @@ use super::Context;
 use super::pace::{Bundle, MOST_GROUPS, Pace};
 use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, Buffer, BufferSlice, Device, DeviceKind, GpuError, Pipeline, UNIFORM_BYTES};
+use crate::model::LIST;
 use crate::plan::{Group, NearPairs, PAIR_BACK, PAIR_FRONT, PARTNER_BYTES, PairLists, Plan};
 use crate::shaders::RealShader;
 use bytemuck::{Pod, Zeroable, bytes_of};
@@ -33,6 +34,35 @@ pub struct FarPush {
     /// Bits of a tile pair to consider.
     pub passing: u32,
 }
+
+/// `ListPush` of glsl/far_list.glsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct ListPush {
+    /// First list of sources.
+    pub target_list: u32,
+    /// First index of sources.
+    pub partner_begin: u32,
+    /// One past the last.
+    pub partner_end: u32,
+    /// Half of `near_field`: pairs with r² below this times the sum of their characteristic areas are close.
+    pub half_range: f32,
+    /// First slot of the buffer of the targets' bins.
+    pub target_page: u32,
+    /// First index of the buffer of the sources' bins.
+    pub partner_page: u32,
+    /// Bits of an entry to consider.
+    pub passing: u32,
+    /// Sources in range of each list that earlier dispatches covered.
+    pub skip: u32,
+    /// Largest number that this one covers.
+    pub take: u32,
+    /// 1 if the sources are clusters.
+    pub clusters: u32,
+}
+
+/// Sources of a list per dispatch: as many as [`Plan::partner_slots`] in f32, and for the same reason.
+const LIST_TAKE: u32 = 2048;
 
 /// `NearPush` of glsl/near_push.glsl.
 #[repr(C)]
@@ -71,8 +101,8 @@ const PIECES: u32 = 16;
 
 /// The parts of a sweep.
 pub struct Kernels<'a> {
-    /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the partners of a dispatch; the
-    /// last buffer of `near` lists the targets.
+    /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the partners of a dispatch, unless
+    /// it sums over lists of clusters; the last buffer of `near` lists the targets.
     pub far: (&'a RealShader, Bindings),
     pub near: (&'a RealShader, u32),
     /// Whether a lane of `far` owns one triangle, rather than one in each run of lanes of a tile.
@@ -92,7 +122,7 @@ pub struct Kernels<'a> {
 /// Kernels over pairs of triangles of certain classes. A lane owns a triangle and walks over partners.
 pub struct Sweep {
     far: Pipeline,
-    /// Workgroups of `far` per tile of targets.
+    /// Workgroups of `far` per tile or list of targets.
     workgroups: u32,
     near: Pipeline,
     /// Lanes of a workgroup of `near`.
@@ -149,20 +179,26 @@ impl<'a> Between<'a> {
 impl Sweep {
     pub fn new(device: &Device, plan: &Plan, kernels: Kernels) -> Result<Self, GpuError> {
         let precision = plan.settings.precision;
-        let lanes = device.info().subgroup_size.min(plan.options.tile);
+        let info = device.info();
+        let listed = plan.clusters().is_some();
+        let targets = if listed { LIST } else { plan.options.tile };
+        let lanes = info.subgroup_size.min(targets);
+        // A workgroup narrower than any subgroup is part of one.
+        let required = (!listed || lanes >= info.subgroup_size_range.0).then_some(lanes);
         let Kernels { far, near, single, constants, take, gathers, deposits, shape } = kernels;
         let real = precision.bytes() as f64;
         let gathered = gathers as f64 * 4.0 * f64::from(plan.channels) * real;
         // A source is read once for all triangles of a subgroup.
-        let per_target = f64::from(if single { lanes } else { plan.options.tile });
+        let per_target = f64::from(if single { lanes } else { targets });
         let shared = u32::from(shares_deposits(device, plan, lanes, deposits));
-        let of_far = [&[(0, lanes), (1, plan.options.tile), (11, shared)][..], &constants].concat();
+        let of_far =
+            [&[(0, lanes), (if listed { 12 } else { 1 }, targets), (11, shared)][..], &constants].concat();
         let of_near = [&[(0, lanes), (11, shared)][..], &constants].concat();
-        let far_push = size_of::<FarPush>() as u32;
+        let far_push = if listed { size_of::<ListPush>() } else { size_of::<FarPush>() } as u32;
         let near_push = size_of::<NearPush>() as u32;
         Ok(Self {
-            far: Pipeline::new(device, far.0.of(precision), far.1, far_push, &of_far, Some(lanes))?,
-            workgroups: if single { plan.options.tile / lanes } else { 1 },
+            far: Pipeline::new(device, far.0.of(precision), far.1, far_push, &of_far, required)?,
+            workgroups: if single { targets / lanes } else { 1 },
             near: Pipeline::new(device, near.0.of(precision), near.1, near_push, &of_near, None)?,
             lanes,
             take,
@@ -185,7 +221,9 @@ impl Sweep {
     /// Pairs of a whole pass, weighted by cost.
     pub fn pairs(plan: &Plan) -> u64 {
         let slots = u64::from(plan.layout.slots());
-        slots * slots + plan.interactions().by_receiver.near.partners.len() as u64 * NEAR_COST
+        let far =
+            plan.clusters().map_or(slots * slots, |clusters| clusters.sources().count() * u64::from(LIST));
+        far + plan.interactions().by_receiver.near.partners.len() as u64 * NEAR_COST
     }
 
     /// Runs the point-to-point kernel over pairs of tiles. `passing`: the bits of the pairs to consider.
@@ -234,6 +272,58 @@ impl Sweep {
         }
         bundle.submit()?;
         let pairs = passed * u64::from(tile * tile);
+        device.credit(far.kernel(), shape, pairs, (pairs as f64 * bytes[0]) as u64);
+        Ok(())
+    }
+
+    /// Runs the point-to-point kernel over lists of clusters and triangles: those of the sources with `indices`, whose
+    /// bins are in a page from the index `page` on, to the slots of `targets`, with bins from `target_page` on.
+    /// `passing`: the bits of the entries to consider.
+    pub fn listed(
+        &mut self,
+        context: &Context,
+        (targets, target_page): (&Range<u32>, u32),
+        (indices, page): (&Range<u32>, u32),
+        buffers: &[BufferSlice],
+        passing: u32,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, .. } = context;
+        let Some(clusters) = plan.clusters() else { return Err(TransportError::missing("clusters")) };
+        let lists = targets.start / LIST..targets.end / LIST;
+        let counts: Vec<u32> =
+            lists.clone().map(|list| clusters.sources().of(list, indices).len() as u32).collect();
+        let Self { far, far_pace, workgroups, bytes, shape, .. } = self;
+        let mut bundle = Bundle::new(device, far_pace, monitor);
+        let longest = counts.iter().copied().max().unwrap_or(0);
+        for skip in (0..longest).step_by(LIST_TAKE as usize) {
+            let left = |list: u32| counts[(list - lists.start) as usize].saturating_sub(skip).min(LIST_TAKE);
+            let total: u64 = lists.clone().map(|list| u64::from(left(list) * LIST)).sum();
+            let mean = (total / lists.len() as u64).max(1);
+            let mut begin = lists.start;
+            while begin < lists.end {
+                let rows = bundle.share(lists.end - begin, mean);
+                let push = ListPush {
+                    target_list: begin,
+                    partner_begin: indices.start,
+                    partner_end: indices.end,
+                    half_range: 0.5 * plan.settings.near_field as f32,
+                    target_page,
+                    partner_page: page,
+                    passing,
+                    skip,
+                    take: LIST_TAKE,
+                    clusters: u32::from(indices.start >= clusters.first()),
+                };
+                let pairs = (begin..begin + rows).map(|list| u64::from(left(list) * LIST)).sum();
+                bundle.add(pairs, pairs, |batch| {
+                    batch.dispatch(far, shape, buffers, bytes_of(&push), [rows, *workgroups, 1])
+                })?;
+                begin += rows;
+            }
+        }
+        bundle.submit()?;
+        let pairs = counts.iter().map(|&count| u64::from(count * LIST)).sum();
         device.credit(far.kernel(), shape, pairs, (pairs as f64 * bytes[0]) as u64);
         Ok(())
     }
@@ -323,7 +413,10 @@ fn shares_deposits(device: &Device, plan: &Plan, lanes: u32, sets: u64) -> bool 
     let info = device.info();
     // Drivers may align a vec3 like a vec4.
     let bytes = sets * u64::from(lanes) * plan.bins.count() as u64 * plan.rgb_bytes();
-    info.kind == DeviceKind::Cpu && plan.channels == 3 && bytes <= u64::from(info.shared_memory_bytes)
+    let fetched = u64::from(lanes) * (plan.facet_bytes() + plan.rgb_bytes() + 4);
+    info.kind == DeviceKind::Cpu
+        && plan.channels == 3
+        && bytes + fetched <= u64::from(info.shared_memory_bytes)
 }
 
 /// Number of pairs of tiles between which light may pass.

@@ -3,7 +3,7 @@
 use crate::Failure;
 use antirad::cli::{Interrupt, Working, parse_size};
 use antirad::plan::{Plan, PlanOptions};
-use antirad::scene::{BinLayout, Choice, Lamps, LoadOptions, Precision, Scene, SolverChoice};
+use antirad::scene::{BinLayout, Choice, Lamps, LoadOptions, Precision, Scene, SolverChoice, Transport};
 use antirad::target_error::{usual_plan, usual_settings};
 use clap::Args;
 use std::path::PathBuf;
@@ -38,6 +38,10 @@ pub struct SceneSettings {
     /// with double precision
     #[arg(long, value_name = "PRECISION", value_enum)]
     precision: Option<Precision>,
+    /// How light from far triangles is summed up: exact, auto, or hierarchical:ERROR, with clusters that may change
+    /// irradiance by this error, relative to its mean
+    #[arg(long, value_name = "TRANSPORT")]
+    transport: Option<Transport>,
     /// Limit of device memory, e.g. 512MiB [default: what the device has]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     pub memory_budget: Option<u64>,
@@ -59,7 +63,8 @@ impl SceneSettings {
             .tolerance(self.tolerance.unwrap_or(file.tolerance))
             .max_passes(self.max_passes.unwrap_or(file.max_passes))
             .solver(self.solver.unwrap_or(file.solver))
-            .precision(self.precision.unwrap_or(file.precision));
+            .precision(self.precision.unwrap_or(file.precision))
+            .transport(self.transport.unwrap_or(file.transport));
         if self.former_target_error.is_some() {
             tracing::warn!(
                 "--accuracy is called --target-error now; the old name will be removed in the next version"

@@ -5,7 +5,7 @@ mod table;
 
 use antirad::cli::{self, Interrupt, parse_size};
 use antirad::output::prepare_directory;
-use antirad::scene::BinLayout;
+use antirad::scene::{BinLayout, Transport};
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use measure::{Outcome, Size};
@@ -21,11 +21,14 @@ use std::process::ExitCode;
 struct Arguments {
     /// Numbers of triangles
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "10000,20000,50000,100000,200000",
-          value_parser = clap::value_parser!(u32).range(i64::from(measure::SMALLEST)..=500_000))]
+          value_parser = clap::value_parser!(u32).range(i64::from(measure::SMALLEST)..=1_000_000))]
     triangles: Vec<u32>,
     /// Direction bins per hemisphere: 10x13 (polar x azimuth) or concentric:12
     #[arg(long, value_name = "LAYOUT", default_value = "10x13")]
     bins: BinLayout,
+    /// How light from far triangles is summed up: exact, or hierarchical:ERROR, with clusters
+    #[arg(long, value_name = "TRANSPORT", default_value = "exact")]
+    transport: Transport,
     /// Bounces per size; the fastest counts
     #[arg(long, value_name = "NUMBER", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     repeats: u32,
@@ -35,7 +38,7 @@ struct Arguments {
     /// Folder for scaling.csv and the plots
     #[arg(long, short, value_name = "DIR", default_value = "out/scaling")]
     output: PathBuf,
-    /// Skip sizes that DIR/scaling.csv already has with the same bins and memory budget
+    /// Skip sizes that DIR/scaling.csv already has with the same bins, transport and memory budget
     #[arg(long)]
     resume: bool,
     /// Vulkan device, by its number or a part of its name [env: ANTIRAD_DEVICE]
@@ -78,8 +81,9 @@ fn main() -> ExitCode {
 fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn std::error::Error>> {
     prepare_directory(&arguments.output)?;
     let mut rows = if arguments.resume { table::read(&arguments.output)? } else { Vec::new() };
-    let bins = arguments.bins.to_string();
-    rows.retain(|row| row.bins == bins && row.budget == arguments.memory_budget);
+    let (bins, transport) = (arguments.bins.to_string(), arguments.transport.to_string());
+    rows.retain(|row| row.bins == bins && row.transport == transport);
+    rows.retain(|row| row.budget == arguments.memory_budget);
     rows.retain(|row| arguments.triangles.contains(&row.size));
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(1000) };
     if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} elapsed, {eta} left") {

@@ -73,8 +73,11 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
     let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.memory_budget))?;
     let scene = statue(size)?;
     let settings = SolveSettings::default().bins(arguments.bins).solver(SolverChoice::FixedPoint);
+    let settings = settings.transport(arguments.transport);
     let options = PlanOptions::of(&device).occlusion(Occlusion::Everything);
+    let start = Instant::now();
     let plan = Plan::new(&scene, &options, &settings)?;
+    let seconds_plan = start.elapsed().as_secs_f64();
     let report = plan.report();
     let staging = plan.staging();
 
@@ -132,6 +135,7 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
         size,
         triangles: report.triangles,
         bins: arguments.bins.to_string(),
+        transport: arguments.transport.to_string(),
         budget: arguments.memory_budget,
         bytes_planned: planned,
         bytes_allocated: memory.in_use,
@@ -144,6 +148,7 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
         pairs: pairs.total,
         pairs_culled: pairs.culled,
         pairs_sub_sampled: pairs.sub_sampled,
+        seconds_plan,
         seconds_gpu: gpu,
         seconds_wall: wall,
         pairs_per_second: pairs.total as f64 / wall,
@@ -175,6 +180,7 @@ pub fn in_child(
 ) -> Result<Size, Box<dyn Error>> {
     let mut command = Command::new(std::env::current_exe()?);
     command.args(["--only", "--triangles", &size.to_string(), "--bins", &arguments.bins.to_string()]);
+    command.args(["--transport", &arguments.transport.to_string()]);
     command.args(["--repeats", &arguments.repeats.to_string()]);
     if let Some(budget) = arguments.memory_budget {
         command.args(["--memory-budget", &budget.to_string()]);

@@ -17,6 +17,7 @@ pub struct Row {
     pub size: u32,
     pub triangles: usize,
     pub bins: String,
+    pub transport: String,
     /// Device memory allowed, if limited.
     #[serde(default)]
     pub budget: Option<u64>,
@@ -35,6 +36,8 @@ pub struct Row {
     pub pairs: u64,
     pub pairs_culled: u64,
     pub pairs_sub_sampled: u64,
+    /// Time of planning, interaction lists included.
+    pub seconds_plan: f64,
     pub seconds_gpu: f64,
     pub seconds_wall: f64,
     pub pairs_per_second: f64,

@@ -10,7 +10,7 @@ const PASSING: u32 = (1 << PASSING_BITS) - 1;
 /// For each target tile, of receivers or sources, runs that cover all partner tiles. A run is one word,
 /// `end << 4 | passing`, and begins at the end of the one before; ends ascend to the number of tiles. Kernels read the
 /// same words (glsl/far_push.glsl).
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FarRuns {
     tiles: u32,
     /// For each target the index of its first run in these words, then the end of the last; then all runs.

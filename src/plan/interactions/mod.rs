@@ -5,22 +5,16 @@ mod far;
 mod near;
 mod passing;
 
+pub use crate::model::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 pub use far::FarRuns;
 pub use near::NearPairs;
 
 use super::{PlanError, TileLayout};
-use crate::model::{Class, Facet, Hierarchy, coplanar_tolerance};
+use crate::model::{Class, ClusterInput, Clusters, Facet, Hierarchy, coplanar_tolerance};
 use passing::Passing;
 
-/// Light of the sources' fronts can reach fronts of the receivers.
-pub const PAIR_FRONT: u32 = 1;
-/// Antiradiance of the sources' backs can reach fronts of the receivers.
-pub const PAIR_BACK: u32 = 2;
-/// Some pair may be within the near field.
-pub const PAIR_NEAR: u32 = 4;
-
 /// The pairs by target: receivers with sources as partners, or sources with receivers.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct PairLists {
     /// By tile.
     pub far: FarRuns,
@@ -29,12 +23,14 @@ pub struct PairLists {
 }
 
 /// All pairs that interact, by receiver, and by source if gradients are planned.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Interactions {
     /// Targets are receivers.
     pub by_receiver: PairLists,
     /// Targets are sources; `None` without planned gradients.
     pub by_source: Option<PairLists>,
+    /// Where clusters stand for far triangles; there are no runs of tiles then.
+    pub clusters: Option<Clusters>,
 }
 
 impl Interactions {
@@ -52,10 +48,43 @@ impl Interactions {
         let tolerance = coplanar_tolerance(facets);
         let tree = Hierarchy::new(facets, &layout.order, layout.tile as usize, tolerance);
         let far = Passing::new(layout, facets, &tree, half_range, tolerance, cull).runs()?;
-        let near = NearPairs::new(layout, &far, facets, classes, half_range, tolerance)?;
+        let near = NearPairs::of_tiles(layout, &far, facets, classes, half_range, tolerance)?;
         let by_receiver = PairLists { far, near };
         let by_source = by_source.then(|| by_receiver.transposed()).transpose()?;
-        Ok(Self { by_receiver, by_source })
+        Ok(Self { by_receiver, by_source, clusters: None })
+    }
+
+    /// With clusters, and close pairs. `leaf`: triangles of the smallest clusters; `error`: what clusters may change,
+    /// relative to the mean irradiance; `brightness`, `backs`: of the front of each triangle and of backs, relative to
+    /// the mean; `bin`: solid angle of a bin.
+    pub(super) fn hierarchical(
+        layout: &TileLayout,
+        facets: &[Facet],
+        classes: &[Class],
+        half_range: f64,
+        cull: bool,
+        (leaf, error): (u32, f64),
+        (brightness, backs, bin): (&[f64], f64, f64),
+    ) -> Result<Self, PlanError> {
+        let tolerance = coplanar_tolerance(facets);
+        let input = ClusterInput {
+            facets,
+            classes,
+            brightness,
+            backs,
+            order: &layout.order,
+            leaf,
+            half_range,
+            tolerance,
+            bin,
+            error,
+            cull,
+        };
+        let many = PlanError::TooManyPairs { what: "sources in lists", count: u64::from(u32::MAX) };
+        let clusters = Clusters::new(&input).ok_or(many)?;
+        let near = NearPairs::of_sources(layout, &clusters, facets, classes, half_range, tolerance)?;
+        let by_receiver = PairLists { far: FarRuns::default(), near };
+        Ok(Self { by_receiver, by_source: None, clusters: Some(clusters) })
     }
 }
 
@@ -186,7 +215,7 @@ mod tests {
                 };
                 sources.extend(slots.iter().filter(close).map(|&source| source as u32));
             }
-            let Interactions { by_receiver, by_source } = &plan.interactions;
+            let Interactions { by_receiver, by_source, .. } = &plan.interactions;
             assert_eq!(by_receiver.near.partners, sources, "{}", scene.name);
             let by_source = by_source.as_ref().expect("gradients were planned");
             assert_eq!(by_source.far, by_receiver.far.transposed().expect("few runs"));

@@ -1,7 +1,7 @@
 //! Close pairs, which are integrated piecewise: O(N) of them.
 
 use super::{FarRuns, PAIR_NEAR};
-use crate::model::{Class, Facet, PADDING, reaches};
+use crate::model::{Class, Clusters, Facet, LIST, PADDING, reaches};
 use crate::plan::PlanError;
 use crate::plan::TileLayout;
 use rayon::prelude::*;
@@ -19,7 +19,7 @@ pub struct NearPairs {
 
 impl NearPairs {
     /// Finds the close pairs among the tiles marked [`PAIR_NEAR`].
-    pub fn new(
+    pub fn of_tiles(
         layout: &TileLayout,
         far: &FarRuns,
         facets: &[Facet],
@@ -28,6 +28,36 @@ impl NearPairs {
         tolerance: f64,
     ) -> Result<Self, PlanError> {
         let tile = layout.tile as usize;
+        Self::among(layout, facets, classes, half_range, tolerance, |slot| {
+            far.passing((slot / tile) as u32, &(0..layout.tiles()), PAIR_NEAR)
+                .flat_map(move |s| s as usize * tile..(s as usize + 1) * tile)
+        })
+    }
+
+    /// The same among the sources marked [`PAIR_NEAR`], of which none is a cluster.
+    pub fn of_sources(
+        layout: &TileLayout,
+        clusters: &Clusters,
+        facets: &[Facet],
+        classes: &[Class],
+        half_range: f64,
+        tolerance: f64,
+    ) -> Result<Self, PlanError> {
+        Self::among(layout, facets, classes, half_range, tolerance, |slot| {
+            let sources = clusters.sources().sources(slot as u32 / LIST);
+            sources.filter(|(_, passing)| passing & PAIR_NEAR != 0).map(|(source, _)| source as usize)
+        })
+    }
+
+    /// The close ones of the pairs that `candidates` lists: for a receiver's slot those of sources, ascending.
+    fn among<C: Iterator<Item = usize>>(
+        layout: &TileLayout,
+        facets: &[Facet],
+        classes: &[Class],
+        half_range: f64,
+        tolerance: f64,
+        candidates: impl Fn(usize) -> C + Sync,
+    ) -> Result<Self, PlanError> {
         let real = |slot: usize| Some(layout.order[slot]).filter(|&i| i != PADDING).map(|i| i as usize);
         let close = |j: usize, i: usize| {
             let (to, from) = (&facets[j], &facets[i]);
@@ -41,8 +71,7 @@ impl NearPairs {
             .into_par_iter()
             .map(|slot| {
                 let Some(j) = real(slot) else { return Vec::new() };
-                far.passing((slot / tile) as u32, &(0..layout.tiles()), PAIR_NEAR)
-                    .flat_map(|s| s as usize * tile..(s as usize + 1) * tile)
+                candidates(slot)
                     .filter(|&source| real(source).is_some_and(|i| close(j, i)))
                     .map(|source| source as u32)
                     .collect()

@@ -57,7 +57,7 @@ impl<'a> Passing<'a> {
 
     fn row(&self, receiver: usize) -> Row {
         let mut row = Row::default();
-        self.tree.walk(|sources| {
+        self.tree.walk(|_, sources| {
             let passing = self.branch_sends(receiver, sources);
             let passing = passing.or_else(|| sources.is_leaf().then(|| self.tile_sends(receiver, sources)));
             let Some(passing) = passing else { return true };

@@ -1,0 +1,66 @@
+#version 450 core
+#extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_shader_subgroup_basic : require
+// U from diffuse fronts to triangles without bins, point to point, over lists of clusters and triangles:
+//     E_j += max(cos_j, 0) max(cos_i, 0) g_ij a_i L_i,   g = 1 / (r² + a_i/π).
+// A workgroup owns the receivers of one list, LIST / LANES of them in the registers of each lane. Twin:
+// src/reference/clusters.rs.
+
+#include "geometry.glsl"
+#include "near_field.glsl"
+#include "spread.glsl"
+
+layout(local_size_x_id = 0) in;
+layout(constant_id = 0) const uint LANES = 8;
+
+layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
+layout(std430, binding = 1) readonly buffer FarLists { uint far_lists[]; };
+layout(std430, binding = 2) buffer Irradiance { real4 irradiance[]; };
+layout(std430, binding = 3) readonly buffer Radiance { real4 radiance[]; };
+
+#include "far_list.glsl"
+
+const uint PER_LANE = LIST / LANES;
+
+void main() {
+    uint list = target_list + gl_WorkGroupID.x;
+    uint first = list * LIST + gl_LocalInvocationID.x;
+    real3 centre[PER_LANE], normal[PER_LANE], sum[PER_LANE];
+    real characteristic_area[PER_LANE];
+    for (uint k = 0; k < PER_LANE; k++) {
+        Facet f = facets[first + k * LANES];
+        centre[k] = f.centre;
+        normal[k] = f.normal;
+        characteristic_area[k] = f.characteristic_area;
+        sum[k] = real3(0.0);
+    }
+    uvec2 entries = part_of_list(list);
+    for (uint at = entries.x; at < entries.y; at += LANES) {
+        uint count = fetch(at, entries.y);
+        for (uint i = 0; i < count; i++) {
+            uint bits = fetched_entries[i] & passing;
+            Facet f = fetched_facets[i];
+            // Loops that may run zero times: an `if` would not skip the work on a device that executes both branches.
+            for (uint once = (bits & PAIR_FRONT) != 0 ? 1 : 0; once > 0; once--) {
+                real3 l = fetched_light[i].rgb * f.area;
+                real s = f.area * INV_PI;
+                real spread = spread_of(f);
+                bool near = (bits & PAIR_NEAR) != 0;
+                for (uint k = 0; k < PER_LANE; k++) {
+                    real3 d = centre[k] - f.centre;
+                    real r2 = max(dot(d, d), R2_MIN);
+                    real from = max(dot(d, f.normal), 0.0);
+                    real tilt = dot(normal[k], f.normal);
+                    real cosines = from * spread_over(-dot(d, normal[k]), from, tilt, spread, r2);
+                    for (uint close = near ? 1 : 0; close > 0; close--) {
+                        cosines *= far_weight(r2, half_range * (f.characteristic_area + characteristic_area[k]));
+                    }
+                    sum[k] += l * (cosines / (r2 * (r2 + s)));
+                }
+            }
+        }
+    }
+    for (uint k = 0; k < PER_LANE; k++) {
+        irradiance[first + k * LANES].rgb += sum[k];
+    }
+}

@@ -1,0 +1,213 @@
+//! Where a cluster may stand for its triangles.
+//!
+//! Seen from a distance r, a cluster with variance σ² of its centroids and δ² of its frames is wrong by about
+//! w (σ/r) (σ/r + δ) of the mean irradiance, w being its share of that irradiance; where bins are read or filled, by
+//! w ((σ/r)² + δ²) / Ω, since a bin resolves its solid angle Ω and no more. Where a curved cluster is seen edge-on, or lamps
+//! lie off its centre, the error is of first order: w δ, w times that offset over r. Light decides, not angle alone: small,
+//! dim and inclined sources need little care.
+
+use super::moments::Moments;
+use super::sources::{ENTRY_BITS, SourceLists};
+use super::{ClusterInput, LIST};
+use crate::model::facet::Facet;
+use crate::model::hierarchy::{Hierarchy, Node, Sight};
+use crate::model::order::PADDING;
+use crate::model::passing::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// Square of the largest σ/r over the error: light that varies within a cluster is not resolved, and tends to be brighter
+/// on the near side, so that these errors add up.
+const WIDE: f64 = 2.5;
+/// Largest σ/r, and δ, for any error: beyond, higher orders count.
+const WIDEST: f64 = 0.2;
+/// δ below which a cluster counts as flat.
+const FLAT: f64 = 1e-3;
+
+/// A branch as the test sees it.
+struct Branch {
+    /// Its index, unless its triangles are of several classes.
+    index: Option<u32>,
+    facet: Facet,
+    /// σ, σ², δ.
+    size: f64,
+    spread: f64,
+    turn: f64,
+    offset: f64,
+    /// Vector area, and its product with the mean brightness.
+    area: f64,
+    light: f64,
+    blocker: bool,
+    glossy: bool,
+}
+
+/// A group of receivers.
+struct Group<'a> {
+    node: &'a Node,
+    centre: DVec3,
+    radius: f64,
+    bins: bool,
+}
+
+pub struct Acceptance<'a> {
+    input: &'a ClusterInput<'a>,
+    tree: &'a Hierarchy,
+    receivers: Hierarchy,
+    branches: Vec<Branch>,
+}
+
+impl<'a> Acceptance<'a> {
+    /// `index`: the cluster of each node, if it is one.
+    pub fn new(input: &'a ClusterInput<'a>, tree: &'a Hierarchy, index: &[Option<u32>]) -> Self {
+        let &ClusterInput { facets, order, leaf, .. } = input;
+        let nodes = tree.nodes();
+        let mut moments = vec![Moments::default(); nodes.len()];
+        for at in (0..nodes.len()).rev() {
+            let triangles = || nodes[at].slots(leaf as usize, order).iter().filter(|&&i| i != PADDING);
+            moments[at] = match tree.branches(at) {
+                Some([a, b]) => moments[a] + moments[b],
+                None => {
+                    triangles().map(|&i| Moments::of(&facets[i as usize], input.brightness[i as usize])).sum()
+                }
+            };
+        }
+        let branch = |(at, moments): (usize, &Moments)| {
+            let first = nodes[at].slots(leaf as usize, order)[0];
+            let class = input.classes.get(first as usize).copied().unwrap_or_default();
+            let real = moments.area > 0.0;
+            let spread = if real { moments.spread() } else { 0.0 };
+            let area = moments.vector_area();
+            Branch {
+                index: index[at],
+                facet: moments.facet(),
+                size: spread.sqrt(),
+                spread,
+                turn: if real { moments.turn().sqrt() } else { 0.0 },
+                offset: if real { moments.offset() } else { 0.0 },
+                area,
+                light: if real { area * moments.brightness / moments.area } else { 0.0 },
+                blocker: class.blocker,
+                glossy: class.glossy,
+            }
+        };
+        let branches = moments.iter().enumerate().map(branch).collect();
+        let receivers = Hierarchy::new(facets, order, LIST as usize, input.tolerance);
+        Self { input, tree, receivers, branches }
+    }
+
+    /// The sources of each group of receivers. `None` if there are too many.
+    pub fn lists(&self) -> Option<SourceLists> {
+        let &ClusterInput { order, leaf, .. } = self.input;
+        let last = (order.len() + self.tree.nodes().len()) as u64;
+        if leaf == 0 || last >= 1 << (u32::BITS - ENTRY_BITS) {
+            return None;
+        }
+        let groups: Vec<&Node> = self.receivers.leaf_nodes().collect();
+        let lists: Vec<Vec<u32>> = groups.into_par_iter().map(|node| self.list(node)).collect();
+        SourceLists::new(&lists)
+    }
+
+    fn list(&self, node: &Node) -> Vec<u32> {
+        let &ClusterInput { order, leaf, classes, .. } = self.input;
+        let slots = node.slots(LIST as usize, order);
+        let Some(class) = classes.get(slots[0] as usize) else { return Vec::new() };
+        let half = 0.5 * (node.bounds.max - node.bounds.min);
+        let to = Group {
+            node,
+            centre: node.bounds.min.midpoint(node.bounds.max),
+            radius: half.length(),
+            bins: class.has_bins(),
+        };
+        let mut entries = Vec::new();
+        self.tree.walk(|at, from| {
+            let branch = &self.branches[at];
+            let passing = self.passing(&to, from, branch);
+            if passing == 0 || branch.area == 0.0 && branch.facet.area == 0.0 {
+                return false;
+            }
+            if let Some(index) = branch.index.filter(|_| self.stands_for(&to, from, branch, passing)) {
+                entries.push(index << ENTRY_BITS | passing);
+                return false;
+            }
+            if from.is_leaf() {
+                let near = if self.is_near(&to, from) { PAIR_NEAR } else { 0 };
+                let first = from.leaves.start as u32 * leaf;
+                for (&i, slot) in from.slots(leaf as usize, order).iter().zip(first..) {
+                    let passing = if i == PADDING { 0 } else { self.of_triangle(&to, i as usize, passing) };
+                    if passing != 0 {
+                        entries.push(slot << ENTRY_BITS | passing | near);
+                    }
+                }
+            }
+            true
+        });
+        entries.sort_unstable();
+        entries
+    }
+
+    /// What a branch can send to a group at most.
+    fn passing(&self, to: &Group, from: &Node, branch: &Branch) -> u32 {
+        let back = if branch.index.is_none() || branch.blocker { PAIR_BACK } else { 0 };
+        if !self.input.cull {
+            return PAIR_FRONT | back;
+        }
+        let sight = |of: &Node, at: &Node, side: f64| self.tree.sight(of, &at.bounds, side, true);
+        if sight(to.node, from, 1.0) == Sight::Nothing {
+            return 0;
+        }
+        let seen = |side: f64, bit: u32| if sight(from, to.node, side) == Sight::Nothing { 0 } else { bit };
+        seen(1.0, PAIR_FRONT) | if back == 0 { 0 } else { seen(-1.0, PAIR_BACK) }
+    }
+
+    /// What a triangle can send, of what its leaf can.
+    fn of_triangle(&self, to: &Group, i: usize, passing: u32) -> u32 {
+        let ClusterInput { facets, classes, cull, .. } = self.input;
+        let can = |side: f64, bit: u32| match passing & bit != 0
+            && (!cull || !self.tree.misses(&facets[i], &to.node.bounds, side))
+        {
+            true => bit,
+            false => 0,
+        };
+        let back = if classes[i].blocker { can(-1.0, PAIR_BACK) } else { 0 };
+        can(1.0, PAIR_FRONT) | back
+    }
+
+    /// Whether any pair may be within the near field.
+    fn is_near(&self, to: &Group, from: &Node) -> bool {
+        to.node.bounds.distance_squared(&from.bounds)
+            <= self.input.half_range * (to.node.characteristic_area + from.characteristic_area)
+    }
+
+    fn stands_for(&self, to: &Group, from: &Node, branch: &Branch, passing: u32) -> bool {
+        let facet = &branch.facet;
+        let nearest = facet.centroid.clamp(to.node.bounds.min, to.node.bounds.max);
+        let r2 = facet.centroid.distance_squared(nearest);
+        let angle2 = branch.spread / r2;
+        let bins = to.bins || passing & PAIR_BACK != 0 || branch.glossy;
+        let widest2 = (WIDE * self.input.error).min(WIDEST * WIDEST);
+        // In this form, a distance of zero accepts nothing.
+        if !(angle2 <= widest2 && branch.turn <= WIDEST) || self.is_near(to, from) {
+            return false;
+        }
+        let angle = angle2.sqrt();
+        let edge_on = branch.turn > FLAT && passing & PAIR_FRONT != 0 && self.sees_back(to, from);
+        let direction = (facet.centroid - to.centre).normalize_or_zero();
+        let wide = (to.radius + branch.size) / r2.sqrt();
+        let received = (Hierarchy::steepest(to.node, direction) + wide).clamp(0.0, 1.0);
+        let sent = (facet.normal.dot(direction).abs() + wide + branch.turn).min(1.0);
+        let light = if passing & PAIR_FRONT != 0 { branch.light } else { 0.0 };
+        let back = if passing & PAIR_BACK != 0 { self.input.backs * branch.area } else { 0.0 };
+        let share = received * sent * light.max(back) / (PI * r2);
+        let second_order = angle * (angle + branch.turn);
+        let turn = if passing & PAIR_BACK != 0 || branch.glossy { branch.turn } else { 0.0 };
+        let in_bins = if bins { (angle2 + turn * turn) / self.input.bin } else { 0.0 };
+        let turned = if edge_on { branch.turn } else { 0.0 };
+        let uneven = if passing & PAIR_FRONT != 0 { branch.offset / r2.sqrt() } else { 0.0 };
+        share * second_order.max(in_bins).max(turned + uneven) <= self.input.error
+    }
+
+    fn sees_back(&self, to: &Group, from: &Node) -> bool {
+        self.tree.sight(from, &to.node.bounds, -1.0, true) != Sight::Nothing
+    }
+}

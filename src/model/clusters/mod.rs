@@ -1,0 +1,233 @@
+//! Clusters: branches of a tree over the triangles of a class, each of which can stand for its triangles as one source.
+//!
+//! A cluster is a mean triangle: the centroid c = Σ a x / Σ a, the normal n along Σ a n_i, and in place of the area
+//! ā = Σ a² / Σ a, so that g = 1/(r² + ā/π) is that of its triangles. Its radiance, diffuse or per bin, is
+//! Σ a ⟨n_i, n⟩ L_i / ā: with the area ā, a source of the same vector area. Whatever holds from triangle to triangle
+//! then holds from cluster to triangle.
+
+mod acceptance;
+mod moments;
+mod sources;
+
+pub use sources::{ENTRY_BITS, SourceLists};
+
+use super::class::Class;
+use super::facet::Facet;
+use super::hierarchy::Hierarchy;
+use super::order::PADDING;
+use acceptance::Acceptance;
+use glam::DVec3;
+use moments::{Cuts, Moments};
+use std::ops::Range;
+
+/// Receivers that share a list of sources: neighbouring slots.
+pub const LIST: u32 = 32;
+
+/// What a cluster consists of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Parts {
+    /// Triangles, by slot; padding among them counts as black.
+    Triangles(Range<u32>),
+    /// Two clusters.
+    Clusters([u32; 2]),
+}
+
+/// The clusters of one class.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ClusterRun {
+    /// The class of all its triangles.
+    pub class: Class,
+    /// Clusters by their height in the tree: those of triangles, those of the former, and so on.
+    pub heights: Vec<Range<u32>>,
+}
+
+impl ClusterRun {
+    /// All clusters of the class.
+    pub fn range(&self) -> Range<u32> {
+        let end = self.heights.last().map_or(0, |last| last.end);
+        self.heights.first().map_or(0, |first| first.start)..end
+    }
+}
+
+/// What lists of sources are built from.
+#[derive(Clone, Copy, Debug)]
+pub struct ClusterInput<'a> {
+    /// Triangles.
+    pub facets: &'a [Facet],
+    /// Their classes.
+    pub classes: &'a [Class],
+    /// Brightness of the front of each, relative to the mean.
+    pub brightness: &'a [f64],
+    /// The same of the backs of blockers: antiradiance is as narrow as the light that it cancels.
+    pub backs: f64,
+    /// Triangle of each slot, sorted by class, or [`PADDING`].
+    pub order: &'a [u32],
+    /// Slots per cluster of the lowest height.
+    pub leaf: u32,
+    /// Half of the near field's range, in units of the sum of characteristic areas.
+    pub half_range: f64,
+    /// Height above a plane that counts as in it.
+    pub tolerance: f64,
+    /// Solid angle of a bin, sr.
+    pub bin: f64,
+    /// Wanted error of irradiance, relative to its mean.
+    pub error: f64,
+    /// Whether sources that cannot send light are left out.
+    pub cull: bool,
+}
+
+/// All clusters of a scene, and for each group of receivers the sources, clusters and triangles, that together make up
+/// all others. An index below the number of slots is a triangle's slot; clusters have the indices behind.
+#[derive(Clone, Debug)]
+pub struct Clusters {
+    order: Vec<u32>,
+    parts: Vec<Parts>,
+    runs: Vec<ClusterRun>,
+    sources: SourceLists,
+}
+
+impl Clusters {
+    /// Builds the tree and the lists. `None` if there are too many sources to count.
+    pub fn new(input: &ClusterInput) -> Option<Self> {
+        let &ClusterInput { facets, order, leaf, tolerance, .. } = input;
+        let cuts = Cuts::new(input);
+        let tree = Hierarchy::cut_by(facets, order, leaf as usize, tolerance, |leaves| cuts.cut(leaves));
+        let Numbered { index, parts, runs } = Numbered::new(input, &tree, &cuts.classes);
+        let sources = Acceptance::new(input, &tree, &index).lists()?;
+        Some(Self { order: order.to_vec(), parts, runs, sources })
+    }
+
+    /// Number of clusters.
+    pub fn count(&self) -> u32 {
+        self.parts.len() as u32
+    }
+
+    /// Index of the first cluster: the number of slots.
+    pub fn first(&self) -> u32 {
+        self.order.len() as u32
+    }
+
+    /// What each consists of.
+    pub fn parts(&self) -> &[Parts] {
+        &self.parts
+    }
+
+    /// The clusters by class, in the order of their indices.
+    pub fn runs(&self) -> &[ClusterRun] {
+        &self.runs
+    }
+
+    /// The sources of each group of [`LIST`] receivers.
+    pub fn sources(&self) -> &SourceLists {
+        &self.sources
+    }
+
+    /// Triangle of each slot, or [`PADDING`].
+    pub fn order(&self) -> &[u32] {
+        &self.order
+    }
+
+    /// The mean triangle of each cluster. Its corners are its centroid.
+    pub fn facets(&self, facets: &[Facet]) -> Vec<Facet> {
+        let mut moments: Vec<Moments> = Vec::with_capacity(self.parts.len());
+        // Parts have lower numbers than what they make up.
+        for parts in &self.parts {
+            let of = |cluster: &u32| moments[(cluster - self.first()) as usize];
+            let sum = match parts {
+                Parts::Triangles(slots) => self.triangles(slots).map(|i| Moments::of(&facets[i], 0.0)).sum(),
+                Parts::Clusters(both) => both.iter().map(of).sum(),
+            };
+            moments.push(sum);
+        }
+        moments.iter().map(Moments::facet).collect()
+    }
+
+    /// The triangles in a range of slots.
+    pub fn triangles(&self, slots: &Range<u32>) -> impl Iterator<Item = usize> + use<'_> {
+        let slots = &self.order[slots.start as usize..slots.end as usize];
+        slots.iter().filter(|&&i| i != PADDING).map(|&i| i as usize)
+    }
+}
+
+/// The mean of max(cos_j, 0) cos_i / r² over the triangles of a cluster, spread evenly in its plane around its centroid, to
+/// second order, as another cos_j, in place of max(cos_j, 0): of the cosines `to` and `from` at the receiver and the cluster,
+/// and `tilt` between the normals of the two sides that face each other. `angle2`: variance of the triangles over r². Where
+/// they lie on both sides of the receiver's horizon, their heights count as uniformly distributed.
+pub fn spread_over(to: f64, from: f64, tilt: f64, angle2: f64) -> f64 {
+    let width = (1.5 * angle2 * (1.0 - tilt * tilt)).max(0.0).sqrt();
+    let above =
+        if width > 0.0 { (0.5 + 0.5 * to / width).clamp(0.0, 1.0) } else { f64::from(u8::from(to > 0.0)) };
+    let mean = if to > width { to } else { above * above * width };
+    (mean + above * 2.0 * angle2 * (mean - tilt * from - 3.0 * mean * from * from)).max(0.0)
+}
+
+/// The weight of a part's radiance in that of its cluster: a ⟨n_i, n⟩ / ā.
+pub fn share(part: &Facet, cluster: &Facet) -> f64 {
+    if cluster.area > 0.0 { part.area * part.normal.dot(cluster.normal) / cluster.area } else { 0.0 }
+}
+
+/// The branches of a tree that are of one class, numbered as clusters.
+struct Numbered {
+    /// By node of the tree.
+    index: Vec<Option<u32>>,
+    parts: Vec<Parts>,
+    runs: Vec<ClusterRun>,
+}
+
+impl Numbered {
+    /// `classes`: of the leaves of the tree.
+    fn new(input: &ClusterInput, tree: &Hierarchy, classes: &[Class]) -> Self {
+        let &ClusterInput { order, leaf, .. } = input;
+        let nodes = tree.nodes();
+        let first = order.len() as u32;
+        let (mut heights, mut found) = (vec![0u32; nodes.len()], Vec::new());
+        // Leaves are sorted by class.
+        let class_of = |at: usize| {
+            let leaves = &nodes[at].leaves;
+            let [begin, end] = [leaves.start, leaves.end - 1].map(|leaf| classes[leaf]);
+            (begin == end).then_some(begin)
+        };
+        for at in (0..nodes.len()).rev() {
+            if let Some([a, b]) = tree.branches(at) {
+                heights[at] = 1 + heights[a].max(heights[b]);
+            }
+            if let Some(class) = class_of(at) {
+                found.push((class, heights[at], at));
+            }
+        }
+        found.sort_unstable();
+        let mut index = vec![None; nodes.len()];
+        for (&(_, _, at), number) in found.iter().zip(first..) {
+            index[at] = Some(number);
+        }
+        let (mut parts, mut runs) = (Vec::with_capacity(found.len()), Vec::<ClusterRun>::new());
+        for (&(class, height, at), number) in found.iter().zip(first..) {
+            parts.push(match tree.branches(at).map(|both| both.map(|b| index[b])) {
+                Some([Some(a), Some(b)]) => Parts::Clusters([a, b]),
+                _ => {
+                    let leaves = &nodes[at].leaves;
+                    let end = (leaves.end as u32 * leaf).min(first);
+                    Parts::Triangles(leaves.start as u32 * leaf..end)
+                }
+            });
+            if runs.last().is_none_or(|run| run.class != class) {
+                runs.push(ClusterRun { class, heights: Vec::new() });
+            }
+            if let Some(run) = runs.last_mut() {
+                // Heights of a class follow one another without gaps.
+                if run.heights.len() as u32 <= height {
+                    run.heights.push(number..number);
+                }
+                if let Some(last) = run.heights.last_mut() {
+                    last.end = number + 1;
+                }
+            }
+        }
+        Self { index, parts, runs }
+    }
+}
+
+/// The unit vector along a sum of normals; zero if they cancel.
+fn mean_normal(sum: DVec3) -> DVec3 {
+    sum.normalize_or_zero()
+}

@@ -1,0 +1,139 @@
+//! Clusters or the exact sum.
+
+use super::{Interactions, Plan, PlanError, Residency, page_tiles};
+use crate::model::LIST;
+use crate::scene::{Scene, Transport};
+use std::f64::consts::TAU;
+use std::fmt;
+
+/// Whether clusters stand for far triangles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PlannedTransport {
+    /// The sum over all pairs.
+    Exact {
+        /// Why there are no clusters.
+        why: &'static str,
+    },
+    /// Clusters.
+    Hierarchical {
+        /// Error of irradiance that they may cause, relative to its mean.
+        error: f64,
+    },
+}
+
+impl Default for PlannedTransport {
+    fn default() -> Self {
+        Self::Exact { why: "settings" }
+    }
+}
+
+impl fmt::Display for PlannedTransport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Exact { why } => write!(f, "exact: {why}"),
+            Self::Hierarchical { error } => write!(f, "clusters, error {error}"),
+        }
+    }
+}
+
+/// Triangles below which [`Transport::Auto`] takes the exact sum, whose time is then mostly that of close pairs.
+const SMALL: usize = 6000;
+/// Share of all pairs above which clusters do not pay: culling leaves out about half of the pairs, too.
+const WORTH: f64 = 0.4;
+/// Triangles of the smallest clusters.
+const LEAF: u32 = 4;
+/// Largest brightness of a source, relative to the mean.
+const BRIGHTEST: f64 = 1e4;
+/// Brightness of backs under diffuse light, relative to the mean.
+const BACKS: f64 = 2.0;
+/// The same under the light of an emitter, relative to the emitter: bins spread it out.
+const NARROW: f64 = 0.25;
+/// Factor on the error of each cluster where light comes from emitters straight to clusters, and is uneven there.
+const UNEVEN: f64 = 0.3;
+
+impl Plan {
+    /// Chooses transport, and solver and residency for it.
+    pub(super) fn choose_transport(&mut self, scene: &Scene) -> Result<(), PlanError> {
+        let error = match self.settings.transport {
+            Transport::Exact => Err("settings"),
+            _ if self.options.gradients.any() => Err("gradients need it"),
+            Transport::Auto if self.triangles() < SMALL => Err("few triangles"),
+            Transport::Auto => Ok(Transport::USUAL_ERROR),
+            Transport::Hierarchical { error } => Ok(error),
+        };
+        let why = match error {
+            Err(why) => why,
+            Ok(error) => match self.with_clusters(scene, error)? {
+                Ok(()) => return Ok(()),
+                Err(why) => why,
+            },
+        };
+        self.transport = PlannedTransport::Exact { why };
+        let half_range = 0.5 * self.settings.near_field;
+        let (cull, by_source) = (self.options.cull, self.options.gradients.any());
+        let Self { layout, facets, classes, .. } = &*self;
+        self.interactions = Interactions::new(layout, facets, classes, half_range, cull, by_source)?;
+        self.choose_solver()
+    }
+
+    /// Plans clusters, or says why they are not worth it.
+    fn with_clusters(&mut self, scene: &Scene, error: f64) -> Result<Result<(), &'static str>, PlanError> {
+        let brightness = self.brightness(scene);
+        let half_range = 0.5 * self.settings.near_field;
+        let bin = TAU / self.bins.count() as f64;
+        let Self { layout, facets, classes, .. } = &*self;
+        let cull = self.options.cull;
+        let uneven = brightness.iter().any(|&bright| bright > 1.0);
+        let each = if uneven { UNEVEN * error } else { error };
+        let limits = (self.leaf(), each);
+        let backs = brightness.iter().fold(BACKS, |most, &bright| most.max(NARROW * bright));
+        let lit = (&brightness[..], backs, bin);
+        self.interactions =
+            Interactions::hierarchical(layout, facets, classes, half_range, cull, limits, lit)?;
+        self.transport = PlannedTransport::Hierarchical { error };
+        let triangles = self.triangles() as f64;
+        let entries = self.clusters().map_or(0, |clusters| clusters.sources().count());
+        if entries as f64 * f64::from(LIST) > WORTH * triangles * triangles {
+            return Ok(Err("clusters would save too little"));
+        }
+        match self.choose_solver() {
+            Ok(()) if self.residency == Residency::Device => Ok(Ok(())),
+            Ok(()) | Err(PlanError::OverBudget { .. } | PlanError::BufferTooLarge { .. }) => {
+                self.residency = Residency::Device;
+                self.layout.cut(page_tiles(&self.options, self.tile_bytes()));
+                Ok(Err("clusters do not fit the memory budget"))
+            }
+            Err(other) => Err(other),
+        }
+    }
+
+    /// Triangles of the smallest clusters, so that the bins of those of one class fit a buffer.
+    fn leaf(&self) -> u32 {
+        let page = self.options.page.min(self.options.max_buffer);
+        let slots = |has_bins: bool| {
+            let groups = self.layout.groups.iter().filter(|group| group.class.has_bins() == has_bins);
+            groups.map(|group| self.layout.slots_of(&group.tiles).len() as u64).sum::<u64>()
+        };
+        let mut leaf = LEAF;
+        while leaf < self.layout.tile && slots(true) * 2 / u64::from(leaf) * self.bin_bytes() > page {
+            leaf *= 2;
+        }
+        leaf
+    }
+
+    /// Brightness of the fronts, relative to the mean: 1, and more where light is emitted into U.
+    fn brightness(&self, scene: &Scene) -> Vec<f64> {
+        let emitted = |i: usize| scene.material(i).emission.into_iter().fold(0.0, |m: f64, e| m.max(e.abs()));
+        let (mut flux, mut area) = (0.0, 0.0);
+        for (i, facet) in self.facets.iter().enumerate() {
+            flux += facet.area * emitted(i);
+            area += facet.area;
+        }
+        let mean = if area > 0.0 { flux / area } else { 0.0 };
+        let relative = |i: usize| if mean > 0.0 { (1.0 + emitted(i) / mean).min(BRIGHTEST) } else { 1.0 };
+        let mut brightness: Vec<f64> = (0..self.facets.len()).map(relative).collect();
+        // Direct light of lamps does not pass through U.
+        self.lamps.iter().flat_map(|lamp| &lamp.triangles).for_each(|&i| brightness[i as usize] = 1.0);
+        brightness
+    }
+}

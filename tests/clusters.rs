@@ -1,0 +1,171 @@
+//! Clusters in place of far triangles: their error against the exact sum, and where they give way to it.
+
+mod support;
+
+use antirad::model::{LIST, Parts, share};
+use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, PlannedTransport, Residency};
+use antirad::reference::Model;
+use antirad::scene::{Lamps, Precision, Scene, SolveSettings, Transport};
+use glam::DVec3;
+use support::{areas, device, finish, load, relative_l2, solve, solve_within};
+
+fn hierarchical(scene: &Scene, error: f64) -> SolveSettings {
+    scene.settings.transport(Transport::Hierarchical { error })
+}
+
+fn planned(scene: &Scene, settings: &SolveSettings, options: PlanOptions) -> Plan {
+    Plan::new(scene, &options, settings).expect("a plan")
+}
+
+fn why(plan: &Plan) -> &'static str {
+    match plan.transport() {
+        PlannedTransport::Exact { why } => why,
+        PlannedTransport::Hierarchical { .. } => "",
+    }
+}
+
+/// The whole solve, fixed point against fixed point, with both ways to compute the light of lamps.
+#[test]
+fn the_error_is_at_most_the_one_asked_for() {
+    let device = device();
+    let cases = [
+        ("scenes/cornell_boxes.toml", 0, Lamps::Exact, [0.03, 0.01]),
+        ("scenes/cornell_boxes.toml", 0, Lamps::Antiradiance, [0.1, 0.03]),
+        ("scenes/closed_box.toml", 1, Lamps::Exact, [0.03, 0.01]),
+    ];
+    for (name, cuts, lamps, errors) in cases {
+        let mut scene = load(name);
+        scene.split_all(cuts);
+        scene.settings = scene.settings.lamps(lamps);
+        let areas = areas(&scene);
+        let exact = solve(&device, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
+        for error in errors {
+            let (engine, solution) = solve(&device, &scene, &hierarchical(&scene, error));
+            let pairs = engine.plan().pairs();
+            let found = relative_l2(&solution.irradiance, &exact, &areas);
+            let evaluated = pairs.irradiance + pairs.bins;
+            println!("{name}, {lamps:?}, {error}: {found:.5}, {evaluated} of {} pairs", pairs.total);
+            assert_eq!(engine.plan().transport(), PlannedTransport::Hierarchical { error });
+            assert!(found <= error, "{name}: {found}");
+            assert!(found > 0.0 && pairs.clusters > 0);
+        }
+    }
+    finish(&device);
+}
+
+#[test]
+fn the_same_input_gives_the_same_bytes() {
+    let device = device();
+    let scene = load("scenes/cornell_boxes.toml");
+    let solved = || solve(&device, &scene, &hierarchical(&scene, 0.01)).1.irradiance;
+    assert!(solved() == solved(), "the results differ");
+    finish(&device);
+}
+
+/// Every receiver gets each other triangle once: as itself, within a cluster, or not at all where light cannot pass.
+#[test]
+fn no_triangle_is_missing_or_there_twice() {
+    let scene = load("scenes/cornell_boxes.toml");
+    let options = PlanOptions::default().boundless().cull(false);
+    let plan = planned(&scene, &hierarchical(&scene, 0.03), options);
+    let clusters = plan.clusters().expect("clusters");
+    let first = clusters.first();
+    let mut members: Vec<Vec<usize>> = Vec::new();
+    for parts in clusters.parts() {
+        members.push(match parts {
+            Parts::Triangles(slots) => clusters.triangles(slots).collect(),
+            Parts::Clusters(both) => {
+                both.iter().flat_map(|part| members[(part - first) as usize].clone()).collect()
+            }
+        });
+    }
+    for list in 0..clusters.sources().lists() {
+        let mut seen = vec![0; scene.triangles.len()];
+        for (index, _) in clusters.sources().sources(list) {
+            match clusters.order().get(index as usize) {
+                Some(&i) => seen[i as usize] += 1,
+                None => members[(index - first) as usize].iter().for_each(|&i| seen[i] += 1),
+            }
+        }
+        let triangles = clusters.triangles(&(list * LIST..(list + 1) * LIST));
+        if triangles.count() > 0 {
+            assert!(seen.iter().all(|&count| count == 1), "list {list}");
+        }
+    }
+}
+
+/// The mean triangle sends what its triangles send, far away.
+#[test]
+fn a_cluster_has_the_vector_area_of_its_triangles() {
+    let scene = load("scenes/cornell_boxes.toml");
+    let plan = planned(&scene, &hierarchical(&scene, 0.03), PlanOptions::default().boundless());
+    let clusters = plan.clusters().expect("clusters");
+    let model = Model::new(&scene);
+    let facets = clusters.facets(&model.facets);
+    for (parts, mean) in clusters.parts().iter().zip(&facets) {
+        let Parts::Triangles(slots) = parts else { continue };
+        let of = || clusters.triangles(slots).map(|i| &model.facets[i]);
+        let sum: DVec3 = of().map(|f| f.area * f.normal).sum();
+        let own: f64 = of().map(|f| share(f, mean)).sum::<f64>() * mean.area;
+        assert!((own - sum.length()).abs() <= 1e-12 * sum.length().max(1e-12), "{own} {}", sum.length());
+        let area: f64 = of().map(|f| f.area).sum();
+        if area > 0.0 {
+            let centre = of().map(|f| f.area * f.centroid).sum::<DVec3>() / area;
+            assert!((mean.centroid - centre).length() <= 1e-9);
+        }
+    }
+}
+
+#[test]
+fn the_exact_sum_is_taken_where_clusters_do_not_work_or_pay() {
+    let scene = load("scenes/cornell_boxes.toml");
+    let settings = hierarchical(&scene, 0.01);
+    let options = PlanOptions::default();
+    assert_eq!(why(&planned(&scene, &settings, options)), "");
+    let with_gradients = options.gradients(GradientRequest::EVERYTHING);
+    assert_eq!(why(&planned(&scene, &settings, with_gradients)), "gradients need it");
+    let few = planned(&scene, &scene.settings.transport(Transport::Auto), options);
+    assert_eq!(why(&few), "few triangles");
+    let strict = planned(&scene, &hierarchical(&scene, 1e-5), options);
+    assert_eq!(why(&strict), "clusters would save too little");
+    assert_eq!(why(&planned(&scene, &scene.settings, options)), "settings");
+    let options = barely(&scene);
+    let short = planned(&scene, &settings, options);
+    assert_eq!(why(&short), "clusters do not fit the memory budget");
+    assert_ne!(short.residency(), Residency::Device);
+    assert!(short.report().to_string().contains("clusters do not fit the memory budget"));
+}
+
+/// A budget that states of the exact sum need, streamed.
+fn barely(scene: &Scene) -> PlanOptions {
+    let none = PlanOptions::default().memory_budget(1);
+    match Plan::new(scene, &none, &scene.settings) {
+        Err(PlanError::OverBudget { needed, .. }) => PlanOptions::default().memory_budget(needed + 65_536),
+        other => panic!("one byte suffices: {other:?}"),
+    }
+}
+
+/// Where clusters give way for lack of memory, the result is that of the exact sum, byte for byte.
+#[test]
+fn without_memory_for_clusters_the_result_is_exact() {
+    let device = device();
+    let scene = load("scenes/cornell_boxes.toml");
+    let options = barely(&scene);
+    let one = solve_within(&device, &scene, &hierarchical(&scene, 0.01), &options).1.irradiance;
+    let other = solve_within(&device, &scene, &scene.settings, &options).1.irradiance;
+    assert!(one == other, "the results differ");
+    finish(&device);
+}
+
+/// Half bins are those of pairs of tiles; clusters read f32.
+#[test]
+fn half_bins_and_clusters_go_together() {
+    let device = device();
+    let scene = load("scenes/cornell_boxes.toml");
+    let settings = hierarchical(&scene, 0.01);
+    let half = settings.precision(Precision::HalfBins);
+    let (engine, solution) = solve(&device, &scene, &half);
+    assert!(!engine.plan().half_bins() && engine.plan().clusters().is_some());
+    assert!(solution.irradiance == solve(&device, &scene, &settings).1.irradiance, "the results differ");
+    finish(&device);
+}
