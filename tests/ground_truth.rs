@@ -81,7 +81,7 @@ fn cornell_boxes() {
     for row in device.profile() {
         println!("  {row:?}");
     }
-    assert!(error <= 0.03, "{error}");
+    assert!(error <= 0.01, "{error}");
     finish(&device);
 }
 
@@ -117,7 +117,7 @@ fn cornell_boxes_fine() {
     for row in device.profile() {
         println!("  {row:?}");
     }
-    assert!(error <= 0.025, "{error}");
+    assert!(error <= 0.007, "{error}");
     finish(&device);
 }
 

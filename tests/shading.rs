@@ -2,14 +2,14 @@
 
 mod support;
 
-use antirad::image::{Coverage, Rasterizer};
+use antirad::image::{Coverage, Picture, Rasterizer};
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::scene::{BinLayout, Camera, Material, Precision, Scene, SceneBuilder, Shape};
 use antirad::shading::{Light, SeenFrom, backward};
 use antirad::{Engine, SolveParams};
 use glam::{DAffine3, DVec3};
 use std::ops::ControlFlow;
-use support::{device, finish};
+use support::{device, finish, load, path, solve};
 
 /// A tilted blocker over a floor and beside a wall, under a lamp.
 fn scene() -> Scene {
@@ -52,6 +52,31 @@ fn camera() -> Camera {
         width: 24,
         height: 18,
     }
+}
+
+/// relMSE = mean((I - R)² / (R² + .01)) against another path tracer's picture, whose own noise is about 5e-5.
+#[test]
+fn a_picture_of_the_cornell_room_is_that_of_another_path_tracer() {
+    let device = device();
+    let scene = load("scenes/cornell_boxes.toml");
+    let camera = &scene.cameras[0];
+    let truth = Picture::read_exr(path("scenes/cornell_boxes.exr")).expect("a picture");
+    let (mut engine, solution) = solve(&device, &scene, &scene.settings);
+    let light = Light::new(&mut engine, &solution, &scene, &scene.cameras).expect("light");
+    let coverage = Rasterizer::new(&device).expect("kernels").coverage(&scene, camera, 8).expect("a view");
+    let pixels = light.pixels(0, &coverage).expect("pixels");
+    let error = |(found, truth): (&[f64; 4], &[f32; 4])| {
+        let of = |c: usize| {
+            let truth = f64::from(truth[c]);
+            (found[c] - truth).powi(2) / (truth * truth + 0.01)
+        };
+        (of(0) + of(1) + of(2)) / 3.0
+    };
+    let error = pixels.iter().zip(&truth.pixels).map(error).sum::<f64>() / pixels.len() as f64;
+    println!("relMSE {error:.3e}");
+    assert!(pixels.len() == truth.pixels.len() && error <= 1.7e-4, "{error:e}");
+    drop((engine, solution));
+    finish(&device);
 }
 
 #[test]
