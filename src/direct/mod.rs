@@ -44,6 +44,27 @@ impl DirectLight {
         Self::compute(facets, lamps, None)
     }
 
+    /// How many blockers would be tested against cones: an estimate of the work of [`Self::new`], from a few receivers.
+    pub fn estimated_tests(facets: &[Facet], lamps: &[Lamp]) -> f64 {
+        let tree = Tree::new(facets);
+        let geometry = Geometry { facets, tree: &tree };
+        let step = facets.len().div_ceil(PROBES).max(1);
+        let probes: Vec<usize> = (0..facets.len()).step_by(step).collect();
+        let of_probe = |visible: &mut Visible, &receiver: &usize| {
+            let Facet { corners, normal, centroid, .. } = facets[receiver];
+            for lamp in lamps.iter().map(|lamp| geometry.place(lamp)) {
+                if geometry.faces(receiver, &lamp) {
+                    let blockers = &geometry.blockers(&corners, normal, &lamp);
+                    let sight = Sight { geometry, point: centroid, normal, lamp: &lamp, blockers };
+                    sight.vector_irradiance(visible);
+                }
+            }
+            std::mem::take(&mut visible.tests)
+        };
+        let tests: u64 = probes.par_iter().map_init(Visible::default, of_probe).sum();
+        tests as f64 / probes.len() as f64 * facets.len() as f64 * POINTS_EACH
+    }
+
     /// The same for triangles and lamps of which only vertices have moved, at the same points: a smooth function of the vertices.
     pub fn moved(&self, facets: &[Facet]) -> Self {
         Self::compute(facets, self.lamps.clone(), Some(&self.cuts))
@@ -375,6 +396,11 @@ pub struct HighlightGradient {
     /// By the power.
     pub power: f64,
 }
+
+/// Receivers that an estimate of work looks at.
+const PROBES: usize = 256;
+/// Points of a receiver, on average.
+const POINTS_EACH: f64 = 12.0;
 
 /// Receivers whose derivatives are held in memory at a time.
 const RECEIVERS: usize = 4096;

@@ -6,6 +6,7 @@ use super::lamps::Lamp;
 use super::shaft::Shaft;
 use crate::model::{Facet, Hierarchy, coplanar_tolerance, spatial_order};
 use glam::DVec3;
+use std::ops::Range;
 
 /// Triangles per leaf of the search for blockers.
 const LEAF: usize = 4;
@@ -153,6 +154,10 @@ pub struct Visible {
     stack: Vec<Side>,
     /// Per blocker that a point sees before the lamp: its place in the list, and unit normals.
     planes: Vec<(u32, Planes)>,
+    /// Places in `planes`, one run after the other: what may hide some of a cone.
+    candidates: Vec<u32>,
+    /// Blockers tested against cones so far.
+    pub tests: u64,
     /// A cone while it is cut.
     from: Vec<Side>,
     to: Vec<Side>,
@@ -185,8 +190,9 @@ impl Visible {
             }
         }
         self.see_blockers(geometry, point, lamp, blockers);
-        let end = self.stack.len();
-        self.subtract(0, end, 0, emit);
+        self.candidates.clear();
+        self.candidates.extend(0..self.planes.len() as u32);
+        self.subtract(0..self.stack.len(), 0..self.planes.len(), emit);
     }
 
     /// Lists the blockers whose cones meet that of the lamp, which is all of the stack.
@@ -194,6 +200,7 @@ impl Visible {
         self.planes.clear();
         let cone = &self.stack;
         let lamp_corner = lamp.corners[0] - point;
+        self.tests += blockers.len() as u64;
         for (place, &i) in (0..).zip(blockers) {
             let corners = geometry.facets[i as usize].corners.map(|c| c - point);
             let beside = |k: usize| {
@@ -215,55 +222,70 @@ impl Visible {
         }
     }
 
-    /// Emits the parts of the cone `begin..end` of the stack outside of all blockers from `next` on.
-    fn subtract(&mut self, begin: usize, end: usize, next: usize, emit: &mut dyn FnMut(&[Side])) {
-        for k in next..self.planes.len() {
-            if !self.meets(begin, end, k) {
+    /// Emits the parts of the cone `cone` of the stack outside of the blockers `rest` of the candidates.
+    fn subtract(&mut self, cone: Range<usize>, rest: Range<usize>, emit: &mut dyn FnMut(&[Side])) {
+        for at in rest.clone() {
+            let k = self.candidates[at] as usize;
+            if !self.meets(cone.clone(), k) {
                 continue;
             }
             // Plane by plane: what is outside of it is done with this blocker, the rest goes on to the next.
-            let (mut begin, mut end) = (begin, end);
+            let mut inside = cone;
             for n in 0..self.planes[k].1.count {
                 let (place, planes) = &self.planes[k];
                 let (normal, plane) = (planes.normals[n], BLOCKERS + 4 * place + n as u32);
-                let cone = &self.stack[begin..end];
-                match extent(cone, normal) {
+                match extent(&self.stack[inside.clone()], normal) {
                     [_, false] => {}
                     [false, true] => {
                         // Touched in its boundary only.
-                        self.subtract(begin, end, k + 1, emit);
+                        self.subtract(inside, at + 1..rest.end, emit);
                         return;
                     }
                     [true, true] => {
-                        self.to.clear();
-                        cut(cone, -normal, plane, &mut self.to);
-                        let outside = self.stack.len();
-                        self.stack.append(&mut self.to);
-                        let end_outside = self.stack.len();
-                        self.subtract(outside, end_outside, k + 1, emit);
-                        self.stack.truncate(outside);
-                        self.to.clear();
-                        cut(&self.stack[begin..end], normal, plane, &mut self.to);
-                        begin = self.stack.len();
-                        self.stack.append(&mut self.to);
-                        end = self.stack.len();
+                        let outside = self.cut_off(inside.clone(), -normal, plane);
+                        let candidates = self.candidates.len();
+                        for next in at + 1..rest.end {
+                            if self.may_meet(outside.clone(), self.candidates[next] as usize) {
+                                self.candidates.push(self.candidates[next]);
+                            }
+                        }
+                        self.subtract(outside.clone(), candidates..self.candidates.len(), emit);
+                        self.candidates.truncate(candidates);
+                        self.stack.truncate(outside.start);
+                        inside = self.cut_off(inside, normal, plane);
                     }
                 }
             }
             return;
         }
-        emit(&self.stack[begin..end]);
+        emit(&self.stack[cone]);
+    }
+
+    /// Appends the part of a cone of the stack on the positive side of a plane.
+    fn cut_off(&mut self, cone: Range<usize>, normal: DVec3, plane: u32) -> Range<usize> {
+        self.to.clear();
+        cut(&self.stack[cone], normal, plane, &mut self.to);
+        let begin = self.stack.len();
+        self.stack.append(&mut self.to);
+        begin..self.stack.len()
+    }
+
+    /// Whether no plane of blocker `k` separates it from a cone.
+    fn may_meet(&mut self, cone: Range<usize>, k: usize) -> bool {
+        self.tests += 1;
+        let planes = &self.planes[k].1;
+        planes.normals[..planes.count].iter().all(|&normal| extent(&self.stack[cone.clone()], normal)[0])
     }
 
     /// Whether blocker `k` hides some of a cone.
-    fn meets(&mut self, begin: usize, end: usize, k: usize) -> bool {
+    fn meets(&mut self, cone: Range<usize>, k: usize) -> bool {
+        self.tests += 1;
         let planes = &self.planes[k].1;
         let normals = &planes.normals[..planes.count];
-        let cone = &self.stack[begin..end];
-        let extents = normals.iter().map(|&n| extent(cone, n));
+        let cone = &self.stack[cone];
         let mut cuts = 0;
-        for extent in extents {
-            match extent {
+        for &normal in normals {
+            match extent(cone, normal) {
                 [false, _] => return false,
                 [true, true] => cuts += 1,
                 [true, false] => {}

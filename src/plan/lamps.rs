@@ -1,12 +1,15 @@
 //! Which emitters are lamps, whose direct light is exact.
 
 use super::Plan;
-use crate::direct::{Lamp, lamps};
+use crate::direct::{DirectLight, Lamp, lamps};
 use crate::model::{Facet, coplanar_tolerance};
 use crate::scene::{Lamps, Scene};
 
-/// Lamps up to which direct light is exact unless stated: beyond, its cost exceeds that of the solve in most scenes.
+/// Lamps up to which direct light is exact unless stated.
 const MOST: usize = 64;
+/// Tests of blockers up to which it is, per pair of triangles and in addition: about the time of a solve, and two seconds.
+const TESTS_PER_PAIR: f64 = 0.3;
+const FEW_TESTS: f64 = 2e7;
 
 /// How the light that comes straight from emitters is computed, and why.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -25,7 +28,14 @@ pub(super) fn choose(scene: &Scene, facets: &[Facet], setting: Lamps) -> Vec<Lam
         return Vec::new();
     }
     let lamps = lamps(scene, facets, coplanar_tolerance(facets));
-    if setting == Lamps::Auto && lamps.len() > MOST { Vec::new() } else { lamps }
+    let affordable = || {
+        let pairs = (facets.len() as f64).powi(2);
+        DirectLight::estimated_tests(facets, &lamps) <= TESTS_PER_PAIR * pairs + FEW_TESTS
+    };
+    match setting == Lamps::Exact || lamps.len() <= MOST && affordable() {
+        true => lamps,
+        false => Vec::new(),
+    }
 }
 
 impl Plan {
@@ -35,7 +45,9 @@ impl Plan {
         let why = match (self.settings.lamps, self.lamps.len()) {
             (Lamps::Antiradiance, _) => String::from("by antiradiance, as stated"),
             (Lamps::Auto, 0) => {
-                format!("by antiradiance: no emitter, or more than {MOST} that cannot be merged")
+                format!(
+                    "by antiradiance: no emitter, more than {MOST}, or exact shadows would take longer than the solve"
+                )
             }
             (Lamps::Exact, 0) => String::from("no emitter"),
             (_, 1) => String::from("direct light of 1 lamp with exact visibility"),

@@ -15,7 +15,7 @@ pub(super) const RGB: u64 = 4;
 pub(super) const HALF_BIN: u64 = 12;
 /// Reals of a gradient (glsl/facet_gradient.glsl).
 const FACET_GRADIENT: u64 = 16;
-/// Bytes of the parts of a cluster (glsl/gather.glsl).
+/// Bytes of the parts of a cluster (glsl/gather.comp).
 const CLUSTER_PARTS: u64 = 8;
 /// Lanes of the kernel that sums vectors: enough for any device, few enough for the host to add up.
 pub(crate) const PARTIAL_SUMS: u64 = 4096;
