@@ -7,9 +7,9 @@ use crate::scene::{Lamps, Scene};
 
 /// Lamps up to which direct light is exact unless stated.
 const MOST: usize = 64;
-/// Tests of blockers up to which it is, per pair of triangles and in addition: about the time of a solve, and two seconds.
-const TESTS_PER_PAIR: f64 = 0.3;
-const FEW_TESTS: f64 = 2e7;
+/// Tests of blockers up to which it is, per pair of triangles and in addition: about the time of a solve, and half a second.
+const TESTS_PER_PAIR: f64 = 0.25;
+const FEW_TESTS: f64 = 2e6;
 
 /// How the light that comes straight from emitters is computed, and why.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
