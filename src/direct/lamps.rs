@@ -3,7 +3,7 @@
 use crate::model::Facet;
 use crate::scene::{Scene, Welded, sides};
 use glam::DVec2;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeSet, HashMap};
 
 /// Sine of the largest angle between normals of one plane.
 const PARALLEL: f64 = 1e-6;
@@ -69,21 +69,21 @@ fn connected(scene: &Scene, facets: &[Facet], emitters: &[u32], tolerance: f64) 
             && in_plane
             && material(i) == material(j)
     };
-    let mut group_of: BTreeMap<u32, ()> = BTreeMap::new();
+    let mut grouped = BTreeSet::new();
     let mut groups = Vec::new();
     for &start in emitters {
-        if group_of.contains_key(&start) {
+        if grouped.contains(&start) {
             continue;
         }
-        group_of.insert(start, ());
+        grouped.insert(start);
         let mut group = vec![start];
         let mut done = 0;
         while let Some(&i) = group.get(done) {
             done += 1;
             for [a, b] in sides_of(i) {
                 for &j in with_side.get(&[b, a]).into_iter().flatten() {
-                    if !group_of.contains_key(&j) && same(start, j) {
-                        group_of.insert(j, ());
+                    if !grouped.contains(&j) && same(start, j) {
+                        grouped.insert(j);
                         group.push(j);
                     }
                 }

@@ -180,20 +180,10 @@ impl DirectLight {
     /// Vector irradiance Φ = ∫ ω dω of the visible part of each lamp above the horizon, at points of one triangle, sr: irradiance per
     /// radiance is its product with the normal. Points far apart are better asked for separately, since they share a search.
     pub fn at_points(&self, facets: &[Facet], face: usize, points: &[DVec3]) -> Vec<Vec<DVec3>> {
-        let geometry = self.geometry(facets);
-        let normal = facets[face].normal;
-        let visible = &mut Visible::default();
         let mut light = vec![vec![DVec3::ZERO; self.lamps.len()]; points.len()];
-        for (l, lamp) in self.lamps.iter().enumerate() {
-            let lamp = &geometry.place(lamp);
-            if !geometry.faces(face, lamp) {
-                continue;
-            }
-            let blockers = &geometry.blockers(points, normal, lamp);
-            for (of_point, &point) in light.iter_mut().zip(points) {
-                of_point[l] = Sight { geometry, point, normal, lamp, blockers }.vector_irradiance(visible);
-            }
-        }
+        self.each_sight(facets, face, points, &mut |k, l, sight, visible| {
+            light[k][l] = sight.vector_irradiance(visible);
+        });
         light
     }
 
@@ -206,22 +196,11 @@ impl DirectLight {
         points: &[DVec3],
         cotangent: impl Fn(usize, usize) -> DVec3,
     ) -> (Vec<(u32, FacetGradient)>, Vec<DVec3>) {
-        let geometry = self.geometry(facets);
-        let normal = facets[face].normal;
-        let visible = &mut Visible::default();
         let mut to = Contributions::default();
         let mut of_points = vec![DVec3::ZERO; points.len()];
-        for (l, lamp) in self.lamps.iter().enumerate() {
-            let lamp = &geometry.place(lamp);
-            if !geometry.faces(face, lamp) {
-                continue;
-            }
-            let blockers = &geometry.blockers(points, normal, lamp);
-            for (k, (of_point, &point)) in of_points.iter_mut().zip(points).enumerate() {
-                let sight = Sight { geometry, point, normal, lamp, blockers };
-                *of_point += sight.pull_back(visible, cotangent(k, l), &mut to).1;
-            }
-        }
+        self.each_sight(facets, face, points, &mut |k, l, sight, visible| {
+            of_points[k] += sight.pull_back(visible, cotangent(k, l), &mut to).1;
+        });
         (to.merged(), of_points)
     }
 
@@ -235,22 +214,10 @@ impl DirectLight {
         eye: DVec3,
         power: f64,
     ) -> Vec<Vec<f64>> {
-        let geometry = self.geometry(facets);
-        let normal = facets[face].normal;
-        let visible = &mut Visible::default();
         let mut light = vec![vec![0.0; self.lamps.len()]; points.len()];
-        for (l, lamp) in self.lamps.iter().enumerate() {
-            let lamp = &geometry.place(lamp);
-            if !geometry.faces(face, lamp) {
-                continue;
-            }
-            let blockers = &geometry.blockers(points, normal, lamp);
-            for (of_point, &point) in light.iter_mut().zip(points) {
-                let lobe = Lobe { normal, eye: (eye - point).normalize_or_zero(), power };
-                let sight = Sight { geometry, point, normal, lamp, blockers };
-                of_point[l] = sight.highlight(visible, &lobe);
-            }
-        }
+        self.each_sight(facets, face, points, &mut |k, l, sight, visible| {
+            light[k][l] = sight.highlight(visible, &lobe_towards(eye, sight, power));
+        });
         light
     }
 
@@ -264,13 +231,37 @@ impl DirectLight {
         power: f64,
         cotangent: impl Fn(usize, usize) -> f64,
     ) -> HighlightGradient {
-        let geometry = self.geometry(facets);
-        let normal = facets[face].normal;
-        let visible = &mut Visible::default();
         let mut to = Contributions::default();
         let mut gradient =
             HighlightGradient { points: vec![DVec3::ZERO; points.len()], ..HighlightGradient::default() };
         let mut own = FacetGradient::default();
+        self.each_sight(facets, face, points, &mut |k, l, sight, visible| {
+            let by = cotangent(k, l);
+            let lobe = lobe_towards(eye, sight, power);
+            let (_, slopes, by_point) = sight.pull_back_highlight(visible, &lobe, by, &mut to);
+            let by_eye = by * pull_unit(lobe.eye, (eye - sight.point).length(), slopes.eye);
+            gradient.points[k] += by_point - by_eye;
+            gradient.eye += by_eye;
+            gradient.power += by * slopes.power;
+            own.normal += by * slopes.normal;
+        });
+        to.add(face as u32, own);
+        gradient.facets = to.merged();
+        gradient
+    }
+
+    /// Calls `each` with each point of a triangle, by its number, and each lamp that may be seen from there. One search for blockers serves
+    /// all points.
+    fn each_sight(
+        &self,
+        facets: &[Facet],
+        face: usize,
+        points: &[DVec3],
+        each: &mut dyn FnMut(usize, usize, &Sight, &mut Visible),
+    ) {
+        let geometry = self.geometry(facets);
+        let normal = facets[face].normal;
+        let visible = &mut Visible::default();
         for (l, lamp) in self.lamps.iter().enumerate() {
             let lamp = &geometry.place(lamp);
             if !geometry.faces(face, lamp) {
@@ -278,21 +269,9 @@ impl DirectLight {
             }
             let blockers = &geometry.blockers(points, normal, lamp);
             for (k, &point) in points.iter().enumerate() {
-                let by = cotangent(k, l);
-                let distance = (eye - point).length();
-                let lobe = Lobe { normal, eye: (eye - point).normalize_or_zero(), power };
-                let sight = Sight { geometry, point, normal, lamp, blockers };
-                let (_, slopes, by_point) = sight.pull_back_highlight(visible, &lobe, by, &mut to);
-                let by_eye = by * pull_unit(lobe.eye, distance, slopes.eye);
-                gradient.points[k] += by_point - by_eye;
-                gradient.eye += by_eye;
-                gradient.power += by * slopes.power;
-                own.normal += by * slopes.normal;
+                each(k, l, &Sight { geometry, point, normal, lamp, blockers }, visible);
             }
         }
-        to.add(face as u32, own);
-        gradient.facets = to.merged();
-        gradient
     }
 
     /// Per lamp and outgoing bin, the mean over a triangle of ⟨n, Φ⟩ ⟨h, n⟩^p, sr, with Φ the vector irradiance per radiance of the lamp.
@@ -410,6 +389,11 @@ pub fn barycentric(corners: [DVec3; 3], normal: DVec3, point: DVec3) -> DVec3 {
     let [a, b, c] = corners.map(|corner| corner - point);
     let areas = [b.cross(c), c.cross(a), a.cross(b)].map(|double| double.dot(normal));
     DVec3::from(areas) / areas.iter().sum::<f64>()
+}
+
+/// The lobe of a point towards an eye.
+fn lobe_towards(eye: DVec3, sight: &Sight, power: f64) -> Lobe {
+    Lobe { normal: sight.normal, eye: (eye - sight.point).normalize_or_zero(), power }
 }
 
 /// The point with given barycentric coordinates.
