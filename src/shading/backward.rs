@@ -85,7 +85,7 @@ pub fn backward(
     let mut colours = Vec::new();
     for (view, seen) in light.views.iter().zip(views) {
         colours.push((view.camera.position, seen.coverage.colour_gradient(seen.by_pixels)?));
-        light.pull_back(&view.camera, seen, request.geometry(), &mut sums);
+        light.pull_back(&view.camera, seen, request, &mut sums);
     }
     let cotangent = Cotangent::default()
         .colours_without_highlights(colours)
@@ -167,7 +167,7 @@ impl Differences {
 }
 
 impl Light {
-    fn pull_back(&self, camera: &Camera, view: &SeenFrom, geometry: bool, sums: &mut Differences) {
+    fn pull_back(&self, camera: &Camera, view: &SeenFrom, request: GradientRequest, sums: &mut Differences) {
         let seen: Vec<FaceInPixel> = view.coverage.faces_in_pixels().collect();
         let by_seen = |place: &usize| {
             let [r, g, b, _] = view.by_pixels[seen[*place].pixel];
@@ -181,7 +181,7 @@ impl Light {
             let rays: Vec<DVec3> = (run.of.iter())
                 .map(|&place| camera.ray(seen[place].place[0], seen[place].place[1]))
                 .collect();
-            self.pull_back_points(run, &camera, &cotangent, &rays, geometry)
+            self.pull_back_points(run, &camera, &cotangent, &rays, request)
         };
         let all: Vec<Option<OfPoints>> = runs.par_iter().map(of_run).collect();
         // One after the other, so that sums are the same from run to run.
@@ -207,7 +207,7 @@ impl Light {
         camera: &View,
         cotangent: &[DVec3],
         rays: &[DVec3],
-        geometry: bool,
+        request: GradientRequest,
     ) -> Option<OfPoints> {
         let face = *face;
         let facet = &self.facets[face];
@@ -256,9 +256,9 @@ impl Light {
         let mut by_points = vec![DVec3::ZERO; at.len()];
         let material = &self.materials[face];
         if material.is_glossy() {
-            by_points = self.pull_back_highlights(face, at, eye, cotangent, &mut of);
+            by_points = self.pull_back_highlights(face, at, eye, cotangent, request, &mut of);
         }
-        if geometry {
+        if request.geometry() {
             let by_phi = |k: usize, l: usize| by_irradiance[k].dot(radiance[l]) * facet.normal;
             let (by_others, by_light) = self.direct.pull_back_points(&self.facets, face, at, by_phi);
             of.facets.extend(by_others);
@@ -296,6 +296,7 @@ impl Light {
         at: &[DVec3],
         eye: DVec3,
         cotangent: &[DVec3],
+        request: GradientRequest,
         of: &mut OfPoints,
     ) -> Vec<DVec3> {
         let (material, radiance) = (&self.materials[face], self.lamp_radiance());
@@ -306,6 +307,9 @@ impl Light {
                 of.emission[l] += by * scale * highlight;
                 of.specular += by * radiance * (normalization * highlight);
             }
+        }
+        if !(request.geometry() || request.power) {
+            return vec![DVec3::ZERO; at.len()];
         }
         let by = |k: usize, l: usize| (cotangent[k] * scale).dot(radiance[l]);
         let gradient = self.direct.pull_back_highlights(&self.facets, face, at, eye, material.power, by);
