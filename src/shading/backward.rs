@@ -1,11 +1,11 @@
 //! Derivatives of a loss of pictures with gathered light.
 
-use super::{Light, Points};
+use super::Light;
+use super::sights::{Points, Sights};
 use crate::direct::barycentric;
-use crate::image::{Coverage, FaceInPixel, ImageError, View, camera_gradient};
+use crate::image::{Coverage, ImageError, View, camera_gradient};
 use crate::model::FacetGradient;
 use crate::plan::GradientRequest;
-use crate::scene::Camera;
 use crate::solve::SolveProgress;
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
 use glam::DVec3;
@@ -85,7 +85,7 @@ pub fn backward(
     let mut colours = Vec::new();
     for (view, seen) in light.views.iter().zip(views) {
         colours.push((view.camera.position, seen.coverage.colour_gradient(seen.by_pixels)?));
-        light.pull_back(&view.camera, seen, request, &mut sums);
+        light.pull_back(view, seen, request, &mut sums);
     }
     let cotangent = Cotangent::default()
         .colours_without_highlights(colours)
@@ -167,14 +167,20 @@ impl Differences {
 }
 
 impl Light {
-    fn pull_back(&self, camera: &Camera, view: &SeenFrom, request: GradientRequest, sums: &mut Differences) {
-        let seen: Vec<FaceInPixel> = view.coverage.faces_in_pixels().collect();
+    fn pull_back(
+        &self,
+        view: &super::View,
+        loss: &SeenFrom,
+        request: GradientRequest,
+        sums: &mut Differences,
+    ) {
+        let sights = self.sights(view, loss.coverage);
+        let Sights { seen, runs } = &*sights;
         let by_seen = |place: &usize| {
-            let [r, g, b, _] = view.by_pixels[seen[*place].pixel];
+            let [r, g, b, _] = loss.by_pixels[seen[*place].pixel];
             seen[*place].share * DVec3::new(r, g, b)
         };
-        let runs = self.points(camera, &seen);
-        let camera = View::new(camera);
+        let camera = View::new(&view.camera);
         let mut by_camera = OfCamera::default();
         let of_run = |run: &Points| {
             let cotangent: Vec<DVec3> = run.of.iter().map(by_seen).collect();
@@ -203,7 +209,7 @@ impl Light {
     /// Derivatives by everything that the points of a run depend on; `None` where all are zero.
     fn pull_back_points(
         &self,
-        Points { face, at, .. }: &Points,
+        Points { face, at, light, .. }: &Points,
         camera: &View,
         cotangent: &[DVec3],
         rays: &[DVec3],
@@ -218,7 +224,6 @@ impl Light {
         let radiance = self.lamp_radiance();
         let corners = self.interpolation.corners(&self.facets, &self.indirect_irradiance, face);
         let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
-        let light = self.direct.at_points(&self.facets, face, at);
         let mut of = OfPoints {
             reflectance: DVec3::ZERO,
             means: DVec3::ZERO,

@@ -7,11 +7,12 @@
 
 mod backward;
 mod interpolation;
+mod sights;
 
 pub use backward::{SeenFrom, ShadingError, backward};
 
 use crate::direct::{DirectLight, barycentric};
-use crate::image::{self, Coverage, FaceInPixel, ImageError, Picture};
+use crate::image::{self, Coverage, ImageError, Picture};
 use crate::model::Facet;
 use crate::plan::Placement;
 use crate::scene::{Camera, Material, Scene};
@@ -19,7 +20,7 @@ use crate::{Engine, EngineError, Solution};
 use glam::DVec3;
 use interpolation::Interpolation;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use sights::{Kept, Points, Sights, hit};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -35,9 +36,6 @@ pub enum Shading {
     #[default]
     Gathered,
 }
-
-/// Points that share a search for blockers.
-const POINTS: usize = 64;
 
 /// The light of a solution towards some cameras, on the host: what pictures with gathered light are made from. It outlives its engine.
 #[derive(Clone, Debug)]
@@ -59,15 +57,7 @@ pub struct Light {
 struct View {
     camera: Camera,
     colours: Vec<[f64; 3]>,
-}
-
-/// Points of a picture on one face, in the order of the picture.
-struct Points {
-    face: usize,
-    /// Indices into the faces in pixels.
-    of: Vec<usize>,
-    /// Engine's coordinates.
-    at: Vec<DVec3>,
+    sights: Kept,
 }
 
 impl Light {
@@ -80,7 +70,7 @@ impl Light {
     ) -> Result<Self, EngineError> {
         let view = |camera: &Camera| {
             let colours = engine.colours_without_highlights(solution, camera.position)?;
-            Ok(View { camera: camera.clone(), colours })
+            Ok(View { camera: camera.clone(), colours, sights: Kept::default() })
         };
         let views = cameras.iter().map(view).collect::<Result<_, EngineError>>()?;
         let direct_irradiance = engine.direct.irradiance.clone();
@@ -97,18 +87,43 @@ impl Light {
         })
     }
 
+    /// Takes over what geometry alone decides of the pictures of another light, for the same geometry and cameras, so that it is not computed
+    /// again.
+    pub fn like(mut self, other: &Self) -> Self {
+        if Arc::ptr_eq(&self.direct, &other.direct) {
+            for (own, other) in self.views.iter_mut().zip(&other.views) {
+                if own.camera == other.camera {
+                    own.sights = other.sights.clone();
+                }
+            }
+        }
+        self
+    }
+
     /// The pixels of a camera's picture, row by row from the top: linear RGB, and the share of samples that show a face. `view`: number of the
     /// camera; `coverage`: what it sees.
     pub fn pixels(&self, view: usize, coverage: &Coverage) -> Result<Vec<[f64; 4]>, ImageError> {
         let view = &self.views[view];
         let mut pixels = coverage.pixels(&view.colours)?;
-        let seen: Vec<FaceInPixel> = coverage.faces_in_pixels().collect();
-        for (seen, more) in seen.iter().zip(self.differences(&view.camera, &seen)) {
-            for (to, more) in pixels[seen.pixel].iter_mut().zip(more.to_array()) {
-                *to += seen.share * more;
+        let sights = self.sights(view, coverage);
+        let eye = self.placement.apply(view.camera.position);
+        let found: Vec<Vec<DVec3>> = sights.runs.par_iter().map(|run| self.difference(run, eye)).collect();
+        for (run, found) in sights.runs.iter().zip(found) {
+            for (&place, more) in run.of.iter().zip(found) {
+                let seen = &sights.seen[place];
+                for (to, more) in pixels[seen.pixel].iter_mut().zip(more.to_array()) {
+                    *to += seen.share * more;
+                }
             }
         }
         Ok(pixels)
+    }
+
+    fn sights(&self, View { camera, sights, .. }: &View, coverage: &Coverage) -> Arc<Sights> {
+        let eye = self.placement.apply(camera.position);
+        sights.of(coverage.faces_in_pixels().collect(), |seen| {
+            Sights::new(&self.direct, &self.facets, &image::View::new(camera), eye, seen)
+        })
     }
 
     /// The same as a picture, rounded to f32.
@@ -120,27 +135,16 @@ impl Light {
 
     /// The colour of a face at a place of a picture, column and row in pixels: that by which moving silhouettes change it.
     pub fn colour_at(&self, view: usize, face: usize, [column, row]: [f64; 2]) -> [f64; 3] {
-        let View { camera, colours } = &self.views[view];
+        let View { camera, colours, .. } = &self.views[view];
         let ray = image::View::new(camera).ray(column, row);
         let eye = self.placement.apply(camera.position);
         let at = vec![hit(&self.facets[face], eye, ray)];
-        let more = self.difference(&Points { face, of: vec![0], at }, eye)[0];
+        let more = self.difference(&Points::new(&self.direct, &self.facets, face, vec![0], at), eye)[0];
         (DVec3::from(colours[face]) + more).to_array()
     }
 
-    /// What gathering adds to the radiance of each face in a pixel, W/(m² sr).
-    fn differences(&self, camera: &Camera, seen: &[FaceInPixel]) -> Vec<DVec3> {
-        let runs = self.points(camera, seen);
-        let eye = self.placement.apply(camera.position);
-        let found: Vec<Vec<DVec3>> = runs.par_iter().map(|run| self.difference(run, eye)).collect();
-        let mut differences = vec![DVec3::ZERO; seen.len()];
-        for (run, found) in runs.iter().zip(found) {
-            run.of.iter().zip(found).for_each(|(&place, found)| differences[place] = found);
-        }
-        differences
-    }
-
-    fn difference(&self, Points { face, at, .. }: &Points, eye: DVec3) -> Vec<DVec3> {
+    /// What gathering adds to the radiance of a face at each point, W/(m² sr).
+    fn difference(&self, Points { face, at, light, .. }: &Points, eye: DVec3) -> Vec<DVec3> {
         let face = *face;
         let (facet, material) = (&self.facets[face], &self.materials[face]);
         let reflectance = DVec3::from(material.diffuse_albedo()) / PI;
@@ -153,8 +157,7 @@ impl Light {
         if reflectance != DVec3::ZERO {
             let corners = self.interpolation.corners(&self.facets, &self.indirect_irradiance, face);
             let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
-            let light = self.direct.at_points(&self.facets, face, at);
-            for (to, (point, of_lamps)) in differences.iter_mut().zip(at.iter().zip(&light)) {
+            for (to, (point, of_lamps)) in differences.iter_mut().zip(at.iter().zip(light)) {
                 let direct: DVec3 =
                     of_lamps.iter().zip(&radiance).map(|(phi, l)| phi.dot(facet.normal) * *l).sum();
                 let b = barycentric(facet.corners, facet.normal, *point);
@@ -175,39 +178,4 @@ impl Light {
     fn lamp_radiance(&self) -> Vec<DVec3> {
         self.direct.radiance(|i| &self.materials[i])
     }
-
-    /// Runs of points on one face that are close in the picture.
-    fn points(&self, camera: &Camera, seen: &[FaceInPixel]) -> Vec<Points> {
-        let view = image::View::new(camera);
-        let eye = self.placement.apply(view.position);
-        let mut by_face: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for (place, seen) in seen.iter().enumerate() {
-            by_face.entry(seen.face).or_default().push(place);
-        }
-        let mut runs = Vec::new();
-        for (face, places) in by_face {
-            let facet = &self.facets[face];
-            let point = |&place: &usize| {
-                let [column, row] = seen[place].place;
-                hit(facet, eye, view.ray(column, row))
-            };
-            for of in places.chunks(POINTS) {
-                runs.push(Points { face, of: of.to_vec(), at: of.iter().map(point).collect() });
-            }
-        }
-        runs
-    }
-}
-
-/// Where a ray meets the plane of a face; the mean of its visible samples may lie outside of it.
-fn hit(facet: &Facet, eye: DVec3, ray: DVec3) -> DVec3 {
-    let distance = (facet.centroid - eye).dot(facet.normal) / ray.dot(facet.normal);
-    let point = eye + distance * ray;
-    let inside = barycentric(facet.corners, facet.normal, point).max(DVec3::ZERO);
-    let sum = inside.element_sum();
-    if !(sum.is_finite() && sum > 0.0) {
-        return facet.centroid;
-    }
-    let [a, b, c] = facet.corners;
-    (a * inside.x + b * inside.y + c * inside.z) / sum
 }
