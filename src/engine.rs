@@ -127,6 +127,12 @@ pub enum EngineError {
         /// The tolerance given.
         tolerance: f64,
     },
+    /// The reduction is not between 0 and 1.
+    #[error("the reduction is {reduction}; it must be 0, or above and below 1, such as 0.01")]
+    Reduction {
+        /// The reduction given.
+        reduction: f64,
+    },
     /// `max_passes` is 0.
     #[error("no passes are allowed: max_passes must be 1 or more")]
     NoPasses,
@@ -158,15 +164,21 @@ pub struct SolveParams {
     pub tolerance: f64,
     /// Largest number of passes; a solve that needs more fails.
     pub max_passes: u32,
+    /// Stops, too, where the residual is below this fraction of that of the start: 0 for never. Useful from the solution of a
+    /// similar scene, where it is the relative accuracy of the difference.
+    pub reduction: f64,
 }
 
-setters!(SolveParams { tolerance: f64, max_passes: u32 });
+setters!(SolveParams { tolerance: f64, max_passes: u32, reduction: f64 });
 
 impl SolveParams {
     pub(crate) fn check(&self) -> Result<(), EngineError> {
-        let Self { tolerance, max_passes } = *self;
+        let Self { tolerance, max_passes, reduction } = *self;
         if !(tolerance > 0.0 && tolerance < 1.0) {
             return Err(EngineError::Tolerance { tolerance });
+        }
+        if !(0.0..1.0).contains(&reduction) {
+            return Err(EngineError::Reduction { reduction });
         }
         if max_passes == 0 { Err(EngineError::NoPasses) } else { Ok(()) }
     }
@@ -181,7 +193,7 @@ impl Default for SolveParams {
 
 impl From<&SolveSettings> for SolveParams {
     fn from(settings: &SolveSettings) -> Self {
-        Self { tolerance: settings.tolerance, max_passes: settings.max_passes }
+        Self { tolerance: settings.tolerance, max_passes: settings.max_passes, reduction: 0.0 }
     }
 }
 
@@ -470,7 +482,7 @@ impl Engine {
         progress: &mut SolveProgress,
     ) -> Result<Solution, EngineError> {
         params.check()?;
-        let SolveParams { tolerance, max_passes } = *params;
+        let SolveParams { tolerance, max_passes, reduction } = *params;
         let arrangement = Arrangement::of(self.plan());
         let guess = match start.filter(|start| start.arrangement == arrangement) {
             Some(start) => {
@@ -482,11 +494,11 @@ impl Engine {
         };
         let solved = match self.plan().solver {
             PlannedSolver::FixedPoint => {
-                let params = FixedPointParams { tolerance, max_passes };
+                let params = FixedPointParams { tolerance, max_passes, reduction };
                 fixed_point_from(&mut self.operators, guess, &params, progress)
             }
             PlannedSolver::Gmres { restart } => {
-                let params = GmresParams { tolerance, max_passes, restart };
+                let params = GmresParams { tolerance, max_passes, restart, reduction };
                 gmres_from(&mut self.operators, guess, &params, progress)
             }
         };

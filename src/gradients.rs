@@ -137,7 +137,7 @@ impl Engine {
             .collect();
         let solver = self.plan().solver;
         let first_bounce = self.plan().has_first_bounce();
-        let SolveParams { tolerance, max_passes } = *params;
+        let SolveParams { tolerance, max_passes, reduction } = *params;
         let Some(adjoint) = &mut self.adjoint else {
             return Err(EngineError::NotPlanned { kinds: Vec::new() });
         };
@@ -153,10 +153,10 @@ impl Engine {
         };
         let solved = match solver {
             PlannedSolver::FixedPoint => {
-                fixed_point(&mut operator, &FixedPointParams { tolerance, max_passes }, progress)
+                fixed_point(&mut operator, &FixedPointParams { tolerance, max_passes, reduction }, progress)
             }
             PlannedSolver::Gmres { restart } => {
-                gmres(&mut operator, &GmresParams { tolerance, max_passes, restart }, progress)
+                gmres(&mut operator, &GmresParams { tolerance, max_passes, restart, reduction }, progress)
             }
         };
         let (importance, info) = match solved {

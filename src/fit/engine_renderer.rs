@@ -17,6 +17,10 @@ const SOLVES: f64 = 2.1;
 /// Passes that derivatives by positions add, each several times as costly.
 const SOLVES_OF_GEOMETRY: f64 = 1.0;
 
+/// Pictures near the latest: relative accuracy of the difference, and the residual below which rounding rules.
+const REDUCTION: f64 = 0.1;
+const ROUNDING: f64 = 1e-6;
+
 /// Solves scenes on a device and renders their pictures.
 pub struct EngineRenderer {
     device: Device,
@@ -33,7 +37,7 @@ pub struct EngineRenderer {
     engine: Option<Engine>,
     /// Coverage of each view at these positions; empty until computed.
     coverage: Vec<Coverage>,
-    /// State of the latest pictures. It holds device memory until the next ones are rendered.
+    /// State of the latest pictures. It holds device memory until the next ones have been rendered, whose solve starts from it.
     latest: Option<Latest>,
 }
 
@@ -41,6 +45,10 @@ struct Latest {
     scene: Scene,
     solution: Solution,
     params: SolveParams,
+    /// Whether the scene is a difference of scenes, whose light is no start for that of others.
+    difference: bool,
+    /// Pictures per view.
+    pictures: Vec<Vec<DVec3>>,
     /// Face colours per view, where each face has one.
     colours: Vec<Vec<[f64; 3]>>,
     /// What pictures are gathered from.
@@ -120,6 +128,7 @@ impl EngineRenderer {
         if self.planning.vertices != scene.vertices {
             // Its memory must be freed before the next one is allocated.
             self.engine = None;
+            self.latest = None;
             self.coverage.clear();
             self.planning.vertices.clone_from(&scene.vertices);
             self.planning.degenerate.clone_from(&scene.degenerate);
@@ -141,27 +150,28 @@ impl EngineRenderer {
     }
 }
 
-impl Renderer for EngineRenderer {
-    fn estimate(&mut self, planning: &Scene) -> Result<CostEstimate, RenderError> {
-        let plan = self.plan(planning)?;
-        let solves = SOLVES + if self.request.positions { SOLVES_OF_GEOMETRY } else { 0.0 };
-        let report = plan.report();
-        Ok(CostEstimate {
-            device_bytes: plan.memory().total(),
-            device_budget: plan.options.memory_budget,
-            seconds: solves * (report.estimated_seconds * report.estimated_seconds_at_most).sqrt(),
-        })
+impl Latest {
+    /// Whether these are the pictures of a scene; scenes differ in materials and positions only.
+    fn is_of(&self, scene: &Scene) -> bool {
+        !self.difference && self.scene.materials == scene.materials && self.scene.vertices == scene.vertices
     }
+}
 
-    fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+impl EngineRenderer {
+    /// Solves a scene, starting from the light of the latest one where that is alike, and renders its pictures.
+    fn render(
+        &mut self,
+        scene: &Scene,
+        params: SolveParams,
+        difference: bool,
+    ) -> Result<Latest, RenderError> {
         if (self.watch)().is_break() {
             return Err(RenderError::Interrupted);
         }
-        self.latest = None;
         let mut engine = self.prepare(scene)?;
-        let params = SolveParams::from(&scene.settings);
+        let start = self.latest.as_ref().filter(|latest| !latest.difference && !difference);
         let (watch, passes) = (self.watch.clone(), &mut self.passes);
-        let solved = engine.solve_with(&params, &mut |_, _| {
+        let solved = engine.solve_from(start.map(|latest| &latest.solution), &params, &mut |_, _| {
             *passes += 1;
             watch()
         });
@@ -171,7 +181,10 @@ impl Renderer for EngineRenderer {
         let mut colours = Vec::with_capacity(self.cameras.len());
         let gathers = self.shading == Shading::Gathered;
         let light = gathers.then(|| Light::new(engine, &solution, scene, &self.cameras));
-        let light = light.transpose().map_err(sort_out)?;
+        let mut light = light.transpose().map_err(sort_out)?;
+        if let Some(before) = self.latest.as_ref().and_then(|latest| latest.light.as_ref()) {
+            light = light.map(|light| light.like(before));
+        }
         for (view, (camera, coverage)) in self.cameras.iter().zip(&self.coverage).enumerate() {
             let pixels = match &light {
                 Some(light) => light.pixels(view, coverage),
@@ -185,8 +198,43 @@ impl Renderer for EngineRenderer {
             let pixels = pixels.map_err(failed)?;
             pictures.push(pixels.iter().map(|&[r, g, b, _]| DVec3::new(r, g, b)).collect());
         }
-        self.latest = Some(Latest { scene: scene.clone(), solution, params, colours, light });
-        Ok(pictures)
+        Ok(Latest { scene: scene.clone(), solution, params, difference, pictures, colours, light })
+    }
+}
+
+impl Renderer for EngineRenderer {
+    fn estimate(&mut self, planning: &Scene) -> Result<CostEstimate, RenderError> {
+        let plan = self.plan(planning)?;
+        let solves = SOLVES + if self.request.positions { SOLVES_OF_GEOMETRY } else { 0.0 };
+        let report = plan.report();
+        Ok(CostEstimate {
+            device_bytes: plan.memory().total(),
+            device_budget: plan.options.memory_budget,
+            seconds: solves * (report.estimated_seconds * report.estimated_seconds_at_most).sqrt(),
+        })
+    }
+
+    fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        if let Some(latest) = self.latest.as_ref().filter(|latest| latest.is_of(scene)) {
+            return Ok(latest.pictures.clone());
+        }
+        let params = SolveParams::from(&scene.settings);
+        let latest = self.render(scene, params, false)?;
+        Ok(self.latest.insert(latest).pictures.clone())
+    }
+
+    fn pictures_near(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        if self.planning.vertices != scene.vertices {
+            return self.pictures(scene);
+        }
+        let params = SolveParams { reduction: REDUCTION, ..SolveParams::from(&scene.settings) };
+        let params = SolveParams { tolerance: params.tolerance.min(ROUNDING), ..params };
+        Ok(self.render(scene, params, false)?.pictures)
+    }
+
+    fn pictures_of_difference(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        let latest = self.render(scene, SolveParams::from(&scene.settings), true)?;
+        Ok(self.latest.insert(latest).pictures.clone())
     }
 
     fn pull_back(
@@ -254,6 +302,10 @@ impl Renderer for EngineRenderer {
             }
         }
         Ok(Some(gradient))
+    }
+
+    fn forget(&mut self) {
+        self.latest = None;
     }
 
     fn passes(&self) -> u64 {

@@ -117,6 +117,9 @@ impl Stop {
     }
 }
 
+/// Evaluations after which light is solved from darkness again, so that a resumed fit has few to go through.
+const LONGEST_TRAIL: usize = 10;
+
 /// One iteration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
@@ -138,6 +141,9 @@ pub struct Record {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FitProgress {
     optimiser: Optimiser,
+    /// Points evaluated since light was last solved from darkness, in units of the unknowns: each solve starts from the light
+    /// of the point before, so that a resumed fit has to go through them again to take the same steps.
+    trail: Vec<Vec<f64>>,
     /// One entry per iteration, the start first.
     pub history: Vec<Record>,
     /// Time of all runs together, s.
@@ -148,7 +154,7 @@ pub struct FitProgress {
 
 impl FitProgress {
     pub(super) fn new(optimiser: Optimiser) -> Self {
-        Self { optimiser, history: Vec::new(), seconds: 0.0, finished: None }
+        Self { optimiser, trail: Vec::new(), history: Vec::new(), seconds: 0.0, finished: None }
     }
 
     /// Finished iterations.
@@ -411,11 +417,15 @@ impl Job {
                 }
                 Err(FitError::Interrupted { iteration })
             };
+        match retrace(&self.problem, &progress, renderer) {
+            Err(RenderError::Interrupted) => return interrupted(&mut progress, &mut store),
+            retraced => retraced?,
+        }
         let stop = loop {
             if let Some(stop) = progress.finished.or_else(|| progress.stop(&options.stop)) {
                 break stop;
             }
-            let step = match step(&self.problem, &mut progress, renderer) {
+            let step = match step(&self.problem, &self.settings, &mut progress, renderer) {
                 Ok(step) => step,
                 Err(StepError::Objective(RenderError::Interrupted)) => {
                     return interrupted(&mut progress, &mut store);
@@ -469,17 +479,45 @@ struct Stepped {
     progress: bool,
 }
 
+/// Brings a renderer into the state in which it left a fit.
+fn retrace(
+    problem: &Problem,
+    progress: &FitProgress,
+    renderer: &mut dyn Renderer,
+) -> Result<(), RenderError> {
+    renderer.forget();
+    for x in &progress.trail {
+        match renderer.pictures(&problem.parameters.scene(x)) {
+            Err(RenderError::NoAnswer(_)) => {}
+            pictures => drop(pictures?),
+        }
+    }
+    Ok(())
+}
+
 fn step(
     problem: &Problem,
+    settings: &Settings,
     progress: &mut FitProgress,
     renderer: &mut dyn Renderer,
 ) -> Result<Stepped, StepError<RenderError>> {
     let passes = renderer.passes();
     let (mut first, mut passes_of_first) = (None, 0);
+    if progress.trail.len() >= LONGEST_TRAIL {
+        renderer.forget();
+        progress.trail.clear();
+    }
     let renderer = std::cell::RefCell::new(renderer);
+    let trail = std::cell::RefCell::new(progress.trail.clone());
+    let moves = problem.parameters.gradient_request().positions;
     let step: Step = progress.optimiser.step(
         &mut |x| {
             let mut renderer = renderer.borrow_mut();
+            // Light from before the vertices moved would be no start.
+            match moves {
+                true => renderer.forget(),
+                false => trail.borrow_mut().push(x.to_vec()),
+            }
             let evaluation = problem.evaluate(x, &mut **renderer)?;
             if first.is_none() {
                 passes_of_first = renderer.passes() - passes;
@@ -488,8 +526,23 @@ fn step(
             }
             Ok((evaluation.value, evaluation.gradient))
         },
-        &mut |p| problem.curvature(p, &mut **renderer.borrow_mut()),
+        &mut |p| {
+            // Leaves light that is no start for that of others.
+            trail.borrow_mut().clear();
+            problem.curvature(p, &mut **renderer.borrow_mut())
+        },
+        &mut |x| match problem.gauss_newton_pictures() <= settings.gauss_newton {
+            true => {
+                // It renders the point again, which costs a renderer nothing that keeps its latest pictures.
+                if !moves {
+                    trail.borrow_mut().push(x.to_vec());
+                }
+                problem.gauss_newton(x, &mut **renderer.borrow_mut())
+            }
+            false => Ok(None),
+        },
     )?;
+    progress.trail = trail.into_inner();
     let passes = renderer.borrow().passes() - passes;
     let mut records = Vec::with_capacity(2);
     let mut record = Record {

@@ -115,6 +115,7 @@ struct OptimiserTable {
     kind: Option<OptimiserKind>,
     memory: Option<usize>,
     first_step: Option<f64>,
+    gauss_newton: Option<usize>,
     noise: Option<f64>,
     learning_rate: Option<f64>,
 }
@@ -453,6 +454,7 @@ impl OptimiserTable {
             first_step: self.first_step.unwrap_or(newton.first_step),
             ..newton
         };
+        settings.gauss_newton = self.gauss_newton.unwrap_or(settings.gauss_newton);
         settings.noise = self.noise;
         settings.adam =
             AdamOptions { learning_rate: self.learning_rate.unwrap_or(adam.learning_rate), ..adam };

@@ -52,6 +52,9 @@ pub struct Judged {
 /// Step of finite differences, in units of the unknowns' scale: balances truncation error against rounding in f32.
 const DIFFERENCE: f64 = 1e-3;
 
+/// Step of the forward differences of a Gauss-Newton Hessian, in units of the unknowns' scale.
+const COLUMN_STEP: f64 = 1e-2;
+
 impl Problem {
     /// The weight of each view's loss; they sum to 1.
     fn weights(&self) -> Vec<f64> {
@@ -150,7 +153,7 @@ impl Problem {
     pub fn curvature(&self, p: &[f64], renderer: &mut dyn Renderer) -> Result<Vec<f64>, RenderError> {
         let refuse = |message: &str| RenderError::Failed(message.into());
         let scene = self.parameters.linear_scene(p);
-        let mut by_pixels = renderer.pictures(&scene)?;
+        let mut by_pixels = renderer.pictures_of_difference(&scene)?;
         for (view, ((picture, target), weight)) in
             by_pixels.iter_mut().zip(&self.targets).zip(self.weights()).enumerate()
         {
@@ -167,28 +170,99 @@ impl Problem {
                 for i in 0..p.len() {
                     let mut unit = vec![0.0; p.len()];
                     unit[i] = 1.0;
-                    let column = renderer.pictures(&self.parameters.linear_scene(&unit))?;
+                    let column = renderer.pictures_of_difference(&self.parameters.linear_scene(&unit))?;
                     by_unknowns.push(product(&by_pixels, &column));
                 }
                 by_unknowns
             }
         };
         // Regularisers are at most quadratic in emission: their Hessian product is a difference of gradients.
-        let change: Vec<f64> = {
-            let gradient = |x: &[f64]| {
-                let scene = self.parameters.linear_scene(x);
-                let mut by_scene = SceneGradient::zeros(&scene, request);
-                let mut by_unknowns = vec![0.0; x.len()];
-                self.regularisers.evaluate(&self.parameters, &scene, x, &mut by_scene, &mut by_unknowns);
-                let pulled = self.parameters.pull_back(x, &by_scene);
-                by_unknowns.iter().zip(pulled).map(|(a, b)| a + b).collect::<Vec<f64>>()
-            };
-            let nothing = gradient(&vec![0.0; p.len()]);
-            gradient(p).iter().zip(nothing).map(|(a, b)| a - b).collect()
-        };
+        let gradient = |x: &[f64]| self.gradient_of_regularisers(&self.parameters.linear_scene(x), x);
+        let change: Vec<f64> = difference(&gradient(p), &gradient(&vec![0.0; p.len()]));
         product_of.iter_mut().zip(change).for_each(|(h, c)| *h += c);
         Ok(product_of)
     }
+
+    fn gradient_of_regularisers(&self, scene: &Scene, x: &[f64]) -> Vec<f64> {
+        let mut by_scene = SceneGradient::zeros(scene, self.parameters.gradient_request());
+        let mut by_unknowns = vec![0.0; x.len()];
+        self.regularisers.evaluate(&self.parameters, scene, x, &mut by_scene, &mut by_unknowns);
+        let pulled = self.parameters.pull_back(x, &by_scene);
+        by_unknowns.iter().zip(pulled).map(|(a, b)| a + b).collect()
+    }
+
+    /// Pictures per view that [`Self::gauss_newton`] takes, beside that at the point itself.
+    pub fn gauss_newton_pictures(&self) -> usize {
+        self.parameters.columns().len()
+    }
+
+    /// The Gauss-Newton Hessian JᵀWJ, row by row, with W the loss's second derivatives by pixels, plus that of the
+    /// regularisers. The columns of J come from forward differences, each of one picture per view; it is meant as a model
+    /// of the curvature, not as an exact derivative. `None` if the loss is not quadratic, or a step of the differences has no
+    /// picture.
+    pub fn gauss_newton(
+        &self,
+        x: &[f64],
+        renderer: &mut dyn Renderer,
+    ) -> Result<Option<Vec<f64>>, RenderError> {
+        let n = x.len();
+        let mut weights = Vec::with_capacity(self.targets.len());
+        for ((view, target), weight) in self.targets.iter().enumerate().zip(self.weights()) {
+            let Some(curvature) = self.loss.curvature(view, target) else { return Ok(None) };
+            weights.push(curvature.into_iter().map(|c| weight * c).collect::<Vec<DVec3>>());
+        }
+        let bounds = self.parameters.bounds();
+        // Into the room that there is; an unknown without room is fixed.
+        let step = |i: usize| match () {
+            () if x[i] + COLUMN_STEP <= bounds.upper[i] => COLUMN_STEP,
+            () if x[i] - COLUMN_STEP >= bounds.lower[i] => -COLUMN_STEP,
+            () => 0.0,
+        };
+        let per_unknown = |change: f64, i: usize| if step(i) == 0.0 { 0.0 } else { change / step(i) };
+        let here = renderer.pictures(&self.parameters.scene(x))?;
+        let mut columns: Vec<Vec<Vec<DVec3>>> = vec![Vec::new(); n];
+        for column in self.parameters.columns() {
+            let mut moved = x.to_vec();
+            column.iter().for_each(|&(i, _)| moved[i] += step(i));
+            let there = match renderer.pictures_near(&self.parameters.scene(&moved)) {
+                Err(RenderError::NoAnswer(_)) => return Ok(None),
+                pictures => pictures?,
+            };
+            for (i, channel) in column {
+                let only = channel.map_or(DVec3::ONE, |c| DVec3::AXES[c]);
+                let only = only * per_unknown(1.0, i);
+                let slope = |(a, b): (&DVec3, &DVec3)| only * (b - a);
+                let views = here.iter().zip(&there).map(|(a, b)| a.iter().zip(b).map(slope).collect());
+                columns[i] = views.collect();
+            }
+        }
+        let mut hessian = vec![0.0; n * n];
+        for i in 0..n {
+            let weighted = columns[i].iter().zip(&weights);
+            let weighted: Vec<Vec<DVec3>> =
+                weighted.map(|(j, w)| j.iter().zip(w).map(|(j, w)| j * w).collect()).collect();
+            for j in 0..=i {
+                let entry = product(&weighted, &columns[j]);
+                (hessian[i * n + j], hessian[j * n + i]) = (entry, entry);
+            }
+        }
+        let gradient = |x: &[f64]| self.gradient_of_regularisers(&self.parameters.scene(x), x);
+        let at_x = gradient(x);
+        for i in 0..n {
+            let mut moved = x.to_vec();
+            moved[i] += step(i);
+            let change = difference(&gradient(&moved), &at_x);
+            for (j, change) in change.iter().enumerate() {
+                hessian[i * n + j] += 0.5 * per_unknown(*change, i);
+                hessian[j * n + i] += 0.5 * per_unknown(*change, i);
+            }
+        }
+        Ok(Some(hessian))
+    }
+}
+
+fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a - b).collect()
 }
 
 fn product(a: &[Vec<DVec3>], b: &[Vec<DVec3>]) -> f64 {

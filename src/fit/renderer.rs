@@ -53,8 +53,20 @@ pub trait Renderer {
     /// Estimated cost of an evaluation of `planning`. An error if it is impossible, usually for lack of memory.
     fn estimate(&mut self, planning: &Scene) -> Result<CostEstimate, RenderError>;
 
-    /// Pictures from all cameras: linear RGB, row by row from the top, W/(m² sr). Emission may be negative.
+    /// Pictures from all cameras: linear RGB, row by row from the top, W/(m² sr). The same calls in the same order give the
+    /// same bytes; solves may start from earlier ones.
     fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError>;
+
+    /// The same of a scene that differs little from the latest, so that only the difference has to be accurate. The latest
+    /// pictures stay those of [`Self::pictures`].
+    fn pictures_near(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        self.pictures(scene)
+    }
+
+    /// The same of a difference of scenes: emission may be negative, and its light is no start for that of others.
+    fn pictures_of_difference(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        self.pictures(scene)
+    }
 
     /// Derivatives of a loss by the scene of the latest [`Self::pictures`], from those by their pixels; `None` if this
     /// renderer cannot compute them, in which case finite differences are used.
@@ -63,6 +75,9 @@ pub trait Renderer {
         by_pixels: &[Vec<DVec3>],
         request: GradientRequest,
     ) -> Result<Option<SceneGradient>, RenderError>;
+
+    /// Drops what earlier pictures left behind, so that the next do not depend on them, not even within rounding.
+    fn forget(&mut self) {}
 
     /// Passes (applications of U) so far.
     fn passes(&self) -> u64;

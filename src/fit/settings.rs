@@ -65,6 +65,9 @@ pub struct Settings {
     pub optimiser: OptimiserKind,
     /// Options of the quasi-Newton method.
     pub quasi_newton: QuasiNewtonOptions,
+    /// Pictures per view that a Gauss-Newton Hessian for the quasi-Newton method may take: one for each colour, number or
+    /// coordinate fitted. With more unknowns, or with 0, its model is learnt from gradients alone.
+    pub gauss_newton: usize,
     /// Relative noise of the loss; `None`: a tenth of the tolerance of solves, or 1e-4 where positions are fitted.
     /// Overrides that in [`Self::quasi_newton`].
     pub noise: Option<f64>,
@@ -85,6 +88,7 @@ setters!(Settings {
     regularisers: Vec<Regulariser>,
     optimiser: OptimiserKind,
     quasi_newton: QuasiNewtonOptions,
+    gauss_newton: usize,
     noise: Option<f64>,
     adam: AdamOptions,
     supersample: u32,
@@ -102,6 +106,7 @@ impl Settings {
             regularisers: Vec::new(),
             optimiser: OptimiserKind::default(),
             quasi_newton: QuasiNewtonOptions::default(),
+            gauss_newton: 16,
             noise: None,
             adam: AdamOptions::default(),
             supersample: PictureOptions::default().supersample,

@@ -10,12 +10,14 @@ pub struct FixedPointParams {
     pub tolerance: f64,
     /// Largest number of passes; a solve that needs more fails.
     pub max_passes: u32,
+    /// Fraction of the first residual at which to stop, too; 0 for never.
+    pub reduction: f64,
 }
 
 impl FixedPointParams {
     /// To a relative residual of `tolerance`, in at most `max_passes` passes.
     pub fn new(tolerance: f64, max_passes: u32) -> Self {
-        Self { tolerance, max_passes }
+        Self { tolerance, max_passes, reduction: 0.0 }
     }
 }
 
@@ -35,7 +37,8 @@ pub fn fixed_point_from<O: LightOperator>(
     params: &FixedPointParams,
     progress: &mut SolveProgress,
 ) -> Solved<O> {
-    let mut monitor = ConvergenceMonitor::new(params.tolerance, params.max_passes, progress);
+    let mut monitor =
+        ConvergenceMonitor::new(params.tolerance, params.max_passes, params.reduction, progress);
     let guessed = guess.is_some();
     let mut old = match guess {
         Some(guess) => guess,

@@ -15,12 +15,14 @@ pub struct GmresParams {
     pub max_passes: u32,
     /// Vectors of the Krylov basis kept before a restart, at least 1.
     pub restart: u32,
+    /// Fraction of the first residual at which to stop, too; 0 for never.
+    pub reduction: f64,
 }
 
 impl GmresParams {
     /// To a relative residual of `tolerance`, in at most `max_passes` passes, with a basis of `restart` vectors.
     pub fn new(tolerance: f64, max_passes: u32, restart: u32) -> Self {
-        Self { tolerance, max_passes, restart }
+        Self { tolerance, max_passes, restart, reduction: 0.0 }
     }
 }
 
@@ -46,7 +48,8 @@ pub fn gmres_from<O: LightOperator>(
     params: &GmresParams,
     progress: &mut SolveProgress,
 ) -> Solved<O> {
-    let mut monitor = ConvergenceMonitor::new(params.tolerance, params.max_passes, progress);
+    let mut monitor =
+        ConvergenceMonitor::new(params.tolerance, params.max_passes, params.reduction, progress);
     let mut started = guess.is_some();
     let mut solution = match guess {
         Some(guess) => guess,

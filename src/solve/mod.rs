@@ -191,6 +191,7 @@ pub type SolveProgress<'a> = dyn FnMut(u32, f64) -> ControlFlow<()> + 'a;
 struct ConvergenceMonitor<'a, 'b> {
     tolerance: f64,
     max_passes: u32,
+    reduction: f64,
     residuals: Vec<f64>,
     progress: &'a mut SolveProgress<'b>,
 }
@@ -200,8 +201,8 @@ struct ConvergenceMonitor<'a, 'b> {
 const DIVERGENCE: f64 = 1e6;
 
 impl<'a, 'b> ConvergenceMonitor<'a, 'b> {
-    fn new(tolerance: f64, max_passes: u32, progress: &'a mut SolveProgress<'b>) -> Self {
-        Self { tolerance, max_passes, residuals: Vec::new(), progress }
+    fn new(tolerance: f64, max_passes: u32, reduction: f64, progress: &'a mut SolveProgress<'b>) -> Self {
+        Self { tolerance, max_passes, reduction, residuals: Vec::new(), progress }
     }
 
     fn passes(&self) -> u32 {
@@ -221,7 +222,8 @@ impl<'a, 'b> ConvergenceMonitor<'a, 'b> {
         if (self.progress)(passes, residual).is_break() {
             return Err(SolveError::Interrupted { passes });
         }
-        Ok(match residual <= self.tolerance {
+        let enough = self.tolerance.max(self.reduction * self.residuals[0]);
+        Ok(match residual <= enough {
             true => Next::Converged,
             false if passes >= self.max_passes => Next::GiveUp,
             false => Next::Continue,

@@ -20,6 +20,9 @@ pub struct Double {
     pub without_derivatives: bool,
     pub views: usize,
     pub latest: Option<Scene>,
+    /// Share of the latest pictures that the next ones keep, like solves that start from earlier ones.
+    pub memory: f64,
+    pub kept: DVec3,
 }
 
 impl Double {
@@ -80,13 +83,35 @@ impl Renderer for Double {
         self.latest = Some(scene.clone());
         let incident: Vec<DVec3> =
             (0..scene.triangles.len()).map(|t| place(scene, t) * emitted(scene, t)).collect();
+        let kept = self.memory * self.kept;
         let pixel = |view: usize, t: usize| {
             let m = scene.material(t);
             let reflected = DVec3::from(m.diffuse_albedo()) / PI
                 + 0.2 * m.specular_normalization() * DVec3::from(m.specular);
-            direct(view) * DVec3::from(m.emission) + reflected * incident[t]
+            kept + direct(view) * DVec3::from(m.emission) + reflected * incident[t]
         };
-        Ok((0..self.views).map(|v| (0..scene.triangles.len()).map(|t| pixel(v, t)).collect()).collect())
+        let pictures: Vec<Vec<DVec3>> =
+            (0..self.views).map(|v| (0..scene.triangles.len()).map(|t| pixel(v, t)).collect()).collect();
+        self.kept = pictures.iter().flatten().sum();
+        Ok(pictures)
+    }
+
+    fn pictures_near(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        let (latest, kept) = (self.latest.clone(), self.kept);
+        let pictures = self.pictures(scene);
+        (self.latest, self.kept) = (latest, kept);
+        pictures
+    }
+
+    fn pictures_of_difference(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        self.kept = DVec3::ZERO;
+        let pictures = self.pictures(scene);
+        self.kept = DVec3::ZERO;
+        pictures
+    }
+
+    fn forget(&mut self) {
+        self.kept = DVec3::ZERO;
     }
 
     fn pull_back(

@@ -308,3 +308,48 @@ fn pictures_are_differentiated_by_their_cameras() {
     drop(renderer);
     finish(&device);
 }
+
+/// Solves start from the light of the pictures before; what they find is the same within the tolerance, and nothing is left of them
+/// once they are forgotten.
+#[test]
+fn pictures_depend_on_earlier_ones_by_no_more_than_the_tolerance() {
+    let scene = coarse("scenes/fits/room.toml");
+    let mut other = scene.clone();
+    for material in &mut other.materials {
+        material.albedo = material.albedo.map(|rho| 0.9 * rho);
+        material.emission = material.emission.map(|e| 1.2 * e);
+    }
+    let device = device();
+    let request = GradientRequest::NOTHING.albedo(true);
+    let renderer =
+        EngineRenderer::new(&device, scene.clone(), cameras(&scene, &["one"]), 4, request, watch());
+    let mut renderer = renderer.expect("a renderer");
+    let cold = renderer.pictures(&scene).expect("pictures");
+    let passes_cold = renderer.passes();
+    renderer.pictures(&other).expect("pictures");
+    let passes_before = renderer.passes();
+    let warm = renderer.pictures(&scene).expect("pictures");
+    assert!(renderer.passes() - passes_before < passes_cold);
+    let norm = |pixels: &[DVec3]| pixels.iter().map(|p| p.length_squared()).sum::<f64>().sqrt();
+    let apart = |a: &[Vec<DVec3>], b: &[Vec<DVec3>]| {
+        let difference: Vec<DVec3> = a[0].iter().zip(&b[0]).map(|(a, b)| *a - *b).collect();
+        norm(&difference) / norm(&b[0])
+    };
+    assert!(apart(&warm, &cold) < 10.0 * scene.settings.tolerance, "{}", apart(&warm, &cold));
+    // Those of a scene nearby: only the difference has to be accurate, and the latest stay.
+    let mut near = scene.clone();
+    near.materials.iter_mut().for_each(|m| m.albedo[0] *= 0.99);
+    let change = |near: &[Vec<DVec3>], from: &[Vec<DVec3>]| -> Vec<Vec<DVec3>> {
+        near.iter().zip(from).map(|(a, b)| a.iter().zip(b).map(|(a, b)| *a - *b).collect()).collect()
+    };
+    let rough = change(&renderer.pictures_near(&near).expect("pictures"), &warm);
+    let passes = renderer.passes();
+    assert_eq!(renderer.pictures(&scene).expect("pictures"), warm);
+    assert_eq!(renderer.passes(), passes, "the same scene needs no solve");
+    renderer.forget();
+    assert_eq!(renderer.pictures(&scene).expect("pictures"), cold);
+    let exact = change(&renderer.pictures(&near).expect("pictures"), &cold);
+    assert!(apart(&rough, &exact) < 0.1, "{}", apart(&rough, &exact));
+    drop(renderer);
+    finish(&device);
+}

@@ -5,11 +5,14 @@
 //! such as a visible lamp and a dark corner; the usual multiple of the identity takes several times as many steps.
 
 use super::dot;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 
 /// Entries of D are at least this fraction of the largest.
 const LEAST_SHARE: f64 = 1e-12;
+
+/// Curvatures of a given Hessian are at least this fraction of the largest: what pictures do not show has none.
+const LEAST_CURVATURE: f64 = 1e-7;
 
 /// Pairs (s, y), the oldest first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,6 +21,8 @@ pub(super) struct Memory {
     pub y: Vec<Vec<f64>>,
     /// D, the initial Hessian.
     pub diagonal: Vec<f64>,
+    /// Number of pairs, the oldest ones, that come from a given Hessian.
+    given: usize,
 }
 
 /// W = [Y, D S] and M, for products.
@@ -30,10 +35,33 @@ pub(super) struct Compact<'a> {
 
 impl Memory {
     pub fn new(unknowns: usize) -> Self {
-        Self { s: Vec::new(), y: Vec::new(), diagonal: vec![1.0; unknowns] }
+        Self { s: Vec::new(), y: Vec::new(), diagonal: vec![1.0; unknowns], given: 0 }
     }
 
-    /// Adds a pair and drops all but the latest `length`. A pair without positive curvature is skipped: it would make the
+    /// A memory whose model has the given Hessian (row by row): its eigenvectors as steps. Where the Hessian is so flat that
+    /// a step against `gradient` would change the unknowns by more than `longest`, the model is made steeper. `None` if the
+    /// Hessian is not finite, or zero.
+    pub fn of_hessian(hessian: &[f64], gradient: &[f64], longest: f64) -> Option<Self> {
+        let n = gradient.len();
+        if hessian.len() != n * n || !hessian.iter().all(|h| h.is_finite()) {
+            return None;
+        }
+        let eigen = SymmetricEigen::new(DMatrix::from_row_slice(n, n, hessian));
+        let largest = eigen.eigenvalues.max();
+        if !(largest > 0.0 && largest.is_finite()) {
+            return None;
+        }
+        let mut memory = Self { s: Vec::new(), y: Vec::new(), diagonal: vec![largest; n], given: n };
+        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+            let s: Vec<f64> = vector.iter().copied().collect();
+            let steepness = value.max(LEAST_CURVATURE * largest).max(dot(&s, gradient).abs() / longest);
+            memory.y.push(s.iter().map(|s| steepness * s).collect());
+            memory.s.push(s);
+        }
+        Some(memory)
+    }
+
+    /// Adds a pair and drops all but the latest `length`, and those of a given Hessian. A pair without positive curvature is skipped: it would make the
     /// model unbounded.
     pub fn push(&mut self, s: Vec<f64>, y: Vec<f64>, length: usize) {
         let (sy, ss, yy) = (dot(&s, &y), dot(&s, &s), dot(&y, &y));
@@ -44,12 +72,14 @@ impl Memory {
             // So far D is only the initial guess.
             self.diagonal.fill(yy / sy);
         }
-        self.learn(&s, &y, sy);
+        if self.given == 0 {
+            self.learn(&s, &y, sy);
+        }
         self.s.push(s);
         self.y.push(y);
-        if self.s.len() > length {
-            self.s.remove(0);
-            self.y.remove(0);
+        if self.s.len() > length + self.given {
+            self.s.remove(self.given);
+            self.y.remove(self.given);
         }
     }
 
@@ -182,6 +212,27 @@ mod tests {
                 assert!((value - b[(j, i)]).abs() < 1e-10 * memory.diagonal[0], "{i} {j}");
             }
         }
+    }
+
+    #[test]
+    fn a_given_hessian_is_that_of_the_model() {
+        let n = 4;
+        let root = DMatrix::from_fn(n, n, |i, j| {
+            (1.0 + i as f64 * 1.7 + j as f64 * 0.6).sin() + f64::from(u8::from(i == j))
+        });
+        let hessian = &root * root.transpose();
+        let memory = Memory::of_hessian(hessian.as_slice(), &[0.0; 4], 1.0).expect("a memory");
+        assert!((dense(&memory) - &hessian).norm() < 1e-12 * hessian.norm());
+        // A later pair is exact along its step, whatever was given.
+        let mut memory = memory;
+        memory.push(vec![1.0, 2.0, 0.0, 0.0], vec![3.0, 1.0, 0.5, 0.0], 10);
+        let s = DVector::from_column_slice(&memory.s[4]);
+        assert!((dense(&memory) * s - DVector::from_column_slice(&memory.y[4])).norm() < 1e-10);
+        // Flat along the second unknown: steps are limited.
+        let memory = Memory::of_hessian(&[2.0, 0.0, 0.0, 0.0], &[0.0, 0.3], 0.5).expect("a memory");
+        assert!((dense(&memory)[(1, 1)] - 0.6).abs() < 1e-12);
+        assert!(Memory::of_hessian(&[f64::NAN, 0.0, 0.0, 1.0], &[0.0; 2], 1.0).is_none());
+        assert!(Memory::of_hessian(&[0.0; 4], &[1.0; 2], 1.0).is_none());
     }
 
     #[test]

@@ -24,6 +24,9 @@ pub type Objective<'a, E> = dyn FnMut(&[f64]) -> Result<(f64, Vec<f64>), E> + 'a
 /// The product of the (constant) Hessian of a quadratic objective with a vector.
 pub type Curvature<'a, E> = dyn FnMut(&[f64]) -> Result<Vec<f64>, E> + 'a;
 
+/// The Hessian of the objective or an approximation of it (Gauss-Newton), row by row; `None` where it would cost too much.
+pub type Hessian<'a, E> = dyn FnMut(&[f64]) -> Result<Option<Vec<f64>>, E> + 'a;
+
 /// A step failed. The state is unchanged.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -162,14 +165,15 @@ pub enum Optimiser {
 }
 
 impl Optimiser {
-    /// One step. Only [`LeastSquares`] uses `curvature`.
+    /// One step. Only [`LeastSquares`] uses `curvature`, only [`QuasiNewton`] `hessian`.
     pub fn step<E>(
         &mut self,
         objective: &mut Objective<E>,
         curvature: &mut Curvature<E>,
+        hessian: &mut Hessian<E>,
     ) -> Result<Step, StepError<E>> {
         match self {
-            Self::QuasiNewton(optimiser) => optimiser.step(objective),
+            Self::QuasiNewton(optimiser) => optimiser.step(objective, hessian),
             Self::Adam(optimiser) => optimiser.step(objective),
             Self::LeastSquares(optimiser) => optimiser.step(objective, curvature),
         }
@@ -271,7 +275,8 @@ pub(super) mod tests {
                     Ok(if kind == 2 { quadratic(&h, &c, 2.0, x) } else { rosenbrock(x) })
                 };
                 let mut curvature = |p: &[f64]| -> Result<_> { Ok(quadratic(&h, &[0.0; 6], 2.0, p).1) };
-                optimiser.step(&mut objective, &mut curvature).expect("a step")
+                let mut hessian = |_: &[f64]| -> Result<_> { Ok(None) };
+                optimiser.step(&mut objective, &mut curvature, &mut hessian).expect("a step")
             };
             let mut whole = new();
             let mut stored = postcard::to_stdvec(&new()).expect("bytes");
@@ -315,7 +320,7 @@ pub(super) mod tests {
                 };
                 let before = loop {
                     let before = optimiser.clone();
-                    match optimiser.step(&mut objective, &mut curvature) {
+                    match optimiser.step(&mut objective, &mut curvature, &mut |_| Ok(None)) {
                         Ok(step) if !step.progress => break optimiser.clone(),
                         Ok(_) => {}
                         Err(StepError::Objective(reason)) => {

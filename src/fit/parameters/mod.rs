@@ -360,6 +360,22 @@ impl Parameters {
         blocks.flat_map(|block| block.first..block.first + block.unknowns()).collect()
     }
 
+    /// Groups of unknowns whose derivatives one change of the scene shows: the channels of a colour, which do not mix in any
+    /// picture, with the channel of each; or an unknown alone.
+    pub(super) fn columns(&self) -> Vec<Vec<(usize, Option<usize>)>> {
+        let mut columns = Vec::new();
+        for block in &self.blocks {
+            let unknowns = block.first..block.first + block.unknowns();
+            match &block.what {
+                What::Material { quantity, .. } if quantity.channels() == 3 => {
+                    columns.push(unknowns.enumerate().map(|(channel, at)| (at, Some(channel))).collect());
+                }
+                _ => columns.extend(unknowns.map(|at| vec![(at, None)])),
+            }
+        }
+        columns
+    }
+
     /// The unknowns for an RGB value of a quantity, per channel of [`Self::unknowns_of`]; `None` for positions.
     pub fn unknowns_for(&self, quantity: Quantity, value: [f64; 3]) -> Option<Vec<f64>> {
         if quantity == Quantity::Position {
