@@ -292,15 +292,19 @@ impl EngineError {
         self
     }
 
-    /// Whether the device is gone: nothing else works on it any more.
-    pub fn is_device_lost(&self) -> bool {
-        let cause = match self {
+    /// The error of the device behind this one, if it is one.
+    pub fn of_device(&self) -> Option<&GpuError> {
+        match self {
             Self::Gpu(error)
             | Self::Transport(TransportError::Gpu(error))
-            | Self::Solve(SolveError::Operator(TransportError::Gpu(error))) => error,
-            _ => return false,
-        };
-        matches!(cause, GpuError::DeviceLost(_))
+            | Self::Solve(SolveError::Operator(TransportError::Gpu(error))) => Some(error),
+            _ => None,
+        }
+    }
+
+    /// Whether the device is gone: nothing else works on it any more.
+    pub fn is_device_lost(&self) -> bool {
+        matches!(self.of_device(), Some(GpuError::DeviceLost(_)))
     }
 
     /// Whether a callback stopped the work, which is no failure.

@@ -18,6 +18,13 @@ pub struct OutputError {
     pub reason: io::Error,
 }
 
+impl OutputError {
+    /// That `path` cannot be written, for this reason.
+    pub fn new(path: &Path, reason: io::Error) -> Self {
+        Self { path: path.to_path_buf(), reason }
+    }
+}
+
 /// Calls `write` with a new file in the directory of `path`, which then replaces `path`. Buffering is up to `write`.
 /// What is not a regular file (`/dev/stdout`, a pipe) is written directly; links are followed.
 pub fn atomic_write(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> Result<(), OutputError> {
@@ -79,6 +86,22 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), Outp
         text.push(b'\n');
         io::Write::write_all(file, &text)
     })
+}
+
+/// The same, unless the file exists: of several processes one writes it.
+pub fn write_new_json(path: &Path, value: &impl serde::Serialize) -> Result<(), OutputError> {
+    let directory = path.parent().unwrap_or(Path::new("."));
+    let attempt = || {
+        let mut file = tempfile::Builder::new()
+            .prefix(UNFINISHED)
+            .make_in(directory, |path| File::options().write(true).create_new(true).open(path))?;
+        serde_json::to_writer_pretty(file.as_file_mut(), value)?;
+        match file.persist_noclobber(path) {
+            Err(error) if error.error.kind() != io::ErrorKind::AlreadyExists => Err(error.error),
+            _ => Ok(()),
+        }
+    };
+    attempt().map_err(|reason| OutputError { path: path.to_path_buf(), reason })
 }
 
 /// Creates a directory, and checks that files can be created in it before any work is done for them.

@@ -23,8 +23,12 @@ pub const EXIT_FAILURE: u8 = 2;
 pub const EXIT_UNRELIABLE: u8 = 3;
 /// Exit code after Ctrl-C, as shells expect it: 128 and the number of the signal.
 pub const EXIT_INTERRUPTED: u8 = 130;
-/// Exit code of a batch in which some jobs failed.
+/// Exit code of a batch in which some jobs failed, and would fail again.
 pub const EXIT_PARTLY: u8 = 1;
+/// Exit code of a batch in which some jobs failed for reasons that may pass: EX_TEMPFAIL of sysexits.h.
+pub const EXIT_RETRY: u8 = 75;
+/// Exit code of a look at jobs that are running.
+pub const EXIT_RUNNING: u8 = 4;
 
 /// Log lines on standard error: warnings, with `verbose` more; with `json` one JSON object a line.
 pub fn start_logging(quiet: bool, verbose: u8, json: bool) {

@@ -67,6 +67,29 @@ pub enum FitError {
     },
 }
 
+impl FitError {
+    /// Whether another attempt may succeed: what failed is the machine (a full disk, a lost device, a folder in use),
+    /// not the job.
+    pub fn may_pass(&self) -> bool {
+        match self {
+            Self::Render(error) => error.may_pass(),
+            Self::Write(_) | Self::Lock(_) | Self::Checkpoint(CheckpointError::Read { .. }) => true,
+            Self::Image(error) => match error {
+                ImageError::Write(_) => true,
+                ImageError::Gpu(error) => error.may_pass(),
+                _ => false,
+            },
+            Self::Input(_)
+            | Self::Parameter(_)
+            | Self::Regulariser { .. }
+            | Self::Settings(_)
+            | Self::Optimiser(_)
+            | Self::Checkpoint(_) => false,
+            Self::Interrupted { .. } => true,
+        }
+    }
+}
+
 impl From<RenderError> for FitError {
     fn from(error: RenderError) -> Self {
         Self::Render(error)

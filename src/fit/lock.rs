@@ -4,9 +4,14 @@ use crate::output::OutputError;
 use std::fs::{File, TryLockError};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// Never removed, since two processes could then lock two different files of this name.
 const FILE: &str = ".lock";
+
+/// Whoever asks for the state of a lock holds a part of it for an instant.
+const PATIENCE: Duration = Duration::from_millis(100);
+const BETWEEN: Duration = Duration::from_millis(10);
 
 /// An exclusive advisory lock on a folder, held until it is dropped or the process ends. It binds only processes that take
 /// one too.
@@ -46,6 +51,11 @@ pub enum LockError {
 impl FolderLock {
     /// Locks an existing, writable folder.
     pub fn take(directory: &Path) -> Result<Self, LockError> {
+        Self::take_within(directory, PATIENCE)
+    }
+
+    /// The same, after waiting for another process for some time.
+    pub fn take_within(directory: &Path, patience: Duration) -> Result<Self, LockError> {
         let path = directory.join(FILE);
         let failed = |reason| OutputError { path: path.clone(), reason };
         // Opened for writing, as NFS requires for locks.
@@ -56,11 +66,27 @@ impl FolderLock {
             .truncate(false)
             .open(&path)
             .map_err(failed)?;
-        file.try_lock().map_err(|error| refusal(directory, error))?;
+        let since = Instant::now();
+        while let Err(error) = file.try_lock() {
+            if matches!(error, TryLockError::Error(_)) || since.elapsed() >= patience {
+                return Err(refusal(directory, error));
+            }
+            std::thread::sleep(BETWEEN);
+        }
         let host = gethostname::gethostname();
         let holder = format!("process {} on {}\n", std::process::id(), host.display());
         file.set_len(0).and_then(|()| file.write_all(holder.as_bytes())).map_err(failed)?;
         Ok(Self { _file: file })
+    }
+
+    /// Whether a process holds the lock of a folder; `None` where the file system does not say.
+    pub fn is_held(directory: &Path) -> Option<bool> {
+        let Ok(file) = File::open(directory.join(FILE)) else { return Some(false) };
+        match file.try_lock_shared() {
+            Ok(()) => Some(false),
+            Err(TryLockError::WouldBlock) => Some(true),
+            Err(TryLockError::Error(_)) => None,
+        }
     }
 }
 

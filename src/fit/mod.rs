@@ -3,7 +3,7 @@
 //! A [`Job`] has a scene, [`Target`] pictures with their cameras, a list of quantities to [`Fit`], a [`PictureLoss`],
 //! [`Regulariser`]s and an [`optimiser`]. [`Parameters`] maps a vector of unknowns to a scene and pulls derivatives back; a
 //! [`Renderer`] computes pictures of scenes and their derivatives; [`Problem`] combines both. [`JobFile`] reads a job from
-//! TOML, [`results`] writes the result. A [`FolderLock`] keeps other processes out.
+//! TOML, [`results`] writes the result. A [`FolderLock`] keeps other processes out, and a [`Status`] tells them how far it is.
 
 mod checkpoint;
 mod engine_renderer;
@@ -22,6 +22,7 @@ mod renderer;
 pub mod results;
 mod selection;
 mod settings;
+mod status;
 mod target;
 
 pub use checkpoint::CheckpointError;
@@ -36,4 +37,5 @@ pub use problem::{Evaluation, Judged, Problem};
 pub use regulariser::{Regulariser, Regularisers};
 pub use renderer::{CostEstimate, RenderError, Renderer};
 pub use settings::{OptimiserKind, Settings, StopRule};
+pub use status::{State, Status, now};
 pub use target::{Target, TargetError, TargetPicture, read_mask};

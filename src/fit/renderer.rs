@@ -24,16 +24,25 @@ pub enum RenderError {
 }
 
 impl RenderError {
-    /// Whether the device is gone, so that other jobs on it would fail, too.
-    pub fn is_device_lost(&self) -> bool {
-        let Self::Failed(cause) = self else { return false };
-        let of_engine = cause.downcast_ref::<EngineError>().is_some_and(EngineError::is_device_lost);
-        let lost = |error: Option<&GpuError>| matches!(error, Some(GpuError::DeviceLost(_)));
-        let of_image = match cause.downcast_ref() {
+    /// The error of the device behind this one, if it is one.
+    fn of_device(&self) -> Option<&GpuError> {
+        let Self::Failed(cause) = self else { return None };
+        let of_engine = || cause.downcast_ref().and_then(EngineError::of_device);
+        let of_image = || match cause.downcast_ref() {
             Some(ImageError::Gpu(error)) => Some(error),
             _ => None,
         };
-        of_engine || lost(of_image) || lost(cause.downcast_ref())
+        cause.downcast_ref().or_else(of_image).or_else(of_engine)
+    }
+
+    /// Whether the device is gone, so that other jobs on it would fail, too.
+    pub fn is_device_lost(&self) -> bool {
+        matches!(self.of_device(), Some(GpuError::DeviceLost(_)))
+    }
+
+    /// Whether the same scene may be rendered at another time, or on another device.
+    pub fn may_pass(&self) -> bool {
+        self.of_device().is_some_and(GpuError::may_pass)
     }
 }
 
@@ -98,6 +107,8 @@ mod tests {
         assert!(failed(Box::new(EngineError::Gpu(lost()))));
         assert!(failed(Box::new(EngineError::from(TransportError::Gpu(lost())))));
         assert!(!failed(Box::new(EngineError::NoPasses)));
+        assert!(RenderError::Failed(Box::new(lost())).may_pass());
+        assert!(!RenderError::Failed(Box::new(EngineError::NoPasses)).may_pass());
         assert!(!RenderError::Interrupted.is_device_lost());
     }
 }

@@ -181,6 +181,11 @@ impl Device {
         lock(&self.shared.memory).report()
     }
 
+    /// Counts peaks of memory use from now on.
+    pub fn reset_peak_memory(&self) {
+        lock(&self.shared.memory).reset_peak();
+    }
+
     /// Memory by label of the buffers made with this handle or its clones, staging buffers included.
     pub fn scope_memory(&self) -> Vec<LabelReport> {
         lock(&self.shared.memory).report_of(self.scope.id())

@@ -188,6 +188,17 @@ pub enum GpuError {
     Validation(Vec<String>),
 }
 
+impl GpuError {
+    /// Whether the same calls may succeed at another time or on another device: the driver failed, or other programs
+    /// hold its memory.
+    pub fn may_pass(&self) -> bool {
+        matches!(
+            self,
+            Self::DeviceLost(_) | Self::Timeout { .. } | Self::Allocation { .. } | Self::Vulkan { .. }
+        )
+    }
+}
+
 /// Adds to the error of a driver call what was being done.
 pub(super) trait During<T> {
     /// `action` completes "the driver failed while …", `label` is what it was done to.

@@ -205,6 +205,13 @@ impl Memory {
         }
     }
 
+    /// Forgets the peaks of the past.
+    pub(super) fn reset_peak(&mut self) {
+        let ledger = &mut self.ledger;
+        ledger.peak = ledger.in_use;
+        ledger.peaks = ledger.labels.iter().map(|(label, &(bytes, _))| (label.clone(), bytes)).collect();
+    }
+
     pub(super) fn report(&self) -> MemoryReport {
         let Ledger { budget, in_use, peak, labels, peaks, .. } = &self.ledger;
         MemoryReport {

@@ -10,9 +10,9 @@ use std::path::Path;
 const SETTINGS: &str = "\n[settings]\nbins = { concentric = 2 }\ntolerance = 1e-5\nnear_field = 4\n";
 
 /// Result files that differ between runs.
-const DIFFERS: [&str; 4] = [".lock", "checkpoint", "checkpoint.previous", "report.json"];
+const DIFFERS: [&str; 5] = [".lock", "checkpoint", "checkpoint.previous", "report.json", "status.json"];
 
-const JOB: &str = r#"scene = "room.toml"
+pub const JOB: &str = r#"scene = "room.toml"
 
 [[target]]
 picture = "out/main.exr"
@@ -45,7 +45,7 @@ gauss_newton = 0
 "#;
 
 /// A folder with the room, pictures of it, and jobs besides.
-fn folder(jobs: &[(&str, &str)]) -> Folder {
+pub fn folder(jobs: &[(&str, &str)]) -> Folder {
     let mut files = vec![("room.toml", format!("{ROOM}{SETTINGS}"))];
     files.extend(jobs.iter().map(|(name, text)| (*name, (*text).to_owned())));
     let files: Vec<(&str, &str)> = files.iter().map(|(name, text)| (*name, text.as_str())).collect();
@@ -61,7 +61,7 @@ fn results(folder: &Path) -> Vec<(String, Vec<u8>)> {
 }
 
 #[track_caller]
-fn same_results(a: &Path, b: &Path) {
+pub fn same_results(a: &Path, b: &Path) {
     let (a, b) = (results(a), results(b));
     assert!(a.len() > 10, "{:?}", a.iter().map(|(name, _)| name).collect::<Vec<_>>());
     for ((name_a, bytes_a), (name_b, bytes_b)) in a.iter().zip(&b) {
@@ -186,8 +186,10 @@ fn a_broken_job_harms_no_other() {
             "antirad: z: jobs/z.toml:1",
         ],
     );
-    says(&batch.stdout, &["2 of 5 jobs are done", "summary.csv", "finished", "FAILED"]);
-    assert_eq!(names(&folder.path("fits")), ["a", "d", "summary.csv"]);
+    says(&batch.stdout, &["2 of 5 jobs are done", "index.html", "finished", "FAILED"]);
+    assert_eq!(names(&folder.path("fits")), [".lock", "a", "b", "c", "d", "index.html", "summary.csv", "z"]);
+    assert_eq!(folder.json("fits/b/status.json")["state"], "failed");
+    says(&folder.json("fits/b/status.json")["message"].to_string(), &["did you mean `albedo`?"]);
     let summary = String::from_utf8(folder.read("fits/summary.csv")).expect("text");
     let rows: Vec<&str> = summary.lines().collect();
     assert_eq!(rows.len(), 6);
@@ -422,7 +424,7 @@ mod killed {
         limited.args(["-c", "trap '' XFSZ; ulimit -f 8; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_antirad")]);
         limited.args(["fit", "job.toml", "--output", "full"]).current_dir(folder.path(""));
         let run = run(&mut limited);
-        assert_eq!(run.code, Some(1), "{run:?}");
+        assert_eq!(run.code, Some(75), "{run:?}");
         says(&run.stderr, &["antirad: job: full/job/", "cannot be written: File too large"]);
         let left = names(&folder.path("full/job"));
         assert!(left.contains(&String::from("checkpoint")), "{left:?}");
@@ -468,7 +470,7 @@ mod killed {
         assert!(Command::new("kill").arg(first.id().to_string()).status().expect("kill runs").success());
         stderr.read_to_string(&mut said).expect("text");
         assert_eq!(first.wait().expect("the tool ends").code(), Some(143), "{said}");
-        assert_eq!(second.code, Some(1), "{second:?}");
+        assert_eq!(second.code, Some(75), "{second:?}");
         let holder = format!("antirad: job: fits/job: process {} on ", first.id());
         says(&second.stderr, &[&holder, "at work in this folder", "other iteration 2:"]);
         // The first one is unharmed, and its lock was released at its end.

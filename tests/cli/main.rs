@@ -1,8 +1,10 @@
 //! The command-line tool as a process: what it refuses, its messages, and the files it writes.
 
 mod ambiguities;
+mod batches;
 mod examples;
 mod fits;
+mod pages;
 mod pictures;
 mod plans;
 #[path = "../support/process.rs"]

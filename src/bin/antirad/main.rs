@@ -12,6 +12,7 @@ mod refine;
 mod render;
 mod report;
 mod settings;
+mod status;
 mod trace;
 
 use antirad::cli::{self, Interrupt};
@@ -40,6 +41,7 @@ const EXAMPLES: &str = "Examples:
   antirad render bunny.obj --bins concentric:12 --tolerance 1e-3
   antirad trace scenes/cornell_boxes.toml --samples 256
   antirad fit jobs/ --output out/fits --resume
+  antirad status out/fits --watch
   antirad ambiguity scenes/two_rooms.toml --camera main
   antirad compare scenes/cornell_boxes.toml out/fits/cornell/scene.toml
   antirad plan scenes/statue.toml --memory-budget 256MiB
@@ -58,6 +60,8 @@ enum Command {
     Trace(trace::Arguments),
     /// Fit scenes to pictures (inverse rendering), in one job or many
     Fit(fit::Arguments),
+    /// Show how far the fits in a folder are, in whatever process or on whatever machine they run
+    Status(status::Arguments),
     /// Examine what pictures leave undetermined: which other lights would look the same
     Ambiguity(ambiguity::Arguments),
     /// List the triangles of a scene that will cause errors, without solving it
@@ -98,6 +102,7 @@ fn main() -> ExitCode {
         Command::Render(render) => render::run(&render, arguments.quiet, arguments.verbose, &interrupt),
         Command::Trace(trace) => trace::run(&trace, arguments.quiet, &interrupt),
         Command::Fit(fit) => fit::run(&fit, arguments.quiet, arguments.verbose, &interrupt),
+        Command::Status(status) => status::run(&status, &interrupt),
         Command::Ambiguity(ambiguity) => ambiguity::run(&ambiguity, arguments.quiet, &interrupt),
         Command::Check(check) => check::run(&check, &interrupt),
         Command::Refine(refine) => refine::run(&refine, arguments.quiet, &interrupt),

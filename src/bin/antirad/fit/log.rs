@@ -1,12 +1,13 @@
-//! The progress of fits, on standard error.
+//! The progress of fits, on standard error: a bar on a terminal, else lines, each with the name of its job.
 
-use super::summary::{Row, Status};
-use super::{bytes, quantities};
+use super::summary::{Ended, Row};
 use antirad::fit::{CostEstimate, JobFile, Record};
-use antirad::gpu::Device;
+use antirad::gpu::{Bytes, Device};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::io::IsTerminal;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 pub struct Log {
@@ -14,16 +15,62 @@ pub struct Log {
     quiet: bool,
     verbose: bool,
     terminal: bool,
+    jobs: usize,
+    /// Hidden where there is no terminal.
+    bar: ProgressBar,
+    state: Mutex<State>,
 }
 
+#[derive(Default)]
+struct State {
+    ended: usize,
+    at_work: BTreeMap<String, AtWork>,
+}
+
+struct AtWork {
+    iteration: u32,
+    most: u32,
+    loss: Option<f64>,
+}
+
+/// Steps of the bar for each job.
+const STEPS: u64 = 1000;
+
 impl Log {
-    pub fn new(json: bool, quiet: bool, verbose: u8) -> Self {
-        Self { json, quiet, verbose: verbose > 0, terminal: std::io::stderr().is_terminal() }
+    pub fn new(json: bool, quiet: bool, verbose: u8, jobs: usize) -> Self {
+        let terminal = std::io::stderr().is_terminal();
+        let bar = match terminal && !json && !quiet {
+            true => ProgressBar::new(STEPS * jobs as u64),
+            false => ProgressBar::hidden(),
+        };
+        let template = "[{bar:24}] {elapsed} elapsed, at most {eta} left: {wide_msg}";
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style.progress_chars("=> "));
+        }
+        bar.enable_steady_tick(Duration::from_millis(500));
+        Self { json, quiet, verbose: verbose > 0, terminal, jobs, bar, state: Mutex::default() }
     }
 
     fn event(&self, event: Value) {
         if self.json && !self.quiet {
             eprintln!("{event}");
+        }
+    }
+
+    /// Prints a line above the bar.
+    fn line(&self, line: &str) {
+        self.bar.suspend(|| eprintln!("{line}"));
+    }
+
+    pub fn warn(&self, job: &str, warning: &str) {
+        self.bar.suspend(|| tracing::warn!("{job}: {warning}"));
+    }
+
+    /// Which jobs of a batch this process does.
+    pub fn shard(&self, shard: &impl std::fmt::Display, jobs: usize, all: usize) {
+        self.event(json!({ "event": "shard", "shard": shard.to_string(), "jobs": jobs, "of": all }));
+        if !self.json && !self.quiet {
+            self.line(&format!("shard {shard}: {jobs} of {all} jobs"));
         }
     }
 
@@ -44,65 +91,92 @@ impl Log {
             "estimated_seconds_per_iteration": seconds,
         }));
         if !self.json && !self.quiet {
-            eprintln!(
+            self.line(&format!(
                 "{}: {unknowns} unknowns ({}), {views} view{}; about {seconds:.1} s per iteration, {} of device \
                  memory of {}",
                 job.name,
                 quantities(file),
                 if views == 1 { "" } else { "s" },
-                bytes(estimate.device_bytes),
-                bytes(estimate.device_budget),
-            );
+                Bytes(estimate.device_bytes),
+                Bytes(estimate.device_budget),
+            ));
         }
     }
 
     /// For the iterations of a job, at most `most`.
     pub fn job(&self, name: &str, most: u32) -> JobLog<'_> {
-        let bar = if self.terminal && !self.json && !self.quiet {
-            ProgressBar::new(most.into())
-        } else {
-            ProgressBar::hidden()
-        };
-        let template = "{prefix} [{bar:24}] {pos} of at most {len}, {msg}, {elapsed} elapsed, {eta} left";
-        if let Ok(style) = ProgressStyle::with_template(template) {
-            bar.set_style(style.progress_chars("=> "));
-        }
-        bar.set_prefix(name.to_owned());
-        bar.set_message("first evaluation");
-        bar.enable_steady_tick(Duration::from_millis(500));
-        JobLog { log: self, name: name.to_owned(), bar, since: Instant::now() }
+        self.state().at_work.insert(name.to_owned(), AtWork { iteration: 0, most, loss: None });
+        self.show();
+        JobLog { log: self, name: name.to_owned(), since: Instant::now() }
     }
 
     /// Prints on standard output, unless quiet.
-    pub fn results(&self, print: impl FnOnce()) {
-        if !self.quiet {
-            print();
+    pub fn results(&self, text: &str) {
+        if !self.quiet && !self.json {
+            self.bar.suspend(|| print!("{text}"));
         }
     }
 
     pub fn ended(&self, row: &Row) {
+        {
+            let mut state = self.state();
+            state.at_work.remove(&row.job);
+            state.ended += 1;
+        }
+        self.show();
         self.event(json!({ "event": "end", "job": row.job, "result": row }));
         if self.json {
             return;
         }
         match row.status {
             // Errors are printed even with --quiet.
-            Status::Failed => eprintln!("antirad: {}: {}", row.job, row.message),
-            Status::Interrupted => eprintln!(
+            Ended::Failed => self.line(&format!("antirad: {}: {}", row.job, row.message)),
+            Ended::Interrupted => self.line(&format!(
                 "antirad: {}: interrupted after iteration {}; --resume goes on from there",
                 row.job,
                 row.iterations.unwrap_or(0)
-            ),
-            Status::FinishedBefore if !self.quiet => eprintln!("{}: finished before", row.job),
-            Status::Finished | Status::FinishedBefore | Status::NotStarted => {}
+            )),
+            Ended::FinishedBefore if !self.quiet => self.line(&format!("{}: finished before", row.job)),
+            Ended::Finished | Ended::FinishedBefore | Ended::NotStarted | Ended::Running => {}
         }
+    }
+
+    /// Removes the bar.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn show(&self) {
+        let (position, message) = self.state().summary(self.jobs);
+        self.bar.set_position(position);
+        self.bar.set_message(message);
+    }
+}
+
+impl State {
+    /// Position and text of the bar.
+    fn summary(&self, jobs: usize) -> (u64, String) {
+        let mut position = STEPS * self.ended as u64;
+        let mut parts = Vec::new();
+        if jobs > 1 {
+            parts.push(format!("{} of {jobs} jobs", self.ended));
+        }
+        for (name, AtWork { iteration, most, loss }) in &self.at_work {
+            position += STEPS * u64::from(*iteration) / u64::from(*most).max(1);
+            let loss = loss.map_or_else(String::new, |loss| format!(", loss {loss:.3e}"));
+            parts.push(format!("{name} iteration {iteration} of {most}{loss}"));
+        }
+        (position.min(STEPS * jobs as u64), parts.join("; "))
     }
 }
 
 pub struct JobLog<'a> {
     log: &'a Log,
     name: String,
-    bar: ProgressBar,
     since: Instant,
 }
 
@@ -124,20 +198,40 @@ impl JobLog<'_> {
         if self.log.json || self.log.quiet {
             return;
         }
-        let line = format!(
-            "{} iteration {iteration}: loss {loss:.6e}, gradient {gradient:.2e}, step {step:.2e}, {seconds:.1} s",
-            self.name
-        );
-        if !self.log.terminal {
-            eprintln!("{line}");
-        } else if self.log.verbose {
-            self.bar.println(line);
+        if !self.log.terminal || self.log.verbose {
+            self.log.line(&format!(
+                "{} iteration {iteration}: loss {loss:.6e}, gradient {gradient:.2e}, step {step:.2e}, {seconds:.1} s",
+                self.name
+            ));
         }
-        self.bar.set_position(iteration.into());
-        self.bar.set_message(format!("loss {loss:.3e}"));
+        if let Some(job) = self.log.state().at_work.get_mut(&self.name) {
+            (job.iteration, job.loss) = (iteration, Some(loss));
+        }
+        self.log.show();
     }
+}
 
-    pub fn finish(&self) {
-        self.bar.finish_and_clear();
+/// The fitted quantities, in one line.
+fn quantities(file: &JobFile) -> String {
+    let mut words: Vec<&str> = file.job.settings().fits.iter().map(|fit| fit.quantity.word()).collect();
+    words.sort_unstable();
+    words.dedup();
+    words.join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_bar_shows_all_jobs() {
+        let mut state = State { ended: 3, ..State::default() };
+        state.at_work.insert(String::from("b"), AtWork { iteration: 5, most: 20, loss: Some(0.5) });
+        state.at_work.insert(String::from("a"), AtWork { iteration: 0, most: 20, loss: None });
+        let (position, message) = state.summary(8);
+        assert_eq!(position, 3250);
+        assert_eq!(message, "3 of 8 jobs; a iteration 0 of 20; b iteration 5 of 20, loss 5.000e-1");
+        let (_, message) = State { ended: 0, ..state }.summary(1);
+        assert!(message.starts_with("a iteration 0"), "{message}");
     }
 }

@@ -1,29 +1,36 @@
 //! `antirad fit`: one job, or a batch of them.
 
 mod batch;
+mod job;
 mod log;
+mod page;
+mod pool;
+mod shard;
 mod summary;
 
 use crate::Failure;
-use antirad::Watch;
 use antirad::cli::{self, Interrupt, parse_size};
-use antirad::fit::{
-    EngineRenderer, FitError, FolderLock, JobFile, LockError, OnCheckpoint, Outcome, RenderError, RunOptions,
-    results,
-};
-use antirad::gpu::{Bytes, Device, DeviceOptions};
-use antirad::output::{prepare_directory, remove_unfinished};
-use antirad::scene::Camera;
+use antirad::fit::{OnCheckpoint, State, Status};
+use antirad::gpu::{Device, DeviceOptions};
+use antirad::output::prepare_directory;
+use batch::Found;
 use clap::{Args, ValueEnum};
+use job::{Done, Worker};
 use log::Log;
+use page::Page;
+use pool::{Budget, Parallel};
+use shard::Shard;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use summary::{Row, Status};
+use std::sync::atomic::{AtomicBool, Ordering};
+use summary::{Ended, Row};
 
 #[derive(Args)]
 #[command(after_help = "Examples:
   antirad fit scenes/fits/cornell.toml --output out/fits
-  antirad fit jobs/ --output out/fits --resume")]
+  antirad fit jobs/ --output out/fits --resume
+  antirad fit jobs/ --output out/fits --parallel auto
+  antirad fit jobs/ --output out/fits --resume --shard 3/40")]
 pub struct Arguments {
     /// Job files (*.toml that name a scene to fit), or folders of them
     #[arg(required = true, value_name = "JOB.toml|DIR")]
@@ -40,6 +47,13 @@ pub struct Arguments {
     /// Run the other jobs even after a failure that they are likely to share: a full disk, a lost device
     #[arg(long)]
     keep_going: bool,
+    /// Jobs at once on the device: a number, or auto for as many as keep it and the cores busy. Results are the same
+    #[arg(long, value_name = "auto|N", default_value = "1")]
+    parallel: Parallel,
+    /// Do part K of N of the jobs: every Nth, from the Kth on [default: the task of a Slurm array, or of an indexed Job of
+    /// Kubernetes with ANTIRAD_SHARDS completions; else all. A single job file is always done]
+    #[arg(long, value_name = "K/N")]
+    shard: Option<Shard>,
     /// Limit of device memory, e.g. 512MiB [default: what the device has]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     memory_budget: Option<u64>,
@@ -72,199 +86,134 @@ impl Arguments {
         }
     }
 
+    /// The part of the jobs that this process does; `None` for all.
+    fn shard(&self) -> Result<Option<Shard>, Failure> {
+        let single = matches!(self.jobs.as_slice(), [only] if !only.is_dir());
+        if self.shard.is_some() || single {
+            return Ok(self.shard);
+        }
+        Shard::of_environment(|name| std::env::var(name).ok())
+            .map_err(|message| Failure::Error(message.into()))
+    }
+
     fn device_options(&self) -> DeviceOptions {
         DeviceOptions::asked(&self.device, self.memory_budget)
     }
 }
 
 pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrupt) -> Result<(), Failure> {
-    let jobs = batch::find(&arguments.jobs)?;
+    let shard = arguments.shard()?;
+    let all = batch::find(&arguments.jobs)?;
     prepare_directory(&arguments.output)?;
+    announce(&all, &arguments.output);
+    let (number, batch) = (all.len(), all.len() > 1);
+    let jobs = match shard {
+        Some(shard) => shard.choose(all),
+        None => all,
+    };
     // Without a device no job can run: fail here rather than in each of them.
-    drop(Device::new(&arguments.device_options())?);
-    let log = Log::new(arguments.json(), quiet, verbose);
-    let mut rows: Vec<Row> = Vec::new();
-    let mut stopped = false;
-    for job in &jobs {
-        let row = if stopped || interrupt.is_set() {
-            Row::new(&job.name, Status::NotStarted)
-        } else {
-            let (row, shared_cause) = run_guarded(arguments, job, &log, interrupt);
-            stopped = shared_cause && !arguments.keep_going;
-            row
-        };
-        log.ended(&row);
-        rows.push(row);
-        if jobs.len() > 1 {
-            // After every job, so that a killed batch leaves a summary too.
-            summary::write(&arguments.output, &rows)?;
-        }
+    let device = Device::new(&arguments.device_options())?;
+    let log = Log::new(arguments.json(), quiet, verbose, jobs.len());
+    if let Some(shard) = shard {
+        log.shard(&shard, jobs.len(), number);
     }
-    if jobs.len() > 1 && !quiet && !arguments.json() {
+    let total = device.memory().budget;
+    let budget = Budget::new(total);
+    let threads = arguments.parallel.threads(jobs.len(), device.info());
+    let mut device = Some(device);
+    let worker = |_| Worker {
+        arguments,
+        // The same for all, whatever the others have taken when it is opened.
+        options: arguments.device_options().memory_budget(Some(total)),
+        log: &log,
+        interrupt,
+        budget: &budget,
+        device: device.take(),
+    };
+    let stopped = AtomicBool::new(false);
+    let work = |worker: &mut Worker, job: &Found| {
+        if stopped.load(Ordering::SeqCst) || interrupt.is_set() {
+            return Done::not_started(&job.name);
+        }
+        let done = worker.run(job);
+        if done.shared_cause && !arguments.keep_going {
+            stopped.store(true, Ordering::SeqCst);
+        }
+        done
+    };
+    let mut results = Results { rows: BTreeMap::new(), texts: BTreeMap::new() };
+    let mut page = Page::new(&arguments.output);
+    pool::run((0..threads).map(worker).collect(), &jobs, work, |index, done: Done| {
+        log.ended(&done.row);
+        results.add(index, done, &log);
+        // After every job, so that a killed batch leaves a summary too. If this fails, the last one tells.
+        if batch && let Err(error) = summary::write(&arguments.output, &results.rows(), &mut page, false) {
+            tracing::debug!("{error}");
+        }
+    });
+    log.finish();
+    let rows = results.rows();
+    if batch {
+        summary::write(&arguments.output, &rows, &mut page, true)?;
+    }
+    if batch && !quiet && !arguments.json() {
         summary::print(&rows, &arguments.output);
     }
+    match exit_code(&rows, interrupt) {
+        0 => Ok(()),
+        code => Err(Failure::Code(code)),
+    }
+}
+
+/// Lets those who look on know of all jobs of a batch, those of other shards too. Where that fails, so will the job.
+fn announce(jobs: &[Found], output: &Path) {
+    for job in jobs {
+        let directory = output.join(&job.name);
+        let written = prepare_directory(&directory)
+            .and_then(|()| Status::new(&job.name, State::NotStarted).announce(&directory));
+        if let Err(error) = written {
+            tracing::debug!("{error}");
+        }
+    }
+}
+
+/// What jobs have brought so far, by their place in the batch.
+struct Results {
+    rows: BTreeMap<usize, Row>,
+    /// `None` once printed.
+    texts: BTreeMap<usize, Option<String>>,
+}
+
+impl Results {
+    /// Adds that of a job, and prints what is due: results are printed in the order of the jobs.
+    fn add(&mut self, index: usize, done: Done, log: &Log) {
+        self.rows.insert(index, done.row);
+        self.texts.insert(index, Some(done.text));
+        for (place, (index, text)) in self.texts.iter_mut().enumerate() {
+            if place != *index {
+                break;
+            }
+            if let Some(text) = text.take() {
+                log.results(&text);
+            }
+        }
+    }
+
+    fn rows(&self) -> Vec<Row> {
+        self.rows.values().cloned().collect()
+    }
+}
+
+/// Tells a scheduler what to do next: see the table in docs/fitting.md.
+fn exit_code(rows: &[Row], interrupt: &Interrupt) -> u8 {
+    let bad = |row: &&Row| !row.status.is_good();
     if interrupt.is_set() {
-        return Err(Failure::Code(interrupt.exit_code()));
+        interrupt.exit_code()
+    } else if rows.iter().filter(bad).any(|row| row.may_pass || row.status == Ended::NotStarted) {
+        cli::EXIT_RETRY
+    } else if rows.iter().any(|row| bad(&row)) {
+        cli::EXIT_PARTLY
+    } else {
+        0
     }
-    match rows.iter().all(|row| row.status.is_good()) {
-        true => Ok(()),
-        false => Err(Failure::Code(cli::EXIT_PARTLY)),
-    }
-}
-
-/// Runs a job such that no failure, not even a panic, stops the others. The second value: whether the others are likely
-/// to fail for the same reason.
-fn run_guarded(arguments: &Arguments, job: &batch::Found, log: &Log, interrupt: &Interrupt) -> (Row, bool) {
-    let attempt = std::panic::AssertUnwindSafe(|| run_job(arguments, job, log, interrupt));
-    match std::panic::catch_unwind(attempt) {
-        Ok(Ok(row)) => (row, false),
-        Ok(Err(FitError::Interrupted { iteration })) => {
-            (Row { iterations: Some(iteration), ..Row::new(&job.name, Status::Interrupted) }, false)
-        }
-        Ok(Err(error)) => {
-            let shared = match &error {
-                FitError::Write(_) | FitError::Lock(LockError::Write(_)) => true,
-                FitError::Render(error) => error.is_device_lost(),
-                _ => false,
-            };
-            (Row { message: error.to_string(), ..Row::new(&job.name, Status::Failed) }, shared)
-        }
-        Err(_) => {
-            let message = String::from("a bug in antirad, see the message above; please report it");
-            (Row { message, ..Row::new(&job.name, Status::Failed) }, false)
-        }
-    }
-}
-
-fn run_job(
-    arguments: &Arguments,
-    found: &batch::Found,
-    log: &Log,
-    interrupt: &Interrupt,
-) -> Result<Row, FitError> {
-    let mut file = JobFile::load(&found.path)?;
-    for warning in &file.warnings {
-        tracing::warn!("{}: {warning}", found.name);
-    }
-    let directory = arguments.output.join(&found.name);
-    prepare_directory(&directory)?;
-    let _lock = match FolderLock::take(&directory) {
-        Err(unavailable @ LockError::Unavailable { .. }) => {
-            tracing::warn!("{}: {unavailable}", found.name);
-            None
-        }
-        taken => Some(taken?),
-    };
-    remove_unfinished(&directory)?;
-    if let Some(progress) = file.job.progress(&directory, arguments.on_checkpoint())?
-        && progress.finished.is_some()
-        && directory.join(results::REPORT).is_file()
-    {
-        return Ok(Row {
-            picture_error: results::written_picture_error(&directory),
-            ..Row::of_history(&found.name, Status::FinishedBefore, &progress.history, progress.seconds)
-        });
-    }
-
-    let failed = |error: antirad::gpu::GpuError| FitError::Render(RenderError::Failed(Box::new(error)));
-    // One per job: if the job loses its device, the next one is not affected.
-    let device = Device::new(&arguments.device_options()).map_err(failed)?;
-    let asked = interrupt.clone();
-    let watch: Watch = Arc::new(move || asked.flow());
-    let problem = file.job.problem();
-    let cameras: Vec<Camera> = problem.targets.iter().map(|target| target.camera.clone()).collect();
-    let (planning, gradients) = (problem.parameters.planning_scene(), problem.parameters.gradient_request());
-    let supersample = file.job.settings().supersample;
-    let mut renderer = EngineRenderer::new(&device, planning, cameras, supersample, gradients, watch)?
-        .shading(file.job.settings().shading);
-    // Before anything is allocated: a job that does not fit is refused with the number of bytes that it needs.
-    let (estimate, host_bytes) = file.job.estimate(&mut renderer)?;
-    // Parameters that are fitted although no view shows them.
-    for unseen in problem.parameters.unseen(&renderer.seen()?) {
-        let unseen = unseen.to_string();
-        tracing::warn!("{}: {unseen}", found.name);
-        file.warnings.push(unseen);
-    }
-    log.begin(&file, &device, &estimate);
-
-    let options = RunOptions::default()
-        .checkpoints(Some(directory.clone()))
-        .checkpoint_every(file.checkpoint_every)
-        .on_checkpoint(arguments.on_checkpoint())
-        .stop(file.stop);
-    let progress = log.job(&found.name, file.stop.iterations);
-    let result = file.job.run(&mut renderer, &options, &mut |record, _| {
-        progress.iteration(record);
-        interrupt.flow()
-    });
-    progress.finish();
-    let outcome = result?;
-    let about = results::Circumstances {
-        scene: file.scene_file.display().to_string(),
-        stop: file.stop,
-        estimate,
-        host_bytes,
-        warnings: file.warnings.clone(),
-        more: more(&device),
-    };
-    cli::draw_fit(&directory, &file.job, &outcome)?;
-    results::write(&directory, &file.job, &outcome, &about)?;
-    let picture_error = results::picture_error(&file.job.problem().targets, &outcome.pictures);
-    if !arguments.json() {
-        log.results(|| print(&found.name, &outcome, picture_error, &directory));
-    }
-    Ok(Row {
-        stop: Some(outcome.stop.reason()),
-        picture_error: Some(picture_error),
-        ..Row::of_history(&found.name, Status::Finished, &outcome.history, outcome.seconds)
-    })
-}
-
-/// Device and memory, for the report.
-fn more(device: &Device) -> serde_json::Value {
-    serde_json::json!({
-        "device": crate::report::DeviceReport::from(device.info()),
-        "memory": crate::report::MemoryUse::from(device.memory()),
-    })
-}
-
-/// Maximum number of values printed; the rest is in the files.
-const PRINTED: usize = 24;
-
-fn print(name: &str, outcome: &Outcome, picture_error: f64, directory: &Path) {
-    let (first, iterations) = match (outcome.history.first(), outcome.history.last()) {
-        (Some(first), Some(last)) => (first.loss, last.iteration),
-        _ => (outcome.loss, 0),
-    };
-    println!("{name}: {iterations} iterations in {:.1} s: {}", outcome.seconds, outcome.stop.reason());
-    println!("  loss        {first:.4e} to {:.4e}", outcome.loss);
-    println!("  pictures    {:.3} % off their targets", 100.0 * picture_error);
-    for value in outcome.recovered.iter().take(PRINTED) {
-        let numbers = |of: &[f64]| of.iter().map(|v| format!("{v:.5}")).collect::<Vec<_>>().join(" ");
-        let bound = if value.at_bound.contains(&true) { ", at a bound" } else { "" };
-        let unit = if value.unit == "1" { "" } else { value.unit };
-        println!(
-            "  {:<11} {} {unit} of {} (from {}{bound})",
-            value.quantity,
-            numbers(&value.value),
-            value.of,
-            numbers(&value.initial)
-        );
-    }
-    if outcome.recovered.len() > PRINTED {
-        println!("  and {} more", outcome.recovered.len() - PRINTED);
-    }
-    println!("  written     {}", directory.display());
-}
-
-/// The fitted quantities, in one line.
-fn quantities(file: &JobFile) -> String {
-    let mut words: Vec<&str> = file.job.settings().fits.iter().map(|fit| fit.quantity.word()).collect();
-    words.sort_unstable();
-    words.dedup();
-    words.join(", ")
-}
-
-fn bytes(bytes: u64) -> String {
-    Bytes(bytes).to_string()
 }

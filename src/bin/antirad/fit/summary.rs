@@ -1,22 +1,27 @@
-//! The outcome of each job of a batch.
+//! The outcome of each job of a batch, and of others with results in the same folder.
 
-use antirad::fit::Record;
+use super::page::Page;
+use antirad::fit::{FolderLock, LockError, State, Status};
 use antirad::output::{OutputError, atomic_write};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::Path;
+use std::time::Duration;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Status {
+pub enum Ended {
     Finished,
     /// In an earlier run.
     FinishedBefore,
     Failed,
     Interrupted,
     NotStarted,
+    /// In another process.
+    Running,
 }
 
-impl Status {
+impl Ended {
     pub fn is_good(self) -> bool {
         matches!(self, Self::Finished | Self::FinishedBefore)
     }
@@ -28,6 +33,19 @@ impl Status {
             Self::Failed => "FAILED",
             Self::Interrupted => "interrupted",
             Self::NotStarted => "not started",
+            Self::Running => "running",
+        }
+    }
+}
+
+impl From<State> for Ended {
+    fn from(state: State) -> Self {
+        match state {
+            State::NotStarted => Self::NotStarted,
+            State::Running => Self::Running,
+            State::Finished => Self::Finished,
+            State::Interrupted => Self::Interrupted,
+            State::Failed => Self::Failed,
         }
     }
 }
@@ -35,7 +53,7 @@ impl Status {
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     pub job: String,
-    pub status: Status,
+    pub status: Ended,
     pub iterations: Option<u32>,
     pub loss_at_start: Option<f64>,
     pub loss: Option<f64>,
@@ -46,42 +64,54 @@ pub struct Row {
     pub stop: Option<&'static str>,
     /// The error, if it failed.
     pub message: String,
+    /// Whether it may succeed if it is tried again.
+    #[serde(skip)]
+    pub may_pass: bool,
 }
 
-impl Row {
-    pub fn new(job: &str, status: Status) -> Self {
+impl From<Status> for Row {
+    fn from(status: Status) -> Self {
         Self {
-            job: job.to_owned(),
-            status,
-            iterations: None,
-            loss_at_start: None,
-            loss: None,
-            picture_error: None,
-            seconds: None,
-            stop: None,
-            message: String::new(),
-        }
-    }
-
-    pub fn of_history(job: &str, status: Status, history: &[Record], seconds: f64) -> Self {
-        Self {
-            iterations: history.last().map(|r| r.iteration),
-            loss_at_start: history.first().map(|r| r.loss),
-            loss: history.last().map(|r| r.loss),
-            seconds: Some(seconds),
-            ..Self::new(job, status)
+            job: status.job,
+            status: status.state.into(),
+            iterations: status.iteration,
+            loss_at_start: status.loss_at_start,
+            loss: status.loss,
+            picture_error: status.picture_error,
+            seconds: status.seconds,
+            stop: status.stop.map(|stop| stop.reason()),
+            message: status.message,
+            may_pass: status.may_pass,
         }
     }
 }
 
-pub fn write(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
+/// How long to wait for another batch that writes its summary.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Writes `summary.csv`: these rows, and those of the jobs of other batches in this folder, by name; and, if it is due or
+/// this is the `last` time, the page. A lock keeps other batches from writing an older state after this one.
+pub fn write(directory: &Path, rows: &[Row], page: &mut Page, last: bool) -> Result<(), OutputError> {
+    let _lock = match FolderLock::take_within(directory, PATIENCE) {
+        Err(LockError::Write(error)) => return Err(error),
+        // Better a summary that misses a row of another batch than none.
+        other => other.ok(),
+    };
+    let jobs = Status::of_folder(directory).map_err(|reason| OutputError::new(directory, reason))?;
+    let others = jobs.iter().map(|(_, status)| status.clone().into());
+    let own = rows.iter().cloned();
+    let all: BTreeMap<String, Row> = others.chain(own).map(|row: Row| (row.job.clone(), row)).collect();
     atomic_write(&directory.join("summary.csv"), |file| {
         let mut writer = csv::Writer::from_writer(file);
-        for row in rows {
+        for row in all.values() {
             writer.serialize(row)?;
         }
         writer.flush()
-    })
+    })?;
+    match last || page.is_due() {
+        true => page.write(&jobs),
+        false => Ok(()),
+    }
 }
 
 pub fn print(rows: &[Row], directory: &Path) {
@@ -105,5 +135,5 @@ pub fn print(rows: &[Row], directory: &Path) {
         );
     }
     let good = rows.iter().filter(|row| row.status.is_good()).count();
-    println!("{good} of {} jobs are done; {}", rows.len(), directory.join("summary.csv").display());
+    println!("{good} of {} jobs are done; {}", rows.len(), directory.join("index.html").display());
 }
