@@ -23,7 +23,7 @@ const LAYERS: [(&str, &[&str]); 23] = [
     ("gradients", &["direct", "engine", "model", "options", "plan", "scene", "solve", "transport"]),
     ("image", &["gpu", "input", "options", "output", "scene", "shaders"]),
     ("reference", &["image", "model", "scene", "solve"]),
-    ("warnings", &["model", "options", "plan", "scene"]),
+    ("warnings", &["model", "options", "plan", "reference", "scene"]),
     ("shading", &["direct", "engine", "gradients", "image", "model", "plan", "scene", "solve"]),
     (
         "target_error",

@@ -151,7 +151,9 @@ class Camera:
 @final
 class Scene:
     @staticmethod
-    def load(path: _Path, *, strict: bool = False) -> Scene: ...
+    def load(
+        path: _Path, *, strict: bool = False, orient: Literal["auto", "keep"] = "auto", two_sided: bool = False
+    ) -> Scene: ...
     @staticmethod
     def from_arrays(
         vertices: ArrayLike,

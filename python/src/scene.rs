@@ -4,7 +4,7 @@ use crate::arrays::{self, Array, Numbers, Triple};
 use crate::errors::{OrRaise, invalid, word};
 use crate::work;
 use antirad::glam::DVec3;
-use antirad::scene::{self, BinLayout, Choice, LoadOptions, Mesh, Normalization, Triangle};
+use antirad::scene::{self, BinLayout, Choice, LoadOptions, Mesh, Normalization, Orient, Triangle};
 use antirad::target_error::usual_settings;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyRange};
@@ -277,14 +277,22 @@ impl Scene {
     ///
     /// Args:
     ///     path: The file.
-    ///     strict: Refuse triangles without area instead of listing them in `degenerate`.
+    ///     strict: Refuse what is otherwise mended or left out with a warning: triangles without area (listed in `degenerate`),
+    ///         materials of mesh files that reflect all light or more, missing materials.
+    ///     orient: `"auto"` turns faces of mesh files where closed shells say which way they should face, `"keep"` none.
+    ///     two_sided: Give open sheets a second side.
     ///
     /// Raises:
     ///     SceneError: The message names file, line and remedy.
     #[staticmethod]
-    #[pyo3(signature = (path, *, strict=false))]
-    fn load(py: Python<'_>, path: PathBuf, strict: bool) -> PyResult<Self> {
-        let options = LoadOptions::default().strict(strict);
+    #[pyo3(signature = (path, *, strict=false, orient="auto", two_sided=false))]
+    fn load(py: Python<'_>, path: PathBuf, strict: bool, orient: &str, two_sided: bool) -> PyResult<Self> {
+        let orient = match orient {
+            "auto" => Orient::Auto,
+            "keep" => Orient::Keep,
+            other => return Err(invalid(format!("orient is {other:?}; it must be \"auto\" or \"keep\""))),
+        };
+        let options = LoadOptions::default().strict(strict).orient(orient).two_sided(two_sided);
         let loaded = work::run(py, None, move |_| scene::Scene::load(&path, &options))?;
         Ok(Self::of(loaded.or_raise()?))
     }

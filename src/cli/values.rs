@@ -1,6 +1,6 @@
 //! Settings as words of the command line.
 
-use crate::scene::{Lamps, Precision, SolverChoice};
+use crate::scene::{Lamps, Orient, Precision, SolverChoice};
 use crate::shading::Shading;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
@@ -47,6 +47,19 @@ impl ValueEnum for Lamps {
     }
 }
 
+impl ValueEnum for Orient {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self::Auto, Self::Keep]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(match self {
+            Self::Auto => "auto",
+            Self::Keep => "keep",
+        }))
+    }
+}
+
 impl ValueEnum for Shading {
     fn value_variants<'a>() -> &'a [Self] {
         &[Self::Face, Self::Smooth, Self::Gathered]
@@ -84,6 +97,7 @@ mod tests {
         agree::<Precision>(3);
         agree::<SolverChoice>(3);
         agree::<Lamps>(3);
+        agree::<Orient>(2);
         agree::<Shading>(3);
     }
 }

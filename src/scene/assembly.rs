@@ -1,14 +1,16 @@
 //! Assembles a scene from its parts and records where each came from, for the messages of the check.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use super::check::MAX_TRIANGLES;
 use super::error::{Place, SceneError, nearest};
 use super::file::LoadOptions;
 use super::geometry::RawMesh;
+use super::orient::orient;
+use super::outlook::{self, Outlook};
 use super::tables::MaterialTable;
-use super::{Camera, Choice, Material, Mesh, Origin, Scene, SolveSettings, Triangle};
+use super::{Camera, Choice, Material, Mesh, Orient, Origin, Scene, SolveSettings, Triangle};
 
 /// A scene under construction.
 pub(super) struct Assembly {
@@ -17,8 +19,21 @@ pub(super) struct Assembly {
     scene: Scene,
     material_indices: HashMap<String, u32>,
     material_origins: HashMap<String, (PathBuf, usize)>,
+    /// Materials that the scene file itself defines or overrides: they are taken at their word.
+    stated: HashSet<u32>,
+    /// Whether materials have a second side, where something says so.
+    two_sided: HashMap<u32, bool>,
+    /// Per mesh.
+    sides: Vec<Sides>,
     camera_lines: HashMap<String, usize>,
     settings_line: Option<usize>,
+}
+
+/// What a scene file says about the sides of a mesh.
+#[derive(Clone, Copy)]
+pub(super) struct Sides {
+    pub orient: Orient,
+    pub two_sided: Option<bool>,
 }
 
 impl Assembly {
@@ -40,6 +55,9 @@ impl Assembly {
             },
             material_indices: HashMap::new(),
             material_origins: HashMap::new(),
+            stated: HashSet::new(),
+            two_sided: HashMap::new(),
+            sides: Vec::new(),
             camera_lines: HashMap::new(),
             settings_line: None,
         }
@@ -75,7 +93,10 @@ impl Assembly {
             if let Some(origin) = raw.origin {
                 self.material_origins.insert(name.clone(), origin);
             }
-            self.push_material(raw.material);
+            let index = self.push_material(raw.material);
+            if raw.two_sided {
+                self.two_sided.insert(index as u32, true);
+            }
         }
         Ok(())
     }
@@ -96,6 +117,10 @@ impl Assembly {
             None => self.push_material(Material::named(name)),
         };
         table.apply(&mut self.scene.materials[index]);
+        self.stated.insert(index as u32);
+        if let Some(two_sided) = table.two_sided {
+            self.two_sided.insert(index as u32, two_sided);
+        }
     }
 
     /// Warns of a `[material.NAME]` table that changes nothing, most likely a misspelt name. Call after all meshes.
@@ -116,6 +141,7 @@ impl Assembly {
         name: String,
         file: &Path,
         mesh: RawMesh,
+        sides: Sides,
         place: Place,
     ) -> Result<(), SceneError> {
         let mut materials = Vec::with_capacity(mesh.material_names.len());
@@ -150,6 +176,7 @@ impl Assembly {
         let numbered = (2..).map(|n| format!("{name}_{n}"));
         let unique = std::iter::once(name.clone()).chain(numbered).find(|n| !taken(n)).unwrap_or(name);
         scene.meshes.push(Mesh { name: unique, range: first as u32..end as u32 });
+        self.sides.push(sides);
         scene.origins.push(Origin { file: file.to_path_buf(), lines: mesh.face_lines });
         Ok(())
     }
@@ -165,13 +192,33 @@ impl Assembly {
         self.settings_line = Some(line);
     }
 
-    /// Checks the scene, after adding a camera if it has none.
+    /// Mends what can be mended, adds a camera if there is none, and checks the scene.
     pub fn finish(mut self, options: &LoadOptions) -> Result<Scene, SceneError> {
-        if self.scene.cameras.is_empty() {
-            let camera = Camera::framing(&self.scene.vertices);
+        if !options.strict {
+            self.limit_energy();
+        }
+        // Otherwise the check says what is wrong.
+        let sound = !self.scene.triangles.is_empty() && self.scene.vertices.iter().all(|v| v.is_finite());
+        if sound {
+            self.scene.update_degenerate();
+            self.turn_faces();
+            self.add_second_sides(options);
+            self.scene.update_degenerate();
+        }
+        let outlook =
+            (sound && self.scene.triangles.len() <= outlook::MOST).then(|| Outlook::new(&self.scene));
+        let missing = self.scene.cameras.is_empty();
+        if missing {
+            let vertices = &self.scene.vertices;
+            let camera = outlook.as_ref().map_or_else(|| Camera::framing(vertices), Outlook::camera);
             self.scene.warnings.push(format!(
-                "No camera is given; \"auto\" frames the scene from ({:.3}, {:.3}, {:.3}).",
-                camera.position.x, camera.position.y, camera.position.z
+                "No camera is given; \"auto\" looks from ({:.3}, {:.3}, {:.3}) to ({:.3}, {:.3}, {:.3}).",
+                camera.position.x,
+                camera.position.y,
+                camera.position.z,
+                camera.target.x,
+                camera.target.y,
+                camera.target.z
             ));
             self.scene.cameras.push(camera);
         }
@@ -179,7 +226,77 @@ impl Assembly {
             let (path, line) = self.origin(&problem);
             SceneError::In { path, line, problem: Box::new(problem) }
         })?;
+        if self.scene.triangles.len() <= outlook::MOST {
+            let warnings = Outlook::new(&self.scene).warnings();
+            self.scene.warnings.extend(warnings);
+        }
         Ok(self.scene)
+    }
+
+    /// Materials of mesh files that reflect all light or more are limited, with one warning for all.
+    fn limit_energy(&mut self) {
+        let mut limited = Vec::new();
+        let used: HashSet<u32> = self.scene.triangles.iter().map(|t| t.material).collect();
+        for (index, material) in (0..).zip(&mut self.scene.materials) {
+            if self.stated.contains(&index) || !used.contains(&index) {
+                continue;
+            }
+            if let Some(before) = material.limit_energy() {
+                limited.push(format!(
+                    "\"{}\" ({before:.2} to {:.2})",
+                    material.name,
+                    material.total_albedo()
+                ));
+            }
+        }
+        if limited.is_empty() {
+            return;
+        }
+        const SHOWN: usize = 8;
+        let count = limited.len();
+        let more = if count > SHOWN { format!(" and {} more", count - SHOWN) } else { String::new() };
+        limited.truncate(SHOWN);
+        self.scene.warnings.push(format!(
+            "{}: {count} material(s) reflect all light or more and are limited, total albedo: {}{more}. \
+             [material.NAME] of a scene file states other values; --strict refuses them.",
+            self.path.display(),
+            limited.join(", ")
+        ));
+    }
+
+    fn turn_faces(&mut self) {
+        if self.sides.iter().all(|sides| sides.orient == Orient::Keep) {
+            return;
+        }
+        let keep: Vec<bool> = self.per_triangle(|sides| sides.orient == Orient::Keep);
+        let turned = orient(&mut self.scene, |t| keep[t]);
+        if turned.is_empty() {
+            return;
+        }
+        let each: Vec<String> =
+            turned.iter().map(|(mesh, count)| format!("{count} of mesh \"{mesh}\"")).collect();
+        self.scene.warnings.push(format!(
+            "{}: triangles that faced the wrong way in their closed shells were turned: {}; --orient keep leaves them.",
+            self.path.display(),
+            each.join(", ")
+        ));
+    }
+
+    fn add_second_sides(&mut self, options: &LoadOptions) {
+        let of_mesh: Vec<Option<bool>> = self.per_triangle(|sides| sides.two_sided);
+        let two_sided: Vec<bool> = self
+            .scene
+            .triangles
+            .iter()
+            .zip(of_mesh)
+            .map(|(t, mesh)| mesh.or(self.two_sided.get(&t.material).copied()).unwrap_or(options.two_sided))
+            .collect();
+        self.scene.add_second_sides(|t| two_sided[t]);
+    }
+
+    fn per_triangle<T: Clone>(&self, of: impl Fn(&Sides) -> T) -> Vec<T> {
+        let meshes = self.scene.meshes.iter().zip(&self.sides);
+        meshes.flat_map(|(mesh, sides)| std::iter::repeat_n(of(sides), mesh.range.len())).collect()
     }
 
     /// The file, and the line if the error belongs to one.

@@ -39,7 +39,7 @@ pub enum SceneError {
 
     /// An MTL file that a mesh names cannot be read.
     #[error(
-        "{}:{line}: material file {} cannot be read ({reason}); put it there or remove the mtllib line for grey faces",
+        "{}:{line}: material file {} cannot be read ({reason}); put it there, or load without strict for grey faces",
         path.display(), mtl.display()
     )]
     MaterialFile {
@@ -231,6 +231,17 @@ impl std::fmt::Display for Place<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}:{}", self.path.display(), self.line)
     }
+}
+
+/// A list of names in quotes, cut short if it is long.
+pub(super) fn quoted<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    const MOST: usize = 8;
+    let names: Vec<&str> = names.into_iter().collect();
+    let mut list: Vec<String> = names.iter().take(MOST).map(|name| format!("\"{name}\"")).collect();
+    if names.len() > MOST {
+        list.push(format!("and {} more", names.len() - MOST));
+    }
+    list.join(", ")
 }
 
 /// The candidate that `word` is most likely a misspelling of, if any is close.

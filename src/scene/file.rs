@@ -5,8 +5,9 @@ use std::ops::Range;
 use std::path::Path;
 
 use glam::DVec3;
+use serde::Deserialize;
 
-use super::assembly::Assembly;
+use super::assembly::{Assembly, Sides};
 use super::error::{Place, SceneError};
 use super::geometry::{Placement, RawMesh};
 use super::tables::{self, MeshTable, SceneTable};
@@ -17,11 +18,29 @@ use super::{Scene, obj};
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct LoadOptions {
-    /// Refuse triangles without area instead of recording them in [`Scene::degenerate`].
+    /// Refuse what is otherwise mended or left out with a warning: triangles without area ([`Scene::degenerate`]), materials of mesh
+    /// files that reflect all light or more, and missing materials.
     pub strict: bool,
+    /// Whether faces of mesh files are turned where closed shells say which way they should face; `orient` of a `[[mesh]]` takes
+    /// precedence.
+    pub orient: Orient,
+    /// Give all sheets a second side; `two_sided` of a `[[mesh]]` or a material takes precedence.
+    pub two_sided: bool,
 }
 
-setters!(LoadOptions { strict: bool });
+setters!(LoadOptions { strict: bool, orient: Orient, two_sided: bool });
+
+/// Which way the faces of a mesh face.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Orient {
+    /// As the file says, but mended where a closed or nearly closed shell allows: faces that disagree with most of their shell are turned,
+    /// and so is a shell whose backs alone can see lamps. A note says what was turned.
+    #[default]
+    Auto,
+    /// As the file says.
+    Keep,
+}
 
 /// Most triangles that `subdivide` may turn a mesh into: as many as the finest statue has.
 const MOST_SUBDIVIDED: u64 = 10_000_000;
@@ -41,6 +60,8 @@ impl Scene {
     /// rotate_degrees = [0, 90, 0]
     /// translate = [0, 0, 2]
     /// subdivide = 1                  # how many times every edge is halved
+    /// two_sided = false              # true: open sheets get a second side, which reflects and blocks light like the first
+    /// orient = "auto"                # or "keep": do not turn faces that disagree with their closed shell
     ///
     /// [material.white]               # overrides the MTL, or defines a material from black
     /// diffuse = 1                    # δ
@@ -49,6 +70,7 @@ impl Scene {
     /// power = 20                     # p
     /// emission = 0
     /// normalization = "phong"        # or "energy"
+    /// two_sided = false              # as for a mesh, which takes precedence
     ///
     /// [camera.main]
     /// position = [0, 1, 5]
@@ -74,11 +96,12 @@ impl Scene {
         let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         let mut assembly = Assembly::new(path, stem(path));
         match extension.as_deref() {
-            Some("toml") => TomlFile::read(path)?.assemble(&mut assembly)?,
+            Some("toml") => TomlFile::read(path)?.assemble(&mut assembly, options)?,
             Some("obj") => {
-                let mut mesh = obj::read(path, |_| false, assembly.warnings())?;
+                let mut mesh = obj::read(path, options.strict, |_| false, assembly.warnings())?;
                 assembly.add_materials(&mut mesh)?;
-                assembly.add_mesh(stem(path), path, mesh, Place { path, line: 1 })?;
+                let sides = Sides { orient: options.orient, two_sided: None };
+                assembly.add_mesh(stem(path), path, mesh, sides, Place { path, line: 1 })?;
             }
             _ => {
                 return Err(SceneError::UnknownFormat { path: path.to_path_buf() });
@@ -93,14 +116,15 @@ fn stem(path: &Path) -> String {
 }
 
 impl TomlFile<'_> {
-    fn assemble(&self, assembly: &mut Assembly) -> Result<(), SceneError> {
+    fn assemble(&self, assembly: &mut Assembly, options: &LoadOptions) -> Result<(), SceneError> {
         let tables: SceneTable = self.parse()?;
 
         // Materials before triangles: a mesh may use a material defined further down, or in another mesh's MTL.
         let defined = |name: &str| tables.material.keys().any(|key| key.get_ref() == name);
         let mut meshes = Vec::new();
         for table in &tables.mesh {
-            let mut mesh = self.read_mesh(table.get_ref(), table.span(), &defined, assembly.warnings())?;
+            let mut mesh =
+                self.read_mesh(table.get_ref(), table.span(), options, &defined, assembly.warnings())?;
             assembly.add_materials(&mut mesh)?;
             meshes.push(mesh);
         }
@@ -116,7 +140,10 @@ impl TomlFile<'_> {
                 (None, Some(shape)) => (shape.get_ref().kind().to_owned(), self.path.to_path_buf()),
                 (None, None) => (String::from("mesh"), self.path.to_path_buf()),
             };
-            assembly.add_mesh(table.name.clone().unwrap_or(default_name), &file, mesh, place)?;
+            // The faces of a shape are right.
+            let usual = if table.shape.is_some() { Orient::Keep } else { options.orient };
+            let sides = Sides { orient: table.orient.unwrap_or(usual), two_sided: table.two_sided };
+            assembly.add_mesh(table.name.clone().unwrap_or(default_name), &file, mesh, sides, place)?;
         }
         for (name, _) in materials {
             assembly.warn_if_unused(name.get_ref(), self.place(name.span()));
@@ -140,52 +167,54 @@ impl TomlFile<'_> {
         &self,
         table: &MeshTable,
         span: Range<usize>,
+        options: &LoadOptions,
         defined: &dyn Fn(&str) -> bool,
         warnings: &mut Vec<String>,
     ) -> Result<RawMesh, SceneError> {
         let place = self.place(span);
         let material = table.material.as_ref().map(|m| m.get_ref().as_str());
-        let mut mesh = match (&table.path, &table.shape, material) {
-            (Some(path), None, material) => {
-                let file = self.beside(path.get_ref());
-                let known = |name: &str| material.is_some() || defined(name);
-                let mesh = obj::read(&file, known, warnings).map_err(|error| match error {
-                    SceneError::Read { path: file, reason } => {
-                        let file = file.display();
-                        self.place(path.span()).error(format!("mesh file {file} cannot be read: {reason}"))
+        let mut mesh =
+            match (&table.path, &table.shape, material) {
+                (Some(path), None, material) => {
+                    let file = self.beside(path.get_ref());
+                    let known = |name: &str| material.is_some() || defined(name);
+                    let mesh =
+                        obj::read(&file, options.strict, known, warnings).map_err(|error| match error {
+                            SceneError::Read { path: file, reason } => {
+                                let file = file.display();
+                                self.place(path.span())
+                                    .error(format!("mesh file {file} cannot be read: {reason}"))
+                            }
+                            other => other,
+                        })?;
+                    match material {
+                        Some(material) => RawMesh {
+                            face_lines: mesh.face_lines,
+                            ..RawMesh::uniform(mesh.vertices, mesh.faces, material)
+                        },
+                        None => mesh,
                     }
-                    other => other,
-                })?;
-                match material {
-                    Some(material) => RawMesh {
-                        face_lines: mesh.face_lines,
-                        ..RawMesh::uniform(mesh.vertices, mesh.faces, material)
-                    },
-                    None => mesh,
                 }
-            }
-            (None, Some(shape), Some(material)) => {
-                let place = self.place(shape.span());
-                shape.get_ref().validate().map_err(|message| place.error(message))?;
-                let (vertices, faces) = shape.get_ref().mesh();
-                RawMesh::uniform(vertices, faces, material)
-            }
-            (None, Some(_), None) => {
-                return Err(
-                    place.error("a shape needs a material; add `material = \"NAME\"` and [material.NAME]")
-                );
-            }
-            (Some(_), Some(_), _) => {
-                return Err(
-                    place.error("a mesh has either `path` or `shape`, not both; split it into two meshes")
-                );
-            }
-            (None, None, _) => {
-                return Err(place.error(
-                    "a mesh without geometry; add `path = \"FILE.obj\"` or `shape = { kind = ... }`",
-                ));
-            }
-        };
+                (None, Some(shape), Some(material)) => {
+                    let place = self.place(shape.span());
+                    shape.get_ref().validate().map_err(|message| place.error(message))?;
+                    let (vertices, faces) = shape.get_ref().mesh();
+                    RawMesh::uniform(vertices, faces, material)
+                }
+                (None, Some(_), None) => {
+                    return Err(place
+                        .error("a shape needs a material; add `material = \"NAME\"` and [material.NAME]"));
+                }
+                (Some(_), Some(_), _) => {
+                    return Err(place
+                        .error("a mesh has either `path` or `shape`, not both; split it into two meshes"));
+                }
+                (None, None, _) => {
+                    return Err(place.error(
+                        "a mesh without geometry; add `path = \"FILE.obj\"` or `shape = { kind = ... }`",
+                    ));
+                }
+            };
 
         self.subdivide(&mut mesh, table)?;
         let scale = match &table.scale {

@@ -24,6 +24,8 @@ pub(super) struct RawMaterial {
     pub material: Material,
     /// File and line of the definition; `None` for a grey placeholder.
     pub origin: Option<(PathBuf, usize)>,
+    /// Whether its triangles have a second side.
+    pub two_sided: bool,
 }
 
 impl RawMesh {

@@ -9,14 +9,19 @@ mod assembly;
 mod builder;
 mod camera;
 mod check;
+mod energy;
 mod error;
 mod file;
 mod geometry;
 mod material;
 mod mtl;
 mod obj;
+mod orient;
+mod outlook;
+mod rays;
 mod refine;
 mod save;
+mod second_side;
 mod settings;
 mod shapes;
 mod size;
@@ -30,13 +35,14 @@ mod triangulate;
 pub use builder::SceneBuilder;
 pub use camera::Camera;
 pub use error::SceneError;
-pub use file::LoadOptions;
+pub use file::{LoadOptions, Orient};
 pub use material::{Material, Normalization};
 pub use settings::{BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, Transport, Weights};
 pub use shapes::Shape;
 
 pub(crate) use adjacency::{Edges, Fans, Welded, sides};
 pub(crate) use error::{Place, nearest};
+pub(crate) use rays::Rays;
 pub(crate) use size::bounds;
 pub(crate) use tables::{CameraTable, Triple};
 pub(crate) use toml_file::TomlFile;
@@ -44,7 +50,8 @@ pub(crate) use toml_file::TomlFile;
 use glam::DVec3;
 use std::path::PathBuf;
 
-/// One triangle: counter-clockwise seen from its front, which emits and reflects; the back is black and opaque.
+/// One triangle: counter-clockwise seen from its front, which emits, reflects and blocks light. The back is black: it blocks what comes
+/// straight from exact lamps, and lets other light pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Triangle {
     /// Indices into [`Scene::vertices`].

@@ -9,34 +9,12 @@ use super::error::{Place, SceneError, nearest};
 use super::material::Material;
 use super::statements::{Statement, number, statements};
 
-/// Keys of the format that have no meaning for Blinn-Phong radiosity.
-const IGNORED: [&str; 26] = [
-    "Ka",
-    "Ni",
-    "d",
-    "Tr",
-    "Tf",
-    "illum",
-    "sharpness",
-    "bump",
-    "disp",
-    "decal",
-    "refl",
-    "norm",
-    "Pr",
-    "Pm",
-    "Ps",
-    "Pc",
-    "Pcr",
-    "aniso",
-    "anisor",
-    "map_Ka",
-    "map_Ks",
-    "map_Ke",
-    "map_Ns",
-    "map_d",
-    "map_bump",
-    "map_Bump",
+/// Keys that have no meaning for Blinn-Phong radiosity, or none that pictures would show.
+const MEANINGLESS: [&str; 4] = ["Ka", "Ni", "illum", "sharpness"];
+/// Keys whose effect on a picture is lost.
+const IGNORED: [&str; 22] = [
+    "d", "Tr", "Tf", "bump", "disp", "decal", "refl", "norm", "Pr", "Pm", "Ps", "Pc", "Pcr", "aniso",
+    "anisor", "map_Ka", "map_Ks", "map_Ns", "map_d", "map_bump", "map_Bump", "map_Kd",
 ];
 const READ: [&str; 6] = ["newmtl", "Kd", "Ks", "Ns", "Ke", "map_Kd"];
 
@@ -54,6 +32,7 @@ pub(super) fn parse(
 ) -> Result<Vec<MtlMaterial>, SceneError> {
     let mut materials: Vec<MtlMaterial> = Vec::new();
     let mut lines = HashMap::new();
+    let mut ignored = Ignored::default();
     for statement in statements(text) {
         let line = statement.line;
         let place = Place { path, line };
@@ -71,21 +50,58 @@ pub(super) fn parse(
             "Ks" => material.specular = rgb(&statement, place)?,
             "Ke" => material.emission = rgb(&statement, place)?,
             "Ns" => material.power = scalar(&statement, place)?,
-            "map_Kd" => warnings.push(format!(
-                "{place}: the texture {} of material \"{}\" is ignored; its albedo is Kd.",
-                statement.rest(),
-                material.name
-            )),
-            _ if IGNORED.contains(&key) => {}
-            _ => warnings.push(match nearest(key, READ) {
-                Some(known) => {
-                    format!("{place}: unknown key `{key}` is ignored; did you mean `{known}`?")
-                }
-                None => format!("{place}: unknown key `{key}` is ignored."),
-            }),
+            _ if MEANINGLESS.contains(&key) || is_opaque(key, statement.rest()) => {}
+            _ => ignored.add(key, line),
         }
     }
+    ignored.warn(path, warnings);
     Ok(materials)
+}
+
+/// Whether the statement says that a material is opaque: `d 1`, `Tr 0`, `Tf 1 1 1`.
+fn is_opaque(key: &str, rest: &str) -> bool {
+    let opaque = match key {
+        "d" | "Tf" => 1.0,
+        "Tr" => 0.0,
+        _ => return false,
+    };
+    rest.split_whitespace().all(|word| word.parse() == Ok(opaque))
+}
+
+/// Keys that are ignored though they may matter, in order of appearance, with the lines of the first and how often.
+#[derive(Default)]
+struct Ignored(Vec<(String, usize, usize)>);
+
+impl Ignored {
+    fn add(&mut self, key: &str, line: usize) {
+        match self.0.iter_mut().find(|(known, ..)| known == key) {
+            Some((.., times)) => *times += 1,
+            None => self.0.push((key.to_owned(), line, 1)),
+        }
+    }
+
+    /// One warning for all keys of the format; one for each key outside of it, which may be misspelt.
+    fn warn(self, path: &Path, warnings: &mut Vec<String>) {
+        let (known, unknown): (Vec<_>, Vec<_>) =
+            self.0.into_iter().partition(|(key, ..)| IGNORED.contains(&key.as_str()));
+        if let Some(&(_, line, _)) = known.first() {
+            let each = known.iter().map(|(key, _, times)| match times {
+                1 => format!("`{key}`"),
+                _ => format!("`{key}` ({times} times)"),
+            });
+            warnings.push(format!(
+                "{}: ignored, for materials are opaque and of one colour each: {}.",
+                Place { path, line },
+                each.collect::<Vec<_>>().join(", ")
+            ));
+        }
+        for (key, line, _) in unknown {
+            let hint =
+                nearest(&key, READ).map_or(String::new(), |known| format!("; did you mean `{known}`?"));
+            let end = if hint.is_empty() { "." } else { "" };
+            warnings.push(format!("{}: unknown key `{key}` is ignored{hint}{end}", Place { path, line }));
+        }
+    }
 }
 
 /// `lines`: lines of the materials before this one.

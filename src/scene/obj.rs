@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::error::{Place, SceneError, nearest};
+use super::error::{Place, SceneError, nearest, quoted};
 use super::geometry::{RawMaterial, RawMesh};
 use super::material::Material;
 use super::mtl;
@@ -23,15 +23,18 @@ const GREY: [f64; 3] = [0.5; 3];
 const IGNORED: [&str; 8] = ["o", "g", "s", "vn", "vt", "vp", "l", "p"];
 const READ: [&str; 4] = ["v", "f", "usemtl", "mtllib"];
 
-/// Reads a mesh and its MTL files. A material for which `defined_elsewhere` holds needs no MTL.
+/// Reads a mesh and its MTL files. A material for which `defined_elsewhere` holds needs no MTL; others that are missing are
+/// grey, or with `strict` an error.
 pub(super) fn read(
     path: &Path,
+    strict: bool,
     defined_elsewhere: impl Fn(&str) -> bool,
     warnings: &mut Vec<String>,
 ) -> Result<RawMesh, SceneError> {
     let text = read_text(path).map_err(|reason| SceneError::Read { path: path.to_path_buf(), reason })?;
     let mut reader = Reader {
         path,
+        strict,
         warnings,
         vertices: Vec::new(),
         faces: Vec::new(),
@@ -43,6 +46,7 @@ pub(super) fn read(
         materials: Vec::new(),
         material_indices: HashMap::new(),
         libraries: Vec::new(),
+        missing: Vec::new(),
         unknown: None,
     };
     for statement in statements(&text) {
@@ -61,6 +65,7 @@ struct Use {
 
 struct Reader<'a> {
     path: &'a Path,
+    strict: bool,
     warnings: &'a mut Vec<String>,
     vertices: Vec<DVec3>,
     faces: Vec<[u32; 3]>,
@@ -73,6 +78,8 @@ struct Reader<'a> {
     materials: Vec<RawMaterial>,
     material_indices: HashMap<String, usize>,
     libraries: Vec<PathBuf>,
+    /// Files of `mtllib` lines that do not exist.
+    missing: Vec<PathBuf>,
     /// Line and keyword of the first unknown statement.
     unknown: Option<(usize, String)>,
 }
@@ -141,15 +148,20 @@ impl Reader<'_> {
             names.split_whitespace().map(|name| folder.join(name)).collect()
         };
         for file in files {
-            if self.libraries.contains(&file) {
+            if self.libraries.contains(&file) || self.missing.contains(&file) {
                 continue;
             }
-            let text = read_text(&file).map_err(|reason| SceneError::MaterialFile {
-                path: self.path.to_path_buf(),
-                line: place.line,
-                mtl: file.clone(),
-                reason,
-            })?;
+            let text = match read_text(&file) {
+                Ok(text) => text,
+                Err(reason) if self.strict || reason.kind() != std::io::ErrorKind::NotFound => {
+                    let (path, line) = (self.path.to_path_buf(), place.line);
+                    return Err(SceneError::MaterialFile { path, line, mtl: file, reason });
+                }
+                Err(_) => {
+                    self.missing.push(file);
+                    continue;
+                }
+            };
             for mtl::MtlMaterial { material, line } in mtl::parse(&text, &file, self.warnings)? {
                 if let Some(&first) = self.material_indices.get(&material.name) {
                     let before = self.materials[first]
@@ -163,7 +175,7 @@ impl Reader<'_> {
                 }
                 self.material_indices.insert(material.name.clone(), self.materials.len());
                 let origin = Some((file.clone(), line));
-                self.materials.push(RawMaterial { material, origin });
+                self.materials.push(RawMaterial { material, origin, two_sided: false });
             }
             self.libraries.push(file);
         }
@@ -175,31 +187,46 @@ impl Reader<'_> {
         let known: Vec<String> = self.materials.iter().map(|m| m.material.name.clone()).collect();
         let known = || known.iter().map(String::as_str);
         let is_known: HashSet<&str> = known().collect();
+        let list = |files: &[PathBuf]| {
+            files.iter().map(|file| file.display().to_string()).collect::<Vec<_>>().join(", ")
+        };
+        let mut grey = Vec::new();
         for used in &self.uses {
             let place = Place { path: self.path, line: used.line };
             let name = &used.name;
             if is_known.contains(name.as_str()) || defined_elsewhere(name) {
                 continue;
             }
-            if used.named && !self.libraries.is_empty() {
-                let files: Vec<_> = self.libraries.iter().map(|l| l.display().to_string()).collect();
-                let hint = match nearest(name, known()) {
-                    Some(near) => format!("; did you mean \"{near}\"?"),
-                    None => String::from("; define it there"),
-                };
-                let files = files.join(", ");
+            let hint = nearest(name, known()).map(|near| format!("; did you mean \"{near}\"?"));
+            if used.named && self.strict && !self.libraries.is_empty() {
+                let (files, hint) = (list(&self.libraries), hint.unwrap_or("; define it there".to_owned()));
                 return Err(place.error(format!("material \"{name}\" is not defined in {files}{hint}")));
             }
-            self.warnings.push(if used.named {
-                format!(
-                    "{place}: no mtllib defines material \"{name}\"; it is grey, albedo 0.5, \
-                     unless another file defines it."
-                )
-            } else {
-                format!("{place}: faces before any usemtl have the material \"{name}\": grey, albedo 0.5.")
-            });
+            match (used.named, hint) {
+                (false, _) => self.warnings.push(format!(
+                    "{place}: faces before any usemtl have the material \"{name}\": grey, albedo 0.5."
+                )),
+                (true, Some(hint)) => self.warnings.push(format!(
+                    "{place}: material \"{name}\" is not defined in {} and is grey, albedo 0.5{hint}",
+                    list(&self.libraries)
+                )),
+                (true, None) => grey.push((place, name.as_str())),
+            }
             let material = Material { albedo: GREY, ..Material::named(name) };
-            self.materials.push(RawMaterial { material, origin: None });
+            self.materials.push(RawMaterial { material, origin: None, two_sided: false });
+        }
+        if let Some((place, _)) = grey.first() {
+            let names = quoted(grey.iter().map(|(_, name)| *name));
+            let why = match (self.missing.is_empty(), self.libraries.is_empty()) {
+                (false, _) => format!("{} is missing, so", list(&self.missing)),
+                (true, false) => format!("{} does not define them, so", list(&self.libraries)),
+                (true, true) => String::from("no mtllib defines them, so"),
+            };
+            self.warnings.push(format!(
+                "{place}: {why} the materials {names} are grey, albedo 0.5, unless another file defines them."
+            ));
+        } else if !self.missing.is_empty() {
+            self.warnings.push(format!("{}: {} is missing.", self.path.display(), list(&self.missing)));
         }
         if let Some((line, key)) = &self.unknown {
             let place = Place { path: self.path, line: *line };

@@ -24,6 +24,7 @@ struct SceneTable<'a> {
 struct MeshTable<'a> {
     name: &'a str,
     path: String,
+    orient: &'static str,
 }
 
 /// Properties that MTL cannot express.
@@ -96,7 +97,7 @@ impl Scene {
             atomic_write(&path.with_file_name(&obj), |file| {
                 self.write_obj(file, &mtl, &names, mesh.range.clone(), &mut vertices[k])
             })?;
-            tables.push(MeshTable { name: &mesh.name, path: obj });
+            tables.push(MeshTable { name: &mesh.name, path: obj, orient: "keep" });
         }
         atomic_write(&path.with_file_name(&mtl), |file| self.write_mtl(file, &names))?;
         let text = self.toml(tables, &names);

@@ -11,8 +11,8 @@ use toml::Spanned;
 
 use super::error::{Place, SceneError};
 use super::{
-    BinLayout, Camera, Choice, Lamps, Material, Normalization, Precision, Shape, SolveSettings, SolverChoice,
-    Transport, Weights,
+    BinLayout, Camera, Choice, Lamps, Material, Normalization, Orient, Precision, Shape, SolveSettings,
+    SolverChoice, Transport, Weights,
 };
 
 /// Named tables; the span of a name is its position in the file.
@@ -44,6 +44,8 @@ pub(super) struct MeshTable {
     pub rotate_degrees: DVec3,
     pub scale: Option<Spanned<Triple>>,
     pub subdivide: Option<Spanned<u32>>,
+    pub two_sided: Option<bool>,
+    pub orient: Option<Orient>,
 }
 
 #[derive(Deserialize)]
@@ -55,6 +57,7 @@ pub(super) struct MaterialTable {
     pub power: Option<f64>,
     pub emission: Option<Triple>,
     pub normalization: Option<Normalization>,
+    pub two_sided: Option<bool>,
 }
 
 impl MaterialTable {

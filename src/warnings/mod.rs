@@ -1,6 +1,7 @@
 //! Where the method will be wrong, and the triangles that cause it: predicted without a solve ([`Warnings::of`]), or found in a
 //! solution ([`Warnings::after`]). Pure host code between plan and engine.
 
+mod backs;
 mod distance;
 mod edges;
 mod gain;
@@ -25,6 +26,8 @@ const GAIN_LIMIT: f64 = 0.5;
 const SHOWN: usize = 5;
 /// Product of gains of stacked layers above which the shadows below them are meaningless.
 const SEVERE_LAYERS: f64 = 10.0;
+/// Share of the area in triangles with lit backs above which the answer is another than most would expect.
+const SEVERE_BACKS: f64 = 0.01;
 /// Share of negative in total absolute irradiance above which it exceeds the usual error.
 const SEVERE_NEGATIVE: f64 = 0.01;
 
@@ -40,6 +43,8 @@ pub enum Kind {
     NarrowGaps,
     /// Blockers with an open edge.
     OpenBlockers,
+    /// Light falls on the backs of triangles.
+    LitBacks,
     /// Blockers with some triangles of opposite orientation.
     InconsistentBlockers,
     /// Triangles with the same corners and front as another.
@@ -58,6 +63,7 @@ impl Kind {
             Self::StackedLayers => "stacked layers",
             Self::NarrowGaps => "narrow gaps",
             Self::OpenBlockers => "open blockers",
+            Self::LitBacks => "lit backs",
             Self::InconsistentBlockers => "inconsistent blockers",
             Self::DuplicateTriangles => "duplicate triangles",
             Self::Unphysical => "unphysical",
@@ -124,6 +130,7 @@ impl Warnings {
         warnings.coarse_blockers(scene, plan, &gains);
         warnings.narrow_gaps(scene, plan);
         warnings.bad_edges(scene, plan);
+        warnings.lit_backs(scene, plan);
         warnings
     }
 
@@ -283,6 +290,31 @@ impl Warnings {
             ),
             remedy: "remove them from the mesh".to_owned(),
             measure: "area, m²",
+            ..Warning::blank()
+        });
+    }
+
+    fn lit_backs(&mut self, scene: &Scene, plan: &Plan) {
+        let found: Vec<Found> =
+            backs::lit(scene, plan).into_iter().map(|(t, light)| (t, light, None)).collect();
+        let all: f64 = plan.facets.iter().map(|f| f.area).sum();
+        let share_of = |counts: &dyn Fn(u32) -> bool| {
+            let area = |f: &Found| plan.facets[f.0 as usize].area;
+            found.iter().filter(|f| counts(f.0)).map(area).sum::<f64>() / all
+        };
+        let share = share_of(&|_| true);
+        // That the housing of a lamp is black is what most expect.
+        let reflecting = share_of(&|t| scene.material(t as usize).emission == [0.0; 3]);
+        self.push(scene, plan, found, |count| Warning {
+            kind: Kind::LitBacks,
+            severe: reflecting > SEVERE_BACKS,
+            message: format!(
+                "light falls on the backs of {count} triangles, {:.1} % of the area: it is not reflected there, and passes, but for \
+                 what comes straight from exact lamps",
+                100.0 * share
+            ),
+            remedy: "two_sided = true (--two-sided) for sheets; turn what faces the wrong way".to_owned(),
+            measure: "irradiance of the back, W/m²",
             ..Warning::blank()
         });
     }

@@ -26,7 +26,7 @@ fn missing_files() {
     folder.render("lost.toml").refused(&["lost.obj", "cannot be read"]);
     folder.render("notes.txt").refused(&["notes.txt", ".toml", ".obj"]);
     fs::remove_file(folder.path("m.mtl")).expect("it was there");
-    folder.render("m.obj").refused(&["m.obj:1", "m.mtl", "cannot be read"]);
+    folder.render("m.obj --strict").refused(&["m.obj:1", "m.mtl", "cannot be read"]);
     assert!(folder.results().is_empty());
 }
 
@@ -40,7 +40,6 @@ fn broken_meshes() {
         ("v 1 2 x", ["m.obj:10", "`x` is not a number"]),
         ("v nan 0 0", ["m.obj:10", "`nan` is not finite"]),
         ("v 0 inf 0", ["m.obj:10", "`inf` is not finite"]),
-        ("usemtl whit\nf 1 2 4", ["m.obj:10", "\"whit\" is not defined in m.mtl; did you mean \"white\"?"]),
     ] {
         refused("m.obj", &format!("{OBJ}{line}\n"), &parts);
     }
@@ -82,7 +81,26 @@ fn impossible_materials() {
         &wall("albedo = 0.5\nspecular = 0.2\npower = 50"),
         &["room.toml:13", "\"wall\"", "total albedo is 1.2", "must be below 1"],
     );
-    refused("m.mtl", &MTL.replacen(".5 .5 .5", ".5 .5 1.5", 1), &["m.mtl:1", "\"white\"", "below 1"]);
+}
+
+/// Mesh files as other programs write them: taken, but for strict readers.
+#[test]
+fn what_strict_refuses() {
+    for (file, text, parts) in [
+        ("m.mtl", MTL.replacen(".5 .5 .5", ".5 .5 1.5", 1), ["m.mtl:1", "\"white\"", "below 1"]),
+        (
+            "m.obj",
+            format!("{OBJ}usemtl whit\nf 1 2 4\n"),
+            ["m.obj:9", "\"whit\" is not defined in", "m.mtl; did you mean \"white\"?"],
+        ),
+    ] {
+        let folder = Folder::with(&[(file, &text)]);
+        folder.render("m.obj --strict").refused(&parts);
+        assert!(folder.results().is_empty(), "{:?}", folder.results());
+    }
+    let bright = MTL.replacen(".5 .5 .5", ".5 .5 1.5", 1);
+    let taken = Folder::with(&[("m.mtl", &bright)]).render("m.obj").succeeded();
+    says(&taken.stderr, &["WARN", "1 material(s)", "\"white\" (1.50 to 0.90)"]);
 }
 
 #[test]

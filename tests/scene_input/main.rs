@@ -1,6 +1,7 @@
 //! Valid and invalid input to the scene layer.
 
 mod against_tobj;
+mod as_they_come;
 mod checks;
 mod meshes;
 mod save;

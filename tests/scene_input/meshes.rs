@@ -24,9 +24,8 @@ fn broken_obj_lines() {
         ("f", vec!["m.obj:4", "0 corner(s)"]),
         ("usemtl", vec!["m.obj:4", "usemtl NAME"]),
         ("mtllib", vec!["m.obj:4", "mtllib FILE.mtl"]),
-        ("mtllib m.mtl\nusemtl whit", vec!["m.obj:5", "\"whit\" is not defined", "m.mtl", "\"white\""]),
     ] {
-        let alone = parts[0] != "m.obj:4" && parts[0] != "m.obj:5";
+        let alone = parts[0] != "m.obj:4";
         let text = if alone { text.to_owned() } else { format!("{triangle}{text}") };
         assert_refused("m.obj", &text, &parts);
     }
@@ -47,7 +46,7 @@ fn broken_mtl_lines() {
     }
     let mtl = format!("{MTL}Ka 1 1 1\nillum 2\nKb 1 1 1\nmap_Kd wood.png\n");
     let warnings = good("s.toml", &[("m.mtl", &mtl)]).warnings.join("\n");
-    for part in ["m.mtl:8: unknown key `Kb` is ignored; did you mean `K", "m.mtl:9: the texture wood.png"] {
+    for part in ["m.mtl:8: unknown key `Kb` is ignored; did you mean `K", "m.mtl:9: ignored", "`map_Kd`"] {
         assert!(warnings.contains(part), "`{part}` is missing in: {warnings}");
     }
     assert_eq!(warnings.lines().count(), 2, "{warnings}");

@@ -16,7 +16,9 @@ fn missing_and_unknown_files() {
         assert_says(&error.to_string(), &parts);
     }
     assert_refused("s.toml", "[[mesh]]\npath = \"none.obj\"", &["s.toml:2", "none.obj", "cannot be read"]);
-    assert_refused("m.obj", "v 0 0 0\nmtllib none.mtl", &["m.obj:2", "none.mtl", "cannot be read"]);
+    let lost =
+        Folder::with(&[("m.obj", "v 0 0 0\nmtllib none.mtl")]).load("m.obj", true).expect_err("strict");
+    assert_says(&lost.to_string(), &["m.obj:2", "none.mtl", "cannot be read"]);
 }
 
 #[test]

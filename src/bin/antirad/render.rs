@@ -194,7 +194,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         tracing::warn!("{}: {}; remedy: {}", warning.kind.name(), warning.message, warning.remedy);
     }
     let report = Report {
-        scene: arguments.settings.scene.display().to_string(),
+        scene: arguments.settings.file.scene.display().to_string(),
         version: env!("CARGO_PKG_VERSION"),
         device: DeviceReport::from(device.info()),
         warnings: solved.warnings.clone(),

@@ -3,15 +3,48 @@
 use crate::Failure;
 use antirad::cli::{Interrupt, Working, parse_size};
 use antirad::plan::{Plan, PlanOptions};
-use antirad::scene::{BinLayout, Choice, Lamps, LoadOptions, Precision, Scene, SolverChoice, Transport};
+use antirad::scene::{
+    BinLayout, Choice, Lamps, LoadOptions, Orient, Precision, Scene, SolverChoice, Transport,
+};
 use antirad::target_error::{usual_plan, usual_settings};
 use clap::Args;
 use std::path::PathBuf;
 
+/// A scene, and how to read it.
 #[derive(Args)]
-pub struct SceneSettings {
+pub struct SceneFile {
     /// Scene in TOML, or a bare OBJ
     pub scene: PathBuf,
+    /// Refuse what is otherwise mended or left out with a warning: triangles without area, materials of mesh files that
+    /// reflect all light or more, missing materials
+    #[arg(long)]
+    strict: bool,
+    /// Turn faces of mesh files where their closed shell says which way they should face (auto), or keep all as they are
+    #[arg(long, value_name = "HOW", value_enum, default_value_t)]
+    orient: Orient,
+    /// Give open sheets a second side, which reflects and blocks light like the first
+    #[arg(long)]
+    two_sided: bool,
+}
+
+impl SceneFile {
+    /// Reads the scene, and says what it warns of.
+    pub fn load(&self) -> Result<Scene, Failure> {
+        let _working = Working::on("reading the scene");
+        let options =
+            LoadOptions::default().strict(self.strict).orient(self.orient).two_sided(self.two_sided);
+        let scene = Scene::load(&self.scene, &options)?;
+        for warning in &scene.warnings {
+            tracing::warn!("{warning}");
+        }
+        Ok(scene)
+    }
+}
+
+#[derive(Args)]
+pub struct SceneSettings {
+    #[command(flatten)]
+    pub file: SceneFile,
     /// Choose bins, near field, mesh and tolerance for this relative error of irradiance and pictures, e.g. 0.02
     #[arg(long, value_name = "ERROR", value_parser = parse_error, conflicts_with_all = ["bins", "tolerance"])]
     target_error: Option<f64>,
@@ -45,17 +78,13 @@ pub struct SceneSettings {
     /// Limit of device memory, e.g. 512MiB [default: what the device has]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     pub memory_budget: Option<u64>,
-    /// Reject triangles without area instead of ignoring them
-    #[arg(long)]
-    strict: bool,
 }
 
 impl SceneSettings {
     /// The scene, with the settings of its file where the command line states none. A target error stays an open
     /// choice, and so do bins and near field that neither states.
     pub fn load(&self) -> Result<Scene, Failure> {
-        let _working = Working::on("reading the scene");
-        let mut scene = Scene::load(&self.scene, &LoadOptions::default().strict(self.strict))?;
+        let mut scene = self.file.load()?;
         let file = scene.settings;
         scene.settings = file
             .bins(self.bins.unwrap_or(file.bins))
@@ -79,9 +108,6 @@ impl SceneSettings {
             (None, Choice::Open { bins, near_field }) => Choice::Open { bins: bins && !stated, near_field },
             (None, within) => within,
         };
-        for warning in &scene.warnings {
-            tracing::warn!("{warning}");
-        }
         Ok(scene)
     }
 

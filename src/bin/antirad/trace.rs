@@ -3,11 +3,12 @@
 use crate::Failure;
 use crate::cameras;
 use crate::render::parse_exposure;
-use antirad::cli::{Interrupt, PartsBar, Working};
+use crate::settings::SceneFile;
+use antirad::cli::{Interrupt, PartsBar};
 use antirad::image::{Exposure, ToneMap};
 use antirad::output::{prepare_directory, write_json};
 use antirad::reference::{PathTracer, TracedPicture};
-use antirad::scene::{Camera, LoadOptions, Scene};
+use antirad::scene::Camera;
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -19,8 +20,8 @@ use std::time::Instant;
   antirad trace scenes/glossy_floor.toml --samples 1024 --output out/truth
   antirad trace scenes/fits/box.toml --camera shadow --samples 4096 --seed 1")]
 pub struct Arguments {
-    /// Scene in TOML, or a bare OBJ
-    scene: PathBuf,
+    #[command(flatten)]
+    file: SceneFile,
     /// Trace this camera only; may be given several times [default: all cameras of the scene]
     #[arg(long, value_name = "NAME")]
     camera: Vec<String>,
@@ -62,12 +63,7 @@ struct PictureReport {
 }
 
 pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<(), Failure> {
-    let working = Working::on("reading the scene");
-    let scene = Scene::load(&arguments.scene, &LoadOptions::default())?;
-    drop(working);
-    for warning in &scene.warnings {
-        tracing::warn!("{warning}");
-    }
+    let scene = arguments.file.load()?;
     let cameras = cameras::choose(&scene, &arguments.camera)?;
     let directory = arguments.output.clone().unwrap_or_else(|| Path::new("out/traced").join(&scene.name));
     prepare_directory(&directory)?;
@@ -105,7 +101,7 @@ pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<
         });
     }
     let report = Report {
-        scene: arguments.scene.display().to_string(),
+        scene: arguments.file.scene.display().to_string(),
         version: env!("CARGO_PKG_VERSION"),
         samples: arguments.samples,
         seed: arguments.seed,

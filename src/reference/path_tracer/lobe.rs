@@ -37,6 +37,10 @@ impl Reflection {
         Self::new(&white, normal, normal)
     }
 
+    pub fn normal(&self) -> DVec3 {
+        self.normal
+    }
+
     /// ⟨h,n⟩ and ⟨ω,h⟩ of the half vector h between a direction and the outgoing one.
     fn half(&self, incident: DVec3) -> (f64, f64) {
         let half = (incident + self.outgoing).normalize_or_zero();

@@ -11,15 +11,13 @@
 mod lobe;
 mod numbers;
 mod picture;
-mod rays;
 
-use crate::scene::Scene;
+use crate::scene::{Rays, Scene};
 use glam::DVec3;
 use lobe::Reflection;
 use numbers::{Numbers, estimate};
 pub use picture::{TracedPicture, TracedPixel};
 use rayon::prelude::*;
-use rays::Rays;
 use std::f64::consts::PI;
 
 /// Reflections after which Russian roulette may end a path, with the throughput as the probability of survival.
@@ -90,9 +88,22 @@ impl<'a> PathTracer<'a> {
             return MonteCarloEstimate::default();
         }
         // A random stream per triangle, so that results do not depend on the order of work.
+        self.irradiance_on(triangle, self.normals[triangle], samples)
+    }
+
+    /// The irradiance of the back of one triangle, which is black.
+    pub fn irradiance_of_back(&self, triangle: usize, samples: u32) -> MonteCarloEstimate {
+        if self.areas[triangle] <= 0.0 || samples == 0 {
+            return MonteCarloEstimate::default();
+        }
+        self.irradiance_on(triangle, -self.normals[triangle], samples)
+    }
+
+    /// On the side of a triangle to which `normal` points.
+    fn irradiance_on(&self, triangle: usize, normal: DVec3, samples: u32) -> MonteCarloEstimate {
         estimate(samples, [0, triangle as u64], |numbers| {
             let point = on_triangle(self.scene.corners(triangle), numbers.pair());
-            PI * self.reflected(triangle, point, Reflection::white(self.normals[triangle]), numbers)
+            PI * self.reflected(triangle, point, Reflection::white(normal), numbers)
         })
     }
 
@@ -109,7 +120,7 @@ impl<'a> PathTracer<'a> {
         for depth in 0..LONGEST {
             light += throughput * self.direct(from, at, &reflection, numbers);
             let Some((direction, density)) = reflection.sample(numbers) else { break };
-            throughput *= reflection.brdf(direction) * direction.dot(self.normals[from]) / density;
+            throughput *= reflection.brdf(direction) * direction.dot(reflection.normal()) / density;
             let chance = match throughput.max_element() {
                 0.0 => break,
                 _ if depth < ROULETTE_AFTER => 1.0,
@@ -149,7 +160,7 @@ impl<'a> PathTracer<'a> {
         let target = on_triangle(self.scene.corners(light), [u, v]);
         let way = target - point;
         let r2 = way.length_squared();
-        let (here, there) = (way.dot(self.normals[triangle]), -way.dot(self.normals[light]));
+        let (here, there) = (way.dot(reflection.normal()), -way.dot(self.normals[light]));
         if light == triangle || here <= 0.0 || there <= 0.0 {
             return DVec3::ZERO;
         }
@@ -229,6 +240,22 @@ mod tests {
             let bound = 4.5 * found.error;
             assert!((found.mean - truth).abs().cmple(bound).all(), "{i}: {found:?}, not {truth}");
             assert!(found.error.cmple(0.02 * truth).all());
+        }
+    }
+
+    /// Turned away, the receiver has on its back what it had on its front.
+    #[test]
+    fn backs_receive_what_fronts_would() {
+        let scene = squares(0.6);
+        let mut turned = scene.clone();
+        turned.triangles.iter_mut().take(2).for_each(|t| t.vertices.swap(1, 2));
+        let tracer = PathTracer::new(&turned);
+        for i in 0..2 {
+            let (front, back) =
+                (PathTracer::new(&scene).irradiance_of(i, 4096), tracer.irradiance_of_back(i, 4096));
+            let bound = 4.5 * (front.error + back.error);
+            assert!((front.mean - back.mean).abs().cmple(bound).all(), "{front:?} {back:?}");
+            assert_eq!(tracer.irradiance_of(i, 16), MonteCarloEstimate::default());
         }
     }
 

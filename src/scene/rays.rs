@@ -1,6 +1,6 @@
 //! Ray casting against triangles with a bounding volume hierarchy.
 
-use crate::scene::{Scene, bounds};
+use super::{Scene, bounds};
 use glam::DVec3;
 
 /// Triangles in a leaf.
@@ -22,7 +22,7 @@ struct Node {
 }
 
 /// A bounding volume hierarchy of the triangles of a scene, except those without area.
-pub struct Rays {
+pub(crate) struct Rays {
     nodes: Vec<Node>,
     order: Vec<u32>,
     corners: Vec<[DVec3; 3]>,

@@ -1,0 +1,52 @@
+//! Sheets with two sides: a triangle that is declared two-sided gets a second one with the same corners and the opposite front.
+
+use std::collections::HashSet;
+
+use super::orient::shells;
+use super::{Scene, Triangle};
+
+impl Scene {
+    /// Appends to each mesh the second sides of those of its triangles for which `two_sided` holds, in their order, with the same
+    /// corners and material. Triangles of closed shells, whose backs no light reaches, get none, nor do those that have one.
+    ///
+    /// Returns how many were added.
+    pub(super) fn add_second_sides(&mut self, two_sided: impl Fn(usize) -> bool) -> usize {
+        let mut asked: Vec<bool> = (0..self.triangles.len()).map(two_sided).collect();
+        if !asked.contains(&true) {
+            return 0;
+        }
+        for shell in shells(self).iter().filter(|shell| shell.closed && shell.against.is_empty()) {
+            shell.triangles.iter().for_each(|&t| asked[t as usize] = false);
+        }
+        let key = |[a, b, c]: [u32; 3]| {
+            let corners =
+                [a, b, c].map(|v| self.vertices[v as usize].to_array().map(|x| (x + 0.0).to_bits()));
+            let [a, b, c] = corners;
+            [[a, b, c], [b, c, a], [c, a, b]].into_iter().min()
+        };
+        let there: HashSet<_> = self.triangles.iter().map(|t| key(t.vertices)).collect();
+        for (asked, triangle) in asked.iter_mut().zip(&self.triangles) {
+            *asked &= !there.contains(&key(other_side(triangle.vertices)));
+        }
+        let old = std::mem::take(&mut self.triangles);
+        let mut origins = self.origins.iter_mut();
+        for mesh in &mut self.meshes {
+            let first = self.triangles.len() as u32;
+            let seconds = || mesh.range.clone().map(|t| t as usize).filter(|&t| asked[t]);
+            self.triangles.extend_from_slice(&old[mesh.range.start as usize..mesh.range.end as usize]);
+            self.triangles
+                .extend(seconds().map(|t| Triangle { vertices: other_side(old[t].vertices), ..old[t] }));
+            if let Some(origin) = origins.next() {
+                let lines = |t: usize| origin.lines.get(t - mesh.range.start as usize).copied();
+                let more: Vec<u32> = seconds().filter_map(lines).collect();
+                origin.lines.extend(more);
+            }
+            mesh.range = first..self.triangles.len() as u32;
+        }
+        self.triangles.len() - old.len()
+    }
+}
+
+fn other_side([a, b, c]: [u32; 3]) -> [u32; 3] {
+    [a, c, b]
+}
