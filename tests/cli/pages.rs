@@ -129,7 +129,7 @@ fn others_see_how_far_a_batch_is() {
 fn a_running_job_is_seen_until_it_is_killed() {
     use std::io::{BufRead, BufReader};
     use std::process::Stdio;
-    let long = JOB.replace("iterations = 12", "iterations = 100000") + "[optimiser]\nkind = \"adam\"\n";
+    let long = JOB.replace("iterations = 12", "iterations = 100000") + "kind = \"adam\"\n";
     let folder = folder(&[("job.toml", &long)]);
     let mut tool = folder.tool(["fit", "job.toml", "--output", "fits"]);
     let mut child = tool.stderr(Stdio::piped()).spawn().expect("the tool runs");
@@ -150,7 +150,7 @@ fn a_running_job_is_seen_until_it_is_killed() {
     let watched = crate::Run::from(watch.wait_with_output().expect("the tool ends"));
     assert_eq!(watched.code, Some(75), "{watched:?}");
     says(&watched.stdout, &["job  interrupted", "was killed"]);
-    let resumed = JOB.replace("iterations = 12", "iterations = 100000") + "[optimiser]\nkind = \"adam\"\n";
+    let resumed = JOB.replace("iterations = 12", "iterations = 100000") + "kind = \"adam\"\n";
     fs::write(folder.path("job.toml"), resumed.replace("100000", "3")).expect("written");
     let mut tool = folder.tool(["fit", "job.toml", "--output", "fits", "--resume"]);
     run(&mut tool).succeeded();

@@ -13,7 +13,9 @@ fn clean_render(folder: &Folder, arguments: &str) -> Run {
     let arguments = format!("render {arguments} --output out");
     let mut tool = folder.tool(arguments.split_whitespace());
     let run = run(tool.env("ANTIRAD_VALIDATION", "1")).succeeded();
-    assert_eq!(run.stderr, "", "warnings, or a progress bar that no terminal asked for");
+    // What takes ten seconds, on a slow machine, is told in a line.
+    let told: Vec<&str> = run.stderr.lines().filter(|line| !line.contains("% done, ")).collect();
+    assert!(told.is_empty(), "warnings, or a progress bar that no terminal asked for: {told:?}");
     run
 }
 

@@ -91,7 +91,7 @@ fn what_strict_refuses() {
         (
             "m.obj",
             format!("{OBJ}usemtl whit\nf 1 2 4\n"),
-            ["m.obj:9", "\"whit\" is not defined in", "m.mtl; did you mean \"white\"?"],
+            ["m.obj:10", "\"whit\" is not defined in", "m.mtl; did you mean \"white\"?"],
         ),
     ] {
         let folder = Folder::with(&[(file, &text)]);
