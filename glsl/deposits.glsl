@@ -8,12 +8,14 @@
 // Whether three channels accumulate in workgroup memory. CPU drivers access private memory channel by channel,
 // workgroup memory a bin at a time.
 layout(constant_id = 11) const bool SHARED_DEPOSITS = false;
+// Lanes of the workgroup: as a constant of its own, since Metal takes gl_WorkGroupSize for no constant size of an array.
+layout(constant_id = 13) const uint DEPOSITING_LANES = 1;
 
 const bool DEPOSITING = DEPOSIT_SETS > 0;
 const uint GREY_DEPOSITS = DEPOSITING && CHANNELS == 1 ? DEPOSIT_SETS * BINS : 1;
 const uint RGB_DEPOSITS = DEPOSITING && CHANNELS == 3 ? DEPOSIT_SETS * BINS : 1;
 const uint OWN_RGB_DEPOSITS = SHARED_DEPOSITS ? 1 : RGB_DEPOSITS;
-const uint SHARED_RGB_DEPOSITS = SHARED_DEPOSITS ? RGB_DEPOSITS * gl_WorkGroupSize.x : 1;
+const uint SHARED_RGB_DEPOSITS = SHARED_DEPOSITS ? RGB_DEPOSITS * DEPOSITING_LANES : 1;
 
 real grey_deposits[GREY_DEPOSITS];
 real3 rgb_deposits[OWN_RGB_DEPOSITS];

@@ -15,7 +15,7 @@ const LAYERS: [(&str, &[&str]); 23] = [
     ("solve", &[]),
     ("direct", &["model", "scene"]),
     ("plan", &["direct", "model", "options", "scene"]),
-    ("gpu", &["options"]),
+    ("gpu", &["options", "output"]),
     ("shaders", &["gpu", "scene"]),
     ("transport", &["gpu", "model", "plan", "scene", "shaders", "solve"]),
     ("revision", &[]),

@@ -1,10 +1,10 @@
-"""Find a displaced box from many starting points at once, with Ray: on the cores of this machine, or on a cluster.
+"""Find a displaced box from many starting points at once, with Ray, on one machine or on many.
 
     python batch_ray.py              # a minute
     ray job submit -- python batch_ray.py    # on the machines of a Ray cluster that have antirad
 
-A fit finds the nearest minimum. Which start is near enough is unknown beforehand, so each is a task of its own, and
-the lowest loss wins. Ray hands out the tasks and repeats those whose machine is lost.
+A fit finds the nearest minimum. Which start is near enough is unknown beforehand, so each is a task of its
+own, and the lowest loss wins. Ray hands out the tasks and repeats those whose machine is lost.
 """
 
 import argparse
@@ -32,7 +32,7 @@ views = [truth.camera(name).replace(width=width, height=height) for name in ("on
 
 @ray.remote(num_cpus=1, max_retries=3)
 def fit(start, pictures):
-    """The displacement found from a start, and its loss. Scenes are read where the task runs."""
+    """Fit from one start. The scene is read where the task runs."""
     scene = antirad.Scene.load(SCENES / "fits" / "box.toml")
     cameras = [scene.camera(name).replace(width=width, height=height) for name in ("one", "other")]
     result = antirad.fit(

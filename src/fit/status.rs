@@ -37,9 +37,9 @@ pub struct Status {
     /// That process.
     pub process: u32,
     /// When it began, seconds since 1970.
-    pub began: f64,
+    pub began: u64,
     /// When it last wrote this, seconds since 1970.
-    pub written: f64,
+    pub written: u64,
     /// The last finished iteration.
     pub iteration: Option<u32>,
     /// The iteration at which the fit ends at the latest.
@@ -147,8 +147,8 @@ impl Status {
 }
 
 /// Seconds since 1970.
-pub fn now() -> f64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
+pub fn now() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
 }
 
 #[cfg(test)]

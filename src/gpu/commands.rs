@@ -33,6 +33,9 @@ pub struct Batch<'a> {
     recorder: Recorder,
     timing: BatchTiming,
     borrowed: PhantomData<&'a (Buffer, Pipeline)>,
+    /// Leaves out the barriers, to see that validation misses them.
+    #[cfg(test)]
+    unordered: bool,
 }
 
 impl Device {
@@ -44,7 +47,14 @@ impl Device {
             None => Recorder::new(&self.shared)?,
         };
         let timing = BatchTiming::default();
-        Ok(Batch { device: self.clone(), recorder, timing, borrowed: PhantomData })
+        Ok(Batch {
+            device: self.clone(),
+            recorder,
+            timing,
+            borrowed: PhantomData,
+            #[cfg(test)]
+            unordered: false,
+        })
     }
 }
 
@@ -216,9 +226,14 @@ impl<'a> Batch<'a> {
         if !self.recorder.is_recording() {
             self.recorder.begin(shared)?;
         }
+        #[cfg(test)]
+        if self.unordered {
+            return Ok(());
+        }
         let stages = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
         let writes = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
-        let reads = vk::AccessFlags::SHADER_READ | vk::AccessFlags::TRANSFER_READ;
+        let shaders = vk::AccessFlags::SHADER_READ | vk::AccessFlags::UNIFORM_READ;
+        let reads = shaders | vk::AccessFlags::TRANSFER_READ;
         self.barrier(stages, writes, stages, reads | writes);
         Ok(())
     }
@@ -280,5 +295,40 @@ impl Drop for Batch<'_> {
             recorder.clear();
             lock(&shared.idle).push(recorder);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::{BufferKind, DeviceOptions};
+    use crate::scene::Precision;
+    use crate::shaders;
+
+    /// Two kernels, the second of which reads and writes what the first has written; and a copy of that.
+    fn messages(unordered: bool) -> Vec<String> {
+        let device = Device::new(&DeviceOptions::default().validation(true)).expect("a Vulkan device");
+        let buffer = |label| Buffer::new(&device, label, 4096, BufferKind::Storage).expect("a buffer");
+        let (x, y) = (buffer("x"), buffer("y"));
+        let shader = shaders::COMBINE.of(Precision::F32);
+        let combine = Pipeline::new(&device, shader, 2, 12, &[], None).expect("a pipeline");
+        let push = [1024u32.to_ne_bytes(), 3.0f32.to_ne_bytes(), 1.0f32.to_ne_bytes()].concat();
+        let mut batch = device.batch().expect("a batch");
+        batch.unordered = unordered;
+        for _ in 0..2 {
+            batch.dispatch(&combine, "1024", &[x.whole(), y.whole()], &push, [16, 1, 1]).expect("recorded");
+        }
+        batch.copy(&y, 0, &x, 0, 4096).expect("recorded");
+        batch.submit().expect("submitted");
+        device.validation_messages()
+    }
+
+    /// Silence of the validation layer means something: it speaks where barriers are left out.
+    #[test]
+    fn validation_misses_a_missing_barrier() {
+        assert_eq!(messages(false), Vec::<String>::new());
+        let said = messages(true);
+        let hazards = said.iter().filter(|message| message.contains("HAZARD"));
+        assert!(hazards.count() >= 2, "{said:?}");
     }
 }

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use std::env;
 use std::ffi::CString;
 use std::fmt;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -14,6 +15,7 @@ use ash::{ext, khr, vk};
 use super::error::{During, GpuError};
 use super::info::{DeviceInfo, Enabled};
 use super::instance::Instance;
+use super::kernel_cache::{self, KernelCache};
 use super::memory::{LabelReport, Memory, MemoryReport};
 use super::pipeline::{Key, Parts};
 use super::profile::{Profile, ProfileRow};
@@ -32,14 +34,19 @@ pub struct DeviceOptions {
     pub selector: Option<String>,
     /// Check every call with the Vulkan validation layer. Default: whether ANTIRAD_VALIDATION is 1.
     pub validation: bool,
-    /// Budget of all buffers, bytes; `None`: what VK_EXT_memory_budget leaves to this process, or the whole heap.
+    /// Budget of all buffers, bytes; `None`: 85 % of what VK_EXT_memory_budget leaves to this process, or the whole heap
+    /// of a device that does not tell.
     pub memory_budget: Option<u64>,
+    /// Folder in which compiled kernels are kept for the next process; `None`: they are not. Default:
+    /// ANTIRAD_KERNEL_CACHE (empty for none), or `antirad` in the user's folder for caches.
+    pub kernel_cache: Option<PathBuf>,
 }
 
 setters!(DeviceOptions {
     selector: Option<String>,
     validation: bool,
     memory_budget: Option<u64>,
+    kernel_cache: Option<PathBuf>,
 });
 
 impl Default for DeviceOptions {
@@ -48,6 +55,7 @@ impl Default for DeviceOptions {
             selector: env::var("ANTIRAD_DEVICE").ok().filter(|text| !text.trim().is_empty()),
             validation: env::var("ANTIRAD_VALIDATION").is_ok_and(|text| text == "1"),
             memory_budget: None,
+            kernel_cache: kernel_cache::usual_folder(),
         }
     }
 }
@@ -59,6 +67,9 @@ impl DeviceOptions {
         Self { selector: selector.clone().or(usual.selector), memory_budget, ..usual }
     }
 }
+
+/// Part of the free memory that is the budget unless one is given, %.
+const SHARE_OF_FREE: u64 = 85;
 
 /// A device opened for compute. Clones are cheap and share it; threads may use it at the same time.
 #[derive(Clone)]
@@ -75,6 +86,8 @@ pub(super) struct Shared {
     pub(super) timestamp_bits: u32,
     pub(super) memory: Mutex<Memory>,
     pub(super) cache: vk::PipelineCache,
+    /// Where that is kept.
+    kept: Option<KernelCache>,
     /// Every kernel compiled so far, kept until the device is closed.
     pub(super) pipelines: Mutex<HashMap<Key, Parts>>,
     /// Recorders not in use. A batch takes one, or makes one if there is none.
@@ -116,8 +129,11 @@ impl Device {
         let logical = Logical { raw, owned: true };
         // SAFETY: `open` made the device with one queue of this family.
         let queue = unsafe { logical.raw.get_device_queue(candidate.queue_family, 0) };
+        // SAFETY: a device of this living instance.
+        let of = unsafe { instance.raw().get_physical_device_properties(candidate.physical) };
+        let kept = options.kernel_cache.as_ref().map(|folder| KernelCache::open(folder, &of));
         let budget = options.memory_budget;
-        let device = Self::assemble(instance, logical, candidate, queue, enabled, budget)?;
+        let device = Self::assemble(instance, logical, candidate, queue, enabled, budget, kept)?;
         tracing::debug!("opened {} ({})", device.info().name, device.info().driver);
         Ok(device)
     }
@@ -129,6 +145,7 @@ impl Device {
         queue: vk::Queue,
         enabled: Enabled,
         budget: Option<u64>,
+        kept: Option<KernelCache>,
     ) -> Result<Self> {
         let Candidate { physical, listed, queue_family, timestamp_bits, .. } = candidate;
         let mut info = listed.info;
@@ -136,10 +153,13 @@ impl Device {
         if !enabled.subgroup_size_control {
             info.subgroup_size_range = (info.subgroup_size, info.subgroup_size);
         }
-        let budget = budget.or(info.available_bytes).unwrap_or(info.heap_bytes);
+        // Other programs, and the driver itself, need some of what is free now.
+        let free = info.available_bytes.map(|bytes| bytes / 100 * SHARE_OF_FREE);
+        let budget = budget.or(free).unwrap_or(info.heap_bytes);
         let memory = Memory::new(instance.raw(), &logical.raw, physical, budget)?;
         let names = enabled.debug_utils.then(|| debug_utils::Device::new(instance.raw(), &logical.raw));
-        let create = vk::PipelineCacheCreateInfo::default();
+        let data = kept.as_ref().map_or(&[][..], KernelCache::data);
+        let create = vk::PipelineCacheCreateInfo::default().initial_data(data);
         // SAFETY: the device is alive. This is the last call that can fail, so nothing made here is left behind.
         let cache = unsafe { logical.raw.create_pipeline_cache(&create, None) }
             .during("creating", "pipeline cache")?;
@@ -150,6 +170,7 @@ impl Device {
             timestamp_bits,
             memory: Mutex::new(memory),
             cache,
+            kept,
             pipelines: Mutex::default(),
             idle: Mutex::default(),
             scopes: AtomicU64::new(0),
@@ -265,6 +286,15 @@ impl Drop for Shared {
             self.instance.abandon();
             return;
         }
+        if let Some(kept) = &self.kept
+            && !lock(&self.pipelines).is_empty()
+        {
+            // SAFETY: the device is alive. A lost one returns an error.
+            match unsafe { self.raw().get_pipeline_cache_data(self.cache) } {
+                Ok(data) => kept.keep(&data),
+                Err(error) => tracing::debug!("kernels are not kept: {error}"),
+            }
+        }
         for recorder in std::mem::take(&mut *lock(&self.idle)) {
             recorder.destroy(self);
         }
@@ -287,7 +317,9 @@ fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<
         names.push(khr::portability_subset::NAME.as_ptr());
     }
     let features = vk::PhysicalDeviceFeatures::default().shader_float64(enabled.float64);
-    let mut sizes = vk::PhysicalDeviceSubgroupSizeControlFeatures::default().subgroup_size_control(true);
+    let mut sizes = vk::PhysicalDeviceSubgroupSizeControlFeatures::default()
+        .subgroup_size_control(true)
+        .compute_full_subgroups(enabled.full_subgroups);
     if enabled.subgroup_size_control {
         names.push(ext::subgroup_size_control::NAME.as_ptr());
     }

@@ -47,6 +47,6 @@ impl Device {
         let candidate = Candidate::new(&instance, physical_device, Some(queue_family))?;
         candidate.usable()?;
         let logical = Logical { raw: device, owned: false };
-        Self::assemble(instance, logical, candidate, queue, raw.enabled, raw.memory_budget)
+        Self::assemble(instance, logical, candidate, queue, raw.enabled, raw.memory_budget, None)
     }
 }

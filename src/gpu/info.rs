@@ -38,11 +38,13 @@ pub struct Enabled {
     pub float64: bool,
     /// `subgroupSizeControl` of VK_EXT_subgroup_size_control: far kernels are as wide as subgroups.
     pub subgroup_size_control: bool,
+    /// `computeFullSubgroups` of the same extension: no lane of a subgroup of such kernels is idle.
+    pub full_subgroups: bool,
     /// The instance extension VK_EXT_debug_utils: objects get names.
     pub debug_utils: bool,
 }
 
-setters!(Enabled { float64: bool, subgroup_size_control: bool, debug_utils: bool });
+setters!(Enabled { float64: bool, subgroup_size_control: bool, full_subgroups: bool, debug_utils: bool });
 
 /// Properties of a device that a plan depends on. Sizes in bytes.
 #[derive(Clone, Debug, Default)]

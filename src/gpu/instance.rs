@@ -3,7 +3,7 @@
 use std::ffi::CStr;
 
 use ash::ext::debug_utils;
-use ash::{khr, vk};
+use ash::{ext, khr, vk};
 
 use super::error::{During, GpuError};
 use super::validation::{LAYER, ValidationLog};
@@ -53,6 +53,18 @@ impl Instance {
         // Checks for hazards between commands as well, which reveal a missing barrier.
         let checks = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
         let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&checks);
+        // Newer layers check what kernels access only where they are asked to.
+        let setting = has_layer_settings(&entry, validation)?;
+        if setting {
+            names.push(ext::layer_settings::NAME.as_ptr());
+        }
+        let yes = vk::TRUE.to_ne_bytes();
+        let settings = [vk::LayerSettingEXT::default()
+            .layer_name(LAYER)
+            .setting_name(c"syncval_shader_accesses_heuristic")
+            .ty(vk::LayerSettingTypeEXT::BOOL32)
+            .values(&yes)];
+        let mut settings = vk::LayerSettingsCreateInfoEXT::default().settings(&settings);
         let mut create = vk::InstanceCreateInfo::default()
             .flags(flags)
             .application_info(&application)
@@ -60,6 +72,9 @@ impl Instance {
         if validation {
             create =
                 create.enabled_layer_names(&layers).push_next(&mut features).push_next(&mut messenger_info);
+        }
+        if setting {
+            create = create.push_next(&mut settings);
         }
         // SAFETY: all pointers in `create` outlive the call, the extensions and the layer are there.
         let raw = match unsafe { entry.create_instance(&create, None) } {
@@ -121,6 +136,17 @@ fn instance_extensions(entry: &ash::Entry) -> Result<Vec<vk::ExtensionProperties
     // SAFETY: a query without preconditions.
     unsafe { entry.enumerate_instance_extension_properties(None) }
         .during("listing the extensions of", "instance")
+}
+
+/// Whether the validation layer is wanted and takes settings.
+fn has_layer_settings(entry: &ash::Entry, validation: bool) -> Result<bool> {
+    if !validation {
+        return Ok(false);
+    }
+    // SAFETY: a query without preconditions.
+    let extensions = unsafe { entry.enumerate_instance_extension_properties(Some(LAYER)) }
+        .during("listing the extensions of", "validation layer")?;
+    Ok(survey::has_extension(&extensions, ext::layer_settings::NAME))
 }
 
 fn has_layer(entry: &ash::Entry) -> Result<bool> {

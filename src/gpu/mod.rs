@@ -35,6 +35,7 @@ pub mod embed;
 mod error;
 mod info;
 mod instance;
+mod kernel_cache;
 mod memory;
 mod pipeline;
 mod profile;
@@ -54,7 +55,8 @@ pub use pipeline::{Bindings, MAX_PUSH_BYTES, Pipeline};
 pub use profile::ProfileRow;
 pub use shader::Shader;
 pub(crate) use survey::UNIFORM_BYTES;
-pub use survey::list_devices;
+pub use survey::{STORAGE_BUFFERS, WORKGROUP_LANES, list_devices};
+
 pub use transfer::{STAGING_CHUNK, staging_bytes};
 pub use validation::ValidationLog;
 

@@ -201,6 +201,9 @@ impl Pipeline {
             .specialization_info(&constants);
         if required_subgroup_size.is_some() {
             stage = stage.push_next(&mut subgroup);
+            if shared.info.enabled.full_subgroups {
+                stage = stage.flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS);
+            }
         }
         let create = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.parts.layout)];
         // SAFETY: module, layout and the pointers in `stage` outlive the call; a pipeline does not need its module.

@@ -13,10 +13,8 @@ use super::memory::ALIGN;
 /// Vulkan 1.2: subgroup operations and the SPIR-V 1.5 that the kernels are compiled to.
 pub(super) const API_VERSION: u32 = vk::API_VERSION_1_2;
 
-/// Kernels share values between the lanes of a subgroup; the broadcast belongs to the ballot operations.
-const SUBGROUP_OPERATIONS: vk::SubgroupFeatureFlags = vk::SubgroupFeatureFlags::from_raw(
-    vk::SubgroupFeatureFlags::BASIC.as_raw() | vk::SubgroupFeatureFlags::BALLOT.as_raw(),
-);
+/// Kernels over lists of clusters have barriers within a subgroup.
+const SUBGROUP_OPERATIONS: vk::SubgroupFeatureFlags = vk::SubgroupFeatureFlags::BASIC;
 
 /// The devices of this machine, best first: an index into this list selects a device.
 pub fn list_devices() -> Result<Vec<ListedDevice>> {
@@ -97,6 +95,11 @@ pub(super) fn choose(mut found: Vec<Candidate>, selector: Option<&str>) -> Resul
 /// Uniform buffer range that kernels need; common devices offer at least this.
 pub(crate) const UNIFORM_BYTES: u32 = 1 << 16;
 
+/// Most storage buffers that one of our kernels binds; Vulkan promises 4.
+pub const STORAGE_BUFFERS: u32 = 11;
+/// Lanes of the largest workgroup of our kernels; Vulkan promises 128.
+pub const WORKGROUP_LANES: u32 = 256;
+
 impl Candidate {
     /// `queue_family`: the one to examine, else the first that supports compute.
     pub(super) fn new(
@@ -138,6 +141,12 @@ impl Candidate {
         }
         if core.limits.max_uniform_buffer_range < UNIFORM_BYTES {
             missing.push(format!("uniform buffers of {UNIFORM_BYTES} bytes"));
+        }
+        if info.max_storage_buffers < STORAGE_BUFFERS {
+            missing.push(format!("{STORAGE_BUFFERS} storage buffers in a kernel"));
+        }
+        if info.max_workgroup_invocations < WORKGROUP_LANES {
+            missing.push(format!("workgroups of {WORKGROUP_LANES} lanes"));
         }
         if info.uniform_buffer_alignment > ALIGN {
             // A violation of the specification.
@@ -211,12 +220,12 @@ fn from_extended(
         .push_next(&mut subgroup)
         .push_next(&mut driver)
         .push_next(&mut allocation);
-    let mut size_control = vk::PhysicalDeviceSubgroupSizeControlFeatures::default();
+    let mut size_control_features = vk::PhysicalDeviceSubgroupSizeControlFeatures::default();
     let mut layout = vk::PhysicalDeviceScalarBlockLayoutFeatures::default();
     let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut layout);
     if sizes_listed {
         properties = properties.push_next(&mut sizes);
-        features = features.push_next(&mut size_control);
+        features = features.push_next(&mut size_control_features);
     }
     // SAFETY: a device of at least Vulkan 1.2; the chained structures belong to it or to extensions that it lists.
     let core = unsafe {
@@ -233,7 +242,7 @@ fn from_extended(
     );
     info.max_allocation = allocation.max_memory_allocation_size;
     info.subgroup_size = subgroup.subgroup_size;
-    let size_control = size_control.subgroup_size_control == vk::TRUE
+    let size_control = size_control_features.subgroup_size_control == vk::TRUE
         && sizes.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE);
     info.subgroup_size_range = if size_control {
         (sizes.min_subgroup_size, sizes.max_subgroup_size)
@@ -243,13 +252,14 @@ fn from_extended(
     info.enabled = Enabled {
         float64: core.shader_float64 == vk::TRUE,
         subgroup_size_control: size_control,
+        full_subgroups: size_control_features.compute_full_subgroups == vk::TRUE && size_control,
         debug_utils: instance.debug_utils(),
     };
     info.available_bytes = available_bytes(instance, physical, extensions);
-    let broadcasts = subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
+    let subgroups = subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
         && subgroup.supported_operations.contains(SUBGROUP_OPERATIONS);
     let needs = [
-        (broadcasts, "subgroup broadcasts in compute shaders"),
+        (subgroups, "subgroups in compute shaders"),
         (layout.scalar_block_layout == vk::TRUE, "scalarBlockLayout"),
     ];
     needs.into_iter().filter(|(there, _)| !there).map(|(_, what)| what.to_owned()).collect()

@@ -99,6 +99,9 @@ const CORNER_REALS: f64 = 12.0;
 /// Pairs of pieces at the first level of the near field.
 const PIECES: u32 = 16;
 
+/// Close partners per target and dispatch where a driver does not count iterations.
+const TAKE_OF_GPUS: u32 = 256;
+
 /// The parts of a sweep.
 pub struct Kernels<'a> {
     /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the partners of a dispatch, unless
@@ -183,17 +186,21 @@ impl Sweep {
         let listed = plan.clusters().is_some();
         let targets = if listed { LIST } else { plan.options.tile };
         let lanes = info.subgroup_size.min(targets);
-        // A workgroup narrower than any subgroup is part of one.
-        let required = (!listed || lanes >= info.subgroup_size_range.0).then_some(lanes);
+        // Lanes share what they fetch of a list, with a barrier of the subgroup, which must be the workgroup, or all of it a
+        // part of one. Other kernels work at any size.
+        let required = (listed && lanes >= info.subgroup_size_range.0).then_some(lanes);
         let Kernels { far, near, single, constants, take, gathers, deposits, shape } = kernels;
         let real = precision.bytes() as f64;
         let gathered = gathers as f64 * 4.0 * f64::from(plan.channels) * real;
         // A source is read once for all triangles of a subgroup.
         let per_target = f64::from(if single { lanes } else { targets });
         let shared = u32::from(shares_deposits(device, plan, lanes, deposits));
-        let of_far =
-            [&[(0, lanes), (if listed { 12 } else { 1 }, targets), (11, shared)][..], &constants].concat();
-        let of_near = [&[(0, lanes), (11, shared)][..], &constants].concat();
+        let of_far = [
+            &[(0, lanes), (if listed { 12 } else { 1 }, targets), (11, shared), (13, lanes)][..],
+            &constants,
+        ]
+        .concat();
+        let of_near = [&[(0, lanes), (11, shared), (13, lanes)][..], &constants].concat();
         let far_push = if listed { size_of::<ListPush>() } else { size_of::<FarPush>() } as u32;
         let near_push = size_of::<NearPush>() as u32;
         Ok(Self {
@@ -201,7 +208,8 @@ impl Sweep {
             workgroups: if single { targets / lanes } else { 1 },
             near: Pipeline::new(device, near.0.of(precision), near.1, near_push, &of_near, None)?,
             lanes,
-            take,
+            // Iterations are counted on CPU drivers alone.
+            take: if info.kind == DeviceKind::Cpu { take } else { take.max(TAKE_OF_GPUS) },
             far_pace: Pace::new(if single { 2e6 } else { 5e7 }),
             near_pace: Pace::new(1e5),
             bytes: [

@@ -74,6 +74,12 @@ fn jobs_wait_for_memory() {
     let changes = told.windows(2).filter(|pair| pair[0] != pair[1]).count();
     assert_eq!((told.len(), changes), (9, 2), "{}", run.stderr);
     same_results(&folder.path("one/a"), &folder.path("many/a"));
+    // A job leaves nothing behind that the next one on the same device would lack.
+    let budget = needed.as_u64().expect("bytes");
+    folder.run(&format!("fit jobs --output tight --memory-budget {budget}")).succeeded();
+    for name in ["a", "b", "c"] {
+        same_results(&folder.path("many").join(name), &folder.path("tight").join(name));
+    }
 }
 
 /// Each process does its part, and the summary has all of them.

@@ -89,7 +89,7 @@ fn a_gauss_newton_hessian_saves_evaluations() {
             assert!((a - b).abs() < 1e-3 * b.abs().max(0.1), "{a} and {b}");
         }
     }
-    assert!(2 * fast < slow, "{fast} pictures, without a Hessian {slow}");
+    assert!(3 * fast < 2 * slow, "{fast} pictures, without a Hessian {slow}");
 }
 
 #[test]

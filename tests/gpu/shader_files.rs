@@ -5,7 +5,7 @@
 #[path = "../../build.rs"]
 mod build;
 
-use antirad::gpu::Shader;
+use antirad::gpu::{self, Shader};
 use antirad::scene::Precision;
 use antirad::shaders;
 use rayon::prelude::*;
@@ -224,4 +224,62 @@ fn all_shaders_are_listed() {
     assert_eq!(unique.len(), names.len());
     // The magic number of SPIR-V.
     assert!(shaders::ALL.iter().all(|shader| shader.spirv()[0] == 0x0723_0203));
+}
+
+/// What Vulkan leaves to a device and `antirad devices` checks is what the kernels need.
+#[test]
+fn the_survey_asks_for_what_kernels_need() {
+    use rspirv::dr::Operand::{Decoration, LiteralBit32};
+    use rspirv::spirv::Decoration as Kind;
+    let (mut bindings, mut lanes) = (0, 0);
+    for shader in shaders::ALL {
+        let module = rspirv::dr::load_words(shader.spirv()).expect("SPIR-V");
+        for line in &module.annotations {
+            if let [_, Decoration(Kind::Binding), LiteralBit32(binding)] = line.operands.as_slice() {
+                bindings = bindings.max(binding + 1);
+            }
+        }
+        for mode in &module.execution_modes {
+            if let [_, _, LiteralBit32(x), LiteralBit32(y), LiteralBit32(z)] = mode.operands.as_slice() {
+                lanes = lanes.max(x * y * z);
+            }
+        }
+    }
+    assert_eq!((bindings, lanes), (gpu::STORAGE_BUFFERS, gpu::WORKGROUP_LANES));
+}
+
+/// Metal takes no array whose length comes from the size of the workgroup.
+#[test]
+fn lengths_of_arrays_do_not_come_from_the_workgroup() {
+    use rspirv::dr::Operand::{self, BuiltIn, Decoration, IdRef};
+    use rspirv::spirv::{BuiltIn as Of, Decoration as Kind, Op};
+    let mut arrays = 0;
+    for shader in shaders::ALL {
+        let module = rspirv::dr::load_words(shader.spirv()).expect("SPIR-V");
+        let sizes: BTreeSet<u32> = module
+            .annotations
+            .iter()
+            .filter_map(|line| match line.operands.as_slice() {
+                [IdRef(of), Decoration(Kind::BuiltIn), BuiltIn(Of::WorkgroupSize)] => Some(*of),
+                _ => None,
+            })
+            .collect();
+        let constants: BTreeMap<u32, &[Operand]> = module
+            .types_global_values
+            .iter()
+            .filter(|line| matches!(line.class.opcode, Op::SpecConstantOp | Op::SpecConstantComposite))
+            .filter_map(|line| Some((line.result_id?, line.operands.as_slice())))
+            .collect();
+        for array in module.types_global_values.iter().filter(|line| line.class.opcode == Op::TypeArray) {
+            arrays += 1;
+            let mut from: Vec<u32> = array.operands[1..].iter().filter_map(Operand::id_ref_any).collect();
+            while let Some(id) = from.pop() {
+                assert!(!sizes.contains(&id), "{}: an array of gl_WorkGroupSize", shader.name());
+                from.extend(
+                    constants.get(&id).into_iter().copied().flatten().filter_map(Operand::id_ref_any),
+                );
+            }
+        }
+    }
+    assert!(arrays > 20);
 }

@@ -16,7 +16,10 @@ pub fn run() -> Result<(), Failure> {
         );
         println!("   memory            {} on the device", Bytes(info.heap_bytes));
         println!("   largest buffer    {} seen by a kernel", Bytes(info.max_storage_buffer_range));
-        println!("   subgroup          {} lanes", info.subgroup_size);
+        let (least, most) = info.subgroup_size_range;
+        let sizes = if least == most { String::new() } else { format!(", {least} to {most} on request") };
+        println!("   subgroup          {} lanes{sizes}", info.subgroup_size);
+        println!("   storage buffers   {} in a kernel", info.max_storage_buffers);
         println!("   double precision  {}", if info.enabled.float64 { "yes" } else { "no" });
         println!("   timestamps        {}", if info.timestamp_period_ns > 0.0 { "yes" } else { "no" });
         match device.missing.as_slice() {

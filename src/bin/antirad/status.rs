@@ -91,7 +91,7 @@ fn exit_code(jobs: &[Status]) -> u8 {
     }
 }
 
-fn table(jobs: &[Status], now: f64) -> String {
+fn table(jobs: &[Status], now: u64) -> String {
     let width = jobs.iter().map(|job| job.job.chars().count()).max().unwrap_or(0).max(3);
     let mut text = format!(
         "{:<width$}  {:<11} {:>10} {:>12} {:>13} {:>9} {:>9}  ",
@@ -116,7 +116,7 @@ fn table(jobs: &[Status], now: f64) -> String {
     text + &format!("\n{} job{s}: {}", jobs.len(), counted.join(", "))
 }
 
-fn row(job: &Status, width: usize, now: f64) -> String {
+fn row(job: &Status, width: usize, now: u64) -> String {
     let state = match job.state {
         State::NotStarted => "not started",
         State::Running => "running",
@@ -133,8 +133,8 @@ fn row(job: &Status, width: usize, now: f64) -> String {
     let left = job.seconds_left.filter(|_| job.state == State::Running);
     let about = match job.state {
         State::Running => {
-            let since = duration(now - job.began);
-            let silent = now - job.written;
+            let since = duration(now.saturating_sub(job.began) as f64);
+            let silent = now.saturating_sub(job.written) as f64;
             let silence = if silent > SILENT {
                 format!(", last heard of {} ago", duration(silent))
             } else {
@@ -177,8 +177,8 @@ mod tests {
         Status {
             host: String::from("node7"),
             process: 42,
-            began: 1000.0,
-            written: 1100.0,
+            began: 1000,
+            written: 1100,
             ..Status::new(name, state)
         }
     }
@@ -195,7 +195,7 @@ mod tests {
         };
         let failed =
             Status { message: String::from("out of disk"), may_pass: true, ..job("b", State::Failed) };
-        let text = table(&[running, failed, job("c", State::NotStarted)], 1130.0);
+        let text = table(&[running, failed, job("c", State::NotStarted)], 1130);
         let lines: Vec<&str> = text.lines().collect();
         let words: Vec<&str> = lines[1].split_whitespace().collect();
         let expected = "long name running 5 of 20 2.5000e-1 2 min < 5 min process 42 on node7 since 2 min";
@@ -203,7 +203,7 @@ mod tests {
         assert!(lines[2].ends_with("out of disk (may pass: try again)"), "{text}");
         assert_eq!(lines[3], "c          not started");
         assert_eq!(lines[4], "3 jobs: 1 running, 1 failed, 1 not started");
-        let silent = table(&[job("a", State::Running)], 1000.0 + 7200.0);
+        let silent = table(&[job("a", State::Running)], 8200);
         assert!(silent.contains("since 2.0 h, last heard of 2.0 h ago"), "{silent}");
     }
 

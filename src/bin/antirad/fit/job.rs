@@ -11,7 +11,7 @@ use antirad::fit::{
     EngineRenderer, FitError, FolderLock, JobFile, LockError, Outcome, RenderError, RunOptions, State,
     Status, results,
 };
-use antirad::gpu::{Device, DeviceOptions};
+use antirad::gpu::{Device, DeviceOptions, staging_bytes};
 use antirad::output::{prepare_directory, remove_unfinished};
 use antirad::scene::Camera;
 use std::fmt::Write;
@@ -114,11 +114,13 @@ impl Worker<'_> {
         fit.write_status();
 
         let failed = |error: antirad::gpu::GpuError| FitError::Render(RenderError::Failed(Box::new(error)));
-        let device = match device {
+        let kept = match device {
             Some(device) => device,
             None => Device::new(&self.options).map_err(failed)?,
         };
-        device.reset_peak_memory();
+        kept.reset_peak_memory();
+        // Of its own, so that its staging buffers are gone before the next job is planned.
+        let device = kept.scope(staging_bytes());
         let asked = self.interrupt.clone();
         let watch: Watch = Arc::new(move || asked.flow());
         let problem = file.job.problem();
@@ -176,8 +178,8 @@ impl Worker<'_> {
         fit.status.stop = Some(outcome.stop);
         fit.status.picture_error = Some(picture_error);
         fit.status.advance(&outcome.history, outcome.seconds);
-        drop(renderer);
-        self.device = Some(device);
+        drop((renderer, device));
+        self.device = Some(kept).filter(|kept| kept.memory().in_use == 0);
         Ok(Ended::Finished)
     }
 }

@@ -43,7 +43,7 @@ impl Log {
             true => ProgressBar::new(STEPS * jobs as u64),
             false => ProgressBar::hidden(),
         };
-        let template = "[{bar:24}] {elapsed} elapsed, at most {eta} left: {wide_msg}";
+        let template = "[{bar:24}] {elapsed} elapsed, {eta} left: {wide_msg}";
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style.progress_chars("=> "));
         }
