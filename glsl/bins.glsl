@@ -14,6 +14,13 @@ layout(constant_id = 6) const uint CHANNELS = 3;
 
 const uint BINS = ROWS * COLUMNS;
 
+// Sines below this are rounding, where there is no azimuth, and no derivative by it.
+#ifdef F64
+const real POLE = 1e-12;
+#else
+const real POLE = 1e-5;
+#endif
+
 struct Taps {
     uvec4 bin;
     real4 weight;
@@ -79,7 +86,8 @@ Taps taps(real3 w) {
         column = clamped(square.x, ROWS, s);
     } else {
         row = clamped(arccosine(z) * (2.0 * INV_PI * real(ROWS)) - 0.5, ROWS, t);
-        real turn = turns(w.x, w.y) * real(COLUMNS) - 0.5;
+        real2 level = dot(w.xy, w.xy) > POLE * POLE ? w.xy : real2(0.0);
+        real turn = turns(level.x, level.y) * real(COLUMNS) - 0.5;
         real sector = floor(turn);
         s = shape(turn - sector);
         column = sector < 0.0 ? real(COLUMNS - 1) : sector;

@@ -4,13 +4,6 @@
 
 #include "bins.glsl"
 
-// Sines below this are rounding, where the azimuth has no derivative.
-#ifdef F64
-const real POLE = 1e-12;
-#else
-const real POLE = 1e-5;
-#endif
-
 // Derivative of the weight that `clamped` gives to the second cell, per unit of the coordinate.
 real clamped_slope(real coordinate, uint count) {
     real f = min(floor(coordinate), real(count - 2));

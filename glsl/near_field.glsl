@@ -1,6 +1,6 @@
 #ifndef NEAR_FIELD_GLSL
 #define NEAR_FIELD_GLSL
-// Light between close triangles. Twins: src/reference/near_field.rs, and src/model/near_field.rs for the blend
+// Light between close triangles. Twins: src/model/polygon.rs, and src/model/near_field.rs for the blend
 // weight.
 
 #include "arctangent.glsl"

@@ -25,7 +25,8 @@ layout(constant_id = 8) const bool SOURCE_FRONT = false;
 // in which light travels; `first`: first bin of the source in its page.
 real3 binned_radiance(real3 normal, uint first, real3 direction, bool front) {
     real3 result = real3(0.0);
-    if (SOURCE_BACK || SOURCE_FRONT) {
+    // A loop, to skip it where all lanes are on a side that sends no such light: an `if` would not.
+    for (uint once = (front ? SOURCE_FRONT : SOURCE_BACK) ? 1 : 0; once > 0; once--) {
         // Light that leaves the back in `direction` was incident from -`direction`.
         Taps t = taps(in_frame(normal, front ? direction : -direction));
         if (SOURCE_FRONT && front) {

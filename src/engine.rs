@@ -2,7 +2,7 @@
 
 use crate::direct::DirectLight;
 use crate::engine_direct::{Direct, lamps_of};
-use crate::gpu::{Device, GpuError};
+use crate::gpu::{Device, DeviceKind, GpuError};
 use crate::options::setters;
 use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, Residency};
 use crate::revision::{Difference, Revision};
@@ -149,6 +149,15 @@ pub enum EngineError {
 fn light_unit(scene: &Scene) -> f64 {
     let emissions = (0..scene.triangles.len()).flat_map(|i| scene.material(i).emission);
     power_of_two(emissions.fold(0.0, |most, value| most.max(value.abs())))
+}
+
+/// Relative rounding error of a pass: sums over thousands of pairs. Half bins round more than the solver resolves.
+pub(crate) fn rounding(precision: Precision) -> f64 {
+    match precision {
+        Precision::F32 => 4.0 * f64::from(f32::EPSILON),
+        Precision::F64 => 4.0 * f64::EPSILON,
+        Precision::HalfBins => f64::INFINITY,
+    }
 }
 
 /// The power of two at or below a value; 1 for zero.
@@ -344,6 +353,7 @@ impl PlanOptions {
             max_buffer: info.max_storage_buffer_range,
             staging: crate::gpu::staging_bytes(),
             page: info.max_storage_buffer_range,
+            keep_near_field: info.kind == DeviceKind::Cpu,
             ..Self::default()
         }
     }
@@ -502,7 +512,9 @@ impl Engine {
                 fixed_point_from(&mut self.operators, guess, &params, progress)
             }
             PlannedSolver::Gmres { restart } => {
-                let params = GmresParams { tolerance, max_passes, restart, reduction };
+                let params = GmresParams::new(tolerance, max_passes, restart)
+                    .rounding(rounding(self.plan().settings.precision))
+                    .reduction(reduction);
                 gmres_from(&mut self.operators, guess, &params, progress)
             }
         };

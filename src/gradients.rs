@@ -1,6 +1,6 @@
 //! Derivatives of a loss, by the adjoint of the light equation.
 
-use crate::engine::{Engine, EngineError, Solution, SolveParams, check_position, power_of_two};
+use crate::engine::{Engine, EngineError, Solution, SolveParams, check_position, power_of_two, rounding};
 use crate::model::FacetGradient;
 use crate::options::setters;
 use crate::plan::{GradientRequest, PADDING, PlannedSolver};
@@ -137,6 +137,7 @@ impl Engine {
             .collect();
         let solver = self.plan().solver;
         let first_bounce = self.plan().has_first_bounce();
+        let rounding = rounding(self.plan().settings.precision);
         let SolveParams { tolerance, max_passes, reduction } = *params;
         let Some(adjoint) = &mut self.adjoint else {
             return Err(EngineError::NotPlanned { kinds: Vec::new() });
@@ -156,7 +157,8 @@ impl Engine {
                 fixed_point(&mut operator, &FixedPointParams { tolerance, max_passes, reduction }, progress)
             }
             PlannedSolver::Gmres { restart } => {
-                gmres(&mut operator, &GmresParams { tolerance, max_passes, restart, reduction }, progress)
+                let params = GmresParams::new(tolerance, max_passes, restart).rounding(rounding).reduction(reduction);
+                gmres(&mut operator, &params, progress)
             }
         };
         let (importance, info) = match solved {

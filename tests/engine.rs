@@ -354,7 +354,8 @@ fn solve_with_budget(
 fn the_least_budget_does_and_a_byte_less_does_not() {
     let device = device();
     for scene in [room(4, 0.5), glossy_room(3)] {
-        let plan_options = PlanOptions::of(&device);
+        // The near field is kept on the device only, with other rounding.
+        let plan_options = PlanOptions::of(&device).keep_near_field(false);
         let settings = tight(&scene);
         let needed = least_budget(&scene, &settings, &plan_options);
         let less = plan_options.memory_budget(needed - 1);
@@ -385,7 +386,8 @@ fn states_on_the_host_change_nothing() {
         ("glossy", glossy_room(3), SolverChoice::Auto, Precision::F64),
     ] {
         let settings = tight(&scene).solver(solver).precision(precision);
-        let plan_options = PlanOptions::of(&device);
+        // The near field is kept on the device only, with other rounding.
+        let plan_options = PlanOptions::of(&device).keep_near_field(false);
         let (engine, truth) = solve_within(&device, &scene, &settings, &plan_options);
         assert_eq!(engine.plan().residency(), Residency::Device);
         let solver_of_plenty = engine.plan().solver();
@@ -421,7 +423,8 @@ fn pages_of_the_same_size_give_the_same_bytes_wherever_they_are() {
     ] {
         let scene = glossy_room(4);
         let settings = scene.settings.solver(solver).precision(precision);
-        let plan_options = PlanOptions::of(&device).page(1);
+        // The near field is kept on the device only.
+        let plan_options = PlanOptions::of(&device).page(1).keep_near_field(false);
         let (resident, truth) = solve_within(&device, &scene, &settings, &plan_options);
         let budget = least_budget(&scene, &settings, &plan_options) + (1 << 20);
         let (hosted, other) = solve_with_budget(&scene, &settings, &plan_options, budget);
@@ -432,6 +435,35 @@ fn pages_of_the_same_size_give_the_same_bytes_wherever_they_are() {
         assert_eq!(truth.irradiance, other.irradiance);
         assert_eq!(truth.radiosity, other.radiosity);
         assert_eq!(truth.info, other.info);
+    }
+    finish(&device);
+}
+
+/// The near field as a matrix: the same answer, with all memory that was planned and no more; where the budget leaves
+/// no room for it, the vectors of the solver come first.
+#[test]
+fn the_near_field_is_kept_where_the_budget_allows() {
+    let device = device();
+    for scene in [room(5, 0.5), glossy_room(4)] {
+        let settings = tight(&scene);
+        let usual = PlanOptions::of(&device);
+        let (kept, truth) = solve_within(&device, &scene, &settings, &usual);
+        let (evaluated, other) = solve_within(&device, &scene, &settings, &usual.keep_near_field(false));
+        let [with, without] = [&kept, &evaluated].map(|engine| engine.plan().memory().total());
+        assert!(kept.plan().near_field_matrix().is_some() && evaluated.plan().near_field_matrix().is_none());
+        assert!(with > without);
+        let error = relative_l2(&other.irradiance, &truth.irradiance, &areas(&scene));
+        println!("{}: {with} instead of {without} bytes, {error:.2e}", kept.plan().near_field());
+        assert!(error <= 2e-6, "{error:e}");
+        drop((kept, truth, evaluated, other));
+        for budget in [without, with - 1, with] {
+            let (engine, solution) = solve_with_budget(&scene, &settings, &usual, budget);
+            let plan = engine.plan();
+            println!("{budget} bytes: {}", plan.near_field());
+            assert_eq!(plan.solver(), Plan::new(&scene, &usual, &settings).expect("a plan").solver());
+            assert_eq!(plan.near_field_matrix().is_some(), budget == with);
+            drop(solution);
+        }
     }
     finish(&device);
 }

@@ -200,7 +200,9 @@ fn double() -> SolveSettings {
 fn double_precision() {
     compare("diffuse", &random_scene(1, 60, false, false), double(), |l| l);
     compare("glossy", &random_scene(2, 131, true, false), double(), |l| l);
-    compare("crowd", &scattered(10, 80, true, false, 0.5), double(), |l| l);
+    let crowd = scattered(10, 80, true, false, 0.5);
+    compare("crowd", &crowd, double(), |l| l);
+    compare("crowd, near field evaluated", &crowd, double(), |l| l.keep_near_field(false));
 }
 
 #[test]

@@ -77,23 +77,38 @@ fn compare(name: &str, scene: &Scene, settings: SolveSettings, options: impl Fn(
     errors.push(("reflect", rgb_of(&plan, &given.radiance), flat(&outgoing.diffuse)));
     let specular = of_class(&model, &outgoing.specular, |c| c.glossy);
     errors.push(("reflect_glossy", from_pages(&model, &plan, &given.specular, total), specular));
-    let mut y = operators.vector().expect("a vector");
-    operators.pass(Some(&x), true, &mut y).expect("a pass");
     let unpacked = outgoing.clone();
     if plan.half_bins() {
         let round = |bins: &mut Vec<DVec3>| bins.iter_mut().for_each(|value| *value = to_bf16(*value));
         round(&mut outgoing.specular);
         round(&mut outgoing.antiradiance);
     }
-    let incident = match plan.clusters() {
+    let truth = match plan.clusters() {
         None => transport(&model, &outgoing),
         Some(clusters) => transport_through_clusters(&model, clusters, &outgoing),
     };
-    let irradiance = operators.irradiance(&y).expect("irradiance");
-    errors.push(("transport, irradiance", rgb_of(&plan, &irradiance), flat(&incident.irradiance)));
-    let pages: Vec<_> =
-        (0..plan.layout().groups.len()).map(|g| operators.bins(&y, g).expect("bins")).collect();
-    errors.push(("transport, bins", from_pages(&model, &plan, &pages, total), flat(&incident.bins)));
+    let mut transported =
+        |plan: &Plan, operators: &mut Operators, x: &device_side::State, names: [&'static str; 2]| {
+            let mut y = operators.vector().expect("a vector");
+            operators.pass(Some(x), true, &mut y).expect("a pass");
+            let irradiance = operators.irradiance(&y).expect("irradiance");
+            errors.push((names[0], rgb_of(plan, &irradiance), flat(&truth.irradiance)));
+            let pages: Vec<_> =
+                (0..plan.layout().groups.len()).map(|g| operators.bins(&y, g).expect("bins")).collect();
+            errors.push((names[1], from_pages(&model, plan, &pages, total), flat(&truth.bins)));
+        };
+    transported(&plan, &mut operators, &x, ["transport, irradiance", "transport, bins"]);
+    if plan.near_field_matrix().is_some() {
+        let evaluated = options(PlanOptions::of(&device)).keep_near_field(false);
+        let evaluated = Plan::new(&scene, &evaluated, &settings).expect("a plan");
+        assert!(evaluated.near_field_matrix().is_none());
+        let buffers = SceneBuffers::new(&device, &scene, &evaluated).expect("buffers");
+        let mut operators = Operators::new(&device, evaluated.clone(), buffers).expect("operators");
+        let x = operators.vector().expect("a vector");
+        operators.set(&x, &irradiance, &to_pages(&model, &evaluated, &state.bins)).expect("an upload");
+        let names = ["transport, irradiance, near field evaluated", "transport, bins, near field evaluated"];
+        transported(&evaluated, &mut operators, &x, names);
+    }
 
     let camera_position = DVec3::new(3.0, 0.5, -1.0);
     let colours = operators.observe(&x, camera_position).expect("colours");
@@ -106,7 +121,7 @@ fn compare(name: &str, scene: &Scene, settings: SolveSettings, options: impl Fn(
         plan.pairs().sub_sampled
     );
     let of_triangle = |kernel: &str| match kernel {
-        "reflect_glossy" | "transport, bins" => 3 * model.bins.count(),
+        name if name == "reflect_glossy" || name.starts_with("transport, bins") => 3 * model.bins.count(),
         _ => 3,
     };
     for (kernel, values, truth) in errors {
@@ -285,6 +300,7 @@ fn layouts_agree_with_the_shaders() {
     );
     laid_out(&shaders::OBSERVE, "ObservePush", &[("camera_position", 0), ("", 3)], &["begin", "end"]);
     laid_out(&shaders::COMBINE, "Push", &[("a", 0), ("b", 1), ("", 2)], &["count"]);
+    laid_out(&shaders::COMBINE_DOT, "Push", &[("a", 0), ("b", 1), ("", 2)], &["count", "add", "norm"]);
     for shader in [
         shaders::TRANSPORT_IRRADIANCE.of(Precision::F64),
         shaders::TRANSPORT_BINS.of(Precision::F32),
@@ -417,7 +433,13 @@ fn layouts_agree_with_the_shaders() {
         ["page" = page, "list" = list, "first" = first, "count" = count]
     );
     check!(shaders::PACK, "PackPush", PackPush, ["first" = first]);
-    check!(shaders::DOT.of(Precision::F64), "DotPush", DotPush, ["count" = count]);
+    check!(
+        shaders::NEAR_MATRIX.of(Precision::F64),
+        "NearMatrixPush",
+        NearMatrixPush,
+        ["first_slice" = first_slice, "skip" = skip, "take" = take]
+    );
+    check!(shaders::DOT.of(Precision::F64), "DotPush", DotPush, ["count" = count, "add" = add]);
 }
 
 /// Clusters of diffuse, blocking and glossy triangles: a room with boxes, and one with a glossy floor.

@@ -1,12 +1,15 @@
 //! Direction bins: interpolation weights T_b(ω) and the integrals w_b, c_b of that basis over the hemisphere.
 
 use crate::scene::{BinLayout, Weights};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::{Mutex, PoisonError};
 
 /// Midpoint samples per bin and axis of the quadrature, for a relative error of c_b below 1e-6.
 const QUADRATURE: u32 = 64;
+
+/// Sines below this are rounding, where there is no azimuth.
+const POLE: f64 = 1e-12;
 
 /// The four bins around a direction and their weights, which sum to 1.
 pub type Taps = [(usize, f64); 4];
@@ -77,17 +80,28 @@ impl Bins {
     /// T_b(ω): the four taps of a direction of the upper hemisphere. Defined everywhere: at the pole, on the horizon
     /// (directions below it count as on it).
     pub fn taps(&self, direction: DVec3) -> Taps {
-        let (row, column) = self.cells(direction);
+        self.taps_beside(POLE, direction)
+    }
+
+    /// The same where rounding hides the azimuth of sines up to `pole`, and must not choose one: as the kernels have it.
+    pub(crate) fn taps_beside(&self, pole: f64, direction: DVec3) -> Taps {
+        let (row, column) = self.cells_beside(pole, direction);
         product(self.shape(row.fraction), self.shape(column.fraction), self.around(row, column))
     }
 
     /// Where a direction lies in the two coordinates of the layout: polar angle and azimuth, or v and u of the square.
     pub(crate) fn cells(&self, direction: DVec3) -> (Cells, Cells) {
+        self.cells_beside(POLE, direction)
+    }
+
+    fn cells_beside(&self, pole: f64, direction: DVec3) -> (Cells, Cells) {
         match self.layout {
             BinLayout::EqualAngle { theta, phi } => {
                 let polar = direction.truncate().length().atan2(direction.z.max(0.0));
                 let row = clamped(polar * f64::from(theta) / FRAC_PI_2 - 0.5, theta);
-                let azimuth = direction.y.atan2(direction.x) / TAU;
+                let level = direction.truncate();
+                let level = if level.length() > pole { level } else { DVec2::ZERO };
+                let azimuth = level.y.atan2(level.x) / TAU;
                 let turn = (azimuth - azimuth.floor()) * f64::from(phi) - 0.5;
                 let sector = turn.floor();
                 let fraction = turn - sector;

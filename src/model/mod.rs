@@ -3,6 +3,7 @@
 
 mod bins;
 mod class;
+mod close_pair;
 mod clusters;
 mod facet;
 mod facet_gradient;
@@ -11,11 +12,13 @@ mod hierarchy;
 mod near_field;
 mod order;
 mod passing;
+mod polygon;
 
 pub(crate) use bins::Cells;
 pub use bins::{Bins, Taps};
 pub use class::{Class, classify};
 pub(crate) use class::{coplanar_tolerance, reaches};
+pub(crate) use close_pair::{ClosePair, Piece};
 pub use clusters::{
     ClusterInput, ClusterRun, Clusters, ENTRY_BITS, LIST, Parts, SourceLists, share, spread_over,
 };
@@ -28,3 +31,4 @@ pub(crate) use near_field::{QUARTER_RANGE, far_weight};
 pub use order::PADDING;
 pub(crate) use order::{BoundedRun, morton, spatial_order};
 pub use passing::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
+pub use polygon::projected_solid_angle;

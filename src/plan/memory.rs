@@ -1,6 +1,7 @@
 //! Memory by label, computed before allocation. The engine checks that it allocates exactly this.
 
-use super::{Group, PairLists, Plan, PlanError, Residency};
+use super::near_matrix::NearMatrixBytes;
+use super::{Group, NearMatrix, PairLists, Plan, PlanError, Residency};
 use crate::model::{Bins, Clusters};
 use crate::scene::Precision;
 
@@ -83,6 +84,13 @@ impl MemoryPlan {
             memory.add("half bins", plan.half_bin_bytes(), kinds);
         }
         memory.add_gradients(plan, slots);
+        for matrix in plan.near_field_matrix().into_iter().flat_map(NearMatrix::matrices) {
+            let NearMatrixBytes { starts, rows, columns, weights } = plan.near_matrix_bytes(matrix);
+            memory.add("near matrix: starts", starts, 1);
+            memory.add("near matrix: rows", rows, 1);
+            memory.add("near matrix: columns", columns, 1);
+            memory.add("near matrix: weights", weights, 1);
+        }
         memory.add(STAGING, plan.staging, 1);
         if plan.options.pictures > 0 {
             memory.add(PICTURES, plan.options.pictures, 1);

@@ -7,6 +7,7 @@ mod interactions;
 mod lamps;
 mod lobes;
 mod memory;
+mod near_matrix;
 mod report;
 mod residency;
 mod tiles;
@@ -20,6 +21,9 @@ pub use lamps::LampsReport;
 pub(crate) use lobes::{LOBE_BYTES, LOBE_ROWS, LobeSlots, PlannedLobes};
 pub(crate) use memory::PARTIAL_SUMS;
 pub use memory::{MemoryItem, MemoryPlan};
+pub use near_matrix::{
+    Block, IncidentPart, NO_ROW, NearField, NearMatrix, OutgoingPart, SLICE, SlicedMatrix,
+};
 pub use report::{ClassReport, LobeReport, PairReport, PlanReport, StatesReport};
 pub use residency::{Piece, Residency};
 pub use tiles::{Group, TileLayout};
@@ -56,6 +60,9 @@ pub struct PlanOptions {
     pub occlusion: Occlusion,
     /// Kinds of derivatives to plan for.
     pub gradients: GradientRequest,
+    /// Whether to keep the near field as a matrix where the memory suffices: it takes as long as one pass, and saves
+    /// most of the near field of all others. GPUs evaluate it faster than the host computes the matrix.
+    pub keep_near_field: bool,
 }
 
 setters!(PlanOptions {
@@ -68,6 +75,7 @@ setters!(PlanOptions {
     cull: bool,
     occlusion: Occlusion,
     gradients: GradientRequest,
+    keep_near_field: bool,
 });
 
 /// Which triangles block light.
@@ -85,7 +93,7 @@ pub enum Occlusion {
 impl PlanOptions {
     /// Without limits of memory: for plans that are inspected and never run.
     pub fn boundless(self) -> Self {
-        Self { memory_budget: u64::MAX, max_buffer: u64::MAX, ..self }
+        Self { memory_budget: u64::MAX, max_buffer: u64::MAX, keep_near_field: false, ..self }
     }
 }
 
@@ -102,6 +110,7 @@ impl Default for PlanOptions {
             cull: true,
             occlusion: Occlusion::Exact,
             gradients: GradientRequest::NOTHING,
+            keep_near_field: true,
         }
     }
 }
@@ -226,6 +235,7 @@ pub struct Plan {
     pub(crate) lobes: PlannedLobes,
     pub(crate) solver: PlannedSolver,
     pub(crate) residency: Residency,
+    pub(crate) near_field: NearField,
     /// Bytes of the staging buffers.
     pub(crate) staging: u64,
     memory: MemoryPlan,
@@ -286,12 +296,14 @@ impl Plan {
             lobes,
             solver: PlannedSolver::FixedPoint,
             residency: Residency::Device,
+            near_field: NearField::default(),
             staging: options.staging,
             memory: MemoryPlan::default(),
             reflectance: Reflectance::of(scene),
         };
         plan.lobes.matrices = plan.affordable_lobes();
         plan.choose_transport(scene)?;
+        plan.choose_near_field();
         Ok(plan)
     }
 
@@ -405,6 +417,11 @@ impl Plan {
     /// The solver chosen for the budget.
     pub fn solver(&self) -> PlannedSolver {
         self.solver
+    }
+
+    /// Whether the near field is kept, and why not.
+    pub fn near_field(&self) -> &NearField {
+        &self.near_field
     }
 
     /// Where the states live.

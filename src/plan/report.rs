@@ -9,6 +9,8 @@ use std::ops::Range;
 const IRRADIANCE_RATE: f64 = 1e9;
 const BINS_RATE: f64 = 60e6;
 const NEAR_RATE: f64 = 1e6;
+/// Weights of a kept near field.
+const WEIGHT_RATE: f64 = 2e8;
 /// Pairs of bins per second, by matrix and one by one.
 const LOBE_RATE: f64 = 3e9;
 const DIRECT_LOBE_RATE: f64 = 3e8;
@@ -91,6 +93,8 @@ pub struct PlanReport {
     pub solver: String,
     /// Clusters with their error, or the exact sum and why it was taken.
     pub transport: String,
+    /// Whether the near field is kept as a matrix, and why not.
+    pub near_field: String,
     /// What is modelled of each class of triangles.
     pub classes: Vec<ClassReport>,
     /// How the light that comes straight from emitters is computed.
@@ -190,7 +194,10 @@ impl Plan {
         let with_bins = self.classes.iter().any(|class| class.has_bins());
         let pass = pairs.irradiance as f64 / IRRADIANCE_RATE
             + pairs.bins as f64 / BINS_RATE
-            + pairs.sub_sampled as f64 / NEAR_RATE
+            + match self.near_field_matrix() {
+                Some(kept) => kept.weights as f64 / WEIGHT_RATE,
+                None => pairs.sub_sampled as f64 / NEAR_RATE,
+            }
             + self.lobe_seconds()
             + self.moved_bytes() as f64 / MOVE_RATE;
         let passes = self.estimated_passes();
@@ -204,6 +211,7 @@ impl Plan {
                 PlannedSolver::Gmres { restart } => format!("GMRES, restart {restart}"),
             },
             transport: self.transport.to_string(),
+            near_field: self.near_field.to_string(),
             classes: self.class_reports(),
             lamps: self.lamps_report(),
             tile: self.layout.tile,
@@ -307,6 +315,7 @@ impl fmt::Display for PlanReport {
         writeln!(f, "channels         {}", self.channels)?;
         writeln!(f, "solver           {}", self.solver)?;
         writeln!(f, "transport        {}", self.transport)?;
+        writeln!(f, "near field       {}", self.near_field)?;
         writeln!(
             f,
             "tiles            {} of {} triangles, {} pages of bins",

@@ -1,6 +1,6 @@
 //! Scenes with a solution in closed form.
 
-use super::near_field::projected_solid_angle;
+use crate::model::projected_solid_angle;
 use crate::model::{centroid, quarters};
 use crate::scene::{Material, Scene, SceneBuilder, SceneError, Shape};
 use glam::{DAffine3, DVec2, DVec3};

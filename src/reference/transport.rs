@@ -1,7 +1,7 @@
 //! U: transport between all pairs of triangles, without visibility tests. Twin of glsl/transport_*.comp and glsl/near.comp.
 
-use super::near_field::projected_solid_angle;
 use super::{Model, Outgoing, State};
+use crate::model::projected_solid_angle;
 use crate::model::{QUARTER_RANGE, centroid, far_weight, quarters};
 use glam::DVec3;
 use rayon::prelude::*;

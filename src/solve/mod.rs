@@ -29,6 +29,18 @@ pub trait LightOperator {
     fn dot(&mut self, x: &Self::Vector, y: &Self::Vector) -> Result<f64, Self::Error>;
     /// y = a x + b y.
     fn combine(&mut self, a: f64, x: &Self::Vector, b: f64, y: &mut Self::Vector) -> Result<(), Self::Error>;
+    /// y = a x + b y; then ⟨z, y⟩, or ⟨y, y⟩ without z.
+    fn combine_dot(
+        &mut self,
+        a: f64,
+        x: &Self::Vector,
+        b: f64,
+        y: &mut Self::Vector,
+        z: Option<&Self::Vector>,
+    ) -> Result<f64, Self::Error> {
+        self.combine(a, x, b, y)?;
+        self.dot(z.unwrap_or(y), y)
+    }
     /// y = b y.
     fn scale(&mut self, b: f64, y: &mut Self::Vector) -> Result<(), Self::Error>;
     /// The part of a vector that the convergence criterion uses, weighted so that its 2-norm is the vector's
@@ -54,9 +66,10 @@ fn norm(values: &[f64]) -> f64 {
 pub struct SolveInfo {
     /// Applications of the transport.
     pub passes: u32,
-    /// Whether the tolerance was reached and verified by a pass. If not, the result is the last iterate.
+    /// Whether the tolerance was reached. If not, the result is the last iterate.
     pub converged: bool,
-    /// Relative residual after each pass; within a cycle of GMRES computed from the basis; the last one is verified.
+    /// Relative residual after each pass; within a cycle of GMRES computed from the basis. The last one is verified by a
+    /// pass, unless rounding can't have changed it: [`GmresParams::rounding`].
     pub residuals: Vec<f64>,
     /// Estimate of the spectral radius of U (K - J): for the fixed point from the decay of its residual, for GMRES
     /// from the Ritz values of its longest cycle. From 1 on the discretisation creates light, and the solution of

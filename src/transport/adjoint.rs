@@ -293,6 +293,17 @@ impl LightOperator for AdjointOperator<'_> {
         self.operators.combine(a, x, b, y)
     }
 
+    fn combine_dot(
+        &mut self,
+        a: f64,
+        x: &State,
+        b: f64,
+        y: &mut State,
+        z: Option<&State>,
+    ) -> Result<f64, TransportError> {
+        self.operators.combine_dot(a, x, b, y, z)
+    }
+
     fn scale(&mut self, b: f64, y: &mut State) -> Result<(), TransportError> {
         self.operators.scale(b, y)
     }

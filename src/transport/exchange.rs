@@ -2,15 +2,16 @@
 
 use super::clusters::ClusterLight;
 use super::half_bins::HalfBins;
+use super::near_matrix::NearMatrix;
 use super::reflection::Reflection;
 use super::residency::{Part, View};
-use super::state::State;
+use super::state::{State, page};
 use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, bin_constants};
 use crate::gpu::{Bindings, BufferSlice, Device, GpuError};
 use crate::model::Class;
-use crate::plan::{Group, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::plan::{Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
 /// Close sources per receiver and dispatch: lavapipe bounds the iterations of all loops of an invocation together by
@@ -80,6 +81,8 @@ pub fn sweep_of(sweeps: &mut [(Shape, Sweep)], shape: Shape) -> Result<&mut Swee
 
 pub struct Exchange {
     sweeps: Vec<(Shape, Sweep)>,
+    /// Where the near field is kept.
+    near_matrix: Option<NearMatrix>,
     half_bins: Option<HalfBins>,
     /// Where clusters stand for far triangles.
     clusters: Option<ClusterLight>,
@@ -94,7 +97,7 @@ impl Exchange {
                 (true, true) => (&shaders::CLUSTER_BINS, Bindings::from(8)),
                 (false, true) => (&shaders::CLUSTER_IRRADIANCE, Bindings::from(4)),
             },
-            near: (&shaders::NEAR, 11),
+            near: plan.near_field_matrix().is_none().then_some((&shaders::NEAR, 11)),
             single: shape.any_bins(),
             constants: [&shape.constants(plan)[..], &[(10, u32::from(plan.half_bins()))]].concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
@@ -104,6 +107,7 @@ impl Exchange {
         };
         Ok(Self {
             sweeps: Shape::sweeps(device, plan, kernels)?,
+            near_matrix: NearMatrix::forward(device, plan)?,
             half_bins: HalfBins::new(device, plan)?,
             clusters: ClusterLight::new(device, plan)?,
         })
@@ -119,7 +123,7 @@ impl Exchange {
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, outgoing } = context;
-        monitor.begin(Sweep::pairs(plan));
+        monitor.begin(Sweep::pairs(plan, false));
         let backs = x.is_some();
         let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
         let none = || View::resident(&scene.no_bins, 0, 0);
@@ -199,12 +203,36 @@ impl Exchange {
                 }
             }
             self.add_clusters(context, x, &receivers, irradiance.slice(), passing, monitor)?;
+            self.add_near_matrix(context, x, y, monitor)?;
             for (_, incident) in receivers {
                 incident.store(device)?;
             }
         }
         irradiance.store(device)?;
         Ok(())
+    }
+
+    /// Adds the near field where it is kept; states are on the device then, and what triangles send is known.
+    fn add_near_matrix(
+        &mut self,
+        Context { device, outgoing, scene, .. }: &Context,
+        x: Option<&State>,
+        y: &State,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Some(matrix) = &mut self.near_matrix else { return Ok(()) };
+        let (x, y) = (x.map(State::resident).transpose()?, y.resident()?);
+        let incident = |part| match part {
+            IncidentPart::Irradiance => Ok(y.irradiance.whole()),
+            IncidentPart::Bins { group } => Ok(page(&y.bins, group)?.whole()),
+        };
+        let sent = |part| match (part, x) {
+            (OutgoingPart::Diffuse, _) => Ok(outgoing.radiance.whole()),
+            (OutgoingPart::Antiradiance { group }, Some(x)) => Ok(page(&x.bins, group)?.whole()),
+            (OutgoingPart::Antiradiance { .. }, None) => Ok(scene.no_bins.whole()),
+            (OutgoingPart::Specular { group }, _) => Ok(page(&outgoing.specular, group)?.whole()),
+        };
+        matrix.run(device, incident, sent, x.is_some(), monitor)
     }
 
     /// Adds what far clusters and triangles send, where clusters stand for triangles; states are on the device then, and

@@ -3,15 +3,18 @@
 use super::Context;
 use super::adjoint::AdjointBuffers;
 use super::exchange::{NEAR_TAKE, PLAIN_NEAR_TAKE, Shape, sweep_of};
-use super::state::{State, page_of};
+use super::near_matrix::NearMatrix;
+use super::state::{State, page, page_of};
 use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, Device, GpuError};
-use crate::plan::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::plan::{IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
 pub struct ExchangeAdjoint {
     sweeps: Vec<(Shape, Sweep)>,
+    /// Where the near field is kept.
+    near_matrix: Option<NearMatrix>,
 }
 
 impl ExchangeAdjoint {
@@ -21,7 +24,7 @@ impl ExchangeAdjoint {
                 true => (&shaders::TRANSPORT_BINS_ADJOINT, Bindings { storage: 7, uniform: 2 }),
                 false => (&shaders::TRANSPORT_IRRADIANCE_ADJOINT, Bindings { storage: 3, uniform: 2 }),
             },
-            near: (&shaders::NEAR_ADJOINT, 11),
+            near: plan.near_field_matrix().is_none().then_some((&shaders::NEAR_ADJOINT, 11)),
             single: shape.any_bins(),
             constants: shape.constants(plan),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
@@ -29,7 +32,8 @@ impl ExchangeAdjoint {
             deposits: u64::from(shape.source.blocker) + u64::from(shape.source.glossy),
             shape: shape.name(),
         };
-        Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)? })
+        let near_matrix = NearMatrix::transposed(device, plan)?;
+        Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)?, near_matrix })
     }
 
     /// (radiance, specular; y) += Uᵀ x: the cotangents of diffuse and specular radiance go to the buffers of outgoing
@@ -45,7 +49,7 @@ impl ExchangeAdjoint {
         let Context { plan, scene, outgoing, .. } = context;
         let (x, y) = (x.resident()?, y.resident()?);
         let lists = plan.interactions().by_source.as_ref().ok_or(TransportError::NotPlanned)?;
-        monitor.begin(Sweep::pairs(plan));
+        monitor.begin(Sweep::pairs(plan, false));
         let none = &scene.no_bins;
         adjoint.copy_receivers(context, x)?;
         let partners = of_partners(context, &adjoint.receivers);
@@ -85,6 +89,16 @@ impl ExchangeAdjoint {
                 sweep.far(context, between, far, &partners, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, monitor)?;
             }
         }
-        Ok(())
+        let Some(matrix) = &mut self.near_matrix else { return Ok(()) };
+        let incident = |part| match part {
+            IncidentPart::Irradiance => Ok(x.irradiance.whole()),
+            IncidentPart::Bins { group } => Ok(page(&x.bins, group)?.whole()),
+        };
+        let sent = |part| match part {
+            OutgoingPart::Diffuse => Ok(outgoing.radiance.whole()),
+            OutgoingPart::Antiradiance { group } => Ok(page(&y.bins, group)?.whole()),
+            OutgoingPart::Specular { group } => Ok(page(&outgoing.specular, group)?.whole()),
+        };
+        matrix.run(&context.device, incident, sent, true, monitor)
     }
 }

@@ -29,7 +29,7 @@ impl ExchangeDerivative {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape, target_is_source: bool| Kernels {
             far: (&shaders::TRANSPORT_DERIVATIVE, Bindings { storage: 8, uniform: 2 }),
-            near: (&shaders::NEAR_DERIVATIVE, 11),
+            near: Some((&shaders::NEAR_DERIVATIVE, 11)),
             single: true,
             constants: [&shape.constants(plan)[..], &[(TARGET_IS_SOURCE, u32::from(target_is_source))]]
                 .concat(),
@@ -58,7 +58,7 @@ impl ExchangeDerivative {
         let (x, cotangent) = (x.resident()?, cotangent.resident()?);
         let Interactions { by_receiver, by_source, .. } = plan.interactions();
         let by_source = by_source.as_ref().ok_or(TransportError::NotPlanned)?;
-        monitor.begin(2 * Sweep::pairs(plan));
+        monitor.begin(2 * Sweep::pairs(plan, true));
         let none = &scene.no_bins;
         adjoint.copy_receivers(context, cotangent)?;
         for target_is_source in [true, false] {

@@ -10,6 +10,7 @@ mod exchange_adjoint;
 mod exchange_derivative;
 mod half_bins;
 mod lobes;
+mod near_matrix;
 mod observation;
 mod observation_adjoint;
 mod pace;
@@ -26,6 +27,7 @@ mod watch;
 pub use clusters::{GatherBinsPush, GatherPush};
 pub use half_bins::PackPush;
 pub use lobes::LobePush;
+pub use near_matrix::NearMatrixPush;
 pub use pace::Pace;
 pub use scene_buffers::SceneBuffers;
 pub use state::{Outgoing, State};
@@ -269,6 +271,17 @@ impl LightOperator for Operators {
 
     fn combine(&mut self, a: f64, x: &State, b: f64, y: &mut State) -> Result<(), TransportError> {
         self.vectors.combine(&self.context, (a, x), (b, y), &mut self.monitor)
+    }
+
+    fn combine_dot(
+        &mut self,
+        a: f64,
+        x: &State,
+        b: f64,
+        y: &mut State,
+        z: Option<&State>,
+    ) -> Result<f64, TransportError> {
+        self.vectors.combine_dot(&self.context, (a, x), (b, y), z, &mut self.monitor)
     }
 
     fn scale(&mut self, b: f64, y: &mut State) -> Result<(), TransportError> {

@@ -2,7 +2,7 @@
 //! part lives, bit for bit.
 
 use super::watch::TransportError;
-use crate::gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError};
+use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError};
 use crate::plan::{Group, Piece, Plan};
 use crate::scene::Precision;
 use std::ops::Range;
@@ -76,9 +76,14 @@ impl<'a> View<'a> {
     /// Makes all values zero.
     pub fn clear(&self, device: &Device) -> Result<(), GpuError> {
         let mut batch = device.batch()?;
-        batch.fill(self.buffer, self.offset, self.bytes, 0)?;
+        self.fill(&mut batch)?;
         batch.submit()?;
         Ok(())
+    }
+
+    /// The same as part of a batch.
+    pub fn fill(&self, batch: &mut Batch<'a>) -> Result<(), GpuError> {
+        batch.fill(self.buffer, self.offset, self.bytes, 0)
     }
 
     pub fn upload(&self, device: &Device, values: &[u8]) -> Result<(), GpuError> {

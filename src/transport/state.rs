@@ -48,6 +48,11 @@ impl StateBuffers {
         })
     }
 
+    /// The buffer of a part, to bind to a kernel.
+    pub fn part(&self, part: &Part) -> Result<BufferSlice<'_>, TransportError> {
+        Ok(self.view(part)?.slice())
+    }
+
     fn view(&self, part: &Part) -> Result<View<'_>, TransportError> {
         match part {
             Part::Bins { group, slots, .. } => {

@@ -107,7 +107,8 @@ pub struct Kernels<'a> {
     /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the partners of a dispatch, unless
     /// it sums over lists of clusters; the last buffer of `near` lists the targets.
     pub far: (&'a RealShader, Bindings),
-    pub near: (&'a RealShader, u32),
+    /// `None` where the near field is kept as a matrix.
+    pub near: Option<(&'a RealShader, u32)>,
     /// Whether a lane of `far` owns one triangle, rather than one in each run of lanes of a tile.
     pub single: bool,
     /// Specialization of both, beyond lanes and tiles.
@@ -127,7 +128,7 @@ pub struct Sweep {
     far: Pipeline,
     /// Workgroups of `far` per tile or list of targets.
     workgroups: u32,
-    near: Pipeline,
+    near: Option<Pipeline>,
     /// Lanes of a workgroup of `near`.
     lanes: u32,
     take: u32,
@@ -206,7 +207,11 @@ impl Sweep {
         Ok(Self {
             far: Pipeline::new(device, far.0.of(precision), far.1, far_push, &of_far, required)?,
             workgroups: if single { targets / lanes } else { 1 },
-            near: Pipeline::new(device, near.0.of(precision), near.1, near_push, &of_near, None)?,
+            near: near
+                .map(|(shader, buffers)| {
+                    Pipeline::new(device, shader.of(precision), buffers, near_push, &of_near, None)
+                })
+                .transpose()?,
             lanes,
             // Iterations are counted on CPU drivers alone.
             take: if info.kind == DeviceKind::Cpu { take } else { take.max(TAKE_OF_GPUS) },
@@ -226,12 +231,15 @@ impl Sweep {
         tiles * u64::from(plan.layout.tile * plan.layout.tile)
     }
 
-    /// Pairs of a whole pass, weighted by cost.
-    pub fn pairs(plan: &Plan) -> u64 {
+    /// Pairs of a whole pass, weighted by cost. `evaluated`: whether close pairs are evaluated even where they are kept.
+    pub fn pairs(plan: &Plan, evaluated: bool) -> u64 {
         let slots = u64::from(plan.layout.slots());
         let far =
             plan.clusters().map_or(slots * slots, |clusters| clusters.sources().count() * u64::from(LIST));
-        far + plan.interactions().by_receiver.near.partners.len() as u64 * NEAR_COST
+        far + match plan.near_field_matrix() {
+            Some(kept) if !evaluated => kept.forward.columns.len() as u64,
+            _ => plan.interactions().by_receiver.near.partners.len() as u64 * NEAR_COST,
+        }
     }
 
     /// Runs the point-to-point kernel over pairs of tiles. `passing`: the bits of the pairs to consider.
@@ -336,7 +344,7 @@ impl Sweep {
         Ok(())
     }
 
-    /// Runs the near-field kernel over close pairs. `backs`: whether there is antiradiance.
+    /// Runs the near-field kernel over close pairs, if there is one. `backs`: whether there is antiradiance.
     pub fn near(
         &mut self,
         context: &Context,
@@ -346,6 +354,8 @@ impl Sweep {
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, .. } = context;
+        let Self { near, near_pace, lanes, take, bytes, shape, .. } = self;
+        let Some(near) = near else { return Ok(()) };
         let partners = plan.layout.slots_of(&between.partners.tiles);
         let targets =
             busy_targets(&between.lists.near, plan.layout.slots_of(&between.targets.tiles), &partners);
@@ -355,7 +365,6 @@ impl Sweep {
         let slots: Vec<u32> = targets.iter().map(|target| target.slot).collect();
         device.upload_slice(&scene.near_targets, 0, &slots)?;
         let buffers = [buffers, &[scene.near_targets.whole()]].concat();
-        let Self { near, near_pace, lanes, take, bytes, shape, .. } = self;
         let mut bundle = Bundle::new(device, near_pace, monitor);
         let longest = targets.iter().map(|target| target.partners).max().unwrap_or(0);
         for skip in (0..longest).step_by(*take as usize) {

@@ -1,63 +1,60 @@
 //! States as vectors, for the solvers.
 
-use super::residency::Part;
+use super::residency::{Part, View};
 use super::state::State;
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
+use crate::plan::{Plan, Residency};
 use crate::scene::Precision;
-use crate::shaders;
+use crate::shaders::{self, RealShader};
 use bytemuck::{Pod, Zeroable, bytes_of};
 
 /// `DotPush` of glsl/dot.comp.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct DotPush {
-    /// Reals in each of the two vectors.
+    /// Fours of reals in each of the two vectors.
     pub count: u32,
+    /// 1 to add to the sums of an earlier dispatch.
+    pub add: u32,
 }
 
 /// Lanes that process a vector; each writes one partial sum.
 const LANES: u32 = crate::plan::PARTIAL_SUMS as u32;
+/// Reals that a lane processes at a time. Parts of states are multiples of it.
+const STEP: u32 = 4;
 
 pub struct Vectors {
     combine: Pipeline,
     dot: Pipeline,
+    combine_dot: Pipeline,
     partial: Buffer,
 }
 
 impl Vectors {
     pub fn new(device: &Device, precision: Precision) -> Result<Self, GpuError> {
-        let workgroup = [(0, WORKGROUP)];
-        let combine_push = real::push_bytes(precision, 2, 1);
+        let kernel = |shader: &'static RealShader, buffers: u32, push: u32| {
+            Pipeline::new(device, shader.of(precision), buffers, push, &[(0, WORKGROUP)], None)
+        };
         let partial = u64::from(LANES) * precision.bytes();
         Ok(Self {
-            combine: Pipeline::new(
-                device,
-                shaders::COMBINE.of(precision),
-                2,
-                combine_push,
-                &workgroup,
-                None,
-            )?,
-            dot: Pipeline::new(
-                device,
-                shaders::DOT.of(precision),
-                3,
-                size_of::<DotPush>() as u32,
-                &workgroup,
-                None,
-            )?,
+            combine: kernel(&shaders::COMBINE, 2, real::push_bytes(precision, 2, 1))?,
+            dot: kernel(&shaders::DOT, 3, size_of::<DotPush>() as u32)?,
+            combine_dot: kernel(&shaders::COMBINE_DOT, 4, real::push_bytes(precision, 2, 3))?,
             partial: Buffer::new(device, "partial sums", partial, BufferKind::Storage)?,
         })
     }
 
     /// y = 0.
     pub fn clear(&self, context: &Context, y: &State) -> Result<(), TransportError> {
-        for part in Part::all(&context.plan) {
-            let y = y.edit(&context.device, &part, false)?;
-            y.clear(&context.device)?;
-            y.store(&context.device)?;
+        for parts in together(&context.plan) {
+            let views = parts.iter().map(|part| y.edit(&context.device, part, false));
+            let views: Vec<View> = views.collect::<Result<_, _>>()?;
+            let mut batch = context.device.batch()?;
+            views.iter().try_for_each(|view| view.fill(&mut batch))?;
+            batch.submit()?;
+            views.into_iter().try_for_each(|view| view.store(&context.device))?;
         }
         Ok(())
     }
@@ -72,15 +69,18 @@ impl Vectors {
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
         let precision = plan.settings.precision;
-        for part in Part::all(plan) {
-            let (x, y) = (x.show(device, &part)?, y.edit(device, &part, b != 0.0)?);
-            let count = y.reals(precision);
-            let push = real::push(precision, &[a, b], &[count]);
-            let groups = [count.div_ceil(WORKGROUP).min(LANES / WORKGROUP), 1, 1];
+        for parts in together(plan) {
+            let views = parts.iter().map(|part| Ok((x.show(device, part)?, y.edit(device, part, b != 0.0)?)));
+            let views: Vec<(View, View)> = views.collect::<Result<_, TransportError>>()?;
             let mut batch = device.batch()?;
-            batch.dispatch(&self.combine, "vector", &[x.slice(), y.slice()], &push, groups)?;
+            for (x, y) in &views {
+                let count = y.reals(precision) / STEP;
+                let push = real::push(precision, &[a, b], &[count]);
+                let groups = [count.div_ceil(WORKGROUP).min(LANES / WORKGROUP), 1, 1];
+                batch.dispatch(&self.combine, "vector", &[x.slice(), y.slice()], &push, groups)?;
+            }
             batch.submit()?;
-            y.store(device)?;
+            views.into_iter().try_for_each(|(_, y)| y.store(device))?;
             monitor.done(0)?;
         }
         Ok(())
@@ -107,17 +107,71 @@ impl Vectors {
     ) -> Result<f64, TransportError> {
         let Context { device, plan, .. } = context;
         let precision = plan.settings.precision;
-        let mut sum = 0.0;
-        for part in Part::all(plan) {
-            let (x, y) = (x.show(device, &part)?, y.edit(device, &part, true)?);
-            let push = DotPush { count: y.reals(precision) };
-            let buffers = [x.slice(), y.slice(), self.partial.whole()];
+        let mut additions = additions();
+        for parts in together(plan) {
+            let views = parts.iter().map(|part| Ok((x.show(device, part)?, y.edit(device, part, true)?)));
+            let views: Vec<(View, View)> = views.collect::<Result<_, TransportError>>()?;
             let mut batch = device.batch()?;
-            batch.dispatch(&self.dot, "vector", &buffers, bytes_of(&push), [LANES / WORKGROUP, 1, 1])?;
+            for ((x, y), add) in views.iter().zip(&mut additions) {
+                let push = DotPush { count: y.reals(precision) / STEP, add };
+                let buffers = [x.slice(), y.slice(), self.partial.whole()];
+                batch.dispatch(&self.dot, "vector", &buffers, bytes_of(&push), [LANES / WORKGROUP, 1, 1])?;
+            }
             batch.submit()?;
-            sum += real::download(device, &self.partial, precision, LANES.into())?.into_iter().sum::<f64>();
             monitor.done(0)?;
         }
-        Ok(sum)
+        self.sum(context)
     }
+
+    /// y = a x + b y; then ⟨z, y⟩, or ⟨y, y⟩ without z.
+    pub fn combine_dot(
+        &self,
+        context: &Context,
+        (a, x): (f64, &State),
+        (b, y): (f64, &State),
+        z: Option<&State>,
+        monitor: &mut PassMonitor,
+    ) -> Result<f64, TransportError> {
+        let Context { device, plan, .. } = context;
+        if plan.residency != Residency::Device {
+            // Only one vector to read is on the device at a time.
+            self.combine(context, (a, x), (b, y), monitor)?;
+            return self.dot(context, z.unwrap_or(y), y, monitor);
+        }
+        let precision = plan.settings.precision;
+        let (of_itself, z) = (z.is_none(), z.unwrap_or(y).resident()?);
+        let (x, y) = (x.resident()?, y.resident()?);
+        let parts = Part::all(plan);
+        let mut batch = device.batch()?;
+        for (part, add) in parts.iter().zip(additions()) {
+            let count = (part.bytes() / precision.bytes()) as u32 / STEP;
+            let push = real::push(precision, &[a, b], &[count, add, u32::from(of_itself)]);
+            let buffers = [x.part(part)?, y.part(part)?, z.part(part)?, self.partial.whole()];
+            batch.dispatch(&self.combine_dot, "vector", &buffers, &push, [LANES / WORKGROUP, 1, 1])?;
+        }
+        batch.submit()?;
+        monitor.done(0)?;
+        self.sum(context)
+    }
+
+    /// The sum of the partial sums.
+    fn sum(&self, Context { device, plan, .. }: &Context) -> Result<f64, TransportError> {
+        let partial = real::download(device, &self.partial, plan.settings.precision, LANES.into())?;
+        Ok(partial.into_iter().sum())
+    }
+}
+
+/// Parts of states in groups that the device can access together: on the host, parts take turns in the windows.
+fn together(plan: &Plan) -> Vec<Vec<Part>> {
+    let parts = Part::all(plan);
+    match plan.residency {
+        Residency::Device => vec![parts],
+        Residency::Host { .. } => parts.into_iter().map(|part| vec![part]).collect(),
+    }
+}
+
+/// Whether the dispatch of each part adds to the sums of those before: all but the first, wherever parts are, so that not
+/// a bit depends on it.
+fn additions() -> impl Iterator<Item = u32> {
+    std::iter::once(0).chain(std::iter::repeat(1))
 }

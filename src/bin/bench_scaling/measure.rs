@@ -74,7 +74,8 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
     let scene = statue(size)?;
     let settings = SolveSettings::default().bins(arguments.bins).solver(SolverChoice::FixedPoint);
     let settings = settings.transport(arguments.transport);
-    let options = PlanOptions::of(&device).occlusion(Occlusion::Everything);
+    // The least memory, and the kernels of close pairs.
+    let options = PlanOptions::of(&device).occlusion(Occlusion::Everything).keep_near_field(false);
     let start = Instant::now();
     let plan = Plan::new(&scene, &options, &settings)?;
     let seconds_plan = start.elapsed().as_secs_f64();

@@ -1,5 +1,6 @@
 //! Lambert's polygon formula, the integral of the near field. Twin of glsl/near_field.glsl.
 
+use super::facet::quarters;
 use glam::DVec3;
 
 /// ∫ cosθ dω over a triangle seen from `point` with normal `normal`, clipped at the horizon, in [0, π] sr, by Lambert's
@@ -31,6 +32,25 @@ pub fn projected_solid_angle(point: DVec3, normal: DVec3, corners: [DVec3; 3]) -
     // The side of the clipped polygon that lies in the horizon.
     sum += edge(exit, enter).dot(normal);
     (0.5 * sum).abs()
+}
+
+/// The same for the quarters of a triangle, in the order of [`quarters`]: of their twelve sides, nine are different.
+pub(crate) fn projected_quarters(point: DVec3, normal: DVec3, corners: [DVec3; 3]) -> [f64; 4] {
+    let [a, b, c] = corners.map(|corner| corner - point);
+    let lowest = a.dot(normal).min(b.dot(normal)).min(c.dot(normal));
+    if lowest <= 0.0 {
+        return quarters(corners).map(|quarter| projected_solid_angle(point, normal, quarter));
+    }
+    let (ab, bc, ca) = (a.midpoint(b), b.midpoint(c), c.midpoint(a));
+    let side = |from: DVec3, to: DVec3| edge(from, to).dot(normal);
+    let middle = [side(ca, ab), side(ab, bc), side(bc, ca)];
+    [
+        side(a, ab) - middle[0] + side(ca, a),
+        side(ab, b) + side(b, bc) - middle[1],
+        side(bc, c) + side(c, ca) - middle[2],
+        middle[0] + middle[1] + middle[2],
+    ]
+    .map(|sum| (0.5 * sum).abs())
 }
 
 /// θ Γ of one side: the angle it subtends times the unit normal of its plane through the origin.
