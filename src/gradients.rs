@@ -157,7 +157,8 @@ impl Engine {
                 fixed_point(&mut operator, &FixedPointParams { tolerance, max_passes, reduction }, progress)
             }
             PlannedSolver::Gmres { restart } => {
-                let params = GmresParams::new(tolerance, max_passes, restart).rounding(rounding).reduction(reduction);
+                let params =
+                    GmresParams::new(tolerance, max_passes, restart).rounding(rounding).reduction(reduction);
                 gmres(&mut operator, &params, progress)
             }
         };
