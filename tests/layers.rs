@@ -22,6 +22,7 @@ const LAYERS: [(&str, &[&str]); 23] = [
     ("engine", &["direct", "gpu", "model", "options", "plan", "revision", "scene", "solve", "transport"]),
     ("gradients", &["direct", "engine", "model", "options", "plan", "scene", "solve", "transport"]),
     ("image", &["gpu", "input", "options", "output", "scene", "shaders"]),
+    ("export", &["output", "scene"]),
     ("reference", &["image", "model", "scene", "solve"]),
     ("warnings", &["model", "options", "plan", "reference", "scene"]),
     ("shading", &["direct", "engine", "gradients", "image", "model", "plan", "scene", "solve"]),
