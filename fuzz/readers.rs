@@ -11,6 +11,9 @@ pub enum Reader {
     Mtl,
     Scene,
     Job,
+    Gltf,
+    Ply,
+    Mitsuba,
 }
 
 const OBJ: &str =
@@ -34,6 +37,7 @@ impl Folder {
         folder.put("m.mtl", MTL.as_bytes());
         folder.put("s.toml", SCENE.as_bytes());
         folder.put("p.png", PNG);
+        folder.put("b.bin", &[0, 0, 128, 63].repeat(64));
         folder
     }
 
@@ -65,6 +69,18 @@ impl Folder {
             Reader::Scene => {
                 self.put("input.toml", data);
                 scene("input.toml");
+            }
+            Reader::Gltf => {
+                self.put(if data.starts_with(b"glTF") { "input.glb" } else { "input.gltf" }, data);
+                scene(if data.starts_with(b"glTF") { "input.glb" } else { "input.gltf" });
+            }
+            Reader::Ply => {
+                self.put("input.ply", data);
+                scene("input.ply");
+            }
+            Reader::Mitsuba => {
+                self.put("input.xml", data);
+                scene("input.xml");
             }
             Reader::Job => {
                 self.put("job.toml", data);

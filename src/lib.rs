@@ -47,6 +47,7 @@ pub mod direct;
 mod engine;
 mod engine_builder;
 mod engine_direct;
+pub mod export;
 pub mod fit;
 pub mod gpu;
 mod gradients;

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 /// Each layer, and all that it may use. The graph has no cycles: a layer stands below those that it uses.
-const LAYERS: [(&str, &[&str]); 23] = [
+const LAYERS: [(&str, &[&str]); 24] = [
     ("options", &[]),
     ("watch", &[]),
     ("input", &[]),
@@ -22,6 +22,7 @@ const LAYERS: [(&str, &[&str]); 23] = [
     ("engine", &["direct", "gpu", "model", "options", "plan", "revision", "scene", "solve", "transport"]),
     ("gradients", &["direct", "engine", "model", "options", "plan", "scene", "solve", "transport"]),
     ("image", &["gpu", "input", "options", "output", "scene", "shaders"]),
+    ("export", &["output", "scene"]),
     ("reference", &["image", "model", "scene", "solve"]),
     ("warnings", &["model", "options", "plan", "reference", "scene"]),
     ("shading", &["direct", "engine", "gradients", "image", "model", "plan", "scene", "solve"]),

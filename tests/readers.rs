@@ -138,6 +138,21 @@ fn jobs() {
     read_all(Reader::Job, "job");
 }
 
+#[test]
+fn gltf() {
+    read_all(Reader::Gltf, "gltf");
+}
+
+#[test]
+fn mitsuba() {
+    read_all(Reader::Mitsuba, "mitsuba");
+}
+
+#[test]
+fn ply() {
+    read_all(Reader::Ply, "ply");
+}
+
 /// They would yield bytes without end.
 #[test]
 #[cfg(unix)]

@@ -273,7 +273,7 @@ impl Scene {
 
 #[pymethods]
 impl Scene {
-    /// Loads and checks a scene file (`.toml`), or a mesh (`.obj`) with its MTL.
+    /// Loads and checks a scene: `.toml`, glTF (`.gltf`, `.glb`), Mitsuba 3 (`.xml`), or a mesh (`.obj` with its MTL, `.ply`).
     ///
     /// Args:
     ///     path: The file.

@@ -3,13 +3,17 @@
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
+use rayon::prelude::*;
+
 use super::check::MAX_TRIANGLES;
 use super::error::{Place, SceneError, nearest};
 use super::file::LoadOptions;
-use super::geometry::RawMesh;
+use super::geometry::{Maps, RawMesh};
 use super::orient::orient;
 use super::outlook::{self, Outlook};
 use super::tables::MaterialTable;
+use super::texture::Map;
 use super::{Camera, Choice, Material, Mesh, Orient, Origin, Scene, SolveSettings, Triangle};
 
 /// A scene under construction.
@@ -18,7 +22,13 @@ pub(super) struct Assembly {
     path: PathBuf,
     scene: Scene,
     material_indices: HashMap<String, u32>,
-    material_origins: HashMap<String, (PathBuf, usize)>,
+    material_origins: HashMap<String, (PathBuf, Option<usize>)>,
+    /// Textures, by material.
+    maps: HashMap<u32, Maps>,
+    /// Copies of materials, by the original and the bits of the factors of albedo and emission.
+    copies: HashMap<(u32, [[u64; 3]; 2]), u32>,
+    /// Copies of each material so far.
+    copy_counts: HashMap<u32, u64>,
     /// Materials that the scene file itself defines or overrides: they are taken at their word.
     stated: HashSet<u32>,
     /// Whether materials have a second side, where something says so.
@@ -55,6 +65,9 @@ impl Assembly {
             },
             material_indices: HashMap::new(),
             material_origins: HashMap::new(),
+            maps: HashMap::new(),
+            copies: HashMap::new(),
+            copy_counts: HashMap::new(),
             stated: HashSet::new(),
             two_sided: HashMap::new(),
             sides: Vec::new(),
@@ -69,36 +82,57 @@ impl Assembly {
 
     /// Adds the materials of a mesh. Meshes may share materials, but must define them alike.
     pub fn add_materials(&mut self, mesh: &mut RawMesh) -> Result<(), SceneError> {
-        for raw in mesh.materials.drain(..) {
-            let name = &raw.material.name;
-            if let Some(&index) = self.material_indices.get(name) {
+        let mut renamed = HashMap::new();
+        for mut raw in std::mem::take(&mut mesh.materials) {
+            let name = raw.material.name.clone();
+            if let Some(&index) = self.material_indices.get(&name) {
                 let before = &mut self.scene.materials[index as usize];
-                match (self.material_origins.get(name), &raw.origin) {
-                    _ if *before == raw.material => {}
+                match (self.material_origins.get(&name), &raw.origin) {
+                    _ if *before == raw.material => continue,
                     // A definition replaces a grey placeholder, whichever comes first.
-                    (_, None) => {}
+                    (_, None) => continue,
                     (None, Some(origin)) => {
-                        self.material_origins.insert(name.clone(), origin.clone());
+                        self.material_origins.insert(name, origin.clone());
                         *before = raw.material;
+                        self.maps.insert(index, raw.maps);
+                        continue;
                     }
-                    (Some((first, first_line)), Some((path, line))) => {
+                    (Some((first, first_line)), Some((path, Some(line)))) => {
+                        let first_line = first_line.map_or(String::new(), |line| format!(":{line}"));
                         return Err(Place { path, line: *line }.error(format!(
-                            "material \"{name}\" is defined otherwise at {}:{first_line}; rename one of the two",
+                            "material \"{name}\" is defined otherwise at {}{first_line}; rename one of the two",
                             first.display()
                         )));
                     }
+                    // Names in binary files are hardly chosen, and cannot be changed with an editor.
+                    (Some(_), Some((_, None))) => {
+                        raw.material.name = self.free_name(&name, "_");
+                        renamed.insert(name, raw.material.name.clone());
+                    }
                 }
-                continue;
             }
             if let Some(origin) = raw.origin {
-                self.material_origins.insert(name.clone(), origin);
+                self.material_origins.insert(raw.material.name.clone(), origin);
             }
-            let index = self.push_material(raw.material);
+            let index = self.push_material(raw.material) as u32;
+            self.maps.insert(index, raw.maps);
             if raw.two_sided {
-                self.two_sided.insert(index as u32, true);
+                self.two_sided.insert(index, true);
+            }
+        }
+        for name in &mut mesh.material_names {
+            if let Some(other) = renamed.get(name) {
+                name.clone_from(other);
             }
         }
         Ok(())
+    }
+
+    /// The name with the first number, from 2, that no material has.
+    fn free_name(&self, name: &str, between: &str) -> String {
+        let numbered = (2u64..).map(|n| format!("{name}{between}{n}"));
+        let mut free = numbered.filter(|name| !self.material_indices.contains_key(name));
+        free.next().unwrap_or_default()
     }
 
     fn push_material(&mut self, material: Material) -> usize {
@@ -110,7 +144,7 @@ impl Assembly {
 
     /// Applies a `[material.NAME]` table to the material of that name, or to a new black one.
     pub fn override_material(&mut self, name: &str, table: &MaterialTable, place: Place) {
-        let origin = (place.path.to_path_buf(), place.line);
+        let origin = (place.path.to_path_buf(), Some(place.line));
         self.material_origins.insert(name.to_owned(), origin);
         let index = match self.material_indices.get(name) {
             Some(&index) => index as usize,
@@ -118,6 +152,10 @@ impl Assembly {
         };
         table.apply(&mut self.scene.materials[index]);
         self.stated.insert(index as u32);
+        if let Some(maps) = self.maps.get_mut(&(index as u32)) {
+            maps.albedo.take_if(|_| table.albedo.is_some());
+            maps.emission.take_if(|_| table.emission.is_some());
+        }
         if let Some(two_sided) = table.two_sided {
             self.two_sided.insert(index as u32, two_sided);
         }
@@ -154,6 +192,7 @@ impl Assembly {
             };
             materials.push(index);
         }
+        let materials = self.face_materials(&mesh, &materials);
 
         let scene = &mut self.scene;
         let too_many = |what, count: usize, limit| SceneError::TooMany { what, count: count as u64, limit };
@@ -168,10 +207,12 @@ impl Assembly {
             return Err(too_many("triangles", end, MAX_TRIANGLES));
         }
         scene.vertices.extend(mesh.vertices);
-        scene.triangles.extend(mesh.faces.iter().zip(mesh.face_materials).map(|(face, material)| Triangle {
-            vertices: face.map(|v| first_vertex + v),
-            material: materials[material as usize],
-        }));
+        scene.triangles.extend(
+            mesh.faces
+                .iter()
+                .zip(materials)
+                .map(|(face, material)| Triangle { vertices: face.map(|v| first_vertex + v), material }),
+        );
         let taken = |name: &String| scene.meshes.iter().any(|m| m.name == *name);
         let numbered = (2..).map(|n| format!("{name}_{n}"));
         let unique = std::iter::once(name.clone()).chain(numbered).find(|n| !taken(n)).unwrap_or(name);
@@ -179,6 +220,66 @@ impl Assembly {
         self.sides.push(sides);
         scene.origins.push(Origin { file: file.to_path_buf(), lines: mesh.face_lines });
         Ok(())
+    }
+
+    /// The material of each face: that of the file, or where textures or colours change it over the faces, a copy with their mean. Faces
+    /// with the same means share a copy.
+    fn face_materials(&mut self, mesh: &RawMesh, materials: &[u32]) -> Vec<u32> {
+        let has_maps = |index: &u32| {
+            self.maps.get(index).is_some_and(|maps| maps.albedo.is_some() || maps.emission.is_some())
+        };
+        let textured = !mesh.uvs.is_empty() && materials.iter().any(has_maps);
+        if !textured && mesh.colours.is_empty() {
+            return mesh.face_materials.iter().map(|&m| materials[m as usize]).collect();
+        }
+        let maps = &self.maps;
+        let factors = |face: usize| -> [DVec3; 2] {
+            let colour = mesh.colours.get(face).map_or(DVec3::ONE, |[a, b, c]| (*a + *b + *c) / 3.0);
+            let maps = maps.get(&materials[mesh.face_materials[face] as usize]);
+            let mean = |map: Option<&Option<Map>>| match (map, mesh.uvs.get(face)) {
+                (Some(Some(map)), Some(&uvs)) => map.mean_over(uvs),
+                _ => DVec3::ONE,
+            };
+            [colour * mean(maps.map(|maps| &maps.albedo)), mean(maps.map(|maps| &maps.emission))]
+        };
+        let factors: Vec<[DVec3; 2]> = (0..mesh.faces.len()).into_par_iter().map(factors).collect();
+        let mut of_faces = Vec::with_capacity(factors.len());
+        for (&m, factors) in mesh.face_materials.iter().zip(factors) {
+            let base = materials[m as usize];
+            if factors == [DVec3::ONE; 2] {
+                of_faces.push(base);
+                continue;
+            }
+            let key = (base, factors.map(|factor| factor.to_array().map(f64::to_bits)));
+            let index = self.copies.get(&key).copied().unwrap_or_else(|| {
+                let mut copy = self.scene.materials[base as usize].clone();
+                let scaled = |rgb: [f64; 3], by: DVec3| (DVec3::from(rgb) * by).to_array();
+                copy.albedo = scaled(copy.albedo, factors[0]);
+                copy.specular =
+                    if copy.is_metal() { scaled(copy.specular, factors[0]) } else { copy.specular };
+                copy.emission = scaled(copy.emission, factors[1]);
+                let count = self.copy_counts.entry(base).or_insert(0);
+                loop {
+                    *count += 1;
+                    let name = format!("{}.{count}", self.scene.materials[base as usize].name);
+                    if !self.material_indices.contains_key(&name) {
+                        copy.name = name;
+                        break;
+                    }
+                }
+                let index = self.push_material(copy) as u32;
+                if self.stated.contains(&base) {
+                    self.stated.insert(index);
+                }
+                if let Some(&two_sided) = self.two_sided.get(&base) {
+                    self.two_sided.insert(index, two_sided);
+                }
+                index
+            });
+            self.copies.insert(key, index);
+            of_faces.push(index);
+        }
+        of_faces
     }
 
     pub fn add_camera(&mut self, camera: Camera, line: usize) {
@@ -304,7 +405,7 @@ impl Assembly {
         let scene_file = |line| (self.path.clone(), line);
         match problem {
             SceneError::Material { name, .. } => match self.material_origins.get(name) {
-                Some((path, line)) => (path.clone(), Some(*line)),
+                Some((path, line)) => (path.clone(), *line),
                 None => scene_file(None),
             },
             SceneError::Camera { name, .. } => scene_file(self.camera_lines.get(name).copied()),

@@ -20,7 +20,7 @@ pub enum SceneError {
     },
 
     /// The extension of a file is not that of a known format.
-    #[error("{}: neither a scene (.toml) nor a mesh (.obj); give a file with one of these extensions", path.display())]
+    #[error("{}: neither a scene (.toml, .gltf, .glb, .xml) nor a mesh (.obj, .ply); give a file with one of these extensions", path.display())]
     UnknownFormat {
         /// The file.
         path: PathBuf,
@@ -33,6 +33,15 @@ pub enum SceneError {
         path: PathBuf,
         /// Line number, from 1.
         line: usize,
+        /// What is wrong, and the remedy.
+        message: String,
+    },
+
+    /// A file is invalid as a whole, or has no lines to name.
+    #[error("{}: {message}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
         /// What is wrong, and the remedy.
         message: String,
     },

@@ -1,18 +1,20 @@
-//! Loads a scene from a TOML file, or from a bare OBJ.
+//! Loads a scene from a TOML file, or from a file of another program.
 
 use crate::options::setters;
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use serde::Deserialize;
+use toml::Spanned;
 
+use super::Scene;
 use super::assembly::{Assembly, Sides};
 use super::error::{Place, SceneError};
 use super::geometry::{Placement, RawMesh};
+use super::mesh_file::{self, Contents};
 use super::tables::{self, MeshTable, SceneTable};
 use super::toml_file::TomlFile;
-use super::{Scene, obj};
 
 /// How to load a scene.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -46,7 +48,8 @@ pub enum Orient {
 const MOST_SUBDIVIDED: u64 = 10_000_000;
 
 impl Scene {
-    /// Loads and checks a `.toml` scene, or an `.obj` mesh with its MTL.
+    /// Loads and checks a `.toml` scene, a glTF (`.gltf`, `.glb`), a scene of Mitsuba 3 (`.xml`), or a mesh:
+    /// `.obj` with its MTL, `.ply`.
     ///
     /// A scene without a camera gets one named "auto" that frames its bounding box, with a warning in [`Scene::warnings`].
     ///
@@ -97,15 +100,17 @@ impl Scene {
         let mut assembly = Assembly::new(path, stem(path));
         match extension.as_deref() {
             Some("toml") => TomlFile::read(path)?.assemble(&mut assembly, options)?,
-            Some("obj") => {
-                let mut mesh = obj::read(path, options.strict, |_| false, assembly.warnings())?;
-                assembly.add_materials(&mut mesh)?;
+            Some(known) if mesh_file::EXTENSIONS.contains(&known) => {
+                let Contents { meshes, cameras } =
+                    mesh_file::read(path, options.strict, &|_| false, assembly.warnings())?;
                 let sides = Sides { orient: options.orient, two_sided: None };
-                assembly.add_mesh(stem(path), path, mesh, sides, Place { path, line: 1 })?;
+                for (name, mut mesh) in meshes {
+                    assembly.add_materials(&mut mesh)?;
+                    assembly.add_mesh(name, path, mesh, sides, Place { path, line: 1 })?;
+                }
+                cameras.into_iter().for_each(|camera| assembly.add_camera(camera, 1));
             }
-            _ => {
-                return Err(SceneError::UnknownFormat { path: path.to_path_buf() });
-            }
+            _ => return Err(SceneError::UnknownFormat { path: path.to_path_buf() }),
         }
         assembly.finish(options)
     }
@@ -162,6 +167,25 @@ impl TomlFile<'_> {
         Ok(())
     }
 
+    /// All meshes of a file as one.
+    fn read_file(
+        &self,
+        path: &Spanned<PathBuf>,
+        options: &LoadOptions,
+        known: &dyn Fn(&str) -> bool,
+        warnings: &mut Vec<String>,
+    ) -> Result<RawMesh, SceneError> {
+        let file = self.beside(path.get_ref());
+        let contents = mesh_file::read(&file, options.strict, known, warnings);
+        let contents = contents.map_err(|error| match error {
+            SceneError::Read { path: file, reason } => self
+                .place(path.span())
+                .error(format!("mesh file {} cannot be read: {reason}", file.display())),
+            other => other,
+        })?;
+        Ok(contents.into_one())
+    }
+
     /// The mesh of a table, subdivided and placed.
     fn read_mesh(
         &self,
@@ -176,17 +200,8 @@ impl TomlFile<'_> {
         let mut mesh =
             match (&table.path, &table.shape, material) {
                 (Some(path), None, material) => {
-                    let file = self.beside(path.get_ref());
                     let known = |name: &str| material.is_some() || defined(name);
-                    let mesh =
-                        obj::read(&file, options.strict, known, warnings).map_err(|error| match error {
-                            SceneError::Read { path: file, reason } => {
-                                let file = file.display();
-                                self.place(path.span())
-                                    .error(format!("mesh file {file} cannot be read: {reason}"))
-                            }
-                            other => other,
-                        })?;
+                    let mesh = self.read_file(path, options, &known, warnings)?;
                     match material {
                         Some(material) => RawMesh {
                             face_lines: mesh.face_lines,
@@ -227,7 +242,7 @@ impl TomlFile<'_> {
             None => DVec3::ONE,
         };
         let placement = Placement { scale, rotate_degrees: table.rotate_degrees, translate: table.translate };
-        placement.apply(&mut mesh.vertices, &mut mesh.faces);
+        placement.apply(&mut mesh);
         Ok(mesh)
     }
 

@@ -1,11 +1,12 @@
 //! A mesh before it joins the scene: subdivision and placement.
 
 use std::collections::HashMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 
 use super::Material;
+use super::texture::Map;
 
 /// A mesh as read or generated: faces in file order, the triangles of a polygon consecutive.
 pub(super) struct RawMesh {
@@ -15,6 +16,10 @@ pub(super) struct RawMesh {
     pub face_materials: Vec<u32>,
     /// Per face, its line in the mesh's file; empty without a file.
     pub face_lines: Vec<u32>,
+    /// Per face, the texture coordinates of its corners; empty without textures.
+    pub uvs: Vec<[DVec2; 3]>,
+    /// Per face, factors of the albedo at its corners; empty without colours.
+    pub colours: Vec<[DVec3; 3]>,
     pub material_names: Vec<String>,
     /// Materials from the mesh's MTL files, and grey placeholders for missing ones.
     pub materials: Vec<RawMaterial>,
@@ -22,18 +27,45 @@ pub(super) struct RawMesh {
 
 pub(super) struct RawMaterial {
     pub material: Material,
-    /// File and line of the definition; `None` for a grey placeholder.
-    pub origin: Option<(PathBuf, usize)>,
+    /// File of the definition, and its line if it has lines; `None` for a grey placeholder.
+    pub origin: Option<(PathBuf, Option<usize>)>,
     /// Whether its triangles have a second side.
     pub two_sided: bool,
+    pub maps: Maps,
+}
+
+/// The textures of a material.
+#[derive(Clone, Default)]
+pub(super) struct Maps {
+    pub albedo: Option<Map>,
+    pub emission: Option<Map>,
+}
+
+impl RawMaterial {
+    /// A material of a file without lines.
+    pub fn of_file(material: Material, file: &Path) -> Self {
+        Self { origin: Some((file.to_path_buf(), None)), ..Self::placeholder(material) }
+    }
+
+    /// A grey placeholder for a missing one.
+    pub fn placeholder(material: Material) -> Self {
+        Self { material, origin: None, two_sided: false, maps: Maps::default() }
+    }
 }
 
 impl RawMesh {
+    /// No faces and no materials.
+    pub fn empty() -> Self {
+        Self { material_names: Vec::new(), ..Self::uniform(Vec::new(), Vec::new(), "") }
+    }
+
     /// A mesh of a single material.
     pub fn uniform(vertices: Vec<DVec3>, faces: Vec<[u32; 3]>, material: &str) -> Self {
         Self {
             face_materials: vec![0; faces.len()],
             face_lines: Vec::new(),
+            uvs: Vec::new(),
+            colours: Vec::new(),
             vertices,
             faces,
             material_names: vec![material.to_owned()],
@@ -47,7 +79,43 @@ impl RawMesh {
         for each in [&mut self.face_materials, &mut self.face_lines] {
             *each = each.iter().flat_map(|&value| [value; 4]).collect();
         }
+        self.uvs = self.uvs.iter().flat_map(|&corners| quarters(corners, DVec2::midpoint)).collect();
+        self.colours = self.colours.iter().flat_map(|&corners| quarters(corners, DVec3::midpoint)).collect();
     }
+
+    /// Appends another mesh.
+    pub fn append(&mut self, other: Self) {
+        let (first, names) = (self.vertices.len() as u32, self.material_names.len() as u32);
+        // Both have values for all faces, or none.
+        let (uvs, colours) = (self.uvs.len() == self.faces.len(), self.colours.len() == self.faces.len());
+        let complete = |own: bool, theirs: usize| own && theirs == other.faces.len();
+        match complete(uvs, other.uvs.len()) {
+            true => self.uvs.extend(other.uvs),
+            false => self.uvs.clear(),
+        }
+        match complete(colours, other.colours.len()) {
+            true => self.colours.extend(other.colours),
+            false => self.colours.clear(),
+        }
+        self.vertices.extend(other.vertices);
+        self.faces.extend(other.faces.iter().map(|face| face.map(|v| first + v)));
+        self.face_materials.extend(other.face_materials.iter().map(|m| names + m));
+        self.material_names.extend(other.material_names);
+        self.materials.extend(other.materials);
+    }
+
+    /// Turns all faces: fronts become backs.
+    pub fn turn(&mut self) {
+        self.faces.iter_mut().for_each(|corners| corners.swap(1, 2));
+        self.uvs.iter_mut().for_each(|corners| corners.swap(1, 2));
+        self.colours.iter_mut().for_each(|corners| corners.swap(1, 2));
+    }
+}
+
+/// Values at the corners of the four parts of a face, in the order of [`subdivide`].
+fn quarters<T: Copy>([a, b, c]: [T; 3], mut middle: impl FnMut(T, T) -> T) -> [[T; 3]; 4] {
+    let [ab, bc, ca] = [middle(a, b), middle(b, c), middle(c, a)];
+    [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
 }
 
 /// Halves every edge: each face becomes four, consecutive.
@@ -62,9 +130,8 @@ pub(super) fn subdivide(vertices: &mut Vec<DVec3>, faces: &[[u32; 3]]) -> Vec<[u
         })
     };
     let mut children = Vec::with_capacity(faces.len() * 4);
-    for &[a, b, c] in faces {
-        let [ab, bc, ca] = [middle(a, b), middle(b, c), middle(c, a)];
-        children.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+    for &face in faces {
+        children.extend(quarters(face, &mut middle));
     }
     children
 }
@@ -81,16 +148,16 @@ pub(super) struct Placement {
 }
 
 impl Placement {
-    pub fn apply(&self, vertices: &mut [DVec3], faces: &mut [[u32; 3]]) {
+    pub fn apply(&self, mesh: &mut RawMesh) {
         let [x, y, z] = self.rotate_degrees.to_array().map(sin_cos_degrees);
         let rotation = about_z(z) * about_y(y) * about_x(x);
-        for vertex in vertices {
+        for vertex in &mut mesh.vertices {
             *vertex = rotation * (self.scale * *vertex) + self.translate;
         }
         let mirrors = self.scale.to_array().iter().filter(|&&s| s < 0.0).count();
         if mirrors % 2 == 1 {
             // A reflection turns fronts into backs: rewind the faces.
-            faces.iter_mut().for_each(|face| face.swap(1, 2));
+            mesh.turn();
         }
     }
 }
@@ -149,18 +216,17 @@ mod tests {
             scale: DVec3::splat(2.),
             translate: DVec3::X,
         };
-        let mut vertices = vec![DVec3::Y];
-        placement.apply(&mut vertices, &mut []);
+        let mut mesh = RawMesh::uniform(vec![DVec3::Y], Vec::new(), "m");
+        placement.apply(&mut mesh);
         // y, about x to z, about y to x.
-        assert_eq!(vertices, [DVec3::new(3., 0., 0.)]);
+        assert_eq!(mesh.vertices, [DVec3::new(3., 0., 0.)]);
     }
 
     #[test]
     fn mirrored_meshes_keep_their_fronts() {
-        let mut vertices = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
-        let mut faces = [[0, 1, 2]];
+        let mut mesh = RawMesh::uniform(vec![DVec3::ZERO, DVec3::X, DVec3::Y], vec![[0, 1, 2]], "m");
         let mirrored = Placement { scale: DVec3::new(-1., 1., 1.), ..UNMOVED };
-        mirrored.apply(&mut vertices, &mut faces);
-        assert!(normal(&vertices, faces[0]).z > 0.0);
+        mirrored.apply(&mut mesh);
+        assert!(normal(&mesh.vertices, mesh.faces[0]).z > 0.0);
     }
 }

@@ -54,6 +54,11 @@ impl Material {
         self.specular.iter().any(|&s| s > 0.0)
     }
 
+    /// True if it reflects in its lobe alone.
+    pub(super) fn is_metal(&self) -> bool {
+        self.is_glossy() && self.diffuse_albedo() == [0.0; 3]
+    }
+
     /// True if all its RGB values are grey.
     pub fn is_grey(&self) -> bool {
         [self.albedo, self.specular, self.emission].iter().all(|&[r, g, b]| r == g && g == b)

@@ -5,6 +5,8 @@
 use std::collections::HashMap;
 use std::path::Path;
 
+use glam::{DAffine2, DVec2};
+
 use super::error::{Place, SceneError, nearest};
 use super::material::Material;
 use super::statements::{Statement, number, statements};
@@ -12,15 +14,25 @@ use super::statements::{Statement, number, statements};
 /// Keys that have no meaning for Blinn-Phong radiosity, or none that pictures would show.
 const MEANINGLESS: [&str; 4] = ["Ka", "Ni", "illum", "sharpness"];
 /// Keys whose effect on a picture is lost.
-const IGNORED: [&str; 22] = [
+const IGNORED: [&str; 21] = [
     "d", "Tr", "Tf", "bump", "disp", "decal", "refl", "norm", "Pr", "Pm", "Ps", "Pc", "Pcr", "aniso",
-    "anisor", "map_Ka", "map_Ks", "map_Ns", "map_d", "map_bump", "map_Bump", "map_Kd",
+    "anisor", "map_Ka", "map_Ks", "map_Ns", "map_d", "map_bump", "map_Bump",
 ];
-const READ: [&str; 6] = ["newmtl", "Kd", "Ks", "Ns", "Ke", "map_Kd"];
+const READ: [&str; 7] = ["newmtl", "Kd", "Ks", "Ns", "Ke", "map_Kd", "map_Ke"];
 
 /// A material and the line of its `newmtl`.
 pub(super) struct MtlMaterial {
     pub material: Material,
+    pub line: usize,
+    pub albedo: Option<TextureFile>,
+    pub emission: Option<TextureFile>,
+}
+
+/// A texture that a material names.
+pub(super) struct TextureFile {
+    pub name: String,
+    /// From the coordinates of `vt` to those of the picture.
+    pub place: DAffine2,
     pub line: usize,
 }
 
@@ -38,11 +50,11 @@ pub(super) fn parse(
         let place = Place { path, line };
         let key = statement.keyword();
         if key == "newmtl" {
-            materials
-                .push(MtlMaterial { material: new_material(statement.rest(), &mut lines, place)?, line });
+            let material = new_material(statement.rest(), &mut lines, place)?;
+            materials.push(MtlMaterial { material, line, albedo: None, emission: None });
             continue;
         }
-        let Some(MtlMaterial { material, .. }) = materials.last_mut() else {
+        let Some(MtlMaterial { material, albedo, emission, .. }) = materials.last_mut() else {
             return Err(place.error(format!("`{key}` before any material; start one with `newmtl NAME`")));
         };
         match key {
@@ -50,12 +62,70 @@ pub(super) fn parse(
             "Ks" => material.specular = rgb(&statement, place)?,
             "Ke" => material.emission = rgb(&statement, place)?,
             "Ns" => material.power = scalar(&statement, place)?,
+            "map_Kd" => *albedo = texture_file(&statement),
+            "map_Ke" => *emission = texture_file(&statement),
             _ if MEANINGLESS.contains(&key) || is_opaque(key, statement.rest()) => {}
             _ => ignored.add(key, line),
         }
     }
     ignored.warn(path, warnings);
+    for MtlMaterial { material, albedo, emission, .. } in &mut materials {
+        // Textures multiply Kd and Ke; where those are black or missing, some programs mean the texture alone.
+        let alone = |factor: &mut [f64; 3], map: &Option<TextureFile>| {
+            if map.is_some() && *factor == [0.0; 3] {
+                *factor = [1.0; 3];
+            }
+        };
+        alone(&mut material.albedo, albedo);
+        alone(&mut material.emission, emission);
+    }
     Ok(materials)
+}
+
+/// `map_Kd [-option value …] FILE`, in which options `-s` and `-o` scale and move the coordinates. Names may contain blanks.
+fn texture_file(statement: &Statement) -> Option<TextureFile> {
+    let mut rest = statement.rest();
+    let (mut scale, mut offset) = (DVec2::ONE, DVec2::ZERO);
+    let next = |rest: &mut &str| -> Option<String> {
+        let word = rest.split_whitespace().next()?.to_owned();
+        *rest = rest[word.len()..].trim_start();
+        Some(word)
+    };
+    while rest.starts_with('-') {
+        let option = next(&mut rest)?;
+        // The numbers of -o, -s and -t are one to three; other options have one value, -mm has two.
+        let mut numbers = Vec::new();
+        match option.as_str() {
+            "-o" | "-s" | "-t" => {
+                while numbers.len() < 3 {
+                    let Some(Ok(number)) = rest.split_whitespace().next().map(str::parse::<f64>) else {
+                        break;
+                    };
+                    numbers.push(number);
+                    next(&mut rest)?;
+                }
+            }
+            "-mm" => {
+                next(&mut rest)?;
+                next(&mut rest)?;
+            }
+            _ => {
+                next(&mut rest)?;
+            }
+        }
+        let target = match option.as_str() {
+            "-s" => &mut scale,
+            "-o" => &mut offset,
+            _ => continue,
+        };
+        target.x = numbers.first().copied().unwrap_or(target.x);
+        target.y = numbers.get(1).copied().unwrap_or(target.y);
+    }
+    // Coordinates count from the lower left corner, pictures from the upper left.
+    let upright = DAffine2::from_scale_angle_translation(DVec2::new(1.0, -1.0), 0.0, DVec2::Y);
+    let place = upright * DAffine2::from_scale_angle_translation(scale, 0.0, offset);
+    let name = rest.replace('\\', "/");
+    (!name.is_empty()).then_some(TextureFile { name, place, line: statement.line })
 }
 
 /// Whether the statement says that a material is opaque: `d 1`, `Tr 0`, `Tf 1 1 1`.
@@ -90,7 +160,7 @@ impl Ignored {
                 _ => format!("`{key}` ({times} times)"),
             });
             warnings.push(format!(
-                "{}: ignored, for materials are opaque and of one colour each: {}.",
+                "{}: ignored, without a meaning here: {}.",
                 Place { path, line },
                 each.collect::<Vec<_>>().join(", ")
             ));

@@ -6,22 +6,24 @@
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::error::{Place, SceneError, nearest, quoted};
-use super::geometry::{RawMaterial, RawMesh};
+use super::geometry::{Maps, RawMaterial, RawMesh};
 use super::material::Material;
 use super::mtl;
 use super::statements::{Statement, number, read_text, statements};
+use super::texture::{Encoding, Map, Texture};
 use super::triangulate::triangulate;
 
 /// The material of faces before any `usemtl`.
 const DEFAULT_MATERIAL: &str = "default";
 const GREY: [f64; 3] = [0.5; 3];
 /// Statements that do not affect geometry or materials.
-const IGNORED: [&str; 8] = ["o", "g", "s", "vn", "vt", "vp", "l", "p"];
-const READ: [&str; 4] = ["v", "f", "usemtl", "mtllib"];
+const IGNORED: [&str; 7] = ["o", "g", "s", "vn", "vp", "l", "p"];
+const READ: [&str; 5] = ["v", "vt", "f", "usemtl", "mtllib"];
 
 /// Reads a mesh and its MTL files. A material for which `defined_elsewhere` holds needs no MTL; others that are missing are
 /// grey, or with `strict` an error.
@@ -37,7 +39,10 @@ pub(super) fn read(
         strict,
         warnings,
         vertices: Vec::new(),
+        coordinates: Vec::new(),
         faces: Vec::new(),
+        uvs: Vec::new(),
+        textures: HashMap::new(),
         face_materials: Vec::new(),
         face_lines: Vec::new(),
         uses: Vec::new(),
@@ -68,7 +73,13 @@ struct Reader<'a> {
     strict: bool,
     warnings: &'a mut Vec<String>,
     vertices: Vec<DVec3>,
+    /// Of `vt` lines.
+    coordinates: Vec<DVec2>,
     faces: Vec<[u32; 3]>,
+    /// Per face, NaN where a corner has no texture coordinates.
+    uvs: Vec<[DVec2; 3]>,
+    /// By file; `None` where one cannot be used.
+    textures: HashMap<PathBuf, Option<Arc<Texture>>>,
     face_materials: Vec<u32>,
     face_lines: Vec<u32>,
     uses: Vec<Use>,
@@ -90,6 +101,12 @@ impl Reader<'_> {
         let place = Place { path: self.path, line };
         match statement.keyword() {
             "v" => self.vertices.push(vertex(statement, place)?),
+            // One that is no number matters to textures alone.
+            "vt" => {
+                let mut words = statement.words().map(|word| word.parse().unwrap_or(f64::NAN));
+                let mut next = || words.next().unwrap_or(0.0);
+                self.coordinates.push(DVec2::new(next(), next()));
+            }
             "f" => self.face(statement, place)?,
             "usemtl" if statement.rest().is_empty() => {
                 return Err(place.error("`usemtl` without a name; expected `usemtl NAME`"));
@@ -127,12 +144,49 @@ impl Reader<'_> {
             None => self.use_index(DEFAULT_MATERIAL, place.line, false),
         };
         let positions: Vec<DVec3> = corners.iter().map(|&c| self.vertices[c as usize]).collect();
+        let uvs: Vec<DVec2> = statement.words().map(|word| self.texture_coordinates(word)).collect();
         for triangle in triangulate(&positions) {
             self.faces.push(triangle.map(|at| corners[at]));
+            self.uvs.push(triangle.map(|at| uvs[at]));
             self.face_materials.push(material);
             self.face_lines.push(u32::try_from(place.line).unwrap_or(u32::MAX));
         }
         Ok(())
+    }
+
+    /// Those of a corner `v/vt`, or NaN.
+    fn texture_coordinates(&self, word: &str) -> DVec2 {
+        let index: Option<i64> = word.split('/').nth(1).and_then(|index| index.parse().ok());
+        let count = self.coordinates.len() as i64;
+        let from_zero = index.map(|index| if index > 0 { index - 1 } else { count.saturating_add(index) });
+        let at = from_zero.and_then(|index| usize::try_from(index).ok());
+        at.and_then(|at| self.coordinates.get(at)).copied().unwrap_or(DVec2::NAN)
+    }
+
+    /// A texture that an MTL file names. One that is missing, or of a kind that is not read, is left out with a warning.
+    fn map(&mut self, named: Option<mtl::TextureFile>, mtl: &Path) -> Result<Option<Map>, SceneError> {
+        let Some(mtl::TextureFile { name, place, line }) = named else { return Ok(None) };
+        let file = mtl.parent().unwrap_or(Path::new("")).join(&name);
+        let at = Place { path: mtl, line };
+        let texture = match self.textures.get(&file) {
+            Some(known) => known.clone(),
+            None => {
+                let texture = if file.exists() {
+                    let read = Texture::read(&file, Encoding::Srgb);
+                    read.map_err(|message| at.error(format!("texture {} {message}", file.display())))?
+                } else {
+                    None
+                };
+                if texture.is_none() {
+                    let why = if file.exists() { "is neither PNG nor JPEG" } else { "is missing" };
+                    self.warnings.push(format!("{at}: texture {} {why} and is left out.", file.display()));
+                }
+                let texture = texture.map(Arc::new);
+                self.textures.insert(file, texture.clone());
+                texture
+            }
+        };
+        Ok(texture.map(|texture| Map { texture, place }))
     }
 
     /// `mtllib` may list several files, but a file name may also contain blanks: a file with the whole name takes precedence.
@@ -162,20 +216,24 @@ impl Reader<'_> {
                     continue;
                 }
             };
-            for mtl::MtlMaterial { material, line } in mtl::parse(&text, &file, self.warnings)? {
+            for mtl::MtlMaterial { material, line, albedo, emission } in
+                mtl::parse(&text, &file, self.warnings)?
+            {
                 if let Some(&first) = self.material_indices.get(&material.name) {
                     let before = self.materials[first]
                         .origin
                         .as_ref()
-                        .map_or(String::new(), |(path, line)| format!(" at {}:{line}", path.display()));
+                        .and_then(|(path, line)| Some(format!(" at {}:{}", path.display(), (*line)?)))
+                        .unwrap_or_default();
                     return Err(Place { path: &file, line }.error(format!(
                         "material \"{}\" is already defined{before}; rename one of the two",
                         material.name
                     )));
                 }
                 self.material_indices.insert(material.name.clone(), self.materials.len());
-                let origin = Some((file.clone(), line));
-                self.materials.push(RawMaterial { material, origin, two_sided: false });
+                let origin = Some((file.clone(), Some(line)));
+                let maps = Maps { albedo: self.map(albedo, &file)?, emission: self.map(emission, &file)? };
+                self.materials.push(RawMaterial { material, origin, two_sided: false, maps });
             }
             self.libraries.push(file);
         }
@@ -213,7 +271,7 @@ impl Reader<'_> {
                 (true, None) => grey.push((place, name.as_str())),
             }
             let material = Material { albedo: GREY, ..Material::named(name) };
-            self.materials.push(RawMaterial { material, origin: None, two_sided: false });
+            self.materials.push(RawMaterial::placeholder(material));
         }
         if let Some((place, _)) = grey.first() {
             let names = quoted(grey.iter().map(|(_, name)| *name));
@@ -239,6 +297,8 @@ impl Reader<'_> {
             faces: self.faces,
             face_materials: self.face_materials,
             face_lines: self.face_lines,
+            uvs: self.uvs,
+            colours: Vec::new(),
             material_names: self.uses.into_iter().map(|used| used.name).collect(),
             materials: self.materials,
         })

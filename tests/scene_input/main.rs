@@ -3,10 +3,15 @@
 mod against_tobj;
 mod as_they_come;
 mod checks;
+mod export;
+mod gltf;
 mod meshes;
+mod mitsuba;
+mod ply;
 mod save;
 mod scene_file;
 mod shipped;
+mod textures;
 
 use antirad::scene::{LoadOptions, Scene, SceneError};
 use tempfile::TempDir;

@@ -6,6 +6,7 @@ mod check;
 mod compare;
 mod compare_pictures;
 mod devices;
+mod export;
 mod fit;
 mod plan;
 mod refine;
@@ -47,6 +48,7 @@ const EXAMPLES: &str = "Examples:
   antirad plan scenes/statue.toml --memory-budget 256MiB
   antirad check scenes/two_rooms.toml
   antirad refine scenes/two_rooms.toml --output out/fine
+  antirad export scenes/two_rooms.toml --format gltf
   antirad devices";
 
 #[derive(Subcommand)]
@@ -72,6 +74,8 @@ enum Command {
     Compare(compare::Arguments),
     /// Print the memory and work that a solve needs, without using a device
     Plan(plan::Arguments),
+    /// Write a scene for other programs: glTF, Mitsuba 3, PLY
+    Export(export::Arguments),
     /// List Vulkan devices, and what each lacks for antirad
     #[command(
         after_help = "Examples:\n  antirad devices\n  ANTIRAD_DEVICE=1 antirad render scenes/cornell_boxes.toml"
@@ -108,6 +112,7 @@ fn main() -> ExitCode {
         Command::Refine(refine) => refine::run(&refine, arguments.quiet, &interrupt),
         Command::Compare(compare) => compare::run(&compare),
         Command::Plan(plan) => plan::run(&plan, &interrupt),
+        Command::Export(export) => export::run(&export, arguments.quiet),
         Command::Devices => devices::run(),
     };
     match result {

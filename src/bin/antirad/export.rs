@@ -1,0 +1,89 @@
+//! `antirad export`.
+
+use crate::Failure;
+use crate::settings::SceneFile;
+use antirad::export::{self, Format};
+use antirad::output::prepare_directory;
+use clap::{Args, ValueEnum};
+use std::f64::consts::PI;
+use std::path::{Path, PathBuf};
+
+#[derive(Args)]
+#[command(after_help = "Examples:
+  antirad export out/fits/cornell/scene.toml --format gltf
+  antirad export scenes/two_rooms.toml --format ply --light out/two_rooms/radiosity.npy
+  antirad export scenes/cornell_boxes.toml --format mitsuba --output out/cornell.xml")]
+pub struct Arguments {
+    #[command(flatten)]
+    file: SceneFile,
+    /// glTF 2.0 (.glb), a scene of Mitsuba 3 (.xml, with meshes beside it), or one mesh (.ply)
+    #[arg(long, value_enum)]
+    format: Kind,
+    /// Show light in place of materials' colours, from the radiosity.npy of `antirad render` for this scene: radiosity over π
+    #[arg(long, value_name = "NPY")]
+    light: Option<PathBuf>,
+    /// The file to write [default: out/SCENE, with the format's extension]
+    #[arg(long, short, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    Gltf,
+    Mitsuba,
+    Ply,
+}
+
+pub fn run(arguments: &Arguments, quiet: bool) -> Result<(), Failure> {
+    let format = match arguments.format {
+        Kind::Gltf => Format::Gltf,
+        Kind::Mitsuba => Format::Mitsuba,
+        Kind::Ply => Format::Ply,
+    };
+    if format == Format::Mitsuba && arguments.light.is_some() {
+        return Err(Failure::Error("a scene of Mitsuba takes no --light; export it as gltf or ply".into()));
+    }
+    let scene = arguments.file.load()?;
+    let light = arguments.light.as_deref().map(|path| light(path, scene.triangles.len())).transpose()?;
+    let path = arguments
+        .output
+        .clone()
+        .unwrap_or_else(|| Path::new("out").join(&scene.name).with_extension(format.extension()));
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        prepare_directory(folder)?;
+    }
+    export::export(&scene, format, &path, light.as_deref())?;
+    if !quiet {
+        println!(
+            "written     {}: {} triangles, {} materials",
+            path.display(),
+            scene.triangles.len(),
+            scene.materials.len()
+        );
+    }
+    Ok(())
+}
+
+/// The radiance of each triangle from its radiosity.
+fn light(path: &Path, triangles: usize) -> Result<Vec<[f64; 3]>, Failure> {
+    let refuse = |what: String| Failure::Error(format!("{}: {what}", path.display()).into());
+    let bytes = std::fs::read(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
+    let file =
+        npyz::NpyFile::new(&bytes[..]).map_err(|error| refuse(format!("is no array of NumPy: {error}")))?;
+    let shape = file.shape().to_vec();
+    if shape != [triangles as u64, 3] {
+        return Err(refuse(format!(
+            "has the shape {shape:?}; the scene has {triangles} triangles, so [{triangles}, 3] is expected: render the same scene"
+        )));
+    }
+    let numbers: Vec<f64> = match file.dtype().descr().as_str() {
+        "'<f8'" => file.into_vec::<f64>().map_err(|error| refuse(error.to_string()))?,
+        _ => file
+            .into_vec::<f32>()
+            .map_err(|error| refuse(error.to_string()))?
+            .into_iter()
+            .map(f64::from)
+            .collect(),
+    };
+    Ok(numbers.chunks_exact(3).map(|rgb| [rgb[0], rgb[1], rgb[2]].map(|x| x / PI)).collect())
+}

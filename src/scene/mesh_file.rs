@@ -1,0 +1,45 @@
+//! Files of meshes, by their extension.
+
+use std::path::Path;
+
+use super::error::SceneError;
+use super::geometry::RawMesh;
+use super::{Camera, gltf_file, mitsuba, obj, ply};
+
+/// What a file holds.
+pub(super) struct Contents {
+    /// Meshes, with their names.
+    pub meshes: Vec<(String, RawMesh)>,
+    pub cameras: Vec<Camera>,
+}
+
+impl Contents {
+    /// All meshes as one, without cameras.
+    pub fn into_one(self) -> RawMesh {
+        let mut meshes = self.meshes.into_iter().map(|(_, mesh)| mesh);
+        let mut one = meshes.next().unwrap_or_else(RawMesh::empty);
+        meshes.for_each(|mesh| one.append(mesh));
+        one
+    }
+}
+
+/// Extensions of the formats.
+pub(super) const EXTENSIONS: [&str; 5] = ["obj", "ply", "gltf", "glb", "xml"];
+
+/// Reads a mesh file; one without a known extension is an OBJ. A material for which `defined_elsewhere` holds may be missing; others are grey, or with `strict` an error.
+pub(super) fn read(
+    path: &Path,
+    strict: bool,
+    defined_elsewhere: &dyn Fn(&str) -> bool,
+    warnings: &mut Vec<String>,
+) -> Result<Contents, SceneError> {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let one = |mesh| Contents { meshes: vec![(stem.clone(), mesh)], cameras: Vec::new() };
+    let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    match extension.as_deref() {
+        Some("ply") => ply::read(path, &stem, warnings).map(one),
+        Some("gltf" | "glb") => gltf_file::read(path, warnings),
+        Some("xml") => mitsuba::read(path, strict, warnings),
+        _ => obj::read(path, strict, defined_elsewhere, warnings).map(one),
+    }
+}

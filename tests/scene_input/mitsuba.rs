@@ -1,0 +1,161 @@
+//! Scenes of Mitsuba 3.
+
+use antirad::scene::Scene;
+use glam::DVec3;
+
+use super::{Folder, OBJ, assert_says};
+
+fn load(xml: &str) -> Result<Scene, String> {
+    let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list \
+               uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    let folder =
+        Folder::with(&[("s.xml", xml), ("a.ply", ply), ("a.obj", &OBJ.replace("m.mtl", "lost.mtl"))]);
+    folder.load("s.xml", false).map_err(|error| error.to_string())
+}
+
+fn scene(inner: &str) -> String {
+    format!("<scene version=\"3.0.0\">\n{inner}\n</scene>\n")
+}
+
+fn good(inner: &str) -> Scene {
+    load(&scene(inner)).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Sum of area vectors and of areas of a mesh.
+fn area(scene: &Scene, mesh: usize) -> (DVec3, f64) {
+    let range = scene.meshes[mesh].range.clone();
+    let vectors = range.map(|t| scene.area_vector(t as usize));
+    vectors.fold((DVec3::ZERO, 0.0), |(sum, all), vector| (sum + vector, all + vector.length()))
+}
+
+const LAMP: &str = "<shape type=\"rectangle\" id=\"lamp\"><emitter type=\"area\"><rgb name=\"radiance\" value=\"18, 12, 4\"/></emitter>\
+                    <transform name=\"to_world\"><rotate x=\"1\" angle=\"90\"/><scale value=\"0.5\"/><translate y=\"2\"/></transform></shape>";
+
+#[test]
+fn shapes_stand_where_they_should() {
+    let text = format!(
+        "{LAMP}<shape type=\"cube\"/><shape type=\"sphere\"><float name=\"radius\" value=\"2\"/><point name=\"center\" x=\"5\" y=\"0\" \
+         z=\"0\"/></shape><shape type=\"disk\"/><shape type=\"ply\"><string name=\"filename\" value=\"a.ply\"/></shape><shape \
+         type=\"obj\"><string name=\"filename\" value=\"a.obj\"/><boolean name=\"flip_normals\" value=\"true\"/></shape>"
+    );
+    let scene = good(&text);
+    let names: Vec<&str> = scene.meshes.iter().map(|mesh| mesh.name.as_str()).collect();
+    assert_eq!(names, ["lamp", "cube", "sphere", "disk", "ply", "obj"]);
+    // The square of side 2 at z = 0 that faces +z, turned to face -y, halved, and moved.
+    let (vector, whole) = area(&scene, 0);
+    assert!(vector.abs_diff_eq(DVec3::NEG_Y, 1e-12) && (whole - 1.0).abs() < 1e-12, "{vector}");
+    assert!(scene.corners(0).iter().all(|corner| (corner.y - 2.0).abs() < 1e-12));
+    assert_eq!(scene.material(0).emission, [18.0, 12.0, 4.0]);
+    assert!((area(&scene, 1).1 - 24.0).abs() < 1e-9);
+    assert!((area(&scene, 2).1 / (16.0 * std::f64::consts::PI) - 1.0).abs() < 0.01);
+    let (disk, _) = area(&scene, 3);
+    assert!((disk.z / std::f64::consts::PI - 1.0).abs() < 0.01);
+    assert!(area(&scene, 4).0.abs_diff_eq(0.5 * DVec3::Z, 1e-12));
+    assert!(area(&scene, 5).0.abs_diff_eq(DVec3::new(-0.5, 0.0, -0.5), 1e-12), "flipped");
+    for mesh in [1, 2] {
+        let triangle = scene.meshes[mesh].range.start as usize;
+        let centre = if mesh == 1 { DVec3::ZERO } else { DVec3::new(5.0, 0.0, 0.0) };
+        assert!(scene.area_vector(triangle).dot(scene.corners(triangle)[0] - centre) > 0.0, "fronts outside");
+    }
+}
+
+#[test]
+fn materials_and_what_stands_in_for_them() {
+    let wall = |bsdf: &str| {
+        let scene = good(&format!(
+            "{LAMP}<default name=\"grey\" value=\"0.25\"/>{bsdf}<shape type=\"rectangle\"><ref id=\"b\"/></shape>"
+        ));
+        let index = scene.meshes[1].range.start as usize;
+        (scene.material(index).clone(), scene.meshes[1].range.len(), scene.warnings.join("\n"))
+    };
+    let (diffuse, sides, _) =
+        wall("<bsdf type=\"diffuse\" id=\"b\"><rgb name=\"reflectance\" value=\"$grey 0.5 0.75\"/></bsdf>");
+    assert_eq!((diffuse.name.as_str(), diffuse.albedo, sides), ("b", [0.25, 0.5, 0.75], 128));
+    let (_, sides, _) = wall("<bsdf type=\"twosided\" id=\"b\"><bsdf type=\"diffuse\"/></bsdf>");
+    assert_eq!(sides, 256);
+    let (plastic, _, said) =
+        wall("<bsdf type=\"roughplastic\" id=\"b\"><float name=\"alpha\" value=\"0.2\"/></bsdf>");
+    assert!(
+        (plastic.power - 48.0).abs() < 1e-9 && plastic.specular == [0.04; 3] && plastic.albedo == [0.5; 3]
+    );
+    assert!(said.contains("roughplastic"), "{said}");
+    let (glass, _, said) = wall("<bsdf type=\"dielectric\" id=\"b\"/>");
+    assert!(glass.albedo == [0.5; 3] && said.contains("<bsdf type=\"dielectric\">"), "{said}");
+    let (spectral, _, said) = wall(
+        "<bsdf type=\"diffuse\" id=\"b\"><spectrum name=\"reflectance\" value=\"400:0.2, 700:0.6\"/></bsdf>",
+    );
+    assert!((spectral.albedo[1] - 0.4).abs() < 1e-12 && said.contains("spectra"), "{said}");
+    let said = good(&format!("{LAMP}<emitter type=\"constant\"/><shape type=\"hair\"/>")).warnings.join("");
+    assert!(said.contains("<emitter type=\"constant\">, <shape type=\"hair\">"), "{said}");
+}
+
+#[test]
+fn sensors_look_where_they_should() {
+    let sensor = |inner: &str| {
+        let text = format!(
+            "{LAMP}<sensor type=\"perspective\" id=\"eye\"><float name=\"fov\" value=\"40\"/>{inner}<transform name=\"to_world\"><lookat \
+             origin=\"1, 2, 9\" target=\"1, 2, 0\" up=\"0, 1, 0\"/></transform></sensor>"
+        );
+        good(&text).cameras[0].clone()
+    };
+    let film = "<film type=\"hdrfilm\"><integer name=\"width\" value=\"200\"/><integer name=\"height\" value=\"100\"/></film>";
+    let eye = sensor(film);
+    assert_eq!((eye.name.as_str(), eye.width, eye.height), ("eye", 200, 100));
+    assert!(eye.position.abs_diff_eq(DVec3::new(1.0, 2.0, 9.0), 1e-12));
+    assert!(
+        (eye.target - eye.position).abs_diff_eq(DVec3::NEG_Z, 1e-12) && eye.up.abs_diff_eq(DVec3::Y, 1e-12)
+    );
+    assert!((eye.fov_x_degrees - 40.0).abs() < 1e-9);
+    let tangent = |degrees: f64| (degrees / 2.0).to_radians().tan();
+    for axis in ["y", "smaller"] {
+        let high = sensor(&format!("{film}<string name=\"fov_axis\" value=\"{axis}\"/>"));
+        assert!((tangent(high.fov_x_degrees) - 2.0 * tangent(40.0)).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn what_is_wrong_is_said() {
+    for (text, parts) in [
+        ("".to_owned(), vec!["s.xml:1", "no XML"]),
+        ("<scene>\n<shape>".to_owned(), vec!["s.xml:", "no XML"]),
+        ("<thing/>".to_owned(), vec!["s.xml:1", "expected <scene>"]),
+        (scene("<shape type=\"obj\"/>"), vec!["s.xml:2", "filename"]),
+        (
+            scene("<shape type=\"ply\"><string name=\"filename\" value=\"lost.ply\"/></shape>"),
+            vec!["s.xml:2", "lost.ply", "cannot be read"],
+        ),
+        (
+            scene("<shape type=\"obj\"><string name=\"filename\" value=\"s.xml\"/></shape>"),
+            vec!["no triangles"],
+        ),
+        (
+            scene("<shape type=\"sphere\"><float name=\"radius\" value=\"$r\"/></shape>"),
+            vec!["s.xml:2", "$r", "no <default>"],
+        ),
+        (
+            scene("<shape type=\"sphere\"><float name=\"radius\" value=\"nan\"/></shape>"),
+            vec!["s.xml:2", "no finite number"],
+        ),
+        (
+            scene(
+                "<shape type=\"cube\"><transform name=\"to_world\"><rotate angle=\"4\"/></transform></shape>",
+            ),
+            vec!["s.xml:2", "axis"],
+        ),
+        (
+            scene(
+                "<shape type=\"cube\"><transform name=\"to_world\"><matrix value=\"1 2\"/></transform></shape>",
+            ),
+            vec!["16 or 9"],
+        ),
+        (
+            scene(
+                "<bsdf type=\"twosided\" id=\"a\"><ref id=\"a\"/></bsdf><shape type=\"cube\"><ref id=\"a\"/></shape>",
+            ),
+            vec!["has no BSDF"],
+        ),
+        (scene(""), vec!["s.xml", "no triangles"]),
+    ] {
+        assert_says(&load(&text).expect_err(parts[0]), &parts);
+    }
+}

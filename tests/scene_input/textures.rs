@@ -1,0 +1,80 @@
+//! Textures of MTL files.
+
+use super::{Folder, assert_says};
+use antirad::scene::Scene;
+
+/// A square of four quadrants: white at the lower left, black elsewhere.
+fn folder(mtl: &str) -> Folder {
+    let obj = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl wood\nf 1/1 2/2 4/4\nf 2/2 3/3 4/4\n";
+    let folder = Folder::with(&[("m.obj", obj), ("m.mtl", mtl)]);
+    let white = |x: u32, y: u32| if x < 32 && y >= 32 { 255 } else { 0 };
+    let picture = image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([white(x, y); 3]));
+    picture.save(folder.0.path().join("a wood.png")).expect("written");
+    folder
+}
+
+fn albedos(scene: &Scene) -> [f64; 2] {
+    [0, 1].map(|t| scene.material(t).albedo[0])
+}
+
+#[test]
+fn colours_are_means_over_triangles() {
+    let scene =
+        folder("newmtl wood\nKd .8 .4 .2\nmap_Kd a wood.png\n").load("m.obj", false).expect("a scene");
+    // Half of the lower left triangle is white, and nothing of the other.
+    let [first, second] = albedos(&scene);
+    assert!((first - 0.4).abs() < 0.01 && second == 0.0, "{first} {second}");
+    assert!((scene.material(0).albedo[2] - 0.1).abs() < 0.003);
+    // Twice as often, the four quadrants are in every corner.
+    let twice = folder("newmtl wood\nKd .8 .8 .8\nmap_Kd -clamp off -s 2 2 1 -o 0 0 a wood.png\n");
+    let [first, second] = albedos(&twice.load("m.obj", false).expect("a scene"));
+    assert!((first - 0.8 * 0.375).abs() < 0.01 && (second - 0.8 * 0.125).abs() < 0.01, "{first} {second}");
+    // Black with a texture means the texture; it may shine.
+    let bright = folder("newmtl wood\nKd 0 0 0\nmap_Ke a wood.png\nKe 6 6 6\nmap_Kd a wood.png\n");
+    let scene = bright.load("m.obj", false).expect("a scene");
+    assert!((scene.material(0).emission[0] - 3.0).abs() < 0.1, "{:?}", scene.material(0));
+    assert!((albedos(&scene)[0] - 0.5).abs() < 0.02);
+    assert_eq!(scene.material(1).emission, [0.0; 3]);
+}
+
+/// The mean of a mesh is that of the picture, however fine it is.
+#[test]
+fn subdivision_keeps_the_mean() {
+    let toml = "[[mesh]]\npath = \"m.obj\"\nsubdivide = 3\n[camera.main]\nposition = [0, 0, 5]\ntarget = [0, 0, 0]\nfov_x_degrees = 40\nwidth = 4\nheight = 4\n";
+    let folder = folder("newmtl wood\nKd .8 .8 .8\nmap_Kd a wood.png\n");
+    std::fs::write(folder.0.path().join("s.toml"), toml).expect("written");
+    let scene = folder.load("s.toml", false).expect("a scene");
+    assert_eq!(scene.triangles.len(), 128);
+    let mean: f64 = (0..128).map(|t| scene.material(t).albedo[0]).sum::<f64>() / 128.0;
+    assert!((mean - 0.2).abs() < 1e-3, "{mean}");
+    // Nearly all triangles are white or black.
+    assert!(scene.materials.len() < 30);
+    // A table of the scene file takes precedence.
+    std::fs::write(folder.0.path().join("s.toml"), format!("{toml}[material.wood]\nalbedo = 0.3\n"))
+        .expect("written");
+    let plain = folder.load("s.toml", false).expect("a scene");
+    assert!((0..128).all(|t| plain.material(t).albedo == [0.3; 3]));
+}
+
+#[test]
+fn textures_that_cannot_be_used_are_named() {
+    for (name, part) in [("lost.png", "is missing"), ("m.obj", "neither PNG nor JPEG")] {
+        let folder = folder(&format!("newmtl wood\nKd .3 .3 .3\nmap_Kd {name}\n"));
+        let scene = folder.load("m.obj", false).expect("a scene");
+        assert_eq!(albedos(&scene), [0.3; 2]);
+        let said: Vec<&String> = scene.warnings.iter().filter(|w| w.contains("texture")).collect();
+        assert_eq!(said.len(), 1);
+        assert_says(said[0], &["m.mtl:3", name, part]);
+    }
+    let broken = folder("newmtl wood\nmap_Kd b.png\n");
+    std::fs::write(broken.0.path().join("b.png"), b"\x89PNG\r\n\x1a\n").expect("written");
+    assert_says(
+        &broken.load("m.obj", false).expect_err("broken").to_string(),
+        &["m.mtl:2", "b.png", "no readable picture"],
+    );
+    // 2 GB of zeros, which take no room on disk.
+    let file = std::fs::File::create(broken.0.path().join("b.png")).expect("a file");
+    file.set_len(2 << 30).expect("a long file");
+    let error = broken.load("m.obj", false).expect_err("too long").to_string();
+    assert_says(&error, &["m.mtl:2", "b.png", "2147483648 bytes"]);
+}
