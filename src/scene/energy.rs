@@ -69,7 +69,7 @@ mod tests {
             let before = limited.total_albedo();
             assert_eq!(limited.limit_energy(), Some(before));
             let after = limited.total_albedo();
-            assert!(after <= 0.91 && after >= 0.85, "{albedo} {specular} {power}: {after}");
+            assert!((0.85..=0.91).contains(&after), "{albedo} {specular} {power}: {after}");
             assert!(limited.is_glossy() == (specular > 0.0));
             assert_eq!(limited.clone().limit_energy(), None, "a second time");
         }
