@@ -17,7 +17,8 @@ pub use bins::{Bins, Taps};
 pub use class::{Class, classify};
 pub(crate) use class::{coplanar_tolerance, reaches};
 pub use clusters::{
-    ClusterInput, ClusterRun, Clusters, ENTRY_BITS, LIST, Parts, SourceLists, share, spread_over,
+    ClusterInput, ClusterRun, Clusters, ENTRY_BITS, LIST, Parts, ReceiverLists, SOURCES, SourceLists, share,
+    spread_over, spread_over_gradient,
 };
 pub use facet::{Facet, orthonormal_basis};
 pub(crate) use facet::{centroid, quarters};

@@ -82,7 +82,7 @@ pub struct Exchange {
     sweeps: Vec<(Shape, Sweep)>,
     half_bins: Option<HalfBins>,
     /// Where clusters stand for far triangles.
-    clusters: Option<ClusterLight>,
+    pub(super) clusters: Option<ClusterLight>,
 }
 
 impl Exchange {
@@ -96,6 +96,7 @@ impl Exchange {
             },
             near: (&shaders::NEAR, 11),
             single: shape.any_bins(),
+            by_source: false,
             constants: [&shape.constants(plan)[..], &[(10, u32::from(plan.half_bins()))]].concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()),

@@ -1,17 +1,21 @@
 //! One size: a scene, a plan, one bounce.
 
 use crate::Arguments;
+use crate::error;
 use crate::table::Row;
 use antirad::cli::Interrupt;
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Occlusion, Plan, PlanOptions};
-use antirad::scene::{Material, Scene, SceneError, Shape, SolveSettings, SolverChoice, Triangle};
+use antirad::scene::{
+    LoadOptions, Material, Scene, SceneError, Shape, SolveSettings, SolverChoice, Triangle,
+};
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers, TransportError};
 use glam::DVec3;
 use std::error::Error;
 use std::io::{BufRead, BufReader, Read};
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::{Duration, Instant};
@@ -67,19 +71,34 @@ fn statue(triangles: u32) -> Result<Scene, SceneError> {
     Scene::new("statue", vertices, list, vec![grey("floor", 0.4), grey("marble", 0.7), lamp])
 }
 
+/// A scene of a file, each triangle cut into four until there are as many.
+fn refined(file: &Path, triangles: u32) -> Result<Scene, SceneError> {
+    let mut scene = Scene::load(file, &LoadOptions::default())?;
+    while scene.triangles.len() < triangles as usize {
+        scene.split_all(1);
+    }
+    Ok(scene)
+}
+
 /// Measures the one size of the command line and prints messages.
 pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn Error>> {
     let size = arguments.triangles[0];
     let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.memory_budget))?;
-    let scene = statue(size)?;
+    let scene = match &arguments.scene {
+        None => statue(size)?,
+        Some(file) => refined(file, size)?,
+    };
     let settings = SolveSettings::default().bins(arguments.bins).solver(SolverChoice::FixedPoint);
     let settings = settings.transport(arguments.transport);
-    let options = PlanOptions::of(&device).occlusion(Occlusion::Everything);
+    // Of the statue all triangles block, so that its cost does not depend on its shape.
+    let occlusion = if arguments.scene.is_none() { Occlusion::Everything } else { Occlusion::Exact };
+    let options = PlanOptions::of(&device).occlusion(occlusion);
     let start = Instant::now();
     let plan = Plan::new(&scene, &options, &settings)?;
     let seconds_plan = start.elapsed().as_secs_f64();
     let report = plan.report();
     let staging = plan.staging();
+    let planned_scene = arguments.error.then(|| plan.clone());
 
     let resident_before = resident("VmRSS:");
     let own = device.scope(staging);
@@ -130,6 +149,11 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
             eprintln!("{size}: {row}");
         }
     }
+    drop((x, y));
+    let error = match planned_scene {
+        None => None,
+        Some(plan) => Some(error::of_second_bounce(&mut operators, &scene, &plan)?),
+    };
     let pairs = report.pairs;
     print(&Message::Row(Row {
         size,
@@ -148,6 +172,9 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
         pairs: pairs.total,
         pairs_culled: pairs.culled,
         pairs_sub_sampled: pairs.sub_sampled,
+        interactions: pairs.irradiance,
+        interactions_bins: pairs.bins,
+        error,
         seconds_plan,
         seconds_gpu: gpu,
         seconds_wall: wall,
@@ -187,6 +214,12 @@ pub fn in_child(
     }
     if let Some(device) = &arguments.device {
         command.args(["--device", device]);
+    }
+    if let Some(scene) = &arguments.scene {
+        command.arg("--scene").arg(scene);
+    }
+    if arguments.error {
+        command.arg("--error");
     }
     if arguments.verbose > 0 {
         command.arg("-v");
