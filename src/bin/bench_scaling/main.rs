@@ -114,7 +114,7 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn 
         let progress = |share: f64| bar.set_position(((done + share * cost(size)) / total * 1000.0) as u64);
         match measure::in_child(arguments, size, interrupt, &progress)? {
             Size::Measured(row) => {
-                rows.push(row);
+                rows.push(*row);
                 rows.sort_by_key(|row| row.size);
                 table::write(&arguments.output, &rows)?;
             }

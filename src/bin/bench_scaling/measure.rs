@@ -32,7 +32,7 @@ pub enum Outcome {
 }
 
 pub enum Size {
-    Measured(Row),
+    Measured(Box<Row>),
     Failed(String),
     Interrupted,
 }
@@ -41,7 +41,7 @@ pub enum Size {
 #[derive(serde::Serialize, serde::Deserialize)]
 enum Message {
     Progress(f64),
-    Row(Row),
+    Row(Box<Row>),
 }
 
 /// A statue on a floor under a lamp; the statue gets all triangles that floor and lamp leave.
@@ -155,7 +155,7 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
         Some(plan) => Some(error::of_second_bounce(&mut operators, &scene, &plan)?),
     };
     let pairs = report.pairs;
-    print(&Message::Row(Row {
+    print(&Message::Row(Box::new(Row {
         size,
         triangles: report.triangles,
         bins: arguments.bins.to_string(),
@@ -180,7 +180,7 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
         seconds_wall: wall,
         pairs_per_second: pairs.total as f64 / wall,
         bytes_per_triangle: (memory.in_use - staging) as f64 / report.triangles as f64,
-    }))?;
+    })))?;
     Ok(Outcome::Done)
 }
 
