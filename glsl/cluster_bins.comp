@@ -59,7 +59,10 @@ void main() {
                 receive(receiver, source, k, bins, fronts, backs, near, sum);
             }
         }
-        irradiance[j].rgb += sum;
-        flush_deposits((j - target_page) * BINS);
+        // Padding is within the horizon of everything, and fetches sources for the others.
+        for (uint real_triangle = receiver.area > 0.0 ? 1 : 0; real_triangle > 0; real_triangle--) {
+            irradiance[j].rgb += sum;
+            flush_deposits((j - target_page) * BINS);
+        }
     }
 }

@@ -61,6 +61,7 @@ void main() {
         }
     }
     for (uint k = 0; k < PER_LANE; k++) {
-        irradiance[first + k * LANES].rgb += sum[k];
+        // Padding is within the horizon of everything.
+        irradiance[first + k * LANES].rgb += characteristic_area[k] > 0.0 ? sum[k] : real3(0.0);
     }
 }

@@ -11,7 +11,8 @@ struct FacetGradient {
     real3 b;
     real characteristic_area;
     real3 c;
-    real unused_c;
+    // Of a source that is part of a cluster, by its share in the light of that.
+    real share;
     real3 normal;
     real unused_normal;
 };

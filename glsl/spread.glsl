@@ -1,6 +1,6 @@
 #ifndef SPREAD_GLSL
 #define SPREAD_GLSL
-// The cosine at a receiver for a cluster. Twin: src/model/clusters/mod.rs.
+// The cosine at a receiver for a cluster. Twin: src/model/clusters/mean_cosine.rs.
 
 // The mean of max(cos_j, 0) cos_i / r² over the triangles of a cluster, spread evenly in its plane around its centroid, to
 // second order, as another cos_j, in place of max(cos_j, 0). `to` and `from` are the cosines times r, `tilt` is the cosine

@@ -2,14 +2,19 @@
 
 mod support;
 
-use antirad::model::{Class, Facet};
+use antirad::model::{Class, ClusterInput, Clusters, Facet};
+use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::reference::{
     AdjointEquation, Model, Outgoing, State, emission, observe, observe_adjoint, observe_derivative,
     reflect_adjoint, reflect_derivative, transport, transport_adjoint, transport_derivative,
+    transport_through_clusters, transport_through_clusters_adjoint, transport_through_clusters_derivative,
 };
-use antirad::scene::{BinLayout, Material, Normalization, Scene, SolveSettings, Triangle, Weights};
+use antirad::scene::{
+    BinLayout, Material, Normalization, Scene, SceneBuilder, Shape, SolveSettings, Transport, Triangle,
+    Weights,
+};
 use antirad::solve::{GmresParams, gmres};
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use std::ops::ControlFlow;
 use support::random::{Random, random_scene, scattered};
 
@@ -110,6 +115,116 @@ fn operators_and_their_transposes_agree() {
             dot_outgoing(&outgoing, &observe_adjoint(&model, camera_position, &colours)),
             1e-12,
         );
+    }
+}
+
+/// A plan with clusters of a scene, for gradients.
+fn with_clusters(scene: &Scene) -> Plan {
+    let options = PlanOptions::default().boundless().gradients(GradientRequest::EVERYTHING);
+    let plan = Plan::new(scene, &options, &scene.settings).expect("a plan");
+    assert!(plan.pairs().clusters > 0, "{}: {}", scene.name, plan.transport());
+    plan
+}
+
+/// U with clusters, of diffuse, blocking and glossy triangles. Rounding of some 1e6 additions.
+#[test]
+fn transport_through_clusters_and_its_transpose_agree() {
+    let mut random = Random::new(13);
+    for name in ["scenes/cornell_boxes.toml", "scenes/glossy_floor.toml"] {
+        let mut scene = support::load(name);
+        let bins = BinLayout::EqualAngle { theta: 4, phi: 7 };
+        scene.settings = scene.settings.bins(bins).transport(Transport::Hierarchical { error: 0.03 });
+        let plan = with_clusters(&scene);
+        let clusters = plan.clusters().expect("clusters");
+        let model = Model::new(&scene);
+        let (outgoing, importance) =
+            (random_outgoing(&model, &mut random), random_state(&model, &mut random));
+        assert_same(
+            name,
+            dot_states(&transport_through_clusters(&model, clusters, &outgoing), &importance),
+            dot_outgoing(&outgoing, &transport_through_clusters_adjoint(&model, clusters, &importance)),
+            1e-11,
+        );
+    }
+}
+
+/// A bumpy figure between a glossy floor and a ceiling: curved clusters and flat ones, with bins at either end.
+fn figure() -> Scene {
+    let floor = Material { specular: [0.3; 3], power: 8.0, ..Material::named("floor") };
+    let place = |height: f64, up: f64| {
+        DAffine3::from_translation(DVec3::new(0.0, height, 0.0))
+            * DAffine3::from_scale(DVec3::new(6.0, up, 6.0))
+            * DAffine3::from_translation(DVec3::new(-0.5, 0.0, -0.5))
+    };
+    let mut builder = SceneBuilder::new();
+    builder
+        .shape("floor", Shape::Quad { cells: 14 }, &floor, place(0.0, 1.0))
+        .shape("ceiling", Shape::Quad { cells: 12 }, &Material::named("ceiling"), place(4.0, -1.0))
+        .shape("figure", Shape::Statue { triangles: 700 }, &Material::named("stone"), DAffine3::IDENTITY);
+    let mut scene = builder.finish("figure").expect("a scene");
+    // In a plane, light between neighbours has a kink.
+    let mut random = Random::new(24);
+    scene.vertices.iter_mut().for_each(|vertex| *vertex += 0.05 * (random.point() - 0.5));
+    let settings = scene.settings.bins(BinLayout::Concentric { n: 6 }).weights(Weights::Smoothstep);
+    scene.settings = settings.near_field(3.0);
+    scene
+}
+
+/// Which triangles make up which clusters, and all lists, are frozen; centroids, normals, areas and variances of clusters
+/// move, and the shares of their triangles.
+#[test]
+fn transport_through_clusters_changes_with_all_corners_as_its_derivative_says() {
+    let scene = support::apart(&figure());
+    // A plan would not take clusters for so few triangles.
+    let plan = Plan::new(&scene, &PlanOptions::default(), &scene.settings).expect("a plan");
+    let input = ClusterInput {
+        facets: plan.facets(),
+        classes: plan.classes(),
+        brightness: &vec![1.0; scene.triangles.len()],
+        backs: 1.0,
+        order: &plan.layout().order,
+        leaf: 4,
+        half_range: 0.5 * scene.settings.near_field,
+        tolerance: 1e-6,
+        bin: 0.3,
+        error: 0.3,
+        cull: true,
+    };
+    let clusters = &Clusters::new(&input, false).expect("clusters");
+    let mut model = Model::new(&scene);
+    let lists = clusters.sources();
+    let all = (0..lists.lists()).flat_map(|list| lists.sources(list));
+    let with_clusters = all.filter(|(source, _)| *source >= clusters.first()).count();
+    println!("{with_clusters} of {} sources are clusters", lists.count());
+    assert!(with_clusters as u64 * 25 > lists.count());
+    let mut random = Random::new(23);
+    let (outgoing, importance) = (random_outgoing(&model, &mut random), random_state(&model, &mut random));
+    let gradients = transport_through_clusters_derivative(&model, clusters, &outgoing, &importance);
+    let found: Vec<_> = gradients.iter().zip(&model.facets).map(|(g, f)| g.to_corners(f)).collect();
+    let kept = model.facets.clone();
+    for part in ["floor", "ceiling", "figure"] {
+        let mesh = scene.meshes.iter().find(|mesh| mesh.name == part).expect("a mesh");
+        let range = mesh.range.start as usize..mesh.range.end as usize;
+        let directions: Vec<[DVec3; 3]> =
+            range.clone().map(|_| [0; 3].map(|_| random.point() - 0.5)).collect();
+        let sum = |(found, way): (&[DVec3; 3], &[DVec3; 3])| -> f64 {
+            found.iter().zip(way).map(|(f, w)| f.dot(*w)).sum()
+        };
+        let slope: f64 = found[range.clone()].iter().zip(&directions).map(sum).sum();
+        let mut at = |step: f64| {
+            for (i, way) in range.clone().zip(&directions) {
+                let corners = kept[i].corners;
+                model.facets[i] = Facet::new(std::array::from_fn(|k| corners[k] + step * way[k]));
+            }
+            dot_states(&transport_through_clusters(&model, clusters, &outgoing), &importance)
+        };
+        let difference = |step: f64, at: &mut dyn FnMut(f64) -> f64| at(step) - at(-step);
+        // Few of a million pairs have a kink within so small a step: one side of a source, or of a horizon, to the other.
+        let step = 1e-8;
+        let truth = (8.0 * difference(step, &mut at) - difference(2.0 * step, &mut at)) / (12.0 * step);
+        at(0.0);
+        println!("{part}: {slope} {truth}");
+        assert_same(part, slope, truth, 1e-5);
     }
 }
 

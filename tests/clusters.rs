@@ -2,11 +2,14 @@
 
 mod support;
 
-use antirad::model::{LIST, Parts, share};
+use antirad::gpu::Device;
+use antirad::model::{LIST, Parts, classify, share};
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, PlannedTransport, Residency};
 use antirad::reference::Model;
 use antirad::scene::{Lamps, Precision, Scene, SolveSettings, Transport};
+use antirad::{Cotangent, Engine, Gradients, SolveParams};
 use glam::DVec3;
+use std::time::Instant;
 use support::{areas, device, finish, load, relative_l2, solve, solve_within};
 
 fn hierarchical(scene: &Scene, error: f64) -> SolveSettings {
@@ -49,6 +52,71 @@ fn the_error_is_at_most_the_one_asked_for() {
             assert!(found <= error, "{name}: {found}");
             assert!(found > 0.0 && pairs.clusters > 0);
         }
+    }
+    finish(&device);
+}
+
+fn gradients(device: &Device, scene: &Scene, settings: &SolveSettings) -> Gradients {
+    let request = GradientRequest::default().emission(true).albedo(true).positions(true);
+    let options = PlanOptions::of(device).gradients(request);
+    let plan = planned(scene, settings, options);
+    let clusters = plan.clusters().is_some();
+    assert_eq!(clusters, settings.transport != Transport::Exact, "{}", plan.transport());
+    let mut engine = Engine::new(device, scene, plan).expect("an engine");
+    let params = SolveParams::from(settings);
+    let start = Instant::now();
+    let solution = engine.solve(&params).expect("a solution");
+    let forward = start.elapsed().as_secs_f64();
+    // More light near the origin, less elsewhere: a loss with large gradients everywhere.
+    let weight = |(i, area): (usize, f64)| {
+        let height = scene.corners(i)[0].y;
+        area * DVec3::new(1.0, 0.5 + height, (7.0 * height).sin())
+    };
+    let irradiance = areas(scene).into_iter().enumerate().map(weight).collect();
+    let cotangent = Cotangent::default().irradiance(Some(irradiance));
+    let start = Instant::now();
+    let found = engine.backward(&solution, &cotangent, request, &params).expect("gradients");
+    println!("forward {forward:.2} s, backward {:.2} s", start.elapsed().as_secs_f64());
+    found
+}
+
+fn relative(found: &[DVec3], truth: &[DVec3]) -> f64 {
+    let norm =
+        |values: &mut dyn Iterator<Item = DVec3>| values.map(|v| v.length_squared()).sum::<f64>().sqrt();
+    norm(&mut found.iter().zip(truth).map(|(f, t)| *f - *t)) / norm(&mut truth.iter().copied())
+}
+
+/// Gradients of a loss through clusters, against those of the exact sum. Those by parameters that many triangles share are as
+/// accurate as irradiance. Within a cluster, the triangles have one importance per area instead of one each: that error is
+/// of first order in the size of clusters.
+#[test]
+fn gradients_are_those_of_the_exact_sum() {
+    let device = device();
+    let scene = load("scenes/cornell_boxes.toml");
+    let values = |g: &Gradients| {
+        let by_material = g.by_material(&scene);
+        let corners = g.corners.as_ref().expect("what was asked for");
+        let of_boxes = corners.iter().zip(classify(&scene)).filter(|(_, class)| class.blocker);
+        let moved: DVec3 = of_boxes.flat_map(|(corners, _)| corners).sum();
+        let each = |values: &Option<Vec<DVec3>>| values.clone().expect("what was asked for");
+        [
+            by_material.iter().map(|m| m.emission).collect(),
+            by_material.iter().map(|m| m.albedo).collect(),
+            vec![moved],
+            each(&g.emission),
+            each(&g.albedo),
+            each(&g.vertices),
+        ]
+    };
+    let names = ["emission", "albedo", "boxes moved", "each emission", "each albedo", "each vertex"];
+    let truth = values(&gradients(&device, &scene, &scene.settings.transport(Transport::Exact)));
+    let error = 0.03;
+    let found = values(&gradients(&device, &scene, &hierarchical(&scene, error)));
+    let bounds = [0.005, 0.03, 0.15, 0.1, 0.1, 0.03];
+    for (((name, found), truth), bound) in names.iter().zip(found).zip(truth).zip(bounds) {
+        let off = relative(&found, &truth);
+        println!("{name}: {off:.5}");
+        assert!(off <= bound, "{name}: {off}");
     }
     finish(&device);
 }
@@ -123,9 +191,15 @@ fn the_exact_sum_is_taken_where_clusters_do_not_work_or_pay() {
     let options = PlanOptions::default();
     assert_eq!(why(&planned(&scene, &settings, options)), "");
     let with_gradients = options.gradients(GradientRequest::EVERYTHING);
-    assert_eq!(why(&planned(&scene, &settings, with_gradients)), "gradients need it");
+    assert_eq!(why(&planned(&scene, &settings, with_gradients)), "");
     let few = planned(&scene, &scene.settings.transport(Transport::Auto), options);
     assert_eq!(why(&few), "few triangles");
+    let mut fine = scene.clone();
+    fine.split_all(1);
+    let automatic = fine.settings.transport(Transport::Auto);
+    let error = Transport::USUAL_ERROR;
+    assert_eq!(planned(&fine, &automatic, options).transport(), PlannedTransport::Hierarchical { error });
+    assert_eq!(why(&planned(&fine, &automatic, with_gradients)), "positions that move");
     let strict = planned(&scene, &hierarchical(&scene, 1e-5), options);
     assert_eq!(why(&strict), "clusters would save too little");
     assert_eq!(why(&planned(&scene, &scene.settings, options)), "settings");

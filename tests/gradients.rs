@@ -6,12 +6,13 @@ use antirad::model::FacetGradient;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::reference::{
     Model, Outgoing, State, emission, observe_adjoint, observe_derivative, reflect_adjoint,
-    reflect_derivative, transport_adjoint, transport_derivative,
+    reflect_derivative, transport_adjoint, transport_derivative, transport_through_clusters_adjoint,
+    transport_through_clusters_derivative,
 };
-use antirad::scene::{BinLayout, Precision, Scene, SolveSettings, Weights};
+use antirad::scene::{BinLayout, Precision, Scene, SolveSettings, Transport, Weights};
 use antirad::solve::LightOperator;
 use antirad::transport::{AdjointKernels, AdjointOperator, Operators, SceneBuffers};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use support::random::{Random, random_scene, scattered, with_own_powers};
 use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};
 use support::{device, finish};
@@ -85,7 +86,10 @@ fn compare(name: &str, scene: &Scene, settings: SolveSettings, adjust: impl Fn(P
     let mut errors: Vec<(&str, f64)> = Vec::new();
     let mut operator = AdjointOperator::new(&mut operators, &mut adjoint);
     operator.set(&none, &none, &pages).expect("cotangents");
-    let outgoing = transport_adjoint(&model, &importance);
+    let outgoing = match plan.clusters() {
+        None => transport_adjoint(&model, &importance),
+        Some(clusters) => transport_through_clusters_adjoint(&model, clusters, &importance),
+    };
     let given = operator.outgoing_cotangent(&x).expect("a pass");
     errors.push((
         "transport_adjoint, radiance",
@@ -149,7 +153,10 @@ fn compare(name: &str, scene: &Scene, settings: SolveSettings, adjust: impl Fn(P
     geometry(
         ["derivative, corners", "derivative, normals", "derivative, areas"],
         &in_order(&pairs),
-        &transport_derivative(&model, &sent, &importance),
+        &match plan.clusters() {
+            None => transport_derivative(&model, &sent, &importance),
+            Some(clusters) => transport_through_clusters_derivative(&model, clusters, &sent, &importance),
+        },
     );
     let (face_truth, eye_truth) = observe_derivative(&model, &sent, camera_position, &colours);
     geometry(
@@ -230,4 +237,21 @@ fn single_precision() {
     compare("f32, small tiles and pages", &random_scene(6, 200, true, false), single, |l| l.tile(32).page(1));
     let far = single.near_field(0.0);
     compare("f32, no near field", &random_scene(8, 200, true, true), far, |l| l);
+}
+
+/// Clusters of diffuse, blocking and glossy triangles. Sheared, since along the lines of a regular mesh many directions are at the
+/// pole or on the edges of bins, where rounding decides.
+#[test]
+fn clusters_stand_for_far_triangles() {
+    let mut scene = support::load("scenes/glossy_floor.toml");
+    let shear = DMat3::from_cols_array(&[1.0, 0.07, 0.03, -0.05, 1.0, 0.06, 0.08, -0.04, 1.0]);
+    scene.vertices.iter_mut().for_each(|vertex| *vertex = shear * *vertex);
+    let scene = support::apart(&scene);
+    let settings = SolveSettings::default()
+        .bins(BinLayout::EqualAngle { theta: 4, phi: 6 })
+        .transport(Transport::Hierarchical { error: 0.03 });
+    compare("glossy floor", &scene, settings, |options| options);
+    let options = PlanOptions::default().gradients(GradientRequest::EVERYTHING);
+    let plan = Plan::new(&scene, &options, &settings).expect("a plan");
+    assert!(plan.pairs().clusters > 0, "{}", plan.transport());
 }

@@ -286,7 +286,7 @@ fn layouts_agree_with_the_shaders() {
         ("b", 4),
         ("characteristic_area", 7),
         ("c", 8),
-        ("unused_c", 11),
+        ("share", 11),
         ("normal", 12),
         ("unused_normal", 15),
         ("", 16),
@@ -348,17 +348,53 @@ fn layouts_agree_with_the_shaders() {
         ["begin" = begin, "end" = end, "clusters" = clusters, "triangles" = triangles]
     );
     check!(
-        shaders::GATHER_BINS.of(Precision::F32),
-        "GatherBinsPush",
-        GatherBinsPush,
-        [
-            "begin" = begin,
-            "clusters" = clusters,
-            "triangles" = triangles,
-            "from_page" = from_page,
-            "to_page" = to_page,
-        ]
+        shaders::SCATTER.of(Precision::F32),
+        "GatherPush",
+        GatherPush,
+        ["begin" = begin, "end" = end, "clusters" = clusters, "triangles" = triangles]
     );
+    for shader in [
+        shaders::GATHER_BINS.of(Precision::F32),
+        shaders::SCATTER_BINS.of(Precision::F64),
+        shaders::CLUSTER_SHARES.of(Precision::F32),
+    ] {
+        check!(
+            shader,
+            "GatherBinsPush",
+            GatherBinsPush,
+            [
+                "begin" = begin,
+                "clusters" = clusters,
+                "triangles" = triangles,
+                "from_page" = from_page,
+                "to_page" = to_page,
+            ]
+        );
+    }
+    for shader in
+        [shaders::CLUSTER_ADJOINT.of(Precision::F32), shaders::CLUSTER_DERIVATIVE_SOURCE.of(Precision::F64)]
+    {
+        check!(
+            shader,
+            "ReceiversPush",
+            ReceiversPush,
+            [
+                "target_begin" = target_begin,
+                "source_begin" = source_begin,
+                "source_end" = source_end,
+                "group_begin" = group_begin,
+                "list_begin" = list_begin,
+                "list_end" = list_end,
+                "half_range" = half_range,
+                "target_page" = target_page,
+                "radiance_page" = radiance_page,
+                "partner_page" = partner_page,
+                "skip" = skip,
+                "take" = take,
+                "clusters" = clusters,
+            ]
+        );
+    }
     for shader in [
         shaders::NEAR.of(Precision::F64),
         shaders::NEAR_ADJOINT.of(Precision::F32),

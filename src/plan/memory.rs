@@ -112,6 +112,19 @@ impl MemoryPlan {
         }
     }
 
+    fn add_cluster_cotangents(&mut self, plan: &Plan, clusters: &Clusters) {
+        let lists = clusters.receivers().map_or(0, |lists| size_of_val(lists.words()) as u64);
+        self.add("cluster receivers", lists, 1);
+        self.add("cotangent: clusters", u64::from(clusters.count()) * plan.rgb_bytes(), 1);
+        for run in clusters.runs() {
+            let bytes = run.range().len() as u64 * plan.bin_bytes();
+            let sets = u32::from(run.class.blocker) + u32::from(run.class.glossy);
+            if sets > 0 {
+                self.add("cotangent: cluster bins", bytes, sets);
+            }
+        }
+    }
+
     /// Vectors of the solver, or the windows on them, and the specular radiance.
     fn add_states(&mut self, plan: &Plan) {
         match plan.residency {
@@ -166,11 +179,14 @@ impl MemoryPlan {
         for group in plan.layout.groups.iter().filter(|g| g.class.glossy) {
             self.add("cotangent: specular", plan.page_bytes(group), 1);
         }
-        self.add("far runs, by source", size_of_val(far.words()) as u64, 1);
+        match plan.clusters() {
+            None => self.add("far runs, by source", size_of_val(far.words()) as u64, 1),
+            Some(clusters) => self.add_cluster_cotangents(plan, clusters),
+        }
         self.add("near offsets, by source", near.offsets.len() as u64 * 4, 1);
         self.add("near receivers", near.partners.len() as u64 * 4, 1);
         if request.geometry() {
-            self.add("facet gradients", slots * FACET_GRADIENT * real, 1);
+            self.add("facet gradients", u64::from(plan.sources()) * FACET_GRADIENT * real, 1);
         }
         if request.lobes() && plan.classes.iter().any(|class| class.glossy) {
             self.add("lobe sums", 2 * rgb, 1);

@@ -21,6 +21,16 @@ pub enum PlannedTransport {
     },
 }
 
+impl PlannedTransport {
+    /// The error of irradiance that clusters may cause, relative to its mean; none if there are none.
+    pub fn error(self) -> f64 {
+        match self {
+            Self::Exact { .. } => 0.0,
+            Self::Hierarchical { error } => error,
+        }
+    }
+}
+
 impl Default for PlannedTransport {
     fn default() -> Self {
         Self::Exact { why: "settings" }
@@ -36,8 +46,6 @@ impl fmt::Display for PlannedTransport {
     }
 }
 
-/// Triangles below which [`Transport::Auto`] takes the exact sum, whose time is then mostly that of close pairs.
-const SMALL: usize = 6000;
 /// Share of all pairs above which clusters do not pay: culling leaves out about half of the pairs, too.
 const WORTH: f64 = 0.4;
 /// Triangles of the smallest clusters.
@@ -56,8 +64,9 @@ impl Plan {
     pub(super) fn choose_transport(&mut self, scene: &Scene) -> Result<(), PlanError> {
         let error = match self.settings.transport {
             Transport::Exact => Err("settings"),
-            _ if self.options.gradients.any() => Err("gradients need it"),
-            Transport::Auto if self.triangles() < SMALL => Err("few triangles"),
+            Transport::Auto if self.triangles() < Transport::FEWEST => Err("few triangles"),
+            // From step to step lists would change, and the loss would jump.
+            Transport::Auto if self.options.gradients.positions => Err("positions that move"),
             Transport::Auto => Ok(Transport::USUAL_ERROR),
             Transport::Hierarchical { error } => Ok(error),
         };
@@ -82,14 +91,14 @@ impl Plan {
         let half_range = 0.5 * self.settings.near_field;
         let bin = TAU / self.bins.count() as f64;
         let Self { layout, facets, classes, .. } = &*self;
-        let cull = self.options.cull;
+        let lists = (self.options.cull, self.options.gradients.any());
         let uneven = brightness.iter().any(|&bright| bright > 1.0);
         let each = if uneven { UNEVEN * error } else { error };
         let limits = (self.leaf(), each);
         let backs = brightness.iter().fold(BACKS, |most, &bright| most.max(NARROW * bright));
         let lit = (&brightness[..], backs, bin);
         self.interactions =
-            Interactions::hierarchical(layout, facets, classes, half_range, cull, limits, lit)?;
+            Interactions::hierarchical(layout, facets, classes, half_range, lists, limits, lit)?;
         self.transport = PlannedTransport::Hierarchical { error };
         let triangles = self.triangles() as f64;
         let entries = self.clusters().map_or(0, |clusters| clusters.sources().count());

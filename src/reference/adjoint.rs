@@ -11,9 +11,9 @@
 //! stored, so in particular with respect to H(b) / c_b.
 
 use super::reflection::{specular_scale, spread};
-use super::transport::beams;
+use super::transport::{Beam, beams};
 use super::{Model, Outgoing, State};
-use crate::model::{Class, Taps};
+use crate::model::{Class, Facet, Taps};
 use crate::solve::LightOperator;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -22,16 +22,18 @@ use std::f64::consts::PI;
 
 /// Uᵀ: from the adjoint λ of the incident light (`importance`) to the cotangent of the outgoing light.
 pub fn transport_adjoint(model: &Model, importance: &State) -> Outgoing {
-    let cotangents: Vec<SourceCotangent> = (0..model.facets.len())
-        .into_par_iter()
-        .map(|i| {
-            let mut cotangent = SourceCotangent::new(model, i);
-            for j in 0..model.facets.len() {
-                cotangent.gather(importance, j);
-            }
-            cotangent
-        })
-        .collect();
+    let gather = |i: usize| {
+        let mut cotangent = SourceCotangent::of_triangle(model, i);
+        for j in 0..model.facets.len() {
+            beams(model, i, j, |beam| cotangent.receive(model, importance, j, beam));
+        }
+        cotangent
+    };
+    outgoing_cotangent(model, (0..model.facets.len()).into_par_iter().map(gather).collect())
+}
+
+/// The cotangents of all triangles.
+pub(super) fn outgoing_cotangent(model: &Model, cotangents: Vec<SourceCotangent>) -> Outgoing {
     let mut outgoing = model.dark();
     for (i, cotangent) in cotangents.into_iter().enumerate() {
         outgoing.diffuse[i] = cotangent.diffuse;
@@ -60,43 +62,44 @@ impl State {
     }
 }
 
-/// The cotangent of the outgoing light of one triangle.
-struct SourceCotangent<'a> {
-    model: &'a Model,
-    i: usize,
-    diffuse: DVec3,
+/// The cotangent of the outgoing light of one source.
+pub(super) struct SourceCotangent {
+    facet: Facet,
+    class: Class,
+    pub diffuse: DVec3,
     /// Empty where the source has no bins.
-    specular: Vec<DVec3>,
+    pub specular: Vec<DVec3>,
     /// Empty where the source has no bins.
-    antiradiance: Vec<DVec3>,
+    pub antiradiance: Vec<DVec3>,
 }
 
-impl<'a> SourceCotangent<'a> {
-    fn new(model: &'a Model, i: usize) -> Self {
-        let dark = vec![DVec3::ZERO; model.bins_of(i).map_or(0, |range| range.len())];
-        Self { model, i, diffuse: DVec3::ZERO, specular: dark.clone(), antiradiance: dark }
+impl SourceCotangent {
+    pub fn new(model: &Model, facet: Facet, class: Class) -> Self {
+        let dark = vec![DVec3::ZERO; if class.has_bins() { model.bins.count() } else { 0 }];
+        Self { facet, class, diffuse: DVec3::ZERO, specular: dark.clone(), antiradiance: dark }
     }
 
-    /// Adds the contribution of receiver `j`.
-    fn gather(&mut self, importance: &State, j: usize) {
-        let model = self.model;
-        beams(model, self.i, j, |beam| {
-            let importance = importance.importance(model, j, -beam.direction);
-            let local = |direction| model.bins.taps(model.facets[self.i].to_local(direction));
-            match (beam.front, model.classes[self.i]) {
-                (true, Class { glossy, .. }) => {
-                    self.diffuse += beam.diffuse * importance;
-                    if glossy {
-                        deposit(&mut self.specular, local(beam.direction), beam.binned * importance);
-                    }
+    pub fn of_triangle(model: &Model, i: usize) -> Self {
+        Self::new(model, model.facets[i], model.classes[i])
+    }
+
+    /// Adds what the light along a beam to receiver `j` matters.
+    pub fn receive(&mut self, model: &Model, importance: &State, j: usize, beam: Beam) {
+        let importance = importance.importance(model, j, -beam.direction);
+        let local = |direction| model.bins.taps(self.facet.to_local(direction));
+        match (beam.front, self.class) {
+            (true, Class { glossy, .. }) => {
+                self.diffuse += beam.diffuse * importance;
+                if glossy {
+                    deposit(&mut self.specular, local(beam.direction), beam.binned * importance);
                 }
-                // Antiradiance is stored positive; U applies the minus.
-                (false, Class { blocker: true, .. }) => {
-                    deposit(&mut self.antiradiance, local(-beam.direction), -beam.binned * importance);
-                }
-                (false, _) => {}
             }
-        });
+            // Antiradiance is stored positive; U applies the minus.
+            (false, Class { blocker: true, .. }) => {
+                deposit(&mut self.antiradiance, local(-beam.direction), -beam.binned * importance);
+            }
+            (false, _) => {}
+        }
     }
 }
 

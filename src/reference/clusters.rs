@@ -1,9 +1,9 @@
-//! U where clusters stand for far triangles. Twin of glsl/gather*.comp and glsl/cluster_*.comp.
+//! U where clusters stand for far triangles. Twin of glsl/gather*.comp and glsl/cluster_bins.comp, glsl/cluster_irradiance.comp.
 
-use super::transport::{Incident, collect, near_beams, visit_far};
+use super::transport::{Beam, Incident, collect, near_beams, visit_far};
 use super::{Model, Outgoing, State};
 use crate::model::{
-    Clusters, Facet, LIST, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Parts, far_weight, share, spread_over,
+    Class, Clusters, Facet, LIST, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Parts, far_weight, share, spread_over,
 };
 use glam::DVec3;
 use rayon::prelude::*;
@@ -13,21 +13,20 @@ use std::f64::consts::PI;
 /// are those of [`super::transport`].
 pub fn transport_through_clusters(model: &Model, clusters: &Clusters, outgoing: &Outgoing) -> State {
     let light = ClusterLight::new(model, clusters, outgoing);
-    let mut slots = vec![None; model.facets.len()];
-    for (slot, &i) in (0u32..).zip(clusters.order()) {
-        if let Some(of) = slots.get_mut(i as usize) {
-            *of = Some(slot);
-        }
-    }
+    let slots = slots(model, clusters);
     let receive = |j: usize| {
         let mut incident = Incident::new(model, j);
-        // Triangles without area have no slot.
-        for (index, passing) in
-            slots[j].into_iter().flat_map(|slot: u32| clusters.sources().sources(slot / LIST))
-        {
-            match clusters.order().get(index as usize) {
-                Some(&i) => from_triangle(&mut incident, outgoing, i as usize, passing),
-                None => light.send(&mut incident, (index - clusters.first()) as usize, passing),
+        for (source, passing) in listed(clusters, slots[j]) {
+            match source {
+                Source::Triangle(i) => {
+                    visit_listed(model, i, j, passing, |beam| incident.receive(outgoing, i, beam));
+                }
+                Source::Cluster(c) => {
+                    if let Some(beam) = cluster_beam(model, &light.facets[c], j, passing) {
+                        let radiance = light.radiance(model, c, &beam);
+                        incident.deposit(-beam.direction, beam.diffuse * radiance);
+                    }
+                }
             }
         }
         for i in 0..model.facets.len() {
@@ -38,34 +37,82 @@ pub fn transport_through_clusters(model: &Model, clusters: &Clusters, outgoing: 
     collect(model, (0..model.facets.len()).into_par_iter().map(receive).collect())
 }
 
-fn passes(front: bool, passing: u32) -> bool {
+/// A far source.
+#[derive(Clone, Copy)]
+pub(super) enum Source {
+    /// By index in the scene.
+    Triangle(usize),
+    /// By number.
+    Cluster(usize),
+}
+
+/// The slot of each triangle; those without area have none.
+pub(super) fn slots(model: &Model, clusters: &Clusters) -> Vec<Option<u32>> {
+    let mut slots = vec![None; model.facets.len()];
+    for (slot, &i) in (0u32..).zip(clusters.order()) {
+        if let Some(of) = slots.get_mut(i as usize) {
+            *of = Some(slot);
+        }
+    }
+    slots
+}
+
+/// The far sources of a receiver, with what may pass.
+pub(super) fn listed(clusters: &Clusters, slot: Option<u32>) -> impl Iterator<Item = (Source, u32)> {
+    let entries = slot.into_iter().flat_map(|slot| clusters.sources().sources(slot / LIST));
+    entries.map(|(index, passing)| match clusters.order().get(index as usize) {
+        Some(&i) => (Source::Triangle(i as usize), passing),
+        None => (Source::Cluster((index - clusters.first()) as usize), passing),
+    })
+}
+
+pub(super) fn passes(front: bool, passing: u32) -> bool {
     passing & if front { PAIR_FRONT } else { PAIR_BACK } != 0
 }
 
-fn from_triangle(incident: &mut Incident, outgoing: &Outgoing, i: usize, passing: u32) {
-    let (model, j) = (incident.model, incident.j);
+/// The line from a triangle to a receiver, centroid to centroid.
+pub(super) fn visit_listed(model: &Model, i: usize, j: usize, passing: u32, mut visit: impl FnMut(Beam)) {
     let r2 = model.facets[i].centroid.distance_squared(model.facets[j].centroid);
     let near = passing & PAIR_NEAR != 0;
     let weight = if near { far_weight(r2, model.range(i, j)) } else { 1.0 };
     visit_far(model, i, j, weight, &mut |beam| {
         if passes(beam.front, passing) {
-            incident.receive(outgoing, i, beam);
+            visit(beam);
         }
     });
 }
 
+/// The line from a cluster to a receiver.
+pub(super) fn cluster_beam(model: &Model, source: &Facet, j: usize, passing: u32) -> Option<Beam> {
+    let receiver = &model.facets[j];
+    let between = receiver.centroid - source.centroid;
+    let r2 = between.length_squared();
+    let direction = between / r2.sqrt();
+    let cos_i = direction.dot(source.normal);
+    let front = cos_i > 0.0;
+    if !passes(front, passing) {
+        return None;
+    }
+    let tilt = receiver.normal.dot(source.normal) * cos_i.signum();
+    // A cluster has the variance of its triangles in place of the characteristic area.
+    let angle2 = source.characteristic_area / r2;
+    let cos_j = spread_over(-direction.dot(receiver.normal), cos_i.abs(), tilt, angle2);
+    let projected = cos_j * cos_i.abs() * source.area / (r2 + source.area / PI);
+    Some(Beam { direction, front, diffuse: projected, binned: projected })
+}
+
 /// What each cluster sends.
-struct ClusterLight {
-    facets: Vec<Facet>,
-    diffuse: Vec<DVec3>,
+pub(super) struct ClusterLight {
+    pub facets: Vec<Facet>,
+    pub diffuse: Vec<DVec3>,
     /// Per bin; empty where the parts have none.
-    specular: Vec<Vec<DVec3>>,
-    antiradiance: Vec<Vec<DVec3>>,
+    pub specular: Vec<Vec<DVec3>>,
+    pub antiradiance: Vec<Vec<DVec3>>,
 }
 
 impl ClusterLight {
     /// Sums up parts, Σ a ⟨n_i, n⟩ L_i / ā. Bins of parts need no rotation: their frames are similar.
-    fn new(model: &Model, clusters: &Clusters, outgoing: &Outgoing) -> Self {
+    pub fn new(model: &Model, clusters: &Clusters, outgoing: &Outgoing) -> Self {
         let facets = clusters.facets(&model.facets);
         let mut light = Self { facets, diffuse: Vec::new(), specular: Vec::new(), antiradiance: Vec::new() };
         for (c, parts) in clusters.parts().iter().enumerate() {
@@ -80,8 +127,10 @@ impl ClusterLight {
             match parts {
                 Parts::Triangles(slots) => {
                     for i in clusters.triangles(slots) {
-                        let bins = model.bins_of(i).unwrap_or(0..0);
-                        let (s, a) = (&outgoing.specular[bins.clone()], &outgoing.antiradiance[bins]);
+                        let Class { glossy, blocker } = model.classes[i];
+                        let bins = |kept: bool| model.bins_of(i).filter(|_| kept).unwrap_or(0..0);
+                        let (s, a) =
+                            (&outgoing.specular[bins(glossy)], &outgoing.antiradiance[bins(blocker)]);
                         add(&model.facets[i], outgoing.diffuse[i], s, a);
                     }
                 }
@@ -99,35 +148,20 @@ impl ClusterLight {
         light
     }
 
-    fn send(&self, incident: &mut Incident, c: usize, passing: u32) {
-        let (model, source) = (incident.model, &self.facets[c]);
-        let receiver = &model.facets[incident.j];
-        let between = receiver.centroid - source.centroid;
-        let r2 = between.length_squared();
-        let direction = between / r2.sqrt();
-        let cos_i = direction.dot(source.normal);
-        let front = cos_i > 0.0;
-        if !passes(front, passing) {
-            return;
-        }
-        let tilt = receiver.normal.dot(source.normal) * cos_i.signum();
-        // A cluster has the variance of its triangles in place of the characteristic area.
-        let angle2 = source.characteristic_area / r2;
-        let cos_j = spread_over(-direction.dot(receiver.normal), cos_i.abs(), tilt, angle2);
-        let projected = cos_j * cos_i.abs() * source.area / (r2 + source.area / PI);
+    fn radiance(&self, model: &Model, c: usize, beam: &Beam) -> DVec3 {
         let gather = |bins: &[DVec3], direction: DVec3| -> DVec3 {
-            let taps = model.bins.taps(source.to_local(direction));
+            let taps = model.bins.taps(self.facets[c].to_local(direction));
             taps.iter().map(|&(b, weight)| weight * bins.get(b).copied().unwrap_or_default()).sum()
         };
-        let radiance = match front {
-            true => self.diffuse[c] + gather(&self.specular[c], direction),
-            false => -gather(&self.antiradiance[c], -direction),
-        };
-        incident.deposit(-direction, projected * radiance);
+        match beam.front {
+            true => self.diffuse[c] + gather(&self.specular[c], beam.direction),
+            false => -gather(&self.antiradiance[c], -beam.direction),
+        }
     }
 }
 
-fn add_scaled(sum: &mut Vec<DVec3>, factor: f64, values: &[DVec3]) {
+/// Adds to values that may still be empty, which counts as zeros.
+pub(super) fn add_scaled(sum: &mut Vec<DVec3>, factor: f64, values: &[DVec3]) {
     sum.resize(sum.len().max(values.len()), DVec3::ZERO);
     sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += factor * *value);
 }

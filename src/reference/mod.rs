@@ -3,6 +3,7 @@
 mod adjoint;
 mod bf16;
 mod clusters;
+mod clusters_adjoint;
 mod derivative;
 mod observation;
 mod operator;
@@ -16,13 +17,17 @@ pub use crate::model::projected_solid_angle;
 pub use adjoint::{AdjointEquation, observe_adjoint, reflect_adjoint, transport_adjoint};
 pub use bf16::to_bf16;
 pub use clusters::transport_through_clusters;
-pub use derivative::{MaterialGradient, observe_derivative, reflect_derivative, transport_derivative};
+pub use clusters_adjoint::transport_through_clusters_adjoint;
+pub use derivative::{
+    MaterialGradient, observe_derivative, reflect_derivative, transport_derivative,
+    transport_through_clusters_derivative,
+};
 pub use observation::observe;
 pub use path_tracer::{MonteCarloEstimate, PathTracer, TracedPicture, TracedPixel};
 pub use random::Random;
 pub use reflection::{emission, reflect};
 pub use scenes::{Plates, Shadow};
-pub use transport::transport;
+pub use transport::{irradiance_of, transport};
 
 use crate::model::{Bins, Class, Facet, classify};
 use crate::scene::{Material, Scene};

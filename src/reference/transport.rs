@@ -23,6 +23,21 @@ pub fn transport(model: &Model, outgoing: &Outgoing) -> State {
     collect(model, incident)
 }
 
+/// The irradiance of some triangles by [`transport`], where that of all would take too long.
+pub fn irradiance_of(model: &Model, outgoing: &Outgoing, receivers: &[usize]) -> Vec<DVec3> {
+    let of = |&j: &usize| {
+        let mut irradiance = DVec3::ZERO;
+        for i in 0..model.facets.len() {
+            beams(model, i, j, |beam| {
+                irradiance += beam.diffuse * outgoing.diffuse(i, beam.front)
+                    + beam.binned * outgoing.binned(model, i, beam.direction, beam.front);
+            });
+        }
+        irradiance
+    };
+    receivers.par_iter().map(of).collect()
+}
+
 /// The state of all incident light.
 pub(super) fn collect(model: &Model, incident: Vec<Incident>) -> State {
     let mut state = model.zero();

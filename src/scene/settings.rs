@@ -173,6 +173,16 @@ pub enum Transport {
 impl Transport {
     /// A tenth of what bins and mesh usually cause.
     pub const USUAL_ERROR: f64 = 0.003;
+    /// Triangles below which [`Transport::Auto`] takes the exact sum, whose time is then mostly that of close pairs.
+    pub const FEWEST: usize = 6000;
+
+    /// [`Transport::Auto`] for a number of triangles and an error asked for; others stay what they are.
+    pub(crate) fn within(self, error: f64, triangles: usize) -> Self {
+        match self {
+            Self::Auto if triangles >= Self::FEWEST => Self::Hierarchical { error },
+            other => other,
+        }
+    }
 
     fn validate(self) -> Result<(), String> {
         match self {
@@ -348,6 +358,16 @@ mod tests {
             "hierarchical:1",
         ] {
             assert!(text.parse::<Transport>().is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn an_error_asked_for_reaches_clusters_only_where_they_are_automatic_and_pay() {
+        let many = Transport::FEWEST;
+        assert_eq!(Transport::Auto.within(0.001, many), Transport::Hierarchical { error: 0.001 });
+        assert_eq!(Transport::Auto.within(0.001, many - 1), Transport::Auto);
+        for given in [Transport::Exact, Transport::Hierarchical { error: 0.02 }] {
+            assert_eq!(given.within(0.001, many), given);
         }
     }
 

@@ -21,7 +21,8 @@ pub struct ErrorEstimate {
 /// Error of the mean irradiance of triangles: relative L2, area-weighted.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct IrradianceEstimate {
-    /// Root of the sum of squares of `compared`, `mesh` and `residual`, whose causes are independent; at least `balance`.
+    /// Root of the sum of squares of `compared`, `mesh`, `residual` and `clusters`, whose causes are independent; at least
+    /// `balance`.
     pub total: f64,
     /// Difference from a solve with other bins and a smaller near field, times the ratio of error to such a difference in
     /// scenes of known solution.
@@ -31,6 +32,8 @@ pub struct IrradianceEstimate {
     pub mesh: f64,
     /// The residual over 1 - spectral radius.
     pub residual: f64,
+    /// What clusters in place of far triangles may cause; zero where there are none.
+    pub clusters: f64,
     /// Share of the emitted power that is not absorbed; zero in an exact solution. Closed scenes only.
     pub balance: Option<f64>,
 }
@@ -50,22 +53,31 @@ pub struct PictureEstimate {
     pub within: f64,
     /// As [`IrradianceEstimate::residual`].
     pub residual: f64,
+    /// As [`IrradianceEstimate::clusters`].
+    pub clusters: f64,
 }
 
 impl ErrorEstimate {
-    /// `own` is the answer, `other` that of the comparison solve; `ratio` of error to difference: see
-    /// [`IrradianceEstimate::compared`].
-    pub(super) fn new(scene: &Scene, own: &Answer, other: &Answer, ratio: f64, visible: &[Visible]) -> Self {
+    /// `own` is the answer, `other` that of the comparison solve. `ratio` of error to difference: see
+    /// [`IrradianceEstimate::compared`]; `clusters`: see [`IrradianceEstimate::clusters`].
+    pub(super) fn new(
+        scene: &Scene,
+        own: &Answer,
+        other: &Answer,
+        [ratio, clusters]: [f64; 2],
+        visible: &[Visible],
+    ) -> Self {
         let surface = Surface::new(scene);
         let left = 1.0 - own.info.spectral_radius.unwrap_or(0.0).clamp(0.0, 0.999);
         let residual = own.info.residuals.last().copied().unwrap_or(0.0) / left;
-        let irradiance = IrradianceEstimate::new(scene, &surface, own, other, ratio, residual);
+        let known = [residual, clusters];
+        let irradiance = IrradianceEstimate::new(scene, &surface, own, other, ratio, known);
         let colours = own.colours.iter().zip(&other.colours);
         let pictures: Vec<PictureEstimate> = visible
             .iter()
             .zip(colours)
             .map(|(visible, (own, other))| {
-                PictureEstimate::new(scene, &surface, visible, [own, other], ratio, residual)
+                PictureEstimate::new(scene, &surface, visible, [own, other], ratio, known)
             })
             .collect();
         let total = pictures.iter().map(|picture| picture.total).fold(irradiance.total, f64::max);
@@ -80,18 +92,19 @@ impl IrradianceEstimate {
         own: &Answer,
         other: &Answer,
         ratio: f64,
-        residual: f64,
+        [residual, clusters]: [f64; 2],
     ) -> Self {
         let values = vectors(&own.irradiance);
         let norm = |of: &dyn Fn(usize) -> DVec3| norm(&surface.areas, of);
         let over = relative_to(norm(&|i| values[i]));
         let compared = ratio * over(norm(&|i| values[i] - DVec3::from(other.irradiance[i])));
         let mesh = over(norm(&|i| surface.off_neighbours(&values, i)));
-        let parts = root_of_squares([compared, mesh, residual]);
+        let parts = root_of_squares([compared, mesh, residual, clusters]);
         let sum = |rgb: [f64; 3]| rgb.iter().sum::<f64>();
         let escaped = (sum(own.energy.escaped) / sum(own.energy.emitted).max(f64::MIN_POSITIVE)).abs();
         let balance = is_closed(scene).then_some(escaped);
-        Self { total: balance.map_or(parts, |balance| parts.max(balance)), compared, mesh, residual, balance }
+        let total = balance.map_or(parts, |balance| parts.max(balance));
+        Self { total, compared, mesh, residual, clusters, balance }
     }
 }
 
@@ -102,7 +115,7 @@ impl PictureEstimate {
         visible: &Visible,
         [own, other]: [&[[f64; 3]]; 2],
         ratio: f64,
-        residual: f64,
+        [residual, clusters]: [f64; 2],
     ) -> Self {
         let reflected = |colours: &[[f64; 3]]| -> Vec<DVec3> {
             let of = |(i, colour): (usize, &[f64; 3])| match visible.fronts[i] {
@@ -116,14 +129,14 @@ impl PictureEstimate {
         let over = relative_to(norm(&|i| own[i]));
         let compared = ratio * over(norm(&|i| own[i] - other[i]));
         let within = over(norm(&|i| surface.within(&own, i)));
-        let total = root_of_squares([compared, within, residual]);
-        Self { camera: visible.camera.clone(), total, compared, within, residual }
+        let total = root_of_squares([compared, within, residual, clusters]);
+        Self { camera: visible.camera.clone(), total, compared, within, residual, clusters }
     }
 }
 
 impl fmt::Display for ErrorEstimate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let IrradianceEstimate { total, compared, mesh, residual, balance } = self.irradiance;
+        let IrradianceEstimate { total, compared, mesh, residual, clusters, balance } = self.irradiance;
         let percent = |share: f64| format!("{:.2} %", 100.0 * share);
         write!(
             f,
@@ -133,6 +146,9 @@ impl fmt::Display for ErrorEstimate {
             percent(mesh),
             percent(residual)
         )?;
+        if clusters > 0.0 {
+            write!(f, ", clusters {}", percent(clusters))?;
+        }
         if let Some(balance) = balance {
             write!(f, ", energy {}", percent(balance))?;
         }

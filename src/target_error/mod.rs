@@ -294,6 +294,9 @@ struct Search<'a> {
     near: f64,
 }
 
+/// Share of the target error that clusters may cause: squares add up, so that they cost the estimate next to nothing.
+const CLUSTERS: f64 = 0.1;
+
 /// A level that can be planned.
 struct Planned {
     scene: Scene,
@@ -361,7 +364,8 @@ impl<'a> Search<'a> {
         let mut scene = self.scene.clone();
         let cut = scene.split_all(level.cuts);
         let parents = cut.into_iter().map(|parent| self.parents[parent as usize]).collect();
-        let given = scene.settings;
+        let mut given = scene.settings;
+        given.transport = given.transport.within(CLUSTERS * self.options.error, scene.triangles.len());
         let settings = |layout| level.settings(layout, self.near, &given);
         let options = PlanOptions::of(self.device).pictures((self.reserve)(&scene));
         let layout = layout(&scene, &settings(LayoutKind::EqualAngle));
@@ -388,11 +392,12 @@ impl<'a> Search<'a> {
         let other = self.answer(&scene, comparison_plan, Warnings::default(), &comparing, solve)?;
         scene.settings = own;
         let warnings = Warnings::of(&scene, &plan);
+        let clusters = plan.transport().error();
         let answer = self.answer(&scene, plan, warnings, &solving, solve)?;
         let estimate = match (&answer, &other) {
             (Ok(answer), Ok(other)) => {
                 let visible = Visible::of(self.device, &scene, &self.options.cameras)?;
-                Some(ErrorEstimate::new(&scene, answer, other, layout.ratio(), &visible))
+                Some(ErrorEstimate::new(&scene, answer, other, [layout.ratio(), clusters], &visible))
             }
             _ => None,
         };

@@ -2,6 +2,7 @@
 //! light (importance) and μ the cotangent of outgoing light. A state of the adjoint holds the cotangents of
 //! irradiance and, per bin, of H(b).
 
+use super::clusters_adjoint::ClusterCotangents;
 use super::exchange_adjoint::ExchangeAdjoint;
 use super::exchange_derivative::ExchangeDerivative;
 use super::observation_adjoint::ObservationAdjoint;
@@ -10,7 +11,7 @@ use super::state::{State, StateBuffers, page, pages};
 use super::watch::TransportError;
 use super::{Context, Operators, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
-use crate::model::FacetGradient;
+use crate::model::{Clusters, FacetGradient};
 use crate::plan::{PairLists, Plan};
 use crate::solve::LightOperator;
 use glam::DVec3;
@@ -26,8 +27,10 @@ pub struct AdjointBuffers {
     /// The cotangent of irradiance that a pass reads, vec4 per slot, as point-to-point kernels bind it of partners:
     /// unlike that of a state, it extends past the last slot.
     pub receivers: Buffer,
-    /// [`crate::plan::FarRuns`] by source.
+    /// [`crate::plan::FarRuns`] by source; with clusters [`crate::model::ReceiverLists`].
     pub far_runs: Buffer,
+    /// Where clusters stand for far triangles.
+    pub clusters: Option<ClusterCotangents>,
     pub near_offsets: Buffer,
     pub near_receivers: Buffer,
     /// `FacetGradient` of glsl/facet_gradient.glsl, per slot.
@@ -55,6 +58,7 @@ impl AdjointKernels {
         let Some(PairLists { far, near }) = &plan.interactions().by_source else { return Ok(None) };
         let request = plan.options.gradients;
         let rgb = u64::from(plan.layout.slots()) * plan.rgb_bytes();
+        let sources = u64::from(plan.sources()) * plan.rgb_bytes();
         let storage = |label: &str, bytes: u64| Buffer::new(device, label, bytes, BufferKind::Storage);
         let words = |label: &str, words: &[u32]| -> Result<Buffer, GpuError> {
             let buffer = storage(label, words.len() as u64 * 4)?;
@@ -71,10 +75,14 @@ impl AdjointKernels {
                 "cotangent: receivers",
                 rgb + u64::from(plan.partner_slots()) * plan.rgb_bytes(),
             )?,
-            far_runs: words("far runs, by source", far.words())?,
+            far_runs: match plan.clusters().and_then(Clusters::receivers) {
+                None => words("far runs, by source", far.words())?,
+                Some(lists) => words("cluster receivers", lists.words())?,
+            },
+            clusters: ClusterCotangents::new(device, plan)?,
             near_offsets: words("near offsets, by source", &near.offsets)?,
             near_receivers: words("near receivers", &near.partners)?,
-            gradients: geometry.then(|| storage("facet gradients", 4 * rgb)).transpose()?,
+            gradients: geometry.then(|| storage("facet gradients", 4 * sources)).transpose()?,
             lobe_sums: lobes.then(|| storage("lobe sums", 2 * rgb)).transpose()?,
         };
         Ok(Some(Self {
@@ -218,18 +226,26 @@ impl<'a> AdjointOperator<'a> {
         pairs: bool,
     ) -> Result<(Vec<FacetGradient>, Vec<DVec3>), TransportError> {
         self.operators.update_outgoing(Some(x), true, true)?;
-        let Operators { context, monitor, .. } = &mut *self.operators;
-        let AdjointKernels { buffers, derivative, observation: views_derivative, .. } = &mut *self.adjoint;
+        let Operators { context, exchange: forward, monitor, .. } = &mut *self.operators;
+        let AdjointKernels { buffers, exchange, derivative, observation: views_derivative, .. } =
+            &mut *self.adjoint;
         let (Some(gradients), Some(derivative)) = (&buffers.gradients, derivative) else {
             return Err(TransportError::missing("derivatives with respect to geometry"));
         };
-        let count = u64::from(context.plan.layout.slots()) * 16;
+        let count = u64::from(context.plan.sources()) * 16;
         let precision = context.plan.settings.precision;
         let mut batch = context.device.batch()?;
         batch.fill(gradients, 0, count * precision.bytes(), 0)?;
         batch.submit()?;
         if pairs {
             derivative.run(context, buffers, x, cotangent, gradients, monitor)?;
+            if let (Some(of_clusters), Some(light)) = (&buffers.clusters, &forward.clusters) {
+                let cotangent = cotangent.resident()?;
+                let sources = light.gather(context, Some(x))?;
+                derivative.listed(context, buffers, &sources, cotangent, gradients, monitor)?;
+                exchange.clusters(context, buffers, cotangent, monitor)?;
+                of_clusters.shares(context, &sources, gradients)?;
+            }
         }
         if context.plan.has_first_bounce() && !views.is_empty() {
             self.operators.update_outgoing(Some(x), true, false)?;
@@ -256,7 +272,13 @@ impl<'a> AdjointOperator<'a> {
                 characteristic_area: v[7],
             }
         };
-        Ok((values.chunks_exact(16).map(gradient).collect(), camera_positions))
+        let mut gradients: Vec<FacetGradient> = values.chunks_exact(16).map(gradient).collect();
+        if let Some(clusters) = context.plan.clusters() {
+            let shares: Vec<f64> = values.chunks_exact(16).map(|v| v[11]).collect();
+            clusters.pull_to_triangles(&context.plan.facets, &mut gradients, &shares);
+            gradients.truncate(context.plan.layout.order.len());
+        }
+        Ok((gradients, camera_positions))
     }
 
     /// y = [given] λ₀ + (K - J)ᵀ ([given] μ₀ + Uᵀ x); also stores the cotangent of outgoing light.

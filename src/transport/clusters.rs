@@ -1,7 +1,6 @@
 //! The light of clusters, gathered from their parts, height by height.
 
 use super::residency::Part;
-use super::scene_buffers::filled;
 use super::state::State;
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
@@ -43,7 +42,7 @@ pub struct GatherBinsPush {
 }
 
 /// Workgroups that a dispatch may have on every device.
-const MOST_GROUPS: usize = 65_535;
+pub(super) const MOST_GROUPS: usize = 65_535;
 
 /// Sources of one class with their bins in one page: triangles of a group, or all clusters of a class.
 pub struct Sources<'a> {
@@ -64,7 +63,6 @@ struct RunBins {
 pub struct ClusterLight {
     gather: Pipeline,
     gather_bins: Pipeline,
-    parts: Buffer,
     bins: Vec<RunBins>,
 }
 
@@ -72,14 +70,6 @@ impl ClusterLight {
     /// `None` where no clusters are planned.
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
         let Some(clusters) = plan.clusters() else { return Ok(None) };
-        let words: Vec<[u32; 2]> = clusters
-            .parts()
-            .iter()
-            .map(|parts| match parts {
-                Parts::Triangles(slots) => [slots.start, slots.end],
-                Parts::Clusters(both) => *both,
-            })
-            .collect();
         let precision = plan.settings.precision;
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
         let (push, bins_push) = (size_of::<GatherPush>() as u32, size_of::<GatherBinsPush>() as u32);
@@ -96,7 +86,6 @@ impl ClusterLight {
         Ok(Some(Self {
             gather: Pipeline::new(device, gather, 3, push, &[(0, WORKGROUP)], None)?,
             gather_bins: Pipeline::new(device, gather_bins, 4, bins_push, &constants, None)?,
-            parts: filled(device, "cluster parts", &words)?,
             bins: clusters.runs().iter().map(run_bins).collect::<Result<_, GpuError>>()?,
         }))
     }
@@ -160,7 +149,7 @@ impl ClusterLight {
         of: &Range<u32>,
         triangles: bool,
         batch: &mut Batch<'a>,
-    ) -> Result<(), GpuError> {
+    ) -> Result<(), TransportError> {
         let Context { scene, outgoing, .. } = context;
         let push = GatherPush {
             begin: of.start,
@@ -168,9 +157,10 @@ impl ClusterLight {
             clusters: clusters.first(),
             triangles: u32::from(triangles),
         };
-        let buffers = [scene.facets.whole(), self.parts.whole(), outgoing.radiance.whole()];
+        let parts = scene.cluster_parts()?.whole();
+        let buffers = [scene.facets.whole(), parts, outgoing.radiance.whole()];
         let groups = [(of.len() as u32).div_ceil(WORKGROUP), 1, 1];
-        batch.dispatch(&self.gather, "radiance", &buffers, bytes_of(&push), groups)
+        Ok(batch.dispatch(&self.gather, "radiance", &buffers, bytes_of(&push), groups)?)
     }
 
     /// From the bins of triangles in a page, or of clusters in the same page as the result.
@@ -182,9 +172,10 @@ impl ClusterLight {
         from: Option<(BufferSlice<'a>, u32)>,
         to: (BufferSlice<'a>, u32),
         batch: &mut Batch<'a>,
-    ) -> Result<(), GpuError> {
+    ) -> Result<(), TransportError> {
         let (bins, from_page) = from.unwrap_or(to);
-        let buffers = [context.scene.facets.whole(), self.parts.whole(), bins, to.0];
+        let scene = &context.scene;
+        let buffers = [scene.facets.whole(), scene.cluster_parts()?.whole(), bins, to.0];
         for begin in of.clone().step_by(MOST_GROUPS) {
             let push = GatherBinsPush {
                 begin,
@@ -201,7 +192,7 @@ impl ClusterLight {
 }
 
 /// The clusters of triangles of a class, by the group of these.
-fn of_groups(
+pub(super) fn of_groups(
     plan: &Plan,
     clusters: &Clusters,
     lowest: Option<&Range<u32>>,

@@ -85,7 +85,7 @@ pub struct Exchange {
     near_matrix: Option<NearMatrix>,
     half_bins: Option<HalfBins>,
     /// Where clusters stand for far triangles.
-    clusters: Option<ClusterLight>,
+    pub(super) clusters: Option<ClusterLight>,
 }
 
 impl Exchange {
@@ -99,6 +99,7 @@ impl Exchange {
             },
             near: plan.near_field_matrix().is_none().then_some((&shaders::NEAR, 11)),
             single: shape.any_bins(),
+            by_source: false,
             constants: [&shape.constants(plan)[..], &[(10, u32::from(plan.half_bins()))]].concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()),

@@ -4,12 +4,15 @@ use super::Context;
 use super::adjoint::AdjointBuffers;
 use super::exchange::{NEAR_TAKE, PLAIN_NEAR_TAKE, Shape, sweep_of};
 use super::near_matrix::NearMatrix;
-use super::state::{State, page, page_of};
+use super::state::{State, StateBuffers, page, page_of};
 use super::sweep::{Between, Kernels, Sweep, of_partners};
+use super::sweep_receivers::FromSources;
 use super::watch::{PassMonitor, TransportError};
-use crate::gpu::{Bindings, Device, GpuError};
+use crate::gpu::{Bindings, Buffer, BufferSlice, Device, GpuError};
+use crate::model::Class;
 use crate::plan::{IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
+use std::ops::Range;
 
 pub struct ExchangeAdjoint {
     sweeps: Vec<(Shape, Sweep)>,
@@ -21,11 +24,13 @@ impl ExchangeAdjoint {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape| Kernels {
             far: match shape.any_bins() {
+                _ if plan.clusters().is_some() => (&shaders::CLUSTER_ADJOINT, Bindings::from(9)),
                 true => (&shaders::TRANSPORT_BINS_ADJOINT, Bindings { storage: 7, uniform: 2 }),
                 false => (&shaders::TRANSPORT_IRRADIANCE_ADJOINT, Bindings { storage: 3, uniform: 2 }),
             },
             near: plan.near_field_matrix().is_none().then_some((&shaders::NEAR_ADJOINT, 11)),
-            single: shape.any_bins(),
+            single: shape.any_bins() || plan.clusters().is_some(),
+            by_source: true,
             constants: shape.constants(plan),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.receiver_bins),
@@ -49,7 +54,7 @@ impl ExchangeAdjoint {
         let Context { plan, scene, outgoing, .. } = context;
         let (x, y) = (x.resident()?, y.resident()?);
         let lists = plan.interactions().by_source.as_ref().ok_or(TransportError::NotPlanned)?;
-        monitor.begin(Sweep::pairs(plan, false));
+        monitor.begin(Sweep::pairs_by_source(plan, false));
         let none = &scene.no_bins;
         adjoint.copy_receivers(context, x)?;
         let partners = of_partners(context, &adjoint.receivers);
@@ -76,6 +81,9 @@ impl ExchangeAdjoint {
                     scene.bin_table.whole(),
                 ];
                 sweep.near(context, between, &near, true, monitor)?;
+                if adjoint.clusters.is_some() {
+                    continue;
+                }
                 let far = [
                     facets,
                     adjoint.far_runs.whole(),
@@ -89,16 +97,103 @@ impl ExchangeAdjoint {
                 sweep.far(context, between, far, &partners, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, monitor)?;
             }
         }
-        let Some(matrix) = &mut self.near_matrix else { return Ok(()) };
-        let incident = |part| match part {
-            IncidentPart::Irradiance => Ok(x.irradiance.whole()),
-            IncidentPart::Bins { group } => Ok(page(&x.bins, group)?.whole()),
-        };
-        let sent = |part| match part {
-            OutgoingPart::Diffuse => Ok(outgoing.radiance.whole()),
-            OutgoingPart::Antiradiance { group } => Ok(page(&y.bins, group)?.whole()),
-            OutgoingPart::Specular { group } => Ok(page(&outgoing.specular, group)?.whole()),
-        };
-        matrix.run(&context.device, incident, sent, true, monitor)
+        if let Some(matrix) = &mut self.near_matrix {
+            let incident = |part| match part {
+                IncidentPart::Irradiance => Ok(x.irradiance.whole()),
+                IncidentPart::Bins { group } => Ok(page(&x.bins, group)?.whole()),
+            };
+            let sent = |part| match part {
+                OutgoingPart::Diffuse => Ok(outgoing.radiance.whole()),
+                OutgoingPart::Antiradiance { group } => Ok(page(&y.bins, group)?.whole()),
+                OutgoingPart::Specular { group } => Ok(page(&outgoing.specular, group)?.whole()),
+            };
+            matrix.run(&context.device, incident, sent, true, monitor)?;
+        }
+        if let Some(clusters) = &adjoint.clusters {
+            self.clusters(context, adjoint, x, monitor)?;
+            for (s, from) in plan.layout.groups.iter().enumerate() {
+                let page = Cotangents {
+                    class: from.class,
+                    sources: plan.layout.slots_of(&from.tiles),
+                    radiance: (outgoing.radiance.whole(), 0),
+                    back: page_of(&y.bins, s, from.class.has_bins(), none)?,
+                    front: page_of(&outgoing.specular, s, from.class.glossy, none)?,
+                };
+                self.received(context, adjoint, x, &page, monitor)?;
+            }
+            let back = |g: usize| page_of(&y.bins, g, true, none);
+            let front = |g: usize| page_of(&outgoing.specular, g, true, none);
+            clusters.to_triangles(context, back, front)?;
+        }
+        Ok(())
     }
+
+    /// The cotangents of the light of clusters, whole: with what comes through the clusters they are part of.
+    pub fn clusters(
+        &mut self,
+        context: &Context,
+        adjoint: &AdjointBuffers,
+        x: &StateBuffers,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Some(clusters) = &adjoint.clusters else { return Ok(()) };
+        let none = context.scene.no_bins.whole();
+        clusters.clear(&context.device)?;
+        for run in &clusters.runs {
+            let first = context.plan.layout.slots();
+            let page = Cotangents {
+                class: run.class,
+                sources: run.indices.clone(),
+                radiance: (clusters.radiance.whole(), first),
+                back: run.antiradiance.as_ref().map_or(none, Buffer::whole),
+                front: run.specular.as_ref().map_or(none, Buffer::whole),
+            };
+            self.received(context, adjoint, x, &page, monitor)?;
+        }
+        clusters.within(context)
+    }
+
+    /// Adds what the light of far sources matters to all receivers.
+    fn received(
+        &mut self,
+        context: &Context,
+        adjoint: &AdjointBuffers,
+        x: &StateBuffers,
+        to: &Cotangents,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { plan, scene, .. } = context;
+        for (t, receivers) in plan.layout.groups.iter().enumerate() {
+            let sweep = sweep_of(&mut self.sweeps, Shape::new(to.class, receivers.class))?;
+            let slots = plan.layout.slots_of(&receivers.tiles);
+            let far = [
+                scene.facets.whole(),
+                adjoint.far_runs.whole(),
+                to.radiance.0,
+                page_of(&x.bins, t, receivers.class.has_bins(), &scene.no_bins)?,
+                to.back,
+                to.front,
+                scene.bin_table.whole(),
+                adjoint.receivers.whole(),
+            ];
+            let of = FromSources {
+                sources: to.sources.clone(),
+                bins_page: to.sources.start,
+                radiance_page: to.radiance.1,
+                receivers_page: slots.start,
+                receivers: slots,
+            };
+            sweep.received(context, of, &far, monitor)?;
+        }
+        Ok(())
+    }
+}
+
+/// Where the cotangents of sources of one class go: of radiance, with the first index of its page, and of bins.
+struct Cotangents<'a> {
+    class: Class,
+    sources: Range<u32>,
+    radiance: (BufferSlice<'a>, u32),
+    back: BufferSlice<'a>,
+    front: BufferSlice<'a>,
 }

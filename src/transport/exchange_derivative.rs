@@ -3,9 +3,11 @@
 
 use super::Context;
 use super::adjoint::AdjointBuffers;
+use super::clusters::Sources;
 use super::exchange::{Shape, sweep_of};
-use super::state::{State, page_of};
+use super::state::{State, StateBuffers, page_of};
 use super::sweep::{Between, Kernels, Sweep, of_partners};
+use super::sweep_receivers::FromSources;
 use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, Buffer, Device, GpuError};
 use crate::plan::{Interactions, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
@@ -28,9 +30,14 @@ pub struct ExchangeDerivative {
 impl ExchangeDerivative {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape, target_is_source: bool| Kernels {
-            far: (&shaders::TRANSPORT_DERIVATIVE, Bindings { storage: 8, uniform: 2 }),
+            far: match (plan.clusters().is_some(), target_is_source) {
+                (false, _) => (&shaders::TRANSPORT_DERIVATIVE, Bindings { storage: 8, uniform: 2 }),
+                (true, true) => (&shaders::CLUSTER_DERIVATIVE_SOURCE, Bindings::from(9)),
+                (true, false) => (&shaders::CLUSTER_DERIVATIVE_RECEIVER, Bindings::from(8)),
+            },
             near: Some((&shaders::NEAR_DERIVATIVE, 11)),
             single: true,
+            by_source: target_is_source,
             constants: [&shape.constants(plan)[..], &[(TARGET_IS_SOURCE, u32::from(target_is_source))]]
                 .concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
@@ -58,7 +65,9 @@ impl ExchangeDerivative {
         let (x, cotangent) = (x.resident()?, cotangent.resident()?);
         let Interactions { by_receiver, by_source, .. } = plan.interactions();
         let by_source = by_source.as_ref().ok_or(TransportError::NotPlanned)?;
-        monitor.begin(2 * Sweep::pairs(plan, true));
+        // With clusters, their cotangents are computed once more.
+        let again = if adjoint.clusters.is_some() { Sweep::pairs_by_source(plan, true) } else { 0 };
+        monitor.begin(Sweep::pairs(plan, true) + Sweep::pairs_by_source(plan, true) + again);
         let none = &scene.no_bins;
         adjoint.copy_receivers(context, cotangent)?;
         for target_is_source in [true, false] {
@@ -91,6 +100,9 @@ impl ExchangeDerivative {
                     let near =
                         [&both[..], &[offsets.whole(), partners.whole(), scene.corners.whole()]].concat();
                     sweep.near(context, between, &near, true, monitor)?;
+                    if plan.clusters().is_some() {
+                        continue;
+                    }
                     let far = [&both[..], &[runs.whole()]].concat();
                     sweep.far(
                         context,
@@ -101,6 +113,52 @@ impl ExchangeDerivative {
                         monitor,
                     )?;
                 }
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds what far sources contribute where clusters stand for triangles; `sources` are all of them.
+    pub fn listed(
+        &mut self,
+        context: &Context,
+        adjoint: &AdjointBuffers,
+        sources: &[Sources],
+        cotangent: &StateBuffers,
+        gradients: &Buffer,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { plan, scene, outgoing, .. } = context;
+        for from in sources {
+            for (t, receivers) in plan.layout.groups.iter().enumerate() {
+                let shape = Shape::new(from.class, receivers.class);
+                let slots = plan.layout.slots_of(&receivers.tiles);
+                let buffers = |lists| {
+                    Ok::<_, TransportError>([
+                        scene.facets.whole(),
+                        lists,
+                        outgoing.radiance.whole(),
+                        gradients.whole(),
+                        from.antiradiance,
+                        from.specular,
+                        page_of(&cotangent.bins, t, receivers.class.has_bins(), &scene.no_bins)?,
+                        adjoint.receivers.whole(),
+                    ])
+                };
+                let of = FromSources {
+                    sources: from.indices.clone(),
+                    bins_page: from.indices.start,
+                    radiance_page: 0,
+                    receivers_page: slots.start,
+                    receivers: slots.clone(),
+                };
+                let sweep = sweep_of(&mut self.by_source, shape)?;
+                sweep.received(context, of, &buffers(adjoint.far_runs.whole())?, monitor)?;
+                let sweep = sweep_of(&mut self.by_receiver, shape)?;
+                let partners = (&from.indices, from.indices.start);
+                let passing = PAIR_FRONT | PAIR_NEAR | PAIR_BACK;
+                let buffers = buffers(scene.far_sources.whole())?;
+                sweep.listed(context, (&slots, slots.start), partners, &buffers, passing, monitor)?;
             }
         }
         Ok(())

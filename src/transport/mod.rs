@@ -5,6 +5,7 @@
 
 mod adjoint;
 mod clusters;
+mod clusters_adjoint;
 mod exchange;
 mod exchange_adjoint;
 mod exchange_derivative;
@@ -21,6 +22,7 @@ mod residency;
 mod scene_buffers;
 mod state;
 mod sweep;
+mod sweep_receivers;
 mod vectors;
 mod watch;
 
@@ -36,6 +38,7 @@ pub use adjoint::{AdjointKernels, AdjointOperator, LobeSums};
 pub use reflection::{GlossyPush, ReflectPush};
 pub use reflection_adjoint::{GlossyDerivativePush, ReflectAdjointPush};
 pub use sweep::{FarPush, ListPush, NearPush};
+pub use sweep_receivers::ReceiversPush;
 pub use vectors::DotPush;
 pub use watch::{PassCallback, TransportError};
 

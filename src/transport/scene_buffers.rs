@@ -3,8 +3,9 @@
 use super::lobes::Lobes;
 use super::real;
 use super::state::pages;
+use super::watch::TransportError;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
-use crate::model::Facet;
+use crate::model::{Clusters, Facet, Parts};
 use crate::plan::{PADDING, PairLists, Plan};
 use crate::scene::{Material, Scene};
 use bytemuck::Pod;
@@ -54,6 +55,8 @@ pub struct SceneBuffers {
     pub(super) lobes: Lobes,
     /// [`crate::plan::FarRuns`] by receiver; with clusters [`crate::model::SourceLists`].
     pub far_sources: Buffer,
+    /// What each cluster consists of, two words each (glsl/cluster_parts.glsl).
+    cluster_parts: Option<Buffer>,
     /// Offset of the close sources of each slot in `near_sources`, then the end of the last.
     pub near_offsets: Buffer,
     /// Slots of close sources, by receiver.
@@ -110,6 +113,10 @@ impl SceneBuffers {
                 None => filled(device, "far runs", far.words())?,
                 Some(clusters) => filled(device, "cluster sources", clusters.sources().words())?,
             },
+            cluster_parts: plan
+                .clusters()
+                .map(|clusters| filled(device, "cluster parts", &part_words(clusters)))
+                .transpose()?,
             near_offsets: filled(device, "near offsets", &near.offsets)?,
             near_sources: filled(device, "near sources", &near.partners)?,
             near_targets: Buffer::new(
@@ -120,6 +127,11 @@ impl SceneBuffers {
             )?,
             no_bins: reals("no bins", &[0.0])?,
         })
+    }
+
+    /// What each cluster consists of, where there are clusters.
+    pub(super) fn cluster_parts(&self) -> Result<&Buffer, TransportError> {
+        self.cluster_parts.as_ref().ok_or_else(|| TransportError::missing("clusters"))
     }
 
     /// Sets the radiance of lamps that glossy triangles reflect, initially zero, per group as by [`super::Operators::set_first_bounce`].
@@ -150,6 +162,14 @@ impl SceneBuffers {
         self.lobes.set(device, scene, plan)?;
         real::upload(device, &self.surfaces, plan.settings.precision, &surfaces)
     }
+}
+
+fn part_words(clusters: &Clusters) -> Vec<[u32; 2]> {
+    let words = |parts: &Parts| match parts {
+        Parts::Triangles(slots) => [slots.start, slots.end],
+        Parts::Clusters(both) => *both,
+    };
+    clusters.parts().iter().map(words).collect()
 }
 
 fn surfaces(scene: &Scene, plan: &Plan, emitted: &[[f64; 3]], unit: f64) -> Vec<f64> {

@@ -3,9 +3,10 @@
 
 use super::Context;
 use super::pace::{Bundle, MOST_GROUPS, Pace};
+use super::sweep_receivers::ReceiversPush;
 use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, Buffer, BufferSlice, Device, DeviceKind, GpuError, Pipeline, UNIFORM_BYTES};
-use crate::model::LIST;
+use crate::model::{LIST, SOURCES};
 use crate::plan::{Group, NearPairs, PAIR_BACK, PAIR_FRONT, PARTNER_BYTES, PairLists, Plan};
 use crate::shaders::RealShader;
 use bytemuck::{Pod, Zeroable, bytes_of};
@@ -111,6 +112,8 @@ pub struct Kernels<'a> {
     pub near: Option<(&'a RealShader, u32)>,
     /// Whether a lane of `far` owns one triangle, rather than one in each run of lanes of a tile.
     pub single: bool,
+    /// Whether `far` sums over lists of receivers, with groups of sources as targets.
+    pub by_source: bool,
     /// Specialization of both, beyond lanes and tiles.
     pub constants: Vec<(u32, u32)>,
     /// Close partners per target and dispatch, bounded for the same reason as [`Plan::partner_slots`].
@@ -125,18 +128,18 @@ pub struct Kernels<'a> {
 
 /// Kernels over pairs of triangles of certain classes. A lane owns a triangle and walks over partners.
 pub struct Sweep {
-    far: Pipeline,
-    /// Workgroups of `far` per tile or list of targets.
-    workgroups: u32,
+    pub(super) far: Pipeline,
+    /// Workgroups of `far` per tile, list or group of targets.
+    pub(super) workgroups: u32,
     near: Option<Pipeline>,
     /// Lanes of a workgroup of `near`.
     lanes: u32,
     take: u32,
-    far_pace: Pace,
+    pub(super) far_pace: Pace,
     near_pace: Pace,
     /// Bytes read from buffers by a point-to-point pair and by a close pair.
-    bytes: [f64; 2],
-    shape: String,
+    pub(super) bytes: [f64; 2],
+    pub(super) shape: String,
 }
 
 /// A buffer of values per slot, of which a dispatch binds those of its partners. It extends [`Plan::partner_slots`]
@@ -185,24 +188,31 @@ impl Sweep {
         let precision = plan.settings.precision;
         let info = device.info();
         let listed = plan.clusters().is_some();
-        let targets = if listed { LIST } else { plan.options.tile };
+        let targets = match listed {
+            false => plan.options.tile,
+            true if kernels.by_source => SOURCES,
+            true => LIST,
+        };
         let lanes = info.subgroup_size.min(targets);
         // Lanes share what they fetch of a list, with a barrier of the subgroup, which must be the workgroup, or all of it a
         // part of one. Other kernels work at any size.
         let required = (listed && lanes >= info.subgroup_size_range.0).then_some(lanes);
-        let Kernels { far, near, single, constants, take, gathers, deposits, shape } = kernels;
+        let Kernels { far, near, single, by_source, constants, take, gathers, deposits, shape } = kernels;
         let real = precision.bytes() as f64;
         let gathered = gathers as f64 * 4.0 * f64::from(plan.channels) * real;
         // A source is read once for all triangles of a subgroup.
         let per_target = f64::from(if single { lanes } else { targets });
         let shared = u32::from(shares_deposits(device, plan, lanes, deposits));
-        let of_far = [
-            &[(0, lanes), (if listed { 12 } else { 1 }, targets), (11, shared), (13, lanes)][..],
-            &constants,
-        ]
-        .concat();
+        let own = if listed { LIST } else { targets };
+        let of_far =
+            [&[(0, lanes), (if listed { 12 } else { 1 }, own), (11, shared), (13, lanes)][..], &constants]
+                .concat();
         let of_near = [&[(0, lanes), (11, shared), (13, lanes)][..], &constants].concat();
-        let far_push = if listed { size_of::<ListPush>() } else { size_of::<FarPush>() } as u32;
+        let far_push = match listed {
+            false => size_of::<FarPush>(),
+            true if by_source => size_of::<ReceiversPush>(),
+            true => size_of::<ListPush>(),
+        } as u32;
         let near_push = size_of::<NearPush>() as u32;
         Ok(Self {
             far: Pipeline::new(device, far.0.of(precision), far.1, far_push, &of_far, required)?,

@@ -75,3 +75,17 @@ pub fn mean(values: &[[f64; 3]], areas: &[f64], of: impl Fn(usize) -> bool) -> f
     let picked = || (0..values.len()).filter(|&i| of(i));
     picked().map(|i| areas[i] * values[i][0]).sum::<f64>() / picked().map(|i| areas[i]).sum::<f64>()
 }
+
+/// Every triangle for itself, and smaller: where corners touch the plane of a neighbour, rounding decides what is in its horizon.
+pub fn apart(scene: &Scene) -> Scene {
+    let mut apart = scene.clone();
+    apart.vertices.clear();
+    for i in 0..scene.triangles.len() {
+        let corners = scene.corners(i);
+        let centre = corners.iter().sum::<glam::DVec3>() / 3.0;
+        let first = apart.vertices.len() as u32;
+        apart.vertices.extend(corners.map(|corner| centre.lerp(corner, 0.9)));
+        apart.triangles[i].vertices = [first, first + 1, first + 2];
+    }
+    apart
+}

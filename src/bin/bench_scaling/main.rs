@@ -1,5 +1,6 @@
 //! Memory and time of one light bounce over the number of triangles.
 
+mod error;
 mod measure;
 mod table;
 
@@ -29,6 +30,12 @@ struct Arguments {
     /// How light from far triangles is summed up: exact, or hierarchical:ERROR, with clusters
     #[arg(long, value_name = "TRANSPORT", default_value = "exact")]
     transport: Transport,
+    /// A scene file, cut until it has as many triangles, in place of the statue
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Compare with the exact sum at some receivers, in f64
+    #[arg(long)]
+    error: bool,
     /// Bounces per size; the fastest counts
     #[arg(long, value_name = "NUMBER", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     repeats: u32,
@@ -59,6 +66,7 @@ struct Arguments {
 const EXAMPLES: &str = "Examples:
   bench_scaling
   bench_scaling --triangles 10000,20000 --repeats 3 --output out/small
+  bench_scaling --transport hierarchical:0.003 --error --scene scenes/cornell_boxes.toml
   bench_scaling --resume";
 
 fn main() -> ExitCode {
@@ -106,7 +114,7 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn 
         let progress = |share: f64| bar.set_position(((done + share * cost(size)) / total * 1000.0) as u64);
         match measure::in_child(arguments, size, interrupt, &progress)? {
             Size::Measured(row) => {
-                rows.push(row);
+                rows.push(*row);
                 rows.sort_by_key(|row| row.size);
                 table::write(&arguments.output, &rows)?;
             }

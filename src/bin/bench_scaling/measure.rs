@@ -1,17 +1,21 @@
 //! One size: a scene, a plan, one bounce.
 
 use crate::Arguments;
+use crate::error;
 use crate::table::Row;
 use antirad::cli::Interrupt;
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Occlusion, Plan, PlanOptions};
-use antirad::scene::{Material, Scene, SceneError, Shape, SolveSettings, SolverChoice, Triangle};
+use antirad::scene::{
+    LoadOptions, Material, Scene, SceneError, Shape, SolveSettings, SolverChoice, Triangle,
+};
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers, TransportError};
 use glam::DVec3;
 use std::error::Error;
 use std::io::{BufRead, BufReader, Read};
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::{Duration, Instant};
@@ -28,7 +32,7 @@ pub enum Outcome {
 }
 
 pub enum Size {
-    Measured(Row),
+    Measured(Box<Row>),
     Failed(String),
     Interrupted,
 }
@@ -37,7 +41,7 @@ pub enum Size {
 #[derive(serde::Serialize, serde::Deserialize)]
 enum Message {
     Progress(f64),
-    Row(Row),
+    Row(Box<Row>),
 }
 
 /// A statue on a floor under a lamp; the statue gets all triangles that floor and lamp leave.
@@ -67,20 +71,35 @@ fn statue(triangles: u32) -> Result<Scene, SceneError> {
     Scene::new("statue", vertices, list, vec![grey("floor", 0.4), grey("marble", 0.7), lamp])
 }
 
+/// A scene of a file, each triangle cut into four until there are as many.
+fn refined(file: &Path, triangles: u32) -> Result<Scene, SceneError> {
+    let mut scene = Scene::load(file, &LoadOptions::default())?;
+    while scene.triangles.len() < triangles as usize {
+        scene.split_all(1);
+    }
+    Ok(scene)
+}
+
 /// Measures the one size of the command line and prints messages.
 pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn Error>> {
     let size = arguments.triangles[0];
     let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.memory_budget))?;
-    let scene = statue(size)?;
+    let scene = match &arguments.scene {
+        None => statue(size)?,
+        Some(file) => refined(file, size)?,
+    };
     let settings = SolveSettings::default().bins(arguments.bins).solver(SolverChoice::FixedPoint);
     let settings = settings.transport(arguments.transport);
+    // Of the statue all triangles block, so that its cost does not depend on its shape.
+    let occlusion = if arguments.scene.is_none() { Occlusion::Everything } else { Occlusion::Exact };
     // The least memory, and the kernels of close pairs.
-    let options = PlanOptions::of(&device).occlusion(Occlusion::Everything).keep_near_field(false);
+    let options = PlanOptions::of(&device).occlusion(occlusion).keep_near_field(false);
     let start = Instant::now();
     let plan = Plan::new(&scene, &options, &settings)?;
     let seconds_plan = start.elapsed().as_secs_f64();
     let report = plan.report();
     let staging = plan.staging();
+    let planned_scene = arguments.error.then(|| plan.clone());
 
     let resident_before = resident("VmRSS:");
     let own = device.scope(staging);
@@ -131,8 +150,13 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
             eprintln!("{size}: {row}");
         }
     }
+    drop((x, y));
+    let error = match planned_scene {
+        None => None,
+        Some(plan) => Some(error::of_second_bounce(&mut operators, &scene, &plan)?),
+    };
     let pairs = report.pairs;
-    print(&Message::Row(Row {
+    print(&Message::Row(Box::new(Row {
         size,
         triangles: report.triangles,
         bins: arguments.bins.to_string(),
@@ -149,12 +173,15 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
         pairs: pairs.total,
         pairs_culled: pairs.culled,
         pairs_sub_sampled: pairs.sub_sampled,
+        interactions: pairs.irradiance,
+        interactions_bins: pairs.bins,
+        error,
         seconds_plan,
         seconds_gpu: gpu,
         seconds_wall: wall,
         pairs_per_second: pairs.total as f64 / wall,
         bytes_per_triangle: (memory.in_use - staging) as f64 / report.triangles as f64,
-    }))?;
+    })))?;
     Ok(Outcome::Done)
 }
 
@@ -188,6 +215,12 @@ pub fn in_child(
     }
     if let Some(device) = &arguments.device {
         command.args(["--device", device]);
+    }
+    if let Some(scene) = &arguments.scene {
+        command.arg("--scene").arg(scene);
+    }
+    if arguments.error {
+        command.arg("--error");
     }
     if arguments.verbose > 0 {
         command.arg("-v");

@@ -36,6 +36,14 @@ pub struct Row {
     pub pairs: u64,
     pub pairs_culled: u64,
     pub pairs_sub_sampled: u64,
+    /// Receiver and source, triangle or cluster, that are evaluated: without bins, and with bins at either end.
+    #[serde(default)]
+    pub interactions: u64,
+    #[serde(default)]
+    pub interactions_bins: u64,
+    /// Relative error of the irradiance of a bounce against the exact sum, if asked for.
+    #[serde(default)]
+    pub error: Option<f64>,
     /// Time of planning, interaction lists included.
     pub seconds_plan: f64,
     pub seconds_gpu: f64,
@@ -116,7 +124,7 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
 
 pub fn print(rows: &[Row]) {
     println!(
-        "{:>9} {:>7} {:>12} {:>10} {:>12} {:>14} {:>8} {:>10} {:>10} {:>12}",
+        "{:>9} {:>7} {:>12} {:>10} {:>12} {:>14} {:>8} {:>8} {:>8} {:>8} {:>8} {:>10} {:>10} {:>12}",
         "triangles",
         "bins",
         "allocated",
@@ -124,13 +132,17 @@ pub fn print(rows: &[Row]) {
         "resident",
         "pairs",
         "culled",
+        "plain/t",
+        "bins/t",
+        "error",
+        "plan s",
         "GPU s",
         "wall s",
         "pairs/s"
     );
     for row in rows {
         println!(
-            "{:>9} {:>7} {:>12} {:>10.0} {:>12} {:>14} {:>6.1} % {:>10.2} {:>10.2} {:>12.3e}",
+            "{:>9} {:>7} {:>12} {:>10.0} {:>12} {:>14} {:>6.1} % {:>8.0} {:>8.0} {:>8} {:>8.2} {:>10.2} {:>10.2} {:>12.3e}",
             row.triangles,
             row.bins,
             row.bytes_allocated,
@@ -138,6 +150,10 @@ pub fn print(rows: &[Row]) {
             row.resident_growth,
             row.pairs,
             100.0 * row.pairs_culled as f64 / row.pairs as f64,
+            row.interactions as f64 / row.triangles as f64,
+            row.interactions_bins as f64 / row.triangles as f64,
+            row.error.map_or_else(|| "-".to_owned(), |error| format!("{:.3} %", 100.0 * error)),
+            row.seconds_plan,
             row.seconds_gpu,
             row.seconds_wall,
             row.pairs_per_second

@@ -6,9 +6,14 @@
 //! then holds from cluster to triangle.
 
 mod acceptance;
+mod gradient;
+mod mean_cosine;
 mod moments;
+mod receivers;
 mod sources;
 
+pub use mean_cosine::{spread_over, spread_over_gradient};
+pub use receivers::{ReceiverLists, SOURCES};
 pub use sources::{ENTRY_BITS, SourceLists};
 
 use super::class::Class;
@@ -84,17 +89,23 @@ pub struct Clusters {
     parts: Vec<Parts>,
     runs: Vec<ClusterRun>,
     sources: SourceLists,
+    receivers: Option<ReceiverLists>,
 }
 
 impl Clusters {
-    /// Builds the tree and the lists. `None` if there are too many sources to count.
-    pub fn new(input: &ClusterInput) -> Option<Self> {
+    /// Builds the tree and the lists, with `by_source` also those of receivers. `None` if there are too many sources to count.
+    pub fn new(input: &ClusterInput, by_source: bool) -> Option<Self> {
         let &ClusterInput { facets, order, leaf, tolerance, .. } = input;
         let cuts = Cuts::new(input);
         let tree = Hierarchy::cut_by(facets, order, leaf as usize, tolerance, |leaves| cuts.cut(leaves));
         let Numbered { index, parts, runs } = Numbered::new(input, &tree, &cuts.classes);
         let sources = Acceptance::new(input, &tree, &index).lists()?;
-        Some(Self { order: order.to_vec(), parts, runs, sources })
+        let mut receivers = None;
+        if by_source {
+            let all = std::iter::once(0..order.len() as u32).chain(runs.iter().map(ClusterRun::range));
+            receivers = Some(ReceiverLists::new(&sources, all)?);
+        }
+        Some(Self { order: order.to_vec(), parts, runs, sources, receivers })
     }
 
     /// Number of clusters.
@@ -122,6 +133,11 @@ impl Clusters {
         &self.sources
     }
 
+    /// The receivers of each group of sources, if asked for.
+    pub fn receivers(&self) -> Option<&ReceiverLists> {
+        self.receivers.as_ref()
+    }
+
     /// Triangle of each slot, or [`PADDING`].
     pub fn order(&self) -> &[u32] {
         &self.order
@@ -129,6 +145,10 @@ impl Clusters {
 
     /// The mean triangle of each cluster. Its corners are its centroid.
     pub fn facets(&self, facets: &[Facet]) -> Vec<Facet> {
+        self.moments(facets).iter().map(Moments::facet).collect()
+    }
+
+    fn moments(&self, facets: &[Facet]) -> Vec<Moments> {
         let mut moments: Vec<Moments> = Vec::with_capacity(self.parts.len());
         // Parts have lower numbers than what they make up.
         for parts in &self.parts {
@@ -139,7 +159,7 @@ impl Clusters {
             };
             moments.push(sum);
         }
-        moments.iter().map(Moments::facet).collect()
+        moments
     }
 
     /// The triangles in a range of slots.
@@ -147,18 +167,6 @@ impl Clusters {
         let slots = &self.order[slots.start as usize..slots.end as usize];
         slots.iter().filter(|&&i| i != PADDING).map(|&i| i as usize)
     }
-}
-
-/// The mean of max(cos_j, 0) cos_i / r² over the triangles of a cluster, spread evenly in its plane around its centroid, to
-/// second order, as another cos_j, in place of max(cos_j, 0): of the cosines `to` and `from` at the receiver and the cluster,
-/// and `tilt` between the normals of the two sides that face each other. `angle2`: variance of the triangles over r². Where
-/// they lie on both sides of the receiver's horizon, their heights count as uniformly distributed.
-pub fn spread_over(to: f64, from: f64, tilt: f64, angle2: f64) -> f64 {
-    let width = (1.5 * angle2 * (1.0 - tilt * tilt)).max(0.0).sqrt();
-    let above =
-        if width > 0.0 { (0.5 + 0.5 * to / width).clamp(0.0, 1.0) } else { f64::from(u8::from(to > 0.0)) };
-    let mean = if to > width { to } else { above * above * width };
-    (mean + above * 2.0 * angle2 * (mean - tilt * from - 3.0 * mean * from * from)).max(0.0)
 }
 
 /// The weight of a part's radiance in that of its cluster: a ⟨n_i, n⟩ / ā.

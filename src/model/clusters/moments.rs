@@ -3,6 +3,7 @@
 use super::ClusterInput;
 use crate::model::class::Class;
 use crate::model::facet::{Facet, orthonormal_basis};
+use crate::model::facet_gradient::FacetGradient;
 use crate::model::order::PADDING;
 use glam::{DMat3, DVec3};
 use std::iter::Sum;
@@ -79,6 +80,42 @@ impl Moments {
     /// The length of the vector area: that of the cluster seen along its normal.
     pub fn vector_area(&self) -> f64 {
         self.normal.length()
+    }
+}
+
+/// Sums as derivatives: each field holds the derivative by that field.
+impl Moments {
+    /// The derivative by the sums of a cluster, from that by its mean triangle ([`Self::facet`]): with c = Σ a x / Σ a,
+    /// ā = Σ a² / Σ a, σ² = Σ a |x|² / Σ a - |c|² and n along Σ a n_i.
+    pub fn pull(&self, mean: &FacetGradient) -> Self {
+        let own = self.facet();
+        let by_centre: DVec3 = mean.corners.iter().sum();
+        let by_centre = by_centre - 2.0 * mean.characteristic_area * own.centroid;
+        let by_area = by_centre.dot(own.centroid)
+            + mean.area * own.area
+            + mean.characteristic_area * self.distance / self.area;
+        let length = self.normal.length();
+        let across = mean.normal - own.normal * own.normal.dot(mean.normal);
+        Self {
+            area: -by_area / self.area,
+            squares: mean.area / self.area,
+            centre: by_centre / self.area,
+            distance: mean.characteristic_area / self.area,
+            normal: if length > 0.0 { across / length } else { DVec3::ZERO },
+            ..Self::default()
+        }
+    }
+
+    /// From the derivative by sums to that by one triangle of the cluster.
+    pub fn pull_triangle(&self, facet: &Facet, gradient: &mut FacetGradient) {
+        let &Facet { centroid, normal, area, .. } = facet;
+        gradient.area += self.area
+            + 2.0 * area * self.squares
+            + self.centre.dot(centroid)
+            + self.distance * centroid.length_squared()
+            + self.normal.dot(normal);
+        gradient.add_centroid(area * (self.centre + 2.0 * self.distance * centroid));
+        gradient.normal += area * self.normal;
     }
 }
 

@@ -62,7 +62,7 @@ impl Interactions {
         facets: &[Facet],
         classes: &[Class],
         half_range: f64,
-        cull: bool,
+        (cull, by_source): (bool, bool),
         (leaf, error): (u32, f64),
         (brightness, backs, bin): (&[f64], f64, f64),
     ) -> Result<Self, PlanError> {
@@ -81,10 +81,11 @@ impl Interactions {
             cull,
         };
         let many = PlanError::TooManyPairs { what: "sources in lists", count: u64::from(u32::MAX) };
-        let clusters = Clusters::new(&input).ok_or(many)?;
+        let clusters = Clusters::new(&input, by_source).ok_or(many)?;
         let near = NearPairs::of_sources(layout, &clusters, facets, classes, half_range, tolerance)?;
+        let by_source = by_source.then(|| PairLists { far: FarRuns::default(), near: near.transposed() });
         let by_receiver = PairLists { far: FarRuns::default(), near };
-        Ok(Self { by_receiver, by_source: None, clusters: Some(clusters) })
+        Ok(Self { by_receiver, by_source, clusters: Some(clusters) })
     }
 }
 

@@ -5,6 +5,7 @@
 //! Where a derivative does not exist (edges of bins with bilinear weights, the pole, a triangle in the horizon of another) or a
 //! pair exchanges no light, it is zero or one-sided, and always finite.
 
+mod clusters;
 mod far_weight;
 mod material;
 mod observation;
@@ -14,6 +15,7 @@ mod reading;
 mod taps;
 mod transport;
 
+pub use clusters::transport_through_clusters_derivative;
 pub use material::{MaterialGradient, reflect_derivative};
 pub use observation::observe_derivative;
 pub use transport::transport_derivative;

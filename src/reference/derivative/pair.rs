@@ -19,7 +19,7 @@ pub struct PairGradient {
 
 impl PairGradient {
     /// Adds a gradient with respect to the vector from the source's centroid to the receiver's.
-    fn add_between(&mut self, gradient: DVec3) {
+    pub fn add_between(&mut self, gradient: DVec3) {
         self.source.add_centroid(-gradient);
         self.receiver.add_centroid(gradient);
     }

@@ -23,16 +23,19 @@ impl Reading {
     /// The directional part of the radiance of source `i` in `direction`, that of travel, from its front or its back.
     pub fn of_source(model: &Model, outgoing: &Outgoing, i: usize, direction: DVec3, front: bool) -> Self {
         let class = model.classes[i];
-        let normal = model.facets[i].normal;
-        match model.bins_of(i) {
-            Some(range) if front && class.glossy => {
-                Self::new(model, normal, direction, 1.0, |b| outgoing.specular[range.start + b])
-            }
+        let (kept, bins) =
+            if front { (class.glossy, &outgoing.specular) } else { (class.blocker, &outgoing.antiradiance) };
+        let bins = model.bins_of(i).filter(|_| kept).map_or(&[][..], |range| &bins[range]);
+        Self::of_bins(model, model.facets[i].normal, bins, direction, front)
+    }
+
+    /// The same from the bins of that side, specular radiance or antiradiance; of none if there are none.
+    pub fn of_bins(model: &Model, normal: DVec3, bins: &[DVec3], direction: DVec3, front: bool) -> Self {
+        match front {
+            _ if bins.is_empty() => Self::none(),
+            true => Self::new(model, normal, direction, 1.0, |b| bins[b]),
             // Antiradiance stems from light incident on the front from the opposite direction.
-            Some(range) if !front && class.blocker => {
-                Self::new(model, normal, direction, -1.0, |b| -outgoing.antiradiance[range.start + b])
-            }
-            _ => Self::none(),
+            false => Self::new(model, normal, direction, -1.0, |b| -bins[b]),
         }
     }
 

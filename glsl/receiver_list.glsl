@@ -1,0 +1,94 @@
+#ifndef RECEIVER_LIST_GLSL
+#define RECEIVER_LIST_GLSL
+// Push constants of the kernels whose lanes own sources, clusters or triangles, and the walk along their receivers. SOURCES
+// neighbouring sources have one list of lists: groups of LIST receivers, with what may pass from each of the sources. A
+// workgroup is one subgroup. Each lane fetches one receiver into workgroup memory, from where all read it: CPU drivers read
+// memory lane by lane. Expects LANES; `facets`; `receiver_lists`: the index of the first word of each group, then the end of
+// the last; then all entries, two words each, ascending in each group: the list, and 3 bits of each source; `targets`, the
+// groups of a dispatch; and `cotangents`, those of irradiance.
+
+#include "passing.glsl"
+
+// Receivers of a list, and sources of a group.
+layout(constant_id = 12) const uint LIST = 32;
+layout(constant_id = 14) const uint SOURCES = 8;
+
+layout(push_constant) uniform ReceiversPush {
+    // First of `targets`; the workgroup's index counts from it.
+    uint target_begin;
+    // Indices of the sources in range, from `source_begin` to before `source_end`, and the group of the first.
+    uint source_begin;
+    uint source_end;
+    uint group_begin;
+    // Lists, from `list_begin` to before `list_end`; others are skipped.
+    uint list_begin;
+    uint list_end;
+    // Half of the near field's range in units of the characteristic areas: half_range · (s_i + s_j), area.
+    float half_range;
+    // First indices of the pages that are bound: bins of sources, radiance of sources, bins of receivers.
+    uint target_page;
+    uint radiance_page;
+    uint partner_page;
+    // Of the entries in range, `take` after the first `skip`.
+    uint skip;
+    uint take;
+    // 1 if the sources are clusters.
+    uint clusters;
+};
+
+shared Facet fetched_facets[LANES];
+shared real4 fetched_cotangents[LANES];
+
+// The group of this workgroup, and the source of this lane: `source_end` or more if it is idle.
+uint own_group() {
+    return targets[target_begin + gl_WorkGroupID.x];
+}
+
+uint own_source(uint group) {
+    return source_begin + (group - group_begin) * SOURCES + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
+}
+
+// First word in a part of a group whose list is at least `list`, by bisection.
+uint first_at_least(uint list, uint begin, uint end) {
+    while (begin < end) {
+        uint middle = begin + (end - begin) / 4 * 2;
+        bool below = receiver_lists[middle] < list;
+        begin = below ? middle + 2 : begin;
+        end = below ? end : middle;
+    }
+    return begin;
+}
+
+// The words of a group in this dispatch.
+uvec2 part_of_group(uint group) {
+    uint end = receiver_lists[group + 1];
+    uint begin = first_at_least(list_begin, receiver_lists[group], end);
+    end = first_at_least(list_end, begin, end);
+    begin = min(begin + 2 * skip, end);
+    return uvec2(begin, min(begin + 2 * take, end));
+}
+
+// What may pass from the source of this lane to the list at a word.
+uint own_bits(uint at, bool active_lane) {
+    uint bits = receiver_lists[at + 1] >> (3 * (gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x));
+    return active_lane ? bits & (PAIR_FRONT | PAIR_BACK | PAIR_NEAR) : 0;
+}
+
+// Fetches LANES receivers from slot `first` on.
+void fetch(uint first) {
+    uint lane = gl_LocalInvocationID.x;
+    Facet facet = facets[first + lane];
+    real4 cotangent = cotangents[first + lane];
+    // Nobody reads the ones before any more.
+    subgroupBarrier();
+    fetched_facets[lane] = facet;
+    fetched_cotangents[lane] = cotangent;
+    subgroupBarrier();
+}
+
+// Variance of the triangles of a source: clusters have it in place of the characteristic area, as they are never close.
+real spread_of(Facet source) {
+    return clusters != 0 ? source.characteristic_area : real(0.0);
+}
+
+#endif

@@ -1,0 +1,80 @@
+//! Uᵀ where clusters stand for far triangles. Twin of glsl/cluster_adjoint.comp and glsl/scatter*.comp.
+
+use super::adjoint::{SourceCotangent, outgoing_cotangent};
+use super::clusters::{Source, add_scaled, cluster_beam, listed, slots, visit_listed};
+use super::transport::near_beams;
+use super::{Model, Outgoing, State};
+use crate::model::{Clusters, Parts, share};
+use rayon::prelude::*;
+
+/// The transpose of [`super::transport_through_clusters`]: from the adjoint λ of the incident light (`importance`) to the
+/// cotangent of the outgoing light.
+pub fn transport_through_clusters_adjoint(
+    model: &Model,
+    clusters: &Clusters,
+    importance: &State,
+) -> Outgoing {
+    let mut cotangents = Cotangents::new(model, clusters, importance);
+    cotangents.triangles.par_iter_mut().enumerate().for_each(|(i, cotangent)| {
+        for j in 0..model.facets.len() {
+            near_beams(model, i, j, |beam| cotangent.receive(model, importance, j, beam));
+        }
+    });
+    outgoing_cotangent(model, cotangents.triangles)
+}
+
+/// The cotangents of what triangles and clusters send to far receivers.
+pub(super) struct Cotangents {
+    pub triangles: Vec<SourceCotangent>,
+    pub clusters: Vec<SourceCotangent>,
+}
+
+impl Cotangents {
+    /// That of a cluster contains what reaches it from the clusters that it is part of, and passes on to its own parts.
+    pub fn new(model: &Model, clusters: &Clusters, importance: &State) -> Self {
+        let facets = clusters.facets(&model.facets);
+        let classes = clusters.runs().iter().flat_map(|run| run.range().map(|_| run.class));
+        let of_cluster = |(facet, class)| SourceCotangent::new(model, facet, class);
+        let mut all = Self {
+            triangles: (0..model.facets.len()).map(|i| SourceCotangent::of_triangle(model, i)).collect(),
+            clusters: facets.iter().copied().zip(classes).map(of_cluster).collect(),
+        };
+        for (j, slot) in slots(model, clusters).into_iter().enumerate() {
+            for (source, passing) in listed(clusters, slot) {
+                match source {
+                    Source::Triangle(i) => visit_listed(model, i, j, passing, |beam| {
+                        all.triangles[i].receive(model, importance, j, beam);
+                    }),
+                    Source::Cluster(c) => {
+                        if let Some(beam) = cluster_beam(model, &facets[c], j, passing) {
+                            all.clusters[c].receive(model, importance, j, beam);
+                        }
+                    }
+                }
+            }
+        }
+        // Parts have lower numbers than what they make up.
+        for (c, parts) in clusters.parts().iter().enumerate().rev() {
+            let (below, above) = all.clusters.split_at_mut(c);
+            let own = &above[0];
+            match parts {
+                Parts::Triangles(slots) => clusters.triangles(slots).for_each(|i| {
+                    all.triangles[i].add(share(&model.facets[i], &facets[c]), own);
+                }),
+                Parts::Clusters(both) => both.iter().for_each(|index| {
+                    let part = (index - clusters.first()) as usize;
+                    below[part].add(share(&facets[part], &facets[c]), own);
+                }),
+            }
+        }
+        all
+    }
+}
+
+impl SourceCotangent {
+    fn add(&mut self, factor: f64, other: &Self) {
+        self.diffuse += factor * other.diffuse;
+        add_scaled(&mut self.specular, factor, &other.specular);
+        add_scaled(&mut self.antiradiance, factor, &other.antiradiance);
+    }
+}
