@@ -138,16 +138,18 @@ fn the_interface_is_that_of_the_shader_not_of_the_optimiser() {
     }
     let others = compiled(&["-Os"]);
     let mut different = 0;
-    let mut interfaces = BTreeSet::new();
+    let mut interfaces: BTreeMap<Interface, Vec<&str>> = BTreeMap::new();
     for (Module { name, .. }, other) in &others {
         let shipped = here().shipped(name).expect("a shipped module");
         different += usize::from(shipped != *other);
         let interface = Interface::of(other);
         assert_eq!(Interface::of(&shipped).against(&interface), [""; 0], "{name}");
-        interfaces.insert(interface);
+        interfaces.entry(interface).or_default().push(name);
     }
     assert!(different > 0, "the other optimiser made no difference");
-    assert_eq!(interfaces.len(), others.len(), "no two shaders look alike");
+    // No two shaders look alike, but for sums over the parts of clusters and their transposes.
+    let alike: Vec<_> = interfaces.into_values().filter(|names| names.len() > 1).collect();
+    assert_eq!(alike, [["gather_bins", "scatter_bins"], ["gather_bins_f64", "scatter_bins_f64"]]);
 
     // Changes that must be detected.
     let mut moved = Interface::of(shaders::COMBINE.of(Precision::F32).spirv());
