@@ -152,7 +152,11 @@ class Camera:
 class Scene:
     @staticmethod
     def load(
-        path: _Path, *, strict: bool = False, orient: Literal["auto", "keep"] = "auto", two_sided: bool = False
+        path: _Path,
+        *,
+        strict: bool = False,
+        orient: Literal["auto", "keep"] = "auto",
+        two_sided: bool = False,
     ) -> Scene: ...
     @staticmethod
     def from_arrays(
