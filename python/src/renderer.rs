@@ -162,7 +162,7 @@ impl Renderer {
                 watch()
             });
             EngineRenderer::new(&device, planning, seen_by, supersample, gradients, watch)
-                .map(|renderer| renderer.shading(shading))
+                .map(|renderer| renderer.shading(shading).independent())
         })?
         .or_raise()?;
         let state = State { renderer, watch, latest: None };

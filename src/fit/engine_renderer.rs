@@ -32,6 +32,8 @@ pub struct EngineRenderer {
     shading: Shading,
     request: GradientRequest,
     watch: Watch,
+    /// Whether every solve starts from darkness.
+    independent: bool,
     passes: u64,
     /// For the vertex positions of [`Self::planning`].
     engine: Option<Engine>,
@@ -76,6 +78,7 @@ impl EngineRenderer {
             shading: Shading::default(),
             request,
             watch,
+            independent: false,
             passes: 0,
             engine: None,
             coverage: Vec::new(),
@@ -86,6 +89,12 @@ impl EngineRenderer {
     /// The same with another shading: gathered unless stated; smooth pictures have no derivatives and count as those of faces.
     pub fn shading(self, shading: Shading) -> Self {
         Self { shading, ..self }
+    }
+
+    /// Solves every scene from darkness, so that pictures are functions of the scene alone. Otherwise solves start from the light of the
+    /// pictures before, which saves passes, and pictures depend on those within the tolerance.
+    pub fn independent(self) -> Self {
+        Self { independent: true, ..self }
     }
 
     fn plan(&self, scene: &Scene) -> Result<Plan, RenderError> {
@@ -169,7 +178,8 @@ impl EngineRenderer {
             return Err(RenderError::Interrupted);
         }
         let mut engine = self.prepare(scene)?;
-        let start = self.latest.as_ref().filter(|latest| !latest.difference && !difference);
+        let start = self.latest.as_ref();
+        let start = start.filter(|latest| !(self.independent || difference || latest.difference));
         let (watch, passes) = (self.watch.clone(), &mut self.passes);
         let solved = engine.solve_from(start.map(|latest| &latest.solution), &params, &mut |_, _| {
             *passes += 1;
