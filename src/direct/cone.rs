@@ -75,12 +75,21 @@ fn angle_times_normal(a: DVec3, b: DVec3) -> DVec3 {
     cross * (sine.atan2(a.dot(b)) / sine)
 }
 
+/// The arc of a side, from `a` to `b`: orthonormal directions at its start and a quarter of a circle on, and its angle. `None` for a side
+/// without length, whose second direction would be rounding.
+pub fn arc([a, b]: [DVec3; 2]) -> Option<(DVec3, DVec3, f64)> {
+    let cross = a.cross(b);
+    let sine = cross.length();
+    if sine <= IN_PLANE * (a.length_squared() + b.length_squared()) {
+        return None;
+    }
+    let e1 = a.normalize();
+    Some((e1, (cross / sine).cross(e1), sine.atan2(a.dot(b))))
+}
+
 /// ∫ ω ⟨ω, v⟩ ds along the arc of a side, from `a` to `b`.
-pub fn arc_moment([a, b]: [DVec3; 2], v: DVec3) -> DVec3 {
-    let e1 = a.normalize_or_zero();
-    let e2 = b.reject_from(e1).normalize_or_zero();
-    let (sine, cosine) = (b.dot(e2), b.dot(e1));
-    let angle = sine.atan2(cosine);
+pub fn arc_moment(ends: [DVec3; 2], v: DVec3) -> DVec3 {
+    let Some((e1, e2, angle)) = arc(ends) else { return DVec3::ZERO };
     // ∫ cos², ∫ sin², ∫ sin cos over the angle.
     let (sin, cos) = angle.sin_cos();
     let (squares, product) = ([0.5 * (angle + sin * cos), 0.5 * (angle - sin * cos)], 0.5 * sin * sin);

@@ -6,7 +6,8 @@
 
 use super::cone::{Side, arc_moment, sides, vector_irradiance};
 use super::highlight::{Lobe, LobeGradient};
-use super::visible::{Geometry, HORIZON, Placed, Planes, Visible, blocker_plane};
+use super::polygon::Polygon;
+use super::visible::{CROSSING, EDGES, Geometry, HORIZON, Placed, View, Visible, blocker_plane, of_blocker};
 use crate::model::FacetGradient;
 use glam::DVec3;
 
@@ -46,7 +47,7 @@ pub struct Sight<'a> {
     pub point: DVec3,
     pub normal: DVec3,
     pub lamp: &'a Placed<'a>,
-    /// Triangles that may be in between.
+    /// Polygons that may be in between.
     pub blockers: &'a [u32],
 }
 
@@ -70,7 +71,9 @@ impl Sight<'_> {
         let mut sum = DVec3::ZERO;
         let mut of_point = DVec3::ZERO;
         let mut of_normal = DVec3::ZERO;
+        let mut with_vertices = Vec::new();
         visible.parts(self, true, &mut |part: &[Side]| {
+            let part = self.with_vertices(part, &mut with_vertices);
             sum += vector_irradiance(part);
             for (plane, arc) in sides(part) {
                 let moment = arc_moment(arc, cotangent);
@@ -102,7 +105,9 @@ impl Sight<'_> {
         let mut sum = 0.0;
         let mut slopes = LobeGradient::default();
         let mut of_point = DVec3::ZERO;
+        let mut with_vertices = Vec::new();
         visible.parts(self, true, &mut |part: &[Side]| {
+            let part = self.with_vertices(part, &mut with_vertices);
             let (value, by_lobe) = lobe.slopes(part);
             sum += value;
             slopes.normal += by_lobe.normal;
@@ -115,18 +120,72 @@ impl Sight<'_> {
         (sum, slopes, of_point)
     }
 
+    /// A part with corners where edges of blockers have vertices: there, planes go by the pieces of outlines.
+    fn with_vertices<'b>(&self, part: &[Side], out: &'b mut Vec<Side>) -> &'b [Side] {
+        out.clear();
+        for (side, [a, b]) in part.iter().zip(sides(part).map(|(_, ends)| ends)) {
+            match of_blocker(side.plane) {
+                Some((place, which))
+                    if which != CROSSING && self.polygon(place).edge(which - EDGES).len() > 1 =>
+                {
+                    self.cut_at_vertices(place, which - EDGES, *side, [a, b], out);
+                }
+                _ => out.push(*side),
+            }
+        }
+        out
+    }
+
+    /// Appends a side from `a` to `b` in the plane of an edge of a blocker, cut at the vertices of the edge. What lies beyond both ends of
+    /// the edge stays in the plane of the whole edge: such sides are those of two parts, whose derivatives cancel.
+    fn cut_at_vertices(
+        &self,
+        place: usize,
+        edge: usize,
+        side: Side,
+        [a, b]: [DVec3; 2],
+        out: &mut Vec<Side>,
+    ) {
+        let polygon = self.polygon(place);
+        let numbers = polygon.edge(edge);
+        let vertices: Vec<DVec3> =
+            (numbers.start..=numbers.end).map(|number| self.offset(polygon.vertex(number))).collect();
+        // A direction between two others, as a fraction of the line that joins them.
+        let between = |[a, b]: [DVec3; 2], direction: DVec3| {
+            let normal = a.cross(b);
+            let (by_a, by_b) = (direction.cross(b).dot(normal), a.cross(direction).dot(normal));
+            (by_a > 0.0 && by_b > 0.0).then(|| by_b / (by_a + by_b))
+        };
+        let mut cuts: Vec<f64> = vertices.iter().filter_map(|&vertex| between([a, b], vertex)).collect();
+        cuts.sort_by(f64::total_cmp);
+        let starts = [0.0].into_iter().chain(cuts.iter().copied());
+        for (start, end) in starts.zip(cuts.iter().copied().chain([1.0])) {
+            let middle = a.lerp(b, f64::midpoint(start, end));
+            let piece = vertices.windows(2).position(|ends| between([ends[0], ends[1]], middle).is_some());
+            let plane = piece.map_or(side.plane, |piece| {
+                blocker_plane(place, (numbers.start + piece) % polygon.outline.len())
+            });
+            out.push(Side { corner: if start > 0.0 { a.lerp(b, start) } else { a }, plane });
+        }
+    }
+
+    /// The blocker at a place in the list.
+    fn polygon(&self, place: usize) -> &Polygon {
+        self.geometry.blockers.polygon(self.blockers[place])
+    }
+
     /// Adds the derivatives by the corners that a side's plane passes through, and returns that by the point; `moment`: derivative by the
     /// normal of that plane if its length is one and it points into the part.
     fn side(&self, plane: u32, arc: [DVec3; 2], moment: DVec3, to: &mut Contributions) -> DVec3 {
-        match blocker_plane(plane) {
+        match of_blocker(plane) {
             _ if plane == HORIZON => DVec3::ZERO,
-            Some((place, which)) => self.blocker(self.blockers[place], which, arc, moment, to),
+            Some((place, which)) => self.blocker(self.polygon(place), which, arc, moment, to),
             None => self.lamp_side(plane as usize, moment, to),
         }
     }
 
-    fn offset(&self, [triangle, corner]: [u32; 2]) -> DVec3 {
-        self.geometry.facets[triangle as usize].corners[corner as usize] - self.point
+    fn offset(&self, corner: [u32; 2]) -> DVec3 {
+        self.geometry.corner(corner) - self.point
     }
 
     /// The plane through the point and two corners.
@@ -146,28 +205,35 @@ impl Sight<'_> {
         self.edge(ends, moment / normal.length(), out)
     }
 
+    /// The plane through the point and a piece of a blocker's outline, an edge, or that of [`CROSSING`].
     fn blocker(
         &self,
-        triangle: u32,
+        polygon: &Polygon,
         which: usize,
         [a, b]: [DVec3; 2],
         moment: DVec3,
         out: &mut Contributions,
     ) -> DVec3 {
+        let triangle = polygon.triangles[0];
         let corners = [0, 1, 2].map(|k| self.offset([triangle, k]));
-        let over_lamp = self.lamp.corners[0] - self.point;
-        let tolerance = self.geometry.tolerance();
-        let Some(Planes { normals, sign, .. }) =
-            Planes::new(&corners, over_lamp, self.lamp.normal, tolerance)
-        else {
-            return DVec3::ZERO;
+        let Some(view) = View::new(corners) else { return DVec3::ZERO };
+        let ends = match which {
+            CROSSING => None,
+            EDGES.. => {
+                let edge = polygon.edge(which - EDGES);
+                Some([edge.start, edge.end].map(|number| polygon.vertex(number)))
+            }
+            piece => Some([piece, piece + 1].map(|number| polygon.vertex(number))),
         };
-        let normal = normals[which];
+        let normal = match ends {
+            Some([from, to]) => view.sign * self.offset(from).cross(self.offset(to)),
+            None => view.crossing(self.lamp.corners[0] - self.point, self.lamp.normal),
+        };
         let inwards = if a.cross(b).dot(normal) > 0.0 { 1.0 } else { -1.0 };
-        let by_normal = moment * (inwards * sign / normal.length());
-        match which {
-            3 => self.crossing(triangle, corners, by_normal, out),
-            k => self.edge([[triangle, k as u32], [triangle, (k as u32 + 1) % 3]], by_normal, out),
+        let by_normal = moment * (inwards * view.sign / normal.length());
+        match ends {
+            Some(ends) => self.edge(ends, by_normal, out),
+            None => self.crossing(triangle, corners, by_normal, out),
         }
     }
 

@@ -1,6 +1,6 @@
 //! Specular reflection of lamps at the exact directions of lamp and eye: ∫ ⟨h, n⟩^p cosθ dω over the visible part.
 
-use super::cone::{Side, sides};
+use super::cone::{Side, arc, sides};
 use super::quadrature::POINTS;
 use glam::DVec3;
 
@@ -114,10 +114,8 @@ impl Lobe {
     /// ∫ ⟨h, n⟩^p cosθ ω ds along each arc of a part: its product with the change of the unit normal of the arc's plane, which points into
     /// the part, is the change of the integral.
     pub fn arcs<'a>(&'a self, part: &'a [Side]) -> impl Iterator<Item = (u32, [DVec3; 2], DVec3)> + 'a {
-        sides(part).map(|(plane, [a, b])| {
-            let e1 = a.normalize_or_zero();
-            let e2 = b.reject_from(e1).normalize_or_zero();
-            let angle = b.dot(e2).atan2(b.dot(e1));
+        sides(part).filter_map(|(plane, ends)| {
+            let (e1, e2, angle) = arc(ends)?;
             let n = self.cells(angle);
             let step = angle / f64::from(n);
             let mut sum = DVec3::ZERO;
@@ -129,7 +127,7 @@ impl Lobe {
                     sum += direction * (self.value(direction) * incident * weight * step);
                 }
             }
-            (plane, [a, b], sum)
+            Some((plane, ends, sum))
         })
     }
 }

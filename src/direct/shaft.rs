@@ -52,8 +52,8 @@ impl Shaft {
         self.planes.iter().any(|&(n, offset)| bounds.lowest(n) > offset)
     }
 
-    /// Whether a triangle is wholly outside.
-    pub fn misses(&self, corners: &[DVec3; 3]) -> bool {
-        self.planes.iter().any(|&(n, offset)| corners.iter().all(|c| n.dot(*c) > offset))
+    /// Whether a polygon is wholly outside.
+    pub fn misses(&self, corners: impl Iterator<Item = DVec3> + Clone) -> bool {
+        self.planes.iter().any(|&(n, offset)| corners.clone().all(|c| n.dot(c) > offset))
     }
 }

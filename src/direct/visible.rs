@@ -1,38 +1,19 @@
 //! The part of a lamp that a point sees, exactly: its cone of directions less those of all blockers.
 
+use super::blockers::{Blockers, CORNERS, OUTLINE};
 use super::cone::{Side, cut, extent};
 use super::derivative::Sight;
 use super::lamps::Lamp;
-use super::shaft::Shaft;
-use crate::model::{Facet, Hierarchy, coplanar_tolerance, spatial_order};
+use super::polygon::Polygon;
+use crate::model::Facet;
 use glam::DVec3;
 use std::ops::Range;
 
-/// Triangles per leaf of the search for blockers.
-const LEAF: usize = 4;
-
-/// A tree over the triangles with an area, all of which block light from both sides.
-#[derive(Clone, Debug)]
-pub struct Tree {
-    order: Vec<u32>,
-    tree: Hierarchy,
-    /// Height up to which a point counts as in a plane.
-    tolerance: f64,
-}
-
-impl Tree {
-    pub fn new(facets: &[Facet]) -> Self {
-        let (order, tolerance) = (spatial_order(facets), coplanar_tolerance(facets));
-        let tree = Hierarchy::new(facets, &order, LEAF, tolerance);
-        Self { order, tree, tolerance }
-    }
-}
-
-/// What shadows are computed from: triangles, in any unit of length, and the tree over them.
+/// What shadows are computed from: triangles, in any unit of length, and what they block.
 #[derive(Clone, Copy)]
 pub struct Geometry<'a> {
     pub facets: &'a [Facet],
-    pub tree: &'a Tree,
+    pub blockers: &'a Blockers,
 }
 
 /// A lamp in place.
@@ -46,11 +27,26 @@ pub struct Placed<'a> {
 impl Geometry<'_> {
     /// Height up to which a point counts as in a plane.
     pub fn tolerance(&self) -> f64 {
-        self.tree.tolerance
+        self.blockers.tolerance()
+    }
+
+    /// A corner of a triangle.
+    pub fn corner(&self, [triangle, corner]: [u32; 2]) -> DVec3 {
+        self.facets[triangle as usize].corners[corner as usize]
+    }
+
+    /// The corners of a polygon.
+    pub fn corners(&self, polygon: &Polygon) -> impl Iterator<Item = DVec3> + Clone {
+        polygon.corners.iter().map(|&corner| self.corner(corner))
+    }
+
+    /// What may stand between some points of a plane and a lamp: [`Blockers::between`].
+    pub fn between(&self, points: &[DVec3], normal: DVec3, lamp: &Placed) -> Vec<u32> {
+        self.blockers.between(self, points, normal, lamp)
     }
 
     pub fn place<'b>(&self, lamp: &'b Lamp) -> Placed<'b> {
-        let at = |&[i, k]: &[u32; 2]| self.facets[i as usize].corners[k as usize];
+        let at = |&corner: &[u32; 2]| self.corner(corner);
         Placed {
             lamp,
             corners: lamp.corners.iter().map(at).collect(),
@@ -68,29 +64,6 @@ impl Geometry<'_> {
             && lamp.corners.iter().any(|c| above(facet.centroid, facet.normal, c))
             && facet.corners.iter().any(|c| above(lamp.corners[0], lamp.normal, c))
     }
-
-    /// The triangles that may stand between some points of a plane and a lamp, the widest first. `points[0]` and `normal` give the
-    /// plane.
-    pub fn blockers(&self, points: &[DVec3], normal: DVec3, lamp: &Placed) -> Vec<u32> {
-        let shaft = Shaft::new(points, normal, &lamp.corners, lamp.normal, self.tolerance());
-        let mut found = Vec::new();
-        self.tree.tree.walk(|_, node| {
-            let enter = !shaft.misses_box(&node.bounds);
-            if enter && node.is_leaf() {
-                let slots = node.slots(LEAF, &self.tree.order).iter().copied();
-                found.extend(slots.filter(|&i| !shaft.misses(&self.facets[i as usize].corners)));
-            }
-            enter
-        });
-        let centre = points.iter().sum::<DVec3>() / points.len() as f64;
-        let width = |&i: &u32| {
-            let f = &self.facets[i as usize];
-            f.area / (f.centroid - centre).length_squared().max(f64::MIN_POSITIVE)
-        };
-        // A wide blocker that comes first leaves less to cut.
-        found.sort_by(|a, b| width(b).total_cmp(&width(a)).then(a.cmp(b)));
-        found
-    }
 }
 
 /// The number of the plane through the point and a side of a lamp's outline.
@@ -101,50 +74,70 @@ pub fn lamp_side(side: usize) -> u32 {
 /// The number of the plane of the point's horizon.
 pub const HORIZON: u32 = u32::MAX;
 
-/// Planes of blockers begin here: four each, through the three edges, and through the line in which it crosses the lamp's plane.
-pub const BLOCKERS: u32 = 1 << 16;
+/// Planes of blockers begin here, so many for each: through the pieces of its outline, its edges from corner to corner, and through the
+/// line in which it crosses the lamp's plane.
+const BLOCKERS: u32 = 1 << 16;
+const PLANES: u32 = 1 << 10;
+
+/// The first plane of a blocker through an edge.
+pub const EDGES: usize = OUTLINE;
+
+/// The last plane of a blocker, through the line in which it crosses the lamp's plane.
+pub const CROSSING: usize = PLANES as usize - 1;
+const _: () = assert!(EDGES + CORNERS <= CROSSING);
+
+/// The number of plane `which` of the blocker at a place in the list.
+pub fn blocker_plane(place: usize, which: usize) -> u32 {
+    BLOCKERS + PLANES * place as u32 + which as u32
+}
 
 /// The place of a blocker in the list, and which of its planes, from a plane's number.
-pub fn blocker_plane(plane: u32) -> Option<(usize, usize)> {
+pub fn of_blocker(plane: u32) -> Option<(usize, usize)> {
     (BLOCKERS..HORIZON).contains(&plane).then(|| {
-        let at = (plane - BLOCKERS) as usize;
-        (at / 4, at % 4)
+        let at = plane - BLOCKERS;
+        ((at / PLANES) as usize, (at % PLANES) as usize)
     })
 }
 
-/// Normals of the planes through a point and the edges of a triangle, whose corners are given from the point; they point to the
-/// triangle. The fourth counts where the triangle crosses the plane of the lamp: it points to the directions in which the triangle
-/// is nearer than that plane.
-pub struct Planes {
-    /// As products of differences of corners, not unit.
-    pub normals: [DVec3; 4],
-    pub count: usize,
-    /// What the products are multiplied by: 1 where the point sees the triangle's back, -1 where it sees its front.
+/// A blocker as seen from a point.
+#[derive(Clone, Copy)]
+pub struct View {
+    /// Normal of its plane, as a product of differences of corners, not unit.
+    pub area_vector: DVec3,
+    /// Height of the point over that plane, times the length of `area_vector`.
+    pub height: f64,
+    /// What products of corners, as seen from the point, are multiplied by to point into the cone of the blocker: 1 where the point sees
+    /// its back, -1 where it sees its front.
     pub sign: f64,
 }
 
-impl Planes {
-    /// `None` where the point lies in the triangle's plane.
-    pub fn new(corners: &[DVec3; 3], lamp_corner: DVec3, lamp_normal: DVec3, tolerance: f64) -> Option<Self> {
-        let [a, b, c] = *corners;
+impl View {
+    /// From the corners of a triangle of the blocker, given from the point; `None` where the point lies in its plane.
+    pub fn new([a, b, c]: [DVec3; 3]) -> Option<Self> {
         let area_vector = (b - a).cross(c - a);
         let height = -area_vector.dot(a);
-        if height.abs() <= 1e-12 * area_vector.length() {
-            return None;
-        }
+        let in_plane = height.abs() <= 1e-12 * area_vector.length();
         // Seen from the front, corners run counter-clockwise, so that the normals of the edges' planes point outwards.
         let sign = if height > 0.0 { -1.0 } else { 1.0 };
-        let edges = [a.cross(b), b.cross(c), c.cross(a)].map(|normal| sign * normal);
-        let over_lamp = |c: &DVec3| (*c - lamp_corner).dot(lamp_normal);
-        let crosses = corners.iter().any(|c| over_lamp(c) < -tolerance);
-        let lamp_height = -lamp_corner.dot(lamp_normal);
-        let before = sign * (lamp_height * area_vector - height * lamp_normal);
-        Some(Self {
-            normals: [edges[0], edges[1], edges[2], before],
-            count: if crosses { 4 } else { 3 },
-            sign,
-        })
+        (!in_plane).then_some(Self { area_vector, height, sign })
     }
+
+    /// Normal of the plane through the point and the line in which the blocker crosses the lamp's plane; it points to the directions in
+    /// which the blocker is nearer. `lamp_corner` is given from the point.
+    pub fn crossing(&self, lamp_corner: DVec3, lamp_normal: DVec3) -> DVec3 {
+        let lamp_height = -lamp_corner.dot(lamp_normal);
+        self.sign * (lamp_height * self.area_vector - self.height * lamp_normal)
+    }
+}
+
+/// A blocker that a point sees before the lamp.
+struct Seen {
+    /// Its place in the list.
+    place: usize,
+    /// Its planes: unit normals that point into its cone.
+    normals: Range<usize>,
+    /// Whether the last of these is that of [`CROSSING`].
+    crosses: bool,
 }
 
 /// Finds the visible parts of lamps; keeps its memory between points.
@@ -152,12 +145,15 @@ impl Planes {
 pub struct Visible {
     /// Cones, one after the other.
     stack: Vec<Side>,
-    /// Per blocker that a point sees before the lamp: its place in the list, and unit normals.
-    planes: Vec<(u32, Planes)>,
-    /// Places in `planes`, one run after the other: what may hide some of a cone.
+    /// The blockers that a point sees before the lamp, and their planes.
+    seen: Vec<Seen>,
+    normals: Vec<DVec3>,
+    /// Places in `seen`, one run after the other: what may hide some of a cone.
     candidates: Vec<u32>,
     /// Blockers tested against cones so far.
     pub tests: u64,
+    /// The corners of a blocker, from the point.
+    corners: Vec<DVec3>,
     /// A cone while it is cut.
     from: Vec<Side>,
     to: Vec<Side>,
@@ -191,33 +187,45 @@ impl Visible {
         }
         self.see_blockers(geometry, point, lamp, blockers);
         self.candidates.clear();
-        self.candidates.extend(0..self.planes.len() as u32);
-        self.subtract(0..self.stack.len(), 0..self.planes.len(), emit);
+        self.candidates.extend(0..self.seen.len() as u32);
+        self.subtract(0..self.stack.len(), 0..self.seen.len(), emit);
     }
 
     /// Lists the blockers whose cones meet that of the lamp, which is all of the stack.
     fn see_blockers(&mut self, geometry: &Geometry, point: DVec3, lamp: &Placed, blockers: &[u32]) {
-        self.planes.clear();
+        self.seen.clear();
+        self.normals.clear();
         let cone = &self.stack;
+        let corners = &mut self.corners;
         let lamp_corner = lamp.corners[0] - point;
         self.tests += blockers.len() as u64;
-        for (place, &i) in (0..).zip(blockers) {
-            let corners = geometry.facets[i as usize].corners.map(|c| c - point);
+        for (place, &blocker) in blockers.iter().enumerate() {
+            let polygon = geometry.blockers.polygon(blocker);
+            corners.clear();
+            corners.extend(geometry.corners(polygon).map(|c| c - point));
             let beside = |k: usize| {
                 let normal = cone[k].corner.cross(cone[(k + 1) % cone.len()].corner);
                 corners.iter().all(|c| c.dot(normal) <= 0.0)
             };
-            let beyond = |c: &DVec3| (*c - lamp_corner).dot(lamp.normal) <= geometry.tolerance();
-            if corners.iter().all(beyond) || (0..cone.len()).any(beside) {
+            let over_lamp = |c: &DVec3| (*c - lamp_corner).dot(lamp.normal);
+            if corners.iter().all(|c| over_lamp(c) <= geometry.tolerance()) || (0..cone.len()).any(beside) {
                 continue;
             }
-            let Some(mut planes) = Planes::new(&corners, lamp_corner, lamp.normal, geometry.tolerance())
-            else {
-                continue;
-            };
-            planes.normals = planes.normals.map(DVec3::normalize_or_zero);
-            if planes.normals[..planes.count].iter().all(|&n| extent(cone, n)[0]) {
-                self.planes.push((place, planes));
+            let triangle = geometry.facets[polygon.first()].corners.map(|c| c - point);
+            let Some(view) = View::new(triangle) else { continue };
+            let first = self.normals.len();
+            for (k, corner) in corners.iter().enumerate() {
+                let normal = view.sign * corner.cross(corners[(k + 1) % corners.len()]);
+                self.normals.push(normal.normalize_or_zero());
+            }
+            let crosses = corners.iter().any(|c| over_lamp(c) < -geometry.tolerance());
+            if crosses {
+                self.normals.push(view.crossing(lamp_corner, lamp.normal).normalize_or_zero());
+            }
+            if self.normals[first..].iter().all(|&normal| extent(cone, normal)[0]) {
+                self.seen.push(Seen { place, normals: first..self.normals.len(), crosses });
+            } else {
+                self.normals.truncate(first);
             }
         }
     }
@@ -231,9 +239,11 @@ impl Visible {
             }
             // Plane by plane: what is outside of it is done with this blocker, the rest goes on to the next.
             let mut inside = cone;
-            for n in 0..self.planes[k].1.count {
-                let (place, planes) = &self.planes[k];
-                let (normal, plane) = (planes.normals[n], BLOCKERS + 4 * place + n as u32);
+            for n in self.seen[k].normals.clone() {
+                let Seen { place, normals, crosses } = &self.seen[k];
+                let which =
+                    if *crosses && n + 1 == normals.end { CROSSING } else { EDGES + n - normals.start };
+                let (normal, plane) = (self.normals[n], blocker_plane(*place, which));
                 match extent(&self.stack[inside.clone()], normal) {
                     [_, false] => {}
                     [false, true] => {
@@ -273,15 +283,14 @@ impl Visible {
     /// Whether no plane of blocker `k` separates it from a cone.
     fn may_meet(&mut self, cone: Range<usize>, k: usize) -> bool {
         self.tests += 1;
-        let planes = &self.planes[k].1;
-        planes.normals[..planes.count].iter().all(|&normal| extent(&self.stack[cone.clone()], normal)[0])
+        let normals = &self.normals[self.seen[k].normals.clone()];
+        normals.iter().all(|&normal| extent(&self.stack[cone.clone()], normal)[0])
     }
 
     /// Whether blocker `k` hides some of a cone.
     fn meets(&mut self, cone: Range<usize>, k: usize) -> bool {
         self.tests += 1;
-        let planes = &self.planes[k].1;
-        let normals = &planes.normals[..planes.count];
+        let normals = &self.normals[self.seen[k].normals.clone()];
         let cone = &self.stack[cone];
         let mut cuts = 0;
         for &normal in normals {

@@ -1,0 +1,190 @@
+//! What may stand between a point and a lamp: all triangles with an area, from both sides, those in one plane as convex polygons.
+
+use super::polygon::{Polygon, connected, in_plane, merged};
+use super::shaft::Shaft;
+use super::visible::{Geometry, Placed};
+use crate::model::{Facet, Hierarchy, coplanar_tolerance, spatial_order};
+use glam::DVec3;
+
+/// Triangles per leaf of the search.
+const LEAF: usize = 4;
+/// Sine of the largest angle between normals of a polygon, and its largest height over its plane as a fraction of the height up to which
+/// points count as in a plane: little more than rounding, since shadows count as exact.
+const PARALLEL: f64 = 1e-9;
+const FLAT: f64 = 1e-3;
+/// How far triangles may reach over a line between them, as a fraction of the width of all.
+const CROSSES: f64 = 1e-9;
+/// Corners of a polygon at most. A disc of more sides is cut into several.
+pub const CORNERS: usize = 24;
+/// Vertices on the outline of a polygon at most: numbers of planes have room for so many.
+pub const OUTLINE: usize = 990;
+
+/// Polygons that block light, and a tree over them.
+#[derive(Clone, Debug)]
+pub struct Blockers {
+    /// The polygons of the tree; behind them, the triangles of those that consist of several, each a polygon of its own.
+    polygons: Vec<Polygon>,
+    /// Their areas and centroids.
+    moments: Vec<(f64, DVec3)>,
+    /// Where the triangles of a polygon begin in `polygons`, for those of the tree.
+    triangles: Vec<u32>,
+    /// The polygon of each triangle of the tree: polygons are cut into fans.
+    fans: Vec<u32>,
+    order: Vec<u32>,
+    tree: Hierarchy,
+    /// Height up to which a point counts as in a plane.
+    tolerance: f64,
+}
+
+impl Blockers {
+    pub fn new(facets: &[Facet]) -> Self {
+        let tolerance = coplanar_tolerance(facets);
+        let solid: Vec<u32> = (0..facets.len() as u32).filter(|&i| facets[i as usize].area > 0.0).collect();
+        let same = |i, j| in_plane(facets, [i, j], PARALLEL, FLAT * tolerance);
+        let mut polygons: Vec<Polygon> = Vec::new();
+        connected(facets, &solid, same)
+            .into_iter()
+            .for_each(|group| cut_into_convex(facets, group, &mut polygons));
+
+        let mut fans = Vec::with_capacity(polygons.len());
+        let mut fan_facets = Vec::with_capacity(polygons.len());
+        let mut singles = Vec::new();
+        let mut triangles = Vec::with_capacity(polygons.len());
+        let corner = |[i, k]: [u32; 2]| facets[i as usize].corners[k as usize];
+        for (p, polygon) in (0..).zip(&polygons) {
+            for pair in polygon.corners[1..].windows(2) {
+                fans.push(p);
+                fan_facets.push(Facet::new([polygon.corners[0], pair[0], pair[1]].map(corner)));
+            }
+            triangles.push((polygons.len() + singles.len()) as u32);
+            if polygon.triangles.len() > 1 {
+                singles.extend(polygon.triangles.iter().map(|&i| Polygon::single(i)));
+            }
+        }
+        polygons.append(&mut singles);
+        let moments = polygons.iter().map(|polygon| moments(facets, polygon)).collect();
+        let order = spatial_order(&fan_facets);
+        let tree = Hierarchy::new(&fan_facets, &order, LEAF, tolerance);
+        Self { polygons, moments, triangles, fans, order, tree, tolerance }
+    }
+
+    /// Height up to which a point counts as in a plane.
+    pub fn tolerance(&self) -> f64 {
+        self.tolerance
+    }
+
+    /// The polygons of the tree, which hold each triangle once.
+    #[cfg(test)]
+    pub fn all(&self) -> impl Iterator<Item = &Polygon> {
+        self.polygons[..self.count()].iter()
+    }
+
+    /// How many polygons block light.
+    #[cfg(test)]
+    pub fn count(&self) -> usize {
+        self.triangles.len()
+    }
+
+    /// A polygon that [`Self::between`] has listed.
+    pub fn polygon(&self, number: u32) -> &Polygon {
+        &self.polygons[number as usize]
+    }
+
+    /// The polygons that may stand between some points of a plane and a lamp, the widest first; none that consists of several triangles
+    /// crosses the plane of the lamp. `points[0]` and `normal` give the plane of the points.
+    pub fn between(&self, geometry: &Geometry, points: &[DVec3], normal: DVec3, lamp: &Placed) -> Vec<u32> {
+        let shaft = Shaft::new(points, normal, &lamp.corners, lamp.normal, self.tolerance);
+        let mut met = Vec::new();
+        self.tree.walk(|_, node| {
+            let enter = !shaft.misses_box(&node.bounds);
+            if enter && node.is_leaf() {
+                met.extend(node.slots(LEAF, &self.order).iter().map(|&fan| self.fans[fan as usize]));
+            }
+            enter
+        });
+        met.sort_unstable();
+        met.dedup();
+        let misses = |p: &u32| shaft.misses(geometry.corners(self.polygon(*p)));
+        let under_lamp = |p: &Polygon| {
+            geometry.corners(p).any(|c| (c - lamp.corners[0]).dot(lamp.normal) < -self.tolerance)
+        };
+        let centre = points.iter().sum::<DVec3>() / points.len() as f64;
+        let width = |p: u32| {
+            let (area, centroid) = self.moments[p as usize];
+            area / (centroid - centre).length_squared().max(f64::MIN_POSITIVE)
+        };
+        let mut found: Vec<(f64, u32)> = Vec::with_capacity(met.len());
+        for p in met.into_iter().filter(|p| !misses(p)) {
+            let polygon = self.polygon(p);
+            if polygon.triangles.len() > 1 && under_lamp(polygon) {
+                let first = self.triangles[p as usize];
+                let singles = first..first + polygon.triangles.len() as u32;
+                found.extend(singles.filter(|single| !misses(single)).map(|single| (width(single), single)));
+            } else {
+                found.push((width(p), p));
+            }
+        }
+        // A wide blocker that comes first leaves less to cut.
+        found.sort_by(|(a, i), (b, j)| b.total_cmp(a).then(i.cmp(j)));
+        found.into_iter().map(|(_, p)| p).collect()
+    }
+}
+
+/// Area and centroid.
+fn moments(facets: &[Facet], polygon: &Polygon) -> (f64, DVec3) {
+    let of = |&i: &u32| (facets[i as usize].area, facets[i as usize].centroid);
+    let sum = |(sum, moment), (area, at)| (sum + area, moment + area * at);
+    let (area, moment) = polygon.triangles.iter().map(of).fold((0.0, DVec3::ZERO), sum);
+    (area, moment / area)
+}
+
+/// Two parts of some triangles of one plane, on either side of a line along an edge of the first, which crosses none of them if such a
+/// line exists, and is as near to their median as can be.
+fn halves(facets: &[Facet], group: Vec<u32>) -> (Vec<u32>, Vec<u32>) {
+    let Facet { corners, normal, .. } = facets[group[0] as usize];
+    let edges = [0, 1, 2].map(|k| corners[(k + 1) % 3] - corners[k]);
+    let across = edges.map(|edge| normal.cross(edge).normalize_or_zero());
+    let extent = |i: u32, axis: DVec3| {
+        let along = facets[i as usize].corners.map(|c| c.dot(axis));
+        [along.iter().copied().fold(f64::MAX, f64::min), along.iter().copied().fold(f64::MIN, f64::max)]
+    };
+    let middle = group.len() / 2;
+    let cut = |axis: DVec3| {
+        let mut sorted: Vec<([f64; 2], u32)> = group.iter().map(|&i| (extent(i, axis), i)).collect();
+        sorted.sort_by(|(a, i), (b, j)| (a[0] + a[1]).total_cmp(&(b[0] + b[1])).then(i.cmp(j)));
+        let slack = CROSSES * (sorted[sorted.len() - 1].0[1] - sorted[0].0[0]);
+        // The lowest end of all triangles from each place on.
+        let mut lowest = vec![f64::MAX; sorted.len() + 1];
+        (0..sorted.len()).rev().for_each(|k| lowest[k] = lowest[k + 1].min(sorted[k].0[0]));
+        let mut highest = f64::MIN;
+        let free = (1..sorted.len()).filter(|&k| {
+            highest = highest.max(sorted[k - 1].0[1]);
+            highest <= lowest[k] + slack
+        });
+        let at = free.min_by_key(|k| k.abs_diff(middle));
+        let high = sorted.split_off(at.unwrap_or(middle));
+        let numbers = |part: Vec<([f64; 2], u32)>| part.into_iter().map(|(_, i)| i).collect();
+        (at.map_or(usize::MAX, |at| at.abs_diff(middle)), (numbers(sorted), numbers(high)))
+    };
+    let [a, b, c] = across.map(cut);
+    let best = [b, c].into_iter().fold(a, |best, other| if other.0 < best.0 { other } else { best });
+    best.1
+}
+
+/// Appends the convex polygons that some triangles of one plane form: all of them one, or else those of its [`halves`].
+fn cut_into_convex(facets: &[Facet], group: Vec<u32>, polygons: &mut Vec<Polygon>) {
+    if let [triangle] = group[..] {
+        polygons.push(Polygon::single(triangle));
+        return;
+    }
+    let fits = |polygon: &Polygon| polygon.corners.len() <= CORNERS && polygon.outline.len() <= OUTLINE;
+    if let Some(polygon) = merged(facets, &group).filter(fits) {
+        polygons.push(polygon);
+        return;
+    }
+    let (mut low, mut high) = halves(facets, group);
+    low.sort_unstable();
+    high.sort_unstable();
+    cut_into_convex(facets, low, polygons);
+    cut_into_convex(facets, high, polygons);
+}
