@@ -513,6 +513,12 @@ impl Plan {
         memory::RGB * self.settings.precision.bytes()
     }
 
+    /// Bytes of the diffuse radiance of all sources, of the first moments of clusters, and of what dispatches bind past the last.
+    pub(crate) fn radiance_bytes(&self) -> u64 {
+        let moments = 3 * self.clusters().map_or(0, Clusters::count);
+        u64::from(self.sources() + moments + self.partner_slots()) * self.rgb_bytes()
+    }
+
     /// Whether glossy triangles reflect the light of lamps that does not take part in U.
     pub(crate) fn has_first_bounce(&self) -> bool {
         !self.lamps.is_empty() && self.glossy_groups().next().is_some()

@@ -12,7 +12,7 @@ mod moments;
 mod receivers;
 mod sources;
 
-pub use mean_cosine::{spread_over, spread_over_gradient};
+pub use mean_cosine::Spread;
 pub use receivers::{ReceiverLists, SOURCES};
 pub use sources::{ENTRY_BITS, SourceLists};
 
