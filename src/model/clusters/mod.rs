@@ -77,6 +77,8 @@ pub struct ClusterInput<'a> {
     pub bin: f64,
     /// Wanted error of irradiance, relative to its mean.
     pub error: f64,
+    /// Whether derivatives are wanted.
+    pub slopes: bool,
     /// Whether sources that cannot send light are left out.
     pub cull: bool,
 }
