@@ -2,7 +2,8 @@
 #define BINS_PAIR_GLSL
 // U from one source to one receiver where either has bins, point to point. Expects near_field.glsl, source_bins.glsl,
 // receiver_bins.glsl, `half_range`, and `real3 light(uint at)`, the diffuse radiance of the source at a place.
-// Where SPREAD is defined, sources may be clusters; then also spread.glsl and `real spread_of(Facet source)`.
+// Where SPREAD is defined, sources may be clusters; then also spread.glsl, `real spread_of(Facet source)`, and
+// `Moment moment(uint at)`, the first moment of that radiance.
 
 // `bins`: first bin of the source in its page. Adds to the deposits, and the sum of all bins to `sum`.
 void receive(
@@ -26,7 +27,8 @@ void receive(
     }
 #ifdef SPREAD
     real tilt = from > 0.0 ? dot(receiver.normal, source.normal) : -dot(receiver.normal, source.normal);
-    to = spread_over(to, abs(from), tilt, spread_of(source), r2);
+    Spread seen = spread_over(to, abs(from), tilt, spread_of(source), r2);
+    to = seen.cosine;
 #else
     to = max(to, 0.0);
 #endif
@@ -38,6 +40,10 @@ void receive(
         bool front = from > 0.0;
         real3 binned = binned_radiance(source.normal, bins, direction, front);
         real3 value = weight * (front ? light(at) + binned : binned);
+#ifdef SPREAD
+        real3 uneven = along(moment(at), weight / to * spread_slope(seen, receiver.normal, d, r2));
+        value += front ? uneven : real3(0.0);
+#endif
         deposit(0, receiver.normal, -direction, value);
         sum += value;
     }

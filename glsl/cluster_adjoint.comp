@@ -4,13 +4,15 @@
 #extension GL_KHR_shader_subgroup_basic : require
 // U^T to far sources, clusters and triangles, point to point: with w_ij = max(cos_j, 0) |cos_i| g_ij a_i and
 // λ_ij = λ_j + Σ_b T_b(ω_j) λ_j(b), the importance of irradiance at j from i,
-//     front: μ_i += w_ij λ_ij, μ_i(b) += T_b(ω_i) w_ij λ_ij;   back: -T_b(ω_i) w_ij λ_ij to the antiradiance.
+//     front: μ_i += w_ij λ_ij, μ_i(b) += T_b(ω_i) w_ij λ_ij;   back: -T_b(ω_i) w_ij λ_ij to the antiradiance,
+// and of clusters the cotangent of the first moment, λ_ij (∂w_ij/∂x)ᵀ.
 // A lane owns one source. Twin: src/reference/clusters_adjoint.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
 #include "spread.glsl"
 #include "bins.glsl"
+#include "moment.glsl"
 
 layout(local_size_x_id = 0) in;
 layout(constant_id = 0) const uint LANES = 8;
@@ -39,6 +41,7 @@ void main() {
     bool active_lane = i < source_end;
     Facet source = facets[min(i, source_end - 1)];
     real3 sum = real3(0.0);
+    Moment moment = NO_MOMENT;
     clear_deposits();
     uvec2 words = part_of_group(group);
     for (uint at = words.x; at < words.y; at += 2) {
@@ -61,17 +64,26 @@ void main() {
                     blend = far_weight(r2, half_range * (receiver.characteristic_area + source.characteristic_area));
                 }
                 real tilt = front ? dot(receiver.normal, source.normal) : -dot(receiver.normal, source.normal);
-                real to = spread_over(-dot(d, receiver.normal), abs(from), tilt, spread_of(source), r2);
+                Spread seen = spread_over(-dot(d, receiver.normal), abs(from), tilt, spread_of(source), r2);
                 real side = front ? real(fronts) : real(backs);
-                real weight = side * blend * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
+                real sent = side * blend * abs(from) * source.area / (r2 * (r2 + source.area * INV_PI));
+                real weight = sent * seen.cosine;
                 // A loop, to skip it where no lane has anything to add.
                 for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
                     real3 direction = d * inversesqrt(r2);
                     uint bins = (first + row + k - partner_page) * BINS;
                     real3 binned = binned_cotangent(receiver.normal, bins, -direction);
-                    real3 value = weight * (fetched_cotangents[k].rgb + binned);
+                    real3 importance = fetched_cotangents[k].rgb + binned;
+                    real3 value = weight * importance;
                     deposit_radiance(source.normal, direction, front, value);
                     sum += front ? value : real3(0.0);
+                    // A loop, to skip it for triangles.
+                    for (uint uneven = clusters != 0 && front ? 1 : 0; uneven > 0; uneven--) {
+                        real3 slope = sent * spread_slope(seen, receiver.normal, d, r2);
+                        moment.x += slope.x * importance;
+                        moment.y += slope.y * importance;
+                        moment.z += slope.z * importance;
+                    }
                 }
             }
         }
@@ -79,6 +91,12 @@ void main() {
     // A loop, to skip lanes without a source of their own.
     for (uint once = active_lane && words.x < words.y ? 1 : 0; once > 0; once--) {
         radiance[i - radiance_page].rgb += sum;
+        for (uint of_cluster = clusters != 0 ? 1 : 0; of_cluster > 0; of_cluster--) {
+            uint row = moments + 3 * (i - clusters);
+            radiance[row].rgb += moment.x;
+            radiance[row + 1].rgb += moment.y;
+            radiance[row + 2].rgb += moment.z;
+        }
         flush_radiance((i - target_page) * BINS);
     }
 }

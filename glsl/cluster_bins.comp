@@ -35,6 +35,10 @@ real3 light(uint at) {
     return fetched_light[at].rgb;
 }
 
+Moment moment(uint at) {
+    return fetched_moments[at];
+}
+
 #define SPREAD
 #include "bins_pair.glsl"
 

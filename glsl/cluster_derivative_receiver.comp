@@ -47,7 +47,7 @@ void main() {
             bool backs = SOURCE_BACK && (bits & PAIR_BACK) != 0;
             Facet source = fetched_facets[k];
             ListedGradient g = listed_gradient(
-                source, fetched_light[k].rgb, ((entry >> 3) - partner_page) * BINS, spread_of(source), fronts, backs,
+                source, fetched_light[k].rgb, fetched_moments[k], ((entry >> 3) - partner_page) * BINS, spread_of(source), fronts, backs,
                 (bits & PAIR_NEAR) != 0, receiver, cotangent, receiver_bins
             );
             sum.a += g.by_between;

@@ -38,6 +38,12 @@ void main() {
     uint own = min(i, source_end - 1);
     Facet source = facets[own];
     real3 light = radiance[own].rgb;
+    Moment moment = NO_MOMENT;
+    // A loop, to skip it for triangles.
+    for (uint once = clusters != 0 ? 1 : 0; once > 0; once--) {
+        uint row = moments + 3 * (own - clusters);
+        moment = Moment(radiance[row].rgb, radiance[row + 1].rgb, radiance[row + 2].rgb);
+    }
     uint source_bins = (own - target_page) * BINS;
     real spread = spread_of(source);
     FacetGradient sum = no_gradient();
@@ -53,7 +59,7 @@ void main() {
             for (uint k = 0; k < LANES; k++) {
                 uint receiver_bins = (first + row + k - partner_page) * BINS;
                 ListedGradient g = listed_gradient(
-                    source, light, source_bins, spread, fronts, backs, near,
+                    source, light, moment, source_bins, spread, fronts, backs, near,
                     fetched_facets[k], fetched_cotangents[k].rgb, receiver_bins
                 );
                 sum.a -= g.by_between;

@@ -51,11 +51,17 @@ void main() {
                     real r2 = max(dot(d, d), R2_MIN);
                     real from = max(dot(d, f.normal), 0.0);
                     real tilt = dot(normal[k], f.normal);
-                    real cosines = from * spread_over(-dot(d, normal[k]), from, tilt, spread, r2);
+                    Spread seen = spread_over(-dot(d, normal[k]), from, tilt, spread, r2);
                     for (uint close = near ? 1 : 0; close > 0; close--) {
-                        cosines *= far_weight(r2, half_range * (f.characteristic_area + characteristic_area[k]));
+                        from *= far_weight(r2, half_range * (f.characteristic_area + characteristic_area[k]));
                     }
-                    sum[k] += l * (cosines / (r2 * (r2 + s)));
+                    real weight = from / (r2 * (r2 + s));
+                    sum[k] += l * (weight * seen.cosine);
+                    // A loop, to skip it for triangles.
+                    for (uint once = clusters != 0 ? 1 : 0; once > 0; once--) {
+                        real3 slope = spread_slope(seen, normal[k], d, r2);
+                        sum[k] += along(fetched_moments[i], (f.area * weight) * slope);
+                    }
                 }
             }
         }

@@ -2,12 +2,14 @@
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 // The derivative of ⟨λ, U L⟩ with respect to the share of each part, triangle or cluster, in the light of its cluster: the product
-// of the part's light and the cluster's cotangent. A workgroup owns a cluster. Twin: src/reference/derivative/clusters.rs.
+// of the part's light and the cluster's cotangent. Also that by the centroids of both, between which the first moment is taken. A
+// workgroup owns a cluster. Twin: src/reference/derivative/clusters.rs.
 
 #include "geometry.glsl"
 #include "bins.glsl"
 #include "cluster_parts.glsl"
 #include "facet_gradient.glsl"
+#include "moment.glsl"
 
 layout(local_size_x_id = 0) in;
 // Lanes of the workgroup: as a constant of its own, since Metal takes gl_WorkGroupSize for no constant size of an array.
@@ -26,8 +28,9 @@ layout(std430, binding = 6) readonly buffer Front { real front[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
 layout(std430, binding = 7) readonly buffer BinTable { real4 bin_table[]; };
 layout(std430, binding = 8) buffer Gradients { FacetGradient gradients[]; };
+layout(std430, binding = 9) readonly buffer Facets { Facet facets[]; };
 
-layout(push_constant) uniform GatherBinsPush {
+layout(push_constant) uniform SharesPush {
     // Index of the first cluster of this dispatch, and of all.
     uint begin;
     uint clusters;
@@ -36,6 +39,9 @@ layout(push_constant) uniform GatherBinsPush {
     // Indices of the first part and the first cluster in their pages.
     uint from_page;
     uint to_page;
+    // Indices of the first moment in `radiance`, and in `cluster_cotangents`; three for each cluster.
+    uint moments;
+    uint cotangent_moments;
 };
 
 const uint REALS = BINS * CHANNELS;
@@ -46,6 +52,12 @@ void main() {
     uint c = begin + gl_WorkGroupID.x;
     uint lane = gl_LocalInvocationID.x;
     uvec2 of = parts[c - clusters];
+    Facet cluster = facets[c];
+    real3 cotangent = cluster_cotangents[c - clusters].rgb;
+    uint row = cotangent_moments + 3 * (c - clusters);
+    Moment moment =
+        Moment(cluster_cotangents[row].rgb, cluster_cotangents[row + 1].rgb, cluster_cotangents[row + 2].rgb);
+    real3 by_centre = real3(0.0);
     for (uint k = 0; k < count_parts(of, triangles != 0); k++) {
         uint i = part(of, triangles != 0, k);
         real sum = 0.0;
@@ -60,11 +72,29 @@ void main() {
         sums[lane] = sum;
         barrier();
         if (lane == 0) {
-            sum = dot(radiance[i].rgb, cluster_cotangents[c - clusters].rgb);
+            Facet facet = facets[i];
+            real3 light = radiance[i].rgb;
+            sum = dot(light, cotangent + along(moment, facet.centre - cluster.centre));
+            if (triangles == 0) {
+                uint at = moments + 3 * (i - clusters);
+                sum += dot(radiance[at].rgb, moment.x);
+                sum += dot(radiance[at + 1].rgb, moment.y);
+                sum += dot(radiance[at + 2].rgb, moment.z);
+            }
+            real3 by_part = share(facet, cluster) / 3.0 * of_light(moment, light);
+            gradients[i].a += by_part;
+            gradients[i].b += by_part;
+            gradients[i].c += by_part;
+            by_centre -= by_part;
             for (uint from_lane = 0; from_lane < LANES; from_lane++) {
                 sum += sums[from_lane];
             }
             gradients[i].share = sum;
         }
+    }
+    if (lane == 0) {
+        gradients[c].a += by_centre;
+        gradients[c].b += by_centre;
+        gradients[c].c += by_centre;
     }
 }

@@ -6,6 +6,7 @@
 // the first entry of each list, then the end of the last; then all entries, `index << 3 | bits`, ascending in each list.
 
 #include "passing.glsl"
+#include "moment.glsl"
 
 // Receivers of a list.
 layout(constant_id = 12) const uint LIST = 32;
@@ -26,13 +27,16 @@ layout(push_constant) uniform ListPush {
     // Of the sources in range, `take` after the first `skip`.
     uint skip;
     uint take;
-    // 1 if the sources are clusters.
+    // Index of the first cluster if the sources are clusters, otherwise 0.
     uint clusters;
+    // Index of the first moment in `radiance`, three for each cluster.
+    uint moments;
 };
 
 shared uint fetched_entries[LANES];
 shared Facet fetched_facets[LANES];
 shared real4 fetched_light[LANES];
+shared Moment fetched_moments[LANES];
 
 // First entry in a part of a list whose index is at least `index`, by bisection.
 uint first_at_least(uint index, uint begin, uint end) {
@@ -67,11 +71,18 @@ uint fetch(uint at, uint end) {
     uint index = entry >> 3;
     Facet facet = facets[index];
     real4 light = radiance[index];
+    Moment moment = NO_MOMENT;
+    // A loop, to skip it for triangles.
+    for (uint once = clusters != 0 ? 1 : 0; once > 0; once--) {
+        uint row = moments + 3 * (index - clusters);
+        moment = Moment(radiance[row].rgb, radiance[row + 1].rgb, radiance[row + 2].rgb);
+    }
     // Nobody reads the ones before any more.
     subgroupBarrier();
     fetched_entries[lane] = entry;
     fetched_facets[lane] = facet;
     fetched_light[lane] = light;
+    fetched_moments[lane] = moment;
     subgroupBarrier();
     return count;
 }

@@ -4,6 +4,7 @@
 // w_ij = blend_ij max(cos_j, 0) |cos_i| g_ij a_i and the cosine of spread.glsl. Expects near_field_gradient.glsl,
 // directional_gradient.glsl and `half_range`. Twin: src/reference/derivative/clusters.rs.
 
+#include "moment.glsl"
 #include "spread_gradient.glsl"
 
 struct ListedGradient {
@@ -17,10 +18,10 @@ struct ListedGradient {
     real by_characteristic_area;
 };
 
-// `spread`: the variance of a cluster, 0 of a triangle. The light of each end is diffuse radiance or the cotangent of
+// `source_moment`, `spread`: the first moment of the light of a cluster, and its variance; 0 of a triangle. The light of each end is diffuse radiance or the cotangent of
 // irradiance, and its first bin.
 ListedGradient listed_gradient(
-    Facet source, real3 source_light, uint source_bins, real spread, bool fronts, bool backs, bool near,
+    Facet source, real3 source_light, Moment source_moment, uint source_bins, real spread, bool fronts, bool backs, bool near,
     Facet receiver, real3 receiver_light, uint receiver_bins
 ) {
     ListedGradient g = ListedGradient(real3(0.0), real3(0.0), real3(0.0), 0.0, 0.0, 0.0);
@@ -34,7 +35,7 @@ ListedGradient listed_gradient(
     real to = -dot(direction, receiver.normal);
     real tilt = sign_of * dot(receiver.normal, source.normal);
     real angle2 = spread / r2;
-    real cos_j = spread_over(to, from, tilt, angle2, 1.0);
+    Spread seen = spread_over(to, from, tilt, angle2, 1.0);
     real range = half_range * (source.characteristic_area + receiver.characteristic_area);
     real blend = 1.0;
     real2 slopes = real2(0.0);
@@ -46,24 +47,35 @@ ListedGradient listed_gradient(
     real side = (front ? fronts : backs) ? 1.0 : 0.0;
     real wide = r2 + source.area * INV_PI;
     real kernel = source.area / wide;
-    real weight = side * blend * from * cos_j * kernel;
+    real sent = side * blend * from * kernel;
+    real weight = sent * seen.cosine;
     for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
+        // What the first moment adds, as radiance.
+        real length = sqrt(r2);
+        real3 uneven = along(source_moment, spread_slope(seen, receiver.normal, direction, 1.0)) / (length * seen.cosine);
         Exchanged e = exchanged(
-            source.normal, source_bins, source_light, front, receiver.normal, receiver_bins, receiver_light, direction,
-            1.0, 1.0
+            source.normal, source_bins, source_light + uneven, front, receiver.normal, receiver_bins, receiver_light,
+            direction, 1.0, 1.0
         );
-        real value = side * dot(e.diffuse + e.binned, e.adjoint);
-        real scale = value * blend * kernel;
-        real4 of_cosine = scale * from * spread_over_gradient(to, from, tilt, angle2);
-        real by_from = sign_of * (scale * cos_j + of_cosine[1]);
+        real value = dot((front ? source_light : real3(0.0)) + e.binned, e.adjoint);
+        // How the importance of light changes with its place in the cluster.
+        real3 by_place = (front ? 1.0 / length : 0.0) * of_light(source_moment, e.adjoint);
+        Spread by = Spread(value, dot(receiver.normal, by_place), 4.0 * dot(direction, by_place));
+        real of_moment = seen.above * by.above + seen.mean * by.mean;
+        real whole = seen.cosine * value + of_moment;
+        real4 of_cosine = sent * spread_pull(by, to, from, tilt, angle2);
+        real by_from = sign_of * (side * blend * kernel * whole + of_cosine[1]);
         real by_tilt = sign_of * of_cosine[2];
-        real plain = value * from * cos_j * kernel;
-        real by_r2 = slopes.x * plain - blend * plain / wide - of_cosine[3] * angle2 / r2;
-        real3 by_direction = by_from * source.normal - of_cosine[0] * receiver.normal + weight * e.by_direction;
-        g.by_between = 2.0 * by_r2 * d + through_normalization(by_direction, direction, sqrt(r2));
+        real plain = side * whole * from * kernel;
+        real by_r2 =
+            slopes.x * plain - blend * plain / wide - (of_cosine[3] * angle2 + 0.5 * sent * of_moment) / r2;
+        real3 by_direction = by_from * source.normal - of_cosine[0] * receiver.normal
+            + (sent * 4.0 * seen.mean) * by_place + weight * e.by_direction;
+        g.by_between = 2.0 * by_r2 * d + through_normalization(by_direction, direction, length);
         g.by_source_normal = by_from * direction + by_tilt * receiver.normal + weight * e.by_source_normal;
-        g.by_receiver_normal = -of_cosine[0] * direction + by_tilt * source.normal + weight * e.by_receiver_normal;
-        g.by_area = value * blend * from * cos_j * r2 / (wide * wide);
+        g.by_receiver_normal = -of_cosine[0] * direction + by_tilt * source.normal
+            + (sent * seen.above) * by_place + weight * e.by_receiver_normal;
+        g.by_area = side * whole * blend * from * r2 / (wide * wide);
         g.by_spread = of_cosine[3] / r2;
         g.by_characteristic_area = slopes.y * plain * half_range;
     }

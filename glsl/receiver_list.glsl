@@ -32,8 +32,10 @@ layout(push_constant) uniform ReceiversPush {
     // Of the entries in range, `take` after the first `skip`.
     uint skip;
     uint take;
-    // 1 if the sources are clusters.
+    // Index of the first cluster if the sources are clusters, otherwise 0.
     uint clusters;
+    // Index of the first moment in the radiance that is bound, three for each cluster.
+    uint moments;
 };
 
 shared Facet fetched_facets[LANES];

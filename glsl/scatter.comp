@@ -1,10 +1,12 @@
 #version 450 core
 #extension GL_GOOGLE_include_directive : require
-// The transpose of gather.comp: the cotangent of the radiance of parts, triangles or clusters, from that of their cluster.
+// The transpose of gather.comp: the cotangents of the radiance of parts, triangles or clusters, and of its moments, from those of
+// their cluster.
 // Every part belongs to one cluster. Twin: src/reference/clusters_adjoint.rs.
 
 #include "geometry.glsl"
 #include "cluster_parts.glsl"
+#include "moment.glsl"
 
 layout(local_size_x_id = 0) in;
 
@@ -21,6 +23,8 @@ layout(push_constant) uniform GatherPush {
     uint clusters;
     // 1 if their parts are triangles.
     uint triangles;
+    // Index of the first moment among the cotangents of clusters, three for each.
+    uint moments;
 };
 
 void main() {
@@ -29,13 +33,21 @@ void main() {
         Facet cluster = facets[c];
         uvec2 of = parts[c - clusters];
         real3 own = of_clusters[c - clusters].rgb;
+        uint at = moments + 3 * (c - clusters);
+        Moment moment = Moment(of_clusters[at].rgb, of_clusters[at + 1].rgb, of_clusters[at + 2].rgb);
         for (uint k = 0; k < count_parts(of, triangles != 0); k++) {
             uint i = part(of, triangles != 0, k);
-            real3 value = share(facets[i], cluster) * own;
+            Facet facet = facets[i];
+            real factor = share(facet, cluster);
+            real3 value = factor * (own + along(moment, facet.centre - cluster.centre));
             if (triangles != 0) {
                 of_triangles[i].rgb += value;
             } else {
                 of_clusters[i - clusters].rgb += value;
+                uint to = moments + 3 * (i - clusters);
+                of_clusters[to].rgb += factor * moment.x;
+                of_clusters[to + 1].rgb += factor * moment.y;
+                of_clusters[to + 2].rgb += factor * moment.z;
             }
         }
     }

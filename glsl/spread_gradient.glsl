@@ -4,8 +4,9 @@
 
 #include "spread.glsl"
 
-// The derivatives of spread_over(to, from, tilt, spread, 1) by `to`, `from`, `tilt` and `spread`; zero where it is.
-real4 spread_over_gradient(real to, real from, real tilt, real spread) {
+// From the derivatives by the values of spread_over(to, from, tilt, spread, 1) to those by `to`, `from`, `tilt` and `spread`; zero
+// where there is no light.
+real4 spread_pull(Spread by, real to, real from, real tilt, real spread) {
     real width = sqrt(max(1.5 * spread * (1.0 - tilt * tilt), 0.0));
     bool straddles = width > 0.0 && abs(to) <= width;
     real by_width = straddles ? 1.0 / width : real(0.0);
@@ -13,13 +14,13 @@ real4 spread_over_gradient(real to, real from, real tilt, real spread) {
     real mean = straddles ? above * above * width : max(to, 0.0);
     real second = mean - tilt * from - 3.0 * mean * from * from;
     bool dark = !(mean + above * 2.0 * spread * second > 0.0);
-    real by_mean = 1.0 + above * 2.0 * spread * (1.0 - 3.0 * from * from);
-    real by_above = 2.0 * spread * second;
+    real by_mean = by.mean + by.cosine * (1.0 + above * 2.0 * spread * (1.0 - 3.0 * from * from));
+    real by_above = by.above + by.cosine * 2.0 * spread * second;
     real at_to = by_mean * above + by_above * 0.5 * by_width;
     real at_width = straddles ? by_mean * above * (1.0 - above) - by_above * 0.5 * to * by_width * by_width : real(0.0);
-    real at_from = -above * 2.0 * spread * (tilt + 6.0 * mean * from);
-    real at_tilt = -above * 2.0 * spread * from - at_width * 1.5 * spread * tilt * by_width;
-    real at_spread = above * 2.0 * second + at_width * 0.75 * (1.0 - tilt * tilt) * by_width;
+    real at_from = -by.cosine * above * 2.0 * spread * (tilt + 6.0 * mean * from);
+    real at_tilt = -by.cosine * above * 2.0 * spread * from - at_width * 1.5 * spread * tilt * by_width;
+    real at_spread = by.cosine * above * 2.0 * second + at_width * 0.75 * (1.0 - tilt * tilt) * by_width;
     return dark ? real4(0.0) : real4(at_to, at_from, at_tilt, at_spread);
 }
 

@@ -3,7 +3,7 @@
 mod support;
 
 use antirad::model::{Class, ClusterInput, Clusters, Facet};
-use antirad::plan::{GradientRequest, Plan, PlanOptions};
+use antirad::plan::{Plan, PlanOptions};
 use antirad::reference::{
     AdjointEquation, Model, Outgoing, State, emission, observe, observe_adjoint, observe_derivative,
     reflect_adjoint, reflect_derivative, transport, transport_adjoint, transport_derivative,
@@ -118,9 +118,9 @@ fn operators_and_their_transposes_agree() {
     }
 }
 
-/// A plan with clusters of a scene, for gradients.
+/// A plan with clusters of a scene. Lists for gradients would hold few in so coarse bins.
 fn with_clusters(scene: &Scene) -> Plan {
-    let options = PlanOptions::default().boundless().gradients(GradientRequest::EVERYTHING);
+    let options = PlanOptions::default().boundless();
     let plan = Plan::new(scene, &options, &scene.settings).expect("a plan");
     assert!(plan.pairs().clusters > 0, "{}: {}", scene.name, plan.transport());
     plan
@@ -188,6 +188,7 @@ fn transport_through_clusters_changes_with_all_corners_as_its_derivative_says() 
         tolerance: 1e-6,
         bin: 0.3,
         error: 0.3,
+        slopes: false,
         cull: true,
     };
     let clusters = &Clusters::new(&input, false).expect("clusters");

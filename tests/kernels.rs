@@ -338,6 +338,7 @@ fn layouts_agree_with_the_shaders() {
                 "skip" = skip,
                 "take" = take,
                 "clusters" = clusters,
+                "moments" = moments,
             ]
         );
     }
@@ -345,19 +346,29 @@ fn layouts_agree_with_the_shaders() {
         shaders::GATHER.of(Precision::F64),
         "GatherPush",
         GatherPush,
-        ["begin" = begin, "end" = end, "clusters" = clusters, "triangles" = triangles]
+        ["begin" = begin, "end" = end, "clusters" = clusters, "triangles" = triangles, "moments" = moments]
     );
     check!(
         shaders::SCATTER.of(Precision::F32),
         "GatherPush",
         GatherPush,
-        ["begin" = begin, "end" = end, "clusters" = clusters, "triangles" = triangles]
+        ["begin" = begin, "end" = end, "clusters" = clusters, "triangles" = triangles, "moments" = moments]
     );
-    for shader in [
-        shaders::GATHER_BINS.of(Precision::F32),
-        shaders::SCATTER_BINS.of(Precision::F64),
+    check!(
         shaders::CLUSTER_SHARES.of(Precision::F32),
-    ] {
+        "SharesPush",
+        SharesPush,
+        [
+            "begin" = begin,
+            "clusters" = clusters,
+            "triangles" = triangles,
+            "from_page" = from_page,
+            "to_page" = to_page,
+            "moments" = moments,
+            "cotangent_moments" = cotangent_moments,
+        ]
+    );
+    for shader in [shaders::GATHER_BINS.of(Precision::F32), shaders::SCATTER_BINS.of(Precision::F64)] {
         check!(
             shader,
             "GatherBinsPush",
@@ -392,6 +403,7 @@ fn layouts_agree_with_the_shaders() {
                 "skip" = skip,
                 "take" = take,
                 "clusters" = clusters,
+                "moments" = moments,
             ]
         );
     }

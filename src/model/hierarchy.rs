@@ -10,6 +10,9 @@ const MARGIN: f64 = 1e-3;
 /// The same as a fraction of the largest coordinate.
 const ROUNDING: f64 = 1e-13;
 
+/// Leaves of a branch that is built by one thread.
+const ALONE: usize = 1024;
+
 /// A branch of the tree, or a leaf: a run of leaves, and bounds of their triangles.
 #[derive(Clone, Debug)]
 pub struct Node {
@@ -50,7 +53,7 @@ struct Source<'a, S> {
     cut: S,
 }
 
-impl<S: Fn(&Range<usize>) -> usize> Source<'_, S> {
+impl<S: Fn(&Range<usize>) -> usize + Sync> Source<'_, S> {
     fn facets(&self, leaves: &Range<usize>) -> impl Iterator<Item = &Facet> + Clone {
         let end = (leaves.end * self.leaf).min(self.order.len());
         let slots = &self.order[leaves.start * self.leaf..end];
@@ -74,10 +77,28 @@ impl<S: Fn(&Range<usize>) -> usize> Source<'_, S> {
         nodes.push(self.node(leaves.clone()));
         if leaves.len() > 1 {
             let middle = (self.cut)(&leaves);
-            self.grow(leaves.start..middle, nodes);
-            self.grow(middle..leaves.end, nodes);
+            let both = [leaves.start..middle, middle..leaves.end];
+            if leaves.len() > ALONE {
+                self.grow_at_once(both, nodes);
+            } else {
+                both.into_iter().for_each(|leaves| self.grow(leaves, nodes));
+            }
         }
         nodes[at].next = nodes.len();
+    }
+
+    /// Two branches in parallel.
+    fn grow_at_once(&self, [first, second]: [Range<usize>; 2], nodes: &mut Vec<Node>) {
+        let branch = |leaves: Range<usize>| {
+            let mut nodes = Vec::with_capacity(2 * leaves.len());
+            self.grow(leaves, &mut nodes);
+            nodes
+        };
+        let (first, second) = rayon::join(|| branch(first), || branch(second));
+        for branch in [first, second] {
+            let before = nodes.len();
+            nodes.extend(branch.into_iter().map(|node| Node { next: node.next + before, ..node }));
+        }
     }
 }
 
@@ -94,7 +115,7 @@ impl Hierarchy {
         order: &[u32],
         leaf: usize,
         tolerance: f64,
-        cut: impl Fn(&Range<usize>) -> usize,
+        cut: impl Fn(&Range<usize>) -> usize + Sync,
     ) -> Self {
         let leaves = order.len().div_ceil(leaf);
         let mut nodes = Vec::with_capacity(2 * leaves);

@@ -20,8 +20,8 @@ pub use class::{Class, classify};
 pub(crate) use class::{coplanar_tolerance, reaches};
 pub(crate) use close_pair::{ClosePair, Piece};
 pub use clusters::{
-    ClusterInput, ClusterRun, Clusters, ENTRY_BITS, LIST, Parts, ReceiverLists, SOURCES, SourceLists, share,
-    spread_over, spread_over_gradient,
+    ClusterInput, ClusterRun, Clusters, ENTRY_BITS, LIST, Parts, ReceiverLists, SOURCES, SourceLists, Spread,
+    share,
 };
 pub use facet::{Facet, orthonormal_basis};
 pub(crate) use facet::{centroid, quarters};

@@ -60,7 +60,7 @@ impl MemoryPlan {
         memory.add("facets", seen * FACET * real, 1);
         memory.add("corners", slots * CORNERS * real, 1);
         memory.add("surfaces", slots * SURFACE * real, 1);
-        memory.add("radiance", seen * plan.rgb_bytes(), 1);
+        memory.add("radiance", plan.radiance_bytes(), 1);
         memory.add("face colours", slots * plan.rgb_bytes(), 1);
         memory.add("bin table", plan.bins.count() as u64 * RGB * real, 1);
         let PairLists { far, near } = &plan.interactions.by_receiver;
@@ -115,7 +115,7 @@ impl MemoryPlan {
     fn add_cluster_cotangents(&mut self, plan: &Plan, clusters: &Clusters) {
         let lists = clusters.receivers().map_or(0, |lists| size_of_val(lists.words()) as u64);
         self.add("cluster receivers", lists, 1);
-        self.add("cotangent: clusters", u64::from(clusters.count()) * plan.rgb_bytes(), 1);
+        self.add("cotangent: clusters", 4 * u64::from(clusters.count()) * plan.rgb_bytes(), 1);
         for run in clusters.runs() {
             let bytes = run.range().len() as u64 * plan.bin_bytes();
             let sets = u32::from(run.class.blocker) + u32::from(run.class.glossy);

@@ -198,6 +198,9 @@ impl PlannedSolver {
 
 /// The longest Krylov basis worth its memory: rooms need 10 to 14 passes for 1e-4.
 const LONGEST_RESTART: u32 = 16;
+/// The same for each digit of the tolerance where clusters stand for triangles: a pass takes little time there, and the basis is most
+/// of the memory.
+const RESTART_PER_DIGIT: f64 = 2.6;
 /// The shortest one that is still faster than the fixed point.
 const SHORTEST_RESTART: u32 = 4;
 
@@ -311,9 +314,15 @@ impl Plan {
     /// error with the number of bytes required.
     fn choose_solver(&mut self) -> Result<(), PlanError> {
         let wanted: Vec<PlannedSolver> = {
-            let bases = |shortest: u32| {
-                (shortest..=LONGEST_RESTART).rev().map(|restart| PlannedSolver::Gmres { restart })
+            let longest = match self.clusters() {
+                None => LONGEST_RESTART,
+                Some(_) => {
+                    let wanted = (-RESTART_PER_DIGIT * self.settings.tolerance.log10()).ceil();
+                    (wanted as u32).clamp(SHORTEST_RESTART, LONGEST_RESTART)
+                }
             };
+            let bases =
+                |shortest: u32| (shortest..=longest).rev().map(|restart| PlannedSolver::Gmres { restart });
             match self.settings.solver {
                 SolverChoice::FixedPoint => vec![PlannedSolver::FixedPoint],
                 SolverChoice::Gmres => bases(1).collect(),
@@ -511,6 +520,12 @@ impl Plan {
     /// Bytes of one vec4 of reals.
     pub(crate) fn rgb_bytes(&self) -> u64 {
         memory::RGB * self.settings.precision.bytes()
+    }
+
+    /// Bytes of the diffuse radiance of all sources, of the first moments of clusters, and of what dispatches bind past the last.
+    pub(crate) fn radiance_bytes(&self) -> u64 {
+        let moments = 3 * self.clusters().map_or(0, Clusters::count);
+        u64::from(self.sources() + moments + self.partner_slots()) * self.rgb_bytes()
     }
 
     /// Whether glossy triangles reflect the light of lamps that does not take part in U.

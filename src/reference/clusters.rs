@@ -3,9 +3,9 @@
 use super::transport::{Beam, Incident, collect, near_beams, visit_far};
 use super::{Model, Outgoing, State};
 use crate::model::{
-    Class, Clusters, Facet, LIST, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Parts, far_weight, share, spread_over,
+    Class, Clusters, Facet, LIST, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Parts, Spread, far_weight, share,
 };
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -22,9 +22,12 @@ pub fn transport_through_clusters(model: &Model, clusters: &Clusters, outgoing: 
                     visit_listed(model, i, j, passing, |beam| incident.receive(outgoing, i, beam));
                 }
                 Source::Cluster(c) => {
-                    if let Some(beam) = cluster_beam(model, &light.facets[c], j, passing) {
-                        let radiance = light.radiance(model, c, &beam);
-                        incident.deposit(-beam.direction, beam.diffuse * radiance);
+                    if let Some(ClusterBeam { beam, slope }) =
+                        cluster_beam(model, &light.facets[c], j, passing)
+                    {
+                        let even = beam.diffuse * light.radiance(model, c, &beam);
+                        let uneven = if beam.front { light.moment[c] * slope } else { DVec3::ZERO };
+                        incident.deposit(-beam.direction, even + uneven);
                     }
                 }
             }
@@ -83,7 +86,15 @@ pub(super) fn visit_listed(model: &Model, i: usize, j: usize, passing: u32, mut 
 }
 
 /// The line from a cluster to a receiver.
-pub(super) fn cluster_beam(model: &Model, source: &Facet, j: usize, passing: u32) -> Option<Beam> {
+pub(super) struct ClusterBeam {
+    /// For the mean radiance.
+    pub beam: Beam,
+    /// How the projected solid angle changes along the cluster's plane, sr per unit of length: for the first moment of the diffuse
+    /// radiance.
+    pub slope: DVec3,
+}
+
+pub(super) fn cluster_beam(model: &Model, source: &Facet, j: usize, passing: u32) -> Option<ClusterBeam> {
     let receiver = &model.facets[j];
     let between = receiver.centroid - source.centroid;
     let r2 = between.length_squared();
@@ -96,31 +107,44 @@ pub(super) fn cluster_beam(model: &Model, source: &Facet, j: usize, passing: u32
     let tilt = receiver.normal.dot(source.normal) * cos_i.signum();
     // A cluster has the variance of its triangles in place of the characteristic area.
     let angle2 = source.characteristic_area / r2;
-    let cos_j = spread_over(-direction.dot(receiver.normal), cos_i.abs(), tilt, angle2);
-    let projected = cos_j * cos_i.abs() * source.area / (r2 + source.area / PI);
-    Some(Beam { direction, front, diffuse: projected, binned: projected })
+    let seen = Spread::new(-direction.dot(receiver.normal), cos_i.abs(), tilt, angle2);
+    let sent = cos_i.abs() * source.area / (r2 + source.area / PI);
+    let projected = seen.cosine * sent;
+    let slope = sent / r2.sqrt() * (seen.above * receiver.normal + 4.0 * seen.mean * direction);
+    let beam = Beam { direction, front, diffuse: projected, binned: projected };
+    Some(ClusterBeam { beam, slope })
 }
 
 /// What each cluster sends.
 pub(super) struct ClusterLight {
     pub facets: Vec<Facet>,
     pub diffuse: Vec<DVec3>,
+    /// First moment of the diffuse radiance around the centroid, a column for each coordinate.
+    pub moment: Vec<DMat3>,
     /// Per bin; empty where the parts have none.
     pub specular: Vec<Vec<DVec3>>,
     pub antiradiance: Vec<Vec<DVec3>>,
 }
 
 impl ClusterLight {
-    /// Sums up parts, Σ a ⟨n_i, n⟩ L_i / ā. Bins of parts need no rotation: their frames are similar.
+    /// Sums up parts, Σ a ⟨n_i, n⟩ L_i / ā, and Σ a ⟨n_i, n⟩ L_i (x_i - c)ᵀ / ā for the first moment. Bins of parts need no rotation: their frames are similar.
     pub fn new(model: &Model, clusters: &Clusters, outgoing: &Outgoing) -> Self {
         let facets = clusters.facets(&model.facets);
-        let mut light = Self { facets, diffuse: Vec::new(), specular: Vec::new(), antiradiance: Vec::new() };
+        let mut light = Self {
+            facets,
+            diffuse: Vec::new(),
+            moment: Vec::new(),
+            specular: Vec::new(),
+            antiradiance: Vec::new(),
+        };
         for (c, parts) in clusters.parts().iter().enumerate() {
             let own = light.facets[c];
-            let (mut diffuse, mut specular, mut antiradiance) = (DVec3::ZERO, Vec::new(), Vec::new());
-            let mut add = |part: &Facet, l: DVec3, s: &[DVec3], a: &[DVec3]| {
+            let (mut diffuse, mut moment) = (DVec3::ZERO, DMat3::ZERO);
+            let (mut specular, mut antiradiance) = (Vec::new(), Vec::new());
+            let mut add = |part: &Facet, l: DVec3, m: DMat3, s: &[DVec3], a: &[DVec3]| {
                 let share = share(part, &own);
                 diffuse += share * l;
+                moment += share * (outer(l, part.centroid - own.centroid) + m);
                 add_scaled(&mut specular, share, s);
                 add_scaled(&mut antiradiance, share, a);
             };
@@ -131,17 +155,18 @@ impl ClusterLight {
                         let bins = |kept: bool| model.bins_of(i).filter(|_| kept).unwrap_or(0..0);
                         let (s, a) =
                             (&outgoing.specular[bins(glossy)], &outgoing.antiradiance[bins(blocker)]);
-                        add(&model.facets[i], outgoing.diffuse[i], s, a);
+                        add(&model.facets[i], outgoing.diffuse[i], DMat3::ZERO, s, a);
                     }
                 }
                 Parts::Clusters(both) => {
                     for part in both.map(|index| (index - clusters.first()) as usize) {
                         let (s, a) = (&light.specular[part], &light.antiradiance[part]);
-                        add(&light.facets[part], light.diffuse[part], s, a);
+                        add(&light.facets[part], light.diffuse[part], light.moment[part], s, a);
                     }
                 }
             }
             light.diffuse.push(diffuse);
+            light.moment.push(moment);
             light.specular.push(specular);
             light.antiradiance.push(antiradiance);
         }
@@ -158,6 +183,11 @@ impl ClusterLight {
             false => -gather(&self.antiradiance[c], -beam.direction),
         }
     }
+}
+
+/// x yᵀ.
+pub(super) fn outer(x: DVec3, y: DVec3) -> DMat3 {
+    DMat3::from_cols(x * y.x, x * y.y, x * y.z)
 }
 
 /// Adds to values that may still be empty, which counts as zeros.

@@ -1,10 +1,11 @@
 //! Uᵀ where clusters stand for far triangles. Twin of glsl/cluster_adjoint.comp and glsl/scatter*.comp.
 
 use super::adjoint::{SourceCotangent, outgoing_cotangent};
-use super::clusters::{Source, add_scaled, cluster_beam, listed, slots, visit_listed};
+use super::clusters::{ClusterBeam, Source, add_scaled, cluster_beam, listed, outer, slots, visit_listed};
 use super::transport::near_beams;
 use super::{Model, Outgoing, State};
-use crate::model::{Clusters, Parts, share};
+use crate::model::{Clusters, Facet, Parts, share};
+use glam::DMat3;
 use rayon::prelude::*;
 
 /// The transpose of [`super::transport_through_clusters`]: from the adjoint λ of the incident light (`importance`) to the
@@ -27,6 +28,8 @@ pub fn transport_through_clusters_adjoint(
 pub(super) struct Cotangents {
     pub triangles: Vec<SourceCotangent>,
     pub clusters: Vec<SourceCotangent>,
+    /// Of the first moments of clusters.
+    pub moments: Vec<DMat3>,
 }
 
 impl Cotangents {
@@ -38,6 +41,7 @@ impl Cotangents {
         let mut all = Self {
             triangles: (0..model.facets.len()).map(|i| SourceCotangent::of_triangle(model, i)).collect(),
             clusters: facets.iter().copied().zip(classes).map(of_cluster).collect(),
+            moments: vec![DMat3::ZERO; facets.len()],
         };
         for (j, slot) in slots(model, clusters).into_iter().enumerate() {
             for (source, passing) in listed(clusters, slot) {
@@ -46,7 +50,12 @@ impl Cotangents {
                         all.triangles[i].receive(model, importance, j, beam);
                     }),
                     Source::Cluster(c) => {
-                        if let Some(beam) = cluster_beam(model, &facets[c], j, passing) {
+                        if let Some(ClusterBeam { beam, slope }) = cluster_beam(model, &facets[c], j, passing)
+                        {
+                            if beam.front {
+                                let importance = importance.importance(model, j, -beam.direction);
+                                all.moments[c] += outer(importance, slope);
+                            }
                             all.clusters[c].receive(model, importance, j, beam);
                         }
                     }
@@ -56,14 +65,21 @@ impl Cotangents {
         // Parts have lower numbers than what they make up.
         for (c, parts) in clusters.parts().iter().enumerate().rev() {
             let (below, above) = all.clusters.split_at_mut(c);
-            let own = &above[0];
+            let (own, moment) = (&above[0], all.moments[c]);
+            let pass_on = |to: &mut SourceCotangent, part: &Facet| {
+                let share = share(part, &facets[c]);
+                to.add(share, own);
+                to.diffuse += share * (moment * (part.centroid - facets[c].centroid));
+                share
+            };
             match parts {
                 Parts::Triangles(slots) => clusters.triangles(slots).for_each(|i| {
-                    all.triangles[i].add(share(&model.facets[i], &facets[c]), own);
+                    pass_on(&mut all.triangles[i], &model.facets[i]);
                 }),
                 Parts::Clusters(both) => both.iter().for_each(|index| {
                     let part = (index - clusters.first()) as usize;
-                    below[part].add(share(&facets[part], &facets[c]), own);
+                    let share = pass_on(&mut below[part], &facets[part]);
+                    all.moments[part] += share * moment;
                 }),
             }
         }

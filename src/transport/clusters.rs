@@ -23,6 +23,8 @@ pub struct GatherPush {
     pub clusters: u32,
     /// 1 if their parts are triangles.
     pub triangles: u32,
+    /// Index of the first moment, three for each cluster.
+    pub moments: u32,
 }
 
 /// `GatherBinsPush` of glsl/gather_bins.comp.
@@ -156,6 +158,7 @@ impl ClusterLight {
             end: of.end,
             clusters: clusters.first(),
             triangles: u32::from(triangles),
+            moments: context.plan.sources(),
         };
         let parts = scene.cluster_parts()?.whole();
         let buffers = [scene.facets.whole(), parts, outgoing.radiance.whole()];

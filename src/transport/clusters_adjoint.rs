@@ -7,8 +7,28 @@ use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError, Pipel
 use crate::model::{Class, Clusters};
 use crate::plan::Plan;
 use crate::shaders;
-use bytemuck::bytes_of;
+use bytemuck::{Pod, Zeroable, bytes_of};
 use std::ops::Range;
+
+/// `SharesPush` of glsl/cluster_shares.comp.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct SharesPush {
+    /// First cluster of the dispatch.
+    pub begin: u32,
+    /// Index of the first cluster of all.
+    pub clusters: u32,
+    /// 1 if their parts are triangles.
+    pub triangles: u32,
+    /// Index of the first part in its page.
+    pub from_page: u32,
+    /// Index of the first cluster in its page.
+    pub to_page: u32,
+    /// Index of the first moment in the radiance of sources, three for each cluster.
+    pub moments: u32,
+    /// The same in the cotangents of clusters.
+    pub cotangent_moments: u32,
+}
 
 /// The cotangents of the bins of the clusters of one class.
 pub struct RunCotangents {
@@ -27,7 +47,7 @@ pub struct ClusterCotangents {
     scatter_bins: Pipeline,
     /// By class: of irradiance alone, blockers, glossy ones, and both. `None` unless geometry is differentiated.
     shares: Option<[Pipeline; 4]>,
-    /// Of diffuse radiance, vec4 per cluster.
+    /// Of diffuse radiance, vec4 per cluster; then of its first moments, three per cluster.
     pub radiance: Buffer,
     pub runs: Vec<RunCotangents>,
 }
@@ -55,7 +75,8 @@ impl ClusterCotangents {
         let (scatter, scatter_bins) = (shaders::SCATTER.of(precision), shaders::SCATTER_BINS.of(precision));
         let of_class = |blocker: u32, glossy: u32| {
             let constants = [&constants[..], &[(7, blocker), (8, glossy), (13, WORKGROUP)]].concat();
-            Pipeline::new(device, shaders::CLUSTER_SHARES.of(precision), 9, bins_push, &constants, None)
+            let push = size_of::<SharesPush>() as u32;
+            Pipeline::new(device, shaders::CLUSTER_SHARES.of(precision), 10, push, &constants, None)
         };
         let shares =
             || Ok::<_, GpuError>([of_class(0, 0)?, of_class(1, 0)?, of_class(0, 1)?, of_class(1, 1)?]);
@@ -63,7 +84,7 @@ impl ClusterCotangents {
             shares: plan.options.gradients.geometry().then(shares).transpose()?,
             scatter: Pipeline::new(device, scatter, 4, push, &[(0, WORKGROUP)], None)?,
             scatter_bins: Pipeline::new(device, scatter_bins, 4, bins_push, &constants, None)?,
-            radiance: buffer("cotangent: clusters", u64::from(clusters.count()) * plan.rgb_bytes())?,
+            radiance: buffer("cotangent: clusters", 4 * u64::from(clusters.count()) * plan.rgb_bytes())?,
             runs,
         }))
     }
@@ -96,7 +117,8 @@ impl ClusterCotangents {
         Ok(())
     }
 
-    /// Sets the derivative by the share of each part in the light of its cluster, in `gradients`; `sources` is the current light.
+    /// Sets the derivative by the share of each part in the light of its cluster, in `gradients`, and adds that by the centroids between
+    /// which the first moment is taken; `sources` is the current light.
     pub fn shares(
         &self,
         context: &Context,
@@ -128,14 +150,17 @@ impl ClusterCotangents {
                     run.specular.as_ref().map_or(none, Buffer::whole),
                     scene.bin_table.whole(),
                     gradients.whole(),
+                    scene.facets.whole(),
                 ];
                 for begin in of.clone().step_by(MOST_GROUPS) {
-                    let push = GatherBinsPush {
+                    let push = SharesPush {
                         begin,
                         clusters: first,
                         triangles: u32::from(are_triangles),
                         from_page: from.indices.start,
                         to_page: run.indices.start,
+                        moments: plan.sources(),
+                        cotangent_moments: plan.sources() - first,
                     };
                     let groups = [(of.end - begin).min(MOST_GROUPS as u32), 1, 1];
                     batch.dispatch(kernel, "all", &buffers, bytes_of(&push), groups)?;
@@ -189,6 +214,7 @@ impl ClusterCotangents {
             end: of.end,
             clusters: clusters.first(),
             triangles: u32::from(triangles),
+            moments: clusters.count(),
         };
         let parts = scene.cluster_parts()?;
         let buffers = [scene.facets.whole(), parts.whole(), self.radiance.whole(), outgoing.radiance.whole()];

@@ -27,6 +27,7 @@ mod vectors;
 mod watch;
 
 pub use clusters::{GatherBinsPush, GatherPush};
+pub use clusters_adjoint::SharesPush;
 pub use half_bins::PackPush;
 pub use lobes::LobePush;
 pub use near_matrix::NearMatrixPush;

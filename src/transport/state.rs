@@ -31,7 +31,7 @@ pub struct StateBuffers {
 
 /// E + K H: radiance of the fronts of every slot, and per bin. W/(m² sr).
 pub struct Outgoing {
-    /// Diffuse radiance of the fronts, vec4 per slot.
+    /// Diffuse radiance of the fronts, vec4 per slot, and of clusters; then of its first moments, three per cluster.
     pub radiance: Buffer,
     /// Per group: specular radiance of the fronts of glossy triangles. Where states live on the host, of none.
     pub specular: Vec<Option<Buffer>>,
@@ -143,14 +143,7 @@ impl Outgoing {
                 (plan.layout.groups.iter().map(|_| None).collect(), any.then(window).transpose()?)
             }
         };
-        Ok(Self {
-            radiance: buffer(
-                "radiance",
-                u64::from(plan.sources() + plan.partner_slots()) * plan.rgb_bytes(),
-            )?,
-            specular,
-            window,
-        })
+        Ok(Self { radiance: buffer("radiance", plan.radiance_bytes())?, specular, window })
     }
 
     /// The buffer for the specular radiance of a piece of a glossy group.

@@ -58,8 +58,10 @@ pub struct ListPush {
     pub skip: u32,
     /// Largest number that this one covers.
     pub take: u32,
-    /// 1 if the sources are clusters.
+    /// Index of the first cluster if the sources are clusters, otherwise 0.
     pub clusters: u32,
+    /// Index of the first moment in the radiance of sources, three for each cluster.
+    pub moments: u32,
 }
 
 /// Sources of a list per dispatch: as many as [`Plan::partner_slots`] in f32, and for the same reason.
@@ -339,7 +341,8 @@ impl Sweep {
                     passing,
                     skip,
                     take: LIST_TAKE,
-                    clusters: u32::from(indices.start >= clusters.first()),
+                    clusters: if indices.start >= clusters.first() { clusters.first() } else { 0 },
+                    moments: plan.sources(),
                 };
                 let pairs = (begin..begin + rows).map(|list| u64::from(left(list) * LIST)).sum();
                 bundle.add(pairs, pairs, |batch| {
@@ -440,7 +443,7 @@ fn shares_deposits(device: &Device, plan: &Plan, lanes: u32, sets: u64) -> bool 
     let info = device.info();
     // Drivers may align a vec3 like a vec4.
     let bytes = sets * u64::from(lanes) * plan.bins.count() as u64 * plan.rgb_bytes();
-    let fetched = u64::from(lanes) * (plan.facet_bytes() + plan.rgb_bytes() + 4);
+    let fetched = u64::from(lanes) * (plan.facet_bytes() + 4 * plan.rgb_bytes() + 4);
     info.kind == DeviceKind::Cpu
         && plan.channels == 3
         && bytes + fetched <= u64::from(info.shared_memory_bytes)

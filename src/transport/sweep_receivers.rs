@@ -39,8 +39,10 @@ pub struct ReceiversPush {
     pub skip: u32,
     /// Largest number that this one covers.
     pub take: u32,
-    /// 1 if the sources are clusters.
+    /// Index of the first cluster if the sources are clusters, otherwise 0.
     pub clusters: u32,
+    /// Index of the first moment in the buffer of the sources' radiance, three for each cluster.
+    pub moments: u32,
 }
 
 /// Lists of a group per dispatch: lavapipe bounds the iterations of all loops of an invocation together by 65535, and a list takes
@@ -115,7 +117,8 @@ impl Sweep {
                     partner_page: receivers_page,
                     skip,
                     take: TAKE,
-                    clusters: u32::from(sources.start >= clusters.first()),
+                    clusters: if sources.start >= clusters.first() { clusters.first() } else { 0 },
+                    moments: plan.sources() - radiance_page,
                 };
                 let pairs = part.iter().map(|target| pairs_of(left(target))).sum();
                 bundle.add(pairs, pairs, |batch| {

@@ -2,9 +2,9 @@
 //!
 //! Seen from a distance r, a cluster with variance σ² of its centroids and δ² of its frames is wrong by about
 //! w (σ/r) (σ/r + δ) of the mean irradiance, w being its share of that irradiance; where bins are read or filled, by
-//! w ((σ/r)² + δ²) / Ω, since a bin resolves its solid angle Ω and no more. Where a curved cluster is seen edge-on, or lamps
-//! lie off its centre, the error is of first order: w δ, w times that offset over r. Light decides, not angle alone: small,
-//! dim and inclined sources need little care.
+//! w ((σ/r)² + δ²) / Ω, since a bin resolves its solid angle Ω and no more. Where a curved cluster is seen edge-on, the error is of
+//! first order, w δ. Lamps off its centre by d count like triangles at that distance, w (d/r)²: the first moment of light covers
+//! the rest. Light decides, not angle alone: small, dim and inclined sources need little care.
 
 use super::moments::Moments;
 use super::sources::{ENTRY_BITS, SourceLists};
@@ -17,9 +17,14 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// Square of the largest σ/r over the error: light that varies within a cluster is not resolved, and tends to be brighter
-/// on the near side, so that these errors add up.
-const WIDE: f64 = 2.5;
+/// Square of the largest σ/r over the error: the light of a cluster is linear in its plane, and what is missing tends to have the
+/// same sign everywhere, so that these errors add up.
+const WIDE: f64 = 5.0;
+/// The same where bins are read or filled: light per bin is that of the centroid.
+const WIDE_IN_BINS: f64 = 2.5;
+/// Square of the largest σ/r over the solid angle of a bin, where bins are read or filled and derivatives are wanted: these see how
+/// light changes from bin to bin.
+const WIDE_IN_SLOPES: f64 = 0.02;
 /// Largest σ/r, and δ, for any error: beyond, higher orders count.
 const WIDEST: f64 = 0.2;
 /// δ below which a cluster counts as flat.
@@ -185,7 +190,12 @@ impl<'a> Acceptance<'a> {
         let r2 = facet.centroid.distance_squared(nearest);
         let angle2 = branch.spread / r2;
         let bins = to.bins || passing & PAIR_BACK != 0 || branch.glossy;
-        let widest2 = (WIDE * self.input.error).min(WIDEST * WIDEST);
+        let wide = match bins {
+            false => WIDE * self.input.error,
+            true if self.input.slopes => WIDE_IN_SLOPES * self.input.bin,
+            true => WIDE_IN_BINS * self.input.error,
+        };
+        let widest2 = wide.min(WIDEST * WIDEST);
         // In this form, a distance of zero accepts nothing.
         if !(angle2 <= widest2 && branch.turn <= WIDEST) || self.is_near(to, from) {
             return false;
@@ -203,7 +213,7 @@ impl<'a> Acceptance<'a> {
         let turn = if passing & PAIR_BACK != 0 || branch.glossy { branch.turn } else { 0.0 };
         let in_bins = if bins { (angle2 + turn * turn) / self.input.bin } else { 0.0 };
         let turned = if edge_on { branch.turn } else { 0.0 };
-        let uneven = if passing & PAIR_FRONT != 0 { branch.offset / r2.sqrt() } else { 0.0 };
+        let uneven = if passing & PAIR_FRONT != 0 { branch.offset * branch.offset / r2 } else { 0.0 };
         share * second_order.max(in_bins).max(turned + uneven) <= self.input.error
     }
 

@@ -12,7 +12,7 @@ mod moments;
 mod receivers;
 mod sources;
 
-pub use mean_cosine::{spread_over, spread_over_gradient};
+pub use mean_cosine::Spread;
 pub use receivers::{ReceiverLists, SOURCES};
 pub use sources::{ENTRY_BITS, SourceLists};
 
@@ -77,6 +77,8 @@ pub struct ClusterInput<'a> {
     pub bin: f64,
     /// Wanted error of irradiance, relative to its mean.
     pub error: f64,
+    /// Whether derivatives are wanted.
+    pub slopes: bool,
     /// Whether sources that cannot send light are left out.
     pub cull: bool,
 }

@@ -78,6 +78,7 @@ impl Interactions {
             tolerance,
             bin,
             error,
+            slopes: by_source,
             cull,
         };
         let many = PlanError::TooManyPairs { what: "sources in lists", count: u64::from(u32::MAX) };

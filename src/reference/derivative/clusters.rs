@@ -2,13 +2,11 @@
 
 use super::pair::{PairGradient, pair_derivative};
 use super::reading::Reading;
-use crate::model::{
-    Clusters, Facet, FacetGradient, PADDING, Parts, pull_unit, spread_over, spread_over_gradient,
-};
+use crate::model::{Clusters, Facet, FacetGradient, PADDING, Parts, Spread, pull_unit, share};
 use crate::reference::clusters::{ClusterLight, Source, listed, passes, slots};
 use crate::reference::clusters_adjoint::Cotangents;
 use crate::reference::{Model, Outgoing, State};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use std::f64::consts::PI;
 
 /// The gradient of λ·U(outgoing) with respect to every triangle, with U as in
@@ -40,28 +38,36 @@ pub fn transport_through_clusters_derivative(
             }
         }
     }
-    let shares = by_shares(model, clusters, outgoing, importance, &light);
+    let shares = by_parts(model, clusters, outgoing, importance, &light, &mut gradients);
     clusters.pull_to_triangles(&model.facets, &mut gradients, &shares);
     let of = |slot: &Option<u32>| slot.map(|slot| gradients[slot as usize]).unwrap_or_default();
     slots.iter().map(of).collect()
 }
 
 /// The derivative by the share of each source in the light of its cluster: the product of the source's light and the cluster's
-/// cotangent.
-fn by_shares(
+/// cotangent. Adds to `gradients` those by the centroids of sources and clusters, between which the first moment is taken.
+fn by_parts(
     model: &Model,
     clusters: &Clusters,
     outgoing: &Outgoing,
     importance: &State,
     light: &ClusterLight,
+    gradients: &mut [FacetGradient],
 ) -> Vec<f64> {
-    let cotangents = Cotangents::new(model, clusters, importance).clusters;
+    let cotangents = Cotangents::new(model, clusters, importance);
     let first = clusters.first() as usize;
     let mut shares = vec![0.0; first + light.facets.len()];
     let dot = |a: &[DVec3], b: &[DVec3]| -> f64 { a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum() };
-    for (own, parts) in cotangents.iter().zip(clusters.parts()) {
-        let product = |diffuse: DVec3, specular: &[DVec3], antiradiance: &[DVec3]| {
-            own.diffuse.dot(diffuse) + dot(&own.specular, specular) + dot(&own.antiradiance, antiradiance)
+    let of_moments = |a: &DMat3, b: &DMat3| (0..3).map(|k| a.col(k).dot(b.col(k))).sum::<f64>();
+    for (c, parts) in clusters.parts().iter().enumerate() {
+        let (own, moment, facet) = (&cotangents.clusters[c], &cotangents.moments[c], &light.facets[c]);
+        let mut product = |index: usize, part: &Facet, l: DVec3, m: &DMat3, s: &[DVec3], a: &[DVec3]| {
+            let by_centroid = share(part, facet) * (moment.transpose() * l);
+            gradients[index].add_centroid(by_centroid);
+            gradients[first + c].add_centroid(-by_centroid);
+            let by_light = own.diffuse + *moment * (part.centroid - facet.centroid);
+            shares[index] =
+                by_light.dot(l) + of_moments(moment, m) + dot(&own.specular, s) + dot(&own.antiradiance, a);
         };
         match parts {
             Parts::Triangles(range) => {
@@ -70,7 +76,8 @@ fn by_shares(
                     if i != PADDING {
                         let bins = model.bins_of(i as usize).unwrap_or(0..0);
                         let (s, a) = (&outgoing.specular[bins.clone()], &outgoing.antiradiance[bins]);
-                        shares[slot as usize] = product(outgoing.diffuse[i as usize], s, a);
+                        let (part, l) = (&model.facets[i as usize], outgoing.diffuse[i as usize]);
+                        product(slot as usize, part, l, &DMat3::ZERO, s, a);
                     }
                 }
             }
@@ -78,7 +85,8 @@ fn by_shares(
                 for &index in both {
                     let part = index as usize - first;
                     let (s, a) = (&light.specular[part], &light.antiradiance[part]);
-                    shares[index as usize] = product(light.diffuse[part], s, a);
+                    let (l, m) = (light.diffuse[part], &light.moment[part]);
+                    product(index as usize, &light.facets[part], l, m, s, a);
                 }
             }
         }
@@ -105,35 +113,49 @@ fn cluster_derivative(
     let (from, to) = (cos_i.abs(), -direction.dot(receiver.normal));
     let tilt = receiver.normal.dot(source.normal) * cos_i.signum();
     let angle2 = source.characteristic_area / r2;
-    let cos_j = spread_over(to, from, tilt, angle2);
-    let lit = passes(front, passing) && cos_j > 0.0 && from > 0.0;
+    let seen = Spread::new(to, from, tilt, angle2);
+    let lit = passes(front, passing) && seen.cosine > 0.0 && from > 0.0;
     if !lit {
         return gradient;
     }
-    let (diffuse, bins) = match front {
-        true => (light.diffuse[c], &light.specular[c]),
-        false => (DVec3::ZERO, &light.antiradiance[c]),
+    let (diffuse, moment, bins) = match front {
+        true => (light.diffuse[c], light.moment[c], &light.specular[c]),
+        false => (DVec3::ZERO, DMat3::ZERO, &light.antiradiance[c]),
     };
     let sent = Reading::of_bins(model, source.normal, bins, direction, front);
     let incident = Reading::of_receiver(model, importance, j, direction);
     let (radiance, importance) = (diffuse + sent.value, importance.irradiance[j] + incident.value);
     let value = radiance.dot(importance);
+    // How the importance of light changes with its place in the cluster: what the first moment is multiplied by.
+    let uneven = moment.transpose() * importance / r;
+    let (along, across) = (direction.dot(uneven), receiver.normal.dot(uneven));
+    let whole = seen.cosine * value + seen.above * across + 4.0 * seen.mean * along;
     let g = 1.0 / (r2 + source.area / PI);
-    let projected = cos_j * from * source.area * g;
+    let sent_area = from * source.area * g;
+    let received =
+        radiance * seen.cosine + moment * (seen.above * receiver.normal + 4.0 * seen.mean * direction) / r;
 
-    let (by_sent, by_incident) = (sent.pull(projected * importance), incident.pull(projected * radiance));
+    let by_sent = sent.pull(sent_area * seen.cosine * importance);
+    let by_incident = incident.pull(sent_area * received);
+    let by = Spread { cosine: value, above: across, mean: 4.0 * along };
     let [by_to, by_from, by_tilt, by_angle2] =
-        spread_over_gradient(to, from, tilt, angle2).map(|slope| value * from * source.area * g * slope);
-    let by_from = cos_i.signum() * (by_from + value * cos_j * source.area * g);
+        Spread::pull(by, to, from, tilt, angle2).map(|slope| sent_area * slope);
+    let by_from = cos_i.signum() * (by_from + whole * source.area * g);
     let by_tilt = cos_i.signum() * by_tilt;
     gradient.source.normal = by_from * direction + by_tilt * receiver.normal + by_sent.normal;
-    gradient.receiver.normal = by_tilt * source.normal - by_to * direction + by_incident.normal;
+    gradient.receiver.normal =
+        by_tilt * source.normal - by_to * direction + sent_area * seen.above * uneven + by_incident.normal;
     // d(a g)/da = r² g², and dg/dr² = -g².
-    gradient.source.area = value * cos_j * from * r2 * g * g;
+    gradient.source.area = whole * from * r2 * g * g;
     gradient.source.characteristic_area = by_angle2 / r2;
-    let by_direction =
-        by_from * source.normal - by_to * receiver.normal + by_sent.direction + by_incident.direction;
-    let by_r2 = -value * projected * g - by_angle2 * angle2 / r2;
+    let by_direction = by_from * source.normal - by_to * receiver.normal
+        + sent_area * 4.0 * seen.mean * uneven
+        + by_sent.direction
+        + by_incident.direction;
+    // The first moment is multiplied by 1/r.
+    let by_r2 = -whole * sent_area * g
+        - by_angle2 * angle2 / r2
+        - 0.5 * sent_area * (whole - seen.cosine * value) / r2;
     gradient.add_between(pull_unit(direction, r, by_direction) + 2.0 * by_r2 * between);
     gradient
 }
