@@ -49,11 +49,9 @@ pub fn uneven(scene: &Scene, plan: &Plan, limit: f64) -> Vec<(u32, f64)> {
     };
     let all: Vec<[f64; 2]> = (0..facets.len()).into_par_iter().map(of_triangle).collect();
     let square: f64 = all.iter().zip(facets).map(|([square, _], facet)| square * facet.area).sum();
-    if !(square > 0.0) {
-        return Vec::new();
-    }
-    let share =
-        |(i, [_, variance]): (usize, &[f64; 2])| (i as u32, (variance * facets[i].area / square).sqrt());
+    let share = |(i, [_, variance]): (usize, &[f64; 2])| {
+        (i as u32, (variance * facets[i].area / square.max(f64::MIN_POSITIVE)).sqrt())
+    };
     let mut found: Vec<(u32, f64)> =
         all.iter().enumerate().map(share).filter(|(_, share)| *share > limit).collect();
     found.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
