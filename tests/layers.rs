@@ -24,7 +24,7 @@ const LAYERS: [(&str, &[&str]); 24] = [
     ("image", &["gpu", "input", "options", "output", "scene", "shaders"]),
     ("export", &["output", "scene"]),
     ("reference", &["image", "model", "scene", "solve"]),
-    ("warnings", &["model", "options", "plan", "reference", "scene"]),
+    ("warnings", &["direct", "model", "options", "plan", "reference", "scene"]),
     ("shading", &["direct", "engine", "gradients", "image", "model", "plan", "scene", "solve"]),
     (
         "target_error",

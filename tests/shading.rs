@@ -4,7 +4,9 @@ mod support;
 
 use antirad::image::{Coverage, Picture, Rasterizer};
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
-use antirad::scene::{BinLayout, Camera, Material, Precision, Scene, SceneBuilder, Shape};
+use antirad::scene::{
+    BinLayout, Camera, LoadOptions, Material, Precision, Scene, SceneBuilder, Shape, Triangle,
+};
 use antirad::shading::{Light, SeenFrom, backward};
 use antirad::{Engine, SolveParams};
 use glam::{DAffine3, DVec3};
@@ -182,6 +184,228 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
         check(&format!("position along {axis}"), position[axis], (above - below) / 2e-5, 1e-4);
         let [above, below] = [step, -step].map(|to| from(&mut own, &moved(none, to)));
         check(&format!("target along {axis}"), targets[0][axis], (above - below) / 2e-5, 1e-4);
+    }
+    finish(&device);
+}
+
+/// A texture that is smooth on the scale of its texels: (1 + share · sin) / 2 along both axes, by channel.
+fn waves(u: f64, v: f64, channel: usize) -> f64 {
+    let turns = std::f64::consts::TAU;
+    0.5 + 0.2 * (turns * (2.0 + channel as f64) * u).sin() + 0.2 * (turns * 3.0 * v + channel as f64).cos()
+}
+
+/// A floor of two triangles with the waves as albedo, 4 m below a lamp of two triangles with the waves as emission, and a small wall between
+/// them, without a texture.
+fn textured_scene() -> Scene {
+    let folder = tempfile::tempdir().expect("a folder");
+    let obj = "mtllib m.mtl\nv -2 0 -2\nv -2 0 2\nv 2 0 2\nv 2 0 -2\nvt 0 0\nvt 0 1\nvt 1 1\nvt 1 0\nusemtl floor\n\
+f 1/1 2/2 3/3\nf 1/1 3/3 4/4\nv -1 4 -1\nv -1 4 1.1\nv 1 4 1\nv 1 4 -1\nusemtl lamp\nf 5/1 8/4 7/3\nf 5/1 7/3 6/2\n\
+v .5 .2 .3\nv 1.4 .2 -.6\nv 1.2 1.3 0\nusemtl wall\nf 9 10 11\nf 9 11 10\n";
+    let mtl = "newmtl floor\nKd 1 .9 .8\nmap_Kd waves.png\nnewmtl lamp\nKd 0 0 0\nKe 8 9 10\nmap_Ke waves.png\nnewmtl wall\nKd .5 .5 .5\n";
+    let code = |light: f64| {
+        let srgb = if light <= 0.0031308 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 };
+        (srgb * 65535.0).round() as u16
+    };
+    let size = 128;
+    let texture = image::ImageBuffer::<image::Rgb<u16>, Vec<u16>>::from_fn(size, size, |x, y| {
+        let (u, v) = ((f64::from(x) + 0.5) / f64::from(size), 1.0 - (f64::from(y) + 0.5) / f64::from(size));
+        image::Rgb([0, 1, 2].map(|c| code(waves(u, v, c))))
+    });
+    texture.save(folder.path().join("waves.png")).expect("a texture");
+    std::fs::write(folder.path().join("s.obj"), obj).expect("written");
+    std::fs::write(folder.path().join("m.mtl"), mtl).expect("written");
+    let mut scene =
+        Scene::load(&folder.path().join("s.obj"), &LoadOptions::default()).expect("a textured scene");
+    scene.settings =
+        scene.settings.bins(BinLayout::Concentric { n: 6 }).precision(Precision::F64).tolerance(1e-11);
+    scene
+}
+
+fn above(width: u32, height: u32) -> Camera {
+    Camera {
+        position: DVec3::new(-0.7, 3.0, 1.9),
+        target: DVec3::new(0.2, 0.0, -0.1),
+        width,
+        height,
+        ..camera()
+    }
+}
+
+/// Irradiance does not depend on the floor's texture but for what comes back, so the ratio to the picture of a uniform floor is the texture.
+#[test]
+fn pictures_show_textures() {
+    let device = device();
+    let mut scene = textured_scene();
+    // Without light that comes back from the wall.
+    let wall = scene.triangles.iter().filter(|t| scene.materials[t.material as usize].name == "wall");
+    let wall: Vec<u32> = wall.map(|t| t.material).collect();
+    scene.materials[wall[0] as usize].albedo = [0.0; 3];
+    let camera = above(80, 60);
+    let coverage = Rasterizer::new(&device).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
+    let pixels = |scene: &Scene| {
+        let (mut engine, solution) = solve(&device, scene, &scene.settings);
+        let light = Light::new(&mut engine, &solution, scene, std::slice::from_ref(&camera)).expect("light");
+        light.pixels(0, &coverage).expect("pixels")
+    };
+    let shown = pixels(&scene);
+    let mut plain = scene.clone();
+    plain.patterns = Default::default();
+    let grey = plain.materials.len() as u32;
+    plain.materials.push(Material { albedo: [0.5; 3], ..Material::named("plain") });
+    for t in &mut plain.triangles[..2] {
+        t.material = grey;
+    }
+    let plain = pixels(&plain);
+    let view = antirad::image::View::new(&camera);
+    let mut checked = 0;
+    for (at, (shown, plain)) in shown.iter().zip(&plain).enumerate() {
+        let ray = view.ray((at % 80) as f64 + 0.5, (at / 80) as f64 + 0.5);
+        let point = camera.position - ray * (camera.position.y / ray.y);
+        // Well inside of the floor, and neither the wall nor in its penumbra, where the quadrature of the two pictures is the same anyway.
+        if !coverage.faces_in_pixels().any(|seen| seen.pixel == at && seen.face < 2 && seen.share == 1.0)
+            || point.abs().max_element() > 1.9
+        {
+            continue;
+        }
+        let (u, v) = ((point.x + 2.0) / 4.0, (point.z + 2.0) / 4.0);
+        for c in 0..3 {
+            let albedo = 0.5 * shown[c] / plain[c];
+            let expected = [1.0, 0.9, 0.8][c] * waves(u, v, c);
+            assert!((albedo - expected).abs() <= 0.01, "pixel {at}, channel {c}: {albedo}, not {expected}");
+        }
+        checked += 1;
+    }
+    assert!(checked > 1500, "{checked}");
+    // The mean over a triangle of the lamp is what shines.
+    let mean = |t: usize| scene.material(t).emission[1];
+    assert!((mean(2) + mean(3) - 2.0 * 4.5).abs() < 0.02, "{} {}", mean(2), mean(3));
+    finish(&device);
+}
+
+#[test]
+fn derivatives_of_textured_pictures_are_those_of_central_differences() {
+    let device = device();
+    for exact_lamps in [true, false] {
+        let mut scene = textured_scene();
+        if !exact_lamps {
+            scene.settings = scene.settings.lamps(antirad::scene::Lamps::Antiradiance);
+        }
+        // The floor and, at the upper edge, the lamp from below.
+        let views = [
+            above(20, 14),
+            Camera {
+                position: DVec3::new(0.1, 0.9, 0.2),
+                target: DVec3::new(-0.1, 4.0, 0.1),
+                up: DVec3::Z,
+                ..above(12, 9)
+            },
+        ];
+        let options = PlanOptions::of(&device).gradients(GradientRequest::EVERYTHING);
+        let engine = |scene: &Scene| {
+            let plan = Plan::new(scene, &options, &scene.settings).expect("a plan");
+            Engine::new(&device, scene, plan).expect("an engine")
+        };
+        let params = SolveParams::from(&scene.settings);
+        let rasterizer = Rasterizer::new(&device).expect("kernels");
+        let coverages = views.each_ref().map(|view| rasterizer.coverage(&scene, view, 4).expect("a view"));
+        let weight = |pixel: usize, channel: usize| ((pixel * 3 + channel) as f64).sin() + 0.3;
+        let base = scene.clone();
+        let loss = |scene: &Scene, views: &[Camera; 2]| {
+            let mut engine = engine(&base).rebuilt(scene).expect("an engine");
+            let solution = engine.solve(&params).expect("a solution");
+            let light = Light::new(&mut engine, &solution, scene, views).expect("light");
+            let of = |(p, rgb): (usize, &[f64; 4])| (0..3).map(|c| weight(p, c) * rgb[c]).sum::<f64>();
+            let of_view = |k: usize| {
+                light.pixels(k, &coverages[k]).expect("pixels").iter().enumerate().map(of).sum::<f64>()
+            };
+            of_view(0) + of_view(1)
+        };
+        let mut own = engine(&base).rebuilt(&scene).expect("an engine");
+        let solution = own.solve(&params).expect("a solution");
+        let light = Light::new(&mut own, &solution, &scene, &views).expect("light");
+        let by_pixels = views.each_ref().map(|view| -> Vec<[f64; 4]> {
+            let pixels = (view.width * view.height) as usize;
+            (0..pixels).map(|p| [weight(p, 0), weight(p, 1), weight(p, 2), 0.0]).collect()
+        });
+        let seen: Vec<SeenFrom> = coverages
+            .iter()
+            .zip(&by_pixels)
+            .map(|(coverage, by_pixels)| SeenFrom { coverage, by_pixels })
+            .collect();
+        let request = GradientRequest::EVERYTHING;
+        let (gradients, targets) =
+            backward(&mut own, &solution, &light, &seen, request, &params, &mut |_, _| {
+                ControlFlow::Continue(())
+            })
+            .expect("gradients");
+        let check = |what: &str,
+                     found: f64,
+                     scale: f64,
+                     change: &dyn Fn(&mut Scene, &mut [Camera; 2], f64),
+                     step: f64,
+                     tolerance: f64| {
+            let at = |by: f64| {
+                let (mut scene, mut views) = (scene.clone(), views.clone());
+                change(&mut scene, &mut views, by);
+                loss(&scene, &views)
+            };
+            let expected = (at(step) - at(-step)) / (2.0 * step);
+            let error = (found - expected).abs() / scale;
+            println!("{what}: {found:.8e} {expected:.8e} {error:.1e}");
+            assert!(error <= tolerance, "{what}: {found} instead of {expected}");
+        };
+        let by_albedo = gradients.albedo.as_ref().expect("albedo");
+        let by_emission = gradients.emission.as_ref().expect("emission");
+        for t in 0..2 {
+            let Triangle { material, .. } = scene.triangles[t];
+            let albedo =
+                |scene: &mut Scene, _: &mut _, by: f64| scene.materials[material as usize].albedo[1] += by;
+            check(&format!("albedo of {t}"), by_albedo[t][1], by_albedo[t][1], &albedo, 1e-5, 1e-7);
+            let Triangle { material, .. } = scene.triangles[2 + t];
+            let emission =
+                |scene: &mut Scene, _: &mut _, by: f64| scene.materials[material as usize].emission[2] += by;
+            check(
+                &format!("emission of {t}"),
+                by_emission[2 + t][2],
+                by_emission[2 + t][2],
+                &emission,
+                1e-4,
+                1e-7,
+            );
+        }
+        let positions = gradients.camera_positions.as_ref().expect("cameras");
+        let by_vertices = gradients.vertices.as_ref().expect("vertices");
+        // Relative to the whole derivative of a point. Derivatives jump where samples cross texels, hence the small steps.
+        for axis in 0..3 {
+            for view in 0..2 {
+                let position =
+                    |_: &mut Scene, views: &mut [Camera; 2], by: f64| views[view].position[axis] += by;
+                check(
+                    &format!("position of {view} along {axis}"),
+                    positions[view][axis],
+                    positions[view].length(),
+                    &position,
+                    1e-7,
+                    1e-5,
+                );
+                let target = |_: &mut Scene, views: &mut [Camera; 2], by: f64| views[view].target[axis] += by;
+                check(
+                    &format!("target of {view} along {axis}"),
+                    targets[view][axis],
+                    targets[view].length(),
+                    &target,
+                    1e-7,
+                    1e-5,
+                );
+            }
+            for (what, vertices) in [("floor", 0..4), ("lamp", 4..8)] {
+                let found: DVec3 = vertices.clone().map(|v| by_vertices[v]).sum();
+                let shift = |scene: &mut Scene, _: &mut _, by: f64| {
+                    vertices.clone().for_each(|v| scene.vertices[v][axis] += by);
+                };
+                check(&format!("{what} along {axis}"), found[axis], found.length(), &shift, 1e-5, 5e-4);
+            }
+        }
     }
     finish(&device);
 }

@@ -3,12 +3,12 @@
 mod support;
 
 use antirad::plan::{Plan, PlanOptions};
-use antirad::reference::Plates;
+use antirad::reference::{PathTracer, Plates};
 use antirad::scene::{BinLayout, LoadOptions, Material, Scene, SceneBuilder, Shape};
 use antirad::warnings::{Kind, RefineError, RefineOptions, Warnings, refine};
 use glam::{DAffine3, DQuat, DVec3};
 use std::time::Instant;
-use support::{areas, load};
+use support::{areas, device, finish, load, solve};
 
 fn warnings(scene: &Scene) -> Warnings {
     Warnings::of(scene, &plan(scene))
@@ -205,7 +205,7 @@ fn refinement_removes_the_causes() {
         let old = scene.clone();
         let refined =
             refine(&mut scene, &PlanOptions::default(), &RefineOptions::default()).expect("refined");
-        let (before, after) = (&refined.before, warnings(&scene));
+        let (before, after) = (&refined.before, Warnings::with_shadows(&scene, &plan(&scene)));
         println!(
             "{name}: {} to {} triangles, {} to {} of them under a warning",
             old.triangles.len(),
@@ -230,6 +230,38 @@ fn refinement_removes_the_causes() {
         }
         scene.check(true).expect("a good scene");
     }
+}
+
+/// The shadow of a plate that hangs in a room, on a mesh that cannot hold it: the irradiance of all walls against path tracing.
+#[test]
+fn refinement_mends_shadows_that_a_coarse_mesh_cannot_hold() {
+    let scene = load("scenes/coarse_cornell.toml");
+    let device = device();
+    let truth: Vec<DVec3> = PathTracer::new(&scene).irradiance(20_000).iter().map(|e| e.mean).collect();
+    let given = areas(&scene);
+    let error = |scene: &Scene, parents: &[u32]| {
+        let mut scene = scene.clone();
+        scene.settings = antirad::target_error::usual_settings(&scene);
+        let (engine, solution) = solve(&device, &scene, &scene.settings);
+        let found = scene.means_on(parents, &given, &solution.irradiance);
+        drop((engine, solution));
+        let square = |of: &dyn Fn(usize) -> f64| -> f64 { (0..given.len()).map(|t| given[t] * of(t)).sum() };
+        let difference = square(&|t| (DVec3::from(found[t]) - truth[t]).length_squared());
+        (difference / square(&|t| truth[t].length_squared())).sqrt()
+    };
+    let same: Vec<u32> = (0..scene.triangles.len() as u32).collect();
+    let coarse = error(&scene, &same);
+    let found = Warnings::with_shadows(&scene, &plan(&scene));
+    let floor = found.get(Kind::CoarseShadows).expect("a warning");
+    assert!(!floor.severe && floor.triangles.contains(&0) && floor.triangles.contains(&1), "{found}");
+    let mut fine = scene.clone();
+    let options = RefineOptions::default().max_triangles(1500);
+    let refined = refine(&mut fine, &PlanOptions::default(), &options).expect("refined");
+    let mended = error(&fine, &refined.parents);
+    println!("{} triangles: {coarse:.4}; {}: {mended:.4}", scene.triangles.len(), fine.triangles.len());
+    assert!(coarse > 0.03 && mended < 0.5 * coarse, "{coarse} {mended}");
+    assert_eq!(fine.meshes.len(), scene.meshes.len());
+    finish(&device);
 }
 
 #[test]

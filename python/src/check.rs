@@ -87,7 +87,7 @@ pub fn check(py: Python<'_>, scene: &Scene) -> PyResult<Vec<Warning>> {
     let scene = scene.inner.clone();
     let warnings = work::run(py, None, move |_| {
         let plan = Plan::new(&scene, &PlanOptions::default().boundless(), &scene.settings)?;
-        Ok::<_, antirad::plan::PlanError>(Warnings::of(&scene, &plan))
+        Ok::<_, antirad::plan::PlanError>(Warnings::with_shadows(&scene, &plan))
     })?;
     Ok(listed(warnings.or_raise()?))
 }

@@ -3,6 +3,7 @@
 use crate::arrays::{self, Array, Numbers, Triple};
 use crate::errors::{OrRaise, invalid, word};
 use crate::work;
+use antirad::export::{Format, export};
 use antirad::glam::DVec3;
 use antirad::scene::{self, BinLayout, Choice, LoadOptions, Mesh, Normalization, Orient, Triangle};
 use antirad::target_error::usual_settings;
@@ -361,6 +362,22 @@ impl Scene {
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let scene = self.inner.clone();
         work::run(py, None, move |_| scene.save(&path))?.or_raise()
+    }
+
+    /// Writes the scene for another program, by the name's extension: `.glb` (glTF 2.0), `.xml` (Mitsuba 3, with a PLY for each mesh
+    /// and material beside it) or `.ply` (one mesh, albedo as colours of faces).
+    ///
+    /// Raises:
+    ///     ValueError: The extension is another.
+    ///     OSError: A file cannot be written.
+    fn export(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
+        let formats = [Format::Gltf, Format::Mitsuba, Format::Ply];
+        let Some(format) = formats.into_iter().find(|format| format.extension() == extension) else {
+            return Err(invalid(format!("{}: expected .glb, .xml or .ply", path.display())));
+        };
+        let scene = self.inner.clone();
+        work::run(py, None, move |_| export(&scene, format, &path, None))?.or_raise()
     }
 
     /// The scene with some values replaced, checked.

@@ -39,6 +39,17 @@ def test_a_saved_scene_is_the_same(tmp_path):
     assert np.array_equal(again.albedo[again.material_of], scene.albedo[scene.material_of])
 
 
+def test_an_exported_scene_is_read_again(tmp_path):
+    scene = room()
+    for name in ["room.glb", "room.xml", "room.ply"]:
+        scene.export(tmp_path / name)
+        again = antirad.Scene.load(tmp_path / name)
+        assert again.areas.sum() == pytest.approx(scene.areas.sum(), rel=1e-6), name
+        assert again.emission.max() == pytest.approx(0 if name.endswith("ply") else scene.emission.max())
+    with pytest.raises(ValueError, match=r"expected \.glb, \.xml or \.ply"):
+        scene.export(tmp_path / "room.obj")
+
+
 def test_values_are_replaced_and_the_given_scene_stays():
     scene = room()
     changed = scene.replace(albedo=scene.albedo / 2, vertices=scene.vertices + 1.0)

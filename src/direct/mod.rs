@@ -25,7 +25,7 @@ use derivative::{Contributions, Sight};
 use glam::DVec3;
 use highlight::Lobe;
 use quadrature::Cuts;
-pub use quadrature::Sample;
+pub use quadrature::{POINTS, Sample};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use visible::{Geometry, Placed, Visible};
@@ -46,6 +46,12 @@ impl DirectLight {
     /// Computes the light of lamps on triangles, in any unit of length.
     pub fn new(facets: &[Facet], lamps: Vec<Lamp>) -> Self {
         Self::compute(facets, lamps, None)
+    }
+
+    /// For points of triangles alone ([`Self::at_points`]): knows the light of no triangle.
+    pub fn of_points(facets: &[Facet], lamps: Vec<Lamp>) -> Self {
+        let (factors, cuts) = (Vec::new(), BTreeMap::new());
+        Self { tree: Tree::new(facets), lamps, receivers: 0, factors, cuts }
     }
 
     /// How many blockers would be tested against cones: an estimate of the work of [`Self::new`], from a few receivers.

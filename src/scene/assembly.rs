@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -12,8 +13,8 @@ use super::file::LoadOptions;
 use super::geometry::{Maps, RawMesh};
 use super::orient::orient;
 use super::outlook::{self, Outlook};
+use super::pattern::Pattern;
 use super::tables::MaterialTable;
-use super::texture::Map;
 use super::{Camera, Choice, Material, Mesh, Orient, Origin, Scene, SolveSettings, Triangle};
 
 /// A scene under construction.
@@ -57,6 +58,7 @@ impl Assembly {
                 meshes: Vec::new(),
                 origins: Vec::new(),
                 materials: Vec::new(),
+                patterns: Default::default(),
                 cameras: Vec::new(),
                 settings: SolveSettings::default(),
                 choice: Default::default(),
@@ -192,7 +194,7 @@ impl Assembly {
             };
             materials.push(index);
         }
-        let materials = self.face_materials(&mesh, &materials);
+        let (materials, patterns) = self.face_materials(&mesh, &materials);
 
         let scene = &mut self.scene;
         let too_many = |what, count: usize, limit| SceneError::TooMany { what, count: count as u64, limit };
@@ -207,6 +209,9 @@ impl Assembly {
             return Err(too_many("triangles", end, MAX_TRIANGLES));
         }
         scene.vertices.extend(mesh.vertices);
+        if patterns.iter().any(Option::is_some) {
+            Arc::make_mut(&mut scene.patterns).extend(first, patterns);
+        }
         scene.triangles.extend(
             mesh.faces
                 .iter()
@@ -223,26 +228,30 @@ impl Assembly {
     }
 
     /// The material of each face: that of the file, or where textures or colours change it over the faces, a copy with their mean. Faces
-    /// with the same means share a copy.
-    fn face_materials(&mut self, mesh: &RawMesh, materials: &[u32]) -> Vec<u32> {
+    /// with the same means share a copy. And how it varies within each face, empty if nothing does.
+    fn face_materials(&mut self, mesh: &RawMesh, materials: &[u32]) -> (Vec<u32>, Vec<Option<Pattern>>) {
         let has_maps = |index: &u32| {
             self.maps.get(index).is_some_and(|maps| maps.albedo.is_some() || maps.emission.is_some())
         };
         let textured = !mesh.uvs.is_empty() && materials.iter().any(has_maps);
         if !textured && mesh.colours.is_empty() {
-            return mesh.face_materials.iter().map(|&m| materials[m as usize]).collect();
+            return (mesh.face_materials.iter().map(|&m| materials[m as usize]).collect(), Vec::new());
         }
-        let maps = &self.maps;
-        let factors = |face: usize| -> [DVec3; 2] {
-            let colour = mesh.colours.get(face).map_or(DVec3::ONE, |[a, b, c]| (*a + *b + *c) / 3.0);
-            let maps = maps.get(&materials[mesh.face_materials[face] as usize]);
-            let mean = |map: Option<&Option<Map>>| match (map, mesh.uvs.get(face)) {
-                (Some(Some(map)), Some(&uvs)) => map.mean_over(uvs),
-                _ => DVec3::ONE,
-            };
-            [colour * mean(maps.map(|maps| &maps.albedo)), mean(maps.map(|maps| &maps.emission))]
+        let all = Arc::make_mut(&mut self.scene.patterns);
+        let maps: Vec<(Maps, u32)> = materials
+            .iter()
+            .map(|index| {
+                let maps = self.maps.get(index).cloned().unwrap_or_default();
+                let index = all.add_maps(maps.clone());
+                (maps, index)
+            })
+            .collect();
+        let of_face = |face: usize| {
+            let (maps, index) = &maps[mesh.face_materials[face] as usize];
+            Pattern::new(maps, *index, mesh.uvs.get(face).copied(), mesh.colours.get(face).copied())
         };
-        let factors: Vec<[DVec3; 2]> = (0..mesh.faces.len()).into_par_iter().map(factors).collect();
+        let (patterns, factors): (Vec<_>, Vec<[DVec3; 2]>) =
+            (0..mesh.faces.len()).into_par_iter().map(of_face).unzip();
         let mut of_faces = Vec::with_capacity(factors.len());
         for (&m, factors) in mesh.face_materials.iter().zip(factors) {
             let base = materials[m as usize];
@@ -279,7 +288,7 @@ impl Assembly {
             self.copies.insert(key, index);
             of_faces.push(index);
         }
-        of_faces
+        (of_faces, patterns)
     }
 
     pub fn add_camera(&mut self, camera: Camera, line: usize) {

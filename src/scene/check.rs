@@ -33,6 +33,7 @@ impl Scene {
             vertices,
             triangles,
             materials,
+            patterns: Default::default(),
             origins: Vec::new(),
             cameras: Vec::new(),
             settings: Default::default(),

@@ -35,7 +35,7 @@ pub(super) struct RawMaterial {
 }
 
 /// The textures of a material.
-#[derive(Clone, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Maps {
     pub albedo: Option<Map>,
     pub emission: Option<Map>,
@@ -113,7 +113,7 @@ impl RawMesh {
 }
 
 /// Values at the corners of the four parts of a face, in the order of [`subdivide`].
-fn quarters<T: Copy>([a, b, c]: [T; 3], mut middle: impl FnMut(T, T) -> T) -> [[T; 3]; 4] {
+pub(super) fn quarters<T: Copy>([a, b, c]: [T; 3], mut middle: impl FnMut(T, T) -> T) -> [[T; 3]; 4] {
     let [ab, bc, ca] = [middle(a, b), middle(b, c), middle(c, a)];
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
 }

@@ -21,9 +21,11 @@ mod mtl;
 mod obj;
 mod orient;
 mod outlook;
+mod pattern;
 mod ply;
 mod rays;
 mod refine;
+mod refine_texture;
 mod save;
 mod second_side;
 mod settings;
@@ -42,11 +44,14 @@ pub use camera::Camera;
 pub use error::SceneError;
 pub use file::{LoadOptions, Orient};
 pub use material::{Material, Normalization};
+pub use pattern::Patterns;
+pub use refine_texture::TextureRefined;
 pub use settings::{BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, Transport, Weights};
 pub use shapes::Shape;
 
 pub(crate) use adjacency::{Edges, Fans, Welded, sides};
 pub(crate) use error::{Place, nearest};
+pub(crate) use pattern::Factors;
 pub(crate) use rays::Rays;
 pub(crate) use size::bounds;
 pub(crate) use tables::{CameraTable, Triple};
@@ -54,6 +59,7 @@ pub(crate) use toml_file::TomlFile;
 
 use glam::DVec3;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// One triangle: counter-clockwise seen from its front, which emits, reflects and blocks light. The back is black: it blocks what comes
 /// straight from exact lamps, and lets other light pass.
@@ -98,6 +104,8 @@ pub struct Scene {
     pub origins: Vec<Origin>,
     /// Materials, which triangles refer to by index.
     pub materials: Vec<Material>,
+    /// How materials vary within triangles, which pictures show.
+    pub patterns: Arc<Patterns>,
     /// Cameras, in file order.
     pub cameras: Vec<Camera>,
     /// Settings of a solve.

@@ -5,6 +5,7 @@
 //! a whole. Open sheets are left alone: either side may be meant.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use glam::DVec3;
 
@@ -118,7 +119,12 @@ pub(super) fn orient(scene: &mut Scene, keep: impl Fn(usize) -> bool) -> Vec<(St
     }
     let before = scene.triangles.clone();
     let turn = |scene: &mut Scene, triangles: &[u32]| {
-        triangles.iter().for_each(|&t| scene.triangles[t as usize].vertices.swap(1, 2));
+        for &t in triangles {
+            scene.triangles[t as usize].vertices.swap(1, 2);
+            if !scene.patterns.is_empty() {
+                Arc::make_mut(&mut scene.patterns).turn(t as usize);
+            }
+        }
     };
     mendable.iter().for_each(|shell| turn(scene, &shell.against));
     let light = Light::new(scene, &shell_of);

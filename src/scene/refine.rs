@@ -3,6 +3,7 @@
 use super::Scene;
 use super::geometry::subdivide;
 use glam::DVec3;
+use std::sync::Arc;
 
 impl Scene {
     /// Replaces each of the triangles (ascending, without repeats) in place by four, cut at the midpoints of its edges; the
@@ -39,6 +40,17 @@ impl Scene {
             origins.extend(origin.map(|o| super::Origin { lines, ..o }));
         }
         self.origins = origins;
+        if !self.patterns.is_empty() {
+            let mut cut = chosen.iter().copied().peekable();
+            let mut rows: Vec<(u32, Option<usize>)> = Vec::with_capacity(parents.len());
+            for t in 0..old.len() as u32 {
+                match cut.next_if_eq(&t) {
+                    Some(t) => rows.extend((0..4).map(|part| (t, Some(part)))),
+                    None => rows.push((t, None)),
+                }
+            }
+            Arc::make_mut(&mut self.patterns).rearrange(rows.into_iter());
+        }
         self.update_degenerate();
         parents
     }

@@ -1,11 +1,24 @@
 //! Sheets with two sides: a triangle that is declared two-sided gets a second one with the same corners and the opposite front.
 
 use std::collections::HashSet;
+use std::sync::Arc;
 
 use super::orient::shells;
 use super::{Scene, Triangle};
 
 impl Scene {
+    /// Per triangle, whether another one has the same corners and the opposite front.
+    pub(crate) fn has_other_side(&self) -> Vec<bool> {
+        let key = |[a, b, c]: [u32; 3]| {
+            let corners =
+                [a, b, c].map(|v| self.vertices[v as usize].to_array().map(|x| (x + 0.0).to_bits()));
+            let [a, b, c] = corners;
+            [[a, b, c], [b, c, a], [c, a, b]].into_iter().min()
+        };
+        let there: HashSet<_> = self.triangles.iter().map(|t| key(t.vertices)).collect();
+        self.triangles.iter().map(|t| there.contains(&key(other_side(t.vertices)))).collect()
+    }
+
     /// Appends to each mesh the second sides of those of its triangles for which `two_sided` holds, in their order, with the same
     /// corners and material. Triangles of closed shells, whose backs no light reaches, get none, nor do those that have one.
     ///
@@ -18,30 +31,30 @@ impl Scene {
         for shell in shells(self).iter().filter(|shell| shell.closed && shell.against.is_empty()) {
             shell.triangles.iter().for_each(|&t| asked[t as usize] = false);
         }
-        let key = |[a, b, c]: [u32; 3]| {
-            let corners =
-                [a, b, c].map(|v| self.vertices[v as usize].to_array().map(|x| (x + 0.0).to_bits()));
-            let [a, b, c] = corners;
-            [[a, b, c], [b, c, a], [c, a, b]].into_iter().min()
-        };
-        let there: HashSet<_> = self.triangles.iter().map(|t| key(t.vertices)).collect();
-        for (asked, triangle) in asked.iter_mut().zip(&self.triangles) {
-            *asked &= !there.contains(&key(other_side(triangle.vertices)));
-        }
+        asked.iter_mut().zip(self.has_other_side()).for_each(|(asked, has)| *asked &= !has);
         let old = std::mem::take(&mut self.triangles);
         let mut origins = self.origins.iter_mut();
+        // Per new triangle, the old one, and whether it is its second side.
+        let mut rows: Vec<(u32, bool)> = Vec::new();
         for mesh in &mut self.meshes {
             let first = self.triangles.len() as u32;
             let seconds = || mesh.range.clone().map(|t| t as usize).filter(|&t| asked[t]);
             self.triangles.extend_from_slice(&old[mesh.range.start as usize..mesh.range.end as usize]);
             self.triangles
                 .extend(seconds().map(|t| Triangle { vertices: other_side(old[t].vertices), ..old[t] }));
+            rows.extend(mesh.range.clone().map(|t| (t, false)));
+            rows.extend(seconds().map(|t| (t as u32, true)));
             if let Some(origin) = origins.next() {
                 let lines = |t: usize| origin.lines.get(t - mesh.range.start as usize).copied();
                 let more: Vec<u32> = seconds().filter_map(lines).collect();
                 origin.lines.extend(more);
             }
             mesh.range = first..self.triangles.len() as u32;
+        }
+        if !self.patterns.is_empty() {
+            let patterns = Arc::make_mut(&mut self.patterns);
+            patterns.rearrange(rows.iter().map(|&(old, _)| (old, None)));
+            rows.iter().zip(0..).filter(|((_, second), _)| *second).for_each(|(_, t)| patterns.turn(t));
         }
         self.triangles.len() - old.len()
     }

@@ -1,11 +1,13 @@
 //! Derivatives of a loss of pictures with gathered light.
 
 use super::Light;
+use super::pattern::{Sample, Spot};
 use super::sights::{Points, Sights};
 use crate::direct::barycentric;
 use crate::image::{Coverage, ImageError, View, camera_gradient};
 use crate::model::FacetGradient;
 use crate::plan::GradientRequest;
+use crate::scene::Factors;
 use crate::solve::SolveProgress;
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
 use glam::DVec3;
@@ -41,6 +43,8 @@ struct Differences {
     indirect: Vec<DVec3>,
     /// Per lamp, by its radiance.
     emission: Vec<DVec3>,
+    /// Per triangle, by its own emission, through its pattern.
+    own_emission: Vec<DVec3>,
     /// Per triangle, by σ and p.
     specular: Vec<DVec3>,
     power: Vec<f64>,
@@ -61,6 +65,7 @@ struct OfPoints {
     reflectance: DVec3,
     means: DVec3,
     emission: Vec<DVec3>,
+    own_emission: DVec3,
     specular: DVec3,
     power: f64,
     /// By the indirect irradiance of triangles.
@@ -105,6 +110,7 @@ impl Differences {
             direct: none(),
             indirect: none(),
             emission: vec![DVec3::ZERO; light.direct.lamps().len()],
+            own_emission: none(),
             specular: none(),
             power: vec![0.0; light.facets.len()],
             facets: vec![FacetGradient::default(); light.facets.len()],
@@ -128,6 +134,7 @@ impl Differences {
             power.iter_mut().zip(&self.power).for_each(|(to, by)| *to += by);
         }
         if let Some(emission) = &mut gradients.emission {
+            emission.iter_mut().zip(&self.own_emission).for_each(|(to, by)| *to += *by);
             for (lamp, by) in light.direct.lamps().iter().zip(&self.emission) {
                 let area: f64 = lamp.triangles.iter().map(|&i| light.facets[i as usize].area).sum();
                 for &i in &lamp.triangles {
@@ -184,10 +191,8 @@ impl Light {
         let mut by_camera = OfCamera::default();
         let of_run = |run: &Points| {
             let cotangent: Vec<DVec3> = run.of.iter().map(by_seen).collect();
-            let rays: Vec<DVec3> = (run.of.iter())
-                .map(|&place| camera.ray(seen[place].place[0], seen[place].place[1]))
-                .collect();
-            self.pull_back_points(run, &camera, &cotangent, &rays, request)
+            let spots: Vec<Spot> = run.of.iter().map(|&place| Spot::from(&seen[place])).collect();
+            self.pull_back_points(run, &camera, &cotangent, &spots, request)
         };
         let all: Vec<Option<OfPoints>> = runs.par_iter().map(of_run).collect();
         // One after the other, so that sums are the same from run to run.
@@ -195,6 +200,7 @@ impl Light {
             sums.reflectance[run.face] += of.reflectance;
             sums.specular[run.face] += of.specular;
             sums.power[run.face] += of.power;
+            sums.own_emission[run.face] += of.own_emission;
             sums.direct[run.face] += of.means;
             sums.indirect[run.face] += of.means;
             sums.emission.iter_mut().zip(of.emission).for_each(|(to, by)| *to += by);
@@ -209,16 +215,17 @@ impl Light {
     /// Derivatives by everything that the points of a run depend on; `None` where all are zero.
     fn pull_back_points(
         &self,
-        Points { face, at, light, .. }: &Points,
+        Points { face, at, light, pattern, .. }: &Points,
         camera: &View,
         cotangent: &[DVec3],
-        rays: &[DVec3],
+        spots: &[Spot],
         request: GradientRequest,
     ) -> Option<OfPoints> {
         let face = *face;
         let facet = &self.facets[face];
         let reflectance = DVec3::from(self.materials[face].diffuse_albedo()) / PI;
-        if self.direct.lamps().is_empty() || cotangent.iter().all(|by| *by == DVec3::ZERO) {
+        let known_per_face = self.direct.lamps().is_empty();
+        if known_per_face && pattern.is_empty() || cotangent.iter().all(|by| *by == DVec3::ZERO) {
             return None;
         }
         let radiance = self.lamp_radiance();
@@ -228,6 +235,7 @@ impl Light {
             reflectance: DVec3::ZERO,
             means: DVec3::ZERO,
             emission: vec![DVec3::ZERO; radiance.len()],
+            own_emission: DVec3::ZERO,
             specular: DVec3::ZERO,
             power: 0.0,
             indirect: Vec::new(),
@@ -236,21 +244,31 @@ impl Light {
         };
         let mut own = FacetGradient::default();
         let mut by_corners = [DVec3::ZERO; 3];
-        let by_irradiance: Vec<DVec3> = cotangent.iter().map(|by| reflectance * *by).collect();
+        let shown = |k: usize| pattern.get(k).map_or([DVec3::ONE; 2], |factors| *factors);
+        let by_irradiance: Vec<DVec3> =
+            cotangent.iter().enumerate().map(|(k, by)| reflectance * shown(k)[0] * *by).collect();
+        let mut irradiances = Vec::with_capacity(at.len());
         for (k, point) in at.iter().enumerate() {
             let weights = barycentric(facet.corners, facet.normal, *point).to_array();
-            let mut irradiance = -means;
-            for (corner, (b, value)) in weights.into_iter().zip(corners).enumerate() {
-                irradiance += b * value;
-                by_corners[corner] += b * by_irradiance[k];
+            let mut irradiance = DVec3::ZERO;
+            if known_per_face {
+                irradiance = means;
+                of.means += by_irradiance[k];
+            } else {
+                for (corner, (b, value)) in weights.into_iter().zip(corners).enumerate() {
+                    irradiance += b * value;
+                    by_corners[corner] += b * by_irradiance[k];
+                }
             }
             for (l, (phi, radiance)) in light[k].iter().zip(&radiance).enumerate() {
                 irradiance += phi.dot(facet.normal) * *radiance;
                 of.emission[l] += by_irradiance[k] * phi.dot(facet.normal);
                 own.normal += by_irradiance[k].dot(*radiance) * *phi;
             }
-            of.reflectance += cotangent[k] * irradiance / PI;
-            of.means -= by_irradiance[k];
+            of.reflectance += cotangent[k] * (shown(k)[0] * irradiance - means) / PI;
+            of.means -= reflectance * cotangent[k];
+            of.own_emission += cotangent[k] * (shown(k)[1] - 1.0);
+            irradiances.push(irradiance);
         }
         let values = &self.indirect_irradiance;
         self.interpolation.pull_back(&self.facets, values, face, by_corners, &mut |i, by, by_area| {
@@ -264,27 +282,44 @@ impl Light {
             by_points = self.pull_back_highlights(face, at, eye, cotangent, request, &mut of);
         }
         if request.geometry() {
-            let by_phi = |k: usize, l: usize| by_irradiance[k].dot(radiance[l]) * facet.normal;
-            let (by_others, by_light) = self.direct.pull_back_points(&self.facets, face, at, by_phi);
-            of.facets.extend(by_others);
-            by_points.iter_mut().zip(by_light).for_each(|(to, by)| *to += by);
-            for (k, (&point, by_point)) in at.iter().zip(by_points).enumerate() {
-                // Along the face, indirect light changes with the place between the corners.
-                let slope =
-                    slope(facet.corners, facet.normal, facet.area, corners.map(|c| c.dot(by_irradiance[k])));
+            let emission = DVec3::from(self.materials[face].emission);
+            let mut move_point = |point: DVec3, ray: DVec3, by_light: DVec3, slope: DVec3| {
                 // The point stays on its ray and in the plane: with the ray's end moved by dp and the corners by dc, dx = dp + ray ⟨n, Σ b dc
                 // - dp⟩ / ⟨n, ray⟩.
-                let along = facet.normal * ((by_point + slope).dot(rays[k]) / facet.normal.dot(rays[k]));
-                let by_end = by_point + slope - along;
+                let along = facet.normal * ((by_light + slope).dot(ray) / facet.normal.dot(ray));
+                let by_end = by_light + slope - along;
                 let from_eye = point - eye;
                 of.camera.position += by_end;
                 for (to, axis) in of.camera.axes.iter_mut().zip([camera.right, camera.up, camera.forward]) {
                     *to += by_end * from_eye.dot(axis);
                 }
-                for (to, b) in
-                    own.corners.iter_mut().zip(barycentric(facet.corners, facet.normal, point).to_array())
-                {
+                let weights = barycentric(facet.corners, facet.normal, point).to_array();
+                for (to, b) in own.corners.iter_mut().zip(weights) {
                     *to += b * (along - slope);
+                }
+            };
+            let by_phi = |k: usize, l: usize| by_irradiance[k].dot(radiance[l]) * facet.normal;
+            let (by_others, by_light) = self.direct.pull_back_points(&self.facets, face, at, by_phi);
+            of.facets.extend(by_others);
+            by_points.iter_mut().zip(by_light).for_each(|(to, by)| *to += by);
+            let along = |values: [f64; 3]| slope(facet.corners, facet.normal, facet.area, values);
+            for (k, (&point, by_point)) in at.iter().zip(by_points).enumerate() {
+                // Along the face, indirect light changes with the place between the corners.
+                let of_light = match known_per_face {
+                    true => [0.0; 3],
+                    false => corners.map(|c| c.dot(by_irradiance[k])),
+                };
+                let [column, row] = spots[k].middle;
+                move_point(point, camera.ray(column, row), by_point, along(of_light));
+                // So do albedo and emission, each sample on its own ray.
+                let samples = spots[k].samples(&self.patterns, facet, face, eye, camera);
+                let share = (samples.len() as f64).recip();
+                let (by_albedo, by_emission) =
+                    (reflectance * irradiances[k] * cotangent[k] * share, emission * cotangent[k] * share);
+                for Sample { ray, point, factors: Factors { slope: [albedo, emission], .. } } in samples {
+                    let of_pattern =
+                        [0, 1, 2].map(|c| by_albedo.dot(albedo[c]) + by_emission.dot(emission[c]));
+                    move_point(point, ray, DVec3::ZERO, along(of_pattern));
                 }
             }
         }

@@ -3,10 +3,12 @@
 //!
 //! The radiance of a face towards the camera (the operator S) holds the means of both over the face. Gathering adds, at each point x, the
 //! diffuse reflection of the differences D(x) - D and H(x) - H, and the specular reflection of lamps at the exact directions of lamp and
-//! eye. What glossy faces reflect of indirect light is that of S.
+//! eye. What glossy faces reflect of indirect light is that of S. Where albedo or emission vary within a face, both are those at x: the
+//! albedo and emission of the face, times the factors of its pattern.
 
 mod backward;
 mod interpolation;
+mod pattern;
 mod sights;
 
 pub use backward::{SeenFrom, ShadingError, backward};
@@ -15,12 +17,13 @@ use crate::direct::{DirectLight, barycentric};
 use crate::image::{self, Coverage, ImageError, Picture};
 use crate::model::Facet;
 use crate::plan::Placement;
-use crate::scene::{Camera, Material, Scene};
+use crate::scene::{Camera, Material, Patterns, Scene};
 use crate::{Engine, EngineError, Solution};
 use glam::DVec3;
 use interpolation::Interpolation;
+use pattern::Spot;
 use rayon::prelude::*;
-use sights::{Kept, Points, Sights, hit};
+use sights::{Kept, Points, Sight, Sights};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -45,6 +48,7 @@ pub struct Light {
     /// In the engine's coordinates.
     facets: Vec<Facet>,
     materials: Vec<Material>,
+    patterns: Arc<Patterns>,
     /// Means over each triangle, W/m².
     direct_irradiance: Vec<DVec3>,
     indirect_irradiance: Vec<DVec3>,
@@ -80,6 +84,7 @@ impl Light {
             placement: engine.plan().placement(),
             facets: engine.plan().facets().to_vec(),
             materials: engine.materials.clone(),
+            patterns: scene.patterns.clone(),
             indirect_irradiance: total.zip(&direct_irradiance).map(|(h, d)| h - *d).collect(),
             direct_irradiance,
             interpolation: Interpolation::new(scene),
@@ -90,7 +95,7 @@ impl Light {
     /// Takes over what geometry alone decides of the pictures of another light, for the same geometry and cameras, so that it is not computed
     /// again.
     pub fn like(mut self, other: &Self) -> Self {
-        if Arc::ptr_eq(&self.direct, &other.direct) {
+        if Arc::ptr_eq(&self.direct, &other.direct) && Arc::ptr_eq(&self.patterns, &other.patterns) {
             for (own, other) in self.views.iter_mut().zip(&other.views) {
                 if own.camera == other.camera {
                     own.sights = other.sights.clone();
@@ -120,10 +125,17 @@ impl Light {
     }
 
     fn sights(&self, View { camera, sights, .. }: &View, coverage: &Coverage) -> Arc<Sights> {
-        let eye = self.placement.apply(camera.position);
-        sights.of(coverage.faces_in_pixels().collect(), |seen| {
-            Sights::new(&self.direct, &self.facets, &image::View::new(camera), eye, seen)
-        })
+        sights.of(coverage.faces_in_pixels().collect(), |seen| Sights::new(&self.sight(camera), seen))
+    }
+
+    fn sight(&self, camera: &Camera) -> Sight<'_> {
+        Sight {
+            direct: &self.direct,
+            facets: &self.facets,
+            patterns: &self.patterns,
+            view: image::View::new(camera),
+            eye: self.placement.apply(camera.position),
+        }
     }
 
     /// The same as a picture, rounded to f32.
@@ -134,35 +146,42 @@ impl Light {
     }
 
     /// The colour of a face at a place of a picture, column and row in pixels: that by which moving silhouettes change it.
-    pub fn colour_at(&self, view: usize, face: usize, [column, row]: [f64; 2]) -> [f64; 3] {
+    pub fn colour_at(&self, view: usize, face: usize, middle: [f64; 2]) -> [f64; 3] {
         let View { camera, colours, .. } = &self.views[view];
-        let ray = image::View::new(camera).ray(column, row);
-        let eye = self.placement.apply(camera.position);
-        let at = vec![hit(&self.facets[face], eye, ray)];
-        let more = self.difference(&Points::new(&self.direct, &self.facets, face, vec![0], at), eye)[0];
+        let sight = self.sight(camera);
+        let points = sight.points(face, vec![0], &[Spot { middle, side: 0.0 }]);
+        let more = self.difference(&points, sight.eye)[0];
         (DVec3::from(colours[face]) + more).to_array()
     }
 
     /// What gathering adds to the radiance of a face at each point, W/(m² sr).
-    fn difference(&self, Points { face, at, light, .. }: &Points, eye: DVec3) -> Vec<DVec3> {
+    fn difference(&self, Points { face, at, light, pattern, .. }: &Points, eye: DVec3) -> Vec<DVec3> {
         let face = *face;
         let (facet, material) = (&self.facets[face], &self.materials[face]);
         let reflectance = DVec3::from(material.diffuse_albedo()) / PI;
         let radiance = self.lamp_radiance();
         let mut differences = vec![DVec3::ZERO; at.len()];
+        let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
+        let emission = DVec3::from(material.emission);
+        for (to, [_, of_emission]) in differences.iter_mut().zip(pattern) {
+            *to += emission * (*of_emission - 1.0);
+        }
         if radiance.is_empty() {
-            // Nothing is known more finely than per face.
+            // Irradiance is not known more finely than per face.
+            for (to, [of_albedo, _]) in differences.iter_mut().zip(pattern) {
+                *to += reflectance * means * (*of_albedo - 1.0);
+            }
             return differences;
         }
         if reflectance != DVec3::ZERO {
             let corners = self.interpolation.corners(&self.facets, &self.indirect_irradiance, face);
-            let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
-            for (to, (point, of_lamps)) in differences.iter_mut().zip(at.iter().zip(light)) {
+            for (k, (to, (point, of_lamps))) in differences.iter_mut().zip(at.iter().zip(light)).enumerate() {
                 let direct: DVec3 =
                     of_lamps.iter().zip(&radiance).map(|(phi, l)| phi.dot(facet.normal) * *l).sum();
                 let b = barycentric(facet.corners, facet.normal, *point);
                 let indirect = corners[0] * b.x + corners[1] * b.y + corners[2] * b.z;
-                *to += reflectance * (direct + indirect - means);
+                let shown = pattern.get(k).map_or(DVec3::ONE, |[of_albedo, _]| *of_albedo);
+                *to += reflectance * (shown * (direct + indirect) - means);
             }
         }
         if material.is_glossy() {

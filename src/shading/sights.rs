@@ -1,9 +1,11 @@
 //! What geometry alone decides of a picture: where a camera sees each face, and how much of each lamp is seen from there.
 
+use super::pattern::Spot;
 use crate::direct::DirectLight;
 use crate::direct::barycentric;
 use crate::image::{FaceInPixel, View};
 use crate::model::Facet;
+use crate::scene::Patterns;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -25,12 +27,31 @@ pub struct Points {
     pub at: Vec<DVec3>,
     /// Vector irradiance of each lamp at each point by its radiance, sr.
     pub light: Vec<Vec<DVec3>>,
+    /// Where the face has a pattern, its factors of albedo and emission around each point.
+    pub pattern: Vec<[DVec3; 2]>,
 }
 
-impl Points {
-    pub fn new(direct: &DirectLight, facets: &[Facet], face: usize, of: Vec<usize>, at: Vec<DVec3>) -> Self {
-        let light = direct.at_points(facets, face, &at);
-        Self { face, of, at, light }
+/// What is seen, and from where.
+pub struct Sight<'a> {
+    pub direct: &'a DirectLight,
+    pub facets: &'a [Facet],
+    pub patterns: &'a Patterns,
+    pub view: View,
+    /// Of the view, in the engine's coordinates.
+    pub eye: DVec3,
+}
+
+impl Sight<'_> {
+    /// The points of a face at spots of the picture.
+    pub fn points(&self, face: usize, of: Vec<usize>, spots: &[Spot]) -> Points {
+        let facet = &self.facets[face];
+        let point = |spot: &Spot| hit(facet, self.eye, self.view.ray(spot.middle[0], spot.middle[1]));
+        let at: Vec<DVec3> = spots.iter().map(point).collect();
+        let light = self.direct.at_points(self.facets, face, &at);
+        let pattern =
+            |spot: &Spot| Spot::mean(&spot.samples(self.patterns, facet, face, self.eye, &self.view));
+        let pattern = if self.patterns.vary(face) { spots.iter().map(pattern).collect() } else { Vec::new() };
+        Points { face, of, at, light, pattern }
     }
 }
 
@@ -43,13 +64,7 @@ pub struct Sights {
 }
 
 impl Sights {
-    pub fn new(
-        direct: &DirectLight,
-        facets: &[Facet],
-        view: &View,
-        eye: DVec3,
-        seen: Vec<FaceInPixel>,
-    ) -> Self {
+    pub fn new(sight: &Sight, seen: Vec<FaceInPixel>) -> Self {
         let mut by_face: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (place, seen) in seen.iter().enumerate() {
             by_face.entry(seen.face).or_default().push(place);
@@ -59,11 +74,8 @@ impl Sights {
             .flat_map(|(&face, places)| places.chunks(POINTS).map(move |run| (face, run)))
             .collect();
         let points = |&(face, of): &(usize, &[usize])| {
-            let point = |&place: &usize| {
-                let [column, row] = seen[place].place;
-                hit(&facets[face], eye, view.ray(column, row))
-            };
-            Points::new(direct, facets, face, of.to_vec(), of.iter().map(point).collect())
+            let spots: Vec<Spot> = of.iter().map(|&place| Spot::from(&seen[place])).collect();
+            sight.points(face, of.to_vec(), &spots)
         };
         let runs = runs.par_iter().map(points).collect();
         Self { seen, runs }
@@ -92,10 +104,15 @@ impl Kept {
     }
 }
 
-/// Where a ray meets the plane of a face; the mean of its visible samples may lie outside of it.
-pub fn hit(facet: &Facet, eye: DVec3, ray: DVec3) -> DVec3 {
+/// Where a ray meets the plane of a face.
+pub fn on_plane(facet: &Facet, eye: DVec3, ray: DVec3) -> DVec3 {
     let distance = (facet.centroid - eye).dot(facet.normal) / ray.dot(facet.normal);
-    let point = eye + distance * ray;
+    eye + distance * ray
+}
+
+/// Where a ray meets a face, or the point of the face next to it: the mean of its visible samples may lie outside.
+pub fn hit(facet: &Facet, eye: DVec3, ray: DVec3) -> DVec3 {
+    let point = on_plane(facet, eye, ray);
     let inside = barycentric(facet.corners, facet.normal, point).max(DVec3::ZERO);
     let sum = inside.element_sum();
     if !(sum.is_finite() && sum > 0.0) {

@@ -8,6 +8,7 @@ mod gain;
 mod gaps;
 mod layers;
 mod refine;
+mod shadows;
 
 pub use refine::{RefineError, RefineOptions, Refined, refine};
 
@@ -26,6 +27,8 @@ const GAIN_LIMIT: f64 = 0.5;
 const SHOWN: usize = 5;
 /// Product of gains of stacked layers above which the shadows below them are meaningless.
 const SEVERE_LAYERS: f64 = 10.0;
+/// Largest share of a triangle in the error of reflected light of lamps without a warning.
+const SHADOW_LIMIT: f64 = 0.01;
 /// Share of the area in triangles with lit backs above which the answer is another than most would expect.
 const SEVERE_BACKS: f64 = 0.01;
 /// Share of negative in total absolute irradiance above which it exceeds the usual error.
@@ -43,6 +46,8 @@ pub enum Kind {
     NarrowGaps,
     /// Blockers with an open edge.
     OpenBlockers,
+    /// A shadow, or the bright spot under a lamp, lies within triangles.
+    CoarseShadows,
     /// Light falls on the backs of triangles.
     LitBacks,
     /// Blockers with some triangles of opposite orientation.
@@ -63,6 +68,7 @@ impl Kind {
             Self::StackedLayers => "stacked layers",
             Self::NarrowGaps => "narrow gaps",
             Self::OpenBlockers => "open blockers",
+            Self::CoarseShadows => "coarse shadows",
             Self::LitBacks => "lit backs",
             Self::InconsistentBlockers => "inconsistent blockers",
             Self::DuplicateTriangles => "duplicate triangles",
@@ -131,6 +137,27 @@ impl Warnings {
         warnings.narrow_gaps(scene, plan);
         warnings.bad_edges(scene, plan);
         warnings.lit_backs(scene, plan);
+        warnings
+    }
+
+    /// The same with [`Kind::CoarseShadows`]. Takes about as long as the direct light of lamps.
+    pub fn with_shadows(scene: &Scene, plan: &Plan) -> Self {
+        let mut warnings = Self::of(scene, plan);
+        let found = shadows::uneven(scene, plan, SHADOW_LIMIT);
+        let error = found.iter().map(|(_, share)| share * share).sum::<f64>().sqrt();
+        let found = found.into_iter().map(|(t, share)| (t, share, None)).collect();
+        warnings.push(scene, plan, found, |count| Warning {
+            kind: Kind::CoarseShadows,
+            severe: false,
+            message: format!(
+                "the light of lamps varies within {count} triangles: what they reflect, evenly, is off by {:.1} %",
+                100.0 * error
+            ),
+            remedy: "antirad refine, or render --refine; their own irradiance and picture are right"
+                .to_owned(),
+            measure: "share in the relative error of reflected light of lamps",
+            ..Warning::blank()
+        });
         warnings
     }
 

@@ -58,7 +58,7 @@ pub enum RefineError {
     },
 }
 
-/// Cuts coarse blockers, those of stacked layers included, and the larger triangles of narrow gaps, the worst first, until none
+/// Cuts coarse blockers, those of stacked layers included, triangles with shadows within them, and the larger triangles of narrow gaps, the worst first, until none
 /// are left, `max_triangles` is reached, or `levels` rounds are done; see [`Scene::split`]. Materials, cameras and settings stay.
 pub fn refine(
     scene: &mut Scene,
@@ -70,7 +70,7 @@ pub fn refine(
         Plan::new(scene, &plan_options.boundless(), &scene.settings)
     };
     let (count, allowed) = (scene.triangles.len(), options.max_triangles);
-    let before = Warnings::of(scene, &plan(scene)?);
+    let before = Warnings::with_shadows(scene, &plan(scene)?);
     let mut refined = Refined {
         after: before.clone(),
         before,
@@ -94,7 +94,7 @@ pub fn refine(
         chosen.sort_unstable();
         let parents = scene.split(&chosen);
         refined.parents = parents.into_iter().map(|p| refined.parents[p as usize]).collect();
-        refined.after = Warnings::of(scene, &plan(scene)?);
+        refined.after = Warnings::with_shadows(scene, &plan(scene)?);
         refined.rounds += 1;
     }
     let mut pieces = vec![0; count];
@@ -110,7 +110,7 @@ pub fn refine(
 
 /// The triangles to cut, the worst first, each once.
 fn asked(warnings: &Warnings) -> Vec<u32> {
-    let lists = [Kind::CoarseBlockers, Kind::NarrowGaps].map(|kind| warnings.get(kind));
+    let lists = [Kind::CoarseBlockers, Kind::CoarseShadows, Kind::NarrowGaps].map(|kind| warnings.get(kind));
     let mut seen = std::collections::HashSet::new();
     lists.into_iter().flatten().flat_map(|w| &w.triangles).copied().filter(|&t| seen.insert(t)).collect()
 }

@@ -106,6 +106,62 @@ fn a_render_warns_of_what_makes_it_useless() {
     assert!(kinds.clone().any(|kind| kind == "negative_irradiance"), "{report}");
 }
 
+/// A sheet that faces away from the lamp above it: half of its surroundings' light falls on its back.
+#[test]
+fn a_sheet_with_a_lit_back_is_warned_of_until_it_has_two_sides() {
+    let sheet = "[material.grey]\nalbedo = 0.5\n[material.lamp]\nemission = 10\n[[mesh]]\nname = \"floor\"\nmaterial = \"grey\"\n\
+                 shape = { kind = \"quad\", cells = 4 }\nscale = 2\n[[mesh]]\nname = \"sheet\"\nmaterial = \"grey\"\nshape = { kind = \
+                 \"quad\" }\nscale = [1, -1, 1]\ntranslate = [0.5, 1, 0.5]\n[[mesh]]\nname = \"lamp\"\nmaterial = \"lamp\"\nshape = { \
+                 kind = \"quad\" }\nscale = [0.4, -1, 0.4]\ntranslate = [0.8, 2, 0.8]\n[camera.main]\nposition = [1, 0.5, \
+                 -2]\ntarget = [1, 0.5, 1]\nfov_x_degrees = 60\nwidth = 8\nheight = 8\n";
+    let folder = Folder::with(&[("sheet.toml", sheet)]);
+    let lit = |folder: &Folder| {
+        let report = folder.json("out/report.json");
+        let warnings = report["accuracy_warnings"].as_array().expect("warnings").clone();
+        warnings.into_iter().find(|warning| warning["kind"] == "lit_backs")
+    };
+    let rendered = folder.render("sheet.toml").succeeded();
+    says(&rendered.stderr, &["WARN lit backs: ", "backs of 2 triangles", "--two-sided"]);
+    let warning = lit(&folder).expect("a warning");
+    assert_eq!((&warning["severe"], &warning["count"]), (&true.into(), &2.into()));
+    says(warning["worst"][0]["place"].as_str().expect("a place"), &["of mesh \"sheet\""]);
+    // One of 4 + 1 + 0.16 m².
+    let share = warning["area_share"].as_f64().expect("a share");
+    assert!((share - 1.0 / 5.16).abs() < 1e-6, "{share}");
+    says(&folder.run("check sheet.toml").succeeded().stdout, &["lit backs (severe)", "two_sided = true"]);
+
+    let two = folder.render("sheet.toml --two-sided").succeeded();
+    assert!(!two.stderr.contains("lit backs"), "{two:?}");
+    assert!(lit(&folder).is_none());
+    // The other remedy: the sheet faces the lamp. What comes back from the floor to its back is too little to count.
+    let turned =
+        sheet.replace("scale = [1, -1, 1]", "scale = [1, 1, 1]").replace("albedo = 0.5", "albedo = 0.02");
+    std::fs::write(folder.path("sheet.toml"), turned).expect("written");
+    assert!(!folder.render("sheet.toml").succeeded().stderr.contains("lit backs"));
+    assert!(lit(&folder).is_none());
+}
+
+/// 36 triangles: the files keep them, and the answer is that of more.
+#[test]
+fn a_render_refines_a_mesh_too_coarse_for_shadows() {
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/coarse_cornell.toml");
+    let folder = Folder::with(&[]);
+    let scene = scene.display();
+    says(&folder.run(&format!("check {scene}")).succeeded().stdout, &["coarse shadows", "render --refine"]);
+    let plain = folder.render(&format!("{scene}")).succeeded();
+    says(&plain.stdout, &["solved      36 triangles"]);
+    let fine = folder.render(&format!("{scene} --refine --max-triangles 1500")).succeeded();
+    let report = folder.json("out/report.json");
+    let triangles = report["plan"]["triangles"].as_u64().expect("a number");
+    assert!((200..=1500).contains(&triangles), "{fine:?}");
+    let irradiance = folder.read("out/irradiance.npy");
+    let irradiance = npyz::NpyFile::new(&irradiance[..]).expect("an array");
+    assert_eq!(irradiance.shape(), [36, 3]);
+    let both = folder.render(&format!("{scene} --refine --target-error 0.1"));
+    assert_eq!(both.code, Some(2));
+    says(&both.stderr, &["--refine", "--target-error"]);
+}
+
 /// Work on the host stops as soon as work on a device.
 #[test]
 #[cfg(unix)]

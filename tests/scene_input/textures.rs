@@ -56,6 +56,57 @@ fn subdivision_keeps_the_mean() {
     assert!((0..128).all(|t| plain.material(t).albedo == [0.3; 3]));
 }
 
+/// Where a texture varies, triangles are cut until their parts are even, or no more may be; the mean stays.
+#[test]
+fn triangles_are_cut_where_a_texture_varies() {
+    let folder = folder("newmtl wood\nKd .8 .4 .2\nmap_Kd -o .1 0 a wood.png\n");
+    let given = folder.load("m.obj", false).expect("a scene");
+    let mean = |scene: &Scene| -> f64 {
+        (0..scene.triangles.len()).map(|t| scene.area_vector(t).length() * scene.material(t).albedo[0]).sum()
+    };
+    let before = mean(&given);
+    // White from 0 to .4 and from .9 to 1, below .5.
+    let mut fine = given.clone();
+    let refined = fine.refine_textures(0.1, 10_000, 3);
+    assert_eq!(refined.rounds, 3);
+    assert!(!refined.full);
+    assert!([0, 1].iter().all(|t| refined.parents.iter().filter(|&parent| parent == t).count() > 4));
+    assert!((mean(&fine) - before).abs() < 2e-3, "{} {before}", mean(&fine));
+    let even = |t: usize| {
+        let albedo = fine.material(t).albedo;
+        assert!((albedo[1] - albedo[0] / 2.0).abs() < 1e-12 && fine.material(t).name.starts_with("wood"));
+        albedo[0] == 0.0 || (albedo[0] - 0.8).abs() < 1e-9
+    };
+    let area = |t: usize| fine.area_vector(t).length();
+    let uneven: f64 = (0..fine.triangles.len()).filter(|&t| !even(t)).map(area).sum();
+    // The upright borders are 1 m long together, and a part 1/8 m wide; cuts follow the other one.
+    assert!(uneven <= 1.0 / 8.0 + 1e-9, "{uneven}");
+    assert!(fine.check(true).is_ok());
+    // Within a budget, the most uneven first.
+    let mut bounded = given.clone();
+    let refined = bounded.refine_textures(0.1, 12, 3);
+    assert!(refined.full && bounded.triangles.len() <= 12 && bounded.triangles.len() > 9);
+    // Nothing to do.
+    assert_eq!(given.clone().refine_textures(0.9, 10_000, 3).rounds, 0);
+}
+
+/// Colours of corners vary linearly: cutting stops at the tolerance.
+#[test]
+fn triangles_are_cut_where_colours_of_corners_vary() {
+    let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float \
+               red\nproperty float green\nproperty float blue\nelement face 1\nproperty list uchar int \
+               vertex_indices\nend_header\n0 0 0 0 0.1 0.3\n1 0 0 0.8 0.1 0.3\n0 1 0 0 0.1 0.3\n3 0 1 2\n";
+    let mut scene = Folder::with(&[("c.ply", ply)]).load("c.ply", false).expect("a scene");
+    let refined = scene.refine_textures(0.09, 10_000, 6);
+    assert!(refined.rounds == 3 && scene.triangles.len() == 64, "{refined:?}");
+    for t in 0..scene.triangles.len() {
+        let [a, b, c] = scene.corners(t);
+        let red = 0.8 * (a.x + b.x + c.x) / 3.0;
+        let factor = scene.material(t).albedo[1] / 0.1;
+        assert!((scene.material(t).albedo[0] - factor * red).abs() < 1e-6, "{t}");
+    }
+}
+
 #[test]
 fn textures_that_cannot_be_used_are_named() {
     for (name, part) in [("lost.png", "is missing"), ("m.obj", "neither PNG nor JPEG")] {

@@ -35,7 +35,7 @@ pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> 
     let options = PlanOptions::default().boundless();
     let (scene, plan) = arguments.settings.load_planned(&options, interrupt)?;
     let working = Working::on("looking for causes of errors");
-    let warnings = interrupt.while_computing(|| Warnings::of(&scene, &plan));
+    let warnings = interrupt.while_computing(|| Warnings::with_shadows(&scene, &plan));
     drop(working);
     let bins = scene.settings.bins.to_string();
     if arguments.json {

@@ -7,6 +7,7 @@ mod compare;
 mod compare_pictures;
 mod devices;
 mod export;
+mod finer;
 mod fit;
 mod plan;
 mod refine;

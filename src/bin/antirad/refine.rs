@@ -5,6 +5,7 @@ use crate::settings::SceneSettings;
 use antirad::cli::{Interrupt, Working};
 use antirad::output::prepare_directory;
 use antirad::plan::PlanOptions;
+use antirad::scene::TextureRefined;
 use antirad::warnings::{RefineOptions, Warnings, refine};
 use clap::Args;
 use std::path::PathBuf;
@@ -13,11 +14,13 @@ use std::path::PathBuf;
 #[command(
     after_help = "Cuts triangles into four at the midpoints of their edges where `antirad check` finds them too \
 large: coarse blockers, and the wide sides of narrow gaps. Their neighbours stay whole: the new vertices lie on their \
-edges, so no cracks open.
+edges, so no cracks open. With --texture also where textures and colours of corners vary: the parts get materials with their own \
+means, and the finer scene has these in place of the texture.
 
 Examples:
   antirad refine scenes/two_rooms.toml --output out/fine
-  antirad render out/fine/two_rooms.toml"
+  antirad render out/fine/two_rooms.toml
+  antirad refine room.glb --texture 0.05 --output out/fine"
 )]
 pub struct Arguments {
     #[command(flatten)]
@@ -31,6 +34,16 @@ pub struct Arguments {
     /// Maximum number of times that a triangle is cut
     #[arg(long, value_name = "NUMBER", default_value_t = RefineOptions::default().levels)]
     levels: u32,
+    /// Also cut triangles over which a texture varies: by more than TOLERANCE of albedo, or as much of the brightest emission
+    #[arg(long, value_name = "TOLERANCE", num_args = 0..=1, default_missing_value = "0.1", value_parser = tolerance)]
+    texture: Option<f64>,
+}
+
+fn tolerance(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(tolerance) if tolerance > 0.0 && tolerance < 1.0 => Ok(tolerance),
+        _ => Err(String::from("a number between 0 and 1 is expected")),
+    }
 }
 
 pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<(), Failure> {
@@ -38,6 +51,9 @@ pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<
     let triangles = scene.triangles.len();
     let options = RefineOptions::default().max_triangles(arguments.max_triangles).levels(arguments.levels);
     let working = Working::on("refining");
+    let textured = arguments.texture.map(|tolerance| {
+        interrupt.while_computing(|| scene.refine_textures(tolerance, options.max_triangles, options.levels))
+    });
     let refined = interrupt.while_computing(|| refine(&mut scene, &PlanOptions::default(), &options))?;
     drop(working);
     prepare_directory(&arguments.output)?;
@@ -47,6 +63,12 @@ pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<
         return Ok(());
     }
     println!("triangles   {triangles} before, {} after {} rounds", scene.triangles.len(), refined.rounds);
+    if let Some(TextureRefined { parents, rounds, full }) = &textured {
+        println!("textures    {} triangles after {rounds} rounds", parents.len());
+        if *full {
+            println!("            more would be cut, but for --max-triangles {}", options.max_triangles);
+        }
+    }
     for (mesh, cut) in &refined.cut {
         println!("            {cut} triangles of mesh \"{mesh}\" were cut");
     }

@@ -2,6 +2,7 @@
 
 use crate::Failure;
 use crate::cameras;
+use crate::finer::Finer;
 use crate::report::{DeviceReport, MemoryUse, Report, SolveReport};
 use crate::settings::SceneSettings;
 use antirad::cli::{EXIT_UNRELIABLE, Interrupt, SolveBar, Working};
@@ -34,7 +35,11 @@ pub struct Arguments {
     /// Render this camera only; may be given several times [default: all cameras of the scene]
     #[arg(long, value_name = "NAME")]
     camera: Vec<String>,
-    /// Maximum number of triangles into which --target-error may subdivide the scene
+    /// Cut triangles first where the mesh is too coarse for shadows, as `antirad refine` does; files per triangle have means over those
+    /// given
+    #[arg(long, conflicts_with = "target_error")]
+    refine: bool,
+    /// Maximum number of triangles into which --target-error or --refine may subdivide the scene
     #[arg(long, value_name = "NUMBER", default_value_t = TargetErrorOptions::MAX_TRIANGLES)]
     max_triangles: usize,
     /// Folder for the results [default: out/SCENE]
@@ -95,6 +100,15 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     let directory = arguments.output.clone().unwrap_or_else(|| Path::new("out").join(&scene.name));
     prepare_directory(&directory)?;
     stages.end("load");
+    let finer = match scene.choice {
+        Choice::Open { .. } if arguments.refine => {
+            Some(Finer::of(&mut scene, arguments.max_triangles, interrupt)?)
+        }
+        _ => None,
+    };
+    if finer.is_some() {
+        stages.end("refine");
+    }
 
     let shading = if arguments.smooth { Shading::Smooth } else { arguments.shading };
     let options =
@@ -147,7 +161,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
             drop(working);
             stages.end("check");
             let answer = Answer::new(&mut engine, &scene, solution, &cameras, warnings)?;
-            Rendered::plain(&scene, answer, engine)
+            Rendered::plain(&scene, answer, engine, finer)
         }
     };
     let Rendered { scene: solved, irradiance, radiosity, answer, refinement, engine } = result;
@@ -234,8 +248,12 @@ struct Rendered<'a> {
 }
 
 impl<'a> Rendered<'a> {
-    fn plain(scene: &'a Scene, answer: Answer, engine: Engine) -> Self {
-        let (irradiance, radiosity) = (answer.irradiance.clone(), answer.radiosity.clone());
+    fn plain(scene: &'a Scene, answer: Answer, engine: Engine, finer: Option<Finer>) -> Self {
+        let on_given = |values: &Vec<[f64; 3]>| match &finer {
+            Some(finer) => finer.on_given(scene, values),
+            None => values.clone(),
+        };
+        let (irradiance, radiosity) = (on_given(&answer.irradiance), on_given(&answer.radiosity));
         Self {
             scene: Cow::Borrowed(scene),
             irradiance,
