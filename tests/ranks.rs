@@ -33,6 +33,8 @@ fn on_ranks<T: Send>(count: usize, work: impl Fn(&Device) -> T + Sync) -> Vec<(T
 /// Everything that an engine computes, as text: equal where all bytes are.
 fn results(device: &Device, scene: &Scene, settings: &SolveSettings, options: PlanOptions) -> String {
     let plan = Plan::new(scene, &options, settings).expect("a plan");
+    assert_eq!(plan.clusters().is_some(), settings.transport != Transport::Exact, "{}", plan.transport());
+    assert_eq!(plan.near_field_matrix().is_some(), options.keep_near_field, "{}", plan.near_field());
     let mut engine = Engine::new(device, scene, plan).expect("an engine");
     let params = SolveParams::from(settings);
     let solution = engine.solve(&params).expect("a solution");
@@ -54,6 +56,7 @@ fn results(device: &Device, scene: &Scene, settings: &SolveSettings, options: Pl
 
 #[test]
 fn every_number_of_ranks_has_the_same_bytes() {
+    let room = load("scenes/closed_box.toml");
     let plain = random_scene(4, 150, false, false);
     let glossy = with_own_powers(random_scene(5, 150, true, false));
     let clusters = Transport::Hierarchical { error: 0.1 };
@@ -62,7 +65,8 @@ fn every_number_of_ranks_has_the_same_bytes() {
     // Close pairs kept and evaluated, triangles and clusters, no lobes and lobes.
     for (name, scene, transport, keep, gradients, count) in [
         ("plain", &plain, Transport::Exact, true, few, 3),
-        ("glossy", &glossy, clusters, false, everything, 2),
+        ("glossy", &glossy, Transport::Exact, false, everything, 2),
+        ("room", &room, clusters, true, few, 2),
     ] {
         let settings = scene.settings.tolerance(1e-5).transport(transport);
         let run = |device: &Device| {
