@@ -98,6 +98,18 @@ pub enum EngineError {
         /// Triangles of the scene.
         given: usize,
     },
+    /// The plan is for another process than the device.
+    #[error(
+        "the plan is for process {} of {} and the device for {} of {}: make the plan with the options of the device \
+         (PlanOptions::of)",
+        planned.0 + 1, planned.1, given.0 + 1, given.1
+    )]
+    OtherRanks {
+        /// Number from 0, and count, of the plan.
+        planned: (u32, u32),
+        /// The same of the device.
+        given: (usize, usize),
+    },
     /// The geometry is not that of the plan.
     #[error(
         "triangle {triangle} has another position in the plan: plan this scene, or call \
@@ -318,6 +330,9 @@ impl EngineError {
 
     /// Whether a callback stopped the work, which is no failure.
     pub fn is_interruption(&self) -> bool {
+        if matches!(self.of_device(), Some(GpuError::Interrupted)) {
+            return true;
+        }
         matches!(
             self,
             Self::Solve(SolveError::Interrupted { .. } | SolveError::Operator(TransportError::Interrupted))
@@ -345,15 +360,21 @@ pub struct Engine {
 }
 
 impl PlanOptions {
-    /// The limits of a device, less the memory in use by other engines, held solutions and pictures.
+    /// The limits of a device, less the memory in use by other engines, held solutions and pictures; with several ranks, the
+    /// smallest limits of all, which all must ask for at once.
     pub fn of(device: &Device) -> Self {
-        let (info, memory) = (device.info(), device.memory());
+        let (info, memory, ranks) = (device.info(), device.memory(), device.ranks());
+        // Where ranks can no longer work together, the next pass says so.
+        let least = |own: u64| ranks.least(own).unwrap_or(own);
+        let max_buffer = least(info.max_storage_buffer_range);
         Self {
-            memory_budget: memory.budget.saturating_sub(memory.in_use),
-            max_buffer: info.max_storage_buffer_range,
+            memory_budget: least(memory.budget.saturating_sub(memory.in_use)),
+            max_buffer,
             staging: crate::gpu::staging_bytes(),
-            page: info.max_storage_buffer_range,
-            keep_near_field: info.kind == DeviceKind::Cpu,
+            page: max_buffer,
+            keep_near_field: least(u64::from(info.kind == DeviceKind::Cpu)) == 1,
+            rank: ranks.rank() as u32,
+            ranks: ranks.count() as u32,
             ..Self::default()
         }
     }
@@ -374,6 +395,10 @@ impl Engine {
         plan: Plan,
         direct: DirectLight,
     ) -> Result<Self, EngineError> {
+        let (planned, given) = ((plan.options.rank, plan.options.ranks), device.ranks());
+        if planned != (given.rank() as u32, given.count() as u32) {
+            return Err(EngineError::OtherRanks { planned, given: (given.rank(), given.count()) });
+        }
         // Counted apart from everything else on the device, such as engines of other threads.
         let own = device.scope(plan.staging);
         let unit = light_unit(scene);

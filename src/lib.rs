@@ -58,6 +58,7 @@ pub mod model;
 mod options;
 pub mod output;
 pub mod plan;
+pub mod ranks;
 pub mod reference;
 mod revision;
 pub mod scene;

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 /// Each layer, and all that it may use. The graph has no cycles: a layer stands below those that it uses.
-const LAYERS: [(&str, &[&str]); 24] = [
+const LAYERS: [(&str, &[&str]); 25] = [
     ("options", &[]),
     ("watch", &[]),
     ("input", &[]),
@@ -13,11 +13,12 @@ const LAYERS: [(&str, &[&str]); 24] = [
     ("scene", &["input", "options", "output"]),
     ("model", &["scene"]),
     ("solve", &[]),
+    ("ranks", &[]),
     ("direct", &["model", "scene"]),
     ("plan", &["direct", "model", "options", "scene"]),
-    ("gpu", &["options", "output"]),
+    ("gpu", &["options", "output", "ranks", "watch"]),
     ("shaders", &["gpu", "scene"]),
-    ("transport", &["gpu", "model", "plan", "scene", "shaders", "solve"]),
+    ("transport", &["gpu", "model", "plan", "ranks", "scene", "shaders", "solve"]),
     ("revision", &[]),
     ("engine", &["direct", "gpu", "model", "options", "plan", "revision", "scene", "solve", "transport"]),
     ("gradients", &["direct", "engine", "model", "options", "plan", "scene", "solve", "transport"]),
@@ -48,7 +49,7 @@ const LAYERS: [(&str, &[&str]); 24] = [
         ],
     ),
     ("ambiguity", &["engine", "gpu", "image", "plan", "scene", "solve", "watch"]),
-    ("cli", &["engine", "fit", "gpu", "image", "output", "plan", "scene", "shading", "solve"]),
+    ("cli", &["engine", "fit", "gpu", "image", "output", "plan", "scene", "shading", "solve", "watch"]),
 ];
 
 /// The layer of a file or folder of `src/`.

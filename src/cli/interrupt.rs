@@ -1,5 +1,6 @@
 //! Signals that end the work: it stops at the next dispatch and leaves no half-written file.
 
+use crate::watch::Watch;
 use signal_hook::consts::SIGINT;
 use std::io;
 use std::ops::ControlFlow;
@@ -95,6 +96,12 @@ impl Interrupt {
         let result = work();
         drop(done);
         result
+    }
+
+    /// For what is asked now and then during long work.
+    pub fn watch(&self) -> Watch {
+        let asked = self.clone();
+        Arc::new(move || asked.flow())
     }
 
     /// For the callbacks of long work.

@@ -51,7 +51,7 @@ impl DirectLight {
     /// For points of triangles alone ([`Self::at_points`]): knows the light of no triangle.
     pub fn of_points(facets: &[Facet], lamps: Vec<Lamp>) -> Self {
         let (factors, cuts) = (Vec::new(), BTreeMap::new());
-        Self { tree: Tree::new(facets), lamps, receivers: 0, factors, cuts }
+        Self { blockers: Blockers::new(facets), lamps, receivers: 0, factors, cuts }
     }
 
     /// How many blockers would be tested against cones: an estimate of the work of [`Self::new`], from a few receivers.

@@ -13,6 +13,8 @@ const MAGIC: &[u8; 16] = b"antirad-fit-ckpt";
 const VERSION: u32 = 2;
 const FILE: &str = "checkpoint";
 const PREVIOUS: &str = "checkpoint.previous";
+/// Names of all files of a checkpoint.
+pub const CHECKPOINT_FILES: [&str; 2] = [FILE, PREVIOUS];
 /// Magic, version, length, checksum.
 const HEADER: usize = 16 + 4 + 8 + 32;
 

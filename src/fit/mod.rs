@@ -25,7 +25,7 @@ mod settings;
 mod status;
 mod target;
 
-pub use checkpoint::CheckpointError;
+pub use checkpoint::{CHECKPOINT_FILES, CheckpointError};
 pub use engine_renderer::EngineRenderer;
 pub use gradient::{CameraGradient, Quantity, SceneGradient};
 pub use job::{FitError, FitProgress, Job, OnCheckpoint, Outcome, Record, RunOptions, Stop};

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use std::env;
 use std::ffi::CString;
 use std::fmt;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -24,6 +25,8 @@ use super::survey::{self, Candidate};
 use super::transfer::{STAGING_CHUNK, Scope};
 use super::validation::ValidationLog;
 use super::{Result, lock};
+use crate::ranks::Ranks;
+use crate::watch::Watch;
 
 /// `Default` reads the environment; `DeviceOptions::default().validation(true)` overrides it.
 #[derive(Clone, Debug)]
@@ -76,6 +79,8 @@ const SHARE_OF_FREE: u64 = 85;
 pub struct Device {
     pub(super) shared: Arc<Shared>,
     pub(super) scope: Arc<Scope>,
+    ranks: Ranks,
+    watch: Option<Watch>,
 }
 
 pub(super) struct Shared {
@@ -182,14 +187,51 @@ impl Device {
         };
         shared.name(cache, "pipeline cache");
         let shared = Arc::new(shared);
-        Ok(Self { scope: Scope::new(&shared, 2 * STAGING_CHUNK), shared })
+        Ok(Self {
+            scope: Scope::new(&shared, 2 * STAGING_CHUNK),
+            shared,
+            ranks: Ranks::default(),
+            watch: None,
+        })
     }
 
     /// A handle on the same device for one of its users, such as an engine. Its allocations are counted separately
     /// ([`Self::scope_memory`]), under the common budget. Its transfers use staging buffers of their own, `staging`
     /// bytes together, from the first transfer until the last clone of the handle is dropped.
     pub fn scope(&self, staging: u64) -> Self {
-        Self { scope: Scope::new(&self.shared, staging), shared: self.shared.clone() }
+        Self {
+            scope: Scope::new(&self.shared, staging),
+            shared: self.shared.clone(),
+            ranks: self.ranks.clone(),
+            watch: self.watch.clone(),
+        }
+    }
+
+    /// The same device as that of one of several ranks: its engines compute a share of every pass, together with those of the
+    /// other ranks, which must be made and used in the same order.
+    #[must_use]
+    pub fn with_ranks(self, ranks: Ranks) -> Self {
+        Self { ranks, ..self }
+    }
+
+    /// The same device with a watch that is asked before each kernel is compiled, which may take a driver long: where it breaks,
+    /// that ends with [`GpuError::Interrupted`].
+    #[must_use]
+    pub fn with_watch(self, watch: Watch) -> Self {
+        Self { watch: Some(watch), ..self }
+    }
+
+    /// Asks the watch.
+    pub(super) fn check_watch(&self) -> Result<()> {
+        match self.watch.as_ref().map(|watch| watch()) {
+            Some(ControlFlow::Break(())) => Err(GpuError::Interrupted),
+            _ => Ok(()),
+        }
+    }
+
+    /// The processes that this one works with.
+    pub fn ranks(&self) -> &Ranks {
+        &self.ranks
     }
 
     /// Properties of the device, and the optional capabilities that are enabled.

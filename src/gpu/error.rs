@@ -12,6 +12,9 @@ type Source = Box<dyn std::error::Error + Send + Sync>;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum GpuError {
+    /// A watch stopped the work before a kernel was compiled: see [`Device::with_watch`](super::Device::with_watch).
+    #[error("interrupted")]
+    Interrupted,
     /// The Vulkan loader cannot be loaded.
     #[error(
         "no Vulkan loader: {0}; install one (`apt install libvulkan1 mesa-vulkan-drivers` also brings a CPU device)"
@@ -194,7 +197,11 @@ impl GpuError {
     pub fn may_pass(&self) -> bool {
         matches!(
             self,
-            Self::DeviceLost(_) | Self::Timeout { .. } | Self::Allocation { .. } | Self::Vulkan { .. }
+            Self::DeviceLost(_)
+                | Self::Timeout { .. }
+                | Self::Allocation { .. }
+                | Self::Vulkan { .. }
+                | Self::Interrupted
         )
     }
 }

@@ -119,6 +119,7 @@ impl Pipeline {
         let parts = compiled.get(&key).copied().unwrap_or_default();
         let mut pipeline = Self { device: device.clone(), kernel, bindings, push_bytes, parts };
         if pipeline.parts.pipeline == vk::Pipeline::null() {
+            device.check_watch()?;
             let created = pipeline
                 .create_layouts()
                 .and_then(|()| pipeline.create_pipeline(code, specialization, required));

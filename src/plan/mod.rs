@@ -10,6 +10,7 @@ mod memory;
 mod near_matrix;
 mod report;
 mod residency;
+mod shares;
 mod tiles;
 mod transport;
 
@@ -26,6 +27,7 @@ pub use near_matrix::{
 };
 pub use report::{ClassReport, LobeReport, PairReport, PlanReport, StatesReport};
 pub use residency::{Piece, Residency};
+pub use shares::Shares;
 pub use tiles::{Group, TileLayout};
 pub use transport::PlannedTransport;
 
@@ -63,6 +65,10 @@ pub struct PlanOptions {
     /// Whether to keep the near field as a matrix where the memory suffices: it takes as long as one pass, and saves
     /// most of the near field of all others. GPUs evaluate it faster than the host computes the matrix.
     pub keep_near_field: bool,
+    /// Number of this process among those that solve the scene together, from 0.
+    pub rank: u32,
+    /// How many processes solve the scene together: each computes its share of every pass.
+    pub ranks: u32,
 }
 
 setters!(PlanOptions {
@@ -76,6 +82,8 @@ setters!(PlanOptions {
     occlusion: Occlusion,
     gradients: GradientRequest,
     keep_near_field: bool,
+    rank: u32,
+    ranks: u32,
 });
 
 /// Which triangles block light.
@@ -111,6 +119,8 @@ impl Default for PlanOptions {
             occlusion: Occlusion::Exact,
             gradients: GradientRequest::NOTHING,
             keep_near_field: true,
+            rank: 0,
+            ranks: 1,
         }
     }
 }
@@ -239,6 +249,7 @@ pub struct Plan {
     pub(crate) solver: PlannedSolver,
     pub(crate) residency: Residency,
     pub(crate) near_field: NearField,
+    pub(crate) shares: Shares,
     /// Bytes of the staging buffers.
     pub(crate) staging: u64,
     memory: MemoryPlan,
@@ -252,6 +263,9 @@ impl Plan {
         settings.check()?;
         if !TILES.contains(&options.tile) {
             return Err(PlanError::Tile(options.tile));
+        }
+        if options.rank >= options.ranks {
+            return Err(PlanError::Rank { rank: options.rank, ranks: options.ranks });
         }
         let (wanted, precision) = (settings.tolerance, settings.precision);
         let least = least_tolerance(precision);
@@ -300,12 +314,14 @@ impl Plan {
             solver: PlannedSolver::FixedPoint,
             residency: Residency::Device,
             near_field: NearField::default(),
+            shares: Shares::default(),
             staging: options.staging,
             memory: MemoryPlan::default(),
             reflectance: Reflectance::of(scene),
         };
         plan.lobes.matrices = plan.affordable_lobes();
         plan.choose_transport(scene)?;
+        plan.shares = Shares::of(&plan);
         plan.choose_near_field();
         Ok(plan)
     }

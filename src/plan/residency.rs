@@ -128,6 +128,9 @@ impl Plan {
     /// move no fewer bytes, but split the lists of close sources less often.
     pub(super) fn stream(&mut self) -> Result<(), PlanError> {
         let budget = self.options.memory_budget;
+        if self.options.ranks > 1 {
+            return Err(PlanError::SeveralRanks { budget });
+        }
         let matrices = std::mem::take(&mut self.lobes.matrices);
         self.set_windows(1, 1, self.options.staging.min(LEAST_STAGING));
         let (least_staging, needed) = (self.staging, self.memory.total());

@@ -246,6 +246,12 @@ impl<'a> AdjointOperator<'a> {
                 exchange.clusters(context, buffers, cotangent, monitor)?;
                 of_clusters.shares(context, &sources, gradients)?;
             }
+            let bytes = 16 * precision.bytes();
+            context.complete_slots(gradients, bytes)?;
+            let runs = context.plan.clusters().map_or(0, |clusters| clusters.runs().len());
+            for run in 0..runs {
+                context.complete(gradients, (0, bytes), context.plan.clusters_by_rank(run))?;
+            }
         }
         if context.plan.has_first_bounce() && !views.is_empty() {
             self.operators.update_outgoing(Some(x), true, false)?;

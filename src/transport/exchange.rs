@@ -124,7 +124,7 @@ impl Exchange {
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, outgoing } = context;
-        monitor.begin(Sweep::pairs(plan, false));
+        monitor.begin(Sweep::pairs(plan, false) / u64::from(plan.options.ranks));
         let backs = x.is_some();
         let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
         let none = || View::resident(&scene.no_bins, 0, 0);
@@ -135,9 +135,9 @@ impl Exchange {
         for groups in plan.sweeps() {
             let mut receivers = Vec::new();
             for t in groups {
-                let to = &plan.layout.groups[t];
-                let incident = Part::of_group(plan, t, to).map(|part| y.receive(device, &part));
-                receivers.push((to, incident.transpose()?.unwrap_or_else(none)));
+                let all = &plan.layout.groups[t];
+                let incident = Part::of_group(plan, t, all).map(|part| y.receive(device, &part));
+                receivers.push((plan.own(t), incident.transpose()?.unwrap_or_else(none)));
             }
             for piece in &pieces {
                 let from = &piece.part;
@@ -210,7 +210,7 @@ impl Exchange {
             }
         }
         irradiance.store(device)?;
-        Ok(())
+        if plan.options.ranks > 1 { context.complete_state(y.resident()?) } else { Ok(()) }
     }
 
     /// Adds the near field where it is kept; states are on the device then, and what triangles send is known.
@@ -242,7 +242,7 @@ impl Exchange {
         &mut self,
         context: &Context,
         x: Option<&State>,
-        receivers: &[(&Group, View)],
+        receivers: &[(Group, View)],
         irradiance: BufferSlice,
         passing: u32,
         monitor: &mut PassMonitor,

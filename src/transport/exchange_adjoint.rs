@@ -54,7 +54,7 @@ impl ExchangeAdjoint {
         let Context { plan, scene, outgoing, .. } = context;
         let (x, y) = (x.resident()?, y.resident()?);
         let lists = plan.interactions().by_source.as_ref().ok_or(TransportError::NotPlanned)?;
-        monitor.begin(Sweep::pairs_by_source(plan, false));
+        monitor.begin(Sweep::pairs_by_source(plan, false) / u64::from(plan.options.ranks));
         let none = &scene.no_bins;
         adjoint.copy_receivers(context, x)?;
         let partners = of_partners(context, &adjoint.receivers);
@@ -62,7 +62,9 @@ impl ExchangeAdjoint {
             for (t, to) in plan.layout.groups.iter().enumerate() {
                 let shape = Shape::new(from.class, to.class);
                 let sweep = sweep_of(&mut self.sweeps, shape)?;
-                let between = Between::groups(plan, lists, from, to);
+                let own = plan.own(s);
+                let first_slot = plan.layout.slots_of(&from.tiles).start;
+                let between = Between { targets: &own, partners: to, lists, first_slot };
                 let irradiance = x.irradiance.whole();
                 let incident = page_of(&x.bins, t, to.class.has_bins(), none)?;
                 let back = page_of(&y.bins, s, from.class.has_bins(), none)?;
@@ -114,7 +116,8 @@ impl ExchangeAdjoint {
             for (s, from) in plan.layout.groups.iter().enumerate() {
                 let page = Cotangents {
                     class: from.class,
-                    sources: plan.layout.slots_of(&from.tiles),
+                    sources: plan.layout.slots_of(&plan.own(s).tiles),
+                    bins_page: plan.layout.slots_of(&from.tiles).start,
                     radiance: (outgoing.radiance.whole(), 0),
                     back: page_of(&y.bins, s, from.class.has_bins(), none)?,
                     front: page_of(&outgoing.specular, s, from.class.glossy, none)?,
@@ -125,7 +128,9 @@ impl ExchangeAdjoint {
             let front = |g: usize| page_of(&outgoing.specular, g, true, none);
             clusters.to_triangles(context, back, front)?;
         }
-        Ok(())
+        context.complete_slots(&outgoing.radiance, plan.rgb_bytes())?;
+        context.complete_pages(&outgoing.specular, |group| group.class.glossy)?;
+        context.complete_pages(&y.bins, |group| group.class.has_bins())
     }
 
     /// The cotangents of the light of clusters, whole: with what comes through the clusters they are part of.
@@ -139,16 +144,22 @@ impl ExchangeAdjoint {
         let Some(clusters) = &adjoint.clusters else { return Ok(()) };
         let none = context.scene.no_bins.whole();
         clusters.clear(&context.device)?;
-        for run in &clusters.runs {
-            let first = context.plan.layout.slots();
+        let first = context.plan.layout.slots();
+        for (r, run) in clusters.runs.iter().enumerate() {
             let page = Cotangents {
                 class: run.class,
-                sources: run.indices.clone(),
+                sources: context.plan.own_clusters(r),
+                bins_page: run.indices.start,
                 radiance: (clusters.radiance.whole(), first),
                 back: run.antiradiance.as_ref().map_or(none, Buffer::whole),
                 front: run.specular.as_ref().map_or(none, Buffer::whole),
             };
             self.received(context, adjoint, x, &page, monitor)?;
+            let (plan, shares) = (&context.plan, context.plan.clusters_by_rank(r));
+            context.complete(&clusters.radiance, (first, plan.rgb_bytes()), shares)?;
+            for bins in [&run.antiradiance, &run.specular].into_iter().flatten() {
+                context.complete(bins, (run.indices.start, plan.bin_bytes()), shares)?;
+            }
         }
         clusters.within(context)
     }
@@ -178,7 +189,7 @@ impl ExchangeAdjoint {
             ];
             let of = FromSources {
                 sources: to.sources.clone(),
-                bins_page: to.sources.start,
+                bins_page: to.bins_page,
                 radiance_page: to.radiance.1,
                 receivers_page: slots.start,
                 receivers: slots,
@@ -189,10 +200,12 @@ impl ExchangeAdjoint {
     }
 }
 
-/// Where the cotangents of sources of one class go: of radiance, with the first index of its page, and of bins.
+/// Where the cotangents of sources of one class go: of radiance, with the first index of its page, and of bins, from the
+/// index `bins_page` on.
 struct Cotangents<'a> {
     class: Class,
     sources: Range<u32>,
+    bins_page: u32,
     radiance: (BufferSlice<'a>, u32),
     back: BufferSlice<'a>,
     front: BufferSlice<'a>,

@@ -67,7 +67,8 @@ impl ExchangeDerivative {
         let by_source = by_source.as_ref().ok_or(TransportError::NotPlanned)?;
         // With clusters, their cotangents are computed once more.
         let again = if adjoint.clusters.is_some() { Sweep::pairs_by_source(plan, true) } else { 0 };
-        monitor.begin(Sweep::pairs(plan, true) + Sweep::pairs_by_source(plan, true) + again);
+        let pairs = Sweep::pairs(plan, true) + Sweep::pairs_by_source(plan, true) + again;
+        monitor.begin(pairs / u64::from(plan.options.ranks));
         let none = &scene.no_bins;
         adjoint.copy_receivers(context, cotangent)?;
         for target_is_source in [true, false] {
@@ -84,10 +85,10 @@ impl ExchangeDerivative {
             for (s, from) in plan.layout.groups.iter().enumerate() {
                 for (t, to) in plan.layout.groups.iter().enumerate() {
                     let sweep = sweep_of(sweeps, Shape::new(from.class, to.class))?;
-                    let between = match target_is_source {
-                        true => Between::groups(plan, lists, from, to),
-                        false => Between::groups(plan, lists, to, from),
-                    };
+                    let (target, other) = if target_is_source { (s, to) } else { (t, from) };
+                    let own = plan.own(target);
+                    let first_slot = plan.layout.slots_of(&plan.layout.groups[target].tiles).start;
+                    let between = Between { targets: &own, partners: other, lists, first_slot };
                     let both = [
                         scene.facets.whole(),
                         outgoing.radiance.whole(),
@@ -129,7 +130,11 @@ impl ExchangeDerivative {
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { plan, scene, outgoing, .. } = context;
-        for from in sources {
+        for (k, from) in sources.iter().enumerate() {
+            let own = match k.checked_sub(plan.layout.groups.len()) {
+                None => plan.layout.slots_of(&plan.own(k).tiles),
+                Some(run) => plan.own_clusters(run),
+            };
             for (t, receivers) in plan.layout.groups.iter().enumerate() {
                 let shape = Shape::new(from.class, receivers.class);
                 let slots = plan.layout.slots_of(&receivers.tiles);
@@ -146,7 +151,7 @@ impl ExchangeDerivative {
                     ])
                 };
                 let of = FromSources {
-                    sources: from.indices.clone(),
+                    sources: own.clone(),
                     bins_page: from.indices.start,
                     radiance_page: 0,
                     receivers_page: slots.start,
@@ -158,7 +163,8 @@ impl ExchangeDerivative {
                 let partners = (&from.indices, from.indices.start);
                 let passing = PAIR_FRONT | PAIR_NEAR | PAIR_BACK;
                 let buffers = buffers(scene.far_sources.whole())?;
-                sweep.listed(context, (&slots, slots.start), partners, &buffers, passing, monitor)?;
+                let own = plan.layout.slots_of(&plan.own(t).tiles);
+                sweep.listed(context, (&own, slots.start), partners, &buffers, passing, monitor)?;
             }
         }
         Ok(())

@@ -6,6 +6,7 @@
 mod adjoint;
 mod clusters;
 mod clusters_adjoint;
+mod completion;
 mod exchange;
 mod exchange_adjoint;
 mod exchange_derivative;
@@ -130,6 +131,13 @@ impl Operators {
     /// Sets the callback of a pass, called after every submission; `None` removes it.
     pub fn set_pass_callback(&mut self, callback: Option<PassCallback>) {
         self.monitor.callback = callback;
+    }
+
+    /// What rank 0 has found, so that solvers decide alike on all.
+    fn agreed(&self, value: f64) -> Result<f64, TransportError> {
+        let mut value = [value];
+        self.context.device.ranks().agree(&mut value)?;
+        Ok(value[0])
     }
 
     /// Computes the outgoing light of the fronts, E + K x, of a state on the device; `first_bounce`: whether with the specular reflection of
@@ -270,7 +278,8 @@ impl LightOperator for Operators {
     }
 
     fn dot(&mut self, x: &State, y: &State) -> Result<f64, TransportError> {
-        self.vectors.dot(&self.context, x, y, &mut self.monitor)
+        let product = self.vectors.dot(&self.context, x, y, &mut self.monitor)?;
+        self.agreed(product)
     }
 
     fn combine(&mut self, a: f64, x: &State, b: f64, y: &mut State) -> Result<(), TransportError> {
@@ -285,7 +294,8 @@ impl LightOperator for Operators {
         y: &mut State,
         z: Option<&State>,
     ) -> Result<f64, TransportError> {
-        self.vectors.combine_dot(&self.context, (a, x), (b, y), z, &mut self.monitor)
+        let product = self.vectors.combine_dot(&self.context, (a, x), (b, y), z, &mut self.monitor)?;
+        self.agreed(product)
     }
 
     fn scale(&mut self, b: f64, y: &mut State) -> Result<(), TransportError> {
@@ -298,7 +308,10 @@ impl LightOperator for Operators {
             [h[0], h[1], h[2]].map(|h| area.sqrt() * h)
         };
         let irradiance = self.irradiance(x)?;
-        Ok(Some(irradiance.iter().zip(&self.context.plan.layout.order).flat_map(weighted).collect()))
+        let order = &self.context.plan.layout.order;
+        let mut judged: Vec<f64> = irradiance.iter().zip(order).flat_map(weighted).collect();
+        self.context.device.ranks().agree(&mut judged)?;
+        Ok(Some(judged))
     }
 }
 

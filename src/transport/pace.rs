@@ -8,6 +8,9 @@ use crate::gpu::{Batch, Device, GpuError};
 const TARGET: f64 = 0.15;
 /// Workgroups along one axis that every device supports.
 pub const MOST_GROUPS: u32 = 65_535;
+/// Part of that which the first submission takes if the rate is guessed right: a GPU of a phone may be that much slower, and its
+/// watchdog must not bite before the rate is known.
+const FIRST: f64 = 1.0 / 16.0;
 /// Largest growth from one submission to the next, since rates are noisy.
 const GROWTH: f64 = 4.0;
 
@@ -20,7 +23,7 @@ pub struct Pace {
 impl Pace {
     /// Starts with a low estimate of the rate, in pairs per second.
     pub fn new(rate: f64) -> Self {
-        Self { pairs_per_submission: rate * TARGET }
+        Self { pairs_per_submission: rate * TARGET * FIRST }
     }
 
     /// Pairs to submit next.
@@ -122,7 +125,7 @@ mod tests {
 
     #[test]
     fn shares_are_equal() {
-        let pace = Pace::new(1000.0 / TARGET);
+        let pace = Pace::new(1000.0 / (TARGET * FIRST));
         let shares = [(100, 10), (101, 10), (250, 10), (5, 5000)];
         assert_eq!(shares.map(|(items, pairs)| pace.share(items, pairs)), [100, 51, 84, 1]);
     }

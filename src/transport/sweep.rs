@@ -178,11 +178,6 @@ impl<'a> Between<'a> {
     pub fn receivers(plan: &'a Plan, targets: &'a Group, partners: &'a Group, first_slot: u32) -> Self {
         Self { targets, partners, lists: &plan.interactions().by_receiver, first_slot }
     }
-
-    /// Groups with one page of bins each.
-    pub fn groups(plan: &Plan, lists: &'a PairLists, targets: &'a Group, partners: &'a Group) -> Self {
-        Self { targets, partners, lists, first_slot: plan.layout.slots_of(&targets.tiles).start }
-    }
 }
 
 impl Sweep {

@@ -1,6 +1,7 @@
 //! Progress within a pass, interruption, and errors of transport.
 
 use crate::gpu::GpuError;
+use crate::ranks::RankError;
 use std::ops::ControlFlow;
 
 /// Called after every submission, a quarter of a second at most, with the number of pairs done and that of the whole
@@ -14,6 +15,9 @@ pub enum TransportError {
     /// The device, or a call into it, failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    /// Ranks can no longer work together.
+    #[error(transparent)]
+    Ranks(#[from] RankError),
     /// A callback stopped the pass; its output is undefined.
     #[error("interrupted")]
     Interrupted,

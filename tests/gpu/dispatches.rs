@@ -1,9 +1,12 @@
 //! Pipelines, batches and their timing.
 
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::Instant;
 
-use antirad::gpu::{self, ALIGN, Bindings, Buffer, BufferKind, GpuError, Pipeline};
+use antirad::gpu::{self, ALIGN, Bindings, Buffer, BufferKind, Device, DeviceOptions, GpuError, Pipeline};
 use antirad::scene::Precision;
 use antirad::shaders;
 
@@ -224,4 +227,26 @@ fn threads_share_a_device() {
     let labels: Vec<_> = device.memory().by_label.into_iter().map(|row| row.label).collect();
     assert_eq!(labels, ["staging readback", "staging upload"]);
     finish(device);
+}
+
+#[test]
+fn a_watch_is_asked_before_a_kernel_is_compiled() {
+    let asked = Arc::new(AtomicUsize::new(0));
+    let count = asked.clone();
+    let watch: antirad::Watch = Arc::new(move || match count.fetch_add(1, Ordering::SeqCst) {
+        0 => ControlFlow::Continue(()),
+        _ => ControlFlow::Break(()),
+    });
+    let options = DeviceOptions::default().validation(true).kernel_cache(None);
+    let device = Device::new(&options).expect("a Vulkan device").with_watch(watch);
+    let kernel = |lanes: u32| {
+        let shader = shaders::COMBINE.of(Precision::F32);
+        Pipeline::new(&device.scope(0), shader, 2, AXPY_PUSH, &[(0, lanes)], None)
+    };
+    assert!(kernel(32).is_ok());
+    assert!(matches!(kernel(64), Err(GpuError::Interrupted)));
+    // There already.
+    assert!(kernel(32).is_ok());
+    assert_eq!(asked.load(Ordering::SeqCst), 2);
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
 }

@@ -15,11 +15,13 @@ mod render;
 mod report;
 mod settings;
 mod status;
+mod together;
 mod trace;
 
 use antirad::cli::{self, Interrupt};
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
+use together::Together;
 
 /// Display order of the global options: after those of each command, which count from 0.
 const LAST: usize = 100;
@@ -55,6 +57,8 @@ const EXAMPLES: &str = "Examples:
 #[derive(Subcommand)]
 enum Command {
     /// Solve a scene and render pictures of it
+    ///
+    /// Started several times by `mpirun`, where it was built with MPI, the processes share the work on one scene.
     Render(render::Arguments),
     /// Path-trace pictures of a scene: the ground truth, with noise
     ///
@@ -101,31 +105,60 @@ impl<E: std::error::Error + 'static> From<E> for Failure {
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let json = matches!(&arguments.command, Command::Fit(fit) if fit.json());
-    cli::start_logging(arguments.quiet, arguments.verbose, json);
+    let together = Together::join();
+    // Of several processes one speaks.
+    let quiet = arguments.quiet || !together.speaks();
+    cli::start_logging(quiet, arguments.verbose, json);
     let interrupt = Interrupt::catch();
-    let result = match arguments.command {
-        Command::Render(render) => render::run(&render, arguments.quiet, arguments.verbose, &interrupt),
-        Command::Trace(trace) => trace::run(&trace, arguments.quiet, &interrupt),
-        Command::Fit(fit) => fit::run(&fit, arguments.quiet, arguments.verbose, &interrupt),
-        Command::Status(status) => status::run(&status, &interrupt),
-        Command::Ambiguity(ambiguity) => ambiguity::run(&ambiguity, arguments.quiet, &interrupt),
-        Command::Check(check) => check::run(&check, &interrupt),
-        Command::Refine(refine) => refine::run(&refine, arguments.quiet, &interrupt),
-        Command::Compare(compare) => compare::run(&compare),
-        Command::Plan(plan) => plan::run(&plan, &interrupt),
-        Command::Export(export) => export::run(&export, arguments.quiet),
-        Command::Devices => devices::run(),
-    };
+    let result = run(arguments.command, quiet, arguments.verbose, &interrupt, &together);
     match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(Failure::Code(code)) => ExitCode::from(code),
-        Err(Failure::Interrupted) => {
+        Ok(()) => together.end(0, false),
+        // Where results were written, the others have come to their end.
+        Err(Failure::Code(code)) => together.end(code, code != cli::EXIT_UNRELIABLE),
+        Err(failure) => {
+            let code = report(failure, &interrupt);
+            together.end(code, true)
+        }
+    }
+}
+
+/// Says why a command failed, and returns the exit code.
+fn report(failure: Failure, interrupt: &Interrupt) -> u8 {
+    match failure {
+        Failure::Code(code) => code,
+        Failure::Interrupted => {
             eprintln!("antirad: interrupted; nothing was written");
-            ExitCode::from(interrupt.exit_code())
+            interrupt.exit_code()
         }
-        Err(Failure::Error(error)) => {
+        Failure::Error(error) => {
             eprintln!("antirad: {error}");
-            ExitCode::from(cli::EXIT_FAILURE)
+            cli::EXIT_FAILURE
         }
+    }
+}
+
+fn run(
+    command: Command,
+    quiet: bool,
+    verbose: u8,
+    interrupt: &Interrupt,
+    together: &Together,
+) -> Result<(), Failure> {
+    match &command {
+        Command::Render(_) | Command::Fit(_) => together.check()?,
+        _ => together.alone()?,
+    }
+    match command {
+        Command::Render(render) => render::run(&render, quiet, verbose, interrupt, together),
+        Command::Trace(trace) => trace::run(&trace, quiet, interrupt),
+        Command::Fit(fit) => fit::run(&fit, quiet, verbose, interrupt, together),
+        Command::Status(status) => status::run(&status, interrupt),
+        Command::Ambiguity(ambiguity) => ambiguity::run(&ambiguity, quiet, interrupt),
+        Command::Check(check) => check::run(&check, interrupt),
+        Command::Refine(refine) => refine::run(&refine, quiet, interrupt),
+        Command::Compare(compare) => compare::run(&compare),
+        Command::Plan(plan) => plan::run(&plan, interrupt),
+        Command::Export(export) => export::run(&export, quiet),
+        Command::Devices => devices::run(),
     }
 }

@@ -3,10 +3,11 @@
 use crate::Failure;
 use crate::cameras;
 use crate::finer::Finer;
-use crate::report::{DeviceReport, MemoryUse, Report, SolveReport};
+use crate::report::{DeviceReport, MemoryUse, RankReport, Report, SolveReport};
 use crate::settings::SceneSettings;
+use crate::together::Together;
 use antirad::cli::{EXIT_UNRELIABLE, Interrupt, SolveBar, Working};
-use antirad::gpu::{Bytes, Device, DeviceOptions};
+use antirad::gpu::{Bytes, DeviceOptions};
 use antirad::image::{Exposure, PictureOptions, Rasterizer, ToneMap};
 use antirad::output::{prepare_directory, single, write_json, write_npy};
 use antirad::plan::PlanOptions;
@@ -93,7 +94,13 @@ impl Stages {
     }
 }
 
-pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrupt) -> Result<(), Failure> {
+pub fn run(
+    arguments: &Arguments,
+    quiet: bool,
+    verbose: u8,
+    interrupt: &Interrupt,
+    together: &Together,
+) -> Result<(), Failure> {
     let mut stages = Stages::new();
     let mut scene = arguments.settings.load()?;
     let cameras: Vec<Camera> = cameras::choose(&scene, &arguments.camera)?.into_iter().cloned().collect();
@@ -113,7 +120,8 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
     let shading = if arguments.smooth { Shading::Smooth } else { arguments.shading };
     let options =
         PictureOptions::default().supersample(arguments.supersample).smooth(shading == Shading::Smooth);
-    let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.settings.memory_budget))?;
+    let options_of_device = DeviceOptions::asked(&arguments.device, arguments.settings.memory_budget);
+    let device = together.open(options_of_device, interrupt)?;
     let mut pictures = 0;
     for camera in &cameras {
         pictures = pictures.max(Rasterizer::bytes(scene.triangles.len(), camera, &options)?);
@@ -149,7 +157,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
             scene.settings = settings;
             tracing::info!("{}", plan.report());
             stages.end("plan");
-            let mut engine = Engine::new(&device, &scene, plan)?;
+            let mut engine = Engine::new(&device, &scene, plan).map_err(failure)?;
             stages.end("prepare");
             let bar = SolveBar::new(settings.tolerance, quiet);
             let solved = solve(&mut engine, &scene, &bar, interrupt);
@@ -164,6 +172,10 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
             Rendered::plain(&scene, answer, engine, finer)
         }
     };
+    let shares = RankReport::of_all(&device, stages.seconds["solve"])?;
+    if !together.speaks() {
+        return Ok(());
+    }
     let Rendered { scene: solved, irradiance, radiosity, answer, refinement, engine } = result;
     let rasterizer = Rasterizer::new(&device)?;
     let pictures = cameras
@@ -216,6 +228,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         plan: answer.plan,
         refinement,
         memory: MemoryUse::from(device.memory()),
+        ranks: shares,
         solve: SolveReport::new(answer.info, solved.settings.tolerance),
         energy: answer.energy,
         negative_irradiance: answer.negative,
@@ -374,6 +387,9 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
         Bytes(report.memory.peak),
         Bytes(report.memory.budget)
     );
+    for (rank, share) in report.ranks.iter().enumerate().filter(|_| report.ranks.len() > 1) {
+        println!("rank {rank:<6} {share}");
+    }
     if verbose > 0 {
         for k in &report.kernels {
             println!("kernel      {k}");

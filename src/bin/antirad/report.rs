@@ -1,13 +1,15 @@
 //! `report.json`: everything about a run that a script or a person may need later.
 
-use antirad::gpu::{DeviceInfo, MemoryReport, ProfileRow};
+use antirad::gpu::{Bytes, Device, DeviceInfo, MemoryReport, ProfileRow};
 use antirad::plan::PlanReport;
+use antirad::ranks::RankError;
 use antirad::solve::SolveInfo;
 use antirad::target_error::Refinement;
 use antirad::warnings::Warning;
 use antirad::{Energy, Negative};
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::fmt;
 
 #[derive(Serialize)]
 pub struct Report {
@@ -22,6 +24,8 @@ pub struct Report {
     /// How the settings were found, for a target error.
     pub refinement: Option<Refinement>,
     pub memory: MemoryUse,
+    /// Of each process that worked on the scene.
+    pub ranks: Vec<RankReport>,
     pub solve: SolveReport,
     /// RGB, W.
     pub energy: Energy,
@@ -46,6 +50,50 @@ pub struct MemoryUse {
     pub peak: u64,
     pub allocated: BTreeMap<String, u64>,
     pub peak_by_label: BTreeMap<String, u64>,
+}
+
+/// What a process did of the common work.
+#[derive(Serialize)]
+pub struct RankReport {
+    /// Bytes of device memory at the peak.
+    pub peak: u64,
+    /// Pairs of triangles that it evaluated.
+    pub pairs: u64,
+    /// Bytes that it sent, however many received them, and received.
+    pub sent: u64,
+    pub received: u64,
+    /// Seconds of the solve, and of them those in which its device worked.
+    pub solve: f64,
+    pub busy: f64,
+}
+
+impl RankReport {
+    /// Those of all processes, which must ask at once.
+    pub fn of_all(device: &Device, solve: f64) -> Result<Vec<Self>, RankError> {
+        let [sent, received] = device.ranks().moved();
+        let profile = device.profile();
+        let pairs = profile.iter().map(|row| row.items).sum();
+        let busy: f64 = profile.iter().map(|row| row.seconds).sum();
+        let own = [device.memory().peak, pairs, sent, received, solve.to_bits(), busy.to_bits()];
+        let of_all = device.ranks().each(own)?.into_iter();
+        Ok(of_all
+            .map(|[peak, pairs, sent, received, solve, busy]| {
+                let (solve, busy) = (f64::from_bits(solve), f64::from_bits(busy));
+                Self { peak, pairs, sent, received, solve, busy }
+            })
+            .collect())
+    }
+}
+
+impl fmt::Display for RankReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { peak, pairs, sent, received, solve, busy } = self;
+        let (peak, sent, received) = (Bytes(*peak), Bytes(*sent), Bytes(*received));
+        write!(
+            f,
+            "{pairs} pairs, {busy:.2} s of {solve:.2} s on its device, {peak}, {sent} sent, {received} received"
+        )
+    }
 }
 
 #[derive(Serialize)]

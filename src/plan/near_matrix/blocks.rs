@@ -1,5 +1,6 @@
 //! The blocks of the near-field matrix: each connects one array of outgoing light with one of incident light.
 
+use super::rows::Row;
 use crate::plan::TileLayout;
 
 /// An array of incident light: what rows are.
@@ -82,6 +83,16 @@ impl Blocks {
         match of_side {
             None => (0, slot),
             Some((side, bin)) => (1 + (2 * group + side) as u32, self.place(group, slot, bin as u32)),
+        }
+    }
+
+    /// The slot of the source that a row of a transposed block belongs to.
+    pub fn source(&self, row: &Row) -> u32 {
+        match self.parts(row.block).1 {
+            OutgoingPart::Diffuse => row.index,
+            OutgoingPart::Antiradiance { group } | OutgoingPart::Specular { group } => {
+                self.first[group] + row.index / self.bins
+            }
         }
     }
 

@@ -123,10 +123,14 @@ impl Plan {
             coincident,
             pole,
         };
-        let busy: Vec<u32> = busy(near).collect();
-        let sample: Vec<u32> = busy.iter().copied().step_by(busy.len().div_ceil(SAMPLE)).collect();
+        let own: Vec<u32> = busy(near).filter(|&slot| self.owns(slot)).collect();
+        if own.is_empty() {
+            return Err("no close pairs");
+        }
+        let sample: Vec<u32> = own.iter().copied().step_by(own.len().div_ceil(SAMPLE)).collect();
         // Not computed in vain where it is far too large.
-        let [weights, bytes] = self.estimate(&Rows::of(&geometry, &blocks, near, &sample), near, &sample);
+        let [weights, bytes] =
+            self.estimate(&Rows::of(&geometry, &blocks, near, &sample), near, &own, &sample);
         if LEAST * bytes > free as f64 {
             return Err(NO_ROOM);
         }
@@ -134,7 +138,7 @@ impl Plan {
         if weights > MOST_WEIGHTS as f64 || largest > self.options.max_buffer as f64 {
             return Err(TOO_LARGE);
         }
-        let rows = Rows::of(&geometry, &blocks, near, &busy);
+        let rows = Rows::of(&geometry, &blocks, near, &own);
         if rows.weights.is_empty() {
             return Err("no light between close triangles");
         }
@@ -145,7 +149,20 @@ impl Plan {
             (IncidentPart::Bins { .. }, _) => per_bin(row),
         });
         let transposed = self.options.gradients.any().then(|| {
-            Arc::new(SlicedMatrix::new(&rows.transposed(), &blocks, |row| match blocks.parts(row.block) {
+            let turned = match self.options.ranks {
+                1 => rows.transposed(),
+                // The rows of own sources are columns of what their receivers, of any rank, receive.
+                _ => {
+                    let lit = |&slot: &u32| {
+                        near.of(slot, &(0..self.layout.slots())).iter().any(|&source| self.owns(source))
+                    };
+                    let lit: Vec<u32> = busy(near).filter(lit).collect();
+                    let mut turned = Rows::of(&geometry, &blocks, near, &lit).transposed();
+                    turned.rows.retain(|row| self.owns(blocks.source(row)));
+                    turned
+                }
+            };
+            Arc::new(SlicedMatrix::new(&turned, &blocks, |row| match blocks.parts(row.block) {
                 (_, OutgoingPart::Diffuse | OutgoingPart::Specular { .. }) => 1.0,
                 (_, OutgoingPart::Antiradiance { .. }) => per_bin(row),
             }))
@@ -153,11 +170,11 @@ impl Plan {
         Ok(NearMatrix { forward: Arc::new(forward), transposed, weights: rows.weights.len() as u64 })
     }
 
-    /// Weights and bytes of the whole matrix, from the rows of some receivers.
-    fn estimate(&self, rows: &Rows, near: &NearPairs, sample: &[u32]) -> [f64; 2] {
+    /// Weights and bytes of the whole matrix for own receivers, from the rows of some of them.
+    fn estimate(&self, rows: &Rows, near: &NearPairs, own: &[u32], sample: &[u32]) -> [f64; 2] {
         let pairs = |slot: &u32| u64::from(near.offsets[*slot as usize + 1] - near.offsets[*slot as usize]);
-        let sampled: u64 = sample.iter().map(pairs).sum();
-        let share = near.partners.len() as f64 / sampled.max(1) as f64;
+        let of = |slots: &[u32]| slots.iter().map(pairs).sum::<u64>();
+        let share = of(own) as f64 / of(sample).max(1) as f64;
         let (weight, word) = (self.settings.precision.bytes() as f64, size_of::<u32>() as f64);
         let bytes = rows.weights.len() as f64 * (word + weight) + rows.rows.len() as f64 * word;
         let matrices = if self.options.gradients.any() { 2.0 } else { 1.0 };

@@ -5,11 +5,12 @@ use super::batch::Found;
 use super::log::Log;
 use super::pool::Budget;
 use super::summary::{Ended, Row};
+use crate::together::Together;
 use antirad::Watch;
 use antirad::cli::{self, Interrupt};
 use antirad::fit::{
-    EngineRenderer, FitError, FolderLock, JobFile, LockError, Outcome, RenderError, RunOptions, State,
-    Status, results,
+    CHECKPOINT_FILES, EngineRenderer, FitError, FolderLock, JobFile, LockError, Outcome, RenderError,
+    RunOptions, State, Status, results,
 };
 use antirad::gpu::{Device, DeviceOptions, staging_bytes};
 use antirad::output::{prepare_directory, remove_unfinished};
@@ -28,6 +29,7 @@ pub struct Worker<'a> {
     pub budget: &'a Budget,
     /// Kept from one job to the next, since it holds the compiled kernels; a job that fails takes it along.
     pub device: Option<Device>,
+    pub together: &'a Together,
 }
 
 /// The result of a job.
@@ -92,7 +94,14 @@ impl Worker<'_> {
         };
         fit.owned = true;
         remove_unfinished(&fit.directory)?;
+        let shared =
+            self.together.share(&fit.directory, &[&CHECKPOINT_FILES[..], &[results::REPORT]].concat());
+        shared.map_err(|error| FitError::Render(RenderError::Failed(error)))?;
         let mut file = JobFile::load(&found.path)?;
+        if self.together.ranks.count() > 1 && file.stop.seconds.is_finite() {
+            let why = "[stop] seconds: processes that work together have no common clock; leave it out";
+            return Err(FitError::Settings(why.to_owned()));
+        }
         for warning in &file.warnings {
             self.log.warn(name, warning);
         }
@@ -116,7 +125,7 @@ impl Worker<'_> {
         let failed = |error: antirad::gpu::GpuError| FitError::Render(RenderError::Failed(Box::new(error)));
         let kept = match device {
             Some(device) => device,
-            None => Device::new(&self.options).map_err(failed)?,
+            None => self.together.open(self.options.clone(), self.interrupt).map_err(failed)?,
         };
         kept.reset_peak_memory();
         // Of its own, so that its staging buffers are gone before the next job is planned.

@@ -9,9 +9,10 @@ mod shard;
 mod summary;
 
 use crate::Failure;
+use crate::together::Together;
 use antirad::cli::{self, Interrupt, parse_size};
 use antirad::fit::{OnCheckpoint, State, Status};
-use antirad::gpu::{Device, DeviceOptions};
+use antirad::gpu::DeviceOptions;
 use antirad::output::prepare_directory;
 use batch::Found;
 use clap::{Args, ValueEnum};
@@ -25,7 +26,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use summary::{Ended, Row};
 
-#[derive(Args)]
+#[derive(Args, Clone)]
 #[command(after_help = "Examples:
   antirad fit scenes/fits/cornell.toml --output out/fits
   antirad fit jobs/ --output out/fits --resume
@@ -101,7 +102,30 @@ impl Arguments {
     }
 }
 
-pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrupt) -> Result<(), Failure> {
+pub fn run(
+    arguments: &Arguments,
+    quiet: bool,
+    verbose: u8,
+    interrupt: &Interrupt,
+    together: &Together,
+) -> Result<(), Failure> {
+    if together.speaks() {
+        return run_in(arguments, quiet, verbose, interrupt, together);
+    }
+    // Others write the same, to where nobody looks.
+    let unseen = tempfile::tempdir()?;
+    let arguments = Arguments { output: unseen.path().to_path_buf(), ..arguments.clone() };
+    run_in(&arguments, quiet, verbose, interrupt, together)
+}
+
+/// The same where all processes write.
+fn run_in(
+    arguments: &Arguments,
+    quiet: bool,
+    verbose: u8,
+    interrupt: &Interrupt,
+    together: &Together,
+) -> Result<(), Failure> {
     let shard = arguments.shard()?;
     let all = batch::find(&arguments.jobs)?;
     prepare_directory(&arguments.output)?;
@@ -112,14 +136,16 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         None => all,
     };
     // Without a device no job can run: fail here rather than in each of them.
-    let device = Device::new(&arguments.device_options())?;
+    let device = together.open(arguments.device_options(), interrupt)?;
     let log = Log::new(arguments.json(), quiet, verbose, jobs.len());
     if let Some(shard) = shard {
         log.shard(&shard, jobs.len(), number);
     }
     let total = device.memory().budget;
     let budget = Budget::new(total);
-    let threads = arguments.parallel.threads(jobs.len(), device.info());
+    // Several processes do the same jobs in the same order.
+    let several = together.ranks.count() > 1;
+    let threads = if several { 1 } else { arguments.parallel.threads(jobs.len(), device.info()) };
     let mut device = Some(device);
     let worker = |_| Worker {
         arguments,
@@ -129,6 +155,7 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
         interrupt,
         budget: &budget,
         device: device.take(),
+        together,
     };
     let stopped = AtomicBool::new(false);
     let work = |worker: &mut Worker, job: &Found| {
@@ -136,7 +163,8 @@ pub fn run(arguments: &Arguments, quiet: bool, verbose: u8, interrupt: &Interrup
             return Done::not_started(&job.name);
         }
         let done = worker.run(job);
-        if done.shared_cause && !arguments.keep_going {
+        // The other processes may not have failed, and wait.
+        if done.shared_cause && !arguments.keep_going || several && !done.row.status.is_good() {
             stopped.store(true, Ordering::SeqCst);
         }
         done

@@ -1,0 +1,161 @@
+//! Which targets each of several ranks computes: parts of every group with about the same work.
+
+use super::{Group, PAIR_BACK, PAIR_FRONT, Plan};
+use crate::model::{ClusterRun, LIST, ReceiverLists, SOURCES};
+use std::ops::Range;
+
+/// Work of a close pair in point-to-point pairs, where it is evaluated and where its weights are kept.
+const NEAR_WORK: [u64; 2] = [100, 8];
+
+/// Contiguous parts of each group and of each run of clusters, one for each rank. Within a group pairs cost the same, so that
+/// nothing has to be known of what those of different classes cost.
+#[derive(Clone, Debug, Default)]
+pub struct Shares {
+    /// By group: tiles, by rank.
+    groups: Vec<Vec<Range<u32>>>,
+    /// By run of clusters: indices, by rank.
+    clusters: Vec<Vec<Range<u32>>>,
+}
+
+impl Shares {
+    pub(super) fn of(plan: &Plan) -> Self {
+        let ranks = plan.options.ranks;
+        let group = |group: &Group| {
+            let work: Vec<u64> = group.tiles.clone().map(|tile| plan.work_of_tile(tile)).collect();
+            let first = group.tiles.start;
+            parts(&work, ranks).map(|part| first + part.start..first + part.end).collect()
+        };
+        let lists = plan.clusters().and_then(|clusters| clusters.receivers());
+        let run = |run: &ClusterRun| {
+            let all = run.range();
+            let work = lists.map_or(Vec::new(), |lists| work_of_clusters(lists, &all));
+            let bound = |groups: u32| (all.start + groups * SOURCES).min(all.end);
+            parts(&work, ranks).map(|part| bound(part.start)..bound(part.end)).collect()
+        };
+        let runs = plan.clusters().map_or(&[][..], |clusters| clusters.runs());
+        Self {
+            groups: plan.layout.groups.iter().map(group).collect(),
+            clusters: runs.iter().map(run).collect(),
+        }
+    }
+}
+
+/// Work of each [`SOURCES`] clusters of a run as targets of the adjoint.
+fn work_of_clusters(lists: &ReceiverLists, run: &Range<u32>) -> Vec<u64> {
+    lists.groups(run).map(|group| u64::from(lists.count(group, &(0..u32::MAX)))).collect()
+}
+
+/// Cuts a sequence into contiguous parts of about the same sum.
+fn parts(work: &[u64], count: u32) -> impl Iterator<Item = Range<u32>> {
+    let mut sums = vec![0];
+    // One for each, so that what has no work is parted by number.
+    sums.extend(work.iter().scan(0, |sum, work| {
+        *sum += work + 1;
+        Some(*sum)
+    }));
+    let total = u128::from(sums[work.len()]);
+    let cut = move |part: u32| {
+        let wanted = (total * u128::from(part) / u128::from(count.max(1))) as u64;
+        let above = sums.partition_point(|&sum| sum < wanted);
+        let below = above.saturating_sub(1);
+        // The nearer of the two.
+        if wanted.abs_diff(sums[below]) < wanted.abs_diff(sums[above]) { below as u32 } else { above as u32 }
+    };
+    (0..count).map(move |part| cut(part)..cut(part + 1))
+}
+
+impl Plan {
+    /// The part of a group that this rank computes: all of it where the rank is alone.
+    pub fn own(&self, group: usize) -> Group {
+        let Group { class, .. } = self.layout.groups[group];
+        Group { class, tiles: self.shares.groups[group][self.options.rank as usize].clone() }
+    }
+
+    /// The part of a run of clusters whose cotangents this rank computes.
+    pub(crate) fn own_clusters(&self, run: usize) -> Range<u32> {
+        self.shares.clusters[run][self.options.rank as usize].clone()
+    }
+
+    /// The slots of a group that each rank computes.
+    pub(crate) fn slots_by_rank(&self, group: usize) -> Vec<Range<u32>> {
+        self.shares.groups[group].iter().map(|tiles| self.layout.slots_of(tiles)).collect()
+    }
+
+    /// The clusters of a run that each rank computes the cotangents of.
+    pub(crate) fn clusters_by_rank(&self, run: usize) -> &[Range<u32>] {
+        &self.shares.clusters[run]
+    }
+
+    /// Whether this rank computes a slot.
+    pub(super) fn owns(&self, slot: u32) -> bool {
+        let tile = slot / self.layout.tile;
+        self.shares.groups.iter().any(|group| group[self.options.rank as usize].contains(&tile))
+    }
+
+    /// Work of a tile as a receiver, in point-to-point pairs.
+    fn work_of_tile(&self, tile: u32) -> u64 {
+        let slots = self.layout.slots_of(&(tile..tile + 1));
+        let pairs = &self.interactions.by_receiver;
+        let far: u64 = match self.clusters() {
+            Some(clusters) => (slots.start / LIST..slots.end / LIST)
+                .map(|list| clusters.sources().of(list, &(0..u32::MAX)).len() as u64 * u64::from(LIST))
+                .sum(),
+            None => {
+                let all = 0..self.layout.tiles();
+                let passing = pairs.far.passing(tile, &all, PAIR_FRONT | PAIR_BACK).count() as u64;
+                passing * u64::from(self.layout.tile).pow(2)
+            }
+        };
+        let near = pairs.near.offsets[slots.end as usize] - pairs.near.offsets[slots.start as usize];
+        far + u64::from(near) * NEAR_WORK[usize::from(self.options.keep_near_field)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::PlanOptions;
+    use crate::scene::{LoadOptions, Scene};
+    use std::path::Path;
+
+    #[test]
+    fn parts_cover_everything_once_and_weigh_the_same() {
+        let work: Vec<u64> = (0..1000).map(|k| (k * 7919) % 101 + if k < 100 { 500 } else { 0 }).collect();
+        let total: u64 = work.iter().sum();
+        for count in [1, 2, 3, 7, 16] {
+            let parts: Vec<_> = parts(&work, count).collect();
+            assert_eq!(parts.len(), count as usize);
+            assert_eq!((parts[0].start, parts[parts.len() - 1].end), (0, 1000));
+            assert!(parts.windows(2).all(|pair| pair[0].end == pair[1].start));
+            for part in parts {
+                let own: u64 = work[part.start as usize..part.end as usize].iter().sum();
+                assert!(own.abs_diff(total / u64::from(count)) < 1500, "{own} of {total} over {count}");
+            }
+        }
+        // More parts than pieces: some are empty.
+        let few: Vec<_> = parts(&[5, 5], 4).collect();
+        assert_eq!(few.iter().map(|part| part.len()).sum::<usize>(), 2);
+        assert_eq!(parts(&[], 3).collect::<Vec<_>>(), [0..0, 0..0, 0..0]);
+    }
+
+    #[test]
+    fn ranks_share_every_group_by_its_pairs() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell_boxes.toml");
+        let scene = Scene::load(&path, &LoadOptions::default()).expect("a shipped scene");
+        let ranks = 3;
+        let plans: Vec<Plan> = (0..ranks)
+            .map(|rank| PlanOptions::default().rank(rank).ranks(ranks))
+            .map(|options| Plan::new(&scene, &options, &scene.settings).expect("a plan"))
+            .collect();
+        for (g, group) in plans[0].layout().groups.iter().enumerate() {
+            let own: Vec<Range<u32>> = plans.iter().map(|plan| plan.own(g).tiles).collect();
+            assert_eq!((own[0].start, own[2].end), (group.tiles.start, group.tiles.end));
+            assert!(own[0].end == own[1].start && own[1].end == own[2].start, "{own:?}");
+            let work = |tiles: &Range<u32>| tiles.clone().map(|t| plans[0].work_of_tile(t)).sum::<u64>();
+            let largest = group.tiles.clone().map(|t| plans[0].work_of_tile(t)).max().unwrap_or(0);
+            for own in &own {
+                assert!(work(own).abs_diff(work(&group.tiles) / u64::from(ranks)) <= largest, "{own:?}");
+            }
+        }
+    }
+}

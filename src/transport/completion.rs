@@ -1,0 +1,69 @@
+//! What ranks compute in shares, completed: each sends its own, and receives those of all others.
+
+use super::Context;
+use super::state::{StateBuffers, page};
+use super::watch::TransportError;
+use crate::gpu::Buffer;
+use crate::plan::Group;
+use std::ops::Range;
+
+/// Most bytes that the host holds of a share at a time.
+const MOST_BYTES: u64 = 64 << 20;
+
+impl Context {
+    /// Completes a buffer with `bytes` for each index from `first` on, of which each rank has computed a share.
+    pub fn complete(
+        &self,
+        buffer: &Buffer,
+        (first, bytes): (u32, u64),
+        shares: &[Range<u32>],
+    ) -> Result<(), TransportError> {
+        let ranks = self.device.ranks();
+        if ranks.count() == 1 {
+            return Ok(());
+        }
+        let step = (MOST_BYTES / bytes).max(1) as usize;
+        let mut values = Vec::new();
+        for (root, share) in shares.iter().enumerate() {
+            for begin in share.clone().step_by(step) {
+                let count = (share.end - begin).min(step as u32);
+                let offset = u64::from(begin - first) * bytes;
+                values.resize((u64::from(count) * bytes) as usize, 0);
+                let own = root == ranks.rank();
+                if own {
+                    self.device.download_into(buffer, offset, &mut values)?;
+                }
+                ranks.broadcast(root, &mut values)?;
+                if !own {
+                    self.device.upload(buffer, offset, &values)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Completes an array with `bytes` for each slot.
+    pub fn complete_slots(&self, buffer: &Buffer, bytes: u64) -> Result<(), TransportError> {
+        (0..self.plan.layout.groups.len())
+            .try_for_each(|group| self.complete(buffer, (0, bytes), &self.plan.slots_by_rank(group)))
+    }
+
+    /// Completes the bins of the groups that `wanted` selects.
+    pub fn complete_pages(
+        &self,
+        pages: &[Option<Buffer>],
+        wanted: impl Fn(&Group) -> bool,
+    ) -> Result<(), TransportError> {
+        for (g, group) in self.plan.layout.groups.iter().enumerate().filter(|(_, group)| wanted(group)) {
+            let first = self.plan.layout.slots_of(&group.tiles).start;
+            self.complete(page(pages, g)?, (first, self.plan.bin_bytes()), &self.plan.slots_by_rank(g))?;
+        }
+        Ok(())
+    }
+
+    /// Completes a state.
+    pub fn complete_state(&self, state: &StateBuffers) -> Result<(), TransportError> {
+        self.complete_slots(&state.irradiance, self.plan.rgb_bytes())?;
+        self.complete_pages(&state.bins, |group| group.class.has_bins())
+    }
+}

@@ -1,0 +1,138 @@
+//! Several ranks solve one scene: here they are threads, each with a device of its own. `scripts/mpi` does the same with processes.
+
+mod support;
+
+use antirad::gpu::Device;
+use antirad::plan::{GradientRequest, Plan, PlanOptions};
+use antirad::ranks::{Ranks, in_threads};
+use antirad::scene::{Scene, SolveSettings, Transport};
+use antirad::{Cotangent, Engine, EngineError, SolveParams};
+use glam::DVec3;
+use std::ops::ControlFlow;
+use std::thread;
+use support::random::{random_scene, with_own_powers};
+use support::{device, finish, load};
+
+/// Runs the same work on each of several ranks, and returns the results by rank, with the bytes that each received.
+fn on_ranks<T: Send>(count: usize, work: impl Fn(&Device) -> T + Sync) -> Vec<(T, u64)> {
+    thread::scope(|scope| {
+        let run = |ranks: Ranks| {
+            let work = &work;
+            scope.spawn(move || {
+                let device = device().with_ranks(ranks);
+                let result = work(&device);
+                finish(&device);
+                (result, device.ranks().moved()[1])
+            })
+        };
+        let threads: Vec<_> = in_threads(count).into_iter().map(run).collect();
+        threads.into_iter().map(|thread| thread.join().expect("a rank")).collect()
+    })
+}
+
+/// Everything that an engine computes, as text: equal where all bytes are.
+fn results(device: &Device, scene: &Scene, settings: &SolveSettings, options: PlanOptions) -> String {
+    let plan = Plan::new(scene, &options, settings).expect("a plan");
+    assert_eq!(plan.clusters().is_some(), settings.transport != Transport::Exact, "{}", plan.transport());
+    assert_eq!(plan.near_field_matrix().is_some(), options.keep_near_field, "{}", plan.near_field());
+    let mut engine = Engine::new(device, scene, plan).expect("an engine");
+    let params = SolveParams::from(settings);
+    let solution = engine.solve(&params).expect("a solution");
+    let eye = DVec3::new(0.3, 0.4, 2.6);
+    let colours = engine.face_colours(&solution, eye).expect("colours");
+    let loss = |k: usize| (0..scene.triangles.len()).map(move |i| DVec3::splat(((i * k) % 7) as f64 - 2.0));
+    let cotangent = Cotangent::default()
+        .irradiance(Some(loss(3).collect()))
+        .radiosity(Some(loss(5).collect()))
+        .colours(vec![(eye, loss(2).collect())]);
+    let request = options.gradients;
+    let gradients = request.any().then(|| {
+        let found = engine.backward(&solution, &cotangent, request, &params).expect("gradients");
+        let materials = (found.emission, found.diffuse, found.albedo, found.specular, found.power);
+        (materials, found.vertices, found.camera_positions, found.info)
+    });
+    format!("{:?} {:?} {colours:?} {gradients:?}", solution.irradiance, (&solution.radiosity, &solution.info))
+}
+
+#[test]
+fn every_number_of_ranks_has_the_same_bytes() {
+    let room = load("scenes/closed_box.toml");
+    let plain = random_scene(4, 150, false, false);
+    let glossy = with_own_powers(random_scene(5, 150, true, false));
+    let clusters = Transport::Hierarchical { error: 0.1 };
+    let everything = GradientRequest::EVERYTHING;
+    let few = GradientRequest::default().emission(true).positions(true);
+    // Close pairs kept and evaluated, triangles and clusters, no lobes and lobes.
+    for (name, scene, transport, keep, gradients, count) in [
+        ("plain", &plain, Transport::Exact, true, few, 3),
+        ("glossy", &glossy, Transport::Exact, false, everything, 2),
+        ("room", &room, clusters, true, few, 2),
+    ] {
+        let settings = scene.settings.tolerance(1e-5).transport(transport);
+        let run = |device: &Device| {
+            let options = PlanOptions::of(device).gradients(gradients).keep_near_field(keep).tile(32);
+            assert_eq!(options.ranks as usize, device.ranks().count());
+            results(device, scene, &settings, options)
+        };
+        let alone = run(&device());
+        for (rank, (several, received)) in on_ranks(count, run).into_iter().enumerate() {
+            assert!(several == alone, "{name}: rank {rank} of {count} differs");
+            assert!(received > 0, "{name}: rank {rank} of {count}");
+        }
+    }
+}
+
+/// The work of a rank is its share: together they evaluate the pairs of one alone.
+#[test]
+fn ranks_share_the_pairs() {
+    let scene = load("scenes/cornell_boxes.toml");
+    let settings = scene.settings.max_passes(2).tolerance(0.9);
+    let pairs = |device: &Device| {
+        let plan = Plan::new(&scene, &PlanOptions::of(device), &settings).expect("a plan");
+        let mut engine = Engine::new(device, &scene, plan).expect("an engine");
+        engine.solve(&SolveParams::from(&settings)).expect("a solution");
+        let rows = device.profile().into_iter().filter(|row| row.kernel.starts_with("transport"));
+        rows.map(|row| row.items).sum::<u64>()
+    };
+    let alone = pairs(&device());
+    let several: Vec<u64> = on_ranks(3, pairs).into_iter().map(|(pairs, _)| pairs).collect();
+    assert_eq!(several.iter().sum::<u64>(), alone);
+    for own in several {
+        assert!((own as f64 / alone as f64 - 1.0 / 3.0).abs() < 0.05, "{own} of {alone}");
+    }
+}
+
+#[test]
+fn a_rank_that_ends_ends_the_solves_of_the_others() {
+    let scene = load("scenes/closed_box.toml");
+    let solve = |ranks: Ranks| {
+        let device = device().with_ranks(ranks);
+        let plan = Plan::new(&scene, &PlanOptions::of(&device), &scene.settings).expect("a plan");
+        let stops = device.ranks().rank() == 1;
+        let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
+        engine.set_pass_callback(Some(Box::new(move |_, _| match stops {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        })));
+        engine.solve(&SolveParams::from(&scene.settings)).map(drop).expect_err("a rank has left")
+    };
+    let errors: Vec<EngineError> = thread::scope(|scope| {
+        let solve = &solve;
+        let threads: Vec<_> =
+            in_threads(2).into_iter().map(|ranks| scope.spawn(move || solve(ranks))).collect();
+        threads.into_iter().map(|thread| thread.join().expect("a thread")).collect()
+    });
+    assert!(errors[1].is_interruption(), "{}", errors[1]);
+    assert!(errors[0].to_string().contains("another process"), "{}", errors[0]);
+}
+
+#[test]
+fn a_plan_for_other_ranks_is_refused() {
+    let scene = load("scenes/closed_box.toml");
+    let device = device();
+    let options = PlanOptions::of(&device).rank(1).ranks(2);
+    let plan = Plan::new(&scene, &options, &scene.settings).expect("a plan");
+    assert!(matches!(Engine::new(&device, &scene, plan), Err(EngineError::OtherRanks { .. })));
+    let beyond = Plan::new(&scene, &options.rank(2), &scene.settings);
+    assert!(beyond.is_err_and(|error| error.to_string().contains("process 2 of 2")));
+}
