@@ -117,8 +117,9 @@ impl Texture {
 
     /// The texture at texture coordinates, linear between the centres of texels.
     pub fn between_texels(&self, uv: DVec2) -> Texel {
-        // The texel before and the one after, and how far it is to the latter. NaN becomes 0.
+        // The texel before and the one after, and how far it is to the latter. What is no number becomes 0.
         let along = |x: f64, count: u32| {
+            let x = if x.is_finite() { x } else { 0.0 };
             let texels = (x - x.floor()) * f64::from(count) + f64::from(count) - 0.5;
             let before = texels.floor();
             let before_index = before as u64 % u64::from(count.max(1));
