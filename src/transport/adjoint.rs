@@ -3,6 +3,7 @@
 //! irradiance and, per bin, of H(b).
 
 use super::clusters_adjoint::ClusterCotangents;
+use super::completion::Values;
 use super::exchange_adjoint::ExchangeAdjoint;
 use super::exchange_derivative::ExchangeDerivative;
 use super::observation_adjoint::ObservationAdjoint;
@@ -250,7 +251,8 @@ impl<'a> AdjointOperator<'a> {
             context.complete_slots(gradients, bytes)?;
             let runs = context.plan.clusters().map_or(0, |clusters| clusters.runs().len());
             for run in 0..runs {
-                context.complete(gradients, (0, bytes), context.plan.clusters_by_rank(run))?;
+                let values = Values { offset: 0, first: 0, bytes };
+                context.complete(gradients, values, context.plan.clusters_by_rank(run))?;
             }
         }
         if context.plan.has_first_bounce() && !views.is_empty() {

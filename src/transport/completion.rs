@@ -10,12 +10,23 @@ use std::ops::Range;
 /// Most bytes that the host holds of a share at a time.
 const MOST_BYTES: u64 = 64 << 20;
 
+/// Where a buffer holds values, by index.
+#[derive(Clone, Copy)]
+pub struct Values {
+    /// Byte at which those of the first index begin.
+    pub offset: u64,
+    /// The first index.
+    pub first: u32,
+    /// Bytes of each.
+    pub bytes: u64,
+}
+
 impl Context {
-    /// Completes a buffer with `bytes` for each index from `first` on, of which each rank has computed a share.
+    /// Completes values of which each rank has computed a share.
     pub fn complete(
         &self,
         buffer: &Buffer,
-        (first, bytes): (u32, u64),
+        Values { offset, first, bytes }: Values,
         shares: &[Range<u32>],
     ) -> Result<(), TransportError> {
         let ranks = self.device.ranks();
@@ -27,7 +38,7 @@ impl Context {
         for (root, share) in shares.iter().enumerate() {
             for begin in share.clone().step_by(step) {
                 let count = (share.end - begin).min(step as u32);
-                let offset = u64::from(begin - first) * bytes;
+                let offset = offset + u64::from(begin - first) * bytes;
                 values.resize((u64::from(count) * bytes) as usize, 0);
                 let own = root == ranks.rank();
                 if own {
@@ -44,8 +55,9 @@ impl Context {
 
     /// Completes an array with `bytes` for each slot.
     pub fn complete_slots(&self, buffer: &Buffer, bytes: u64) -> Result<(), TransportError> {
-        (0..self.plan.layout.groups.len())
-            .try_for_each(|group| self.complete(buffer, (0, bytes), &self.plan.slots_by_rank(group)))
+        (0..self.plan.layout.groups.len()).try_for_each(|group| {
+            self.complete(buffer, Values { offset: 0, first: 0, bytes }, &self.plan.slots_by_rank(group))
+        })
     }
 
     /// Completes the bins of the groups that `wanted` selects.
@@ -56,7 +68,8 @@ impl Context {
     ) -> Result<(), TransportError> {
         for (g, group) in self.plan.layout.groups.iter().enumerate().filter(|(_, group)| wanted(group)) {
             let first = self.plan.layout.slots_of(&group.tiles).start;
-            self.complete(page(pages, g)?, (first, self.plan.bin_bytes()), &self.plan.slots_by_rank(g))?;
+            let values = Values { offset: 0, first, bytes: self.plan.bin_bytes() };
+            self.complete(page(pages, g)?, values, &self.plan.slots_by_rank(g))?;
         }
         Ok(())
     }

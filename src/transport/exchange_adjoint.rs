@@ -2,6 +2,7 @@
 
 use super::Context;
 use super::adjoint::AdjointBuffers;
+use super::completion::Values;
 use super::exchange::{NEAR_TAKE, PLAIN_NEAR_TAKE, Shape, sweep_of};
 use super::near_matrix::NearMatrix;
 use super::state::{State, StateBuffers, page, page_of};
@@ -156,9 +157,13 @@ impl ExchangeAdjoint {
             };
             self.received(context, adjoint, x, &page, monitor)?;
             let (plan, shares) = (&context.plan, context.plan.clusters_by_rank(r));
-            context.complete(&clusters.radiance, (first, plan.rgb_bytes()), shares)?;
+            let rgb = plan.rgb_bytes();
+            let moments = Values { offset: u64::from(plan.sources() - first) * rgb, first, bytes: 3 * rgb };
+            context.complete(&clusters.radiance, Values { offset: 0, first, bytes: rgb }, shares)?;
+            context.complete(&clusters.radiance, moments, shares)?;
             for bins in [&run.antiradiance, &run.specular].into_iter().flatten() {
-                context.complete(bins, (run.indices.start, plan.bin_bytes()), shares)?;
+                let values = Values { offset: 0, first: run.indices.start, bytes: plan.bin_bytes() };
+                context.complete(bins, values, shares)?;
             }
         }
         clusters.within(context)
