@@ -4,6 +4,7 @@ use crate::Arguments;
 use crate::error;
 use crate::table::Row;
 use antirad::cli::Interrupt;
+use antirad::direct::DirectLight;
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Occlusion, Plan, PlanOptions};
 use antirad::scene::{
@@ -12,7 +13,9 @@ use antirad::scene::{
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers, TransportError};
 use glam::DVec3;
+use std::collections::BTreeSet;
 use std::error::Error;
+use std::f64::consts::PI;
 use std::io::{BufRead, BufReader, Read};
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -80,6 +83,19 @@ fn refined(file: &Path, triangles: u32) -> Result<Scene, SceneError> {
     Ok(scene)
 }
 
+/// What enters U, W/(m² sr): the emission of each triangle, and the diffuse reflection of the light of exact lamps in place of these.
+fn emitted(scene: &Scene, plan: &Plan) -> Vec<[f64; 3]> {
+    let light = DirectLight::new(plan.facets(), plan.lamps().to_vec());
+    let material = |i: usize| scene.material(i);
+    let reflected =
+        |(i, irradiance): (usize, &DVec3)| *irradiance * DVec3::from(material(i).diffuse_albedo()) / PI;
+    let mut emitted: Vec<DVec3> = light.irradiance(material).iter().enumerate().map(reflected).collect();
+    let of_lamps: BTreeSet<u32> = plan.lamps().iter().flat_map(|lamp| &lamp.triangles).copied().collect();
+    let others = (0..scene.triangles.len()).filter(|&i| !of_lamps.contains(&(i as u32)));
+    others.for_each(|i| emitted[i] += DVec3::from(material(i).emission));
+    emitted.iter().map(DVec3::to_array).collect()
+}
+
 /// Measures the one size of the command line and prints messages.
 pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn Error>> {
     let size = arguments.triangles[0];
@@ -103,7 +119,7 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
 
     let resident_before = resident("VmRSS:");
     let own = device.scope(staging);
-    let buffers = SceneBuffers::new(&own, &scene, &plan)?;
+    let buffers = SceneBuffers::emitting(&own, &scene, &plan, &emitted(&scene, &plan), 1.0)?;
     let mut operators = Operators::new(&own, plan, buffers)?;
     let mut x = operators.vector()?;
     let mut y = operators.vector()?;
