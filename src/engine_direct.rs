@@ -7,7 +7,6 @@ use crate::plan::{PADDING, Plan};
 use crate::scene::Scene;
 use glam::DVec3;
 use rayon::prelude::*;
-use std::f64::consts::PI;
 use std::sync::Arc;
 
 /// Direct light under the current materials.
@@ -52,21 +51,12 @@ impl Direct {
         Self { light, irradiance, lobes }
     }
 
-    /// What each triangle emits into U, W/(m² sr): its emission, except for lamps, and the direct light that it reflects diffusely.
+    /// What each triangle emits into U, W/(m² sr).
     pub fn emitted(&self, scene: &Scene) -> Vec<[f64; 3]> {
-        let material = |i: usize| scene.material(i);
-        let mut emitted: Vec<DVec3> =
-            (0..scene.triangles.len()).map(|i| material(i).emission.into()).collect();
-        for &i in self.light.lamps().iter().flat_map(|lamp| &lamp.triangles) {
-            emitted[i as usize] = DVec3::ZERO;
-        }
-        for (i, (emitted, irradiance)) in emitted.iter_mut().zip(&self.irradiance).enumerate() {
-            *emitted += *irradiance * DVec3::from(material(i).diffuse_albedo()) / PI;
-        }
-        emitted.iter().map(DVec3::to_array).collect()
+        self.light.emitted(|i| scene.material(i), &self.irradiance)
     }
 
-    /// The same for what they reflect specularly: per glossy group, by slot, bin and channel, in units of `unit`.
+    /// What glossy triangles reflect of it specularly: per glossy group, by slot, bin and channel, in units of `unit`.
     pub fn first_bounce(&self, scene: &Scene, plan: &Plan, unit: f64) -> Vec<Option<Vec<f64>>> {
         let radiance = self.light.radiance(|i| scene.material(i));
         let (bins, channels) = (plan.bins().count(), plan.channels() as usize);

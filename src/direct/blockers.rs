@@ -1,5 +1,6 @@
 //! What may stand between a point and a lamp: all triangles with an area, from both sides, those in one plane as convex polygons.
 
+use super::lamps::Lamp;
 use super::polygon::{Polygon, connected, in_plane, merged};
 use super::shaft::Shaft;
 use super::visible::{Geometry, Placed};
@@ -37,6 +38,11 @@ pub struct Blockers {
 }
 
 impl Blockers {
+    /// What may block lamps: nothing where there are none.
+    pub fn of(facets: &[Facet], lamps: &[Lamp]) -> Self {
+        Self::new(if lamps.is_empty() { &[] } else { facets })
+    }
+
     pub fn new(facets: &[Facet]) -> Self {
         let tolerance = coplanar_tolerance(facets);
         let solid: Vec<u32> = (0..facets.len() as u32).filter(|&i| facets[i as usize].area > 0.0).collect();

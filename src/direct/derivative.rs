@@ -214,7 +214,7 @@ impl Sight<'_> {
         moment: DVec3,
         out: &mut Contributions,
     ) -> DVec3 {
-        let triangle = polygon.triangles[0];
+        let triangle = polygon.first() as u32;
         let corners = [0, 1, 2].map(|k| self.offset([triangle, k]));
         let Some(view) = View::new(corners) else { return DVec3::ZERO };
         let ends = match which {
@@ -258,7 +258,7 @@ impl Sight<'_> {
         let corners = [by_a - at_b - at_c, at_b, at_c];
         out.add(triangle, FacetGradient { corners, ..FacetGradient::default() });
         let normal = FacetGradient { normal: by_lamp_normal, ..FacetGradient::default() };
-        out.add(self.lamp.lamp.triangles[0], normal);
+        out.add(self.lamp.lamp.first() as u32, normal);
         out.corner(lamp_corner, by_l);
         -(by_a + by_l)
     }

@@ -28,6 +28,7 @@ use quadrature::Cuts;
 pub use quadrature::{POINTS, Sample};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 use visible::{Geometry, Placed, Visible};
 
 /// Light of lamps on the triangles of a scene.
@@ -51,12 +52,12 @@ impl DirectLight {
     /// For points of triangles alone ([`Self::at_points`]): knows the light of no triangle.
     pub fn of_points(facets: &[Facet], lamps: Vec<Lamp>) -> Self {
         let (factors, cuts) = (Vec::new(), BTreeMap::new());
-        Self { blockers: Blockers::new(facets), lamps, receivers: 0, factors, cuts }
+        Self { blockers: Blockers::of(facets, &lamps), lamps, receivers: 0, factors, cuts }
     }
 
     /// How many blockers would be tested against cones: an estimate of the work of [`Self::new`], from a few receivers.
     pub fn estimated_tests(facets: &[Facet], lamps: &[Lamp]) -> f64 {
-        let blockers = Blockers::new(facets);
+        let blockers = Blockers::of(facets, lamps);
         let geometry = Geometry { facets, blockers: &blockers };
         let step = facets.len().div_ceil(PROBES).max(1);
         let probes: Vec<usize> = (0..facets.len()).step_by(step).collect();
@@ -81,7 +82,7 @@ impl DirectLight {
     }
 
     fn compute(facets: &[Facet], lamps: Vec<Lamp>, cuts: Option<&BTreeMap<[usize; 2], Cuts>>) -> Self {
-        let blockers = Blockers::new(facets);
+        let blockers = Blockers::of(facets, &lamps);
         let geometry = Geometry { facets, blockers: &blockers };
         let placed: Vec<Placed> = lamps.iter().map(|lamp| geometry.place(lamp)).collect();
         let of_receiver = |visible: &mut Visible, receiver: usize| -> Vec<(f64, Cuts)> {
@@ -155,6 +156,23 @@ impl DirectLight {
         let radiance = self.radiance(material);
         let of = |receiver| self.factors(receiver).iter().zip(&radiance).map(|(&f, &l)| f * l).sum();
         (0..self.receivers).map(of).collect()
+    }
+
+    /// What each triangle sends into U, W/(m² sr): its emission, except for lamps, and the direct light that it reflects diffusely. Takes
+    /// [`Self::irradiance`] under the same materials.
+    pub fn emitted<'a>(
+        &self,
+        material: impl Fn(usize) -> &'a Material,
+        irradiance: &[DVec3],
+    ) -> Vec<[f64; 3]> {
+        let mut own: Vec<DVec3> = (0..self.receivers).map(|i| material(i).emission.into()).collect();
+        for &i in self.lamps.iter().flat_map(|lamp| &lamp.triangles) {
+            own[i as usize] = DVec3::ZERO;
+        }
+        let sent = |(i, (own, &irradiance)): (usize, (DVec3, &DVec3))| {
+            (own + irradiance * DVec3::from(material(i).diffuse_albedo()) / PI).to_array()
+        };
+        own.into_iter().zip(irradiance).enumerate().map(sent).collect()
     }
 
     /// Derivatives of a loss by the triangles, where `cotangent` is its derivative by [`Self::factors`] of a receiver and a lamp.

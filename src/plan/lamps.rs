@@ -32,7 +32,7 @@ pub(super) fn choose(scene: &Scene, facets: &[Facet], setting: Lamps) -> Vec<Lam
         let pairs = (facets.len() as f64).powi(2);
         DirectLight::estimated_tests(facets, &lamps) <= TESTS_PER_PAIR * pairs + FEW_TESTS
     };
-    match setting == Lamps::Exact || lamps.len() <= MOST && affordable() {
+    match setting == Lamps::Exact || lamps.is_empty() || lamps.len() <= MOST && affordable() {
         true => lamps,
         false => Vec::new(),
     }

@@ -13,9 +13,7 @@ use antirad::scene::{
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers, TransportError};
 use glam::DVec3;
-use std::collections::BTreeSet;
 use std::error::Error;
-use std::f64::consts::PI;
 use std::io::{BufRead, BufReader, Read};
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -83,17 +81,11 @@ fn refined(file: &Path, triangles: u32) -> Result<Scene, SceneError> {
     Ok(scene)
 }
 
-/// What enters U, W/(m² sr): the emission of each triangle, and the diffuse reflection of the light of exact lamps in place of these.
+/// What enters U, W/(m² sr), where the light of exact lamps has been reflected once.
 fn emitted(scene: &Scene, plan: &Plan) -> Vec<[f64; 3]> {
     let light = DirectLight::new(plan.facets(), plan.lamps().to_vec());
     let material = |i: usize| scene.material(i);
-    let reflected =
-        |(i, irradiance): (usize, &DVec3)| *irradiance * DVec3::from(material(i).diffuse_albedo()) / PI;
-    let mut emitted: Vec<DVec3> = light.irradiance(material).iter().enumerate().map(reflected).collect();
-    let of_lamps: BTreeSet<u32> = plan.lamps().iter().flat_map(|lamp| &lamp.triangles).copied().collect();
-    let others = (0..scene.triangles.len()).filter(|&i| !of_lamps.contains(&(i as u32)));
-    others.for_each(|i| emitted[i] += DVec3::from(material(i).emission));
-    emitted.iter().map(DVec3::to_array).collect()
+    light.emitted(material, &light.irradiance(material))
 }
 
 /// Measures the one size of the command line and prints messages.
