@@ -168,7 +168,7 @@ impl Exchange {
                         scene.bin_table.whole(),
                     ];
                     let between = Between::receivers(plan, to, from, incident.first_slot);
-                    sweep.near(context, between, &near, backs, monitor)?;
+                    sweep.near(context, &between, &near, backs, monitor)?;
                 }
                 if self.clusters.is_some() {
                     continue;
@@ -199,7 +199,7 @@ impl Exchange {
                         ];
                         let far = if shape.any_bins() { &far[..] } else { &far[..3] };
                         let between = Between::receivers(plan, to, &part, incident.first_slot);
-                        sweep.far(context, between, far, &partners, passing, monitor)?;
+                        sweep.far(context, &between, far, &partners, passing, monitor)?;
                     }
                 }
             }

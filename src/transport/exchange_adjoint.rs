@@ -63,9 +63,7 @@ impl ExchangeAdjoint {
             for (t, to) in plan.layout.groups.iter().enumerate() {
                 let shape = Shape::new(from.class, to.class);
                 let sweep = sweep_of(&mut self.sweeps, shape)?;
-                let own = plan.own(s);
-                let first_slot = plan.layout.slots_of(&from.tiles).start;
-                let between = Between { targets: &own, partners: to, lists, first_slot };
+                let between = Between::own(plan, s, to, lists);
                 let irradiance = x.irradiance.whole();
                 let incident = page_of(&x.bins, t, to.class.has_bins(), none)?;
                 let back = page_of(&y.bins, s, from.class.has_bins(), none)?;
@@ -83,7 +81,7 @@ impl ExchangeAdjoint {
                     adjoint.near_receivers.whole(),
                     scene.bin_table.whole(),
                 ];
-                sweep.near(context, between, &near, true, monitor)?;
+                sweep.near(context, &between, &near, true, monitor)?;
                 if adjoint.clusters.is_some() {
                     continue;
                 }
@@ -97,7 +95,7 @@ impl ExchangeAdjoint {
                     scene.bin_table.whole(),
                 ];
                 let far = if shape.any_bins() { &far[..] } else { &far[..3] };
-                sweep.far(context, between, far, &partners, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, monitor)?;
+                sweep.far(context, &between, far, &partners, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, monitor)?;
             }
         }
         if let Some(matrix) = &mut self.near_matrix {

@@ -86,9 +86,7 @@ impl ExchangeDerivative {
                 for (t, to) in plan.layout.groups.iter().enumerate() {
                     let sweep = sweep_of(sweeps, Shape::new(from.class, to.class))?;
                     let (target, other) = if target_is_source { (s, to) } else { (t, from) };
-                    let own = plan.own(target);
-                    let first_slot = plan.layout.slots_of(&plan.layout.groups[target].tiles).start;
-                    let between = Between { targets: &own, partners: other, lists, first_slot };
+                    let between = Between::own(plan, target, other, lists);
                     let both = [
                         scene.facets.whole(),
                         outgoing.radiance.whole(),
@@ -100,14 +98,14 @@ impl ExchangeDerivative {
                     ];
                     let near =
                         [&both[..], &[offsets.whole(), partners.whole(), scene.corners.whole()]].concat();
-                    sweep.near(context, between, &near, true, monitor)?;
+                    sweep.near(context, &between, &near, true, monitor)?;
                     if plan.clusters().is_some() {
                         continue;
                     }
                     let far = [&both[..], &[runs.whole()]].concat();
                     sweep.far(
                         context,
-                        between,
+                        &between,
                         &far,
                         &uniforms,
                         PAIR_FRONT | PAIR_NEAR | PAIR_BACK,

@@ -163,9 +163,8 @@ pub fn of_partners<'a>(context: &'a Context, light: &'a Buffer) -> [OfPartners<'
 }
 
 /// Targets and partners of a sweep.
-#[derive(Clone, Copy)]
 pub struct Between<'a> {
-    pub targets: &'a Group,
+    pub targets: Group,
     pub partners: &'a Group,
     /// Pairs by target, receivers or sources.
     pub lists: &'a PairLists,
@@ -175,8 +174,14 @@ pub struct Between<'a> {
 
 impl<'a> Between<'a> {
     /// Targets are receivers, with bins from `first_slot` on.
-    pub fn receivers(plan: &'a Plan, targets: &'a Group, partners: &'a Group, first_slot: u32) -> Self {
-        Self { targets, partners, lists: &plan.interactions().by_receiver, first_slot }
+    pub fn receivers(plan: &'a Plan, targets: &Group, partners: &'a Group, first_slot: u32) -> Self {
+        Self { targets: targets.clone(), partners, lists: &plan.interactions().by_receiver, first_slot }
+    }
+
+    /// Targets are this rank's part of a group, by its number, whose buffers hold the bins of all of it.
+    pub fn own(plan: &Plan, group: usize, partners: &'a Group, lists: &'a PairLists) -> Self {
+        let first_slot = plan.layout.slots_of(&plan.layout.groups[group].tiles).start;
+        Self { targets: plan.own(group), partners, lists, first_slot }
     }
 }
 
@@ -253,7 +258,7 @@ impl Sweep {
     pub fn far(
         &mut self,
         context: &Context,
-        between: Between,
+        between: &Between,
         buffers: &[BufferSlice],
         uniforms: &[OfPartners],
         passing: u32,
@@ -275,7 +280,7 @@ impl Sweep {
                     partner_begin: run.start,
                     partner_end: run.end,
                     half_range: 0.5 * plan.settings.near_field as f32,
-                    target_page: first_slot,
+                    target_page: *first_slot,
                     partner_page: partners.tiles.start * tile,
                     passing,
                 };
@@ -356,7 +361,7 @@ impl Sweep {
     pub fn near(
         &mut self,
         context: &Context,
-        between: Between,
+        between: &Between,
         buffers: &[BufferSlice],
         backs: bool,
         monitor: &mut PassMonitor,
