@@ -11,6 +11,7 @@ use super::check::MAX_TRIANGLES;
 use super::error::{Place, SceneError, nearest};
 use super::file::LoadOptions;
 use super::geometry::{Maps, RawMesh};
+use super::material::numbered;
 use super::orient::orient;
 use super::outlook::{self, Outlook};
 use super::pattern::Pattern;
@@ -261,21 +262,10 @@ impl Assembly {
             }
             let key = (base, factors.map(|factor| factor.to_array().map(f64::to_bits)));
             let index = self.copies.get(&key).copied().unwrap_or_else(|| {
-                let mut copy = self.scene.materials[base as usize].clone();
-                let scaled = |rgb: [f64; 3], by: DVec3| (DVec3::from(rgb) * by).to_array();
-                copy.albedo = scaled(copy.albedo, factors[0]);
-                copy.specular =
-                    if copy.is_metal() { scaled(copy.specular, factors[0]) } else { copy.specular };
-                copy.emission = scaled(copy.emission, factors[1]);
+                let material = &self.scene.materials[base as usize];
                 let count = self.copy_counts.entry(base).or_insert(0);
-                loop {
-                    *count += 1;
-                    let name = format!("{}.{count}", self.scene.materials[base as usize].name);
-                    if !self.material_indices.contains_key(&name) {
-                        copy.name = name;
-                        break;
-                    }
-                }
+                let name = numbered(&material.name, count, |name| self.material_indices.contains_key(name));
+                let copy = material.scaled(name, factors);
                 let index = self.push_material(copy) as u32;
                 if self.stated.contains(&base) {
                     self.stated.insert(index);

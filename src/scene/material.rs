@@ -1,5 +1,6 @@
 //! The Blinn-Phong material.
 
+use glam::DVec3;
 use serde::Deserialize;
 
 /// How the specular lobe is scaled.
@@ -59,6 +60,18 @@ impl Material {
         self.is_glossy() && self.diffuse_albedo() == [0.0; 3]
     }
 
+    /// This material with factors of its albedo, which colours the lobe of a metal, and of its emission, under another name.
+    pub(super) fn scaled(&self, name: String, [albedo, emission]: [DVec3; 2]) -> Self {
+        let by = |rgb: [f64; 3], factor: DVec3| (DVec3::from(rgb) * factor).to_array();
+        Self {
+            name,
+            albedo: by(self.albedo, albedo),
+            specular: if self.is_metal() { by(self.specular, albedo) } else { self.specular },
+            emission: by(self.emission, emission),
+            ..self.clone()
+        }
+    }
+
     /// True if all its RGB values are grey.
     pub fn is_grey(&self) -> bool {
         [self.albedo, self.specular, self.emission].iter().all(|&[r, g, b]| r == g && g == b)
@@ -96,6 +109,17 @@ impl Material {
                 let (above_slope, below_slope) = (2.0 * p + 6.0, 1.0 - 0.5 * LN_2 * decay);
                 (above_slope * below - above * below_slope) / (8.0 * PI * below * below)
             }
+        }
+    }
+}
+
+/// The first of `{name}.1`, `{name}.2` … after a count that is not taken; counts on.
+pub(super) fn numbered(name: &str, count: &mut u64, taken: impl Fn(&String) -> bool) -> String {
+    loop {
+        *count += 1;
+        let numbered = format!("{name}.{count}");
+        if !taken(&numbered) {
+            return numbered;
         }
     }
 }

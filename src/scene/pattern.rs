@@ -64,8 +64,12 @@ impl Pattern {
 
     /// The four parts of a triangle that is cut at the midpoints of its edges; they keep its means, as they keep its material.
     pub fn quarters(&self) -> [Self; 4] {
+        [0, 1, 2, 3].map(|part| self.quarter(part))
+    }
+
+    fn quarter(&self, part: usize) -> Self {
         let (uvs, colours) = (quarters(self.uvs, DVec2::midpoint), quarters(self.colours, DVec3::midpoint));
-        [0, 1, 2, 3].map(|k| Self { uvs: uvs[k], colours: colours[k], ..self.clone() })
+        Self { uvs: uvs[part], colours: colours[part], ..self.clone() }
     }
 
     /// The means of its own place, where it is part of a triangle that was cut.
@@ -89,15 +93,15 @@ impl Pattern {
         let along = |texel: &Texel| uvs.map(|uv| texel.slope[0] * uv.x + texel.slope[1] * uv.y);
         let colour = self.colours[0] * b.x + self.colours[1] * b.y + self.colours[2] * b.z;
         let by_albedo = along(&albedo);
-        let slope = [0, 1, 2].map(|k| by_albedo[k] * colour + albedo.value * self.colours[k]);
+        let of_colours = [0, 1, 2].map(|k| by_albedo[k] * colour + albedo.value * self.colours[k]);
         let values = [albedo.value * colour, emission.value];
-        let slopes = [slope, along(&emission)];
-        let slope = |k: usize, by: DVec3| {
+        let slopes = [of_colours, along(&emission)];
+        let by_mean = |k: usize, by: DVec3| {
             DVec3::select(self.means[k].cmpgt(DVec3::ZERO), by / self.means[k], DVec3::ZERO)
         };
         Factors {
             value: [0, 1].map(|k| self.ratio(k, values[k])),
-            slope: [0, 1].map(|k| slopes[k].map(|by| slope(k, by))),
+            slope: [0, 1].map(|k| slopes[k].map(|by| by_mean(k, by))),
         }
     }
 }
@@ -167,7 +171,7 @@ impl Patterns {
         }
         let of = new.map(|(old, part)| {
             let pattern = self.of.get(old as usize)?.as_ref()?;
-            Some(part.map_or_else(|| pattern.clone(), |part| pattern.quarters()[part].clone()))
+            Some(part.map_or_else(|| pattern.clone(), |part| pattern.quarter(part)))
         });
         self.of = of.collect();
     }

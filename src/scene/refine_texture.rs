@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::Scene;
+use super::material::numbered;
 use super::pattern::Pattern;
-use super::{Material, Scene};
 
 /// What [`Scene::refine_textures`] did.
 #[derive(Clone, Debug)]
@@ -75,27 +76,15 @@ impl Scene {
         let mut counts: HashMap<u32, u64> = HashMap::new();
         let patterns = Arc::make_mut(&mut self.patterns);
         for (t, triangle) in self.triangles.iter_mut().enumerate().filter(|(t, _)| of(*t)) {
-            let Some([albedo, emission]) = patterns.take_means(t) else { continue };
+            let Some(factors) = patterns.take_means(t) else { continue };
             let base = triangle.material;
-            let key = (base, [albedo, emission].map(|ratio| ratio.to_array().map(f64::to_bits)));
+            let key = (base, factors.map(|ratio| ratio.to_array().map(f64::to_bits)));
             triangle.material = *copies.entry(key).or_insert_with(|| {
-                let old = &self.materials[base as usize];
-                let scaled = |rgb: [f64; 3], by: DVec3| (DVec3::from(rgb) * by).to_array();
+                let material = &self.materials[base as usize];
                 let count = counts.entry(base).or_insert(0);
-                let name = loop {
-                    *count += 1;
-                    let name = format!("{}.{count}", old.name);
-                    if names.insert(name.clone()) {
-                        break name;
-                    }
-                };
-                let copy = Material {
-                    name,
-                    albedo: scaled(old.albedo, albedo),
-                    specular: if old.is_metal() { scaled(old.specular, albedo) } else { old.specular },
-                    emission: scaled(old.emission, emission),
-                    ..old.clone()
-                };
+                let name = numbered(&material.name, count, |name| names.contains(name));
+                names.insert(name.clone());
+                let copy = material.scaled(name, factors);
                 self.materials.push(copy);
                 self.materials.len() as u32 - 1
             });
