@@ -342,18 +342,20 @@ fn layouts_agree_with_the_shaders() {
             ]
         );
     }
-    check!(
-        shaders::GATHER.of(Precision::F64),
-        "GatherPush",
-        GatherPush,
-        ["begin" = begin, "end" = end, "clusters" = clusters, "triangles" = triangles, "moments" = moments]
-    );
-    check!(
-        shaders::SCATTER.of(Precision::F32),
-        "GatherPush",
-        GatherPush,
-        ["begin" = begin, "end" = end, "clusters" = clusters, "triangles" = triangles, "moments" = moments]
-    );
+    for shader in [shaders::GATHER.of(Precision::F64), shaders::SCATTER.of(Precision::F32)] {
+        check!(
+            shader,
+            "GatherPush",
+            GatherPush,
+            [
+                "begin" = begin,
+                "end" = end,
+                "clusters" = clusters,
+                "triangles" = triangles,
+                "moments" = moments,
+            ]
+        );
+    }
     check!(
         shaders::CLUSTER_SHARES.of(Precision::F32),
         "SharesPush",

@@ -77,6 +77,11 @@ class Traced:
             total = total + part * np.array(picture, dtype=np.float64)
         return total / spp
 
+    def replayed(self, spp):
+        """Render a picture that can be differentiated."""
+        seeds = {"seed": self.next_seed(), "seed_grad": self.next_seed()}
+        return mi.render(self.scene, self.parameters, integrator=self.replay, spp=spp, **seeds)
+
     def gradient(self, spp, cotangent):
         """Differentiate ⟨cotangent, picture⟩ by the logarithms of albedo and emission."""
         keys = [key for of in (self.albedo, self.emission) for keys in of.values() for key in keys]
@@ -85,14 +90,7 @@ class Traced:
             for key in keys:
                 dr.enable_grad(self.parameters[key])
                 dr.set_grad(self.parameters[key], 0)
-            picture = mi.render(
-                self.scene,
-                self.parameters,
-                integrator=self.replay,
-                spp=part,
-                seed=self.next_seed(),
-                seed_grad=self.next_seed(),
-            )
+            picture = self.replayed(part)
             dr.backward(dr.sum(picture * weights, axis=None))
             for key in keys:
                 total[key] = total[key] + part / spp * np.array(dr.grad(self.parameters[key])).reshape(3)
@@ -281,14 +279,7 @@ def fit(scene, traced, truth, options):
                     for key in traced.emission[i]:
                         traced.parameters[key] = dr.exp(optimiser[f"emission {i}"])
                 traced.parameters.update()
-                picture = mi.render(
-                    traced.scene,
-                    traced.parameters,
-                    integrator=traced.replay,
-                    spp=spp,
-                    seed=traced.next_seed(),
-                    seed_grad=traced.next_seed(),
-                )
+                picture = traced.replayed(spp)
                 loss = dr.mean((picture - target) ** 2 / (target**2 + epsilon**2), axis=None)
                 dr.backward(loss)
                 optimiser.step()

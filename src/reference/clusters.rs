@@ -127,7 +127,8 @@ pub(super) struct ClusterLight {
 }
 
 impl ClusterLight {
-    /// Sums up parts, Σ a ⟨n_i, n⟩ L_i / ā, and Σ a ⟨n_i, n⟩ L_i (x_i - c)ᵀ / ā for the first moment. Bins of parts need no rotation: their frames are similar.
+    /// Sums up parts, Σ a ⟨n_i, n⟩ L_i / ā, and Σ a ⟨n_i, n⟩ L_i (x_i - c)ᵀ / ā for the first moment. Bins of
+    /// parts need no rotation: their frames are similar.
     pub fn new(model: &Model, clusters: &Clusters, outgoing: &Outgoing) -> Self {
         let facets = clusters.facets(&model.facets);
         let mut light = Self {

@@ -58,8 +58,8 @@ pub enum RefineError {
     },
 }
 
-/// Cuts coarse blockers, those of stacked layers included, triangles with shadows within them, and the larger triangles of narrow gaps, the worst first, until none
-/// are left, `max_triangles` is reached, or `levels` rounds are done; see [`Scene::split`]. Materials, cameras and settings stay.
+/// Cuts coarse blockers, those of stacked layers included, triangles with shadows within them, and the larger triangles of narrow
+/// gaps, the worst first, until none are left, `max_triangles` is reached, or `levels` rounds are done; see [`Scene::split`]. Materials, cameras and settings stay.
 pub fn refine(
     scene: &mut Scene,
     plan_options: &PlanOptions,

@@ -69,7 +69,8 @@ impl Together {
         }
     }
 
-    /// Opens a device, on which a signal ends the work even between kernels that are compiled. Where none is chosen, processes on one machine with several of the best kind take one each in turn.
+    /// Opens a device, on which a signal ends the work even between kernels that are compiled. Where none is chosen, processes on
+    /// one machine with several of the best kind take one each in turn.
     pub fn open(&self, options: DeviceOptions, interrupt: &Interrupt) -> Result<Device, GpuError> {
         let local = LOCAL.iter().find_map(|name| env::var(name).ok()).and_then(|text| text.parse().ok());
         let options = match (self.ranks.count(), local, &options.selector) {

@@ -109,23 +109,16 @@ pub fn run(
     interrupt: &Interrupt,
     together: &Together,
 ) -> Result<(), Failure> {
-    if together.speaks() {
-        return run_in(arguments, quiet, verbose, interrupt, together);
-    }
-    // Others write the same, to where nobody looks.
-    let unseen = tempfile::tempdir()?;
-    let arguments = Arguments { output: unseen.path().to_path_buf(), ..arguments.clone() };
-    run_in(&arguments, quiet, verbose, interrupt, together)
-}
-
-/// The same where all processes write.
-fn run_in(
-    arguments: &Arguments,
-    quiet: bool,
-    verbose: u8,
-    interrupt: &Interrupt,
-    together: &Together,
-) -> Result<(), Failure> {
+    // All processes do and write the same; where others than the first write to, nobody looks.
+    let (unseen, elsewhere);
+    let arguments = match together.speaks() {
+        true => arguments,
+        false => {
+            unseen = tempfile::tempdir()?;
+            elsewhere = Arguments { output: unseen.path().to_path_buf(), ..arguments.clone() };
+            &elsewhere
+        }
+    };
     let shard = arguments.shard()?;
     let all = batch::find(&arguments.jobs)?;
     prepare_directory(&arguments.output)?;
