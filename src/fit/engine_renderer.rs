@@ -35,8 +35,9 @@ pub struct EngineRenderer {
     /// Whether every solve starts from darkness.
     independent: bool,
     passes: u64,
-    /// For the vertex positions of [`Self::planning`].
+    /// For the vertex positions of [`Self::planning`], with the derivatives of `planned`.
     engine: Option<Engine>,
+    planned: GradientRequest,
     /// Coverage of each view at these positions; empty until computed.
     coverage: Vec<Coverage>,
     /// State of the latest pictures. It holds device memory until the next ones have been rendered, whose solve starts from it.
@@ -81,6 +82,7 @@ impl EngineRenderer {
             independent: false,
             passes: 0,
             engine: None,
+            planned: GradientRequest::default(),
             coverage: Vec::new(),
             latest: None,
         })
@@ -97,14 +99,14 @@ impl EngineRenderer {
         Self { independent: true, ..self }
     }
 
-    fn plan(&self, scene: &Scene) -> Result<Plan, RenderError> {
+    fn plan(&self, scene: &Scene, gradients: GradientRequest) -> Result<Plan, RenderError> {
         let options = PictureOptions { supersample: self.supersample, smooth: false };
         let mut pictures = 0;
         for camera in &self.cameras {
             let bytes = Rasterizer::bytes(scene.triangles.len(), camera, &options).map_err(failed)?;
             pictures = pictures.max(bytes);
         }
-        let options = PlanOptions { pictures, gradients: self.request, ..PlanOptions::of(&self.device) };
+        let options = PlanOptions { pictures, gradients, ..PlanOptions::of(&self.device) };
         Plan::new(scene, &options, &scene.settings).map_err(|error| sort_out(error.into()))
     }
 
@@ -132,8 +134,8 @@ impl EngineRenderer {
         }
     }
 
-    /// Updates engine and coverage to the positions of a scene.
-    fn prepare(&mut self, scene: &Scene) -> Result<Engine, RenderError> {
+    /// Updates engine and coverage to the positions of a scene; an engine that is made for it has the derivatives of `gradients`.
+    fn prepare(&mut self, scene: &Scene, gradients: GradientRequest) -> Result<Engine, RenderError> {
         if self.planning.vertices != scene.vertices {
             // Its memory must be freed before the next one is allocated.
             self.engine = None;
@@ -146,7 +148,8 @@ impl EngineRenderer {
         let mut engine = match self.engine.take() {
             Some(engine) => engine,
             None => {
-                let plan = self.plan(&self.planning)?;
+                let plan = self.plan(&self.planning, gradients)?;
+                self.planned = gradients;
                 let mut engine = Engine::new(&self.device, &self.planning, plan).map_err(sort_out)?;
                 let watch = self.watch.clone();
                 engine.set_pass_callback(Some(Box::new(move |_, _| watch())));
@@ -173,11 +176,12 @@ impl EngineRenderer {
         scene: &Scene,
         params: SolveParams,
         difference: bool,
+        gradients: GradientRequest,
     ) -> Result<Latest, RenderError> {
         if (self.watch)().is_break() {
             return Err(RenderError::Interrupted);
         }
-        let mut engine = self.prepare(scene)?;
+        let mut engine = self.prepare(scene, gradients)?;
         let start = self.latest.as_ref();
         let start = start.filter(|latest| !(self.independent || difference || latest.difference));
         let (watch, passes) = (self.watch.clone(), &mut self.passes);
@@ -214,7 +218,7 @@ impl EngineRenderer {
 
 impl Renderer for EngineRenderer {
     fn estimate(&mut self, planning: &Scene) -> Result<CostEstimate, RenderError> {
-        let plan = self.plan(planning)?;
+        let plan = self.plan(planning, self.request)?;
         let solves = SOLVES + if self.request.positions { SOLVES_OF_GEOMETRY } else { 0.0 };
         let report = plan.report();
         Ok(CostEstimate {
@@ -225,25 +229,32 @@ impl Renderer for EngineRenderer {
     }
 
     fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        if self.planned != self.request {
+            // An engine for pictures alone; its memory is freed before that of the next one is allocated.
+            (self.engine, self.latest) = (None, None);
+        }
         if let Some(latest) = self.latest.as_ref().filter(|latest| latest.is_of(scene)) {
             return Ok(latest.pictures.clone());
         }
         let params = SolveParams::from(&scene.settings);
-        let latest = self.render(scene, params, false)?;
+        let latest = self.render(scene, params, false, self.request)?;
         Ok(self.latest.insert(latest).pictures.clone())
     }
 
     fn pictures_near(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
         if self.planning.vertices != scene.vertices {
-            return self.pictures(scene);
+            // No derivatives are wanted here, and other vertices need another engine anyway.
+            let params = SolveParams::from(&scene.settings);
+            let latest = self.render(scene, params, false, GradientRequest::default())?;
+            return Ok(self.latest.insert(latest).pictures.clone());
         }
         let params = SolveParams { reduction: REDUCTION, ..SolveParams::from(&scene.settings) };
         let params = SolveParams { tolerance: params.tolerance.min(ROUNDING), ..params };
-        Ok(self.render(scene, params, false)?.pictures)
+        Ok(self.render(scene, params, false, self.planned)?.pictures)
     }
 
     fn pictures_of_difference(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
-        let latest = self.render(scene, SolveParams::from(&scene.settings), true)?;
+        let latest = self.render(scene, SolveParams::from(&scene.settings), true, self.request)?;
         Ok(self.latest.insert(latest).pictures.clone())
     }
 
@@ -293,8 +304,8 @@ impl Renderer for EngineRenderer {
             for (view, ((camera, _), by_pixels)) in views().enumerate() {
                 let by_edges = match light {
                     Some(light) => {
-                        let colour = |face, place| light.colour_at(view, face, place);
-                        geometry_gradient_of(scene, camera, self.supersample, &colour, by_pixels)
+                        let shown = |face, places: &[[f64; 2]]| light.colours_at(view, face, places);
+                        geometry_gradient_of(scene, camera, self.supersample, &shown, by_pixels)
                     }
                     None => {
                         let colours = &latest.colours[view];

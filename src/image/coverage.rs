@@ -64,22 +64,28 @@ impl Coverage {
         let (width, columns) = (grid.width as usize, (grid.width / grid.side) as usize);
         let pixel_row = |rows: &[u32]| {
             let (mut counts, mut shares) = (Vec::with_capacity(columns), Vec::with_capacity(columns));
-            let mut seen = Vec::with_capacity(side * side);
+            // The faces of one pixel, few.
+            let mut seen: Vec<Share> = Vec::new();
             for column in 0..columns {
                 seen.clear();
                 for (v, row) in (0u16..).zip(rows.chunks(width)) {
                     let cells = row[column * side..(column + 1) * side].iter();
-                    seen.extend((0u16..).zip(cells).map(|(u, &face)| (sides.shown(face), u, v)));
+                    for (u, &face) in (0u16..).zip(cells) {
+                        let face = sides.shown(face);
+                        // Often that of the sample before.
+                        let at = seen.iter().rposition(|share| share.face == face).unwrap_or_else(|| {
+                            seen.push(Share { face, samples: 0, sums: [0; 2] });
+                            seen.len() - 1
+                        });
+                        let Share { samples, sums, .. } = &mut seen[at];
+                        *samples += 1;
+                        *sums = [sums[0] + u, sums[1] + v];
+                    }
                 }
-                seen.sort_unstable();
-                let before = shares.len();
-                let runs = seen.chunk_by(|a, b| a.0 == b.0).filter(|run| run[0].0 != NONE);
-                shares.extend(runs.map(|run| Share {
-                    face: run[0].0,
-                    samples: run.len() as u16,
-                    sums: [run.iter().map(|s| s.1).sum(), run.iter().map(|s| s.2).sum()],
-                }));
-                counts.push((shares.len() - before) as u32);
+                seen.retain(|share| share.face != NONE);
+                seen.sort_unstable_by_key(|share| share.face);
+                shares.extend_from_slice(&seen);
+                counts.push(seen.len() as u32);
             }
             (counts, shares)
         };

@@ -58,30 +58,25 @@ where
     C: Copy + Into<f64> + Sync,
 {
     check_colours(colours.len(), scene.triangles.len())?;
-    let colour = |face: usize, _: [f64; 2]| colours[face].map(C::into);
-    geometry_gradient_of(scene, camera, supersample, &colour, cotangent)
+    let shown = |face: usize, places: &[[f64; 2]]| vec![colours[face].map(C::into); places.len()];
+    geometry_gradient_of(scene, camera, supersample, &shown, cotangent)
 }
 
-/// The same for colours that vary over faces: `colour` gives that of the front of a triangle at a place of the picture, column and row in
-/// pixels from its upper left corner.
+/// The colours of the front of a triangle at places of the picture, column and row in pixels from its upper left corner.
+pub type Colours<'a> = dyn Fn(usize, &[[f64; 2]]) -> Vec<[f64; 3]> + Sync + 'a;
+
+/// The same for colours that vary over faces.
 pub fn geometry_gradient_of(
     scene: &Scene,
     camera: &Camera,
     supersample: u32,
-    colour: &(dyn Fn(usize, [f64; 2]) -> [f64; 3] + Sync),
+    colours: &Colours,
     cotangent: &[[f64; 4]],
 ) -> Result<GeometryGradient, ImageError> {
     let grid = grid(camera, supersample)?;
     check_cotangent(cotangent, camera.width as usize * camera.height as usize)?;
     let faces = visibility::project(scene, camera)?;
     let view = View::new(camera);
-    let shown = |face: &Projected, place: [f64; 2]| match face.front {
-        true => {
-            let [r, g, b] = colour(face.number as usize, place);
-            [r, g, b, 1.0]
-        }
-        false => [0.0, 0.0, 0.0, 1.0],
-    };
 
     // In the frame of the view, see the module `projection`.
     let mut vertices = vec![DVec3::ZERO; scene.vertices.len()];
@@ -93,7 +88,7 @@ pub fn geometry_gradient_of(
             let corners = |(number, list): (usize, &Vec<u32>)| {
                 let first = first + number as u32 * BLOCK;
                 let block = first..lines.count.min(first + BLOCK);
-                lines.sweep(block, list, &faces, &shown, cotangent)
+                lines.sweep(block, list, &faces, colours, cotangent)
             };
             let sums: Vec<Vec<(u32, [DVec3; 3])>> = lists.par_iter().enumerate().map(corners).collect();
             for (face, corners) in sums.into_iter().flatten() {
@@ -209,7 +204,7 @@ impl Lines {
         block: Range<u32>,
         list: &[u32],
         faces: &[Projected],
-        shown: &(dyn Fn(&Projected, [f64; 2]) -> [f64; 4] + Sync),
+        colours: &Colours,
         cotangent: &[[f64; 4]],
     ) -> Vec<(u32, [DVec3; 3])> {
         // From a distance in the picture, whose side is 2, to an area in pixels.
@@ -219,11 +214,8 @@ impl Lines {
         };
         let area = f64::from(cells) / 2.0 / f64::from(self.side);
         let face = |place: u32| &faces[list[place as usize] as usize];
-        let colour = |number: Option<u32>, place: [f64; 2]| {
-            number.map_or([0.0; 4], |number| shown(face(number), place))
-        };
 
-        let mut adjoint = vec![FaceAdjoint::default(); list.len()];
+        let mut boundaries = Vec::new();
         let mut sweep = Sweep::default();
         for line in block {
             let across = self.across(line);
@@ -234,22 +226,13 @@ impl Lines {
                     low <= order && order <= high
                 });
             sweep.line(crossed, self.axis, across, |Change { at, before, after, cause }| {
-                let pixel = self.pixel(at, line);
-                let pixel = cotangent[pixel];
-                if pixel == [0.0; 4] {
-                    return;
-                }
-                let place = self.place(at, across);
-                let (before_colour, after_colour) = (colour(before, place), colour(after, place));
-                let gain: f64 = (0..4)
-                    .map(|channel| pixel[channel] * (before_colour[channel] - after_colour[channel]))
-                    .sum();
+                let by_pixel = cotangent[self.pixel(at, line)];
                 let function = match (cause, before, after) {
                     (Cause::Edge { face: owner, edge }, ..) => face(owner).edges[edge],
                     (Cause::Crossing, Some(a), Some(b)) => face(a).inverse_depth - face(b).inverse_depth,
                     _ => return,
                 };
-                if gain == 0.0 || !self.own(function) {
+                if by_pixel == [0.0; 4] || !self.own(function) {
                     return;
                 }
                 let [slope, ..] = self.axis.coefficients(function);
@@ -257,18 +240,26 @@ impl Lines {
                     Cause::Edge { face: owner, edge } => self.lines_near(face(owner), edge, across),
                     Cause::Crossing => 1.0,
                 };
-                let of_function = -gain * lines * area / slope * self.axis.place(at, across);
-                match (cause, before, after) {
-                    (Cause::Edge { face: owner, edge }, ..) => {
-                        adjoint[owner as usize].edges[edge] += of_function
-                    }
-                    (Cause::Crossing, Some(a), Some(b)) => {
-                        adjoint[a as usize].inverse_depth += of_function;
-                        adjoint[b as usize].inverse_depth -= of_function;
-                    }
-                    _ => {}
-                }
+                let by_gain = -lines * area / slope * self.axis.place(at, across);
+                let place = self.place(at, across);
+                boundaries.push(Boundary { by_pixel, place, faces: [before, after], cause, by_gain });
             });
+        }
+
+        let gains = gains(&boundaries, face, colours);
+        let mut adjoint = vec![FaceAdjoint::default(); list.len()];
+        for (Boundary { faces, cause, by_gain, .. }, gain) in boundaries.iter().zip(gains) {
+            let of_function = gain * *by_gain;
+            match (cause, faces) {
+                (Cause::Edge { face: owner, edge }, _) => {
+                    adjoint[*owner as usize].edges[*edge] += of_function
+                }
+                (Cause::Crossing, [Some(a), Some(b)]) => {
+                    adjoint[*a as usize].inverse_depth += of_function;
+                    adjoint[*b as usize].inverse_depth -= of_function;
+                }
+                _ => {}
+            }
         }
         let sum = |(&number, adjoint): (&u32, &FaceAdjoint)| {
             (*adjoint != FaceAdjoint::default())
@@ -276,6 +267,44 @@ impl Lines {
         };
         list.iter().zip(&adjoint).filter_map(sum).collect()
     }
+}
+
+/// Where a line goes from one visible face to another.
+struct Boundary {
+    /// The derivative of the loss by the pixel.
+    by_pixel: [f64; 4],
+    /// Column and row.
+    place: [f64; 2],
+    /// Before and after it, by their places in the list of faces.
+    faces: [Option<u32>; 2],
+    cause: Cause,
+    /// The derivative by the function that is zero here, per gain.
+    by_gain: DVec3,
+}
+
+/// What the loss gains at each boundary where the face before it covers more of the pixel. The colours of a face are asked for
+/// together.
+fn gains<'a>(boundaries: &[Boundary], face: impl Fn(u32) -> &'a Projected, colours: &Colours) -> Vec<f64> {
+    let mut sides: Vec<(u32, usize, f64)> = Vec::with_capacity(2 * boundaries.len());
+    for (k, Boundary { faces, .. }) in boundaries.iter().enumerate() {
+        let side = |(face, sign): (&Option<u32>, f64)| face.map(|face| (face, k, sign));
+        sides.extend(faces.iter().zip([1.0, -1.0]).filter_map(side));
+    }
+    sides.sort_by_key(|&(face, ..)| face);
+    let mut gains = vec![0.0; boundaries.len()];
+    for run in sides.chunk_by(|a, b| a.0 == b.0) {
+        let Projected { front, number, .. } = face(run[0].0);
+        let places: Vec<[f64; 2]> = run.iter().map(|&(_, k, _)| boundaries[k].place).collect();
+        let shown = match front {
+            true => colours(*number as usize, &places),
+            false => vec![[0.0; 3]; places.len()],
+        };
+        for (&(_, k, sign), [r, g, b]) in run.iter().zip(shown) {
+            let products = boundaries[k].by_pixel.iter().zip([r, g, b, 1.0]).map(|(by, value)| by * value);
+            gains[k] += sign * products.sum::<f64>();
+        }
+    }
+    gains
 }
 
 /// The derivatives of a loss with respect to the functions of a face.

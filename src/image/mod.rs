@@ -37,7 +37,7 @@ mod visibility;
 pub use coverage::{Coverage, FaceInPixel};
 pub use error::ImageError;
 pub(crate) use gradient::camera_gradient;
-pub use gradient::{GeometryGradient, geometry_gradient, geometry_gradient_of};
+pub use gradient::{Colours, GeometryGradient, geometry_gradient, geometry_gradient_of};
 pub use picture::Picture;
 pub use projection::View;
 pub use raster::{MAX_SUPERSAMPLE, PictureOptions, Rasterizer};

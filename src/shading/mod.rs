@@ -23,7 +23,7 @@ use glam::DVec3;
 use interpolation::Interpolation;
 use pattern::Spot;
 use rayon::prelude::*;
-use sights::{Kept, Points, Sight, Sights};
+use sights::{Kept, POINTS, Points, Sight, Sights};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -145,13 +145,17 @@ impl Light {
         Ok(Picture { width: coverage.width(), height: coverage.height(), pixels })
     }
 
-    /// The colour of a face at a place of a picture, column and row in pixels: that by which moving silhouettes change it.
-    pub fn colour_at(&self, view: usize, face: usize, middle: [f64; 2]) -> [f64; 3] {
+    /// The colours of a face at places of a picture, columns and rows in pixels: those by which moving silhouettes change it.
+    pub fn colours_at(&self, view: usize, face: usize, places: &[[f64; 2]]) -> Vec<[f64; 3]> {
         let View { camera, colours, .. } = &self.views[view];
         let sight = self.sight(camera);
-        let points = sight.points(face, vec![0], &[Spot { middle, side: 0.0 }]);
-        let more = self.difference(&points, sight.eye)[0];
-        (DVec3::from(colours[face]) + more).to_array()
+        let of_run = |places: &[[f64; 2]]| {
+            let spots: Vec<Spot> = places.iter().map(|&middle| Spot { middle, side: 0.0 }).collect();
+            let points = sight.points(face, (0..places.len()).collect(), &spots);
+            self.difference(&points, sight.eye)
+        };
+        let more = places.chunks(POINTS).flat_map(of_run);
+        more.map(|more| (DVec3::from(colours[face]) + more).to_array()).collect()
     }
 
     /// What gathering adds to the radiance of a face at each point, W/(m² sr).

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Points that share a search for blockers.
-const POINTS: usize = 64;
+pub const POINTS: usize = 64;
 
 /// Largest number of pairs of a point and a lamp to keep for further pictures: 200 MB.
 const MOST_KEPT: usize = 8_000_000;
