@@ -1,7 +1,7 @@
 //! Which settings are measured.
 
 use crate::cases::Case;
-use antirad::scene::{BinLayout, Precision, SolveSettings, SolverChoice, Weights};
+use antirad::scene::{BinLayout, Lamps, Precision, SolveSettings, SolverChoice, Weights};
 use antirad::target_error::TargetErrorOptions;
 use std::fmt;
 
@@ -28,11 +28,11 @@ impl Setting {
 
 impl fmt::Display for Setting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let SolveSettings { bins, weights, near_field, tolerance, solver, precision, .. } = self.solve;
+        let SolveSettings { bins, weights, near_field, tolerance, solver, precision, lamps, .. } = self.solve;
         let cuts = self.level;
         write!(
             f,
-            "{bins} {weights:?} near {near_field} {precision:?} {solver:?} {tolerance:.0e}, {cuts} cuts"
+            "{bins} {weights:?} near {near_field} {precision:?} {solver:?} {tolerance:.0e}, lamps {lamps:?}, {cuts} cuts"
         )
     }
 }
@@ -55,7 +55,10 @@ pub const ASKED_COST: f64 = 20.0;
 
 const TIGHT: f64 = 1e-5;
 
-/// The defaults and variations of one setting each; triangles and bins together. `quick` leaves out finer meshes of
+/// The varied setting where the light of lamps goes through bins, as all other light does.
+pub const BY_ANTIRADIANCE: &str = "lamps by antiradiance";
+
+/// The defaults and variations of one setting each; triangles, bins and lamps together. `quick` leaves out finer meshes of
 /// scenes that are large already, and settings known to matter little.
 pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
     let usual = SolveSettings::default().tolerance(TIGHT);
@@ -92,6 +95,7 @@ pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
     for level in 0..=finest {
         for &bins in layouts {
             add("bins", level, usual.bins(bins));
+            add(BY_ANTIRADIANCE, level, usual.bins(bins).lamps(Lamps::Antiradiance));
         }
     }
     add("weights", 0, usual.weights(Weights::Smoothstep));

@@ -1,7 +1,7 @@
 //! The measurements as a table and as plots.
 
 use crate::cases::Case;
-use crate::sweep::Setting;
+use crate::sweep::{BY_ANTIRADIANCE, Setting};
 use antirad::cli::{Curve, Drawn, LogPlot};
 use antirad::output::{OutputError, atomic_write};
 use antirad::scene::SolveSettings;
@@ -21,13 +21,14 @@ pub struct Row {
     pub weights: String,
     pub near_field: f64,
     pub precision: String,
+    pub lamps: String,
     pub solver: String,
     pub tolerance: f64,
     /// The target error, if settings were found for one.
     pub asked: Option<f64>,
     /// The estimate of the error.
     pub estimate: Option<f64>,
-    /// Of the solve; for a target error, of all attempts.
+    /// Of the direct light of lamps and the solve; for a target error, of all attempts.
     pub seconds: f64,
     pub passes: u32,
     /// Device memory.
@@ -53,7 +54,8 @@ pub struct Row {
 
 impl Row {
     pub fn new(case: &Case, setting: &Setting) -> Self {
-        let SolveSettings { bins, weights, near_field, tolerance, solver, precision, .. } = setting.solve;
+        let SolveSettings { bins, weights, near_field, tolerance, solver, precision, lamps, .. } =
+            setting.solve;
         Self {
             scene: case.name.clone(),
             varies: setting.varies,
@@ -64,6 +66,7 @@ impl Row {
             weights: format!("{weights:?}").to_lowercase(),
             near_field,
             precision: format!("{precision:?}").to_lowercase(),
+            lamps: format!("{lamps:?}").to_lowercase(),
             solver: format!("{solver:?}").to_lowercase(),
             tolerance,
             asked: None,
@@ -84,7 +87,7 @@ impl Row {
     }
 
     fn setting(&self) -> String {
-        let Self { bins, weights, near_field, precision, solver, tolerance, .. } = self;
+        let Self { bins, weights, near_field, precision, solver, tolerance, lamps, .. } = self;
         let cuts = match self.cuts {
             0 => String::new(),
             n => format!(", cut {n}x"),
@@ -95,7 +98,9 @@ impl Row {
             }
             _ => String::new(),
         };
-        format!("{bins} {weights} near {near_field} {precision} {solver} {tolerance:.0e}{cuts}{asked}")
+        format!(
+            "{bins} {weights} near {near_field} {precision} {solver} {tolerance:.0e}, lamps {lamps}{cuts}{asked}"
+        )
     }
 }
 
@@ -127,9 +132,9 @@ fn scenes(rows: &[Row]) -> impl Iterator<Item = &[Row]> {
     rows.chunk_by(|a, b| a.scene == b.scene)
 }
 
-/// The Pareto front of error and time, by time.
-fn front(rows: &[Row]) -> Vec<&Row> {
-    let mut sorted: Vec<&Row> = rows.iter().filter(|row| row.error.is_some()).collect();
+/// The Pareto front of error and time of some rows, by time.
+fn front(rows: &[Row], of: impl Fn(&Row) -> bool) -> Vec<&Row> {
+    let mut sorted: Vec<&Row> = rows.iter().filter(|row| row.error.is_some() && of(row)).collect();
     sorted.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
     let mut best = f64::INFINITY;
     sorted.retain(|row| {
@@ -150,13 +155,18 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
             same.filter_map(|row| Some((row.seconds, row.error?))).collect()
         };
         let mut kinds: Vec<&str> = rows.iter().map(|row| row.varies).collect();
+        kinds.sort_unstable();
         kinds.dedup();
         let mut curves: Vec<Curve> = kinds
             .iter()
             .map(|kind| Curve { label: (*kind).to_owned(), points: of(kind), drawn: Drawn::Points })
             .collect();
-        let best = front(rows).into_iter().filter_map(|row| Some((row.seconds, row.error?))).collect();
-        curves.push(Curve { label: String::from("Pareto front"), points: best, drawn: Drawn::Line });
+        for (label, older) in [("Pareto front", false), ("the same, lamps by antiradiance", true)] {
+            let of = |row: &Row| (row.varies == BY_ANTIRADIANCE) == older;
+            let best =
+                front(rows, of).into_iter().filter_map(|row| Some((row.seconds, row.error?))).collect();
+            curves.push(Curve { label: label.to_owned(), points: best, drawn: Drawn::Line });
+        }
         plot_one(
             directory,
             "error_seconds",
@@ -219,12 +229,18 @@ pub fn print(rows: &[Row]) {
             "  {:>9} {:>9} {:>9} {:>9} {:>8} {:>7} {:>9}  setting",
             "error", "largest", "shadows", "picture", "seconds", "passes", "triangles"
         );
-        let usual = rows.iter().find(|row| row.bins == "10x13" && row.cuts == 0);
+        let usual = |older| {
+            let of = move |row: &&Row| {
+                row.bins == "10x13" && row.cuts == 0 && (row.varies == BY_ANTIRADIANCE) == older
+            };
+            rows.iter().find(of)
+        };
         let asked = rows.iter().filter(|row| row.asked.is_some());
-        for (row, mark) in usual
+        for (row, mark) in usual(false)
             .into_iter()
             .map(|row| (row, "usual"))
-            .chain(front(rows).into_iter().map(|row| (row, "front")))
+            .chain(usual(true).map(|row| (row, "older")))
+            .chain(front(rows, |_| true).into_iter().map(|row| (row, "front")))
             .chain(asked.map(|row| (row, "asked")))
         {
             println!(
