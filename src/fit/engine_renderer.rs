@@ -20,6 +20,8 @@ const SOLVES_OF_GEOMETRY: f64 = 1.0;
 /// Pictures near the latest: relative accuracy of the difference, and the residual below which rounding rules.
 const REDUCTION: f64 = 0.1;
 const ROUNDING: f64 = 1e-6;
+/// Relative residual of pictures near the latest where vertices have moved.
+const MOVED: f64 = 1e-4;
 
 /// Solves scenes on a device and renders their pictures.
 pub struct EngineRenderer {
@@ -245,6 +247,7 @@ impl Renderer for EngineRenderer {
         if self.planning.vertices != scene.vertices {
             // No derivatives are wanted here, and other vertices need another engine anyway.
             let params = SolveParams::from(&scene.settings);
+            let params = SolveParams { tolerance: params.tolerance.max(MOVED), ..params };
             let latest = self.render(scene, params, false, GradientRequest::default())?;
             return Ok(self.latest.insert(latest).pictures.clone());
         }

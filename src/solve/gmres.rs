@@ -101,7 +101,7 @@ pub fn gmres_from<O: LightOperator>(
             operator.combine(y, v, 1.0, &mut solution)?;
         }
         match next {
-            Next::Converged if params.rounding * cycle.gain() <= MARGIN * params.tolerance => {
+            Next::Converged if params.rounding * cycle.gain() <= MARGIN * monitor.enough() => {
                 return Ok((solution, monitor.info(radius.estimate)));
             }
             Next::GiveUp => return Err(monitor.no_convergence(solution, radius.estimate)),

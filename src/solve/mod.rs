@@ -222,6 +222,11 @@ impl<'a, 'b> ConvergenceMonitor<'a, 'b> {
         self.residuals.len() as u32
     }
 
+    /// The residual at which to stop.
+    fn enough(&self) -> f64 {
+        self.tolerance.max(self.reduction * self.residuals[0])
+    }
+
     /// Records a pass and decides how to continue.
     fn pass<E, V>(&mut self, residual: f64) -> Result<Next, SolveError<E, V>> {
         self.residuals.push(residual);
@@ -235,8 +240,7 @@ impl<'a, 'b> ConvergenceMonitor<'a, 'b> {
         if (self.progress)(passes, residual).is_break() {
             return Err(SolveError::Interrupted { passes });
         }
-        let enough = self.tolerance.max(self.reduction * self.residuals[0]);
-        Ok(match residual <= enough {
+        Ok(match residual <= self.enough() {
             true => Next::Converged,
             false if passes >= self.max_passes => Next::GiveUp,
             false => Next::Continue,

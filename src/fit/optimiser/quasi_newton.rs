@@ -33,7 +33,7 @@ impl Default for QuasiNewtonOptions {
 const LONGEST: f64 = 1.0;
 /// The Hessian is asked for anew after a step that leaves more than this of the projected gradient, far from the minimum: where
 /// it takes more than a tenth off the value.
-const LEFT: f64 = 0.2;
+const LEFT: f64 = 0.1;
 const FALL: f64 = 0.1;
 
 /// The state of the quasi-Newton method.
