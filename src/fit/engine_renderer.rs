@@ -1,16 +1,17 @@
 //! The renderer that solves on a device.
 
 use super::gradient::{CameraGradient, SceneGradient};
-use super::renderer::{CostEstimate, RenderError, Renderer};
+use super::renderer::{CostEstimate, OwnSquares, RenderError, Renderer};
 use crate::gpu::Device;
 use crate::image::{
-    Coverage, ImageError, PictureOptions, Rasterizer, geometry_gradient, geometry_gradient_of,
+    Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer, geometry_gradient, geometry_gradient_of,
 };
 use crate::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use crate::scene::{Camera, Scene};
 use crate::shading::{self, Light, SeenFrom, Shading, ShadingError};
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams, Watch};
 use glam::DVec3;
+use std::f64::consts::PI;
 
 /// Cost of an evaluation with derivatives by materials, in solves: the adjoint solve costs as much as the forward one.
 const SOLVES: f64 = 2.1;
@@ -326,6 +327,20 @@ impl Renderer for EngineRenderer {
             }
         }
         Ok(Some(gradient))
+    }
+
+    fn own_squares(&mut self, weights: &[Vec<DVec3>]) -> Option<OwnSquares> {
+        let Latest { scene, solution, .. } = self.latest.as_ref()?;
+        let none = vec![DVec3::ZERO; scene.triangles.len()];
+        let mut squares = OwnSquares { albedo: none.clone(), emission: none };
+        for (coverage, weights) in self.coverage.iter().zip(weights) {
+            for FaceInPixel { face, pixel, share, .. } in coverage.faces_in_pixels() {
+                let reflected = DVec3::from(solution.irradiance[face]) * scene.material(face).diffuse / PI;
+                squares.albedo[face] += weights[pixel] * (share * reflected).powf(2.0);
+                squares.emission[face] += weights[pixel] * share * share;
+            }
+        }
+        Some(squares)
     }
 
     fn forget(&mut self) {

@@ -3,7 +3,9 @@
 use super::checkpoint::{CheckpointError, Checkpoints, Identity};
 use super::lock::LockError;
 use super::loss::{Loss, LossKind, PictureLoss};
-use super::optimiser::{Adam, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOptions, Step, StepError};
+use super::optimiser::{
+    Adam, KnownHessian, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOptions, Step, StepError,
+};
 use super::parameters::{ParameterError, Parameters, Recovered};
 use super::problem::Problem;
 use super::regulariser::Regularisers;
@@ -554,15 +556,16 @@ fn step(
             trail.borrow_mut().clear();
             problem.curvature(p, &mut **renderer.borrow_mut())
         },
-        &mut |x| match problem.gauss_newton_pictures() <= settings.gauss_newton {
-            true => {
-                // It renders the point again, which costs a renderer nothing that keeps its latest pictures.
-                if !moves {
-                    trail.borrow_mut().push(x.to_vec());
-                }
-                problem.gauss_newton(x, &mut **renderer.borrow_mut())
+        &mut |x| {
+            let renderer = &mut **renderer.borrow_mut();
+            if problem.gauss_newton_pictures() > settings.gauss_newton {
+                return Ok(problem.own_curvature(x, renderer)?.map(KnownHessian::Diagonal));
             }
-            false => Ok(None),
+            // It renders the point again, which costs a renderer nothing that keeps its latest pictures.
+            if !moves {
+                trail.borrow_mut().push(x.to_vec());
+            }
+            Ok(problem.gauss_newton(x, renderer)?.map(KnownHessian::Whole))
         },
     )?;
     progress.trail = trail.into_inner();

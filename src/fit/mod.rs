@@ -35,7 +35,7 @@ pub use loss::{Loss, LossKind, PictureLoss};
 pub use parameters::{Fit, MotionKind, ParameterError, Parameters, Per, Recovered, Unseen};
 pub use problem::{Evaluation, Judged, Problem};
 pub use regulariser::{Regulariser, Regularisers};
-pub use renderer::{CostEstimate, RenderError, Renderer};
+pub use renderer::{CostEstimate, OwnSquares, RenderError, Renderer};
 pub use settings::{OptimiserKind, Settings, StopRule};
 pub use status::{State, Status, now};
 pub use target::{Target, TargetError, TargetPicture, read_mask};

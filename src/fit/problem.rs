@@ -191,6 +191,29 @@ impl Problem {
         by_unknowns.iter().zip(pulled).map(|(a, b)| a + b).collect()
     }
 
+    /// The diagonal of the Gauss-Newton Hessian of the pictures, with the light that arrives at surfaces held fixed: most of it
+    /// where each unknown is the albedo or emission of few triangles. It takes no solve beside that at the point itself. `None` if
+    /// the loss is not quadratic, something else is unknown, or the renderer does not know.
+    pub fn own_curvature(
+        &self,
+        x: &[f64],
+        renderer: &mut dyn Renderer,
+    ) -> Result<Option<Vec<f64>>, RenderError> {
+        let Some(weights) = self.curvatures() else { return Ok(None) };
+        renderer.pictures(&self.parameters.scene(x))?;
+        Ok(renderer.own_squares(&weights).and_then(|squares| self.parameters.own_squares(&squares)))
+    }
+
+    /// Second derivatives of the loss by pixels, per view; `None` if it is not quadratic.
+    fn curvatures(&self) -> Option<Vec<Vec<DVec3>>> {
+        let views = self.targets.iter().zip(self.weights()).enumerate();
+        let weighted = |(view, (target, weight)): (usize, (&Target, f64))| {
+            let curvature = self.loss.curvature(view, target)?;
+            Some(curvature.into_iter().map(|c| weight * c).collect())
+        };
+        views.map(weighted).collect()
+    }
+
     /// Pictures per view that [`Self::gauss_newton`] takes, beside that at the point itself.
     pub fn gauss_newton_pictures(&self) -> usize {
         self.parameters.columns().len()
@@ -206,11 +229,7 @@ impl Problem {
         renderer: &mut dyn Renderer,
     ) -> Result<Option<Vec<f64>>, RenderError> {
         let n = x.len();
-        let mut weights = Vec::with_capacity(self.targets.len());
-        for ((view, target), weight) in self.targets.iter().enumerate().zip(self.weights()) {
-            let Some(curvature) = self.loss.curvature(view, target) else { return Ok(None) };
-            weights.push(curvature.into_iter().map(|c| weight * c).collect::<Vec<DVec3>>());
-        }
+        let Some(weights) = self.curvatures() else { return Ok(None) };
         let bounds = self.parameters.bounds();
         // Into the room that there is; an unknown without room is fixed.
         let step = |i: usize| match () {

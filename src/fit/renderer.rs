@@ -57,6 +57,15 @@ pub struct CostEstimate {
     pub seconds: f64,
 }
 
+/// Squared derivatives of pictures by the triangles that they show; per triangle, RGB.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OwnSquares {
+    /// By albedo.
+    pub albedo: Vec<DVec3>,
+    /// By emitted radiance, in 1/(W/(m² sr))².
+    pub emission: Vec<DVec3>,
+}
+
 /// Renders scenes that differ in materials and positions only, from fixed cameras.
 pub trait Renderer {
     /// Estimated cost of an evaluation of `planning`. An error if it is impossible, usually for lack of memory.
@@ -84,6 +93,12 @@ pub trait Renderer {
         by_pixels: &[Vec<DVec3>],
         request: GradientRequest,
     ) -> Result<Option<SceneGradient>, RenderError>;
+
+    /// The sum over pixels, with `weights`, of the squared derivatives by what each triangle itself shows, in the latest
+    /// [`Self::pictures`] and with the light that arrives held fixed; `None` if this renderer does not know.
+    fn own_squares(&mut self, _weights: &[Vec<DVec3>]) -> Option<OwnSquares> {
+        None
+    }
 
     /// Drops what earlier pictures left behind, so that the next do not depend on them, not even within rounding.
     fn forget(&mut self) {}

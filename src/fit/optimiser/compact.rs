@@ -14,6 +14,10 @@ const LEAST_SHARE: f64 = 1e-12;
 /// Curvatures of a given Hessian are at least this fraction of the largest: what pictures do not show has none.
 const LEAST_CURVATURE: f64 = 1e-7;
 
+/// Entries of a given diagonal that are unknown, as a share of the mean of the others: what no picture shows acts by the light
+/// that it reflects.
+const UNKNOWN: f64 = 1e-2;
+
 /// Pairs (s, y), the oldest first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Memory {
@@ -23,6 +27,8 @@ pub(super) struct Memory {
     pub diagonal: Vec<f64>,
     /// Number of pairs, the oldest ones, that come from a given Hessian.
     given: usize,
+    /// Whether D is known from the start.
+    informed: bool,
 }
 
 /// W = [Y, D S] and M, for products.
@@ -35,7 +41,28 @@ pub(super) struct Compact<'a> {
 
 impl Memory {
     pub fn new(unknowns: usize) -> Self {
-        Self { s: Vec::new(), y: Vec::new(), diagonal: vec![1.0; unknowns], given: 0 }
+        Self { s: Vec::new(), y: Vec::new(), diagonal: vec![1.0; unknowns], given: 0, informed: false }
+    }
+
+    /// Whether nothing is known of the Hessian.
+    pub fn is_blank(&self) -> bool {
+        self.s.is_empty() && !self.informed
+    }
+
+    /// A memory with a given diagonal, whose entries of 0 are unknown; see [`Self::of_hessian`] for `longest`. `None` if nothing is
+    /// known, or an entry is not finite.
+    pub fn of_diagonal(diagonal: &[f64], gradient: &[f64], longest: f64) -> Option<Self> {
+        let known: Vec<f64> = diagonal.iter().copied().filter(|d| *d > 0.0).collect();
+        let mean = known.iter().sum::<f64>() / known.len() as f64;
+        if diagonal.len() != gradient.len() || !mean.is_finite() {
+            return None;
+        }
+        let entry = |(d, g): (&f64, &f64)| {
+            let d = if *d > 0.0 { *d } else { UNKNOWN * mean };
+            d.max(LEAST_CURVATURE * mean).max(g.abs() / longest)
+        };
+        let diagonal = diagonal.iter().zip(gradient).map(entry).collect();
+        Some(Self { diagonal, informed: true, ..Self::new(gradient.len()) })
     }
 
     /// A memory whose model has the given Hessian (row by row): its eigenvectors as steps. Where the Hessian is so flat that
@@ -51,7 +78,8 @@ impl Memory {
         if !(largest > 0.0 && largest.is_finite()) {
             return None;
         }
-        let mut memory = Self { s: Vec::new(), y: Vec::new(), diagonal: vec![largest; n], given: n };
+        let mut memory =
+            Self { s: Vec::new(), y: Vec::new(), diagonal: vec![largest; n], given: n, informed: true };
         for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
             let s: Vec<f64> = vector.iter().copied().collect();
             let steepness = value.max(LEAST_CURVATURE * largest).max(dot(&s, gradient).abs() / longest);
@@ -68,7 +96,7 @@ impl Memory {
         if !(sy > 1e-10 * (ss * yy).sqrt() && (yy / sy).is_finite()) {
             return;
         }
-        if self.s.is_empty() {
+        if self.is_blank() {
             // So far D is only the initial guess.
             self.diagonal.fill(yy / sy);
         }

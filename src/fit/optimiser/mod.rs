@@ -24,8 +24,17 @@ pub type Objective<'a, E> = dyn FnMut(&[f64]) -> Result<(f64, Vec<f64>), E> + 'a
 /// The product of the (constant) Hessian of a quadratic objective with a vector.
 pub type Curvature<'a, E> = dyn FnMut(&[f64]) -> Result<Vec<f64>, E> + 'a;
 
-/// The Hessian of the objective or an approximation of it (Gauss-Newton), row by row; `None` where it would cost too much.
-pub type Hessian<'a, E> = dyn FnMut(&[f64]) -> Result<Option<Vec<f64>>, E> + 'a;
+/// The Hessian of the objective or an approximation of it (Gauss-Newton); `None` where it would cost too much.
+pub type Hessian<'a, E> = dyn FnMut(&[f64]) -> Result<Option<KnownHessian>, E> + 'a;
+
+/// What is known of a Hessian.
+#[derive(Clone, Debug, PartialEq)]
+pub enum KnownHessian {
+    /// All of it, row by row.
+    Whole(Vec<f64>),
+    /// Its diagonal, not negative; 0 where nothing is known. The optimiser starts from it.
+    Diagonal(Vec<f64>),
+}
 
 /// A step failed. The state is unchanged.
 #[derive(Debug, thiserror::Error)]

@@ -1,11 +1,12 @@
 //! L-BFGS-B (Byrd, Lu, Nocedal and Zhu 1995) with an adaptive diagonal: a bound-constrained quasi-Newton method for smooth
 //! losses. Where a Hessian can be had, for few unknowns, the model starts from it (Gauss-Newton) instead of from a multiple
-//! of the identity, and again wherever the model predicts badly; gradients are exact either way, and so is the minimum.
+//! of the identity, and again wherever the model predicts badly; where its diagonal can be had, for many, it starts from that.
+//! Gradients are exact either way, and so is the minimum.
 
 use super::cauchy::model_minimum;
 use super::compact::Memory;
 use super::line_search::{Found, Line};
-use super::{Bounds, Hessian, Objective, Point, Step, StepError, dot, largest_difference};
+use super::{Bounds, Hessian, KnownHessian, Objective, Point, Step, StepError, dot, largest_difference};
 use crate::options::setters;
 use serde::{Deserialize, Serialize};
 
@@ -85,13 +86,20 @@ impl QuasiNewton {
             true => hessian(&here.x).map_err(StepError::Objective)?,
             false => None,
         };
-        let seeded = given.and_then(|given| Memory::of_hessian(&given, &here.gradient, LONGEST));
+        let seeded = match given {
+            Some(KnownHessian::Whole(hessian)) => Memory::of_hessian(&hessian, &here.gradient, LONGEST),
+            // Later, what the steps have shown is better.
+            Some(KnownHessian::Diagonal(diagonal)) if self.point.is_none() => {
+                Memory::of_diagonal(&diagonal, &here.gradient, LONGEST)
+            }
+            _ => None,
+        };
         if let Some(seeded) = seeded {
             memory = seeded;
         }
         // If the model's direction fails, the memory is cleared once and the gradient alone is tried.
         loop {
-            let blank = memory.s.is_empty();
+            let blank = memory.is_blank();
             if blank {
                 let steepest = self.bounds.projected_gradient(&here.x, &here.gradient);
                 let largest = here.gradient.iter().fold(0.0, |largest: f64, g| largest.max(g.abs()));
@@ -318,7 +326,7 @@ mod tests {
                 };
                 let mut hessian = |x: &[f64]| -> Result<_> {
                     hessians += u32::from(given);
-                    Ok(given.then(|| stiff(x).2))
+                    Ok(given.then(|| KnownHessian::Whole(stiff(x).2)))
                 };
                 let step = optimiser.step(&mut objective, &mut hessian).expect("a step");
                 evaluations += step.evaluations;
@@ -337,6 +345,37 @@ mod tests {
             assert!(largest_difference(&with, &without) < 1e-6, "{with:?}, not {without:?}");
             assert!(2 * (fast + hessians) < slow, "{fast} and {hessians} Hessians, not far below {slow}");
         }
+    }
+
+    /// Curvatures over six orders of magnitude: the diagonal of the Hessian saves learning them. Entries of 0 are unknown.
+    #[test]
+    fn a_diagonal_saves_evaluations() {
+        let n = 60;
+        let h: Vec<f64> = (0..n).map(|i| 10f64.powf(f64::from(i % 7) - 3.0)).collect();
+        let c: Vec<f64> = (0..n).map(|i| 0.1 * f64::from(i % 11)).collect();
+        let run = |diagonal: Option<Vec<f64>>| {
+            let mut optimiser = new(vec![0.0; n as usize], Bounds::free(n as usize));
+            let mut evaluations = 0;
+            for _ in 0..500 {
+                let mut objective = |x: &[f64]| -> Result<_> { Ok(quadratic(&h, &c, 0.0, x)) };
+                let mut hessian =
+                    |_: &[f64]| -> Result<_> { Ok(diagonal.clone().map(KnownHessian::Diagonal)) };
+                let step = optimiser.step(&mut objective, &mut hessian).expect("a step");
+                evaluations += step.evaluations;
+                if step.gradient < 1e-9 || !step.progress {
+                    break;
+                }
+            }
+            assert!(largest_difference(optimiser.x(), &c) < 1e-5, "{:?}", optimiser.x());
+            evaluations
+        };
+        let slow = run(None);
+        let roughly: Vec<f64> = h.iter().zip(0..).map(|(h, i)| h * [0.7, 1.0, 1.3][i % 3]).collect();
+        let fast = run(Some(roughly.clone()));
+        assert!(4 * fast < slow, "{fast}, not far below {slow}");
+        let gaps = roughly.iter().zip(0..).map(|(h, i)| if i % 5 == 0 { 0.0 } else { *h }).collect();
+        assert!(run(Some(gaps)) < slow);
+        assert_eq!(run(Some(vec![0.0; n as usize])), slow);
     }
 
     /// Values rounded to f32: the gradient still leads to the minimum.

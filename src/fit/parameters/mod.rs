@@ -19,6 +19,7 @@ use super::gradient::Quantity;
 use super::limit::{limit, lobe};
 use super::motion::Motion;
 use super::optimiser::Bounds;
+use super::renderer::OwnSquares;
 use super::selection::{self, Selected};
 use crate::plan::GradientRequest;
 use crate::scene::{Material, Scene, bounds};
@@ -374,6 +375,24 @@ impl Parameters {
             }
         }
         columns
+    }
+
+    /// Squares of derivatives by the unknowns, from those by triangles, which add up where triangles share an unknown. `None` if
+    /// something else than albedo and emission is unknown.
+    pub(super) fn own_squares(&self, by_triangles: &OwnSquares) -> Option<Vec<f64>> {
+        let mut by_unknowns = vec![0.0; self.len()];
+        for block in &self.blocks {
+            let What::Material { quantity, triangles, .. } = &block.what else { return None };
+            let of = match quantity {
+                Quantity::Albedo => &by_triangles.albedo,
+                Quantity::Emission => &by_triangles.emission,
+                _ => return None,
+            };
+            let sum: DVec3 = triangles.iter().map(|&t| of[t as usize]).sum();
+            let squares = block.scale * block.scale * sum;
+            by_unknowns[block.first..block.first + 3].copy_from_slice(&squares.to_array());
+        }
+        Some(by_unknowns)
     }
 
     /// The unknowns for an RGB value of a quantity, per channel of [`Self::unknowns_of`]; `None` for positions.
