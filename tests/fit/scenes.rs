@@ -3,14 +3,15 @@
 use crate::support::{device, finish, load};
 use antirad::Watch;
 use antirad::fit::{
-    EngineRenderer, Fit, Job, LossKind, MotionKind, OptimiserKind, Outcome, Quantity, Recovered, Regulariser,
-    Renderer, RunOptions, Settings, StopRule, Target,
+    EngineRenderer, Fit, Job, LossKind, MotionKind, OptimiserKind, Outcome, Per, Quantity, Recovered,
+    Regulariser, Renderer, RunOptions, Settings, StopRule, Target,
 };
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
 use antirad::plan::GradientRequest;
-use antirad::scene::{BinLayout, Camera, Lamps, Scene};
-use glam::DVec3;
+use antirad::scene::{BinLayout, Camera, Lamps, Material, Scene, SceneBuilder, Shape};
+use antirad::shading::Shading;
+use glam::{DAffine3, DVec3};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
@@ -352,4 +353,46 @@ fn pictures_depend_on_earlier_ones_by_no_more_than_the_tolerance() {
     assert!(apart(&rough, &exact) < 0.1, "{}", apart(&rough, &exact));
     drop(renderer);
     finish(&device);
+}
+
+/// A floor that reflects nothing onto itself: what each triangle shows is all of the Hessian.
+#[test]
+fn own_curvature_is_the_diagonal_of_the_hessian_without_interreflection() {
+    let floor = Material { albedo: [0.6, 0.4, 0.2], ..Material::named("floor") };
+    let lamp = Material { albedo: [0.0; 3], emission: [9.0, 8.0, 7.0], ..Material::named("lamp") };
+    let over = DAffine3::from_translation(DVec3::new(0.2, 1.0, 0.2))
+        * DAffine3::from_scale(DVec3::new(0.5, -1.0, 0.5));
+    let mut scene = SceneBuilder::new()
+        .shape("floor", Shape::Quad { cells: 2 }, &floor, DAffine3::IDENTITY)
+        .shape("lamp", Shape::Quad { cells: 1 }, &lamp, over)
+        .finish("floor")
+        .expect("a scene");
+    scene.cameras = vec![Camera {
+        position: DVec3::new(0.5, 0.7, 2.0),
+        target: DVec3::new(0.5, 0.0, 0.5),
+        width: 40,
+        height: 30,
+        ..Camera::framing(&[])
+    }];
+    let albedo =
+        || Fit::new(Quantity::Albedo).materials(Some(vec!["floor".to_owned()])).initial(Some([0.3; 3]));
+    for (fit, loss) in [(albedo().per(Per::Triangle), LossKind::RelativeL2), (albedo(), LossKind::L2)] {
+        let device = device();
+        let settings = Settings::new(vec![fit]).loss(loss);
+        let (job, renderer) = job(&device, &scene, scene.cameras.clone(), settings);
+        let mut renderer = renderer.shading(Shading::Face);
+        let problem = job.problem();
+        let x = problem.parameters.start();
+        let hessian = problem.gauss_newton(x, &mut renderer).expect("pictures").expect("a Hessian");
+        let own = problem.own_curvature(x, &mut renderer).expect("pictures").expect("a diagonal");
+        assert!(own.iter().all(|h| *h > 0.0), "{own:?}");
+        for (i, own) in own.iter().enumerate() {
+            let whole = hessian[i * x.len() + i];
+            // Triangles of one unknown in one pixel count separately.
+            let bound = if x.len() > 3 { 1e-3 } else { 0.2 };
+            assert!((own / whole - 1.0).abs() < bound, "unknown {i}: {own}, not {whole}");
+        }
+        drop(renderer);
+        finish(&device);
+    }
 }
