@@ -171,7 +171,7 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
             directory,
             "error_seconds",
             name,
-            "time of the solve / s",
+            "time of direct light and solve / s",
             "relative error of irradiance",
             curves,
         )?;
