@@ -34,6 +34,14 @@ def interrupted(work, after=0.5):
         timer.join()
 
 
+@pytest.fixture(autouse=True)
+def handled():
+    """Programs that a shell starts in the background ignore the signal."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.fixture(scope="module")
 def large():
     return antirad.Scene.load(SCENES / "cornell_boxes_fine.toml").with_settings(tolerance=1e-6)

@@ -558,6 +558,9 @@ fn step(
         },
         &mut |x| {
             let renderer = &mut **renderer.borrow_mut();
+            if settings.gauss_newton == 0 {
+                return Ok(None);
+            }
             if problem.gauss_newton_pictures() > settings.gauss_newton {
                 return Ok(problem.own_curvature(x, renderer)?.map(KnownHessian::Diagonal));
             }

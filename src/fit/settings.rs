@@ -66,7 +66,8 @@ pub struct Settings {
     /// Options of the quasi-Newton method.
     pub quasi_newton: QuasiNewtonOptions,
     /// Pictures per view that a Gauss-Newton Hessian for the quasi-Newton method may take: one for each colour, number or
-    /// coordinate fitted. With more unknowns, or with 0, its model is learnt from gradients alone.
+    /// coordinate fitted. With more, its model starts from the diagonal, where albedos and emissions alone are fitted; with 0
+    /// it is learnt from gradients alone.
     pub gauss_newton: usize,
     /// Relative noise of the loss; `None`: a tenth of the tolerance of solves, or 1e-4 where positions are fitted.
     /// Overrides that in [`Self::quasi_newton`].
