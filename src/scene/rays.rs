@@ -21,6 +21,13 @@ struct Node {
     axis: usize,
 }
 
+/// Where a ray meets a triangle.
+struct Hit {
+    distance: f64,
+    /// Whether from its front.
+    front: bool,
+}
+
 /// A bounding volume hierarchy of the triangles of a scene, except those without area.
 pub(crate) struct Rays {
     nodes: Vec<Node>,
@@ -43,20 +50,26 @@ impl Rays {
         Self { nodes, order, corners, epsilon: EPSILON * size }
     }
 
-    /// The nearest triangle along a unit direction and its distance, m; never `from`, where the ray starts.
+    /// The nearest triangle along a unit direction and its distance, m; never `from`, where the ray starts. Of the two sides of a sheet it
+    /// is the one that faces the ray.
     pub fn nearest(&self, origin: DVec3, direction: DVec3, from: Option<usize>) -> Option<(usize, f64)> {
-        let mut best = None;
+        let mut best: Option<(usize, Hit)> = None;
         self.visit(origin, direction, f64::INFINITY, |triangle, limit| {
-            let distance = self.hit(triangle, origin, direction).filter(|_| Some(triangle) != from);
-            match distance {
-                Some(distance) if distance < limit => {
-                    best = Some((triangle, distance));
-                    distance
-                }
-                _ => limit,
+            let Some(hit) = self.hit(triangle, origin, direction).filter(|_| Some(triangle) != from) else {
+                return limit;
+            };
+            let nearer = best.as_ref().is_none_or(|(_, best)| {
+                let coincide = (hit.distance - best.distance).abs() <= self.epsilon;
+                if coincide { hit.front && !best.front } else { hit.distance < best.distance }
+            });
+            if !nearer {
+                return limit;
             }
+            let limit = hit.distance + self.epsilon;
+            best = Some((triangle, hit));
+            limit
         });
-        best
+        best.map(|(triangle, hit)| (triangle, hit.distance))
     }
 
     /// Whether any triangle but two, front or back, lies between two points.
@@ -65,8 +78,8 @@ impl Rays {
         let direction = (to - from) / length;
         let mut found = false;
         self.visit(from, direction, length, |triangle, limit| {
-            let distance = self.hit(triangle, from, direction).filter(|_| !except.contains(&triangle));
-            if distance.is_some_and(|distance| distance < length - self.epsilon) {
+            let hit = self.hit(triangle, from, direction).filter(|_| !except.contains(&triangle));
+            if hit.is_some_and(|hit| hit.distance < length - self.epsilon) {
                 found = true;
                 // No other hit matters.
                 return f64::NEG_INFINITY;
@@ -112,8 +125,8 @@ impl Rays {
         }
     }
 
-    /// Distance to a triangle (Möller and Trumbore 1997).
-    fn hit(&self, triangle: usize, origin: DVec3, direction: DVec3) -> Option<f64> {
+    /// Where a ray meets a triangle (Möller and Trumbore 1997).
+    fn hit(&self, triangle: usize, origin: DVec3, direction: DVec3) -> Option<Hit> {
         let [a, b, c] = self.corners[triangle];
         let (ab, ac) = (b - a, c - a);
         let p = direction.cross(ac);
@@ -126,7 +139,8 @@ impl Rays {
         let q = s.cross(ab);
         let v = direction.dot(q) / determinant;
         let distance = ac.dot(q) / determinant;
-        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > self.epsilon).then_some(distance)
+        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > self.epsilon)
+            .then_some(Hit { distance, front: determinant > 0.0 })
     }
 }
 

@@ -199,6 +199,34 @@ mod tests {
         sum * DVec3::new(5.0, 10.0, 20.0) * side * side / f64::from(n * n)
     }
 
+    /// A sheet with two sides is two triangles at each place; the one that faces the ray is hit.
+    #[test]
+    fn the_second_side_of_a_sheet_is_not_in_front_of_the_first() {
+        let grey = Material { albedo: [0.5; 3], ..Material::named("grey") };
+        let camera =
+            Camera { fov_x_degrees: 40.0, width: 12, height: 12, ..towards(DVec3::new(0.1, 0.0, 0.2)) };
+        let one = lit_floor(&grey, 0.5);
+        let mut builder = SceneBuilder::new();
+        let sheet = |height: f64| place(DVec3::new(4.0, height, 4.0), DVec3::new(-2.0, 0.0, -2.0));
+        let lamp = Material { emission: [5.0, 10.0, 20.0], ..Material::named("lamp") };
+        builder
+            .shape("under", Shape::Quad { cells: 3 }, &grey, sheet(-1.0))
+            .shape("floor", Shape::Quad { cells: 3 }, &grey, sheet(1.0))
+            .shape(
+                "lamp",
+                Shape::Quad { cells: 2 },
+                &lamp,
+                place(DVec3::new(0.5, -1.0, 0.5), DVec3::new(0.25, 1.5, -0.25)),
+            );
+        let two = builder.finish("two sides").expect("a scene");
+        let [one, two] = [one, two].map(|scene| PathTracer::new(&scene).picture(&camera, 256, 3));
+        for (one, two) in one.pixels.iter().zip(&two.pixels) {
+            let apart = (one.radiance.mean - two.radiance.mean).abs();
+            let allowed = 5.0 * (one.radiance.error + two.radiance.error) + 1e-9;
+            assert!(apart.cmple(allowed).all(), "{one:?}, not {two:?}");
+        }
+    }
+
     /// In the highlight, at its edge and outside it; lobes wider and narrower than the lamp.
     #[test]
     fn highlights_of_a_lamp() {
