@@ -11,6 +11,8 @@ const PROPORTION: f64 = 1.0;
 const POWER_ITERATIONS: u32 = 4;
 /// Steps between evaluations of value and gradient. In between they are updated and accumulate rounding errors.
 const REFRESH: u64 = 25;
+/// Share of the value evaluated last below which an updated value is evaluated: the errors of products are relative to what was there.
+const TRUSTED: f64 = 1e-3;
 /// Relative tolerance, for rounding, within which an unknown counts as at its bound.
 const NEAR: f64 = 1e-14;
 
@@ -26,6 +28,8 @@ pub struct LeastSquares {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct State {
     point: Point,
+    /// The value where it was evaluated last.
+    evaluated: f64,
     /// The conjugate direction; its negative points downhill.
     direction: Vec<f64>,
     /// Estimate of the largest eigenvalue of the Hessian.
@@ -61,7 +65,8 @@ impl LeastSquares {
 
     /// One step: one product with the Hessian, two or three if a bound is reached; the first step takes more.
     ///
-    /// `objective` is evaluated at the start and every 25 steps; `curvature` computes the products.
+    /// `objective` is evaluated at the start, every 25 steps, and where the value has fallen a thousandfold; `curvature` computes the
+    /// products.
     pub fn step<E>(
         &mut self,
         objective: &mut Objective<E>,
@@ -94,7 +99,7 @@ impl LeastSquares {
                     evaluations += 1;
                     stiffness = stiffness.max(dot(&probe, &probe).sqrt());
                 }
-                State { point, direction: free, stiffness }
+                State { evaluated: point.value, point, direction: free, stiffness }
             }
         };
         let before = state.point.clone();
@@ -173,9 +178,10 @@ impl LeastSquares {
             state.direction = self.split(point).0;
         }
         let steps = self.steps + 1;
-        if steps.is_multiple_of(REFRESH) {
+        if steps.is_multiple_of(REFRESH) || state.point.value < TRUSTED * state.evaluated {
             evaluations += 1;
             if let Some(fresh) = Point::evaluate(state.point.x.clone(), objective)? {
+                state.evaluated = fresh.value;
                 state.point = fresh;
             }
         }
@@ -249,6 +255,39 @@ mod tests {
             }
         }
         (solver, evaluations)
+    }
+
+    /// Products that are wrong by a millionth: values stay those of the objective, and the minimum, of value 0, is found.
+    #[test]
+    fn errors_of_products_do_not_end_it_early() {
+        let (a, x) = (wave(40, 12), DVector::from_fn(12, |i, _| (i as f64).cos()));
+        let b = &a * &x;
+        let value = |x: &[f64]| {
+            let r = &a * DVector::from_column_slice(x) - &b;
+            (0.5 * r.dot(&r), (a.transpose() * r).as_slice().to_vec())
+        };
+        let mut solver = LeastSquares::new(vec![0.0; 12], Bounds::free(12));
+        let (start, mut calls) = (value(&[0.0; 12]).0, 0.0);
+        for _ in 0..200 {
+            let mut curvature = |p: &[f64]| -> Result<_> {
+                calls += 1.0;
+                let product = a.transpose() * (&a * DVector::from_column_slice(p));
+                let wrong = |(i, h): (usize, &f64)| h * (1.0 + 1e-6 * (calls + i as f64).sin());
+                Ok(product.iter().enumerate().map(wrong).collect())
+            };
+            let step =
+                solver.step(&mut |x: &[f64]| -> Result<_> { Ok(value(x)) }, &mut curvature).expect("a step");
+            let truth = value(solver.x()).0;
+            assert!(
+                step.value > 0.0 && step.value < 2.0 * truth && step.value > 0.5 * truth,
+                "{} {truth}",
+                step.value
+            );
+            if step.value < 1e-18 * start {
+                return;
+            }
+        }
+        panic!("not found: {:?}", solver.x());
     }
 
     fn wave(rows: usize, columns: usize) -> DMatrix<f64> {
