@@ -248,7 +248,10 @@ impl Lines {
 
         let gains = gains(&boundaries, face, colours);
         let mut adjoint = vec![FaceAdjoint::default(); list.len()];
-        for (Boundary { faces, cause, by_gain, .. }, gain) in boundaries.iter().zip(gains) {
+        // Where nothing is gained, the derivative may not be finite: coplanar faces have no crossing.
+        for (Boundary { faces, cause, by_gain, .. }, gain) in
+            boundaries.iter().zip(gains).filter(|(_, gain)| *gain != 0.0)
+        {
             let of_function = gain * *by_gain;
             match (cause, faces) {
                 (Cause::Edge { face: owner, edge }, _) => {
