@@ -155,9 +155,8 @@ mod tests {
     }
 
     /// A floor of 4 x 4 m and a square lamp of the given side, facing down, 1.5 m above the point (0.5, 0, 0).
-    fn lit_floor(floor: &Material, side: f64) -> Scene {
+    fn add_lit_floor(builder: &mut SceneBuilder, floor: &Material, side: f64) {
         let lamp = Material { emission: [5.0, 10.0, 20.0], ..Material::named("lamp") };
-        let mut builder = SceneBuilder::new();
         builder
             .shape(
                 "floor",
@@ -171,6 +170,11 @@ mod tests {
                 &lamp,
                 place(DVec3::new(side, -1.0, side), DVec3::new(0.5 - 0.5 * side, 1.5, -0.5 * side)),
             );
+    }
+
+    fn lit_floor(floor: &Material, side: f64) -> Scene {
+        let mut builder = SceneBuilder::new();
+        add_lit_floor(&mut builder, floor, side);
         builder.finish("lit floor").expect("a scene")
     }
 
@@ -207,17 +211,9 @@ mod tests {
             Camera { fov_x_degrees: 40.0, width: 12, height: 12, ..towards(DVec3::new(0.1, 0.0, 0.2)) };
         let one = lit_floor(&grey, 0.5);
         let mut builder = SceneBuilder::new();
-        let sheet = |height: f64| place(DVec3::new(4.0, height, 4.0), DVec3::new(-2.0, 0.0, -2.0));
-        let lamp = Material { emission: [5.0, 10.0, 20.0], ..Material::named("lamp") };
-        builder
-            .shape("under", Shape::Quad { cells: 3 }, &grey, sheet(-1.0))
-            .shape("floor", Shape::Quad { cells: 3 }, &grey, sheet(1.0))
-            .shape(
-                "lamp",
-                Shape::Quad { cells: 2 },
-                &lamp,
-                place(DVec3::new(0.5, -1.0, 0.5), DVec3::new(0.25, 1.5, -0.25)),
-            );
+        let under = place(DVec3::new(4.0, -1.0, 4.0), DVec3::new(-2.0, 0.0, -2.0));
+        builder.shape("under", Shape::Quad { cells: 1 }, &grey, under);
+        add_lit_floor(&mut builder, &grey, 0.5);
         let two = builder.finish("two sides").expect("a scene");
         let [one, two] = [one, two].map(|scene| PathTracer::new(&scene).picture(&camera, 256, 3));
         for (one, two) in one.pixels.iter().zip(&two.pixels) {
