@@ -196,12 +196,11 @@ fn the_exact_sum_is_taken_where_clusters_do_not_work_or_pay() {
     let mut fine = scene.clone();
     fine.split_all(1);
     let automatic = fine.settings.transport(Transport::Auto);
-    let error = Transport::USUAL_ERROR;
-    assert_eq!(planned(&fine, &automatic, options).transport(), PlannedTransport::Hierarchical { error });
-    assert_eq!(why(&planned(&fine, &automatic, with_gradients)), "positions that move");
+    assert_eq!(why(&planned(&fine, &automatic, options)), "no error is allowed for");
     let strict = planned(&scene, &hierarchical(&scene, 1e-5), options);
     assert_eq!(why(&strict), "clusters would save too little");
-    assert_eq!(why(&planned(&scene, &scene.settings, options)), "settings");
+    let stated = scene.settings.transport(Transport::Exact);
+    assert_eq!(why(&planned(&scene, &stated, options)), "settings");
     let options = barely(&scene);
     let short = planned(&scene, &settings, options);
     assert_eq!(why(&short), "clusters do not fit the memory budget");

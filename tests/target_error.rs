@@ -6,7 +6,8 @@ use antirad::gpu::{Bytes, Device, GpuError};
 use antirad::image::Rasterizer;
 use antirad::plan::{Plan, PlanOptions};
 use antirad::reference::{PathTracer, Plates, Shadow};
-use antirad::scene::{BinLayout, Choice, Lamps, Material, Scene, SceneBuilder, Shape};
+use antirad::scene::{BinLayout, Camera, Choice, Lamps, Material, Scene, SceneBuilder, Shape};
+use antirad::shading::Shading;
 use antirad::solve::SolveError;
 use antirad::target_error::{
     ErrorEstimate, LayoutKind, Refinement, SearchError, Solved, Stage, TargetErrorOptions, layout,
@@ -52,7 +53,7 @@ fn a_room_with_boxes() {
     let scene = cornell();
     let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
     let mut before = f64::INFINITY;
-    for error in [0.1, 0.05] {
+    for error in [0.05, 0.02] {
         let solved = within(&device, &scene, &TargetErrorOptions::new(error));
         let found = solved.on_given(&solved.answer.irradiance);
         let real = relative_l2(&found, &truth, &areas(&scene));
@@ -161,6 +162,14 @@ fn an_error_that_cannot_be_met() {
 /// Errors of a solved scene of diffuse triangles against a path-traced reference: of the means over its triangles, and of the
 /// reflected light in a picture, where light varies within triangles. The noise of the reference is subtracted.
 fn real_errors(device: &Device, solved: &Solved, options: &TargetErrorOptions) -> (f64, f64) {
+    let picture = match options.shading {
+        Shading::Gathered => error_of_gathered(device, solved, &options.cameras[0]),
+        _ => error_of_faces(device, solved, &options.cameras[0]),
+    };
+    (error_of_irradiance(solved), picture)
+}
+
+fn error_of_irradiance(solved: &Solved) -> f64 {
     let areas = areas(&solved.scene);
     let truth = PathTracer::new(&solved.scene).irradiance(1024);
     let (mut off, mut all) = (0.0, 0.0);
@@ -169,12 +178,15 @@ fn real_errors(device: &Device, solved: &Solved, options: &TargetErrorOptions) -
         off += areas[i] * (difference.length_squared() - truth.error.length_squared());
         all += areas[i] * truth.mean.length_squared();
     }
-    let irradiance = (off / all).sqrt();
+    (off / all).sqrt()
+}
 
+/// Of a picture with one colour per triangle.
+fn error_of_faces(device: &Device, solved: &Solved, camera: &Camera) -> f64 {
     let mut fine = solved.scene.clone();
     let parents = fine.split_all(2);
     let rasterizer = Rasterizer::new(device).expect("a rasterizer");
-    let seen = rasterizer.visible_samples(&fine, &options.cameras[0], 1).expect("samples");
+    let seen = rasterizer.visible_samples(&fine, camera, 1).expect("samples");
     let mut samples = vec![0.0; fine.triangles.len()];
     seen.iter().filter(|&&face| face != u32::MAX).for_each(|&face| samples[face as usize] += 1.0);
     let tracer = PathTracer::new(&fine);
@@ -187,7 +199,26 @@ fn real_errors(device: &Device, solved: &Solved, options: &TargetErrorOptions) -
         off += samples * (difference.length_squared() - (albedo * truth.error).length_squared());
         all += samples * (albedo * truth.mean).length_squared();
     }
-    (irradiance, (off / all).sqrt())
+    (off / all).sqrt()
+}
+
+/// Of a gathered picture, in all pixels that do not show a lamp.
+fn error_of_gathered(device: &Device, solved: &Solved, camera: &Camera) -> f64 {
+    let rasterizer = Rasterizer::new(device).expect("a rasterizer");
+    let coverage = rasterizer.coverage(&solved.scene, camera, 8).expect("a view");
+    let pixels = solved.answer.light.pixels(0, &coverage).expect("pixels");
+    let mut emits = vec![false; pixels.len()];
+    for seen in coverage.faces_in_pixels() {
+        emits[seen.pixel] |= solved.scene.material(seen.face).emission != [0.0; 3];
+    }
+    let truth = PathTracer::new(&solved.scene).picture(camera, 256, 1);
+    let (mut off, mut all) = (0.0, 0.0);
+    for ((found, truth), _) in pixels.iter().zip(&truth.pixels).zip(&emits).filter(|(_, emits)| !**emits) {
+        let difference = DVec3::new(found[0], found[1], found[2]) - truth.radiance.mean;
+        off += difference.length_squared() - truth.radiance.error.length_squared();
+        all += truth.radiance.mean.length_squared();
+    }
+    (off / all).sqrt()
 }
 
 /// A room of 36 triangles, with shadows inside them that no comparison of bins shows. The estimates, of the solved triangles and
@@ -197,14 +228,21 @@ fn a_mesh_that_is_too_coarse_for_its_shadows() {
     let device = device();
     let scene = load("scenes/coarse_cornell.toml");
     assert_eq!(scene.triangles.len(), 36);
-    for (error, max_triangles, met) in [(0.16, 2000, true), (0.05, 300, false)] {
-        let options =
-            TargetErrorOptions::new(error).max_triangles(max_triangles).cameras(scene.cameras.clone());
+    let camera = Camera { width: 96, height: 96, ..scene.cameras[0].clone() };
+    for (shading, error, max_triangles, met) in [
+        (Shading::Face, 0.17, 2000, true),
+        (Shading::Gathered, 0.04, 2000, true),
+        (Shading::Gathered, 0.03, 300, false),
+    ] {
+        let options = TargetErrorOptions::new(error)
+            .max_triangles(max_triangles)
+            .cameras(vec![camera.clone()])
+            .shading(shading);
         let solved = within(&device, &scene, &options);
         let found = estimate(&solved);
         let (irradiance, picture) = real_errors(&device, &solved, &options);
         println!(
-            "target {error}: irradiance {irradiance:.4}, estimated {:.4}; picture {picture:.4}, estimated {:.4}",
+            "{shading:?}, target {error}: irradiance {irradiance:.4}, estimated {:.4}; picture {picture:.4}, estimated {:.4}",
             found.irradiance.total, found.pictures[0].total
         );
         assert_eq!(solved.refinement.met, met);

@@ -1,6 +1,6 @@
 //! Which emitters are lamps, whose direct light is exact.
 
-use super::Plan;
+use super::{Placement, Plan};
 use crate::direct::{DirectLight, Lamp, lamps};
 use crate::model::{Facet, coplanar_tolerance};
 use crate::scene::{Lamps, Scene};
@@ -36,6 +36,11 @@ pub(super) fn choose(scene: &Scene, facets: &[Facet], setting: Lamps) -> Vec<Lam
         true => lamps,
         false => Vec::new(),
     }
+}
+
+/// Whether the light of a scene's lamps is to be exact.
+pub(crate) fn has_exact_lamps(scene: &Scene) -> bool {
+    !choose(scene, &Placement::of(scene).facets(scene), scene.settings.lamps).is_empty()
 }
 
 impl Plan {

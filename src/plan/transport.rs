@@ -65,9 +65,7 @@ impl Plan {
         let error = match self.settings.transport {
             Transport::Exact => Err("settings"),
             Transport::Auto if self.triangles() < Transport::FEWEST => Err("few triangles"),
-            // From step to step lists would change, and the loss would jump.
-            Transport::Auto if self.options.gradients.positions => Err("positions that move"),
-            Transport::Auto => Ok(Transport::USUAL_ERROR),
+            Transport::Auto => Err("no error is allowed for"),
             Transport::Hierarchical { error } => Ok(error),
         };
         let why = match error {

@@ -92,7 +92,7 @@ impl Scene {
     /// max_passes = 200
     /// solver = "auto"                # or "fixed-point", "gmres"
     /// precision = "f32"              # or "half-bins"; "f64", where the device has it
-    /// transport = "exact"            # or "auto", { hierarchical = 0.003 } (relative error)
+    /// transport = "auto"             # or "exact", { hierarchical = 0.003 } (relative error)
     /// # error = 0.02                 # target error of irradiance, instead of bins, near_field and tolerance
     /// ```
     pub fn load(path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {

@@ -157,11 +157,11 @@ impl fmt::Display for Precision {
 /// How light from far triangles is summed up.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub enum Transport {
-    /// Clusters with an error of [`Transport::USUAL_ERROR`] where they save much time and work with all that is asked
-    /// for, else the exact sum. The plan says which, and why.
+    /// Clusters where a target error allows for theirs ([`crate::target_error`]) and there are at least [`Transport::FEWEST`] triangles,
+    /// else the exact sum. The plan says which, and why.
+    #[default]
     Auto,
     /// Every triangle from every other.
-    #[default]
     Exact,
     /// Neighbours that are far away are taken together, as one source.
     Hierarchical {
@@ -171,8 +171,6 @@ pub enum Transport {
 }
 
 impl Transport {
-    /// A tenth of what bins and mesh usually cause.
-    pub const USUAL_ERROR: f64 = 0.003;
     /// Triangles below which [`Transport::Auto`] takes the exact sum, whose time is then mostly that of close pairs.
     pub const FEWEST: usize = 6000;
 
@@ -334,7 +332,7 @@ impl Default for SolveSettings {
             max_passes: 200,
             solver: SolverChoice::Auto,
             precision: Precision::F32,
-            transport: Transport::Exact,
+            transport: Transport::Auto,
         }
     }
 }

@@ -41,6 +41,8 @@ struct Differences {
     /// Per triangle, by the means of irradiance over it.
     direct: Vec<DVec3>,
     indirect: Vec<DVec3>,
+    /// Per triangle, by the sharpened indirect irradiance.
+    sharpened: Vec<DVec3>,
     /// Per lamp, by its radiance.
     emission: Vec<DVec3>,
     /// Per triangle, by its own emission, through its pattern.
@@ -68,8 +70,8 @@ struct OfPoints {
     own_emission: DVec3,
     specular: DVec3,
     power: f64,
-    /// By the indirect irradiance of triangles.
-    indirect: Vec<(usize, DVec3)>,
+    /// By the sharpened indirect irradiance of triangles.
+    sharpened: Vec<(usize, DVec3)>,
     facets: Vec<(u32, FacetGradient)>,
     camera: OfCamera,
 }
@@ -92,6 +94,7 @@ pub fn backward(
         colours.push((view.camera.position, seen.coverage.colour_gradient(seen.by_pixels)?));
         light.pull_back(view, seen, request, &mut sums);
     }
+    sums.pull_back_sharpened(light);
     let cotangent = Cotangent::default()
         .colours_without_highlights(colours)
         .direct_irradiance(Some(std::mem::take(&mut sums.direct)))
@@ -109,6 +112,7 @@ impl Differences {
             reflectance: none(),
             direct: none(),
             indirect: none(),
+            sharpened: none(),
             emission: vec![DVec3::ZERO; light.direct.lamps().len()],
             own_emission: none(),
             specular: none(),
@@ -158,6 +162,16 @@ impl Differences {
 }
 
 impl Differences {
+    fn pull_back_sharpened(&mut self, light: &Light) {
+        let (by_means, by_areas) = light.interpolation.pull_back_sharpened(
+            &light.facets,
+            &light.indirect_irradiance,
+            std::mem::take(&mut self.sharpened),
+        );
+        self.indirect.iter_mut().zip(by_means).for_each(|(to, by)| *to += by);
+        self.facets.iter_mut().zip(by_areas).for_each(|(to, by)| to.area += by);
+    }
+
     /// Adds the derivatives by positions; returns those by targets.
     fn add_cameras(&self, gradients: &mut Gradients, light: &Light) -> Vec<DVec3> {
         let mut targets = Vec::new();
@@ -204,7 +218,7 @@ impl Light {
             sums.direct[run.face] += of.means;
             sums.indirect[run.face] += of.means;
             sums.emission.iter_mut().zip(of.emission).for_each(|(to, by)| *to += by);
-            of.indirect.into_iter().for_each(|(face, by)| sums.indirect[face] += by);
+            of.sharpened.into_iter().for_each(|(face, by)| sums.sharpened[face] += by);
             of.facets.into_iter().for_each(|(face, by)| sums.facets[face as usize] += by);
             by_camera.position += of.camera.position;
             by_camera.axes.iter_mut().zip(of.camera.axes).for_each(|(to, by)| *to += by);
@@ -229,7 +243,7 @@ impl Light {
             return None;
         }
         let radiance = self.lamp_radiance();
-        let corners = self.interpolation.corners(&self.facets, &self.indirect_irradiance, face);
+        let corners = self.interpolation.corners(&self.facets, &self.sharpened, face);
         let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
         let mut of = OfPoints {
             reflectance: DVec3::ZERO,
@@ -238,7 +252,7 @@ impl Light {
             own_emission: DVec3::ZERO,
             specular: DVec3::ZERO,
             power: 0.0,
-            indirect: Vec::new(),
+            sharpened: Vec::new(),
             facets: Vec::new(),
             camera: OfCamera::default(),
         };
@@ -270,11 +284,16 @@ impl Light {
             of.own_emission += cotangent[k] * (shown(k)[1] - 1.0);
             irradiances.push(irradiance);
         }
-        let values = &self.indirect_irradiance;
-        self.interpolation.pull_back(&self.facets, values, face, by_corners, &mut |i, by, by_area| {
-            of.indirect.push((i, by));
-            of.facets.push((i as u32, FacetGradient { area: by_area, ..FacetGradient::default() }));
-        });
+        self.interpolation.pull_back(
+            &self.facets,
+            &self.sharpened,
+            face,
+            by_corners,
+            &mut |i, by, by_area| {
+                of.sharpened.push((i, by));
+                of.facets.push((i as u32, FacetGradient { area: by_area, ..FacetGradient::default() }));
+            },
+        );
         let eye = self.placement.apply(camera.position);
         let mut by_points = vec![DVec3::ZERO; at.len()];
         let material = &self.materials[face];

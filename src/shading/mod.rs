@@ -52,6 +52,8 @@ pub struct Light {
     /// Means over each triangle, W/m².
     direct_irradiance: Vec<DVec3>,
     indirect_irradiance: Vec<DVec3>,
+    /// The latter, sharpened for `interpolation`.
+    sharpened: Vec<DVec3>,
     interpolation: Interpolation,
     views: Vec<View>,
 }
@@ -79,15 +81,19 @@ impl Light {
         let views = cameras.iter().map(view).collect::<Result<_, EngineError>>()?;
         let direct_irradiance = engine.direct.irradiance.clone();
         let total = solution.irradiance.iter().map(|h| DVec3::from(*h));
+        let indirect_irradiance: Vec<DVec3> = total.zip(&direct_irradiance).map(|(h, d)| h - *d).collect();
+        let interpolation = Interpolation::new(scene);
+        let facets = engine.plan().facets();
         Ok(Self {
             direct: engine.direct.light.clone(),
             placement: engine.plan().placement(),
-            facets: engine.plan().facets().to_vec(),
+            facets: facets.to_vec(),
             materials: engine.materials.clone(),
             patterns: scene.patterns.clone(),
-            indirect_irradiance: total.zip(&direct_irradiance).map(|(h, d)| h - *d).collect(),
+            sharpened: interpolation.sharpened(facets, &indirect_irradiance),
+            indirect_irradiance,
             direct_irradiance,
-            interpolation: Interpolation::new(scene),
+            interpolation,
             views,
         })
     }
@@ -109,10 +115,38 @@ impl Light {
     /// camera; `coverage`: what it sees.
     pub fn pixels(&self, view: usize, coverage: &Coverage) -> Result<Vec<[f64; 4]>, ImageError> {
         let view = &self.views[view];
-        let mut pixels = coverage.pixels(&view.colours)?;
-        let sights = self.sights(view, coverage);
         let eye = self.placement.apply(view.camera.position);
-        let found: Vec<Vec<DVec3>> = sights.runs.par_iter().map(|run| self.difference(run, eye)).collect();
+        let mut pixels = coverage.pixels(&view.colours)?;
+        self.add(view, coverage, &mut pixels, &|points| self.difference(points, eye));
+        Ok(pixels)
+    }
+
+    /// The pixels without what the visible faces emit themselves.
+    pub(crate) fn reflected(&self, view: usize, coverage: &Coverage) -> Result<Vec<DVec3>, ImageError> {
+        let view = &self.views[view];
+        let eye = self.placement.apply(view.camera.position);
+        let colour = |((facet, material), colour): ((&Facet, &Material), &[f64; 3])| {
+            let faces_eye = facet.normal.dot(eye - facet.corners[0]) > 0.0;
+            let emission = if faces_eye { DVec3::from(material.emission) } else { DVec3::ZERO };
+            (DVec3::from(*colour) - emission).to_array()
+        };
+        let faces = self.facets.iter().zip(&self.materials);
+        let colours: Vec<[f64; 3]> = faces.zip(&view.colours).map(colour).collect();
+        let mut pixels = coverage.pixels(&colours)?;
+        self.add(view, coverage, &mut pixels, &|points| self.reflected_difference(points, eye));
+        Ok(pixels.into_iter().map(|[r, g, b, _]| DVec3::new(r, g, b)).collect())
+    }
+
+    /// Adds differences at each visible point to the pixels of a view.
+    fn add(
+        &self,
+        view: &View,
+        coverage: &Coverage,
+        pixels: &mut [[f64; 4]],
+        difference: &(dyn Fn(&Points) -> Vec<DVec3> + Sync),
+    ) {
+        let sights = self.sights(view, coverage);
+        let found: Vec<Vec<DVec3>> = sights.runs.par_iter().map(difference).collect();
         for (run, found) in sights.runs.iter().zip(found) {
             for (&place, more) in run.of.iter().zip(found) {
                 let seen = &sights.seen[place];
@@ -121,7 +155,21 @@ impl Light {
                 }
             }
         }
-        Ok(pixels)
+    }
+
+    /// Whether irradiance is known more finely than per face.
+    pub(crate) fn is_gathered(&self) -> bool {
+        !self.direct.lamps().is_empty()
+    }
+
+    /// How far the mean of the radiance that interpolation alone, without sharpening, shows of each face is from that of the face,
+    /// W/(m² sr): a measure of how light varies at the scale of the mesh.
+    pub(crate) fn blur(&self) -> Vec<DVec3> {
+        let blurred = self.interpolation.means(&self.facets, &self.indirect_irradiance);
+        let faces = self.materials.iter().zip(self.indirect_irradiance.iter().zip(blurred));
+        faces
+            .map(|(material, (h, blurred))| DVec3::from(material.diffuse_albedo()) / PI * (*h - blurred))
+            .collect()
     }
 
     fn sights(&self, View { camera, sights, .. }: &View, coverage: &Coverage) -> Arc<Sights> {
@@ -159,17 +207,27 @@ impl Light {
     }
 
     /// What gathering adds to the radiance of a face at each point, W/(m² sr).
-    fn difference(&self, Points { face, at, light, pattern, .. }: &Points, eye: DVec3) -> Vec<DVec3> {
+    fn difference(&self, points: &Points, eye: DVec3) -> Vec<DVec3> {
+        let mut differences = self.reflected_difference(points, eye);
+        let emission = DVec3::from(self.materials[points.face].emission);
+        for (to, [_, of_emission]) in differences.iter_mut().zip(&points.pattern) {
+            *to += emission * (*of_emission - 1.0);
+        }
+        differences
+    }
+
+    /// Of the latter, what is reflected.
+    fn reflected_difference(
+        &self,
+        Points { face, at, light, pattern, .. }: &Points,
+        eye: DVec3,
+    ) -> Vec<DVec3> {
         let face = *face;
         let (facet, material) = (&self.facets[face], &self.materials[face]);
         let reflectance = DVec3::from(material.diffuse_albedo()) / PI;
         let radiance = self.lamp_radiance();
         let mut differences = vec![DVec3::ZERO; at.len()];
         let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
-        let emission = DVec3::from(material.emission);
-        for (to, [_, of_emission]) in differences.iter_mut().zip(pattern) {
-            *to += emission * (*of_emission - 1.0);
-        }
         if radiance.is_empty() {
             // Irradiance is not known more finely than per face.
             for (to, [of_albedo, _]) in differences.iter_mut().zip(pattern) {
@@ -178,7 +236,7 @@ impl Light {
             return differences;
         }
         if reflectance != DVec3::ZERO {
-            let corners = self.interpolation.corners(&self.facets, &self.indirect_irradiance, face);
+            let corners = self.interpolation.corners(&self.facets, &self.sharpened, face);
             for (k, (to, (point, of_lamps))) in differences.iter_mut().zip(at.iter().zip(light)).enumerate() {
                 let direct: DVec3 =
                     of_lamps.iter().zip(&radiance).map(|(phi, l)| phi.dot(facet.normal) * *l).sum();

@@ -2,7 +2,9 @@
 
 use super::Answer;
 use super::pictures::Visible;
+use crate::image::ImageError;
 use crate::scene::{Edges, Scene, Welded};
+use crate::shading::{Light, Shading};
 use glam::DVec3;
 use serde::Serialize;
 use std::fmt;
@@ -38,8 +40,8 @@ pub struct IrradianceEstimate {
     pub balance: Option<f64>,
 }
 
-/// Error of a camera's picture with one colour per triangle: relative L2 over its pixels. Reflected light only, since a lamp
-/// in view is exact and would outshine every error.
+/// Error of a camera's picture, gathered or with one colour per triangle: relative L2 over its pixels. Reflected light only, since
+/// a lamp in view is exact and would outshine every error.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PictureEstimate {
     /// Name of the camera.
@@ -48,8 +50,9 @@ pub struct PictureEstimate {
     pub total: f64,
     /// As [`IrradianceEstimate::compared`].
     pub compared: f64,
-    /// Variation of light within triangles, from the differences between coplanar neighbours of one material: shadow edges,
-    /// for example, that one colour per triangle does not show.
+    /// Variation of light within triangles that the picture does not show. With one colour per triangle, from the differences
+    /// between coplanar neighbours of one material: shadow edges, for example. In gathered pictures, of indirect light: from how
+    /// much interpolation between triangles blurs it.
     pub within: f64,
     /// As [`IrradianceEstimate::residual`].
     pub residual: f64,
@@ -66,7 +69,9 @@ impl ErrorEstimate {
         other: &Answer,
         [ratio, clusters]: [f64; 2],
         visible: &[Visible],
-    ) -> Self {
+        shading: Shading,
+    ) -> Result<Self, ImageError> {
+        let gathered = shading == Shading::Gathered && own.light.is_gathered();
         let surface = Surface::new(scene);
         let left = 1.0 - own.info.spectral_radius.unwrap_or(0.0).clamp(0.0, 0.999);
         let residual = own.info.residuals.last().copied().unwrap_or(0.0) / left;
@@ -76,12 +81,17 @@ impl ErrorEstimate {
         let pictures: Vec<PictureEstimate> = visible
             .iter()
             .zip(colours)
-            .map(|(visible, (own, other))| {
-                PictureEstimate::new(scene, &surface, visible, [own, other], ratio, known)
+            .enumerate()
+            .map(|(view, (visible, colours))| {
+                let differences = match gathered {
+                    true => Differences::of_gathered([&own.light, &other.light], view, visible)?,
+                    false => Differences::of_faces(scene, &surface, visible, colours),
+                };
+                Ok(PictureEstimate::new(visible, differences, ratio, known))
             })
-            .collect();
+            .collect::<Result<_, ImageError>>()?;
         let total = pictures.iter().map(|picture| picture.total).fold(irradiance.total, f64::max);
-        Self { total, irradiance, pictures }
+        Ok(Self { total, irradiance, pictures })
     }
 }
 
@@ -108,14 +118,21 @@ impl IrradianceEstimate {
     }
 }
 
-impl PictureEstimate {
-    fn new(
+/// L2 norms over the pixels of a picture, and two differences relative to it.
+struct Differences {
+    /// From the comparison solve.
+    compared: f64,
+    /// As [`PictureEstimate::within`].
+    within: f64,
+}
+
+impl Differences {
+    /// Of pictures with one colour per triangle.
+    fn of_faces(
         scene: &Scene,
         surface: &Surface,
         visible: &Visible,
-        [own, other]: [&[[f64; 3]]; 2],
-        ratio: f64,
-        [residual, clusters]: [f64; 2],
+        (own, other): (&Vec<[f64; 3]>, &Vec<[f64; 3]>),
     ) -> Self {
         let reflected = |colours: &[[f64; 3]]| -> Vec<DVec3> {
             let of = |(i, colour): (usize, &[f64; 3])| match visible.fronts[i] {
@@ -127,8 +144,34 @@ impl PictureEstimate {
         let (own, other) = (reflected(own), reflected(other));
         let norm = |of: &dyn Fn(usize) -> DVec3| norm(&visible.samples, of);
         let over = relative_to(norm(&|i| own[i]));
-        let compared = ratio * over(norm(&|i| own[i] - other[i]));
-        let within = over(norm(&|i| surface.within(&own, i)));
+        Self {
+            compared: over(norm(&|i| own[i] - other[i])),
+            within: over(norm(&|i| surface.within(&own, i))),
+        }
+    }
+
+    /// Of gathered pictures.
+    fn of_gathered([own, other]: [&Light; 2], view: usize, visible: &Visible) -> Result<Self, ImageError> {
+        let blur = own.blur();
+        let reflected = |light: &Light| light.reflected(view, &visible.coverage);
+        let (own, other) = (reflected(own)?, reflected(other)?);
+        let pixels = vec![1.0; own.len()];
+        let over = relative_to(norm(&pixels, &|i| own[i]));
+        Ok(Self {
+            compared: over(norm(&pixels, &|i| own[i] - other[i])),
+            within: over(norm(&visible.samples, &|i| blur[i])),
+        })
+    }
+}
+
+impl PictureEstimate {
+    fn new(
+        visible: &Visible,
+        Differences { compared, within }: Differences,
+        ratio: f64,
+        [residual, clusters]: [f64; 2],
+    ) -> Self {
+        let compared = ratio * compared;
         let total = root_of_squares([compared, within, residual, clusters]);
         Self { camera: visible.camera.clone(), total, compared, within, residual, clusters }
     }

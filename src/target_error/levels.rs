@@ -2,7 +2,7 @@
 
 use crate::model::{Bins, classify, spatial_order};
 use crate::plan::{Placement, Plan, PlanError, PlanOptions};
-use crate::scene::{BinLayout, Choice, Material, Scene, SolveSettings};
+use crate::scene::{BinLayout, Choice, Material, Scene, SolveSettings, Transport};
 use crate::warnings::{Surfaces, Warnings};
 use serde::Serialize;
 
@@ -32,7 +32,17 @@ const fn level(
     Level { equal_angle, concentric, near_field, cuts, tolerance, usual }
 }
 
-/// For scenes with shadows or gloss. Bins and mesh are refined together: alone, neither improves much.
+/// For scenes with shadows or gloss whose lamps are exact. The light in bins is then that of reflections, which changes slowly with
+/// direction; what is left to refine is the mesh.
+const REFLECTED: [Level; 5] = [
+    level((6, 8), 8, 10.0, 0, 3e-3, 0.03),
+    level((10, 13), 10, 30.0, 0, 1e-3, 0.015),
+    level((14, 18), 16, 30.0, 1, 1e-3, 0.008),
+    level((20, 26), 24, 30.0, 2, 3e-4, 0.004),
+    level((20, 26), 24, 60.0, 3, 1e-4, 0.002),
+];
+
+/// For scenes with shadows or gloss by antiradiance. Bins and mesh are refined together: alone, neither improves much.
 const DIRECTIONAL: [Level; 5] = [
     level((6, 8), 8, 10.0, 0, 3e-3, 0.08),
     level((10, 13), 10, 30.0, 0, 1e-3, 0.04),
@@ -86,8 +96,13 @@ impl LayoutKind {
 }
 
 impl Level {
-    pub fn all(directional: bool) -> &'static [Self] {
-        if directional { &DIRECTIONAL } else { &DIFFUSE }
+    /// `directional`: whether the scene has bins; `lamps`: whether the light of its lamps is exact.
+    pub fn all(directional: bool, lamps: bool) -> &'static [Self] {
+        match (directional, lamps) {
+            (true, true) => &REFLECTED,
+            (true, false) => &DIRECTIONAL,
+            (false, _) => &DIFFUSE,
+        }
     }
 
     /// The first of these levels whose usual error is within `error`, or the last.
@@ -122,10 +137,13 @@ impl Level {
         SolveSettings { bins, near_field: settings.near_field / 3.0, ..settings }
     }
 
-    /// Relative cost of a solve and its comparison: bins times squared number of triangles.
-    pub fn work(&self) -> f64 {
+    /// Relative cost of a solve and its comparison, of a scene with so many triangles before they are cut: bins times pairs. With
+    /// clusters, a triangle exchanges light with about as many of them as there are triangles below which the sum is exact.
+    pub fn work(&self, triangles: usize, transport: Transport) -> f64 {
         let (theta, phi) = self.equal_angle;
-        f64::from(theta * phi + self.concentric.pow(2)) * 16f64.powi(self.cuts as i32)
+        let all = triangles as f64 * 4f64.powi(self.cuts as i32);
+        let others = if transport == Transport::Exact { all } else { all.min(Transport::FEWEST as f64) };
+        f64::from(theta * phi + self.concentric.pow(2)) * all * others
     }
 
     fn bins(&self, layout: LayoutKind, n: u32) -> BinLayout {
@@ -220,8 +238,8 @@ mod tests {
 
     #[test]
     fn comparisons_have_other_settings() {
-        for directional in [false, true] {
-            for level in Level::all(directional) {
+        for (directional, lamps) in [(false, false), (true, false), (true, true)] {
+            for level in Level::all(directional, lamps) {
                 for layout in [LayoutKind::EqualAngle, LayoutKind::Concentric, LayoutKind::None] {
                     let own = level.settings(layout, 0.0, &SolveSettings::default());
                     let other = level.comparison(layout, 0.0, &SolveSettings::default());

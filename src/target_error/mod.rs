@@ -18,8 +18,9 @@ pub use levels::{LayoutKind, layout, usual_plan, usual_settings};
 use crate::gpu::Device;
 use crate::image::ImageError;
 use crate::options::setters;
-use crate::plan::{Plan, PlanError, PlanOptions};
+use crate::plan::{Plan, PlanError, PlanOptions, has_exact_lamps};
 use crate::scene::{Camera, Choice, Scene, SolveSettings};
+use crate::shading::Shading;
 use crate::warnings::Warnings;
 use crate::{Engine, EngineError, Solution};
 use levels::{Level, is_directional, mean_albedo, near_field_for};
@@ -37,9 +38,11 @@ pub struct TargetErrorOptions {
     pub max_triangles: usize,
     /// Cameras whose pictures must be within the error, too.
     pub cameras: Vec<Camera>,
+    /// How these pictures are made.
+    pub shading: Shading,
 }
 
-setters!(TargetErrorOptions { error: f64, max_triangles: usize, cameras: Vec<Camera> });
+setters!(TargetErrorOptions { error: f64, max_triangles: usize, cameras: Vec<Camera>, shading: Shading });
 
 impl TargetErrorOptions {
     /// Default of `max_triangles`.
@@ -47,7 +50,7 @@ impl TargetErrorOptions {
 
     /// A target for irradiance alone, with at most [`TargetErrorOptions::MAX_TRIANGLES`].
     pub fn new(error: f64) -> Self {
-        Self { error, max_triangles: Self::MAX_TRIANGLES, cameras: Vec::new() }
+        Self { error, max_triangles: Self::MAX_TRIANGLES, cameras: Vec::new(), shading: Shading::default() }
     }
 }
 
@@ -294,8 +297,8 @@ struct Search<'a> {
     near: f64,
 }
 
-/// Share of the target error that clusters may cause: squares add up, so that they cost the estimate next to nothing.
-const CLUSTERS: f64 = 0.1;
+/// Share of the target error that clusters may cause: squares add up, so that they add a twentieth to the estimate.
+const CLUSTERS: f64 = 0.3;
 
 /// A level that can be planned.
 struct Planned {
@@ -328,7 +331,7 @@ impl<'a> Search<'a> {
             parents,
             options,
             reserve,
-            levels: Level::all(is_directional(&scene)),
+            levels: Level::all(is_directional(&scene), has_exact_lamps(&scene)),
             scene,
             areas: (0..given.triangles.len()).map(|i| given.area_vector(i).length()).collect(),
             albedo,
@@ -397,7 +400,8 @@ impl<'a> Search<'a> {
         let estimate = match (&answer, &other) {
             (Ok(answer), Ok(other)) => {
                 let visible = Visible::of(self.device, &scene, &self.options.cameras)?;
-                Some(ErrorEstimate::new(&scene, answer, other, [layout.ratio(), clusters], &visible))
+                let factors = [layout.ratio(), clusters];
+                Some(ErrorEstimate::new(&scene, answer, other, factors, &visible, self.options.shading)?)
             }
             _ => None,
         };
@@ -440,11 +444,11 @@ impl<'a> Search<'a> {
 
     /// The comparison and the solve itself.
     fn stages(&self, number: usize, first: usize) -> [Stage; 2] {
-        let work = |range: &[Level]| range.iter().map(Level::work).sum::<f64>();
+        let of = |level: &Level| level.work(self.parents.len(), self.scene.settings.transport);
+        let work = |range: &[Level]| range.iter().map(of).sum::<f64>();
         let all = work(&self.levels[first..]);
-        let share = |halves: f64| {
-            (work(&self.levels[first..number]) + 0.5 * halves * self.levels[number].work()) / all
-        };
+        let share =
+            |halves: f64| (work(&self.levels[first..number]) + 0.5 * halves * of(&self.levels[number])) / all;
         let stage = |name: &str, halves: f64| Stage {
             name: format!("level {} of at most {}{name}", number + 1, self.levels.len()),
             begin: share(halves),

@@ -1,18 +1,19 @@
-//! The visible triangles of each camera.
+//! What each camera sees.
 
 use crate::gpu::Device;
-use crate::image::{ImageError, Rasterizer};
+use crate::image::{Coverage, ImageError, Rasterizer};
 use crate::scene::{Camera, Scene};
 use glam::DVec3;
 
-/// The triangles of a scene that a camera sees, by index.
-#[derive(Clone, Debug, PartialEq)]
+/// What a camera sees of a scene, one sample per pixel.
 pub(super) struct Visible {
     /// Name of the camera.
     pub camera: String,
-    /// Number of pixels at whose centre the triangle is visible.
+    /// The triangle at the centre of each pixel.
+    pub coverage: Coverage,
+    /// Per triangle, the number of pixels that show it.
     pub samples: Vec<f64>,
-    /// Whether the camera is in front of the triangle.
+    /// Per triangle, whether the camera is in front of it.
     pub fronts: Vec<bool>,
 }
 
@@ -23,17 +24,14 @@ impl Visible {
         let triangles = scene.triangles.len();
         let visible = |camera: &Camera| {
             let mut samples = vec![0.0; triangles];
-            for face in rasterizer.visible_samples(scene, camera, 1)? {
-                // The background has a number beyond all triangles.
-                if let Some(count) = samples.get_mut(face as usize) {
-                    *count += 1.0;
-                }
-            }
+            let coverage = rasterizer.coverage(scene, camera, 1)?;
+            coverage.faces_in_pixels().for_each(|seen| samples[seen.face] += seen.share);
             let front = |i: usize| {
                 let centroid = scene.corners(i).iter().sum::<DVec3>() / 3.0;
                 scene.area_vector(i).dot(camera.position - centroid) > 0.0
             };
-            Ok(Self { camera: camera.name.clone(), samples, fronts: (0..triangles).map(front).collect() })
+            let fronts = (0..triangles).map(front).collect();
+            Ok(Self { camera: camera.name.clone(), coverage, samples, fronts })
         };
         cameras.iter().map(visible).collect()
     }

@@ -135,7 +135,8 @@ pub fn run(
             };
             let options = TargetErrorOptions::new(error)
                 .max_triangles(arguments.max_triangles)
-                .cameras(cameras.clone());
+                .cameras(cameras.clone())
+                .shading(shading);
             let bar = SolveBar::new(scene.settings.tolerance, quiet);
             let mut run = |engine: &mut Engine, scene: &Scene, stage: &Stage| {
                 let part = bar.part(scene.settings.tolerance, &stage.name, stage.begin..stage.end);

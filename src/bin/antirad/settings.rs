@@ -71,8 +71,8 @@ pub struct SceneSettings {
     /// with double precision
     #[arg(long, value_name = "PRECISION", value_enum)]
     precision: Option<Precision>,
-    /// How light from far triangles is summed up: exact, auto, or hierarchical:ERROR, with clusters that may change
-    /// irradiance by this error, relative to its mean
+    /// How light from far triangles is summed up: exact; hierarchical:ERROR, with clusters that may change irradiance by this error,
+    /// relative to its mean; or auto, with clusters within --target-error
     #[arg(long, value_name = "TRANSPORT")]
     transport: Option<Transport>,
     /// Limit of device memory, e.g. 512MiB [default: what the device has]

@@ -114,7 +114,7 @@ fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
         bar.set_message(format!("{name}: truth"));
         let case = Case::new(name, &arguments.root, &device, interrupt)?;
         let settings = sweep::settings(&case, arguments.quick);
-        let asked = sweep::asked(&case, arguments.quick);
+        let asked = sweep::asked(arguments.quick);
         let total = settings.iter().map(Setting::cost).sum::<f64>() + sweep::ASKED_COST * asked.len() as f64;
         let mut done = 0.0;
         for setting in &settings {

@@ -38,16 +38,12 @@ impl fmt::Display for Setting {
 }
 
 /// Target errors for which settings are found. Each costs about [`ASKED_COST`].
-pub fn asked(case: &Case, quick: bool) -> Vec<TargetErrorOptions> {
-    let errors: &[f64] = match (case.scene.triangles.len(), quick) {
-        (0..1500, _) | (_, false) => &[0.1, 0.05, 0.02],
-        _ => &[0.1, 0.05],
-    };
+pub fn asked(quick: bool) -> Vec<TargetErrorOptions> {
     let options = |&error| match quick {
-        true => TargetErrorOptions::new(error).max_triangles(6000),
+        true => TargetErrorOptions::new(error).max_triangles(20_000),
         false => TargetErrorOptions::new(error),
     };
-    errors.iter().map(options).collect()
+    [0.05, 0.02, 0.01].iter().map(options).collect()
 }
 
 /// As [`Setting::cost`].
