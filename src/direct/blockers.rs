@@ -5,6 +5,7 @@ use super::polygon::{Polygon, connected, in_plane, merged};
 use super::shaft::Shaft;
 use super::visible::{Geometry, Placed};
 use crate::model::{Facet, Hierarchy, coplanar_tolerance, spatial_order};
+use crate::scene::Welded;
 use glam::DVec3;
 
 /// Triangles per leaf of the search.
@@ -20,6 +21,9 @@ pub const CORNERS: usize = 24;
 /// Vertices on the outline of a polygon at most: numbers of planes have room for so many.
 pub const OUTLINE: usize = 990;
 
+/// In place of the polygon across an edge that no other, or more than one, has.
+pub const NO_TWIN: u32 = u32::MAX;
+
 /// Polygons that block light, and a tree over them.
 #[derive(Clone, Debug)]
 pub struct Blockers {
@@ -33,6 +37,9 @@ pub struct Blockers {
     fans: Vec<u32>,
     order: Vec<u32>,
     tree: Hierarchy,
+    /// Across each edge of each polygon of the tree, the polygon that shares it, or [`NO_TWIN`]; where those of each polygon begin.
+    twins: Vec<u32>,
+    first_twins: Vec<u32>,
     /// Height up to which a point counts as in a plane.
     tolerance: f64,
 }
@@ -67,11 +74,12 @@ impl Blockers {
                 singles.extend(polygon.triangles.iter().map(|&i| Polygon::single(i)));
             }
         }
+        let (twins, first_twins) = twins(facets, &polygons);
         polygons.append(&mut singles);
         let moments = polygons.iter().map(|polygon| moments(facets, polygon)).collect();
         let order = spatial_order(&fan_facets);
         let tree = Hierarchy::new(&fan_facets, &order, LEAF, tolerance);
-        Self { polygons, moments, triangles, fans, order, tree, tolerance }
+        Self { polygons, moments, triangles, fans, order, tree, twins, first_twins, tolerance }
     }
 
     /// Height up to which a point counts as in a plane.
@@ -89,6 +97,18 @@ impl Blockers {
     #[cfg(test)]
     pub fn count(&self) -> usize {
         self.triangles.len()
+    }
+
+    /// How many numbers polygons have.
+    pub fn numbers(&self) -> usize {
+        self.polygons.len()
+    }
+
+    /// Across each edge of a polygon, the polygon with the same edge in the opposite direction, if there is one and it is listed as a
+    /// whole. Empty for triangles of polygons that consist of several.
+    pub fn twins(&self, number: u32) -> &[u32] {
+        let bounds = self.first_twins.get(number as usize).zip(self.first_twins.get(number as usize + 1));
+        bounds.map_or(&[], |(&from, &to)| &self.twins[from as usize..to as usize])
     }
 
     /// A polygon that [`Self::between`] has listed.
@@ -134,6 +154,37 @@ impl Blockers {
         found.sort_by(|(a, i), (b, j)| b.total_cmp(a).then(i.cmp(j)));
         found.into_iter().map(|(_, p)| p).collect()
     }
+}
+
+/// Across each edge of some polygons, the other that has the same edge in the opposite direction; where those of each polygon begin.
+/// Where several have it, as those of a sheet with two sides do, the one that continues the surface best, if it agrees.
+fn twins(facets: &[Facet], polygons: &[Polygon]) -> (Vec<u32>, Vec<u32>) {
+    let mut firsts = vec![0];
+    let corners = polygons.iter().flat_map(|polygon| &polygon.corners);
+    let welded = Welded::exactly(corners.map(|&[i, k]| facets[i as usize].corners[k as usize]));
+    let mut edges: Vec<([u32; 2], u32)> = Vec::new();
+    let mut owners = Vec::new();
+    for (p, polygon) in (0..).zip(polygons) {
+        let (first, count) = (owners.len() as u32, polygon.corners.len() as u32);
+        let side =
+            |k: u32| [first + k, first + (k + 1) % count].map(|corner| welded.position[corner as usize]);
+        edges.extend((0..count).map(|k| (side(k), first + k)));
+        owners.resize(owners.len() + count as usize, p);
+        firsts.push(owners.len() as u32);
+    }
+    let mut sorted = edges.clone();
+    sorted.sort_unstable();
+    let normal = |edge: u32| facets[polygons[owners[edge as usize] as usize].first()].normal;
+    let best = |&([a, b], edge): &([u32; 2], u32)| {
+        let from = sorted.partition_point(|(side, _)| *side < [b, a]);
+        let others = sorted[from..].iter().take_while(|(side, _)| *side == [b, a]).map(|(_, other)| *other);
+        let along = |other: &u32| normal(edge).dot(normal(*other));
+        others.max_by(|i, j| along(i).total_cmp(&along(j)).then(j.cmp(i)))
+    };
+    let best: Vec<Option<u32>> = edges.iter().map(best).collect();
+    let agreed = |edge: usize| best[edge].filter(|&other| best[other as usize] == Some(edge as u32));
+    let twins = (0..edges.len()).map(|edge| agreed(edge).map_or(NO_TWIN, |other| owners[other as usize]));
+    (twins.collect(), firsts)
 }
 
 /// Area and centroid.

@@ -58,10 +58,10 @@ pub fn sides(cone: &[Side]) -> impl Iterator<Item = (u32, [DVec3; 2])> + '_ {
     cone.iter().enumerate().map(|(k, side)| (side.plane, [side.corner, cone[(k + 1) % cone.len()].corner]))
 }
 
-/// ∫ ω dω over the cone, sr: its product with a normal is ∫ cosθ dω (J. Lambert, *Photometria*, 1760; J. Arvo, *Analytic
+/// ∫ ω dω over the cone with these sides, sr: its product with a normal is ∫ cosθ dω (J. Lambert, *Photometria*, 1760; J. Arvo, *Analytic
 /// Methods for Simulated Light Transport*, 1995, section 2.3).
-pub fn vector_irradiance(cone: &[Side]) -> DVec3 {
-    0.5 * sides(cone).map(|(_, [a, b])| angle_times_normal(a, b)).sum::<DVec3>()
+pub fn vector_irradiance(sides: impl Iterator<Item = (u32, [DVec3; 2])>) -> DVec3 {
+    0.5 * sides.map(|(_, [a, b])| angle_times_normal(a, b)).sum::<DVec3>()
 }
 
 /// The angle of a side times the unit normal of its plane, which points into the cone.

@@ -7,9 +7,16 @@
 use super::cone::{Side, arc_moment, sides, vector_irradiance};
 use super::highlight::{Lobe, LobeGradient};
 use super::polygon::Polygon;
-use super::visible::{CROSSING, EDGES, Geometry, HORIZON, Placed, View, Visible, blocker_plane, of_blocker};
+use super::visible::{
+    CROSSING, EDGES, Geometry, HORIZON, Placed, UPRIGHT, View, Visible, blocker_plane, of_blocker,
+};
 use crate::model::FacetGradient;
 use glam::DVec3;
+
+/// What a part adds to Φ, without the sides in which it touches other parts: those of two parts cancel.
+fn of_boundary(part: &[Side]) -> DVec3 {
+    vector_irradiance(sides(part).filter(|(plane, _)| *plane != UPRIGHT))
+}
 
 /// Derivatives with respect to triangles, as a list of contributions.
 #[derive(Default)]
@@ -55,7 +62,7 @@ impl Sight<'_> {
     /// Φ of the part of the lamp above the horizon that the point sees.
     pub fn vector_irradiance(&self, visible: &mut Visible) -> DVec3 {
         let mut sum = DVec3::ZERO;
-        visible.parts(self, false, &mut |part| sum += vector_irradiance(part));
+        visible.parts(self, false, &mut |part| sum += of_boundary(part));
         sum
     }
 
@@ -74,7 +81,7 @@ impl Sight<'_> {
         let mut with_vertices = Vec::new();
         visible.parts(self, true, &mut |part: &[Side]| {
             let part = self.with_vertices(part, &mut with_vertices);
-            sum += vector_irradiance(part);
+            sum += of_boundary(part);
             for (plane, arc) in sides(part) {
                 let moment = arc_moment(arc, cotangent);
                 match plane {
@@ -178,7 +185,7 @@ impl Sight<'_> {
     /// normal of that plane if its length is one and it points into the part.
     fn side(&self, plane: u32, arc: [DVec3; 2], moment: DVec3, to: &mut Contributions) -> DVec3 {
         match of_blocker(plane) {
-            _ if plane == HORIZON => DVec3::ZERO,
+            _ if plane == HORIZON || plane == UPRIGHT => DVec3::ZERO,
             Some((place, which)) => self.blocker(self.polygon(place), which, arc, moment, to),
             None => self.lamp_side(plane as usize, moment, to),
         }

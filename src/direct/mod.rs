@@ -13,6 +13,7 @@ mod lobes;
 mod polygon;
 mod quadrature;
 mod shaft;
+mod trapezoids;
 mod visible;
 
 pub use lamps::{Lamp, lamps};

@@ -1,12 +1,13 @@
 //! The part of a lamp that a point sees, exactly: its cone of directions less those of all blockers.
 
-use super::blockers::{Blockers, CORNERS, OUTLINE};
-use super::cone::{Side, cut, extent};
+use super::blockers::{Blockers, CORNERS, NO_TWIN, OUTLINE};
+use super::cone::{Side, cut, extent, sides};
 use super::derivative::Sight;
 use super::lamps::Lamp;
 use super::polygon::Polygon;
-use crate::model::Facet;
-use glam::DVec3;
+use super::trapezoids::{Edge, Trapezoid, Trapezoids};
+use crate::model::{Facet, orthonormal_basis};
+use glam::{DMat3, DVec2, DVec3};
 use std::ops::Range;
 
 /// What shadows are computed from: triangles, in any unit of length, and what they block.
@@ -22,7 +23,12 @@ pub struct Placed<'a> {
     pub corners: Vec<DVec3>,
     pub outline: Vec<DVec3>,
     pub normal: DVec3,
+    /// Axes: two along its plane, and one away from its front. Edges of a scene are rarely parallel to the first two.
+    pub frame: DMat3,
 }
+
+/// The angle about its normal by which a lamp's frame is turned.
+const TURN: f64 = 0.618_033_988_75;
 
 impl Geometry<'_> {
     /// Height up to which a point counts as in a plane.
@@ -47,11 +53,13 @@ impl Geometry<'_> {
 
     pub fn place<'b>(&self, lamp: &'b Lamp) -> Placed<'b> {
         let at = |&corner: &[u32; 2]| self.corner(corner);
+        let normal = self.facets[lamp.first()].normal;
         Placed {
             lamp,
             corners: lamp.corners.iter().map(at).collect(),
             outline: lamp.outline.iter().map(at).collect(),
-            normal: self.facets[lamp.first()].normal,
+            normal,
+            frame: orthonormal_basis(-normal) * DMat3::from_rotation_z(TURN),
         }
     }
 
@@ -74,6 +82,9 @@ pub fn lamp_side(side: usize) -> u32 {
 /// The number of the plane of the point's horizon.
 pub const HORIZON: u32 = u32::MAX;
 
+/// The number of planes in which parts only touch each other.
+pub const UPRIGHT: u32 = u32::MAX - 1;
+
 /// Planes of blockers begin here, so many for each: through the pieces of its outline, its edges from corner to corner, and through the
 /// line in which it crosses the lamp's plane.
 const BLOCKERS: u32 = 1 << 16;
@@ -93,7 +104,7 @@ pub fn blocker_plane(place: usize, which: usize) -> u32 {
 
 /// The place of a blocker in the list, and which of its planes, from a plane's number.
 pub fn of_blocker(plane: u32) -> Option<(usize, usize)> {
-    (BLOCKERS..HORIZON).contains(&plane).then(|| {
+    (BLOCKERS..UPRIGHT).contains(&plane).then(|| {
         let at = plane - BLOCKERS;
         ((at / PLANES) as usize, (at % PLANES) as usize)
     })
@@ -130,34 +141,51 @@ impl View {
     }
 }
 
-/// A blocker that a point sees before the lamp.
+/// A blocker before the lamp, in the frame of the lamp as seen from the point.
 struct Seen {
-    /// Its place in the list.
+    /// Its place in the list, and its number.
     place: usize,
-    /// Its planes: unit normals that point into its cone.
-    normals: Range<usize>,
-    /// Whether the last of these is that of [`CROSSING`].
-    crosses: bool,
+    number: u32,
+    /// Its corners among those of all.
+    corners: Range<usize>,
+    /// Whether its corners run counter-clockwise.
+    counter_clockwise: bool,
+    /// Whether it reaches beyond the plane of the lamp or behind the point, and must be clipped.
+    clipped: bool,
+}
+
+/// What a lamp fills of the plane on which directions are drawn: intervals of both coordinates.
+struct Window {
+    s: [f64; 2],
+    t: [f64; 2],
 }
 
 /// Finds the visible parts of lamps; keeps its memory between points.
+///
+/// Directions are drawn on the plane of the lamp, where lines stay lines: what is visible there are the trapezoids of the lamp that no
+/// blocker covers. Edges between two neighbouring blockers that the point sees from the same side are none of their union, so that the
+/// work grows with what is in front of the lamp, but the number of parts with its silhouettes alone.
 #[derive(Default)]
 pub struct Visible {
-    /// Cones, one after the other.
-    stack: Vec<Side>,
-    /// The blockers that a point sees before the lamp, and their planes.
-    seen: Vec<Seen>,
-    normals: Vec<DVec3>,
-    /// Places in `seen`, one run after the other: what may hide some of a cone.
-    candidates: Vec<u32>,
-    /// Blockers tested against cones so far.
-    pub tests: u64,
-    /// The corners of a blocker, from the point.
-    corners: Vec<DVec3>,
-    /// A cone while it is cut.
-    from: Vec<Side>,
+    trapezoids: Trapezoids,
+    /// The lamp's cone, and a cone while it is cut.
+    cone: Vec<Side>,
     to: Vec<Side>,
+    seen: Vec<Seen>,
+    /// Corners in the frame of the lamp.
+    corners: Vec<DVec3>,
+    /// Of each polygon, the side on which it was last seen whole, and when.
+    sides: Vec<(u64, bool)>,
+    now: u64,
+    /// Blockers and edges looked at so far.
+    pub tests: u64,
 }
+
+/// Blockers, the widest first, of which each may hide the whole lamp: in full shadow, one often does.
+const WIDEST: usize = 4;
+
+/// Distance from the point along the axis of the lamp's frame, relative to that of the lamp, below which blockers are ignored.
+const NEAREST: f64 = 1e-7;
 
 impl Visible {
     /// Calls `emit` with each part of the lamp that is visible above the horizon: convex cones without overlap. `outline`: whether sides end
@@ -168,155 +196,213 @@ impl Visible {
         if (point - corners[0]).dot(lamp.normal) <= geometry.tolerance() {
             return;
         }
-        self.stack.clear();
+        self.cone.clear();
         // The lamp's front is seen clockwise, so its corners are taken in reverse.
         let count = corners.len();
         let side = |k: usize| Side {
             corner: corners[count - 1 - k] - point,
             plane: lamp_side((2 * count - 2 - k) % count),
         };
-        self.stack.extend((0..count).map(side));
-        match extent(&self.stack, normal) {
+        self.cone.extend((0..count).map(side));
+        match extent(&self.cone, normal) {
             [false, _] => return,
             [true, false] => {}
             [true, true] => {
                 self.to.clear();
-                cut(&self.stack, normal, HORIZON, &mut self.to);
-                std::mem::swap(&mut self.stack, &mut self.to);
+                cut(&self.cone, normal, HORIZON, &mut self.to);
+                std::mem::swap(&mut self.cone, &mut self.to);
             }
         }
-        self.see_blockers(geometry, point, lamp, blockers);
-        self.candidates.clear();
-        self.candidates.extend(0..self.seen.len() as u32);
-        self.subtract(0..self.stack.len(), 0..self.seen.len(), emit);
-    }
-
-    /// Lists the blockers whose cones meet that of the lamp, which is all of the stack.
-    fn see_blockers(&mut self, geometry: &Geometry, point: DVec3, lamp: &Placed, blockers: &[u32]) {
-        self.seen.clear();
-        self.normals.clear();
-        let cone = &self.stack;
-        let corners = &mut self.corners;
-        let lamp_corner = lamp.corners[0] - point;
+        let local = lamp.frame.transpose();
+        let mut window = Window { s: EMPTY, t: EMPTY };
+        for side in &self.cone {
+            let at = on_plane(local * side.corner);
+            window.s = [window.s[0].min(at.x), window.s[1].max(at.x)];
+            window.t = [window.t[0].min(at.y), window.t[1].max(at.y)];
+        }
+        let edges = &mut self.trapezoids.edges;
+        edges.clear();
+        let of_lamp = |(plane, ends): (u32, [DVec3; 2])| {
+            window.edge(ends.map(|end| local * end), true, plane).map(|edge| Edge { frame: true, ..edge })
+        };
+        edges.extend(sides(&self.cone).filter_map(of_lamp));
+        let frame_edges = edges.len();
         self.tests += blockers.len() as u64;
-        for (place, &blocker) in blockers.iter().enumerate() {
-            let polygon = geometry.blockers.polygon(blocker);
-            corners.clear();
-            corners.extend(geometry.corners(polygon).map(|c| c - point));
-            let beside = |k: usize| {
-                let normal = cone[k].corner.cross(cone[(k + 1) % cone.len()].corner);
-                corners.iter().all(|c| c.dot(normal) <= 0.0)
-            };
-            let over_lamp = |c: &DVec3| (*c - lamp_corner).dot(lamp.normal);
-            if corners.iter().all(|c| over_lamp(c) <= geometry.tolerance()) || (0..cone.len()).any(beside) {
-                continue;
-            }
-            let triangle = geometry.facets[polygon.first()].corners.map(|c| c - point);
-            let Some(view) = View::new(triangle) else { continue };
-            let first = self.normals.len();
-            for (k, corner) in corners.iter().enumerate() {
-                let normal = view.sign * corner.cross(corners[(k + 1) % corners.len()]);
-                self.normals.push(normal.normalize_or_zero());
-            }
-            let crosses = corners.iter().any(|c| over_lamp(c) < -geometry.tolerance());
-            if crosses {
-                self.normals.push(view.crossing(lamp_corner, lamp.normal).normalize_or_zero());
-            }
-            if self.normals[first..].iter().all(|&normal| extent(cone, normal)[0]) {
-                self.seen.push(Seen { place, normals: first..self.normals.len(), crosses });
-            } else {
-                self.normals.truncate(first);
-            }
-        }
-    }
-
-    /// Emits the parts of the cone `cone` of the stack outside of the blockers `rest` of the candidates.
-    fn subtract(&mut self, cone: Range<usize>, rest: Range<usize>, emit: &mut dyn FnMut(&[Side])) {
-        for at in rest.clone() {
-            let k = self.candidates[at] as usize;
-            if !self.meets(cone.clone(), k) {
-                continue;
-            }
-            // Plane by plane: what is outside of it is done with this blocker, the rest goes on to the next.
-            let mut inside = cone;
-            for n in self.seen[k].normals.clone() {
-                let Seen { place, normals, crosses } = &self.seen[k];
-                let which =
-                    if *crosses && n + 1 == normals.end { CROSSING } else { EDGES + n - normals.start };
-                let (normal, plane) = (self.normals[n], blocker_plane(*place, which));
-                match extent(&self.stack[inside.clone()], normal) {
-                    [_, false] => {}
-                    [false, true] => {
-                        // Touched in its boundary only.
-                        self.subtract(inside, at + 1..rest.end, emit);
-                        return;
-                    }
-                    [true, true] => {
-                        let outside = self.cut_off(inside.clone(), -normal, plane);
-                        let candidates = self.candidates.len();
-                        for next in at + 1..rest.end {
-                            if self.may_meet(outside.clone(), self.candidates[next] as usize) {
-                                self.candidates.push(self.candidates[next]);
-                            }
-                        }
-                        self.subtract(outside.clone(), candidates..self.candidates.len(), emit);
-                        self.candidates.truncate(candidates);
-                        self.stack.truncate(outside.start);
-                        inside = self.cut_off(inside, normal, plane);
-                    }
-                }
-            }
+        if !self.see_blockers(geometry, point, lamp, blockers, &window) {
             return;
         }
-        emit(&self.stack[cone]);
-    }
-
-    /// Appends the part of a cone of the stack on the positive side of a plane.
-    fn cut_off(&mut self, cone: Range<usize>, normal: DVec3, plane: u32) -> Range<usize> {
-        self.to.clear();
-        cut(&self.stack[cone], normal, plane, &mut self.to);
-        let begin = self.stack.len();
-        self.stack.append(&mut self.to);
-        begin..self.stack.len()
-    }
-
-    /// Whether no plane of blocker `k` separates it from a cone.
-    fn may_meet(&mut self, cone: Range<usize>, k: usize) -> bool {
-        self.tests += 1;
-        let normals = &self.normals[self.seen[k].normals.clone()];
-        normals.iter().all(|&normal| extent(&self.stack[cone.clone()], normal)[0])
-    }
-
-    /// Whether blocker `k` hides some of a cone.
-    fn meets(&mut self, cone: Range<usize>, k: usize) -> bool {
-        self.tests += 1;
-        let normals = &self.normals[self.seen[k].normals.clone()];
-        let cone = &self.stack[cone];
-        let mut cuts = 0;
-        for &normal in normals {
-            match extent(cone, normal) {
-                [false, _] => return false,
-                [true, true] => cuts += 1,
-                [true, false] => {}
+        self.add_edges(geometry, point, lamp, &window);
+        if self.trapezoids.edges.len() == frame_edges {
+            emit(&self.cone);
+            return;
+        }
+        let before = self.trapezoids.visits;
+        let mut part = Vec::with_capacity(4);
+        self.trapezoids.emit(&mut |trapezoid| {
+            let Trapezoid { s, low: (low, below), high: (high, above) } = *trapezoid;
+            let at = |s: f64, t: f64| lamp.frame * DVec3::new(s, t, 1.0);
+            part.clear();
+            part.push(Side { corner: at(s[0], low[0]), plane: below });
+            if low[1] < high[1] {
+                part.push(Side { corner: at(s[1], low[1]), plane: UPRIGHT });
             }
-        }
-        if cuts < 2 {
-            // One plane that cuts leaves something on both sides.
-            return true;
-        }
-        self.from.clear();
-        self.from.extend_from_slice(cone);
-        for &normal in normals {
-            match extent(&self.from, normal) {
-                [false, _] => return false,
-                [true, false] => {}
-                [true, true] => {
-                    self.to.clear();
-                    cut(&self.from, normal, HORIZON, &mut self.to);
-                    std::mem::swap(&mut self.from, &mut self.to);
+            part.push(Side { corner: at(s[1], high[1]), plane: above });
+            if low[0] < high[0] {
+                part.push(Side { corner: at(s[0], high[0]), plane: UPRIGHT });
+            }
+            emit(&part);
+        });
+        self.tests += self.trapezoids.visits - before;
+    }
+
+    /// Lists the blockers that may hide some of the lamp. `false` if one hides it all.
+    fn see_blockers(
+        &mut self,
+        geometry: &Geometry,
+        point: DVec3,
+        lamp: &Placed,
+        blockers: &[u32],
+        window: &Window,
+    ) -> bool {
+        self.seen.clear();
+        self.corners.clear();
+        self.now += 1;
+        self.sides.resize(self.sides.len().max(geometry.blockers.numbers()), (0, false));
+        let local = lamp.frame.transpose();
+        let lamp_height = (local * (lamp.corners[0] - point)).z;
+        let behind = lamp_height - geometry.tolerance();
+        let nearest = NEAREST * lamp_height;
+        for (place, &number) in blockers.iter().enumerate() {
+            let polygon = geometry.blockers.polygon(number);
+            let first = self.corners.len();
+            self.corners.extend(geometry.corners(polygon).map(|corner| local * (corner - point)));
+            let corners = &self.corners[first..];
+            let clipped = corners.iter().any(|c| c.z <= nearest || c.z > lamp_height + geometry.tolerance());
+            let hides_nothing = corners.iter().all(|c| c.z >= behind)
+                || corners.iter().all(|c| c.z <= nearest)
+                || !clipped && window.misses(corners);
+            let triangle = geometry.facets[polygon.first()].corners.map(|c| c - point);
+            match View::new(triangle).filter(|_| !hides_nothing) {
+                Some(View { sign, .. }) => {
+                    let (counter_clockwise, corners) = (sign > 0.0, first..self.corners.len());
+                    if !clipped {
+                        let hides = |k: usize| {
+                            let (a, b) = (
+                                self.corners[k],
+                                self.corners[if k + 1 < corners.end { k + 1 } else { first }],
+                            );
+                            let inwards = lamp.frame * (sign * a.cross(b));
+                            self.cone.iter().all(|side| side.corner.dot(inwards) >= 0.0)
+                        };
+                        if place < WIDEST && corners.clone().all(hides) {
+                            return false;
+                        }
+                        self.sides[number as usize] = (self.now, counter_clockwise);
+                    }
+                    self.seen.push(Seen { place, number, corners, counter_clockwise, clipped });
                 }
+                None => self.corners.truncate(first),
             }
         }
         true
+    }
+
+    /// Adds the boundary of what the blockers hide.
+    fn add_edges(&mut self, geometry: &Geometry, point: DVec3, lamp: &Placed, window: &Window) {
+        let lamp_height = -(lamp.corners[0] - point).dot(lamp.normal);
+        let mut outline = Vec::new();
+        let mut from = Vec::new();
+        for Seen { place, number, corners, counter_clockwise, clipped } in &self.seen {
+            let corners = &self.corners[corners.clone()];
+            let plane = |k: usize| blocker_plane(*place, EDGES + k);
+            if *clipped {
+                from.clear();
+                from.extend(corners.iter().enumerate().map(|(k, &corner)| Side { corner, plane: plane(k) }));
+                clip(&from, |c| c.z - NEAREST * lamp_height, UPRIGHT, &mut outline);
+                clip(&outline, |c| lamp_height - c.z, blocker_plane(*place, CROSSING), &mut from);
+                let edges = sides(&from);
+                let edges = edges.filter_map(|(plane, ends)| window.edge(ends, *counter_clockwise, plane));
+                self.trapezoids.edges.extend(edges);
+                continue;
+            }
+            let twins = geometry.blockers.twins(*number);
+            for (k, &corner) in corners.iter().enumerate() {
+                let twin = twins
+                    .get(k)
+                    .copied()
+                    .filter(|&twin| twin != NO_TWIN && self.sides[twin as usize].0 == self.now);
+                let times = match twin.map(|twin| (self.sides[twin as usize].1 == *counter_clockwise, twin)) {
+                    None => 1,
+                    // Between two that are seen from one side; or where a surface turns away, and both are on one side of the edge.
+                    Some((true, _)) => continue,
+                    Some((false, twin)) if twin < *number => continue,
+                    Some((false, _)) => 2,
+                };
+                let ends = [corner, corners[(k + 1) % corners.len()]];
+                let edge = window.edge(ends, *counter_clockwise, plane(k));
+                self.trapezoids.edges.extend(edge.map(|edge| Edge { step: times * edge.step, ..edge }));
+            }
+        }
+    }
+}
+
+const EMPTY: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
+
+fn on_plane(at: DVec3) -> DVec2 {
+    at.truncate() / at.z
+}
+
+impl Window {
+    /// Whether a polygon before the point lies beside the window.
+    fn misses(&self, corners: &[DVec3]) -> bool {
+        // s > s1 is x > s1 z, which takes no division.
+        let all = |beside: &dyn Fn(&DVec3) -> bool| corners.iter().all(beside);
+        all(&|c| c.x <= self.s[0] * c.z)
+            || all(&|c| c.x >= self.s[1] * c.z)
+            || all(&|c| c.y <= self.t[0] * c.z)
+            || all(&|c| c.y >= self.t[1] * c.z)
+    }
+
+    /// The edge from one corner of a polygon to the next, as far as it lies in or below the window.
+    fn edge(&self, ends: [DVec3; 2], counter_clockwise: bool, plane: u32) -> Option<Edge> {
+        let [a, b] = ends.map(on_plane);
+        let step = if (a.x < b.x) == counter_clockwise { 1 } else { -1 };
+        let [a, b] = if a.x < b.x { [a, b] } else { [b, a] };
+        let [least, most] = self.s;
+        if !(b.x > least && a.x < most && a.x < b.x) || a.y.min(b.y) >= self.t[1] {
+            return None;
+        }
+        let (mut s, mut t) = ([a.x, b.x], [a.y, b.y]);
+        if a.y.max(b.y) <= self.t[0] {
+            // Where exactly does not matter, and edges at one height do not cross.
+            t = [self.t[0] - 1.0; 2];
+            s = [a.x.max(least), b.x.min(most)];
+        } else {
+            // By the plane of the edge, whose ends may be far away.
+            let normal = ends[0].cross(ends[1]);
+            let at = |s: f64| -(normal.x * s + normal.z) / normal.y;
+            if a.x < least {
+                (s[0], t[0]) = (least, at(least));
+            }
+            if b.x > most {
+                (s[1], t[1]) = (most, at(most));
+            }
+        }
+        Some(Edge { s, t, step, frame: false, plane })
+    }
+}
+
+/// The part of a polygon in which `height` is not negative; its new side is in `plane`.
+fn clip(polygon: &[Side], height: impl Fn(DVec3) -> f64, plane: u32, part: &mut Vec<Side>) {
+    part.clear();
+    for (side, [a, b]) in polygon.iter().zip(sides(polygon).map(|(_, ends)| ends)) {
+        let (from, to) = (height(a), height(b));
+        if from >= 0.0 {
+            part.push(*side);
+        }
+        if from >= 0.0 && to < 0.0 || from < 0.0 && to > 0.0 {
+            let corner = a.lerp(b, from / (from - to));
+            part.push(Side { corner, plane: if to < 0.0 { plane } else { side.plane } });
+        }
     }
 }

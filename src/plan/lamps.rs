@@ -6,10 +6,10 @@ use crate::model::{Facet, coplanar_tolerance};
 use crate::scene::{Lamps, Scene};
 
 /// Lamps up to which direct light is exact unless stated.
-const MOST: usize = 64;
-/// Tests of blockers up to which it is, per pair of triangles and in addition: about the time of a solve, and half a second.
-const TESTS_PER_PAIR: f64 = 0.25;
-const FEW_TESTS: f64 = 2e6;
+const MOST: usize = 128;
+/// Blockers and edges looked at up to which it is, per pair of triangles and in addition: two or three times a solve, and a second.
+const TESTS_PER_PAIR: f64 = 8.0;
+const FEW_TESTS: f64 = 2e7;
 
 /// How the light that comes straight from emitters is computed, and why.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -51,7 +51,7 @@ impl Plan {
             (Lamps::Antiradiance, _) => String::from("by antiradiance, as stated"),
             (Lamps::Auto, 0) => {
                 format!(
-                    "by antiradiance: no emitter, more than {MOST}, or exact shadows would take longer than the solve"
+                    "by antiradiance: no emitter, more than {MOST}, or exact shadows would take far longer than the solve"
                 )
             }
             (Lamps::Exact, 0) => String::from("no emitter"),
