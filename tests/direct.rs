@@ -6,8 +6,9 @@ use antirad::direct::{DirectLight, lamps};
 use antirad::model::Facet;
 use antirad::plan::{Plan, PlanOptions};
 use antirad::reference::{PathTracer, Shadow};
-use antirad::scene::{Lamps, Material, Scene, SceneBuilder, Shape, Triangle};
+use antirad::scene::{Lamps, Material, Scene, SceneBuilder, Shape, Sky, Triangle};
 use glam::{DAffine3, DVec3};
+use std::f64::consts::{PI, TAU};
 use support::{areas, load, read_npy, relative_l2};
 
 /// Irradiance straight from lamps, W/m², and the number of lamps.
@@ -266,4 +267,76 @@ fn too_many_emitters_fall_back() {
     assert!(auto.report().lamps.why.contains("by antiradiance"), "{}", auto.report().lamps.why);
     let exact = plan(scene.settings.lamps(Lamps::Exact));
     assert_eq!(exact.lamps().len(), 1280);
+}
+
+/// π L on every triangle of a convex body, wherever it stands, and 1 - F of that on a square under another one like it.
+#[test]
+fn a_uniform_sky_lights_by_what_is_seen_of_it() {
+    let radiance = [3.0, 2.0, 1.0];
+    let black = Material::named("black");
+    let mut ball = SceneBuilder::new()
+        .shape("ball", Shape::Icosphere { level: 2, inward: false }, &black, at(5.0, -2.0, 1.0) * sized(0.3))
+        .finish("ball")
+        .expect("a scene");
+    let count = ball.triangles.len();
+    ball.add_sky(&Sky::uniform(radiance));
+    let (found, lamps) = direct(&ball);
+    assert_eq!((lamps, ball.triangles.len()), (6, count + 12));
+    for found in &found[..count] {
+        for (found, l) in found.iter().zip(radiance) {
+            assert!((found / (PI * l) - 1.0).abs() < 1e-7, "{found}, not {}", PI * l);
+        }
+    }
+
+    let mut squares = SceneBuilder::new()
+        .shape("floor", Shape::Quad { cells: 8 }, &black, DAffine3::IDENTITY)
+        .shape("over", Shape::Quad { cells: 1 }, &black, at(0.0, 1.0, 0.0))
+        .finish("squares")
+        .expect("a scene");
+    let areas = areas(&squares);
+    squares.add_sky(&Sky::uniform([1.0; 3]));
+    let (found, _) = direct(&squares);
+    let mean = (0..128).map(|i| areas[i] * found[i][0]).sum::<f64>() / areas[..128].iter().sum::<f64>();
+    // The form factor of parallel unit squares at distance 1.
+    let lit = 1.0 - 0.199_824_9;
+    assert!((mean / PI - lit).abs() < 1e-4, "{}, not {lit}", mean / PI);
+    agrees("squares under a sky", &squares);
+}
+
+/// Light from above alone, and a small sun whose energy is kept.
+#[test]
+fn a_picture_of_a_sky_lights_from_where_it_is_bright() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, texel: &dyn Fn(u32, u32) -> f32| {
+        let path = folder.path().join(name);
+        let picture = image::Rgb32FImage::from_fn(64, 32, |x, y| image::Rgb([texel(x, y); 3]));
+        picture.save(&path).expect("a picture");
+        path
+    };
+    let lit = |sky: &Sky| {
+        let mut scene = SceneBuilder::new()
+            .shape("box", Shape::Box { cells: 1 }, &Material::named("black"), sized(0.01))
+            .finish("box")
+            .expect("a scene");
+        let normals: Vec<DVec3> = (0..12).map(|i| scene.area_vector(i).normalize()).collect();
+        scene.add_sky(sky);
+        let (found, lamps) = direct(&scene);
+        assert!(lamps <= 96, "{lamps}");
+        normals.into_iter().zip(found).map(|(n, h)| (n, h[0])).collect::<Vec<_>>()
+    };
+    let above =
+        Sky::read(&write("above.hdr", &|_, y| if y < 16 { 1.0 } else { 0.0 }), [2.0; 3]).expect("a sky");
+    for (normal, irradiance) in lit(&above) {
+        // Half of what the sides see is bright, but for the finite distance.
+        let expected = PI * (1.0 + normal.y);
+        assert!((irradiance - expected).abs() < 0.04 * PI, "{normal}: {irradiance}, not {expected}");
+    }
+    // One texel, in the direction of +x and a little above, whose light comes from its square.
+    let sun = write("sun.exr", &|x, y| if (x, y) == (48, 15) { 100.0 } else { 0.0 });
+    let solid_angle = (TAU / 64.0) * ((PI * 15.0 / 32.0).cos() - (PI * 16.0 / 32.0).cos());
+    for (normal, irradiance) in lit(&Sky::read(&sun, [1.0; 3]).expect("a sky")) {
+        let expected = if normal.x > 0.5 { 100.0 * solid_angle } else { 0.0 };
+        let spread = if normal.x > 0.5 { 0.15 * expected } else { 0.3 * 100.0 * solid_angle };
+        assert!((irradiance - expected).abs() <= spread, "{normal}: {irradiance}, not {expected}");
+    }
 }

@@ -5,7 +5,7 @@ use crate::errors::{OrRaise, invalid, word};
 use crate::work;
 use antirad::export::{Format, export};
 use antirad::glam::DVec3;
-use antirad::scene::{self, BinLayout, Choice, LoadOptions, Mesh, Normalization, Orient, Triangle};
+use antirad::scene::{self, BinLayout, Choice, LoadOptions, Mesh, Normalization, Orient, Sky, Triangle};
 use antirad::target_error::usual_settings;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyRange};
@@ -351,6 +351,23 @@ impl Scene {
             scene.meshes = meshes.into_iter().map(run).collect();
         }
         scene.cameras = distinct(cameras)?;
+        scene.check(false).or_raise()?;
+        Ok(Self::of(scene))
+    }
+
+    /// The scene in light from all around: with a mesh "sky" around it and its cameras, after its own triangles, which emits inwards.
+    ///
+    /// Args:
+    ///     radiance: One number or RGB, W/(m² sr).
+    ///
+    /// Raises:
+    ///     ValueError: A radiance is negative or not finite.
+    fn with_sky(&self, radiance: Triple) -> PyResult<Self> {
+        let sky = Sky::uniform(radiance.into());
+        sky.check().map_err(|message| invalid(format!("the sky {message}")))?;
+        let mut scene = scene::Scene::clone(&self.inner);
+        scene.add_sky(&sky);
+        scene.warnings.clear();
         scene.check(false).or_raise()?;
         Ok(Self::of(scene))
     }

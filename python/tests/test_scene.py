@@ -153,3 +153,14 @@ def test_pictures_are_written_and_read(tmp_path):
         antirad.write_picture(tmp_path / "a.jpg", picture)
     with pytest.raises(antirad.PictureError, match=r"b\.png: cannot be read"):
         antirad.read_picture(tmp_path / "b.png")
+
+
+def test_a_sky_lights_a_floor():
+    black = antirad.Material("black")
+    floor = antirad.Scene.from_arrays([[0, 0, 0], [0, 0, 1], [1, 0, 0]], [[0, 1, 2]], [black])
+    lit = floor.with_sky([1, 2, 3])
+    assert lit.triangles.shape == (13, 3)
+    irradiance = antirad.Engine(lit).solve().irradiance
+    np.testing.assert_allclose(irradiance[0], np.pi * np.array([1, 2, 3]), rtol=1e-6)
+    with pytest.raises(ValueError, match="radiance of -1"):
+        floor.with_sky(-1)

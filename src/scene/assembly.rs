@@ -16,7 +16,7 @@ use super::orient::orient;
 use super::outlook::{self, Outlook};
 use super::pattern::Pattern;
 use super::tables::MaterialTable;
-use super::{Camera, Choice, Material, Mesh, Orient, Origin, Scene, SolveSettings, Triangle};
+use super::{Camera, Choice, Material, Mesh, Orient, Origin, Scene, Sky, SolveSettings, Triangle};
 
 /// A scene under construction.
 pub(super) struct Assembly {
@@ -39,6 +39,7 @@ pub(super) struct Assembly {
     sides: Vec<Sides>,
     camera_lines: HashMap<String, usize>,
     settings_line: Option<usize>,
+    sky: Option<Sky>,
 }
 
 /// What a scene file says about the sides of a mesh.
@@ -76,6 +77,7 @@ impl Assembly {
             sides: Vec::new(),
             camera_lines: HashMap::new(),
             settings_line: None,
+            sky: None,
         }
     }
 
@@ -286,6 +288,10 @@ impl Assembly {
         self.scene.cameras.push(camera);
     }
 
+    pub fn set_sky(&mut self, sky: Sky) {
+        self.sky = Some(sky);
+    }
+
     pub fn set_settings(&mut self, settings: SolveSettings, choice: Choice, line: usize) {
         self.scene.settings = settings;
         self.scene.choice = choice;
@@ -321,6 +327,11 @@ impl Assembly {
                 camera.target.z
             ));
             self.scene.cameras.push(camera);
+        }
+        // Around the camera, too.
+        if let Some(sky) = options.sky.as_ref().or(self.sky.as_ref()).filter(|_| sound) {
+            self.scene.add_sky(sky);
+            self.scene.origins.iter_mut().rev().take(1).for_each(|origin| origin.file.clone_from(&self.path));
         }
         self.scene.check(options.strict).map_err(|problem| {
             let (path, line) = self.origin(&problem);

@@ -223,7 +223,8 @@ impl Scene {
         }
         if !lit {
             warnings.push(String::from(
-                "No material in use has an emission, so there is no light: the picture will be black.",
+                "No material in use has an emission, so there is no light: the picture will be black. Give one an emission, or add \
+                 light from all around: --sky 1, or [sky] of a scene file.",
             ));
         }
         Ok(warnings)

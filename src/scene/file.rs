@@ -8,16 +8,16 @@ use glam::DVec3;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::Scene;
 use super::assembly::{Assembly, Sides};
 use super::error::{Place, SceneError};
 use super::geometry::{Placement, RawMesh};
 use super::mesh_file::{self, Contents};
-use super::tables::{self, MeshTable, SceneTable};
+use super::tables::{self, MeshTable, SceneTable, SkyTable};
 use super::toml_file::TomlFile;
+use super::{Scene, Sky};
 
 /// How to load a scene.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct LoadOptions {
     /// Refuse what is otherwise mended or left out with a warning: triangles without area ([`Scene::degenerate`]), materials of mesh
@@ -28,9 +28,11 @@ pub struct LoadOptions {
     pub orient: Orient,
     /// Give all sheets a second side; `two_sided` of a `[[mesh]]` or a material takes precedence.
     pub two_sided: bool,
+    /// The sky, in place of one that the file gives.
+    pub sky: Option<Sky>,
 }
 
-setters!(LoadOptions { strict: bool, orient: Orient, two_sided: bool });
+setters!(LoadOptions { strict: bool, orient: Orient, two_sided: bool, sky: Option<Sky> });
 
 /// Which way the faces of a mesh face.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -75,6 +77,10 @@ impl Scene {
     /// normalization = "phong"        # or "energy"
     /// two_sided = false              # as for a mesh, which takes precedence
     ///
+    /// [sky]                          # light from all around, behind everything: a mesh "sky" around scene and cameras
+    /// radiance = [0.4, 0.5, 0.7]     # one number or RGB, W/(m² sr); factors of the image, where there is one
+    /// # image = "sky.hdr"            # equirectangular, +y above, -z in the middle; HDR, EXR, PNG or JPEG
+    ///
     /// [camera.main]
     /// position = [0, 1, 5]
     /// target = [0, 1, 0]
@@ -101,7 +107,7 @@ impl Scene {
         match extension.as_deref() {
             Some("toml") => TomlFile::read(path)?.assemble(&mut assembly, options)?,
             Some(known) if mesh_file::EXTENSIONS.contains(&known) => {
-                let Contents { meshes, cameras } =
+                let Contents { meshes, cameras, sky } =
                     mesh_file::read(path, options.strict, &|_| false, assembly.warnings())?;
                 let sides = Sides { orient: options.orient, two_sided: None };
                 for (name, mut mesh) in meshes {
@@ -109,6 +115,7 @@ impl Scene {
                     assembly.add_mesh(name, path, mesh, sides, Place { path, line: 1 })?;
                 }
                 cameras.into_iter().for_each(|camera| assembly.add_camera(camera, 1));
+                sky.into_iter().for_each(|sky| assembly.set_sky(sky));
             }
             _ => return Err(SceneError::UnknownFormat { path: path.to_path_buf() }),
         }
@@ -158,6 +165,9 @@ impl TomlFile<'_> {
             let place = self.place(name.span());
             assembly.add_camera(table.camera(name.get_ref().clone(), place)?, place.line);
         }
+        if let (Some(table), None) = (&tables.sky, &options.sky) {
+            assembly.set_sky(self.sky(table)?);
+        }
         if let Some(table) = &tables.settings {
             let place = self.place(table.span());
             let (line, choice) = (place.line, table.get_ref().choice());
@@ -165,6 +175,24 @@ impl TomlFile<'_> {
             assembly.set_settings(table.get_ref().settings(), choice, line);
         }
         Ok(())
+    }
+
+    fn sky(&self, table: &Spanned<SkyTable>) -> Result<Sky, SceneError> {
+        let place = self.place(table.span());
+        let SkyTable { radiance, image } = table.get_ref();
+        match (radiance, image) {
+            (Some(radiance), None) => {
+                let sky = Sky::uniform(radiance.0);
+                sky.check().map(|()| sky).map_err(|message| place.error(format!("the sky {message}")))
+            }
+            (scale, Some(image)) => {
+                let file = self.beside(image.get_ref());
+                Sky::read(&file, scale.map_or([1.0; 3], |scale| scale.0)).map_err(|message| {
+                    self.place(image.span()).error(format!("{} {message}", file.display()))
+                })
+            }
+            (None, None) => Err(place.error("a sky needs `radiance = NUMBER`, or `image = \"FILE\"`")),
+        }
     }
 
     /// All meshes of a file as one.

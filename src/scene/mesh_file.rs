@@ -4,17 +4,19 @@ use std::path::Path;
 
 use super::error::SceneError;
 use super::geometry::RawMesh;
-use super::{Camera, gltf_file, mitsuba, obj, ply};
+use super::{Camera, Sky, gltf_file, mitsuba, obj, ply};
 
 /// What a file holds.
+#[derive(Default)]
 pub(super) struct Contents {
     /// Meshes, with their names.
     pub meshes: Vec<(String, RawMesh)>,
     pub cameras: Vec<Camera>,
+    pub sky: Option<Sky>,
 }
 
 impl Contents {
-    /// All meshes as one, without cameras.
+    /// All meshes as one, without cameras and sky.
     pub fn into_one(self) -> RawMesh {
         let mut meshes = self.meshes.into_iter().map(|(_, mesh)| mesh);
         let mut one = meshes.next().unwrap_or_else(RawMesh::empty);
@@ -34,7 +36,7 @@ pub(super) fn read(
     warnings: &mut Vec<String>,
 ) -> Result<Contents, SceneError> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let one = |mesh| Contents { meshes: vec![(stem.clone(), mesh)], cameras: Vec::new() };
+    let one = |mesh| Contents { meshes: vec![(stem.clone(), mesh)], ..Contents::default() };
     let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     match extension.as_deref() {
         Some("ply") => ply::read(path, &stem, warnings).map(one),

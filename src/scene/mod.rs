@@ -31,6 +31,7 @@ mod second_side;
 mod settings;
 mod shapes;
 mod size;
+mod sky;
 mod split;
 mod statements;
 mod statue;
@@ -48,6 +49,7 @@ pub use pattern::Patterns;
 pub use refine_texture::TextureRefined;
 pub use settings::{BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, Transport, Weights};
 pub use shapes::Shape;
+pub use sky::Sky;
 
 pub(crate) use adjacency::{Edges, Fans, Welded, sides};
 pub(crate) use error::{Place, nearest};

@@ -27,6 +27,7 @@ pub(super) struct SceneTable {
     pub material: Named<MaterialTable>,
     #[serde(default)]
     pub camera: Named<CameraTable>,
+    pub sky: Option<Spanned<SkyTable>>,
     #[serde(alias = "accuracy")]
     pub settings: Option<Spanned<SettingsTable>>,
 }
@@ -58,6 +59,13 @@ pub(super) struct MaterialTable {
     pub emission: Option<Triple>,
     pub normalization: Option<Normalization>,
     pub two_sided: Option<bool>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SkyTable {
+    pub radiance: Option<Triple>,
+    pub image: Option<Spanned<PathBuf>>,
 }
 
 impl MaterialTable {

@@ -105,7 +105,7 @@ impl IrradianceEstimate {
         [residual, clusters]: [f64; 2],
     ) -> Self {
         let values = vectors(&own.irradiance);
-        let norm = |of: &dyn Fn(usize) -> DVec3| norm(&surface.areas, of);
+        let norm = |of: &dyn Fn(usize) -> DVec3| norm(&surface.weights, of);
         let over = relative_to(norm(&|i| values[i]));
         let compared = ratio * over(norm(&|i| values[i] - DVec3::from(other.irradiance[i])));
         let mesh = over(norm(&|i| surface.off_neighbours(&values, i)));
@@ -244,8 +244,8 @@ const COPLANAR: f64 = 0.999;
 
 /// Areas and coplanar neighbours of triangles.
 struct Surface {
-    /// m².
-    areas: Vec<f64>,
+    /// Area, m²; zero of what only emits: what falls on a lamp or the sky changes nothing.
+    weights: Vec<f64>,
     /// Coplanar triangles across an edge, per triangle.
     neighbours: Vec<Vec<u32>>,
     /// Index per triangle.
@@ -257,6 +257,8 @@ impl Surface {
         let count = scene.triangles.len();
         let vectors: Vec<DVec3> = (0..count).map(|i| scene.area_vector(i)).collect();
         let areas: Vec<f64> = vectors.iter().map(|v| v.length()).collect();
+        let counts = |i: &usize| !scene.material(*i).only_emits();
+        let weights = (0..count).map(|i| if counts(&i) { areas[i] } else { 0.0 }).collect();
         let mut neighbours = vec![Vec::new(); count];
         for edge in Edges::of(scene.triangles.iter().map(|t| t.vertices)).iter() {
             let Some([i, j]) = edge.pair().map(|pair| pair.map(|t| t as usize)) else { continue };
@@ -266,7 +268,7 @@ impl Surface {
             }
         }
         let materials = scene.triangles.iter().map(|t| t.material).collect();
-        Self { areas, neighbours, materials }
+        Self { weights, neighbours, materials }
     }
 
     /// (mean of the neighbours - own value) / 4. For smooth E on equilateral triangles of side s, the mean over a triangle
@@ -331,7 +333,7 @@ mod tests {
             let scene = scene(Shape::Quad { cells });
             let (surface, values) = (Surface::new(&scene), centroids(&scene, |x| x * x));
             let exact = (1.0 / f64::from(cells)).powi(2) / 18.0;
-            let found = norm(&surface.areas, &|i| surface.off_neighbours(&values, i));
+            let found = norm(&surface.weights, &|i| surface.off_neighbours(&values, i));
             println!("{cells} cells: {found:.2e}, exact {exact:.2e}");
             assert!(found / exact >= 0.5 && found / exact <= 2.0, "{found} {exact}");
         }
@@ -344,7 +346,7 @@ mod tests {
             let scene = scene(Shape::Quad { cells });
             let surface = Surface::new(&scene);
             let values = centroids(&scene, |x| x);
-            let slope = norm(&surface.areas, &|i| surface.within(&values, i));
+            let slope = norm(&surface.weights, &|i| surface.within(&values, i));
             let exact = 1.0 / (f64::from(cells) * 18f64.sqrt());
             let expected = exact * (4.0f64 / 3.0).sqrt();
             println!("{cells} cells, slope: {slope:.2e}, exact {exact:.2e}");

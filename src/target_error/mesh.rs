@@ -1,23 +1,31 @@
 //! The mesh at which the search starts.
 
-use crate::plan::Placement;
-use crate::scene::Scene;
+use crate::scene::{Scene, bounds};
 
 /// Longest edge that is not cut, as a share of the scene's diagonal. A wall needs several triangles: only the differences
 /// between neighbours show how light varies within them.
 const WIDEST: f64 = 0.22;
 
+/// Of the box around all that does not only emit, as a sky does: m.
+fn diagonal(scene: &Scene) -> f64 {
+    let lit = (0..scene.triangles.len()).filter(|&i| !scene.material(i).only_emits());
+    let (low, high) = bounds(lit.flat_map(|i| scene.corners(i)));
+    low.distance(high)
+}
+
 /// Cuts triangles with edges longer than [`WIDEST`] until there are none, or `max_triangles` would be exceeded. Returns the
 /// index of the original triangle of each triangle.
 pub(super) fn cut_wide(scene: &mut Scene, max_triangles: usize) -> Vec<u32> {
-    let diagonal = 2.0 / Placement::of(scene).scale;
+    let diagonal = diagonal(scene);
     let mut parents: Vec<u32> = (0..scene.triangles.len() as u32).collect();
     loop {
         let longest = |t: u32| {
             let [a, b, c] = scene.corners(t as usize);
             a.distance(b).max(b.distance(c)).max(c.distance(a))
         };
-        let wide: Vec<u32> = (0..parents.len() as u32).filter(|&t| longest(t) > WIDEST * diagonal).collect();
+        let wide: Vec<u32> = (0..parents.len() as u32)
+            .filter(|&t| longest(t) > WIDEST * diagonal && !scene.material(t as usize).only_emits())
+            .collect();
         if wide.is_empty() || parents.len() + 3 * wide.len() > max_triangles {
             return parents;
         }

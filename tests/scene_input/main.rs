@@ -11,6 +11,7 @@ mod ply;
 mod save;
 mod scene_file;
 mod shipped;
+mod sky;
 mod textures;
 
 use antirad::scene::{LoadOptions, Scene, SceneError};

@@ -85,8 +85,8 @@ fn materials_and_what_stands_in_for_them() {
         "<bsdf type=\"diffuse\" id=\"b\"><spectrum name=\"reflectance\" value=\"400:0.2, 700:0.6\"/></bsdf>",
     );
     assert!((spectral.albedo[1] - 0.4).abs() < 1e-12 && said.contains("spectra"), "{said}");
-    let said = good(&format!("{LAMP}<emitter type=\"constant\"/><shape type=\"hair\"/>")).warnings.join("");
-    assert!(said.contains("<emitter type=\"constant\">, <shape type=\"hair\">"), "{said}");
+    let said = good(&format!("{LAMP}<emitter type=\"sunsky\"/><shape type=\"hair\"/>")).warnings.join("");
+    assert!(said.contains("<emitter type=\"sunsky\">, <shape type=\"hair\">"), "{said}");
 }
 
 #[test]

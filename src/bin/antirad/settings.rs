@@ -4,11 +4,11 @@ use crate::Failure;
 use antirad::cli::{Interrupt, Working, parse_size};
 use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{
-    BinLayout, Choice, Lamps, LoadOptions, Orient, Precision, Scene, SolverChoice, Transport,
+    BinLayout, Choice, Lamps, LoadOptions, Orient, Precision, Scene, Sky, SolverChoice, Transport,
 };
 use antirad::target_error::{usual_plan, usual_settings};
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A scene, and how to read it.
 #[derive(Args)]
@@ -25,14 +25,20 @@ pub struct SceneFile {
     /// Give open sheets a second side, which reflects and blocks light like the first
     #[arg(long)]
     two_sided: bool,
+    /// Light from all around: a radiance in W/(m² sr), one number or R,G,B, or an equirectangular picture (HDR, EXR, PNG, JPEG)
+    #[arg(long, value_name = "RADIANCE|FILE", value_parser = parse_sky)]
+    sky: Option<Sky>,
 }
 
 impl SceneFile {
     /// Reads the scene, and says what it warns of.
     pub fn load(&self) -> Result<Scene, Failure> {
         let _working = Working::on("reading the scene");
-        let options =
-            LoadOptions::default().strict(self.strict).orient(self.orient).two_sided(self.two_sided);
+        let options = LoadOptions::default()
+            .strict(self.strict)
+            .orient(self.orient)
+            .two_sided(self.two_sided)
+            .sky(self.sky.clone());
         let scene = Scene::load(&self.scene, &options)?;
         for warning in &scene.warnings {
             tracing::warn!("{warning}");
@@ -142,6 +148,21 @@ impl SceneSettings {
         }
         Ok(scene)
     }
+}
+
+fn parse_sky(text: &str) -> Result<Sky, String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    let radiance = match numbers.as_deref() {
+        None => {
+            let read = Sky::read(Path::new(text), [1.0; 3]);
+            return read.map_err(|message| format!("the picture {message}"));
+        }
+        Some(&[grey]) => [grey; 3],
+        Some(&[r, g, b]) => [r, g, b],
+        Some(_) => return Err("one number, three numbers R,G,B, or a picture is expected".to_owned()),
+    };
+    let sky = Sky::uniform(radiance);
+    sky.check().map(|()| sky).map_err(|message| format!("it {message}"))
 }
 
 fn parse_error(text: &str) -> Result<f64, String> {

@@ -53,7 +53,7 @@ fn read_document(path: &Path, warnings: &mut Vec<String>) -> Result<Contents, Sc
     let mut reader = Reader {
         materials: Materials::new(path, &buffers),
         accessors,
-        contents: Contents { meshes: Vec::new(), cameras: Vec::new() },
+        contents: Contents::default(),
         lights: Vec::new(),
         ignored: Vec::new(),
         triangles: 0,

@@ -1,4 +1,5 @@
-//! Reads a subset of the scenes of Mitsuba 3 (`.xml`): shapes, diffuse and glossy BSDFs, area emitters, perspective sensors.
+//! Reads a subset of the scenes of Mitsuba 3 (`.xml`): shapes, diffuse and glossy BSDFs, area, constant and
+//! environment emitters, perspective sensors.
 //!
 //! What cannot be represented is named in one warning; what stands in for it is said in docs/scenes.md.
 
@@ -17,7 +18,7 @@ use super::error::{Place, SceneError};
 use super::geometry::{RawMaterial, RawMesh};
 use super::material::Material;
 use super::mesh_file::Contents;
-use super::{Camera, Shape, obj, ply};
+use super::{Camera, Shape, Sky, obj, ply};
 
 /// Most bytes of a file.
 const MOST_BYTES: u64 = 1 << 28;
@@ -52,7 +53,7 @@ pub(super) fn read(path: &Path, strict: bool, warnings: &mut Vec<String>) -> Res
         strict,
         values,
         by_id,
-        contents: Contents { meshes: Vec::new(), cameras: Vec::new() },
+        contents: Contents::default(),
         materials: HashMap::new(),
         names: HashSet::new(),
         ignored: Vec::new(),
@@ -61,6 +62,7 @@ pub(super) fn read(path: &Path, strict: bool, warnings: &mut Vec<String>) -> Res
         match node.tag_name().name() {
             "shape" => reader.shape(node, warnings)?,
             "sensor" => reader.sensor(node)?,
+            "emitter" => reader.emitter(node)?,
             "bsdf" | "texture" | "default" | "integrator" | "path" => {}
             name => reader.ignore(format!("<{name} type=\"{}\">", node.attribute("type").unwrap_or(""))),
         }
@@ -149,6 +151,38 @@ impl<'a, 'i> Reader<'a, 'i> {
         front.two_sided = two_sided && !shines;
         mesh.materials = vec![front];
         self.contents.meshes.push((name, mesh));
+        Ok(())
+    }
+
+    /// An emitter that is no shape.
+    fn emitter(&mut self, node: Node<'a, 'i>) -> Result<(), SceneError> {
+        let kind = node.attribute("type").unwrap_or_default();
+        let sky = match kind {
+            "constant" => {
+                let radiance = self.values.colour(node, "radiance", &mut self.ignored)?;
+                let sky = Sky::uniform(radiance.unwrap_or([1.0; 3]));
+                sky.check().map(|()| sky).map_err(|message| self.values.wrong(node, message))?
+            }
+            "envmap" => {
+                let Some(name) = self.values.text(node, "filename")? else {
+                    return Err(self.values.wrong(node, "has no <string name=\"filename\">".to_owned()));
+                };
+                if self.place(node)? != DMat4::IDENTITY {
+                    self.ignore("the to_world of <emitter type=\"envmap\">".to_owned());
+                }
+                let scale = self.values.number(node, "scale")?.unwrap_or(1.0);
+                let file = self.path.parent().unwrap_or(Path::new("")).join(name);
+                Sky::read(&file, [scale; 3])
+                    .map_err(|message| self.values.wrong(node, format!("{} {message}", file.display())))?
+            }
+            _ => {
+                self.ignore(format!("<emitter type=\"{kind}\">"));
+                return Ok(());
+            }
+        };
+        if self.contents.sky.replace(sky).is_some() {
+            self.ignore("all emitters from afar but the last".to_owned());
+        }
         Ok(())
     }
 
