@@ -30,6 +30,16 @@ pub const EXIT_RETRY: u8 = 75;
 /// Exit code of a look at jobs that are running.
 pub const EXIT_RUNNING: u8 = 4;
 
+/// A line on standard output. Where nobody reads on (`antirad check scene.toml | head -1`), work goes on without it, and its exit code stays.
+#[macro_export]
+#[doc(hidden)]
+macro_rules! say {
+    ($($arguments:tt)*) => {{
+        use std::io::Write as _;
+        let _ = writeln!(std::io::stdout(), $($arguments)*);
+    }};
+}
+
 /// Log lines on standard error: warnings, with `verbose` more; with `json` one JSON object a line.
 pub fn start_logging(quiet: bool, verbose: u8, json: bool) {
     let level = match (quiet, verbose) {

@@ -217,6 +217,19 @@ fn one_camera_and_nothing_said() {
     assert_eq!(folder.results(), ["irradiance.npy", "radiosity.npy", "report.json", "side.exr", "side.png"]);
 }
 
+/// Nobody may read what is printed, as after the first line in `antirad plan room.toml | head -1`.
+#[test]
+fn a_closed_pipe_fails_nothing() {
+    let folder = Folder::with(&[]);
+    for arguments in ["devices", "plan room.toml", "check room.toml", "render room.toml --output out"] {
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let mut tool = folder.tool(arguments.split_whitespace());
+        Run::from(tool.stdout(writer).output().expect("the tool runs")).succeeded();
+    }
+    assert_eq!(folder.results().len(), PLAIN.len());
+}
+
 /// The options for pictures change the file they are for and no other.
 #[test]
 fn options_for_pictures() {

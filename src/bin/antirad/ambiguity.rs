@@ -375,8 +375,8 @@ fn write_intervals(directory: &Path, rows: &[Row]) -> Result<PathBuf, Failure> {
 const SHOWN: usize = 12;
 
 fn summarise(report: &Report, files: &[PathBuf]) {
-    println!("views       {}", report.cameras.join(", "));
-    println!(
+    antirad::say!("views       {}", report.cameras.join(", "));
+    antirad::say!(
         "triangles   {} seen, {} unseen{}",
         report.seen,
         report.unseen,
@@ -385,14 +385,14 @@ fn summarise(report: &Report, files: &[PathBuf]) {
             n => format!(", {n} without area"),
         }
     );
-    println!(
+    antirad::say!(
         "ker V       {} dimensions per channel: one for each unseen triangle, whose emission the others can compensate",
         report.kernel_dimension
     );
     match &report.first_bounce {
-        None => println!("lights      none is hidden"),
+        None => antirad::say!("lights      none is hidden"),
         Some(bounce) => {
-            println!(
+            antirad::say!(
                 "lights      {} emitting triangles are hidden; if the walls emit the first bounce of their light instead,\n\
                  \x20           pictures differ by {:.1e} (relative RMS), faces by {:.1e} at most",
                 bounce.hidden_lights.len(),
@@ -400,7 +400,7 @@ fn summarise(report: &Report, files: &[PathBuf]) {
                 bounce.largest_difference
             );
             if bounce.glossy > 0 {
-                println!(
+                antirad::say!(
                     "            {} triangles are glossy: only the diffuse part of their first bounce counts",
                     bounce.glossy
                 );
@@ -408,17 +408,21 @@ fn summarise(report: &Report, files: &[PathBuf]) {
         }
     }
     if let Some(reason) = &report.left_out {
-        println!("intervals   left out: {reason}");
+        antirad::say!("intervals   left out: {reason}");
     }
     if !report.intervals.is_empty() {
-        println!(
+        antirad::say!(
             "intervals   of emissions (mean of RGB) that explain the pictures within {:.1e}: of unseen triangles in closed form,\n\
              \x20           the minimum of seen ones by linear programming",
             report.noise
         );
-        println!(
+        antirad::say!(
             "            {:>8}  {:<24} {:>10} {:>10} {:>10}",
-            "triangle", "material", "now", "least", "most"
+            "triangle",
+            "material",
+            "now",
+            "least",
+            "most"
         );
         let by_material = report.intervals.iter().fold(BTreeMap::new(), |mut sums, row| {
             *sums.entry(row.material.as_str()).or_insert(0) += 1;
@@ -428,7 +432,7 @@ fn summarise(report: &Report, files: &[PathBuf]) {
             let mean = |of: &dyn Fn(usize) -> f64| (0..3).map(of).sum::<f64>() / 3.0;
             let most = mean(&|c| row.explained_by[c].most.unwrap_or(f64::INFINITY));
             let least = mean(&|c| row.explained_by[c].least);
-            println!(
+            antirad::say!(
                 "            {:>8}  {:<24} {:>10.4} {:>10.4} {:>10}",
                 row.triangle,
                 format!("{}, {}", row.material, if row.seen { "seen" } else { "unseen" }),
@@ -439,7 +443,7 @@ fn summarise(report: &Report, files: &[PathBuf]) {
         }
         if report.intervals.len() > SHOWN {
             let counts: Vec<String> = by_material.iter().map(|(name, n)| format!("{n} of {name}")).collect();
-            println!(
+            antirad::say!(
                 "            … {} in all ({}), in intervals.csv",
                 report.intervals.len(),
                 counts.join(", ")
@@ -447,7 +451,7 @@ fn summarise(report: &Report, files: &[PathBuf]) {
         }
     }
     if let (Some(seen), Some(unseen)) = (report.determination_of_seen, report.determination_of_unseen) {
-        println!(
+        antirad::say!(
             "determined  seen triangles {:.1} %, unseen ones {:.1} % (0: free, 100: fixed by the pictures; dark to yellow\n\
              \x20           in the pictures)",
             100.0 * seen,
@@ -455,6 +459,6 @@ fn summarise(report: &Report, files: &[PathBuf]) {
         );
     }
     for file in files {
-        println!("written     {}", file.display());
+        antirad::say!("written     {}", file.display());
     }
 }

@@ -46,9 +46,9 @@ pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> 
             notes: &scene.warnings,
             warnings: &warnings.list,
         };
-        println!("{}", serde_json::to_string_pretty(&report)?);
+        antirad::say!("{}", serde_json::to_string_pretty(&report)?);
     } else {
-        println!("{}: {} triangles, {bins} bins\n\n{warnings}", scene.name, scene.triangles.len());
+        antirad::say!("{}: {} triangles, {bins} bins\n\n{warnings}", scene.name, scene.triangles.len());
     }
     Ok(())
 }

@@ -74,7 +74,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 fn row([what, truth, found, error]: [&str; 4]) {
-    println!("{}", format!("{what:<22} {truth:<24} {found:<24} {error}").trim_end());
+    antirad::say!("{}", format!("{what:<22} {truth:<24} {found:<24} {error}").trim_end());
 }
 
 /// True and found values where they differ, by the fitted scene's materials.

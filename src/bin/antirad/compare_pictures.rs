@@ -42,7 +42,7 @@ impl Deviation {
     }
 
     fn print(&self, what: &str) {
-        println!("{what:<22} {:.3} % relative L2, relMSE {:.2e}", 100.0 * self.relative, self.rel_mse);
+        antirad::say!("{what:<22} {:.3} % relative L2, relMSE {:.2e}", 100.0 * self.relative, self.rel_mse);
     }
 }
 
@@ -74,7 +74,7 @@ pub fn run(truth_file: &Path, found_file: &Path) -> Result<(), Failure> {
             }
         }
     }
-    println!("{:<22} {:+.3} %", "mean radiance", 100.0 * difference().sum::<f64>() / sum);
-    println!("relMSE = mean(d²/(t² + {DARK})), d the difference and t the first picture, W/(m² sr)");
+    antirad::say!("{:<22} {:+.3} %", "mean radiance", 100.0 * difference().sum::<f64>() / sum);
+    antirad::say!("relMSE = mean(d²/(t² + {DARK})), d the difference and t the first picture, W/(m² sr)");
     Ok(())
 }

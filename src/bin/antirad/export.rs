@@ -54,7 +54,7 @@ pub fn run(arguments: &Arguments, quiet: bool) -> Result<(), Failure> {
     }
     export::export(&scene, format, &path, light.as_deref())?;
     if !quiet {
-        println!(
+        antirad::say!(
             "written     {}: {} triangles, {} materials",
             path.display(),
             scene.triangles.len(),

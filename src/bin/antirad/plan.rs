@@ -24,9 +24,9 @@ pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> 
     let (_, plan) = arguments.settings.load_planned(&options, interrupt)?;
     let report = plan.report();
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
+        antirad::say!("{}", serde_json::to_string_pretty(&report)?);
     } else {
-        println!("{report}");
+        antirad::say!("{report}");
     }
     Ok(())
 }

@@ -62,22 +62,26 @@ pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<
     if quiet {
         return Ok(());
     }
-    println!("triangles   {triangles} before, {} after {} rounds", scene.triangles.len(), refined.rounds);
+    antirad::say!(
+        "triangles   {triangles} before, {} after {} rounds",
+        scene.triangles.len(),
+        refined.rounds
+    );
     if let Some(TextureRefined { parents, rounds, full }) = &textured {
-        println!("textures    {} triangles after {rounds} rounds", parents.len());
+        antirad::say!("textures    {} triangles after {rounds} rounds", parents.len());
         if *full {
-            println!("            more would be cut, but for --max-triangles {}", options.max_triangles);
+            antirad::say!("            more would be cut, but for --max-triangles {}", options.max_triangles);
         }
     }
     for (mesh, cut) in &refined.cut {
-        println!("            {cut} triangles of mesh \"{mesh}\" were cut");
+        antirad::say!("            {cut} triangles of mesh \"{mesh}\" were cut");
     }
-    println!("warnings    before: {}", summary(&refined.before));
-    println!("            after: {}", summary(&refined.after));
+    antirad::say!("warnings    before: {}", summary(&refined.before));
+    antirad::say!("            after: {}", summary(&refined.after));
     if refined.full {
-        println!("            more would be cut, but for --max-triangles {}", options.max_triangles);
+        antirad::say!("            more would be cut, but for --max-triangles {}", options.max_triangles);
     }
-    println!("written     {}", path.display());
+    antirad::say!("written     {}", path.display());
     Ok(())
 }
 

@@ -343,27 +343,27 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     let residual = solve.residuals.last().copied().unwrap_or(0.0);
     let sum = |rgb: [f64; 3]| rgb.iter().sum::<f64>();
     let (emitted, absorbed) = (sum(report.energy.emitted), sum(report.energy.absorbed));
-    println!("device      {} ({})", report.device.name, report.device.driver);
-    println!(
+    antirad::say!("device      {} ({})", report.device.name, report.device.driver);
+    antirad::say!(
         "{}      {} triangles in {} passes to {residual:.1e}, {:.2} s",
         if solve.converged { "solved" } else { "NOT CONVERGED" },
         report.plan.triangles,
         solve.passes,
         report.seconds.get("solve").copied().unwrap_or(0.0)
     );
-    println!("directions  {} bins", report.plan.bins);
+    antirad::say!("directions  {} bins", report.plan.bins);
     for class in &report.plan.classes {
-        println!("            {} triangles: {} ({})", class.triangles, class.modelled, class.why);
+        antirad::say!("            {} triangles: {} ({})", class.triangles, class.modelled, class.why);
     }
     if let Some(refinement) = &report.refinement {
         for (step, number) in refinement.steps.iter().zip(1..) {
-            println!("step {number:<6} {step}");
+            antirad::say!("step {number:<6} {step}");
         }
         for reason in &refinement.why {
-            println!("            {reason}");
+            antirad::say!("            {reason}");
         }
         let verdict = if refinement.met { "kept" } else { "NOT KEPT" };
-        println!(
+        antirad::say!(
             "target      {:.2} % requested: {verdict} by step {}",
             100.0 * refinement.error,
             refinement.chosen + 1
@@ -371,35 +371,38 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     }
     if emitted > 0.0 {
         let share = 100.0 * absorbed / emitted;
-        println!("energy      {emitted:.4} W emitted, {share:.2} % absorbed, {:.2} % escaped", 100.0 - share);
+        antirad::say!(
+            "energy      {emitted:.4} W emitted, {share:.2} % absorbed, {:.2} % escaped",
+            100.0 - share
+        );
     } else {
-        println!("energy      nothing emits: the picture is black");
+        antirad::say!("energy      nothing emits: the picture is black");
     }
     let negative = report.negative_irradiance;
     if negative.triangles > 0 {
-        println!("negative    {} triangles, down to {:.3e} W/m²", negative.triangles, negative.minimum);
+        antirad::say!("negative    {} triangles, down to {:.3e} W/m²", negative.triangles, negative.minimum);
     }
     if !report.accuracy_warnings.is_empty() {
         let each = report.accuracy_warnings.iter().map(|w| format!("{} ({})", w.kind.name(), w.count));
-        println!("warnings    {}: see `antirad check`", each.collect::<Vec<_>>().join(", "));
+        antirad::say!("warnings    {}: see `antirad check`", each.collect::<Vec<_>>().join(", "));
     }
-    println!(
+    antirad::say!(
         "memory      {} at the peak, of a budget of {}",
         Bytes(report.memory.peak),
         Bytes(report.memory.budget)
     );
     for (rank, share) in report.ranks.iter().enumerate().filter(|_| report.ranks.len() > 1) {
-        println!("rank {rank:<6} {share}");
+        antirad::say!("rank {rank:<6} {share}");
     }
     if verbose > 0 {
         for k in &report.kernels {
-            println!("kernel      {k}");
+            antirad::say!("kernel      {k}");
         }
     }
-    println!("written     {}", directory.display());
+    antirad::say!("written     {}", directory.display());
     for file in
         report.pictures.iter().map(String::as_str).chain(["irradiance.npy", "radiosity.npy", "report.json"])
     {
-        println!("            {}", directory.join(file).display());
+        antirad::say!("            {}", directory.join(file).display());
     }
 }

@@ -36,7 +36,7 @@ pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> 
     loop {
         let jobs = read(arguments)?;
         if arguments.json {
-            println!("{}", serde_json::to_string_pretty(&jobs)?);
+            antirad::say!("{}", serde_json::to_string_pretty(&jobs)?);
         } else {
             let table = table(&jobs, now());
             if table != shown {
@@ -67,10 +67,8 @@ fn read(arguments: &Arguments) -> Result<Vec<Status>, Failure> {
 
 /// On a terminal in place of what was shown before.
 fn show(table: &str, again: bool) {
-    if again && std::io::stdout().is_terminal() {
-        print!("\x1b[H\x1b[2J");
-    }
-    println!("{table}");
+    let clear = if again && std::io::stdout().is_terminal() { "\x1b[H\x1b[2J" } else { "" };
+    antirad::say!("{clear}{table}");
 }
 
 fn exit_code(jobs: &[Status]) -> u8 {

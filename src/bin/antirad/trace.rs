@@ -111,17 +111,17 @@ pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<
     write_json(&directory.join("report.json"), &report)?;
     if !quiet {
         for picture in &report.pictures {
-            println!(
+            antirad::say!(
                 "{}: noise {:.2} % (relative L2 of the standard errors), {:.1} s",
                 picture.camera,
                 100.0 * picture.noise,
                 picture.seconds
             );
         }
-        println!("written     {}", directory.display());
+        antirad::say!("written     {}", directory.display());
         let files = report.pictures.iter().flat_map(|picture| &picture.files).map(String::as_str);
         for file in files.chain(["report.json"]) {
-            println!("            {}", directory.join(file).display());
+            antirad::say!("            {}", directory.join(file).display());
         }
     }
     Ok(())

@@ -142,7 +142,7 @@ fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
     table::plot(&arguments.output, &rows)?;
     if !arguments.quiet {
         table::print(&rows);
-        println!("written to {}", arguments.output.display());
+        antirad::say!("written to {}", arguments.output.display());
     }
     Ok(())
 }

@@ -79,7 +79,7 @@ pub fn draw(arguments: &Arguments, device: &Device, interrupt: &Interrupt) -> Re
     }
     bar.finish_and_clear();
     if !arguments.quiet {
-        println!("{}", table.join("\n"));
+        antirad::say!("{}", table.join("\n"));
     }
     Ok(())
 }

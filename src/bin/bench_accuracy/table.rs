@@ -224,10 +224,16 @@ pub fn print(rows: &[Row]) {
     let share =
         |value: Option<f64>| value.map_or_else(|| String::from("-"), |v| format!("{:.3} %", 100.0 * v));
     for rows in scenes(rows) {
-        println!("{}", rows[0].scene);
-        println!(
+        antirad::say!("{}", rows[0].scene);
+        antirad::say!(
             "  {:>9} {:>9} {:>9} {:>9} {:>8} {:>7} {:>9}  setting",
-            "error", "largest", "shadows", "picture", "seconds", "passes", "triangles"
+            "error",
+            "largest",
+            "shadows",
+            "picture",
+            "seconds",
+            "passes",
+            "triangles"
         );
         let usual = |older| {
             let of = move |row: &&Row| {
@@ -243,7 +249,7 @@ pub fn print(rows: &[Row]) {
             .chain(front(rows, |_| true).into_iter().map(|row| (row, "front")))
             .chain(asked.map(|row| (row, "asked")))
         {
-            println!(
+            antirad::say!(
                 "  {:>9} {:>9} {:>9} {:>9} {:>8.2} {:>7} {:>9}  {mark}: {}",
                 share(row.error),
                 share(row.largest_error),
@@ -256,7 +262,7 @@ pub fn print(rows: &[Row]) {
             );
         }
         for row in rows.iter().filter(|row| !row.failure.is_empty()) {
-            println!("  failed: {}: {}", row.setting(), row.failure);
+            antirad::say!("  failed: {}: {}", row.setting(), row.failure);
         }
     }
 }

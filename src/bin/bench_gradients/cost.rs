@@ -51,13 +51,14 @@ pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<
         backward = backward.min(start.elapsed().as_secs_f64());
         (there, back) = (solution.info.passes, gradients.info.passes);
     }
-    println!(
+    antirad::say!(
         "{}, {triangles} triangles, tolerance {:.0e}, the fastest of {REPEATS} runs",
-        scene.name, params.tolerance
+        scene.name,
+        params.tolerance
     );
-    println!("  solve     {forward:8.2} s, {there} passes, {}", Bytes(without));
-    println!("  gradients {backward:8.2} s, {back} passes, {} in all", Bytes(bytes));
-    println!("  gradients take {:.2} times the solve (must be 4 or less)", backward / forward);
-    println!("  {:.0} B per triangle in all, staging apart", (bytes - staging) as f64 / triangles);
+    antirad::say!("  solve     {forward:8.2} s, {there} passes, {}", Bytes(without));
+    antirad::say!("  gradients {backward:8.2} s, {back} passes, {} in all", Bytes(bytes));
+    antirad::say!("  gradients take {:.2} times the solve (must be 4 or less)", backward / forward);
+    antirad::say!("  {:.0} B per triangle in all, staging apart", (bytes - staging) as f64 / triangles);
     Ok(())
 }

@@ -164,7 +164,7 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
     table::plot(&arguments.output, &rows)?;
     if !arguments.quiet {
         table::print(&rows, arguments.verbose > 0);
-        println!("written to {}", arguments.output.display());
+        antirad::say!("written to {}", arguments.output.display());
     }
     Ok(())
 }

@@ -131,15 +131,22 @@ fn key(kind: Kind) -> &'static str {
 }
 
 pub fn print(rows: &[Row], all: bool) {
-    println!(
+    antirad::say!(
         "{:<9} {:<10} {:<10} {:>8} {:>8} {:>8} {:>9} {:>13}",
-        "mesh", "weights", "kind", "minimum", "at ε", "must be", "paper", "worst sample"
+        "mesh",
+        "weights",
+        "kind",
+        "minimum",
+        "at ε",
+        "must be",
+        "paper",
+        "worst sample"
     );
     for group in groups(rows) {
         let errors = errors(group);
         let Some((step, error)) = errors.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
         let or_none = |value: Option<f64>| value.map_or_else(String::new, |v| format!("{v:.0e}"));
-        println!(
+        antirad::say!(
             "{:<9} {:<10} {:<10} {error:>8.1e} {step:>8.0e} {:>8} {:>9} {:>13.1e}",
             group[0].mesh,
             group[0].weights,
@@ -150,7 +157,7 @@ pub fn print(rows: &[Row], all: bool) {
         );
         if all {
             let all: Vec<String> = errors.iter().map(|(_, error)| format!("{error:.1e}")).collect();
-            println!("          from the largest step: {}", all.join(" "));
+            antirad::say!("          from the largest step: {}", all.join(" "));
         }
     }
 }

@@ -145,18 +145,21 @@ pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<
     };
     let (of_pictures, of_loss) = (gradient(&true_cotangent)?, gradient(&own_cotangent)?);
 
-    println!("{}: the derivative of its loss where it starts, per unit of each unknown", file.job.name);
-    println!(
+    antirad::say!("{}: the derivative of its loss where it starts, per unit of each unknown", file.job.name);
+    antirad::say!(
         "path traced: {} pairs of pictures at ± {step}, {} samples a pixel",
-        arguments.repetitions, arguments.samples
+        arguments.repetitions,
+        arguments.samples
     );
-    println!("antirad's pictures: the same cotangent by the pixels, times the derivative of its pictures");
-    println!("antirad's loss: its own cotangent, too");
-    println!("{:<28} {:>24} {:>22} {:>22}", "", "path traced", "antirad's pictures", "antirad's loss");
+    antirad::say!(
+        "antirad's pictures: the same cotangent by the pixels, times the derivative of its pictures"
+    );
+    antirad::say!("antirad's loss: its own cotangent, too");
+    antirad::say!("{:<28} {:>24} {:>22} {:>22}", "", "path traced", "antirad's pictures", "antirad's loss");
     let off = |found: f64, truth: f64| format!("{found:.4e} {:+.1} %", 100.0 * (found / truth - 1.0));
     for (k, name) in names(problem).iter().enumerate() {
         let (truth, error) = mean(&products[k]);
-        println!(
+        antirad::say!(
             "{name:<28} {:>24} {:>22} {:>22}",
             format!("{truth:.4e} ± {:.1} %", 100.0 * error / truth.abs()),
             off(of_pictures[k], truth),

@@ -132,7 +132,7 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn 
         table::plot(&arguments.output, &rows)?;
         if !arguments.quiet {
             table::print(&rows);
-            println!("written to {}", arguments.output.display());
+            antirad::say!("written to {}", arguments.output.display());
         }
     }
     if failures.is_empty() { Ok(Outcome::Done) } else { Err(failures.join("; ").into()) }

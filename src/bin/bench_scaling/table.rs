@@ -123,7 +123,7 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
 }
 
 pub fn print(rows: &[Row]) {
-    println!(
+    antirad::say!(
         "{:>9} {:>7} {:>12} {:>10} {:>12} {:>14} {:>8} {:>8} {:>8} {:>8} {:>8} {:>10} {:>10} {:>12}",
         "triangles",
         "bins",
@@ -141,7 +141,7 @@ pub fn print(rows: &[Row]) {
         "pairs/s"
     );
     for row in rows {
-        println!(
+        antirad::say!(
             "{:>9} {:>7} {:>12} {:>10.0} {:>12} {:>14} {:>6.1} % {:>8.0} {:>8.0} {:>8} {:>8.2} {:>10.2} {:>10.2} {:>12.3e}",
             row.triangles,
             row.bins,
@@ -160,14 +160,14 @@ pub fn print(rows: &[Row]) {
         );
     }
     if let Some(slope) = slope(&memory(rows)) {
-        println!(
+        antirad::say!(
             "memory grows with triangles to the power {slope:.3}, fixed costs apart (Differentiable Radiosity paper: 36 kB per triangle)"
         );
     }
     if let Some(slope) = slope(&seconds(rows)) {
-        println!("time grows with triangles to the power {slope:.3}");
+        antirad::say!("time grows with triangles to the power {slope:.3}");
     }
     if let Some(largest) = rows.last() {
-        println!("peak of the largest: {}", Bytes(largest.bytes_peak));
+        antirad::say!("peak of the largest: {}", Bytes(largest.bytes_peak));
     }
 }

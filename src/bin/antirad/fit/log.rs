@@ -113,7 +113,7 @@ impl Log {
     /// Prints on standard output, unless quiet.
     pub fn results(&self, text: &str) {
         if !self.quiet && !self.json {
-            self.bar.suspend(|| print!("{text}"));
+            self.bar.suspend(|| antirad::say!("{}", text.trim_end()));
         }
     }
 

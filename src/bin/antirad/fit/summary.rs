@@ -116,13 +116,19 @@ pub fn write(directory: &Path, rows: &[Row], page: &mut Page, last: bool) -> Res
 
 pub fn print(rows: &[Row], directory: &Path) {
     let width = rows.iter().map(|row| row.job.chars().count()).max().unwrap_or(0).max(3);
-    println!(
+    antirad::say!(
         "{:<width$}  {:<15} {:>10} {:>12} {:>12} {:>13} {:>9}",
-        "job", "status", "iterations", "start", "loss", "picture error", "seconds"
+        "job",
+        "status",
+        "iterations",
+        "start",
+        "loss",
+        "picture error",
+        "seconds"
     );
     for row in rows {
         let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.4e}"));
-        println!(
+        antirad::say!(
             "{:<width$}  {:<15} {:>10} {:>12} {:>12} {:>13} {:>9} {}",
             row.job,
             row.status.word(),
@@ -135,5 +141,5 @@ pub fn print(rows: &[Row], directory: &Path) {
         );
     }
     let good = rows.iter().filter(|row| row.status.is_good()).count();
-    println!("{good} of {} jobs are done; {}", rows.len(), directory.join("index.html").display());
+    antirad::say!("{good} of {} jobs are done; {}", rows.len(), directory.join("index.html").display());
 }
