@@ -1,4 +1,4 @@
-"""Compare the fits' L-BFGS-B with SciPy's: evaluations of loss and gradient, and passes, until the loss falls.
+"""Compare the optimiser of fits with SciPy's L-BFGS-B: evaluations and passes until the loss has fallen.
 
     pip install scipy
     python optimisers.py --output out/optimisers
