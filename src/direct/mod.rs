@@ -13,6 +13,7 @@ mod lobes;
 mod polygon;
 mod quadrature;
 mod shaft;
+mod subtraction;
 mod trapezoids;
 mod visible;
 

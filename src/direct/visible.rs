@@ -5,6 +5,7 @@ use super::cone::{Side, cut, extent, sides};
 use super::derivative::Sight;
 use super::lamps::Lamp;
 use super::polygon::Polygon;
+use super::subtraction::Subtraction;
 use super::trapezoids::{Edge, Trapezoid, Trapezoids};
 use crate::model::{Facet, orthonormal_basis};
 use glam::{DMat3, DVec2, DVec3};
@@ -168,6 +169,7 @@ struct Window {
 #[derive(Default)]
 pub struct Visible {
     trapezoids: Trapezoids,
+    subtraction: Subtraction,
     /// The lamp's cone, and a cone while it is cut.
     cone: Vec<Side>,
     to: Vec<Side>,
@@ -180,6 +182,9 @@ pub struct Visible {
     /// Blockers and edges looked at so far.
     pub tests: u64,
 }
+
+/// Edges up to which a sweep is fast however they cross.
+const FEW: usize = 24;
 
 /// Blockers, the widest first, of which each may hide the whole lamp: in full shadow, one often does.
 const WIDEST: usize = 4;
@@ -234,6 +239,14 @@ impl Visible {
         self.add_edges(geometry, point, lamp, &window);
         if self.trapezoids.edges.len() == frame_edges {
             emit(&self.cone);
+            return;
+        }
+        // Of blockers that share few edges, most are hidden by others, and their edges would cross all the same.
+        let edges = self.trapezoids.edges.len() - frame_edges;
+        if edges > FEW.max(self.seen.len()) {
+            let before = self.subtraction.tests;
+            self.subtraction.parts(sight, &self.cone, emit);
+            self.tests += self.subtraction.tests - before;
             return;
         }
         let before = self.trapezoids.visits;
