@@ -12,6 +12,7 @@ use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
 use super::error::SceneError;
 use super::geometry::{RawMaterial, RawMesh};
 use super::material::Material;
+use super::texture::linear_from_srgb;
 use super::triangulate::triangulate;
 
 /// Names of the list of a face's corners.
@@ -53,7 +54,7 @@ impl PropertyAccess for Element {
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        let whole = |value: f64, most: f64| (value, linear(value / most));
+        let whole = |value: f64, most: f64| (value, linear_from_srgb((value / most).clamp(0.0, 1.0)));
         let (value, colour) = match property {
             Property::Char(x) => whole(x.into(), 127.0),
             Property::UChar(x) => whole(x.into(), 255.0),
@@ -79,12 +80,6 @@ impl PropertyAccess for Element {
         };
         self.scalar(name, value, colour)
     }
-}
-
-/// sRGB to linear light.
-fn linear(x: f64) -> f64 {
-    let x = x.clamp(0.0, 1.0);
-    if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
 
 /// Reads a mesh of one material, named `material`.

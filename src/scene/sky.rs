@@ -8,13 +8,10 @@ use std::f64::consts::{FRAC_PI_4, PI, TAU};
 use std::path::Path;
 
 use glam::DVec3;
-use image::{ImageReader, Limits};
+use image::ImageFormat;
 
+use super::texture::{decode_picture, linear_from_srgb, read_picture};
 use super::{Material, Mesh, Origin, Scene, Triangle, bounds};
-
-/// Largest picture of a sky, bytes of the file and in memory, and its longest side.
-const MOST_BYTES: u64 = 1 << 29;
-const MOST_TEXELS: u32 = 1 << 15;
 
 /// Squares along an edge of the cube for a picture: 96 in all, fewer than the lamps whose light is exact unless stated. Even, so that
 /// none reaches over the horizon, where pictures of skies have an edge.
@@ -53,25 +50,11 @@ impl Sky {
     /// to the right of that. Its light is that of the file, in W/(m² sr), times `scale`; over each square, the mean over its
     /// directions. The error says what is wrong, without the file.
     pub fn read(path: &Path, scale: [f64; 3]) -> Result<Self, String> {
-        let bytes = crate::input::read_at_most(path, MOST_BYTES)
-            .map_err(|reason| format!("cannot be read: {reason}"))?;
-        let mut limits = Limits::default();
-        limits.max_image_width = Some(MOST_TEXELS);
-        limits.max_image_height = Some(MOST_TEXELS);
-        limits.max_alloc = Some(MOST_BYTES);
-        let mut reader = ImageReader::new(std::io::Cursor::new(&bytes))
-            .with_guessed_format()
-            .map_err(|error| error.to_string())?;
-        reader.limits(limits);
-        let linear = matches!(reader.format(), Some(image::ImageFormat::OpenExr | image::ImageFormat::Hdr));
-        let picture =
-            reader.decode().map_err(|error| format!("is no readable picture: {error}"))?.into_rgb32f();
+        let bytes = read_picture(path)?;
+        let linear = matches!(image::guess_format(&bytes), Ok(ImageFormat::OpenExr | ImageFormat::Hdr));
+        let picture = decode_picture(&bytes)?.into_rgb32f();
         let (width, height) = picture.dimensions();
-        let light = |x: f32| match f64::from(x) {
-            x if linear => x,
-            x if x <= 0.04045 => x / 12.92,
-            x => ((x + 0.055) / 1.055).powf(2.4),
-        };
+        let light = |x: f32| if linear { f64::from(x) } else { linear_from_srgb(x.into()) };
         let texel = |column: u32, row: u32| DVec3::from(picture.get_pixel(column, row).0.map(light));
         let sky = Self::of_texels([width, height], texel, DVec3::from(scale));
         sky.check().map(|()| sky)

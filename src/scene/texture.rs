@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::{DAffine2, DVec2, DVec3};
-use image::{DynamicImage, ImageReader, Limits};
+use image::{DynamicImage, ImageFormat, ImageReader, Limits};
 
 /// Most bytes that a texture may take in memory, and its file on disk.
 const MOST_BYTES: u64 = 1 << 29;
@@ -54,36 +54,46 @@ pub(super) enum Encoding {
     Linear,
 }
 
+/// The bytes of the file of a picture. Errors of these functions say what is wrong, without the file.
+pub(super) fn read_picture(path: &Path) -> Result<Vec<u8>, String> {
+    crate::input::read_at_most(path, MOST_BYTES).map_err(|reason| format!("cannot be read: {reason}"))
+}
+
+/// A picture of any format.
+pub(super) fn decode_picture(bytes: &[u8]) -> Result<DynamicImage, String> {
+    let mut limits = Limits::default();
+    limits.max_image_width = Some(MOST_TEXELS);
+    limits.max_image_height = Some(MOST_TEXELS);
+    limits.max_alloc = Some(MOST_BYTES);
+    let mut reader = ImageReader::new(std::io::Cursor::new(bytes))
+        .with_guessed_format()
+        .map_err(|error| error.to_string())?;
+    reader.limits(limits);
+    reader.decode().map_err(|error| format!("is no readable picture: {error}"))
+}
+
+/// Light of an sRGB value, both from 0 to 1 (IEC 61966-2-1).
+pub(super) fn linear_from_srgb(x: f64) -> f64 {
+    if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
+}
+
 impl Texture {
     /// Reads a PNG or JPEG, and no other kind. The error says what is wrong, without the file.
     pub fn read(path: &Path, encoding: Encoding) -> Result<Option<Self>, String> {
-        let bytes = crate::input::read_at_most(path, MOST_BYTES)
-            .map_err(|reason| format!("cannot be read: {reason}"))?;
-        Self::decode(&bytes, encoding)
+        Self::decode(&read_picture(path)?, encoding)
     }
 
     /// The same from its bytes.
     pub fn decode(bytes: &[u8], encoding: Encoding) -> Result<Option<Self>, String> {
-        let mut limits = Limits::default();
-        limits.max_image_width = Some(MOST_TEXELS);
-        limits.max_image_height = Some(MOST_TEXELS);
-        limits.max_alloc = Some(MOST_BYTES);
-        let mut reader = ImageReader::new(std::io::Cursor::new(bytes))
-            .with_guessed_format()
-            .map_err(|error| error.to_string())?;
-        reader.limits(limits);
-        match reader.format() {
-            Some(image::ImageFormat::Png | image::ImageFormat::Jpeg) => {}
-            _ => return Ok(None),
+        match image::guess_format(bytes) {
+            Ok(ImageFormat::Png | ImageFormat::Jpeg) => Ok(Some(Self::of(decode_picture(bytes)?, encoding))),
+            _ => Ok(None),
         }
-        let picture = reader.decode().map_err(|error| format!("is no readable picture: {error}"))?;
-        Ok(Some(Self::of(picture, encoding)))
     }
 
     fn of(picture: DynamicImage, encoding: Encoding) -> Self {
         let light = |x: f64| match encoding {
-            Encoding::Srgb if x <= 0.04045 => x / 12.92,
-            Encoding::Srgb => ((x + 0.055) / 1.055).powf(2.4),
+            Encoding::Srgb => linear_from_srgb(x),
             Encoding::Linear => x,
         };
         let table = |most: u32| (0..=most).map(|x| light(f64::from(x) / f64::from(most)) as f32).collect();

@@ -7,6 +7,7 @@ use glam::DVec3;
 use roxmltree::Node;
 
 use crate::scene::error::{Place, SceneError};
+use crate::scene::texture::linear_from_srgb;
 
 pub(super) struct Values<'a> {
     path: &'a Path,
@@ -126,7 +127,9 @@ impl<'a> Values<'a> {
             let Some(bits) = u32::from_str_radix(hex, 16).ok().filter(|_| hex.len() == 6) else {
                 return Err(self.wrong(child, format!("`{text}` is no colour")));
             };
-            return Ok(Some([16, 8, 0].map(|shift| linear(f64::from(bits >> shift & 255) / 255.0))));
+            return Ok(Some(
+                [16, 8, 0].map(|shift| linear_from_srgb(f64::from(bits >> shift & 255) / 255.0)),
+            ));
         }
         if text.contains(':') {
             ignore("spectra, their means in their place");
@@ -140,9 +143,4 @@ impl<'a> Values<'a> {
             _ => Err(self.wrong(child, format!("`{text}` is no colour; expected `r, g, b`"))),
         }
     }
-}
-
-/// sRGB to linear light.
-fn linear(x: f64) -> f64 {
-    if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
