@@ -21,7 +21,7 @@ pub const CORNERS: usize = 24;
 /// Vertices on the outline of a polygon at most: numbers of planes have room for so many.
 pub const OUTLINE: usize = 990;
 
-/// In place of the polygon across an edge that no other, or more than one, has.
+/// In place of the polygon across an edge, where there is none.
 pub const NO_TWIN: u32 = u32::MAX;
 
 /// Polygons that block light, and a tree over them.

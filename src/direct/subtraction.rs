@@ -3,7 +3,7 @@
 
 use super::cone::{Side, cut, extent};
 use super::derivative::Sight;
-use super::visible::{CROSSING, EDGES, Geometry, HORIZON, Placed, View, blocker_plane};
+use super::visible::{CROSSING, EDGES, HORIZON, View, blocker_plane};
 use glam::DVec3;
 use std::ops::Range;
 
@@ -37,26 +37,34 @@ pub struct Subtraction {
 }
 
 impl Subtraction {
-    /// Calls `emit` with the parts of a lamp's cone that no blocker hides: convex cones without overlap.
-    pub fn parts(&mut self, sight: &Sight, cone: &[Side], emit: &mut dyn FnMut(&[Side])) {
+    /// Calls `emit` with the parts of a lamp's cone that no blocker hides: convex cones without overlap. `places`: those of the blockers
+    /// that may hide some of it.
+    pub fn parts(
+        &mut self,
+        sight: &Sight,
+        cone: &[Side],
+        places: impl Iterator<Item = usize>,
+        emit: &mut dyn FnMut(&[Side]),
+    ) {
         self.stack.clear();
         self.stack.extend_from_slice(cone);
-        self.see_blockers(&sight.geometry, sight.point, sight.lamp, sight.blockers);
+        self.see_blockers(sight, places);
         self.candidates.clear();
         self.candidates.extend(0..self.seen.len() as u32);
         self.subtract(0..self.stack.len(), 0..self.seen.len(), emit);
     }
 
     /// Lists the blockers whose cones meet that of the lamp, which is all of the stack.
-    fn see_blockers(&mut self, geometry: &Geometry, point: DVec3, lamp: &Placed, blockers: &[u32]) {
+    fn see_blockers(&mut self, sight: &Sight, places: impl Iterator<Item = usize>) {
+        let &Sight { ref geometry, point, lamp, blockers, .. } = sight;
         self.seen.clear();
         self.normals.clear();
         let cone = &self.stack;
         let corners = &mut self.corners;
         let lamp_corner = lamp.corners[0] - point;
-        self.tests += blockers.len() as u64;
-        for (place, &blocker) in blockers.iter().enumerate() {
-            let polygon = geometry.blockers.polygon(blocker);
+        for place in places {
+            self.tests += 1;
+            let polygon = geometry.blockers.polygon(blockers[place]);
             corners.clear();
             corners.extend(geometry.corners(polygon).map(|c| c - point));
             let beside = |k: usize| {
@@ -64,7 +72,7 @@ impl Subtraction {
                 corners.iter().all(|c| c.dot(normal) <= 0.0)
             };
             let over_lamp = |c: &DVec3| (*c - lamp_corner).dot(lamp.normal);
-            if corners.iter().all(|c| over_lamp(c) <= geometry.tolerance()) || (0..cone.len()).any(beside) {
+            if (0..cone.len()).any(beside) {
                 continue;
             }
             let triangle = geometry.facets[polygon.first()].corners.map(|c| c - point);

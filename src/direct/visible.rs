@@ -245,7 +245,7 @@ impl Visible {
         let edges = self.trapezoids.edges.len() - frame_edges;
         if edges > FEW.max(self.seen.len()) {
             let before = self.subtraction.tests;
-            self.subtraction.parts(sight, &self.cone, emit);
+            self.subtraction.parts(sight, &self.cone, self.seen.iter().map(|seen| seen.place), emit);
             self.tests += self.subtraction.tests - before;
             return;
         }
