@@ -50,12 +50,17 @@ impl Blockers {
         Self::new(if lamps.is_empty() { &[] } else { facets })
     }
 
+    /// Nothing that blocks, in a scene of some triangles.
+    pub fn none(facets: &[Facet]) -> Self {
+        Self { tolerance: coplanar_tolerance(facets), ..Self::new(&[]) }
+    }
+
     pub fn new(facets: &[Facet]) -> Self {
         let tolerance = coplanar_tolerance(facets);
         let solid: Vec<u32> = (0..facets.len() as u32).filter(|&i| facets[i as usize].area > 0.0).collect();
         let same = |i, j| in_plane(facets, [i, j], PARALLEL, FLAT * tolerance);
         let mut polygons: Vec<Polygon> = Vec::new();
-        connected(facets, &solid, same)
+        connected(facets, &solid, FLAT * tolerance, same)
             .into_iter()
             .for_each(|group| cut_into_convex(facets, group, &mut polygons));
 

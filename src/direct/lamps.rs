@@ -20,7 +20,7 @@ pub fn lamps(scene: &Scene, facets: &[Facet], tolerance: f64) -> Vec<Lamp> {
     let material = |i: u32| scene.triangles[i as usize].material;
     let same = |i: u32, j: u32| in_plane(facets, [i, j], PARALLEL, tolerance) && material(i) == material(j);
     let mut lamps: Vec<Lamp> = Vec::new();
-    for group in connected(facets, &emitters, same) {
+    for group in connected(facets, &emitters, tolerance, same) {
         match merged(facets, &group) {
             Some(lamp) => lamps.push(lamp),
             None => lamps.extend(group.into_iter().map(Lamp::single)),

@@ -57,6 +57,11 @@ impl DirectLight {
         Self { blockers: Blockers::of(facets, &lamps), lamps, receivers: 0, factors, cuts }
     }
 
+    /// The same as if nothing stood between lamps and points.
+    pub fn without_shadows(facets: &[Facet], lamps: Vec<Lamp>) -> Self {
+        Self { blockers: Blockers::none(facets), ..Self::of_points(&[], lamps) }
+    }
+
     /// How many blockers would be tested against cones: an estimate of the work of [`Self::new`], from a few receivers.
     pub fn estimated_tests(facets: &[Facet], lamps: &[Lamp]) -> f64 {
         let blockers = Blockers::of(facets, lamps);
@@ -494,18 +499,23 @@ mod tests {
     /// However fine a mesh, what it hides is the same; so are the polygons that it is cut with.
     #[test]
     fn the_mesh_of_a_blocker_does_not_matter() {
-        let [coarse, fine] = [1, 3].map(|cells| {
-            let scene = fine_blockers(cells);
+        let mut in_part = fine_blockers(1);
+        for _ in 0..3 {
+            // Every third triangle of the blockers, in three rounds: vertices in the middle of the edges of others.
+            let chosen: Vec<u32> = (8..in_part.triangles.len() as u32 - 2).step_by(3).collect();
+            in_part.split(&chosen);
+        }
+        let [coarse, fine, part] = [fine_blockers(1), fine_blockers(3), in_part].map(|scene| {
             let facets = facets(&scene);
             let light = DirectLight::new(&facets, lamps(&scene, &facets, 1e-9));
             let factors: Vec<f64> = (0..8).map(|receiver| light.factors(receiver)[0]).collect();
             (light.blockers.count(), factors)
         });
         // The floor, six faces, the screen and the lamp.
-        assert_eq!((coarse.0, fine.0), (9, 9));
+        assert_eq!((coarse.0, fine.0, part.0), (9, 9, 9));
         assert!(coarse.1.iter().any(|&f| f > 0.01));
-        for (a, b) in coarse.1.iter().zip(&fine.1) {
-            assert!((a - b).abs() <= 1e-9, "{a} {b}");
+        for ((a, b), c) in coarse.1.iter().zip(&fine.1).zip(&part.1) {
+            assert!((a - b).abs() <= 1e-9 && (a - c).abs() <= 1e-9, "{a} {b} {c}");
         }
     }
 

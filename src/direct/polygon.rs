@@ -4,6 +4,7 @@
 use crate::model::Facet;
 use crate::scene::{Welded, sides};
 use glam::{DVec2, DVec3};
+use std::collections::HashSet;
 use std::ops::Range;
 
 /// Relative difference of areas up to which a convex hull is the union of its triangles.
@@ -58,13 +59,23 @@ pub fn in_plane(facets: &[Facet], [i, j]: [u32; 2], parallel: f64, tolerance: f6
 }
 
 /// Groups of the triangles `among`, connected by edges, all of which are the `same` as the first of their group; each in ascending
-/// order.
-pub fn connected(facets: &[Facet], among: &[u32], same: impl Fn(u32, u32) -> bool) -> Vec<Vec<u32>> {
-    let corners = among.iter().flat_map(|&i| facets[i as usize].corners);
-    let welded = Welded::exactly(corners);
+/// order. Edges that were cut at their midpoints on one side only connect as well, up to a distance of `tolerance`.
+pub fn connected(
+    facets: &[Facet],
+    among: &[u32],
+    tolerance: f64,
+    same: impl Fn(u32, u32) -> bool,
+) -> Vec<Vec<u32>> {
+    let corners = || among.iter().flat_map(|&i| facets[i as usize].corners);
+    let welded = Welded::exactly(corners());
+    let places: Vec<DVec3> = {
+        let corners: Vec<DVec3> = corners().collect();
+        welded.first.iter().map(|&corner| corners[corner as usize]).collect()
+    };
     let sides_of = |at: u32| sides(welded.positions([3 * at, 3 * at + 1, 3 * at + 2]));
-    let mut with_side: Vec<([u32; 2], u32)> =
-        (0..among.len() as u32).flat_map(|at| sides_of(at).into_iter().map(move |side| (side, at))).collect();
+    let whole = (0..among.len() as u32).flat_map(|at| sides_of(at).into_iter().map(move |side| (side, at)));
+    let of_triangles = cut_at_midpoints(whole.collect(), &places, tolerance);
+    let mut with_side = of_triangles.clone();
     with_side.sort_unstable();
     let mut grouped = vec![false; among.len()];
     let mut groups = Vec::new();
@@ -76,9 +87,10 @@ pub fn connected(facets: &[Facet], among: &[u32], same: impl Fn(u32, u32) -> boo
         let mut done = 0;
         while let Some(&at) = group.get(done) {
             done += 1;
-            for [a, b] in sides_of(at) {
-                let from = with_side.partition_point(|(side, _)| *side < [b, a]);
-                let neighbours = with_side[from..].iter().take_while(|(side, _)| *side == [b, a]);
+            let from = of_triangles.partition_point(|(_, other)| *other < at);
+            for ([a, b], _) in of_triangles[from..].iter().take_while(|(_, other)| *other == at) {
+                let from = with_side.partition_point(|(side, _)| *side < [*b, *a]);
+                let neighbours = with_side[from..].iter().take_while(|(side, _)| *side == [*b, *a]);
                 for &(_, next) in neighbours {
                     if !grouped[next as usize] && same(among[start as usize], among[next as usize]) {
                         grouped[next as usize] = true;
@@ -91,6 +103,43 @@ pub fn connected(facets: &[Facet], among: &[u32], same: impl Fn(u32, u32) -> boo
         groups.push(group.into_iter().map(|at| among[at as usize]).collect());
     }
     groups
+}
+
+/// A directed edge between two positions, and the number of its triangle.
+type Side = ([u32; 2], u32);
+
+/// Edges of triangles, in the order of these, with those that nothing runs back along cut in halves while a vertex of another such edge
+/// is in their middle. `places`: the positions.
+fn cut_at_midpoints(mut all: Vec<Side>, places: &[DVec3], tolerance: f64) -> Vec<Side> {
+    loop {
+        let known: HashSet<[u32; 2]> = all.iter().map(|(side, _)| *side).collect();
+        let alone = |[a, b]: [u32; 2]| a != b && !known.contains(&[b, a]);
+        let ends: Vec<u32> =
+            all.iter().filter(|(side, _)| alone(*side)).flat_map(|(side, _)| *side).collect();
+        let middle = |[a, b]: [u32; 2]| 0.5 * (places[a as usize] + places[b as usize]);
+        let open = || all.iter().map(|(side, _)| *side).filter(|side| alone(*side));
+        let welded =
+            Welded::within(tolerance, ends.iter().map(|&p| places[p as usize]).chain(open().map(middle)));
+        // The vertex of each edge's middle, if there is one.
+        let mut vertices = welded.position[ends.len()..]
+            .iter()
+            .map(|&position| ends.get(welded.first[position as usize] as usize).copied());
+        let count = all.len();
+        all = all
+            .into_iter()
+            .flat_map(|([a, b], at)| {
+                let vertex = if alone([a, b]) { vertices.next().flatten() } else { None };
+                match vertex.filter(|m| ![a, b].contains(m)) {
+                    Some(m) => [Some(([a, m], at)), Some(([m, b], at))],
+                    None => [Some(([a, b], at)), None],
+                }
+            })
+            .flatten()
+            .collect();
+        if all.len() == count {
+            return all;
+        }
+    }
 }
 
 /// The convex hull of coplanar triangles, if they fill it.

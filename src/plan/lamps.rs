@@ -38,9 +38,16 @@ pub(super) fn choose(scene: &Scene, facets: &[Facet], setting: Lamps) -> Vec<Lam
     }
 }
 
+/// The triangles of a scene, in units of its size, and the lamps whose direct light is to be exact.
+pub(crate) fn exact_lamps(scene: &Scene) -> (Vec<Facet>, Vec<Lamp>) {
+    let facets = Placement::of(scene).facets(scene);
+    let lamps = choose(scene, &facets, scene.settings.lamps);
+    (facets, lamps)
+}
+
 /// Whether the light of a scene's lamps is to be exact.
 pub(crate) fn has_exact_lamps(scene: &Scene) -> bool {
-    !choose(scene, &Placement::of(scene).facets(scene), scene.settings.lamps).is_empty()
+    !exact_lamps(scene).1.is_empty()
 }
 
 impl Plan {

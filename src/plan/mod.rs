@@ -19,7 +19,7 @@ pub use error::PlanError;
 pub use gradient_request::GradientRequest;
 pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
 pub use lamps::LampsReport;
-pub(crate) use lamps::has_exact_lamps;
+pub(crate) use lamps::{exact_lamps, has_exact_lamps};
 pub(crate) use lobes::{LOBE_BYTES, LOBE_ROWS, LobeSlots, PlannedLobes};
 pub(crate) use memory::PARTIAL_SUMS;
 pub use memory::{MemoryItem, MemoryPlan};

@@ -11,6 +11,7 @@ mod refine;
 mod shadows;
 
 pub use refine::{RefineError, RefineOptions, Refined, refine};
+pub use shadows::too_coarse;
 
 use crate::plan::Plan;
 use crate::scene::Scene;
@@ -153,7 +154,7 @@ impl Warnings {
                 "the light of lamps varies within {count} triangles: what they reflect, evenly, is off by {:.1} %",
                 100.0 * error
             ),
-            remedy: "antirad refine, or render --refine; their own irradiance and picture are right"
+            remedy: "antirad refine, or render --refine (by itself from 10 % on); their own irradiance and picture are right"
                 .to_owned(),
             measure: "share in the relative error of reflected light of lamps",
             ..Warning::blank()

@@ -4,12 +4,65 @@
 //! where direct light is gathered; what others receive from it is not.
 
 use crate::direct::{DirectLight, POINTS, at};
-use crate::model::quarters;
-use crate::plan::Plan;
+use crate::model::{Facet, quarters};
+use crate::plan::{Plan, exact_lamps};
 use crate::scene::Scene;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
+
+/// Share of a triangle in the error of reflected light of lamps from which it is coarse by any standard, and that error, by such triangles,
+/// from which a mesh is.
+const COARSE_TRIANGLE: f64 = 0.03;
+const COARSE_MESH: f64 = 0.1;
+
+/// Points and weights within each quarter of a triangle, in barycentric coordinates.
+type Points<'a> = &'a [([f64; 3], f64)];
+
+/// What triangles reflect of the light of lamps.
+struct Reflected<'a> {
+    scene: &'a Scene,
+    facets: &'a [Facet],
+    light: DirectLight,
+    /// Of each lamp.
+    radiance: Vec<DVec3>,
+}
+
+impl<'a> Reflected<'a> {
+    fn new(scene: &'a Scene, facets: &'a [Facet], light: DirectLight) -> Self {
+        let radiance = light.radiance(|i| scene.material(i));
+        Self { scene, facets, light, radiance }
+    }
+
+    /// Square of the mean of what a triangle reflects, and its variance over the quarters of the triangle.
+    fn mean_and_variance(&self, triangle: usize, points: Points) -> [f64; 2] {
+        let facet = &self.facets[triangle];
+        let reflectance = DVec3::from(self.scene.material(triangle).diffuse_albedo()) / PI;
+        if reflectance == DVec3::ZERO || facet.area <= 0.0 {
+            return [0.0; 2];
+        }
+        let places: Vec<DVec3> = quarters(facet.corners)
+            .into_iter()
+            .flat_map(|quarter| points.iter().map(move |(b, _)| at(quarter, (*b).into())))
+            .collect();
+        let irradiance: Vec<DVec3> = self
+            .light
+            .at_points(self.facets, triangle, &places)
+            .iter()
+            .map(|of_lamps| {
+                of_lamps.iter().zip(&self.radiance).map(|(phi, l)| phi.dot(facet.normal) * *l).sum()
+            })
+            .collect();
+        let mean = |quarter: &[DVec3]| -> DVec3 {
+            quarter.iter().zip(points).map(|(value, (_, weight))| *weight * *value).sum::<DVec3>()
+                * reflectance
+        };
+        let of_quarters: Vec<DVec3> = irradiance.chunks_exact(points.len()).map(mean).collect();
+        let whole = of_quarters.iter().sum::<DVec3>() / 4.0;
+        let variance = of_quarters.iter().map(|of| (*of - whole).length_squared()).sum::<f64>() / 4.0;
+        [whole.length_squared(), variance]
+    }
+}
 
 /// Triangles whose share in the error of reflected light of lamps is above `limit`, with that share, the worst first.
 ///
@@ -20,34 +73,9 @@ pub fn uneven(scene: &Scene, plan: &Plan, limit: f64) -> Vec<(u32, f64)> {
         return Vec::new();
     }
     let facets = plan.facets();
-    let light = DirectLight::of_points(facets, plan.lamps().to_vec());
-    let radiance = light.radiance(|i| scene.material(i));
-    // Mean square of what a triangle reflects, and the variance over its quarters.
-    let of_triangle = |i: usize| -> [f64; 2] {
-        let facet = &facets[i];
-        let reflectance = DVec3::from(scene.material(i).diffuse_albedo()) / PI;
-        if reflectance == DVec3::ZERO || facet.area <= 0.0 {
-            return [0.0; 2];
-        }
-        let points: Vec<DVec3> = quarters(facet.corners)
-            .into_iter()
-            .flat_map(|quarter| POINTS.map(|(b, _)| at(quarter, b.into())))
-            .collect();
-        let irradiance: Vec<DVec3> = light
-            .at_points(facets, i, &points)
-            .iter()
-            .map(|of_lamps| of_lamps.iter().zip(&radiance).map(|(phi, l)| phi.dot(facet.normal) * *l).sum())
-            .collect();
-        let mean = |quarter: &[DVec3]| -> DVec3 {
-            quarter.iter().zip(&POINTS).map(|(value, (_, weight))| *weight * *value).sum::<DVec3>()
-                * reflectance
-        };
-        let of_quarters: Vec<DVec3> = irradiance.chunks_exact(POINTS.len()).map(mean).collect();
-        let whole = of_quarters.iter().sum::<DVec3>() / 4.0;
-        let variance = of_quarters.iter().map(|of| (*of - whole).length_squared()).sum::<f64>() / 4.0;
-        [whole.length_squared(), variance]
-    };
-    let all: Vec<[f64; 2]> = (0..facets.len()).into_par_iter().map(of_triangle).collect();
+    let reflected = Reflected::new(scene, facets, DirectLight::of_points(facets, plan.lamps().to_vec()));
+    let all: Vec<[f64; 2]> =
+        (0..facets.len()).into_par_iter().map(|i| reflected.mean_and_variance(i, &POINTS)).collect();
     let square: f64 = all.iter().zip(facets).map(|([square, _], facet)| square * facet.area).sum();
     let share = |(i, [_, variance]): (usize, &[f64; 2])| {
         (i as u32, (variance * facets[i].area / square.max(f64::MIN_POSITIVE)).sqrt())
@@ -56,4 +84,57 @@ pub fn uneven(scene: &Scene, plan: &Plan, limit: f64) -> Vec<(u32, f64)> {
         all.iter().enumerate().map(share).filter(|(_, share)| *share > limit).collect();
     found.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     found
+}
+
+/// Whether the mesh of a scene is so coarse for the light of its exact lamps that it is better cut before a solve: what its worst
+/// triangles reflect, evenly, is off by 10 % of all reflected light of lamps or more (relative L2 norm).
+///
+/// Far quicker than [`Warnings::with_shadows`](super::Warnings::with_shadows): it looks at one point of each quarter of those
+/// triangles alone that may have a share of 3 %, by the light that would reach them without shadows.
+pub fn too_coarse(scene: &Scene) -> bool {
+    const CENTROIDS: [([f64; 3], f64); 1] = [([1.0 / 3.0; 3], 1.0)];
+    let (facets, lamps) = exact_lamps(scene);
+    if lamps.is_empty() {
+        return false;
+    }
+    let unoccluded = Reflected::new(scene, &facets, DirectLight::without_shadows(&facets, lamps.clone()));
+    let squares: Vec<f64> = (0..facets.len())
+        .into_par_iter()
+        .map(|i| unoccluded.mean_and_variance(i, &CENTROIDS)[0] * facets[i].area)
+        .collect();
+    let all: f64 = squares.iter().sum();
+    // A triangle of which one quarter alone is lit has a variance of three times its squared mean.
+    let may_be_coarse = |i: &usize| 3.0 * squares[*i] > COARSE_TRIANGLE * COARSE_TRIANGLE * all;
+    let candidates: Vec<usize> = (0..facets.len()).filter(may_be_coarse).collect();
+    let reflected = Reflected::new(scene, &facets, DirectLight::of_points(&facets, lamps));
+    let found: Vec<[f64; 2]> = candidates
+        .par_iter()
+        .map(|&i| reflected.mean_and_variance(i, &CENTROIDS).map(|x| x * facets[i].area))
+        .collect();
+    let of_candidates: f64 = candidates.iter().map(|&i| squares[i]).sum();
+    let lit = found.iter().map(|[square, _]| square).sum::<f64>() / of_candidates;
+    let coarse = |variance: &f64| *variance > COARSE_TRIANGLE * COARSE_TRIANGLE * lit * all;
+    let error: f64 = found.iter().map(|[_, variance]| *variance).filter(coarse).sum();
+    error > COARSE_MESH * COARSE_MESH * lit * all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Lamps, LoadOptions};
+    use std::path::Path;
+
+    #[test]
+    fn walls_of_two_triangles_are_too_coarse() {
+        let load = |name: &str| {
+            let path = Path::new("scenes").join(name);
+            Scene::load(&path, &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}"))
+        };
+        assert!(too_coarse(&load("coarse_cornell.toml")));
+        assert!(!too_coarse(&load("cornell_boxes.toml")));
+        // Where lamps go through bins, nothing is known of their shadows.
+        let mut blurred = load("coarse_cornell.toml");
+        blurred.settings.lamps = Lamps::Antiradiance;
+        assert!(!too_coarse(&blurred));
+    }
 }

@@ -148,15 +148,24 @@ fn a_render_refines_a_mesh_too_coarse_for_shadows() {
     let folder = Folder::with(&[]);
     let scene = scene.display();
     says(&folder.run(&format!("check {scene}")).succeeded().stdout, &["coarse shadows", "render --refine"]);
-    let plain = folder.render(&format!("{scene}")).succeeded();
+    let plain = folder.render(&format!("{scene} --refine=never")).succeeded();
     says(&plain.stdout, &["solved      36 triangles"]);
-    let fine = folder.render(&format!("{scene} --refine --max-triangles 1500")).succeeded();
-    let report = folder.json("out/report.json");
-    let triangles = report["plan"]["triangles"].as_u64().expect("a number");
-    assert!((200..=1500).contains(&triangles), "{fine:?}");
-    let irradiance = folder.read("out/irradiance.npy");
-    let irradiance = npyz::NpyFile::new(&irradiance[..]).expect("an array");
-    assert_eq!(irradiance.shape(), [36, 3]);
+    let shown = |arguments: &str| -> (Vec<f32>, u64) {
+        let run = folder.render(&format!("{scene} {arguments}")).succeeded();
+        let report = folder.json("out/report.json");
+        let triangles = report["plan"]["triangles"].as_u64().expect("a number");
+        assert!((200..=1500).contains(&triangles), "{run:?}");
+        assert_eq!(report["given_triangles"], 36);
+        says(&run.stdout, &["cut from 36 triangles", "--refine=never"]);
+        let irradiance = folder.read("out/irradiance.npy");
+        let irradiance = npyz::NpyFile::new(&irradiance[..]).expect("an array");
+        assert_eq!(irradiance.shape(), [36, 3]);
+        (irradiance.into_vec().expect("numbers"), triangles)
+    };
+    // It does so by itself, since the mesh is far too coarse.
+    assert_eq!(shown(""), shown("--refine"));
+    let (_, bounded) = shown("--max-triangles 300");
+    assert!(bounded <= 300, "{bounded}");
     let both = folder.render(&format!("{scene} --refine --target-error 0.1"));
     assert_eq!(both.code, Some(2));
     says(&both.stderr, &["--refine", "--target-error"]);

@@ -1,11 +1,11 @@
-//! `--refine`: a scene with a finer mesh, and results for the triangles of the given one.
+//! `render --refine`: a scene with a finer mesh, and results for the triangles of the given one.
 
 use crate::Failure;
 use antirad::cli::{Interrupt, Working};
 use antirad::plan::PlanOptions;
 use antirad::scene::Scene;
 use antirad::target_error::usual_settings;
-use antirad::warnings::{RefineOptions, refine};
+use antirad::warnings::{RefineOptions, refine, too_coarse};
 
 /// How the triangles of a scene were cut.
 pub struct Finer {
@@ -16,6 +16,18 @@ pub struct Finer {
 }
 
 impl Finer {
+    /// [`Self::of`], if the mesh is far too coarse for shadows and has fewer than `max_triangles`.
+    pub fn where_coarse(
+        scene: &mut Scene,
+        max_triangles: usize,
+        interrupt: &Interrupt,
+    ) -> Result<Option<Self>, Failure> {
+        let looking = Working::on("looking for shadows");
+        let coarse = scene.triangles.len() < max_triangles && interrupt.while_computing(|| too_coarse(scene));
+        drop(looking);
+        coarse.then(|| Self::of(scene, max_triangles, interrupt)).transpose()
+    }
+
     /// Cuts triangles where the mesh is too coarse for shadows: see [`refine`]. Settings stay as they are.
     pub fn of(scene: &mut Scene, max_triangles: usize, interrupt: &Interrupt) -> Result<Self, Failure> {
         let _working = Working::on("refining the mesh");
@@ -37,6 +49,11 @@ impl Finer {
             tracing::warn!("the mesh would be finer, but for --max-triangles {max_triangles}");
         }
         Ok(Self { parents: refined.parents, areas })
+    }
+
+    /// Number of the given triangles.
+    pub fn given(&self) -> usize {
+        self.areas.len()
     }
 
     /// Means over the given triangles of values per triangle of the finer scene.

@@ -18,7 +18,7 @@ use antirad::target_error::{
 };
 use antirad::warnings::{Kind, Warnings};
 use antirad::{Engine, EngineError, Solution, SolveParams};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -36,10 +36,19 @@ pub struct Arguments {
     /// Render this camera only; may be given several times [default: all cameras of the scene]
     #[arg(long, value_name = "NAME")]
     camera: Vec<String>,
-    /// Cut triangles first where the mesh is too coarse for shadows, as `antirad refine` does; files per triangle have means over those
-    /// given
-    #[arg(long, conflicts_with = "target_error")]
-    refine: bool,
+    /// Cut triangles first where the mesh is too coarse for shadows, as `antirad refine` does: always, never, or where what surfaces
+    /// reflect of the light of lamps would be off by 10 % or more (auto). Files per triangle have means over those given
+    #[arg(
+        long,
+        value_name = "WHEN",
+        value_enum,
+        num_args = 0..=1,
+        require_equals = true,
+        default_value = "auto",
+        default_missing_value = "always",
+        conflicts_with = "target_error"
+    )]
+    refine: Refine,
     /// Maximum number of triangles into which --target-error or --refine may subdivide the scene
     #[arg(long, value_name = "NUMBER", default_value_t = TargetErrorOptions::MAX_TRIANGLES)]
     max_triangles: usize,
@@ -65,6 +74,14 @@ pub struct Arguments {
     /// Samples along each side of a pixel: 1, 2, 4, 8 or 16
     #[arg(long, value_name = "NUMBER", default_value_t = 4)]
     supersample: u32,
+}
+
+/// When `render` cuts triangles before the solve.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Refine {
+    Auto,
+    Always,
+    Never,
 }
 
 pub fn parse_exposure(text: &str) -> Result<Exposure, String> {
@@ -107,15 +124,13 @@ pub fn run(
     let directory = arguments.output.clone().unwrap_or_else(|| Path::new("out").join(&scene.name));
     prepare_directory(&directory)?;
     stages.end("load");
-    let finer = match scene.choice {
-        Choice::Open { .. } if arguments.refine => {
-            Some(Finer::of(&mut scene, arguments.max_triangles, interrupt)?)
-        }
-        _ => None,
+    let finer = match (scene.choice, arguments.refine) {
+        (Choice::Within(_), _) | (_, Refine::Never) => None,
+        (_, Refine::Always) => Some(Finer::of(&mut scene, arguments.max_triangles, interrupt)?),
+        (_, Refine::Auto) => Finer::where_coarse(&mut scene, arguments.max_triangles, interrupt)?,
     };
-    if finer.is_some() {
-        stages.end("refine");
-    }
+    stages.end("refine");
+    let cut = finer.as_ref().map(|finer| finer.given());
 
     let shading = if arguments.smooth { Shading::Smooth } else { arguments.shading };
     let options =
@@ -228,6 +243,7 @@ pub fn run(
         accuracy_warnings: answer.warnings.list,
         plan: answer.plan,
         refinement,
+        given_triangles: cut,
         memory: MemoryUse::from(device.memory()),
         ranks: shares,
         solve: SolveReport::new(answer.info, solved.settings.tolerance),
@@ -351,6 +367,11 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
         solve.passes,
         report.seconds.get("solve").copied().unwrap_or(0.0)
     );
+    if let Some(given) = report.given_triangles {
+        antirad::say!(
+            "mesh        cut from {given} triangles, too coarse for shadows; files per triangle have means over those (--refine=never: as given)"
+        );
+    }
     antirad::say!("directions  {} bins", report.plan.bins);
     for class in &report.plan.classes {
         antirad::say!("            {} triangles: {} ({})", class.triangles, class.modelled, class.why);

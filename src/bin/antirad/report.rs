@@ -23,6 +23,8 @@ pub struct Report {
     pub plan: PlanReport,
     /// How the settings were found, for a target error.
     pub refinement: Option<Refinement>,
+    /// Number of triangles of the given mesh, if it was too coarse for shadows and cut.
+    pub given_triangles: Option<usize>,
     pub memory: MemoryUse,
     /// Of each process that worked on the scene.
     pub ranks: Vec<RankReport>,
