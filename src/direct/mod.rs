@@ -17,6 +17,7 @@ mod subtraction;
 mod trapezoids;
 mod visible;
 
+pub use cone::vector_irradiance;
 pub use lamps::{Lamp, lamps};
 pub use polygon::Polygon;
 

@@ -306,6 +306,9 @@ impl Assembly {
         // Otherwise the check says what is wrong.
         let sound = !self.scene.triangles.is_empty() && self.scene.vertices.iter().all(|v| v.is_finite());
         if sound {
+            if !options.strict {
+                self.leave_out_repeats();
+            }
             self.scene.update_degenerate();
             self.turn_faces();
             self.add_second_sides(options);
@@ -373,6 +376,23 @@ impl Assembly {
             self.path.display(),
             limited.join(", ")
         ));
+    }
+
+    /// Takes the area of triangles that stand there twice: each would emit, reflect and block light once more.
+    fn leave_out_repeats(&mut self) {
+        let repeated = self.scene.repeated();
+        let Some(&first) = repeated.first() else { return };
+        self.scene.warnings.push(format!(
+            "{}: {} triangle(s) have the same corners and front as one before and are left out: their rows stay, without area; the \
+             first is triangle {first} of mesh \"{}\".",
+            self.path.display(),
+            repeated.len(),
+            self.scene.mesh_name(first)
+        ));
+        for t in repeated {
+            let vertices = &mut self.scene.triangles[t].vertices;
+            *vertices = [vertices[0]; 3];
+        }
     }
 
     fn turn_faces(&mut self) {

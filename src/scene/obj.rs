@@ -22,8 +22,8 @@ use super::triangulate::triangulate;
 const DEFAULT_MATERIAL: &str = "default";
 const GREY: [f64; 3] = [0.5; 3];
 /// Statements that do not affect geometry or materials.
-const IGNORED: [&str; 7] = ["o", "g", "s", "vn", "vp", "l", "p"];
-const READ: [&str; 5] = ["v", "vt", "f", "usemtl", "mtllib"];
+const IGNORED: [&str; 6] = ["o", "g", "s", "vp", "l", "p"];
+const READ: [&str; 6] = ["v", "vt", "vn", "f", "usemtl", "mtllib"];
 
 /// Reads a mesh and its MTL files. A material for which `defined_elsewhere` holds needs no MTL; others that are missing are
 /// grey, or with `strict` an error.
@@ -40,6 +40,8 @@ pub(super) fn read(
         warnings,
         vertices: Vec::new(),
         coordinates: Vec::new(),
+        normals: Vec::new(),
+        against_normals: (0, 0),
         faces: Vec::new(),
         uvs: Vec::new(),
         textures: HashMap::new(),
@@ -75,6 +77,10 @@ struct Reader<'a> {
     vertices: Vec<DVec3>,
     /// Of `vt` lines.
     coordinates: Vec<DVec2>,
+    /// Of `vn` lines.
+    normals: Vec<DVec3>,
+    /// Number of faces whose normals point to their backs, and the line of the first.
+    against_normals: (usize, usize),
     faces: Vec<[u32; 3]>,
     /// Per face, NaN where a corner has no texture coordinates.
     uvs: Vec<[DVec2; 3]>,
@@ -106,6 +112,12 @@ impl Reader<'_> {
                 let mut words = statement.words().map(|word| word.parse().unwrap_or(f64::NAN));
                 let mut next = || words.next().unwrap_or(0.0);
                 self.coordinates.push(DVec2::new(next(), next()));
+            }
+            // One that is no number points nowhere.
+            "vn" => {
+                let mut words = statement.words().map(|word| word.parse().unwrap_or(0.0));
+                let mut next = || words.next().unwrap_or(0.0);
+                self.normals.push(DVec3::new(next(), next(), next()));
             }
             "f" => self.face(statement, place)?,
             "usemtl" if statement.rest().is_empty() => {
@@ -145,22 +157,31 @@ impl Reader<'_> {
         };
         let positions: Vec<DVec3> = corners.iter().map(|&c| self.vertices[c as usize]).collect();
         let uvs: Vec<DVec2> = statement.words().map(|word| self.texture_coordinates(word)).collect();
+        let normal: DVec3 = statement.words().map(|word| self.normal(word)).sum();
+        let mut front = DVec3::ZERO;
         for triangle in triangulate(&positions) {
+            let [a, b, c] = triangle.map(|at| positions[at]);
+            front += (b - a).cross(c - a);
             self.faces.push(triangle.map(|at| corners[at]));
             self.uvs.push(triangle.map(|at| uvs[at]));
             self.face_materials.push(material);
             self.face_lines.push(u32::try_from(place.line).unwrap_or(u32::MAX));
         }
+        if normal.dot(front) < 0.0 {
+            let (count, first) = self.against_normals;
+            self.against_normals = (count + 1, if count == 0 { place.line } else { first });
+        }
         Ok(())
+    }
+
+    /// That of a corner `v//vn` or `v/vt/vn`, or zero.
+    fn normal(&self, word: &str) -> DVec3 {
+        listed(&self.normals, word.split('/').nth(2)).unwrap_or_default()
     }
 
     /// Those of a corner `v/vt`, or NaN.
     fn texture_coordinates(&self, word: &str) -> DVec2 {
-        let index: Option<i64> = word.split('/').nth(1).and_then(|index| index.parse().ok());
-        let count = self.coordinates.len() as i64;
-        let from_zero = index.map(|index| if index > 0 { index - 1 } else { count.saturating_add(index) });
-        let at = from_zero.and_then(|index| usize::try_from(index).ok());
-        at.and_then(|at| self.coordinates.get(at)).copied().unwrap_or(DVec2::NAN)
+        listed(&self.coordinates, word.split('/').nth(1)).unwrap_or(DVec2::NAN)
     }
 
     /// A texture that an MTL file names. One that is missing, or of a kind that is not read, is left out with a warning.
@@ -286,6 +307,14 @@ impl Reader<'_> {
         } else if !self.missing.is_empty() {
             self.warnings.push(format!("{}: {} is missing.", self.path.display(), list(&self.missing)));
         }
+        if let (count @ 1.., line) = self.against_normals {
+            self.warnings.push(format!(
+                "{}: the normals (`vn`) of this and {} other face(s) point to their backs; fronts are where corners run \
+                 counter-clockwise. Turn them where they come out black, or give them a second side (--two-sided).",
+                Place { path: self.path, line },
+                count - 1
+            ));
+        }
         if let Some((line, key)) = &self.unknown {
             let place = Place { path: self.path, line: *line };
             let hint = nearest(key, READ).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
@@ -313,6 +342,13 @@ fn vertex(statement: &Statement, place: Place) -> Result<DVec3, SceneError> {
         None => Err(place.error("a vertex with fewer than 3 coordinates; expected `v x y z`")),
     };
     Ok(DVec3::new(coordinate()?, coordinate()?, coordinate()?))
+}
+
+/// What an index of a corner names: counted from 1, or backwards from the last one if negative.
+fn listed<T: Copy>(all: &[T], index: Option<&str>) -> Option<T> {
+    let index: i64 = index?.parse().ok()?;
+    let from_zero = if index > 0 { index - 1 } else { (all.len() as i64).saturating_add(index) };
+    all.get(usize::try_from(from_zero).ok()?).copied()
 }
 
 /// The vertex of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`: counted from 1, or backwards from the last one if negative.

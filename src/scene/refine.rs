@@ -1,7 +1,7 @@
 //! Subdivides chosen triangles of a scene.
 
-use super::Scene;
 use super::geometry::subdivide;
+use super::{Scene, bounds};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -66,6 +66,30 @@ impl Scene {
         parents
     }
 
+    /// Cuts triangles with edges longer than a share of the scene's diagonal until there are none, or `max_triangles` would be exceeded.
+    /// Surfaces that emit and reflect nothing, such as a [sky](Self::add_sky), do not count and stay. Returns the original triangle of
+    /// each new one.
+    pub fn split_wide(&mut self, share: f64, max_triangles: usize) -> Vec<u32> {
+        let reflects = |scene: &Self, t: u32| !scene.material(t as usize).only_emits();
+        let every = 0..self.triangles.len() as u32;
+        let (low, high) =
+            bounds(every.clone().filter(|&t| reflects(self, t)).flat_map(|t| self.corners(t as usize)));
+        let widest = share * low.distance(high);
+        let mut parents: Vec<u32> = every.collect();
+        loop {
+            let longest = |t: u32| {
+                let [a, b, c] = self.corners(t as usize);
+                a.distance(b).max(b.distance(c)).max(c.distance(a))
+            };
+            let wide: Vec<u32> =
+                (0..parents.len() as u32).filter(|&t| longest(t) > widest && reflects(self, t)).collect();
+            if wide.is_empty() || parents.len() + 3 * wide.len() > max_triangles {
+                return parents;
+            }
+            parents = self.split(&wide).into_iter().map(|parent| parents[parent as usize]).collect();
+        }
+    }
+
     /// Area-weighted means of per-triangle values of a subdivided scene, on the triangles of the original scene.
     ///
     /// `parents`: per triangle, its original; `areas`: of the originals, m².
@@ -106,5 +130,24 @@ mod tests {
         // Triangles 2 and 3 share an edge, and thus one of the new vertices.
         assert_eq!(scene.vertices.len(), before.vertices.len() + 3 + 5);
         assert!(scene.check(true).is_ok());
+    }
+
+    #[test]
+    fn wide_triangles_are_cut_and_others_stay() {
+        let mut builder = SceneBuilder::new();
+        builder.shape("room", Shape::Room { cells: 1 }, &Material::named("grey"), DAffine3::IDENTITY);
+        let small = DAffine3::from_scale(DVec3::splat(0.1));
+        builder.shape("box", Shape::Box { cells: 1 }, &Material::named("grey"), small);
+        let given = builder.finish("scene").expect("a scene");
+
+        let mut scene = given.clone();
+        let parents = scene.split_wide(0.22, usize::MAX);
+        // Edges of √2 become √2/4, within .22 √3.
+        assert_eq!(scene.triangles.len(), 12 * 16 + 12);
+        let pieces = |t: u32| parents.iter().filter(|&&parent| parent == t).count();
+        assert!((0..12).all(|t| pieces(t) == 16) && (12..24).all(|t| pieces(t) == 1));
+
+        let mut bounded = given.clone();
+        assert_eq!(bounded.split_wide(0.22, 100).len(), 12 * 4 + 12);
     }
 }

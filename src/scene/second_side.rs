@@ -1,22 +1,32 @@
 //! Sheets with two sides: a triangle that is declared two-sided gets a second one with the same corners and the opposite front.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
+
+use glam::DVec3;
 
 use super::orient::shells;
 use super::{Scene, Triangle};
 
 impl Scene {
-    /// Per triangle, whether another one has the same corners and the opposite front.
-    pub(crate) fn has_other_side(&self) -> Vec<bool> {
-        let key = |[a, b, c]: [u32; 3]| {
-            let corners =
-                [a, b, c].map(|v| self.vertices[v as usize].to_array().map(|x| (x + 0.0).to_bits()));
-            let [a, b, c] = corners;
-            [[a, b, c], [b, c, a], [c, a, b]].into_iter().min()
-        };
-        let there: HashSet<_> = self.triangles.iter().map(|t| key(t.vertices)).collect();
-        self.triangles.iter().map(|t| there.contains(&key(other_side(t.vertices)))).collect()
+    /// Per triangle, another one with the same corners and the opposite front.
+    pub(crate) fn other_sides(&self) -> Vec<Option<u32>> {
+        let there: HashMap<_, u32> =
+            (0..).zip(&self.triangles).map(|(i, t)| (self.front(t.vertices), i)).collect();
+        self.triangles.iter().map(|t| there.get(&self.front(other_side(t.vertices))).copied()).collect()
+    }
+
+    /// Triangles with an area, and the same corners and front as one before.
+    pub(super) fn repeated(&self) -> Vec<usize> {
+        let mut there = HashSet::new();
+        let repeats = |&t: &usize| !there.insert(self.front(self.triangles[t].vertices));
+        (0..self.triangles.len()).filter(|&t| self.area_vector(t) != DVec3::ZERO).filter(repeats).collect()
+    }
+
+    /// What triangles with the same corners and front have in common.
+    fn front(&self, vertices: [u32; 3]) -> [[u64; 3]; 3] {
+        let [a, b, c] = vertices.map(|v| self.vertices[v as usize].to_array().map(|x| (x + 0.0).to_bits()));
+        [a, b, c].min([b, c, a]).min([c, a, b])
     }
 
     /// Appends to each mesh the second sides of those of its triangles for which `two_sided` holds, in their order, with the same
@@ -31,7 +41,7 @@ impl Scene {
         for shell in shells(self).iter().filter(|shell| shell.closed && shell.against.is_empty()) {
             shell.triangles.iter().for_each(|&t| asked[t as usize] = false);
         }
-        asked.iter_mut().zip(self.has_other_side()).for_each(|(asked, has)| *asked &= !has);
+        asked.iter_mut().zip(self.other_sides()).for_each(|(asked, other)| *asked &= other.is_none());
         let old = std::mem::take(&mut self.triangles);
         let mut origins = self.origins.iter_mut();
         // Per new triangle, the old one, and whether it is its second side.

@@ -8,7 +8,6 @@
 mod answer;
 mod estimate;
 mod levels;
-mod mesh;
 mod pictures;
 
 pub use answer::Answer;
@@ -316,6 +315,10 @@ struct Found {
     answer: Answer,
 }
 
+/// Longest edge at the start, as a share of the scene's diagonal. A wall needs several triangles: only the differences between
+/// neighbours show how light varies within them.
+const WIDEST: f64 = 0.22;
+
 impl<'a> Search<'a> {
     fn new(
         device: &'a Device,
@@ -324,7 +327,7 @@ impl<'a> Search<'a> {
         reserve: &'a dyn Fn(&Scene) -> u64,
     ) -> Self {
         let mut scene = given.clone();
-        let parents = mesh::cut_wide(&mut scene, options.max_triangles);
+        let parents = scene.split_wide(WIDEST, options.max_triangles);
         let albedo = mean_albedo(given);
         Self {
             device,

@@ -38,10 +38,10 @@ pub fn lit(scene: &Scene, plan: &Plan) -> Vec<(u32, f64)> {
     let least = LIT * light / all;
     let bright = runs.iter().zip(&sides).filter(|(_, [_, back])| *back > least.max(0.0));
     // What arrives at the back of a side of a sheet arrives at the front of the other.
-    let other_side = scene.has_other_side();
+    let other_sides = scene.other_sides();
     let mut found: Vec<(u32, f64)> = bright
         .flat_map(|(run, [_, back])| run.iter().map(|&i| (i, *back)))
-        .filter(|&(i, _)| !other_side[i as usize])
+        .filter(|&(i, _)| other_sides[i as usize].is_none())
         .collect();
     found.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     found

@@ -125,6 +125,12 @@ pub struct Warnings {
     pub list: Vec<Warning>,
 }
 
+/// Area of all that does not only emit, as a sky does, in the plan's unit.
+fn area(scene: &Scene, plan: &Plan) -> f64 {
+    let counts = |i: &usize| !scene.material(*i).only_emits();
+    (0..plan.facets.len()).filter(counts).map(|i| plan.facets[i].area).sum::<f64>().max(f64::MIN_POSITIVE)
+}
+
 /// A triangle, its value and the other triangle concerned.
 type Found = (u32, f64, Option<u32>);
 
@@ -325,7 +331,7 @@ impl Warnings {
     fn lit_backs(&mut self, scene: &Scene, plan: &Plan) {
         let found: Vec<Found> =
             backs::lit(scene, plan).into_iter().map(|(t, light)| (t, light, None)).collect();
-        let all: f64 = plan.facets.iter().map(|f| f.area).sum();
+        let all = area(scene, plan);
         let share_of = |counts: &dyn Fn(u32) -> bool| {
             let area = |f: &Found| plan.facets[f.0 as usize].area;
             found.iter().filter(|f| counts(f.0)).map(area).sum::<f64>() / all
@@ -358,7 +364,7 @@ impl Warnings {
         if found.is_empty() {
             return;
         }
-        let all: f64 = plan.facets.iter().map(|f| f.area).sum();
+        let all = area(scene, plan);
         let area: f64 = found.iter().map(|f| plan.facets[f.0 as usize].area).sum();
         let example = |&(triangle, value, other): &Found| Example {
             triangle,

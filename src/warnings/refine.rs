@@ -1,10 +1,11 @@
 //! Refinement of the mesh where warnings ask for it.
 
+use super::shadows::{self, too_coarse};
 use super::{Kind, Warnings};
 use crate::options::setters;
 use crate::plan::{Plan, PlanError, PlanOptions};
 use crate::scene::Scene;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 /// How far to refine.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,8 +59,15 @@ pub enum RefineError {
     },
 }
 
+/// Longest edge that stays where a mesh is far too coarse for the light of lamps, as a share of the scene's diagonal: there, light that
+/// surfaces reflect onto each other varies within triangles as well.
+const WIDEST: f64 = 0.15;
+
 /// Cuts coarse blockers, those of stacked layers included, triangles with shadows within them, and the larger triangles of narrow
 /// gaps, the worst first, until none are left, `max_triangles` is reached, or `levels` rounds are done; see [`Scene::split`]. Materials, cameras and settings stay.
+///
+/// A mesh that is [far too coarse](too_coarse) for the light of lamps is cut before that, as far as `max_triangles` allows, until no
+/// triangle would receive more than 4 % of all light of lamps or has an edge longer than 15 % of the scene's diagonal.
 pub fn refine(
     scene: &mut Scene,
     plan_options: &PlanOptions,
@@ -83,8 +91,12 @@ pub fn refine(
         return Err(RefineError::Full { triangles: count, allowed });
     }
     let old = scene.clone();
+    if too_coarse(scene) {
+        refined.parents = cut_coarse(scene, allowed);
+        refined.after = Warnings::with_shadows(scene, &plan(scene)?);
+    }
     while refined.rounds < options.levels {
-        let mut chosen = asked(&refined.after);
+        let mut chosen = with_other_sides(scene, asked(&refined.after));
         let room = allowed.saturating_sub(scene.triangles.len()) / 3;
         refined.full = chosen.len() > room;
         chosen.truncate(room);
@@ -108,9 +120,31 @@ pub fn refine(
     Ok(refined)
 }
 
+/// Cuts a mesh that is far too coarse for the light of lamps: the triangle of each new one.
+fn cut_coarse(scene: &mut Scene, max_triangles: usize) -> Vec<u32> {
+    let mut parents: Vec<u32> = (0..scene.triangles.len() as u32).collect();
+    loop {
+        let mut flooded = with_other_sides(scene, shadows::flooded(scene));
+        flooded.sort_unstable();
+        if flooded.is_empty() || scene.triangles.len() + 3 * flooded.len() > max_triangles {
+            break;
+        }
+        parents = scene.split(&flooded).into_iter().map(|parent| parents[parent as usize]).collect();
+    }
+    scene.split_wide(WIDEST, max_triangles).into_iter().map(|part| parents[part as usize]).collect()
+}
+
 /// The triangles to cut, the worst first, each once.
 fn asked(warnings: &Warnings) -> Vec<u32> {
     let lists = [Kind::CoarseBlockers, Kind::CoarseShadows, Kind::NarrowGaps].map(|kind| warnings.get(kind));
-    let mut seen = std::collections::HashSet::new();
+    let mut seen = HashSet::new();
     lists.into_iter().flatten().flat_map(|w| &w.triangles).copied().filter(|&t| seen.insert(t)).collect()
+}
+
+/// Chosen triangles, each with the other side of its sheet, if it has one: the two stay alike.
+fn with_other_sides(scene: &Scene, chosen: Vec<u32>) -> Vec<u32> {
+    let other_sides = scene.other_sides();
+    let mut seen = HashSet::new();
+    let both = chosen.into_iter().flat_map(|t| [Some(t), other_sides[t as usize]]);
+    both.flatten().filter(|&t| seen.insert(t)).collect()
 }

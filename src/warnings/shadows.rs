@@ -3,7 +3,7 @@
 //! What such a triangle reflects leaves it evenly. Its own irradiance is right, since direct light is exact, and so is its picture,
 //! where direct light is gathered; what others receive from it is not.
 
-use crate::direct::{DirectLight, POINTS, at};
+use crate::direct::{DirectLight, Lamp, POINTS, at, vector_irradiance};
 use crate::model::{Facet, quarters};
 use crate::plan::{Plan, exact_lamps};
 use crate::scene::Scene;
@@ -15,6 +15,11 @@ use std::f64::consts::PI;
 /// from which a mesh is.
 const COARSE_TRIANGLE: f64 = 0.03;
 const COARSE_MESH: f64 = 0.1;
+
+/// Share of the light of lamps that one triangle may receive, and from which a mesh is far too coarse: those of triangles about half as wide
+/// as they are far from the only lamp, and as wide.
+const MOST_OF_THE_LIGHT: f64 = 0.04;
+const FAR_TOO_MUCH_LIGHT: f64 = 0.12;
 
 /// Points and weights within each quarter of a triangle, in barycentric coordinates.
 type Points<'a> = &'a [([f64; 3], f64)];
@@ -86,16 +91,81 @@ pub fn uneven(scene: &Scene, plan: &Plan, limit: f64) -> Vec<(u32, f64)> {
     found
 }
 
-/// Whether the mesh of a scene is so coarse for the light of its exact lamps that it is better cut before a solve: what its worst
-/// triangles reflect, evenly, is off by 10 % of all reflected light of lamps or more (relative L2 norm).
+/// Triangles that would receive more than 4 % of all light of lamps if nothing stood between, ascending.
+pub fn flooded(scene: &Scene) -> Vec<u32> {
+    let (facets, lamps) = exact_lamps(scene);
+    let emitted = Emitted::new(scene, &facets, &lamps);
+    let all = 0..facets.len() as u32;
+    all.into_par_iter().filter(|&i| emitted.share(i as usize) > MOST_OF_THE_LIGHT).collect()
+}
+
+/// The light that lamps emit, as if nothing stood in its way.
+struct Emitted<'a> {
+    scene: &'a Scene,
+    facets: &'a [Facet],
+    lamps: Vec<Source>,
+    power: f64,
+}
+
+/// A lamp as points between its centre and its corners.
+struct Source {
+    normal: DVec3,
+    power: f64,
+    points: Vec<DVec3>,
+}
+
+impl<'a> Emitted<'a> {
+    fn new(scene: &'a Scene, facets: &'a [Facet], lamps: &[Lamp]) -> Self {
+        let source = |lamp: &Lamp| {
+            let corner = |&[i, k]: &[u32; 2]| facets[i as usize].corners[k as usize];
+            let corners: Vec<DVec3> = lamp.corners.iter().map(corner).collect();
+            let centre = corners.iter().sum::<DVec3>() / corners.len() as f64;
+            let area: f64 = lamp.triangles.iter().map(|&i| facets[i as usize].area).sum();
+            Source {
+                normal: facets[lamp.first()].normal,
+                power: area * scene.material(lamp.first()).emission.iter().sum::<f64>(),
+                points: corners.iter().map(|corner| 0.5 * (corner + centre)).collect(),
+            }
+        };
+        let lamps: Vec<Source> = lamps.iter().map(source).collect();
+        Self { scene, facets, power: lamps.iter().map(|lamp| lamp.power).sum(), lamps }
+    }
+
+    /// The share that a triangle receives, by form factors from the points of lamps; none if it reflects nothing.
+    fn share(&self, triangle: usize) -> f64 {
+        let receiver = &self.facets[triangle];
+        if self.scene.material(triangle).diffuse_albedo() == [0.0; 3] {
+            return 0.0;
+        }
+        let form_factor = |point: DVec3, normal: DVec3| {
+            let sides = (0..3).map(|k| (0, [k, (k + 1) % 3].map(|k| receiver.corners[k] - point)));
+            // Seen from its front, a triangle runs the other way than the cone that it closes.
+            (-vector_irradiance(sides).dot(normal) / PI).max(0.0)
+        };
+        let from = |lamp: &Source| {
+            let faces = |point: &&DVec3| (**point - receiver.centroid).dot(receiver.normal) > 0.0;
+            let sum: f64 = lamp.points.iter().filter(faces).map(|p| form_factor(*p, lamp.normal)).sum();
+            lamp.power * sum / lamp.points.len() as f64
+        };
+        self.lamps.iter().map(from).sum::<f64>() / self.power
+    }
+}
+
+/// Whether the mesh of a scene is so coarse for the light of its exact lamps that it is better cut before a solve: one triangle would receive
+/// 12 % of all light of lamps, or what the worst triangles reflect, evenly, is off by 10 % of all reflected light of lamps or
+/// more (relative L2 norm).
 ///
 /// Far quicker than [`Warnings::with_shadows`](super::Warnings::with_shadows): it looks at one point of each quarter of those
-/// triangles alone that may have a share of 3 %, by the light that would reach them without shadows.
+/// triangles alone that may have a share of 3 % in that error, by the light that would reach them without shadows.
 pub fn too_coarse(scene: &Scene) -> bool {
     const CENTROIDS: [([f64; 3], f64); 1] = [([1.0 / 3.0; 3], 1.0)];
     let (facets, lamps) = exact_lamps(scene);
     if lamps.is_empty() {
         return false;
+    }
+    let emitted = Emitted::new(scene, &facets, &lamps);
+    if (0..facets.len()).into_par_iter().any(|i| emitted.share(i) > FAR_TOO_MUCH_LIGHT) {
+        return true;
     }
     let unoccluded = Reflected::new(scene, &facets, DirectLight::without_shadows(&facets, lamps.clone()));
     let squares: Vec<f64> = (0..facets.len())

@@ -1,9 +1,12 @@
 //! The command-line tool as a process: what it refuses, its messages, and the files it writes.
 
 mod ambiguities;
+mod as_they_come;
 mod batches;
 mod examples;
 mod fits;
+#[path = "../support/obj.rs"]
+mod obj;
 mod pages;
 mod pictures;
 mod plans;

@@ -7,6 +7,8 @@ mod export;
 mod gltf;
 mod meshes;
 mod mitsuba;
+#[path = "../support/obj.rs"]
+mod obj;
 mod ply;
 mod save;
 mod scene_file;

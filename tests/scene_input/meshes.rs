@@ -79,7 +79,7 @@ fn obj_forms() {
 
 #[test]
 fn faces_without_material_are_grey() {
-    let no_mtl = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl wood\nf 1 2 3\n";
+    let no_mtl = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl wood\nf 1 3 2\n";
     let scene = good("m.obj", &[("m.obj", no_mtl)]);
     assert_eq!(scene.materials.iter().map(|m| m.name.as_str()).collect::<Vec<_>>(), ["default", "wood"]);
     assert!(scene.materials.iter().all(|m| m.albedo == [0.5; 3] && m.diffuse == 1.0));

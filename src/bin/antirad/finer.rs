@@ -7,6 +7,9 @@ use antirad::scene::Scene;
 use antirad::target_error::usual_settings;
 use antirad::warnings::{RefineOptions, refine, too_coarse};
 
+/// Triangles that may be added where nobody asked for a finer mesh.
+const UNASKED: usize = 4000;
+
 /// How the triangles of a scene were cut.
 pub struct Finer {
     /// Per triangle, the index of the given triangle that it is a part of.
@@ -16,20 +19,31 @@ pub struct Finer {
 }
 
 impl Finer {
-    /// [`Self::of`], if the mesh is far too coarse for shadows and has fewer than `max_triangles`.
+    /// The same if the mesh is [far too coarse](too_coarse), with at most [`UNASKED`] more triangles.
     pub fn where_coarse(
         scene: &mut Scene,
         max_triangles: usize,
         interrupt: &Interrupt,
     ) -> Result<Option<Self>, Failure> {
         let looking = Working::on("looking for shadows");
-        let coarse = scene.triangles.len() < max_triangles && interrupt.while_computing(|| too_coarse(scene));
+        let given = scene.triangles.len();
+        let coarse = given < max_triangles && interrupt.while_computing(|| too_coarse(scene));
         drop(looking);
-        coarse.then(|| Self::of(scene, max_triangles, interrupt)).transpose()
+        let cut = || Ok(Self::cut(scene, max_triangles.min(given + UNASKED), interrupt)?.0);
+        coarse.then(cut).transpose()
     }
 
     /// Cuts triangles where the mesh is too coarse for shadows: see [`refine`]. Settings stay as they are.
     pub fn of(scene: &mut Scene, max_triangles: usize, interrupt: &Interrupt) -> Result<Self, Failure> {
+        let (finer, full) = Self::cut(scene, max_triangles, interrupt)?;
+        if full {
+            tracing::warn!("the mesh would be finer, but for --max-triangles {max_triangles}");
+        }
+        Ok(finer)
+    }
+
+    /// Also tells whether `max_triangles` prevented further cuts.
+    fn cut(scene: &mut Scene, max_triangles: usize, interrupt: &Interrupt) -> Result<(Self, bool), Failure> {
         let _working = Working::on("refining the mesh");
         let areas: Vec<f64> = (0..scene.triangles.len()).map(|t| scene.area_vector(t).length()).collect();
         let settings = scene.settings;
@@ -45,10 +59,7 @@ impl Finer {
             areas.len(),
             refined.rounds
         );
-        if refined.full {
-            tracing::warn!("the mesh would be finer, but for --max-triangles {max_triangles}");
-        }
-        Ok(Self { parents: refined.parents, areas })
+        Ok((Self { parents: refined.parents, areas }, refined.full))
     }
 
     /// Number of the given triangles.

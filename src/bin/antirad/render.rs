@@ -36,8 +36,9 @@ pub struct Arguments {
     /// Render this camera only; may be given several times [default: all cameras of the scene]
     #[arg(long, value_name = "NAME")]
     camera: Vec<String>,
-    /// Cut triangles first where the mesh is too coarse for shadows, as `antirad refine` does: always, never, or where what surfaces
-    /// reflect of the light of lamps would be off by 10 % or more (auto). Files per triangle have means over those given
+    /// Cut triangles first where the mesh is too coarse for shadows, as `antirad refine` does: always, never, or into at most 4000 more
+    /// where a triangle receives 12 % of the light of lamps, or what surfaces reflect of it is off by 10 % (auto). Files per
+    /// triangle have means over those given
     #[arg(
         long,
         value_name = "WHEN",
