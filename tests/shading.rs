@@ -4,6 +4,7 @@ mod support;
 
 use antirad::image::{Coverage, Picture, Rasterizer};
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
+use antirad::reference::PathTracer;
 use antirad::scene::{
     BinLayout, Camera, LoadOptions, Material, Precision, Scene, SceneBuilder, Shape, Triangle,
 };
@@ -279,6 +280,39 @@ fn pictures_show_textures() {
     // The mean over a triangle of the lamp is what shines.
     let mean = |t: usize| scene.material(t).emission[1];
     assert!((mean(2) + mean(3) - 2.0 * 4.5).abs() < 0.02, "{} {}", mean(2), mean(3));
+    finish(&device);
+}
+
+/// The path tracer, which looks textures up at each point of a path, sees the same floor.
+#[test]
+fn path_traced_pictures_show_the_same_textures() {
+    let device = device();
+    let scene = textured_scene();
+    let camera = above(40, 30);
+    let coverage = Rasterizer::new(&device).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
+    let (mut engine, solution) = solve(&device, &scene, &scene.settings);
+    let light = Light::new(&mut engine, &solution, &scene, std::slice::from_ref(&camera)).expect("light");
+    let shown = light.pixels(0, &coverage).expect("pixels");
+    let traced = PathTracer::new(&scene).picture(&camera, 256, 5);
+    let (mut checked, mut squares, mut noise, mut all) = (0, 0.0, 0.0, 0.0);
+    for seen in coverage.faces_in_pixels().filter(|seen| seen.face < 2 && seen.share == 1.0) {
+        let truth = &traced.pixels[seen.pixel].radiance;
+        let difference = DVec3::from_slice(&shown[seen.pixel]) - truth.mean;
+        // The lamp's texture is a mean for light transport, and the wall gives some light back: a few per cent.
+        assert!(
+            difference.abs().cmple(5.0 * truth.error + 0.05 * truth.mean).all(),
+            "{difference} of {} ± {}",
+            truth.mean,
+            truth.error
+        );
+        squares += difference.length_squared();
+        noise += truth.error.length_squared();
+        all += truth.mean.length_squared();
+        checked += 1;
+    }
+    assert!(checked > 300, "{checked}");
+    let error = ((squares - noise) / all).max(0.0).sqrt();
+    assert!(error <= 0.02, "{error}");
     finish(&device);
 }
 

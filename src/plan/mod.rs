@@ -243,6 +243,8 @@ pub struct Plan {
     pub(crate) classes: Vec<Class>,
     /// Emitters whose direct light is exact; that of others takes part in U.
     pub(crate) lamps: Vec<Lamp>,
+    /// How many lamps there are, exact or not.
+    pub(crate) emitters: usize,
     pub(crate) layout: TileLayout,
     pub(crate) interactions: Interactions,
     pub(crate) transport: PlannedTransport,
@@ -276,8 +278,8 @@ impl Plan {
         let placement = Placement::of(scene);
         let facets = placement.facets(scene);
         let mut classes = classify(scene);
-        let lamps = match options.occlusion {
-            Occlusion::Nothing => Vec::new(),
+        let (lamps, emitters) = match options.occlusion {
+            Occlusion::Nothing => (Vec::new(), 0),
             _ => lamps::choose(scene, &facets, settings.lamps),
         };
         match options.occlusion {
@@ -308,6 +310,7 @@ impl Plan {
             placement,
             classes,
             lamps,
+            emitters,
             layout,
             interactions: Interactions::default(),
             transport: PlannedTransport::default(),

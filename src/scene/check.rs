@@ -1,6 +1,6 @@
 //! The one check of a scene. Later layers rely on what it guarantees.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use glam::DVec3;
 
@@ -200,6 +200,13 @@ impl Scene {
         for triangle in &self.triangles {
             used[triangle.material as usize] = true;
         }
+        // Triangles with textures use copies with their means: NAME.1, NAME.2, …
+        let originals: HashSet<String> = (self.materials.iter().zip(&used))
+            .filter(|(_, used)| **used)
+            .filter_map(|(material, _)| material.name.rsplit_once('.'))
+            .filter(|(_, number)| number.parse::<u32>().is_ok())
+            .map(|(name, _)| name.to_owned())
+            .collect();
         let mut lobes = LobeCache::default();
         let mut lit = false;
         let mut warnings = Vec::new();
@@ -209,7 +216,7 @@ impl Scene {
                 (Err(message), true) => {
                     return Err(SceneError::Material { name: name.clone(), message });
                 }
-                (Err(message), false) => {
+                (Err(message), false) if !originals.contains(name) => {
                     warnings.push(format!("Material \"{name}\", which no triangle uses: {message}."));
                 }
                 (Ok(albedo), true) if albedo >= HIGH_ALBEDO => warnings.push(format!(

@@ -135,8 +135,10 @@ impl TomlFile<'_> {
         let defined = |name: &str| tables.material.keys().any(|key| key.get_ref() == name);
         let mut meshes = Vec::new();
         for table in &tables.mesh {
+            // A mesh whose material is stated needs none of its file's.
+            let known = |name: &str| table.get_ref().material.is_some() || defined(name);
             let mut mesh =
-                self.read_mesh(table.get_ref(), table.span(), options, &defined, assembly.warnings())?;
+                self.read_mesh(table.get_ref(), table.span(), options, &known, assembly.warnings())?;
             assembly.add_materials(&mut mesh)?;
             meshes.push(mesh);
         }

@@ -39,7 +39,7 @@ pub(super) fn read(
     let one = |mesh| Contents { meshes: vec![(stem.clone(), mesh)], ..Contents::default() };
     let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     match extension.as_deref() {
-        Some("ply") => ply::read(path, &stem, warnings).map(one),
+        Some("ply") => ply::read(path, &stem, defined_elsewhere(&stem), warnings).map(one),
         Some("gltf" | "glb") => gltf_file::read(path, warnings),
         Some("xml") => mitsuba::read(path, strict, warnings),
         _ => obj::read(path, strict, defined_elsewhere, warnings).map(one),

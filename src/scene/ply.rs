@@ -83,7 +83,12 @@ impl PropertyAccess for Element {
 }
 
 /// Reads a mesh of one material, named `material`.
-pub(super) fn read(path: &Path, material: &str, warnings: &mut Vec<String>) -> Result<RawMesh, SceneError> {
+pub(super) fn read(
+    path: &Path,
+    material: &str,
+    defined_elsewhere: bool,
+    warnings: &mut Vec<String>,
+) -> Result<RawMesh, SceneError> {
     let invalid = |message: String| SceneError::File { path: path.to_path_buf(), message };
     let file =
         crate::input::open(path).map_err(|reason| SceneError::Read { path: path.to_path_buf(), reason })?;
@@ -142,7 +147,7 @@ pub(super) fn read(path: &Path, material: &str, warnings: &mut Vec<String>) -> R
         mesh.colours.clear();
     }
     let albedo = if mesh.colours.is_empty() { 0.5 } else { 1.0 };
-    if mesh.colours.is_empty() {
+    if mesh.colours.is_empty() && !defined_elsewhere {
         warnings.push(format!("{}: no colours; the mesh is grey, albedo 0.5.", path.display()));
     }
     let material = Material { albedo: [albedo; 3], ..Material::named(material) };

@@ -174,7 +174,10 @@ pub fn run(
             scene.settings = settings;
             tracing::info!("{}", plan.report());
             stages.end("plan");
-            let mut engine = Engine::new(&device, &scene, plan).map_err(failure)?;
+            let working = Working::on("direct light");
+            let engine = interrupt.while_computing(|| Engine::new(&device, &scene, plan));
+            drop(working);
+            let mut engine = engine.map_err(failure)?;
             stages.end("prepare");
             let bar = SolveBar::new(settings.tolerance, quiet);
             let solved = solve(&mut engine, &scene, &bar, interrupt);
@@ -185,7 +188,10 @@ pub fn run(
             let warnings = interrupt.while_computing(|| Warnings::of(&scene, engine.plan()));
             drop(working);
             stages.end("check");
-            let answer = Answer::new(&mut engine, &scene, solution, &cameras, warnings)?;
+            let working = Working::on("gathering light");
+            let answer = interrupt
+                .while_computing(|| Answer::new(&mut engine, &scene, solution, &cameras, warnings))?;
+            drop(working);
             Rendered::plain(&scene, answer, engine, finer)
         }
     };
@@ -195,21 +201,26 @@ pub fn run(
     }
     let Rendered { scene: solved, irradiance, radiosity, answer, refinement, engine } = result;
     let rasterizer = Rasterizer::new(&device)?;
-    let pictures = cameras
-        .iter()
-        .zip(&answer.colours)
-        .enumerate()
-        .map(|(view, (camera, colours))| {
-            let picture = match shading {
-                Shading::Gathered => {
-                    let coverage = rasterizer.coverage(&solved, camera, options.supersample)?;
-                    answer.light.picture(view, &coverage)?
-                }
-                _ => rasterizer.render(&solved, camera, &single(colours), &options)?,
-            };
-            Ok((camera, picture))
-        })
-        .collect::<Result<Vec<_>, Failure>>()?;
+    let working = Working::on("pictures");
+    let draw = || {
+        cameras
+            .iter()
+            .zip(&answer.colours)
+            .enumerate()
+            .map(|(view, (camera, colours))| {
+                let picture = match shading {
+                    Shading::Gathered => {
+                        let coverage = rasterizer.coverage(&solved, camera, options.supersample)?;
+                        answer.light.picture(view, &coverage)?
+                    }
+                    _ => rasterizer.render(&solved, camera, &single(colours), &options)?,
+                };
+                Ok((camera, picture))
+            })
+            .collect::<Result<Vec<_>, Failure>>()
+    };
+    let pictures = interrupt.while_computing(draw)?;
+    drop(working);
     stages.end("pictures");
     if interrupt.is_set() {
         return Err(Failure::Interrupted);
@@ -372,6 +383,10 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
         antirad::say!(
             "mesh        cut from {given} triangles, too coarse for shadows; files per triangle have means over those (--refine=never: as given)"
         );
+    }
+    let lamps = &report.plan.lamps;
+    if lamps.emitters > lamps.exact {
+        antirad::say!("lamps       {} (--lamps exact: exact all the same)", lamps.why);
     }
     antirad::say!("directions  {} bins", report.plan.bins);
     for class in &report.plan.classes {

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// A scene, and how to read it.
 #[derive(Args)]
 pub struct SceneFile {
-    /// Scene in TOML, or a bare OBJ
+    /// Scene in TOML, or a file of another program: OBJ, PLY, glTF, Mitsuba XML
     pub scene: PathBuf,
     /// Refuse what is otherwise mended or left out with a warning: triangles without area, materials of mesh files that
     /// reflect all light or more, missing materials

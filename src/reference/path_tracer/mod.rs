@@ -5,19 +5,20 @@
 //! receivers, and the second a large one where lights are small. Paths go on in proportion to the cosine and to the specular
 //! lobe, so that mirrored lamps have little noise, too.
 //!
-//! Shares only material formulas and the camera with the radiosity code, and tests visibility: the ground truth for scenes
-//! without a closed form or other reference data.
+//! Textures count at each point of a path. Shares only material formulas, textures and the camera with the radiosity code, and
+//! tests visibility: the ground truth for scenes without a closed form or other reference data.
 
 mod lobe;
 mod numbers;
 mod picture;
 
-use crate::scene::{Rays, Scene};
+use crate::scene::{Material, Rays, Scene};
 use glam::DVec3;
 use lobe::Reflection;
 use numbers::{Numbers, estimate};
 pub use picture::{TracedPicture, TracedPixel};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::f64::consts::PI;
 
 /// Reflections after which Russian roulette may end a path, with the throughput as the probability of survival.
@@ -107,6 +108,24 @@ impl<'a> PathTracer<'a> {
         })
     }
 
+    /// The material at a point of a triangle, with its texture.
+    fn material(&self, triangle: usize, point: DVec3) -> Cow<'a, Material> {
+        let material = self.scene.material(triangle);
+        if !self.scene.patterns.vary(triangle) {
+            return Cow::Borrowed(material);
+        }
+        let normal = self.normals[triangle];
+        let [a, b, c] = self.scene.corners(triangle).map(|corner| corner - point);
+        let areas = DVec3::new(b.cross(c).dot(normal), c.cross(a).dot(normal), a.cross(b).dot(normal));
+        let factors = self.scene.patterns.at(triangle, areas / areas.element_sum());
+        let [albedo, emission] = factors.map_or([DVec3::ONE; 2], |factors| factors.value);
+        Cow::Owned(Material {
+            albedo: (albedo * DVec3::from(material.albedo)).to_array(),
+            emission: (emission * DVec3::from(material.emission)).to_array(),
+            ..material.clone()
+        })
+    }
+
     /// One sample of the light that a point reflects: direct light there and at every further vertex of a path.
     fn reflected(
         &self,
@@ -137,12 +156,12 @@ impl<'a> PathTracer<'a> {
                 // Backs are black.
                 break;
             }
-            let material = self.scene.material(hit);
+            at += distance * direction;
+            from = hit;
+            let material = &self.material(hit, at);
             // Balance heuristic: density of this direction per area at the hit, over the sum with that of sampling lights.
             let along = density * facing / (distance * distance);
             light += along / (along + self.density[hit]) * throughput * DVec3::from(material.emission);
-            at += distance * direction;
-            from = hit;
             reflection = Reflection::new(material, normal, -direction);
         }
         light
@@ -171,7 +190,7 @@ impl<'a> PathTracer<'a> {
         }
         let geometry = here * there / (r2 * r2);
         let along = reflection.density(direction) * there / (r2 * r2.sqrt());
-        DVec3::from(self.scene.material(light).emission)
+        DVec3::from(self.material(light, target).emission)
             * (geometry / (self.density[light] + along))
             * reflected
     }
@@ -180,7 +199,7 @@ impl<'a> PathTracer<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Material, Triangle};
+    use crate::scene::Triangle;
 
     fn quad(vertices: &mut Vec<DVec3>, triangles: &mut Vec<Triangle>, corners: [DVec3; 4], material: u32) {
         let first = vertices.len() as u32;

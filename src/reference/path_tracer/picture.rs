@@ -134,9 +134,9 @@ impl PathTracer<'_> {
             // Backs are black.
             return Some(DVec3::ZERO);
         }
-        let material = self.scene.material(hit);
-        let reflection = Reflection::new(material, normal, -direction);
         let at = eye + distance * direction;
+        let material = &self.material(hit, at);
+        let reflection = Reflection::new(material, normal, -direction);
         Some(DVec3::from(material.emission) + self.reflected(hit, at, reflection, numbers))
     }
 }

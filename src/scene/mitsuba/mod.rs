@@ -205,7 +205,7 @@ impl<'a, 'i> Reader<'a, 'i> {
         let mut unheard = Vec::new();
         let read = match node.attribute("type") {
             Some("obj") => obj::read(&file, self.strict, |_| true, &mut unheard),
-            _ => ply::read(&file, "", &mut unheard),
+            _ => ply::read(&file, "", false, &mut unheard),
         };
         let mesh = match read {
             Ok(mesh) => mesh,
