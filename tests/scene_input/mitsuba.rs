@@ -31,6 +31,22 @@ fn area(scene: &Scene, mesh: usize) -> (DVec3, f64) {
 const LAMP: &str = "<shape type=\"rectangle\" id=\"lamp\"><emitter type=\"area\"><rgb name=\"radiance\" value=\"18, 12, 4\"/></emitter>\
                     <transform name=\"to_world\"><rotate x=\"1\" angle=\"90\"/><scale value=\"0.5\"/><translate y=\"2\"/></transform></shape>";
 
+/// Few faces, whose light can be exact, and the power of the sphere; a dome stays round.
+#[test]
+fn spheres_that_shine_have_few_faces() {
+    let bulb = |more: &str| {
+        format!(
+            "<shape type=\"sphere\"><float name=\"radius\" value=\"0.5\"/><emitter type=\"area\"><rgb name=\"radiance\" \
+             value=\"3\"/></emitter>{more}</shape><shape type=\"disk\"/>"
+        )
+    };
+    let scene = good(&bulb(""));
+    assert_eq!(scene.meshes[0].range.len(), 20);
+    assert!((area(&scene, 0).1 / std::f64::consts::PI - 1.0).abs() < 1e-12);
+    let dome = good(&bulb("<boolean name=\"flip_normals\" value=\"true\"/>"));
+    assert_eq!(dome.meshes[0].range.len(), 1280);
+}
+
 #[test]
 fn shapes_stand_where_they_should() {
     let text = format!(

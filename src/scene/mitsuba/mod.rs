@@ -8,6 +8,7 @@ mod transform;
 mod values;
 
 use std::collections::{HashMap, HashSet};
+use std::f64::consts::PI;
 use std::path::Path;
 
 use glam::{DMat4, DVec3};
@@ -26,6 +27,8 @@ const MOST_BYTES: u64 = 1 << 28;
 const CELLS: u32 = 8;
 /// Subdivisions of an icosahedron that stands for a sphere: 1280 triangles.
 const SPHERE: u32 = 3;
+/// The same of one that shines: few faces, so that its light can be exact.
+const LAMP: u32 = 0;
 /// Corners of a disk.
 const DISK: u32 = 32;
 
@@ -104,6 +107,9 @@ impl<'a, 'i> Reader<'a, 'i> {
     fn shape(&mut self, node: Node<'a, 'i>, warnings: &mut Vec<String>) -> Result<(), SceneError> {
         let kind = node.attribute("type").unwrap_or_default();
         let place = self.place(node)?;
+        let flipped = self.values.flag(node, "flip_normals")?;
+        let (material, two_sided) = self.material(node)?;
+        let shines = material.emission != [0.0; 3];
         let uniform = |(vertices, faces): (Vec<DVec3>, Vec<[u32; 3]>)| RawMesh::uniform(vertices, faces, "");
         let mut mesh = match kind {
             "obj" | "ply" => self.file(node, warnings)?,
@@ -118,8 +124,18 @@ impl<'a, 'i> Reader<'a, 'i> {
                 uniform((vertices.into_iter().map(|v| 2.0 * v - 1.0).collect(), faces))
             }
             "sphere" => {
-                let (vertices, faces) = Shape::Icosphere { level: SPHERE, inward: false }.mesh();
-                let radius = self.values.number(node, "radius")?.unwrap_or(1.0);
+                // From inside, such as a dome, it is better round.
+                let level = if shines && !flipped { LAMP } else { SPHERE };
+                let (vertices, faces) = Shape::Icosphere { level, inward: false }.mesh();
+                let mut radius = self.values.number(node, "radius")?.unwrap_or(1.0);
+                if shines {
+                    // The same area, hence power.
+                    let double_area = |face: &[u32; 3]| {
+                        let [a, b, c] = face.map(|v| vertices[v as usize]);
+                        (b - a).cross(c - a).length()
+                    };
+                    radius *= (8.0 * PI / faces.iter().map(double_area).sum::<f64>()).sqrt();
+                }
                 let centre = self.values.point(node, "center")?.unwrap_or(DVec3::ZERO);
                 uniform((vertices.into_iter().map(|v| centre + radius * v).collect(), faces))
             }
@@ -137,16 +153,13 @@ impl<'a, 'i> Reader<'a, 'i> {
             }
         };
         mesh.vertices.iter_mut().for_each(|v| *v = place.transform_point3(*v));
-        let flipped = self.values.flag(node, "flip_normals")?;
         if (place.determinant() < 0.0) != flipped {
             mesh.turn();
         }
-        let (material, two_sided) = self.material(node)?;
         let name = node.attribute("id").unwrap_or(kind).to_owned();
         mesh.material_names = vec![material.name.clone()];
         mesh.face_materials = vec![0; mesh.faces.len()];
         // Emission leaves the front alone, so that a lamp with two sides needs two materials.
-        let shines = material.emission != [0.0; 3];
         let mut front = RawMaterial::of_file(material, self.path);
         front.two_sided = two_sided && !shines;
         mesh.materials = vec![front];
