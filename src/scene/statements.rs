@@ -72,9 +72,20 @@ pub(super) fn number(word: &str, place: Place) -> Result<f64, SceneError> {
     }
 }
 
-/// Reads a text file. Bytes that are not UTF-8 (comments in other encodings are common) become replacement characters.
+/// Reads a text file in UTF-8, or in UTF-16 if it begins with its mark. Bytes that are neither (comments in other encodings are common)
+/// become replacement characters.
 pub(super) fn read_text(path: &Path) -> std::io::Result<String> {
     let bytes = crate::input::read(path)?;
+    let pairs = || bytes.chunks_exact(2).skip(1).map(|pair| [pair[0], pair[1]]);
+    match bytes.get(..2) {
+        Some([0xff, 0xfe]) => {
+            return Ok(String::from_utf16_lossy(&pairs().map(u16::from_le_bytes).collect::<Vec<_>>()));
+        }
+        Some([0xfe, 0xff]) => {
+            return Ok(String::from_utf16_lossy(&pairs().map(u16::from_be_bytes).collect::<Vec<_>>()));
+        }
+        _ => {}
+    }
     Ok(match String::from_utf8(bytes) {
         Ok(text) => text,
         Err(error) => String::from_utf8_lossy(error.as_bytes()).into_owned(),

@@ -225,6 +225,10 @@ fn what_is_wrong_is_said() {
             vec!["s.gltf", "node 0", "its own ancestor"],
         ),
         (change("/scenes/0/nodes", json!([0, 1])), vec!["node 1", "child twice"]),
+        (
+            change("/extensionsRequired", json!(["KHR_draco_mesh_compression"])),
+            vec!["s.gltf", "compressed (KHR_draco_mesh_compression)", "export it without"],
+        ),
         (change("/buffers/0/uri", json!("lost.bin")), vec!["s.gltf", "lost.bin", "cannot be read"]),
         (change("/buffers/0/uri", json!("https://a.b/c.bin")), vec!["network"]),
         (change("/buffers/0/byteLength", json!(61)), vec!["buffer 0 has 60 bytes, of 61"]),
@@ -242,8 +246,8 @@ fn what_is_wrong_is_said() {
         ),
         (change("/accessors/1/componentType", json!(5126)), vec!["accessor 1", "no unsigned integers"]),
         (change("/accessors/0/type", json!("VEC2")), vec!["accessor 0 has 2 numbers a row; expected 3"]),
-        (change("/meshes/0/primitives/0/indices", json!(9)), vec!["s.gltf", "no valid glTF"]),
-        (change("/asset/version", json!(3)), vec!["s.gltf", "no valid glTF"]),
+        (change("/meshes/0/primitives/0/indices", json!(9)), vec!["s.gltf", "no glTF 2.0 that can be read"]),
+        (change("/asset/version", json!(3)), vec!["s.gltf", "no glTF 2.0 that can be read"]),
         (change("/scenes/0/nodes", json!([])), vec!["s.gltf", "no triangles"]),
     ] {
         let error = load(&document).expect_err(parts[0]);

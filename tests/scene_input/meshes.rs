@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{MTL, assert_refused, assert_says, good, with_mesh};
+use super::{Folder, MTL, assert_refused, assert_says, good, with_mesh};
 
 #[test]
 fn broken_obj_lines() {
@@ -74,6 +74,19 @@ fn obj_forms() {
         let expected = if triangles == 3 { 4.0 - 0.2 } else { 4.0 };
         assert!(area.abs_diff_eq(DVec3::Z * expected, 1e-12), "{faces}: {area}");
         assert!(scene.degenerate.is_empty(), "{faces}");
+    }
+}
+
+/// As some editors of Windows save it.
+#[test]
+fn text_in_utf_16_is_read() {
+    let text = "\u{feff}v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl Wände\nf 1 2 3\n";
+    for order in [u16::to_le_bytes, u16::to_be_bytes] {
+        let folder = Folder::with(&[]);
+        let bytes: Vec<u8> = text.encode_utf16().flat_map(order).collect();
+        std::fs::write(folder.0.path().join("m.obj"), bytes).expect("written");
+        let scene = folder.load("m.obj", false).expect("a mesh");
+        assert_eq!((scene.triangles.len(), scene.material(0).name.as_str()), (1, "Wände"));
     }
 }
 

@@ -24,6 +24,8 @@ use super::{Camera, bounds};
 
 /// Most triangles of all instances together.
 const MOST_TRIANGLES: usize = 10_000_000;
+/// Extensions without which there are no vertices.
+const COMPRESSIONS: [&str; 2] = ["KHR_draco_mesh_compression", "EXT_meshopt_compression"];
 /// Rows of the picture of a camera.
 const HEIGHT: u32 = 480;
 
@@ -43,7 +45,7 @@ fn read_document(path: &Path, warnings: &mut Vec<String>) -> Result<Contents, Sc
         .map_err(|reason| SceneError::Read { path: path.to_path_buf(), reason })?;
     let invalid = |message: String| SceneError::File { path: path.to_path_buf(), message };
     let (document, blob) =
-        parse(&bytes).map_err(|message| invalid(format!("is no valid glTF 2.0: {message}")))?;
+        parse(&bytes).map_err(|message| invalid(format!("is no glTF 2.0 that can be read: {message}")))?;
     drop(bytes);
     let buffers = buffers::read(&document, blob, path).map_err(invalid)?;
     let Some(scene) = document.default_scene().or_else(|| document.scenes().next()) else {
@@ -83,6 +85,11 @@ fn parse(bytes: &[u8]) -> Result<(gltf::Document, Option<Vec<u8>>), String> {
     let (text, blob) = chunks(bytes)?;
     let json: gltf::json::Root =
         gltf::json::deserialize::from_slice(text).map_err(|error| error.to_string())?;
+    if let Some(name) = json.extensions_required.iter().find(|name| COMPRESSIONS.contains(&name.as_str())) {
+        return Err(format!(
+            "its meshes are compressed ({name}), which is not read: export it without compression"
+        ));
+    }
     // The validation of the crate relies on this itself.
     let primitives = json.meshes.iter().flat_map(|mesh| &mesh.primitives);
     let accessors = primitives.flat_map(|primitive| primitive.attributes.values());
