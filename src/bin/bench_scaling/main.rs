@@ -42,10 +42,13 @@ struct Arguments {
     /// Limit of device memory, e.g. 512MiB [default: what the device has]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     memory_budget: Option<u64>,
+    /// Processes that share each bounce, started by mpirun (feature `mpi`)
+    #[arg(long, value_name = "NUMBER", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    ranks: u32,
     /// Folder for scaling.csv and the plots
     #[arg(long, short, value_name = "DIR", default_value = "out/scaling")]
     output: PathBuf,
-    /// Skip sizes that DIR/scaling.csv already has with the same bins, transport and memory budget
+    /// Skip sizes that DIR/scaling.csv already has with the same bins, transport, memory budget and ranks
     #[arg(long)]
     resume: bool,
     /// Vulkan device, by its number or a part of its name [env: ANTIRAD_DEVICE]
@@ -67,12 +70,19 @@ const EXAMPLES: &str = "Examples:
   bench_scaling
   bench_scaling --triangles 10000,20000 --repeats 3 --output out/small
   bench_scaling --transport hierarchical:0.003 --error --scene scenes/cornell_boxes.toml
+  bench_scaling --ranks 2 --triangles 20000
   bench_scaling --resume";
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     cli::start_logging(arguments.quiet, arguments.verbose, false);
     let interrupt = Interrupt::catch();
+    if cfg!(not(feature = "mpi")) && arguments.ranks > 1 {
+        eprintln!(
+            "bench_scaling: it was built without MPI: build it with `--features mpi`, or leave out --ranks"
+        );
+        return ExitCode::from(cli::EXIT_FAILURE);
+    }
     let result =
         if arguments.only { measure::only(&arguments, &interrupt) } else { all(&arguments, &interrupt) };
     match result {
@@ -91,7 +101,7 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn 
     let mut rows = if arguments.resume { table::read(&arguments.output)? } else { Vec::new() };
     let (bins, transport) = (arguments.bins.to_string(), arguments.transport.to_string());
     rows.retain(|row| row.bins == bins && row.transport == transport);
-    rows.retain(|row| row.budget == arguments.memory_budget);
+    rows.retain(|row| row.budget == arguments.memory_budget && row.ranks == arguments.ranks);
     rows.retain(|row| arguments.triangles.contains(&row.size));
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(1000) };
     if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} elapsed, {eta} left") {

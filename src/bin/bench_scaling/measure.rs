@@ -7,6 +7,7 @@ use antirad::cli::Interrupt;
 use antirad::direct::DirectLight;
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Occlusion, Plan, PlanOptions};
+use antirad::ranks::Ranks;
 use antirad::scene::{
     LoadOptions, Material, Scene, SceneError, Shape, SolveSettings, SolverChoice, Triangle,
 };
@@ -88,10 +89,31 @@ fn emitted(scene: &Scene, plan: &Plan) -> Vec<[f64; 3]> {
     light.emitted(material, &light.irradiance(material))
 }
 
-/// Measures the one size of the command line and prints messages.
+/// Measures the one size of the command line, with other processes that mpirun has started, if it has.
+#[cfg(feature = "mpi")]
 pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn Error>> {
+    let Some(world) = antirad::ranks::World::join() else {
+        return bounce(arguments, interrupt, &Ranks::default());
+    };
+    bounce(arguments, interrupt, &world.ranks()).inspect_err(|error| {
+        eprintln!("bench_scaling: {error}");
+        // The others would wait for this one.
+        world.abort(antirad::cli::EXIT_FAILURE);
+    })
+}
+
+/// Measures the one size of the command line.
+#[cfg(not(feature = "mpi"))]
+pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn Error>> {
+    bounce(arguments, interrupt, &Ranks::default())
+}
+
+/// Measures one size; the first rank prints messages.
+fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result<Outcome, Box<dyn Error>> {
     let size = arguments.triangles[0];
     let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.memory_budget))?;
+    let device = device.with_ranks(ranks.clone());
+    let speaks = ranks.rank() == 0;
     let scene = match &arguments.scene {
         None => statue(size)?,
         Some(file) => refined(file, size)?,
@@ -124,7 +146,7 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
             bounce += 1;
         }
         before = done;
-        if last.elapsed().as_secs_f64() > 0.2 {
+        if speaks && last.elapsed().as_secs_f64() > 0.2 {
             last = Instant::now();
             let share = (f64::from(bounce) + done as f64 / total.max(1) as f64) / f64::from(repeats);
             if print(&Message::Progress(share)).is_err() {
@@ -133,15 +155,17 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
         }
         stop.flow()
     })));
-    let (mut wall, mut gpu) = (f64::INFINITY, f64::INFINITY);
+    let (mut wall, mut gpu, mut received) = (f64::INFINITY, f64::INFINITY, 0);
     for _ in 0..repeats {
         device.reset_profile();
+        let [_, before] = ranks.moved();
         let start = Instant::now();
         match operators.pass(Some(&x), true, &mut y) {
             Err(TransportError::Interrupted) => return Ok(Outcome::Interrupted),
             other => other?,
         }
         wall = wall.min(start.elapsed().as_secs_f64());
+        received = ranks.moved()[1] - before;
         gpu = gpu.min(device.profile().iter().map(|row| row.seconds).sum());
     }
     // A user reads the result, too, which allocates the staging buffer.
@@ -163,6 +187,9 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
         None => None,
         Some(plan) => Some(error::of_second_bounce(&mut operators, &scene, &plan)?),
     };
+    if !speaks {
+        return Ok(Outcome::Done);
+    }
     let pairs = report.pairs;
     print(&Message::Row(Box::new(Row {
         size,
@@ -170,6 +197,8 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
         bins: arguments.bins.to_string(),
         transport: arguments.transport.to_string(),
         budget: arguments.memory_budget,
+        ranks: arguments.ranks,
+        bytes_received: received,
         bytes_planned: planned,
         bytes_allocated: memory.in_use,
         bytes_peak: memory.peak,
@@ -214,7 +243,15 @@ pub fn in_child(
     interrupt: &Interrupt,
     progress: &dyn Fn(f64),
 ) -> Result<Size, Box<dyn Error>> {
-    let mut command = Command::new(std::env::current_exe()?);
+    let mut command = match arguments.ranks {
+        1 => Command::new(std::env::current_exe()?),
+        ranks => {
+            let mut command = Command::new("mpirun");
+            command.args(["--oversubscribe", "--bind-to", "none", "-n", &ranks.to_string()]);
+            command.arg(std::env::current_exe()?).args(["--ranks", &ranks.to_string()]);
+            command
+        }
+    };
     command.args(["--only", "--triangles", &size.to_string(), "--bins", &arguments.bins.to_string()]);
     command.args(["--transport", &arguments.transport.to_string()]);
     command.args(["--repeats", &arguments.repeats.to_string()]);

@@ -21,6 +21,12 @@ pub struct Row {
     /// Device memory allowed, if limited.
     #[serde(default)]
     pub budget: Option<u64>,
+    /// Processes that shared the bounce; bytes and seconds are those of the first.
+    #[serde(default = "one")]
+    pub ranks: u32,
+    /// Bytes that it received from others in a bounce.
+    #[serde(default)]
+    pub bytes_received: u64,
     pub bytes_planned: u64,
     pub bytes_allocated: u64,
     pub bytes_peak: u64,
@@ -51,6 +57,10 @@ pub struct Row {
     pub pairs_per_second: f64,
     /// Without the fixed bytes.
     pub bytes_per_triangle: f64,
+}
+
+fn one() -> u32 {
+    1
 }
 
 const FILE: &str = "scaling.csv";
