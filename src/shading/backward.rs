@@ -238,8 +238,7 @@ impl Light {
         let face = *face;
         let facet = &self.facets[face];
         let reflectance = DVec3::from(self.materials[face].diffuse_albedo()) / PI;
-        let known_per_face = self.direct.lamps().is_empty();
-        if known_per_face && pattern.is_empty() || cotangent.iter().all(|by| *by == DVec3::ZERO) {
+        if cotangent.iter().all(|by| *by == DVec3::ZERO) {
             return None;
         }
         let radiance = self.lamp_radiance();
@@ -265,14 +264,9 @@ impl Light {
         for (k, point) in at.iter().enumerate() {
             let weights = barycentric(facet.corners, facet.normal, *point).to_array();
             let mut irradiance = DVec3::ZERO;
-            if known_per_face {
-                irradiance = means;
-                of.means += by_irradiance[k];
-            } else {
-                for (corner, (b, value)) in weights.into_iter().zip(corners).enumerate() {
-                    irradiance += b * value;
-                    by_corners[corner] += b * by_irradiance[k];
-                }
+            for (corner, (b, value)) in weights.into_iter().zip(corners).enumerate() {
+                irradiance += b * value;
+                by_corners[corner] += b * by_irradiance[k];
             }
             for (l, (phi, radiance)) in light[k].iter().zip(&radiance).enumerate() {
                 irradiance += phi.dot(facet.normal) * *radiance;
@@ -324,10 +318,7 @@ impl Light {
             let along = |values: [f64; 3]| slope(facet.corners, facet.normal, facet.area, values);
             for (k, (&point, by_point)) in at.iter().zip(by_points).enumerate() {
                 // Along the face, indirect light changes with the place between the corners.
-                let of_light = match known_per_face {
-                    true => [0.0; 3],
-                    false => corners.map(|c| c.dot(by_irradiance[k])),
-                };
+                let of_light = corners.map(|c| c.dot(by_irradiance[k]));
                 let [column, row] = spots[k].middle;
                 move_point(point, camera.ray(column, row), by_point, along(of_light));
                 // So do albedo and emission, each sample on its own ray.

@@ -35,7 +35,7 @@ pub enum Shading {
     Face,
     /// Interpolated between the corners of faces.
     Smooth,
-    /// Direct light at each visible point, indirect light interpolated. Where no direct light is exact, one colour per face.
+    /// Direct light of exact lamps at each visible point, other light interpolated.
     #[default]
     Gathered,
 }
@@ -157,11 +157,6 @@ impl Light {
         }
     }
 
-    /// Whether irradiance is known more finely than per face.
-    pub(crate) fn is_gathered(&self) -> bool {
-        !self.direct.lamps().is_empty()
-    }
-
     /// How far the mean of the radiance that interpolation alone, without sharpening, shows of each face is from that of the face,
     /// W/(m² sr): a measure of how light varies at the scale of the mesh.
     pub(crate) fn blur(&self) -> Vec<DVec3> {
@@ -228,13 +223,6 @@ impl Light {
         let radiance = self.lamp_radiance();
         let mut differences = vec![DVec3::ZERO; at.len()];
         let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
-        if radiance.is_empty() {
-            // Irradiance is not known more finely than per face.
-            for (to, [of_albedo, _]) in differences.iter_mut().zip(pattern) {
-                *to += reflectance * means * (*of_albedo - 1.0);
-            }
-            return differences;
-        }
         if reflectance != DVec3::ZERO {
             let corners = self.interpolation.corners(&self.facets, &self.sharpened, face);
             for (k, (to, (point, of_lamps))) in differences.iter_mut().zip(at.iter().zip(light)).enumerate() {

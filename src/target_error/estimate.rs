@@ -71,7 +71,7 @@ impl ErrorEstimate {
         visible: &[Visible],
         shading: Shading,
     ) -> Result<Self, ImageError> {
-        let gathered = shading == Shading::Gathered && own.light.is_gathered();
+        let gathered = shading == Shading::Gathered;
         let surface = Surface::new(scene);
         let left = 1.0 - own.info.spectral_radius.unwrap_or(0.0).clamp(0.0, 0.999);
         let residual = own.info.residuals.last().copied().unwrap_or(0.0) / left;

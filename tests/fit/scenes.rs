@@ -187,7 +187,8 @@ fn a_lamp_in_view_is_found_among_all_triangles() {
 }
 
 /// A lamp that no view shows can be replaced by emission of the surfaces that it illuminates: with the sparsity
-/// regulariser, the picture is explained with less power than the lamp's, emitted by visible walls.
+/// regulariser, the picture is explained with less power than the lamp's, emitted by visible walls; but for how reflected light varies
+/// within faces, which emission cannot.
 #[test]
 fn a_hidden_lamp_is_not_found_but_replaced() {
     let scene = emitters();
@@ -195,7 +196,7 @@ fn a_hidden_lamp_is_not_found_but_replaced() {
     let settings = emission_of_triangles().regularisers(vec![sparse]);
     let outcome = run(&scene, cameras(&scene, &["low"]), settings, exact().iterations(25));
     assert!(
-        outcome.views[0] <= 1e-4 * outcome.history[0].loss,
+        outcome.views[0] <= 1e-2 * outcome.history[0].loss,
         "{:?} of {:?}",
         outcome.views,
         outcome.history[0]
