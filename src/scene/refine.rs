@@ -81,8 +81,10 @@ impl Scene {
                 let [a, b, c] = self.corners(t as usize);
                 a.distance(b).max(b.distance(c)).max(c.distance(a))
             };
-            let wide: Vec<u32> =
-                (0..parents.len() as u32).filter(|&t| longest(t) > widest && reflects(self, t)).collect();
+            let has_area = |t: u32| self.degenerate.binary_search(&t).is_err();
+            let wide: Vec<u32> = (0..parents.len() as u32)
+                .filter(|&t| longest(t) > widest && reflects(self, t) && has_area(t))
+                .collect();
             if wide.is_empty() || parents.len() + 3 * wide.len() > max_triangles {
                 return parents;
             }

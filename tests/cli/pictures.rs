@@ -156,7 +156,7 @@ fn a_render_in_little_memory_finds_the_same() {
 #[test]
 fn the_report_tells_everything_of_the_run() {
     let folder = Folder::with(&[]);
-    clean_render(&folder, "room.toml");
+    clean_render(&folder, "room.toml --refine=never");
     let report = folder.json("out/report.json");
     assert_eq!(report["scene"], "room.toml");
     assert_eq!(report["version"], env!("CARGO_PKG_VERSION"));
