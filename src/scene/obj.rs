@@ -15,7 +15,7 @@ use super::geometry::{Maps, RawMaterial, RawMesh};
 use super::material::Material;
 use super::mtl;
 use super::statements::{Statement, number, read_text, statements};
-use super::texture::{Encoding, Map, Texture};
+use super::texture::{Encoding, Map, Texture, linear_from_srgb};
 use super::triangulate::triangulate;
 
 /// The material of faces before any `usemtl`.
@@ -39,6 +39,7 @@ pub(super) fn read(
         strict,
         warnings,
         vertices: Vec::new(),
+        colours: Vec::new(),
         coordinates: Vec::new(),
         normals: Vec::new(),
         against_normals: (0, 0),
@@ -75,6 +76,8 @@ struct Reader<'a> {
     strict: bool,
     warnings: &'a mut Vec<String>,
     vertices: Vec<DVec3>,
+    /// In linear light, NaN where a vertex has none.
+    colours: Vec<DVec3>,
     /// Of `vt` lines.
     coordinates: Vec<DVec2>,
     /// Of `vn` lines.
@@ -106,7 +109,11 @@ impl Reader<'_> {
         let line = statement.line;
         let place = Place { path: self.path, line };
         match statement.keyword() {
-            "v" => self.vertices.push(vertex(statement, place)?),
+            "v" => {
+                let (position, colour) = vertex(statement, place)?;
+                self.vertices.push(position);
+                self.colours.push(colour);
+            }
             // One that is no number matters to textures alone.
             "vt" => {
                 let mut words = statement.words().map(|word| word.parse().unwrap_or(f64::NAN));
@@ -261,6 +268,27 @@ impl Reader<'_> {
         Ok(())
     }
 
+    /// Albedos of the faces' corners from the colours of vertices, where no material is stated; empty where there are none.
+    fn colours_of_faces(
+        &mut self,
+        known: &HashSet<&str>,
+        defined_elsewhere: impl Fn(&str) -> bool,
+    ) -> Vec<[DVec3; 3]> {
+        let Some(first) = self.colours.iter().position(|colour| !colour.is_nan()) else { return Vec::new() };
+        let stated = |used: &Use| known.contains(used.name.as_str()) || defined_elsewhere(&used.name);
+        if self.uses.iter().any(stated) {
+            self.warnings.push(format!(
+                "{}: vertices have colours (vertex {} is the first), which are ignored since there are materials.",
+                self.path.display(),
+                first + 1
+            ));
+            return Vec::new();
+        }
+        let of = |&corner: &u32| Some(self.colours[corner as usize]).filter(|colour| !colour.is_nan());
+        let colours = |face: &[u32; 3]| [0, 1, 2].map(|at| of(&face[at]).unwrap_or(DVec3::from(GREY)));
+        self.faces.iter().map(colours).collect()
+    }
+
     /// Resolved at the end, because an `mtllib` may come after the faces that need it.
     fn finish(mut self, defined_elsewhere: impl Fn(&str) -> bool) -> Result<RawMesh, SceneError> {
         let known: Vec<String> = self.materials.iter().map(|m| m.material.name.clone()).collect();
@@ -269,6 +297,8 @@ impl Reader<'_> {
         let list = |files: &[PathBuf]| {
             files.iter().map(|file| file.display().to_string()).collect::<Vec<_>>().join(", ")
         };
+        let colours = self.colours_of_faces(&is_known, &defined_elsewhere);
+        let coloured = !colours.is_empty();
         let mut grey = Vec::new();
         for used in &self.uses {
             let place = Place { path: self.path, line: used.line };
@@ -282,6 +312,7 @@ impl Reader<'_> {
                 return Err(place.error(format!("material \"{name}\" is not defined in {files}{hint}")));
             }
             match (used.named, hint) {
+                _ if coloured => {}
                 (false, _) => self.warnings.push(format!(
                     "{place}: faces before any usemtl have the material \"{name}\": grey, albedo 0.5."
                 )),
@@ -291,7 +322,8 @@ impl Reader<'_> {
                 )),
                 (true, None) => grey.push((place, name.as_str())),
             }
-            let material = Material { albedo: GREY, ..Material::named(name) };
+            let albedo = if coloured { [1.0; 3] } else { GREY };
+            let material = Material { albedo, ..Material::named(name) };
             self.materials.push(RawMaterial::placeholder(material));
         }
         if let Some((place, _)) = grey.first() {
@@ -327,21 +359,30 @@ impl Reader<'_> {
             face_materials: self.face_materials,
             face_lines: self.face_lines,
             uvs: self.uvs,
-            colours: Vec::new(),
+            colours,
             material_names: self.uses.into_iter().map(|used| used.name).collect(),
             materials: self.materials,
         })
     }
 }
 
-/// Three coordinates. Anything after them (a weight, a colour) is ignored.
-fn vertex(statement: &Statement, place: Place) -> Result<DVec3, SceneError> {
+/// Three coordinates, and the colour where three numbers from 0 to 1 follow: sRGB, as MeshLab and Blender write it. Anything else
+/// there (a weight) is ignored.
+fn vertex(statement: &Statement, place: Place) -> Result<(DVec3, DVec3), SceneError> {
     let mut words = statement.words();
     let mut coordinate = || match words.next() {
         Some(word) => number(word, place),
         None => Err(place.error("a vertex with fewer than 3 coordinates; expected `v x y z`")),
     };
-    Ok(DVec3::new(coordinate()?, coordinate()?, coordinate()?))
+    let position = DVec3::new(coordinate()?, coordinate()?, coordinate()?);
+    let more: Vec<f64> = words.map(|word| word.parse().unwrap_or(f64::NAN)).collect();
+    let colour = match more[..] {
+        [r, g, b] if more.iter().all(|value| (0.0..=1.0).contains(value)) => {
+            DVec3::from([r, g, b].map(linear_from_srgb))
+        }
+        _ => DVec3::NAN,
+    };
+    Ok((position, colour))
 }
 
 /// What an index of a corner names: counted from 1, or backwards from the last one if negative.

@@ -90,6 +90,25 @@ fn text_in_utf_16_is_read() {
     }
 }
 
+/// As MeshLab and Blender write them, in sRGB, where no material is stated; elsewhere they are named.
+#[test]
+fn colours_of_vertices_are_albedos() {
+    let obj = "v 0 0 0 .5 0 0\nv 1 0 0 .5 0 0\nv 0 1 0 .5 .5 0\nv 0 0 1 1.0\nusemtl paint\nf 1 2 3\nf 1 2 4\n";
+    let scene = good("m.obj", &[("m.obj", obj)]);
+    let albedos: Vec<_> = (0..2).map(|t| scene.material(t).albedo).collect();
+    let half = ((0.5_f64 + 0.055) / 1.055).powf(2.4);
+    let expected = [[half, half / 3.0, 0.0], [(2.0 * half + 0.5) / 3.0, 0.5 / 3.0, 0.5 / 3.0]];
+    for (found, expected) in albedos.iter().flatten().zip(expected.iter().flatten()) {
+        assert!((found - expected).abs() < 1e-9, "{albedos:?}");
+    }
+    assert!(scene.warnings.iter().all(|said| !said.contains("grey")), "{:?}", scene.warnings);
+    let stated = format!("mtllib m.mtl\n{}", obj.replace("paint", "white"));
+    let files = [("m.obj", stated.as_str()), ("m.mtl", "newmtl white\nKd 0.75 0.75 0.75\n")];
+    let scene = good("m.obj", &files);
+    assert_eq!(scene.material(0).albedo, [0.75; 3]);
+    assert_says(&scene.warnings[0], &["m.obj", "vertex 1", "ignored"]);
+}
+
 #[test]
 fn faces_without_material_are_grey() {
     let no_mtl = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl wood\nf 1 3 2\n";

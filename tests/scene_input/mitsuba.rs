@@ -8,8 +8,16 @@ use super::{Folder, OBJ, assert_says};
 fn load(xml: &str) -> Result<Scene, String> {
     let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list \
                uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
-    let folder =
-        Folder::with(&[("s.xml", xml), ("a.ply", ply), ("a.obj", &OBJ.replace("m.mtl", "lost.mtl"))]);
+    let wall = "# nm, share\n400 0.343\n500\t.3\n\n600 .5\n700 .64 # red\n";
+    let folder = Folder::with(&[
+        ("s.xml", xml),
+        ("a.ply", ply),
+        ("a.obj", &OBJ.replace("m.mtl", "lost.mtl")),
+        ("wall.spd", wall),
+    ]);
+    // Half of it black, half white.
+    let picture = image::GrayImage::from_fn(4, 2, |x, _| image::Luma([if x < 2 { 0 } else { 255 }]));
+    picture.save(folder.0.path().join("half.png")).expect("a picture");
     folder.load("s.xml", false).map_err(|error| error.to_string())
 }
 
@@ -97,12 +105,50 @@ fn materials_and_what_stands_in_for_them() {
     assert!(said.contains("roughplastic"), "{said}");
     let (glass, _, said) = wall("<bsdf type=\"dielectric\" id=\"b\"/>");
     assert!(glass.albedo == [0.5; 3] && said.contains("<bsdf type=\"dielectric\">"), "{said}");
-    let (spectral, _, said) = wall(
-        "<bsdf type=\"diffuse\" id=\"b\"><spectrum name=\"reflectance\" value=\"400:0.2, 700:0.6\"/></bsdf>",
-    );
-    assert!((spectral.albedo[1] - 0.4).abs() < 1e-12 && said.contains("spectra"), "{said}");
+    let (mirror, _, said) = wall("<bsdf type=\"conductor\" id=\"b\"/>");
+    assert!(mirror.power == 2000.0 && said.contains("smooth surfaces, as lobes of power 2000"), "{said}");
+    // The mean of the picture, once from its place and once by reference.
+    let picture = "<string name=\"filename\" value=\"half.png\"/>";
+    for texture in [
+        format!("<bsdf type=\"diffuse\" id=\"b\"><texture name=\"reflectance\" type=\"bitmap\">{picture}</texture></bsdf>"),
+        format!(
+            "<texture type=\"bitmap\" id=\"t\">{picture}</texture><bsdf type=\"diffuse\" id=\"b\"><ref name=\"reflectance\" \
+             id=\"t\"/></bsdf>"
+        ),
+    ] {
+        let (textured, _, said) = wall(&texture);
+        assert!((textured.albedo[1] - 0.5).abs() < 1e-6 && said.contains("their means"), "{said}");
+    }
+    let (checks, _, said) =
+        wall("<bsdf type=\"diffuse\" id=\"b\"><texture name=\"reflectance\" type=\"checkerboard\"/></bsdf>");
+    assert!(checks.albedo == [0.5; 3] && said.contains("textures, grey 0.5"), "{said}");
     let said = good(&format!("{LAMP}<emitter type=\"sunsky\"/><shape type=\"hair\"/>")).warnings.join("");
     assert!(said.contains("<emitter type=\"sunsky\">, <shape type=\"hair\">"), "{said}");
+}
+
+/// In their colours, as Mitsuba's RGB variants show them (its `cbox.xml` of old is written like this).
+#[test]
+fn spectra_are_colours() {
+    let lit = |reflectance: &str, radiance: &str| {
+        good(&format!(
+            "<shape type=\"rectangle\"><bsdf type=\"diffuse\"><spectrum name=\"reflectance\" {reflectance}/></bsdf></shape>\
+             <shape type=\"disk\"><emitter type=\"area\"><spectrum name=\"radiance\" {radiance}/></emitter></shape>"
+        ))
+    };
+    let lamp = "value=\"400:0, 500:8, 600:15.6, 700:18.4\"";
+    for wall in ["value=\"400:0.343 500:.3,600:.5\n700:.64\"", "filename=\"wall.spd\""] {
+        let scene = lit(wall, lamp);
+        assert!(scene.warnings.iter().all(|said| !said.contains("ignored")), "{:?}", scene.warnings);
+        let colours = [scene.materials[0].albedo, scene.materials[1].emission];
+        for (found, mitsuba) in colours.iter().zip([[0.57635, 0.377433, 0.306476], [20.7108, 10.8546, 2.77115]]) {
+            let near = |c: usize| (found[c] - mitsuba[c]).abs() < 0.02 * mitsuba[0];
+            assert!((0..3).all(near), "{found:?}, not {mitsuba:?}");
+        }
+    }
+    // The same at all wavelengths is grey as a reflectance, but not as a light.
+    let scene = lit("value=\"0.3\"", "value=\"3\"");
+    assert!((0..3).all(|c| (scene.materials[0].albedo[c] - 0.3).abs() < 1e-6));
+    assert!((scene.materials[1].emission[0] - 3.61438).abs() < 0.02, "{:?}", scene.materials[1].emission);
 }
 
 #[test]
@@ -169,6 +215,18 @@ fn what_is_wrong_is_said() {
                 "<bsdf type=\"twosided\" id=\"a\"><ref id=\"a\"/></bsdf><shape type=\"cube\"><ref id=\"a\"/></shape>",
             ),
             vec!["has no BSDF"],
+        ),
+        (
+            scene("<shape type=\"disk\"><emitter type=\"area\"><spectrum name=\"radiance\" value=\"500:1, 400:1\"/></emitter></shape>"),
+            vec!["s.xml:2", "400 follows 500"],
+        ),
+        (
+            scene("<shape type=\"disk\"><emitter type=\"area\"><spectrum name=\"radiance\" value=\"500:1, 600\"/></emitter></shape>"),
+            vec!["s.xml:2", "`600` is no `wavelength:value`"],
+        ),
+        (
+            scene("<shape type=\"disk\"><emitter type=\"area\"><spectrum name=\"radiance\" filename=\"lost.spd\"/></emitter></shape>"),
+            vec!["s.xml:2", "lost.spd cannot be read"],
         ),
         (scene(""), vec!["s.xml", "no triangles"]),
     ] {

@@ -89,9 +89,13 @@ impl<'a> Materials<'a> {
         let name = self.name(from);
         let strength = from.emissive_strength().map_or(1.0, f64::from);
         let emission = DVec3::from(from.emissive_factor().map(f64::from)) * strength;
+        let rough = rough.clamp(0.0, 1.0);
+        if from.extras().is_none() && power(rough) > SHARPEST {
+            ignore("roughness below 0.18, which is taken as 0.18");
+        }
         let material = Material {
             emission: emission.into(),
-            ..reflecting(&name, [r, g, b], metal.clamp(0.0, 1.0), rough.clamp(0.0, 1.0))
+            ..reflecting(&name, [r, g, b], metal.clamp(0.0, 1.0), rough)
         };
         let exact = from.extras().as_ref().and_then(|extras| Exact::of(extras.get()));
         let material = exact.map_or(material, |exact| exact.material(&name));
@@ -190,6 +194,10 @@ impl Exact {
     }
 }
 
+fn power(rough: f64) -> f64 {
+    2.0 / rough.powi(4) - 2.0
+}
+
 fn reflecting(name: &str, base: [f64; 3], metal: f64, rough: f64) -> Material {
     let metal = if metal < METAL { 0.0 } else { metal };
     let albedo = base.map(|b| (1.0 - metal) * b);
@@ -197,7 +205,7 @@ fn reflecting(name: &str, base: [f64; 3], metal: f64, rough: f64) -> Material {
         return Material { albedo, ..Material::named(name) };
     }
     let specular = base.map(|b| metal * b + (1.0 - metal) * DIELECTRIC);
-    let power = (2.0 / rough.powi(4) - 2.0).clamp(0.0, SHARPEST);
+    let power = power(rough).clamp(0.0, SHARPEST);
     if power < WIDE {
         let sum = [0, 1, 2].map(|k| albedo[k] + specular[k]);
         return Material { albedo: sum, ..Material::named(name) };

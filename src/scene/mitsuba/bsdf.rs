@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use roxmltree::Node;
 
+use super::spectrum::Of;
 use super::values::Values;
 use crate::scene::error::SceneError;
 use crate::scene::material::{Material, Normalization};
@@ -44,6 +45,7 @@ fn nested<'a, 'i>(
         ..Material::named("")
     };
     let power = |alpha: f64| 2.0 / (alpha * alpha) - 2.0;
+    let colour = |name, ignored: &mut _| values.colour(node, name, Of::Reflectance, ignored);
     let mut approximate = |what: String| {
         if !ignored.contains(&what) {
             ignored.push(what);
@@ -67,19 +69,19 @@ fn nested<'a, 'i>(
             return Ok((material, two_sided || kind == "twosided"));
         }
         "diffuse" => {
-            let albedo = values.colour(node, "reflectance", ignored)?.unwrap_or([0.5; 3]);
+            let albedo = colour("reflectance", ignored)?.unwrap_or([0.5; 3]);
             Material { albedo, ..black }
         }
         "plastic" | "roughplastic" => {
             approximate(format!("<bsdf type=\"{kind}\">, as a lobe of 4 %"));
-            let albedo = values.colour(node, "diffuse_reflectance", ignored)?.unwrap_or([0.5; 3]);
+            let albedo = colour("diffuse_reflectance", ignored)?.unwrap_or([0.5; 3]);
             let alpha = if kind == "plastic" { 0.0 } else { values.number(node, "alpha")?.unwrap_or(0.1) };
-            let coat = values.colour(node, "specular_reflectance", ignored)?.unwrap_or([1.0; 3]);
+            let coat = colour("specular_reflectance", ignored)?.unwrap_or([1.0; 3]);
             glossy(albedo, coat.map(|s| PLASTIC * s), power(alpha))
         }
         "phong" => {
-            let albedo = values.colour(node, "diffuse_reflectance", ignored)?.unwrap_or([0.5; 3]);
-            let specular = values.colour(node, "specular_reflectance", ignored)?.unwrap_or([0.2; 3]);
+            let albedo = colour("diffuse_reflectance", ignored)?.unwrap_or([0.5; 3]);
+            let specular = colour("specular_reflectance", ignored)?.unwrap_or([0.2; 3]);
             // A lobe around the mirror direction is as wide as one of four times its power around the normal.
             glossy(albedo, specular, 4.0 * values.number(node, "exponent")?.unwrap_or(30.0))
         }
@@ -87,14 +89,14 @@ fn nested<'a, 'i>(
             approximate(format!("<bsdf type=\"{kind}\">, as a lobe"));
             let usual = [METAL; 3];
             let own = values.text(node, "material")?.as_deref() == Some("none");
-            let specular = values.colour(node, "specular_reflectance", ignored)?;
+            let specular = colour("specular_reflectance", ignored)?;
             let alpha = if kind == "conductor" { 0.0 } else { values.number(node, "alpha")?.unwrap_or(0.1) };
             let specular = specular.unwrap_or([1.0; 3]).map(|s| if own { s } else { s * usual[0] });
             glossy([0.0; 3], specular, power(alpha))
         }
         "principled" => {
             approximate(format!("<bsdf type=\"{kind}\">, by base colour, metalness and roughness"));
-            let base = values.colour(node, "base_color", ignored)?.unwrap_or([0.5; 3]);
+            let base = colour("base_color", ignored)?.unwrap_or([0.5; 3]);
             let metal = values.number(node, "metallic")?.unwrap_or(0.0).clamp(0.0, 1.0);
             let rough = values.number(node, "roughness")?.unwrap_or(0.5);
             let specular = base.map(|b| metal * b + (1.0 - metal) * PLASTIC);
@@ -105,5 +107,9 @@ fn nested<'a, 'i>(
             Material { albedo: [0.5; 3], ..black }
         }
     };
+    let smooth = format!("smooth surfaces, as lobes of power {SHARPEST}");
+    if material.specular != [0.0; 3] && material.power >= SHARPEST && !ignored.contains(&smooth) {
+        ignored.push(smooth);
+    }
     Ok((material, false))
 }

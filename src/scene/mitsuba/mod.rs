@@ -4,6 +4,7 @@
 //! What cannot be represented is named in one warning; what stands in for it is said in docs/scenes.md.
 
 mod bsdf;
+mod spectrum;
 mod transform;
 mod values;
 
@@ -14,6 +15,7 @@ use std::path::Path;
 use glam::{DMat4, DVec3};
 use roxmltree::{Document, Node};
 
+use self::spectrum::Of;
 use self::values::Values;
 use super::error::{Place, SceneError};
 use super::geometry::{RawMaterial, RawMesh};
@@ -172,7 +174,7 @@ impl<'a, 'i> Reader<'a, 'i> {
         let kind = node.attribute("type").unwrap_or_default();
         let sky = match kind {
             "constant" => {
-                let radiance = self.values.colour(node, "radiance", &mut self.ignored)?;
+                let radiance = self.values.colour(node, "radiance", Of::Emission, &mut self.ignored)?;
                 let sky = Sky::uniform(radiance.unwrap_or([1.0; 3]));
                 sky.check().map(|()| sky).map_err(|message| self.values.wrong(node, message))?
             }
@@ -184,7 +186,7 @@ impl<'a, 'i> Reader<'a, 'i> {
                     self.ignore("the to_world of <emitter type=\"envmap\">".to_owned());
                 }
                 let scale = self.values.number(node, "scale")?.unwrap_or(1.0);
-                let file = self.path.parent().unwrap_or(Path::new("")).join(name);
+                let file = self.values.beside(&name);
                 Sky::read(&file, [scale; 3])
                     .map_err(|message| self.values.wrong(node, format!("{} {message}", file.display())))?
             }
@@ -213,7 +215,7 @@ impl<'a, 'i> Reader<'a, 'i> {
         let Some(name) = self.values.text(node, "filename")? else {
             return Err(self.values.wrong(node, "has no <string name=\"filename\">".to_owned()));
         };
-        let file = self.path.parent().unwrap_or(Path::new("")).join(name);
+        let file = self.values.beside(&name);
         // Its own materials and colours do not count, and neither do notes about them.
         let mut unheard = Vec::new();
         let read = match node.attribute("type") {
@@ -237,7 +239,7 @@ impl<'a, 'i> Reader<'a, 'i> {
         let bsdf = self.child(shape, "bsdf");
         let emission = match self.child(shape, "emitter") {
             Some(emitter) if emitter.attribute("type") == Some("area") => {
-                self.values.colour(emitter, "radiance", &mut self.ignored)?.unwrap_or([1.0; 3])
+                self.values.colour(emitter, "radiance", Of::Emission, &mut self.ignored)?.unwrap_or([1.0; 3])
             }
             Some(emitter) => {
                 self.ignore(format!("<emitter type=\"{}\">", emitter.attribute("type").unwrap_or("")));

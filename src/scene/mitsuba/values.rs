@@ -1,13 +1,15 @@
 //! Values of named children: `<float name="alpha" value="0.1"/>`, with `$name` for `<default name="name" value="…"/>`.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use roxmltree::Node;
 
+use super::spectrum::{Of, colour};
 use crate::scene::error::{Place, SceneError};
-use crate::scene::texture::linear_from_srgb;
+use crate::scene::statements::read_text;
+use crate::scene::texture::{Encoding, Texture, linear_from_srgb};
 
 pub(super) struct Values<'a> {
     path: &'a Path,
@@ -28,8 +30,16 @@ impl<'a> Values<'a> {
         Place { path: self.path, line }.error(message)
     }
 
+    /// A child by its name, in place or referred to.
     fn child<'n, 'i>(&self, node: Node<'n, 'i>, name: &str) -> Option<Node<'n, 'i>> {
-        node.children().filter(Node::is_element).find(|child| child.attribute("name") == Some(name))
+        let named = |child: &Node| child.attribute("name") == Some(name);
+        let child = node.children().filter(Node::is_element).find(named)?;
+        if !child.has_tag_name("ref") {
+            return Some(child);
+        }
+        let id = child.attribute("id")?;
+        let mut others = node.document().descendants().filter(|node| !node.has_tag_name("ref"));
+        others.find(|other| other.attribute("id") == Some(id))
     }
 
     /// An attribute, with the defaults put in.
@@ -103,22 +113,28 @@ impl<'a> Values<'a> {
         self.child(node, name).map(|child| self.vector(child, 0.0)).transpose()
     }
 
-    /// A colour: `rgb`, `spectrum` or `float`. A spectrum over wavelengths gives its mean, a texture grey, both named in `ignored`.
+    /// A colour: `rgb`, `spectrum` or `float`. A texture gives its mean, or grey, which `ignored` names.
     pub fn colour(
         &self,
         node: Node,
         name: &str,
+        of: Of,
         ignored: &mut Vec<String>,
     ) -> Result<Option<[f64; 3]>, SceneError> {
         let Some(child) = self.child(node, name) else { return Ok(None) };
-        let mut ignore = |what: &str| {
+        if child.has_tag_name("texture") {
+            let (colour, what) = match self.mean(child)? {
+                Some(mean) => (mean, "textures, their means in their place"),
+                None => ([0.5; 3], "textures, grey 0.5 in their place"),
+            };
             if !ignored.iter().any(|known| known == what) {
                 ignored.push(what.to_owned());
             }
-        };
-        if child.has_tag_name("texture") {
-            ignore("textures, grey 0.5 in their place");
-            return Ok(Some([0.5; 3]));
+            return Ok(Some(colour));
+        }
+        let spectrum = child.has_tag_name("spectrum");
+        if let (true, Some(file)) = (spectrum, self.attribute(child, "filename")?) {
+            return Ok(Some(colour(&self.measured(child, &file)?, of)));
         }
         let Some(text) = self.attribute(child, "value")? else {
             return Err(self.wrong(child, "has no value".to_owned()));
@@ -131,16 +147,66 @@ impl<'a> Values<'a> {
                 [16, 8, 0].map(|shift| linear_from_srgb(f64::from(bits >> shift & 255) / 255.0)),
             ));
         }
-        if text.contains(':') {
-            ignore("spectra, their means in their place");
-            let values = text.split(',').filter_map(|pair| pair.split(':').nth(1));
-            let values: Vec<f64> = values.map(|value| self.parse(child, value)).collect::<Result<_, _>>()?;
-            return Ok(Some([values.iter().sum::<f64>() / values.len().max(1) as f64; 3]));
+        if spectrum && text.contains(':') {
+            let pairs = text.split([',', ' ', '\t', '\n', '\r']).filter(|pair| !pair.is_empty());
+            let samples = pairs.map(|pair| match pair.split_once(':') {
+                Some((wavelength, value)) => Ok((self.parse(child, wavelength)?, self.parse(child, value)?)),
+                None => Err(self.wrong(child, format!("`{pair}` is no `wavelength:value`"))),
+            });
+            return Ok(Some(colour(&self.ascending(child, samples.collect::<Result<_, _>>()?)?, of)));
         }
         match self.numbers(child, "value")?.as_deref() {
+            // The same at all wavelengths; a lamp like that is not white.
+            Some(&[value]) if spectrum => {
+                Ok(Some(colour(&[(0.0, 1.0), (1e4, 1.0)], of).map(|channel| value * channel)))
+            }
             Some(&[grey]) => Ok(Some([grey; 3])),
             Some(&[r, g, b]) => Ok(Some([r, g, b])),
             _ => Err(self.wrong(child, format!("`{text}` is no colour; expected `r, g, b`"))),
         }
+    }
+
+    /// The spectrum in a file: lines of a wavelength and a value.
+    fn measured(&self, node: Node, name: &str) -> Result<Vec<(f64, f64)>, SceneError> {
+        let file = self.beside(name);
+        let text = read_text(&file)
+            .map_err(|reason| self.wrong(node, format!("{} cannot be read: {reason}", file.display())))?;
+        let lines = text.lines().map(|line| line.split('#').next().unwrap_or_default().trim());
+        let samples = lines.filter(|line| !line.is_empty()).map(|line| {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            match words[..] {
+                [wavelength, value] => Ok((self.parse(node, wavelength)?, self.parse(node, value)?)),
+                _ => Err(self.wrong(
+                    node,
+                    format!("{}: `{line}` is no wavelength and value", file.display()),
+                )),
+            }
+        });
+        self.ascending(node, samples.collect::<Result<_, _>>()?)
+    }
+
+    fn ascending(&self, node: Node, samples: Vec<(f64, f64)>) -> Result<Vec<(f64, f64)>, SceneError> {
+        match samples.windows(2).find(|pair| pair[0].0 >= pair[1].0) {
+            Some(pair) => Err(self.wrong(
+                node,
+                format!("wavelength {} follows {}; they must ascend", pair[1].0, pair[0].0),
+            )),
+            None => Ok(samples),
+        }
+    }
+
+    /// The mean of a picture that is a texture; `None` for other textures.
+    fn mean(&self, texture: Node) -> Result<Option<[f64; 3]>, SceneError> {
+        let Some(name) = self.text(texture, "filename")? else { return Ok(None) };
+        let file = self.beside(&name);
+        let encoding = if self.flag(texture, "raw")? { Encoding::Linear } else { Encoding::Srgb };
+        let read = Texture::read(&file, encoding);
+        let read = read.map_err(|message| self.wrong(texture, format!("{} {message}", file.display())))?;
+        Ok(read.map(|texture| texture.mean().into()))
+    }
+
+    /// A file that the scene names.
+    pub fn beside(&self, name: &str) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new("")).join(name)
     }
 }
