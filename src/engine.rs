@@ -385,7 +385,7 @@ impl Engine {
     pub fn new(device: &Device, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
         scene.validate()?;
         check_planned(&plan, scene)?;
-        let direct = DirectLight::new(&plan.facets, lamps_of(scene, &plan.lamps));
+        let direct = DirectLight::new(&plan.facets, lamps_of(scene, &plan.lamps), plan.visibility);
         Self::with_direct(device, scene, plan, direct)
     }
 
@@ -461,7 +461,12 @@ impl Engine {
         let plan = self.operators.plan();
         self.direct = match lamps == self.direct.light.lamps() {
             true => Direct::new(self.direct.light.clone(), scene, plan, &self.direct.lobes),
-            false => Direct::new(Arc::new(DirectLight::new(&plan.facets, lamps)), scene, plan, &[]),
+            false => Direct::new(
+                Arc::new(DirectLight::new(&plan.facets, lamps, plan.visibility)),
+                scene,
+                plan,
+                &[],
+            ),
         };
         let emitted = self.direct.emitted(scene);
         let first_bounce = self.direct.first_bounce(scene, plan, self.unit);
@@ -482,7 +487,7 @@ impl Engine {
         let lamps = lamps_of(scene, &plan.lamps);
         let direct = match lamps == direct.light.lamps() && plan.facets.len() == direct.light.receivers() {
             true => direct.light.moved(&plan.facets),
-            false => DirectLight::new(&plan.facets, lamps),
+            false => DirectLight::new(&plan.facets, lamps, plan.visibility),
         };
         Self::with_direct(&device, scene, plan, direct)
     }

@@ -95,6 +95,12 @@ pub(crate) fn lamps_of(scene: &Scene, lamps: &[Lamp]) -> Vec<Lamp> {
 }
 
 impl Engine {
+    /// Standard error of the irradiance that comes straight from lamps whose visibility is sampled: relative L2 norm, weighted by area. Zero
+    /// where visibility is exact.
+    pub fn sampling_error(&self) -> f64 {
+        self.direct.light.standard_error(self.plan().facets(), |i| &self.materials[i])
+    }
+
     /// The triangles of lamps whose fronts face a point, metres.
     pub(crate) fn lamp_triangles_facing(&self, point: DVec3) -> impl Iterator<Item = usize> + '_ {
         let triangles = self.direct.light.lamps().iter().flat_map(|lamp| &lamp.triangles);

@@ -2,9 +2,9 @@
 
 mod support;
 
-use antirad::direct::{DirectLight, lamps};
+use antirad::direct::{DirectLight, Visibility, lamps};
 use antirad::model::Facet;
-use antirad::plan::{Plan, PlanOptions};
+use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use antirad::reference::{PathTracer, Shadow};
 use antirad::scene::{Lamps, Material, Scene, SceneBuilder, Shape, Sky, Triangle};
 use glam::{DAffine3, DVec3};
@@ -16,7 +16,7 @@ fn direct(scene: &Scene) -> (Vec<[f64; 3]>, usize) {
     let facets: Vec<Facet> = (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect();
     let lamps = lamps(scene, &facets, 1e-7);
     let count = lamps.len();
-    let light = DirectLight::new(&facets, lamps);
+    let light = DirectLight::new(&facets, lamps, Visibility::Exact);
     (light.irradiance(|i| scene.material(i)).into_iter().map(|h| h.to_array()).collect(), count)
 }
 
@@ -267,6 +267,77 @@ fn too_many_emitters_fall_back() {
     assert!(auto.report().lamps.why.contains("by antiradiance"), "{}", auto.report().lamps.why);
     let exact = plan(scene.settings.lamps(Lamps::Exact));
     assert_eq!(exact.lamps().len(), 1280);
+}
+
+/// Sixteen balls over a floor, each of 80 triangles, under a lamp and a sky.
+fn balls() -> Scene {
+    let mut scene = over_a_floor(|b, m| {
+        b.shape("lamp", Shape::Quad { cells: 1 }, &emitter(), at(0.0, 3.0, 0.0) * sized(0.6) * DOWN);
+        for k in 0..16 {
+            let place =
+                at(0.3 * f64::from(k % 4) - 0.4, 0.12 + 0.04 * f64::from(k), 0.3 * f64::from(k / 4) - 0.4);
+            b.shape(
+                &format!("ball {k}"),
+                Shape::Icosphere { level: 1, inward: false },
+                m,
+                place * sized(0.13),
+            );
+        }
+    });
+    scene.add_sky(&Sky::uniform([0.5; 3]));
+    scene
+}
+
+/// Rays tell what polygons do, but for noise of the size that is stated; without anything in the way there is none.
+#[test]
+fn sampled_visibility_is_the_exact_one_but_for_its_noise() {
+    let scene = balls();
+    let facets: Vec<Facet> = (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect();
+    let lamps = lamps(&scene, &facets, 1e-7);
+    assert_eq!(lamps.len(), 7);
+    let [exact, sampled] = [Visibility::Exact, Visibility::Sampled]
+        .map(|visibility| DirectLight::new(&facets, lamps.clone(), visibility));
+    let irradiance = |light: &DirectLight| -> Vec<[f64; 3]> {
+        light.irradiance(|i| scene.material(i)).into_iter().map(|h| h.to_array()).collect()
+    };
+    let (truth, found) = (irradiance(&exact), irradiance(&sampled));
+    // What only emits counts as well in the standard error.
+    let areas: Vec<f64> = facets.iter().map(|facet| facet.area).collect();
+    let error = relative_l2(&found, &truth, &areas);
+    let [none, stated] = [&exact, &sampled].map(|light| light.standard_error(&facets, |i| scene.material(i)));
+    println!("by rays: {:.2} %, stated {:.2} %", 100.0 * error, 100.0 * stated);
+    assert!(none == 0.0 && stated > 0.0);
+    assert!((0.4..2.5).contains(&(error / stated)), "{error:e}, {stated:e} stated");
+    assert!(error <= 0.03, "{error:e}");
+    // No bias: light of many triangles is that of the exact.
+    let sum = |of: &[[f64; 3]]| of.iter().zip(&areas).map(|(h, a)| h[0] * a).sum::<f64>();
+    assert!((sum(&found) / sum(&truth) - 1.0).abs() <= 2e-3, "{} {}", sum(&found), sum(&truth));
+    // The highest ball sees all of the lamp from its upper side.
+    let top = (0..facets.len()).max_by(|&a, &b| {
+        let height = |i: usize| if scene.material(i).emission[0] > 0.0 { -1.0 } else { facets[i].centroid.y };
+        height(a).total_cmp(&height(b))
+    });
+    let top = top.expect("a triangle");
+    let whole = DirectLight::without_shadows(&facets, lamps);
+    let at_top = whole.at_points(&facets, top, &[facets[top].centroid]);
+    let rays = sampled.at_points(&facets, top, &[facets[top].centroid]);
+    for (a, b) in at_top[0].iter().zip(&rays[0]) {
+        assert!((*a - *b).length() <= 1e-9, "{a} {b}");
+    }
+}
+
+#[test]
+fn sampled_visibility_is_refused_where_things_move() {
+    let scene = balls();
+    let settings = scene.settings.lamps(Lamps::Sampled);
+    let plan = |gradients| Plan::new(&scene, &PlanOptions::default().gradients(gradients), &settings);
+    let request = GradientRequest::default();
+    for moves in [request.positions(true), request.camera(true)] {
+        assert!(matches!(plan(moves), Err(PlanError::SampledLamps)));
+    }
+    let report = plan(request.albedo(true)).expect("a plan").report().lamps;
+    assert_eq!((report.exact, report.sampled), (0, 7));
+    assert!(report.why.contains("by rays"), "{}", report.why);
 }
 
 /// π L on every triangle of a convex body, wherever it stands, and 1 - F of that on a square under another one like it.

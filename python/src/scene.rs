@@ -472,7 +472,8 @@ impl Scene {
     ///     max_passes: Passes after which a solve gives up.
     ///     solver: "auto", "fixed-point" or "gmres".
     ///     precision: "f32", "half-bins" or "f64".
-    ///     lamps: How direct light is computed: "exact", "antiradiance", or "auto" by the number of lamps.
+    ///     lamps: How direct light is computed: "exact", "sampled" (by rays, without derivatives by positions),
+    ///         "antiradiance", or "auto" by what it costs.
     ///
     /// Raises:
     ///     ValueError: A word is unknown.

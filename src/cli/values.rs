@@ -35,13 +35,14 @@ impl ValueEnum for SolverChoice {
 
 impl ValueEnum for Lamps {
     fn value_variants<'a>() -> &'a [Self] {
-        &[Self::Auto, Self::Exact, Self::Antiradiance]
+        &[Self::Auto, Self::Exact, Self::Sampled, Self::Antiradiance]
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
         Some(PossibleValue::new(match self {
             Self::Auto => "auto",
             Self::Exact => "exact",
+            Self::Sampled => "sampled",
             Self::Antiradiance => "antiradiance",
         }))
     }

@@ -56,14 +56,18 @@ pub struct Sight<'a> {
     pub lamp: &'a Placed<'a>,
     /// Polygons that may be in between.
     pub blockers: &'a [u32],
+    /// How much of the light that passes these arrives.
+    pub share: f64,
 }
 
 impl Sight<'_> {
     /// Φ of the part of the lamp above the horizon that the point sees.
     pub fn vector_irradiance(&self, visible: &mut Visible) -> DVec3 {
         let mut sum = DVec3::ZERO;
-        visible.parts(self, false, &mut |part| sum += of_boundary(part));
-        sum
+        if self.share > 0.0 {
+            visible.parts(self, false, &mut |part| sum += of_boundary(part));
+        }
+        self.share * sum
     }
 
     /// Adds the derivatives of a loss by the corners of blockers and lamp, where `cotangent` is its derivative by Φ; returns Φ and the
@@ -75,6 +79,7 @@ impl Sight<'_> {
         cotangent: DVec3,
         to: &mut Contributions,
     ) -> (DVec3, DVec3, DVec3) {
+        let cotangent = self.share * cotangent;
         let mut sum = DVec3::ZERO;
         let mut of_point = DVec3::ZERO;
         let mut of_normal = DVec3::ZERO;
@@ -90,14 +95,16 @@ impl Sight<'_> {
                 }
             }
         });
-        (sum, of_point, of_normal)
+        (self.share * sum, of_point, of_normal)
     }
 
     /// ∫ ⟨h, n⟩^p cosθ dω of the part of the lamp that the point sees.
     pub fn highlight(&self, visible: &mut Visible, lobe: &Lobe) -> f64 {
         let mut sum = 0.0;
-        visible.parts(self, false, &mut |part| sum += lobe.integral(part));
-        sum
+        if self.share > 0.0 {
+            visible.parts(self, false, &mut |part| sum += lobe.integral(part));
+        }
+        self.share * sum
     }
 
     /// As [`Self::pull_back`], of [`Self::highlight`]; returns it with its derivatives by the lobe, and that of the loss by the point as far
@@ -109,6 +116,7 @@ impl Sight<'_> {
         cotangent: f64,
         to: &mut Contributions,
     ) -> (f64, LobeGradient, DVec3) {
+        let cotangent = self.share * cotangent;
         let mut sum = 0.0;
         let mut slopes = LobeGradient::default();
         let mut of_point = DVec3::ZERO;
@@ -124,7 +132,10 @@ impl Sight<'_> {
                 of_point += self.side(plane, arc, cotangent * moment, to);
             }
         });
-        (sum, slopes, of_point)
+        slopes.normal *= self.share;
+        slopes.eye *= self.share;
+        slopes.power *= self.share;
+        (self.share * sum, slopes, of_point)
     }
 
     /// A part with corners where edges of blockers have vertices: there, planes go by the pieces of outlines.

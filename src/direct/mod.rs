@@ -12,6 +12,7 @@ mod lamps;
 mod lobes;
 mod polygon;
 mod quadrature;
+mod sampling;
 mod shaft;
 mod subtraction;
 mod trapezoids;
@@ -30,41 +31,63 @@ use highlight::Lobe;
 use quadrature::Cuts;
 pub use quadrature::{POINTS, Sample};
 use rayon::prelude::*;
+use sampling::{FEW, From, Sampling, Share};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use visible::{Geometry, Placed, Visible};
+
+/// How much of a lamp a point sees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Visibility {
+    /// Exactly.
+    #[default]
+    Exact,
+    /// By rays where much stands in between, which costs as much in any scene. Derivatives by positions leave out how shadows move.
+    Sampled,
+}
 
 /// Light of lamps on the triangles of a scene.
 #[derive(Clone, Debug)]
 pub struct DirectLight {
     blockers: Blockers,
+    /// Where visibility is sampled.
+    sampling: Option<Sampling>,
     lamps: Vec<Lamp>,
     receivers: usize,
     /// By receiver, then lamp.
     factors: Vec<f64>,
+    /// Their standard errors; empty where visibility is exact.
+    errors: Vec<f64>,
     /// Of receivers with a penumbra, by receiver and lamp.
     cuts: BTreeMap<[usize; 2], Cuts>,
 }
 
 impl DirectLight {
     /// Computes the light of lamps on triangles, in any unit of length.
-    pub fn new(facets: &[Facet], lamps: Vec<Lamp>) -> Self {
-        Self::compute(facets, lamps, None)
+    pub fn new(facets: &[Facet], lamps: Vec<Lamp>, visibility: Visibility) -> Self {
+        let (blockers, sampling) = Self::shadows(facets, &lamps, visibility);
+        Self::compute(facets, lamps, (blockers, sampling), None)
+    }
+
+    fn shadows(facets: &[Facet], lamps: &[Lamp], visibility: Visibility) -> (Blockers, Option<Sampling>) {
+        let sampled = visibility == Visibility::Sampled && !lamps.is_empty();
+        (Blockers::of(facets, lamps), sampled.then(|| Sampling::new(facets, lamps.len())))
     }
 
     /// For points of triangles alone ([`Self::at_points`]): knows the light of no triangle.
-    pub fn of_points(facets: &[Facet], lamps: Vec<Lamp>) -> Self {
-        let (factors, cuts) = (Vec::new(), BTreeMap::new());
-        Self { blockers: Blockers::of(facets, &lamps), lamps, receivers: 0, factors, cuts }
+    pub fn of_points(facets: &[Facet], lamps: Vec<Lamp>, visibility: Visibility) -> Self {
+        let (blockers, sampling) = Self::shadows(facets, &lamps, visibility);
+        let (factors, errors, cuts) = (Vec::new(), Vec::new(), BTreeMap::new());
+        Self { blockers, sampling, lamps, receivers: 0, factors, errors, cuts }
     }
 
     /// The same as if nothing stood between lamps and points.
     pub fn without_shadows(facets: &[Facet], lamps: Vec<Lamp>) -> Self {
-        Self { blockers: Blockers::none(facets), ..Self::of_points(&[], lamps) }
+        Self { blockers: Blockers::none(facets), ..Self::of_points(&[], lamps, Visibility::Exact) }
     }
 
-    /// How many blockers would be tested against cones: an estimate of the work of [`Self::new`], from a few receivers.
-    pub fn estimated_tests(facets: &[Facet], lamps: &[Lamp]) -> f64 {
+    /// Whether [`Self::new`] would test at most so many blockers against cones: an estimate of its work, from a few receivers.
+    pub fn takes_at_most(facets: &[Facet], lamps: &[Lamp], tests: f64) -> bool {
         let blockers = Blockers::of(facets, lamps);
         let geometry = Geometry { facets, blockers: &blockers };
         let step = facets.len().div_ceil(PROBES).max(1);
@@ -74,64 +97,98 @@ impl DirectLight {
             for lamp in lamps.iter().map(|lamp| geometry.place(lamp)) {
                 if geometry.faces(receiver, &lamp) {
                     let blockers = &geometry.between(&corners, normal, &lamp);
-                    let sight = Sight { geometry, point: centroid, normal, lamp: &lamp, blockers };
+                    let sight =
+                        Sight { geometry, point: centroid, normal, lamp: &lamp, blockers, share: 1.0 };
                     sight.vector_irradiance(visible);
                 }
             }
             std::mem::take(&mut visible.tests)
         };
-        let tests: u64 = probes.par_iter().map_init(Visible::default, of_probe).sum();
-        tests as f64 / probes.len() as f64 * facets.len() as f64 * POINTS_EACH
+        let of_each = facets.len() as f64 * POINTS_EACH / probes.len().max(1) as f64;
+        let mut sum = 0.0;
+        // Some at a time, from all over the scene: where it is far too much, that soon shows.
+        let rounds = probes.len().div_ceil(PROBES_AT_ONCE);
+        (0..rounds).all(|round| {
+            let some: Vec<usize> = probes.iter().copied().skip(round).step_by(rounds).collect();
+            sum += of_each * some.par_iter().map_init(Visible::default, of_probe).sum::<u64>() as f64;
+            sum <= tests
+        })
     }
 
     /// The same for triangles and lamps of which only vertices have moved, at the same points: a smooth function of the vertices.
     pub fn moved(&self, facets: &[Facet]) -> Self {
-        Self::compute(facets, self.lamps.clone(), Some(&self.cuts))
+        let shadows = Self::shadows(facets, &self.lamps, self.visibility());
+        Self::compute(facets, self.lamps.clone(), shadows, Some(&self.cuts))
     }
 
-    fn compute(facets: &[Facet], lamps: Vec<Lamp>, cuts: Option<&BTreeMap<[usize; 2], Cuts>>) -> Self {
-        let blockers = Blockers::of(facets, &lamps);
+    fn compute(
+        facets: &[Facet],
+        lamps: Vec<Lamp>,
+        (blockers, sampling): (Blockers, Option<Sampling>),
+        cuts: Option<&BTreeMap<[usize; 2], Cuts>>,
+    ) -> Self {
         let geometry = Geometry { facets, blockers: &blockers };
         let placed: Vec<Placed> = lamps.iter().map(|lamp| geometry.place(lamp)).collect();
-        let of_receiver = |visible: &mut Visible, receiver: usize| -> Vec<(f64, Cuts)> {
+        let of_receiver = |visible: &mut Visible, receiver: usize| -> Vec<(Share, Cuts)> {
             let Facet { corners, normal, .. } = facets[receiver];
             let of_lamp = |(l, lamp): (usize, &Placed)| {
                 if !geometry.faces(receiver, lamp) {
-                    return (0.0, Cuts::default());
+                    return (Share::NOTHING, Cuts::default());
                 }
-                let blockers = &geometry.between(&corners, normal, lamp);
-                let mut irradiance = |b: DVec3| {
-                    let sight = Sight { geometry, point: at(corners, b), normal, lamp, blockers };
-                    sight.vector_irradiance(visible).dot(normal)
-                };
-                match cuts {
+                let between = Between::triangle(geometry, sampling.as_ref(), receiver, lamp);
+                let mut irradiance =
+                    |b: DVec3| between.sight(at(corners, b), None).vector_irradiance(visible).dot(normal);
+                let (value, cuts) = match cuts {
                     None => quadrature::mean(&mut irradiance),
                     Some(cuts) => {
                         let cuts = cuts.get(&[receiver, l]).cloned().unwrap_or_default();
                         let samples = quadrature::samples(&cuts);
                         (samples.iter().map(|s| s.weight * irradiance(s.barycentric)).sum(), cuts)
                     }
-                }
+                };
+                (Share { value, error: value * between.relative_error() }, cuts)
             };
             placed.iter().enumerate().map(of_lamp).collect()
         };
-        let found: Vec<Vec<(f64, Cuts)>> =
+        let found: Vec<Vec<(Share, Cuts)>> =
             (0..facets.len()).into_par_iter().map_init(Visible::default, of_receiver).collect();
         let mut factors = Vec::with_capacity(facets.len() * lamps.len());
+        let mut errors = Vec::new();
         let mut cuts = BTreeMap::new();
         for (receiver, of_lamps) in found.into_iter().enumerate() {
             for (l, (factor, of_lamp)) in of_lamps.into_iter().enumerate() {
-                factors.push(factor);
+                factors.push(factor.value);
+                if sampling.is_some() {
+                    errors.push(factor.error);
+                }
                 if !of_lamp.is_whole() {
                     cuts.insert([receiver, l], of_lamp);
                 }
             }
         }
-        Self { receivers: facets.len(), blockers, lamps, factors, cuts }
+        Self { receivers: facets.len(), blockers, sampling, lamps, factors, errors, cuts }
     }
 
     fn geometry<'a>(&'a self, facets: &'a [Facet]) -> Geometry<'a> {
         Geometry { facets, blockers: &self.blockers }
+    }
+
+    /// How much of lamps points see.
+    pub fn visibility(&self) -> Visibility {
+        if self.sampling.is_some() { Visibility::Sampled } else { Visibility::Exact }
+    }
+
+    /// Standard error of [`Self::irradiance`], as a relative L2 norm weighted by area; zero where visibility is exact.
+    pub fn standard_error<'a>(&self, facets: &[Facet], material: impl Fn(usize) -> &'a Material) -> f64 {
+        let squares: Vec<f64> = self.radiance(material).iter().map(|l| l.length_squared()).collect();
+        let (mut error, mut light) = (0.0, 0.0);
+        let rows = self.errors.chunks(squares.len().max(1)).zip(self.factors.chunks(squares.len().max(1)));
+        for ((errors, factors), facet) in rows.zip(facets) {
+            error += facet.area * errors.iter().zip(&squares).map(|(e, l)| e * e * l).sum::<f64>();
+            let sum: f64 = factors.iter().zip(&squares).map(|(f, l)| f * l.sqrt()).sum();
+            light += facet.area * sum * sum;
+        }
+        if light > 0.0 { (error / light).sqrt() } else { 0.0 }
     }
 
     /// The lamps.
@@ -217,7 +274,7 @@ impl DirectLight {
     /// radiance is its product with the normal. Points far apart are better asked for separately, since they share a search.
     pub fn at_points(&self, facets: &[Facet], face: usize, points: &[DVec3]) -> Vec<Vec<DVec3>> {
         let mut light = vec![vec![DVec3::ZERO; self.lamps.len()]; points.len()];
-        self.each_sight(facets, face, points, &mut |k, l, sight, visible| {
+        self.each_sight(facets, face, points, None, &mut |k, l, sight, visible| {
             light[k][l] = sight.vector_irradiance(visible);
         });
         light
@@ -234,7 +291,7 @@ impl DirectLight {
     ) -> (Vec<(u32, FacetGradient)>, Vec<DVec3>) {
         let mut to = Contributions::default();
         let mut of_points = vec![DVec3::ZERO; points.len()];
-        self.each_sight(facets, face, points, &mut |k, l, sight, visible| {
+        self.each_sight(facets, face, points, None, &mut |k, l, sight, visible| {
             of_points[k] += sight.pull_back(visible, cotangent(k, l), &mut to).1;
         });
         (to.merged(), of_points)
@@ -251,8 +308,8 @@ impl DirectLight {
         power: f64,
     ) -> Vec<Vec<f64>> {
         let mut light = vec![vec![0.0; self.lamps.len()]; points.len()];
-        self.each_sight(facets, face, points, &mut |k, l, sight, visible| {
-            light[k][l] = sight.highlight(visible, &lobe_towards(eye, sight, power));
+        self.each_sight(facets, face, points, Some((eye, power)), &mut |k, l, sight, visible| {
+            light[k][l] = sight.highlight(visible, &Lobe::towards(eye, sight.point, sight.normal, power));
         });
         light
     }
@@ -271,9 +328,9 @@ impl DirectLight {
         let mut gradient =
             HighlightGradient { points: vec![DVec3::ZERO; points.len()], ..HighlightGradient::default() };
         let mut own = FacetGradient::default();
-        self.each_sight(facets, face, points, &mut |k, l, sight, visible| {
+        self.each_sight(facets, face, points, Some((eye, power)), &mut |k, l, sight, visible| {
             let by = cotangent(k, l);
-            let lobe = lobe_towards(eye, sight, power);
+            let lobe = Lobe::towards(eye, sight.point, sight.normal, power);
             let (_, slopes, by_point) = sight.pull_back_highlight(visible, &lobe, by, &mut to);
             let by_eye = by * pull_unit(lobe.eye, (eye - sight.point).length(), slopes.eye);
             gradient.points[k] += by_point - by_eye;
@@ -287,25 +344,27 @@ impl DirectLight {
     }
 
     /// Calls `each` with each point of a triangle, by its number, and each lamp that may be seen from there. One search for blockers serves
-    /// all points.
+    /// all points. `reflected`: the eye and the power of the lobe that light is reflected in, if it is.
     fn each_sight(
         &self,
         facets: &[Facet],
         face: usize,
         points: &[DVec3],
+        reflected: Option<(DVec3, f64)>,
         each: &mut dyn FnMut(usize, usize, &Sight, &mut Visible),
     ) {
         let geometry = self.geometry(facets);
-        let normal = facets[face].normal;
         let visible = &mut Visible::default();
         for (l, lamp) in self.lamps.iter().enumerate() {
             let lamp = &geometry.place(lamp);
             if !geometry.faces(face, lamp) {
                 continue;
             }
-            let blockers = &geometry.between(points, normal, lamp);
+            let between = Between::points(geometry, self.sampling.as_ref(), face, points, lamp);
             for (k, &point) in points.iter().enumerate() {
-                each(k, l, &Sight { geometry, point, normal, lamp, blockers }, visible);
+                let lobe =
+                    reflected.map(|(eye, power)| Lobe::towards(eye, point, facets[face].normal, power));
+                each(k, l, &between.sight(point, lobe.as_ref()), visible);
             }
         }
     }
@@ -358,15 +417,14 @@ impl DirectLight {
         each: &mut dyn FnMut(usize, &Sight, f64, &mut Visible),
     ) {
         let geometry = self.geometry(facets);
-        let Facet { corners, normal, .. } = facets[receiver];
+        let corners = facets[receiver].corners;
         let visible = &mut Visible::default();
         for (l, lamp) in self.lamps.iter().enumerate().filter(|&(l, _)| self.factors(receiver)[l] != 0.0) {
             let lamp = &geometry.place(lamp);
-            let blockers = &geometry.between(&corners, normal, lamp);
+            let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, lamp);
             let cuts = self.cuts.get(&[receiver, l]).cloned().unwrap_or_default();
             for Sample { barycentric, weight } in quadrature::samples(&cuts) {
-                let sight = Sight { geometry, point: at(corners, barycentric), normal, lamp, blockers };
-                each(l, &sight, weight, visible);
+                each(l, &between.sight(at(corners, barycentric), None), weight, visible);
             }
         }
     }
@@ -384,11 +442,11 @@ impl DirectLight {
             return;
         }
         let Facet { corners, normal, .. } = geometry.facets[receiver];
-        let blockers = &geometry.between(&corners, normal, lamp);
+        let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, lamp);
         let cuts = self.cuts.get(&[receiver, l]).cloned().unwrap_or_default();
         let mut own = FacetGradient::default();
         for Sample { barycentric, weight: share } in quadrature::samples(&cuts) {
-            let sight = Sight { geometry, point: at(corners, barycentric), normal, lamp, blockers };
+            let sight = between.sight(at(corners, barycentric), None);
             let (light, by_point, _) = sight.pull_back(visible, weight * share * normal, to);
             own.normal += weight * share * light;
             for (corner, b) in own.corners.iter_mut().zip(barycentric.to_array()) {
@@ -396,6 +454,65 @@ impl DirectLight {
             }
         }
         to.add(receiver as u32, own);
+    }
+}
+
+/// What stands between points of a triangle and a lamp.
+struct Between<'a> {
+    geometry: Geometry<'a>,
+    receiver: usize,
+    lamp: &'a Placed<'a>,
+    /// Polygons in between, unless rays count in their place.
+    blockers: Vec<u32>,
+    /// For rays from each point.
+    sampling: Option<&'a Sampling>,
+    /// By rays from the whole triangle.
+    share: Share,
+}
+
+impl<'a> Between<'a> {
+    /// For some points.
+    fn points(
+        geometry: Geometry<'a>,
+        sampling: Option<&'a Sampling>,
+        receiver: usize,
+        points: &[DVec3],
+        lamp: &'a Placed<'a>,
+    ) -> Self {
+        let mut blockers = geometry.between(points, geometry.facets[receiver].normal, lamp);
+        let sampling = sampling.filter(|_| blockers.len() > FEW);
+        if sampling.is_some() {
+            blockers.clear();
+        }
+        Self { geometry, receiver, lamp, blockers, sampling, share: Share::ALL }
+    }
+
+    /// For all of the triangle: one share counts everywhere.
+    fn triangle(
+        geometry: Geometry<'a>,
+        sampling: Option<&'a Sampling>,
+        receiver: usize,
+        lamp: &'a Placed<'a>,
+    ) -> Self {
+        let Facet { corners, normal, .. } = geometry.facets[receiver];
+        let between = Self::points(geometry, sampling, receiver, &corners, lamp);
+        let of = |rays: &Sampling| rays.share(receiver, From::Triangle(corners), normal, lamp, None);
+        let share = between.sampling.map_or(Share::ALL, of);
+        Self { share, sampling: None, ..between }
+    }
+
+    /// From a point, for light that falls on it, or is reflected there.
+    fn sight(&self, point: DVec3, lobe: Option<&Lobe>) -> Sight<'_> {
+        let &Self { geometry, receiver, lamp, ref blockers, sampling, share } = self;
+        let normal = geometry.facets[receiver].normal;
+        let of = |rays: &Sampling| rays.share(receiver, From::Point(point), normal, lamp, lobe);
+        let share = sampling.map_or(share, of).value;
+        Sight { geometry, point, normal, lamp, blockers, share }
+    }
+
+    /// Standard error of what the triangle receives, as a share of that.
+    fn relative_error(&self) -> f64 {
+        if self.share.value > 0.0 { self.share.error / self.share.value } else { 0.0 }
     }
 }
 
@@ -414,6 +531,7 @@ pub struct HighlightGradient {
 
 /// Receivers that an estimate of work looks at.
 const PROBES: usize = 256;
+const PROBES_AT_ONCE: usize = 16;
 /// Points of a receiver, on average.
 const POINTS_EACH: f64 = 12.0;
 
@@ -425,11 +543,6 @@ pub fn barycentric(corners: [DVec3; 3], normal: DVec3, point: DVec3) -> DVec3 {
     let [a, b, c] = corners.map(|corner| corner - point);
     let areas = [b.cross(c), c.cross(a), a.cross(b)].map(|double| double.dot(normal));
     DVec3::from(areas) / areas.iter().sum::<f64>()
-}
-
-/// The lobe of a point towards an eye.
-fn lobe_towards(eye: DVec3, sight: &Sight, power: f64) -> Lobe {
-    Lobe { normal: sight.normal, eye: (eye - sight.point).normalize_or_zero(), power }
 }
 
 /// The point with given barycentric coordinates.
@@ -508,7 +621,7 @@ mod tests {
         }
         let [coarse, fine, part] = [fine_blockers(1), fine_blockers(3), in_part].map(|scene| {
             let facets = facets(&scene);
-            let light = DirectLight::new(&facets, lamps(&scene, &facets, 1e-9));
+            let light = DirectLight::new(&facets, lamps(&scene, &facets, 1e-9), Visibility::Exact);
             let factors: Vec<f64> = (0..8).map(|receiver| light.factors(receiver)[0]).collect();
             (light.blockers.count(), factors)
         });
@@ -550,7 +663,7 @@ mod tests {
         let lamps = lamps(scene, &facets, 1e-9);
         assert_eq!(lamps.len(), 1);
         assert_eq!((lamps[0].corners.len(), lamps[0].outline.len()), (4, 8));
-        let light = DirectLight::new(&facets, lamps.clone());
+        let light = DirectLight::new(&facets, lamps.clone(), Visibility::Exact);
         assert!(light.cuts.len() > 4);
         let gradients: Vec<[DVec3; 3]> =
             light.pull_back(&facets, weight).iter().zip(&facets).map(|(g, f)| g.to_corners(f)).collect();

@@ -196,7 +196,7 @@ impl Visible {
     /// Calls `emit` with each part of the lamp that is visible above the horizon: convex cones without overlap. `outline`: whether sides end
     /// at all vertices of the lamp's outline, or only at its corners.
     pub fn parts(&mut self, sight: &Sight, outline: bool, emit: &mut dyn FnMut(&[Side])) {
-        let &Sight { ref geometry, point, normal, lamp, blockers } = sight;
+        let &Sight { ref geometry, point, normal, lamp, blockers, .. } = sight;
         let corners = if outline { &lamp.outline } else { &lamp.corners };
         if (point - corners[0]).dot(lamp.normal) <= geometry.tolerance() {
             return;

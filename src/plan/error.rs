@@ -25,6 +25,11 @@ pub enum PlanError {
         /// Precision of the numbers on the device.
         precision: Precision,
     },
+    /// Derivatives by positions are wanted, and sampled direct light.
+    #[error(
+        "direct light by rays has no derivatives by positions: choose lamps = \"exact\" or \"antiradiance\""
+    )]
+    SampledLamps,
     /// No triangle has an area.
     #[error("the scene has no triangle with an area, so there is nothing to solve")]
     NothingToSolve,

@@ -1,7 +1,7 @@
-//! Which emitters are lamps, whose direct light is exact.
+//! Which emitters are lamps, whose direct light is computed apart from U, and with what visibility.
 
-use super::{Placement, Plan};
-use crate::direct::{DirectLight, Lamp, lamps};
+use super::{GradientRequest, Placement, Plan, PlanError};
+use crate::direct::{DirectLight, Lamp, Visibility, lamps};
 use crate::model::{Facet, coplanar_tolerance};
 use crate::scene::{Lamps, Scene};
 
@@ -10,66 +10,110 @@ const MOST: usize = 128;
 /// Blockers and edges looked at up to which it is, per pair of triangles and in addition: two or three times a solve, and a second.
 const TESTS_PER_PAIR: f64 = 8.0;
 const FEW_TESTS: f64 = 2e7;
+/// Lamps up to which direct light is sampled unless stated, and such pairs of triangle and lamp, whose light is held in memory.
+const MOST_SAMPLED: usize = 1024;
+const MOST_PAIRS: usize = 20_000_000;
 
 /// How the light that comes straight from emitters is computed, and why.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LampsReport {
     /// Lamps with exact visibility: planar convex polygons, merged from triangles.
     pub exact: usize,
-    /// Lamps in all, whether exact or not.
+    /// Lamps with visibility by rays where much stands in between.
+    pub sampled: usize,
+    /// Lamps in all, also those whose light takes part in U.
     pub emitters: usize,
-    /// Triangles of these.
+    /// Triangles of those with exact or sampled visibility.
     pub triangles: usize,
     /// In words.
     pub why: String,
 }
 
-/// The lamps of a scene whose direct light is to be exact, and how many there are, exact or not.
-pub(super) fn choose(scene: &Scene, facets: &[Facet], setting: Lamps) -> (Vec<Lamp>, usize) {
+/// Lamps whose direct light is computed apart.
+#[derive(Default)]
+pub(crate) struct Chosen {
+    pub lamps: Vec<Lamp>,
+    pub visibility: Visibility,
+    /// How many lamps there are in all.
+    pub emitters: usize,
+}
+
+/// The lamps of a scene whose direct light is to be computed apart, where derivatives are wanted. An error where that is stated and not
+/// possible.
+pub(super) fn choose(
+    scene: &Scene,
+    facets: &[Facet],
+    setting: Lamps,
+    gradients: GradientRequest,
+) -> Result<Chosen, PlanError> {
     let lamps = lamps(scene, facets, coplanar_tolerance(facets));
-    let count = lamps.len();
+    let emitters = lamps.len();
     let affordable = || {
         let pairs = (facets.len() as f64).powi(2);
-        DirectLight::estimated_tests(facets, &lamps) <= TESTS_PER_PAIR * pairs + FEW_TESTS
+        DirectLight::takes_at_most(facets, &lamps, TESTS_PER_PAIR * pairs + FEW_TESTS)
     };
-    let exact = match setting {
-        Lamps::Exact => true,
-        Lamps::Antiradiance => false,
-        Lamps::Auto => count == 0 || count <= MOST && affordable(),
+    let moves = gradients.positions || gradients.camera;
+    let sampled = || {
+        let few = emitters <= MOST_SAMPLED && emitters.saturating_mul(facets.len()) <= MOST_PAIRS;
+        (few && !moves && !gradients.emission).then_some(Visibility::Sampled)
     };
-    (if exact { lamps } else { Vec::new() }, count)
+    let visibility = match setting {
+        Lamps::Exact => Some(Visibility::Exact),
+        Lamps::Sampled if moves => return Err(PlanError::SampledLamps),
+        Lamps::Sampled => Some(Visibility::Sampled),
+        Lamps::Antiradiance => None,
+        Lamps::Auto if emitters == 0 || emitters <= MOST && affordable() => Some(Visibility::Exact),
+        Lamps::Auto => sampled(),
+    };
+    Ok(match visibility {
+        Some(visibility) => Chosen { lamps, visibility, emitters },
+        None => Chosen { emitters, ..Chosen::default() },
+    })
 }
 
-/// The triangles of a scene, in units of its size, and the lamps whose direct light is to be exact.
-pub(crate) fn exact_lamps(scene: &Scene) -> (Vec<Facet>, Vec<Lamp>) {
+/// The triangles of a scene, in units of its size, and the lamps whose direct light is to be computed apart.
+pub(crate) fn direct_lamps(scene: &Scene) -> (Vec<Facet>, Vec<Lamp>, Visibility) {
     let facets = Placement::of(scene).facets(scene);
-    let (lamps, _) = choose(scene, &facets, scene.settings.lamps);
-    (facets, lamps)
+    // Nothing is refused without derivatives.
+    let Chosen { lamps, visibility, .. } =
+        choose(scene, &facets, scene.settings.lamps, GradientRequest::default()).unwrap_or_default();
+    (facets, lamps, visibility)
 }
 
-/// Whether the light of a scene's lamps is to be exact.
-pub(crate) fn has_exact_lamps(scene: &Scene) -> bool {
-    !exact_lamps(scene).1.is_empty()
+/// Whether the light of a scene's lamps is to be computed apart.
+pub(crate) fn has_direct_lamps(scene: &Scene) -> bool {
+    !direct_lamps(scene).1.is_empty()
 }
 
 impl Plan {
     /// How the light of emitters is computed.
     pub(super) fn lamps_report(&self) -> LampsReport {
         let triangles = self.lamps.iter().map(|lamp| lamp.triangles.len()).sum();
-        let why = match (self.settings.lamps, self.lamps.len(), self.emitters) {
-            (_, 0, 0) => String::from("no emitter"),
+        let lamps = |count: usize| if count == 1 { String::from("1 lamp") } else { format!("{count} lamps") };
+        let why = match (self.settings.lamps, self.lamps.len(), self.visibility) {
+            (_, 0, _) if self.emitters == 0 => String::from("no emitter"),
             (Lamps::Antiradiance, _, _) => String::from("by antiradiance, as stated"),
-            (_, 0, count @ 0..=MOST) => {
+            (_, 0, _) => {
+                let why = match lamps(self.emitters) {
+                    count if self.emitters > MOST_SAMPLED => format!("{count}, more than {MOST_SAMPLED}"),
+                    count => format!(
+                        "exact ones of {count} would take far longer than the solve, and sampled ones lack derivatives that are wanted"
+                    ),
+                };
+                format!("by antiradiance through bins, which blurs shadows: {why}")
+            }
+            (_, count, Visibility::Exact) => {
+                format!("direct light of {} with exact visibility", lamps(count))
+            }
+            (_, count, Visibility::Sampled) => {
                 format!(
-                    "by antiradiance through bins, which blurs shadows: exact ones of {count} lamp(s) would take far longer than the solve"
+                    "direct light of {} with visibility by rays where much stands in between",
+                    lamps(count)
                 )
             }
-            (_, 0, count) => {
-                format!("by antiradiance through bins, which blurs shadows: {count} lamps, more than {MOST}")
-            }
-            (_, 1, _) => String::from("direct light of 1 lamp with exact visibility"),
-            (_, count, _) => format!("direct light of {count} lamps with exact visibility"),
         };
-        LampsReport { exact: self.lamps.len(), emitters: self.emitters, triangles, why }
+        let count = |visibility| if self.visibility == visibility { self.lamps.len() } else { 0 };
+        let (exact, sampled) = (count(Visibility::Exact), count(Visibility::Sampled));
+        LampsReport { exact, sampled, emitters: self.emitters, triangles, why }
     }
 }

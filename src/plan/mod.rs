@@ -19,7 +19,7 @@ pub use error::PlanError;
 pub use gradient_request::GradientRequest;
 pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
 pub use lamps::LampsReport;
-pub(crate) use lamps::{exact_lamps, has_exact_lamps};
+pub(crate) use lamps::{direct_lamps, has_direct_lamps};
 pub(crate) use lobes::{LOBE_BYTES, LOBE_ROWS, LobeSlots, PlannedLobes};
 pub(crate) use memory::PARTIAL_SUMS;
 pub use memory::{MemoryItem, MemoryPlan};
@@ -32,11 +32,12 @@ pub use shares::Shares;
 pub use tiles::{Group, TileLayout};
 pub use transport::PlannedTransport;
 
-use crate::direct::Lamp;
+use crate::direct::{Lamp, Visibility};
 use crate::model::{Bins, Class, Clusters, Facet, classify, spatial_order};
 use crate::options::setters;
 use crate::scene::{Precision, Scene, SolveSettings, SolverChoice, bounds};
 use glam::DVec3;
+use lamps::Chosen;
 
 /// Bytes of the facets of partners that a dispatch binds.
 pub(crate) const PARTNER_BYTES: u32 = 1 << 16;
@@ -243,6 +244,7 @@ pub struct Plan {
     pub(crate) classes: Vec<Class>,
     /// Emitters whose direct light is exact; that of others takes part in U.
     pub(crate) lamps: Vec<Lamp>,
+    pub(crate) visibility: Visibility,
     /// How many lamps there are, exact or not.
     pub(crate) emitters: usize,
     pub(crate) layout: TileLayout,
@@ -278,9 +280,9 @@ impl Plan {
         let placement = Placement::of(scene);
         let facets = placement.facets(scene);
         let mut classes = classify(scene);
-        let (lamps, emitters) = match options.occlusion {
-            Occlusion::Nothing => (Vec::new(), 0),
-            _ => lamps::choose(scene, &facets, settings.lamps),
+        let Chosen { lamps, visibility, emitters } = match options.occlusion {
+            Occlusion::Nothing => Chosen::default(),
+            _ => lamps::choose(scene, &facets, settings.lamps, options.gradients)?,
         };
         match options.occlusion {
             Occlusion::Exact => {}
@@ -310,6 +312,7 @@ impl Plan {
             placement,
             classes,
             lamps,
+            visibility,
             emitters,
             layout,
             interactions: Interactions::default(),
@@ -433,9 +436,14 @@ impl Plan {
         &self.classes
     }
 
-    /// The emitters whose direct light is computed with exact visibility. That of all others takes part in U.
+    /// The emitters whose direct light is computed apart, with [`Self::visibility`]. That of all others takes part in U.
     pub fn lamps(&self) -> &[Lamp] {
         &self.lamps
+    }
+
+    /// How much of these lamps points see.
+    pub fn visibility(&self) -> Visibility {
+        self.visibility
     }
 
     /// The order of the triangles, their tiles and groups.

@@ -93,7 +93,7 @@ impl Scene {
     /// bins = { equal_angle = [10, 13] }  # or { concentric = 12 }
     /// weights = "bilinear"           # or "smoothstep"
     /// near_field = 30
-    /// lamps = "auto"                 # or "exact", "antiradiance": the light that comes straight from emitters
+    /// lamps = "auto"                 # or "exact", "sampled", "antiradiance": the light that comes straight from emitters
     /// tolerance = 1e-4
     /// max_passes = 200
     /// solver = "auto"                # or "fixed-point", "gmres"

@@ -39,9 +39,13 @@ pub(crate) struct Rays {
 
 impl Rays {
     pub fn new(scene: &Scene) -> Self {
-        let corners: Vec<[DVec3; 3]> = (0..scene.triangles.len()).map(|i| scene.corners(i)).collect();
-        let mut order: Vec<u32> =
-            (0..corners.len() as u32).filter(|i| scene.degenerate.binary_search(i).is_err()).collect();
+        let corners = (0..scene.triangles.len()).map(|i| scene.corners(i)).collect();
+        Self::among(corners, |i| scene.degenerate.binary_search(i).is_err())
+    }
+
+    /// Of those triangles that are `solid`.
+    pub fn among(corners: Vec<[DVec3; 3]>, solid: impl Fn(&u32) -> bool) -> Self {
+        let mut order: Vec<u32> = (0..corners.len() as u32).filter(solid).collect();
         let mut nodes = Vec::new();
         if !order.is_empty() {
             build(&corners, &mut order, 0, &mut nodes);

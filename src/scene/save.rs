@@ -224,6 +224,7 @@ impl Scene {
             lamps: match self.settings.lamps {
                 Lamps::Auto => "auto",
                 Lamps::Exact => "exact",
+                Lamps::Sampled => "sampled",
                 Lamps::Antiradiance => "antiradiance",
             },
             tolerance: error.is_none().then_some(self.settings.tolerance),

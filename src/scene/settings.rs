@@ -96,11 +96,14 @@ pub enum Weights {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Lamps {
-    /// Exactly where the emitters are few and shadows cost no more than the solve, else by antiradiance.
+    /// Exactly where the emitters are few and shadows cost no more than the solve, else sampled; by antiradiance where emitters are many or
+    /// derivatives by positions or emission are wanted.
     #[default]
     Auto,
     /// With exact visibility: shadows are as sharp as they are.
     Exact,
+    /// The same, but by rays where a lamp is seen between many blockers: with noise, and without derivatives by positions.
+    Sampled,
     /// Like all other light, through bins.
     Antiradiance,
 }

@@ -24,6 +24,8 @@ pub struct Answer {
     pub energy: Energy,
     /// How much of the irradiance is negative.
     pub negative: Negative,
+    /// [`Engine::sampling_error`].
+    pub sampling_error: f64,
     /// The plan that the solve ran under.
     pub plan: PlanReport,
     /// Of the scene before the solve, and of its solution.
@@ -44,7 +46,7 @@ impl Answer {
         let colours = colours.collect::<Result<_, _>>()?;
         let light = Light::new(engine, &solution, scene, cameras)?;
         let Solution { irradiance, radiosity, info, energy, negative, .. } = solution;
-        let plan = engine.plan();
+        let (plan, sampling_error) = (engine.plan(), engine.sampling_error());
         warnings.list.extend(Warnings::after(scene, plan, &irradiance, info.spectral_radius).list);
         Ok(Self {
             irradiance,
@@ -54,6 +56,7 @@ impl Answer {
             info,
             energy,
             negative,
+            sampling_error,
             plan: plan.report(),
             warnings,
         })

@@ -23,8 +23,8 @@ pub struct ErrorEstimate {
 /// Error of the mean irradiance of triangles: relative L2, area-weighted.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct IrradianceEstimate {
-    /// Root of the sum of squares of `compared`, `mesh`, `residual` and `clusters`, whose causes are independent; at least
-    /// `balance`.
+    /// Root of the sum of squares of `compared`, `mesh`, `residual`, `clusters` and `sampling`, whose causes are independent; at
+    /// least `balance`.
     pub total: f64,
     /// Difference from a solve with other bins and a smaller near field, times the ratio of error to such a difference in
     /// scenes of known solution.
@@ -36,6 +36,8 @@ pub struct IrradianceEstimate {
     pub residual: f64,
     /// What clusters in place of far triangles may cause; zero where there are none.
     pub clusters: f64,
+    /// Standard error of direct light by rays; zero where its visibility is exact.
+    pub sampling: f64,
     /// Share of the emitted power that is not absorbed; zero in an exact solution. Closed scenes only.
     pub balance: Option<f64>,
 }
@@ -58,6 +60,8 @@ pub struct PictureEstimate {
     pub residual: f64,
     /// As [`IrradianceEstimate::clusters`].
     pub clusters: f64,
+    /// As [`IrradianceEstimate::sampling`].
+    pub sampling: f64,
 }
 
 impl ErrorEstimate {
@@ -75,7 +79,7 @@ impl ErrorEstimate {
         let surface = Surface::new(scene);
         let left = 1.0 - own.info.spectral_radius.unwrap_or(0.0).clamp(0.0, 0.999);
         let residual = own.info.residuals.last().copied().unwrap_or(0.0) / left;
-        let known = [residual, clusters];
+        let known = [residual, clusters, own.sampling_error];
         let irradiance = IrradianceEstimate::new(scene, &surface, own, other, ratio, known);
         let colours = own.colours.iter().zip(&other.colours);
         let pictures: Vec<PictureEstimate> = visible
@@ -102,19 +106,19 @@ impl IrradianceEstimate {
         own: &Answer,
         other: &Answer,
         ratio: f64,
-        [residual, clusters]: [f64; 2],
+        [residual, clusters, sampling]: [f64; 3],
     ) -> Self {
         let values = vectors(&own.irradiance);
         let norm = |of: &dyn Fn(usize) -> DVec3| norm(&surface.weights, of);
         let over = relative_to(norm(&|i| values[i]));
         let compared = ratio * over(norm(&|i| values[i] - DVec3::from(other.irradiance[i])));
         let mesh = over(norm(&|i| surface.off_neighbours(&values, i)));
-        let parts = root_of_squares([compared, mesh, residual, clusters]);
+        let parts = root_of_squares([compared, mesh, residual, clusters, sampling]);
         let sum = |rgb: [f64; 3]| rgb.iter().sum::<f64>();
         let escaped = (sum(own.energy.escaped) / sum(own.energy.emitted).max(f64::MIN_POSITIVE)).abs();
         let balance = is_closed(scene).then_some(escaped);
         let total = balance.map_or(parts, |balance| parts.max(balance));
-        Self { total, compared, mesh, residual, clusters, balance }
+        Self { total, compared, mesh, residual, clusters, sampling, balance }
     }
 }
 
@@ -169,17 +173,18 @@ impl PictureEstimate {
         visible: &Visible,
         Differences { compared, within }: Differences,
         ratio: f64,
-        [residual, clusters]: [f64; 2],
+        [residual, clusters, sampling]: [f64; 3],
     ) -> Self {
         let compared = ratio * compared;
-        let total = root_of_squares([compared, within, residual, clusters]);
-        Self { camera: visible.camera.clone(), total, compared, within, residual, clusters }
+        let total = root_of_squares([compared, within, residual, clusters, sampling]);
+        Self { camera: visible.camera.clone(), total, compared, within, residual, clusters, sampling }
     }
 }
 
 impl fmt::Display for ErrorEstimate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let IrradianceEstimate { total, compared, mesh, residual, clusters, balance } = self.irradiance;
+        let IrradianceEstimate { total, compared, mesh, residual, clusters, sampling, balance } =
+            self.irradiance;
         let percent = |share: f64| format!("{:.2} %", 100.0 * share);
         write!(
             f,
@@ -191,6 +196,9 @@ impl fmt::Display for ErrorEstimate {
         )?;
         if clusters > 0.0 {
             write!(f, ", clusters {}", percent(clusters))?;
+        }
+        if sampling > 0.0 {
+            write!(f, ", rays {}", percent(sampling))?;
         }
         if let Some(balance) = balance {
             write!(f, ", energy {}", percent(balance))?;

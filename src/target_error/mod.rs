@@ -17,7 +17,7 @@ pub use levels::{LayoutKind, layout, usual_plan, usual_settings};
 use crate::gpu::Device;
 use crate::image::ImageError;
 use crate::options::setters;
-use crate::plan::{Plan, PlanError, PlanOptions, has_exact_lamps};
+use crate::plan::{Plan, PlanError, PlanOptions, has_direct_lamps};
 use crate::scene::{Camera, Choice, Scene, SolveSettings};
 use crate::shading::Shading;
 use crate::warnings::Warnings;
@@ -334,7 +334,7 @@ impl<'a> Search<'a> {
             parents,
             options,
             reserve,
-            levels: Level::all(is_directional(&scene), has_exact_lamps(&scene)),
+            levels: Level::all(is_directional(&scene), has_direct_lamps(&scene)),
             scene,
             areas: (0..given.triangles.len()).map(|i| given.area_vector(i).length()).collect(),
             albedo,

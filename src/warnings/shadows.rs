@@ -5,7 +5,7 @@
 
 use crate::direct::{DirectLight, Lamp, POINTS, at, vector_irradiance};
 use crate::model::{Facet, quarters};
-use crate::plan::{Plan, exact_lamps};
+use crate::plan::{Plan, direct_lamps};
 use crate::scene::Scene;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -78,7 +78,11 @@ pub fn uneven(scene: &Scene, plan: &Plan, limit: f64) -> Vec<(u32, f64)> {
         return Vec::new();
     }
     let facets = plan.facets();
-    let reflected = Reflected::new(scene, facets, DirectLight::of_points(facets, plan.lamps().to_vec()));
+    let reflected = Reflected::new(
+        scene,
+        facets,
+        DirectLight::of_points(facets, plan.lamps().to_vec(), plan.visibility()),
+    );
     let all: Vec<[f64; 2]> =
         (0..facets.len()).into_par_iter().map(|i| reflected.mean_and_variance(i, &POINTS)).collect();
     let square: f64 = all.iter().zip(facets).map(|([square, _], facet)| square * facet.area).sum();
@@ -93,7 +97,7 @@ pub fn uneven(scene: &Scene, plan: &Plan, limit: f64) -> Vec<(u32, f64)> {
 
 /// Triangles that would receive more than 4 % of all light of lamps if nothing stood between, ascending.
 pub fn flooded(scene: &Scene) -> Vec<u32> {
-    let (facets, lamps) = exact_lamps(scene);
+    let (facets, lamps, _) = direct_lamps(scene);
     let emitted = Emitted::new(scene, &facets, &lamps);
     let all = 0..facets.len() as u32;
     all.into_par_iter().filter(|&i| emitted.share(i as usize) > MOST_OF_THE_LIGHT).collect()
@@ -159,7 +163,7 @@ impl<'a> Emitted<'a> {
 /// triangles alone that may have a share of 3 % in that error, by the light that would reach them without shadows.
 pub fn too_coarse(scene: &Scene) -> bool {
     const CENTROIDS: [([f64; 3], f64); 1] = [([1.0 / 3.0; 3], 1.0)];
-    let (facets, lamps) = exact_lamps(scene);
+    let (facets, lamps, visibility) = direct_lamps(scene);
     if lamps.is_empty() {
         return false;
     }
@@ -176,7 +180,7 @@ pub fn too_coarse(scene: &Scene) -> bool {
     // A triangle of which one quarter alone is lit has a variance of three times its squared mean.
     let may_be_coarse = |i: &usize| 3.0 * squares[*i] > COARSE_TRIANGLE * COARSE_TRIANGLE * all;
     let candidates: Vec<usize> = (0..facets.len()).filter(may_be_coarse).collect();
-    let reflected = Reflected::new(scene, &facets, DirectLight::of_points(&facets, lamps));
+    let reflected = Reflected::new(scene, &facets, DirectLight::of_points(&facets, lamps, visibility));
     let found: Vec<[f64; 2]> = candidates
         .par_iter()
         .map(|&i| reflected.mean_and_variance(i, &CENTROIDS).map(|x| x * facets[i].area))

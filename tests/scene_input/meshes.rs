@@ -93,7 +93,8 @@ fn text_in_utf_16_is_read() {
 /// As MeshLab and Blender write them, in sRGB, where no material is stated; elsewhere they are named.
 #[test]
 fn colours_of_vertices_are_albedos() {
-    let obj = "v 0 0 0 .5 0 0\nv 1 0 0 .5 0 0\nv 0 1 0 .5 .5 0\nv 0 0 1 1.0\nusemtl paint\nf 1 2 3\nf 1 2 4\n";
+    let obj =
+        "v 0 0 0 .5 0 0\nv 1 0 0 .5 0 0\nv 0 1 0 .5 .5 0\nv 0 0 1 1.0\nusemtl paint\nf 1 2 3\nf 1 2 4\n";
     let scene = good("m.obj", &[("m.obj", obj)]);
     let albedos: Vec<_> = (0..2).map(|t| scene.material(t).albedo).collect();
     let half = ((0.5_f64 + 0.055) / 1.055).powf(2.4);

@@ -110,7 +110,9 @@ fn materials_and_what_stands_in_for_them() {
     // The mean of the picture, once from its place and once by reference.
     let picture = "<string name=\"filename\" value=\"half.png\"/>";
     for texture in [
-        format!("<bsdf type=\"diffuse\" id=\"b\"><texture name=\"reflectance\" type=\"bitmap\">{picture}</texture></bsdf>"),
+        format!(
+            "<bsdf type=\"diffuse\" id=\"b\"><texture name=\"reflectance\" type=\"bitmap\">{picture}</texture></bsdf>"
+        ),
         format!(
             "<texture type=\"bitmap\" id=\"t\">{picture}</texture><bsdf type=\"diffuse\" id=\"b\"><ref name=\"reflectance\" \
              id=\"t\"/></bsdf>"
@@ -140,7 +142,9 @@ fn spectra_are_colours() {
         let scene = lit(wall, lamp);
         assert!(scene.warnings.iter().all(|said| !said.contains("ignored")), "{:?}", scene.warnings);
         let colours = [scene.materials[0].albedo, scene.materials[1].emission];
-        for (found, mitsuba) in colours.iter().zip([[0.57635, 0.377433, 0.306476], [20.7108, 10.8546, 2.77115]]) {
+        for (found, mitsuba) in
+            colours.iter().zip([[0.57635, 0.377433, 0.306476], [20.7108, 10.8546, 2.77115]])
+        {
             let near = |c: usize| (found[c] - mitsuba[c]).abs() < 0.02 * mitsuba[0];
             assert!((0..3).all(near), "{found:?}, not {mitsuba:?}");
         }
@@ -217,15 +221,21 @@ fn what_is_wrong_is_said() {
             vec!["has no BSDF"],
         ),
         (
-            scene("<shape type=\"disk\"><emitter type=\"area\"><spectrum name=\"radiance\" value=\"500:1, 400:1\"/></emitter></shape>"),
+            scene(
+                "<shape type=\"disk\"><emitter type=\"area\"><spectrum name=\"radiance\" value=\"500:1, 400:1\"/></emitter></shape>",
+            ),
             vec!["s.xml:2", "400 follows 500"],
         ),
         (
-            scene("<shape type=\"disk\"><emitter type=\"area\"><spectrum name=\"radiance\" value=\"500:1, 600\"/></emitter></shape>"),
+            scene(
+                "<shape type=\"disk\"><emitter type=\"area\"><spectrum name=\"radiance\" value=\"500:1, 600\"/></emitter></shape>",
+            ),
             vec!["s.xml:2", "`600` is no `wavelength:value`"],
         ),
         (
-            scene("<shape type=\"disk\"><emitter type=\"area\"><spectrum name=\"radiance\" filename=\"lost.spd\"/></emitter></shape>"),
+            scene(
+                "<shape type=\"disk\"><emitter type=\"area\"><spectrum name=\"radiance\" filename=\"lost.spd\"/></emitter></shape>",
+            ),
             vec!["s.xml:2", "lost.spd cannot be read"],
         ),
         (scene(""), vec!["s.xml", "no triangles"]),

@@ -254,6 +254,7 @@ pub fn run(
         warnings: solved.warnings.clone(),
         accuracy_warnings: answer.warnings.list,
         plan: answer.plan,
+        sampling_error: answer.sampling_error,
         refinement,
         given_triangles: cut,
         memory: MemoryUse::from(device.memory()),
@@ -386,7 +387,11 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     }
     let lamps = &report.plan.lamps;
     if lamps.emitters > lamps.exact {
-        antirad::say!("lamps       {} (--lamps exact: exact all the same)", lamps.why);
+        let error = match lamps.sampled {
+            0 => String::new(),
+            _ => format!(": standard error {:.2} % of it", 100.0 * report.sampling_error),
+        };
+        antirad::say!("lamps       {}{error} (--lamps exact: exact all the same)", lamps.why);
     }
     antirad::say!("directions  {} bins", report.plan.bins);
     for class in &report.plan.classes {

@@ -21,6 +21,8 @@ pub struct Report {
     pub accuracy_warnings: Vec<Warning>,
     /// Units: bytes, pairs of triangles, seconds.
     pub plan: PlanReport,
+    /// Standard error of the irradiance that comes straight from lamps, relative; 0 where their visibility is exact.
+    pub sampling_error: f64,
     /// How the settings were found, for a target error.
     pub refinement: Option<Refinement>,
     /// Number of triangles of the given mesh, if it was too coarse for shadows and cut.

@@ -61,7 +61,8 @@ pub struct SceneSettings {
     /// blockers are coarse]
     #[arg(long, value_name = "LAYOUT")]
     bins: Option<BinLayout>,
-    /// Light that comes straight from emitters: exact where few emit (auto), exact, or by antiradiance through bins
+    /// Light that comes straight from emitters: exact where that is affordable, else sampled (auto); exact; sampled, by rays where much
+    /// stands in between; or by antiradiance through bins
     #[arg(long, value_name = "HOW", value_enum)]
     lamps: Option<Lamps>,
     /// Relative residual at which the solve stops

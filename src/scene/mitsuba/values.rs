@@ -176,10 +176,9 @@ impl<'a> Values<'a> {
             let words: Vec<&str> = line.split_whitespace().collect();
             match words[..] {
                 [wavelength, value] => Ok((self.parse(node, wavelength)?, self.parse(node, value)?)),
-                _ => Err(self.wrong(
-                    node,
-                    format!("{}: `{line}` is no wavelength and value", file.display()),
-                )),
+                _ => {
+                    Err(self.wrong(node, format!("{}: `{line}` is no wavelength and value", file.display())))
+                }
             }
         });
         self.ascending(node, samples.collect::<Result<_, _>>()?)
@@ -187,10 +186,10 @@ impl<'a> Values<'a> {
 
     fn ascending(&self, node: Node, samples: Vec<(f64, f64)>) -> Result<Vec<(f64, f64)>, SceneError> {
         match samples.windows(2).find(|pair| pair[0].0 >= pair[1].0) {
-            Some(pair) => Err(self.wrong(
-                node,
-                format!("wavelength {} follows {}; they must ascend", pair[1].0, pair[0].0),
-            )),
+            Some(pair) => {
+                Err(self
+                    .wrong(node, format!("wavelength {} follows {}; they must ascend", pair[1].0, pair[0].0)))
+            }
             None => Ok(samples),
         }
     }
