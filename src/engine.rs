@@ -385,7 +385,9 @@ impl Engine {
     pub fn new(device: &Device, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
         scene.validate()?;
         check_planned(&plan, scene)?;
-        let direct = DirectLight::new(&plan.facets, lamps_of(scene, &plan.lamps), plan.visibility);
+        let direct = DirectLight::new(&plan.facets, lamps_of(scene, &plan.lamps), plan.visibility, |i| {
+            scene.material(i)
+        });
         Self::with_direct(device, scene, plan, direct)
     }
 
@@ -462,7 +464,7 @@ impl Engine {
         self.direct = match lamps == self.direct.light.lamps() {
             true => Direct::new(self.direct.light.clone(), scene, plan, &self.direct.lobes),
             false => Direct::new(
-                Arc::new(DirectLight::new(&plan.facets, lamps, plan.visibility)),
+                Arc::new(DirectLight::new(&plan.facets, lamps, plan.visibility, |i| scene.material(i))),
                 scene,
                 plan,
                 &[],
@@ -487,7 +489,7 @@ impl Engine {
         let lamps = lamps_of(scene, &plan.lamps);
         let direct = match lamps == direct.light.lamps() && plan.facets.len() == direct.light.receivers() {
             true => direct.light.moved(&plan.facets),
-            false => DirectLight::new(&plan.facets, lamps, plan.visibility),
+            false => DirectLight::new(&plan.facets, lamps, plan.visibility, |i| scene.material(i)),
         };
         Self::with_direct(&device, scene, plan, direct)
     }

@@ -97,7 +97,7 @@ mod tests {
     fn words_are_those_of_scene_files() {
         agree::<Precision>(3);
         agree::<SolverChoice>(3);
-        agree::<Lamps>(3);
+        agree::<Lamps>(4);
         agree::<Orient>(2);
         agree::<Shading>(3);
     }

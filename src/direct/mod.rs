@@ -64,26 +64,46 @@ pub struct DirectLight {
 
 impl DirectLight {
     /// Computes the light of lamps on triangles, in any unit of length.
-    pub fn new(facets: &[Facet], lamps: Vec<Lamp>, visibility: Visibility) -> Self {
-        let (blockers, sampling) = Self::shadows(facets, &lamps, visibility);
-        Self::compute(facets, lamps, (blockers, sampling), None)
+    pub fn new<'a>(
+        facets: &[Facet],
+        lamps: Vec<Lamp>,
+        visibility: Visibility,
+        material: impl Fn(usize) -> &'a Material,
+    ) -> Self {
+        let sampling = Self::sampling(facets, &lamps, visibility, material);
+        Self::compute(facets, lamps, sampling, None)
     }
 
-    fn shadows(facets: &[Facet], lamps: &[Lamp], visibility: Visibility) -> (Blockers, Option<Sampling>) {
+    /// Rays, the more to a lamp the more it emits.
+    fn sampling<'a>(
+        facets: &[Facet],
+        lamps: &[Lamp],
+        visibility: Visibility,
+        material: impl Fn(usize) -> &'a Material,
+    ) -> Option<Sampling> {
         let sampled = visibility == Visibility::Sampled && !lamps.is_empty();
-        (Blockers::of(facets, lamps), sampled.then(|| Sampling::new(facets, lamps.len())))
+        sampled.then(|| Sampling::new(facets, lamps, &radiance(lamps, material)))
     }
 
     /// For points of triangles alone ([`Self::at_points`]): knows the light of no triangle.
-    pub fn of_points(facets: &[Facet], lamps: Vec<Lamp>, visibility: Visibility) -> Self {
-        let (blockers, sampling) = Self::shadows(facets, &lamps, visibility);
+    pub fn of_points<'a>(
+        facets: &[Facet],
+        lamps: Vec<Lamp>,
+        visibility: Visibility,
+        material: impl Fn(usize) -> &'a Material,
+    ) -> Self {
+        let sampling = Self::sampling(facets, &lamps, visibility, material);
+        Self { sampling, ..Self::among(Blockers::of(facets, &lamps), lamps) }
+    }
+
+    fn among(blockers: Blockers, lamps: Vec<Lamp>) -> Self {
         let (factors, errors, cuts) = (Vec::new(), Vec::new(), BTreeMap::new());
-        Self { blockers, sampling, lamps, receivers: 0, factors, errors, cuts }
+        Self { blockers, sampling: None, lamps, receivers: 0, factors, errors, cuts }
     }
 
     /// The same as if nothing stood between lamps and points.
     pub fn without_shadows(facets: &[Facet], lamps: Vec<Lamp>) -> Self {
-        Self { blockers: Blockers::none(facets), ..Self::of_points(&[], lamps, Visibility::Exact) }
+        Self::among(Blockers::none(facets), lamps)
     }
 
     /// Whether [`Self::new`] would test at most so many blockers against cones: an estimate of its work, from a few receivers.
@@ -117,16 +137,17 @@ impl DirectLight {
 
     /// The same for triangles and lamps of which only vertices have moved, at the same points: a smooth function of the vertices.
     pub fn moved(&self, facets: &[Facet]) -> Self {
-        let shadows = Self::shadows(facets, &self.lamps, self.visibility());
-        Self::compute(facets, self.lamps.clone(), shadows, Some(&self.cuts))
+        let sampling = self.sampling.as_ref().map(|sampling| sampling.moved(facets));
+        Self::compute(facets, self.lamps.clone(), sampling, Some(&self.cuts))
     }
 
     fn compute(
         facets: &[Facet],
         lamps: Vec<Lamp>,
-        (blockers, sampling): (Blockers, Option<Sampling>),
+        sampling: Option<Sampling>,
         cuts: Option<&BTreeMap<[usize; 2], Cuts>>,
     ) -> Self {
+        let blockers = Blockers::of(facets, &lamps);
         let geometry = Geometry { facets, blockers: &blockers };
         let placed: Vec<Placed> = lamps.iter().map(|lamp| geometry.place(lamp)).collect();
         let of_receiver = |visible: &mut Visible, receiver: usize| -> Vec<(Share, Cuts)> {
@@ -135,7 +156,7 @@ impl DirectLight {
                 if !geometry.faces(receiver, lamp) {
                     return (Share::NOTHING, Cuts::default());
                 }
-                let between = Between::triangle(geometry, sampling.as_ref(), receiver, lamp);
+                let between = Between::triangle(geometry, sampling.as_ref(), receiver, (l, lamp));
                 let mut irradiance =
                     |b: DVec3| between.sight(at(corners, b), None).vector_irradiance(visible).dot(normal);
                 let (value, cuts) = match cuts {
@@ -178,12 +199,15 @@ impl DirectLight {
         if self.sampling.is_some() { Visibility::Sampled } else { Visibility::Exact }
     }
 
-    /// Standard error of [`Self::irradiance`], as a relative L2 norm weighted by area; zero where visibility is exact.
+    /// Standard error of [`Self::irradiance`], as a relative L2 norm weighted by area, without that of emitters; zero where visibility is
+    /// exact.
     pub fn standard_error<'a>(&self, facets: &[Facet], material: impl Fn(usize) -> &'a Material) -> f64 {
-        let squares: Vec<f64> = self.radiance(material).iter().map(|l| l.length_squared()).collect();
+        let squares: Vec<f64> = self.radiance(&material).iter().map(|l| l.length_squared()).collect();
         let (mut error, mut light) = (0.0, 0.0);
         let rows = self.errors.chunks(squares.len().max(1)).zip(self.factors.chunks(squares.len().max(1)));
-        for ((errors, factors), facet) in rows.zip(facets) {
+        let receives = |(i, _): &(usize, _)| material(*i).emission == [0.0; 3];
+        for (i, (errors, factors)) in rows.enumerate().filter(receives) {
+            let facet = &facets[i];
             error += facet.area * errors.iter().zip(&squares).map(|(e, l)| e * e * l).sum::<f64>();
             let sum: f64 = factors.iter().zip(&squares).map(|(f, l)| f * l.sqrt()).sum();
             light += facet.area * sum * sum;
@@ -213,7 +237,7 @@ impl DirectLight {
 
     /// Radiance of each lamp, W/(m² sr), from the material of each triangle.
     pub fn radiance<'a>(&self, material: impl Fn(usize) -> &'a Material) -> Vec<DVec3> {
-        self.lamps.iter().map(|lamp| material(lamp.first()).emission.into()).collect()
+        radiance(&self.lamps, material)
     }
 
     /// Irradiance of each triangle, W/m², RGB.
@@ -360,7 +384,7 @@ impl DirectLight {
             if !geometry.faces(face, lamp) {
                 continue;
             }
-            let between = Between::points(geometry, self.sampling.as_ref(), face, points, lamp);
+            let between = Between::points(geometry, self.sampling.as_ref(), face, points, (l, lamp));
             for (k, &point) in points.iter().enumerate() {
                 let lobe =
                     reflected.map(|(eye, power)| Lobe::towards(eye, point, facets[face].normal, power));
@@ -421,7 +445,7 @@ impl DirectLight {
         let visible = &mut Visible::default();
         for (l, lamp) in self.lamps.iter().enumerate().filter(|&(l, _)| self.factors(receiver)[l] != 0.0) {
             let lamp = &geometry.place(lamp);
-            let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, lamp);
+            let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, (l, lamp));
             let cuts = self.cuts.get(&[receiver, l]).cloned().unwrap_or_default();
             for Sample { barycentric, weight } in quadrature::samples(&cuts) {
                 each(l, &between.sight(at(corners, barycentric), None), weight, visible);
@@ -442,7 +466,7 @@ impl DirectLight {
             return;
         }
         let Facet { corners, normal, .. } = geometry.facets[receiver];
-        let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, lamp);
+        let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, (l, lamp));
         let cuts = self.cuts.get(&[receiver, l]).cloned().unwrap_or_default();
         let mut own = FacetGradient::default();
         for Sample { barycentric, weight: share } in quadrature::samples(&cuts) {
@@ -457,11 +481,16 @@ impl DirectLight {
     }
 }
 
+fn radiance<'a>(lamps: &[Lamp], material: impl Fn(usize) -> &'a Material) -> Vec<DVec3> {
+    lamps.iter().map(|lamp| material(lamp.first()).emission.into()).collect()
+}
+
 /// What stands between points of a triangle and a lamp.
 struct Between<'a> {
     geometry: Geometry<'a>,
     receiver: usize,
-    lamp: &'a Placed<'a>,
+    /// With its number.
+    lamp: (usize, &'a Placed<'a>),
     /// Polygons in between, unless rays count in their place.
     blockers: Vec<u32>,
     /// For rays from each point.
@@ -477,9 +506,9 @@ impl<'a> Between<'a> {
         sampling: Option<&'a Sampling>,
         receiver: usize,
         points: &[DVec3],
-        lamp: &'a Placed<'a>,
+        lamp: (usize, &'a Placed<'a>),
     ) -> Self {
-        let mut blockers = geometry.between(points, geometry.facets[receiver].normal, lamp);
+        let mut blockers = geometry.between(points, geometry.facets[receiver].normal, lamp.1);
         let sampling = sampling.filter(|_| blockers.len() > FEW);
         if sampling.is_some() {
             blockers.clear();
@@ -492,7 +521,7 @@ impl<'a> Between<'a> {
         geometry: Geometry<'a>,
         sampling: Option<&'a Sampling>,
         receiver: usize,
-        lamp: &'a Placed<'a>,
+        lamp: (usize, &'a Placed<'a>),
     ) -> Self {
         let Facet { corners, normal, .. } = geometry.facets[receiver];
         let between = Self::points(geometry, sampling, receiver, &corners, lamp);
@@ -507,7 +536,7 @@ impl<'a> Between<'a> {
         let normal = geometry.facets[receiver].normal;
         let of = |rays: &Sampling| rays.share(receiver, From::Point(point), normal, lamp, lobe);
         let share = sampling.map_or(share, of).value;
-        Sight { geometry, point, normal, lamp, blockers, share }
+        Sight { geometry, point, normal, lamp: lamp.1, blockers, share }
     }
 
     /// Standard error of what the triangle receives, as a share of that.
@@ -621,7 +650,9 @@ mod tests {
         }
         let [coarse, fine, part] = [fine_blockers(1), fine_blockers(3), in_part].map(|scene| {
             let facets = facets(&scene);
-            let light = DirectLight::new(&facets, lamps(&scene, &facets, 1e-9), Visibility::Exact);
+            let light = DirectLight::new(&facets, lamps(&scene, &facets, 1e-9), Visibility::Exact, |i| {
+                scene.material(i)
+            });
             let factors: Vec<f64> = (0..8).map(|receiver| light.factors(receiver)[0]).collect();
             (light.blockers.count(), factors)
         });
@@ -663,7 +694,7 @@ mod tests {
         let lamps = lamps(scene, &facets, 1e-9);
         assert_eq!(lamps.len(), 1);
         assert_eq!((lamps[0].corners.len(), lamps[0].outline.len()), (4, 8));
-        let light = DirectLight::new(&facets, lamps.clone(), Visibility::Exact);
+        let light = DirectLight::new(&facets, lamps.clone(), Visibility::Exact, |i| scene.material(i));
         assert!(light.cuts.len() > 4);
         let gradients: Vec<[DVec3; 3]> =
             light.pull_back(&facets, weight).iter().zip(&facets).map(|(g, f)| g.to_corners(f)).collect();

@@ -4,19 +4,21 @@
 //! that see all of a lamp, or nothing, has no noise, and the same point always gets the same rays.
 
 use super::highlight::Lobe;
+use super::lamps::Lamp;
 use super::visible::Placed;
 use crate::model::Facet;
 use crate::scene::Rays;
 use glam::DVec3;
+use std::collections::HashSet;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
 /// Polygons in the way up to which visibility is exact all the same.
 pub const FEW: usize = 24;
 
-/// Rays of a triangle or a point to all lamps together, and to each, at least and at most.
-const TO_ALL: usize = 256;
-const TO_EACH: [usize; 2] = [1, 48];
+/// Rays of a triangle or a point to all lamps together, about, and to each at most.
+const TO_ALL: f64 = 256.0;
+const TO_EACH: f64 = 128.0;
 
 /// Steps of a sequence that fills the unit cube of four dimensions evenly: powers of the inverse of the real root of x⁵ = x + 1
 /// (M. Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
@@ -27,13 +29,13 @@ const STEPS: [f64; 4] =
 #[derive(Clone)]
 pub struct Sampling {
     rays: Arc<Rays>,
-    /// To each lamp.
-    count: usize,
+    /// How many to each lamp.
+    counts: Arc<Vec<u32>>,
 }
 
 impl std::fmt::Debug for Sampling {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        write!(f, "{} rays a lamp", self.count)
+        write!(f, "rays to each lamp: {:?}", self.counts)
     }
 }
 
@@ -58,19 +60,42 @@ pub enum From {
 }
 
 impl Sampling {
-    pub fn new(facets: &[Facet], lamps: usize) -> Self {
+    /// More rays go to lamps that light more: by radiance, and by the solid angle in which the middle of the scene would see their fronts.
+    pub fn new(facets: &[Facet], lamps: &[Lamp], radiance: &[DVec3]) -> Self {
         let corners = facets.iter().map(|facet| facet.corners).collect();
         let rays = Arc::new(Rays::among(corners, |i| facets[*i as usize].area > 0.0));
-        Self { rays, count: (TO_ALL / lamps.max(1)).clamp(TO_EACH[0], TO_EACH[1]) }
+        let emits: HashSet<u32> = lamps.iter().flat_map(|lamp| lamp.triangles.iter().copied()).collect();
+        let others = facets.iter().zip(0..).filter(|(_, i)| !emits.contains(i)).map(|(facet, _)| facet);
+        let (sum, area) = others.fold((DVec3::ZERO, 0.0), |(sum, area), facet| {
+            (sum + facet.area * facet.centroid, area + facet.area)
+        });
+        let middle = if area > 0.0 { sum / area } else { sum };
+        let light = |(lamp, radiance): (&Lamp, &DVec3)| {
+            let triangles = || lamp.triangles.iter().map(|&i| &facets[i as usize]);
+            let area: f64 = triangles().map(|facet| facet.area).sum();
+            let squared = facets[lamp.first()].centroid.distance_squared(middle);
+            radiance.element_sum() * (area / squared.max(area)).min(1.0)
+        };
+        let light: Vec<f64> = lamps.iter().zip(radiance).map(light).collect();
+        let all = light.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        let count = |light: &f64| (TO_ALL * light / all).ceil().clamp(1.0, TO_EACH) as u32;
+        Self { rays, counts: Arc::new(light.iter().map(count).collect()) }
     }
 
-    /// The share of a lamp's irradiance that arrives at a triangle or a point of it, or of what a lobe there reflects of it.
+    /// The same rays among triangles that have moved.
+    pub fn moved(&self, facets: &[Facet]) -> Self {
+        let corners = facets.iter().map(|facet| facet.corners).collect();
+        let rays = Arc::new(Rays::among(corners, |i| facets[*i as usize].area > 0.0));
+        Self { rays, counts: self.counts.clone() }
+    }
+
+    /// The share of the irradiance of the lamp with a number that arrives at a triangle or a point of it, or of what a lobe there reflects of it.
     pub fn share(
         &self,
         receiver: usize,
         from: From,
         normal: DVec3,
-        lamp: &Placed,
+        (number, lamp): (usize, &Placed),
         lobe: Option<&Lobe>,
     ) -> Share {
         let mut hasher = DefaultHasher::new();
@@ -86,7 +111,7 @@ impl Sampling {
         // Of every other ray, for the error: all light, and what arrives.
         let (mut all, mut arrives) = ([0.0; 2], [0.0; 2]);
         let lamp_fan = Fan::new(&lamp.corners);
-        for ray in 0..self.count {
+        for ray in 0..self.counts[number] as usize {
             let point = match &from {
                 From::Point(point) => *point,
                 From::Triangle(corners) => Fan::new(corners).at([at[2], at[3]]),
@@ -110,7 +135,7 @@ impl Sampling {
         let sum = all[0] + all[1];
         if sum.is_nan() || sum <= 0.0 {
             // No ray has met a narrow lobe.
-            return lobe.map_or(Share::NOTHING, |_| self.share(receiver, from, normal, lamp, None));
+            return lobe.map_or(Share::NOTHING, |_| self.share(receiver, from, normal, (number, lamp), None));
         }
         let error = match all.iter().all(|half| *half > 0.0) {
             true => 0.5 * (arrives[0] / all[0] - arrives[1] / all[1]).abs(),

@@ -81,7 +81,7 @@ pub fn uneven(scene: &Scene, plan: &Plan, limit: f64) -> Vec<(u32, f64)> {
     let reflected = Reflected::new(
         scene,
         facets,
-        DirectLight::of_points(facets, plan.lamps().to_vec(), plan.visibility()),
+        DirectLight::of_points(facets, plan.lamps().to_vec(), plan.visibility(), |i| scene.material(i)),
     );
     let all: Vec<[f64; 2]> =
         (0..facets.len()).into_par_iter().map(|i| reflected.mean_and_variance(i, &POINTS)).collect();
@@ -180,7 +180,11 @@ pub fn too_coarse(scene: &Scene) -> bool {
     // A triangle of which one quarter alone is lit has a variance of three times its squared mean.
     let may_be_coarse = |i: &usize| 3.0 * squares[*i] > COARSE_TRIANGLE * COARSE_TRIANGLE * all;
     let candidates: Vec<usize> = (0..facets.len()).filter(may_be_coarse).collect();
-    let reflected = Reflected::new(scene, &facets, DirectLight::of_points(&facets, lamps, visibility));
+    let reflected = Reflected::new(
+        scene,
+        &facets,
+        DirectLight::of_points(&facets, lamps, visibility, |i| scene.material(i)),
+    );
     let found: Vec<[f64; 2]> = candidates
         .par_iter()
         .map(|&i| reflected.mean_and_variance(i, &CENTROIDS).map(|x| x * facets[i].area))

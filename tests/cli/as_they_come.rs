@@ -208,3 +208,21 @@ fn normals_that_disagree_with_the_order_of_corners() {
         &["`vn`", "inconsistent", "lit backs"],
     );
 }
+
+/// Too much for exact shadows of a sky, as most models are.
+#[test]
+fn a_pile_of_small_parts_under_a_sky() {
+    let mut obj = String::from("v -1 0 -1\nv 2 0 -1\nv 2 0 2\nv -1 0 2\nf 4 3 2 1\n");
+    for k in 0..90 {
+        // In five layers, each part some way from the others.
+        let [x, y, z] = [k % 6, k / 18, k / 6 % 3].map(f64::from);
+        let low = [0.17 * x + 0.05 * (y * 2.3).sin(), 0.04 + 0.2 * y, 0.3 * z + 0.07 * (x + y).cos()];
+        let high = low.map(|x| x + 0.05);
+        obj += &block(4 + 8 * k as usize, low, high, false, &[]);
+    }
+    let camera = seen([2.0, 1.6, 3.0], [0.5, 0.35, 0.4], "");
+    let files: &[(&str, &str)] = &[("m.obj", &obj), ("s.toml", &camera)];
+    comes_out(files, "s.toml --sky 1", 0.03, &["grey", "stacked layers", "lit backs"]);
+    let plan = Folder::with(files).run("plan s.toml --sky 1").succeeded();
+    says(&plan.stdout, &["6 lamps with visibility by rays"]);
+}

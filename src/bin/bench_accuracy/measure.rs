@@ -33,7 +33,12 @@ pub fn measure(
     // The engine computes it, too, but compiles kernels in the same call.
     let start = Instant::now();
     if !plan.lamps().is_empty() {
-        std::hint::black_box(DirectLight::new(plan.facets(), plan.lamps().to_vec(), plan.visibility()));
+        std::hint::black_box(DirectLight::new(
+            plan.facets(),
+            plan.lamps().to_vec(),
+            plan.visibility(),
+            |i| scene.material(i),
+        ));
     }
     let direct = start.elapsed().as_secs_f64();
     let mut engine = Engine::new(device, &scene, plan)?;

@@ -84,7 +84,8 @@ fn refined(file: &Path, triangles: u32) -> Result<Scene, SceneError> {
 
 /// What enters U, W/(m² sr), where the light of exact lamps has been reflected once.
 fn emitted(scene: &Scene, plan: &Plan) -> Vec<[f64; 3]> {
-    let light = DirectLight::new(plan.facets(), plan.lamps().to_vec(), plan.visibility());
+    let light =
+        DirectLight::new(plan.facets(), plan.lamps().to_vec(), plan.visibility(), |i| scene.material(i));
     let material = |i: usize| scene.material(i);
     light.emitted(material, &light.irradiance(material))
 }
