@@ -394,11 +394,12 @@ impl DirectLight {
     }
 
     /// Per lamp and outgoing bin, the mean over a triangle of ⟨n, Φ⟩ ⟨h, n⟩^p, sr, with Φ the vector irradiance per radiance of the lamp.
-    /// `bins`: their directions, in the frame of the triangle.
+    /// `bins`: their directions, in the frame of the triangle. Empty for lamps of which nothing arrives.
     pub fn lobes(&self, facets: &[Facet], receiver: usize, bins: &[DVec3], power: f64) -> Vec<Vec<f64>> {
-        let mut lobes = vec![vec![0.0; bins.len()]; self.lamps.len()];
+        let mut lobes = vec![Vec::new(); self.lamps.len()];
         self.each_sample(facets, receiver, &mut |l, sight, share, visible| {
             let phi = sight.vector_irradiance(visible);
+            lobes[l].resize(bins.len(), 0.0);
             lobes::add(phi, sight.normal, share, bins, power, &mut lobes[l]);
         });
         lobes

@@ -2,7 +2,7 @@
 
 use super::{GradientRequest, Placement, Plan, PlanError};
 use crate::direct::{DirectLight, Lamp, Visibility, lamps};
-use crate::model::{Facet, coplanar_tolerance};
+use crate::model::{Bins, Facet, coplanar_tolerance};
 use crate::scene::{Lamps, Scene};
 
 /// Lamps up to which direct light is exact unless stated.
@@ -10,9 +10,9 @@ const MOST: usize = 128;
 /// Blockers and edges looked at up to which it is, per pair of triangles and in addition: two or three times a solve, and a second.
 const TESTS_PER_PAIR: f64 = 8.0;
 const FEW_TESTS: f64 = 2e7;
-/// Lamps up to which direct light is sampled unless stated, and such pairs of triangle and lamp, whose light is held in memory.
+/// Lamps up to which direct light is sampled unless stated, and numbers to hold: of each triangle and lamp, for glossy ones of each bin.
 const MOST_SAMPLED: usize = 1024;
-const MOST_PAIRS: usize = 20_000_000;
+const MOST_HELD: usize = 100_000_000;
 
 /// How the light that comes straight from emitters is computed, and why.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -54,7 +54,10 @@ pub(super) fn choose(
     };
     let moves = gradients.positions || gradients.camera;
     let sampled = || {
-        let few = emitters <= MOST_SAMPLED && emitters.saturating_mul(facets.len()) <= MOST_PAIRS;
+        let glossy = (0..facets.len()).filter(|&i| scene.material(i).is_glossy()).count();
+        let bins = Bins::new(scene.settings.bins, scene.settings.weights).count();
+        let held = emitters.saturating_mul(facets.len() + glossy * bins);
+        let few = emitters <= MOST_SAMPLED && held <= MOST_HELD;
         (few && !moves && !gradients.emission).then_some(Visibility::Sampled)
     };
     let visibility = match setting {
@@ -97,7 +100,8 @@ impl Plan {
                 let why = match lamps(self.emitters) {
                     count if self.emitters > MOST_SAMPLED => format!("{count}, more than {MOST_SAMPLED}"),
                     count => format!(
-                        "exact ones of {count} would take far longer than the solve, and sampled ones lack derivatives that are wanted"
+                        "exact ones of {count} would take far longer than the solve, and sampled ones too much memory, or lack \
+                         derivatives that are wanted"
                     ),
                 };
                 format!("by antiradiance through bins, which blurs shadows: {why}")

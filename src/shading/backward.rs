@@ -196,7 +196,7 @@ impl Light {
         sums: &mut Differences,
     ) {
         let sights = self.sights(view, loss.coverage);
-        let Sights { seen, runs } = &*sights;
+        let Sights { seen, runs, .. } = &*sights;
         let by_seen = |place: &usize| {
             let [r, g, b, _] = loss.by_pixels[seen[*place].pixel];
             seen[*place].share * DVec3::new(r, g, b)
@@ -229,7 +229,7 @@ impl Light {
     /// Derivatives by everything that the points of a run depend on; `None` where all are zero.
     fn pull_back_points(
         &self,
-        Points { face, at, light, pattern, .. }: &Points,
+        points @ Points { face, at, pattern, .. }: &Points,
         camera: &View,
         cotangent: &[DVec3],
         spots: &[Spot],
@@ -242,6 +242,7 @@ impl Light {
             return None;
         }
         let radiance = self.lamp_radiance();
+        let light = points.light(&self.direct, &self.facets);
         let corners = self.interpolation.corners(&self.facets, &self.sharpened, face);
         let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
         let mut of = OfPoints {

@@ -194,7 +194,7 @@ impl Light {
         let sight = self.sight(camera);
         let of_run = |places: &[[f64; 2]]| {
             let spots: Vec<Spot> = places.iter().map(|&middle| Spot { middle, side: 0.0 }).collect();
-            let points = sight.points(face, (0..places.len()).collect(), &spots);
+            let points = sight.points(face, (0..places.len()).collect(), &spots, true);
             self.difference(&points, sight.eye)
         };
         let more = places.chunks(POINTS).flat_map(of_run);
@@ -214,7 +214,7 @@ impl Light {
     /// Of the latter, what is reflected.
     fn reflected_difference(
         &self,
-        Points { face, at, light, pattern, .. }: &Points,
+        points @ Points { face, at, pattern, .. }: &Points,
         eye: DVec3,
     ) -> Vec<DVec3> {
         let face = *face;
@@ -225,7 +225,9 @@ impl Light {
         let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
         if reflectance != DVec3::ZERO {
             let corners = self.interpolation.corners(&self.facets, &self.sharpened, face);
-            for (k, (to, (point, of_lamps))) in differences.iter_mut().zip(at.iter().zip(light)).enumerate() {
+            let light = points.light(&self.direct, &self.facets);
+            let of_points = at.iter().zip(light.iter());
+            for (k, (to, (point, of_lamps))) in differences.iter_mut().zip(of_points).enumerate() {
                 let direct: DVec3 =
                     of_lamps.iter().zip(&radiance).map(|(phi, l)| phi.dot(facet.normal) * *l).sum();
                 let b = barycentric(facet.corners, facet.normal, *point);

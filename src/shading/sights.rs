@@ -8,14 +8,25 @@ use crate::model::Facet;
 use crate::scene::Patterns;
 use glam::DVec3;
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Points that share a search for blockers.
 pub const POINTS: usize = 64;
 
-/// Largest number of pairs of a point and a lamp to keep for further pictures: 200 MB.
+/// Largest number of pairs of a point and a lamp to hold: 200 MB.
 const MOST_KEPT: usize = 8_000_000;
+
+impl Points {
+    /// Vector irradiance of each lamp at each point by its radiance, sr, computed unless held.
+    pub fn light(&self, direct: &DirectLight, facets: &[Facet]) -> Cow<'_, [Vec<DVec3>]> {
+        match self.light.len() == self.at.len() {
+            true => Cow::Borrowed(&self.light),
+            false => Cow::Owned(direct.at_points(facets, self.face, &self.at)),
+        }
+    }
+}
 
 /// Points of a picture on one face, in the order of the picture.
 #[derive(Debug)]
@@ -25,8 +36,8 @@ pub struct Points {
     pub of: Vec<usize>,
     /// Engine's coordinates.
     pub at: Vec<DVec3>,
-    /// Vector irradiance of each lamp at each point by its radiance, sr.
-    pub light: Vec<Vec<DVec3>>,
+    /// Vector irradiance of each lamp at each point by its radiance, sr; empty where that is too much to hold for a whole picture.
+    light: Vec<Vec<DVec3>>,
     /// Where the face has a pattern, its factors of albedo and emission around each point.
     pub pattern: Vec<[DVec3; 2]>,
 }
@@ -42,12 +53,12 @@ pub struct Sight<'a> {
 }
 
 impl Sight<'_> {
-    /// The points of a face at spots of the picture.
-    pub fn points(&self, face: usize, of: Vec<usize>, spots: &[Spot]) -> Points {
+    /// The points of a face at spots of the picture. `hold`: whether to hold the light of lamps there.
+    pub fn points(&self, face: usize, of: Vec<usize>, spots: &[Spot], hold: bool) -> Points {
         let facet = &self.facets[face];
         let point = |spot: &Spot| hit(facet, self.eye, self.view.ray(spot.middle[0], spot.middle[1]));
         let at: Vec<DVec3> = spots.iter().map(point).collect();
-        let light = self.direct.at_points(self.facets, face, &at);
+        let light = if hold { self.direct.at_points(self.facets, face, &at) } else { Vec::new() };
         let pattern =
             |spot: &Spot| Spot::mean(&spot.samples(self.patterns, facet, face, self.eye, &self.view));
         let pattern = if self.patterns.vary(face) { spots.iter().map(pattern).collect() } else { Vec::new() };
@@ -61,10 +72,13 @@ pub struct Sights {
     pub seen: Vec<FaceInPixel>,
     /// Runs of points on one face that are close in the picture.
     pub runs: Vec<Points>,
+    /// Whether they hold the light of lamps.
+    held: bool,
 }
 
 impl Sights {
     pub fn new(sight: &Sight, seen: Vec<FaceInPixel>) -> Self {
+        let held = seen.len().saturating_mul(sight.direct.lamps().len()) <= MOST_KEPT;
         let mut by_face: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (place, seen) in seen.iter().enumerate() {
             by_face.entry(seen.face).or_default().push(place);
@@ -75,10 +89,10 @@ impl Sights {
             .collect();
         let points = |&(face, of): &(usize, &[usize])| {
             let spots: Vec<Spot> = of.iter().map(|&place| Spot::from(&seen[place])).collect();
-            sight.points(face, of.to_vec(), &spots)
+            sight.points(face, of.to_vec(), &spots, held)
         };
         let runs = runs.par_iter().map(points).collect();
-        Self { seen, runs }
+        Self { seen, runs, held }
     }
 }
 
@@ -98,8 +112,7 @@ impl Kept {
             return sights.clone();
         }
         let sights = Arc::new(compute(seen));
-        let lamps = sights.runs.first().and_then(|run| run.light.first()).map_or(0, Vec::len);
-        *kept = (sights.seen.len() * lamps <= MOST_KEPT).then(|| sights.clone());
+        *kept = sights.held.then(|| sights.clone());
         sights
     }
 }
@@ -120,4 +133,35 @@ pub fn hit(facet: &Facet, eye: DVec3, ray: DVec3) -> DVec3 {
     }
     let [a, b, c] = facet.corners;
     (a * inside.x + b * inside.y + c * inside.z) / sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::direct::{Visibility, lamps};
+    use crate::scene::{Material, SceneBuilder, Shape};
+    use glam::DAffine3;
+
+    #[test]
+    fn light_that_is_not_held_is_computed_again() {
+        let lamp = Material { emission: [1.0; 3], ..Material::named("lamp") };
+        let down = DAffine3::from_translation(DVec3::Y) * DAffine3::from_scale(DVec3::new(1.0, -1.0, 1.0));
+        let mut builder = SceneBuilder::new();
+        builder.shape("floor", Shape::Quad { cells: 1 }, &Material::named("floor"), DAffine3::IDENTITY);
+        builder.shape("lamp", Shape::Quad { cells: 1 }, &lamp, down);
+        let scene = builder.finish("lit").expect("a scene");
+        let facets: Vec<Facet> = (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect();
+        let material = |i| scene.material(i);
+        let direct =
+            DirectLight::of_points(&facets, lamps(&scene, &facets, 1e-9), Visibility::Exact, material);
+        let at = vec![facets[0].centroid, facets[0].corners[0]];
+        let light = direct.at_points(&facets, 0, &at);
+        assert!(light[0][0].y > 0.1);
+        let points = |light: &[Vec<DVec3>]| {
+            let (of, pattern) = (vec![0, 1], Vec::new());
+            Points { face: 0, of, at: at.clone(), light: light.to_vec(), pattern }
+        };
+        assert_eq!(*points(&[]).light(&direct, &facets), light[..]);
+        assert_eq!(*points(&light).light(&direct, &facets), light[..]);
+    }
 }
