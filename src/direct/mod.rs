@@ -31,7 +31,7 @@ use highlight::Lobe;
 use quadrature::Cuts;
 pub use quadrature::{POINTS, Sample};
 use rayon::prelude::*;
-use sampling::{FEW, From, Sampling, Share};
+use sampling::{FEW, Origin, Sampling, Share};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use visible::{Geometry, Placed, Visible};
@@ -526,7 +526,7 @@ impl<'a> Between<'a> {
     ) -> Self {
         let Facet { corners, normal, .. } = geometry.facets[receiver];
         let between = Self::points(geometry, sampling, receiver, &corners, lamp);
-        let of = |rays: &Sampling| rays.share(receiver, From::Triangle(corners), normal, lamp, None);
+        let of = |rays: &Sampling| rays.share(receiver, Origin::Triangle(corners), normal, lamp, None);
         let share = between.sampling.map_or(Share::ALL, of);
         Self { share, sampling: None, ..between }
     }
@@ -535,7 +535,7 @@ impl<'a> Between<'a> {
     fn sight(&self, point: DVec3, lobe: Option<&Lobe>) -> Sight<'_> {
         let &Self { geometry, receiver, lamp, ref blockers, sampling, share } = self;
         let normal = geometry.facets[receiver].normal;
-        let of = |rays: &Sampling| rays.share(receiver, From::Point(point), normal, lamp, lobe);
+        let of = |rays: &Sampling| rays.share(receiver, Origin::Point(point), normal, lamp, lobe);
         let share = sampling.map_or(share, of).value;
         Sight { geometry, point, normal, lamp: lamp.1, blockers, share }
     }

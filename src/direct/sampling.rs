@@ -10,7 +10,6 @@ use crate::model::Facet;
 use crate::scene::Rays;
 use glam::DVec3;
 use std::collections::HashSet;
-use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
 /// Polygons in the way up to which visibility is exact all the same.
@@ -53,7 +52,7 @@ impl Share {
 
 /// Where rays start.
 #[derive(Clone, Copy)]
-pub enum From {
+pub enum Origin {
     Point(DVec3),
     /// All over it, by its corners.
     Triangle([DVec3; 3]),
@@ -93,28 +92,30 @@ impl Sampling {
     pub fn share(
         &self,
         receiver: usize,
-        from: From,
+        from: Origin,
         normal: DVec3,
         (number, lamp): (usize, &Placed),
         lobe: Option<&Lobe>,
     ) -> Share {
-        let mut hasher = DefaultHasher::new();
-        let start = match from {
-            From::Point(point) => point,
-            From::Triangle(corners) => corners.iter().sum(),
+        let start: DVec3 = match from {
+            Origin::Point(point) => point,
+            Origin::Triangle(corners) => corners.iter().sum(),
         };
-        (start.to_array().map(f64::to_bits), lamp.lamp.first()).hash(&mut hasher);
+        let mut state = start
+            .to_array()
+            .into_iter()
+            .fold(lamp.lamp.first() as u64, |state, x| mixed(state ^ x.to_bits()));
         let mut at = STEPS.map(|_| {
-            0u8.hash(&mut hasher);
-            hasher.finish() as f64 / 2f64.powi(64)
+            state = mixed(state);
+            state as f64 / 2f64.powi(64)
         });
         // Of every other ray, for the error: all light, and what arrives.
         let (mut all, mut arrives) = ([0.0; 2], [0.0; 2]);
         let lamp_fan = Fan::new(&lamp.corners);
         for ray in 0..self.counts[number] as usize {
             let point = match &from {
-                From::Point(point) => *point,
-                From::Triangle(corners) => Fan::new(corners).at([at[2], at[3]]),
+                Origin::Point(point) => *point,
+                Origin::Triangle(corners) => Fan::new(corners).at([at[2], at[3]]),
             };
             let to = lamp_fan.at([at[0], at[1]]);
             let (towards, squared) = (to - point, to.distance_squared(point));
@@ -144,6 +145,14 @@ impl Sampling {
         };
         Share { value: (arrives[0] + arrives[1]) / sum, error }
     }
+}
+
+/// The next number of the generator SplitMix64 (Steele, Lea and Flood 2014): the same on every machine.
+fn mixed(state: u64) -> u64 {
+    let z = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ z >> 31
 }
 
 /// A convex polygon as a fan of triangles.
