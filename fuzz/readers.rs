@@ -37,6 +37,7 @@ impl Folder {
         folder.put("m.mtl", MTL.as_bytes());
         folder.put("s.toml", SCENE.as_bytes());
         folder.put("p.png", PNG);
+        folder.put("m.spd", b"400 0.1\n700 0.9\n");
         folder.put("b.bin", &[0, 0, 128, 63].repeat(64));
         folder
     }
