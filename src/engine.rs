@@ -643,26 +643,41 @@ impl Engine {
             .zip(&self.materials)
             .map(|(h, m)| exitance(m) + DVec3::from(m.diffuse_albedo()) * DVec3::from(*h))
             .collect();
-        if self.plan().classes.iter().any(|class| class.glossy) {
-            let specular = self.operators.outgoing(state)?.specular;
-            let plan = self.operators.plan();
-            let channels = plan.channels as usize;
-            for (group, page) in plan.layout.groups.iter().zip(&specular) {
-                let lobes = page.iter().flat_map(|page| page.chunks(plan.bins.count() * channels));
-                for (slot, lobe) in plan.layout.slots_of(&group.tiles).zip(lobes) {
-                    let Some(b) = radiosity.get_mut(plan.layout.order[slot as usize] as usize) else {
-                        continue;
-                    };
-                    for (bin, &c) in lobe.chunks(channels).zip(&plan.bins.projected) {
-                        let rgb = if channels == 1 { [bin[0]; 3] } else { [bin[0], bin[1], bin[2]] };
-                        *b += self.unit * c * DVec3::from(rgb);
-                    }
-                }
-            }
-        }
+        let projected = self.plan().bins.projected.clone();
+        self.each_specular(state, &mut |i, bins| {
+            radiosity[i] += bins.iter().zip(&projected).map(|(rgb, c)| *c * *rgb).sum::<DVec3>();
+        })?;
         let valid = |i: usize| self.operators.plan().facets[i].area > 0.0;
         let value = |(i, b): (usize, &DVec3)| if valid(i) { b.to_array() } else { [0.0; 3] };
         Ok(radiosity.iter().enumerate().map(value).collect())
+    }
+
+    /// Calls `call` with each glossy triangle of the scene and its specular radiance per bin, W/(m² sr).
+    pub(crate) fn each_specular(
+        &mut self,
+        state: &State,
+        call: &mut dyn FnMut(usize, &[DVec3]),
+    ) -> Result<(), EngineError> {
+        if !self.plan().classes.iter().any(|class| class.glossy) {
+            return Ok(());
+        }
+        let specular = self.operators.outgoing(state)?.specular;
+        let plan = self.operators.plan();
+        let channels = plan.channels as usize;
+        for (group, page) in plan.layout.groups.iter().zip(&specular) {
+            let lobes = page.iter().flat_map(|page| page.chunks(plan.bins.count() * channels));
+            for (slot, lobe) in plan.layout.slots_of(&group.tiles).zip(lobes) {
+                let triangle = plan.layout.order[slot as usize];
+                if triangle != PADDING {
+                    let rgb = |bin: &[f64]| {
+                        if channels == 1 { DVec3::splat(bin[0]) } else { DVec3::from_slice(bin) }
+                    };
+                    let bins: Vec<DVec3> = lobe.chunks(channels).map(|bin| self.unit * rgb(bin)).collect();
+                    call(triangle as usize, &bins);
+                }
+            }
+        }
+        Ok(())
     }
 
     fn energy(&self, irradiance: &[[f64; 3]], radiosity: &[[f64; 3]]) -> Energy {

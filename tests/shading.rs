@@ -8,7 +8,7 @@ use antirad::reference::PathTracer;
 use antirad::scene::{
     BinLayout, Camera, LoadOptions, Material, Precision, Scene, SceneBuilder, Shape, Triangle,
 };
-use antirad::shading::{Light, SeenFrom, backward};
+use antirad::shading::{Light, Reflections, SeenFrom, ShadingError, backward};
 use antirad::{Engine, SolveParams};
 use glam::{DAffine3, DVec3};
 use std::ops::ControlFlow;
@@ -65,7 +65,7 @@ fn a_picture_of_the_cornell_room_is_that_of_another_path_tracer() {
     let camera = &scene.cameras[0];
     let truth = Picture::read_exr(path("scenes/cornell_boxes.exr")).expect("a picture");
     let (mut engine, solution) = solve(&device, &scene, &scene.settings);
-    let light = Light::new(&mut engine, &solution, &scene, &scene.cameras).expect("light");
+    let light = Light::new(&mut engine, &solution, &scene, &scene.cameras, Reflections::Bins).expect("light");
     let coverage = Rasterizer::new(&device).expect("kernels").coverage(&scene, camera, 8).expect("a view");
     let pixels = light.pixels(0, &coverage).expect("pixels");
     let error = |(found, truth): (&[f64; 4], &[f32; 4])| {
@@ -78,6 +78,87 @@ fn a_picture_of_the_cornell_room_is_that_of_another_path_tracer() {
     let error = pixels.iter().zip(&truth.pixels).map(error).sum::<f64>() / pixels.len() as f64;
     println!("relMSE {error:.3e}");
     assert!(pixels.len() == truth.pixels.len() && error <= 1.2e-4, "{error:e}");
+    drop((engine, solution));
+    finish(&device);
+}
+
+/// A polished floor under a striped wall and a box, with one lamp.
+fn polished() -> (Scene, Camera) {
+    let grey = |name: &str, albedo: [f64; 3]| Material { albedo, ..Material::named(name) };
+    let floor = Material { specular: [0.15; 3], power: 400.0, ..grey("floor", [0.1; 3]) };
+    let lamp = Material { emission: [9.0; 3], ..Material::named("lamp") };
+    let mut builder = SceneBuilder::new();
+    builder.shape("floor", Shape::Quad { cells: 4 }, &floor, DAffine3::from_scale(DVec3::new(2.0, 1.0, 2.0)));
+    for stripe in 0..4 {
+        let colour = [[0.8, 0.2, 0.1], [0.2, 0.3, 0.8]][stripe % 2];
+        let place = DAffine3::from_translation(DVec3::new(-0.75 + 0.5 * stripe as f64, 0.5, -1.0))
+            * DAffine3::from_rotation_x(std::f64::consts::FRAC_PI_2)
+            * DAffine3::from_scale(DVec3::new(0.5, 1.0, 1.0));
+        builder.shape("stripe", Shape::Quad { cells: 4 }, &grey(&format!("stripe {stripe}"), colour), place);
+    }
+    let down = DAffine3::from_translation(DVec3::new(0.2, 1.6, 0.3))
+        * DAffine3::from_scale(DVec3::new(0.6, -1.0, 0.6));
+    builder.shape("lamp", Shape::Quad { cells: 1 }, &lamp, down);
+    let scene = builder.finish("polished").expect("a scene");
+    let camera = Camera {
+        position: DVec3::new(0.1, 0.8, 2.2),
+        target: DVec3::new(0.0, 0.1, 0.0),
+        fov_x_degrees: 50.0,
+        width: 48,
+        height: 36,
+        ..camera()
+    };
+    (scene, camera)
+}
+
+/// What a floor mirrors of a wall: rays see stripes where bins see a blur.
+#[test]
+fn reflections_by_rays_are_those_of_path_tracing() {
+    let device = device();
+    let (scene, camera) = polished();
+    let coverage = Rasterizer::new(&device).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
+    let (mut engine, solution) = solve(&device, &scene, &scene.settings);
+    let traced = PathTracer::new(&scene).picture(&camera, 256, 7);
+    let floor: Vec<_> = coverage
+        .faces_in_pixels()
+        .filter(|seen| seen.share == 1.0 && scene.material(seen.face).is_glossy())
+        .collect();
+    assert!(floor.len() > 200, "{}", floor.len());
+    let mut error = |reflections: Reflections| {
+        let cameras = std::slice::from_ref(&camera);
+        let light = Light::new(&mut engine, &solution, &scene, cameras, reflections).expect("light");
+        let gathered = light.gathered(0, &coverage).expect("pixels");
+        let (mut squares, mut noise, mut all) = (0.0, 0.0, 0.0);
+        for seen in &floor {
+            let truth = &traced.pixels[seen.pixel].radiance;
+            squares += (DVec3::from_slice(&gathered.pixels[seen.pixel]) - truth.mean).length_squared();
+            noise += truth.error.length_squared();
+            all += truth.mean.length_squared();
+        }
+        let relative = |x: f64| (x.max(0.0) / all).sqrt();
+        println!(
+            "{reflections:?}: {:.4}, noise {:.4}, stated {:.4}",
+            relative(squares - noise),
+            relative(noise),
+            gathered.error
+        );
+        [relative(squares - noise), gathered.error]
+    };
+    let [by_rays, stated] = error(Reflections::Rays);
+    let [by_bins, none] = error(Reflections::Bins);
+    assert!(by_rays <= 0.02 && by_bins >= 3.0 * by_rays, "{by_rays} {by_bins}");
+    assert!(stated > 0.0 && stated <= 0.01 && none == 0.0, "{stated} {none}");
+    // They have no derivatives, and say so.
+    let cameras = std::slice::from_ref(&camera);
+    let light = Light::new(&mut engine, &solution, &scene, cameras, Reflections::Rays).expect("light");
+    let by_pixels = vec![[0.0; 4]; 48 * 36];
+    let view = SeenFrom { coverage: &coverage, by_pixels: &by_pixels };
+    let params = SolveParams::from(&scene.settings);
+    let request = GradientRequest::EVERYTHING;
+    let result = backward(&mut engine, &solution, &light, &[view], request, &params, &mut |_, _| {
+        ControlFlow::Continue(())
+    });
+    assert!(matches!(result, Err(ShadingError::Rays)));
     drop((engine, solution));
     finish(&device);
 }
@@ -101,7 +182,9 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
         // At the same points of each triangle.
         let mut engine = engine(&base).rebuilt(scene).expect("an engine");
         let solution = engine.solve(&params).expect("a solution");
-        let light = Light::new(&mut engine, &solution, scene, std::slice::from_ref(&camera)).expect("light");
+        let light =
+            Light::new(&mut engine, &solution, scene, std::slice::from_ref(&camera), Reflections::Bins)
+                .expect("light");
         let pixels = light.pixels(0, coverage).expect("pixels");
         let of = |(p, rgb): (usize, &[f64; 4])| (0..3).map(|c| weight(p, c) * rgb[c]).sum::<f64>();
         pixels.iter().enumerate().map(of).sum::<f64>()
@@ -111,7 +194,8 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
     let mut own = engine(&scene);
     assert_eq!(own.plan().lamps().len(), 1);
     let solution = own.solve(&params).expect("a solution");
-    let light = Light::new(&mut own, &solution, &scene, std::slice::from_ref(&camera)).expect("light");
+    let light = Light::new(&mut own, &solution, &scene, std::slice::from_ref(&camera), Reflections::Bins)
+        .expect("light");
     let view = SeenFrom { coverage: &coverage, by_pixels: &by_pixels };
     let request = GradientRequest::EVERYTHING;
     let (gradients, targets) =
@@ -167,7 +251,8 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
     }
     // The same faces in each pixel.
     let from = |own: &mut Engine, camera: &Camera| {
-        let light = Light::new(own, &solution, &scene, std::slice::from_ref(camera)).expect("light");
+        let light = Light::new(own, &solution, &scene, std::slice::from_ref(camera), Reflections::Bins)
+            .expect("light");
         let pixels = light.pixels(0, &coverage).expect("pixels");
         let of = |(p, rgb): (usize, &[f64; 4])| (0..3).map(|c| weight(p, c) * rgb[c]).sum::<f64>();
         pixels.iter().enumerate().map(of).sum::<f64>()
@@ -245,7 +330,9 @@ fn pictures_show_textures() {
     let coverage = Rasterizer::new(&device).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
     let pixels = |scene: &Scene| {
         let (mut engine, solution) = solve(&device, scene, &scene.settings);
-        let light = Light::new(&mut engine, &solution, scene, std::slice::from_ref(&camera)).expect("light");
+        let light =
+            Light::new(&mut engine, &solution, scene, std::slice::from_ref(&camera), Reflections::Bins)
+                .expect("light");
         light.pixels(0, &coverage).expect("pixels")
     };
     let shown = pixels(&scene);
@@ -291,7 +378,8 @@ fn path_traced_pictures_show_the_same_textures() {
     let camera = above(40, 30);
     let coverage = Rasterizer::new(&device).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
     let (mut engine, solution) = solve(&device, &scene, &scene.settings);
-    let light = Light::new(&mut engine, &solution, &scene, std::slice::from_ref(&camera)).expect("light");
+    let light = Light::new(&mut engine, &solution, &scene, std::slice::from_ref(&camera), Reflections::Bins)
+        .expect("light");
     let shown = light.pixels(0, &coverage).expect("pixels");
     let traced = PathTracer::new(&scene).picture(&camera, 256, 5);
     let (mut checked, mut squares, mut noise, mut all) = (0, 0.0, 0.0, 0.0);
@@ -347,7 +435,7 @@ fn derivatives_of_textured_pictures_are_those_of_central_differences() {
         let loss = |scene: &Scene, views: &[Camera; 2]| {
             let mut engine = engine(&base).rebuilt(scene).expect("an engine");
             let solution = engine.solve(&params).expect("a solution");
-            let light = Light::new(&mut engine, &solution, scene, views).expect("light");
+            let light = Light::new(&mut engine, &solution, scene, views, Reflections::Bins).expect("light");
             let of = |(p, rgb): (usize, &[f64; 4])| (0..3).map(|c| weight(p, c) * rgb[c]).sum::<f64>();
             let of_view = |k: usize| {
                 light.pixels(k, &coverages[k]).expect("pixels").iter().enumerate().map(of).sum::<f64>()
@@ -356,7 +444,7 @@ fn derivatives_of_textured_pictures_are_those_of_central_differences() {
         };
         let mut own = engine(&base).rebuilt(&scene).expect("an engine");
         let solution = own.solve(&params).expect("a solution");
-        let light = Light::new(&mut own, &solution, &scene, &views).expect("light");
+        let light = Light::new(&mut own, &solution, &scene, &views, Reflections::Bins).expect("light");
         let by_pixels = views.each_ref().map(|view| -> Vec<[f64; 4]> {
             let pixels = (view.width * view.height) as usize;
             (0..pixels).map(|p| [weight(p, 0), weight(p, 1), weight(p, 2), 0.0]).collect()

@@ -281,6 +281,7 @@ class Engine:
         *,
         supersample: int = 4,
         shading: Literal["gathered", "smooth", "face"] = "gathered",
+        reflections: Literal["rays", "bins"] = "rays",
     ) -> NDArray[np.float32]: ...
     def backward(
         self,

@@ -11,7 +11,7 @@ use antirad::glam::DVec3;
 use antirad::image::{PictureOptions, Rasterizer};
 use antirad::output::single;
 use antirad::plan::{GradientRequest, PlanOptions};
-use antirad::shading::{Light, Shading};
+use antirad::shading::{Light, Reflections, Shading};
 use antirad::{Cotangent, EngineError, SolveParams};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -199,7 +199,9 @@ impl Engine {
     ///     supersample: Samples along each side of a pixel, a power of two.
     ///     shading: "gathered" (direct light at each visible point, indirect light interpolated), "smooth" (colours
     ///         interpolated over vertices) or "face" (one colour per triangle).
-    #[pyo3(signature = (solution, camera=None, *, supersample=4, shading="gathered"))]
+    ///     reflections: What glossy faces mirror of other faces in gathered pictures: "rays" from each visible point, or out
+    ///         of the direction "bins" of each face, as differentiable renderers have it.
+    #[pyo3(signature = (solution, camera=None, *, supersample=4, shading="gathered", reflections="rays"))]
     fn render<'py>(
         &self,
         py: Python<'py>,
@@ -207,10 +209,12 @@ impl Engine {
         camera: Option<&Camera>,
         supersample: u32,
         shading: &str,
+        reflections: &str,
     ) -> PyResult<Array<'py>> {
         let solution = solution.inner.clone();
         let camera = camera.cloned();
         let shading: Shading = word("shading", shading)?;
+        let reflections: Reflections = word("reflections", reflections)?;
         let options = PictureOptions::default().supersample(supersample).smooth(shading == Shading::Smooth);
         let picture = self.with(py, None, move |state, _| {
             let camera = match camera {
@@ -220,7 +224,7 @@ impl Engine {
             let colours = single(&state.engine.face_colours(&solution, camera.position).or_raise()?);
             let cameras = std::slice::from_ref(&camera);
             let light = (shading == Shading::Gathered)
-                .then(|| Light::new(&mut state.engine, &solution, &state.scene, cameras));
+                .then(|| Light::new(&mut state.engine, &solution, &state.scene, cameras, reflections));
             let light = light.transpose().or_raise()?;
             let rasterizer = match state.rasterizer.take() {
                 Some(rasterizer) => rasterizer,

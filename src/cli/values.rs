@@ -1,7 +1,7 @@
 //! Settings as words of the command line.
 
 use crate::scene::{Lamps, Orient, Precision, SolverChoice};
-use crate::shading::Shading;
+use crate::shading::{Reflections, Shading};
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
 
@@ -75,6 +75,19 @@ impl ValueEnum for Shading {
     }
 }
 
+impl ValueEnum for Reflections {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self::Rays, Self::Bins]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(match self {
+            Self::Rays => "rays",
+            Self::Bins => "bins",
+        }))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -100,5 +113,6 @@ mod tests {
         agree::<Lamps>(4);
         agree::<Orient>(2);
         agree::<Shading>(3);
+        agree::<Reflections>(2);
     }
 }

@@ -21,6 +21,7 @@ mod visible;
 pub use cone::vector_irradiance;
 pub use lamps::{Lamp, lamps};
 pub use polygon::Polygon;
+pub(crate) use sampling::mixed;
 
 use crate::model::{Facet, FacetGradient, pull_unit};
 use crate::scene::Material;

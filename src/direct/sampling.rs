@@ -9,6 +9,8 @@ use super::visible::Placed;
 use crate::model::Facet;
 use crate::scene::Rays;
 use glam::DVec3;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 use std::collections::HashSet;
 use std::sync::Arc;
 
@@ -147,12 +149,9 @@ impl Sampling {
     }
 }
 
-/// The next number of the generator SplitMix64 (Steele, Lea and Flood 2014): the same on every machine.
-fn mixed(state: u64) -> u64 {
-    let z = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ z >> 31
+/// A number that mixes all bits of another: the first of the generator SplitMix64 (Steele, Lea and Flood 2014), the same on every machine.
+pub fn mixed(seed: u64) -> u64 {
+    SplitMix64::seed_from_u64(seed).random()
 }
 
 /// A convex polygon as a fan of triangles.

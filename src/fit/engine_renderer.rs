@@ -8,7 +8,7 @@ use crate::image::{
 };
 use crate::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use crate::scene::{Camera, Scene};
-use crate::shading::{self, Light, SeenFrom, Shading, ShadingError};
+use crate::shading::{self, Light, Reflections, SeenFrom, Shading, ShadingError};
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams, Watch};
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -197,7 +197,7 @@ impl EngineRenderer {
         let mut pictures = Vec::with_capacity(self.cameras.len());
         let mut colours = Vec::with_capacity(self.cameras.len());
         let gathers = self.shading == Shading::Gathered;
-        let light = gathers.then(|| Light::new(engine, &solution, scene, &self.cameras));
+        let light = gathers.then(|| Light::new(engine, &solution, scene, &self.cameras, Reflections::Bins));
         let mut light = light.transpose().map_err(sort_out)?;
         if let Some(before) = self.latest.as_ref().and_then(|latest| latest.light.as_ref()) {
             light = light.map(|light| light.like(before));
@@ -286,6 +286,7 @@ impl Renderer for EngineRenderer {
                     |error| match error {
                         ShadingError::Engine(error) => sort_out(error),
                         ShadingError::Image(error) => failed(error),
+                        error @ ShadingError::Rays => failed(error),
                     },
                 )?
             }

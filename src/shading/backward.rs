@@ -32,6 +32,9 @@ pub enum ShadingError {
     /// The cotangent does not fit the picture.
     #[error(transparent)]
     Image(#[from] ImageError),
+    /// The pictures are not differentiable.
+    #[error("reflections by rays have no derivatives: make the light with Reflections::Bins")]
+    Rays,
 }
 
 /// Derivatives of a loss through what gathering adds to the colours of faces.
@@ -88,6 +91,9 @@ pub fn backward(
     params: &SolveParams,
     progress: &mut SolveProgress,
 ) -> Result<(Gradients, Vec<DVec3>), ShadingError> {
+    if light.surroundings.is_some() {
+        return Err(ShadingError::Rays);
+    }
     let mut sums = Differences::new(light);
     let mut colours = Vec::new();
     for (view, seen) in light.views.iter().zip(views) {

@@ -3,12 +3,13 @@
 //!
 //! The radiance of a face towards the camera (the operator S) holds the means of both over the face. Gathering adds, at each point x, the
 //! diffuse reflection of the differences D(x) - D and H(x) - H, and the specular reflection of lamps at the exact directions of lamp and
-//! eye. What glossy faces reflect of indirect light is that of S. Where albedo or emission vary within a face, both are those at x: the
+//! eye. What glossy faces reflect of indirect light is gathered along rays, or that of S, which has derivatives. Where albedo or emission vary within a face, both are those at x: the
 //! albedo and emission of the face, times the factors of its pattern.
 
 mod backward;
 mod interpolation;
 mod pattern;
+mod reflections;
 mod sights;
 
 pub use backward::{SeenFrom, ShadingError, backward};
@@ -23,6 +24,7 @@ use glam::DVec3;
 use interpolation::Interpolation;
 use pattern::Spot;
 use rayon::prelude::*;
+use reflections::{Estimate, Glossy, Surroundings};
 use sights::{Kept, POINTS, Points, Sight, Sights};
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -40,6 +42,34 @@ pub enum Shading {
     Gathered,
 }
 
+/// Where pictures with gathered light take from what glossy faces reflect of other faces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Reflections {
+    /// Rays from each visible point.
+    #[default]
+    Rays,
+    /// The direction bins of each face, as S does: coarser, but differentiable.
+    Bins,
+}
+
+/// Pixels, and how accurate they are.
+#[derive(Clone, Debug)]
+pub struct Gathered {
+    /// Row by row from the top: linear RGB, W/(m² sr), and the share of samples that show a face.
+    pub pixels: Vec<[f64; 4]>,
+    /// Standard error of reflections by rays: relative L2 norm over what is reflected by the faces in view.
+    pub error: f64,
+}
+
+impl Gathered {
+    /// The pixels as a picture, rounded to f32. `coverage`: what they were made of.
+    pub fn picture(&self, coverage: &Coverage) -> Picture {
+        let pixels = self.pixels.iter().map(|pixel| pixel.map(|value| value as f32)).collect();
+        Picture { width: coverage.width(), height: coverage.height(), pixels }
+    }
+}
+
 /// The light of a solution towards some cameras, on the host: what pictures with gathered light are made from. It outlives its engine.
 #[derive(Clone, Debug)]
 pub struct Light {
@@ -55,6 +85,8 @@ pub struct Light {
     /// The latter, sharpened for `interpolation`.
     sharpened: Vec<DVec3>,
     interpolation: Interpolation,
+    /// Where glossy faces are in view, and rays tell what they reflect.
+    surroundings: Option<Arc<Surroundings>>,
     views: Vec<View>,
 }
 
@@ -73,27 +105,42 @@ impl Light {
         solution: &Solution,
         scene: &Scene,
         cameras: &[Camera],
+        reflections: Reflections,
     ) -> Result<Self, EngineError> {
         let view = |camera: &Camera| {
             let colours = engine.colours_without_highlights(solution, camera.position)?;
             Ok(View { camera: camera.clone(), colours, sights: Kept::default() })
         };
-        let views = cameras.iter().map(view).collect::<Result<_, EngineError>>()?;
+        let views: Vec<View> = cameras.iter().map(view).collect::<Result<_, EngineError>>()?;
         let direct_irradiance = engine.direct.irradiance.clone();
         let total = solution.irradiance.iter().map(|h| DVec3::from(*h));
         let indirect_irradiance: Vec<DVec3> = total.zip(&direct_irradiance).map(|(h, d)| h - *d).collect();
         let interpolation = Interpolation::new(scene);
-        let facets = engine.plan().facets();
+        let facets = engine.plan().facets().to_vec();
+        let sharpened = interpolation.sharpened(&facets, &indirect_irradiance);
+        let by_rays = reflections == Reflections::Rays
+            && !views.is_empty()
+            && engine.materials.iter().any(Material::is_glossy);
+        let surroundings = match by_rays {
+            true => {
+                let direct = interpolation.sharpened(&facets, &direct_irradiance);
+                let all: Vec<DVec3> = direct.iter().zip(&sharpened).map(|(d, h)| *d + *h).collect();
+                let corners = |face| interpolation.corners(&facets, &all, face);
+                Some(Arc::new(Surroundings::new(engine, solution, corners)?))
+            }
+            false => None,
+        };
         Ok(Self {
             direct: engine.direct.light.clone(),
             placement: engine.plan().placement(),
-            facets: facets.to_vec(),
             materials: engine.materials.clone(),
             patterns: scene.patterns.clone(),
-            sharpened: interpolation.sharpened(facets, &indirect_irradiance),
+            facets,
+            sharpened,
             indirect_irradiance,
             direct_irradiance,
             interpolation,
+            surroundings,
             views,
         })
     }
@@ -111,50 +158,68 @@ impl Light {
         self
     }
 
-    /// The pixels of a camera's picture, row by row from the top: linear RGB, and the share of samples that show a face. `view`: number of the
-    /// camera; `coverage`: what it sees.
-    pub fn pixels(&self, view: usize, coverage: &Coverage) -> Result<Vec<[f64; 4]>, ImageError> {
+    /// The pixels of a camera's picture. `view`: number of the camera; `coverage`: what it sees.
+    pub fn gathered(&self, view: usize, coverage: &Coverage) -> Result<Gathered, ImageError> {
         let view = &self.views[view];
-        let eye = self.placement.apply(view.camera.position);
         let mut pixels = coverage.pixels(&view.colours)?;
-        self.add(view, coverage, &mut pixels, &|points| self.difference(points, eye));
-        Ok(pixels)
+        let error = self.add(view, coverage, &mut pixels, &|points| self.difference(view, points));
+        Ok(Gathered { pixels, error })
     }
 
-    /// The pixels without what the visible faces emit themselves.
-    pub(crate) fn reflected(&self, view: usize, coverage: &Coverage) -> Result<Vec<DVec3>, ImageError> {
+    /// [`Gathered::pixels`] alone.
+    pub fn pixels(&self, view: usize, coverage: &Coverage) -> Result<Vec<[f64; 4]>, ImageError> {
+        Ok(self.gathered(view, coverage)?.pixels)
+    }
+
+    /// The pixels without what the visible faces emit themselves, and [`Gathered::error`].
+    pub(crate) fn reflected(
+        &self,
+        view: usize,
+        coverage: &Coverage,
+    ) -> Result<(Vec<DVec3>, f64), ImageError> {
         let view = &self.views[view];
-        let eye = self.placement.apply(view.camera.position);
-        let colour = |((facet, material), colour): ((&Facet, &Material), &[f64; 3])| {
-            let faces_eye = facet.normal.dot(eye - facet.corners[0]) > 0.0;
-            let emission = if faces_eye { DVec3::from(material.emission) } else { DVec3::ZERO };
-            (DVec3::from(*colour) - emission).to_array()
-        };
-        let faces = self.facets.iter().zip(&self.materials);
-        let colours: Vec<[f64; 3]> = faces.zip(&view.colours).map(colour).collect();
+        let colour = |(face, colour)| (self.without_emission(view, face, colour)).to_array();
+        let colours: Vec<[f64; 3]> = view.colours.iter().copied().enumerate().map(colour).collect();
         let mut pixels = coverage.pixels(&colours)?;
-        self.add(view, coverage, &mut pixels, &|points| self.reflected_difference(points, eye));
-        Ok(pixels.into_iter().map(|[r, g, b, _]| DVec3::new(r, g, b)).collect())
+        let error = self.add(view, coverage, &mut pixels, &|points| self.reflected_difference(view, points));
+        Ok((pixels.into_iter().map(|[r, g, b, _]| DVec3::new(r, g, b)).collect(), error))
     }
 
-    /// Adds differences at each visible point to the pixels of a view.
+    fn without_emission(&self, view: &View, face: usize, colour: [f64; 3]) -> DVec3 {
+        let facet = &self.facets[face];
+        let faces_eye = facet.normal.dot(self.eye(view) - facet.corners[0]) > 0.0;
+        let emission = if faces_eye { DVec3::from(self.materials[face].emission) } else { DVec3::ZERO };
+        DVec3::from(colour) - emission
+    }
+
+    /// In the engine's coordinates.
+    fn eye(&self, view: &View) -> DVec3 {
+        self.placement.apply(view.camera.position)
+    }
+
+    /// Adds differences at each visible point to the pixels of a view; returns [`Gathered::error`].
     fn add(
         &self,
         view: &View,
         coverage: &Coverage,
         pixels: &mut [[f64; 4]],
-        difference: &(dyn Fn(&Points) -> Vec<DVec3> + Sync),
-    ) {
+        difference: &(dyn Fn(&Points) -> Vec<Estimate> + Sync),
+    ) -> f64 {
         let sights = self.sights(view, coverage);
-        let found: Vec<Vec<DVec3>> = sights.runs.par_iter().map(difference).collect();
+        let found: Vec<Vec<Estimate>> = sights.runs.par_iter().map(difference).collect();
+        let (mut errors, mut all) = (0.0, 0.0);
         for (run, found) in sights.runs.iter().zip(found) {
+            let mean = self.without_emission(view, run.face, view.colours[run.face]);
             for (&place, more) in run.of.iter().zip(found) {
                 let seen = &sights.seen[place];
-                for (to, more) in pixels[seen.pixel].iter_mut().zip(more.to_array()) {
+                for (to, more) in pixels[seen.pixel].iter_mut().zip(more.mean.to_array()) {
                     *to += seen.share * more;
                 }
+                errors += (seen.share * more.error).length_squared();
+                all += (seen.share * (mean + more.mean)).length_squared();
             }
         }
+        if all > 0.0 { (errors / all).sqrt() } else { 0.0 }
     }
 
     /// How far the mean of the radiance that interpolation alone, without sharpening, shows of each face is from that of the face,
@@ -183,45 +248,41 @@ impl Light {
 
     /// The same as a picture, rounded to f32.
     pub fn picture(&self, view: usize, coverage: &Coverage) -> Result<Picture, ImageError> {
-        let round = |pixel: [f64; 4]| pixel.map(|value| value as f32);
-        let pixels = self.pixels(view, coverage)?.into_iter().map(round).collect();
-        Ok(Picture { width: coverage.width(), height: coverage.height(), pixels })
+        Ok(self.gathered(view, coverage)?.picture(coverage))
     }
 
     /// The colours of a face at places of a picture, columns and rows in pixels: those by which moving silhouettes change it.
     pub fn colours_at(&self, view: usize, face: usize, places: &[[f64; 2]]) -> Vec<[f64; 3]> {
-        let View { camera, colours, .. } = &self.views[view];
-        let sight = self.sight(camera);
+        let view = &self.views[view];
+        let sight = self.sight(&view.camera);
         let of_run = |places: &[[f64; 2]]| {
             let spots: Vec<Spot> = places.iter().map(|&middle| Spot { middle, side: 0.0 }).collect();
             let points = sight.points(face, (0..places.len()).collect(), &spots, true);
-            self.difference(&points, sight.eye)
+            self.difference(view, &points)
         };
         let more = places.chunks(POINTS).flat_map(of_run);
-        more.map(|more| (DVec3::from(colours[face]) + more).to_array()).collect()
+        more.map(|more| (DVec3::from(view.colours[face]) + more.mean).to_array()).collect()
     }
 
     /// What gathering adds to the radiance of a face at each point, W/(m² sr).
-    fn difference(&self, points: &Points, eye: DVec3) -> Vec<DVec3> {
-        let mut differences = self.reflected_difference(points, eye);
+    fn difference(&self, view: &View, points: &Points) -> Vec<Estimate> {
+        let mut differences = self.reflected_difference(view, points);
         let emission = DVec3::from(self.materials[points.face].emission);
         for (to, [_, of_emission]) in differences.iter_mut().zip(&points.pattern) {
-            *to += emission * (*of_emission - 1.0);
+            to.mean += emission * (*of_emission - 1.0);
         }
         differences
     }
 
     /// Of the latter, what is reflected.
-    fn reflected_difference(
-        &self,
-        points @ Points { face, at, pattern, .. }: &Points,
-        eye: DVec3,
-    ) -> Vec<DVec3> {
+    fn reflected_difference(&self, view: &View, points: &Points) -> Vec<Estimate> {
+        let Points { face, at, pattern, .. } = points;
         let face = *face;
+        let eye = self.eye(view);
         let (facet, material) = (&self.facets[face], &self.materials[face]);
         let reflectance = DVec3::from(material.diffuse_albedo()) / PI;
         let radiance = self.lamp_radiance();
-        let mut differences = vec![DVec3::ZERO; at.len()];
+        let mut differences = vec![Estimate::default(); at.len()];
         let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
         if reflectance != DVec3::ZERO {
             let corners = self.interpolation.corners(&self.facets, &self.sharpened, face);
@@ -233,14 +294,31 @@ impl Light {
                 let b = barycentric(facet.corners, facet.normal, *point);
                 let indirect = corners[0] * b.x + corners[1] * b.y + corners[2] * b.z;
                 let shown = pattern.get(k).map_or(DVec3::ONE, |[of_albedo, _]| *of_albedo);
-                *to += reflectance * (shown * (direct + indirect) - means);
+                to.mean += reflectance * (shown * (direct + indirect) - means);
             }
         }
         if material.is_glossy() {
             let highlights = self.direct.highlights(&self.facets, face, at, eye, material.power);
             for (to, of_lamps) in differences.iter_mut().zip(&highlights) {
                 let highlight: DVec3 = of_lamps.iter().zip(&radiance).map(|(&h, &l)| h * l).sum();
-                *to += DVec3::from(material.lobe_scale()) * highlight;
+                to.mean += DVec3::from(material.lobe_scale()) * highlight;
+            }
+            if let Some(surroundings) = &self.surroundings {
+                let diffuse = reflectance * means;
+                let of_bins = self.without_emission(view, face, view.colours[face]) - diffuse;
+                for (to, point) in differences.iter_mut().zip(at) {
+                    let glossy = Glossy {
+                        face,
+                        normal: facet.normal,
+                        point: *point,
+                        eye: (eye - *point).normalize_or_zero(),
+                        material,
+                        besides: diffuse + to.mean,
+                    };
+                    let found = surroundings.reflected(&self.facets, &self.patterns, &glossy);
+                    to.mean += found.mean - of_bins;
+                    to.error = found.error;
+                }
             }
         }
         differences

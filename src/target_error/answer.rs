@@ -2,7 +2,7 @@
 
 use crate::plan::PlanReport;
 use crate::scene::{Camera, Scene};
-use crate::shading::Light;
+use crate::shading::{Light, Reflections};
 use crate::solve::SolveInfo;
 use crate::warnings::Warnings;
 use crate::{Energy, Engine, EngineError, Negative, Solution};
@@ -40,11 +40,12 @@ impl Answer {
         scene: &Scene,
         solution: Solution,
         cameras: &[Camera],
+        reflections: Reflections,
         mut warnings: Warnings,
     ) -> Result<Self, EngineError> {
         let colours = cameras.iter().map(|camera| engine.face_colours(&solution, camera.position));
         let colours = colours.collect::<Result<_, _>>()?;
-        let light = Light::new(engine, &solution, scene, cameras)?;
+        let light = Light::new(engine, &solution, scene, cameras, reflections)?;
         let Solution { irradiance, radiosity, info, energy, negative, .. } = solution;
         let (plan, sampling_error) = (engine.plan(), engine.sampling_error());
         warnings.list.extend(Warnings::after(scene, plan, &irradiance, info.spectral_radius).list);

@@ -60,7 +60,7 @@ pub struct PictureEstimate {
     pub residual: f64,
     /// As [`IrradianceEstimate::clusters`].
     pub clusters: f64,
-    /// As [`IrradianceEstimate::sampling`].
+    /// Standard error of rays: as [`IrradianceEstimate::sampling`], and of what glossy faces mirror.
     pub sampling: f64,
 }
 
@@ -128,6 +128,8 @@ struct Differences {
     compared: f64,
     /// As [`PictureEstimate::within`].
     within: f64,
+    /// Standard error of reflections by rays.
+    rays: f64,
 }
 
 impl Differences {
@@ -151,6 +153,7 @@ impl Differences {
         Self {
             compared: over(norm(&|i| own[i] - other[i])),
             within: over(norm(&|i| surface.within(&own, i))),
+            rays: 0.0,
         }
     }
 
@@ -158,12 +161,13 @@ impl Differences {
     fn of_gathered([own, other]: [&Light; 2], view: usize, visible: &Visible) -> Result<Self, ImageError> {
         let blur = own.blur();
         let reflected = |light: &Light| light.reflected(view, &visible.coverage);
-        let (own, other) = (reflected(own)?, reflected(other)?);
+        let ((own, rays), (other, _)) = (reflected(own)?, reflected(other)?);
         let pixels = vec![1.0; own.len()];
         let over = relative_to(norm(&pixels, &|i| own[i]));
         Ok(Self {
             compared: over(norm(&pixels, &|i| own[i] - other[i])),
             within: over(norm(&visible.samples, &|i| blur[i])),
+            rays,
         })
     }
 }
@@ -171,11 +175,12 @@ impl Differences {
 impl PictureEstimate {
     fn new(
         visible: &Visible,
-        Differences { compared, within }: Differences,
+        Differences { compared, within, rays }: Differences,
         ratio: f64,
         [residual, clusters, sampling]: [f64; 3],
     ) -> Self {
         let compared = ratio * compared;
+        let sampling = root_of_squares([sampling, rays]);
         let total = root_of_squares([compared, within, residual, clusters, sampling]);
         Self { camera: visible.camera.clone(), total, compared, within, residual, clusters, sampling }
     }

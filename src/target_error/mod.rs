@@ -19,7 +19,7 @@ use crate::image::ImageError;
 use crate::options::setters;
 use crate::plan::{Plan, PlanError, PlanOptions, has_direct_lamps};
 use crate::scene::{Camera, Choice, Scene, SolveSettings};
-use crate::shading::Shading;
+use crate::shading::{Reflections, Shading};
 use crate::warnings::Warnings;
 use crate::{Engine, EngineError, Solution};
 use levels::{Level, is_directional, mean_albedo, near_field_for};
@@ -39,9 +39,17 @@ pub struct TargetErrorOptions {
     pub cameras: Vec<Camera>,
     /// How these pictures are made.
     pub shading: Shading,
+    /// What they show that glossy faces mirror.
+    pub reflections: Reflections,
 }
 
-setters!(TargetErrorOptions { error: f64, max_triangles: usize, cameras: Vec<Camera>, shading: Shading });
+setters!(TargetErrorOptions {
+    error: f64,
+    max_triangles: usize,
+    cameras: Vec<Camera>,
+    shading: Shading,
+    reflections: Reflections
+});
 
 impl TargetErrorOptions {
     /// Default of `max_triangles`.
@@ -49,7 +57,13 @@ impl TargetErrorOptions {
 
     /// A target for irradiance alone, with at most [`TargetErrorOptions::MAX_TRIANGLES`].
     pub fn new(error: f64) -> Self {
-        Self { error, max_triangles: Self::MAX_TRIANGLES, cameras: Vec::new(), shading: Shading::default() }
+        Self {
+            error,
+            max_triangles: Self::MAX_TRIANGLES,
+            cameras: Vec::new(),
+            shading: Shading::default(),
+            reflections: Reflections::default(),
+        }
     }
 }
 
@@ -438,7 +452,8 @@ impl<'a> Search<'a> {
         let mut engine = Engine::new(self.device, scene, plan)?;
         match solve(&mut engine, scene, stage) {
             Ok(solution) => {
-                Ok(Ok(Answer::new(&mut engine, scene, solution, &self.options.cameras, warnings)?))
+                let TargetErrorOptions { cameras, reflections, .. } = &self.options;
+                Ok(Ok(Answer::new(&mut engine, scene, solution, cameras, *reflections, warnings)?))
             }
             Err(error) if error.is_without_answer() => Ok(Err(error.without_best())),
             Err(error) => Err(error.into()),

@@ -36,6 +36,8 @@ pub struct Report {
     /// W/m².
     pub negative_irradiance: Negative,
     pub pictures: Vec<String>,
+    /// Per camera, the standard error of what rays find that glossy faces mirror, relative to all that visible faces reflect; 0 without rays.
+    pub reflections_error: BTreeMap<String, f64>,
     pub seconds: BTreeMap<&'static str, f64>,
     pub kernels: Vec<ProfileRow>,
 }
