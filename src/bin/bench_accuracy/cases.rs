@@ -36,6 +36,7 @@ const SHADOW_SAMPLES: u32 = 256;
 const SHADOW: f64 = 0.5;
 
 /// The true irradiance.
+#[derive(Clone)]
 pub enum Truth {
     /// Of each triangle of the unrefined scene, W/m².
     Triangles(Vec<DVec3>),
@@ -43,6 +44,7 @@ pub enum Truth {
     Mean { material: &'static str, irradiance: f64 },
 }
 
+#[derive(Clone)]
 pub struct Case {
     pub name: String,
     pub scene: Scene,

@@ -33,8 +33,8 @@ struct Arguments {
     /// Fewer settings, without the finest meshes: minutes instead of an hour
     #[arg(long)]
     quick: bool,
-    /// Instead of measuring, draw these scenes beside the path-traced truth, NAME_CAMERA_against_truth.png, and print a
-    /// Markdown table of their errors
+    /// Instead of measuring, draw these scenes by antiradiance and with exact lamps beside the path-traced truth,
+    /// NAME_CAMERA_against_truth.png, and print a Markdown table of their errors
     #[arg(long, value_name = "SCENE", num_args = 1.., conflicts_with_all = ["scene", "quick"])]
     pictures: Vec<PathBuf>,
     /// Add a row of pictures of the scene refined as by `antirad refine`
