@@ -69,6 +69,18 @@ pub enum EngineError {
         /// Number of entries required.
         triangles: usize,
     },
+    /// A cotangent has another number of bins than the plan.
+    #[error(
+        "the cotangent of specular radiance has {given} bins at triangle {triangle}, and the plan {bins}: give one each, or none"
+    )]
+    CotangentBins {
+        /// Index of the triangle in the scene.
+        triangle: usize,
+        /// Number of bins given.
+        given: usize,
+        /// Number of bins required.
+        bins: usize,
+    },
     /// A cotangent is infinite or not a number.
     #[error(
         "the cotangent of {what} is not finite at triangle {triangle}: look for a division by zero in the loss"

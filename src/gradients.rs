@@ -28,6 +28,8 @@ pub struct Cotangent {
     pub colours: Vec<(DVec3, Vec<DVec3>)>,
     /// The same without the highlights of lamps.
     pub colours_without_highlights: Vec<(DVec3, Vec<DVec3>)>,
+    /// Of what each triangle reflects specularly, per bin, per W/(m² sr); empty for triangles of which the loss does not depend on that.
+    pub specular_radiance: Option<Vec<Vec<DVec3>>>,
 }
 
 setters!(Cotangent {
@@ -37,6 +39,7 @@ setters!(Cotangent {
     radiosity: Option<Vec<DVec3>>,
     colours: Vec<(DVec3, Vec<DVec3>)>,
     colours_without_highlights: Vec<(DVec3, Vec<DVec3>)>,
+    specular_radiance: Option<Vec<Vec<DVec3>>>,
 });
 
 /// Derivatives of a loss with respect to the parameters of a scene; `None` for those not requested.
@@ -74,7 +77,8 @@ impl Cotangent {
             .into_iter()
             .flatten()
             .chain(&self.radiosity)
-            .chain(self.colours.iter().map(|(_, values)| values))
+            .chain(self.views().map(|(_, values)| values))
+            .chain(self.specular_radiance.iter().flatten())
     }
 
     /// The power of two at or below the largest entry.
@@ -94,6 +98,7 @@ impl Cotangent {
             radiosity: self.radiosity.as_ref().map(values),
             colours: views(&self.colours),
             colours_without_highlights: views(&self.colours_without_highlights),
+            specular_radiance: self.specular_radiance.as_ref().map(|of| of.iter().map(values).collect()),
         }
     }
 }
@@ -260,6 +265,21 @@ impl Engine {
         if let Some(values) = &cotangent.radiosity {
             check("radiosity", values)?;
         }
+        if let Some(of) = &cotangent.specular_radiance {
+            if of.len() != triangles {
+                let (what, given) = ("specular radiance", of.len());
+                return Err(EngineError::CotangentLength { what, given, triangles });
+            }
+            let bins = self.plan().bins.count();
+            let wrong = of.iter().position(|values| !(values.is_empty() || values.len() == bins));
+            if let Some(triangle) = wrong {
+                return Err(EngineError::CotangentBins { triangle, given: of[triangle].len(), bins });
+            }
+            let finite = |values: &Vec<DVec3>| values.iter().all(|v| v.is_finite());
+            if let Some(triangle) = of.iter().position(|values| !finite(values)) {
+                return Err(EngineError::CotangentNotFinite { what: "specular radiance", triangle });
+            }
+        }
         cotangent.views().try_for_each(|(camera_position, values)| {
             check_position(*camera_position)?;
             check("face colours", values)
@@ -277,15 +297,21 @@ impl Engine {
                 (0..3).for_each(|channel| to[channel] += values[channel]);
             }
         }
-        let Some(radiosity) = &cotangent.radiosity else {
+        if cotangent.radiosity.is_none() && cotangent.specular_radiance.is_none() {
             return (irradiance, none(), vec![None; plan.layout.groups.len()]);
-        };
-        let radiosity = self.to_slots(radiosity);
+        }
+        let radiosity = cotangent.radiosity.as_ref().map_or_else(none, |radiosity| self.to_slots(radiosity));
         let page = |group: &crate::plan::Group| {
             let slots = plan.layout.slots_of(&group.tiles);
             let of_slot = |slot: u32| {
-                let [r, g, b, _] = radiosity[slot as usize];
-                plan.bins.projected.iter().flat_map(move |c| [c * r, c * g, c * b])
+                let whole = DVec3::from_slice(&radiosity[slot as usize]);
+                let triangle = plan.layout.order[slot as usize];
+                let per_bin = cotangent.specular_radiance.as_ref().filter(|_| triangle != PADDING);
+                let of_bins = per_bin.map(|of| of[triangle as usize].clone()).unwrap_or_default();
+                let of_bin = move |(bin, c): (usize, &f64)| {
+                    (*c * whole + of_bins.get(bin).copied().unwrap_or_default()).to_array()
+                };
+                plan.bins.projected.iter().enumerate().flat_map(of_bin)
             };
             group.class.glossy.then(|| slots.flat_map(of_slot).collect())
         };

@@ -274,6 +274,92 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
     finish(&device);
 }
 
+/// Emission and materials, where rays tell what glossy faces mirror of each other, of lamps by antiradiance and of textures.
+#[test]
+fn derivatives_of_reflections_by_rays_are_those_of_central_differences() {
+    let device = device();
+    for exact_lamps in [true, false] {
+        let mut scene = scene();
+        let wall = scene.materials.iter_mut().find(|m| m.name == "wall").expect("a wall");
+        (wall.specular, wall.power) = ([0.1, 0.05, 0.15], 25.0);
+        if !exact_lamps {
+            scene.settings = scene.settings.lamps(antirad::scene::Lamps::Antiradiance);
+        }
+        let camera = camera();
+        let request = GradientRequest::EVERYTHING.positions(false).camera(false);
+        let options = PlanOptions::of(&device).gradients(request);
+        let params = SolveParams::from(&scene.settings);
+        let coverage =
+            Rasterizer::new(&device).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
+        let weight = |pixel: usize, channel: usize| ((pixel * 3 + channel) as f64).sin() + 0.3;
+        let plan = Plan::new(&scene, &options, &scene.settings).expect("a plan");
+        let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
+        let mut light_of = |scene: &Scene| {
+            engine.set_materials(scene).expect("materials");
+            let solution = engine.solve(&params).expect("a solution");
+            let cameras = std::slice::from_ref(&camera);
+            let light =
+                Light::new(&mut engine, &solution, scene, cameras, Reflections::FixedRays).expect("light");
+            (solution, light)
+        };
+        let mut difference = |change: &dyn Fn(&mut Scene, f64), step: f64| {
+            let mut at = |by: f64| {
+                let mut scene = scene.clone();
+                change(&mut scene, by);
+                let pixels = light_of(&scene).1.pixels(0, &coverage).expect("pixels");
+                let of = |(p, rgb): (usize, &[f64; 4])| (0..3).map(|c| weight(p, c) * rgb[c]).sum::<f64>();
+                pixels.iter().enumerate().map(of).sum::<f64>()
+            };
+            (at(step) - at(-step)) / (2.0 * step)
+        };
+        let mut expected = Vec::new();
+        for (m, material) in scene.materials.iter().enumerate() {
+            let lamp = material.name == "lamp";
+            let of = |what: &str| format!("{what} of {}", material.name);
+            if lamp {
+                let by = |scene: &mut Scene, by: f64| scene.materials[m].emission[0] += by;
+                expected.push((of("emission"), m, difference(&by, 1e-4), 1e-7));
+            } else {
+                let by = |scene: &mut Scene, by: f64| scene.materials[m].albedo[1] += by;
+                expected.push((of("albedo"), m, difference(&by, 1e-5), 1e-7));
+            }
+            if material.is_glossy() {
+                let by = |scene: &mut Scene, by: f64| scene.materials[m].specular[2] += by;
+                expected.push((of("specular"), m, difference(&by, 1e-5), 1e-7));
+                let by = |scene: &mut Scene, by: f64| scene.materials[m].power += by;
+                expected.push((of("power"), m, difference(&by, 1e-3), 1e-6));
+            }
+        }
+        let (solution, light) = light_of(&scene);
+        let by_pixels: Vec<[f64; 4]> =
+            (0..24 * 18).map(|p| [weight(p, 0), weight(p, 1), weight(p, 2), 0.0]).collect();
+        // Once with rays of its own, and once with those that pictures have found.
+        for known in [false, true] {
+            if known {
+                light.pixels(0, &coverage).expect("pixels");
+            }
+            let view = SeenFrom { coverage: &coverage, by_pixels: &by_pixels };
+            let go_on = &mut |_: u32, _: f64| ControlFlow::Continue(());
+            let (gradients, _) = backward(&mut engine, &solution, &light, &[view], request, &params, go_on)
+                .expect("gradients");
+            let materials = gradients.by_material(&scene);
+            for (what, m, expected, tolerance) in &expected {
+                let of = &materials[*m];
+                let found = match what.split(' ').next() {
+                    Some("emission") => of.emission[0],
+                    Some("albedo") => of.albedo[1],
+                    Some("specular") => of.specular[2],
+                    _ => of.power,
+                };
+                let error = (found / expected - 1.0).abs();
+                println!("{what}: {found:.8e} {expected:.8e} {error:.1e}");
+                assert!(error <= *tolerance, "{what}: {found} instead of {expected}");
+            }
+        }
+    }
+    finish(&device);
+}
+
 /// A texture that is smooth on the scale of its texels: (1 + share · sin) / 2 along both axes, by channel.
 fn waves(u: f64, v: f64, channel: usize) -> f64 {
     let turns = std::f64::consts::TAU;

@@ -281,7 +281,7 @@ class Engine:
         *,
         supersample: int = 4,
         shading: Literal["gathered", "smooth", "face"] = "gathered",
-        reflections: Literal["rays", "bins"] = "rays",
+        reflections: Literal["rays", "fixed-rays", "bins"] = "rays",
     ) -> NDArray[np.float32]: ...
     def backward(
         self,

@@ -199,8 +199,9 @@ impl Engine {
     ///     supersample: Samples along each side of a pixel, a power of two.
     ///     shading: "gathered" (direct light at each visible point, indirect light interpolated), "smooth" (colours
     ///         interpolated over vertices) or "face" (one colour per triangle).
-    ///     reflections: What glossy faces mirror of other faces in gathered pictures: "rays" from each visible point, or out
-    ///         of the direction "bins" of each face, as differentiable renderers have it.
+    ///     reflections: What glossy faces mirror of other faces in gathered pictures: by "rays" from each visible point, as
+    ///         many as it takes; by "fixed-rays", the same number from each, as differentiable renderers of materials see
+    ///         it; or out of direction "bins", as those of vertices and cameras do.
     #[pyo3(signature = (solution, camera=None, *, supersample=4, shading="gathered", reflections="rays"))]
     fn render<'py>(
         &self,

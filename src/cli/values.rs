@@ -77,12 +77,13 @@ impl ValueEnum for Shading {
 
 impl ValueEnum for Reflections {
     fn value_variants<'a>() -> &'a [Self] {
-        &[Self::Rays, Self::Bins]
+        &[Self::Rays, Self::FixedRays, Self::Bins]
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
         Some(PossibleValue::new(match self {
             Self::Rays => "rays",
+            Self::FixedRays => "fixed-rays",
             Self::Bins => "bins",
         }))
     }
@@ -113,6 +114,6 @@ mod tests {
         agree::<Lamps>(4);
         agree::<Orient>(2);
         agree::<Shading>(3);
-        agree::<Reflections>(2);
+        agree::<Reflections>(3);
     }
 }

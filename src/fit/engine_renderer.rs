@@ -197,7 +197,8 @@ impl EngineRenderer {
         let mut pictures = Vec::with_capacity(self.cameras.len());
         let mut colours = Vec::with_capacity(self.cameras.len());
         let gathers = self.shading == Shading::Gathered;
-        let light = gathers.then(|| Light::new(engine, &solution, scene, &self.cameras, Reflections::Bins));
+        let reflections = if self.request.geometry() { Reflections::Bins } else { Reflections::FixedRays };
+        let light = gathers.then(|| Light::new(engine, &solution, scene, &self.cameras, reflections));
         let mut light = light.transpose().map_err(sort_out)?;
         if let Some(before) = self.latest.as_ref().and_then(|latest| latest.light.as_ref()) {
             light = light.map(|light| light.like(before));

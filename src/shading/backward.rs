@@ -1,7 +1,8 @@
 //! Derivatives of a loss of pictures with gathered light.
 
 use super::Light;
-use super::pattern::{Sample, Spot};
+use super::pattern::{self, Spot};
+use super::reflections::{OfFace, Sample};
 use super::sights::{Points, Sights};
 use crate::direct::barycentric;
 use crate::image::{Coverage, ImageError, View, camera_gradient};
@@ -12,6 +13,7 @@ use crate::solve::SolveProgress;
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
 use glam::DVec3;
 use rayon::prelude::*;
+use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 
 /// What a camera of a [`Light`] sees, and the derivative of a loss by the pixels of its picture.
@@ -32,8 +34,11 @@ pub enum ShadingError {
     /// The cotangent does not fit the picture.
     #[error(transparent)]
     Image(#[from] ImageError),
-    /// The pictures are not differentiable.
-    #[error("reflections by rays have no derivatives: make the light with Reflections::Bins")]
+    /// The pictures are not differentiable by what is requested.
+    #[error(
+        "reflections by rays have derivatives by materials and emission alone, and with the same number of rays for all points: \
+         make the light with Reflections::Bins, or with Reflections::FixedRays"
+    )]
     Rays,
 }
 
@@ -46,6 +51,8 @@ struct Differences {
     indirect: Vec<DVec3>,
     /// Per triangle, by the sharpened indirect irradiance.
     sharpened: Vec<DVec3>,
+    /// Through what rays bring of each face.
+    brought: BTreeMap<usize, OfFace>,
     /// Per lamp, by its radiance.
     emission: Vec<DVec3>,
     /// Per triangle, by its own emission, through its pattern.
@@ -75,13 +82,15 @@ struct OfPoints {
     power: f64,
     /// By the sharpened indirect irradiance of triangles.
     sharpened: Vec<(usize, DVec3)>,
+    /// Through what rays bring of each face that they meet.
+    brought: BTreeMap<usize, OfFace>,
     facets: Vec<(u32, FacetGradient)>,
     camera: OfCamera,
 }
 
 /// Derivatives of a loss of pictures made by [`Light::pixels`], as [`Engine::backward_with`] returns those of its results, and by the target
 /// of each camera, per metre. Cameras turn towards their targets as they move. The light must be
-/// that of the solution. The movement of silhouettes is not included ([`crate::image::geometry_gradient`]).
+/// that of the solution. Where rays tell what glossy faces mirror, there are none by positions. The movement of silhouettes is not included ([`crate::image::geometry_gradient`]).
 pub fn backward(
     engine: &mut Engine,
     solution: &Solution,
@@ -91,20 +100,28 @@ pub fn backward(
     params: &SolveParams,
     progress: &mut SolveProgress,
 ) -> Result<(Gradients, Vec<DVec3>), ShadingError> {
-    if light.surroundings.is_some() {
+    if light.surroundings.as_ref().is_some_and(|rays| !rays.is_fixed() || request.geometry()) {
         return Err(ShadingError::Rays);
     }
     let mut sums = Differences::new(light);
     let mut colours = Vec::new();
     for (view, seen) in light.views.iter().zip(views) {
-        colours.push((view.camera.position, seen.coverage.colour_gradient(seen.by_pixels)?));
+        let mut by_colours = seen.coverage.colour_gradient(seen.by_pixels)?;
+        if light.surroundings.is_some() {
+            // Of glossy faces, pictures show nothing of these colours.
+            let faces = by_colours.iter_mut().zip(&light.materials);
+            faces.filter(|(_, material)| material.is_glossy()).for_each(|(by, _)| *by = DVec3::ZERO);
+        }
+        colours.push((view.camera.position, by_colours));
         light.pull_back(view, seen, request, &mut sums);
     }
+    let specular = sums.pull_back_brought(light);
     sums.pull_back_sharpened(light);
     let cotangent = Cotangent::default()
         .colours_without_highlights(colours)
         .direct_irradiance(Some(std::mem::take(&mut sums.direct)))
-        .indirect_irradiance(Some(std::mem::take(&mut sums.indirect)));
+        .indirect_irradiance(Some(std::mem::take(&mut sums.indirect)))
+        .specular_radiance(specular);
     let mut gradients = engine.backward_with(solution, &cotangent, request, params, progress)?;
     sums.add_to(&mut gradients, light, &engine.triangles);
     let targets = sums.add_cameras(&mut gradients, light);
@@ -119,6 +136,7 @@ impl Differences {
             direct: none(),
             indirect: none(),
             sharpened: none(),
+            brought: BTreeMap::new(),
             emission: vec![DVec3::ZERO; light.direct.lamps().len()],
             own_emission: none(),
             specular: none(),
@@ -168,6 +186,36 @@ impl Differences {
 }
 
 impl Differences {
+    /// What rays bring, by emission, materials and irradiance; returns the derivatives by the specular radiance of each triangle per bin.
+    fn pull_back_brought(&mut self, light: &Light) -> Option<Vec<Vec<DVec3>>> {
+        if self.brought.is_empty() {
+            return None;
+        }
+        let mut specular = vec![Vec::new(); light.facets.len()];
+        let mut by_all = vec![DVec3::ZERO; light.facets.len()];
+        let lamps: BTreeSet<u32> =
+            light.direct.lamps().iter().flat_map(|lamp| lamp.triangles.iter().copied()).collect();
+        for (face, of) in std::mem::take(&mut self.brought) {
+            if !lamps.contains(&(face as u32)) {
+                self.own_emission[face] += of.emission;
+            }
+            self.reflectance[face] += of.albedo;
+            specular[face] = of.specular;
+            let to_corners = of.irradiance;
+            let values = &light.sharpened;
+            light
+                .interpolation
+                .pull_back(&light.facets, values, face, to_corners, &mut |i, by, _| by_all[i] += by);
+        }
+        for (to, by) in self.sharpened.iter_mut().zip(&by_all) {
+            *to += *by;
+        }
+        let (direct, _) =
+            light.interpolation.pull_back_sharpened(&light.facets, &light.direct_irradiance, by_all);
+        self.direct.iter_mut().zip(direct).for_each(|(to, by)| *to += by);
+        Some(specular)
+    }
+
     fn pull_back_sharpened(&mut self, light: &Light) {
         let (by_means, by_areas) = light.interpolation.pull_back_sharpened(
             &light.facets,
@@ -209,12 +257,14 @@ impl Light {
         };
         let camera = View::new(&view.camera);
         let mut by_camera = OfCamera::default();
-        let of_run = |run: &Points| {
+        let known = view.samples.of(&sights);
+        let of_run = |(k, run): (usize, &Points)| {
+            let rays = known.as_ref().map(|known| &known[k][..]);
             let cotangent: Vec<DVec3> = run.of.iter().map(by_seen).collect();
             let spots: Vec<Spot> = run.of.iter().map(|&place| Spot::from(&seen[place])).collect();
-            self.pull_back_points(run, &camera, &cotangent, &spots, request)
+            self.pull_back_points(run, &camera, &cotangent, &spots, rays, request)
         };
-        let all: Vec<Option<OfPoints>> = runs.par_iter().map(of_run).collect();
+        let all: Vec<Option<OfPoints>> = runs.par_iter().enumerate().map(of_run).collect();
         // One after the other, so that sums are the same from run to run.
         for (run, of) in runs.iter().zip(all).filter_map(|(run, of)| Some((run, of?))) {
             sums.reflectance[run.face] += of.reflectance;
@@ -225,6 +275,7 @@ impl Light {
             sums.indirect[run.face] += of.means;
             sums.emission.iter_mut().zip(of.emission).for_each(|(to, by)| *to += by);
             of.sharpened.into_iter().for_each(|(face, by)| sums.sharpened[face] += by);
+            of.brought.into_iter().for_each(|(face, by)| sums.brought.entry(face).or_default().add(by));
             of.facets.into_iter().for_each(|(face, by)| sums.facets[face as usize] += by);
             by_camera.position += of.camera.position;
             by_camera.axes.iter_mut().zip(of.camera.axes).for_each(|(to, by)| *to += by);
@@ -239,6 +290,7 @@ impl Light {
         camera: &View,
         cotangent: &[DVec3],
         spots: &[Spot],
+        rays: Option<&[Sample]>,
         request: GradientRequest,
     ) -> Option<OfPoints> {
         let face = *face;
@@ -259,6 +311,7 @@ impl Light {
             specular: DVec3::ZERO,
             power: 0.0,
             sharpened: Vec::new(),
+            brought: BTreeMap::new(),
             facets: Vec::new(),
             camera: OfCamera::default(),
         };
@@ -300,6 +353,22 @@ impl Light {
         let material = &self.materials[face];
         if material.is_glossy() {
             by_points = self.pull_back_highlights(face, at, eye, cotangent, request, &mut of);
+            if let Some(surroundings) = &self.surroundings {
+                // In place of the colour of the face, less its emission and diffuse radiance.
+                let all: DVec3 = cotangent.iter().sum();
+                of.own_emission += all;
+                of.reflectance += all * means / PI;
+                of.means += reflectance * all;
+                for (k, (&point, &by)) in at.iter().zip(cotangent).enumerate() {
+                    let glossy = self.glossy(face, point, eye);
+                    let found = rays.is_none().then(|| surroundings.reflected(self.faces(), &glossy).1);
+                    let Some(sample) = rays.map(|rays| &rays[k]).or(found.as_ref()) else { continue };
+                    let (by_sigma, by_power) =
+                        surroundings.pull_back(self.faces(), &glossy, sample, by, &mut of.brought);
+                    of.specular += by_sigma;
+                    of.power += by_power;
+                }
+            }
         }
         if request.geometry() {
             let emission = DVec3::from(self.materials[face].emission);
@@ -333,7 +402,8 @@ impl Light {
                 let share = (samples.len() as f64).recip();
                 let (by_albedo, by_emission) =
                     (reflectance * irradiances[k] * cotangent[k] * share, emission * cotangent[k] * share);
-                for Sample { ray, point, factors: Factors { slope: [albedo, emission], .. } } in samples {
+                for pattern::Sample { ray, point, factors } in samples {
+                    let Factors { slope: [albedo, emission], .. } = factors;
                     let of_pattern =
                         [0, 1, 2].map(|c| by_albedo.dot(albedo[c]) + by_emission.dot(emission[c]));
                     move_point(point, ray, DVec3::ZERO, along(of_pattern));

@@ -3,7 +3,7 @@
 //!
 //! The radiance of a face towards the camera (the operator S) holds the means of both over the face. Gathering adds, at each point x, the
 //! diffuse reflection of the differences D(x) - D and H(x) - H, and the specular reflection of lamps at the exact directions of lamp and
-//! eye. What glossy faces reflect of indirect light is gathered along rays, or that of S, which has derivatives. Where albedo or emission vary within a face, both are those at x: the
+//! eye. What glossy faces reflect of indirect light is gathered along rays, or that of S, which has derivatives by positions. Where albedo or emission vary within a face, both are those at x: the
 //! albedo and emission of the face, times the factors of its pattern.
 
 mod backward;
@@ -24,7 +24,7 @@ use glam::DVec3;
 use interpolation::Interpolation;
 use pattern::Spot;
 use rayon::prelude::*;
-use reflections::{Estimate, Glossy, Surroundings};
+use reflections::{Estimate, Faces, Glossy, Of, Sample, Surroundings};
 use sights::{Kept, POINTS, Points, Sight, Sights};
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -46,10 +46,12 @@ pub enum Shading {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Reflections {
-    /// Rays from each visible point.
+    /// Rays from each visible point, as many as accuracy needs.
     #[default]
     Rays,
-    /// The direction bins of each face, as S does: coarser, but differentiable.
+    /// Rays, too, but as many from each point, so that pictures are smooth functions of emission and materials.
+    FixedRays,
+    /// The direction bins of each face, as S does: coarser, but differentiable by everything.
     Bins,
 }
 
@@ -96,7 +98,12 @@ struct View {
     camera: Camera,
     colours: Vec<[f64; 3]>,
     sights: Kept,
+    /// Where all points have as many.
+    samples: reflections::Kept,
 }
+
+/// What is found of the points of a run, and their rays where these are to be held.
+type Found = (Vec<Estimate>, Vec<Sample>);
 
 impl Light {
     /// Reads what is needed of the latest solution of an engine for a scene.
@@ -109,7 +116,12 @@ impl Light {
     ) -> Result<Self, EngineError> {
         let view = |camera: &Camera| {
             let colours = engine.colours_without_highlights(solution, camera.position)?;
-            Ok(View { camera: camera.clone(), colours, sights: Kept::default() })
+            Ok(View {
+                camera: camera.clone(),
+                colours,
+                sights: Kept::default(),
+                samples: reflections::Kept::default(),
+            })
         };
         let views: Vec<View> = cameras.iter().map(view).collect::<Result<_, EngineError>>()?;
         let direct_irradiance = engine.direct.irradiance.clone();
@@ -118,17 +130,20 @@ impl Light {
         let interpolation = Interpolation::new(scene);
         let facets = engine.plan().facets().to_vec();
         let sharpened = interpolation.sharpened(&facets, &indirect_irradiance);
-        let by_rays = reflections == Reflections::Rays
-            && !views.is_empty()
-            && engine.materials.iter().any(Material::is_glossy);
-        let surroundings = match by_rays {
-            true => {
+        let counts = match reflections {
+            Reflections::Rays => Some(reflections::AS_NEEDED),
+            Reflections::FixedRays => Some(reflections::FIXED),
+            Reflections::Bins => None,
+        };
+        let of_use = !views.is_empty() && engine.materials.iter().any(Material::is_glossy);
+        let surroundings = match counts.filter(|_| of_use) {
+            Some(counts) => {
                 let direct = interpolation.sharpened(&facets, &direct_irradiance);
                 let all: Vec<DVec3> = direct.iter().zip(&sharpened).map(|(d, h)| *d + *h).collect();
                 let corners = |face| interpolation.corners(&facets, &all, face);
-                Some(Arc::new(Surroundings::new(engine, solution, corners)?))
+                Some(Arc::new(Surroundings::new(engine, solution, corners, counts)?))
             }
-            false => None,
+            None => None,
         };
         Ok(Self {
             direct: engine.direct.light.clone(),
@@ -149,9 +164,21 @@ impl Light {
     /// again.
     pub fn like(mut self, other: &Self) -> Self {
         if Arc::ptr_eq(&self.direct, &other.direct) && Arc::ptr_eq(&self.patterns, &other.patterns) {
+            let same_lobes = match (&self.surroundings, &other.surroundings) {
+                (Some(own), Some(other_surroundings)) => {
+                    let lobe =
+                        |material: &Material| material.is_glossy().then(|| own.density(material.power));
+                    own.is_fixed() == other_surroundings.is_fixed()
+                        && self.materials.iter().map(lobe).eq(other.materials.iter().map(lobe))
+                }
+                _ => false,
+            };
             for (own, other) in self.views.iter_mut().zip(&other.views) {
                 if own.camera == other.camera {
                     own.sights = other.sights.clone();
+                    if same_lobes {
+                        own.samples = other.samples.clone();
+                    }
                 }
             }
         }
@@ -162,7 +189,8 @@ impl Light {
     pub fn gathered(&self, view: usize, coverage: &Coverage) -> Result<Gathered, ImageError> {
         let view = &self.views[view];
         let mut pixels = coverage.pixels(&view.colours)?;
-        let error = self.add(view, coverage, &mut pixels, &|points| self.difference(view, points));
+        let error =
+            self.add(view, coverage, &mut pixels, &|points, rays| self.difference(view, points, rays));
         Ok(Gathered { pixels, error })
     }
 
@@ -181,7 +209,8 @@ impl Light {
         let colour = |(face, colour)| (self.without_emission(view, face, colour)).to_array();
         let colours: Vec<[f64; 3]> = view.colours.iter().copied().enumerate().map(colour).collect();
         let mut pixels = coverage.pixels(&colours)?;
-        let error = self.add(view, coverage, &mut pixels, &|points| self.reflected_difference(view, points));
+        let difference = |points: &Points, rays: Of| self.reflected_difference(view, points, rays);
+        let error = self.add(view, coverage, &mut pixels, &difference);
         Ok((pixels.into_iter().map(|[r, g, b, _]| DVec3::new(r, g, b)).collect(), error))
     }
 
@@ -203,10 +232,21 @@ impl Light {
         view: &View,
         coverage: &Coverage,
         pixels: &mut [[f64; 4]],
-        difference: &(dyn Fn(&Points) -> Vec<Estimate> + Sync),
+        difference: &(dyn Fn(&Points, Of) -> Found + Sync),
     ) -> f64 {
         let sights = self.sights(view, coverage);
-        let found: Vec<Vec<Estimate>> = sights.runs.par_iter().map(difference).collect();
+        let known = view.samples.of(&sights);
+        let hold =
+            self.surroundings.as_ref().is_some_and(|surroundings| surroundings.holds(sights.seen.len()));
+        let of_run = |(k, run): (usize, &Points)| match &known {
+            Some(known) => difference(run, Of::Known(&known[k])),
+            None => difference(run, Of::New { hold }),
+        };
+        let found: Vec<Found> = sights.runs.par_iter().enumerate().map(of_run).collect();
+        let (found, samples): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+        if hold && known.is_none() {
+            view.samples.hold(&sights, samples);
+        }
         let (mut errors, mut all) = (0.0, 0.0);
         for (run, found) in sights.runs.iter().zip(found) {
             let mean = self.without_emission(view, run.face, view.colours[run.face]);
@@ -258,24 +298,24 @@ impl Light {
         let of_run = |places: &[[f64; 2]]| {
             let spots: Vec<Spot> = places.iter().map(|&middle| Spot { middle, side: 0.0 }).collect();
             let points = sight.points(face, (0..places.len()).collect(), &spots, true);
-            self.difference(view, &points)
+            self.difference(view, &points, Of::New { hold: false }).0
         };
         let more = places.chunks(POINTS).flat_map(of_run);
         more.map(|more| (DVec3::from(view.colours[face]) + more.mean).to_array()).collect()
     }
 
-    /// What gathering adds to the radiance of a face at each point, W/(m² sr).
-    fn difference(&self, view: &View, points: &Points) -> Vec<Estimate> {
-        let mut differences = self.reflected_difference(view, points);
+    /// What gathering adds to the radiance of a face at each point, W/(m² sr), and the rays of each, which may be known.
+    fn difference(&self, view: &View, points: &Points, rays: Of) -> Found {
+        let (mut differences, samples) = self.reflected_difference(view, points, rays);
         let emission = DVec3::from(self.materials[points.face].emission);
         for (to, [_, of_emission]) in differences.iter_mut().zip(&points.pattern) {
             to.mean += emission * (*of_emission - 1.0);
         }
-        differences
+        (differences, samples)
     }
 
     /// Of the latter, what is reflected.
-    fn reflected_difference(&self, view: &View, points: &Points) -> Vec<Estimate> {
+    fn reflected_difference(&self, view: &View, points: &Points, rays: Of) -> Found {
         let Points { face, at, pattern, .. } = points;
         let face = *face;
         let eye = self.eye(view);
@@ -283,6 +323,7 @@ impl Light {
         let reflectance = DVec3::from(material.diffuse_albedo()) / PI;
         let radiance = self.lamp_radiance();
         let mut differences = vec![Estimate::default(); at.len()];
+        let mut samples = Vec::new();
         let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
         if reflectance != DVec3::ZERO {
             let corners = self.interpolation.corners(&self.facets, &self.sharpened, face);
@@ -306,22 +347,37 @@ impl Light {
             if let Some(surroundings) = &self.surroundings {
                 let diffuse = reflectance * means;
                 let of_bins = self.without_emission(view, face, view.colours[face]) - diffuse;
-                for (to, point) in differences.iter_mut().zip(at) {
-                    let glossy = Glossy {
-                        face,
-                        normal: facet.normal,
-                        point: *point,
-                        eye: (eye - *point).normalize_or_zero(),
-                        material,
-                        besides: diffuse + to.mean,
+                for (k, (to, point)) in differences.iter_mut().zip(at).enumerate() {
+                    let glossy = Glossy { besides: diffuse + to.mean, ..self.glossy(face, *point, eye) };
+                    let found = match rays {
+                        Of::Known(known) => surroundings.along(self.faces(), &glossy, &known[k]),
+                        Of::New { hold } => {
+                            let (found, sample) = surroundings.reflected(self.faces(), &glossy);
+                            samples.extend(hold.then_some(sample));
+                            found
+                        }
                     };
-                    let found = surroundings.reflected(&self.facets, &self.patterns, &glossy);
                     to.mean += found.mean - of_bins;
                     to.error = found.error;
                 }
             }
         }
-        differences
+        (differences, samples)
+    }
+
+    fn faces(&self) -> Faces<'_> {
+        Faces { facets: &self.facets, patterns: &self.patterns }
+    }
+
+    fn glossy(&self, face: usize, point: DVec3, eye: DVec3) -> Glossy<'_> {
+        Glossy {
+            face,
+            normal: self.facets[face].normal,
+            point,
+            eye: (eye - point).normalize_or_zero(),
+            material: &self.materials[face],
+            besides: DVec3::ZERO,
+        }
     }
 
     fn lamp_radiance(&self) -> Vec<DVec3> {

@@ -1,19 +1,25 @@
 //! What glossy faces reflect of others, gathered along rays: a row of U for each visible point, with the BRDF at the exact directions of
 //! source and eye, in place of one for each face that is read from bins.
 //!
-//! Half vectors are chosen in proportion to the lobe, so that with N rays L = σ N(p) 8π/(p + 1) Σ ⟨e, h⟩ cosθ L(ω) / N, where rays below the
-//! surface bring nothing. A ray brings what the face that it meets emits, unless that is a lamp whose highlight is exact; what it reflects
+//! Half vectors are chosen in proportion to the lobe of a power q, so that with N rays L = σ N(p) 8π/(q + 1) Σ ⟨h, n⟩^(p - q) ⟨e, h⟩ cosθ L(ω) / N,
+//! where rays below the surface bring nothing. q is p, or near it where rays must not move with p. A ray brings what the face that it meets emits, unless that is a lamp whose highlight is exact; what it reflects
 //! diffusely, interpolated; and what it reflects specularly, out of bins.
 
+use super::sights::Sights;
 use crate::direct::{barycentric, mixed};
-use crate::model::{Bins, Facet};
+use crate::model::{Bins, Facet, Taps};
 use crate::scene::{Material, Patterns, Rays};
 use crate::{Engine, EngineError, Solution};
 use glam::DVec3;
+use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Rays of a point: at first, and at most. Powers of two fill the unit square most evenly.
-const RAYS: [u32; 2] = [16, 512];
+pub const AS_NEEDED: [u32; 2] = [16, 512];
+
+/// The same, where all points have as many.
+pub const FIXED: [u32; 2] = [64, 64];
 
 /// Standard error, relative to what is seen of the point, up to which there are more.
 const ERROR: f64 = 0.01;
@@ -21,18 +27,24 @@ const ERROR: f64 = 0.01;
 /// Parts of a point's rays, one after the other, whose means tell the error.
 const PARTS: u32 = 4;
 
+/// Largest number of rays to hold: 200 MB.
+const MOST_KEPT: usize = 5_000_000;
+
 /// What rays see of the faces of a solution.
 pub struct Surroundings {
     rays: Rays,
-    /// Per face, W/(m² sr).
+    /// Per face, W/(m² sr); of lamps zero.
     emission: Vec<DVec3>,
-    /// Per face, diffuse radiance at its corners, W/(m² sr).
-    diffuse: Vec<[DVec3; 3]>,
+    /// Per face, δρ/π, and the irradiance at its corners, W/m².
+    reflectance: Vec<DVec3>,
+    irradiance: Vec<[DVec3; 3]>,
     bins: Bins,
     /// Specular radiance per bin, of the faces that have one, W/(m² sr).
-    specular: Vec<[f32; 3]>,
+    specular: Vec<DVec3>,
     /// Per face, where its bins begin.
     begin: Vec<Option<usize>>,
+    /// Rays of a point: at first, and at most.
+    counts: [u32; 2],
 }
 
 impl std::fmt::Debug for Surroundings {
@@ -41,7 +53,15 @@ impl std::fmt::Debug for Surroundings {
     }
 }
 
+/// Faces, and how their light varies within them.
+#[derive(Clone, Copy)]
+pub struct Faces<'a> {
+    pub facets: &'a [Facet],
+    pub patterns: &'a Patterns,
+}
+
 /// A point of a glossy face, and the eye that looks at it.
+#[derive(Clone, Copy)]
 pub struct Glossy<'a> {
     pub face: usize,
     pub normal: DVec3,
@@ -53,11 +73,47 @@ pub struct Glossy<'a> {
     pub besides: DVec3,
 }
 
+/// A ray that meets the front of a face.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    face: u32,
+    /// Its number among those of the point.
+    number: u32,
+    /// The first two barycentric coordinates of where it does.
+    at: [f64; 2],
+    /// 8π/(q + 1) ⟨e, h⟩ cosθ.
+    weight: f64,
+    /// ⟨h, n⟩.
+    cosine: f64,
+}
+
+/// The rays of a point that meet fronts.
+#[derive(Clone, Debug, Default)]
+pub struct Sample {
+    pub rays: Vec<Ray>,
+    /// All rays.
+    count: u32,
+    /// q.
+    power: f64,
+}
+
 /// Radiance and its standard error, W/(m² sr).
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Estimate {
     pub mean: DVec3,
     pub error: DVec3,
+}
+
+/// Derivatives of a loss through what rays bring of a face.
+#[derive(Clone, Debug, Default)]
+pub struct OfFace {
+    pub emission: DVec3,
+    /// By δρ.
+    pub albedo: DVec3,
+    /// By the irradiance at its corners.
+    pub irradiance: [DVec3; 3],
+    /// By its specular radiance per bin; empty where it has none.
+    pub specular: Vec<DVec3>,
 }
 
 impl Surroundings {
@@ -66,12 +122,13 @@ impl Surroundings {
         engine: &mut Engine,
         solution: &Solution,
         irradiance: impl Fn(usize) -> [DVec3; 3],
+        counts: [u32; 2],
     ) -> Result<Self, EngineError> {
         let (mut specular, mut begin) = (Vec::new(), vec![None; solution.irradiance.len()]);
         engine.check_own(solution)?;
         engine.each_specular(&solution.state, &mut |face, bins| {
             begin[face] = Some(specular.len());
-            specular.extend(bins.iter().map(|rgb| rgb.as_vec3().to_array()));
+            specular.extend_from_slice(bins);
         })?;
         let (plan, materials) = (engine.plan(), &engine.materials);
         let facets = plan.facets();
@@ -79,94 +136,218 @@ impl Surroundings {
         for &i in engine.direct.light.lamps().iter().flat_map(|lamp| &lamp.triangles) {
             emission[i as usize] = DVec3::ZERO;
         }
-        let diffuse = |(face, material): (usize, &Material)| {
-            irradiance(face).map(|h| DVec3::from(material.diffuse_albedo()) / PI * h)
-        };
         let corners = facets.iter().map(|facet| facet.corners).collect();
+        let reflectance = |material: &Material| DVec3::from(material.diffuse_albedo()) / PI;
         Ok(Self {
             rays: Rays::among(corners, |i| facets[*i as usize].area > 0.0),
             emission,
-            diffuse: materials.iter().enumerate().map(diffuse).collect(),
+            reflectance: materials.iter().map(reflectance).collect(),
+            irradiance: (0..facets.len()).map(irradiance).collect(),
             bins: plan.bins().clone(),
             specular,
             begin,
+            counts,
         })
     }
 
-    /// What the lobe of a point reflects towards the eye of all that rays meet.
-    pub fn reflected(&self, facets: &[Facet], patterns: &Patterns, at: &Glossy) -> Estimate {
-        let Glossy { face, normal, point, eye, material, besides } = *at;
-        let power = material.power;
-        let scale = DVec3::from(material.lobe_scale()) * (8.0 * PI / (power + 1.0));
-        let across = normal.any_orthonormal_pair();
-        let coordinates = point.to_array().map(f64::to_bits);
-        let seed = coordinates.into_iter().fold(face as u64, |seed, bits| mixed(seed ^ bits));
-        let shift = [seed as u32, (seed >> 32) as u32];
-        let along_ray = |ray: u32| {
-            let [u, v] = sobol(ray, shift);
-            let cosine = u.powf(1.0 / (power + 1.0));
-            let (sin, cos) = (TAU * v).sin_cos();
-            let level = (1.0 - cosine * cosine).max(0.0).sqrt();
-            let half = cosine * normal + level * (cos * across.0 + sin * across.1);
-            let along = eye.dot(half);
-            let direction = 2.0 * along * half - eye;
-            let incident = direction.dot(normal);
-            match along > 0.0 && incident > 0.0 {
-                true => along * incident * self.seen(facets, patterns, face, point, direction),
-                false => DVec3::ZERO,
-            }
-        };
-        let [mut count, most] = RAYS;
-        // Of parts of the first rays, and of as many rays more.
-        let (length, mut sums) = (count / PARTS, Vec::new());
+    /// Whether all points have as many rays.
+    pub fn is_fixed(&self) -> bool {
+        self.counts[0] == self.counts[1]
+    }
+
+    /// q: where all points have as many rays, these are the same for lobes of similar power, so that pictures are smooth functions of it.
+    pub fn density(&self, power: f64) -> f64 {
+        if self.is_fixed() { (power + 1.0).log2().round().exp2() - 1.0 } else { power }
+    }
+
+    /// Whether the rays of a number of points can be held: all have as many, and these are not too many.
+    pub fn holds(&self, points: usize) -> bool {
+        self.is_fixed() && points.saturating_mul(self.counts[1] as usize) <= MOST_KEPT
+    }
+
+    /// What the lobe of a point reflects towards the eye of all that rays meet, and these.
+    pub fn reflected(&self, faces: Faces, at: &Glossy) -> (Estimate, Sample) {
+        let [mut count, most] = self.counts;
+        let mut sample = Sample { power: self.density(at.material.power), ..Sample::default() };
         loop {
-            let begins = (sums.len() as u32 * length..count).step_by(length as usize);
-            sums.extend(begins.map(|begin| (begin..begin + length).map(along_ray).sum::<DVec3>()));
-            let of_part = scale * f64::from(PARTS) / f64::from(count);
-            let parts = sums.chunks(sums.len() / PARTS as usize);
-            let means = parts.map(|part| of_part * part.iter().sum::<DVec3>());
-            let mean = means.clone().sum::<DVec3>() / f64::from(PARTS);
-            let squares: DVec3 = means.map(|of_part| (of_part - mean).powf(2.0)).sum();
-            let error = (squares / f64::from(PARTS * (PARTS - 1))).map(f64::sqrt);
-            let seen = (mean + besides).abs().element_sum();
-            if count >= most || error.element_sum() <= ERROR * seen {
-                return Estimate { mean, error };
+            sample.rays.extend(
+                (sample.count..count).filter_map(|number| self.ray(faces.facets, at, sample.power, number)),
+            );
+            sample.count = count;
+            let found = self.along(faces, at, &sample);
+            let seen = (found.mean + at.besides).abs().element_sum();
+            if count >= most || found.error.element_sum() <= ERROR * seen {
+                return (found, sample);
             }
             count *= 2;
         }
     }
 
-    /// Radiance that arrives at a point of a face from a direction, exact lamps left out.
-    fn seen(
-        &self,
-        facets: &[Facet],
-        patterns: &Patterns,
-        from: usize,
-        point: DVec3,
-        direction: DVec3,
-    ) -> DVec3 {
-        let Some((face, distance)) = self.rays.nearest(point, direction, Some(from)) else {
-            return DVec3::ZERO;
-        };
-        let facet = &facets[face];
-        if direction.dot(facet.normal) >= 0.0 {
-            // Backs are black.
-            return DVec3::ZERO;
+    /// The same along given rays.
+    pub fn along(&self, faces: Faces, at: &Glossy, sample: &Sample) -> Estimate {
+        let scale = DVec3::from(at.material.lobe_scale()) / f64::from(sample.count);
+        let mut parts = [DVec3::ZERO; PARTS as usize];
+        for ray in &sample.rays {
+            let weight = ray.weight(at.material.power, sample.power);
+            parts[(ray.number * PARTS / sample.count) as usize] +=
+                weight * self.radiance(faces, at.point, ray);
         }
-        let b = barycentric(facet.corners, facet.normal, point + distance * direction);
-        let diffuse = self.diffuse[face];
-        let diffuse = diffuse[0] * b.x + diffuse[1] * b.y + diffuse[2] * b.z;
-        let [of_albedo, of_emission] = patterns.at(face, b).map_or([DVec3::ONE; 2], |factors| factors.value);
+        let mean = scale * parts.iter().sum::<DVec3>();
+        let of_parts = parts.map(|part| f64::from(PARTS) * scale * part - mean);
+        let squares: DVec3 = of_parts.iter().map(|off| off * off).sum();
+        Estimate { mean, error: (squares / f64::from(PARTS * (PARTS - 1))).map(f64::sqrt) }
+    }
+
+    /// A ray of a point by its number; `None` where it goes below the surface or meets no front.
+    fn ray(&self, facets: &[Facet], at: &Glossy, power: f64, number: u32) -> Option<Ray> {
+        let Glossy { face, normal, point, eye, .. } = *at;
+        let coordinates = point.to_array().map(f64::to_bits);
+        let seed = coordinates.into_iter().fold(face as u64, |seed, bits| mixed(seed ^ bits));
+        let [u, v] = sobol(number, [seed as u32, (seed >> 32) as u32]);
+        let across = normal.any_orthonormal_pair();
+        let cosine = u.powf(1.0 / (power + 1.0));
+        let (sin, cos) = (TAU * v).sin_cos();
+        let level = (1.0 - cosine * cosine).max(0.0).sqrt();
+        let half = cosine * normal + level * (cos * across.0 + sin * across.1);
+        let along = eye.dot(half);
+        let direction = 2.0 * along * half - eye;
+        let incident = direction.dot(normal);
+        if along <= 0.0 || incident <= 0.0 {
+            return None;
+        }
+        let (met, distance) = self.rays.nearest(point, direction, Some(face))?;
+        let facet = &facets[met];
+        // Backs are black.
+        (direction.dot(facet.normal) < 0.0).then(|| {
+            let b = barycentric(facet.corners, facet.normal, point + distance * direction);
+            let weight = 8.0 * PI / (power + 1.0) * along * incident;
+            Ray { face: met as u32, number, at: [b.x, b.y], weight, cosine }
+        })
+    }
+
+    /// What a ray brings to a point, W/(m² sr).
+    fn radiance(&self, Faces { facets, patterns }: Faces, point: DVec3, ray: &Ray) -> DVec3 {
+        let (face, b) = (ray.face as usize, ray.barycentric());
+        let irradiance = self.irradiance[face];
+        let irradiance = irradiance[0] * b.x + irradiance[1] * b.y + irradiance[2] * b.z;
+        let [of_albedo, of_emission] = factors(patterns, face, b);
         let specular = |begin: usize| -> DVec3 {
-            let taps = self.bins.taps(facet.to_local(-direction));
-            taps.iter()
-                .map(|&(bin, weight)| weight * DVec3::from(self.specular[begin + bin].map(f64::from)))
+            self.taps(&facets[face], b, point)
+                .iter()
+                .map(|&(bin, weight)| weight * self.specular[begin + bin])
                 .sum()
         };
         of_emission * self.emission[face]
-            + of_albedo * diffuse
+            + of_albedo * self.reflectance[face] * irradiance
             + self.begin[face].map_or(DVec3::ZERO, specular)
     }
+
+    /// The bins of a face towards a point, from a place of it.
+    fn taps(&self, facet: &Facet, b: DVec3, point: DVec3) -> Taps {
+        let [x, y, z] = facet.corners;
+        let towards = point - (x * b.x + y * b.y + z * b.z);
+        self.bins.taps(facet.to_local(towards.normalize_or_zero()))
+    }
+
+    /// Derivatives of a loss by all that rays bring to a point, where `cotangent` is that by what the lobe reflects, W/(m² sr): adds those by
+    /// the faces that they meet, and returns those by σ and p.
+    pub fn pull_back(
+        &self,
+        faces: Faces,
+        at: &Glossy,
+        sample: &Sample,
+        cotangent: DVec3,
+        to: &mut BTreeMap<usize, OfFace>,
+    ) -> (DVec3, f64) {
+        let material = at.material;
+        let n = material.specular_normalization();
+        let sigma = DVec3::from(material.specular);
+        let (mut by_sigma, mut by_power) = (DVec3::ZERO, 0.0);
+        // σ N(p) ⟨h, n⟩^p, the rays and their density held fixed.
+        let slope = material.specular_normalization_derivative() / n;
+        for ray in &sample.rays {
+            let weight = ray.weight(material.power, sample.power) / f64::from(sample.count);
+            let brought = n * weight * cotangent * self.radiance(faces, at.point, ray);
+            by_sigma += brought;
+            by_power += sigma.dot(brought) * (slope + ray.cosine.max(1e-20).ln());
+            let by_radiance = n * weight * sigma * cotangent;
+            let (face, b) = (ray.face as usize, ray.barycentric());
+            let [of_albedo, of_emission] = factors(faces.patterns, face, b);
+            let of_face = to.entry(face).or_default();
+            of_face.emission += of_emission * by_radiance;
+            let irradiance = self.irradiance[face];
+            let by_reflected = of_albedo * by_radiance;
+            for (k, b) in b.to_array().into_iter().enumerate() {
+                of_face.albedo += b * irradiance[k] / PI * by_reflected;
+                of_face.irradiance[k] += b * self.reflectance[face] * by_reflected;
+            }
+            if self.begin[face].is_some() {
+                of_face.specular.resize(self.bins.count(), DVec3::ZERO);
+                for (bin, weight) in self.taps(&faces.facets[face], b, at.point) {
+                    of_face.specular[bin] += weight * by_radiance;
+                }
+            }
+        }
+        (by_sigma, by_power)
+    }
+}
+
+/// The samples of all points of a picture, by its runs, once they are known; clones share them.
+#[derive(Clone, Debug, Default)]
+pub struct Kept(Arc<Mutex<Option<OfPicture>>>);
+
+type OfPicture = (Arc<Sights>, Arc<Samples>);
+
+/// Of each run of points, by point.
+pub type Samples = Vec<Vec<Sample>>;
+
+/// The rays of a run of points.
+#[derive(Clone, Copy)]
+pub enum Of<'a> {
+    /// Known, by point.
+    Known(&'a [Sample]),
+    /// To be found; returned where they are to be held.
+    New { hold: bool },
+}
+
+impl Kept {
+    /// Those of the points of a picture, if they are held.
+    pub fn of(&self, sights: &Arc<Sights>) -> Option<Arc<Samples>> {
+        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.as_ref().filter(|(of, _)| Arc::ptr_eq(of, sights)).map(|(_, samples)| samples.clone())
+    }
+
+    pub fn hold(&self, sights: &Arc<Sights>, samples: Samples) {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        *kept = Some((sights.clone(), Arc::new(samples)));
+    }
+}
+
+impl Ray {
+    /// What it brings to a lobe of power p counts as much, over the number of rays.
+    fn weight(&self, p: f64, q: f64) -> f64 {
+        self.weight * self.cosine.powf(p - q)
+    }
+
+    fn barycentric(&self) -> DVec3 {
+        let [x, y] = self.at;
+        DVec3::new(x, y, 1.0 - x - y)
+    }
+}
+
+impl OfFace {
+    pub fn add(&mut self, other: Self) {
+        self.emission += other.emission;
+        self.albedo += other.albedo;
+        self.irradiance.iter_mut().zip(other.irradiance).for_each(|(to, by)| *to += by);
+        self.specular.resize(self.specular.len().max(other.specular.len()), DVec3::ZERO);
+        self.specular.iter_mut().zip(other.specular).for_each(|(to, by)| *to += by);
+    }
+}
+
+/// Of albedo and emission at a place of a face.
+fn factors(patterns: &Patterns, face: usize, b: DVec3) -> [DVec3; 2] {
+    patterns.at(face, b).map_or([DVec3::ONE; 2], |factors| factors.value)
 }
 
 /// A point of the sequence of Sobol' (1967) in the unit square, digits shifted: the first 2^k fill it evenly, and so do the next ones.
@@ -220,10 +401,12 @@ mod tests {
         let surroundings = Surroundings {
             rays: Rays::among(corners, |_| true),
             emission,
-            diffuse: vec![[DVec3::ZERO; 3]; count],
+            reflectance: vec![DVec3::ZERO; count],
+            irradiance: vec![[DVec3::ZERO; 3]; count],
             bins: Bins::new(BinLayout::Concentric { n: 2 }, Weights::Bilinear),
             specular: Vec::new(),
             begin: vec![None; count],
+            counts: AS_NEEDED,
         };
         (facets, surroundings)
     }
@@ -283,7 +466,8 @@ mod tests {
                 let besides = DVec3::ZERO;
                 let point = DVec3::new(0.01, -0.02, 0.03) * 0.1;
                 let at = Glossy { face: usize::MAX, normal, point, eye, material: &material, besides };
-                let Estimate { mean, error } = surroundings.reflected(&facets, &patterns, &at);
+                let faces = Faces { facets: &facets, patterns: &patterns };
+                let (Estimate { mean, error }, _) = surroundings.reflected(faces, &at);
                 let off = (mean.x - expected).abs();
                 println!(
                     "p = {power}, {degrees}°: {} ± {} {expected} {:.1e}",

@@ -69,8 +69,8 @@ pub struct Arguments {
     /// draw flat faces
     #[arg(long, value_name = "HOW", value_enum, default_value_t, conflicts_with = "smooth")]
     shading: Shading,
-    /// What glossy faces mirror of other faces in gathered pictures: by rays from each visible point, or out of the direction
-    /// bins of each face, as fits see it
+    /// What glossy faces mirror of other faces in gathered pictures: by rays from each visible point, as many as it takes; by the same
+    /// number from each, as fits of materials see it; or out of direction bins, as fits of positions and cameras do
     #[arg(long, value_name = "HOW", value_enum, default_value_t)]
     reflections: Reflections,
     /// Former name of --shading smooth
@@ -407,10 +407,7 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     }
     let noise = report.reflections_error.values().fold(0.0, |most: f64, error| most.max(*error));
     if noise > 0.0 {
-        antirad::say!(
-            "mirrored    by rays: standard error {:.2} % of a picture (--reflections=bins: as fits see it)",
-            100.0 * noise
-        );
+        antirad::say!("mirrored    by rays: standard error {:.2} % of a picture", 100.0 * noise);
     }
     if let Some(refinement) = &report.refinement {
         for (step, number) in refinement.steps.iter().zip(1..) {
