@@ -3,13 +3,16 @@
 use super::{GradientRequest, Placement, Plan, PlanError};
 use crate::direct::{DirectLight, Lamp, Visibility, lamps};
 use crate::model::{Bins, Facet, coplanar_tolerance};
-use crate::scene::{Lamps, Scene};
+use crate::scene::{Lamps, Scene, Transport};
 
 /// Lamps up to which direct light is exact unless stated.
 const MOST: usize = 128;
 /// Blockers and edges looked at up to which it is, per pair of triangles and in addition: two or three times a solve, and a second.
 const TESTS_PER_PAIR: f64 = 8.0;
 const FEW_TESTS: f64 = 2e7;
+/// Pairs of a triangle with clusters, about, and the error of these from which on rays are accurate enough.
+const CLUSTERS: usize = 4000;
+const COARSE: f64 = 0.002;
 /// Lamps up to which direct light is sampled unless stated, and numbers to hold: of each triangle and lamp, for glossy ones of each bin.
 const MOST_SAMPLED: usize = 1024;
 const MOST_HELD: usize = 100_000_000;
@@ -48,10 +51,13 @@ pub(super) fn choose(
 ) -> Result<Chosen, PlanError> {
     let lamps = lamps(scene, facets, coplanar_tolerance(facets));
     let emitters = lamps.len();
-    let affordable = || {
-        let pairs = (facets.len() as f64).powi(2);
-        DirectLight::takes_at_most(facets, &lamps, TESTS_PER_PAIR * pairs + FEW_TESTS)
+    let affordable = |others: usize| {
+        let pairs = facets.len() as f64 * others as f64;
+        emitters <= MOST && DirectLight::takes_at_most(facets, &lamps, TESTS_PER_PAIR * pairs + FEW_TESTS)
     };
+    let clustered = matches!(scene.settings.transport, Transport::Hierarchical { error } if error >= COARSE);
+    let all = facets.len();
+    let summed = if clustered { all.min(CLUSTERS) } else { all };
     let moves = gradients.positions || gradients.camera;
     let sampled = || {
         let glossy = (0..facets.len()).filter(|&i| scene.material(i).is_glossy()).count();
@@ -65,8 +71,12 @@ pub(super) fn choose(
         Lamps::Sampled if moves => return Err(PlanError::SampledLamps),
         Lamps::Sampled => Some(Visibility::Sampled),
         Lamps::Antiradiance => None,
-        Lamps::Auto if emitters == 0 || emitters <= MOST && affordable() => Some(Visibility::Exact),
-        Lamps::Auto => sampled(),
+        Lamps::Auto if emitters == 0 || affordable(summed) => Some(Visibility::Exact),
+        Lamps::Auto => {
+            // With derivatives rather exactly than through bins, even where clusters make the solve fast.
+            let slowly = || (summed < all && affordable(all)).then_some(Visibility::Exact);
+            sampled().or_else(slowly)
+        }
     };
     Ok(match visibility {
         Some(visibility) => Chosen { lamps, visibility, emitters },
@@ -119,5 +129,29 @@ impl Plan {
         let count = |visibility| if self.visibility == visibility { self.lamps.len() } else { 0 };
         let (exact, sampled) = (count(Visibility::Exact), count(Visibility::Sampled));
         LampsReport { exact, sampled, emitters: self.emitters, triangles, why }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::LoadOptions;
+
+    /// Exact shadows of a statue take about as long as a solve by all pairs, and far longer than one with clusters.
+    #[test]
+    fn clusters_take_rays_where_their_error_allows() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/statue.toml");
+        let scene = Scene::load(std::path::Path::new(file), &LoadOptions::default()).expect("a statue");
+        let facets = Placement::of(&scene).facets(&scene);
+        let chosen = |transport: Transport, gradients: GradientRequest| {
+            let scene = Scene { settings: scene.settings.transport(transport), ..scene.clone() };
+            choose(&scene, &facets, Lamps::Auto, gradients).expect("a choice").visibility
+        };
+        let none = GradientRequest::default();
+        assert_eq!(chosen(Transport::Auto, none), Visibility::Exact);
+        assert_eq!(chosen(Transport::Hierarchical { error: 0.003 }, none), Visibility::Sampled);
+        assert_eq!(chosen(Transport::Hierarchical { error: 0.001 }, none), Visibility::Exact);
+        let positions = GradientRequest::default().positions(true);
+        assert_eq!(chosen(Transport::Hierarchical { error: 0.003 }, positions), Visibility::Exact);
     }
 }
