@@ -3,7 +3,7 @@
 use super::{GradientRequest, Placement, Plan, PlanError};
 use crate::direct::{DirectLight, Lamp, Visibility, lamps};
 use crate::model::{Bins, Facet, coplanar_tolerance};
-use crate::scene::{Lamps, Scene, Transport};
+use crate::scene::{Lamps, Scene, SolveSettings, Transport};
 
 /// Lamps up to which direct light is exact unless stated.
 const MOST: usize = 128;
@@ -46,7 +46,7 @@ pub(crate) struct Chosen {
 pub(super) fn choose(
     scene: &Scene,
     facets: &[Facet],
-    setting: Lamps,
+    settings: &SolveSettings,
     gradients: GradientRequest,
 ) -> Result<Chosen, PlanError> {
     let lamps = lamps(scene, facets, coplanar_tolerance(facets));
@@ -55,18 +55,18 @@ pub(super) fn choose(
         let pairs = facets.len() as f64 * others as f64;
         emitters <= MOST && DirectLight::takes_at_most(facets, &lamps, TESTS_PER_PAIR * pairs + FEW_TESTS)
     };
-    let clustered = matches!(scene.settings.transport, Transport::Hierarchical { error } if error >= COARSE);
+    let clustered = matches!(settings.transport, Transport::Hierarchical { error } if error >= COARSE);
     let all = facets.len();
     let summed = if clustered { all.min(CLUSTERS) } else { all };
     let moves = gradients.positions || gradients.camera;
     let sampled = || {
         let glossy = (0..facets.len()).filter(|&i| scene.material(i).is_glossy()).count();
-        let bins = Bins::new(scene.settings.bins, scene.settings.weights).count();
+        let bins = Bins::new(settings.bins, settings.weights).count();
         let held = emitters.saturating_mul(facets.len() + glossy * bins);
         let few = emitters <= MOST_SAMPLED && held <= MOST_HELD;
         (few && !moves && !gradients.emission).then_some(Visibility::Sampled)
     };
-    let visibility = match setting {
+    let visibility = match settings.lamps {
         Lamps::Exact => Some(Visibility::Exact),
         Lamps::Sampled if moves => return Err(PlanError::SampledLamps),
         Lamps::Sampled => Some(Visibility::Sampled),
@@ -89,7 +89,7 @@ pub(crate) fn direct_lamps(scene: &Scene) -> (Vec<Facet>, Vec<Lamp>, Visibility)
     let facets = Placement::of(scene).facets(scene);
     // Nothing is refused without derivatives.
     let Chosen { lamps, visibility, .. } =
-        choose(scene, &facets, scene.settings.lamps, GradientRequest::default()).unwrap_or_default();
+        choose(scene, &facets, &scene.settings, GradientRequest::default()).unwrap_or_default();
     (facets, lamps, visibility)
 }
 
@@ -144,8 +144,8 @@ mod tests {
         let scene = Scene::load(std::path::Path::new(file), &LoadOptions::default()).expect("a statue");
         let facets = Placement::of(&scene).facets(&scene);
         let chosen = |transport: Transport, gradients: GradientRequest| {
-            let scene = Scene { settings: scene.settings.transport(transport), ..scene.clone() };
-            choose(&scene, &facets, Lamps::Auto, gradients).expect("a choice").visibility
+            let settings = scene.settings.transport(transport);
+            choose(&scene, &facets, &settings, gradients).expect("a choice").visibility
         };
         let none = GradientRequest::default();
         assert_eq!(chosen(Transport::Auto, none), Visibility::Exact);

@@ -282,7 +282,7 @@ impl Plan {
         let mut classes = classify(scene);
         let Chosen { lamps, visibility, emitters } = match options.occlusion {
             Occlusion::Nothing => Chosen::default(),
-            _ => lamps::choose(scene, &facets, settings.lamps, options.gradients)?,
+            _ => lamps::choose(scene, &facets, settings, options.gradients)?,
         };
         match options.occlusion {
             Occlusion::Exact => {}
