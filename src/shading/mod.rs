@@ -135,16 +135,14 @@ impl Light {
             Reflections::FixedRays => Some(reflections::FIXED),
             Reflections::Bins => None,
         };
-        let of_use = !views.is_empty() && engine.materials.iter().any(Material::is_glossy);
-        let surroundings = match counts.filter(|_| of_use) {
-            Some(counts) => {
-                let direct = interpolation.sharpened(&facets, &direct_irradiance);
-                let all: Vec<DVec3> = direct.iter().zip(&sharpened).map(|(d, h)| *d + *h).collect();
-                let corners = |face| interpolation.corners(&facets, &all, face);
-                Some(Arc::new(Surroundings::new(engine, solution, corners, counts)?))
-            }
-            None => None,
-        };
+        let mirrors = !views.is_empty() && engine.materials.iter().any(Material::is_glossy);
+        let surroundings = counts.filter(|_| mirrors).map(|counts| {
+            let direct = interpolation.sharpened(&facets, &direct_irradiance);
+            let all: Vec<DVec3> = direct.iter().zip(&sharpened).map(|(d, h)| *d + *h).collect();
+            let corners = |face| interpolation.corners(&facets, &all, face);
+            Surroundings::new(engine, solution, corners, counts).map(Arc::new)
+        });
+        let surroundings = surroundings.transpose()?;
         Ok(Self {
             direct: engine.direct.light.clone(),
             placement: engine.plan().placement(),
@@ -164,25 +162,24 @@ impl Light {
     /// again.
     pub fn like(mut self, other: &Self) -> Self {
         if Arc::ptr_eq(&self.direct, &other.direct) && Arc::ptr_eq(&self.patterns, &other.patterns) {
-            let same_lobes = match (&self.surroundings, &other.surroundings) {
-                (Some(own), Some(other_surroundings)) => {
-                    let lobe =
-                        |material: &Material| material.is_glossy().then(|| own.density(material.power));
-                    own.is_fixed() == other_surroundings.is_fixed()
-                        && self.materials.iter().map(lobe).eq(other.materials.iter().map(lobe))
-                }
-                _ => false,
-            };
+            let same_rays = self.densities() == other.densities();
             for (own, other) in self.views.iter_mut().zip(&other.views) {
                 if own.camera == other.camera {
                     own.sights = other.sights.clone();
-                    if same_lobes {
+                    if same_rays {
                         own.samples = other.samples.clone();
                     }
                 }
             }
         }
         self
+    }
+
+    /// What decides the rays of points, beside these: of each face that has some, the power of their density.
+    fn densities(&self) -> Option<Vec<Option<f64>>> {
+        let surroundings = self.surroundings.as_ref().filter(|surroundings| surroundings.is_fixed())?;
+        let of = |material: &Material| material.is_glossy().then(|| surroundings.density(material.power));
+        Some(self.materials.iter().map(of).collect())
     }
 
     /// The pixels of a camera's picture. `view`: number of the camera; `coverage`: what it sees.
