@@ -90,7 +90,8 @@ struct OfPoints {
 
 /// Derivatives of a loss of pictures made by [`Light::pixels`], as [`Engine::backward_with`] returns those of its results, and by the target
 /// of each camera, per metre. Cameras turn towards their targets as they move. The light must be
-/// that of the solution. Where rays tell what glossy faces mirror, there are none by positions. The movement of silhouettes is not included ([`crate::image::geometry_gradient`]).
+/// that of the solution. Where rays tell what glossy faces mirror, there are none by positions. The movement of silhouettes is not
+/// included ([`crate::image::geometry_gradient`]).
 pub fn backward(
     engine: &mut Engine,
     solution: &Solution,

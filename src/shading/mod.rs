@@ -3,8 +3,8 @@
 //!
 //! The radiance of a face towards the camera (the operator S) holds the means of both over the face. Gathering adds, at each point x, the
 //! diffuse reflection of the differences D(x) - D and H(x) - H, and the specular reflection of lamps at the exact directions of lamp and
-//! eye. What glossy faces reflect of indirect light is gathered along rays, or that of S, which has derivatives by positions. Where albedo or emission vary within a face, both are those at x: the
-//! albedo and emission of the face, times the factors of its pattern.
+//! eye. What glossy faces reflect of indirect light is gathered along rays, or that of S, which has derivatives by positions. Where albedo
+//! or emission vary within a face, both are those at x: the albedo and emission of the face, times the factors of its pattern.
 
 mod backward;
 mod interpolation;

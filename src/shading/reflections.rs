@@ -1,9 +1,10 @@
 //! What glossy faces reflect of others, gathered along rays: a row of U for each visible point, with the BRDF at the exact directions of
 //! source and eye, in place of one for each face that is read from bins.
 //!
-//! Half vectors are chosen in proportion to the lobe of a power q, so that with N rays L = σ N(p) 8π/(q + 1) Σ ⟨h, n⟩^(p - q) ⟨e, h⟩ cosθ L(ω) / N,
-//! where rays below the surface bring nothing. q is p, or near it where rays must not move with p. A ray brings what the face that it meets emits, unless that is a lamp whose highlight is exact; what it reflects
-//! diffusely, interpolated; and what it reflects specularly, out of bins.
+//! Half vectors are chosen in proportion to the lobe of a power q, so that with n rays the radiance is
+//! σ N(p) 8π/(q + 1) Σ ⟨h, n⟩^(p - q) ⟨e, h⟩ cosθ L(ω) / n, where rays below the surface bring nothing. q is p, or near it where rays must not move with p. A ray brings what the face that it
+//! meets emits, unless that is a lamp, whose highlight is exact; what it reflects diffusely, interpolated; and what it reflects specularly,
+//! out of bins.
 
 use super::sights::Sights;
 use crate::direct::{barycentric, mixed};
