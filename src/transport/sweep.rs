@@ -102,6 +102,9 @@ const CORNER_REALS: f64 = 12.0;
 /// Pairs of pieces at the first level of the near field.
 const PIECES: u32 = 16;
 
+/// Bytes of partners' bins that stay in the second-level cache of a CPU's core while a dispatch reads them.
+const CACHED_BYTES: u64 = 1 << 20;
+
 /// Close partners per target and dispatch where a driver does not count iterations.
 const TAKE_OF_GPUS: u32 = 256;
 
@@ -133,6 +136,8 @@ pub struct Sweep {
     pub(super) far: Pipeline,
     /// Workgroups of `far` per tile, list or group of targets.
     pub(super) workgroups: u32,
+    /// Tiles of partners per dispatch of `far` over tiles.
+    run_tiles: u32,
     near: Option<Pipeline>,
     /// Lanes of a workgroup of `near`.
     lanes: u32,
@@ -219,6 +224,10 @@ impl Sweep {
         Ok(Self {
             far: Pipeline::new(device, far.0.of(precision), far.1, far_push, &of_far, required)?,
             workgroups: if single { targets / lanes } else { 1 },
+            run_tiles: match info.kind {
+                DeviceKind::Cpu if gathers > 0 && deposits == 0 => cached_tiles(plan),
+                _ => plan.partner_tiles(),
+            },
             near: near
                 .map(|(shader, buffers)| {
                     Pipeline::new(device, shader.of(precision), buffers, near_push, &of_near, None)
@@ -267,10 +276,10 @@ impl Sweep {
         let Context { device, plan, .. } = context;
         let Between { targets, partners, lists, first_slot } = between;
         let tile = plan.layout.tile;
-        let Self { far, far_pace, workgroups, bytes, shape, .. } = self;
+        let Self { far, far_pace, workgroups, run_tiles, bytes, shape, .. } = self;
         let mut passed = 0;
         let mut bundle = Bundle::new(device, far_pace, monitor);
-        for run in tile_runs(&partners.tiles, plan.partner_tiles()) {
+        for run in tile_runs(&partners.tiles, *run_tiles) {
             let pairs_of_row = u64::from(tile * tile) * run.len() as u64;
             let mut begin = targets.tiles.start;
             while begin < targets.tiles.end {
@@ -447,6 +456,14 @@ fn shares_deposits(device: &Device, plan: &Plan, lanes: u32, sets: u64) -> bool 
     info.kind == DeviceKind::Cpu
         && plan.channels == 3
         && bytes + fetched <= u64::from(info.shared_memory_bytes)
+}
+
+/// Tiles of partners whose bins are cached together: each workgroup of a dispatch reads all of them, a few bins of each
+/// triangle. Where targets have bins, too, adding the sums of a dispatch to them would cost more than that. A power of
+/// two, which divides [`Plan::partner_tiles`], so that sums don't depend on where pages end.
+fn cached_tiles(plan: &Plan) -> u32 {
+    let fitting = (CACHED_BYTES / plan.tile_bytes()).clamp(1, plan.partner_tiles().into()) as u32;
+    1 << fitting.ilog2()
 }
 
 /// Number of pairs of tiles between which light may pass.
