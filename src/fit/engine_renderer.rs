@@ -143,9 +143,14 @@ impl EngineRenderer {
             // Its memory must be freed before the next one is allocated.
             self.engine = None;
             self.latest = None;
-            self.coverage.clear();
-            self.planning.vertices.clone_from(&scene.vertices);
+            let before = std::mem::replace(&mut self.planning.vertices, scene.vertices.clone());
             self.planning.degenerate.clone_from(&scene.degenerate);
+            let views = self.cameras.iter().zip(std::mem::take(&mut self.coverage));
+            let look = |(camera, coverage)| {
+                let before = (&before[..], &coverage);
+                self.rasterizer.coverage_of_moved(&self.planning, camera, self.supersample, before)
+            };
+            self.coverage = views.map(look).collect::<Result<_, _>>().map_err(failed)?;
         }
         self.look()?;
         let mut engine = match self.engine.take() {

@@ -43,6 +43,10 @@ impl Grid {
         self.width.div_ceil(TILE)
     }
 
+    pub fn tile_rows(&self) -> u32 {
+        self.height.div_ceil(TILE)
+    }
+
     /// Samples of the largest band.
     pub fn band_samples(&self) -> u64 {
         u64::from(self.width) * u64::from((self.band_tile_rows * TILE).min(self.height))
@@ -58,11 +62,13 @@ impl Grid {
         u64::from(self.tile_columns()) * u64::from(self.band_tile_rows)
     }
 
-    pub fn bands(self) -> impl Iterator<Item = Band> {
+    /// Bands of some rows of tiles.
+    pub fn bands(self, tile_rows: Range<u32>) -> impl Iterator<Item = Band> {
         let step = self.band_tile_rows * TILE;
-        (0..self.height)
+        let end = (tile_rows.end * TILE).min(self.height);
+        (tile_rows.start * TILE..end)
             .step_by(step as usize)
-            .map(move |first_row| Band { first_row, rows: step.min(self.height - first_row) })
+            .map(move |first_row| Band { first_row, rows: step.min(end - first_row) })
     }
 }
 

@@ -3,8 +3,9 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::bands::{Band, Grid};
+use super::bands::{Band, Grid, TILE};
 use super::projection::Projected;
+use super::tiles::Tiles;
 use super::visibility::NONE;
 use super::{ImageError, Picture};
 
@@ -104,6 +105,43 @@ impl Coverage {
         self.height += below.height;
         self.counts.extend(below.counts);
         self.shares.extend(below.shares);
+    }
+
+    /// Whether it is of as many pixels, samples and triangles.
+    pub(super) fn fits(&self, grid: &Grid, triangles: usize) -> bool {
+        let size = [self.width, self.height].map(|pixels| pixels * self.supersample);
+        size == [grid.width, grid.height] && self.supersample == grid.side && self.triangles == triangles
+    }
+
+    /// The same but for the pixels in some tiles, of which `bands` have all, from the top.
+    pub(super) fn with(&self, grid: &Grid, bands: &[(Band, Self)], tiles: &Tiles) -> Self {
+        let mut result = Self { counts: Vec::new(), shares: Vec::new(), ..*self };
+        let mut before = self.by_pixel();
+        let mut bands = bands.iter().map(|(band, coverage)| (band, coverage.by_pixel())).peekable();
+        for row in 0..self.height {
+            let sample = row * grid.side;
+            while bands.next_if(|(band, _)| band.first_row + band.rows <= sample).is_some() {}
+            let mut after = bands.peek_mut().filter(|(band, _)| band.first_row <= sample);
+            for column in 0..self.width {
+                let old = before.next().unwrap_or_default();
+                let new = after.as_mut().and_then(|(_, pixels)| pixels.next());
+                let changed = tiles.contain(column * grid.side / TILE, sample / TILE);
+                let shares = new.filter(|_| changed).unwrap_or(old);
+                result.counts.push(shares.len() as u32);
+                result.shares.extend_from_slice(shares);
+            }
+        }
+        result
+    }
+
+    /// The shares of each pixel.
+    fn by_pixel(&self) -> impl Iterator<Item = &[Share]> {
+        let mut left = &self.shares[..];
+        self.counts.iter().map(move |&count| {
+            let (own, rest) = left.split_at(count as usize);
+            left = rest;
+            own
+        })
     }
 
     /// Width in pixels.

@@ -2,13 +2,15 @@
 
 use super::bands::{Band, Grid};
 use super::coverage::{Coverage, Sides, check_colours};
-use super::projection::Projected;
+use super::projection::{Projected, View};
 use super::resolve::{self, Resolve, Shading};
+use super::tiles::Tiles;
 use super::visibility::{self, Visibility};
 use super::{ImageError, Picture};
 use crate::gpu::{Buffer, Device, GpuError, Pipeline, rounded};
 use crate::options::setters;
 use crate::scene::{Camera, Scene};
+use glam::DVec3;
 
 /// Bytes of both staging buffers of a picture together. They are separate from those of engines, so that the memory of a picture
 /// does not depend on theirs.
@@ -78,12 +80,12 @@ impl Rasterizer {
         if smooth {
             let shading = Shading::new(scene, camera, &faces, colours)?;
             let resolve = Resolve::new(&own.device, &own.resolve, grid, triangles as u64)?;
-            own.bands(grid, triangles, faces, |band, samples| {
+            own.bands(grid, triangles, faces, &Tiles::All, |band, samples| {
                 pixels.extend(resolve.run(band, samples, &shading)?);
                 Ok(())
             })?;
         } else {
-            own.coverage_of_bands(grid, triangles, faces, |band| {
+            own.coverage_of_bands(grid, triangles, faces, &Tiles::All, |_, band| {
                 pixels.extend(band.picture(colours)?.pixels);
                 Ok(())
             })?;
@@ -97,11 +99,47 @@ impl Rasterizer {
         let grid = grid(camera, supersample)?;
         let faces = visibility::project(scene, camera)?;
         let mut whole = Coverage::empty(&grid, scene.triangles.len());
-        self.with_staging().coverage_of_bands(grid, scene.triangles.len(), faces, |band| {
+        let own = self.with_staging();
+        own.coverage_of_bands(grid, scene.triangles.len(), faces, &Tiles::All, |_, band| {
             whole.append(band);
             Ok(())
         })?;
         Ok(whole)
+    }
+
+    /// The same where vertices have moved from `vertices`, with which it was `before`: only what moved faces may touch is
+    /// computed. `before` must be of this scene otherwise, from the same camera.
+    pub fn coverage_of_moved(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        supersample: u32,
+        (vertices, before): (&[DVec3], &Coverage),
+    ) -> Result<Coverage, ImageError> {
+        let grid = grid(camera, supersample)?;
+        if vertices.len() != scene.vertices.len() || !before.fits(&grid, scene.triangles.len()) {
+            return self.coverage(scene, camera, supersample);
+        }
+        let faces = visibility::project(scene, camera)?;
+        let moved = |number: &u32| {
+            let corners = scene.triangles[*number as usize].vertices;
+            corners.iter().any(|&v| scene.vertices[v as usize] != vertices[v as usize])
+        };
+        let view = View::new(camera);
+        let past = (0..scene.triangles.len() as u32).filter(moved).filter_map(|number| {
+            let corners = scene.triangles[number as usize].vertices.map(|v| vertices[v as usize]);
+            view.project(number, corners)
+        });
+        let present = faces.iter().filter(|face| moved(&face.number)).cloned();
+        let changed = visibility::rounded(past.chain(present).collect());
+        let tiles = Tiles::of(&grid, changed.iter());
+        let mut bands = Vec::new();
+        let own = self.with_staging();
+        own.coverage_of_bands(grid, scene.triangles.len(), faces, &tiles, |band, coverage| {
+            bands.push((band, coverage));
+            Ok(())
+        })?;
+        Ok(before.with(&grid, &bands, &tiles))
     }
 
     /// The visible face of every sample of a picture, `u32::MAX` where there is none: row by row from the top, each of
@@ -117,25 +155,26 @@ impl Rasterizer {
         let faces = visibility::project(scene, camera)?;
         let mut samples = Vec::with_capacity(grid.width as usize * grid.height as usize);
         let own = self.with_staging();
-        own.bands(grid, scene.triangles.len(), faces, |band, buffer| {
+        own.bands(grid, scene.triangles.len(), faces, &Tiles::All, |band, buffer| {
             samples.extend(own.download(&grid, band, buffer)?);
             Ok(())
         })?;
         Ok(samples)
     }
 
-    /// Calls `each` with the samples of each band, from the top.
+    /// Calls `each` with the samples of each band that has `wanted` tiles, from the top.
     fn bands(
         &self,
         grid: Grid,
         triangles: usize,
         faces: Vec<Projected>,
+        wanted: &Tiles,
         mut each: impl FnMut(Band, &Buffer) -> Result<(), ImageError>,
     ) -> Result<(), ImageError> {
         let faces = visibility::rounded(faces);
         let visibility = Visibility::new(&self.device, &self.visibility, grid, triangles as u64)?;
-        for band in grid.bands() {
-            visibility.run(band, &faces)?;
+        for band in wanted.rows(&grid).into_iter().flat_map(|rows| grid.bands(rows)) {
+            visibility.run(band, &faces, wanted)?;
             each(band, &visibility.samples)?;
         }
         Ok(())
@@ -146,11 +185,12 @@ impl Rasterizer {
         grid: Grid,
         triangles: usize,
         faces: Vec<Projected>,
-        mut each: impl FnMut(Coverage) -> Result<(), ImageError>,
+        wanted: &Tiles,
+        mut each: impl FnMut(Band, Coverage) -> Result<(), ImageError>,
     ) -> Result<(), ImageError> {
         let sides = Sides::new(triangles, &faces);
-        self.bands(grid, triangles, faces, |band, buffer| {
-            each(Coverage::of_band(&grid, band, &self.download(&grid, band, buffer)?, &sides))
+        self.bands(grid, triangles, faces, wanted, |band, buffer| {
+            each(band, Coverage::of_band(&grid, band, &self.download(&grid, band, buffer)?, &sides))
         })
     }
 

@@ -29,8 +29,15 @@ pub(super) struct TileLists {
 }
 
 impl TileLists {
-    /// Takes faces from `first` on, up to about [`PAIRS`] pairs; also returns the index of the first face not taken.
-    pub fn build(grid: &Grid, band: Band, faces: &[Projected], first: usize) -> (Self, usize) {
+    /// Takes faces from `first` on, up to about [`PAIRS`] pairs; also returns the index of the first face not taken. Tiles
+    /// that are not `wanted` have none.
+    pub fn build(
+        grid: &Grid,
+        band: Band,
+        faces: &[Projected],
+        first: usize,
+        wanted: &Tiles,
+    ) -> (Self, usize) {
         let rows = band.tile_rows();
         let mut lists = Self::default();
         let mut pairs: Vec<(u32, u32)> = Vec::new();
@@ -38,7 +45,11 @@ impl TileLists {
         while next < faces.len() && pairs.len() < PAIRS {
             let before = pairs.len();
             let place = lists.faces.len() as u32;
-            touched(grid, &rows, &faces[next], |tile| pairs.push((tile, place)));
+            touched(grid, &rows, &faces[next], |[column, row]| {
+                if wanted.contain(column, row) {
+                    pairs.push(((row - rows.start) * grid.tile_columns() + column, place));
+                }
+            });
             if pairs.len() > before {
                 lists.faces.push(next as u32);
             }
@@ -64,8 +75,46 @@ impl TileLists {
     }
 }
 
-/// Calls `touch` with the tiles that the face may touch, numbered row by row from the first of `rows`.
-fn touched(grid: &Grid, rows: &Range<u32>, face: &Projected, mut touch: impl FnMut(u32)) {
+/// Some tiles of a picture.
+#[derive(Debug)]
+pub(super) enum Tiles {
+    All,
+    Some {
+        columns: u32,
+        /// Row by row.
+        member: Vec<bool>,
+    },
+}
+
+impl Tiles {
+    /// Those that some faces may touch.
+    pub fn of<'a>(grid: &Grid, faces: impl Iterator<Item = &'a Projected>) -> Self {
+        let (columns, rows) = (grid.tile_columns(), 0..grid.tile_rows());
+        let mut member = vec![false; columns as usize * rows.len()];
+        for face in faces {
+            touched(grid, &rows, face, |[column, row]| member[(row * columns + column) as usize] = true);
+        }
+        Self::Some { columns, member }
+    }
+
+    /// Whether a tile is among them.
+    pub fn contain(&self, column: u32, row: u32) -> bool {
+        match self {
+            Self::All => true,
+            Self::Some { columns, member } => member[(row * columns + column) as usize],
+        }
+    }
+
+    /// The runs of rows with at least one of them.
+    pub fn rows(&self, grid: &Grid) -> Vec<Range<u32>> {
+        let any = |row: &u32| (0..grid.tile_columns()).any(|column| self.contain(column, *row));
+        let rows: Vec<u32> = (0..grid.tile_rows()).filter(any).collect();
+        rows.chunk_by(|a, b| a + 1 == *b).map(|run| run[0]..run[run.len() - 1] + 1).collect()
+    }
+}
+
+/// Calls `touch` with column and row of the tiles in `rows` that the face may touch.
+fn touched(grid: &Grid, rows: &Range<u32>, face: &Projected, mut touch: impl FnMut([u32; 2])) {
     let columns = tiles(face.bounds.x, grid.width);
     let [bottom, top] = face.bounds.y;
     let face_rows = tiles([-top, -bottom], grid.height);
@@ -77,7 +126,7 @@ fn touched(grid: &Grid, rows: &Range<u32>, face: &Projected, mut touch: impl FnM
             // The largest value of the function on the tile's samples, within the kernel's rounding.
             let may_pass = |edge: &DVec3| edge.dot(middle) + edge.abs().dot(half) >= -ROUNDING;
             if face.edges.iter().all(may_pass) {
-                touch((row - rows.start) * grid.tile_columns() + column);
+                touch([column, row]);
             }
         }
     }

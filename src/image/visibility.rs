@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::bands::{Band, Grid};
 use super::projection::{Projected, View};
-use super::tiles::{TileLists, max_pairs};
+use super::tiles::{TileLists, Tiles, max_pairs};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
 use crate::scene::{Camera, Scene, SceneError};
 use crate::shaders;
@@ -98,8 +98,8 @@ impl<'a> Visibility<'a> {
         })
     }
 
-    /// Fills `samples` with a band of the picture of `faces`.
-    pub fn run(&self, band: Band, faces: &[Projected]) -> Result<(), GpuError> {
+    /// Fills `samples` with a band of the picture of `faces`; outside the `wanted` tiles it is empty.
+    pub fn run(&self, band: Band, faces: &[Projected], wanted: &Tiles) -> Result<(), GpuError> {
         let Grid { width, height, .. } = self.grid;
         let bytes = u64::from(width) * u64::from(band.rows) * 4;
         let mut batch = self.device.batch()?;
@@ -113,7 +113,7 @@ impl<'a> Visibility<'a> {
         let shape = format!("{width}x{}", band.rows);
         let mut first = 0;
         while first < faces.len() {
-            let (lists, next) = TileLists::build(&self.grid, band, faces, first);
+            let (lists, next) = TileLists::build(&self.grid, band, faces, first, wanted);
             first = next;
             if lists.faces.is_empty() {
                 continue;
