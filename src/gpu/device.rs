@@ -93,8 +93,8 @@ pub(super) struct Shared {
     pub(super) cache: vk::PipelineCache,
     /// Where that is kept.
     kept: Option<KernelCache>,
-    /// Every kernel compiled so far, kept until the device is closed.
-    pub(super) pipelines: Mutex<HashMap<Key, Parts>>,
+    /// Every kernel compiled so far, kept until the device is closed. Different ones are compiled at the same time.
+    pub(super) pipelines: Mutex<HashMap<Key, Arc<Mutex<Parts>>>>,
     /// Recorders not in use. A batch takes one, or makes one if there is none.
     pub(super) idle: Mutex<Vec<Recorder>>,
     /// Number of scopes made so far.
@@ -341,7 +341,7 @@ impl Drop for Shared {
             recorder.destroy(self);
         }
         for parts in std::mem::take(&mut *lock(&self.pipelines)).into_values() {
-            parts.destroy(self);
+            lock(&parts).destroy(self);
         }
         // SAFETY: this is the last reference: no buffer, pipeline or batch is left, and each batch waited for its end.
         unsafe {

@@ -114,10 +114,10 @@ impl Pipeline {
         let required = subgroup_size.filter(|_| info.enabled.subgroup_size_control);
         let code = shader.spirv();
         let key = (code.as_ptr() as usize, bindings, push_bytes, specialization.to_vec(), required);
+        let known = lock(&device.shared.pipelines).entry(key).or_default().clone();
         // Held while compiling, so that a thread that needs the same kernel waits instead of compiling it again.
-        let mut compiled = lock(&device.shared.pipelines);
-        let parts = compiled.get(&key).copied().unwrap_or_default();
-        let mut pipeline = Self { device: device.clone(), kernel, bindings, push_bytes, parts };
+        let mut parts = lock(&known);
+        let mut pipeline = Self { device: device.clone(), kernel, bindings, push_bytes, parts: *parts };
         if pipeline.parts.pipeline == vk::Pipeline::null() {
             device.check_watch()?;
             let created = pipeline
@@ -127,8 +127,9 @@ impl Pipeline {
                 pipeline.parts.destroy(&device.shared);
                 return Err(error);
             }
-            compiled.insert(key, pipeline.parts);
+            *parts = pipeline.parts;
         }
+        drop(parts);
         Ok(pipeline)
     }
 

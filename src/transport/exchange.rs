@@ -13,6 +13,7 @@ use crate::gpu::{Bindings, BufferSlice, Device, GpuError};
 use crate::model::Class;
 use crate::plan::{Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
+use rayon::prelude::*;
 
 /// Close sources per receiver and dispatch: lavapipe bounds the iterations of all loops of an invocation together by
 /// 65535, and one source takes at most 1 + 16 · (20 + 16 · 19).
@@ -58,18 +59,19 @@ impl Shape {
     pub fn sweeps(
         device: &Device,
         plan: &Plan,
-        kernels: impl Fn(Self) -> Kernels<'static>,
+        kernels: impl Fn(Self) -> Kernels<'static> + Sync,
     ) -> Result<Vec<(Self, Sweep)>, GpuError> {
-        let mut sweeps: Vec<(Self, Sweep)> = Vec::new();
+        let mut shapes: Vec<Self> = Vec::new();
         for to in &plan.layout.groups {
             for from in &plan.layout.groups {
                 let shape = Self::new(from.class, to.class);
-                if sweeps.iter().all(|(known, _)| *known != shape) {
-                    sweeps.push((shape, Sweep::new(device, plan, kernels(shape))?));
+                if !shapes.contains(&shape) {
+                    shapes.push(shape);
                 }
             }
         }
-        Ok(sweeps)
+        // Drivers may take long to compile their kernels.
+        shapes.into_par_iter().map(|shape| Ok((shape, Sweep::new(device, plan, kernels(shape))?))).collect()
     }
 }
 

@@ -45,10 +45,9 @@ impl ExchangeDerivative {
             deposits: 0,
             shape: format!("{}, by {}", shape.name(), if target_is_source { "source" } else { "receiver" }),
         };
-        Ok(Self {
-            by_source: Shape::sweeps(device, plan, |shape| kernels(shape, true))?,
-            by_receiver: Shape::sweeps(device, plan, |shape| kernels(shape, false))?,
-        })
+        let sweeps = |by_source| Shape::sweeps(device, plan, |shape| kernels(shape, by_source));
+        let (by_source, by_receiver) = rayon::join(|| sweeps(true), || sweeps(false));
+        Ok(Self { by_source: by_source?, by_receiver: by_receiver? })
     }
 
     /// Adds to `gradients` the derivative of ⟨λ, U (L - J x)⟩ by the geometry; L is the current outgoing light.
