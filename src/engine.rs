@@ -3,6 +3,7 @@
 use crate::direct::DirectLight;
 use crate::engine_direct::{Direct, lamps_of};
 use crate::gpu::{Device, DeviceKind, GpuError};
+use crate::movable::Movable;
 use crate::options::setters;
 use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, Residency};
 use crate::revision::{Difference, Revision};
@@ -368,6 +369,8 @@ pub struct Engine {
     pub(crate) triangles: Vec<[u32; 3]>,
     /// Number of vertices of the scene.
     pub(crate) vertices: usize,
+    /// Those by which it is differentiated; `None`: all.
+    pub(crate) movable: Option<Movable>,
     revision: Revision,
 }
 
@@ -443,6 +446,7 @@ impl Engine {
             materials: (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect(),
             triangles: scene.triangles.iter().map(|t| t.vertices).collect(),
             vertices: scene.vertices.len(),
+            movable: None,
             revision: Revision::first(),
         })
     }
@@ -630,6 +634,13 @@ impl Engine {
     /// the whole pass, and may stop the solve, which then ends with [`TransportError::Interrupted`].
     pub fn set_pass_callback(&mut self, callback: Option<PassCallback>) {
         self.operators.set_pass_callback(callback);
+    }
+
+    /// Restricts derivatives by positions to those of some vertices, by their indices in the scene: by all others they are zero, and take
+    /// little time. `None`, as at first: all vertices.
+    pub fn set_movable(&mut self, vertices: Option<&[u32]>) {
+        let of = |movable| Movable::new(self.vertices, movable, self.triangles.iter().copied());
+        self.movable = vertices.map(of);
     }
 
     /// Values per slot in scene order, multiplied by a factor.

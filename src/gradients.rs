@@ -175,7 +175,10 @@ impl Engine {
         let outgoing = operator.outgoing_cotangent(&importance)?;
         let lobes = if request.lobes() { operator.lobe_sums(&solution.state)? } else { None };
         let (facets, camera_positions) = match request.geometry() {
-            true => operator.geometry(&solution.state, &importance, &views, request.positions)?,
+            true => {
+                let targets = self.movable.as_ref();
+                operator.geometry(&solution.state, &importance, &views, request.positions, targets)?
+            }
             false => (Vec::new(), Vec::new()),
         };
 
@@ -201,6 +204,7 @@ impl Engine {
             for ((to, by), facet) in corners.iter_mut().zip(&direct.facets).zip(self.plan().facets()) {
                 to.iter_mut().zip(by.to_corners(facet)).for_each(|(to, by)| *to += by * scale);
             }
+            self.keep_movable(&mut corners);
             corners
         });
         let emission = request.emission.then(|| {
@@ -353,6 +357,16 @@ impl Engine {
             }
         }
         corners
+    }
+
+    /// Derivatives by corners that are not movable are zero.
+    pub(crate) fn keep_movable(&self, corners: &mut [[DVec3; 3]]) {
+        let Some(movable) = &self.movable else { return };
+        for (triangle, corners) in self.triangles.iter().zip(corners) {
+            for (&vertex, corner) in triangle.iter().zip(corners) {
+                *corner = if movable.vertex(vertex) { *corner } else { DVec3::ZERO };
+            }
+        }
     }
 
     fn vertex_gradients(&self, corners: &[[DVec3; 3]]) -> Vec<DVec3> {

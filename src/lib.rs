@@ -55,6 +55,7 @@ mod gradients_direct;
 pub mod image;
 mod input;
 pub mod model;
+mod movable;
 mod options;
 pub mod output;
 pub mod plan;

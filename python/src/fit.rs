@@ -373,7 +373,8 @@ fn run(
         let supersample = job.settings().supersample;
         let mut renderer =
             EngineRenderer::new(&device, planning, cameras, supersample, gradients, link.watch())
-                .or_raise()?;
+                .or_raise()?
+                .movable(parameters.movable());
         job.estimate(&mut renderer).or_raise()?;
         let seen = renderer.seen().or_raise()?;
         warnings.extend(job.problem().parameters.unseen(&seen).iter().map(ToString::to_string));

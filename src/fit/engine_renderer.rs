@@ -37,6 +37,8 @@ pub struct EngineRenderer {
     watch: Watch,
     /// Whether every solve starts from darkness.
     independent: bool,
+    /// The vertices by which derivatives are wanted; `None`: all.
+    movable: Option<Vec<u32>>,
     passes: u64,
     /// For the vertex positions of [`Self::planning`], with the derivatives of `planned`.
     engine: Option<Engine>,
@@ -83,6 +85,7 @@ impl EngineRenderer {
             request,
             watch,
             independent: false,
+            movable: None,
             passes: 0,
             engine: None,
             planned: GradientRequest::default(),
@@ -100,6 +103,11 @@ impl EngineRenderer {
     /// pictures before, which saves passes, and pictures depend on those within the tolerance.
     pub fn independent(self) -> Self {
         Self { independent: true, ..self }
+    }
+
+    /// Derivatives by positions are those of some vertices alone, by their indices in the scene: by others they are zero.
+    pub fn movable(self, vertices: Vec<u32>) -> Self {
+        Self { movable: Some(vertices), ..self }
     }
 
     fn plan(&self, scene: &Scene, gradients: GradientRequest) -> Result<Plan, RenderError> {
@@ -160,6 +168,7 @@ impl EngineRenderer {
                 self.planned = gradients;
                 let mut engine = Engine::new(&self.device, &self.planning, plan).map_err(sort_out)?;
                 let watch = self.watch.clone();
+                engine.set_movable(self.movable.as_deref());
                 engine.set_pass_callback(Some(Box::new(move |_, _| watch())));
                 engine
             }
@@ -312,11 +321,13 @@ impl Renderer for EngineRenderer {
         }
         if request.geometry() {
             // Silhouettes that move in the picture, in addition to the light that changes.
+            // All edges move with a camera.
+            let movable = self.movable.as_deref().filter(|_| !request.camera);
             for (view, ((camera, _), by_pixels)) in views().enumerate() {
                 let by_edges = match light {
                     Some(light) => {
                         let shown = |face, places: &[[f64; 2]]| light.colours_at(view, face, places);
-                        geometry_gradient_of(scene, camera, self.supersample, &shown, by_pixels)
+                        geometry_gradient_of(scene, camera, self.supersample, &shown, by_pixels, movable)
                     }
                     None => {
                         let colours = &latest.colours[view];

@@ -19,6 +19,7 @@ use super::projection::{Projected, View};
 use super::raster::grid;
 use super::sweep::{Axis, Cause, Change, Sweep};
 use super::visibility;
+use crate::movable::Movable;
 use crate::scene::{Camera, Scene};
 
 /// Lines that are swept together. This determines the order of sums, so it must not depend on the host.
@@ -59,24 +60,30 @@ where
 {
     check_colours(colours.len(), scene.triangles.len())?;
     let shown = |face: usize, places: &[[f64; 2]]| vec![colours[face].map(C::into); places.len()];
-    geometry_gradient_of(scene, camera, supersample, &shown, cotangent)
+    geometry_gradient_of(scene, camera, supersample, &shown, cotangent, None)
 }
 
 /// The colours of the front of a triangle at places of the picture, column and row in pixels from its upper left corner.
 pub type Colours<'a> = dyn Fn(usize, &[[f64; 2]]) -> Vec<[f64; 3]> + Sync + 'a;
 
-/// The same for colours that vary over faces.
+/// The same for colours that vary over faces. `movable`: indices of the vertices by which derivatives are wanted, and then not those by the
+/// camera, to which all edges contribute; `None`: everything. What is not wanted is zero.
 pub fn geometry_gradient_of(
     scene: &Scene,
     camera: &Camera,
     supersample: u32,
     colours: &Colours,
     cotangent: &[[f64; 4]],
+    movable: Option<&[u32]>,
 ) -> Result<GeometryGradient, ImageError> {
     let grid = grid(camera, supersample)?;
     check_cotangent(cotangent, camera.width as usize * camera.height as usize)?;
     let faces = visibility::project(scene, camera)?;
     let view = View::new(camera);
+    let triangles = || scene.triangles.iter().map(|triangle| triangle.vertices);
+    let movable = movable.map(|movable| Movable::new(scene.vertices.len(), movable, triangles()));
+    let moves =
+        |face: &Projected| movable.as_ref().is_none_or(|movable| movable.triangle(face.number as usize));
 
     // In the frame of the view, see the module `projection`.
     let mut vertices = vec![DVec3::ZERO; scene.vertices.len()];
@@ -88,7 +95,7 @@ pub fn geometry_gradient_of(
             let corners = |(number, list): (usize, &Vec<u32>)| {
                 let first = first + number as u32 * BLOCK;
                 let block = first..lines.count.min(first + BLOCK);
-                lines.sweep(block, list, &faces, colours, cotangent)
+                lines.sweep(block, list, &faces, &moves, colours, cotangent)
             };
             let sums: Vec<Vec<(u32, [DVec3; 3])>> = lists.par_iter().enumerate().map(corners).collect();
             for (face, corners) in sums.into_iter().flatten() {
@@ -99,7 +106,12 @@ pub fn geometry_gradient_of(
             }
         }
     }
-    Ok(to_metres(scene, camera, &view, vertices))
+    let Some(movable) = movable else { return Ok(to_metres(scene, camera, &view, vertices)) };
+    for (vertex, gradient) in (0..).zip(&mut vertices) {
+        *gradient = if movable.vertex(vertex) { *gradient } else { DVec3::ZERO };
+    }
+    let none = DVec3::ZERO;
+    Ok(GeometryGradient { position: none, target: none, ..to_metres(scene, camera, &view, vertices) })
 }
 
 /// The lines in one direction.
@@ -198,12 +210,13 @@ impl Lines {
     }
 
     /// Contribution of a block of lines to the derivatives with respect to the corners of the visible ones of the faces `list` of
-    /// `faces`.
+    /// `faces`, as far as they move.
     fn sweep(
         &self,
         block: Range<u32>,
         list: &[u32],
         faces: &[Projected],
+        moves: &(dyn Fn(&Projected) -> bool + Sync),
         colours: &Colours,
         cotangent: &[[f64; 4]],
     ) -> Vec<(u32, [DVec3; 3])> {
@@ -214,22 +227,30 @@ impl Lines {
         };
         let area = f64::from(cells) / 2.0 / f64::from(self.side);
         let face = |place: u32| &faces[list[place as usize] as usize];
+        let moving: Vec<u32> =
+            list.iter().copied().filter(|&number| moves(&faces[number as usize])).collect();
 
         let mut boundaries = Vec::new();
         let mut sweep = Sweep::default();
         for line in block {
             let across = self.across(line);
             let order = if self.axis == Axis::Rows { -across } else { across };
-            let crossed =
-                (0..).zip(list).map(|(place, &face)| (place, &faces[face as usize])).filter(|(_, face)| {
-                    let [low, high] = self.range(face);
-                    low <= order && order <= high
-                });
+            let on_line = |face: &Projected| {
+                let [low, high] = self.range(face);
+                low <= order && order <= high
+            };
+            if !moving.iter().any(|&number| on_line(&faces[number as usize])) {
+                continue;
+            }
+            let crossed = (0..).zip(list).map(|(place, &face)| (place, &faces[face as usize]));
+            let crossed = crossed.filter(|(_, face)| on_line(face));
             sweep.line(crossed, self.axis, across, |Change { at, before, after, cause }| {
                 let by_pixel = cotangent[self.pixel(at, line)];
                 let function = match (cause, before, after) {
-                    (Cause::Edge { face: owner, edge }, ..) => face(owner).edges[edge],
-                    (Cause::Crossing, Some(a), Some(b)) => face(a).inverse_depth - face(b).inverse_depth,
+                    (Cause::Edge { face: owner, edge }, ..) if moves(face(owner)) => face(owner).edges[edge],
+                    (Cause::Crossing, Some(a), Some(b)) if moves(face(a)) || moves(face(b)) => {
+                        face(a).inverse_depth - face(b).inverse_depth
+                    }
                     _ => return,
                 };
                 if by_pixel == [0.0; 4] || !self.own(function) {

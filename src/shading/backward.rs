@@ -124,7 +124,7 @@ pub fn backward(
         .indirect_irradiance(Some(std::mem::take(&mut sums.indirect)))
         .specular_radiance(specular);
     let mut gradients = engine.backward_with(solution, &cotangent, request, params, progress)?;
-    sums.add_to(&mut gradients, light, &engine.triangles);
+    sums.add_to(&mut gradients, light, engine);
     let targets = sums.add_cameras(&mut gradients, light);
     Ok((gradients, targets))
 }
@@ -147,7 +147,7 @@ impl Differences {
         }
     }
 
-    fn add_to(&self, gradients: &mut Gradients, light: &Light, triangles: &[[u32; 3]]) {
+    fn add_to(&self, gradients: &mut Gradients, light: &Light, engine: &Engine) {
         for (i, (material, by)) in light.materials.iter().zip(&self.reflectance).enumerate() {
             if let Some(albedo) = &mut gradients.albedo {
                 albedo[i] += material.diffuse * *by;
@@ -175,8 +175,9 @@ impl Differences {
             gradient.to_corners(facet).map(|by| by * light.placement.scale)
         };
         if let (Some(all), Some(vertices)) = (&mut gradients.corners, &mut gradients.vertices) {
-            let own = self.facets.iter().zip(&light.facets).map(corners);
-            for ((to, own), triangle) in all.iter_mut().zip(own).zip(triangles) {
+            let mut own: Vec<[DVec3; 3]> = self.facets.iter().zip(&light.facets).map(corners).collect();
+            engine.keep_movable(&mut own);
+            for ((to, own), triangle) in all.iter_mut().zip(own).zip(&engine.triangles) {
                 for ((to, own), &vertex) in to.iter_mut().zip(own).zip(triangle) {
                     *to += own;
                     vertices[vertex as usize] += own;

@@ -13,6 +13,7 @@ use super::watch::TransportError;
 use super::{Context, Operators, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
 use crate::model::{Clusters, FacetGradient};
+use crate::movable::Movable;
 use crate::plan::{PairLists, Plan};
 use crate::solve::LightOperator;
 use glam::DVec3;
@@ -218,13 +219,14 @@ impl<'a> AdjointOperator<'a> {
 
     /// Per slot, the derivative of ⟨λ, U (E + (K - J) x)⟩ and of the views' ⟨colours, S (E + K x)⟩ with respect to geometry,
     /// and of the latter with respect to each camera; per unit of length of the engine. Recomputes the outgoing
-    /// light.
-    pub fn geometry(
+    /// light. The former need not be complete of triangles that are not `movable`.
+    pub(crate) fn geometry(
         &mut self,
         x: &State,
         cotangent: &State,
         views: &[(DVec3, Vec<[f64; 4]>)],
         pairs: bool,
+        movable: Option<&Movable>,
     ) -> Result<(Vec<FacetGradient>, Vec<DVec3>), TransportError> {
         self.operators.update_outgoing(Some(x), true, true)?;
         let Operators { context, exchange: forward, monitor, .. } = &mut *self.operators;
@@ -239,7 +241,7 @@ impl<'a> AdjointOperator<'a> {
         batch.fill(gradients, 0, count * precision.bytes(), 0)?;
         batch.submit()?;
         if pairs {
-            derivative.run(context, buffers, x, cotangent, gradients, monitor)?;
+            derivative.run(context, buffers, [x, cotangent], gradients, movable, monitor)?;
             if let (Some(of_clusters), Some(light)) = (&buffers.clusters, &forward.clusters) {
                 let cotangent = cotangent.resident()?;
                 let sources = light.gather(context, Some(x))?;

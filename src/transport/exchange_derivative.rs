@@ -10,6 +10,7 @@ use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::sweep_receivers::FromSources;
 use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, Buffer, Device, GpuError};
+use crate::movable::Movable;
 use crate::plan::{Interactions, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 
@@ -50,14 +51,15 @@ impl ExchangeDerivative {
         Ok(Self { by_source: by_source?, by_receiver: by_receiver? })
     }
 
-    /// Adds to `gradients` the derivative of ⟨λ, U (L - J x)⟩ by the geometry; L is the current outgoing light.
+    /// Adds to `gradients` the derivative of ⟨λ, U (L - J x)⟩ by the geometry, of `movable` triangles at least; L is the current outgoing
+    /// light, λ the `cotangent`.
     pub fn run(
         &mut self,
         context: &Context,
         adjoint: &AdjointBuffers,
-        x: &State,
-        cotangent: &State,
+        [x, cotangent]: [&State; 2],
         gradients: &Buffer,
+        movable: Option<&Movable>,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { plan, scene, outgoing, .. } = context;
@@ -85,7 +87,6 @@ impl ExchangeDerivative {
                 for (t, to) in plan.layout.groups.iter().enumerate() {
                     let sweep = sweep_of(sweeps, Shape::new(from.class, to.class))?;
                     let (target, other) = if target_is_source { (s, to) } else { (t, from) };
-                    let between = Between::own(plan, target, other, lists);
                     let both = [
                         scene.facets.whole(),
                         outgoing.radiance.whole(),
@@ -97,19 +98,14 @@ impl ExchangeDerivative {
                     ];
                     let near =
                         [&both[..], &[offsets.whole(), partners.whole(), scene.corners.whole()]].concat();
-                    sweep.near(context, &between, &near, true, monitor)?;
-                    if plan.clusters().is_some() {
-                        continue;
-                    }
                     let far = [&both[..], &[runs.whole()]].concat();
-                    sweep.far(
-                        context,
-                        &between,
-                        &far,
-                        &uniforms,
-                        PAIR_FRONT | PAIR_NEAR | PAIR_BACK,
-                        monitor,
-                    )?;
+                    let passing = PAIR_FRONT | PAIR_NEAR | PAIR_BACK;
+                    for between in Between::own(plan, target, other, lists).to_movable(plan, movable) {
+                        sweep.near(context, &between, &near, true, monitor)?;
+                        if plan.clusters().is_none() {
+                            sweep.far(context, &between, &far, &uniforms, passing, monitor)?;
+                        }
+                    }
                 }
             }
         }

@@ -7,7 +7,8 @@ use super::sweep_receivers::ReceiversPush;
 use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, Buffer, BufferSlice, Device, DeviceKind, GpuError, Pipeline, UNIFORM_BYTES};
 use crate::model::{LIST, SOURCES};
-use crate::plan::{Group, NearPairs, PAIR_BACK, PAIR_FRONT, PARTNER_BYTES, PairLists, Plan};
+use crate::movable::Movable;
+use crate::plan::{Group, NearPairs, PADDING, PAIR_BACK, PAIR_FRONT, PARTNER_BYTES, PairLists, Plan};
 use crate::shaders::RealShader;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::cmp::Reverse;
@@ -187,6 +188,22 @@ impl<'a> Between<'a> {
     pub fn own(plan: &Plan, group: usize, partners: &'a Group, lists: &'a PairLists) -> Self {
         let first_slot = plan.layout.slots_of(&plan.layout.groups[group].tiles).start;
         Self { targets: plan.own(group), partners, lists, first_slot }
+    }
+
+    /// The parts with `movable` targets, in whole tiles; all of it where that is not stated.
+    pub fn to_movable(self, plan: &Plan, movable: Option<&Movable>) -> Vec<Self> {
+        let Some(movable) = movable else { return vec![self] };
+        let moves = |&tile: &u32| {
+            let slots = plan.layout.slots_of(&(tile..tile + 1));
+            let triangles = slots.map(|slot| plan.layout.order[slot as usize]);
+            triangles.into_iter().any(|i| i != PADDING && movable.triangle(i as usize))
+        };
+        let tiles: Vec<u32> = self.targets.tiles.clone().filter(moves).collect();
+        let part = |run: &[u32]| {
+            let targets = Group { tiles: run[0]..run[run.len() - 1] + 1, ..self.targets };
+            Self { targets, ..self }
+        };
+        tiles.chunk_by(|a, b| a + 1 == *b).map(part).collect()
     }
 }
 

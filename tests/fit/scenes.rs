@@ -36,7 +36,8 @@ fn job(device: &Device, scene: &Scene, cameras: Vec<Camera>, settings: Settings)
     let parameters = &job.problem().parameters;
     let (planning, request) = (parameters.planning_scene(), parameters.gradient_request());
     let renderer = EngineRenderer::new(device, planning, cameras, side, request, watch());
-    (job, renderer.expect("a renderer"))
+    let movable = parameters.movable();
+    (job, renderer.expect("a renderer").movable(movable))
 }
 
 fn run(scene: &Scene, cameras: Vec<Camera>, settings: Settings, stop: StopRule) -> Outcome {

@@ -128,6 +128,15 @@ impl Parameters {
         Ok(parameters)
     }
 
+    /// The vertices whose positions are fitted, by their indices in the scene.
+    pub fn movable(&self) -> Vec<u32> {
+        let of = |block: &ParameterBlock| match &block.what {
+            What::Motion { vertices, .. } | What::Vertex { vertices } => vertices.clone(),
+            What::Material { .. } => Vec::new(),
+        };
+        self.blocks.iter().flat_map(of).collect()
+    }
+
     fn add(&mut self, fit: usize, selected: &Selected, brightness: f64) {
         let quantity = self.fits[fit].quantity;
         let w = &mut self.request;

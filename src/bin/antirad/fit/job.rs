@@ -138,7 +138,8 @@ impl Worker<'_> {
             (problem.parameters.planning_scene(), problem.parameters.gradient_request());
         let supersample = file.job.settings().supersample;
         let mut renderer = EngineRenderer::new(&device, planning, cameras, supersample, gradients, watch)?
-            .shading(file.job.settings().shading);
+            .shading(file.job.settings().shading)
+            .movable(problem.parameters.movable());
         // Before anything is allocated: a job that does not fit is refused with the number of bytes that it needs.
         let (estimate, host_bytes) = file.job.estimate(&mut renderer)?;
         // Planned for the whole budget, as if it were alone, so that it finds the same whatever runs beside it.
