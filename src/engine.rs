@@ -369,8 +369,8 @@ pub struct Engine {
     pub(crate) triangles: Vec<[u32; 3]>,
     /// Number of vertices of the scene.
     pub(crate) vertices: usize,
-    /// Those by which it is differentiated; `None`: all.
-    pub(crate) movable: Option<Movable>,
+    /// Those by which it is differentiated.
+    pub(crate) movable: Movable,
     revision: Revision,
 }
 
@@ -446,7 +446,7 @@ impl Engine {
             materials: (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect(),
             triangles: scene.triangles.iter().map(|t| t.vertices).collect(),
             vertices: scene.vertices.len(),
-            movable: None,
+            movable: Movable::All,
             revision: Revision::first(),
         })
     }
@@ -639,8 +639,7 @@ impl Engine {
     /// Restricts derivatives by positions to those of some vertices, by their indices in the scene: by all others they are zero, and take
     /// little time. `None`, as at first: all vertices.
     pub fn set_movable(&mut self, vertices: Option<&[u32]>) {
-        let of = |movable| Movable::new(self.vertices, movable, self.triangles.iter().copied());
-        self.movable = vertices.map(of);
+        self.movable = Movable::of(self.vertices, vertices, self.triangles.iter().copied());
     }
 
     /// Values per slot in scene order, multiplied by a factor.

@@ -176,8 +176,8 @@ impl Engine {
         let lobes = if request.lobes() { operator.lobe_sums(&solution.state)? } else { None };
         let (facets, camera_positions) = match request.geometry() {
             true => {
-                let targets = self.movable.as_ref();
-                operator.geometry(&solution.state, &importance, &views, request.positions, targets)?
+                let movable = request.positions.then_some(&self.movable);
+                operator.geometry(&solution.state, &importance, &views, movable)?
             }
             false => (Vec::new(), Vec::new()),
         };
@@ -361,10 +361,9 @@ impl Engine {
 
     /// Derivatives by corners that are not movable are zero.
     pub(crate) fn keep_movable(&self, corners: &mut [[DVec3; 3]]) {
-        let Some(movable) = &self.movable else { return };
         for (triangle, corners) in self.triangles.iter().zip(corners) {
             for (&vertex, corner) in triangle.iter().zip(corners) {
-                *corner = if movable.vertex(vertex) { *corner } else { DVec3::ZERO };
+                *corner = if self.movable.vertex(vertex) { *corner } else { DVec3::ZERO };
             }
         }
     }

@@ -61,7 +61,8 @@ impl Engine {
         if positions {
             let radiance = light.radiance(|i| &self.materials[i]);
             let by_factor = |receiver: usize, lamp: usize| of_direct[receiver].dot(radiance[lamp]);
-            sums.facets = light.pull_back(self.plan().facets(), by_factor);
+            let movable = &self.movable;
+            sums.facets = light.pull_back(self.plan().facets(), by_factor, |i| movable.triangle(i));
         }
         let mut lobes = self.pull_back_lobes(of_specular, positions || request.power);
         for (camera, (position, colours)) in cotangent.colours.iter().enumerate() {

@@ -265,11 +265,13 @@ impl DirectLight {
         own.into_iter().zip(irradiance).enumerate().map(sent).collect()
     }
 
-    /// Derivatives of a loss by the triangles, where `cotangent` is its derivative by [`Self::factors`] of a receiver and a lamp.
+    /// Derivatives of a loss by the triangles, where `cotangent` is its derivative by [`Self::factors`] of a receiver and a lamp. Those by
+    /// triangles of which `moves` is false need not be complete.
     pub fn pull_back(
         &self,
         facets: &[Facet],
         cotangent: impl Fn(usize, usize) -> f64 + Sync,
+        moves: impl Fn(u32) -> bool + Sync,
     ) -> Vec<FacetGradient> {
         let geometry = self.geometry(facets);
         let placed: Vec<Placed> = self.lamps.iter().map(|lamp| geometry.place(lamp)).collect();
@@ -278,7 +280,7 @@ impl DirectLight {
             for (l, lamp) in placed.iter().enumerate() {
                 let weight = cotangent(receiver, l);
                 if weight != 0.0 {
-                    self.pull_back_to(geometry, visible, [receiver, l], lamp, weight, &mut to);
+                    self.pull_back_to(geometry, visible, [receiver, l], lamp, weight, &moves, &mut to);
                 }
             }
             to.merged()
@@ -299,24 +301,26 @@ impl DirectLight {
     /// radiance is its product with the normal. Points far apart are better asked for separately, since they share a search.
     pub fn at_points(&self, facets: &[Facet], face: usize, points: &[DVec3]) -> Vec<Vec<DVec3>> {
         let mut light = vec![vec![DVec3::ZERO; self.lamps.len()]; points.len()];
-        self.each_sight(facets, face, points, None, &mut |k, l, sight, visible| {
+        self.each_sight(facets, face, points, None, &|_| true, &mut |k, l, sight, visible| {
             light[k][l] = sight.vector_irradiance(visible);
         });
         light
     }
 
     /// The transpose of the derivative of [`Self::at_points`]: contributions by triangle, from the derivative of a loss by each Φ. The
-    /// second result is the derivative by each point.
+    /// second result is the derivative by each point. Both need be complete only where a triangle is concerned of which `moves` is true.
     pub fn pull_back_points(
         &self,
         facets: &[Facet],
         face: usize,
         points: &[DVec3],
         cotangent: impl Fn(usize, usize) -> DVec3,
+        moves: impl Fn(u32) -> bool,
     ) -> (Vec<(u32, FacetGradient)>, Vec<DVec3>) {
         let mut to = Contributions::default();
         let mut of_points = vec![DVec3::ZERO; points.len()];
-        self.each_sight(facets, face, points, None, &mut |k, l, sight, visible| {
+        let wanted = |between: &Between| moves(face as u32) || between.moves(&moves);
+        self.each_sight(facets, face, points, None, &wanted, &mut |k, l, sight, visible| {
             of_points[k] += sight.pull_back(visible, cotangent(k, l), &mut to).1;
         });
         (to.merged(), of_points)
@@ -333,7 +337,7 @@ impl DirectLight {
         power: f64,
     ) -> Vec<Vec<f64>> {
         let mut light = vec![vec![0.0; self.lamps.len()]; points.len()];
-        self.each_sight(facets, face, points, Some((eye, power)), &mut |k, l, sight, visible| {
+        self.each_sight(facets, face, points, Some((eye, power)), &|_| true, &mut |k, l, sight, visible| {
             light[k][l] = sight.highlight(visible, &Lobe::towards(eye, sight.point, sight.normal, power));
         });
         light
@@ -353,7 +357,7 @@ impl DirectLight {
         let mut gradient =
             HighlightGradient { points: vec![DVec3::ZERO; points.len()], ..HighlightGradient::default() };
         let mut own = FacetGradient::default();
-        self.each_sight(facets, face, points, Some((eye, power)), &mut |k, l, sight, visible| {
+        self.each_sight(facets, face, points, Some((eye, power)), &|_| true, &mut |k, l, sight, visible| {
             let by = cotangent(k, l);
             let lobe = Lobe::towards(eye, sight.point, sight.normal, power);
             let (_, slopes, by_point) = sight.pull_back_highlight(visible, &lobe, by, &mut to);
@@ -369,13 +373,15 @@ impl DirectLight {
     }
 
     /// Calls `each` with each point of a triangle, by its number, and each lamp that may be seen from there. One search for blockers serves
-    /// all points. `reflected`: the eye and the power of the lobe that light is reflected in, if it is.
+    /// all points. `reflected`: the eye and the power of the lobe that light is reflected in, if it is. Lamps are left out unless what is
+    /// between them and the points is `wanted`.
     fn each_sight(
         &self,
         facets: &[Facet],
         face: usize,
         points: &[DVec3],
         reflected: Option<(DVec3, f64)>,
+        wanted: &dyn Fn(&Between) -> bool,
         each: &mut dyn FnMut(usize, usize, &Sight, &mut Visible),
     ) {
         let geometry = self.geometry(facets);
@@ -386,6 +392,9 @@ impl DirectLight {
                 continue;
             }
             let between = Between::points(geometry, self.sampling.as_ref(), face, points, (l, lamp));
+            if !wanted(&between) {
+                continue;
+            }
             for (k, &point) in points.iter().enumerate() {
                 let lobe =
                     reflected.map(|(eye, power)| Lobe::towards(eye, point, facets[face].normal, power));
@@ -462,6 +471,7 @@ impl DirectLight {
         [receiver, l]: [usize; 2],
         lamp: &Placed,
         weight: f64,
+        moves: &impl Fn(u32) -> bool,
         to: &mut Contributions,
     ) {
         if self.factors(receiver)[l] == 0.0 {
@@ -469,6 +479,9 @@ impl DirectLight {
         }
         let Facet { corners, normal, .. } = geometry.facets[receiver];
         let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, (l, lamp));
+        if !(moves(receiver as u32) || between.moves(moves)) {
+            return;
+        }
         let cuts = self.cuts.get(&[receiver, l]).cloned().unwrap_or_default();
         let mut own = FacetGradient::default();
         for Sample { barycentric, weight: share } in quadrature::samples(&cuts) {
@@ -530,6 +543,13 @@ impl<'a> Between<'a> {
         let of = |rays: &Sampling| rays.share(receiver, Origin::Triangle(corners), normal, lamp, None);
         let share = between.sampling.map_or(Share::ALL, of);
         Self { share, sampling: None, ..between }
+    }
+
+    /// Whether the lamp, or a polygon in between, has a triangle that moves.
+    fn moves(&self, moves: impl Fn(u32) -> bool) -> bool {
+        let polygon = |polygon: &Polygon| polygon.triangles.iter().any(|&i| moves(i));
+        let blockers = self.geometry.blockers;
+        polygon(self.lamp.1.lamp) || self.blockers.iter().any(|&number| polygon(blockers.polygon(number)))
     }
 
     /// From a point, for light that falls on it, or is reflected there.
@@ -698,8 +718,12 @@ mod tests {
         assert_eq!((lamps[0].corners.len(), lamps[0].outline.len()), (4, 8));
         let light = DirectLight::new(&facets, lamps.clone(), Visibility::Exact, |i| scene.material(i));
         assert!(light.cuts.len() > 4);
-        let gradients: Vec<[DVec3; 3]> =
-            light.pull_back(&facets, weight).iter().zip(&facets).map(|(g, f)| g.to_corners(f)).collect();
+        let gradients: Vec<[DVec3; 3]> = light
+            .pull_back(&facets, weight, |_| true)
+            .iter()
+            .zip(&facets)
+            .map(|(g, f)| g.to_corners(f))
+            .collect();
         // What moves are all vertices of the outline, not only those that are corners now.
         let mut moving = light.clone();
         moving.lamps[0].corners = lamps[0].outline.clone();

@@ -80,10 +80,10 @@ pub fn geometry_gradient_of(
     check_cotangent(cotangent, camera.width as usize * camera.height as usize)?;
     let faces = visibility::project(scene, camera)?;
     let view = View::new(camera);
-    let triangles = || scene.triangles.iter().map(|triangle| triangle.vertices);
-    let movable = movable.map(|movable| Movable::new(scene.vertices.len(), movable, triangles()));
-    let moves =
-        |face: &Projected| movable.as_ref().is_none_or(|movable| movable.triangle(face.number as usize));
+    let triangles = scene.triangles.iter().map(|triangle| triangle.vertices);
+    let whole = movable.is_none();
+    let movable = Movable::of(scene.vertices.len(), movable, triangles);
+    let moves = |face: &Projected| movable.triangle(face.number);
 
     // In the frame of the view, see the module `projection`.
     let mut vertices = vec![DVec3::ZERO; scene.vertices.len()];
@@ -106,12 +106,12 @@ pub fn geometry_gradient_of(
             }
         }
     }
-    let Some(movable) = movable else { return Ok(to_metres(scene, camera, &view, vertices)) };
     for (vertex, gradient) in (0..).zip(&mut vertices) {
         *gradient = if movable.vertex(vertex) { *gradient } else { DVec3::ZERO };
     }
+    let gradient = to_metres(scene, camera, &view, vertices);
     let none = DVec3::ZERO;
-    Ok(GeometryGradient { position: none, target: none, ..to_metres(scene, camera, &view, vertices) })
+    Ok(if whole { gradient } else { GeometryGradient { position: none, target: none, ..gradient } })
 }
 
 /// The lines in one direction.

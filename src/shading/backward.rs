@@ -114,7 +114,9 @@ pub fn backward(
             faces.filter(|(_, material)| material.is_glossy()).for_each(|(by, _)| *by = DVec3::ZERO);
         }
         colours.push((view.camera.position, by_colours));
-        light.pull_back(view, seen, request, &mut sums);
+        let movable = &engine.movable;
+        let moves = |face| request.positions && movable.triangle(face) || request.camera;
+        light.pull_back(view, seen, request, &moves, &mut sums);
     }
     let specular = sums.pull_back_brought(light);
     sums.pull_back_sharpened(light);
@@ -249,6 +251,7 @@ impl Light {
         view: &super::View,
         loss: &SeenFrom,
         request: GradientRequest,
+        moves: &(dyn Fn(u32) -> bool + Sync),
         sums: &mut Differences,
     ) {
         let sights = self.sights(view, loss.coverage);
@@ -264,7 +267,7 @@ impl Light {
             let rays = known.as_ref().map(|known| &known[k][..]);
             let cotangent: Vec<DVec3> = run.of.iter().map(by_seen).collect();
             let spots: Vec<Spot> = run.of.iter().map(|&place| Spot::from(&seen[place])).collect();
-            self.pull_back_points(run, &camera, &cotangent, &spots, rays, request)
+            self.pull_back_points(run, &camera, &cotangent, &spots, rays, request, moves)
         };
         let all: Vec<Option<OfPoints>> = runs.par_iter().enumerate().map(of_run).collect();
         // One after the other, so that sums are the same from run to run.
@@ -294,6 +297,7 @@ impl Light {
         spots: &[Spot],
         rays: Option<&[Sample]>,
         request: GradientRequest,
+        moves: &dyn Fn(u32) -> bool,
     ) -> Option<OfPoints> {
         let face = *face;
         let facet = &self.facets[face];
@@ -390,7 +394,7 @@ impl Light {
                 }
             };
             let by_phi = |k: usize, l: usize| by_irradiance[k].dot(radiance[l]) * facet.normal;
-            let (by_others, by_light) = self.direct.pull_back_points(&self.facets, face, at, by_phi);
+            let (by_others, by_light) = self.direct.pull_back_points(&self.facets, face, at, by_phi, moves);
             of.facets.extend(by_others);
             by_points.iter_mut().zip(by_light).for_each(|(to, by)| *to += by);
             let along = |values: [f64; 3]| slope(facet.corners, facet.normal, facet.area, values);

@@ -219,13 +219,13 @@ impl<'a> AdjointOperator<'a> {
 
     /// Per slot, the derivative of ⟨λ, U (E + (K - J) x)⟩ and of the views' ⟨colours, S (E + K x)⟩ with respect to geometry,
     /// and of the latter with respect to each camera; per unit of length of the engine. Recomputes the outgoing
-    /// light. The former need not be complete of triangles that are not `movable`.
+    /// light. The former are those of the transport, too,
+    /// of `movable` triangles at least, where these are stated.
     pub(crate) fn geometry(
         &mut self,
         x: &State,
         cotangent: &State,
         views: &[(DVec3, Vec<[f64; 4]>)],
-        pairs: bool,
         movable: Option<&Movable>,
     ) -> Result<(Vec<FacetGradient>, Vec<DVec3>), TransportError> {
         self.operators.update_outgoing(Some(x), true, true)?;
@@ -240,7 +240,7 @@ impl<'a> AdjointOperator<'a> {
         let mut batch = context.device.batch()?;
         batch.fill(gradients, 0, count * precision.bytes(), 0)?;
         batch.submit()?;
-        if pairs {
+        if let Some(movable) = movable {
             derivative.run(context, buffers, [x, cotangent], gradients, movable, monitor)?;
             if let (Some(of_clusters), Some(light)) = (&buffers.clusters, &forward.clusters) {
                 let cotangent = cotangent.resident()?;

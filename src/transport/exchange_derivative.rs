@@ -59,7 +59,7 @@ impl ExchangeDerivative {
         adjoint: &AdjointBuffers,
         [x, cotangent]: [&State; 2],
         gradients: &Buffer,
-        movable: Option<&Movable>,
+        movable: &Movable,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { plan, scene, outgoing, .. } = context;

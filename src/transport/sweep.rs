@@ -190,13 +190,12 @@ impl<'a> Between<'a> {
         Self { targets: plan.own(group), partners, lists, first_slot }
     }
 
-    /// The parts with `movable` targets, in whole tiles; all of it where that is not stated.
-    pub fn to_movable(self, plan: &Plan, movable: Option<&Movable>) -> Vec<Self> {
-        let Some(movable) = movable else { return vec![self] };
+    /// The parts with `movable` targets, in whole tiles.
+    pub fn to_movable(self, plan: &Plan, movable: &Movable) -> Vec<Self> {
         let moves = |&tile: &u32| {
             let slots = plan.layout.slots_of(&(tile..tile + 1));
             let triangles = slots.map(|slot| plan.layout.order[slot as usize]);
-            triangles.into_iter().any(|i| i != PADDING && movable.triangle(i as usize))
+            triangles.into_iter().any(|i| i != PADDING && movable.triangle(i))
         };
         let tiles: Vec<u32> = self.targets.tiles.clone().filter(moves).collect();
         let part = |run: &[u32]| {
