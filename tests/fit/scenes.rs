@@ -312,6 +312,48 @@ fn pictures_are_differentiated_by_their_cameras() {
     finish(&device);
 }
 
+/// Derivatives by what may move are those among all, and others are zero.
+#[test]
+fn derivatives_by_what_moves_are_those_of_all() {
+    let device = device();
+    let scene = coarse("scenes/fits/box.toml");
+    let moving = scene.meshes.iter().find(|mesh| mesh.name == "box").expect("a box").range.clone();
+    let triangles = &scene.triangles[moving.start as usize..moving.end as usize];
+    let movable: Vec<u32> = triangles.iter().flat_map(|triangle| triangle.vertices).collect();
+    let request = GradientRequest::NOTHING.positions(true);
+    let seen_by = cameras(&scene, &["one", "shadow"]);
+    let weights: Vec<Vec<DVec3>> = seen_by
+        .iter()
+        .map(|camera| {
+            let pixels = 0..camera.width * camera.height;
+            pixels.map(|pixel| DVec3::new(1.0, 0.8, 0.6) * f64::from(pixel % 17)).collect()
+        })
+        .collect();
+    let gradient = |movable: Option<&Vec<u32>>| {
+        let renderer = EngineRenderer::new(&device, scene.clone(), seen_by.clone(), 4, request, watch());
+        let mut renderer = renderer.expect("a renderer");
+        if let Some(movable) = movable {
+            renderer = renderer.movable(movable.clone());
+        }
+        renderer.pictures(&scene).expect("pictures");
+        let gradient = renderer.pull_back(&weights, request).expect("derivatives").expect("pictures before");
+        gradient.positions.expect("by positions")
+    };
+    let (all, some) = (gradient(None), gradient(Some(&movable)));
+    let [mut others, mut largest] = [0.0_f64; 2];
+    for (vertex, (all, some)) in (0..).zip(all.into_iter().zip(some)) {
+        if movable.contains(&vertex) {
+            largest = largest.max(some.length());
+            assert_eq!(some, all, "vertex {vertex}");
+        } else {
+            others = others.max(all.length());
+            assert_eq!(some, DVec3::ZERO, "vertex {vertex}");
+        }
+    }
+    assert!(largest > 0.0 && others > 0.0);
+    finish(&device);
+}
+
 /// Solves start from the light of the pictures before; what they find is the same within the tolerance, and nothing is left of them
 /// once they are forgotten.
 #[test]

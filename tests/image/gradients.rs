@@ -1,6 +1,8 @@
 //! Derivatives of pictures: with respect to colours against the transpose, to geometry against differences of far finer pictures.
 
-use antirad::image::{GeometryGradient, ImageError, PictureOptions, Rasterizer, geometry_gradient};
+use antirad::image::{
+    GeometryGradient, ImageError, PictureOptions, Rasterizer, geometry_gradient, geometry_gradient_of,
+};
 use antirad::scene::{Camera, Scene};
 use glam::{DQuat, DVec3};
 
@@ -212,6 +214,68 @@ fn colours_have_the_transpose_of_the_picture() {
             assert!(gradient[gradient.len() - 4].length() > 0.0);
         }
     });
+}
+
+/// Coverage of moved vertices is that computed anew, to the last sample.
+#[test]
+fn coverage_follows_what_moves() {
+    on_device(|rasterizer| {
+        let before = hidden();
+        // Several bands, and a size that is not a multiple of tiles.
+        let camera = Camera { width: 301, height: 203, ..camera() };
+        let mut random = Random::new(5);
+        let mut jump = || DVec3::from_array([0; 3].map(|_| random.next() - 0.5));
+        let all: Vec<DVec3> = before.vertices.iter().map(|_| 0.2 * jump()).collect();
+        let moves: [&dyn Fn(usize) -> DVec3; 6] = [
+            &cube_moves(FLIGHT),
+            &cube_moves(DVec3::ZERO),
+            // Out of the picture, and around the camera.
+            &cube_moves(DVec3::new(40.0, 0.0, 0.0)),
+            &cube_moves(camera.position - before.vertices[0]),
+            &|vertex| if vertex == 3 { DVec3::new(0.1, -0.05, 0.0) } else { DVec3::ZERO },
+            &|vertex| all[vertex],
+        ];
+        for side in [1, 4, 16] {
+            let old = rasterizer.coverage(&before, &camera, side).unwrap();
+            for (number, by) in moves.iter().enumerate() {
+                let mut scene = before.clone();
+                scene.vertices.iter_mut().enumerate().for_each(|(vertex, at)| *at += by(vertex));
+                let new = rasterizer.coverage(&scene, &camera, side).unwrap();
+                let moved = |from: &Scene, coverage| {
+                    rasterizer.coverage_of_moved(&scene, &camera, side, (&from.vertices, coverage)).unwrap()
+                };
+                assert!(moved(&before, &old) == new, "move {number}, {side} samples");
+                assert_eq!(number != 1, old != new, "move {number}");
+                // A coverage of something else is of no use, and does no harm.
+                let other =
+                    rasterizer.coverage(&before, &Camera { width: 64, ..camera.clone() }, side).unwrap();
+                assert!(moved(&before, &other) == new);
+            }
+        }
+    });
+}
+
+/// Derivatives by some vertices are those among all.
+#[test]
+fn edges_of_what_moves_are_those_of_all() {
+    let (scene, camera) = (hidden(), camera());
+    let mut random = Random::new(8);
+    let colours = random.colours(&scene);
+    let pixels = (camera.width * camera.height) as usize;
+    let adjoint: Vec<[f64; 4]> = (0..pixels).map(|_| [0; 4].map(|_| random.next() - 0.5)).collect();
+    let shown = |face: usize, places: &[[f64; 2]]| vec![colours[face].map(f64::from); places.len()];
+    let gradient = |movable: Option<&[u32]>| {
+        geometry_gradient_of(&scene, &camera, 4, &shown, &adjoint, movable).unwrap()
+    };
+    let all = gradient(None);
+    assert_eq!(all, geometry_gradient(&scene, &camera, 4, &colours, &adjoint).unwrap());
+    let cube: Vec<u32> = (0..24).collect();
+    let of_cube = gradient(Some(&cube));
+    assert_eq!(of_cube.vertices[..24], all.vertices[..24]);
+    assert!(all.vertices[24..].iter().any(|by| *by != DVec3::ZERO));
+    assert!(of_cube.vertices[24..].iter().all(|by| *by == DVec3::ZERO));
+    assert_eq!((of_cube.position, of_cube.target), (DVec3::ZERO, DVec3::ZERO));
+    assert!(all.position != DVec3::ZERO);
 }
 
 /// The area of a rectangle is exact wherever the lines are, hence its derivative too.
