@@ -1,5 +1,6 @@
 //! Buffers: labelled, counted, freed when dropped.
 
+use std::ptr::NonNull;
 use std::sync::Arc;
 use std::{fmt, mem};
 
@@ -35,6 +36,15 @@ pub struct BufferSlice<'a> {
     pub(super) buffer: &'a Buffer,
     pub(super) offset: u64,
     pub(super) bytes: u64,
+}
+
+impl BufferSlice<'_> {
+    /// Whether two parts have bytes in common.
+    pub(super) fn overlaps(&self, other: &Self) -> bool {
+        std::ptr::eq(self.buffer, other.buffer)
+            && self.offset < other.offset + other.bytes
+            && other.offset < self.offset + self.bytes
+    }
 }
 
 impl Buffer {
@@ -73,6 +83,16 @@ impl Buffer {
     /// The Vulkan handle, for embedders that record commands of their own.
     pub fn raw(&self) -> vk::Buffer {
         self.block.raw
+    }
+
+    /// Where the host sees it, if it does.
+    pub(super) fn start(&self) -> Option<NonNull<u8>> {
+        self.block.allocation.mapped_ptr().map(NonNull::cast)
+    }
+
+    /// Properties of its memory.
+    pub(super) fn properties(&self) -> vk::MemoryPropertyFlags {
+        self.block.allocation.memory_properties()
     }
 
     /// Checks that the buffer belongs to `device` and contains these bytes.

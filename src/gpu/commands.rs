@@ -246,8 +246,9 @@ impl<'a> Batch<'a> {
         let stages = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
         let writes = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
         self.barrier(stages, writes, vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ);
-        let start = Instant::now();
         let shared = &self.device.shared;
+        let _running = shared.running.read();
+        let start = Instant::now();
         let timing = &mut self.timing;
         self.recorder.execute(shared, |kernel, shape, seconds| {
             timing.dispatches += 1;

@@ -8,7 +8,7 @@ use std::fmt;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, RwLock};
 
 use ash::ext::debug_utils;
 use ash::{ext, khr, vk};
@@ -86,6 +86,8 @@ pub struct Device {
 pub(super) struct Shared {
     pub(super) info: DeviceInfo,
     pub(super) queue_family: u32,
+    /// Read while a batch runs, written while the host uses memory that it shares with the device.
+    pub(super) running: RwLock<()>,
     /// Vulkan allows one thread at a time to submit.
     pub(super) queue: Mutex<vk::Queue>,
     pub(super) timestamp_bits: u32,
@@ -171,6 +173,7 @@ impl Device {
         let shared = Shared {
             info,
             queue_family,
+            running: RwLock::default(),
             queue: Mutex::new(queue),
             timestamp_bits,
             memory: Mutex::new(memory),

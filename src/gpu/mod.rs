@@ -33,6 +33,7 @@ mod commands;
 mod device;
 pub mod embed;
 mod error;
+mod host;
 mod info;
 mod instance;
 mod kernel_cache;

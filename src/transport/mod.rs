@@ -15,6 +15,7 @@ mod lobes;
 mod near_matrix;
 mod observation;
 mod observation_adjoint;
+mod on_host;
 mod pace;
 mod real;
 mod reflection;

@@ -1,10 +1,12 @@
 //! The near field as a matrix that the device keeps: its part of U and, transposed, of Uᵀ.
 
+use super::on_host::near_matrix::{Side, multiply};
 use super::pace::{Bundle, MOST_GROUPS, Pace};
 use super::real;
 use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
 use crate::plan::{Block, IncidentPart, OutgoingPart, Plan, SLICE, SlicedMatrix};
+use crate::scene::Precision;
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::sync::Arc;
@@ -24,6 +26,9 @@ pub struct NearMatrixPush {
 /// Steps of a slice per dispatch: lavapipe bounds the iterations of all loops of an invocation together by 65535.
 const TAKE: u32 = 32_768;
 
+/// Reals of a slot.
+const SLOT: usize = 4;
+
 /// The matrix from outgoing to incident light, or its transpose.
 pub struct NearMatrix {
     matrix: Arc<SlicedMatrix>,
@@ -35,8 +40,8 @@ pub struct NearMatrix {
     /// By whether it reads bins, and whether it writes bins.
     kernels: [[Pipeline; 2]; 2],
     pace: Pace,
-    /// Bytes of a real.
-    real: u64,
+    precision: Precision,
+    channels: u32,
 }
 
 impl NearMatrix {
@@ -78,7 +83,8 @@ impl NearMatrix {
             weights: real::filled(device, "near matrix: weights", precision, &matrix.weights)?,
             kernels: [[kernel(0, 0)?, kernel(0, 1)?], [kernel(1, 0)?, kernel(1, 1)?]],
             pace: Pace::new(1e7),
-            real: precision.bytes(),
+            precision,
+            channels: plan.channels,
         })
     }
 
@@ -92,19 +98,29 @@ impl NearMatrix {
         backs: bool,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
-        let Self { matrix, transposed, starts, rows, columns, weights, kernels, pace, real } = self;
+        let Self { matrix, transposed, starts, rows, columns, weights, kernels, pace, precision, channels } =
+            self;
         let shape = if *transposed { "transposed" } else { "forward" };
         let mut passed = 0;
         let mut bundle = Bundle::new(device, pace, monitor);
         let wanted = |block: &&Block| backs || !matches!(block.outgoing, OutgoingPart::Antiradiance { .. });
         for block in matrix.blocks.iter().filter(wanted) {
-            passed += matrix.entries(block);
             let ends = [outgoing(block.outgoing)?, incident(block.incident)?];
             let bins = [
                 !matches!(block.outgoing, OutgoingPart::Diffuse),
                 !matches!(block.incident, IncidentPart::Irradiance),
             ];
             let [from, to] = if *transposed { [1, 0] } else { [0, 1] };
+            let side = |end: usize| Side {
+                values: ends[end],
+                stride: if bins[end] { *channels as usize } else { SLOT },
+            };
+            let of = (&**matrix, block);
+            if multiply(device, *precision, of, weights.whole(), side(from), side(to))?.is_some() {
+                bundle.done_elsewhere(matrix.entries(block))?;
+                continue;
+            }
+            passed += matrix.entries(block);
             let kernel = &kernels[usize::from(bins[from])][usize::from(bins[to])];
             let buffers =
                 [starts.whole(), rows.whole(), columns.whole(), weights.whole(), ends[from], ends[to]];
@@ -132,7 +148,7 @@ impl NearMatrix {
         }
         bundle.submit()?;
         // A column, a weight, and three channels.
-        device.credit(kernels[0][0].kernel(), shape, passed, passed * (4 + 4 * *real));
+        device.credit(kernels[0][0].kernel(), shape, passed, passed * (4 + 4 * precision.bytes()));
         Ok(())
     }
 }

@@ -98,6 +98,11 @@ impl<'a, 'b> Bundle<'a, 'b> {
         Ok(())
     }
 
+    /// Reports pairs that needed no dispatch.
+    pub fn done_elsewhere(&mut self, shown: u64) -> Result<(), TransportError> {
+        self.monitor.done(shown)
+    }
+
     /// Submits the recorded dispatches and waits for them.
     pub fn submit(&mut self) -> Result<(), TransportError> {
         if let Some(batch) = self.batch.take() {

@@ -68,6 +68,11 @@ impl<'a> View<'a> {
         self.buffer.whole()
     }
 
+    /// The values of the part alone.
+    pub fn own(&self) -> BufferSlice<'a> {
+        self.buffer.slice(self.offset, self.bytes)
+    }
+
     /// How many reals the part has.
     pub fn reals(&self, precision: Precision) -> u32 {
         (self.bytes / precision.bytes()) as u32

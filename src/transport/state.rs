@@ -53,7 +53,7 @@ impl StateBuffers {
         Ok(self.view(part)?.slice())
     }
 
-    fn view(&self, part: &Part) -> Result<View<'_>, TransportError> {
+    pub fn view(&self, part: &Part) -> Result<View<'_>, TransportError> {
         match part {
             Part::Bins { group, slots, .. } => {
                 Ok(View::resident(page(&self.bins, *group)?, slots.start, part.bytes()))
@@ -230,6 +230,7 @@ mod tests {
     use super::super::adjoint::AdjointOperator;
     use super::super::tests::{adjoint, operators};
     use super::*;
+    use crate::movable::Movable;
     use crate::solve::LightOperator;
 
     /// Kernels that read irradiance in place of bins would give plausible but wrong results.
@@ -263,6 +264,6 @@ mod tests {
         missing(transposed.pass(Some(&holed), false, &mut out).err());
         missing(transposed.pass(Some(&whole), false, &mut holed).err());
         missing(transposed.lobe_sums(&holed).err());
-        missing(transposed.geometry(&whole, &holed, &[], true).err());
+        missing(transposed.geometry(&whole, &holed, &[], Some(&Movable::All)).err());
     }
 }

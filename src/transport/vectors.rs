@@ -1,5 +1,6 @@
 //! States as vectors, for the solvers.
 
+use super::on_host::vectors as host;
 use super::residency::{Part, View};
 use super::state::State;
 use super::watch::{PassMonitor, TransportError};
@@ -74,6 +75,9 @@ impl Vectors {
             let views: Vec<(View, View)> = views.collect::<Result<_, TransportError>>()?;
             let mut batch = device.batch()?;
             for (x, y) in &views {
+                if host::combine(device, precision, (a, x.own()), (b, y.own()))?.is_some() {
+                    continue;
+                }
                 let count = y.reals(precision) / STEP;
                 let push = real::push(precision, &[a, b], &[count]);
                 let groups = [count.div_ceil(WORKGROUP).min(LANES / WORKGROUP), 1, 1];
@@ -94,7 +98,17 @@ impl Vectors {
         y: &State,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
-        self.combine(context, (b, y), (0.0, y), monitor)
+        let Context { device, plan, .. } = context;
+        let mut on_host = true;
+        for part in Part::all(plan) {
+            let view = y.edit(device, &part, true)?;
+            on_host = on_host && host::scale(device, plan.settings.precision, b, view.own())?.is_some();
+            if !on_host {
+                return self.combine(context, (b, y), (0.0, y), monitor);
+            }
+            view.store(device)?;
+        }
+        Ok(monitor.done(0)?)
     }
 
     /// ⟨x, y⟩.
@@ -108,9 +122,15 @@ impl Vectors {
         let Context { device, plan, .. } = context;
         let precision = plan.settings.precision;
         let mut additions = additions();
+        let mut known = None;
         for parts in together(plan) {
             let views = parts.iter().map(|part| Ok((x.show(device, part)?, y.edit(device, part, true)?)));
             let views: Vec<(View, View)> = views.collect::<Result<_, TransportError>>()?;
+            let on_host = |(x, y): &(View, View)| host::dot(device, precision, x.own(), y.own());
+            if let Some(sums) = views.iter().map(on_host).collect::<Result<Option<Vec<f64>>, _>>()? {
+                known = Some(known.unwrap_or(0.0) + sums.into_iter().sum::<f64>());
+                continue;
+            }
             let mut batch = device.batch()?;
             for ((x, y), add) in views.iter().zip(&mut additions) {
                 let push = DotPush { count: y.reals(precision) / STEP, add };
@@ -120,7 +140,7 @@ impl Vectors {
             batch.submit()?;
             monitor.done(0)?;
         }
-        self.sum(context)
+        known.map_or_else(|| self.sum(context), Ok)
     }
 
     /// y = a x + b y; then ⟨z, y⟩, or ⟨y, y⟩ without z.
@@ -142,6 +162,15 @@ impl Vectors {
         let (of_itself, z) = (z.is_none(), z.unwrap_or(y).resident()?);
         let (x, y) = (x.resident()?, y.resident()?);
         let parts = Part::all(plan);
+        let on_host = |part: &Part| {
+            let [x, y, z] = [x.view(part)?, y.view(part)?, z.view(part)?].map(|view| view.own());
+            let z = (!of_itself).then_some(z);
+            Ok::<_, TransportError>(host::combine_dot(device, precision, (a, x), (b, y), z)?)
+        };
+        if let Some(sums) = parts.iter().map(on_host).collect::<Result<Option<Vec<f64>>, _>>()? {
+            monitor.done(0)?;
+            return Ok(sums.into_iter().sum());
+        }
         let mut batch = device.batch()?;
         for (part, add) in parts.iter().zip(additions()) {
             let count = (part.bytes() / precision.bytes()) as u32 / STEP;
