@@ -1,10 +1,17 @@
 //! The vertices by whose positions derivatives are wanted.
 
 /// Vertices of a scene, and the triangles that move with them.
-#[derive(Clone, Debug)]
-pub(crate) enum Movable {
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Movable {
+    /// Every vertex.
     All,
-    Some { vertices: Vec<bool>, triangles: Vec<bool> },
+    /// Those that are marked.
+    Some {
+        /// By index in the scene.
+        vertices: Vec<bool>,
+        /// Per triangle, whether a corner is movable.
+        triangles: Vec<bool>,
+    },
 }
 
 impl Movable {

@@ -5,7 +5,7 @@
 mod support;
 
 use antirad::gpu::embed::RawDevice;
-use antirad::gpu::{Device, Enabled, GpuError};
+use antirad::gpu::{Device, DeviceKind, Enabled, GpuError};
 use antirad::plan::{GradientRequest, Occlusion, PADDING, Plan, PlanOptions};
 use antirad::scene::{
     BinLayout, Material, Mesh, Precision, Scene, Shape, SolveSettings, SolverChoice, Triangle, Weights,
@@ -277,6 +277,41 @@ fn operators_and_their_transposes_agree_in_f32() {
         dot_products(name, &scene, false, 1e-4);
         whole_solve(name, &scene, 1e-4);
     }
+}
+
+/// Where the device is a CPU the host does some of the work: the same as kernels do on GPUs.
+#[test]
+fn kernels_and_the_host_agree() {
+    let device = device();
+    let mut grey = random_scene(16, 90, true, true);
+    grey.settings = settings(Precision::F64);
+    let single = scenes(Precision::F32).into_iter().map(|(name, scene)| (name, scene, 1e-4));
+    let double = scenes(Precision::F64).into_iter().map(|(name, scene)| (name, scene, 1e-9));
+    for (name, scene, bound) in single.chain(double).chain([("grey", grey, 1e-9)]) {
+        let loss = random_loss(&mut Random::new(6), scene.triangles.len());
+        let found = [device.clone(), device.clone().kernels_only()].map(|device| {
+            device.reset_profile();
+            let mut engine = engine(&device, &scene, GradientRequest::EVERYTHING);
+            let solution = solve(&mut engine);
+            let gradients = kinds(&backward(&mut engine, &solution, &loss));
+            let kernels: Vec<String> =
+                device.profile().into_iter().map(|row| row.kernel.replace("_f64", "")).collect();
+            (solution.irradiance.as_flattened().to_vec(), gradients, kernels)
+        });
+        let [(irradiance, gradients, on_host), (true_irradiance, true_gradients, on_device)] = found;
+        let error = relative(&irradiance, &true_irradiance);
+        assert!(error <= bound, "{name}: relative error {error:e}");
+        for ((kind, given), (_, truth)) in gradients.iter().zip(&true_gradients) {
+            let error = relative(given, truth);
+            assert!(error <= bound, "{name}, {kind}: relative error {error:e}");
+        }
+        for kernel in ["combine", "combine_dot", "near_matrix"] {
+            assert!(on_device.iter().any(|row| row == kernel), "{name}: {kernel} of {on_device:?}");
+            let cpu = device.info().kind == DeviceKind::Cpu;
+            assert_eq!(on_host.iter().any(|row| row == kernel), !cpu, "{name}: {kernel}");
+        }
+    }
+    finish(&device);
 }
 
 /// A parameter of a scene and the cameras, changed by a number.

@@ -2,6 +2,7 @@
 
 mod support;
 
+use antirad::Movable;
 use antirad::model::FacetGradient;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::reference::{
@@ -111,8 +112,8 @@ fn compare(name: &str, scene: &Scene, settings: SolveSettings, adjust: impl Fn(P
     operator.pass(None, true, &mut z).expect("a pass");
     let seen = reflect_adjoint(&model, &observe_adjoint(&model, camera_position, &colours));
     let views = [(camera_position, colours_by_slot)];
-    let (pairs, _) = operator.geometry(&h, &x, &[], true).expect("derivatives");
-    let (faces, camera_positions) = operator.geometry(&h, &x, &views, false).expect("derivatives");
+    let (pairs, _) = operator.geometry(&h, &x, &[], Some(&Movable::All)).expect("derivatives");
+    let (faces, camera_positions) = operator.geometry(&h, &x, &views, None).expect("derivatives");
 
     for (name, vector, truth) in [("adjoint pass", &y, &back), ("observe_adjoint", &z, &seen)] {
         let irradiance = operators.irradiance(vector).expect("values");

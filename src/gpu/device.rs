@@ -81,6 +81,8 @@ pub struct Device {
     pub(super) scope: Arc<Scope>,
     ranks: Ranks,
     watch: Option<Watch>,
+    /// Whether the host works in the memory that it shares with the device.
+    pub(super) host_works: bool,
 }
 
 pub(super) struct Shared {
@@ -195,6 +197,7 @@ impl Device {
             shared,
             ranks: Ranks::default(),
             watch: None,
+            host_works: true,
         })
     }
 
@@ -207,7 +210,15 @@ impl Device {
             shared: self.shared.clone(),
             ranks: self.ranks.clone(),
             watch: self.watch.clone(),
+            host_works: self.host_works,
         }
+    }
+
+    /// The same device, whose kernels do all the work, as on a GPU: where the device is a CPU, the host does some of it, faster than
+    /// kernels.
+    #[must_use]
+    pub fn kernels_only(self) -> Self {
+        Self { host_works: false, ..self }
     }
 
     /// The same device as that of one of several ranks: its engines compute a share of every pass, together with those of the

@@ -12,7 +12,7 @@ use super::info::DeviceKind;
 
 impl Device {
     /// Calls `with` with the values of parts of buffers, while nothing runs on the device. `None` unless the device is a CPU,
-    /// whose memory is the host's. `with` must not use the device.
+    /// whose memory is the host's, and not of [`Device::kernels_only`]. `with` must not use the device.
     pub fn read_on_host<T: Pod, R, const N: usize>(
         &self,
         parts: [BufferSlice; N],
@@ -55,7 +55,9 @@ impl Device {
             buffer.check(self, offset, bytes)?;
             buffer.check_aligned(offset, bytes, size_of::<T>() as u64)?;
             let coherent = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
-            let shared = self.info().kind == DeviceKind::Cpu && buffer.properties().contains(coherent);
+            let shared = self.host_works
+                && self.info().kind == DeviceKind::Cpu
+                && buffer.properties().contains(coherent);
             let Some(start) = buffer.start().filter(|start| shared && start.cast::<T>().is_aligned()) else {
                 return Ok(None);
             };
@@ -98,5 +100,7 @@ mod tests {
         assert!(device.edit_on_host(y.slice(0, 64), [y.slice(64, 64)], add).expect("parts").is_some());
         assert!(device.read_on_host([x.slice(4092, 8)], sum).is_err());
         assert!(device.read_on_host([x.slice(2, 8)], sum).is_err());
+        let kernels_only = device.clone().kernels_only();
+        assert!(kernels_only.read_on_host([x.slice(0, 16)], sum).expect("a part").is_none());
     }
 }

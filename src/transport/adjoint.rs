@@ -221,7 +221,7 @@ impl<'a> AdjointOperator<'a> {
     /// and of the latter with respect to each camera; per unit of length of the engine. Recomputes the outgoing
     /// light. The former are those of the transport, too,
     /// of `movable` triangles at least, where these are stated.
-    pub(crate) fn geometry(
+    pub fn geometry(
         &mut self,
         x: &State,
         cotangent: &State,
