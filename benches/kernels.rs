@@ -9,7 +9,7 @@
 
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
-use antirad::scene::{Material, Precision, Scene, SceneBuilder, Shape, SolveSettings};
+use antirad::scene::{Material, Movable, Precision, Scene, SceneBuilder, Shape, SolveSettings};
 use antirad::solve::LightOperator;
 use antirad::transport::{AdjointKernels, AdjointOperator, Operators, SceneBuffers, State};
 use glam::{DAffine3, DQuat, DVec3};
@@ -109,7 +109,9 @@ impl Bench {
             Run::Forward => operators.pass(Some(x), true, y).expect("a pass"),
             Run::Adjoint => AdjointOperator::new(operators, adjoint).pass(Some(x), false, y).expect("a pass"),
             Run::Derivative(_) => {
-                AdjointOperator::new(operators, adjoint).geometry(x, x, &[], true).expect("gradients");
+                AdjointOperator::new(operators, adjoint)
+                    .geometry(x, x, &[], Some(&Movable::All))
+                    .expect("gradients");
             }
         }
     }

@@ -3,10 +3,10 @@
 use crate::direct::DirectLight;
 use crate::engine_direct::{Direct, lamps_of};
 use crate::gpu::{Device, DeviceKind, GpuError};
-use crate::movable::Movable;
 use crate::options::setters;
 use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, Residency};
 use crate::revision::{Difference, Revision};
+use crate::scene::Movable;
 use crate::scene::{BinLayout, Material, Precision, Scene, SceneError, SolveSettings, Weights};
 use crate::solve::{
     FixedPointParams, GmresParams, LightOperator, SolveError, SolveInfo, SolveProgress, fixed_point_from,

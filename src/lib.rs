@@ -55,7 +55,6 @@ mod gradients_direct;
 pub mod image;
 mod input;
 pub mod model;
-mod movable;
 mod options;
 pub mod output;
 pub mod plan;
@@ -76,7 +75,6 @@ pub use engine_builder::EngineBuilder;
 /// The crate of the vector types in this API, in the version it uses.
 pub use glam;
 pub use gradients::{Cotangent, Gradients, MaterialGradients};
-pub use movable::Movable;
 pub use watch::Watch;
 
 /// Which types of the API threads may share or send: a change that breaks this does not compile.

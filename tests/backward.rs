@@ -305,7 +305,9 @@ fn kernels_and_the_host_agree() {
             let error = relative(given, truth);
             assert!(error <= bound, "{name}, {kind}: relative error {error:e}");
         }
-        for kernel in ["combine", "combine_dot", "near_matrix"] {
+        let lobes = name.starts_with("gl").then_some(["reflect_lobes", "reflect_lobes_adjoint"]);
+        for kernel in ["combine", "combine_dot", "near_matrix"].into_iter().chain(lobes.into_iter().flatten())
+        {
             assert!(on_device.iter().any(|row| row == kernel), "{name}: {kernel} of {on_device:?}");
             let cpu = device.info().kind == DeviceKind::Cpu;
             assert_eq!(on_host.iter().any(|row| row == kernel), !cpu, "{name}: {kernel}");

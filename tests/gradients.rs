@@ -2,7 +2,6 @@
 
 mod support;
 
-use antirad::Movable;
 use antirad::model::FacetGradient;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::reference::{
@@ -10,7 +9,7 @@ use antirad::reference::{
     reflect_derivative, transport_adjoint, transport_derivative, transport_through_clusters_adjoint,
     transport_through_clusters_derivative,
 };
-use antirad::scene::{BinLayout, Precision, Scene, SolveSettings, Transport, Weights};
+use antirad::scene::{BinLayout, Movable, Precision, Scene, SolveSettings, Transport, Weights};
 use antirad::solve::LightOperator;
 use antirad::transport::{AdjointKernels, AdjointOperator, Operators, SceneBuffers};
 use glam::DVec3;

@@ -279,8 +279,12 @@ impl DirectLight {
             let mut to = Contributions::default();
             for (l, lamp) in placed.iter().enumerate() {
                 let weight = cotangent(receiver, l);
-                if weight != 0.0 {
-                    self.pull_back_to(geometry, visible, [receiver, l], lamp, weight, &moves, &mut to);
+                if weight == 0.0 || self.factors(receiver)[l] == 0.0 {
+                    continue;
+                }
+                let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, (l, lamp));
+                if moves(receiver as u32) || between.moves(&moves) {
+                    self.pull_back_to(&between, visible, weight, &mut to);
                 }
             }
             to.merged()
@@ -464,24 +468,9 @@ impl DirectLight {
         }
     }
 
-    fn pull_back_to(
-        &self,
-        geometry: Geometry,
-        visible: &mut Visible,
-        [receiver, l]: [usize; 2],
-        lamp: &Placed,
-        weight: f64,
-        moves: &impl Fn(u32) -> bool,
-        to: &mut Contributions,
-    ) {
-        if self.factors(receiver)[l] == 0.0 {
-            return;
-        }
+    fn pull_back_to(&self, between: &Between, visible: &mut Visible, weight: f64, to: &mut Contributions) {
+        let &Between { geometry, receiver, lamp: (l, _), .. } = between;
         let Facet { corners, normal, .. } = geometry.facets[receiver];
-        let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, (l, lamp));
-        if !(moves(receiver as u32) || between.moves(moves)) {
-            return;
-        }
         let cuts = self.cuts.get(&[receiver, l]).cloned().unwrap_or_default();
         let mut own = FacetGradient::default();
         for Sample { barycentric, weight: share } in quadrature::samples(&cuts) {

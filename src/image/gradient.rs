@@ -19,7 +19,7 @@ use super::projection::{Projected, View};
 use super::raster::grid;
 use super::sweep::{Axis, Cause, Change, Sweep};
 use super::visibility;
-use crate::movable::Movable;
+use crate::scene::Movable;
 use crate::scene::{Camera, Scene};
 
 /// Lines that are swept together. This determines the order of sums, so it must not depend on the host.

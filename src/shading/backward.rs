@@ -116,7 +116,7 @@ pub fn backward(
         colours.push((view.camera.position, by_colours));
         let movable = &engine.movable;
         let moves = |face| request.positions && movable.triangle(face) || request.camera;
-        light.pull_back(view, seen, request, &moves, &mut sums);
+        light.pull_back(view, seen, &Wanted { request, moves: &moves }, &mut sums);
     }
     let specular = sums.pull_back_brought(light);
     sums.pull_back_sharpened(light);
@@ -129,6 +129,13 @@ pub fn backward(
     sums.add_to(&mut gradients, light, engine);
     let targets = sums.add_cameras(&mut gradients, light);
     Ok((gradients, targets))
+}
+
+/// Which derivatives are wanted.
+struct Wanted<'a> {
+    request: GradientRequest,
+    /// Of which triangles' places, or of all points seen where cameras move.
+    moves: &'a (dyn Fn(u32) -> bool + Sync),
 }
 
 impl Differences {
@@ -246,14 +253,7 @@ impl Differences {
 }
 
 impl Light {
-    fn pull_back(
-        &self,
-        view: &super::View,
-        loss: &SeenFrom,
-        request: GradientRequest,
-        moves: &(dyn Fn(u32) -> bool + Sync),
-        sums: &mut Differences,
-    ) {
+    fn pull_back(&self, view: &super::View, loss: &SeenFrom, wanted: &Wanted, sums: &mut Differences) {
         let sights = self.sights(view, loss.coverage);
         let Sights { seen, runs, .. } = &*sights;
         let by_seen = |place: &usize| {
@@ -267,7 +267,7 @@ impl Light {
             let rays = known.as_ref().map(|known| &known[k][..]);
             let cotangent: Vec<DVec3> = run.of.iter().map(by_seen).collect();
             let spots: Vec<Spot> = run.of.iter().map(|&place| Spot::from(&seen[place])).collect();
-            self.pull_back_points(run, &camera, &cotangent, &spots, rays, request, moves)
+            self.pull_back_points(run, &camera, &cotangent, &spots, rays, wanted)
         };
         let all: Vec<Option<OfPoints>> = runs.par_iter().enumerate().map(of_run).collect();
         // One after the other, so that sums are the same from run to run.
@@ -296,8 +296,7 @@ impl Light {
         cotangent: &[DVec3],
         spots: &[Spot],
         rays: Option<&[Sample]>,
-        request: GradientRequest,
-        moves: &dyn Fn(u32) -> bool,
+        &Wanted { request, moves }: &Wanted,
     ) -> Option<OfPoints> {
         let face = *face;
         let facet = &self.facets[face];

@@ -13,8 +13,8 @@ use super::watch::TransportError;
 use super::{Context, Operators, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
 use crate::model::{Clusters, FacetGradient};
-use crate::movable::Movable;
 use crate::plan::{PairLists, Plan};
+use crate::scene::Movable;
 use crate::solve::LightOperator;
 use glam::DVec3;
 

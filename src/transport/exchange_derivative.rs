@@ -10,8 +10,8 @@ use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::sweep_receivers::FromSources;
 use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, Buffer, Device, GpuError};
-use crate::movable::Movable;
 use crate::plan::{Interactions, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::scene::Movable;
 use crate::shaders;
 
 /// Close partners per target and dispatch: lavapipe stops an invocation after 65535 iterations of all its loops
@@ -100,7 +100,7 @@ impl ExchangeDerivative {
                         [&both[..], &[offsets.whole(), partners.whole(), scene.corners.whole()]].concat();
                     let far = [&both[..], &[runs.whole()]].concat();
                     let passing = PAIR_FRONT | PAIR_NEAR | PAIR_BACK;
-                    for between in Between::own(plan, target, other, lists).to_movable(plan, movable) {
+                    for between in Between::own(plan, target, other, lists).movable_targets(plan, movable) {
                         sweep.near(context, &between, &near, true, monitor)?;
                         if plan.clusters().is_none() {
                             sweep.far(context, &between, &far, &uniforms, passing, monitor)?;

@@ -133,6 +133,22 @@ impl Lobes {
         self.by_power.within(self.by_power.powers.len(), slots)
     }
 
+    /// The triangles of a page that share matrices: these, of K and of Kᵀ, and the slots of the triangles.
+    pub fn shared<'a>(
+        &'a self,
+        plan: &'a Plan,
+        slots: &'a Range<u32>,
+    ) -> impl Iterator<Item = ([BufferSlice<'a>; 2], &'a [u32])> {
+        (0..self.by_power.powers.len()).filter_map(move |k| {
+            let forward = self.forward.as_ref()?;
+            let transposed = self.transposed.as_ref().unwrap_or(forward);
+            let at = k as u64 * plan.lobe_matrix_bytes();
+            let matrices = [forward, transposed].map(|buffer| buffer.slice(at, plan.lobe_matrix_bytes()));
+            let entries = self.by_power.within(k, slots);
+            Some((matrices, &self.by_power.slots[entries.start as usize..entries.end as usize]))
+        })
+    }
+
     /// The dispatches over all triangles of a page that share matrices. Those of one triangle come in the order of the
     /// columns, whose sums add up.
     pub fn products<'a>(&'a self, plan: &Plan, page: u32, slots: &Range<u32>) -> Vec<Product<'a>> {

@@ -1,6 +1,7 @@
 //! K and E: reflection of incident light, and emission.
 
 use super::lobes::LobePush;
+use super::on_host::lobes::Reflected;
 use super::pace::{Bundle, Pace};
 use super::residency::{Part, View};
 use super::state::{State, page};
@@ -165,7 +166,20 @@ impl Reflection {
         };
         let by_power = scene.lobes.slots(&scene.no_bins);
         let mut bundle = Bundle::new(device, &mut self.lobes_pace, monitor);
-        for product in scene.lobes.products(plan, slots.start, &slots) {
+        let mut on_host = true;
+        for ([matrix, _], of) in scene.lobes.shared(plan, &slots) {
+            let reflected = Reflected {
+                matrix,
+                surfaces: scene.surfaces.whole(),
+                slots: of,
+                page: slots.start,
+                from: light.own(),
+                to: specular.whole(),
+                add: false,
+            };
+            on_host = on_host && reflected.compute(device, plan)?.is_some();
+        }
+        for product in scene.lobes.products(plan, slots.start, &slots).into_iter().filter(|_| !on_host) {
             let kernel = self.lobes.as_ref().ok_or_else(missing)?;
             let buffers =
                 [by_power, scene.surfaces.whole(), light.slice(), specular.whole(), product.forward];

@@ -2,6 +2,7 @@
 
 use super::adjoint::AdjointBuffers;
 use super::lobes::LobePush;
+use super::on_host::lobes::Reflected;
 use super::reflection::GlossyPush;
 use super::state::{State, page};
 use super::watch::TransportError;
@@ -116,7 +117,20 @@ impl ReflectionAdjoint {
             let (specular, bins) = (page(&outgoing.specular, g)?, page(&y.bins, g)?);
             let slots = plan.layout.slots_of(&group.tiles);
             let by_power = scene.lobes.slots(&scene.no_bins);
-            for product in scene.lobes.products(plan, slots.start, &slots) {
+            let mut on_host = true;
+            for ([_, matrix], of) in scene.lobes.shared(plan, &slots) {
+                let reflected = Reflected {
+                    matrix,
+                    surfaces: scene.surfaces.whole(),
+                    slots: of,
+                    page: slots.start,
+                    from: specular.whole(),
+                    to: bins.whole(),
+                    add: true,
+                };
+                on_host = on_host && reflected.compute(device, plan)?.is_some();
+            }
+            for product in scene.lobes.products(plan, slots.start, &slots).into_iter().filter(|_| !on_host) {
                 let (kernel, _) = self.lobes()?;
                 let surfaces = scene.surfaces.whole();
                 let buffers = [by_power, surfaces, specular.whole(), bins.whole(), product.transposed];

@@ -230,7 +230,7 @@ mod tests {
     use super::super::adjoint::AdjointOperator;
     use super::super::tests::{adjoint, operators};
     use super::*;
-    use crate::movable::Movable;
+    use crate::scene::Movable;
     use crate::solve::LightOperator;
 
     /// Kernels that read irradiance in place of bins would give plausible but wrong results.

@@ -7,8 +7,8 @@ use super::sweep_receivers::ReceiversPush;
 use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, Buffer, BufferSlice, Device, DeviceKind, GpuError, Pipeline, UNIFORM_BYTES};
 use crate::model::{LIST, SOURCES};
-use crate::movable::Movable;
 use crate::plan::{Group, NearPairs, PADDING, PAIR_BACK, PAIR_FRONT, PARTNER_BYTES, PairLists, Plan};
+use crate::scene::Movable;
 use crate::shaders::RealShader;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::cmp::Reverse;
@@ -191,7 +191,7 @@ impl<'a> Between<'a> {
     }
 
     /// The parts with `movable` targets, in whole tiles.
-    pub fn to_movable(self, plan: &Plan, movable: &Movable) -> Vec<Self> {
+    pub fn movable_targets(self, plan: &Plan, movable: &Movable) -> Vec<Self> {
         let moves = |&tile: &u32| {
             let slots = plan.layout.slots_of(&(tile..tile + 1));
             let triangles = slots.map(|slot| plan.layout.order[slot as usize]);

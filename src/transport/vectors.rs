@@ -108,7 +108,7 @@ impl Vectors {
             }
             view.store(device)?;
         }
-        Ok(monitor.done(0)?)
+        monitor.done(0)
     }
 
     /// ⟨x, y⟩.

@@ -2,6 +2,7 @@
 //! as long as what a compiler makes of the same loops. The same results but for rounding; `None` where the memory is not
 //! shared.
 
+pub mod lobes;
 pub mod near_matrix;
 pub mod vectors;
 
