@@ -39,6 +39,11 @@ impl Grid {
         Self { side, width, height, band_tile_rows }
     }
 
+    /// The same in bands of at most so many rows of tiles.
+    pub fn bands_up_to(self, tile_rows: u32) -> Self {
+        Self { band_tile_rows: self.band_tile_rows.min(tile_rows.max(1)), ..self }
+    }
+
     pub fn tile_columns(&self) -> u32 {
         self.width.div_ceil(TILE)
     }

@@ -133,6 +133,8 @@ impl Rasterizer {
         let present = faces.iter().filter(|face| moved(&face.number)).cloned();
         let changed = visibility::rounded(past.chain(present).collect());
         let tiles = Tiles::of(&grid, changed.iter());
+        let longest = tiles.rows(&grid).into_iter().map(|rows| rows.len() as u32).max();
+        let grid = grid.bands_up_to(longest.unwrap_or(0));
         let mut bands = Vec::new();
         let own = self.with_staging();
         own.coverage_of_bands(grid, scene.triangles.len(), faces, &tiles, |band, coverage| {
