@@ -47,6 +47,8 @@ pub struct EngineRenderer {
     coverage: Vec<Coverage>,
     /// State of the latest pictures. It holds device memory until the next ones have been rendered, whose solve starts from it.
     latest: Option<Latest>,
+    /// Light with other vertices, to start from.
+    start: Option<Solution>,
 }
 
 struct Latest {
@@ -91,6 +93,7 @@ impl EngineRenderer {
             planned: GradientRequest::default(),
             coverage: Vec::new(),
             latest: None,
+            start: None,
         })
     }
 
@@ -145,12 +148,21 @@ impl EngineRenderer {
         }
     }
 
+    /// Frees the memory of the engine before that of the next one is allocated, but for the light to start from, where there is room for
+    /// both.
+    fn retire(&mut self) {
+        self.start = self.latest.take().and_then(Latest::start);
+        let planned = self.engine.take().map_or(0, |engine| engine.plan().memory().total());
+        let memory = self.device.memory();
+        if memory.budget.saturating_sub(memory.in_use) < planned + planned / 4 {
+            self.start = None;
+        }
+    }
+
     /// Updates engine and coverage to the positions of a scene; an engine that is made for it has the derivatives of `gradients`.
     fn prepare(&mut self, scene: &Scene, gradients: GradientRequest) -> Result<Engine, RenderError> {
         if self.planning.vertices != scene.vertices {
-            // Its memory must be freed before the next one is allocated.
-            self.engine = None;
-            self.latest = None;
+            self.retire();
             let before = std::mem::replace(&mut self.planning.vertices, scene.vertices.clone());
             self.planning.degenerate.clone_from(&scene.degenerate);
             let views = self.cameras.iter().zip(std::mem::take(&mut self.coverage));
@@ -180,6 +192,11 @@ impl EngineRenderer {
 }
 
 impl Latest {
+    /// The light to start other solves from.
+    fn start(self) -> Option<Solution> {
+        (!self.difference).then_some(self.solution)
+    }
+
     /// Whether these are the pictures of a scene; scenes differ in materials and positions only.
     fn is_of(&self, scene: &Scene) -> bool {
         !self.difference && self.scene.materials == scene.materials && self.scene.vertices == scene.vertices
@@ -199,10 +216,12 @@ impl EngineRenderer {
             return Err(RenderError::Interrupted);
         }
         let mut engine = self.prepare(scene, gradients)?;
-        let start = self.latest.as_ref();
-        let start = start.filter(|latest| !(self.independent || difference || latest.difference));
+        let moved = self.start.take();
+        let latest = self.latest.as_ref().filter(|latest| !latest.difference);
+        let start = latest.map(|latest| &latest.solution).or(moved.as_ref());
+        let start = start.filter(|_| !(self.independent || difference));
         let (watch, passes) = (self.watch.clone(), &mut self.passes);
-        let solved = engine.solve_from(start.map(|latest| &latest.solution), &params, &mut |_, _| {
+        let solved = engine.solve_from(start, &params, &mut |_, _| {
             *passes += 1;
             watch()
         });
@@ -248,8 +267,8 @@ impl Renderer for EngineRenderer {
 
     fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
         if self.planned != self.request {
-            // An engine for pictures alone; its memory is freed before that of the next one is allocated.
-            (self.engine, self.latest) = (None, None);
+            // An engine for pictures alone.
+            self.retire();
         }
         if let Some(latest) = self.latest.as_ref().filter(|latest| latest.is_of(scene)) {
             return Ok(latest.pictures.clone());
@@ -362,7 +381,7 @@ impl Renderer for EngineRenderer {
     }
 
     fn forget(&mut self) {
-        self.latest = None;
+        (self.latest, self.start) = (None, None);
     }
 
     fn passes(&self) -> u64 {
