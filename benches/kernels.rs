@@ -135,7 +135,7 @@ impl Bench {
 }
 
 fn main() {
-    let device = Device::new(&DeviceOptions::default()).expect("a Vulkan device");
+    let device = Device::new(&DeviceOptions::default()).expect("a Vulkan device").kernels_only();
     println!("{}", device.info().name);
     let cases = [
         Case {

@@ -33,8 +33,7 @@ impl Default for QuasiNewtonOptions {
 /// Longest step along an eigenvector of a given Hessian, in units of the unknowns.
 const LONGEST: f64 = 1.0;
 /// The Hessian is asked for anew after a step that leaves more than this of the projected gradient, far from the minimum: where
-/// it takes more than a tenth off the value. Not where the latest Hessian left no less than the step before it: then something else
-/// is wrong with the model.
+/// it takes more than a tenth off the value.
 const LEFT: f64 = 0.1;
 const FALL: f64 = 0.1;
 
@@ -48,9 +47,6 @@ pub struct QuasiNewton {
     memory: Memory,
     /// Whether the model is to start anew from a Hessian.
     stale: bool,
-    /// What the latest step left of the projected gradient.
-    #[serde(default)]
-    left: Option<f64>,
 }
 
 impl QuasiNewton {
@@ -58,7 +54,7 @@ impl QuasiNewton {
     pub fn new(mut x: Vec<f64>, bounds: Bounds, options: QuasiNewtonOptions) -> Self {
         bounds.project(&mut x);
         let memory = Memory::new(x.len());
-        Self { options, bounds, start: x, point: None, memory, stale: true, left: None }
+        Self { options, bounds, start: x, point: None, memory, stale: true }
     }
 
     /// The current unknowns.
@@ -90,7 +86,6 @@ impl QuasiNewton {
             true => hessian(&here.x).map_err(StepError::Objective)?,
             false => None,
         };
-        let renewed = matches!(given, Some(KnownHessian::Whole(_)));
         let seeded = match given {
             Some(KnownHessian::Whole(hessian)) => Memory::of_hessian(&hessian, &here.gradient, LONGEST),
             // Later, what the steps have shown is better.
@@ -129,10 +124,8 @@ impl QuasiNewton {
                     self.options.memory,
                 );
                 let gradients = [&here, &next].map(|p| self.bounds.projected_gradient(&p.x, &p.gradient));
-                let left = gradients[1] / gradients[0];
-                let helped = !renewed || self.left.is_none_or(|before| left < before);
-                self.stale = left > LEFT && here.value - next.value > FALL * here.value.abs() && helped;
-                self.left = Some(left);
+                self.stale =
+                    gradients[1] > LEFT * gradients[0] && here.value - next.value > FALL * here.value.abs();
                 let step = Step {
                     value: next.value,
                     gradient: self.bounds.projected_gradient(&next.x, &next.gradient),
