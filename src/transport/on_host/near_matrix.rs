@@ -9,6 +9,9 @@ use rayon::prelude::*;
 /// Slices that a thread takes at a time, at least.
 const SLICES: usize = 8;
 
+/// So many entries take less time than to wake other threads.
+const SMALL: u64 = 1 << 14;
+
 /// One side of a product.
 #[derive(Clone, Copy)]
 pub struct Side<'a> {
@@ -45,18 +48,25 @@ fn added<T: Real>(
     x: &[T],
     y: &mut [T],
 ) {
-    let slices = || block.slices.clone().into_par_iter().with_min_len(SLICES);
-    let sums: Vec<[[T; 3]; SLICE as usize]> = on_threads(|| match from {
-        1 => slices().map(|slice| sums(matrix, slice, weights, |column| [x[column]; 3])).collect(),
+    let sums: Vec<[[T; 3]; SLICE as usize]> = match from {
+        1 => each_slice(matrix, block, |slice| sums(matrix, slice, weights, |column| [x[column]; 3])),
         stride => {
             let light = |column: usize| [0, 1, 2].map(|channel| x[stride * column + channel]);
-            slices().map(|slice| sums(matrix, slice, weights, light)).collect()
+            each_slice(matrix, block, |slice| sums(matrix, slice, weights, light))
         }
-    });
+    };
     let rows = matrix.rows[(block.slices.start * SLICE) as usize..].iter();
     for (&row, sum) in rows.zip(sums.as_flattened()).filter(|(row, _)| **row != NO_ROW) {
         let own = &mut y[row as usize * to..][..to.min(3)];
         own.iter_mut().zip(sum).for_each(|(y, &sum)| *y = *y + sum);
+    }
+}
+
+fn each_slice<R: Send>(matrix: &SlicedMatrix, block: &Block, of: impl Fn(u32) -> R + Send + Sync) -> Vec<R> {
+    let slices = block.slices.clone();
+    match matrix.entries(block) <= SMALL {
+        true => slices.map(of).collect(),
+        false => on_threads(|| slices.into_par_iter().with_min_len(SLICES).map(of).collect()),
     }
 }
 

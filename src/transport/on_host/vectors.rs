@@ -7,6 +7,8 @@ use rayon::prelude::*;
 
 /// Numbers that a thread processes at a time. Sums are taken per chunk, so this determines their rounding.
 const CHUNK: usize = 1 << 13;
+/// So many numbers take less time than to wake other threads.
+const SMALL: usize = 8 * CHUNK;
 /// Sums that are accumulated side by side.
 const SUMS: usize = 8;
 
@@ -67,27 +69,38 @@ pub fn dot(
 }
 
 fn scaled<T: Real>(b: T, y: &mut [T]) {
-    on_threads(|| y.par_chunks_mut(CHUNK).for_each(|y| y.iter_mut().for_each(|y| *y = b * *y)));
+    each_chunk(y, |_, y| y.iter_mut().for_each(|y| *y = b * *y));
 }
 
 fn combined<T: Real>((a, x): (T, &[T]), (b, y): (T, &mut [T])) {
-    let chunks = y.par_chunks_mut(CHUNK).zip(x.par_chunks(CHUNK));
-    on_threads(|| chunks.for_each(|(y, x)| combine_chunk((a, x), (b, y))));
+    each_chunk(y, |first, y| combine_chunk((a, &x[first..]), (b, y)));
 }
 
 fn combined_product<T: Real>((a, x): (T, &[T]), (b, y): (T, &mut [T]), z: Option<&[T]>) -> f64 {
-    let chunk = |(number, (y, x)): (usize, (&mut [T], &[T]))| {
-        combine_chunk((a, x), (b, y));
-        let first = number * CHUNK;
+    let products = each_chunk(y, |first, y| {
+        combine_chunk((a, &x[first..]), (b, y));
         product(z.map_or(y, |z| &z[first..first + y.len()]), y)
-    };
-    let chunks = y.par_chunks_mut(CHUNK).zip(x.par_chunks(CHUNK)).enumerate();
-    on_threads(|| chunks.map(chunk).collect::<Vec<f64>>()).into_iter().sum()
+    });
+    products.into_iter().sum()
 }
 
 fn products<T: Real>([x, y]: [&[T]; 2]) -> f64 {
-    let chunks = x.par_chunks(CHUNK).zip(y.par_chunks(CHUNK));
-    on_threads(|| chunks.map(|(x, y)| product(x, y)).collect::<Vec<f64>>()).into_iter().sum()
+    match x.len() <= SMALL {
+        true => x.chunks(CHUNK).zip(y.chunks(CHUNK)).map(|(x, y)| product(x, y)).sum(),
+        false => {
+            let chunks = x.par_chunks(CHUNK).zip(y.par_chunks(CHUNK));
+            on_threads(|| chunks.map(|(x, y)| product(x, y)).collect::<Vec<f64>>()).into_iter().sum()
+        }
+    }
+}
+
+/// Calls `with` with the place and the values of each chunk.
+fn each_chunk<T: Real, R: Send>(y: &mut [T], with: impl Fn(usize, &mut [T]) -> R + Sync) -> Vec<R> {
+    let with = |(number, y): (usize, &mut [T])| with(number * CHUNK, y);
+    match y.len() <= SMALL {
+        true => y.chunks_mut(CHUNK).enumerate().map(with).collect(),
+        false => on_threads(|| y.par_chunks_mut(CHUNK).enumerate().map(with).collect()),
+    }
 }
 
 fn combine_chunk<T: Real>((a, x): (T, &[T]), (b, y): (T, &mut [T])) {
