@@ -79,7 +79,9 @@ fn comes_out(files: &[(&str, &str)], arguments: &str, allowed: f64, said: &[&str
     // A fraction of it where nothing else works.
     assert!(time < Duration::from_secs(60), "{time:?}");
     says(&run.stderr, said);
-    assert_eq!(run.stderr.lines().count(), said.len(), "{}", run.stderr);
+    // On a busy machine a solve may take so long that it says where it is.
+    let messages = run.stderr.lines().filter(|line| !line.starts_with("pass "));
+    assert_eq!(messages.count(), said.len(), "{}", run.stderr);
 }
 
 #[test]
