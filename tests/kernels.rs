@@ -4,6 +4,7 @@
 mod reflect;
 mod support;
 
+use antirad::gpu::Device;
 use antirad::plan::{Plan, PlanOptions};
 use antirad::reference::{Model, State, observe, to_bf16, transport, transport_through_clusters};
 use antirad::scene::{BinLayout, Precision, Scene, SolveSettings, Transport, Weights};
@@ -41,13 +42,24 @@ fn tolerance(precision: Precision) -> f64 {
     }
 }
 
+/// What kernels compute, and what the host does in their place where the device is a CPU.
 fn compare(name: &str, scene: &Scene, settings: SolveSettings, options: impl Fn(PlanOptions) -> PlanOptions) {
-    let device = device();
+    compare_on(&device(), &format!("{name}, with the host"), scene, settings, &options);
+    compare_on(&device().kernels_only(), name, scene, settings, &options);
+}
+
+fn compare_on(
+    device: &Device,
+    name: &str,
+    scene: &Scene,
+    settings: SolveSettings,
+    options: &impl Fn(PlanOptions) -> PlanOptions,
+) {
     let scene = Scene { settings, ..scene.clone() };
     let model = Model::new(&scene);
-    let plan = Plan::new(&scene, &options(PlanOptions::of(&device)), &settings).expect("a plan");
-    let buffers = SceneBuffers::new(&device, &scene, &plan).expect("buffers");
-    let mut operators = Operators::new(&device, plan.clone(), buffers).expect("operators");
+    let plan = Plan::new(&scene, &options(PlanOptions::of(device)), &settings).expect("a plan");
+    let buffers = SceneBuffers::new(device, &scene, &plan).expect("buffers");
+    let mut operators = Operators::new(device, plan.clone(), buffers).expect("operators");
 
     // Some light everywhere: a random state, the irradiance being the sum of the bins where there are any.
     let mut random = Random::new(7);
@@ -99,11 +111,11 @@ fn compare(name: &str, scene: &Scene, settings: SolveSettings, options: impl Fn(
         };
     transported(&plan, &mut operators, &x, ["transport, irradiance", "transport, bins"]);
     if plan.near_field_matrix().is_some() {
-        let evaluated = options(PlanOptions::of(&device)).keep_near_field(false);
+        let evaluated = options(PlanOptions::of(device)).keep_near_field(false);
         let evaluated = Plan::new(&scene, &evaluated, &settings).expect("a plan");
         assert!(evaluated.near_field_matrix().is_none());
-        let buffers = SceneBuffers::new(&device, &scene, &evaluated).expect("buffers");
-        let mut operators = Operators::new(&device, evaluated.clone(), buffers).expect("operators");
+        let buffers = SceneBuffers::new(device, &scene, &evaluated).expect("buffers");
+        let mut operators = Operators::new(device, evaluated.clone(), buffers).expect("operators");
         let x = operators.vector().expect("a vector");
         operators.set(&x, &irradiance, &to_pages(&model, &evaluated, &state.bins)).expect("an upload");
         let names = ["transport, irradiance, near field evaluated", "transport, bins, near field evaluated"];
@@ -130,7 +142,7 @@ fn compare(name: &str, scene: &Scene, settings: SolveSettings, options: impl Fn(
         assert!(error <= tolerance(settings.precision), "{name}, {kernel}: relative error {error:e}");
         assert!(worst <= WORST * tolerance(settings.precision), "{name}, {kernel}: worst error {worst:e}");
     }
-    finish(&device);
+    finish(device);
 }
 
 #[test]

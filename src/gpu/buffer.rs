@@ -11,6 +11,7 @@ use gpu_allocator::vulkan::Allocation;
 use super::device::{Device, Shared};
 use super::error::{During, GpuError};
 use super::memory::{Bytes, ScopeId, rounded};
+use super::transfer::UseOfBuffers;
 use super::{Result, lock};
 
 /// Where a buffer lives. Kernels and copies can use every kind.
@@ -27,6 +28,7 @@ pub enum BufferKind {
 /// A buffer of a device. The label names it in errors, reports and debuggers.
 pub struct Buffer {
     shared: Arc<Shared>,
+    use_of_buffers: Arc<UseOfBuffers>,
     block: BufferMemory,
 }
 
@@ -39,6 +41,11 @@ pub struct BufferSlice<'a> {
 }
 
 impl BufferSlice<'_> {
+    /// No part of the buffer.
+    pub fn empty(self) -> Self {
+        Self { offset: 0, bytes: 0, ..self }
+    }
+
     /// Whether two parts have bytes in common.
     pub(super) fn overlaps(&self, other: &Self) -> bool {
         std::ptr::eq(self.buffer, other.buffer)
@@ -51,7 +58,8 @@ impl Buffer {
     /// Allocates `bytes`, rounded up by [`rounded`]. The content is undefined.
     pub fn new(device: &Device, label: &str, bytes: u64, kind: BufferKind) -> Result<Self> {
         let block = BufferMemory::new(&device.shared, device.scope.id(), label, bytes, kind)?;
-        Ok(Self { shared: device.shared.clone(), block })
+        let use_of_buffers = device.scope.use_of_buffers().clone();
+        Ok(Self { shared: device.shared.clone(), use_of_buffers, block })
     }
 
     /// The name in errors, reports and debuggers.
@@ -83,6 +91,10 @@ impl Buffer {
     /// The Vulkan handle, for embedders that record commands of their own.
     pub fn raw(&self) -> vk::Buffer {
         self.block.raw
+    }
+
+    pub(super) fn use_of_buffers(&self) -> &Arc<UseOfBuffers> {
+        &self.use_of_buffers
     }
 
     /// Where the host sees it, if it does.

@@ -12,6 +12,7 @@ use super::error::GpuError;
 use super::memory::{ALIGN, Bytes};
 use super::pipeline::Pipeline;
 use super::recorder::Recorder;
+use super::transfer::UsedScopes;
 use super::{Result, lock};
 
 /// How long a batch took.
@@ -32,6 +33,7 @@ pub struct Batch<'a> {
     device: Device,
     recorder: Recorder,
     timing: BatchTiming,
+    used: UsedScopes,
     borrowed: PhantomData<&'a (Buffer, Pipeline)>,
     /// Leaves out the barriers, to see that validation misses them.
     #[cfg(test)]
@@ -51,6 +53,7 @@ impl Device {
             device: self.clone(),
             recorder,
             timing,
+            used: UsedScopes::default(),
             borrowed: PhantomData,
             #[cfg(test)]
             unordered: false,
@@ -72,7 +75,8 @@ impl<'a> Batch<'a> {
         self.check(pipeline, buffers, push, groups)?;
         self.make_room(pipeline.bindings.count())?;
         let shared = &self.device.shared;
-        let parts = pipeline.parts;
+        let parts = pipeline.parts()?;
+        buffers.iter().for_each(|slice| self.used.add(slice.buffer));
         let recorder = &mut self.recorder;
         let set = recorder.descriptor_set(shared, parts.set_layout, pipeline.bindings.count(), kernel)?;
         let ranges: Vec<_> = buffers
@@ -120,6 +124,7 @@ impl<'a> Batch<'a> {
             return Ok(());
         }
         self.make_room(0)?;
+        self.will_use(buffer);
         let device = self.device.raw();
         // SAFETY: recording; the range was checked, the buffer lives until the batch has ended ('a).
         unsafe {
@@ -142,12 +147,19 @@ impl<'a> Batch<'a> {
         if source.raw() == target.raw() && source_offset.abs_diff(target_offset) < bytes {
             return Err(GpuError::Overlap { label: source.label().to_owned() });
         }
+        self.will_use(source);
+        self.will_use(target);
         // SAFETY: checked above; both live until the batch has ended ('a).
         unsafe { self.copy_raw(source.raw(), source_offset, target.raw(), target_offset, bytes) }
     }
 
+    /// Keeps the host's work out of a buffer while the batch runs.
+    pub(super) fn will_use(&mut self, buffer: &Buffer) {
+        self.used.add(buffer);
+    }
+
     /// # Safety
-    /// Both ranges exist, do not overlap, and live until the batch has ended.
+    /// The batch [will use](Self::will_use) both. Both ranges exist, do not overlap, and live until the batch has ended.
     pub(super) unsafe fn copy_raw(
         &mut self,
         source: vk::Buffer,
@@ -247,7 +259,7 @@ impl<'a> Batch<'a> {
         let writes = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
         self.barrier(stages, writes, vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ);
         let shared = &self.device.shared;
-        let _running = shared.running.read();
+        let _running = self.used.by_device();
         let start = Instant::now();
         let timing = &mut self.timing;
         self.recorder.execute(shared, |kernel, shape, seconds| {

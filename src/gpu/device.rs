@@ -8,13 +8,13 @@ use std::fmt;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, RwLock};
+use std::sync::{Arc, Mutex};
 
 use ash::ext::debug_utils;
 use ash::{ext, khr, vk};
 
 use super::error::{During, GpuError};
-use super::info::{DeviceInfo, Enabled};
+use super::info::{DeviceInfo, DeviceKind, Enabled};
 use super::instance::Instance;
 use super::kernel_cache::{self, KernelCache};
 use super::memory::{LabelReport, Memory, MemoryReport};
@@ -82,14 +82,12 @@ pub struct Device {
     ranks: Ranks,
     watch: Option<Watch>,
     /// Whether the host works in the memory that it shares with the device.
-    pub(super) host_works: bool,
+    host_works: bool,
 }
 
 pub(super) struct Shared {
     pub(super) info: DeviceInfo,
     pub(super) queue_family: u32,
-    /// Read while a batch runs, written while the host uses memory that it shares with the device.
-    pub(super) running: RwLock<()>,
     /// Vulkan allows one thread at a time to submit.
     pub(super) queue: Mutex<vk::Queue>,
     pub(super) timestamp_bits: u32,
@@ -175,7 +173,6 @@ impl Device {
         let shared = Shared {
             info,
             queue_family,
-            running: RwLock::default(),
             queue: Mutex::new(queue),
             timestamp_bits,
             memory: Mutex::new(memory),
@@ -219,6 +216,11 @@ impl Device {
     #[must_use]
     pub fn kernels_only(self) -> Self {
         Self { host_works: false, ..self }
+    }
+
+    /// Whether the host does some of the work in the memory that it shares with the device.
+    pub fn host_works(&self) -> bool {
+        self.host_works && self.info().kind == DeviceKind::Cpu
     }
 
     /// The same device as that of one of several ranks: its engines compute a share of every pass, together with those of the
@@ -276,6 +278,13 @@ impl Device {
     /// Credits a kernel under a shape with items of work and bytes of buffer accesses, for the rates of its profile.
     pub fn credit(&self, kernel: &'static str, shape: &str, items: u64, bytes: u64) {
         lock(&self.shared.profile).credit(kernel, shape, items, bytes);
+    }
+
+    /// Adds work of the host in place of a kernel to the profile.
+    pub(crate) fn record(&self, kernel: &'static str, shape: &str, seconds: f64, items: u64) {
+        let mut profile = lock(&self.shared.profile);
+        profile.add(kernel, shape.to_owned(), seconds);
+        profile.credit(kernel, shape, items, 0);
     }
 
     /// Clears all times and credits.

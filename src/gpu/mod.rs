@@ -50,6 +50,7 @@ pub use buffer::{Buffer, BufferKind, BufferSlice};
 pub use commands::{Batch, BatchTiming};
 pub use device::{Device, DeviceOptions};
 pub use error::GpuError;
+pub(crate) use host::vectorised;
 pub use info::{DeviceInfo, DeviceKind, Enabled, ListedDevice};
 pub use memory::{ALIGN, Bytes, LabelReport, MemoryReport, rounded};
 pub use pipeline::{Bindings, MAX_PUSH_BYTES, Pipeline};

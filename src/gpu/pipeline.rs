@@ -1,7 +1,7 @@
 //! Compute pipelines: a kernel with its bindings, push constants and specialization.
 
 use std::fmt;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use ash::vk;
 
@@ -16,7 +16,7 @@ pub const MAX_PUSH_BYTES: u32 = 128;
 /// Maximum number of storage buffers that one kernel can bind: a batch has this many descriptors.
 pub(super) const MAX_BINDINGS: u32 = 64;
 
-/// A kernel that is ready to be dispatched. Its Vulkan objects belong to the device: making the same one again, for
+/// A kernel that can be dispatched. Its Vulkan objects belong to the device: making the same one again, for
 /// another engine, costs nothing.
 #[derive(Clone)]
 pub struct Pipeline {
@@ -24,7 +24,10 @@ pub struct Pipeline {
     pub(super) kernel: &'static str,
     pub(super) bindings: Bindings,
     pub(super) push_bytes: u32,
-    pub(super) parts: Parts,
+    code: &'static [u32],
+    specialization: Vec<(u32, u32)>,
+    required_subgroup_size: Option<u32>,
+    made: Arc<Mutex<Parts>>,
 }
 
 /// The Vulkan objects; null where not made yet.
@@ -92,6 +95,35 @@ impl Pipeline {
         specialization: &[(u32, u32)],
         subgroup_size: Option<u32>,
     ) -> Result<Self> {
+        let pipeline = Self::uncompiled(device, shader, bindings, push_bytes, specialization, subgroup_size)?;
+        pipeline.parts()?;
+        Ok(pipeline)
+    }
+
+    /// The same for a kernel whose work the host does where the device is a CPU: then it is compiled at its first dispatch.
+    pub fn beside_host(
+        device: &Device,
+        shader: &Shader,
+        bindings: impl Into<Bindings>,
+        push_bytes: u32,
+        specialization: &[(u32, u32)],
+        subgroup_size: Option<u32>,
+    ) -> Result<Self> {
+        let pipeline = Self::uncompiled(device, shader, bindings, push_bytes, specialization, subgroup_size)?;
+        if !device.host_works() {
+            pipeline.parts()?;
+        }
+        Ok(pipeline)
+    }
+
+    fn uncompiled(
+        device: &Device,
+        shader: &Shader,
+        bindings: impl Into<Bindings>,
+        push_bytes: u32,
+        specialization: &[(u32, u32)],
+        subgroup_size: Option<u32>,
+    ) -> Result<Self> {
         let kernel = shader.name();
         let info = device.info();
         let limit = info.max_push_bytes.min(MAX_PUSH_BYTES);
@@ -114,23 +146,34 @@ impl Pipeline {
         let required = subgroup_size.filter(|_| info.enabled.subgroup_size_control);
         let code = shader.spirv();
         let key = (code.as_ptr() as usize, bindings, push_bytes, specialization.to_vec(), required);
-        let known = lock(&device.shared.pipelines).entry(key).or_default().clone();
+        let made = lock(&device.shared.pipelines).entry(key).or_default().clone();
+        Ok(Self {
+            device: device.clone(),
+            kernel,
+            bindings,
+            push_bytes,
+            code,
+            specialization: specialization.to_vec(),
+            required_subgroup_size: required,
+            made,
+        })
+    }
+
+    /// Its Vulkan objects, made at the first call.
+    pub(super) fn parts(&self) -> Result<Parts> {
         // Held while compiling, so that a thread that needs the same kernel waits instead of compiling it again.
-        let mut parts = lock(&known);
-        let mut pipeline = Self { device: device.clone(), kernel, bindings, push_bytes, parts: *parts };
-        if pipeline.parts.pipeline == vk::Pipeline::null() {
-            device.check_watch()?;
-            let created = pipeline
-                .create_layouts()
-                .and_then(|()| pipeline.create_pipeline(code, specialization, required));
+        let mut made = lock(&self.made);
+        if made.pipeline == vk::Pipeline::null() {
+            self.device.check_watch()?;
+            let mut parts = Parts::default();
+            let created = self.create_layouts(&mut parts).and_then(|()| self.create_pipeline(&mut parts));
             if let Err(error) = created {
-                pipeline.parts.destroy(&device.shared);
+                parts.destroy(&self.device.shared);
                 return Err(error);
             }
-            *parts = pipeline.parts;
+            *made = parts;
         }
-        drop(parts);
-        Ok(pipeline)
+        Ok(*made)
     }
 
     /// The kernel's name, in the profile too.
@@ -138,7 +181,7 @@ impl Pipeline {
         self.kernel
     }
 
-    fn create_layouts(&mut self) -> Result<()> {
+    fn create_layouts(&self, parts: &mut Parts) -> Result<()> {
         let shared = &self.device.shared;
         let device = shared.raw();
         let bindings: Vec<_> = (0..self.bindings.count())
@@ -152,11 +195,11 @@ impl Pipeline {
             .collect();
         let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
         // SAFETY: the device is alive, as in every call of this file.
-        self.parts.set_layout = unsafe { device.create_descriptor_set_layout(&create, None) }
+        parts.set_layout = unsafe { device.create_descriptor_set_layout(&create, None) }
             .during("creating the bindings of kernel", self.kernel)?;
-        shared.name(self.parts.set_layout, self.kernel);
+        shared.name(parts.set_layout, self.kernel);
 
-        let sets = [self.parts.set_layout];
+        let sets = [parts.set_layout];
         let ranges = [vk::PushConstantRange::default()
             .stage_flags(vk::ShaderStageFlags::COMPUTE)
             .size(self.push_bytes)];
@@ -164,50 +207,45 @@ impl Pipeline {
         let ranges = if self.push_bytes == 0 { &[][..] } else { &ranges[..] };
         let create = vk::PipelineLayoutCreateInfo::default().set_layouts(&sets).push_constant_ranges(ranges);
         // SAFETY: the set layout was made above; the range was checked against the limit.
-        self.parts.layout = unsafe { device.create_pipeline_layout(&create, None) }
+        parts.layout = unsafe { device.create_pipeline_layout(&create, None) }
             .during("creating the layout of kernel", self.kernel)?;
-        shared.name(self.parts.layout, self.kernel);
+        shared.name(parts.layout, self.kernel);
         Ok(())
     }
 
-    fn create_pipeline(
-        &mut self,
-        spirv: &[u32],
-        specialization: &[(u32, u32)],
-        required_subgroup_size: Option<u32>,
-    ) -> Result<()> {
+    fn create_pipeline(&self, parts: &mut Parts) -> Result<()> {
         let shared = &self.device.shared;
         let device = shared.raw();
-        let create = vk::ShaderModuleCreateInfo::default().code(spirv);
-        // SAFETY: `spirv` comes from the compiler: there are no shaders but those of the build.
+        let create = vk::ShaderModuleCreateInfo::default().code(self.code);
+        // SAFETY: the code comes from the compiler: there are no shaders but those of the build.
         let module =
             unsafe { device.create_shader_module(&create, None) }.during("loading kernel", self.kernel)?;
         shared.name(module, self.kernel);
 
         let entries: Vec<_> = (0u32..)
-            .zip(specialization)
+            .zip(&self.specialization)
             .map(|(index, &(id, _))| vk::SpecializationMapEntry {
                 constant_id: id,
                 offset: 4 * index,
                 size: 4,
             })
             .collect();
-        let values: Vec<u8> = specialization.iter().flat_map(|(_, value)| value.to_ne_bytes()).collect();
+        let values: Vec<u8> = self.specialization.iter().flat_map(|(_, value)| value.to_ne_bytes()).collect();
         let constants = vk::SpecializationInfo::default().map_entries(&entries).data(&values);
         let mut subgroup = vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default()
-            .required_subgroup_size(required_subgroup_size.unwrap_or_default());
+            .required_subgroup_size(self.required_subgroup_size.unwrap_or_default());
         let mut stage = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)
             .module(module)
             .name(c"main")
             .specialization_info(&constants);
-        if required_subgroup_size.is_some() {
+        if self.required_subgroup_size.is_some() {
             stage = stage.push_next(&mut subgroup);
             if shared.info.enabled.full_subgroups {
                 stage = stage.flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS);
             }
         }
-        let create = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.parts.layout)];
+        let create = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(parts.layout)];
         // SAFETY: module, layout and the pointers in `stage` outlive the call; a pipeline does not need its module.
         let created = unsafe {
             let created = device.create_compute_pipelines(shared.cache, &create, None);
@@ -215,9 +253,9 @@ impl Pipeline {
             created
         };
         let pipelines = created.map_err(|(_, result)| result);
-        self.parts.pipeline =
+        parts.pipeline =
             pipelines.during("compiling kernel", self.kernel)?.into_iter().next().unwrap_or_default();
-        shared.name(self.parts.pipeline, self.kernel);
+        shared.name(parts.pipeline, self.kernel);
         Ok(())
     }
 
@@ -245,8 +283,9 @@ mod tests {
     #[test]
     fn kernels_of_one_name_are_not_taken_for_one_another() {
         let device = Device::new(&DeviceOptions::default()).expect("a Vulkan device");
-        let new =
-            |shader: &Shader| Pipeline::new(&device, shader, 3, 12, &[], None).expect("a pipeline").parts;
+        let new = |shader: &Shader| {
+            Pipeline::new(&device, shader, 3, 12, &[], None).expect("a pipeline").parts().expect("compiled")
+        };
         let combine = shaders::COMBINE.of(Precision::F32);
         let other = Shader::new(combine.name(), shaders::DOT.of(Precision::F32).spirv());
         let (parts, others) = (new(combine), new(&other));

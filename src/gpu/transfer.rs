@@ -1,7 +1,8 @@
 //! Transfers between host and device, through staging buffers of a bounded size.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 use bytemuck::Pod;
 
@@ -29,6 +30,37 @@ pub(super) struct Scope {
     chunk: u64,
     upload: Mutex<Option<BufferMemory>>,
     readback: Mutex<Option<BufferMemory>>,
+    use_of_buffers: Arc<UseOfBuffers>,
+}
+
+/// Read while a batch runs that uses buffers of a scope, written while the host works in them.
+pub(super) struct UseOfBuffers {
+    scope: ScopeId,
+    lock: RwLock<()>,
+}
+
+/// The scopes whose buffers are used together, in the order in which all threads lock them.
+#[derive(Default)]
+pub(super) struct UsedScopes(BTreeMap<ScopeId, Arc<UseOfBuffers>>);
+
+impl UsedScopes {
+    pub(super) fn add(&mut self, buffer: &Buffer) {
+        let of = buffer.use_of_buffers();
+        if !self.0.contains_key(&of.scope) {
+            self.0.insert(of.scope, of.clone());
+        }
+    }
+
+    /// Keeps the host away.
+    pub(super) fn by_device(&self) -> Vec<RwLockReadGuard<'_, ()>> {
+        // What panicked under the lock left nothing inconsistent: it protects no data of its own.
+        self.0.values().map(|of| of.lock.read().unwrap_or_else(PoisonError::into_inner)).collect()
+    }
+
+    /// Keeps batches and other work of the host away.
+    pub(super) fn by_host(&self) -> Vec<RwLockWriteGuard<'_, ()>> {
+        self.0.values().map(|of| of.lock.write().unwrap_or_else(PoisonError::into_inner)).collect()
+    }
 }
 
 impl Scope {
@@ -42,11 +74,16 @@ impl Scope {
             chunk,
             upload: Mutex::default(),
             readback: Mutex::default(),
+            use_of_buffers: Arc::new(UseOfBuffers { scope: id, lock: RwLock::default() }),
         })
     }
 
     pub(super) fn id(&self) -> ScopeId {
         self.id
+    }
+
+    pub(super) fn use_of_buffers(&self) -> &Arc<UseOfBuffers> {
+        &self.use_of_buffers
     }
 
     /// The staging buffer of a slot, made at its first use.
@@ -87,6 +124,7 @@ impl Device {
             let bytes = piece.len() as u64;
             mapped(staging)?[..piece.len()].copy_from_slice(piece);
             let mut batch = self.batch()?;
+            batch.will_use(buffer);
             // SAFETY: the range was checked; the lock and the borrow keep both buffers to the end of the batch.
             unsafe { batch.copy_raw(staging.raw, 0, buffer.raw(), at, bytes)? };
             batch.submit()?;
@@ -107,6 +145,7 @@ impl Device {
         for piece in into.chunks_mut(staging.bytes() as usize) {
             let bytes = piece.len() as u64;
             let mut batch = self.batch()?;
+            batch.will_use(buffer);
             // SAFETY: as in `upload`.
             unsafe { batch.copy_raw(buffer.raw(), at, staging.raw, 0, bytes)? };
             batch.submit()?;

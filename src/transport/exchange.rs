@@ -3,6 +3,7 @@
 use super::clusters::ClusterLight;
 use super::half_bins::HalfBins;
 use super::near_matrix::NearMatrix;
+use super::on_host::far::{BLOCK, Received, Sources};
 use super::reflection::Reflection;
 use super::residency::{Part, View};
 use super::state::{State, page};
@@ -10,10 +11,11 @@ use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, bin_constants};
 use crate::gpu::{Bindings, BufferSlice, Device, GpuError};
-use crate::model::Class;
+use crate::model::{Class, Clusters};
 use crate::plan::{Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Close sources per receiver and dispatch: lavapipe bounds the iterations of all loops of an invocation together by
 /// 65535, and one source takes at most 1 + 16 · (20 + 16 · 19).
@@ -190,6 +192,26 @@ impl Exchange {
                     for (to, incident) in &lit {
                         let shape = Shape::new(from.class, to.class);
                         let sweep = sweep_of(&mut self.sweeps, shape)?;
+                        let tiles = part.tiles.clone();
+                        let tile = plan.layout.tile;
+                        let received = Received {
+                            shape,
+                            from: Sources::Tiles { runs: &plan.interactions().by_receiver.far, tiles, tile },
+                            passing,
+                            facets,
+                            radiance,
+                            antiradiance: sent[0],
+                            specular: sent[1],
+                            sources_page: plan.layout.slots_of(&part.tiles).start,
+                            irradiance: irradiance.slice(),
+                            incident: incident.slice(),
+                            receivers_page: incident.first_slot,
+                            bin_table: scene.bin_table.whole(),
+                        };
+                        let blocks = blocks(plan, to);
+                        if half_bins.is_none() && received.run(sweep, device, plan, blocks, monitor)? {
+                            continue;
+                        }
                         let far = [
                             facets,
                             scene.far_sources.whole(),
@@ -249,7 +271,7 @@ impl Exchange {
         passing: u32,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
-        let Context { plan, scene, outgoing, .. } = context;
+        let Context { device, plan, scene, outgoing } = context;
         let Some(clusters) = &self.clusters else { return Ok(()) };
         for sources in clusters.gather(context, x)? {
             for (to, incident) in receivers {
@@ -257,6 +279,29 @@ impl Exchange {
                 let sweep = sweep_of(&mut self.sweeps, shape)?;
                 let (facets, lists) = (scene.facets.whole(), scene.far_sources.whole());
                 let radiance = outgoing.radiance.whole();
+                let indices = sources.indices.clone();
+                let first = plan.clusters().map_or(u32::MAX, Clusters::first);
+                let of_clusters = (indices.start >= first).then(|| [first, plan.sources()]);
+                if let Some(clusters) = plan.clusters() {
+                    let lists = clusters.sources();
+                    let received = Received {
+                        shape,
+                        from: Sources::Listed { lists, indices, clusters: of_clusters },
+                        passing,
+                        facets,
+                        radiance,
+                        antiradiance: sources.antiradiance,
+                        specular: sources.specular,
+                        sources_page: sources.indices.start,
+                        irradiance,
+                        incident: incident.slice(),
+                        receivers_page: incident.first_slot,
+                        bin_table: scene.bin_table.whole(),
+                    };
+                    if received.run(sweep, device, plan, blocks(plan, to), monitor)? {
+                        continue;
+                    }
+                }
                 let with_bins = [
                     facets,
                     lists,
@@ -275,6 +320,27 @@ impl Exchange {
             }
         }
         Ok(())
+    }
+}
+
+/// The blocks of receivers of a group.
+fn blocks(plan: &Plan, group: &Group) -> Range<u32> {
+    let slots = plan.layout.slots_of(&group.tiles);
+    slots.start / BLOCK..slots.end / BLOCK
+}
+
+impl Received<'_> {
+    /// Adds what `blocks` receive; `false` where the kernel must do it.
+    fn run(
+        &self,
+        sweep: &mut Sweep,
+        device: &Device,
+        plan: &Plan,
+        blocks: Range<u32>,
+        monitor: &mut PassMonitor,
+    ) -> Result<bool, TransportError> {
+        let add = |blocks| self.add(device, plan, blocks);
+        sweep.on_host(device, blocks, |block| self.from.pairs(block), add, monitor)
     }
 }
 

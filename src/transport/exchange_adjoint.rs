@@ -5,12 +5,13 @@ use super::adjoint::AdjointBuffers;
 use super::completion::Values;
 use super::exchange::{NEAR_TAKE, PLAIN_NEAR_TAKE, Shape, sweep_of};
 use super::near_matrix::NearMatrix;
+use super::on_host::far_adjoint::{BLOCK, Importance, Receivers};
 use super::state::{State, StateBuffers, page, page_of};
 use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::sweep_receivers::FromSources;
 use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, Buffer, BufferSlice, Device, GpuError};
-use crate::model::Class;
+use crate::model::{Class, LIST};
 use crate::plan::{IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 use std::ops::Range;
@@ -83,6 +84,28 @@ impl ExchangeAdjoint {
                 ];
                 sweep.near(context, &between, &near, true, monitor)?;
                 if adjoint.clusters.is_some() {
+                    continue;
+                }
+                let importance = Importance {
+                    shape,
+                    of: Receivers::Tiles {
+                        runs: &lists.far,
+                        tiles: to.tiles.clone(),
+                        tile: plan.layout.tile,
+                    },
+                    facets,
+                    irradiance,
+                    incident,
+                    receivers_page: plan.layout.slots_of(&to.tiles).start,
+                    radiance,
+                    radiance_page: 0,
+                    back,
+                    front,
+                    bins_page: between.first_slot,
+                    bin_table: scene.bin_table.whole(),
+                };
+                let own = plan.layout.slots_of(&between.targets.tiles);
+                if importance.run(sweep, context, own.start / BLOCK..own.end / BLOCK, monitor)? {
                     continue;
                 }
                 let far = [
@@ -180,11 +203,36 @@ impl ExchangeAdjoint {
         for (t, receivers) in plan.layout.groups.iter().enumerate() {
             let sweep = sweep_of(&mut self.sweeps, Shape::new(to.class, receivers.class))?;
             let slots = plan.layout.slots_of(&receivers.tiles);
+            let incident = page_of(&x.bins, t, receivers.class.has_bins(), &scene.no_bins)?;
+            if let Some((clusters, lists)) = plan.clusters().and_then(|all| Some((all, all.receivers()?))) {
+                let first = clusters.first();
+                let moments = (to.sources.start >= first).then(|| [first, plan.sources() - to.radiance.1]);
+                let range = slots.start / LIST..slots.end / LIST;
+                let sources = to.sources.clone();
+                let groups = lists.groups(&sources);
+                let importance = Importance {
+                    shape: Shape::new(to.class, receivers.class),
+                    of: Receivers::Listed { lists, range, sources, clusters: moments },
+                    facets: scene.facets.whole(),
+                    irradiance: x.irradiance.whole(),
+                    incident,
+                    receivers_page: slots.start,
+                    radiance: to.radiance.0,
+                    radiance_page: to.radiance.1,
+                    back: to.back,
+                    front: to.front,
+                    bins_page: to.bins_page,
+                    bin_table: scene.bin_table.whole(),
+                };
+                if importance.run(sweep, context, groups, monitor)? {
+                    continue;
+                }
+            }
             let far = [
                 scene.facets.whole(),
                 adjoint.far_runs.whole(),
                 to.radiance.0,
-                page_of(&x.bins, t, receivers.class.has_bins(), &scene.no_bins)?,
+                incident,
                 to.back,
                 to.front,
                 scene.bin_table.whole(),
@@ -212,4 +260,19 @@ struct Cotangents<'a> {
     radiance: (BufferSlice<'a>, u32),
     back: BufferSlice<'a>,
     front: BufferSlice<'a>,
+}
+
+impl Importance<'_> {
+    /// Adds it for `blocks` of sources; `false` where the kernel must do it.
+    fn run(
+        &self,
+        sweep: &mut Sweep,
+        context: &Context,
+        blocks: Range<u32>,
+        monitor: &mut PassMonitor,
+    ) -> Result<bool, TransportError> {
+        let Context { device, plan, .. } = context;
+        let add = |blocks| self.add(device, plan, blocks);
+        sweep.on_host(device, blocks, |block| self.of.pairs(block), add, monitor)
+    }
 }

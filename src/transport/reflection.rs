@@ -86,7 +86,14 @@ impl Reflection {
         let lobes = || {
             let bindings = Bindings { storage: 4, uniform: 1 };
             let push = size_of::<LobePush>() as u32;
-            Pipeline::new(device, shaders::REFLECT_LOBES.of(precision), bindings, push, &constants, None)
+            Pipeline::beside_host(
+                device,
+                shaders::REFLECT_LOBES.of(precision),
+                bindings,
+                push,
+                &constants,
+                None,
+            )
         };
         let first_bounce = || {
             let push = size_of::<FirstBouncePush>() as u32;

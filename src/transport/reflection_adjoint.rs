@@ -70,7 +70,7 @@ impl ReflectionAdjoint {
             let push = size_of::<LobePush>() as u32;
             let bindings = |uniform: u32| Bindings { storage: 4, uniform };
             Ok((
-                Pipeline::new(device, adjoint, bindings(1), push, &constants, None)?,
+                Pipeline::beside_host(device, adjoint, bindings(1), push, &constants, None)?,
                 Pipeline::new(device, derivative, bindings(2), push, &constants, None)?,
             ))
         };

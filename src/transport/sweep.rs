@@ -13,6 +13,7 @@ use crate::shaders::RealShader;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::cmp::Reverse;
 use std::ops::Range;
+use std::time::Instant;
 
 // The partners of a dispatch are in a uniform buffer.
 const _: () = assert!(PARTNER_BYTES <= UNIFORM_BYTES);
@@ -238,7 +239,7 @@ impl Sweep {
         } as u32;
         let near_push = size_of::<NearPush>() as u32;
         Ok(Self {
-            far: Pipeline::new(device, far.0.of(precision), far.1, far_push, &of_far, required)?,
+            far: Pipeline::beside_host(device, far.0.of(precision), far.1, far_push, &of_far, required)?,
             workgroups: if single { targets / lanes } else { 1 },
             run_tiles: match info.kind {
                 DeviceKind::Cpu if gathers > 0 && deposits == 0 => cached_tiles(plan),
@@ -277,6 +278,43 @@ impl Sweep {
             Some(kept) if !evaluated => kept.forward.columns.len() as u64,
             _ => plan.interactions().by_receiver.near.partners.len() as u64 * NEAR_COST,
         }
+    }
+
+    /// Lets the host do what the point-to-point kernel does for `blocks` of targets, of so many pairs each. `false` where the kernel
+    /// must do it.
+    pub fn on_host(
+        &mut self,
+        device: &Device,
+        blocks: Range<u32>,
+        pairs: impl Fn(u32) -> u64,
+        add: impl Fn(Range<u32>) -> Result<Option<()>, GpuError>,
+        monitor: &mut PassMonitor,
+    ) -> Result<bool, TransportError> {
+        if !device.host_works() {
+            return Ok(false);
+        }
+        let Self { far, far_pace, shape, .. } = self;
+        let mut begin = blocks.start;
+        while begin < blocks.end {
+            let affordable = far_pace.pairs();
+            let mut taken = 0;
+            let fits = |block: &u32| {
+                let fits = taken == 0 || taken + pairs(*block) <= affordable;
+                taken += if fits { pairs(*block) } else { 0 };
+                fits
+            };
+            let end = begin + (begin..blocks.end).take_while(fits).count() as u32;
+            let start = Instant::now();
+            if add(begin..end)?.is_none() {
+                return Ok(false);
+            }
+            let seconds = start.elapsed().as_secs_f64();
+            far_pace.learn(taken, seconds);
+            device.record(far.kernel(), &format!("{shape}, on the host"), seconds, taken);
+            monitor.done(taken)?;
+            begin = end;
+        }
+        Ok(true)
     }
 
     /// Runs the point-to-point kernel over pairs of tiles. `passing`: the bits of the pairs to consider.

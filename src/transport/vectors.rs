@@ -36,7 +36,7 @@ pub struct Vectors {
 impl Vectors {
     pub fn new(device: &Device, precision: Precision) -> Result<Self, GpuError> {
         let kernel = |shader: &'static RealShader, buffers: u32, push: u32| {
-            Pipeline::new(device, shader.of(precision), buffers, push, &[(0, WORKGROUP)], None)
+            Pipeline::beside_host(device, shader.of(precision), buffers, push, &[(0, WORKGROUP)], None)
         };
         let partial = u64::from(LANES) * precision.bytes();
         Ok(Self {

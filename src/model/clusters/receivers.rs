@@ -69,12 +69,17 @@ impl ReceiverLists {
         (self.words.len() as u64 - u64::from(self.words[0])) / 2
     }
 
-    /// Number of entries of a group whose lists are in a range.
-    pub fn count(&self, group: u32, lists: &Range<u32>) -> u32 {
+    /// The entries of a group whose lists are in a range: list, and what may pass.
+    pub fn of(&self, group: u32, lists: &Range<u32>) -> &[[u32; 2]] {
         let [begin, end] = [group, group + 1].map(|k| self.words[k as usize] as usize);
         let (entries, _) = self.words[begin..end].as_chunks::<2>();
-        let before = |bound: u32| entries.partition_point(|[list, _]| *list < bound) as u32;
-        before(lists.end) - before(lists.start)
+        let before = |bound: u32| entries.partition_point(|[list, _]| *list < bound);
+        &entries[before(lists.start)..before(lists.end)]
+    }
+
+    /// Their number.
+    pub fn count(&self, group: u32, lists: &Range<u32>) -> u32 {
+        self.of(group, lists).len() as u32
     }
 }
 

@@ -1,6 +1,7 @@
 //! K of triangles that share a lobe, as products of matrices. Twin of glsl/reflect_lobes.comp and reflect_lobes_adjoint.comp.
 
-use super::{Real, on_threads};
+use super::on_threads;
+use super::real::Real;
 use crate::gpu::{BufferSlice, Device, GpuError};
 use crate::plan::{LOBE_ROWS, Plan};
 use crate::scene::Precision;
@@ -35,10 +36,10 @@ impl Reflected<'_> {
         let others = [matrix, surfaces, from];
         match plan.settings.precision {
             Precision::F32 | Precision::HalfBins => {
-                device.edit_on_host(to, others, |to, others| self.products::<f32>(plan, others, to))
+                device.edit_on_host([to], others, |[to], others| self.products::<f32>(plan, others, to))
             }
             Precision::F64 => {
-                device.edit_on_host(to, others, |to, others| self.products::<f64>(plan, others, to))
+                device.edit_on_host([to], others, |[to], others| self.products::<f64>(plan, others, to))
             }
         }
     }

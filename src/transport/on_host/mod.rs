@@ -2,27 +2,17 @@
 //! as long as what a compiler makes of the same loops. The same results but for rounding; `None` where the memory is not
 //! shared.
 
+pub mod far;
+pub mod far_adjoint;
 pub mod lobes;
 pub mod near_matrix;
+mod pairs;
+mod real;
+mod taps;
 pub mod vectors;
 
-use bytemuck::Pod;
 use rayon::ThreadPool;
-use std::ops::{Add, Mul};
 use std::sync::OnceLock;
-
-/// A number of the device.
-trait Real: Pod + Send + Sync + Add<Output = Self> + Mul<Output = Self> + Into<f64> + PartialEq {
-    const ZERO: Self;
-}
-
-impl Real for f32 {
-    const ZERO: Self = 0.0;
-}
-
-impl Real for f64 {
-    const ZERO: Self = 0.0;
-}
 
 /// On threads of their own: others could take up work that waits for the device, which waits for this.
 fn on_threads<R: Send>(work: impl FnOnce() -> R + Send) -> R {

@@ -1,6 +1,7 @@
 //! y += M x, with M a block of the near field. Twin of glsl/near_matrix.comp.
 
-use super::{Real, on_threads};
+use super::on_threads;
+use super::real::Real;
 use crate::gpu::{BufferSlice, Device, GpuError};
 use crate::plan::{Block, NO_ROW, SLICE, SlicedMatrix};
 use crate::scene::Precision;
@@ -32,10 +33,12 @@ pub fn multiply(
 ) -> Result<Option<()>, GpuError> {
     let (others, strides) = ([weights, from.values], [from.stride, to.stride]);
     match precision {
-        Precision::F32 | Precision::HalfBins => device.edit_on_host(to.values, others, |y, [weights, x]| {
-            added::<f32>((matrix, block), weights, strides, x, y)
-        }),
-        Precision::F64 => device.edit_on_host(to.values, others, |y, [weights, x]| {
+        Precision::F32 | Precision::HalfBins => {
+            device.edit_on_host([to.values], others, |[y], [weights, x]| {
+                added::<f32>((matrix, block), weights, strides, x, y)
+            })
+        }
+        Precision::F64 => device.edit_on_host([to.values], others, |[y], [weights, x]| {
             added::<f64>((matrix, block), weights, strides, x, y)
         }),
     }

@@ -1,6 +1,7 @@
 //! The algebra of states. Twin of glsl/combine.comp, combine_dot.comp and dot.comp, but that sums are in f64.
 
-use super::{Real, on_threads};
+use super::on_threads;
+use super::real::Real;
 use crate::gpu::{BufferSlice, Device, GpuError};
 use crate::scene::Precision;
 use rayon::prelude::*;
@@ -15,8 +16,8 @@ const SUMS: usize = 8;
 /// y = b y.
 pub fn scale(device: &Device, precision: Precision, b: f64, y: BufferSlice) -> Result<Option<()>, GpuError> {
     match precision {
-        Precision::F32 | Precision::HalfBins => device.edit_on_host(y, [], |y, []| scaled(b as f32, y)),
-        Precision::F64 => device.edit_on_host(y, [], |y, []| scaled(b, y)),
+        Precision::F32 | Precision::HalfBins => device.edit_on_host([y], [], |[y], []| scaled(b as f32, y)),
+        Precision::F64 => device.edit_on_host([y], [], |[y], []| scaled(b, y)),
     }
 }
 
@@ -29,9 +30,9 @@ pub fn combine(
 ) -> Result<Option<()>, GpuError> {
     match precision {
         Precision::F32 | Precision::HalfBins => {
-            device.edit_on_host(y, [x], |y, [x]| combined((a as f32, x), (b as f32, y)))
+            device.edit_on_host([y], [x], |[y], [x]| combined((a as f32, x), (b as f32, y)))
         }
-        Precision::F64 => device.edit_on_host(y, [x], |y, [x]| combined((a, x), (b, y))),
+        Precision::F64 => device.edit_on_host([y], [x], |[y], [x]| combined((a, x), (b, y))),
     }
 }
 
@@ -46,12 +47,11 @@ pub fn combine_dot(
     let others = [x, z.unwrap_or(x)];
     let given = z.is_some();
     match precision {
-        Precision::F32 | Precision::HalfBins => device.edit_on_host(y, others, |y, [x, z]| {
+        Precision::F32 | Precision::HalfBins => device.edit_on_host([y], others, |[y], [x, z]| {
             combined_product((a as f32, x), (b as f32, y), given.then_some(z))
         }),
-        Precision::F64 => {
-            device.edit_on_host(y, others, |y, [x, z]| combined_product((a, x), (b, y), given.then_some(z)))
-        }
+        Precision::F64 => device
+            .edit_on_host([y], others, |[y], [x, z]| combined_product((a, x), (b, y), given.then_some(z))),
     }
 }
 

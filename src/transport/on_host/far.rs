@@ -1,0 +1,295 @@
+//! U, point to point. Twin of glsl/transport_irradiance.comp, transport_bins.comp, cluster_irradiance.comp and cluster_bins.comp.
+
+use super::on_threads;
+use super::pairs::{Facet, Facets, Pairs};
+use super::real::Real;
+use super::taps::{Layout, add, flush};
+use crate::gpu::{BufferSlice, Device, GpuError, vectorised};
+use crate::model::{ENTRY_BITS, LIST, SourceLists};
+use crate::plan::{FarRuns, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::scene::Precision;
+use crate::transport::exchange::Shape;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Neighbouring receivers that a thread takes at a time.
+pub const BLOCK: u32 = LIST;
+const N: usize = BLOCK as usize;
+/// Numbers of an RGB value of a slot.
+const SLOT: usize = 4;
+/// So many pairs take less time than to wake other threads.
+const SMALL: u64 = 1 << 13;
+
+/// What receivers receive from sources of one class, whose bins are in one page.
+pub struct Received<'a> {
+    pub shape: Shape,
+    pub from: Sources<'a>,
+    /// Bits of pairs to consider.
+    pub passing: u32,
+    pub facets: BufferSlice<'a>,
+    /// Diffuse radiance; behind that of all sources, the first moments of clusters.
+    pub radiance: BufferSlice<'a>,
+    /// Bins of the sources, and the index with which they begin.
+    pub antiradiance: BufferSlice<'a>,
+    pub specular: BufferSlice<'a>,
+    pub sources_page: u32,
+    pub irradiance: BufferSlice<'a>,
+    /// Bins of the receivers, and the slot with which they begin.
+    pub incident: BufferSlice<'a>,
+    pub receivers_page: u32,
+    pub bin_table: BufferSlice<'a>,
+}
+
+/// The sources of blocks of receivers.
+pub enum Sources<'a> {
+    /// In a range of tiles.
+    Tiles { runs: &'a FarRuns, tiles: Range<u32>, tile: u32 },
+    /// In a range of indices of lists. Of clusters, the index of the first of all and that of its first moment.
+    Listed { lists: &'a SourceLists, indices: Range<u32>, clusters: Option<[u32; 2]> },
+}
+
+impl Sources<'_> {
+    /// Calls `with` with the index of each source of a block, and what may pass.
+    fn visit(&self, block: u32, mut with: impl FnMut(u32, u32)) {
+        match self {
+            Self::Tiles { runs, tiles, tile } => {
+                for (run, bits) in runs.of(block * BLOCK / tile, tiles) {
+                    (run.start * tile..run.end * tile).for_each(|slot| with(slot, bits));
+                }
+            }
+            Self::Listed { lists, indices, .. } => {
+                let bits = (1 << ENTRY_BITS) - 1;
+                lists.of(block, indices).iter().for_each(|entry| with(entry >> ENTRY_BITS, entry & bits));
+            }
+        }
+    }
+
+    /// Pairs of a block, including those of tiles between which nothing passes.
+    pub fn pairs(&self, block: u32) -> u64 {
+        u64::from(BLOCK)
+            * match self {
+                Self::Tiles { tiles, tile, .. } => tiles.len() as u64 * u64::from(*tile),
+                Self::Listed { lists, indices, .. } => lists.of(block, indices).len() as u64,
+            }
+    }
+
+    fn clusters(&self) -> Option<[u32; 2]> {
+        match self {
+            Self::Tiles { .. } => None,
+            Self::Listed { clusters, .. } => *clusters,
+        }
+    }
+}
+
+impl Received<'_> {
+    /// Adds what some blocks receive; bins are no half bins. `None` where kernels must do it.
+    pub fn add(&self, device: &Device, plan: &Plan, blocks: Range<u32>) -> Result<Option<()>, GpuError> {
+        match plan.settings.precision {
+            Precision::F32 | Precision::HalfBins => self.add_as::<f32>(device, plan, blocks),
+            Precision::F64 => self.add_as::<f64>(device, plan, blocks),
+        }
+    }
+
+    fn add_as<T: Real>(
+        &self,
+        device: &Device,
+        plan: &Plan,
+        blocks: Range<u32>,
+    ) -> Result<Option<()>, GpuError> {
+        let incident = if self.shape.receiver_bins { self.incident } else { self.irradiance.empty() };
+        let others = [self.facets, self.radiance, self.antiradiance, self.specular, self.bin_table];
+        device.edit_on_host([self.irradiance, incident], others, |[irradiance, incident], others| {
+            let [facets, radiance, antiradiance, specular, bin_table] = others;
+            let layout = Layout::of(plan);
+            let bins = layout.count * layout.channels;
+            let light = Light { facets, radiance, antiradiance, specular, bin_table, bins };
+            let first = (blocks.start * BLOCK - self.receivers_page) as usize * bins;
+            let own: Vec<(u32, &mut [T])> = match self.shape.receiver_bins {
+                true => blocks.clone().zip(incident[first..].chunks_mut(N * bins)).collect(),
+                false => blocks.clone().map(|block| (block, &mut [][..])).collect(),
+            };
+            let state = || Scratch::new(if self.shape.receiver_bins { N * layout.count } else { 0 });
+            let received = |scratch: &mut Scratch<T>, (block, incident): (u32, &mut [T])| {
+                self.block(&light, &layout, plan, block, scratch, incident)
+            };
+            let small = blocks.clone().map(|block| self.from.pairs(block)).sum::<u64>() <= SMALL;
+            let sums: Vec<[[T; 4]; N]> = if small {
+                let mut scratch = state();
+                own.into_iter().map(|own| received(&mut scratch, own)).collect()
+            } else {
+                on_threads(|| own.into_par_iter().map_init(state, received).collect())
+            };
+            let slots = irradiance[(blocks.start * BLOCK) as usize * SLOT..].chunks_exact_mut(SLOT);
+            for (to, sum) in slots.zip(sums.as_flattened()) {
+                to.iter_mut().zip(&sum[..3]).for_each(|(to, &sum)| *to += sum);
+            }
+        })
+    }
+
+    /// Adds to the bins of the receivers of a block, and returns the sums of all directions.
+    fn block<T: Real>(
+        &self,
+        light: &Light<T>,
+        layout: &Layout<T>,
+        plan: &Plan,
+        block: u32,
+        scratch: &mut Scratch<T>,
+        incident: &mut [T],
+    ) -> [[T; 4]; N] {
+        let receivers = Facets::<T, N>::new(|k| Facet::read(light.facets, block * BLOCK + k as u32));
+        // Padding is within the horizon of everything.
+        let exists: [T; N] = std::array::from_fn(|k| flag(receivers.get(k).area > T::ZERO));
+        let half_range = T::of(0.5 * plan.settings.near_field);
+        let clusters = self.from.clusters();
+        let Scratch { pairs, bins } = scratch;
+        let mut sums = [[T::ZERO; 4]; N];
+        let mut planes = [[T::ZERO; N]; 3];
+        let mut any = false;
+        self.from.visit(block, |index, bits| {
+            let bits = bits & self.passing;
+            let fronts = bits & PAIR_FRONT != 0;
+            let backs = self.shape.source.blocker && bits & PAIR_BACK != 0;
+            if !fronts && !backs {
+                return;
+            }
+            let source = Facet::read(light.facets, index);
+            let sides = [flag::<T>(fronts), flag(backs)];
+            let sides = |k: usize| sides.map(|side| side * exists[k]);
+            vectorised(
+                #[inline(always)]
+                || {
+                    match clusters {
+                        Some(_) => pairs.weigh::<true>(|_| source, |k| receivers.get(k), sides),
+                        None => pairs.weigh::<false>(|_| source, |k| receivers.get(k), sides),
+                    }
+                    if bits & PAIR_NEAR != 0 {
+                        let areas = |k| source.characteristic_area + receivers.get(k).characteristic_area;
+                        pairs.blend(half_range, areas, |_| T::ONE);
+                    }
+                    let passing = pairs.passing();
+                    if passing == [false; 2] {
+                        return;
+                    }
+                    any = true;
+                    let sent = light.of(index, clusters);
+                    if !self.shape.any_bins() {
+                        return sent.add_diffuse(pairs, &mut planes);
+                    }
+                    let glossy = self.shape.source.glossy;
+                    if passing[0] && glossy || passing[1] {
+                        pairs.aim_from(layout, |_| source);
+                    }
+                    if self.shape.receiver_bins {
+                        pairs.aim_at(layout, |k| receivers.get(k));
+                    }
+                    let of_source = (index - self.sources_page) as usize * light.bins;
+                    let front = if glossy { &light.specular[of_source..][..light.bins] } else { &[][..] };
+                    let back = if backs { &light.antiradiance[of_source..][..light.bins] } else { &[][..] };
+                    for k in 0..N {
+                        if pairs.weight[k] > T::ZERO {
+                            let value = sent.towards(k, pairs, layout, front, back);
+                            if self.shape.receiver_bins {
+                                let own = &mut bins[k * layout.count..][..layout.count];
+                                pairs.at_receiver.deposit(k, layout, own, value);
+                            }
+                            add(&mut sums[k], T::ONE, value);
+                        }
+                    }
+                },
+            );
+        });
+        if any && self.shape.receiver_bins {
+            let own = bins.chunks_exact_mut(layout.count).zip(incident.chunks_exact_mut(light.bins));
+            own.for_each(|(bins, to)| {
+                flush(layout, bins, |bin| T::ONE / light.bin_table[SLOT * bin + 3], to)
+            });
+        }
+        if !self.shape.any_bins() {
+            sums = std::array::from_fn(|k| [planes[0][k], planes[1][k], planes[2][k], T::ZERO]);
+        }
+        sums
+    }
+}
+
+/// What a thread reuses: pairs, and the sums of the bins of a block.
+struct Scratch<T> {
+    pairs: Pairs<T, N>,
+    bins: Vec<[T; 4]>,
+}
+
+impl<T: Real> Scratch<T> {
+    fn new(bins: usize) -> Self {
+        Self { pairs: Pairs::NONE, bins: vec![[T::ZERO; 4]; bins] }
+    }
+}
+
+pub(super) fn flag<T: Real>(is: bool) -> T {
+    if is { T::ONE } else { T::ZERO }
+}
+
+/// What sources send, in memory.
+struct Light<'a, T> {
+    facets: &'a [T],
+    radiance: &'a [T],
+    antiradiance: &'a [T],
+    specular: &'a [T],
+    bin_table: &'a [T],
+    /// Numbers of the bins of a triangle.
+    bins: usize,
+}
+
+/// The diffuse light of a source.
+struct Sent<T> {
+    radiance: [T; 4],
+    /// The first moment of that of a cluster, otherwise zero.
+    moment: Option<[[T; 4]; 3]>,
+}
+
+impl<T: Real> Light<'_, T> {
+    fn of(&self, index: u32, clusters: Option<[u32; 2]>) -> Sent<T> {
+        let read = |at: u32| {
+            let value = &self.radiance[at as usize * SLOT..][..SLOT];
+            [value[0], value[1], value[2], T::ZERO]
+        };
+        let moment =
+            clusters.map(|[first, moments]| [0, 1, 2].map(|row| read(moments + 3 * (index - first) + row)));
+        Sent { radiance: read(index), moment }
+    }
+}
+
+impl<T: Real> Sent<T> {
+    /// Adds what fronts send, by channel.
+    #[inline(always)]
+    fn add_diffuse(&self, pairs: &Pairs<T, N>, sums: &mut [[T; N]; 3]) {
+        for (c, sums) in sums.iter_mut().enumerate() {
+            for k in 0..N {
+                sums[k] += pairs.weight[k] * self.radiance[c];
+            }
+            if let Some(moment) = &self.moment {
+                for k in 0..N {
+                    let [x, y, z] = [0, 1, 2].map(|row| moment[row][c] * pairs.slope[row][k]);
+                    sums[k] += x + y + z;
+                }
+            }
+        }
+    }
+
+    /// The irradiance of one receiver; `front` and `back`: bins of the source.
+    #[inline(always)]
+    fn towards(&self, k: usize, pairs: &Pairs<T, N>, layout: &Layout<T>, front: &[T], back: &[T]) -> [T; 4] {
+        let weight = pairs.weight[k];
+        let mut value = [T::ZERO; 4];
+        if pairs.front[k] > T::ZERO {
+            add(&mut value, weight, self.radiance);
+            if !front.is_empty() {
+                add(&mut value, weight, pairs.at_source.gather(k, layout, front));
+            }
+            if let Some(moment) = &self.moment {
+                moment.iter().zip(&pairs.slope).for_each(|(&row, slope)| add(&mut value, slope[k], row));
+            }
+        } else {
+            add(&mut value, -weight, pairs.at_source.gather(k, layout, back));
+        }
+        value
+    }
+}

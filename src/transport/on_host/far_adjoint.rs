@@ -1,0 +1,374 @@
+//! Uᵀ, point to point. Twin of glsl/transport_irradiance_adjoint.comp, transport_bins_adjoint.comp and cluster_adjoint.comp.
+
+use super::far::flag;
+use super::on_threads;
+use super::pairs::{Facet, Facets, Pairs};
+use super::real::Real;
+use super::taps::{Layout, add, flush};
+use crate::gpu::{BufferSlice, Device, GpuError, vectorised};
+use crate::model::{ENTRY_BITS, LIST, ReceiverLists, SOURCES};
+use crate::plan::{FarRuns, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::scene::Precision;
+use crate::transport::exchange::Shape;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Neighbouring sources of a tile that a thread takes at a time.
+pub const BLOCK: u32 = LIST;
+/// Numbers of an RGB value of a slot.
+const SLOT: usize = 4;
+/// So many pairs take less time than to wake other threads.
+const SMALL: u64 = 1 << 13;
+
+/// What the light of sources of one class matters to receivers, whose bins are in one page.
+pub struct Importance<'a> {
+    pub shape: Shape,
+    pub of: Receivers<'a>,
+    pub facets: BufferSlice<'a>,
+    /// Cotangent of the receivers' irradiance.
+    pub irradiance: BufferSlice<'a>,
+    /// That of their bins, and the slot with which these begin.
+    pub incident: BufferSlice<'a>,
+    pub receivers_page: u32,
+    /// Cotangent of the sources' radiance, and the index with which it begins.
+    pub radiance: BufferSlice<'a>,
+    pub radiance_page: u32,
+    /// Those of their bins, behind the back and in front, and the index with which they begin.
+    pub back: BufferSlice<'a>,
+    pub front: BufferSlice<'a>,
+    pub bins_page: u32,
+    pub bin_table: BufferSlice<'a>,
+}
+
+/// The receivers of blocks of sources.
+pub enum Receivers<'a> {
+    /// In a range of tiles. Blocks count from the first slot.
+    Tiles { runs: &'a FarRuns, tiles: Range<u32>, tile: u32 },
+    /// In a range of lists; blocks are the groups of `sources`. Of clusters, the index of the first of all and that of its first moment
+    /// from the begin of the radiance.
+    Listed { lists: &'a ReceiverLists, range: Range<u32>, sources: Range<u32>, clusters: Option<[u32; 2]> },
+}
+
+/// What may pass to receivers from each source of a block.
+#[derive(Clone, Copy)]
+struct Passing {
+    word: u32,
+    /// Bits from one source to the next.
+    step: u32,
+}
+
+impl Passing {
+    fn has<T: Real>(self, k: usize, bit: u32) -> T {
+        flag(self.word >> (self.step * k as u32) & bit != 0)
+    }
+}
+
+impl Receivers<'_> {
+    /// Calls `with` with the slots of receivers, and what may pass.
+    fn visit(&self, block: u32, mut with: impl FnMut(Range<u32>, Passing)) {
+        match self {
+            Self::Tiles { runs, tiles, tile } => {
+                for (run, word) in runs.of(block * BLOCK / tile, tiles) {
+                    with(run.start * tile..run.end * tile, Passing { word, step: 0 });
+                }
+            }
+            Self::Listed { lists, range, .. } => {
+                for &[list, word] in lists.of(block, range) {
+                    with(list * LIST..(list + 1) * LIST, Passing { word, step: ENTRY_BITS });
+                }
+            }
+        }
+    }
+
+    /// Pairs of a block, including those of tiles between which nothing passes.
+    pub fn pairs(&self, block: u32) -> u64 {
+        match self {
+            Self::Tiles { tiles, tile, .. } => u64::from(BLOCK * tile) * tiles.len() as u64,
+            Self::Listed { lists, range, .. } => {
+                u64::from(SOURCES * LIST) * u64::from(lists.count(block, range))
+            }
+        }
+    }
+
+    /// The sources of a block.
+    fn sources(&self, block: u32) -> Range<u32> {
+        match self {
+            Self::Tiles { .. } => block * BLOCK..(block + 1) * BLOCK,
+            Self::Listed { lists, sources, .. } => {
+                let first = sources.start + (block - lists.groups(sources).start) * SOURCES;
+                first..(first + SOURCES).min(sources.end)
+            }
+        }
+    }
+
+    fn clusters(&self) -> Option<[u32; 2]> {
+        match self {
+            Self::Tiles { .. } => None,
+            Self::Listed { clusters, .. } => *clusters,
+        }
+    }
+}
+
+/// The sums of a source: the cotangent of radiance, and that of its first moment.
+type Sums<T> = [[T; 4]; 4];
+
+impl Importance<'_> {
+    /// Adds it for some blocks. `None` where kernels must do it.
+    pub fn add(&self, device: &Device, plan: &Plan, blocks: Range<u32>) -> Result<Option<()>, GpuError> {
+        match plan.settings.precision {
+            Precision::F32 | Precision::HalfBins => self.add_as::<f32>(device, plan, blocks),
+            Precision::F64 => self.add_as::<f64>(device, plan, blocks),
+        }
+    }
+
+    fn add_as<T: Real>(
+        &self,
+        device: &Device,
+        plan: &Plan,
+        blocks: Range<u32>,
+    ) -> Result<Option<()>, GpuError> {
+        match self.of {
+            Receivers::Tiles { .. } => self.add_blocks::<T, { BLOCK as usize }>(device, plan, blocks),
+            Receivers::Listed { .. } => self.add_blocks::<T, { SOURCES as usize }>(device, plan, blocks),
+        }
+    }
+
+    /// With blocks of N sources.
+    fn add_blocks<T: Real, const N: usize>(
+        &self,
+        device: &Device,
+        plan: &Plan,
+        blocks: Range<u32>,
+    ) -> Result<Option<()>, GpuError> {
+        let source = self.shape.source;
+        let back = if source.blocker { self.back } else { self.radiance.empty() };
+        let front = if source.glossy { self.front } else { self.radiance.empty() };
+        let others = [self.facets, self.irradiance, self.incident, self.bin_table];
+        device.edit_on_host([self.radiance, back, front], others, |[radiance, back, front], others| {
+            let [facets, irradiance, incident, bin_table] = others;
+            let layout = Layout::of(plan);
+            let bins = layout.count * layout.channels;
+            let cotangents = Cotangents { facets, irradiance, incident, bin_table, bins };
+            let first = (self.of.sources(blocks.start).start - self.bins_page) as usize * bins;
+            let ends: Vec<usize> = blocks.clone().map(|block| self.of.sources(block).len() * bins).collect();
+            let parts = |has: bool, of| {
+                if has { parts(of, first, &ends) } else { ends.iter().map(|_| &mut [][..]).collect() }
+            };
+            let (back, front): (Vec<_>, Vec<_>) = (parts(source.blocker, back), parts(source.glossy, front));
+            let own: Vec<_> = blocks.clone().zip(back.into_iter().zip(front)).collect();
+            let state = || {
+                Scratch::<T, N>::new(
+                    [source.blocker, source.glossy].map(|has| if has { N * layout.count } else { 0 }),
+                )
+            };
+            let summed = |scratch: &mut Scratch<T, N>,
+                          (block, (back, front)): (u32, (&mut [T], &mut [T]))| {
+                self.block(&cotangents, &layout, plan, block, scratch, [back, front])
+            };
+            let small = blocks.clone().map(|block| self.of.pairs(block)).sum::<u64>() <= SMALL;
+            let sums: Vec<[Sums<T>; N]> = if small {
+                let mut scratch = state();
+                own.into_iter().map(|own| summed(&mut scratch, own)).collect()
+            } else {
+                on_threads(|| own.into_par_iter().map_init(state, summed).collect())
+            };
+            for (block, sums) in blocks.zip(sums) {
+                for (source, sums) in self.of.sources(block).zip(sums) {
+                    let mut add = |row: u32, sum: [T; 4]| {
+                        let to = &mut radiance[row as usize * SLOT..][..3];
+                        to.iter_mut().zip(sum).for_each(|(to, sum)| *to += sum);
+                    };
+                    add(source - self.radiance_page, sums[0]);
+                    if let Some([first, moments]) = self.of.clusters() {
+                        (0..3).for_each(|row| {
+                            add(moments + 3 * (source - first) + row, sums[row as usize + 1])
+                        });
+                    }
+                }
+            }
+        })
+    }
+
+    /// Adds to the bins of the sources of a block, behind the backs and in front, and returns the sums of each.
+    fn block<T: Real, const N: usize>(
+        &self,
+        cotangents: &Cotangents<T>,
+        layout: &Layout<T>,
+        plan: &Plan,
+        block: u32,
+        scratch: &mut Scratch<T, N>,
+        [back, front]: [&mut [T]; 2],
+    ) -> [Sums<T>; N] {
+        let own = self.of.sources(block);
+        let sources =
+            Facets::<T, N>::new(|k| Facet::read(cotangents.facets, (own.start + k as u32).min(own.end - 1)));
+        let half_range = T::of(0.5 * plan.settings.near_field);
+        let clusters = self.of.clusters();
+        let source = self.shape.source;
+        let Scratch { pairs, backs: back_bins, fronts: front_bins } = scratch;
+        let mut sums = [[[T::ZERO; 4]; 4]; N];
+        // The same, by row, channel and source.
+        let mut planes = [[[T::ZERO; N]; 3]; 4];
+        let mut any = false;
+        self.of.visit(block, |slots, passing| {
+            let exists = |k: usize| k < own.len();
+            let sides: [[T; 2]; N] =
+                std::array::from_fn(|k| [exists(k), exists(k) && source.blocker].map(flag::<T>));
+            let sides: [[T; 2]; N] = std::array::from_fn(|k| {
+                [sides[k][0] * passing.has::<T>(k, PAIR_FRONT), sides[k][1] * passing.has::<T>(k, PAIR_BACK)]
+            });
+            let near: [T; N] = std::array::from_fn(|k| passing.has(k, PAIR_NEAR));
+            if sides.as_flattened().iter().all(|side| *side == T::ZERO) {
+                return;
+            }
+            let any_near = near.iter().any(|near| *near > T::ZERO);
+            for slot in slots {
+                let receiver = Facet::read(cotangents.facets, slot);
+                if receiver.area <= T::ZERO {
+                    continue;
+                }
+                vectorised(
+                    #[inline(always)]
+                    || {
+                        match clusters {
+                            Some(_) => pairs.weigh::<true>(|k| sources.get(k), |_| receiver, |k| sides[k]),
+                            None => pairs.weigh::<false>(|k| sources.get(k), |_| receiver, |k| sides[k]),
+                        }
+                        if any_near {
+                            let areas = |k| sources.get(k).characteristic_area + receiver.characteristic_area;
+                            pairs.blend(half_range, areas, |k| near[k]);
+                        }
+                        let passing = pairs.passing();
+                        if passing == [false; 2] {
+                            return;
+                        }
+                        any = true;
+                        let irradiance = cotangents.of_irradiance(slot);
+                        if !self.shape.any_bins() {
+                            return add_diffuse(pairs, irradiance, clusters.is_some(), &mut planes);
+                        }
+                        if passing[0] && source.glossy || passing[1] {
+                            pairs.aim_from(layout, |k| sources.get(k));
+                        }
+                        let incident = match self.shape.receiver_bins {
+                            true => {
+                                pairs.aim_at(layout, |_| receiver);
+                                let first = (slot - self.receivers_page) as usize * cotangents.bins;
+                                &cotangents.incident[first..first + cotangents.bins]
+                            }
+                            false => &[],
+                        };
+                        for k in 0..N {
+                            let weight = pairs.weight[k];
+                            if weight > T::ZERO {
+                                let mut importance = irradiance;
+                                if !incident.is_empty() {
+                                    add(
+                                        &mut importance,
+                                        T::ONE,
+                                        pairs.at_receiver.gather(k, layout, incident),
+                                    );
+                                }
+                                let bins = k * layout.count..(k + 1) * layout.count;
+                                if pairs.front[k] > T::ZERO {
+                                    let value = importance.map(|importance| weight * importance);
+                                    if source.glossy {
+                                        pairs.at_source.deposit(k, layout, &mut front_bins[bins], value);
+                                    }
+                                    add(&mut sums[k][0], T::ONE, value);
+                                    if clusters.is_some() {
+                                        let rows = sums[k][1..].iter_mut().zip(&pairs.slope);
+                                        rows.for_each(|(row, slope)| add(row, slope[k], importance));
+                                    }
+                                } else {
+                                    let value = importance.map(|importance| -weight * importance);
+                                    pairs.at_source.deposit(k, layout, &mut back_bins[bins], value);
+                                }
+                            }
+                        }
+                    },
+                );
+            }
+        });
+        if any {
+            let projected = |bin: usize| T::ONE / cotangents.bin_table[SLOT * bin + 3];
+            let of_sources = |bins: &mut Vec<[T; 4]>, to: &mut [T], factor: &dyn Fn(usize) -> T| {
+                let own = bins.chunks_exact_mut(layout.count).zip(to.chunks_exact_mut(cotangents.bins));
+                own.for_each(|(bins, to)| flush(layout, bins, factor, to));
+            };
+            of_sources(back_bins, back, &projected);
+            of_sources(front_bins, front, &|_| T::ONE);
+        }
+        if !self.shape.any_bins() {
+            let row =
+                |k: usize, row: usize| [planes[row][0][k], planes[row][1][k], planes[row][2][k], T::ZERO];
+            sums = std::array::from_fn(|k| [0, 1, 2, 3].map(|of| row(k, of)));
+        }
+        sums
+    }
+}
+
+/// Adds what fronts send, by row, channel and source.
+#[inline(always)]
+fn add_diffuse<T: Real, const N: usize>(
+    pairs: &Pairs<T, N>,
+    irradiance: [T; 4],
+    clusters: bool,
+    sums: &mut [[[T; N]; 3]; 4],
+) {
+    let [radiance, moments @ ..] = sums;
+    let add = |sums: &mut [[T; N]; 3], weights: &[T; N]| {
+        for (sums, importance) in sums.iter_mut().zip(irradiance) {
+            for k in 0..N {
+                sums[k] += weights[k] * importance;
+            }
+        }
+    };
+    add(radiance, &pairs.weight);
+    if clusters {
+        moments.iter_mut().zip(&pairs.slope).for_each(|(row, slope)| add(row, slope));
+    }
+}
+
+/// Parts of so many numbers each, from `first` on.
+fn parts<'a, T>(of: &'a mut [T], first: usize, sizes: &[usize]) -> Vec<&'a mut [T]> {
+    let mut rest = &mut of[first..];
+    let mut parts = Vec::with_capacity(sizes.len());
+    for &size in sizes {
+        let (part, after) = rest.split_at_mut(size);
+        parts.push(part);
+        rest = after;
+    }
+    parts
+}
+
+/// What a thread reuses: pairs, and the sums of the bins of a block.
+struct Scratch<T, const N: usize> {
+    pairs: Pairs<T, N>,
+    backs: Vec<[T; 4]>,
+    fronts: Vec<[T; 4]>,
+}
+
+impl<T: Real, const N: usize> Scratch<T, N> {
+    fn new([backs, fronts]: [usize; 2]) -> Self {
+        let zero = |count| vec![[T::ZERO; 4]; count];
+        Self { pairs: Pairs::NONE, backs: zero(backs), fronts: zero(fronts) }
+    }
+}
+
+/// Cotangents of what receivers receive, in memory.
+struct Cotangents<'a, T> {
+    facets: &'a [T],
+    irradiance: &'a [T],
+    incident: &'a [T],
+    bin_table: &'a [T],
+    /// Numbers of the bins of a triangle.
+    bins: usize,
+}
+
+impl<T: Real> Cotangents<'_, T> {
+    fn of_irradiance(&self, slot: u32) -> [T; 4] {
+        let value = &self.irradiance[slot as usize * SLOT..][..SLOT];
+        [value[0], value[1], value[2], T::ZERO]
+    }
+}
