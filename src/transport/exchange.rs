@@ -158,7 +158,19 @@ impl Exchange {
                 let specular = reflection.specular_under(context, piece, light.as_ref(), monitor)?;
                 let antiradiance = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
                 for (to, incident) in &lit {
-                    let sweep = sweep_of(&mut self.sweeps, Shape::new(from.class, to.class))?;
+                    let shape = Shape::new(from.class, to.class);
+                    let sweep = sweep_of(&mut self.sweeps, shape)?;
+                    let slots = plan.layout.slots_of(&from.tiles);
+                    let received = Received::new(
+                        context,
+                        (shape, passing),
+                        Sources::Close { near: &plan.interactions().by_receiver.near, slots: slots.clone() },
+                        ([antiradiance, specular], slots.start),
+                        (irradiance.slice(), incident),
+                    );
+                    if received.run(sweep, device, plan, blocks(plan, to), monitor)? {
+                        continue;
+                    }
                     let near = [
                         facets,
                         radiance,
@@ -194,20 +206,13 @@ impl Exchange {
                         let sweep = sweep_of(&mut self.sweeps, shape)?;
                         let tiles = part.tiles.clone();
                         let tile = plan.layout.tile;
-                        let received = Received {
-                            shape,
-                            from: Sources::Tiles { runs: &plan.interactions().by_receiver.far, tiles, tile },
-                            passing,
-                            facets,
-                            radiance,
-                            antiradiance: sent[0],
-                            specular: sent[1],
-                            sources_page: plan.layout.slots_of(&part.tiles).start,
-                            irradiance: irradiance.slice(),
-                            incident: incident.slice(),
-                            receivers_page: incident.first_slot,
-                            bin_table: scene.bin_table.whole(),
-                        };
+                        let received = Received::new(
+                            context,
+                            (shape, passing),
+                            Sources::Tiles { runs: &plan.interactions().by_receiver.far, tiles, tile },
+                            (sent, plan.layout.slots_of(&part.tiles).start),
+                            (irradiance.slice(), incident),
+                        );
                         let blocks = blocks(plan, to);
                         if half_bins.is_none() && received.run(sweep, device, plan, blocks, monitor)? {
                             continue;
@@ -284,20 +289,13 @@ impl Exchange {
                 let of_clusters = (indices.start >= first).then(|| [first, plan.sources()]);
                 if let Some(clusters) = plan.clusters() {
                     let lists = clusters.sources();
-                    let received = Received {
-                        shape,
-                        from: Sources::Listed { lists, indices, clusters: of_clusters },
-                        passing,
-                        facets,
-                        radiance,
-                        antiradiance: sources.antiradiance,
-                        specular: sources.specular,
-                        sources_page: sources.indices.start,
-                        irradiance,
-                        incident: incident.slice(),
-                        receivers_page: incident.first_slot,
-                        bin_table: scene.bin_table.whole(),
-                    };
+                    let received = Received::new(
+                        context,
+                        (shape, passing),
+                        Sources::Listed { lists, indices, clusters: of_clusters },
+                        ([sources.antiradiance, sources.specular], sources.indices.start),
+                        (irradiance, incident),
+                    );
                     if received.run(sweep, device, plan, blocks(plan, to), monitor)? {
                         continue;
                     }
@@ -329,7 +327,33 @@ fn blocks(plan: &Plan, group: &Group) -> Range<u32> {
     slots.start / BLOCK..slots.end / BLOCK
 }
 
-impl Received<'_> {
+impl<'a> Received<'a> {
+    /// From sources with these bins, antiradiance and specular, and the index with which they begin.
+    fn new(
+        context: &'a Context,
+        (shape, passing): (Shape, u32),
+        from: Sources<'a>,
+        ([antiradiance, specular], sources_page): ([BufferSlice<'a>; 2], u32),
+        (irradiance, incident): (BufferSlice<'a>, &'a View),
+    ) -> Self {
+        let Context { scene, outgoing, .. } = context;
+        Self {
+            shape,
+            from,
+            passing,
+            facets: scene.facets.whole(),
+            corners: scene.corners.whole(),
+            radiance: outgoing.radiance.whole(),
+            antiradiance,
+            specular,
+            sources_page,
+            irradiance,
+            incident: incident.slice(),
+            receivers_page: incident.first_slot,
+            bin_table: scene.bin_table.whole(),
+        }
+    }
+
     /// Adds what `blocks` receive; `false` where the kernel must do it.
     fn run(
         &self,
@@ -340,7 +364,8 @@ impl Received<'_> {
         monitor: &mut PassMonitor,
     ) -> Result<bool, TransportError> {
         let add = |blocks| self.add(device, plan, blocks);
-        sweep.on_host(device, blocks, |block| self.from.pairs(block), add, monitor)
+        let close = matches!(self.from, Sources::Close { .. });
+        sweep.on_host(device, (close, blocks), |block| self.from.pairs(block), add, monitor)
     }
 }
 

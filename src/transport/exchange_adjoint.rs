@@ -82,21 +82,15 @@ impl ExchangeAdjoint {
                     adjoint.near_receivers.whole(),
                     scene.bin_table.whole(),
                 ];
-                sweep.near(context, &between, &near, true, monitor)?;
-                if adjoint.clusters.is_some() {
-                    continue;
-                }
+                let receivers = plan.layout.slots_of(&to.tiles);
                 let importance = Importance {
                     shape,
-                    of: Receivers::Tiles {
-                        runs: &lists.far,
-                        tiles: to.tiles.clone(),
-                        tile: plan.layout.tile,
-                    },
+                    of: Receivers::Close { near: &lists.near, slots: receivers.clone() },
                     facets,
+                    corners: scene.corners.whole(),
                     irradiance,
                     incident,
-                    receivers_page: plan.layout.slots_of(&to.tiles).start,
+                    receivers_page: receivers.start,
                     radiance,
                     radiance_page: 0,
                     back,
@@ -105,7 +99,22 @@ impl ExchangeAdjoint {
                     bin_table: scene.bin_table.whole(),
                 };
                 let own = plan.layout.slots_of(&between.targets.tiles);
-                if importance.run(sweep, context, own.start / BLOCK..own.end / BLOCK, monitor)? {
+                let blocks = own.start / BLOCK..own.end / BLOCK;
+                if !importance.run(sweep, context, blocks.clone(), monitor)? {
+                    sweep.near(context, &between, &near, true, monitor)?;
+                }
+                if adjoint.clusters.is_some() {
+                    continue;
+                }
+                let importance = Importance {
+                    of: Receivers::Tiles {
+                        runs: &lists.far,
+                        tiles: to.tiles.clone(),
+                        tile: plan.layout.tile,
+                    },
+                    ..importance
+                };
+                if importance.run(sweep, context, blocks, monitor)? {
                     continue;
                 }
                 let far = [
@@ -214,6 +223,7 @@ impl ExchangeAdjoint {
                     shape: Shape::new(to.class, receivers.class),
                     of: Receivers::Listed { lists, range, sources, clusters: moments },
                     facets: scene.facets.whole(),
+                    corners: scene.corners.whole(),
                     irradiance: x.irradiance.whole(),
                     incident,
                     receivers_page: slots.start,
@@ -273,6 +283,7 @@ impl Importance<'_> {
     ) -> Result<bool, TransportError> {
         let Context { device, plan, .. } = context;
         let add = |blocks| self.add(device, plan, blocks);
-        sweep.on_host(device, blocks, |block| self.of.pairs(block), add, monitor)
+        let close = matches!(self.of, Receivers::Close { .. });
+        sweep.on_host(device, (close, blocks), |block| self.of.pairs(block), add, monitor)
     }
 }

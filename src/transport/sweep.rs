@@ -247,7 +247,7 @@ impl Sweep {
             },
             near: near
                 .map(|(shader, buffers)| {
-                    Pipeline::new(device, shader.of(precision), buffers, near_push, &of_near, None)
+                    Pipeline::beside_host(device, shader.of(precision), buffers, near_push, &of_near, None)
                 })
                 .transpose()?,
             lanes,
@@ -280,38 +280,47 @@ impl Sweep {
         }
     }
 
-    /// Lets the host do what the point-to-point kernel does for `blocks` of targets, of so many pairs each. `false` where the kernel
-    /// must do it.
+    /// Lets the host do what a kernel does for blocks of targets, of so many pairs each: that of close pairs, or that of the others.
+    /// `false` where the kernel must do it.
     pub fn on_host(
         &mut self,
         device: &Device,
-        blocks: Range<u32>,
+        (close, blocks): (bool, Range<u32>),
         pairs: impl Fn(u32) -> u64,
         add: impl Fn(Range<u32>) -> Result<Option<()>, GpuError>,
         monitor: &mut PassMonitor,
     ) -> Result<bool, TransportError> {
+        let Self { far, far_pace, near, near_pace, shape, .. } = self;
+        let (kernel, pace, cost) = match (close, near) {
+            (false, _) => (far, far_pace, 1),
+            (true, Some(near)) => (near, near_pace, NEAR_COST),
+            // Nothing to do.
+            (true, None) => return Ok(true),
+        };
         if !device.host_works() {
             return Ok(false);
         }
-        let Self { far, far_pace, shape, .. } = self;
         let mut begin = blocks.start;
         while begin < blocks.end {
-            let affordable = far_pace.pairs();
+            let affordable = pace.pairs();
             let mut taken = 0;
             let fits = |block: &u32| {
-                let fits = taken == 0 || taken + pairs(*block) <= affordable;
-                taken += if fits { pairs(*block) } else { 0 };
+                let more = pairs(*block);
+                let fits = taken == 0 || taken + more <= affordable;
+                taken += if fits { more } else { 0 };
                 fits
             };
             let end = begin + (begin..blocks.end).take_while(fits).count() as u32;
-            let start = Instant::now();
-            if add(begin..end)?.is_none() {
-                return Ok(false);
+            if taken > 0 {
+                let start = Instant::now();
+                if add(begin..end)?.is_none() {
+                    return Ok(false);
+                }
+                let seconds = start.elapsed().as_secs_f64();
+                pace.learn(taken, seconds);
+                device.record(kernel.kernel(), &format!("{shape}, on the host"), seconds, taken);
+                monitor.done(taken * cost)?;
             }
-            let seconds = start.elapsed().as_secs_f64();
-            far_pace.learn(taken, seconds);
-            device.record(far.kernel(), &format!("{shape}, on the host"), seconds, taken);
-            monitor.done(taken)?;
             begin = end;
         }
         Ok(true)

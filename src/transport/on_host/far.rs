@@ -1,12 +1,13 @@
-//! U, point to point. Twin of glsl/transport_irradiance.comp, transport_bins.comp, cluster_irradiance.comp and cluster_bins.comp.
+//! U on the host. Point to point it is the twin of glsl/transport_irradiance.comp, transport_bins.comp, cluster_irradiance.comp and cluster_bins.comp.
 
 use super::on_threads;
 use super::pairs::{Facet, Facets, Pairs};
+use super::pieces::Pieces;
 use super::real::Real;
 use super::taps::{Layout, add, flush};
 use crate::gpu::{BufferSlice, Device, GpuError, vectorised};
-use crate::model::{ENTRY_BITS, LIST, SourceLists};
-use crate::plan::{FarRuns, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::model::{Class, ENTRY_BITS, LIST, SourceLists};
+use crate::plan::{FarRuns, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::scene::Precision;
 use crate::transport::exchange::Shape;
 use rayon::prelude::*;
@@ -14,11 +15,13 @@ use std::ops::Range;
 
 /// Neighbouring receivers that a thread takes at a time.
 pub const BLOCK: u32 = LIST;
-const N: usize = BLOCK as usize;
+pub(super) const N: usize = BLOCK as usize;
 /// Numbers of an RGB value of a slot.
-const SLOT: usize = 4;
+pub(super) const SLOT: usize = 4;
 /// So many pairs take less time than to wake other threads.
-const SMALL: u64 = 1 << 13;
+pub(super) const SMALL: u64 = 1 << 13;
+/// Time of a close pair in that of others.
+pub(super) const CLOSE_COST: u64 = 64;
 
 /// What receivers receive from sources of one class, whose bins are in one page.
 pub struct Received<'a> {
@@ -27,6 +30,7 @@ pub struct Received<'a> {
     /// Bits of pairs to consider.
     pub passing: u32,
     pub facets: BufferSlice<'a>,
+    pub corners: BufferSlice<'a>,
     /// Diffuse radiance; behind that of all sources, the first moments of clusters.
     pub radiance: BufferSlice<'a>,
     /// Bins of the sources, and the index with which they begin.
@@ -46,6 +50,8 @@ pub enum Sources<'a> {
     Tiles { runs: &'a FarRuns, tiles: Range<u32>, tile: u32 },
     /// In a range of indices of lists. Of clusters, the index of the first of all and that of its first moment.
     Listed { lists: &'a SourceLists, indices: Range<u32>, clusters: Option<[u32; 2]> },
+    /// Close ones in a range of slots, piece by piece.
+    Close { near: &'a NearPairs, slots: Range<u32> },
 }
 
 impl Sources<'_> {
@@ -61,21 +67,24 @@ impl Sources<'_> {
                 let bits = (1 << ENTRY_BITS) - 1;
                 lists.of(block, indices).iter().for_each(|entry| with(entry >> ENTRY_BITS, entry & bits));
             }
+            Self::Close { .. } => {}
         }
     }
 
     /// Pairs of a block, including those of tiles between which nothing passes.
     pub fn pairs(&self, block: u32) -> u64 {
-        u64::from(BLOCK)
-            * match self {
-                Self::Tiles { tiles, tile, .. } => tiles.len() as u64 * u64::from(*tile),
-                Self::Listed { lists, indices, .. } => lists.of(block, indices).len() as u64,
+        match self {
+            Self::Tiles { tiles, tile, .. } => u64::from(BLOCK * tile) * tiles.len() as u64,
+            Self::Listed { lists, indices, .. } => u64::from(BLOCK) * lists.of(block, indices).len() as u64,
+            Self::Close { near, slots } => {
+                (block * BLOCK..(block + 1) * BLOCK).map(|slot| near.of(slot, slots).len() as u64).sum()
             }
+        }
     }
 
     fn clusters(&self) -> Option<[u32; 2]> {
         match self {
-            Self::Tiles { .. } => None,
+            Self::Tiles { .. } | Self::Close { .. } => None,
             Self::Listed { clusters, .. } => *clusters,
         }
     }
@@ -97,22 +106,40 @@ impl Received<'_> {
         blocks: Range<u32>,
     ) -> Result<Option<()>, GpuError> {
         let incident = if self.shape.receiver_bins { self.incident } else { self.irradiance.empty() };
-        let others = [self.facets, self.radiance, self.antiradiance, self.specular, self.bin_table];
+        let bins = [self.antiradiance, self.specular, self.bin_table];
+        let [antiradiance, specular, bin_table] = bins;
+        let others = [self.facets, self.corners, self.radiance, antiradiance, specular, bin_table];
         device.edit_on_host([self.irradiance, incident], others, |[irradiance, incident], others| {
-            let [facets, radiance, antiradiance, specular, bin_table] = others;
+            let [facets, corners, radiance, antiradiance, specular, bin_table] = others;
             let layout = Layout::of(plan);
             let bins = layout.count * layout.channels;
-            let light = Light { facets, radiance, antiradiance, specular, bin_table, bins };
+            let half_range = T::of(0.5 * plan.settings.near_field);
+            let light = Light {
+                layout,
+                half_range,
+                facets,
+                corners,
+                radiance,
+                antiradiance,
+                specular,
+                bin_table,
+                bins,
+            };
             let first = (blocks.start * BLOCK - self.receivers_page) as usize * bins;
             let own: Vec<(u32, &mut [T])> = match self.shape.receiver_bins {
                 true => blocks.clone().zip(incident[first..].chunks_mut(N * bins)).collect(),
                 false => blocks.clone().map(|block| (block, &mut [][..])).collect(),
             };
             let state = || Scratch::new(if self.shape.receiver_bins { N * layout.count } else { 0 });
-            let received = |scratch: &mut Scratch<T>, (block, incident): (u32, &mut [T])| {
-                self.block(&light, &layout, plan, block, scratch, incident)
+            let received = |scratch: &mut Scratch<T>, (block, incident): (u32, &mut [T])| match &self.from {
+                Sources::Close { near, slots } => {
+                    self.close_block((near, slots), &light, block, scratch, incident)
+                }
+                _ => self.block(&light, block, scratch, incident),
             };
-            let small = blocks.clone().map(|block| self.from.pairs(block)).sum::<u64>() <= SMALL;
+            let close = matches!(self.from, Sources::Close { .. });
+            let small = if close { SMALL / CLOSE_COST } else { SMALL };
+            let small = blocks.clone().map(|block| self.from.pairs(block)).sum::<u64>() <= small;
             let sums: Vec<[[T; 4]; N]> = if small {
                 let mut scratch = state();
                 own.into_iter().map(|own| received(&mut scratch, own)).collect()
@@ -130,8 +157,6 @@ impl Received<'_> {
     fn block<T: Real>(
         &self,
         light: &Light<T>,
-        layout: &Layout<T>,
-        plan: &Plan,
         block: u32,
         scratch: &mut Scratch<T>,
         incident: &mut [T],
@@ -139,9 +164,9 @@ impl Received<'_> {
         let receivers = Facets::<T, N>::new(|k| Facet::read(light.facets, block * BLOCK + k as u32));
         // Padding is within the horizon of everything.
         let exists: [T; N] = std::array::from_fn(|k| flag(receivers.get(k).area > T::ZERO));
-        let half_range = T::of(0.5 * plan.settings.near_field);
+        let layout = &light.layout;
         let clusters = self.from.clusters();
-        let Scratch { pairs, bins } = scratch;
+        let Scratch { pairs, bins, .. } = scratch;
         let mut sums = [[T::ZERO; 4]; N];
         let mut planes = [[T::ZERO; N]; 3];
         let mut any = false;
@@ -164,7 +189,7 @@ impl Received<'_> {
                     }
                     if bits & PAIR_NEAR != 0 {
                         let areas = |k| source.characteristic_area + receivers.get(k).characteristic_area;
-                        pairs.blend(half_range, areas, |_| T::ONE);
+                        pairs.blend(light.half_range, areas, |_| T::ONE);
                     }
                     let passing = pairs.passing();
                     if passing == [false; 2] {
@@ -182,9 +207,8 @@ impl Received<'_> {
                     if self.shape.receiver_bins {
                         pairs.aim_at(layout, |k| receivers.get(k));
                     }
-                    let of_source = (index - self.sources_page) as usize * light.bins;
-                    let front = if glossy { &light.specular[of_source..][..light.bins] } else { &[][..] };
-                    let back = if backs { &light.antiradiance[of_source..][..light.bins] } else { &[][..] };
+                    let (front, back) =
+                        light.bins_of(index - self.sources_page, Class { blocker: backs, glossy });
                     for k in 0..N {
                         if pairs.weight[k] > T::ZERO {
                             let value = sent.towards(k, pairs, layout, front, back);
@@ -212,14 +236,15 @@ impl Received<'_> {
 }
 
 /// What a thread reuses: pairs, and the sums of the bins of a block.
-struct Scratch<T> {
+pub(super) struct Scratch<T> {
     pairs: Pairs<T, N>,
-    bins: Vec<[T; 4]>,
+    pub pieces: Pieces<T>,
+    pub bins: Vec<[T; 4]>,
 }
 
 impl<T: Real> Scratch<T> {
     fn new(bins: usize) -> Self {
-        Self { pairs: Pairs::NONE, bins: vec![[T::ZERO; 4]; bins] }
+        Self { pairs: Pairs::NONE, pieces: Pieces::NONE, bins: vec![[T::ZERO; 4]; bins] }
     }
 }
 
@@ -228,14 +253,18 @@ pub(super) fn flag<T: Real>(is: bool) -> T {
 }
 
 /// What sources send, in memory.
-struct Light<'a, T> {
-    facets: &'a [T],
+pub(super) struct Light<'a, T> {
+    pub layout: Layout<T>,
+    /// Half of `near_field`.
+    pub half_range: T,
+    pub facets: &'a [T],
+    pub corners: &'a [T],
     radiance: &'a [T],
     antiradiance: &'a [T],
     specular: &'a [T],
-    bin_table: &'a [T],
+    pub bin_table: &'a [T],
     /// Numbers of the bins of a triangle.
-    bins: usize,
+    pub bins: usize,
 }
 
 /// The diffuse light of a source.
@@ -247,13 +276,26 @@ struct Sent<T> {
 
 impl<T: Real> Light<'_, T> {
     fn of(&self, index: u32, clusters: Option<[u32; 2]>) -> Sent<T> {
-        let read = |at: u32| {
-            let value = &self.radiance[at as usize * SLOT..][..SLOT];
-            [value[0], value[1], value[2], T::ZERO]
+        let moment = clusters.map(|[first, moments]| {
+            let rows = moments + 3 * (index - first);
+            [rows, rows + 1, rows + 2].map(|row| self.radiance(row))
+        });
+        Sent { radiance: self.radiance(index), moment }
+    }
+
+    /// Diffuse radiance, or a row of its moment.
+    pub fn radiance(&self, at: u32) -> [T; 4] {
+        let value = &self.radiance[at as usize * SLOT..][..SLOT];
+        [value[0], value[1], value[2], T::ZERO]
+    }
+
+    /// Bins of a source by its place in its page, in front and behind; empty without.
+    pub fn bins_of(&self, at: u32, class: Class) -> (&[T], &[T]) {
+        let own = |has: bool| {
+            let first = at as usize * self.bins;
+            if has { first..first + self.bins } else { 0..0 }
         };
-        let moment =
-            clusters.map(|[first, moments]| [0, 1, 2].map(|row| read(moments + 3 * (index - first) + row)));
-        Sent { radiance: read(index), moment }
+        (&self.specular[own(class.glossy)], &self.antiradiance[own(class.blocker)])
     }
 }
 

@@ -1,13 +1,14 @@
-//! Uᵀ, point to point. Twin of glsl/transport_irradiance_adjoint.comp, transport_bins_adjoint.comp and cluster_adjoint.comp.
+//! Uᵀ on the host. Point to point it is the twin of glsl/transport_irradiance_adjoint.comp, transport_bins_adjoint.comp and cluster_adjoint.comp.
 
-use super::far::flag;
+use super::far::{CLOSE_COST, SLOT, SMALL, flag};
 use super::on_threads;
 use super::pairs::{Facet, Facets, Pairs};
+use super::pieces::Pieces;
 use super::real::Real;
 use super::taps::{Layout, add, flush};
 use crate::gpu::{BufferSlice, Device, GpuError, vectorised};
 use crate::model::{ENTRY_BITS, LIST, ReceiverLists, SOURCES};
-use crate::plan::{FarRuns, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::plan::{FarRuns, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::scene::Precision;
 use crate::transport::exchange::Shape;
 use rayon::prelude::*;
@@ -15,16 +16,13 @@ use std::ops::Range;
 
 /// Neighbouring sources of a tile that a thread takes at a time.
 pub const BLOCK: u32 = LIST;
-/// Numbers of an RGB value of a slot.
-const SLOT: usize = 4;
-/// So many pairs take less time than to wake other threads.
-const SMALL: u64 = 1 << 13;
 
 /// What the light of sources of one class matters to receivers, whose bins are in one page.
 pub struct Importance<'a> {
     pub shape: Shape,
     pub of: Receivers<'a>,
     pub facets: BufferSlice<'a>,
+    pub corners: BufferSlice<'a>,
     /// Cotangent of the receivers' irradiance.
     pub irradiance: BufferSlice<'a>,
     /// That of their bins, and the slot with which these begin.
@@ -47,6 +45,8 @@ pub enum Receivers<'a> {
     /// In a range of lists; blocks are the groups of `sources`. Of clusters, the index of the first of all and that of its first moment
     /// from the begin of the radiance.
     Listed { lists: &'a ReceiverLists, range: Range<u32>, sources: Range<u32>, clusters: Option<[u32; 2]> },
+    /// Close ones in a range of slots, piece by piece. Blocks count from the first slot.
+    Close { near: &'a NearPairs, slots: Range<u32> },
 }
 
 /// What may pass to receivers from each source of a block.
@@ -77,6 +77,7 @@ impl Receivers<'_> {
                     with(list * LIST..(list + 1) * LIST, Passing { word, step: ENTRY_BITS });
                 }
             }
+            Self::Close { .. } => {}
         }
     }
 
@@ -87,13 +88,16 @@ impl Receivers<'_> {
             Self::Listed { lists, range, .. } => {
                 u64::from(SOURCES * LIST) * u64::from(lists.count(block, range))
             }
+            Self::Close { near, slots } => {
+                (block * BLOCK..(block + 1) * BLOCK).map(|slot| near.of(slot, slots).len() as u64).sum()
+            }
         }
     }
 
     /// The sources of a block.
     fn sources(&self, block: u32) -> Range<u32> {
         match self {
-            Self::Tiles { .. } => block * BLOCK..(block + 1) * BLOCK,
+            Self::Tiles { .. } | Self::Close { .. } => block * BLOCK..(block + 1) * BLOCK,
             Self::Listed { lists, sources, .. } => {
                 let first = sources.start + (block - lists.groups(sources).start) * SOURCES;
                 first..(first + SOURCES).min(sources.end)
@@ -103,14 +107,14 @@ impl Receivers<'_> {
 
     fn clusters(&self) -> Option<[u32; 2]> {
         match self {
-            Self::Tiles { .. } => None,
+            Self::Tiles { .. } | Self::Close { .. } => None,
             Self::Listed { clusters, .. } => *clusters,
         }
     }
 }
 
 /// The sums of a source: the cotangent of radiance, and that of its first moment.
-type Sums<T> = [[T; 4]; 4];
+pub(super) type Sums<T> = [[T; 4]; 4];
 
 impl Importance<'_> {
     /// Adds it for some blocks. `None` where kernels must do it.
@@ -128,7 +132,9 @@ impl Importance<'_> {
         blocks: Range<u32>,
     ) -> Result<Option<()>, GpuError> {
         match self.of {
-            Receivers::Tiles { .. } => self.add_blocks::<T, { BLOCK as usize }>(device, plan, blocks),
+            Receivers::Tiles { .. } | Receivers::Close { .. } => {
+                self.add_blocks::<T, { BLOCK as usize }>(device, plan, blocks)
+            }
             Receivers::Listed { .. } => self.add_blocks::<T, { SOURCES as usize }>(device, plan, blocks),
         }
     }
@@ -143,12 +149,14 @@ impl Importance<'_> {
         let source = self.shape.source;
         let back = if source.blocker { self.back } else { self.radiance.empty() };
         let front = if source.glossy { self.front } else { self.radiance.empty() };
-        let others = [self.facets, self.irradiance, self.incident, self.bin_table];
+        let others = [self.facets, self.corners, self.irradiance, self.incident, self.bin_table];
         device.edit_on_host([self.radiance, back, front], others, |[radiance, back, front], others| {
-            let [facets, irradiance, incident, bin_table] = others;
+            let [facets, corners, irradiance, incident, bin_table] = others;
             let layout = Layout::of(plan);
             let bins = layout.count * layout.channels;
-            let cotangents = Cotangents { facets, irradiance, incident, bin_table, bins };
+            let half_range = T::of(0.5 * plan.settings.near_field);
+            let cotangents =
+                Cotangents { layout, half_range, facets, corners, irradiance, incident, bin_table, bins };
             let first = (self.of.sources(blocks.start).start - self.bins_page) as usize * bins;
             let ends: Vec<usize> = blocks.clone().map(|block| self.of.sources(block).len() * bins).collect();
             let parts = |has: bool, of| {
@@ -163,9 +171,16 @@ impl Importance<'_> {
             };
             let summed = |scratch: &mut Scratch<T, N>,
                           (block, (back, front)): (u32, (&mut [T], &mut [T]))| {
-                self.block(&cotangents, &layout, plan, block, scratch, [back, front])
+                match &self.of {
+                    Receivers::Close { near, slots } => {
+                        self.close_block((near, slots), &cotangents, block, scratch, [back, front])
+                    }
+                    _ => self.block(&cotangents, block, scratch, [back, front]),
+                }
             };
-            let small = blocks.clone().map(|block| self.of.pairs(block)).sum::<u64>() <= SMALL;
+            let close = matches!(self.of, Receivers::Close { .. });
+            let small = if close { SMALL / CLOSE_COST } else { SMALL };
+            let small = blocks.clone().map(|block| self.of.pairs(block)).sum::<u64>() <= small;
             let sums: Vec<[Sums<T>; N]> = if small {
                 let mut scratch = state();
                 own.into_iter().map(|own| summed(&mut scratch, own)).collect()
@@ -193,8 +208,6 @@ impl Importance<'_> {
     fn block<T: Real, const N: usize>(
         &self,
         cotangents: &Cotangents<T>,
-        layout: &Layout<T>,
-        plan: &Plan,
         block: u32,
         scratch: &mut Scratch<T, N>,
         [back, front]: [&mut [T]; 2],
@@ -202,10 +215,10 @@ impl Importance<'_> {
         let own = self.of.sources(block);
         let sources =
             Facets::<T, N>::new(|k| Facet::read(cotangents.facets, (own.start + k as u32).min(own.end - 1)));
-        let half_range = T::of(0.5 * plan.settings.near_field);
+        let layout = &cotangents.layout;
         let clusters = self.of.clusters();
         let source = self.shape.source;
-        let Scratch { pairs, backs: back_bins, fronts: front_bins } = scratch;
+        let Scratch { pairs, backs: back_bins, fronts: front_bins, .. } = scratch;
         let mut sums = [[[T::ZERO; 4]; 4]; N];
         // The same, by row, channel and source.
         let mut planes = [[[T::ZERO; N]; 3]; 4];
@@ -236,7 +249,7 @@ impl Importance<'_> {
                         }
                         if any_near {
                             let areas = |k| sources.get(k).characteristic_area + receiver.characteristic_area;
-                            pairs.blend(half_range, areas, |k| near[k]);
+                            pairs.blend(cotangents.half_range, areas, |k| near[k]);
                         }
                         let passing = pairs.passing();
                         if passing == [false; 2] {
@@ -250,14 +263,11 @@ impl Importance<'_> {
                         if passing[0] && source.glossy || passing[1] {
                             pairs.aim_from(layout, |k| sources.get(k));
                         }
-                        let incident = match self.shape.receiver_bins {
-                            true => {
-                                pairs.aim_at(layout, |_| receiver);
-                                let first = (slot - self.receivers_page) as usize * cotangents.bins;
-                                &cotangents.incident[first..first + cotangents.bins]
-                            }
-                            false => &[],
-                        };
+                        if self.shape.receiver_bins {
+                            pairs.aim_at(layout, |_| receiver);
+                        }
+                        let incident =
+                            cotangents.of_bins(slot - self.receivers_page, self.shape.receiver_bins);
                         for k in 0..N {
                             let weight = pairs.weight[k];
                             if weight > T::ZERO {
@@ -291,13 +301,14 @@ impl Importance<'_> {
             }
         });
         if any {
-            let projected = |bin: usize| T::ONE / cotangents.bin_table[SLOT * bin + 3];
-            let of_sources = |bins: &mut Vec<[T; 4]>, to: &mut [T], factor: &dyn Fn(usize) -> T| {
-                let own = bins.chunks_exact_mut(layout.count).zip(to.chunks_exact_mut(cotangents.bins));
-                own.for_each(|(bins, to)| flush(layout, bins, factor, to));
-            };
-            of_sources(back_bins, back, &projected);
-            of_sources(front_bins, front, &|_| T::ONE);
+            let (backs, fronts) =
+                (back_bins.chunks_exact_mut(layout.count), front_bins.chunks_exact_mut(layout.count));
+            backs
+                .zip(back.chunks_exact_mut(cotangents.bins))
+                .for_each(|(bins, to)| cotangents.flush_back(bins, to));
+            fronts
+                .zip(front.chunks_exact_mut(cotangents.bins))
+                .for_each(|(bins, to)| cotangents.flush_front(bins, to));
         }
         if !self.shape.any_bins() {
             let row =
@@ -343,32 +354,52 @@ fn parts<'a, T>(of: &'a mut [T], first: usize, sizes: &[usize]) -> Vec<&'a mut [
 }
 
 /// What a thread reuses: pairs, and the sums of the bins of a block.
-struct Scratch<T, const N: usize> {
+pub(super) struct Scratch<T, const N: usize> {
     pairs: Pairs<T, N>,
-    backs: Vec<[T; 4]>,
-    fronts: Vec<[T; 4]>,
+    pub pieces: Pieces<T>,
+    pub backs: Vec<[T; 4]>,
+    pub fronts: Vec<[T; 4]>,
 }
 
 impl<T: Real, const N: usize> Scratch<T, N> {
     fn new([backs, fronts]: [usize; 2]) -> Self {
         let zero = |count| vec![[T::ZERO; 4]; count];
-        Self { pairs: Pairs::NONE, backs: zero(backs), fronts: zero(fronts) }
+        Self { pairs: Pairs::NONE, pieces: Pieces::NONE, backs: zero(backs), fronts: zero(fronts) }
     }
 }
 
 /// Cotangents of what receivers receive, in memory.
-struct Cotangents<'a, T> {
-    facets: &'a [T],
+pub(super) struct Cotangents<'a, T> {
+    pub layout: Layout<T>,
+    /// Half of `near_field`.
+    pub half_range: T,
+    pub facets: &'a [T],
+    pub corners: &'a [T],
     irradiance: &'a [T],
     incident: &'a [T],
     bin_table: &'a [T],
     /// Numbers of the bins of a triangle.
-    bins: usize,
+    pub bins: usize,
 }
 
 impl<T: Real> Cotangents<'_, T> {
-    fn of_irradiance(&self, slot: u32) -> [T; 4] {
+    pub fn of_irradiance(&self, slot: u32) -> [T; 4] {
         let value = &self.irradiance[slot as usize * SLOT..][..SLOT];
         [value[0], value[1], value[2], T::ZERO]
+    }
+
+    /// Those of the bins of a receiver by its place in its page; empty if it has none.
+    pub fn of_bins(&self, at: u32, has: bool) -> &[T] {
+        let first = at as usize * self.bins;
+        &self.incident[if has { first..first + self.bins } else { 0..0 }]
+    }
+
+    /// Jᵀ is the identity on a state of A(b) = H(b) / c_b, of which this is the cotangent of H(b).
+    pub fn flush_back(&self, bins: &mut [[T; 4]], to: &mut [T]) {
+        flush(&self.layout, bins, |bin| T::ONE / self.bin_table[SLOT * bin + 3], to);
+    }
+
+    pub fn flush_front(&self, bins: &mut [[T; 4]], to: &mut [T]) {
+        flush(&self.layout, bins, |_| T::ONE, to);
     }
 }

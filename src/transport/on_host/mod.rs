@@ -2,11 +2,14 @@
 //! as long as what a compiler makes of the same loops. The same results but for rounding; `None` where the memory is not
 //! shared.
 
+mod close;
+mod close_adjoint;
 pub mod far;
 pub mod far_adjoint;
 pub mod lobes;
 pub mod near_matrix;
 mod pairs;
+mod pieces;
 mod real;
 mod taps;
 pub mod vectors;

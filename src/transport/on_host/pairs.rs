@@ -25,8 +25,26 @@ pub struct Facet<T> {
 }
 
 #[inline(always)]
-fn dot<T: Real>(a: [T; 3], b: [T; 3]) -> T {
+pub fn dot<T: Real>(a: [T; 3], b: [T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+pub fn cross<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+#[inline(always)]
+pub fn minus<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// Blend weight of what is farther away at squared distance `r2`.
+#[inline(always)]
+pub fn far_weight<T: Real>(r2: T, range: T) -> T {
+    let t = (T::of(2.0) * r2 / range.most(T::of(1e-30)) - T::ONE).clamped();
+    let far = t * t * (T::of(3.0) - T::of(2.0) * t);
+    if range > T::ZERO { far } else { T::ONE }
 }
 
 impl<T: Real> Facet<T> {
@@ -46,7 +64,7 @@ impl<T: Real> Facet<T> {
 
     /// A direction in the frame of the triangle.
     #[inline(always)]
-    fn in_frame(&self, v: [T; 3]) -> [T; 3] {
+    pub fn in_frame(&self, v: [T; 3]) -> [T; 3] {
         let (n, s) = (self.normal, self.sign);
         let along = dot(n, v);
         let k = (along + s * v[2]) * self.inverse;
@@ -157,10 +175,7 @@ impl<T: Real, const N: usize> Pairs<T, N> {
     #[inline(always)]
     pub fn blend(&mut self, half_range: T, areas: impl Fn(usize) -> T, near: impl Fn(usize) -> T) {
         for k in 0..N {
-            let range = half_range * areas(k);
-            let t = (T::of(2.0) * self.r2[k] / range.most(T::of(1e-30)) - T::ONE).clamped();
-            let far = t * t * (T::of(3.0) - T::of(2.0) * t);
-            let far = if range > T::ZERO { far } else { T::ONE };
+            let far = far_weight(self.r2[k], half_range * areas(k));
             self.weight[k] = self.weight[k] * (T::ONE + near(k) * (far - T::ONE));
         }
     }

@@ -21,6 +21,10 @@ pub trait Real:
     const ONE: Self;
     /// Sines below this are rounding, where there is no azimuth.
     const POLE: Self;
+    /// Sides that subtend less than this are ignored.
+    const SHORTEST: Self;
+    /// Squared distances from a plane below this part of a characteristic area count as in the plane.
+    const COINCIDENT: Self;
 
     fn of(value: f64) -> Self;
     fn root(self) -> Self;
@@ -28,7 +32,9 @@ pub trait Real:
     fn whole(self) -> Self;
     /// Of a whole number.
     fn index(self) -> i32;
-    /// Of arguments in [0, 1].
+    /// Of arguments in [0, 1], to rounding.
+    fn arctangent(self) -> Self;
+    /// The same, as precise as the coordinates of a layout.
     fn short_arctangent(self) -> Self;
     fn arccosine(self) -> Self;
 
@@ -52,6 +58,8 @@ impl Real for f32 {
     const ZERO: Self = 0.0;
     const ONE: Self = 1.0;
     const POLE: Self = 1e-5;
+    const SHORTEST: Self = 1e-7;
+    const COINCIDENT: Self = 1e-12;
 
     #[inline(always)]
     fn of(value: f64) -> Self {
@@ -76,6 +84,23 @@ impl Real for f32 {
     #[inline(always)]
     fn index(self) -> i32 {
         self as i32
+    }
+
+    // To 1.2e-8 before rounding.
+    #[inline(always)]
+    fn arctangent(self) -> Self {
+        const SERIES: [f32; 9] = [
+            0.002_834_064_3,
+            -0.016_005_03,
+            0.042_587_608,
+            -0.074_954_454,
+            0.106_367_54,
+            -0.142_025_71,
+            0.199_924_84,
+            -0.333_330_67,
+            0.999_999_984,
+        ];
+        self * polynomial(SERIES, self * self)
     }
 
     // Both to 2.5e-7 and 9e-8, less than the rounding of the coordinates of a layout: those of glsl/bins.glsl.
@@ -118,6 +143,8 @@ impl Real for f64 {
     const ZERO: Self = 0.0;
     const ONE: Self = 1.0;
     const POLE: Self = 1e-12;
+    const SHORTEST: Self = 1e-12;
+    const COINCIDENT: Self = 1e-24;
 
     #[inline(always)]
     fn of(value: f64) -> Self {
@@ -144,13 +171,27 @@ impl Real for f64 {
         self as i32
     }
 
+    // Two halvings of the angle leave t below .199, where the series ends at t^23 / 23.
+    #[inline(always)]
+    fn arctangent(self) -> Self {
+        const TERMS: i32 = 12;
+        let halved = |t: f64| t / (1.0 + (1.0 + t * t).sqrt());
+        let t = halved(halved(self));
+        let mut sum = 0.0;
+        for k in (0..TERMS).rev() {
+            sum = 1.0 / f64::from(2 * k + 1) - t * t * sum;
+        }
+        4.0 * t * sum
+    }
+
     #[inline(always)]
     fn short_arctangent(self) -> Self {
-        self.atan()
+        self.arctangent()
     }
 
     #[inline(always)]
     fn arccosine(self) -> Self {
-        2.0 * ((1.0 - self) / (1.0 + self)).sqrt().atan()
+        // Of arguments up to 1: those of cosines up to 1.
+        2.0 * ((1.0 - self) / (1.0 + self)).sqrt().arctangent()
     }
 }
