@@ -140,25 +140,24 @@ impl<T: Real> ClosePair<T> {
     #[inline(always)]
     fn weigh<const N: usize>(
         &self,
-        seen: &[[[T; N]; 3]; 3],
-        offset: &[[T; N]; 3],
+        seen: &[Coordinates<T, N>; 3],
+        offset: &Coordinates<T, N>,
         [diffuse, binned]: [T; 2],
         blend: Option<T>,
         pieces: &mut Pieces<T, N>,
     ) {
         let (source, receiver) = (&self.source.facet, &self.receiver.facet);
+        let projected = projected_solid_angles(receiver.normal, seen);
         let coincident = T::COINCIDENT * source.characteristic_area;
         let [glossy, blocker] =
             [self.class.glossy, self.class.blocker].map(|is| if is { binned } else { T::ZERO });
         for k in 0..N {
-            let at = |of: &[[T; N]; 3]| [of[0][k], of[1][k], of[2][k]];
-            let d = at(offset);
+            let d = at(offset, k);
             let r2 = dot(d, d);
             let side = dot(d, source.normal);
             let front = side > T::ZERO;
             let far = blend.map_or(T::ONE, |range| far_weight(r2, range));
-            let projected = projected_solid_angle(receiver.normal, seen.each_ref().map(at));
-            let projected = if side * side > coincident { projected } else { T::ZERO };
+            let projected = if side * side > coincident { projected[k] } else { T::ZERO };
             pieces.diffuse[k] = if front { diffuse * projected } else { T::ZERO };
             pieces.binned[k] = far * projected * if front { glossy } else { blocker };
             pieces.front[k] = if front { T::ONE } else { T::ZERO };
@@ -210,29 +209,65 @@ fn quarters<T: Real>(&[p, q, r]: &Corners<T>) -> [Corners<T>; 4] {
     [[p, pq, rp], [pq, q, qr], [rp, qr, r], [pq, qr, rp]]
 }
 
-/// ∫ cosθ dω over a triangle whose corners are given relative to the point, clipped at the horizon of the normal: Lambert's polygon
-/// formula.
+/// ∫ cosθ dω over triangles whose corners are given relative to the point, clipped at the horizon of the normal: Lambert's polygon
+/// formula. In loops over all triangles without branches, closures and values from one loop to the next: compilers make no
+/// vectors of others.
 #[inline(always)]
-fn projected_solid_angle<T: Real>(normal: [T; 3], corners: Corners<T>) -> T {
-    let height = corners.map(|corner| dot(corner, normal));
-    let (mut leave, mut enter) = ([T::ZERO; 3], [T::ZERO; 3]);
-    let mut sum = T::ZERO;
-    for (k, next) in [(0, 1), (1, 2), (2, 0)] {
-        let (a, b) = (corners[k], corners[next]);
-        let (above_a, above_b) = (height[k] > T::ZERO, height[next] > T::ZERO);
-        let differ = above_a != above_b;
-        let part = height[k] / (height[k] - height[next]);
-        let crossing = [0, 1, 2].map(|c| if differ { a[c] + part * (b[c] - a[c]) } else { T::ZERO });
-        for c in 0..3 {
-            leave[c] = if above_a && !above_b { crossing[c] } else { leave[c] };
-            enter[c] = if above_b && !above_a { crossing[c] } else { enter[c] };
+fn projected_solid_angles<T: Real, const N: usize>(
+    normal: [T; 3],
+    [p, q, r]: &[Coordinates<T, N>; 3],
+) -> [T; N] {
+    let mut heights = [[T::ZERO; N]; 3];
+    for (height, corner) in heights.iter_mut().zip([p, q, r]) {
+        for k in 0..N {
+            height[k] = dot(at(corner, k), normal);
         }
-        // A side below the horizon has no angle: both ends are the crossing.
-        let begin = [0, 1, 2].map(|c| if above_a { a[c] } else { crossing[c] });
-        let end = [0, 1, 2].map(|c| if above_b { b[c] } else { crossing[c] });
-        sum += side(normal, begin, end);
     }
-    T::of(0.5) * (sum + side(normal, leave, enter)).magnitude()
+    let [hp, hq, hr] = &heights;
+    let mut sum = [T::ZERO; N];
+    for ([a, b], [ha, hb]) in [([p, q], [hp, hq]), ([q, r], [hq, hr]), ([r, p], [hr, hp])] {
+        for k in 0..N {
+            let (a, b) = (at(a, k), at(b, k));
+            // A side below the horizon has no angle: both ends are where it does not cross.
+            let crossing = crossing([a, b], [ha[k], hb[k]]);
+            let [begin, end] = [choose(ha[k] > T::ZERO, a, crossing), choose(hb[k] > T::ZERO, b, crossing)];
+            sum[k] += side(normal, begin, end);
+        }
+    }
+    // The side in the horizon, from where the outline leaves the upper half-space to where it enters it again.
+    for k in 0..N {
+        let (a, b, c) = (at(p, k), at(q, k), at(r, k));
+        let [up_a, up_b, up_c] = [hp[k] > T::ZERO, hq[k] > T::ZERO, hr[k] > T::ZERO];
+        let (ab, bc) = (crossing([a, b], [hp[k], hq[k]]), crossing([b, c], [hq[k], hr[k]]));
+        let ca = crossing([c, a], [hr[k], hp[k]]);
+        let leave = choose(up_a & !up_b, ab, choose(up_b & !up_c, bc, ca));
+        let enter = choose(up_b & !up_a, ab, choose(up_c & !up_b, bc, ca));
+        let level = side(normal, leave, enter);
+        let level = if (up_a != up_b) | (up_b != up_c) { level } else { T::ZERO };
+        sum[k] = T::of(0.5) * (sum[k] + level).magnitude();
+    }
+    sum
+}
+
+/// Vectors of N pieces, by coordinate.
+type Coordinates<T, const N: usize> = [[T; N]; 3];
+
+#[inline(always)]
+fn at<T: Real, const N: usize>(of: &Coordinates<T, N>, k: usize) -> [T; 3] {
+    [of[0][k], of[1][k], of[2][k]]
+}
+
+#[inline(always)]
+fn choose<T: Real>(first: bool, a: [T; 3], b: [T; 3]) -> [T; 3] {
+    [if first { a[0] } else { b[0] }, if first { a[1] } else { b[1] }, if first { a[2] } else { b[2] }]
+}
+
+/// Where a line crosses the horizon, between ends of these heights; zero if it does not.
+#[inline(always)]
+fn crossing<T: Real>([a, b]: [[T; 3]; 2], [height_a, height_b]: [T; 2]) -> [T; 3] {
+    let t = height_a / (height_a - height_b);
+    let crossing = [a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2])];
+    choose((height_a > T::ZERO) != (height_b > T::ZERO), crossing, [T::ZERO; 3])
 }
 
 /// The angle one side subtends times the unit normal of its plane, along `normal`.
@@ -245,8 +280,10 @@ fn side<T: Real>(normal: [T; 3], a: [T; 3], b: [T; 3]) -> T {
     // The half angle's tangent keeps the argument in [0, 1] for angles up to a right one.
     let both = (sine2 + cosine * cosine).root() + cosine.magnitude();
     let acute = T::of(2.0) * (sine / both.most(T::of(1e-30))).least(T::ONE).arctangent();
-    let angle = if cosine < T::ZERO { T::of(PI) - acute } else { acute };
+    let obtuse = T::of(PI) - acute;
+    let angle = if cosine < T::ZERO { obtuse } else { acute };
     // A side through the point, or without length, bounds no solid angle.
     let seen = sine > T::SHORTEST * (dot(a, a) + dot(b, b));
-    if seen { dot(c, normal) * (angle / sine) } else { T::ZERO }
+    let along = dot(c, normal) * (angle / sine.most(T::of(1e-30)));
+    if seen { along } else { T::ZERO }
 }
