@@ -33,6 +33,7 @@ mod sweep;
 mod tiles;
 mod tone;
 mod visibility;
+mod visibility_on_host;
 
 pub use coverage::{Coverage, FaceInPixel};
 pub use error::ImageError;

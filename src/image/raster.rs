@@ -5,9 +5,9 @@ use super::coverage::{Coverage, Sides, check_colours};
 use super::projection::{Projected, View};
 use super::resolve::{self, Resolve, Shading};
 use super::tiles::Tiles;
-use super::visibility::{self, Visibility};
+use super::visibility::{self, Samples, Visibility};
 use super::{ImageError, Picture};
-use crate::gpu::{Buffer, Device, GpuError, Pipeline, rounded};
+use crate::gpu::{Device, Pipeline, rounded};
 use crate::options::setters;
 use crate::scene::{Camera, Scene};
 use glam::DVec3;
@@ -80,8 +80,8 @@ impl Rasterizer {
         if smooth {
             let shading = Shading::new(scene, camera, &faces, colours)?;
             let resolve = Resolve::new(&own.device, &own.resolve, grid, triangles as u64)?;
-            own.bands(grid, triangles, faces, &Tiles::All, |band, samples| {
-                pixels.extend(resolve.run(band, samples, &shading)?);
+            own.bands(grid, triangles, faces, &Tiles::All, |visibility, band, samples| {
+                pixels.extend(resolve.run(band, visibility.on_device(&samples)?, &shading)?);
                 Ok(())
             })?;
         } else {
@@ -157,8 +157,8 @@ impl Rasterizer {
         let faces = visibility::project(scene, camera)?;
         let mut samples = Vec::with_capacity(grid.width as usize * grid.height as usize);
         let own = self.with_staging();
-        own.bands(grid, scene.triangles.len(), faces, &Tiles::All, |band, buffer| {
-            samples.extend(own.download(&grid, band, buffer)?);
+        own.bands(grid, scene.triangles.len(), faces, &Tiles::All, |visibility, band, own| {
+            samples.extend(visibility.on_host(band, own)?);
             Ok(())
         })?;
         Ok(samples)
@@ -171,13 +171,13 @@ impl Rasterizer {
         triangles: usize,
         faces: Vec<Projected>,
         wanted: &Tiles,
-        mut each: impl FnMut(Band, &Buffer) -> Result<(), ImageError>,
+        mut each: impl FnMut(&Visibility, Band, Samples) -> Result<(), ImageError>,
     ) -> Result<(), ImageError> {
         let faces = visibility::rounded(faces);
         let visibility = Visibility::new(&self.device, &self.visibility, grid, triangles as u64)?;
         for band in wanted.rows(&grid).into_iter().flat_map(|rows| grid.bands(rows)) {
-            visibility.run(band, &faces, wanted)?;
-            each(band, &visibility.samples)?;
+            let samples = visibility.run(band, &faces, wanted)?;
+            each(&visibility, band, samples)?;
         }
         Ok(())
     }
@@ -191,14 +191,9 @@ impl Rasterizer {
         mut each: impl FnMut(Band, Coverage) -> Result<(), ImageError>,
     ) -> Result<(), ImageError> {
         let sides = Sides::new(triangles, &faces);
-        self.bands(grid, triangles, faces, wanted, |band, buffer| {
-            each(band, Coverage::of_band(&grid, band, &self.download(&grid, band, buffer)?, &sides))
+        self.bands(grid, triangles, faces, wanted, |visibility, band, samples| {
+            each(band, Coverage::of_band(&grid, band, &visibility.on_host(band, samples)?, &sides))
         })
-    }
-
-    fn download(&self, grid: &Grid, band: Band, samples: &Buffer) -> Result<Vec<u32>, GpuError> {
-        let count = u64::from(grid.width) * u64::from(band.rows);
-        self.device.download_slice(samples, 0, count)
     }
 
     /// Exact bytes of device memory that [`render`](Self::render) takes for a scene of this many triangles, staging buffers

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::bands::{Band, Grid};
 use super::projection::{Projected, View};
 use super::tiles::{TileLists, Tiles, max_pairs};
+use super::visibility_on_host;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
 use crate::scene::{Camera, Scene, SceneError};
 use crate::shaders;
@@ -25,8 +26,8 @@ struct Push {
 /// A face as the kernel reads it: the coefficients of its three edge functions, each with one coefficient of the inverse depth.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
-struct Face {
-    edges: [[f32; 4]; 3],
+pub(super) struct Face {
+    pub edges: [[f32; 4]; 3],
 }
 
 impl From<&Projected> for Face {
@@ -37,7 +38,7 @@ impl From<&Projected> for Face {
 }
 
 pub(super) fn pipeline(device: &Device) -> Result<Pipeline, GpuError> {
-    Pipeline::new(device, &shaders::VISIBILITY, 6, size_of::<Push>() as u32, &[], None)
+    Pipeline::beside_host(device, &shaders::VISIBILITY, 6, size_of::<Push>() as u32, &[], None)
 }
 
 /// The faces that a camera may see, in the scene's order, unrounded. Fails if the scene or the camera is invalid.
@@ -71,8 +72,14 @@ pub(super) struct Visibility<'a> {
     faces: Buffer,
     numbers: Buffer,
     depths: Buffer,
-    /// The face of each sample of the band, row by row.
-    pub samples: Buffer,
+    samples: Buffer,
+}
+
+/// The face of each sample of a band, row by row.
+pub(super) enum Samples {
+    /// In the buffer of [`Visibility`].
+    OnDevice,
+    OnHost(Vec<u32>),
 }
 
 impl<'a> Visibility<'a> {
@@ -98,8 +105,11 @@ impl<'a> Visibility<'a> {
         })
     }
 
-    /// Fills `samples` with a band of the picture of `faces`; outside the `wanted` tiles it is empty.
-    pub fn run(&self, band: Band, faces: &[Projected], wanted: &Tiles) -> Result<(), GpuError> {
+    /// The samples of a band of the picture of `faces`; outside the `wanted` tiles they are empty.
+    pub fn run(&self, band: Band, faces: &[Projected], wanted: &Tiles) -> Result<Samples, GpuError> {
+        if self.device.host_works() {
+            return Ok(Samples::OnHost(visibility_on_host::samples(&self.grid, band, faces, wanted)));
+        }
         let Grid { width, height, .. } = self.grid;
         let bytes = u64::from(width) * u64::from(band.rows) * 4;
         let mut batch = self.device.batch()?;
@@ -134,7 +144,26 @@ impl<'a> Visibility<'a> {
             batch.dispatch(self.pipeline, &shape, &buffers.map(Buffer::whole), push, groups)?;
             batch.submit()?;
         }
-        Ok(())
+        Ok(Samples::OnDevice)
+    }
+
+    /// The samples of the latest band, on the device.
+    pub fn on_device(&self, samples: &Samples) -> Result<&Buffer, GpuError> {
+        if let Samples::OnHost(samples) = samples {
+            self.device.upload_slice(&self.samples, 0, samples)?;
+        }
+        Ok(&self.samples)
+    }
+
+    /// The same on the host.
+    pub fn on_host(&self, band: Band, samples: Samples) -> Result<Vec<u32>, GpuError> {
+        match samples {
+            Samples::OnHost(samples) => Ok(samples),
+            Samples::OnDevice => {
+                let count = u64::from(self.grid.width) * u64::from(band.rows);
+                self.device.download_slice(&self.samples, 0, count)
+            }
+        }
     }
 }
 
