@@ -159,6 +159,11 @@ impl Pipeline {
         })
     }
 
+    /// Compiles it now, unless it is.
+    pub fn compile(&self) -> Result<()> {
+        self.parts().map(|_| ())
+    }
+
     /// Its Vulkan objects, made at the first call.
     pub(super) fn parts(&self) -> Result<Parts> {
         // Held while compiling, so that a thread that needs the same kernel waits instead of compiling it again.

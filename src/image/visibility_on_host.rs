@@ -11,7 +11,7 @@ use rayon::prelude::*;
 const SIDE: usize = TILE as usize;
 
 /// The samples of a tile, row by row: inverse depth and face.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 struct Tile {
     depths: [[f32; SIDE]; SIDE],
     samples: [[u32; SIDE]; SIDE],
@@ -20,25 +20,24 @@ struct Tile {
 /// The face of each sample of a band, row by row; `NONE` outside the `wanted` tiles.
 pub(super) fn samples(grid: &Grid, band: Band, faces: &[Projected], wanted: &Tiles) -> Vec<u32> {
     let columns = grid.tile_columns() as usize;
-    // Infinitely far.
-    let empty = Tile { depths: [[0.0; SIDE]; SIDE], samples: [[NONE; SIDE]; SIDE] };
-    let mut tiles = vec![empty; columns * band.tile_rows().len()];
+    // Those that any face may touch.
+    let mut tiles: Vec<Option<Box<Tile>>> = vec![None; columns * band.tile_rows().len()];
     let mut first = 0;
     while first < faces.len() {
         let (lists, next) = TileLists::build(grid, band, faces, first, wanted);
         first = next;
-        let listed = || lists.faces.iter().map(|&face| &faces[face as usize]);
+        let listed = lists.faces.iter().map(|&face| &faces[face as usize]);
         let (listed, numbers): (Vec<Face>, Vec<u32>) =
-            listed().map(|face| (Face::from(face), face.number)).unzip();
-        tiles.par_iter_mut().enumerate().for_each(|(t, tile)| {
-            let [begin, end] = [t, t + 1].map(|t| lists.tile_start[t] as usize);
-            if begin == end {
-                return;
-            }
+            listed.map(|face| (Face::from(face), face.number)).unzip();
+        let touched =
+            tiles.par_iter_mut().enumerate().filter(|(t, _)| lists.tile_start[*t] < lists.tile_start[t + 1]);
+        touched.for_each(|(t, tile)| {
+            let tile = tile.get_or_insert_with(Tile::empty);
             let corner = [t % columns * SIDE, band.first_row as usize + t / columns * SIDE];
             let place = |at: usize, of: u32| (2 * at + 1) as f32 / of as f32 - 1.0;
             let x: [f32; SIDE] = std::array::from_fn(|k| place(corner[0] + k, grid.width));
             let y: [f32; SIDE] = std::array::from_fn(|k| -place(corner[1] + k, grid.height));
+            let [begin, end] = [t, t + 1].map(|t| lists.tile_start[t] as usize);
             for &face in &lists.tile_faces[begin..end] {
                 let (face, number) = (&listed[face as usize], numbers[face as usize]);
                 vectorised(
@@ -53,13 +52,20 @@ pub(super) fn samples(grid: &Grid, band: Band, faces: &[Projected], wanted: &Til
     for (row, samples) in samples.chunks_exact_mut(width).enumerate() {
         let tiles = &tiles[row / SIDE * columns..][..columns];
         for (samples, tile) in samples.chunks_mut(SIDE).zip(tiles) {
-            samples.copy_from_slice(&tile.samples[row % SIDE][..samples.len()]);
+            if let Some(tile) = tile {
+                samples.copy_from_slice(&tile.samples[row % SIDE][..samples.len()]);
+            }
         }
     }
     samples
 }
 
 impl Tile {
+    /// Infinitely far.
+    fn empty() -> Box<Self> {
+        Box::new(Self { depths: [[0.0; SIDE]; SIDE], samples: [[NONE; SIDE]; SIDE] })
+    }
+
     /// Adds a face. Lists are in the scene's order: of faces at equal depth the first one wins.
     #[inline(always)]
     fn add(&mut self, face: &Face, number: u32, x: &[f32; SIDE], y: &[f32; SIDE]) {

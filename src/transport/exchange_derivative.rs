@@ -9,10 +9,11 @@ use super::state::{State, StateBuffers, page_of};
 use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::sweep_receivers::FromSources;
 use super::watch::{PassMonitor, TransportError};
-use crate::gpu::{Bindings, Buffer, Device, GpuError};
+use crate::gpu::{Bindings, Buffer, Device, GpuError, Pipeline};
 use crate::plan::{Interactions, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::scene::Movable;
 use crate::shaders;
+use rayon::prelude::*;
 
 /// Close partners per target and dispatch: lavapipe stops an invocation after 65535 iterations of all its loops
 /// together, and a partner takes at most 16 · (1 + 45 · 17).
@@ -72,6 +73,7 @@ impl ExchangeDerivative {
         monitor.begin(pairs / u64::from(plan.options.ranks));
         let none = &scene.no_bins;
         adjoint.copy_receivers(context, cotangent)?;
+        self.compile(plan, movable)?;
         for target_is_source in [true, false] {
             let (sweeps, lists, runs) = match target_is_source {
                 true => (&mut self.by_source, by_source, &adjoint.far_runs),
@@ -110,6 +112,27 @@ impl ExchangeDerivative {
             }
         }
         Ok(())
+    }
+
+    /// Compiles the kernels that `movable` triangles need, side by side: drivers may take long.
+    fn compile(&mut self, plan: &Plan, movable: &Movable) -> Result<(), TransportError> {
+        let Interactions { by_receiver, by_source, .. } = plan.interactions();
+        let by_source = by_source.as_ref().ok_or(TransportError::NotPlanned)?;
+        let mut needed = Vec::new();
+        for (s, from) in plan.layout.groups.iter().enumerate() {
+            for (t, to) in plan.layout.groups.iter().enumerate() {
+                let shape = Shape::new(from.class, to.class);
+                let ends = [(&self.by_source, s, to, by_source), (&self.by_receiver, t, from, by_receiver)];
+                for (sweeps, target, other, lists) in ends {
+                    let sweep = sweeps.iter().find(|(known, _)| *known == shape).map(|(_, sweep)| sweep);
+                    let parts = Between::own(plan, target, other, lists).movable_targets(plan, movable);
+                    let kernels =
+                        parts.iter().flat_map(|between| sweep.map(|sweep| sweep.kernels(plan, between)));
+                    needed.extend(kernels.flatten());
+                }
+            }
+        }
+        Ok(needed.into_par_iter().try_for_each(Pipeline::compile)?)
     }
 
     /// Adds what far sources contribute where clusters stand for triangles; `sources` are all of them.

@@ -280,6 +280,14 @@ impl Sweep {
         }
     }
 
+    /// The kernels that close pairs and others between some triangles take.
+    pub fn kernels(&self, plan: &Plan, between: &Between) -> impl Iterator<Item = &Pipeline> {
+        let partners = plan.layout.slots_of(&between.partners.tiles);
+        let targets = plan.layout.slots_of(&between.targets.tiles);
+        let close = || !busy_targets(&between.lists.near, targets, &partners).is_empty();
+        self.near.as_ref().filter(|_| close()).into_iter().chain([&self.far])
+    }
+
     /// Lets the host do what a kernel does for blocks of targets, of so many pairs each: that of close pairs, or that of the others.
     /// `false` where the kernel must do it.
     pub fn on_host(

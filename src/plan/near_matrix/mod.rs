@@ -80,6 +80,8 @@ const NO_ROOM: &str = "its matrix does not fit the memory budget";
 const TOO_LARGE: &str = "its matrix is larger than a buffer may be";
 /// Receivers whose rows tell about how long the others are.
 const SAMPLE: usize = 64;
+/// So many times as many are evaluated at once.
+const FEW: usize = 16;
 /// Smallest part of the estimate from them that the whole matrix may take.
 const LEAST: f64 = 0.5;
 /// Most weights: kernels index them by 32 bits.
@@ -127,16 +129,18 @@ impl Plan {
         if own.is_empty() {
             return Err("no close pairs");
         }
-        let sample: Vec<u32> = own.iter().copied().step_by(own.len().div_ceil(SAMPLE)).collect();
         // Not computed in vain where it is far too large.
-        let [weights, bytes] =
-            self.estimate(&Rows::of(&geometry, &blocks, near, &sample), near, &own, &sample);
-        if LEAST * bytes > free as f64 {
-            return Err(NO_ROOM);
-        }
-        let largest = LEAST * weights * self.settings.precision.bytes() as f64;
-        if weights > MOST_WEIGHTS as f64 || largest > self.options.max_buffer as f64 {
-            return Err(TOO_LARGE);
+        if own.len() > FEW * SAMPLE {
+            let sample: Vec<u32> = own.iter().copied().step_by(own.len().div_ceil(SAMPLE)).collect();
+            let [weights, bytes] =
+                self.estimate(&Rows::of(&geometry, &blocks, near, &sample), near, &own, &sample);
+            if LEAST * bytes > free as f64 {
+                return Err(NO_ROOM);
+            }
+            let largest = LEAST * weights * self.settings.precision.bytes() as f64;
+            if weights > MOST_WEIGHTS as f64 || largest > self.options.max_buffer as f64 {
+                return Err(TOO_LARGE);
+            }
         }
         let rows = Rows::of(&geometry, &blocks, near, &own);
         if rows.weights.is_empty() {
