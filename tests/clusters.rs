@@ -109,7 +109,8 @@ fn gradients_are_those_of_the_exact_sum() {
     };
     let names = ["emission", "albedo", "boxes moved", "each emission", "each albedo", "each vertex"];
     let truth = values(&gradients(&device, &scene, &scene.settings.transport(Transport::Exact)));
-    let error = 0.01;
+    // With derivatives by vertices clusters are those of a tenth of the error.
+    let error = 0.1;
     let found = values(&gradients(&device, &scene, &hierarchical(&scene, error)));
     let bounds = [0.003, 0.005, 0.005, 0.0125, 0.01, 0.0125];
     for (((name, found), truth), bound) in names.iter().zip(found).zip(truth).zip(bounds) {
@@ -189,8 +190,11 @@ fn the_exact_sum_is_taken_where_clusters_do_not_work_or_pay() {
     let settings = hierarchical(&scene, 0.01);
     let options = PlanOptions::default();
     assert_eq!(why(&planned(&scene, &settings, options)), "");
-    let with_gradients = options.gradients(GradientRequest::EVERYTHING);
+    let with_gradients = options.gradients(GradientRequest::NOTHING.emission(true).albedo(true));
     assert_eq!(why(&planned(&scene, &settings, with_gradients)), "");
+    let by_vertices = options.gradients(GradientRequest::EVERYTHING);
+    assert_eq!(why(&planned(&scene, &hierarchical(&scene, 0.1), by_vertices)), "");
+    assert_eq!(why(&planned(&scene, &settings, by_vertices)), "clusters would save too little");
     let few = planned(&scene, &scene.settings.transport(Transport::Auto), options);
     assert_eq!(why(&few), "few triangles");
     let mut fine = scene.clone();

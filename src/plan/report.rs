@@ -7,8 +7,8 @@ use std::ops::Range;
 
 /// Pairs per second assumed by estimates of time: two cores of a CPU driver.
 const IRRADIANCE_RATE: f64 = 1e9;
-const BINS_RATE: f64 = 60e6;
-const NEAR_RATE: f64 = 1e6;
+const BINS_RATE: f64 = 150e6;
+const NEAR_RATE: f64 = 2.5e6;
 /// Weights of a kept near field.
 const WEIGHT_RATE: f64 = 2e8;
 /// Pairs of bins per second, by matrix and one by one.

@@ -56,6 +56,8 @@ const BRIGHTEST: f64 = 1e4;
 const BACKS: f64 = 2.0;
 /// The same under the light of an emitter, relative to the emitter: bins spread it out.
 const NARROW: f64 = 0.25;
+/// Factor on the error of each cluster where derivatives by vertices are wanted: what depends on how neighbours differ errs more than light.
+const OF_VERTICES: f64 = 0.1;
 /// Factor on the error of each cluster where light comes from emitters straight to clusters, and is uneven there.
 const UNEVEN: f64 = 0.3;
 
@@ -92,6 +94,7 @@ impl Plan {
         let lists = (self.options.cull, self.options.gradients.any());
         let uneven = brightness.iter().any(|&bright| bright > 1.0);
         let each = if uneven { UNEVEN * error } else { error };
+        let each = if self.options.gradients.geometry() { OF_VERTICES * each } else { each };
         let limits = (self.leaf(), each);
         let backs = brightness.iter().fold(BACKS, |most, &bright| most.max(NARROW * bright));
         let lit = (&brightness[..], backs, bin);
