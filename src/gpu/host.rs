@@ -103,7 +103,7 @@ mod tests {
         let add =
             |[y]: [&mut [f32]; 1], [x]: [&[f32]; 1]| y.iter_mut().zip(x).for_each(|(y, x)| *y += 2.0 * x);
         let added = device.edit_on_host([y.slice(1024, 2048)], [x.slice(1024, 2048)], add).expect("parts");
-        if device.info().kind != DeviceKind::Cpu {
+        if !device.host_works() {
             assert!(added.is_none());
             return;
         }

@@ -46,9 +46,7 @@ pub(super) struct UsedScopes(BTreeMap<ScopeId, Arc<UseOfBuffers>>);
 impl UsedScopes {
     pub(super) fn add(&mut self, buffer: &Buffer) {
         let of = buffer.use_of_buffers();
-        if !self.0.contains_key(&of.scope) {
-            self.0.insert(of.scope, of.clone());
-        }
+        self.0.entry(of.scope).or_insert_with(|| of.clone());
     }
 
     /// Keeps the host away.

@@ -124,7 +124,8 @@ impl Plan {
             let groups = self.layout.groups.iter().filter(|group| group.class.has_bins() == has_bins);
             groups.map(|group| self.layout.slots_of(&group.tiles).len() as u64).sum::<u64>()
         };
-        let mut leaf = LEAF;
+        // Where most triangles have bins, those of clusters would take a fifth of the memory.
+        let mut leaf = if slots(true) > slots(false) { 2 * LEAF } else { LEAF };
         while leaf < self.layout.tile && slots(true) * 2 / u64::from(leaf) * self.bin_bytes() > page {
             leaf *= 2;
         }

@@ -1,6 +1,7 @@
 //! What the host computes itself where the device is a CPU: its drivers read memory lane by lane, which takes several times
 //! as long as what a compiler makes of the same loops. The same results but for rounding; `None` where the memory is not
 //! shared.
+#![allow(clippy::needless_range_loop, reason = "of loops over lanes by index compilers make vectors")]
 
 mod close;
 mod close_adjoint;

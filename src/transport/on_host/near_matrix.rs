@@ -61,7 +61,7 @@ fn added<T: Real>(
     let rows = matrix.rows[(block.slices.start * SLICE) as usize..].iter();
     for (&row, sum) in rows.zip(sums.as_flattened()).filter(|(row, _)| **row != NO_ROW) {
         let own = &mut y[row as usize * to..][..to.min(3)];
-        own.iter_mut().zip(sum).for_each(|(y, &sum)| *y = *y + sum);
+        own.iter_mut().zip(sum).for_each(|(y, &sum)| *y += sum);
     }
 }
 
