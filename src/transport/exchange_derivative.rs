@@ -5,15 +5,20 @@ use super::Context;
 use super::adjoint::AdjointBuffers;
 use super::clusters::Sources;
 use super::exchange::{Shape, sweep_of};
+use super::on_host::derivative::{By, Derivative};
+use super::on_host::far::Sources as HostSources;
+use super::on_host::far_adjoint::Receivers;
 use super::state::{State, StateBuffers, page_of};
 use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::sweep_receivers::FromSources;
 use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, Buffer, Device, GpuError, Pipeline};
+use crate::model::LIST;
 use crate::plan::{Interactions, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::scene::Movable;
 use crate::shaders;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Close partners per target and dispatch: lavapipe stops an invocation after 65535 iterations of all its loops
 /// together, and a partner takes at most 16 · (1 + 45 · 17).
@@ -73,7 +78,9 @@ impl ExchangeDerivative {
         monitor.begin(pairs / u64::from(plan.options.ranks));
         let none = &scene.no_bins;
         adjoint.copy_receivers(context, cotangent)?;
-        self.compile(plan, movable)?;
+        if !context.device.host_works() {
+            self.compile(plan, movable)?;
+        }
         for target_is_source in [true, false] {
             let (sweeps, lists, runs) = match target_is_source {
                 true => (&mut self.by_source, by_source, &adjoint.far_runs),
@@ -102,9 +109,37 @@ impl ExchangeDerivative {
                         [&both[..], &[offsets.whole(), partners.whole(), scene.corners.whole()]].concat();
                     let far = [&both[..], &[runs.whole()]].concat();
                     let passing = PAIR_FRONT | PAIR_NEAR | PAIR_BACK;
+                    let partners = plan.layout.slots_of(&other.tiles);
+                    let derivative = |by| Derivative {
+                        shape: Shape::new(from.class, to.class),
+                        by,
+                        facets: scene.facets.whole(),
+                        corners: scene.corners.whole(),
+                        radiance: outgoing.radiance.whole(),
+                        antiradiance: both[4],
+                        specular: both[5],
+                        sources_page: plan.layout.slots_of(&from.tiles).start,
+                        irradiance: cotangent.irradiance.whole(),
+                        incident: both[6],
+                        receivers_page: plan.layout.slots_of(&to.tiles).start,
+                        gradients: gradients.whole(),
+                    };
+                    let close = derivative(match target_is_source {
+                        true => By::Sources(Receivers::Close { near: &lists.near, slots: partners }),
+                        false => By::Receivers(HostSources::Close { near: &lists.near, slots: partners }),
+                    });
+                    let (runs, tiles, tile) = (&lists.far, other.tiles.clone(), plan.layout.tile);
+                    let all = derivative(match target_is_source {
+                        true => By::Sources(Receivers::Tiles { runs, tiles, tile }),
+                        false => By::Receivers(HostSources::Tiles { runs, tiles, tile }),
+                    });
                     for between in Between::own(plan, target, other, lists).movable_targets(plan, movable) {
-                        sweep.near(context, &between, &near, true, monitor)?;
-                        if plan.clusters().is_none() {
+                        let own = plan.layout.slots_of(&between.targets.tiles);
+                        let blocks = own.start / LIST..own.end / LIST;
+                        if !close.run(sweep, context, blocks.clone(), monitor)? {
+                            sweep.near(context, &between, &near, true, monitor)?;
+                        }
+                        if plan.clusters().is_none() && !all.run(sweep, context, blocks, monitor)? {
                             sweep.far(context, &between, &far, &uniforms, passing, monitor)?;
                         }
                     }
@@ -146,7 +181,11 @@ impl ExchangeDerivative {
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { plan, scene, outgoing, .. } = context;
+        let clusters = plan.clusters().ok_or_else(|| TransportError::missing("clusters"))?;
+        let lists = clusters.receivers().ok_or(TransportError::NotPlanned)?;
         for (k, from) in sources.iter().enumerate() {
+            let moments =
+                (from.indices.start >= clusters.first()).then(|| [clusters.first(), plan.sources()]);
             let own = match k.checked_sub(plan.layout.groups.len()) {
                 None => plan.layout.slots_of(&plan.own(k).tiles),
                 Some(run) => plan.own_clusters(run),
@@ -166,23 +205,64 @@ impl ExchangeDerivative {
                         adjoint.receivers.whole(),
                     ])
                 };
-                let of = FromSources {
-                    sources: own.clone(),
-                    bins_page: from.indices.start,
-                    radiance_page: 0,
-                    receivers_page: slots.start,
-                    receivers: slots.clone(),
+                let derivative = |by| {
+                    Ok::<_, TransportError>(Derivative {
+                        shape,
+                        by,
+                        facets: scene.facets.whole(),
+                        corners: scene.corners.whole(),
+                        radiance: outgoing.radiance.whole(),
+                        antiradiance: from.antiradiance,
+                        specular: from.specular,
+                        sources_page: from.indices.start,
+                        irradiance: cotangent.irradiance.whole(),
+                        incident: page_of(&cotangent.bins, t, receivers.class.has_bins(), &scene.no_bins)?,
+                        receivers_page: slots.start,
+                        gradients: gradients.whole(),
+                    })
                 };
                 let sweep = sweep_of(&mut self.by_source, shape)?;
-                sweep.received(context, of, &buffers(adjoint.far_runs.whole())?, monitor)?;
+                let range = slots.start / LIST..slots.end / LIST;
+                let sources = own.clone();
+                let onto = Receivers::Listed { lists, range, sources, clusters: moments };
+                if !derivative(By::Sources(onto))?.run(sweep, context, lists.groups(&own), monitor)? {
+                    let of = FromSources {
+                        sources: own.clone(),
+                        bins_page: from.indices.start,
+                        radiance_page: 0,
+                        receivers_page: slots.start,
+                        receivers: slots.clone(),
+                    };
+                    sweep.received(context, of, &buffers(adjoint.far_runs.whole())?, monitor)?;
+                }
                 let sweep = sweep_of(&mut self.by_receiver, shape)?;
-                let partners = (&from.indices, from.indices.start);
-                let passing = PAIR_FRONT | PAIR_NEAR | PAIR_BACK;
-                let buffers = buffers(scene.far_sources.whole())?;
                 let own = plan.layout.slots_of(&plan.own(t).tiles);
-                sweep.listed(context, (&own, slots.start), partners, &buffers, passing, monitor)?;
+                let blocks = own.start / LIST..own.end / LIST;
+                let (lists, indices) = (clusters.sources(), from.indices.clone());
+                let of = HostSources::Listed { lists, indices, clusters: moments };
+                if !derivative(By::Receivers(of))?.run(sweep, context, blocks, monitor)? {
+                    let partners = (&from.indices, from.indices.start);
+                    let passing = PAIR_FRONT | PAIR_NEAR | PAIR_BACK;
+                    let buffers = buffers(scene.far_sources.whole())?;
+                    sweep.listed(context, (&own, slots.start), partners, &buffers, passing, monitor)?;
+                }
             }
         }
         Ok(())
+    }
+}
+
+impl Derivative<'_> {
+    /// Adds it for `blocks`; `false` where the kernel must do it.
+    fn run(
+        &self,
+        sweep: &mut Sweep,
+        context: &Context,
+        blocks: Range<u32>,
+        monitor: &mut PassMonitor,
+    ) -> Result<bool, TransportError> {
+        let Context { device, plan, .. } = context;
+        let add = |blocks| self.add(device, plan, blocks);
+        sweep.on_host(device, (self.by.close(), blocks), |block| self.by.pairs(block), add, monitor)
     }
 }

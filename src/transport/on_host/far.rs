@@ -56,7 +56,7 @@ pub enum Sources<'a> {
 
 impl Sources<'_> {
     /// Calls `with` with the index of each source of a block, and what may pass.
-    fn visit(&self, block: u32, mut with: impl FnMut(u32, u32)) {
+    pub(super) fn visit(&self, block: u32, mut with: impl FnMut(u32, u32)) {
         match self {
             Self::Tiles { runs, tiles, tile } => {
                 for (run, bits) in runs.of(block * BLOCK / tile, tiles) {
@@ -82,7 +82,7 @@ impl Sources<'_> {
         }
     }
 
-    fn clusters(&self) -> Option<[u32; 2]> {
+    pub(super) fn clusters(&self) -> Option<[u32; 2]> {
         match self {
             Self::Tiles { .. } | Self::Close { .. } => None,
             Self::Listed { clusters, .. } => *clusters,
@@ -259,9 +259,9 @@ pub(super) struct Light<'a, T> {
     pub half_range: T,
     pub facets: &'a [T],
     pub corners: &'a [T],
-    radiance: &'a [T],
-    antiradiance: &'a [T],
-    specular: &'a [T],
+    pub radiance: &'a [T],
+    pub antiradiance: &'a [T],
+    pub specular: &'a [T],
     pub bin_table: &'a [T],
     /// Numbers of the bins of a triangle.
     pub bins: usize,
@@ -276,11 +276,13 @@ struct Sent<T> {
 
 impl<T: Real> Light<'_, T> {
     fn of(&self, index: u32, clusters: Option<[u32; 2]>) -> Sent<T> {
-        let moment = clusters.map(|[first, moments]| {
-            let rows = moments + 3 * (index - first);
-            [rows, rows + 1, rows + 2].map(|row| self.radiance(row))
-        });
-        Sent { radiance: self.radiance(index), moment }
+        Sent { radiance: self.radiance(index), moment: clusters.map(|of| self.moment(index, of)) }
+    }
+
+    /// The first moment of a cluster's radiance, by the index of the first of all clusters and that of its moment.
+    pub fn moment(&self, index: u32, [first, moments]: [u32; 2]) -> [[T; 4]; 3] {
+        let rows = moments + 3 * (index - first);
+        [rows, rows + 1, rows + 2].map(|row| self.radiance(row))
     }
 
     /// Diffuse radiance, or a row of its moment.

@@ -51,21 +51,21 @@ pub enum Receivers<'a> {
 
 /// What may pass to receivers from each source of a block.
 #[derive(Clone, Copy)]
-struct Passing {
+pub(super) struct Passing {
     word: u32,
     /// Bits from one source to the next.
     step: u32,
 }
 
 impl Passing {
-    fn has<T: Real>(self, k: usize, bit: u32) -> T {
+    pub fn has<T: Real>(self, k: usize, bit: u32) -> T {
         flag(self.word >> (self.step * k as u32) & bit != 0)
     }
 }
 
 impl Receivers<'_> {
     /// Calls `with` with the slots of receivers, and what may pass.
-    fn visit(&self, block: u32, mut with: impl FnMut(Range<u32>, Passing)) {
+    pub(super) fn visit(&self, block: u32, mut with: impl FnMut(Range<u32>, Passing)) {
         match self {
             Self::Tiles { runs, tiles, tile } => {
                 for (run, word) in runs.of(block * BLOCK / tile, tiles) {
@@ -95,7 +95,7 @@ impl Receivers<'_> {
     }
 
     /// The sources of a block.
-    fn sources(&self, block: u32) -> Range<u32> {
+    pub(super) fn sources(&self, block: u32) -> Range<u32> {
         match self {
             Self::Tiles { .. } | Self::Close { .. } => block * BLOCK..(block + 1) * BLOCK,
             Self::Listed { lists, sources, .. } => {
@@ -105,7 +105,7 @@ impl Receivers<'_> {
         }
     }
 
-    fn clusters(&self) -> Option<[u32; 2]> {
+    pub(super) fn clusters(&self) -> Option<[u32; 2]> {
         match self {
             Self::Tiles { .. } | Self::Close { .. } => None,
             Self::Listed { clusters, .. } => *clusters,
@@ -375,9 +375,9 @@ pub(super) struct Cotangents<'a, T> {
     pub half_range: T,
     pub facets: &'a [T],
     pub corners: &'a [T],
-    irradiance: &'a [T],
-    incident: &'a [T],
-    bin_table: &'a [T],
+    pub irradiance: &'a [T],
+    pub incident: &'a [T],
+    pub bin_table: &'a [T],
     /// Numbers of the bins of a triangle.
     pub bins: usize,
 }

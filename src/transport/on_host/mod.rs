@@ -5,8 +5,12 @@
 
 mod close;
 mod close_adjoint;
+mod close_derivative;
+pub mod derivative;
+mod exchanged;
 pub mod far;
 pub mod far_adjoint;
+mod far_derivative;
 pub mod lobes;
 pub mod near_matrix;
 mod pairs;

@@ -47,6 +47,24 @@ pub fn far_weight<T: Real>(r2: T, range: T) -> T {
     if range > T::ZERO { far } else { T::ONE }
 }
 
+/// Its slopes by `r2` and by `range`.
+#[inline(always)]
+pub fn far_weight_slopes<T: Real>(r2: T, range: T) -> [T; 2] {
+    let of = range.most(T::of(1e-30));
+    let t = (T::of(2.0) * r2 / of - T::ONE).clamped();
+    let by_r2 = T::of(12.0) * t * (T::ONE - t) / of;
+    let by_r2 = if range > T::ZERO { by_r2 } else { T::ZERO };
+    [by_r2, -by_r2 * r2 / of]
+}
+
+/// From the gradient by d/|d| to that by d.
+#[inline(always)]
+pub fn through_normalization<T: Real>(by: [T; 3], direction: [T; 3], length: T) -> [T; 3] {
+    let along = dot(direction, by);
+    let across = |k: usize| (by[k] - direction[k] * along) / length;
+    [across(0), across(1), across(2)]
+}
+
 impl<T: Real> Facet<T> {
     /// That of an index among all.
     pub fn read(facets: &[T], index: u32) -> Self {
@@ -69,6 +87,30 @@ impl<T: Real> Facet<T> {
         let along = dot(n, v);
         let k = (along + s * v[2]) * self.inverse;
         [v[0] - s * n[0] * k, s * v[1] - n[1] * k, along]
+    }
+
+    /// The transpose: from that frame.
+    #[inline(always)]
+    pub fn from_frame(&self, w: [T; 3]) -> [T; 3] {
+        let (n, s) = (self.normal, self.sign);
+        let level = s * n[0] * w[0] + n[1] * w[1];
+        let k = w[2] - level * self.inverse;
+        [w[0] + n[0] * k, s * w[1] + n[1] * k, n[2] * w[2] - level]
+    }
+
+    /// The gradient by the normal of the product of [`in_frame`](Self::in_frame) of `v` and `g`: `frame_gradient` of
+    /// glsl/bins_slope.glsl.
+    #[inline(always)]
+    pub fn frame_gradient(&self, v: [T; 3], g: [T; 3]) -> [T; 3] {
+        let (n, s, a) = (self.normal, self.sign, -self.inverse);
+        let two = T::of(2.0);
+        let by_b = g[0] * s * v[1] + g[1] * v[0];
+        let by_a = g[0] * s * n[0] * n[0] * v[0] + g[1] * n[1] * n[1] * v[1] + by_b * n[0] * n[1];
+        [
+            g[2] * v[0] + g[0] * s * (two * n[0] * a * v[0] - v[2]) + by_b * n[1] * a,
+            g[2] * v[1] + g[1] * (two * n[1] * a * v[1] - v[2]) + by_b * n[0] * a,
+            g[2] * v[2] + by_a * a * a,
+        ]
     }
 }
 

@@ -1,6 +1,7 @@
 //! Light between two close triangles, from quarters to quarters, 16 pieces at a time. Twin of glsl/near_walk.glsl and
 //! near_field.glsl.
 
+use super::exchanged::{Coordinates, at};
 use super::pairs::{Facet, cross, dot, far_weight, minus};
 use super::real::Real;
 use super::taps::{Layout, Taps};
@@ -11,9 +12,9 @@ use std::f64::consts::PI;
 /// Pieces of a batch: four quarters of the source for each of four of the receiver.
 pub const ALL: usize = 16;
 /// The whole source for each quarter of the receiver.
-const WHOLE: usize = 4;
+pub const WHOLE: usize = 4;
 
-type Corners<T> = [[T; 3]; 3];
+pub type Corners<T> = [[T; 3]; 3];
 
 /// A triangle.
 #[derive(Clone, Copy)]
@@ -101,7 +102,6 @@ impl<T: Real> ClosePair<T> {
         blend: Option<T>,
         pieces: &mut Pieces<T, N>,
     ) -> bool {
-        let centroid = |[a, b, c]: Corners<T>| [0, 1, 2].map(|k| (a[k] + b[k] + c[k]) * T::of(1.0 / 3.0));
         let points = onto.map(centroid);
         let centroids: [[T; 3]; 4] =
             std::array::from_fn(|k| from.get(k).map_or([T::ZERO; 3], |from| centroid(*from)));
@@ -202,8 +202,12 @@ impl<T: Real, const N: usize> Pieces<T, N> {
     }
 }
 
+pub fn centroid<T: Real>([a, b, c]: Corners<T>) -> [T; 3] {
+    [0, 1, 2].map(|k| (a[k] + b[k] + c[k]) * T::of(1.0 / 3.0))
+}
+
 /// Three quarters at the corners, then the one in the middle.
-fn quarters<T: Real>(&[p, q, r]: &Corners<T>) -> [Corners<T>; 4] {
+pub fn quarters<T: Real>(&[p, q, r]: &Corners<T>) -> [Corners<T>; 4] {
     let middle = |a: [T; 3], b: [T; 3]| [0, 1, 2].map(|k| T::of(0.5) * (a[k] + b[k]));
     let (pq, qr, rp) = (middle(p, q), middle(q, r), middle(r, p));
     [[p, pq, rp], [pq, q, qr], [rp, qr, r], [pq, qr, rp]]
@@ -249,22 +253,14 @@ fn projected_solid_angles<T: Real, const N: usize>(
     sum
 }
 
-/// Vectors of N pieces, by coordinate.
-type Coordinates<T, const N: usize> = [[T; N]; 3];
-
 #[inline(always)]
-fn at<T: Real, const N: usize>(of: &Coordinates<T, N>, k: usize) -> [T; 3] {
-    [of[0][k], of[1][k], of[2][k]]
-}
-
-#[inline(always)]
-fn choose<T: Real>(first: bool, a: [T; 3], b: [T; 3]) -> [T; 3] {
+pub fn choose<T: Real>(first: bool, a: [T; 3], b: [T; 3]) -> [T; 3] {
     [if first { a[0] } else { b[0] }, if first { a[1] } else { b[1] }, if first { a[2] } else { b[2] }]
 }
 
 /// Where a line crosses the horizon, between ends of these heights; zero if it does not.
 #[inline(always)]
-fn crossing<T: Real>([a, b]: [[T; 3]; 2], [height_a, height_b]: [T; 2]) -> [T; 3] {
+pub fn crossing<T: Real>([a, b]: [[T; 3]; 2], [height_a, height_b]: [T; 2]) -> [T; 3] {
     let t = height_a / (height_a - height_b);
     let crossing = [a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2])];
     choose((height_a > T::ZERO) != (height_b > T::ZERO), crossing, [T::ZERO; 3])
@@ -272,7 +268,7 @@ fn crossing<T: Real>([a, b]: [[T; 3]; 2], [height_a, height_b]: [T; 2]) -> [T; 3
 
 /// The angle one side subtends times the unit normal of its plane, along `normal`.
 #[inline(always)]
-fn side<T: Real>(normal: [T; 3], a: [T; 3], b: [T; 3]) -> T {
+pub fn side<T: Real>(normal: [T; 3], a: [T; 3], b: [T; 3]) -> T {
     let c = cross(a, b);
     let sine2 = dot(c, c);
     let sine = sine2.root();

@@ -36,6 +36,18 @@ impl<T: Real> Layout<T> {
         }
     }
 
+    /// The value of a bin, of those of a triangle as they are in memory.
+    #[inline(always)]
+    fn rgb(&self, values: &[T], bin: usize) -> [T; 4] {
+        match self.channels {
+            1 => [values[bin]; 4],
+            _ => {
+                let value = &values[3 * bin..3 * bin + 3];
+                [value[0], value[1], value[2], T::ZERO]
+            }
+        }
+    }
+
     #[inline(always)]
     fn shape(&self, t: T) -> T {
         if self.smoothstep { t * t * (T::of(3.0) - T::of(2.0) * t) } else { t }
@@ -79,6 +91,112 @@ impl<T: Real> Layout<T> {
         let cell = |of: T, count: T| self.between((of + T::ONE) * (T::of(0.5) * count) - T::of(0.5), count);
         let ((row, t), (column, s)) = (cell(v, self.rows), cell(u, self.columns));
         [row, column, T::ONE, t, s]
+    }
+
+    /// The slope of [`shape`](Self::shape).
+    #[inline(always)]
+    fn shape_slope(&self, t: T) -> T {
+        if self.smoothstep { T::of(6.0) * t * (T::ONE - t) } else { T::ONE }
+    }
+
+    /// That of the weight of the second of the two cells [`between`](Self::between).
+    #[inline(always)]
+    fn between_slope(&self, coordinate: T, count: T) -> T {
+        let slope = self.shape_slope(coordinate - coordinate.whole().least(count - T::of(2.0)));
+        let inside = (coordinate > T::ZERO) & (coordinate < count - T::ONE);
+        if inside { slope } else { T::ZERO }
+    }
+
+    /// From the slopes along rows and columns to the gradient by the direction: zero where it is undefined, at the pole, and along the
+    /// polar angle below the horizon.
+    #[inline(always)]
+    fn equal_angle_gradient(&self, [x, y, z]: [T; 3], [by_row, by_column]: [T; 2]) -> [T; 3] {
+        let above = z > T::ZERO;
+        let z = z.most(T::ZERO);
+        let r2 = x * x + y * y;
+        let r = r2.root();
+        let per_r = if r > T::POLE { T::ONE / r } else { T::ZERO };
+        let rows = T::of(FRAC_2_PI) * self.rows;
+        let polar = z.least(T::ONE).arccosine();
+        let row = by_row * self.between_slope(polar * rows - T::of(0.5), self.rows) * rows / (r2 + z * z);
+        let row = if above { row } else { T::ZERO };
+        let turn = turns(x, y) * self.columns - T::of(0.5);
+        let columns = T::of(0.5 * FRAC_1_PI) * self.columns * per_r;
+        let column = by_column * self.shape_slope(turn - turn.whole()) * columns;
+        let (u, v) = (x * per_r, y * per_r);
+        [row * z * u - column * v, row * z * v + column * u, -row * r]
+    }
+
+    #[inline(always)]
+    fn concentric_gradient(&self, [x, y, z]: [T; 3], [by_row, by_column]: [T; 2]) -> [T; 3] {
+        let above = z > T::ZERO;
+        let z = z.most(T::ZERO);
+        let scale = T::ONE / (T::ONE + z).root();
+        let (x, y) = (x * scale, y * scale);
+        let radius = (x * x + y * y).root();
+        let (a, b) = (x.magnitude(), y.magnitude());
+        let wide = a >= b;
+        let pole = !(radius > T::POLE);
+        let angle = (a.least(b) / a.most(b).most(T::of(1e-30))).short_arctangent();
+        let angle = if pole { T::ZERO } else { angle };
+        let side = radius * angle * T::of(4.0 * FRAC_1_PI);
+        let one = T::ONE;
+        let [sign_x, sign_y] = [if x < T::ZERO { -one } else { one }, if y < T::ZERO { -one } else { one }];
+        let half = T::of(0.5) * self.rows;
+        let cell = |of: T| (of + T::ONE) * half - T::of(0.5);
+        let [column, row] = [
+            cell(sign_x * if wide { radius } else { side }),
+            cell(sign_y * if wide { side } else { radius }),
+        ];
+        let per_radius = if pole { T::ZERO } else { T::ONE / radius };
+        let along = [x * per_radius, y * per_radius];
+        // Across the radius, by the angle from the nearer axis.
+        let turn = if wide { per_radius } else { -per_radius };
+        let across = [-turn * b * sign_x, turn * a * sign_y];
+        let of_side = |k: usize| T::of(4.0 * FRAC_1_PI) * (angle * along[k] + across[k]);
+        let of_side = [of_side(0), of_side(1)];
+        let row = by_row * self.between_slope(row, self.rows) * half * sign_y;
+        let column = by_column * self.between_slope(column, self.rows) * half * sign_x;
+        let gradient = |k: usize| {
+            let (long, short) = (along[k], of_side[k]);
+            row * if wide { short } else { long } + column * if wide { long } else { short }
+        };
+        let (u, v) = (gradient(0), gradient(1));
+        let by_z = -T::of(0.5) * (u * x + v * y) / (T::ONE + z);
+        [u * scale, v * scale, if above { by_z } else { T::ZERO }]
+    }
+
+    /// The gradients of Σ_tap weight · value by N directions, in the frames of triangles, from the slopes along rows and columns.
+    #[inline(always)]
+    pub fn gradients<const N: usize>(
+        &self,
+        directions: &[[T; N]; 3],
+        slopes: &[[T; N]; 2],
+        to: &mut [[T; N]; 3],
+    ) {
+        // Loops without branches.
+        match self.concentric {
+            true => self.gradients_of::<true, N>(directions, slopes, to),
+            false => self.gradients_of::<false, N>(directions, slopes, to),
+        }
+    }
+
+    #[inline(always)]
+    fn gradients_of<const CONCENTRIC: bool, const N: usize>(
+        &self,
+        directions: &[[T; N]; 3],
+        slopes: &[[T; N]; 2],
+        to: &mut [[T; N]; 3],
+    ) {
+        for k in 0..N {
+            let (w, by) =
+                ([directions[0][k], directions[1][k], directions[2][k]], [slopes[0][k], slopes[1][k]]);
+            let by = match CONCENTRIC {
+                true => self.concentric_gradient(w, by),
+                false => self.equal_angle_gradient(w, by),
+            };
+            (to[0][k], to[1][k], to[2][k]) = (by[0], by[1], by[2]);
+        }
     }
 }
 
@@ -138,16 +256,22 @@ impl<T: Real, const N: usize> Taps<T, N> {
     pub fn gather(&self, k: usize, layout: &Layout<T>, values: &[T]) -> [T; 4] {
         let mut sum = [T::ZERO; 4];
         for (bin, weight) in self.of(k, layout) {
-            let value = match layout.channels {
-                1 => [values[bin]; 4],
-                _ => {
-                    let value = &values[3 * bin..3 * bin + 3];
-                    [value[0], value[1], value[2], T::ZERO]
-                }
-            };
-            add(&mut sum, weight, value);
+            add(&mut sum, weight, layout.rgb(values, bin));
         }
         sum
+    }
+
+    /// The terms of this sum: the weights of the taps, and their values.
+    #[inline(always)]
+    pub fn terms(&self, k: usize, layout: &Layout<T>, values: &[T]) -> [(T, [T; 4]); 4] {
+        self.of(k, layout).map(|(bin, weight)| (weight, layout.rgb(values, bin)))
+    }
+
+    /// The slopes along rows and columns of Σ_tap weight · value.
+    #[inline(always)]
+    pub fn slopes(&self, k: usize, [a, b, c, d]: [T; 4]) -> [T; 2] {
+        let (t, s) = (self.t[k], self.s[k]);
+        [(T::ONE - s) * (c - a) + s * (d - b), (T::ONE - t) * (b - a) + t * (d - c)]
     }
 
     /// bins\[b\] += T_b value.
