@@ -112,6 +112,14 @@ fn gradients_are_those_of_the_exact_sum() {
     // With derivatives by vertices clusters are those of a tenth of the error.
     let error = 0.1;
     let found = values(&gradients(&device, &scene, &hierarchical(&scene, error)));
+    // Where the device is a CPU the host computed these.
+    let by_kernels = device.clone().kernels_only();
+    let by_kernels = values(&gradients(&by_kernels, &scene, &hierarchical(&scene, error)));
+    for ((name, found), by_kernels) in names.iter().zip(&found).zip(&by_kernels) {
+        let off = relative(found, by_kernels);
+        println!("{name} of the host and of kernels: {off:.1e}");
+        assert!(off <= 1e-4, "{name}: {off}");
+    }
     let bounds = [0.003, 0.005, 0.005, 0.0125, 0.01, 0.0125];
     for (((name, found), truth), bound) in names.iter().zip(found).zip(truth).zip(bounds) {
         let off = relative(&found, &truth);

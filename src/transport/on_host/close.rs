@@ -13,7 +13,8 @@ impl<T: Real> Triangle<T> {
     /// That of a slot.
     pub fn read(facets: &[T], corners: &[T], slot: u32) -> Self {
         let own = &corners[slot as usize * 3 * SLOT..][..3 * SLOT];
-        let corners = [0, 1, 2].map(|k| [own[SLOT * k], own[SLOT * k + 1], own[SLOT * k + 2]]);
+        let corner = |k: usize| [own[SLOT * k], own[SLOT * k + 1], own[SLOT * k + 2]];
+        let corners = [corner(0), corner(1), corner(2)];
         Self { facet: Facet::read(facets, slot), corners }
     }
 }

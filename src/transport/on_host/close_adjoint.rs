@@ -3,7 +3,7 @@
 use super::far_adjoint::{Cotangents, Importance, Scratch, Sums};
 use super::pieces::{ClosePair, Triangle};
 use super::real::Real;
-use super::taps::add;
+use super::taps::{add, scaled};
 use crate::plan::NearPairs;
 use std::ops::Range;
 
@@ -53,7 +53,7 @@ impl Importance<'_> {
                                 true => (&mut *fronts, binned),
                                 false => (&mut *backs, -binned),
                             };
-                            pieces.at_source.deposit(k, layout, bins, importance.map(|value| sign * value));
+                            pieces.at_source.deposit(k, layout, bins, scaled(sign, importance));
                         }
                     }
                 });

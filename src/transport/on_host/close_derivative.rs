@@ -3,10 +3,12 @@
 
 use super::derivative::{By, Derivative, Gradient, Memory, gradient};
 use super::exchanged::{Coordinates, Ends, Exchanged, at, product};
-use super::far::Sources;
+use super::far::{Sources, flag};
 use super::far_adjoint::Receivers;
-use super::pairs::{cross, dot, far_weight, far_weight_slopes, minus, through_normalization};
-use super::pieces::{ALL, ClosePair, Corners, Triangle, WHOLE, centroid, choose, crossing, quarters, side};
+use super::pairs::{cross, dot, far_weight, far_weight_slopes, minus, through_normalization, times};
+use super::pieces::{
+    ALL, ClosePair, Corners, Triangle, WHOLE, centroid, centroids, choose, crossing, middle, quarters, side,
+};
 use super::real::Real;
 use super::taps::Layout;
 use crate::gpu::vectorised;
@@ -147,7 +149,7 @@ impl<T: Real> ClosePair<T> {
                 by_range = by_range + by_far[k] * of_range * T::of(QUARTER_RANGE);
                 let scale = T::of(2.0 / 3.0) * by_far[k] * by_r2;
                 let (quarter, sign) = if BY_SOURCE { (k % 4, -scale) } else { (k / 4, scale) };
-                add(&mut sums.corners, from_quarter(quarter, [lines[k].map(|of| sign * of); 3]));
+                add(&mut sums.corners, from_quarter(quarter, [times(sign, lines[k]); 3]));
             }
         }
         // near = 1 - far_weight; every piece has it as a factor.
@@ -157,7 +159,7 @@ impl<T: Real> ClosePair<T> {
             by_range = by_range + by_weight * of_range;
             let scale = T::of(2.0 / 3.0) * by_weight * by_r2;
             let scale = if BY_SOURCE { -scale } else { scale };
-            add(&mut sums.corners, [between.map(|of| scale * of); 3]);
+            add(&mut sums.corners, [times(scale, between); 3]);
         }
         sums.characteristic_area += by_range * self.half_range;
     }
@@ -168,11 +170,12 @@ fn add<T: Real>(to: &mut Corners<T>, by: Corners<T>) {
 }
 
 /// The transpose of [`quarters`]: from the gradient by the corners of one to that by the corners of the triangle.
+#[inline(always)]
 fn from_quarter<T: Real>(quarter: usize, [a, b, c]: Corners<T>) -> Corners<T> {
-    let half = |a: [T; 3], b: [T; 3]| [0, 1, 2].map(|k| T::of(0.5) * (a[k] + b[k]));
-    let plus = |a: [T; 3], b: [T; 3]| [0, 1, 2].map(|k| a[k] + b[k]);
-    let [ab, bc, ca] = [half(a, b), half(b, c), half(c, a)];
-    let [ha, hb, hc] = [a, b, c].map(|of| of.map(|of| T::of(0.5) * of));
+    let plus = |a: [T; 3], b: [T; 3]| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+    let [ab, bc, ca] = [middle(a, b), middle(b, c), middle(c, a)];
+    let half = T::of(0.5);
+    let [ha, hb, hc] = [times(half, a), times(half, b), times(half, c)];
     match quarter {
         // p, pq, rp
         0 => [plus(a, bc), hb, hc],
@@ -315,9 +318,7 @@ impl<T: Real, const N: usize> PieceSlopes<T, N> {
         (from, onto): (&[Corners<T>], &[Corners<T>; 4]),
         (diffuse, binned): (T, &[T; N]),
     ) -> bool {
-        let points = onto.map(centroid);
-        let centroids: [[T; 3]; 4] =
-            std::array::from_fn(|k| from.get(k).map_or([T::ZERO; 3], |from| centroid(*from)));
+        let (points, centroids) = (centroids(onto), centroids(from));
         let sources = N / 4;
         // The corners of the source by piece, seen from the point of the receiver, and the line between the centroids.
         let mut seen = [[[T::ZERO; N]; 3]; 3];
@@ -338,8 +339,7 @@ impl<T: Real, const N: usize> PieceSlopes<T, N> {
             || {
                 self.project(j.normal, &seen);
                 let coincident = T::COINCIDENT * i.characteristic_area;
-                let [glossy, blocker] =
-                    [pair.class.glossy, pair.class.blocker].map(|is| if is { T::ONE } else { T::ZERO });
+                let [glossy, blocker]: [T; 2] = [flag(pair.class.glossy), flag(pair.class.blocker)];
                 for k in 0..N {
                     let d = at(&offset, k);
                     let length = dot(d, d).most(T::of(1e-30)).root();
@@ -442,7 +442,8 @@ impl<T: Real, const N: usize> PieceSlopes<T, N> {
             let by = [projected * by[0], projected * by[1], projected * by[2]];
             let by_offset = through_normalization(by, at(&self.direction, k), self.length[k]);
             for a in 0..3 {
-                let of = [0, 1, 2].map(|corner| value * self.by_corners[corner][a][k]);
+                let of = |corner: usize| value * self.by_corners[corner][a][k];
+                let of = [of(0), of(1), of(2)];
                 if BY_SOURCE {
                     let third = by_offset[a] * T::of(1.0 / 3.0);
                     for corner in 0..3 {
@@ -489,8 +490,7 @@ impl<T: Real, const N: usize> PieceSlopes<T, N> {
                 for k in receiver * sources..(receiver + 1) * sources {
                     (0..3).for_each(|a| by[a] += self.sums[0][a][k]);
                 }
-                let third = by.map(|by| by * T::of(1.0 / 3.0));
-                add(&mut sums.corners, of_receiver(receiver, [third; 3]));
+                add(&mut sums.corners, of_receiver(receiver, [times(T::of(1.0 / 3.0), by); 3]));
             }
         }
         for (to, of) in sums.normal.iter_mut().zip(&self.normals) {

@@ -1,7 +1,7 @@
 //! The product of the radiance L of a source in a direction and the importance λ at the receiver, for N directions, with its
 //! derivatives by the direction and by both normals. Twin of glsl/directional_gradient.glsl.
 
-use super::pairs::Facet;
+use super::pairs::{Facet, minus, times};
 use super::real::Real;
 use super::taps::{Layout, Taps, add};
 
@@ -87,15 +87,14 @@ impl<T: Real, const N: usize> Exchanged<T, N> {
         if bins[0] {
             for k in 0..N {
                 let (direction, sign) = (at(direction, k), T::of(2.0) * front[k] - T::ONE);
-                let outward = [sign * direction[0], sign * direction[1], sign * direction[2]];
-                set(from, k, source(k).in_frame(outward));
+                set(from, k, source(k).in_frame(times(sign, direction)));
             }
             at_source.set(layout, |k| at(from, k));
         }
         if bins[1] {
             for k in 0..N {
                 let direction = at(direction, k);
-                set(onto, k, receiver(k).in_frame([-direction[0], -direction[1], -direction[2]]));
+                set(onto, k, receiver(k).in_frame(times(-T::ONE, direction)));
             }
             at_receiver.set(layout, |k| at(onto, k));
         }
@@ -115,10 +114,10 @@ impl<T: Real, const N: usize> Exchanged<T, N> {
         let mut radiance = [T::ZERO; 4];
         add(&mut radiance, weights[0], diffuse);
         add(&mut radiance, weights[1], binned);
-        let [a, b, c, d] = sent.map(|(_, value)| sign * weights[1] * product(value, importance));
-        let by_from = self.at_source.slopes(k, [a, b, c, d]);
-        let [a, b, c, d] = received.map(|(_, value)| product(value, radiance));
-        let by_onto = self.at_receiver.slopes(k, [a, b, c, d]);
+        let by = |tap: usize| sign * weights[1] * product(sent[tap].1, importance);
+        let by_from = self.at_source.slopes(k, [by(0), by(1), by(2), by(3)]);
+        let by = |tap: usize| product(received[tap].1, radiance);
+        let by_onto = self.at_receiver.slopes(k, [by(0), by(1), by(2), by(3)]);
         for a in 0..2 {
             self.by_from[a][k] = by_from[a];
             self.by_onto[a][k] = by_onto[a];
@@ -153,9 +152,8 @@ impl<T: Real, const N: usize> Exchanged<T, N> {
             for k in 0..N {
                 let (own, direction, sign) = (source(k), at(direction, k), T::of(2.0) * front[k] - T::ONE);
                 let by = own.from_frame(at(local, k));
-                set(by_direction, k, [sign * by[0], sign * by[1], sign * by[2]]);
-                let outward = [sign * direction[0], sign * direction[1], sign * direction[2]];
-                set(by_source_normal, k, own.frame_gradient(outward, at(local, k)));
+                set(by_direction, k, times(sign, by));
+                set(by_source_normal, k, own.frame_gradient(times(sign, direction), at(local, k)));
             }
         }
         if bins[1] {
@@ -164,9 +162,8 @@ impl<T: Real, const N: usize> Exchanged<T, N> {
                 let (own, direction) = (receiver(k), at(direction, k));
                 let (by, so_far) = (own.from_frame(at(local, k)), at(by_direction, k));
                 let so_far = if bins[0] { so_far } else { [T::ZERO; 3] };
-                set(by_direction, k, [so_far[0] - by[0], so_far[1] - by[1], so_far[2] - by[2]]);
-                let inward = [-direction[0], -direction[1], -direction[2]];
-                set(by_receiver_normal, k, own.frame_gradient(inward, at(local, k)));
+                set(by_direction, k, minus(so_far, by));
+                set(by_receiver_normal, k, own.frame_gradient(times(-T::ONE, direction), at(local, k)));
             }
         }
     }

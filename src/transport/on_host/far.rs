@@ -179,7 +179,7 @@ impl Received<'_> {
             }
             let source = Facet::read(light.facets, index);
             let sides = [flag::<T>(fronts), flag(backs)];
-            let sides = |k: usize| sides.map(|side| side * exists[k]);
+            let sides = |k: usize| [sides[0] * exists[k], sides[1] * exists[k]];
             vectorised(
                 #[inline(always)]
                 || {
@@ -248,6 +248,7 @@ impl<T: Real> Scratch<T> {
     }
 }
 
+#[inline(always)]
 pub(super) fn flag<T: Real>(is: bool) -> T {
     if is { T::ONE } else { T::ZERO }
 }
@@ -311,8 +312,8 @@ impl<T: Real> Sent<T> {
             }
             if let Some(moment) = &self.moment {
                 for k in 0..N {
-                    let [x, y, z] = [0, 1, 2].map(|row| moment[row][c] * pairs.slope[row][k]);
-                    sums[k] += x + y + z;
+                    let row = |row: usize| moment[row][c] * pairs.slope[row][k];
+                    sums[k] += row(0) + row(1) + row(2);
                 }
             }
         }

@@ -5,7 +5,7 @@ use super::on_threads;
 use super::pairs::{Facet, Facets, Pairs};
 use super::pieces::Pieces;
 use super::real::Real;
-use super::taps::{Layout, add, flush};
+use super::taps::{Layout, add, flush, scaled};
 use crate::gpu::{BufferSlice, Device, GpuError, vectorised};
 use crate::model::{ENTRY_BITS, LIST, ReceiverLists, SOURCES};
 use crate::plan::{FarRuns, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
@@ -281,7 +281,7 @@ impl Importance<'_> {
                                 }
                                 let bins = k * layout.count..(k + 1) * layout.count;
                                 if pairs.front[k] > T::ZERO {
-                                    let value = importance.map(|importance| weight * importance);
+                                    let value = scaled(weight, importance);
                                     if source.glossy {
                                         pairs.at_source.deposit(k, layout, &mut front_bins[bins], value);
                                     }
@@ -291,7 +291,7 @@ impl Importance<'_> {
                                         rows.for_each(|(row, slope)| add(row, slope[k], importance));
                                     }
                                 } else {
-                                    let value = importance.map(|importance| -weight * importance);
+                                    let value = scaled(-weight, importance);
                                     pairs.at_source.deposit(k, layout, &mut back_bins[bins], value);
                                 }
                             }

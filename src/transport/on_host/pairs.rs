@@ -2,6 +2,7 @@
 //!
 //! Loops over the pairs have no branches and no calls, so that compilers make vectors of them.
 
+use super::exchanged::at;
 use super::real::Real;
 use super::taps::{Layout, Taps};
 use crate::transport::scene_buffers::FACET;
@@ -37,6 +38,11 @@ pub fn cross<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
 #[inline(always)]
 pub fn minus<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+#[inline(always)]
+pub fn times<T: Real>(factor: T, [x, y, z]: [T; 3]) -> [T; 3] {
+    [factor * x, factor * y, factor * z]
 }
 
 /// Blend weight of what is farther away at squared distance `r2`.
@@ -179,7 +185,7 @@ impl<T: Real, const N: usize> Pairs<T, N> {
     ) {
         for k in 0..N {
             let (i, j, [fronts, backs]) = (source(k), receiver(k), sides(k));
-            let d = [0, 1, 2].map(|a| j.centre[a] - i.centre[a]);
+            let d = minus(j.centre, i.centre);
             let r2 = dot(d, d).most(T::of(R2_MIN));
             let (along, to) = (dot(d, i.normal), -dot(d, j.normal));
             let front = along > T::ZERO;
@@ -239,7 +245,7 @@ impl<T: Real, const N: usize> Pairs<T, N> {
         let Self { at_source, direction, front, .. } = self;
         at_source.set(layout, |k| {
             let sign = T::of(2.0) * front[k] - T::ONE;
-            source(k).in_frame([0, 1, 2].map(|a| sign * direction[a][k]))
+            source(k).in_frame(times(sign, at(direction, k)))
         });
     }
 
@@ -247,6 +253,6 @@ impl<T: Real, const N: usize> Pairs<T, N> {
     #[inline(always)]
     pub fn aim_at(&mut self, layout: &Layout<T>, receiver: impl Fn(usize) -> Facet<T>) {
         let Self { at_receiver, direction, .. } = self;
-        at_receiver.set(layout, |k| receiver(k).in_frame([0, 1, 2].map(|a| -direction[a][k])));
+        at_receiver.set(layout, |k| receiver(k).in_frame(times(-T::ONE, at(direction, k))));
     }
 }

@@ -2,7 +2,8 @@
 //! near_field.glsl.
 
 use super::exchanged::{Coordinates, at};
-use super::pairs::{Facet, cross, dot, far_weight, minus};
+use super::far::flag;
+use super::pairs::{Facet, cross, dot, far_weight, minus, times};
 use super::real::Real;
 use super::taps::{Layout, Taps};
 use crate::gpu::vectorised;
@@ -102,9 +103,7 @@ impl<T: Real> ClosePair<T> {
         blend: Option<T>,
         pieces: &mut Pieces<T, N>,
     ) -> bool {
-        let points = onto.map(centroid);
-        let centroids: [[T; 3]; 4] =
-            std::array::from_fn(|k| from.get(k).map_or([T::ZERO; 3], |from| centroid(*from)));
+        let (points, centroids) = (centroids(onto), centroids(from));
         let sources = N / 4;
         // The corners of the source by piece, seen from the point of the receiver, and the line between the centroids.
         let mut seen = [[[T::ZERO; N]; 3]; 3];
@@ -149,8 +148,7 @@ impl<T: Real> ClosePair<T> {
         let (source, receiver) = (&self.source.facet, &self.receiver.facet);
         let projected = projected_solid_angles(receiver.normal, seen);
         let coincident = T::COINCIDENT * source.characteristic_area;
-        let [glossy, blocker] =
-            [self.class.glossy, self.class.blocker].map(|is| if is { binned } else { T::ZERO });
+        let [glossy, blocker] = [binned * flag(self.class.glossy), binned * flag(self.class.blocker)];
         for k in 0..N {
             let d = at(offset, k);
             let r2 = dot(d, d);
@@ -176,11 +174,11 @@ impl<T: Real> ClosePair<T> {
         if self.class.has_bins() {
             at_source.set(layout, |k| {
                 let sign = T::of(2.0) * front[k] - T::ONE;
-                self.source.facet.in_frame([0, 1, 2].map(|a| sign * direction[a][k]))
+                self.source.facet.in_frame(times(sign, at(direction, k)))
             });
         }
         if self.receiver_bins {
-            at_receiver.set(layout, |k| self.receiver.facet.in_frame([0, 1, 2].map(|a| -direction[a][k])));
+            at_receiver.set(layout, |k| self.receiver.facet.in_frame(times(-T::ONE, at(direction, k))));
         }
     }
 }
@@ -202,13 +200,29 @@ impl<T: Real, const N: usize> Pieces<T, N> {
     }
 }
 
+#[inline(always)]
 pub fn centroid<T: Real>([a, b, c]: Corners<T>) -> [T; 3] {
-    [0, 1, 2].map(|k| (a[k] + b[k] + c[k]) * T::of(1.0 / 3.0))
+    let third = T::of(1.0 / 3.0);
+    [(a[0] + b[0] + c[0]) * third, (a[1] + b[1] + c[1]) * third, (a[2] + b[2] + c[2]) * third]
+}
+
+#[inline(always)]
+pub fn middle<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+    let half = T::of(0.5);
+    [half * (a[0] + b[0]), half * (a[1] + b[1]), half * (a[2] + b[2])]
+}
+
+/// Those of up to four triangles.
+#[inline(always)]
+pub fn centroids<T: Real>(of: &[Corners<T>]) -> [[T; 3]; 4] {
+    let mut all = [[T::ZERO; 3]; 4];
+    all.iter_mut().zip(of).for_each(|(to, of)| *to = centroid(*of));
+    all
 }
 
 /// Three quarters at the corners, then the one in the middle.
+#[inline(always)]
 pub fn quarters<T: Real>(&[p, q, r]: &Corners<T>) -> [Corners<T>; 4] {
-    let middle = |a: [T; 3], b: [T; 3]| [0, 1, 2].map(|k| T::of(0.5) * (a[k] + b[k]));
     let (pq, qr, rp) = (middle(p, q), middle(q, r), middle(r, p));
     [[p, pq, rp], [pq, q, qr], [rp, qr, r], [pq, qr, rp]]
 }

@@ -264,7 +264,9 @@ impl<T: Real, const N: usize> Taps<T, N> {
     /// The terms of this sum: the weights of the taps, and their values.
     #[inline(always)]
     pub fn terms(&self, k: usize, layout: &Layout<T>, values: &[T]) -> [(T, [T; 4]); 4] {
-        self.of(k, layout).map(|(bin, weight)| (weight, layout.rgb(values, bin)))
+        let [a, b, c, d] = self.of(k, layout);
+        let term = |(bin, weight)| (weight, layout.rgb(values, bin));
+        [term(a), term(b), term(c), term(d)]
     }
 
     /// The slopes along rows and columns of Σ_tap weight · value.
@@ -281,6 +283,11 @@ impl<T: Real, const N: usize> Taps<T, N> {
             add(&mut bins[bin], weight, value);
         }
     }
+}
+
+#[inline(always)]
+pub fn scaled<T: Real>(factor: T, [r, g, b, rest]: [T; 4]) -> [T; 4] {
+    [factor * r, factor * g, factor * b, factor * rest]
 }
 
 /// sum += weight value.
