@@ -105,7 +105,7 @@ impl<T: Real> ClosePair<T> {
             let mut whole = PieceSlopes::<T, WHOLE>::NONE;
             let ends = (&[source.corners][..], &onto);
             if whole.evaluate::<BY_SOURCE>(self, layout, exchange, ends, [weight; 2]) {
-                by_near = by_near + whole.by_weight();
+                by_near += whole.by_weight();
                 whole.add_to::<BY_SOURCE>(|_, by| by, from_quarter, sums);
             }
         } else {
@@ -122,7 +122,7 @@ impl<T: Real> ClosePair<T> {
             let mut by_far = [T::ZERO; ALL];
             let ends = (&from[..], &onto);
             if pieces.evaluate_blended::<BY_SOURCE>(self, layout, exchange, ends, (weight, &binned)) {
-                by_near = by_near + pieces.by_weight();
+                by_near += pieces.by_weight();
                 for k in 0..ALL {
                     by_far[k] = weight * pieces.by_binned[k];
                 }
@@ -136,7 +136,7 @@ impl<T: Real> ClosePair<T> {
                 let ends = (&quarters(&from[k % 4])[..], &quarters(&onto[k / 4]));
                 let weights = [T::ZERO, finer * (T::ONE - far[k])];
                 if pieces.evaluate::<BY_SOURCE>(self, layout, exchange, ends, weights) {
-                    by_near = by_near + pieces.by_weight();
+                    by_near += pieces.by_weight();
                     let by_binned = pieces.by_binned.iter().fold(T::ZERO, |sum, &by| sum + by);
                     by_far[k] = by_far[k] - finer * by_binned;
                     pieces.add_to::<BY_SOURCE>(
@@ -146,7 +146,7 @@ impl<T: Real> ClosePair<T> {
                     );
                 }
                 let [by_r2, of_range] = far_weight_slopes(dot(lines[k], lines[k]), finest);
-                by_range = by_range + by_far[k] * of_range * T::of(QUARTER_RANGE);
+                by_range += by_far[k] * of_range * T::of(QUARTER_RANGE);
                 let scale = T::of(2.0 / 3.0) * by_far[k] * by_r2;
                 let (quarter, sign) = if BY_SOURCE { (k % 4, -scale) } else { (k / 4, scale) };
                 add(&mut sums.corners, from_quarter(quarter, [times(sign, lines[k]); 3]));
@@ -156,7 +156,7 @@ impl<T: Real> ClosePair<T> {
         if near > T::ZERO {
             let [by_r2, of_range] = far_weight_slopes(r2, range);
             let by_weight = -by_near / near;
-            by_range = by_range + by_weight * of_range;
+            by_range += by_weight * of_range;
             let scale = T::of(2.0 / 3.0) * by_weight * by_r2;
             let scale = if BY_SOURCE { -scale } else { scale };
             add(&mut sums.corners, [times(scale, between); 3]);

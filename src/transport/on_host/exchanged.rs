@@ -151,7 +151,7 @@ impl<T: Real, const N: usize> Exchanged<T, N> {
             layout.gradients(from, by_from, local);
             for k in 0..N {
                 let (own, direction, sign) = (source(k), at(direction, k), T::of(2.0) * front[k] - T::ONE);
-                let by = own.from_frame(at(local, k));
+                let by = own.out_of_frame(at(local, k));
                 set(by_direction, k, times(sign, by));
                 set(by_source_normal, k, own.frame_gradient(times(sign, direction), at(local, k)));
             }
@@ -160,7 +160,7 @@ impl<T: Real, const N: usize> Exchanged<T, N> {
             layout.gradients(onto, by_onto, local);
             for k in 0..N {
                 let (own, direction) = (receiver(k), at(direction, k));
-                let (by, so_far) = (own.from_frame(at(local, k)), at(by_direction, k));
+                let (by, so_far) = (own.out_of_frame(at(local, k)), at(by_direction, k));
                 let so_far = if bins[0] { so_far } else { [T::ZERO; 3] };
                 set(by_direction, k, minus(so_far, by));
                 set(by_receiver_normal, k, own.frame_gradient(times(-T::ONE, direction), at(local, k)));

@@ -97,7 +97,7 @@ impl<T: Real> Facet<T> {
 
     /// The transpose: from that frame.
     #[inline(always)]
-    pub fn from_frame(&self, w: [T; 3]) -> [T; 3] {
+    pub fn out_of_frame(&self, w: [T; 3]) -> [T; 3] {
         let (n, s) = (self.normal, self.sign);
         let level = s * n[0] * w[0] + n[1] * w[1];
         let k = w[2] - level * self.inverse;

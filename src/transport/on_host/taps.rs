@@ -136,7 +136,7 @@ impl<T: Real> Layout<T> {
         let radius = (x * x + y * y).root();
         let (a, b) = (x.magnitude(), y.magnitude());
         let wide = a >= b;
-        let pole = !(radius > T::POLE);
+        let pole = radius <= T::POLE;
         let angle = (a.least(b) / a.most(b).most(T::of(1e-30))).short_arctangent();
         let angle = if pole { T::ZERO } else { angle };
         let side = radius * angle * T::of(4.0 * FRAC_1_PI);
