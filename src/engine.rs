@@ -123,6 +123,11 @@ pub enum EngineError {
         /// The same of the device.
         given: (usize, usize),
     },
+    /// The plan is for a device that shares its memory with the host.
+    #[error(
+        "the plan leaves work to the host, which does not share the memory of this device: plan with PlanOptions::of(device)"
+    )]
+    OtherDevice,
     /// The geometry is not that of the plan.
     #[error(
         "triangle {triangle} has another position in the plan: plan this scene, or call \
@@ -388,6 +393,7 @@ impl PlanOptions {
             staging: crate::gpu::staging_bytes(),
             page: max_buffer,
             keep_near_field: least(u64::from(info.kind == DeviceKind::Cpu)) == 1,
+            pairs_on_host: device.host_works(),
             rank: ranks.rank() as u32,
             ranks: ranks.count() as u32,
             ..Self::default()
@@ -415,6 +421,9 @@ impl Engine {
         let (planned, given) = ((plan.options.rank, plan.options.ranks), device.ranks());
         if planned != (given.rank() as u32, given.count() as u32) {
             return Err(EngineError::OtherRanks { planned, given: (given.rank(), given.count()) });
+        }
+        if plan.options.pairs_on_host && !device.host_works() {
+            return Err(EngineError::OtherDevice);
         }
         // Counted apart from everything else on the device, such as engines of other threads.
         let own = device.scope(plan.staging);

@@ -51,6 +51,20 @@ fn backward(
 
 const INSIDE: DVec3 = DVec3::new(0.4, 0.5, 0.6);
 
+/// Such a plan holds no lists of pairs on the device, which its kernels would read.
+#[test]
+fn a_plan_that_leaves_work_to_the_host_needs_its_memory() {
+    let device = device().kernels_only();
+    let scene = room(2);
+    let options = PlanOptions::of(&device);
+    assert!(!options.pairs_on_host);
+    let plan = Plan::new(&scene, &options.pairs_on_host(true), &scene.settings).expect("a plan");
+    let refused = Engine::new(&device, &scene, plan).err().expect("no shared memory");
+    assert!(matches!(refused, EngineError::OtherDevice), "{refused}");
+    assert!(refused.to_string().contains("PlanOptions::of"), "{refused}");
+    finish(&device);
+}
+
 #[test]
 fn a_solution_belongs_to_the_engine_that_found_it() {
     let device = device();

@@ -21,6 +21,7 @@ use super::memory::{LabelReport, Memory, MemoryReport};
 use super::pipeline::{Key, Parts};
 use super::profile::{Profile, ProfileRow};
 use super::recorder::Recorder;
+use super::statistics::{KernelStatistics, Statistics};
 use super::survey::{self, Candidate};
 use super::transfer::{STAGING_CHUNK, Scope};
 use super::validation::ValidationLog;
@@ -43,6 +44,9 @@ pub struct DeviceOptions {
     /// Folder in which compiled kernels are kept for the next process; `None`: they are not. Default:
     /// ANTIRAD_KERNEL_CACHE (empty for none), or `antirad` in the user's folder for caches.
     pub kernel_cache: Option<PathBuf>,
+    /// Ask the driver about each kernel that it compiles, for [`Device::kernel_statistics`]; drivers may compile more slowly then.
+    /// Default: no.
+    pub statistics: bool,
 }
 
 setters!(DeviceOptions {
@@ -50,6 +54,7 @@ setters!(DeviceOptions {
     validation: bool,
     memory_budget: Option<u64>,
     kernel_cache: Option<PathBuf>,
+    statistics: bool,
 });
 
 impl Default for DeviceOptions {
@@ -59,6 +64,7 @@ impl Default for DeviceOptions {
             validation: env::var("ANTIRAD_VALIDATION").is_ok_and(|text| text == "1"),
             memory_budget: None,
             kernel_cache: kernel_cache::usual_folder(),
+            statistics: false,
         }
     }
 }
@@ -105,6 +111,8 @@ pub(super) struct Shared {
     /// The device stopped responding. It may still use its objects, so none may be destroyed.
     hung: AtomicBool,
     names: Option<debug_utils::Device>,
+    /// What the driver told of kernels, if it does.
+    pub(super) statistics: Option<Statistics>,
     // Dropped in this order: the device before its instance.
     logical: Logical,
     instance: Instance,
@@ -132,6 +140,7 @@ impl Device {
         let instance = Instance::new(options.validation)?;
         let candidate = survey::choose(survey::survey(&instance)?, options.selector.as_deref())?;
         let enabled = candidate.listed.info.enabled;
+        let enabled = enabled.statistics(enabled.statistics && options.statistics);
         let raw = open(&instance, &candidate, enabled)?;
         let logical = Logical { raw, owned: true };
         // SAFETY: `open` made the device with one queue of this family.
@@ -165,6 +174,7 @@ impl Device {
         let budget = budget.or(free).unwrap_or(info.heap_bytes);
         let memory = Memory::new(instance.raw(), &logical.raw, physical, budget)?;
         let names = enabled.debug_utils.then(|| debug_utils::Device::new(instance.raw(), &logical.raw));
+        let statistics = enabled.statistics.then(|| Statistics::new(instance.raw(), &logical.raw));
         let data = kept.as_ref().map_or(&[][..], KernelCache::data);
         let create = vk::PipelineCacheCreateInfo::default().initial_data(data);
         // SAFETY: the device is alive. This is the last call that can fail, so nothing made here is left behind.
@@ -184,6 +194,7 @@ impl Device {
             profile: Mutex::default(),
             hung: AtomicBool::new(false),
             names,
+            statistics,
             logical,
             instance,
         };
@@ -287,6 +298,12 @@ impl Device {
         profile.credit(kernel, shape, items, 0);
     }
 
+    /// What the driver told of the kernels compiled so far, in the order of their names; nothing without
+    /// [`DeviceOptions::statistics`], or from a driver without VK_KHR_pipeline_executable_properties.
+    pub fn kernel_statistics(&self) -> Vec<KernelStatistics> {
+        self.shared.statistics.as_ref().map_or_else(Vec::new, Statistics::rows)
+    }
+
     /// Clears all times and credits.
     pub fn reset_profile(&self) {
         lock(&self.shared.profile).clear();
@@ -388,6 +405,11 @@ fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<
     if enabled.subgroup_size_control {
         names.push(ext::subgroup_size_control::NAME.as_ptr());
     }
+    let mut told =
+        vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
+    if enabled.statistics {
+        names.push(khr::pipeline_executable_properties::NAME.as_ptr());
+    }
     let queues = [vk::DeviceQueueCreateInfo::default()
         .queue_family_index(candidate.queue_family)
         .queue_priorities(&[1.0])];
@@ -399,6 +421,9 @@ fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<
         .enabled_features(&features);
     if enabled.subgroup_size_control {
         create = create.push_next(&mut sizes);
+    }
+    if enabled.statistics {
+        create = create.push_next(&mut told);
     }
     // SAFETY: all pointers in `create` outlive the call; the device lists the extensions and features.
     unsafe { instance.raw().create_device(candidate.physical, &create, None) }

@@ -42,9 +42,17 @@ pub struct Enabled {
     pub full_subgroups: bool,
     /// The instance extension VK_EXT_debug_utils: objects get names.
     pub debug_utils: bool,
+    /// `pipelineExecutableInfo` of VK_KHR_pipeline_executable_properties: the driver tells of kernels as it compiles them.
+    pub statistics: bool,
 }
 
-setters!(Enabled { float64: bool, subgroup_size_control: bool, full_subgroups: bool, debug_utils: bool });
+setters!(Enabled {
+    float64: bool,
+    subgroup_size_control: bool,
+    full_subgroups: bool,
+    debug_utils: bool,
+    statistics: bool,
+});
 
 /// Properties of a device that a plan depends on. Sizes in bytes.
 #[derive(Clone, Debug, Default)]

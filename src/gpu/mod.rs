@@ -42,6 +42,7 @@ mod pipeline;
 mod profile;
 mod recorder;
 mod shader;
+mod statistics;
 mod survey;
 mod transfer;
 mod validation;
@@ -56,6 +57,7 @@ pub use memory::{ALIGN, Bytes, LabelReport, MemoryReport, rounded};
 pub use pipeline::{Bindings, MAX_PUSH_BYTES, Pipeline};
 pub use profile::ProfileRow;
 pub use shader::Shader;
+pub use statistics::KernelStatistics;
 pub(crate) use survey::UNIFORM_BYTES;
 pub use survey::{STORAGE_BUFFERS, WORKGROUP_LANES, list_devices};
 

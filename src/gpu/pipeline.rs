@@ -250,7 +250,11 @@ impl Pipeline {
                 stage = stage.flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS);
             }
         }
-        let create = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(parts.layout)];
+        let mut create = vk::ComputePipelineCreateInfo::default().stage(stage).layout(parts.layout);
+        if shared.statistics.is_some() {
+            create = create.flags(vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR);
+        }
+        let create = [create];
         // SAFETY: module, layout and the pointers in `stage` outlive the call; a pipeline does not need its module.
         let created = unsafe {
             let created = device.create_compute_pipelines(shared.cache, &create, None);
@@ -261,6 +265,9 @@ impl Pipeline {
         parts.pipeline =
             pipelines.during("compiling kernel", self.kernel)?.into_iter().next().unwrap_or_default();
         shared.name(parts.pipeline, self.kernel);
+        if let Some(statistics) = &shared.statistics {
+            statistics.ask(parts.pipeline, self.kernel, &self.specialization);
+        }
         Ok(())
     }
 

@@ -2,7 +2,7 @@
 
 use std::ffi::CStr;
 
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
 
 use super::Result;
 use super::error::{During, GpuError};
@@ -221,11 +221,15 @@ fn from_extended(
         .push_next(&mut driver)
         .push_next(&mut allocation);
     let mut size_control_features = vk::PhysicalDeviceSubgroupSizeControlFeatures::default();
+    let mut told = vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default();
     let mut layout = vk::PhysicalDeviceScalarBlockLayoutFeatures::default();
     let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut layout);
     if sizes_listed {
         properties = properties.push_next(&mut sizes);
         features = features.push_next(&mut size_control_features);
+    }
+    if has_extension(extensions, khr::pipeline_executable_properties::NAME) {
+        features = features.push_next(&mut told);
     }
     // SAFETY: a device of at least Vulkan 1.2; the chained structures belong to it or to extensions that it lists.
     let core = unsafe {
@@ -254,6 +258,7 @@ fn from_extended(
         subgroup_size_control: size_control,
         full_subgroups: size_control_features.compute_full_subgroups == vk::TRUE && size_control,
         debug_utils: instance.debug_utils(),
+        statistics: told.pipeline_executable_info == vk::TRUE,
     };
     info.available_bytes = available_bytes(instance, physical, extensions);
     let subgroups = subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)

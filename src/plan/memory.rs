@@ -51,6 +51,11 @@ pub(super) fn bin_bytes(bins: &Bins, channels: u32, precision: Precision) -> u64
     bins.count() as u64 * u64::from(channels) * precision.bytes()
 }
 
+/// Bytes of a list on the device.
+fn listed(plan: &Plan, words: &[u32]) -> u64 {
+    if plan.lists_on_device() { size_of_val(words) as u64 } else { 0 }
+}
+
 impl MemoryPlan {
     pub(super) fn of(plan: &Plan) -> Self {
         let real = plan.settings.precision.bytes();
@@ -65,12 +70,12 @@ impl MemoryPlan {
         memory.add("bin table", plan.bins.count() as u64 * RGB * real, 1);
         let PairLists { far, near } = &plan.interactions.by_receiver;
         match plan.clusters() {
-            None => memory.add("far runs", size_of_val(far.words()) as u64, 1),
+            None => memory.add("far runs", listed(plan, far.words()), 1),
             Some(clusters) => memory.add_clusters(plan, clusters),
         }
-        memory.add("near offsets", near.offsets.len() as u64 * 4, 1);
-        memory.add("near targets", slots * 4, 1);
-        memory.add("near sources", near.partners.len() as u64 * 4, 1);
+        memory.add("near offsets", listed(plan, &near.offsets), 1);
+        memory.add("near targets", if plan.lists_on_device() { slots * 4 } else { 0 }, 1);
+        memory.add("near sources", listed(plan, &near.partners), 1);
         memory.add("partial sums", PARTIAL_SUMS * real, 1);
         memory.add("no bins", real, 1);
         memory.add_states(plan);
@@ -99,7 +104,7 @@ impl MemoryPlan {
     }
 
     fn add_clusters(&mut self, plan: &Plan, clusters: &Clusters) {
-        self.add("cluster sources", size_of_val(clusters.sources().words()) as u64, 1);
+        self.add("cluster sources", listed(plan, clusters.sources().words()), 1);
         self.add("cluster parts", u64::from(clusters.count()) * CLUSTER_PARTS, 1);
         for run in clusters.runs() {
             let bytes = run.range().len() as u64 * plan.bin_bytes();
@@ -113,7 +118,7 @@ impl MemoryPlan {
     }
 
     fn add_cluster_cotangents(&mut self, plan: &Plan, clusters: &Clusters) {
-        let lists = clusters.receivers().map_or(0, |lists| size_of_val(lists.words()) as u64);
+        let lists = clusters.receivers().map_or(0, |lists| listed(plan, lists.words()));
         self.add("cluster receivers", lists, 1);
         self.add("cotangent: clusters", 4 * u64::from(clusters.count()) * plan.rgb_bytes(), 1);
         for run in clusters.runs() {
@@ -180,11 +185,11 @@ impl MemoryPlan {
             self.add("cotangent: specular", plan.page_bytes(group), 1);
         }
         match plan.clusters() {
-            None => self.add("far runs, by source", size_of_val(far.words()) as u64, 1),
+            None => self.add("far runs, by source", listed(plan, far.words()), 1),
             Some(clusters) => self.add_cluster_cotangents(plan, clusters),
         }
-        self.add("near offsets, by source", near.offsets.len() as u64 * 4, 1);
-        self.add("near receivers", near.partners.len() as u64 * 4, 1);
+        self.add("near offsets, by source", listed(plan, &near.offsets), 1);
+        self.add("near receivers", listed(plan, &near.partners), 1);
         if request.geometry() {
             self.add("facet gradients", u64::from(plan.sources()) * FACET_GRADIENT * real, 1);
         }

@@ -67,6 +67,9 @@ pub struct PlanOptions {
     /// Whether to keep the near field as a matrix where the memory suffices: it takes as long as one pass, and saves
     /// most of the near field of all others. GPUs evaluate it faster than the host computes the matrix.
     pub keep_near_field: bool,
+    /// Whether the host computes what passes between triangles, as it does where the device is a CPU
+    /// ([`Device::host_works`](crate::gpu::Device::host_works)): then lists of pairs take no memory of the device.
+    pub pairs_on_host: bool,
     /// Number of this process among those that solve the scene together, from 0.
     pub rank: u32,
     /// How many processes solve the scene together: each computes its share of every pass.
@@ -84,6 +87,7 @@ setters!(PlanOptions {
     occlusion: Occlusion,
     gradients: GradientRequest,
     keep_near_field: bool,
+    pairs_on_host: bool,
     rank: u32,
     ranks: u32,
 });
@@ -121,6 +125,7 @@ impl Default for PlanOptions {
             occlusion: Occlusion::Exact,
             gradients: GradientRequest::NOTHING,
             keep_near_field: true,
+            pairs_on_host: false,
             rank: 0,
             ranks: 1,
         }
@@ -505,6 +510,11 @@ impl Plan {
         let any_bins = self.layout.groups.iter().any(|group| group.class.has_bins());
         let exact = self.clusters().is_none();
         self.settings.precision == Precision::HalfBins && self.channels == 3 && any_bins && exact
+    }
+
+    /// Whether kernels read lists of pairs. Only they read half bins.
+    pub(crate) fn lists_on_device(&self) -> bool {
+        !self.options.pairs_on_host || self.half_bins()
     }
 
     /// Bytes of the half bins of the sources of one dispatch.

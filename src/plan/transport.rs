@@ -106,15 +106,17 @@ impl Plan {
         if entries as f64 * f64::from(LIST) > WORTH * triangles * triangles {
             return Ok(Err("clusters would save too little"));
         }
-        match self.choose_solver() {
-            Ok(()) if self.residency == Residency::Device => Ok(Ok(())),
-            Ok(()) | Err(PlanError::OverBudget { .. } | PlanError::BufferTooLarge { .. }) => {
-                self.residency = Residency::Device;
-                self.layout.cut(page_tiles(&self.options, self.tile_bytes()));
-                Ok(Err("clusters do not fit the memory budget"))
+        let why = match self.choose_solver() {
+            Ok(()) if self.residency == Residency::Device => return Ok(Ok(())),
+            Ok(()) | Err(PlanError::OverBudget { .. }) => "clusters do not fit the memory budget",
+            Err(PlanError::BufferTooLarge { .. }) => {
+                "the lists of clusters do not fit a buffer of the device"
             }
-            Err(other) => Err(other),
-        }
+            Err(other) => return Err(other),
+        };
+        self.residency = Residency::Device;
+        self.layout.cut(page_tiles(&self.options, self.tile_bytes()));
+        Ok(Err(why))
     }
 
     /// Triangles of the smallest clusters, so that the bins of those of one class fit a buffer.

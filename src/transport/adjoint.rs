@@ -8,6 +8,7 @@ use super::exchange_adjoint::ExchangeAdjoint;
 use super::exchange_derivative::ExchangeDerivative;
 use super::observation_adjoint::ObservationAdjoint;
 use super::reflection_adjoint::ReflectionAdjoint;
+use super::scene_buffers::list;
 use super::state::{State, StateBuffers, page, pages};
 use super::watch::TransportError;
 use super::{Context, Operators, real};
@@ -62,11 +63,6 @@ impl AdjointKernels {
         let rgb = u64::from(plan.layout.slots()) * plan.rgb_bytes();
         let sources = u64::from(plan.sources()) * plan.rgb_bytes();
         let storage = |label: &str, bytes: u64| Buffer::new(device, label, bytes, BufferKind::Storage);
-        let words = |label: &str, words: &[u32]| -> Result<Buffer, GpuError> {
-            let buffer = storage(label, words.len() as u64 * 4)?;
-            device.upload_slice(&buffer, 0, words)?;
-            Ok(buffer)
-        };
         let lobes = request.lobes() && plan.classes.iter().any(|class| class.glossy);
         let geometry = request.geometry();
         let buffers = AdjointBuffers {
@@ -78,12 +74,12 @@ impl AdjointKernels {
                 rgb + u64::from(plan.partner_slots()) * plan.rgb_bytes(),
             )?,
             far_runs: match plan.clusters().and_then(Clusters::receivers) {
-                None => words("far runs, by source", far.words())?,
-                Some(lists) => words("cluster receivers", lists.words())?,
+                None => list(device, plan, "far runs, by source", far.words())?,
+                Some(lists) => list(device, plan, "cluster receivers", lists.words())?,
             },
             clusters: ClusterCotangents::new(device, plan)?,
-            near_offsets: words("near offsets, by source", &near.offsets)?,
-            near_receivers: words("near receivers", &near.partners)?,
+            near_offsets: list(device, plan, "near offsets, by source", &near.offsets)?,
+            near_receivers: list(device, plan, "near receivers", &near.partners)?,
             gradients: geometry.then(|| storage("facet gradients", 4 * sources)).transpose()?,
             lobe_sums: lobes.then(|| storage("lobe sums", 2 * rgb)).transpose()?,
         };

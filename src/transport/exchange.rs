@@ -94,6 +94,16 @@ pub struct Exchange {
 
 impl Exchange {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
+        Ok(Self {
+            sweeps: Self::sweeps(device, plan)?,
+            near_matrix: NearMatrix::forward(device, plan)?,
+            half_bins: HalfBins::new(device, plan)?,
+            clusters: ClusterLight::new(device, plan)?,
+        })
+    }
+
+    /// Its kernels over pairs.
+    pub fn sweeps(device: &Device, plan: &Plan) -> Result<Vec<(Shape, Sweep)>, GpuError> {
         let kernels = |shape: Shape| Kernels {
             far: match (shape.any_bins(), plan.clusters().is_some()) {
                 (true, false) => (&shaders::TRANSPORT_BINS, Bindings { storage: 7, uniform: 2 }),
@@ -110,12 +120,7 @@ impl Exchange {
             deposits: u64::from(shape.receiver_bins),
             shape: shape.name(),
         };
-        Ok(Self {
-            sweeps: Shape::sweeps(device, plan, kernels)?,
-            near_matrix: NearMatrix::forward(device, plan)?,
-            half_bins: HalfBins::new(device, plan)?,
-            clusters: ClusterLight::new(device, plan)?,
-        })
+        Shape::sweeps(device, plan, kernels)
     }
 
     /// y = U (outgoing - J x); without `x` there is no antiradiance.

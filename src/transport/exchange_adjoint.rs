@@ -24,6 +24,12 @@ pub struct ExchangeAdjoint {
 
 impl ExchangeAdjoint {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
+        let near_matrix = NearMatrix::transposed(device, plan)?;
+        Ok(Self { sweeps: Self::sweeps(device, plan)?, near_matrix })
+    }
+
+    /// Its kernels over pairs.
+    pub fn sweeps(device: &Device, plan: &Plan) -> Result<Vec<(Shape, Sweep)>, GpuError> {
         let kernels = |shape: Shape| Kernels {
             far: match shape.any_bins() {
                 _ if plan.clusters().is_some() => (&shaders::CLUSTER_ADJOINT, Bindings::from(9)),
@@ -39,8 +45,7 @@ impl ExchangeAdjoint {
             deposits: u64::from(shape.source.blocker) + u64::from(shape.source.glossy),
             shape: shape.name(),
         };
-        let near_matrix = NearMatrix::transposed(device, plan)?;
-        Ok(Self { sweeps: Shape::sweeps(device, plan, kernels)?, near_matrix })
+        Shape::sweeps(device, plan, kernels)
     }
 
     /// (radiance, specular; y) += Uᵀ x: the cotangents of diffuse and specular radiance go to the buffers of outgoing

@@ -92,6 +92,17 @@ fn bin_constants(plan: &Plan) -> [(u32, u32); 5] {
     [(2, concentric), (3, smoothstep), (4, rows), (5, columns), (6, plan.channels)]
 }
 
+/// Compiles the kernels over pairs, of U, Uᵀ and its derivatives, and those of K, without a scene: for what the driver tells of
+/// them ([`Device::kernel_statistics`]).
+pub fn compile(device: &Device, plan: &Plan) -> Result<(), GpuError> {
+    exchange::Exchange::sweeps(device, plan)?;
+    exchange_adjoint::ExchangeAdjoint::sweeps(device, plan)?;
+    exchange_derivative::ExchangeDerivative::new(device, plan)?;
+    reflection::Reflection::new(device, plan)?;
+    reflection_adjoint::ReflectionAdjoint::new(device, plan)?;
+    Ok(())
+}
+
 impl Operators {
     /// Allocates everything that the plan counts and compiles the kernels.
     pub fn new(device: &Device, plan: Plan, scene: SceneBuffers) -> Result<Self, GpuError> {

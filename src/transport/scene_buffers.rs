@@ -110,19 +110,19 @@ impl SceneBuffers {
             bin_table: reals("bin table", &bin_table)?,
             lobes,
             far_sources: match plan.clusters() {
-                None => filled(device, "far runs", far.words())?,
-                Some(clusters) => filled(device, "cluster sources", clusters.sources().words())?,
+                None => list(device, plan, "far runs", far.words())?,
+                Some(clusters) => list(device, plan, "cluster sources", clusters.sources().words())?,
             },
             cluster_parts: plan
                 .clusters()
                 .map(|clusters| filled(device, "cluster parts", &part_words(clusters)))
                 .transpose()?,
-            near_offsets: filled(device, "near offsets", &near.offsets)?,
-            near_sources: filled(device, "near sources", &near.partners)?,
+            near_offsets: list(device, plan, "near offsets", &near.offsets)?,
+            near_sources: list(device, plan, "near sources", &near.partners)?,
             near_targets: Buffer::new(
                 device,
                 "near targets",
-                u64::from(plan.layout.slots()) * 4,
+                if plan.lists_on_device() { u64::from(plan.layout.slots()) * 4 } else { 0 },
                 BufferKind::Storage,
             )?,
             no_bins: reals("no bins", &[0.0])?,
@@ -174,6 +174,11 @@ fn part_words(clusters: &Clusters) -> Vec<[u32; 2]> {
 
 fn surfaces(scene: &Scene, plan: &Plan, emitted: &[[f64; 3]], unit: f64) -> Vec<f64> {
     by_slot(plan, |i| surface_reals(scene.material(i), emitted[i], unit))
+}
+
+/// Lists of pairs; empty where the host computes what passes between them.
+pub fn list(device: &Device, plan: &Plan, label: &str, words: &[u32]) -> Result<Buffer, GpuError> {
+    filled(device, label, if plan.lists_on_device() { words } else { &[] })
 }
 
 pub fn filled<T: Pod>(device: &Device, label: &str, values: &[T]) -> Result<Buffer, GpuError> {

@@ -142,7 +142,7 @@ pub struct Sweep {
     run_tiles: u32,
     near: Option<Pipeline>,
     /// Lanes of a workgroup of `near`.
-    lanes: u32,
+    near_lanes: u32,
     take: u32,
     pub(super) far_pace: Pace,
     near_pace: Pace,
@@ -231,7 +231,10 @@ impl Sweep {
         let of_far =
             [&[(0, lanes), (if listed { 12 } else { 1 }, own), (11, shared), (13, lanes)][..], &constants]
                 .concat();
-        let of_near = [&[(0, lanes), (11, shared), (13, lanes)][..], &constants].concat();
+        // A lane owns a triangle, wherever it is.
+        let near_lanes = info.subgroup_size.min(plan.options.tile);
+        let near_shared = u32::from(shares_deposits(device, plan, near_lanes, deposits));
+        let of_near = [&[(0, near_lanes), (11, near_shared), (13, near_lanes)][..], &constants].concat();
         let far_push = match listed {
             false => size_of::<FarPush>(),
             true if by_source => size_of::<ReceiversPush>(),
@@ -250,7 +253,7 @@ impl Sweep {
                     Pipeline::beside_host(device, shader.of(precision), buffers, near_push, &of_near, None)
                 })
                 .transpose()?,
-            lanes,
+            near_lanes,
             // Iterations are counted on CPU drivers alone.
             take: if info.kind == DeviceKind::Cpu { take } else { take.max(TAKE_OF_GPUS) },
             far_pace: Pace::new(if single { 2e6 } else { 5e7 }),
@@ -344,6 +347,7 @@ impl Sweep {
         passing: u32,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
+        lists_on_device(&context.plan)?;
         let Context { device, plan, .. } = context;
         let Between { targets, partners, lists, first_slot } = between;
         let tile = plan.layout.tile;
@@ -396,6 +400,7 @@ impl Sweep {
         passing: u32,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
+        lists_on_device(&context.plan)?;
         let Context { device, plan, .. } = context;
         let Some(clusters) = plan.clusters() else { return Err(TransportError::missing("clusters")) };
         let lists = targets.start / LIST..targets.end / LIST;
@@ -446,8 +451,9 @@ impl Sweep {
         backs: bool,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
+        lists_on_device(&context.plan)?;
         let Context { device, plan, scene, .. } = context;
-        let Self { near, near_pace, lanes, take, bytes, shape, .. } = self;
+        let Self { near, near_pace, near_lanes, take, bytes, shape, .. } = self;
         let Some(near) = near else { return Ok(()) };
         let partners = plan.layout.slots_of(&between.partners.tiles);
         let targets =
@@ -467,7 +473,7 @@ impl Sweep {
             while begin < end {
                 // As many whole workgroups as fit a submission, at least one.
                 let mut pairs = 0;
-                let workgroups = targets[begin..end].chunks(*lanes as usize).take(MOST_GROUPS as usize);
+                let workgroups = targets[begin..end].chunks(*near_lanes as usize).take(MOST_GROUPS as usize);
                 let workgroups = workgroups.take_while(|group| {
                     let more = group.iter().map(left).sum::<u64>();
                     let fits = pairs == 0 || pairs + more <= bundle.affordable();
@@ -475,7 +481,7 @@ impl Sweep {
                     fits
                 });
                 let workgroups = workgroups.count() as u32;
-                let count = (workgroups * *lanes).min((end - begin) as u32);
+                let count = (workgroups * *near_lanes).min((end - begin) as u32);
                 let push = NearPush {
                     target_begin: begin as u32,
                     targets: count,
@@ -499,6 +505,13 @@ impl Sweep {
         device.credit(near.kernel(), shape, pairs, (pairs as f64 * bytes[1]) as u64);
         Ok(())
     }
+}
+
+/// Kernels that sum over pairs need the lists of these.
+pub(super) fn lists_on_device(plan: &Plan) -> Result<(), TransportError> {
+    let missing =
+        || TransportError::missing("lists of pairs on the device, which the plan leaves to the host");
+    plan.lists_on_device().then_some(()).ok_or_else(missing)
 }
 
 /// A target with close partners, and their number.

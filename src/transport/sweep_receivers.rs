@@ -2,7 +2,7 @@
 
 use super::Context;
 use super::pace::Bundle;
-use super::sweep::Sweep;
+use super::sweep::{Sweep, lists_on_device};
 use super::watch::{PassMonitor, TransportError};
 use crate::gpu::BufferSlice;
 use crate::model::{LIST, ReceiverLists, SOURCES};
@@ -78,6 +78,7 @@ impl Sweep {
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, .. } = context;
+        lists_on_device(plan)?;
         let clusters = plan.clusters().ok_or_else(|| TransportError::missing("clusters"))?;
         let lists = clusters.receivers().ok_or(TransportError::NotPlanned)?;
         let FromSources { sources, bins_page, radiance_page, receivers, receivers_page } = of;

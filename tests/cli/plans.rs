@@ -1,6 +1,8 @@
 //! `antirad plan` and `antirad devices`.
 
 use crate::{Folder, run, says, without_driver};
+use std::collections::HashMap;
+use std::fs;
 use std::path::Path;
 
 /// A plan needs no Vulkan driver and does not depend on a device.
@@ -64,6 +66,39 @@ fn devices_are_listed_with_what_they_lack() {
     says(&listed.stdout, &["0: ", "memory", "subgroup", "has all it needs"]);
     run(without_driver(&mut folder.tool(["devices"]), Path::new("/nowhere.json")))
         .refused(&["no Vulkan d", "mesa-vulkan-drivers"]);
+}
+
+/// RADV compiles for GPUs that are not there. A kernel that takes more registers or scratch memory than it did is slower. The table is
+/// what Mesa 22.3.6 tells: `RADV_FORCE_FAMILY=navi21 antirad devices --kernels=tests/cli/kernels_navi21.csv` with RADV as the only
+/// driver (VK_DRIVER_FILES).
+#[test]
+fn kernels_take_no_more_of_a_gpu() {
+    let drivers = fs::read_dir("/usr/share/vulkan/icd.d").into_iter().flatten().flatten();
+    let mut drivers = drivers.map(|entry| entry.path());
+    let Some(driver) = drivers.find(|path| path.to_string_lossy().contains("/radeon_icd")) else {
+        println!("not checked: there is no RADV (mesa-vulkan-drivers)");
+        return;
+    };
+    let folder = Folder::with(&[]);
+    let mut command = folder.tool(["devices", "--kernels=kernels.csv"]);
+    run(without_driver(command.env("RADV_FORCE_FAMILY", "navi21"), &driver)).succeeded();
+    let read = |path: &Path| -> Vec<HashMap<String, String>> {
+        let rows = csv::Reader::from_path(path).expect("a table").into_deserialize();
+        rows.map(|row| row.expect("a row")).collect()
+    };
+    let found = read(&folder.path("kernels.csv"));
+    let table = read(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/cli/kernels_navi21.csv")));
+    let key = |row: &HashMap<String, String>| [row["kernel"].clone(), row["specialization"].clone()];
+    let keys = |rows: &[HashMap<String, String>]| rows.iter().map(key).collect::<Vec<_>>();
+    assert_eq!(keys(&found), keys(&table), "kernels have come or gone");
+    for (found, known) in found.iter().zip(&table) {
+        let of = |row: &HashMap<String, String>, name: &str| -> f64 { row[name].parse().expect("a number") };
+        // Another version of the compiler may need a few more.
+        for (name, factor) in [("VGPRs", 1.15), ("Scratch size", 1.0), ("LDS size", 1.0)] {
+            let (found, most) = (of(found, name), factor * of(known, name) + 8.0 * (factor - 1.0) / 0.15);
+            assert!(found <= most, "{:?}, {name}: {found} is more than {most}", key(known));
+        }
+    }
 }
 
 #[test]

@@ -1,9 +1,33 @@
 //! `antirad devices`.
 
 use crate::Failure;
-use antirad::gpu::{Bytes, list_devices};
+use antirad::gpu::{Bytes, Device, DeviceOptions, KernelStatistics, list_devices};
+use antirad::output::atomic_write;
+use antirad::plan::{GradientRequest, Plan, PlanOptions};
+use antirad::scene::{Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, Transport};
+use antirad::transport;
+use clap::Args;
+use glam::{DAffine3, DVec3};
+use std::collections::BTreeSet;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 
-pub fn run() -> Result<(), Failure> {
+#[derive(Args)]
+#[command(after_help = "Examples:
+  antirad devices
+  ANTIRAD_DEVICE=1 antirad render scenes/cornell_boxes.toml
+  antirad devices --kernels=kernels.csv")]
+pub struct Arguments {
+    /// Compile the kernels of solves and gradients on the device, and write what its driver tells of each, such as registers and scratch
+    /// memory, as CSV to this file, or to the standard output
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
+    kernels: Option<Option<PathBuf>>,
+}
+
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(file) = &arguments.kernels {
+        return kernels(file.as_deref());
+    }
     let devices = list_devices()?;
     if devices.is_empty() {
         antirad::say!("no Vulkan device (on a server without a GPU: apt install mesa-vulkan-drivers)");
@@ -32,4 +56,58 @@ pub fn run() -> Result<(), Failure> {
         }
     }
     Ok(())
+}
+
+/// Writes what the driver tells of kernels.
+fn kernels(file: Option<&Path>) -> Result<(), Failure> {
+    // What is compiled in another run is not told of.
+    let options = DeviceOptions::default().statistics(true).kernel_cache(None);
+    let device = Device::new(&options)?.kernels_only();
+    let scene = every_class()?;
+    for transport in [Transport::Exact, Transport::Hierarchical { error: 0.3 }] {
+        let options = PlanOptions::of(&device).boundless().gradients(GradientRequest::EVERYTHING);
+        let settings = SolveSettings::default().transport(transport);
+        transport::compile(&device, &Plan::new(&scene, &options, &settings)?)?;
+    }
+    let rows = device.kernel_statistics();
+    if rows.iter().all(|row| row.values.is_empty()) {
+        let name = &device.info().name;
+        return Err(io::Error::other(format!("the driver of {name} tells nothing of kernels")).into());
+    }
+    let table = table(&rows)?;
+    match file {
+        Some(file) => atomic_write(file, |to| to.write_all(&table))?,
+        None => antirad::say!("{}", String::from_utf8_lossy(&table).trim_end()),
+    }
+    Ok(())
+}
+
+/// Triangles of all classes, enough for clusters to pay: a glossy floor, a blocker above it and a lamp above both.
+fn every_class() -> Result<Scene, SceneError> {
+    let floor = Material { specular: [0.2; 3], power: 10.0, ..Material::named("floor") };
+    let lamp = Material { emission: [5.0; 3], ..Material::named("lamp") };
+    let down = DAffine3::from_scale(DVec3::new(1.0, -1.0, 1.0));
+    let at = |height: f64| DAffine3::from_translation(DVec3::new(0.0, height, 0.0));
+    let mut builder = SceneBuilder::new();
+    builder
+        .shape("floor", Shape::Quad { cells: 32 }, &floor, at(0.0))
+        .shape("blocker", Shape::Quad { cells: 24 }, &Material::named("blocker"), at(0.5))
+        .shape("lamp", Shape::Quad { cells: 16 }, &lamp, at(1.0) * down);
+    builder.finish("every class")
+}
+
+/// A line per kernel, and a column for each name that the driver knows.
+fn table(rows: &[KernelStatistics]) -> Result<Vec<u8>, Failure> {
+    let names: BTreeSet<&str> =
+        rows.iter().flat_map(|row| row.values.iter().map(|(name, _)| name.as_str())).collect();
+    let mut table = csv::Writer::from_writer(Vec::new());
+    table.write_record(["kernel", "specialization"].into_iter().chain(names.iter().copied()))?;
+    for row in rows {
+        let constants = row.specialization.iter().map(|(id, value)| format!("{id}={value}"));
+        let constants: Vec<String> = constants.collect();
+        let value = |name: &&str| row.get(name).map_or_else(String::new, |value| value.to_string());
+        let own = [row.kernel.to_owned(), constants.join(" ")];
+        table.write_record(own.into_iter().chain(names.iter().map(value)))?;
+    }
+    Ok(table.into_inner().map_err(csv::IntoInnerError::into_error)?)
 }

@@ -82,10 +82,7 @@ enum Command {
     /// Write a scene for other programs: glTF, Mitsuba 3, PLY
     Export(export::Arguments),
     /// List Vulkan devices, and what each lacks for antirad
-    #[command(
-        after_help = "Examples:\n  antirad devices\n  ANTIRAD_DEVICE=1 antirad render scenes/cornell_boxes.toml"
-    )]
-    Devices,
+    Devices(devices::Arguments),
 }
 
 /// Why a command ended without a result.
@@ -159,6 +156,6 @@ fn run(
         Command::Compare(compare) => compare::run(&compare),
         Command::Plan(plan) => plan::run(&plan, interrupt),
         Command::Export(export) => export::run(&export, quiet),
-        Command::Devices => devices::run(),
+        Command::Devices(arguments) => devices::run(&arguments),
     }
 }

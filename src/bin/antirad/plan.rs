@@ -19,7 +19,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
-    let usual = PlanOptions::default();
+    let usual = PlanOptions::default().pairs_on_host(true);
     let options = usual.memory_budget(arguments.settings.memory_budget.unwrap_or(usual.memory_budget));
     let (_, plan) = arguments.settings.load_planned(&options, interrupt)?;
     let report = plan.report();
