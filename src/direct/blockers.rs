@@ -1,4 +1,5 @@
-//! What may stand between a point and a lamp: all triangles with an area, from both sides, those in one plane as convex polygons.
+//! What may stand between a point and a lamp: triangles with others before and behind them, from both sides, those in one plane as convex
+//! polygons.
 
 use super::lamps::Lamp;
 use super::polygon::{Polygon, connected, in_plane, merged};
@@ -7,6 +8,7 @@ use super::visible::{Geometry, Placed};
 use crate::model::{Facet, Hierarchy, coplanar_tolerance, spatial_order};
 use crate::scene::Welded;
 use glam::DVec3;
+use rayon::prelude::*;
 
 /// Triangles per leaf of the search.
 const LEAF: usize = 4;
@@ -57,7 +59,7 @@ impl Blockers {
 
     pub fn new(facets: &[Facet]) -> Self {
         let tolerance = coplanar_tolerance(facets);
-        let solid: Vec<u32> = (0..facets.len() as u32).filter(|&i| facets[i as usize].area > 0.0).collect();
+        let solid = in_between(facets, tolerance);
         let same = |i, j| in_plane(facets, [i, j], PARALLEL, FLAT * tolerance);
         let mut polygons: Vec<Polygon> = Vec::new();
         connected(facets, &solid, FLAT * tolerance, same)
@@ -159,6 +161,32 @@ impl Blockers {
         found.sort_by(|(a, i), (b, j)| b.total_cmp(a).then(i.cmp(j)));
         found.into_iter().map(|(_, p)| p).collect()
     }
+}
+
+/// The triangles with some of the scene on either side of their planes. Others stand between no two points of it: walls of a room, say.
+fn in_between(facets: &[Facet], tolerance: f64) -> Vec<u32> {
+    let order = spatial_order(facets);
+    let tree = Hierarchy::new(facets, &order, LEAF, tolerance);
+    let any_below = |origin: DVec3, normal: DVec3| {
+        let level = origin.dot(normal) - tolerance;
+        let mut found = false;
+        tree.walk(|_, node| {
+            if found || node.bounds.lowest(normal) >= level {
+                return false;
+            }
+            let below = |i: &u32| facets[*i as usize].corners.iter().any(|c| c.dot(normal) < level);
+            // The whole box is below, or some triangle of a leaf.
+            found = -node.bounds.lowest(-normal) < level
+                || node.is_leaf() && node.slots(LEAF, &order).iter().any(below);
+            true
+        });
+        found
+    };
+    let between = |i: &u32| {
+        let Facet { area, corners: [origin, ..], normal, .. } = facets[*i as usize];
+        area > 0.0 && any_below(origin, normal) && any_below(origin, -normal)
+    };
+    (0..facets.len() as u32).into_par_iter().filter(between).collect()
 }
 
 /// Across each edge of some polygons, the other that has the same edge in the opposite direction; where those of each polygon begin.
