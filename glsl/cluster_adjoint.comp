@@ -50,10 +50,10 @@ void main() {
         bool backs = SOURCE_BACK && (bits & PAIR_BACK) != 0;
         bool near = (bits & PAIR_NEAR) != 0;
         uint first = receiver_lists[at] * LIST;
-        for (uint row = 0; row < LIST; row += LANES) {
+        for (uint row = 0; row < LIST; row += STEP) {
             fetch(first + row);
-            for (uint k = 0; k < LANES; k++) {
-                Facet receiver = fetched_facets[k];
+            for (uint k = 0; k < STEP; k++) {
+                Facet receiver = fetched_facet(first + row, k);
                 real3 d = receiver.centre - source.centre;
                 real r2 = max(dot(d, d), R2_MIN);
                 real from = dot(d, source.normal);
@@ -73,7 +73,7 @@ void main() {
                     real3 direction = d * inversesqrt(r2);
                     uint bins = (first + row + k - partner_page) * BINS;
                     real3 binned = binned_cotangent(receiver.normal, bins, -direction);
-                    real3 importance = fetched_cotangents[k].rgb + binned;
+                    real3 importance = fetched_cotangent(first + row, k) + binned;
                     real3 value = weight * importance;
                     deposit_radiance(source.normal, direction, front, value);
                     sum += front ? value : real3(0.0);

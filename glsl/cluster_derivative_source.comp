@@ -54,13 +54,13 @@ void main() {
         bool backs = SOURCE_BACK && (bits & PAIR_BACK) != 0;
         bool near = (bits & PAIR_NEAR) != 0;
         uint first = receiver_lists[at] * LIST;
-        for (uint row = 0; row < LIST; row += LANES) {
+        for (uint row = 0; row < LIST; row += STEP) {
             fetch(first + row);
-            for (uint k = 0; k < LANES; k++) {
+            for (uint k = 0; k < STEP; k++) {
                 uint receiver_bins = (first + row + k - partner_page) * BINS;
                 ListedGradient g = listed_gradient(
                     source, light, moment, source_bins, spread, fronts, backs, near,
-                    fetched_facets[k], fetched_cotangents[k].rgb, receiver_bins
+                    fetched_facet(first + row, k), fetched_cotangent(first + row, k), receiver_bins
                 );
                 sum.a -= g.by_between;
                 sum.normal += g.by_source_normal;

@@ -2,8 +2,9 @@
 #define RECEIVER_LIST_GLSL
 // Push constants of the kernels whose lanes own sources, clusters or triangles, and the walk along their receivers. SOURCES
 // neighbouring sources have one list of lists: groups of LIST receivers, with what may pass from each of the sources. A
-// workgroup is one subgroup. Each lane fetches one receiver into workgroup memory, from where all read it: CPU drivers read
-// memory lane by lane. Expects LANES; `facets`; `receiver_lists`: the index of the first word of each group, then the end of
+// workgroup is one subgroup. Where it is no wider than a group, each lane fetches one receiver into workgroup memory, from where
+// all read it: CPU drivers read memory lane by lane. Otherwise it covers several groups, each with a list of its own, and lanes
+// read receivers themselves. Expects LANES; `facets`; `receiver_lists`: the index of the first word of each group, then the end of
 // the last; then all entries, two words each, ascending in each group: the list, and 3 bits of each source; `targets`, the
 // groups of a dispatch; and `cotangents`, those of irradiance.
 
@@ -14,8 +15,9 @@ layout(constant_id = 12) const uint LIST = 32;
 layout(constant_id = 14) const uint SOURCES = 8;
 
 layout(push_constant) uniform ReceiversPush {
-    // First of `targets`; the workgroup's index counts from it.
+    // First of `targets`, from which the workgroup's index counts, and one past the last.
     uint target_begin;
+    uint target_end;
     // Indices of the sources in range, from `source_begin` to before `source_end`, and the group of the first.
     uint source_begin;
     uint source_end;
@@ -38,16 +40,31 @@ layout(push_constant) uniform ReceiversPush {
     uint moments;
 };
 
+const bool WIDE = LANES > SOURCES;
+// Groups of a workgroup.
+const uint GROUPS = WIDE ? LANES / SOURCES : 1;
+// Receivers at a time.
+const uint STEP = WIDE ? LIST : LANES;
+
 shared Facet fetched_facets[LANES];
 shared real4 fetched_cotangents[LANES];
 
-// The group of this workgroup, and the source of this lane: `source_end` or more if it is idle.
+uint own_target() {
+    return target_begin + gl_WorkGroupID.x * GROUPS + (WIDE ? gl_LocalInvocationID.x / SOURCES : 0);
+}
+
+// Which of the sources of a group this lane owns.
+uint own_place() {
+    return WIDE ? gl_LocalInvocationID.x % SOURCES : gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
+}
+
+// The group and the source of this lane: `source_end` or more if it is idle.
 uint own_group() {
-    return targets[target_begin + gl_WorkGroupID.x];
+    return targets[min(own_target(), target_end - 1)];
 }
 
 uint own_source(uint group) {
-    return source_begin + (group - group_begin) * SOURCES + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
+    return own_target() < target_end ? source_begin + (group - group_begin) * SOURCES + own_place() : source_end;
 }
 
 // First word in a part of a group whose list is at least `list`, by bisection.
@@ -72,20 +89,36 @@ uvec2 part_of_group(uint group) {
 
 // What may pass from the source of this lane to the list at a word.
 uint own_bits(uint at, bool active_lane) {
-    uint bits = receiver_lists[at + 1] >> (3 * (gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x));
+    uint bits = receiver_lists[at + 1] >> (3 * own_place());
     return active_lane ? bits & (PAIR_FRONT | PAIR_BACK | PAIR_NEAR) : 0;
 }
 
-// Fetches LANES receivers from slot `first` on.
+// Fetches STEP receivers from slot `first` on.
 void fetch(uint first) {
-    uint lane = gl_LocalInvocationID.x;
-    Facet facet = facets[first + lane];
-    real4 cotangent = cotangents[first + lane];
-    // Nobody reads the ones before any more.
-    subgroupBarrier();
-    fetched_facets[lane] = facet;
-    fetched_cotangents[lane] = cotangent;
-    subgroupBarrier();
+    if (!WIDE) {
+        uint lane = gl_LocalInvocationID.x;
+        Facet facet = facets[first + lane];
+        real4 cotangent = cotangents[first + lane];
+        // Nobody reads the ones before any more.
+        subgroupBarrier();
+        fetched_facets[lane] = facet;
+        fetched_cotangents[lane] = cotangent;
+        subgroupBarrier();
+    }
+}
+
+// One of them, and its cotangent.
+Facet fetched_facet(uint first, uint k) {
+    if (WIDE) {
+        Facet facet = facets[first + k];
+        return facet;
+    }
+    Facet facet = fetched_facets[k];
+    return facet;
+}
+
+real3 fetched_cotangent(uint first, uint k) {
+    return WIDE ? cotangents[first + k].rgb : fetched_cotangents[k].rgb;
 }
 
 // Variance of the triangles of a source: clusters have it in place of the characteristic area, as they are never close.

@@ -405,6 +405,7 @@ fn layouts_agree_with_the_shaders() {
             ReceiversPush,
             [
                 "target_begin" = target_begin,
+                "target_end" = target_end,
                 "source_begin" = source_begin,
                 "source_end" = source_end,
                 "group_begin" = group_begin,

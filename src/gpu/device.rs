@@ -103,6 +103,8 @@ pub(super) struct Shared {
     kept: Option<KernelCache>,
     /// Every kernel compiled so far, kept until the device is closed. Different ones are compiled at the same time.
     pub(super) pipelines: Mutex<HashMap<Key, Arc<Mutex<Parts>>>>,
+    /// Held while a kernel is compiled under validation.
+    pub(super) compiling: Mutex<()>,
     /// Recorders not in use. A batch takes one, or makes one if there is none.
     pub(super) idle: Mutex<Vec<Recorder>>,
     /// Number of scopes made so far.
@@ -189,6 +191,7 @@ impl Device {
             cache,
             kept,
             pipelines: Mutex::default(),
+            compiling: Mutex::default(),
             idle: Mutex::default(),
             scopes: AtomicU64::new(0),
             profile: Mutex::default(),
@@ -338,6 +341,11 @@ impl fmt::Debug for Device {
 }
 
 impl Shared {
+    /// Whether the validation layer checks each call.
+    pub(super) fn validates(&self) -> bool {
+        self.instance.validates()
+    }
+
     pub(super) fn raw(&self) -> &ash::Device {
         &self.logical.raw
     }

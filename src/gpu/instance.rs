@@ -105,6 +105,11 @@ impl Instance {
         &self.log
     }
 
+    /// Whether the validation layer reports to the log.
+    pub(super) fn validates(&self) -> bool {
+        self.messenger.is_some()
+    }
+
     pub(super) fn debug_utils(&self) -> bool {
         self.debug_utils
     }

@@ -138,6 +138,8 @@ pub struct Sweep {
     pub(super) far: Pipeline,
     /// Workgroups of `far` per tile, list or group of targets.
     pub(super) workgroups: u32,
+    /// Groups of sources that a workgroup of `far` covers side by side, where they are the targets.
+    pub(super) side_by_side: u32,
     /// Tiles of partners per dispatch of `far` over tiles.
     run_tiles: u32,
     near: Option<Pipeline>,
@@ -217,10 +219,12 @@ impl Sweep {
             true if kernels.by_source => SOURCES,
             true => LIST,
         };
-        let lanes = info.subgroup_size.min(targets);
+        // Wide subgroups cover several groups of sources.
+        let wide = listed && kernels.by_source && info.subgroup_size.is_multiple_of(targets);
+        let lanes = if wide { info.subgroup_size } else { info.subgroup_size.min(targets) };
         // Lanes share what they fetch of a list, with a barrier of the subgroup, which must be the workgroup, or all of it a
         // part of one. Other kernels work at any size.
-        let required = (listed && lanes >= info.subgroup_size_range.0).then_some(lanes);
+        let required = (listed && lanes <= targets && lanes >= info.subgroup_size_range.0).then_some(lanes);
         let Kernels { far, near, single, by_source, constants, take, gathers, deposits, shape } = kernels;
         let real = precision.bytes() as f64;
         let gathered = gathers as f64 * 4.0 * f64::from(plan.channels) * real;
@@ -243,7 +247,8 @@ impl Sweep {
         let near_push = size_of::<NearPush>() as u32;
         Ok(Self {
             far: Pipeline::beside_host(device, far.0.of(precision), far.1, far_push, &of_far, required)?,
-            workgroups: if single { targets / lanes } else { 1 },
+            workgroups: if single { (targets / lanes).max(1) } else { 1 },
+            side_by_side: (lanes / targets).max(1),
             run_tiles: match info.kind {
                 DeviceKind::Cpu if gathers > 0 && deposits == 0 => cached_tiles(plan),
                 _ => plan.partner_tiles(),

@@ -17,6 +17,8 @@ use std::ops::Range;
 pub struct ReceiversPush {
     /// First group of the dispatch, in the list of targets.
     pub target_begin: u32,
+    /// One past the last.
+    pub target_end: u32,
     /// First source in range.
     pub source_begin: u32,
     /// One past the last.
@@ -95,7 +97,7 @@ impl Sweep {
         let numbers: Vec<u32> = targets.iter().map(|(group, _)| *group).collect();
         device.upload_slice(&scene.near_targets, 0, &numbers)?;
         let buffers = [buffers, &[scene.near_targets.whole()]].concat();
-        let Self { far, far_pace, workgroups, bytes, shape, .. } = self;
+        let Self { far, far_pace, side_by_side, workgroups, bytes, shape, .. } = self;
         let mut bundle = Bundle::new(device, far_pace, monitor);
         let pairs_of = |lists: u32| u64::from(lists) * u64::from(LIST * SOURCES);
         for skip in (0..targets[0].1).step_by(TAKE as usize) {
@@ -107,6 +109,7 @@ impl Sweep {
                 let part = &targets[begin as usize..(begin + rows) as usize];
                 let push = ReceiversPush {
                     target_begin: begin,
+                    target_end: begin + rows,
                     source_begin: sources.start,
                     source_end: sources.end,
                     group_begin: groups.start,
@@ -123,7 +126,8 @@ impl Sweep {
                 };
                 let pairs = part.iter().map(|target| pairs_of(left(target))).sum();
                 bundle.add(pairs, pairs, |batch| {
-                    batch.dispatch(far, shape, &buffers, bytes_of(&push), [rows, *workgroups, 1])
+                    let workgroups = [rows.div_ceil(*side_by_side), *workgroups, 1];
+                    batch.dispatch(far, shape, &buffers, bytes_of(&push), workgroups)
                 })?;
                 begin += rows;
             }
