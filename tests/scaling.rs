@@ -81,12 +81,12 @@ fn a_short_budget_is_kept() {
 #[test]
 fn a_size_that_fails_keeps_the_others() {
     let (_folder, out) = folder();
-    let arguments = format!("--triangles 1000,40000,2000 --bins {FEW_BINS} --quiet --memory-budget 8MiB");
+    let arguments = format!("--triangles 1000,40000,2000 --bins {FEW_BINS} --quiet --memory-budget 6MiB");
     let (code, stderr) = run(&out, &arguments);
     assert_eq!(code, Some(2), "{stderr}");
     assert_eq!(stderr.lines().count(), 1, "{stderr}");
     assert!(
-        stderr.starts_with("bench_scaling: 40000 triangles: a memory budget of 8388608 bytes"),
+        stderr.starts_with("bench_scaling: 40000 triangles: a memory budget of 6291456 bytes"),
         "{stderr}"
     );
     assert_eq!(sizes(&out), ["1000", "2000"]);
