@@ -393,7 +393,7 @@ impl PlanOptions {
             staging: crate::gpu::staging_bytes(),
             page: max_buffer,
             keep_near_field: least(u64::from(info.kind == DeviceKind::Cpu)) == 1,
-            pairs_on_host: device.host_works(),
+            pairs_on_host: least(u64::from(device.host_works())) == 1,
             rank: ranks.rank() as u32,
             ranks: ranks.count() as u32,
             ..Self::default()

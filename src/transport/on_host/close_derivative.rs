@@ -7,13 +7,13 @@ use super::far::{Sources, flag};
 use super::far_adjoint::Receivers;
 use super::pairs::{cross, dot, far_weight, far_weight_slopes, minus, through_normalization, times};
 use super::pieces::{
-    ALL, ClosePair, Corners, Triangle, WHOLE, centroid, centroids, choose, crossing, middle, quarters, side,
+    ALL, ClosePair, Corners, Triangle, WHOLE, centroid, choose, crossing, level_side, middle, quarters,
+    subtended, views,
 };
 use super::real::Real;
 use super::taps::Layout;
 use crate::gpu::vectorised;
 use crate::model::QUARTER_RANGE;
-use std::f64::consts::PI;
 
 /// What the two ends of a close pair exchange.
 struct Exchange<'a, T> {
@@ -248,16 +248,13 @@ impl<T: Real, const N: usize> Side<T, N> {
             let sine2 = dot(c, c);
             let sine = sine2.root();
             let (a2, b2, cosine) = (dot(a, a), dot(b, b), dot(a, b));
-            let both = (sine2 + cosine * cosine).root() + cosine.magnitude();
-            let acute = T::of(2.0) * (sine / both.most(T::of(1e-30))).least(T::ONE).arctangent();
-            let obtuse = T::of(PI) - acute;
-            let angle = if cosine < T::ZERO { obtuse } else { acute };
+            let angle = subtended(sine2, sine, cosine);
             let seen = (above_p | above_q) & (sine > T::SHORTEST * (a2 + b2));
             let per = T::ONE / sine.most(T::of(1e-30));
-            let unit = [c[0] * per, c[1] * per, c[2] * per];
+            let unit = times(per, c);
             let height = dot(unit, normal);
             let ratio = angle * per;
-            let across = minus(normal, [height * unit[0], height * unit[1], height * unit[2]]);
+            let across = minus(normal, times(height, unit));
             let (of_a, of_b) = (T::ONE / a2.most(T::of(1e-30)), T::ONE / b2.most(T::of(1e-30)));
             let end_a = [ratio * b[0] - a[0] * of_a, ratio * b[1] - a[1] * of_a, ratio * b[2] - a[2] * of_a];
             let end_b = [ratio * a[0] - b[0] * of_b, ratio * a[1] - b[1] * of_b, ratio * a[2] - b[2] * of_b];
@@ -318,20 +315,7 @@ impl<T: Real, const N: usize> PieceSlopes<T, N> {
         (from, onto): (&[Corners<T>], &[Corners<T>; 4]),
         (diffuse, binned): (T, &[T; N]),
     ) -> bool {
-        let (points, centroids) = (centroids(onto), centroids(from));
-        let sources = N / 4;
-        // The corners of the source by piece, seen from the point of the receiver, and the line between the centroids.
-        let mut seen = [[[T::ZERO; N]; 3]; 3];
-        let mut offset = [[T::ZERO; N]; 3];
-        for k in 0..N {
-            let (point, from) = (points[k / sources], from[k % sources]);
-            for a in 0..3 {
-                for corner in 0..3 {
-                    seen[corner][a][k] = from[corner][a] - point[a];
-                }
-                offset[a][k] = point[a] - centroids[k % sources][a];
-            }
-        }
+        let (seen, offset) = views::<T, N>(from, onto);
         let bins = [pair.class.has_bins(), pair.receiver_bins];
         let (i, j) = (&pair.source.facet, &pair.receiver.facet);
         vectorised(
@@ -412,14 +396,7 @@ impl<T: Real, const N: usize> PieceSlopes<T, N> {
         qr.set(normal, (q, r), (hq, hr));
         rp.set(normal, (r, p), (hr, hp));
         for k in 0..N {
-            let (a, b, c) = (at(p, k), at(q, k), at(r, k));
-            let [up_a, up_b, up_c] = [hp[k] > T::ZERO, hq[k] > T::ZERO, hr[k] > T::ZERO];
-            let (ab, bc) = (crossing([a, b], [hp[k], hq[k]]), crossing([b, c], [hq[k], hr[k]]));
-            let ca = crossing([c, a], [hr[k], hp[k]]);
-            let leave = choose(up_a & !up_b, ab, choose(up_b & !up_c, bc, ca));
-            let enter = choose(up_b & !up_a, ab, choose(up_c & !up_b, bc, ca));
-            let level = side(normal, leave, enter);
-            let level = if (up_a != up_b) | (up_b != up_c) { level } else { T::ZERO };
+            let level = level_side(normal, [at(p, k), at(q, k), at(r, k)], [hp[k], hq[k], hr[k]]);
             let sum = pq.value[k] + qr.value[k] + rp.value[k] + level;
             let factor = if sum < T::ZERO { -T::of(0.5) } else { T::of(0.5) };
             self.projected[k] = factor * sum;
@@ -439,8 +416,8 @@ impl<T: Real, const N: usize> PieceSlopes<T, N> {
             let (projected, value) = (self.projected[k], self.value[k]);
             let lit = (self.diffuse[k] > T::ZERO) | (self.binned[k] > T::ZERO);
             let by = at(&self.exchanged.by_direction, k);
-            let by = [projected * by[0], projected * by[1], projected * by[2]];
-            let by_offset = through_normalization(by, at(&self.direction, k), self.length[k]);
+            let by_offset =
+                through_normalization(times(projected, by), at(&self.direction, k), self.length[k]);
             for a in 0..3 {
                 let of = |corner: usize| value * self.by_corners[corner][a][k];
                 let of = [of(0), of(1), of(2)];

@@ -7,7 +7,7 @@ use super::pieces::Pieces;
 use super::real::Real;
 use super::taps::{Layout, add, flush, scaled};
 use crate::gpu::{BufferSlice, Device, GpuError, vectorised};
-use crate::model::{ENTRY_BITS, LIST, ReceiverLists, SOURCES};
+use crate::model::{Class, ENTRY_BITS, LIST, ReceiverLists, SOURCES};
 use crate::plan::{FarRuns, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::scene::Precision;
 use crate::transport::exchange::Shape;
@@ -60,6 +60,17 @@ pub(super) struct Passing {
 impl Passing {
     pub fn has<T: Real>(self, k: usize, bit: u32) -> T {
         flag(self.word >> (self.step * k as u32) & bit != 0)
+    }
+
+    /// 1 or 0 for the fronts and for the backs of the first `count` of N sources.
+    pub fn sides<T: Real, const N: usize>(self, count: usize, source: Class) -> [[T; 2]; N] {
+        std::array::from_fn(|k| {
+            let exists = |is: bool| flag::<T>(is && k < count);
+            [
+                exists(true) * self.has::<T>(k, PAIR_FRONT),
+                exists(source.blocker) * self.has::<T>(k, PAIR_BACK),
+            ]
+        })
     }
 }
 
@@ -224,12 +235,7 @@ impl Importance<'_> {
         let mut planes = [[[T::ZERO; N]; 3]; 4];
         let mut any = false;
         self.of.visit(block, |slots, passing| {
-            let exists = |k: usize| k < own.len();
-            let sides: [[T; 2]; N] =
-                std::array::from_fn(|k| [exists(k), exists(k) && source.blocker].map(flag::<T>));
-            let sides: [[T; 2]; N] = std::array::from_fn(|k| {
-                [sides[k][0] * passing.has::<T>(k, PAIR_FRONT), sides[k][1] * passing.has::<T>(k, PAIR_BACK)]
-            });
+            let sides: [[T; 2]; N] = passing.sides(own.len(), source);
             let near: [T; N] = std::array::from_fn(|k| passing.has(k, PAIR_NEAR));
             if sides.as_flattened().iter().all(|side| *side == T::ZERO) {
                 return;

@@ -5,7 +5,7 @@ use super::derivative::{Derivative, Gradient, Memory, gradient};
 use super::exchanged::{Coordinates, Ends, Exchanged, at, product, set};
 use super::far::{Sources, flag};
 use super::far_adjoint::{Cotangents, Receivers};
-use super::pairs::{Facet, Facets, dot, far_weight, far_weight_slopes, through_normalization};
+use super::pairs::{Facet, Facets, R2_MIN, dot, far_weight, far_weight_slopes, through_normalization};
 use super::real::Real;
 use super::taps::{Layout, add};
 use crate::gpu::vectorised;
@@ -13,9 +13,6 @@ use crate::model::{Class, LIST};
 use crate::plan::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 use crate::transport::exchange::Shape;
 use std::f64::consts::FRAC_1_PI;
-
-/// Squared distances below this are rounding.
-const R2_MIN: f64 = 1e-12;
 
 /// N pairs: of one source or of one receiver.
 trait Pairs<T> {
@@ -254,12 +251,7 @@ impl Derivative<'_> {
         });
         let mut sums = Sums::NONE;
         of.visit(block, |slots, passing| {
-            let exists = |k: usize| k < own.len();
-            let sides: [[T; 2]; N] = std::array::from_fn(|k| {
-                let front = flag::<T>(exists(k)) * passing.has::<T>(k, PAIR_FRONT);
-                let back = flag::<T>(exists(k) && self.shape.source.blocker) * passing.has::<T>(k, PAIR_BACK);
-                [front, back]
-            });
+            let sides: [[T; 2]; N] = passing.sides(own.len(), self.shape.source);
             let near: [T; N] = std::array::from_fn(|k| passing.has(k, PAIR_NEAR));
             if sides.as_flattened().iter().all(|side| *side == T::ZERO) {
                 return;

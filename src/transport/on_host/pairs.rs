@@ -9,7 +9,7 @@ use crate::transport::scene_buffers::FACET;
 use std::f64::consts::FRAC_1_PI;
 
 /// Squared distances below this are rounding.
-const R2_MIN: f64 = 1e-12;
+pub const R2_MIN: f64 = 1e-12;
 /// The n.z at which frames are discontinuous: that of src/model/facet.rs.
 const DISCONTINUITY: f64 = -0.6543;
 

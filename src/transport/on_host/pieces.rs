@@ -103,20 +103,7 @@ impl<T: Real> ClosePair<T> {
         blend: Option<T>,
         pieces: &mut Pieces<T, N>,
     ) -> bool {
-        let (points, centroids) = (centroids(onto), centroids(from));
-        let sources = N / 4;
-        // The corners of the source by piece, seen from the point of the receiver, and the line between the centroids.
-        let mut seen = [[[T::ZERO; N]; 3]; 3];
-        let mut offset = [[T::ZERO; N]; 3];
-        for k in 0..N {
-            let (point, from) = (points[k / sources], from[k % sources]);
-            for a in 0..3 {
-                for corner in 0..3 {
-                    seen[corner][a][k] = from[corner][a] - point[a];
-                }
-                offset[a][k] = point[a] - centroids[k % sources][a];
-            }
-        }
+        let (seen, offset) = views::<T, N>(from, onto);
         vectorised(
             #[inline(always)]
             || {
@@ -212,9 +199,31 @@ pub fn middle<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [half * (a[0] + b[0]), half * (a[1] + b[1]), half * (a[2] + b[2])]
 }
 
+/// The corners of the source by piece, seen from the point of the receiver, and the line between the centroids.
+#[inline(always)]
+pub fn views<T: Real, const N: usize>(
+    from: &[Corners<T>],
+    onto: &[Corners<T>; 4],
+) -> ([Coordinates<T, N>; 3], Coordinates<T, N>) {
+    let (points, centroids) = (centroids(onto), centroids(from));
+    let sources = N / 4;
+    let mut seen = [[[T::ZERO; N]; 3]; 3];
+    let mut offset = [[T::ZERO; N]; 3];
+    for k in 0..N {
+        let (point, from) = (points[k / sources], from[k % sources]);
+        for a in 0..3 {
+            for corner in 0..3 {
+                seen[corner][a][k] = from[corner][a] - point[a];
+            }
+            offset[a][k] = point[a] - centroids[k % sources][a];
+        }
+    }
+    (seen, offset)
+}
+
 /// Those of up to four triangles.
 #[inline(always)]
-pub fn centroids<T: Real>(of: &[Corners<T>]) -> [[T; 3]; 4] {
+fn centroids<T: Real>(of: &[Corners<T>]) -> [[T; 3]; 4] {
     let mut all = [[T::ZERO; 3]; 4];
     all.iter_mut().zip(of).for_each(|(to, of)| *to = centroid(*of));
     all
@@ -252,16 +261,8 @@ fn projected_solid_angles<T: Real, const N: usize>(
             sum[k] += side(normal, begin, end);
         }
     }
-    // The side in the horizon, from where the outline leaves the upper half-space to where it enters it again.
     for k in 0..N {
-        let (a, b, c) = (at(p, k), at(q, k), at(r, k));
-        let [up_a, up_b, up_c] = [hp[k] > T::ZERO, hq[k] > T::ZERO, hr[k] > T::ZERO];
-        let (ab, bc) = (crossing([a, b], [hp[k], hq[k]]), crossing([b, c], [hq[k], hr[k]]));
-        let ca = crossing([c, a], [hr[k], hp[k]]);
-        let leave = choose(up_a & !up_b, ab, choose(up_b & !up_c, bc, ca));
-        let enter = choose(up_b & !up_a, ab, choose(up_c & !up_b, bc, ca));
-        let level = side(normal, leave, enter);
-        let level = if (up_a != up_b) | (up_b != up_c) { level } else { T::ZERO };
+        let level = level_side(normal, [at(p, k), at(q, k), at(r, k)], [hp[k], hq[k], hr[k]]);
         sum[k] = T::of(0.5) * (sum[k] + level).magnitude();
     }
     sum
@@ -280,18 +281,36 @@ pub fn crossing<T: Real>([a, b]: [[T; 3]; 2], [height_a, height_b]: [T; 2]) -> [
     choose((height_a > T::ZERO) != (height_b > T::ZERO), crossing, [T::ZERO; 3])
 }
 
+/// The side of a triangle's part above the horizon that lies in it, from where the outline leaves the upper half-space to where it enters
+/// it again, of corners with these heights.
+#[inline(always)]
+pub fn level_side<T: Real>(normal: [T; 3], [a, b, c]: Corners<T>, [ha, hb, hc]: [T; 3]) -> T {
+    let [up_a, up_b, up_c] = [ha > T::ZERO, hb > T::ZERO, hc > T::ZERO];
+    let (ab, bc, ca) = (crossing([a, b], [ha, hb]), crossing([b, c], [hb, hc]), crossing([c, a], [hc, ha]));
+    let leave = choose(up_a & !up_b, ab, choose(up_b & !up_c, bc, ca));
+    let enter = choose(up_b & !up_a, ab, choose(up_c & !up_b, bc, ca));
+    let level = side(normal, leave, enter);
+    if (up_a != up_b) | (up_b != up_c) { level } else { T::ZERO }
+}
+
+/// The angle with this sine, its square, and cosine, all times the lengths of both ends. The half angle's tangent keeps the argument in
+/// [0, 1] for angles up to a right one.
+#[inline(always)]
+pub fn subtended<T: Real>(sine2: T, sine: T, cosine: T) -> T {
+    let both = (sine2 + cosine * cosine).root() + cosine.magnitude();
+    let acute = T::of(2.0) * (sine / both.most(T::of(1e-30))).least(T::ONE).arctangent();
+    let obtuse = T::of(PI) - acute;
+    if cosine < T::ZERO { obtuse } else { acute }
+}
+
 /// The angle one side subtends times the unit normal of its plane, along `normal`.
 #[inline(always)]
-pub fn side<T: Real>(normal: [T; 3], a: [T; 3], b: [T; 3]) -> T {
+fn side<T: Real>(normal: [T; 3], a: [T; 3], b: [T; 3]) -> T {
     let c = cross(a, b);
     let sine2 = dot(c, c);
     let sine = sine2.root();
     let cosine = dot(a, b);
-    // The half angle's tangent keeps the argument in [0, 1] for angles up to a right one.
-    let both = (sine2 + cosine * cosine).root() + cosine.magnitude();
-    let acute = T::of(2.0) * (sine / both.most(T::of(1e-30))).least(T::ONE).arctangent();
-    let obtuse = T::of(PI) - acute;
-    let angle = if cosine < T::ZERO { obtuse } else { acute };
+    let angle = subtended(sine2, sine, cosine);
     // A side through the point, or without length, bounds no solid angle.
     let seen = sine > T::SHORTEST * (dot(a, a) + dot(b, b));
     let along = dot(c, normal) * (angle / sine.most(T::of(1e-30)));
