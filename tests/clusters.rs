@@ -12,6 +12,10 @@ use glam::DVec3;
 use std::time::Instant;
 use support::{areas, device, finish, load, relative_l2, solve, solve_within};
 
+/// Bytes of bins in one buffer: of all triangles of a class in small scenes, or of some hundred.
+const PAGE: u64 = 128 << 20;
+const SMALL_PAGE: u64 = 512 << 10;
+
 fn hierarchical(scene: &Scene, error: f64) -> SolveSettings {
     scene.settings.transport(Transport::Hierarchical { error })
 }
@@ -56,9 +60,9 @@ fn the_error_is_at_most_the_one_asked_for() {
     finish(&device);
 }
 
-fn gradients(device: &Device, scene: &Scene, settings: &SolveSettings) -> Gradients {
+fn gradients(device: &Device, scene: &Scene, settings: &SolveSettings, page: u64) -> Gradients {
     let request = GradientRequest::default().emission(true).albedo(true).positions(true);
-    let options = PlanOptions::of(device).gradients(request);
+    let options = PlanOptions::of(device).gradients(request).page(page);
     let plan = planned(scene, settings, options);
     let clusters = plan.clusters().is_some();
     assert_eq!(clusters, settings.transport != Transport::Exact, "{}", plan.transport());
@@ -108,23 +112,27 @@ fn gradients_are_those_of_the_exact_sum() {
         ]
     };
     let names = ["emission", "albedo", "boxes moved", "each emission", "each albedo", "each vertex"];
-    let truth = values(&gradients(&device, &scene, &scene.settings.transport(Transport::Exact)));
+    let truth = values(&gradients(&device, &scene, &scene.settings.transport(Transport::Exact), PAGE));
     // With derivatives by vertices clusters are those of a tenth of the error.
-    let error = 0.1;
-    let found = values(&gradients(&device, &scene, &hierarchical(&scene, error)));
+    let clusters = hierarchical(&scene, 0.1);
+    let bounds = [0.003, 0.005, 0.005, 0.0125, 0.01, 0.0125];
+    let within_bounds = |found: &[Vec<DVec3>]| {
+        for (((name, found), truth), bound) in names.iter().zip(found).zip(&truth).zip(bounds) {
+            let off = relative(found, truth);
+            println!("{name}: {off:.5}");
+            assert!(off <= bound, "{name}: {off}");
+        }
+    };
+    within_bounds(&values(&gradients(&device, &scene, &clusters, PAGE)));
+    let in_pages = values(&gradients(&device, &scene, &clusters, SMALL_PAGE));
+    within_bounds(&in_pages);
     // Where the device is a CPU the host computed these.
     let by_kernels = device.clone().kernels_only();
-    let by_kernels = values(&gradients(&by_kernels, &scene, &hierarchical(&scene, error)));
-    for ((name, found), by_kernels) in names.iter().zip(&found).zip(&by_kernels) {
+    let by_kernels = values(&gradients(&by_kernels, &scene, &clusters, SMALL_PAGE));
+    for ((name, found), by_kernels) in names.iter().zip(&in_pages).zip(&by_kernels) {
         let off = relative(found, by_kernels);
         println!("{name} of the host and of kernels: {off:.1e}");
         assert!(off <= 1e-4, "{name}: {off}");
-    }
-    let bounds = [0.003, 0.005, 0.005, 0.0125, 0.01, 0.0125];
-    for (((name, found), truth), bound) in names.iter().zip(found).zip(truth).zip(bounds) {
-        let off = relative(&found, &truth);
-        println!("{name}: {off:.5}");
-        assert!(off <= bound, "{name}: {off}");
     }
     finish(&device);
 }
@@ -142,8 +150,16 @@ fn the_same_input_gives_the_same_bytes() {
 #[test]
 fn no_triangle_is_missing_or_there_twice() {
     let scene = load("scenes/cornell_boxes.toml");
-    let options = PlanOptions::default().boundless().cull(false);
-    let plan = planned(&scene, &hierarchical(&scene, 0.03), options);
+    let runs = [PAGE, SMALL_PAGE].map(|page| {
+        let options = PlanOptions::default().boundless().cull(false).page(page);
+        let plan = planned(&scene, &hierarchical(&scene, 0.03), options);
+        each_triangle_is_there_once(&scene, &plan);
+        plan.clusters().map_or(0, |clusters| clusters.runs().len())
+    });
+    assert!(runs[0] < runs[1], "{runs:?}");
+}
+
+fn each_triangle_is_there_once(scene: &Scene, plan: &Plan) {
     let clusters = plan.clusters().expect("clusters");
     let first = clusters.first();
     let mut members: Vec<Vec<usize>> = Vec::new();

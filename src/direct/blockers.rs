@@ -124,23 +124,40 @@ impl Blockers {
     }
 
     /// The polygons that may stand between some points of a plane and a lamp, the widest first; none that consists of several triangles
-    /// crosses the plane of the lamp. `points[0]` and `normal` give the plane of the points.
-    pub fn between(&self, geometry: &Geometry, points: &[DVec3], normal: DVec3, lamp: &Placed) -> Vec<u32> {
+    /// crosses the plane of the lamp. `points[0]` and `normal` give the plane of the points. `None` if there are more than `most`, which
+    /// is found out long before all are known.
+    pub fn between(
+        &self,
+        geometry: &Geometry,
+        points: &[DVec3],
+        normal: DVec3,
+        lamp: &Placed,
+        most: Option<usize>,
+    ) -> Option<Vec<u32>> {
         let shaft = Shaft::new(points, normal, &lamp.corners, lamp.normal, self.tolerance);
-        let mut met = Vec::new();
-        self.tree.walk(|_, node| {
-            let enter = !shaft.misses_box(&node.bounds);
-            if enter && node.is_leaf() {
-                met.extend(node.slots(LEAF, &self.order).iter().map(|&fan| self.fans[fan as usize]));
-            }
-            enter
-        });
-        met.sort_unstable();
-        met.dedup();
         let misses = |p: &u32| shaft.misses(geometry.corners(self.polygon(*p)));
         let under_lamp = |p: &Polygon| {
             geometry.corners(p).any(|c| (c - lamp.corners[0]).dot(lamp.normal) < -self.tolerance)
         };
+        let in_parts = |p: &u32| self.polygon(*p).triangles.len() > 1 && under_lamp(self.polygon(*p));
+        let mut met = Vec::new();
+        let mut counted = Vec::new();
+        for leaf in self.tree.leaves(|node| !shaft.misses_box(&node.bounds)) {
+            let polygons = leaf.slots(LEAF, &self.order).iter().map(|&fan| self.fans[fan as usize]);
+            met.extend(polygons.clone());
+            if let Some(most) = most {
+                for p in polygons {
+                    if !counted.contains(&p) && !misses(&p) && !in_parts(&p) {
+                        counted.push(p);
+                    }
+                }
+                if counted.len() > most {
+                    return None;
+                }
+            }
+        }
+        met.sort_unstable();
+        met.dedup();
         let centre = points.iter().sum::<DVec3>() / points.len() as f64;
         let width = |p: u32| {
             let (area, centroid) = self.moments[p as usize];
@@ -148,10 +165,9 @@ impl Blockers {
         };
         let mut found: Vec<(f64, u32)> = Vec::with_capacity(met.len());
         for p in met.into_iter().filter(|p| !misses(p)) {
-            let polygon = self.polygon(p);
-            if polygon.triangles.len() > 1 && under_lamp(polygon) {
+            if in_parts(&p) {
                 let first = self.triangles[p as usize];
-                let singles = first..first + polygon.triangles.len() as u32;
+                let singles = first..first + self.polygon(p).triangles.len() as u32;
                 found.extend(singles.filter(|single| !misses(single)).map(|single| (width(single), single)));
             } else {
                 found.push((width(p), p));
@@ -159,7 +175,7 @@ impl Blockers {
         }
         // A wide blocker that comes first leaves less to cut.
         found.sort_by(|(a, i), (b, j)| b.total_cmp(a).then(i.cmp(j)));
-        found.into_iter().map(|(_, p)| p).collect()
+        most.is_none_or(|most| found.len() <= most).then(|| found.into_iter().map(|(_, p)| p).collect())
     }
 }
 

@@ -117,7 +117,7 @@ impl DirectLight {
             let Facet { corners, normal, centroid, .. } = facets[receiver];
             for lamp in lamps.iter().map(|lamp| geometry.place(lamp)) {
                 if geometry.faces(receiver, &lamp) {
-                    let blockers = &geometry.between(&corners, normal, &lamp);
+                    let blockers = &geometry.between(&corners, normal, &lamp, None).unwrap_or_default();
                     let sight =
                         Sight { geometry, point: centroid, normal, lamp: &lamp, blockers, share: 1.0 };
                     sight.vector_irradiance(visible);
@@ -512,12 +512,10 @@ impl<'a> Between<'a> {
         points: &[DVec3],
         lamp: (usize, &'a Placed<'a>),
     ) -> Self {
-        let mut blockers = geometry.between(points, geometry.facets[receiver].normal, lamp.1);
-        let sampling = sampling.filter(|_| blockers.len() > FEW);
-        if sampling.is_some() {
-            blockers.clear();
-        }
-        Self { geometry, receiver, lamp, blockers, sampling, share: Share::ALL }
+        let most = sampling.map(|_| FEW);
+        let blockers = geometry.between(points, geometry.facets[receiver].normal, lamp.1, most);
+        let sampling = sampling.filter(|_| blockers.is_none());
+        Self { geometry, receiver, lamp, blockers: blockers.unwrap_or_default(), sampling, share: Share::ALL }
     }
 
     /// For all of the triangle: one share counts everywhere.

@@ -47,9 +47,15 @@ impl Geometry<'_> {
         polygon.corners.iter().map(|&corner| self.corner(corner))
     }
 
-    /// What may stand between some points of a plane and a lamp: [`Blockers::between`].
-    pub fn between(&self, points: &[DVec3], normal: DVec3, lamp: &Placed) -> Vec<u32> {
-        self.blockers.between(self, points, normal, lamp)
+    /// What may stand between some points of a plane and a lamp, if it is not more than `most`: [`Blockers::between`].
+    pub fn between(
+        &self,
+        points: &[DVec3],
+        normal: DVec3,
+        lamp: &Placed,
+        most: Option<usize>,
+    ) -> Option<Vec<u32>> {
+        self.blockers.between(self, points, normal, lamp, most)
     }
 
     pub fn place<'b>(&self, lamp: &'b Lamp) -> Placed<'b> {

@@ -119,19 +119,14 @@ impl Plan {
         Ok(Err(why))
     }
 
-    /// Triangles of the smallest clusters, so that the bins of those of one class fit a buffer.
+    /// Triangles of the smallest clusters.
     fn leaf(&self) -> u32 {
-        let page = self.options.page.min(self.options.max_buffer);
         let slots = |has_bins: bool| {
             let groups = self.layout.groups.iter().filter(|group| group.class.has_bins() == has_bins);
             groups.map(|group| self.layout.slots_of(&group.tiles).len() as u64).sum::<u64>()
         };
         // Where most triangles have bins, those of clusters would take a fifth of the memory.
-        let mut leaf = if slots(true) > slots(false) { 2 * LEAF } else { LEAF };
-        while leaf < self.layout.tile && slots(true) * 2 / u64::from(leaf) * self.bin_bytes() > page {
-            leaf *= 2;
-        }
-        leaf
+        if slots(true) > slots(false) && !self.options.pairs_on_host { 2 * LEAF } else { LEAF }
     }
 
     /// Brightness of the fronts, relative to the mean: 1, and more where light is emitted into U.

@@ -5,7 +5,7 @@ use super::state::State;
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
-use crate::model::{Class, ClusterRun, Clusters, Parts};
+use crate::model::{Class, ClusterRun, Clusters};
 use crate::plan::Plan;
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
@@ -46,7 +46,7 @@ pub struct GatherBinsPush {
 /// Workgroups that a dispatch may have on every device.
 pub(super) const MOST_GROUPS: usize = 65_535;
 
-/// Sources of one class with their bins in one page: triangles of a group, or all clusters of a class.
+/// Sources of one class with their bins in one page: the triangles or the clusters of a group.
 pub struct Sources<'a> {
     pub class: Class,
     pub indices: Range<u32>,
@@ -54,12 +54,10 @@ pub struct Sources<'a> {
     pub specular: BufferSlice<'a>,
 }
 
-/// The bins of the clusters of one class.
+/// The bins of the clusters of one group.
 struct RunBins {
     antiradiance: Option<Buffer>,
     specular: Option<Buffer>,
-    /// The clusters of triangles by group of these.
-    of_groups: Vec<(usize, Range<u32>)>,
 }
 
 pub struct ClusterLight {
@@ -82,7 +80,6 @@ impl ClusterLight {
             Ok(RunBins {
                 antiradiance: run.class.blocker.then(|| buffer("cluster antiradiance")).transpose()?,
                 specular: run.class.glossy.then(|| buffer("cluster specular")).transpose()?,
-                of_groups: of_groups(plan, clusters, run.heights.first(), run.class),
             })
         };
         Ok(Some(Self {
@@ -113,7 +110,7 @@ impl ClusterLight {
             });
         }
         let mut batch = device.batch()?;
-        for (run, bins) in clusters.runs().iter().zip(&self.bins) {
+        for (g, (run, bins)) in clusters.runs().iter().zip(&self.bins).enumerate() {
             for (height, of) in run.heights.iter().enumerate() {
                 self.gather_radiance(context, clusters, of, height == 0, &mut batch)?;
             }
@@ -125,12 +122,10 @@ impl ClusterLight {
             for (to, of_triangles) in read {
                 let Some(to) = to.map(Buffer::whole) else { continue };
                 let first = run.range().start;
-                for (group, of) in &bins.of_groups {
-                    let (from, page) = (of_triangles(&sources[*group]), sources[*group].indices.start);
-                    self.gather_bins(context, clusters, of, Some((from, page)), (to, first), &mut batch)?;
-                }
-                for of in run.heights.iter().skip(1) {
-                    self.gather_bins(context, clusters, of, None, (to, first), &mut batch)?;
+                for (height, of) in run.heights.iter().enumerate() {
+                    let triangles = (of_triangles(&sources[g]), sources[g].indices.start);
+                    let from = (height == 0).then_some(triangles);
+                    self.gather_bins(context, clusters, of, from, (to, first), &mut batch)?;
                 }
             }
             sources.push(Sources {
@@ -192,28 +187,4 @@ impl ClusterLight {
         }
         Ok(())
     }
-}
-
-/// The clusters of triangles of a class, by the group of these.
-pub(super) fn of_groups(
-    plan: &Plan,
-    clusters: &Clusters,
-    lowest: Option<&Range<u32>>,
-    class: Class,
-) -> Vec<(usize, Range<u32>)> {
-    let Some(lowest) = lowest.filter(|_| class.has_bins()) else { return Vec::new() };
-    let number = |index: u32| (index - clusters.first()) as usize;
-    let parts = &clusters.parts()[number(lowest.start)..number(lowest.end)];
-    let begin = |parts: &Parts| match parts {
-        Parts::Triangles(slots) => slots.start,
-        Parts::Clusters(_) => 0,
-    };
-    let groups = plan.layout.groups.iter().enumerate().filter(|(_, group)| group.class == class);
-    groups
-        .map(|(g, group)| {
-            let slots = plan.layout.slots_of(&group.tiles);
-            let before = |bound: u32| parts.partition_point(|parts| begin(parts) < bound) as u32;
-            (g, lowest.start + before(slots.start)..lowest.start + before(slots.end))
-        })
-        .collect()
 }

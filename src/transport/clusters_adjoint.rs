@@ -1,6 +1,6 @@
 //! The cotangents of the light of clusters, passed on to their parts, height by height.
 
-use super::clusters::{GatherBinsPush, GatherPush, MOST_GROUPS, Sources, of_groups};
+use super::clusters::{GatherBinsPush, GatherPush, MOST_GROUPS, Sources};
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
@@ -30,15 +30,13 @@ pub struct SharesPush {
     pub cotangent_moments: u32,
 }
 
-/// The cotangents of the bins of the clusters of one class.
+/// The cotangents of the bins of the clusters of one group.
 pub struct RunCotangents {
     pub class: Class,
     pub indices: Range<u32>,
     /// Of H(b) behind the antiradiance, as in a state of the adjoint.
     pub antiradiance: Option<Buffer>,
     pub specular: Option<Buffer>,
-    /// The clusters of triangles by group of these.
-    of_groups: Vec<(usize, Range<u32>)>,
     heights: Vec<Range<u32>>,
 }
 
@@ -66,7 +64,6 @@ impl ClusterCotangents {
                 indices: run.range(),
                 antiradiance: run.class.blocker.then(bins).transpose()?,
                 specular: run.class.glossy.then(bins).transpose()?,
-                of_groups: of_groups(plan, clusters, run.heights.first(), run.class),
                 heights: run.heights.clone(),
             });
         }
@@ -131,15 +128,10 @@ impl ClusterCotangents {
         let none = scene.no_bins.whole();
         let (triangles, of_clusters) = sources.split_at(plan.layout.groups.len());
         let mut batch = device.batch()?;
-        for (run, own) in self.runs.iter().zip(of_clusters) {
+        for ((run, own), triangles) in self.runs.iter().zip(of_clusters).zip(triangles) {
             let kernel = &shares[usize::from(run.class.blocker) + 2 * usize::from(run.class.glossy)];
-            let lowest = match run.class.has_bins() {
-                true => run.of_groups.clone(),
-                false => run.heights.first().map(|of| (0, of.clone())).into_iter().collect(),
-            };
-            let lowest = lowest.iter().map(|(g, of)| (of, &triangles[*g], true));
-            let higher = run.heights.iter().skip(1).map(|of| (of, own, false));
-            for (of, from, are_triangles) in lowest.chain(higher) {
+            for (height, of) in run.heights.iter().enumerate() {
+                let from = if height == 0 { triangles } else { own };
                 let buffers = [
                     scene.cluster_parts()?.whole(),
                     outgoing.radiance.whole(),
@@ -156,7 +148,7 @@ impl ClusterCotangents {
                     let push = SharesPush {
                         begin,
                         clusters: first,
-                        triangles: u32::from(are_triangles),
+                        triangles: u32::from(height == 0),
                         from_page: from.indices.start,
                         to_page: run.indices.start,
                         moments: plan.sources(),
@@ -180,20 +172,18 @@ impl ClusterCotangents {
     ) -> Result<(), TransportError> {
         let Some(clusters) = context.plan.clusters() else { return Ok(()) };
         let mut batch = context.device.batch()?;
-        for run in &self.runs {
-            if let Some(of) = run.heights.first() {
-                self.scatter_radiance(context, clusters, of, true, &mut batch)?;
+        let layout = &context.plan.layout;
+        for (g, (run, group)) in self.runs.iter().zip(&layout.groups).enumerate() {
+            let Some(of) = run.heights.first() else { continue };
+            self.scatter_radiance(context, clusters, of, true, &mut batch)?;
+            let page = layout.slots_of(&group.tiles).start;
+            if let Some(bins) = &run.antiradiance {
+                let (own, to) = ((bins.whole(), run.indices.start), Some((back(g)?, page)));
+                self.scatter_bins(context, clusters, of, own, to, &mut batch)?;
             }
-            for (g, of) in &run.of_groups {
-                let slots = context.plan.layout.slots_of(&context.plan.layout.groups[*g].tiles);
-                if let Some(bins) = &run.antiradiance {
-                    let (own, to) = ((bins.whole(), run.indices.start), Some((back(*g)?, slots.start)));
-                    self.scatter_bins(context, clusters, of, own, to, &mut batch)?;
-                }
-                if let Some(bins) = &run.specular {
-                    let (own, to) = ((bins.whole(), run.indices.start), Some((front(*g)?, slots.start)));
-                    self.scatter_bins(context, clusters, of, own, to, &mut batch)?;
-                }
+            if let Some(bins) = &run.specular {
+                let (own, to) = ((bins.whole(), run.indices.start), Some((front(g)?, page)));
+                self.scatter_bins(context, clusters, of, own, to, &mut batch)?;
             }
         }
         batch.submit()?;

@@ -1,4 +1,4 @@
-//! Clusters: branches of a tree over the triangles of a class, each of which can stand for its triangles as one source.
+//! Clusters: branches of a tree over a group of triangles of one class, each of which can stand for its triangles as one source.
 //!
 //! A cluster is a mean triangle: the centroid c = Σ a x / Σ a, the normal n along Σ a n_i, and in place of the area
 //! ā = Σ a² / Σ a, so that g = 1/(r² + ā/π) is that of its triangles. Its radiance, diffuse or per bin, is
@@ -37,7 +37,7 @@ pub enum Parts {
     Clusters([u32; 2]),
 }
 
-/// The clusters of one class.
+/// The clusters of one group.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ClusterRun {
     /// The class of all its triangles.
@@ -47,7 +47,7 @@ pub struct ClusterRun {
 }
 
 impl ClusterRun {
-    /// All clusters of the class.
+    /// All clusters of the group.
     pub fn range(&self) -> Range<u32> {
         let end = self.heights.last().map_or(0, |last| last.end);
         self.heights.first().map_or(0, |first| first.start)..end
@@ -67,6 +67,8 @@ pub struct ClusterInput<'a> {
     pub backs: f64,
     /// Triangle of each slot, sorted by class, or [`PADDING`].
     pub order: &'a [u32],
+    /// The slots with which groups begin. A group has triangles of one class; no cluster has triangles of several.
+    pub groups: &'a [u32],
     /// Slots per cluster of the lowest height.
     pub leaf: u32,
     /// Half of the near field's range, in units of the sum of characteristic areas.
@@ -100,7 +102,7 @@ impl Clusters {
         let &ClusterInput { facets, order, leaf, tolerance, .. } = input;
         let cuts = Cuts::new(input);
         let tree = Hierarchy::cut_by(facets, order, leaf as usize, tolerance, |leaves| cuts.cut(leaves));
-        let Numbered { index, parts, runs } = Numbered::new(input, &tree, &cuts.classes);
+        let Numbered { index, parts, runs } = Numbered::new(input, &tree, &cuts.groups);
         let sources = Acceptance::new(input, &tree, &index).lists()?;
         let mut receivers = None;
         if by_source {
@@ -125,7 +127,7 @@ impl Clusters {
         &self.parts
     }
 
-    /// The clusters by class, in the order of their indices.
+    /// The clusters by group, in the order of their indices.
     pub fn runs(&self) -> &[ClusterRun] {
         &self.runs
     }
@@ -176,7 +178,7 @@ pub fn share(part: &Facet, cluster: &Facet) -> f64 {
     if cluster.area > 0.0 { part.area * part.normal.dot(cluster.normal) / cluster.area } else { 0.0 }
 }
 
-/// The branches of a tree that are of one class, numbered as clusters.
+/// The branches of a tree that are of one group, numbered as clusters.
 struct Numbered {
     /// By node of the tree.
     index: Vec<Option<u32>>,
@@ -185,24 +187,23 @@ struct Numbered {
 }
 
 impl Numbered {
-    /// `classes`: of the leaves of the tree.
-    fn new(input: &ClusterInput, tree: &Hierarchy, classes: &[Class]) -> Self {
+    /// `groups`: of the leaves of the tree.
+    fn new(input: &ClusterInput, tree: &Hierarchy, groups: &[u32]) -> Self {
         let &ClusterInput { order, leaf, .. } = input;
         let nodes = tree.nodes();
         let first = order.len() as u32;
         let (mut heights, mut found) = (vec![0u32; nodes.len()], Vec::new());
-        // Leaves are sorted by class.
-        let class_of = |at: usize| {
+        let group_of = |at: usize| {
             let leaves = &nodes[at].leaves;
-            let [begin, end] = [leaves.start, leaves.end - 1].map(|leaf| classes[leaf]);
+            let [begin, end] = [leaves.start, leaves.end - 1].map(|leaf| groups[leaf]);
             (begin == end).then_some(begin)
         };
         for at in (0..nodes.len()).rev() {
             if let Some([a, b]) = tree.branches(at) {
                 heights[at] = 1 + heights[a].max(heights[b]);
             }
-            if let Some(class) = class_of(at) {
-                found.push((class, heights[at], at));
+            if let Some(group) = group_of(at) {
+                found.push((group, heights[at], at));
             }
         }
         found.sort_unstable();
@@ -210,8 +211,14 @@ impl Numbered {
         for (&(_, _, at), number) in found.iter().zip(first..) {
             index[at] = Some(number);
         }
-        let (mut parts, mut runs) = (Vec::with_capacity(found.len()), Vec::<ClusterRun>::new());
-        for (&(class, height, at), number) in found.iter().zip(first..) {
+        // A group begins with a triangle.
+        let run = |&begin: &u32| ClusterRun {
+            class: input.classes[order[begin as usize] as usize],
+            heights: Vec::new(),
+        };
+        let mut runs: Vec<ClusterRun> = input.groups.iter().map(run).collect();
+        let mut parts = Vec::with_capacity(found.len());
+        for (&(group, height, at), number) in found.iter().zip(first..) {
             parts.push(match tree.branches(at).map(|both| both.map(|b| index[b])) {
                 Some([Some(a), Some(b)]) => Parts::Clusters([a, b]),
                 _ => {
@@ -220,17 +227,13 @@ impl Numbered {
                     Parts::Triangles(leaves.start as u32 * leaf..end)
                 }
             });
-            if runs.last().is_none_or(|run| run.class != class) {
-                runs.push(ClusterRun { class, heights: Vec::new() });
+            // Heights of a group follow one another without gaps.
+            let of = &mut runs[group as usize].heights;
+            if of.len() as u32 <= height {
+                of.push(number..number);
             }
-            if let Some(run) = runs.last_mut() {
-                // Heights of a class follow one another without gaps.
-                if run.heights.len() as u32 <= height {
-                    run.heights.push(number..number);
-                }
-                if let Some(last) = run.heights.last_mut() {
-                    last.end = number + 1;
-                }
+            if let Some(last) = of.last_mut() {
+                last.end = number + 1;
             }
         }
         Self { index, parts, runs }

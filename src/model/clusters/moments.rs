@@ -1,7 +1,6 @@
 //! Sums over the triangles of a cluster, and where the tree is cut.
 
 use super::ClusterInput;
-use crate::model::class::Class;
 use crate::model::facet::{Facet, orthonormal_basis};
 use crate::model::facet_gradient::FacetGradient;
 use crate::model::order::PADDING;
@@ -152,10 +151,11 @@ struct Before {
     squares: f64,
 }
 
-/// Cuts runs of leaves where positions and normals then vary least in both branches, classes first.
+/// Cuts runs of leaves where positions and normals then vary least in both branches, groups first.
 pub struct Cuts {
     before: Vec<Before>,
-    pub classes: Vec<Class>,
+    /// The group of each leaf.
+    pub groups: Vec<u32>,
 }
 
 /// Smallest share of its leaves in a branch, which bounds the height of the tree.
@@ -164,12 +164,11 @@ const LEAST_SHARE: usize = 8;
 impl Cuts {
     pub fn new(input: &ClusterInput) -> Self {
         let mut sum = Before { count: 0.0, position: DVec3::ZERO, normal: DVec3::ZERO, squares: 0.0 };
-        let (mut before, mut classes) = (Vec::new(), Vec::new());
-        for slots in input.order.chunks(input.leaf as usize) {
+        let (mut before, mut groups) = (Vec::new(), Vec::new());
+        for (first, slots) in (0..).step_by(input.leaf as usize).zip(input.order.chunks(input.leaf as usize))
+        {
             before.push(Before { ..sum });
-            // Leaves of padding alone are of the class before.
-            let last = classes.last().copied().unwrap_or_default();
-            classes.push(input.classes.get(slots[0] as usize).copied().unwrap_or(last));
+            groups.push(input.groups.partition_point(|&begin| begin <= first) as u32 - 1);
             for &i in slots.iter().filter(|&&i| i != PADDING) {
                 let Facet { centroid, normal, .. } = input.facets[i as usize];
                 sum.count += 1.0;
@@ -179,7 +178,7 @@ impl Cuts {
             }
         }
         before.push(sum);
-        Self { before, classes }
+        Self { before, groups }
     }
 
     /// Sum of squared distances from the mean.
@@ -192,8 +191,8 @@ impl Cuts {
     }
 
     pub fn cut(&self, leaves: &Range<usize>) -> usize {
-        let class = self.classes[leaves.start];
-        let other = |at: &usize| self.classes[*at] != class;
+        let group = self.groups[leaves.start];
+        let other = |at: &usize| self.groups[*at] != group;
         if let Some(at) = Some(leaves.end - 1).filter(other).and_then(|_| leaves.clone().find(other)) {
             return at;
         }

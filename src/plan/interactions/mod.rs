@@ -67,12 +67,14 @@ impl Interactions {
         (brightness, backs, bin): (&[f64], f64, f64),
     ) -> Result<Self, PlanError> {
         let tolerance = coplanar_tolerance(facets);
+        let groups: Vec<u32> = layout.groups.iter().map(|group| group.tiles.start * layout.tile).collect();
         let input = ClusterInput {
             facets,
             classes,
             brightness,
             backs,
             order: &layout.order,
+            groups: &groups,
             leaf,
             half_range,
             tolerance,
