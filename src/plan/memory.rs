@@ -106,28 +106,16 @@ impl MemoryPlan {
     fn add_clusters(&mut self, plan: &Plan, clusters: &Clusters) {
         self.add("cluster sources", listed(plan, clusters.sources().words()), 1);
         self.add("cluster parts", u64::from(clusters.count()) * CLUSTER_PARTS, 1);
-        for run in clusters.runs() {
-            let bytes = run.range().len() as u64 * plan.bin_bytes();
-            if run.class.blocker {
-                self.add("cluster antiradiance", bytes, 1);
-            }
-            if run.class.glossy {
-                self.add("cluster specular", bytes, 1);
-            }
-        }
+        self.add_if_any("cluster antiradiance", plan.cluster_page_bytes(clusters, |class| class.blocker));
+        self.add_if_any("cluster specular", plan.cluster_page_bytes(clusters, |class| class.glossy));
     }
 
     fn add_cluster_cotangents(&mut self, plan: &Plan, clusters: &Clusters) {
         let lists = clusters.receivers().map_or(0, |lists| listed(plan, lists.words()));
         self.add("cluster receivers", lists, 1);
         self.add("cotangent: clusters", 4 * u64::from(clusters.count()) * plan.rgb_bytes(), 1);
-        for run in clusters.runs() {
-            let bytes = run.range().len() as u64 * plan.bin_bytes();
-            let sets = u32::from(run.class.blocker) + u32::from(run.class.glossy);
-            if sets > 0 {
-                self.add("cotangent: cluster bins", bytes, sets);
-            }
-        }
+        self.add_if_any("cotangent: cluster bins", plan.cluster_page_bytes(clusters, |class| class.blocker));
+        self.add_if_any("cotangent: cluster bins", plan.cluster_page_bytes(clusters, |class| class.glossy));
     }
 
     /// Vectors of the solver, or the windows on them, and the specular radiance.
@@ -195,6 +183,12 @@ impl MemoryPlan {
         }
         if request.lobes() && plan.classes.iter().any(|class| class.glossy) {
             self.add("lobe sums", 2 * rgb, 1);
+        }
+    }
+
+    fn add_if_any(&mut self, label: &str, bytes: u64) {
+        if bytes > 0 {
+            self.add(label, bytes, 1);
         }
     }
 

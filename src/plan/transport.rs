@@ -95,7 +95,7 @@ impl Plan {
         let uneven = brightness.iter().any(|&bright| bright > 1.0);
         let each = if uneven { UNEVEN * error } else { error };
         let each = if self.options.gradients.geometry() { OF_VERTICES * each } else { each };
-        let limits = (self.leaf(), each);
+        let limits = (LEAF, each);
         let backs = brightness.iter().fold(BACKS, |most, &bright| most.max(NARROW * bright));
         let lit = (&brightness[..], backs, bin);
         self.interactions =
@@ -117,16 +117,6 @@ impl Plan {
         self.residency = Residency::Device;
         self.layout.cut(page_tiles(&self.options, self.tile_bytes()));
         Ok(Err(why))
-    }
-
-    /// Triangles of the smallest clusters.
-    fn leaf(&self) -> u32 {
-        let slots = |has_bins: bool| {
-            let groups = self.layout.groups.iter().filter(|group| group.class.has_bins() == has_bins);
-            groups.map(|group| self.layout.slots_of(&group.tiles).len() as u64).sum::<u64>()
-        };
-        // Where most triangles have bins, those of clusters would take a fifth of the memory.
-        if slots(true) > slots(false) && !self.options.pairs_on_host { 2 * LEAF } else { LEAF }
     }
 
     /// Brightness of the fronts, relative to the mean: 1, and more where light is emitted into U.

@@ -2,6 +2,7 @@
 //! light (importance) and μ the cotangent of outgoing light. A state of the adjoint holds the cotangents of
 //! irradiance and, per bin, of H(b).
 
+use super::clusters::Sources;
 use super::clusters_adjoint::ClusterCotangents;
 use super::completion::Values;
 use super::exchange_adjoint::ExchangeAdjoint;
@@ -9,7 +10,7 @@ use super::exchange_derivative::ExchangeDerivative;
 use super::observation_adjoint::ObservationAdjoint;
 use super::reflection_adjoint::ReflectionAdjoint;
 use super::scene_buffers::list;
-use super::state::{State, StateBuffers, page, pages};
+use super::state::{State, StateBuffers, page, page_of, pages};
 use super::watch::TransportError;
 use super::{Context, Operators, real};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
@@ -238,12 +239,22 @@ impl<'a> AdjointOperator<'a> {
         batch.submit()?;
         if let Some(movable) = movable {
             derivative.run(context, buffers, [x, cotangent], gradients, movable, monitor)?;
-            if let (Some(of_clusters), Some(light)) = (&buffers.clusters, &forward.clusters) {
-                let cotangent = cotangent.resident()?;
-                let sources = light.gather(context, Some(x))?;
-                derivative.listed(context, buffers, &sources, cotangent, gradients, monitor)?;
-                exchange.clusters(context, buffers, cotangent, monitor)?;
-                of_clusters.shares(context, &sources, gradients)?;
+            if let (Some(cotangents), Some(light)) = (&buffers.clusters, &forward.clusters) {
+                let (x, cotangent) = (x.resident()?, cotangent.resident()?);
+                for (g, group) in context.plan.layout.groups.iter().enumerate() {
+                    let none = &context.scene.no_bins;
+                    let triangles = Sources {
+                        class: group.class,
+                        indices: context.plan.layout.slots_of(&group.tiles),
+                        antiradiance: page_of(&x.bins, g, group.class.has_bins(), none)?,
+                        specular: page_of(&context.outgoing.specular, g, group.class.glossy, none)?,
+                    };
+                    let of_clusters = light.gather(context, g, &triangles, true)?;
+                    let sources = [&triangles, &of_clusters];
+                    derivative.listed(context, buffers, (g, sources), cotangent, gradients, monitor)?;
+                    exchange.clusters(context, buffers, g, cotangent, monitor)?;
+                    cotangents.shares(context, g, sources, gradients)?;
+                }
             }
             let bytes = 16 * precision.bytes();
             context.complete_slots(gradients, bytes)?;

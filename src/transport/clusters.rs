@@ -1,7 +1,5 @@
-//! The light of clusters, gathered from their parts, height by height.
+//! The light of clusters, gathered from their parts, group by group, and height by height.
 
-use super::residency::Part;
-use super::state::State;
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
@@ -54,16 +52,13 @@ pub struct Sources<'a> {
     pub specular: BufferSlice<'a>,
 }
 
-/// The bins of the clusters of one group.
-struct RunBins {
-    antiradiance: Option<Buffer>,
-    specular: Option<Buffer>,
-}
-
+/// The light of the clusters of one group at a time.
 pub struct ClusterLight {
     gather: Pipeline,
     gather_bins: Pipeline,
-    bins: Vec<RunBins>,
+    /// Bins of the clusters of the group that has most of them.
+    antiradiance: Option<Buffer>,
+    specular: Option<Buffer>,
 }
 
 impl ClusterLight {
@@ -74,69 +69,48 @@ impl ClusterLight {
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
         let (push, bins_push) = (size_of::<GatherPush>() as u32, size_of::<GatherBinsPush>() as u32);
         let (gather, gather_bins) = (shaders::GATHER.of(precision), shaders::GATHER_BINS.of(precision));
-        let run_bins = |run: &ClusterRun| {
-            let bytes = run.range().len() as u64 * plan.bin_bytes();
-            let buffer = |label: &str| Buffer::new(device, label, bytes, BufferKind::Storage);
-            Ok(RunBins {
-                antiradiance: run.class.blocker.then(|| buffer("cluster antiradiance")).transpose()?,
-                specular: run.class.glossy.then(|| buffer("cluster specular")).transpose()?,
-            })
-        };
         Ok(Some(Self {
             gather: Pipeline::new(device, gather, 3, push, &[(0, WORKGROUP)], None)?,
             gather_bins: Pipeline::new(device, gather_bins, 4, bins_push, &constants, None)?,
-            bins: clusters.runs().iter().map(run_bins).collect::<Result<_, GpuError>>()?,
+            antiradiance: page(device, plan, clusters, "cluster antiradiance", |class| class.blocker)?,
+            specular: page(device, plan, clusters, "cluster specular", |class| class.glossy)?,
         }))
     }
 
-    /// Computes the light of all clusters from that of triangles, and lists all sources: triangles and clusters.
+    /// Computes the light of the clusters of a group from that of its triangles; with `backs`, of their backs, too. It replaces that of the
+    /// group before.
     pub fn gather<'a>(
         &'a self,
         context: &'a Context,
-        x: Option<&'a State>,
-    ) -> Result<Vec<Sources<'a>>, TransportError> {
-        let Context { device, plan, scene, outgoing } = context;
-        let Some(clusters) = plan.clusters() else { return Err(TransportError::missing("clusters")) };
-        let none = scene.no_bins.whole();
-        let mut sources = Vec::new();
-        for (g, group) in plan.layout.groups.iter().enumerate() {
-            let light = x.zip(Part::of_group(plan, g, group).filter(|_| group.class.blocker));
-            let light = light.map(|(x, part)| x.show(device, &part)).transpose()?;
-            sources.push(Sources {
-                class: group.class,
-                indices: plan.layout.slots_of(&group.tiles),
-                antiradiance: light.map_or(none, |view| view.slice()),
-                specular: if group.class.glossy { outgoing.specular_of(g)?.whole() } else { none },
-            });
-        }
-        let mut batch = device.batch()?;
-        for (g, (run, bins)) in clusters.runs().iter().zip(&self.bins).enumerate() {
-            for (height, of) in run.heights.iter().enumerate() {
-                self.gather_radiance(context, clusters, of, height == 0, &mut batch)?;
+        group: usize,
+        triangles: &Sources<'a>,
+        backs: bool,
+    ) -> Result<Sources<'a>, TransportError> {
+        let (clusters, run) = clusters_of(&context.plan, group)?;
+        let none = context.scene.no_bins.whole();
+        let of_class = |wanted: bool, page: &'a Option<Buffer>| match (wanted, page) {
+            (false, _) => Ok(None),
+            (true, Some(page)) => Ok(Some(page.whole())),
+            (true, None) => Err(TransportError::missing("bins of clusters")),
+        };
+        let antiradiance = of_class(run.class.blocker && backs, &self.antiradiance)?;
+        let specular = of_class(run.class.glossy, &self.specular)?;
+        let mut batch = context.device.batch()?;
+        for (height, of) in run.heights.iter().enumerate() {
+            self.gather_radiance(context, clusters, of, height == 0, &mut batch)?;
+            for (to, from) in [(antiradiance, triangles.antiradiance), (specular, triangles.specular)] {
+                let Some(to) = to else { continue };
+                let from = (height == 0).then_some((from, triangles.indices.start));
+                self.gather_bins(context, clusters, of, from, (to, run.range().start), &mut batch)?;
             }
-            let antiradiance = bins.antiradiance.as_ref().filter(|_| x.is_some());
-            let read = [
-                (antiradiance, (|from: &Sources<'a>| from.antiradiance) as fn(&Sources<'a>) -> _),
-                (bins.specular.as_ref(), |from: &Sources<'a>| from.specular),
-            ];
-            for (to, of_triangles) in read {
-                let Some(to) = to.map(Buffer::whole) else { continue };
-                let first = run.range().start;
-                for (height, of) in run.heights.iter().enumerate() {
-                    let triangles = (of_triangles(&sources[g]), sources[g].indices.start);
-                    let from = (height == 0).then_some(triangles);
-                    self.gather_bins(context, clusters, of, from, (to, first), &mut batch)?;
-                }
-            }
-            sources.push(Sources {
-                class: run.class,
-                indices: run.range(),
-                antiradiance: antiradiance.map_or(none, Buffer::whole),
-                specular: bins.specular.as_ref().map_or(none, Buffer::whole),
-            });
         }
         batch.submit()?;
-        Ok(sources)
+        Ok(Sources {
+            class: run.class,
+            indices: run.range(),
+            antiradiance: antiradiance.unwrap_or(none),
+            specular: specular.unwrap_or(none),
+        })
     }
 
     fn gather_radiance<'a>(
@@ -187,4 +161,22 @@ impl ClusterLight {
         }
         Ok(())
     }
+}
+
+/// The clusters of the scene, and of one group.
+pub(super) fn clusters_of(plan: &Plan, group: usize) -> Result<(&Clusters, &ClusterRun), TransportError> {
+    let of = plan.clusters().and_then(|clusters| Some((clusters, clusters.runs().get(group)?)));
+    of.ok_or_else(|| TransportError::missing("clusters"))
+}
+
+/// Room for the bins of the clusters of any group of some classes. `None` where there is none.
+pub(super) fn page(
+    device: &Device,
+    plan: &Plan,
+    clusters: &Clusters,
+    label: &str,
+    wanted: fn(&Class) -> bool,
+) -> Result<Option<Buffer>, GpuError> {
+    let bytes = plan.cluster_page_bytes(clusters, wanted);
+    (bytes > 0).then(|| Buffer::new(device, label, bytes, BufferKind::Storage)).transpose()
 }

@@ -1,6 +1,6 @@
 //! The cotangents of the light of clusters, passed on to their parts, height by height.
 
-use super::clusters::{GatherBinsPush, GatherPush, MOST_GROUPS, Sources};
+use super::clusters::{GatherBinsPush, GatherPush, MOST_GROUPS, Sources, clusters_of, page};
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
@@ -30,16 +30,7 @@ pub struct SharesPush {
     pub cotangent_moments: u32,
 }
 
-/// The cotangents of the bins of the clusters of one group.
-pub struct RunCotangents {
-    pub class: Class,
-    pub indices: Range<u32>,
-    /// Of H(b) behind the antiradiance, as in a state of the adjoint.
-    pub antiradiance: Option<Buffer>,
-    pub specular: Option<Buffer>,
-    heights: Vec<Range<u32>>,
-}
-
+/// The cotangents of the light of clusters; of that of bins, of one group at a time.
 pub struct ClusterCotangents {
     scatter: Pipeline,
     scatter_bins: Pipeline,
@@ -47,7 +38,9 @@ pub struct ClusterCotangents {
     shares: Option<[Pipeline; 4]>,
     /// Of diffuse radiance, vec4 per cluster; then of its first moments, three per cluster.
     pub radiance: Buffer,
-    pub runs: Vec<RunCotangents>,
+    /// Of H(b) behind the antiradiance, as in a state of the adjoint, for the group that has most clusters.
+    antiradiance: Option<Buffer>,
+    specular: Option<Buffer>,
 }
 
 impl ClusterCotangents {
@@ -55,18 +48,6 @@ impl ClusterCotangents {
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
         let Some(clusters) = plan.clusters() else { return Ok(None) };
         let precision = plan.settings.precision;
-        let buffer = |label: &str, bytes: u64| Buffer::new(device, label, bytes, BufferKind::Storage);
-        let mut runs = Vec::new();
-        for run in clusters.runs() {
-            let bins = || buffer("cotangent: cluster bins", run.range().len() as u64 * plan.bin_bytes());
-            runs.push(RunCotangents {
-                class: run.class,
-                indices: run.range(),
-                antiradiance: run.class.blocker.then(bins).transpose()?,
-                specular: run.class.glossy.then(bins).transpose()?,
-                heights: run.heights.clone(),
-            });
-        }
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
         let (push, bins_push) = (size_of::<GatherPush>() as u32, size_of::<GatherBinsPush>() as u32);
         let (scatter, scatter_bins) = (shaders::SCATTER.of(precision), shaders::SCATTER_BINS.of(precision));
@@ -77,37 +58,51 @@ impl ClusterCotangents {
         };
         let shares =
             || Ok::<_, GpuError>([of_class(0, 0)?, of_class(1, 0)?, of_class(0, 1)?, of_class(1, 1)?]);
+        let radiance = 4 * u64::from(clusters.count()) * plan.rgb_bytes();
+        let bins = |wanted| page(device, plan, clusters, "cotangent: cluster bins", wanted);
         Ok(Some(Self {
             shares: plan.options.gradients.geometry().then(shares).transpose()?,
             scatter: Pipeline::new(device, scatter, 4, push, &[(0, WORKGROUP)], None)?,
             scatter_bins: Pipeline::new(device, scatter_bins, 4, bins_push, &constants, None)?,
-            radiance: buffer("cotangent: clusters", 4 * u64::from(clusters.count()) * plan.rgb_bytes())?,
-            runs,
+            radiance: Buffer::new(device, "cotangent: clusters", radiance, BufferKind::Storage)?,
+            antiradiance: bins(|class| class.blocker)?,
+            specular: bins(|class| class.glossy)?,
         }))
     }
 
-    /// Sets all to zero.
-    pub fn clear(&self, device: &Device) -> Result<(), GpuError> {
-        let bins = self.runs.iter().flat_map(|run| [&run.antiradiance, &run.specular]).flatten();
+    /// Those of the antiradiance and of the specular radiance of a class.
+    pub fn bins(&self, class: Class) -> [Option<&Buffer>; 2] {
+        [
+            self.antiradiance.as_ref().filter(|_| class.blocker),
+            self.specular.as_ref().filter(|_| class.glossy),
+        ]
+    }
+
+    /// Sets those of the light of a group to zero.
+    pub fn clear(&self, context: &Context, group: usize) -> Result<(), TransportError> {
+        let Context { device, plan, .. } = context;
+        let (clusters, run) = clusters_of(plan, group)?;
+        let (first, count) = (u64::from(run.range().start - clusters.first()), run.range().len() as u64);
+        let (all, rgb) = (u64::from(clusters.count()), plan.rgb_bytes());
         let mut batch = device.batch()?;
-        for buffer in bins.chain([&self.radiance]) {
-            batch.fill(buffer, 0, buffer.bytes(), 0)?;
+        batch.fill(&self.radiance, first * rgb, count * rgb, 0)?;
+        batch.fill(&self.radiance, (all + 3 * first) * rgb, 3 * count * rgb, 0)?;
+        for bins in self.bins(run.class).into_iter().flatten() {
+            batch.fill(bins, 0, count * plan.bin_bytes(), 0)?;
         }
         batch.submit()?;
         Ok(())
     }
 
-    /// Adds to the cotangents of clusters those that come through the clusters they are part of.
-    pub fn within<'a>(&'a self, context: &'a Context) -> Result<(), TransportError> {
-        let Some(clusters) = context.plan.clusters() else { return Ok(()) };
+    /// Adds to the cotangents of the clusters of a group those that come through the clusters they are part of.
+    pub fn within<'a>(&'a self, context: &'a Context, group: usize) -> Result<(), TransportError> {
+        let (clusters, run) = clusters_of(&context.plan, group)?;
         let mut batch = context.device.batch()?;
-        for run in &self.runs {
-            for of in run.heights.iter().skip(1).rev() {
-                self.scatter_radiance(context, clusters, of, false, &mut batch)?;
-                for bins in [&run.antiradiance, &run.specular].into_iter().flatten() {
-                    let own = (bins.whole(), run.indices.start);
-                    self.scatter_bins(context, clusters, of, own, None, &mut batch)?;
-                }
+        for of in run.heights.iter().skip(1).rev() {
+            self.scatter_radiance(context, clusters, of, false, &mut batch)?;
+            for bins in self.bins(run.class).into_iter().flatten() {
+                let own = (bins.whole(), run.range().start);
+                self.scatter_bins(context, clusters, of, own, None, &mut batch)?;
             }
         }
         batch.submit()?;
@@ -115,76 +110,70 @@ impl ClusterCotangents {
     }
 
     /// Sets the derivative by the share of each part in the light of its cluster, in `gradients`, and adds that by the centroids between
-    /// which the first moment is taken; `sources` is the current light.
+    /// which the first moment is taken, for the clusters of a group; `triangles` and `own` are the current light of both.
     pub fn shares(
         &self,
         context: &Context,
-        sources: &[Sources],
+        group: usize,
+        [triangles, own]: [&Sources; 2],
         gradients: &Buffer,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, outgoing } = context;
         let Some(shares) = &self.shares else { return Err(TransportError::missing("shares of clusters")) };
-        let first = plan.layout.slots();
-        let none = scene.no_bins.whole();
-        let (triangles, of_clusters) = sources.split_at(plan.layout.groups.len());
+        let (clusters, run) = clusters_of(plan, group)?;
+        let first = clusters.first();
+        let kernel = &shares[usize::from(run.class.blocker) + 2 * usize::from(run.class.glossy)];
+        let [back, front] = self.bins(run.class).map(|bins| bins.unwrap_or(&scene.no_bins).whole());
         let mut batch = device.batch()?;
-        for ((run, own), triangles) in self.runs.iter().zip(of_clusters).zip(triangles) {
-            let kernel = &shares[usize::from(run.class.blocker) + 2 * usize::from(run.class.glossy)];
-            for (height, of) in run.heights.iter().enumerate() {
-                let from = if height == 0 { triangles } else { own };
-                let buffers = [
-                    scene.cluster_parts()?.whole(),
-                    outgoing.radiance.whole(),
-                    self.radiance.whole(),
-                    from.antiradiance,
-                    from.specular,
-                    run.antiradiance.as_ref().map_or(none, Buffer::whole),
-                    run.specular.as_ref().map_or(none, Buffer::whole),
-                    scene.bin_table.whole(),
-                    gradients.whole(),
-                    scene.facets.whole(),
-                ];
-                for begin in of.clone().step_by(MOST_GROUPS) {
-                    let push = SharesPush {
-                        begin,
-                        clusters: first,
-                        triangles: u32::from(height == 0),
-                        from_page: from.indices.start,
-                        to_page: run.indices.start,
-                        moments: plan.sources(),
-                        cotangent_moments: plan.sources() - first,
-                    };
-                    let groups = [(of.end - begin).min(MOST_GROUPS as u32), 1, 1];
-                    batch.dispatch(kernel, "all", &buffers, bytes_of(&push), groups)?;
-                }
+        for (height, of) in run.heights.iter().enumerate() {
+            let from = if height == 0 { triangles } else { own };
+            let buffers = [
+                scene.cluster_parts()?.whole(),
+                outgoing.radiance.whole(),
+                self.radiance.whole(),
+                from.antiradiance,
+                from.specular,
+                back,
+                front,
+                scene.bin_table.whole(),
+                gradients.whole(),
+                scene.facets.whole(),
+            ];
+            for begin in of.clone().step_by(MOST_GROUPS) {
+                let push = SharesPush {
+                    begin,
+                    clusters: first,
+                    triangles: u32::from(height == 0),
+                    from_page: from.indices.start,
+                    to_page: run.range().start,
+                    moments: plan.sources(),
+                    cotangent_moments: plan.sources() - first,
+                };
+                let groups = [(of.end - begin).min(MOST_GROUPS as u32), 1, 1];
+                batch.dispatch(kernel, "all", &buffers, bytes_of(&push), groups)?;
             }
         }
         batch.submit()?;
         Ok(())
     }
 
-    /// Adds those of clusters of triangles to those of the triangles; `back` and `front` are the bins of a group.
+    /// Adds those of clusters of triangles to those of the triangles, of one group; `back` and `front` are the bins of the latter.
     pub fn to_triangles<'a>(
         &'a self,
         context: &'a Context,
-        back: impl Fn(usize) -> Result<BufferSlice<'a>, TransportError>,
-        front: impl Fn(usize) -> Result<BufferSlice<'a>, TransportError>,
+        group: usize,
+        [back, front]: [BufferSlice<'a>; 2],
     ) -> Result<(), TransportError> {
-        let Some(clusters) = context.plan.clusters() else { return Ok(()) };
-        let mut batch = context.device.batch()?;
+        let (clusters, run) = clusters_of(&context.plan, group)?;
+        let Some(of) = run.heights.first() else { return Ok(()) };
         let layout = &context.plan.layout;
-        for (g, (run, group)) in self.runs.iter().zip(&layout.groups).enumerate() {
-            let Some(of) = run.heights.first() else { continue };
-            self.scatter_radiance(context, clusters, of, true, &mut batch)?;
-            let page = layout.slots_of(&group.tiles).start;
-            if let Some(bins) = &run.antiradiance {
-                let (own, to) = ((bins.whole(), run.indices.start), Some((back(g)?, page)));
-                self.scatter_bins(context, clusters, of, own, to, &mut batch)?;
-            }
-            if let Some(bins) = &run.specular {
-                let (own, to) = ((bins.whole(), run.indices.start), Some((front(g)?, page)));
-                self.scatter_bins(context, clusters, of, own, to, &mut batch)?;
-            }
+        let page = layout.slots_of(&layout.groups[group].tiles).start;
+        let mut batch = context.device.batch()?;
+        self.scatter_radiance(context, clusters, of, true, &mut batch)?;
+        for (bins, to) in self.bins(run.class).into_iter().zip([back, front]) {
+            let Some(bins) = bins else { continue };
+            let own = (bins.whole(), run.range().start);
+            self.scatter_bins(context, clusters, of, own, Some((to, page)), &mut batch)?;
         }
         batch.submit()?;
         Ok(())

@@ -1,6 +1,6 @@
 //! U: light from every triangle to every other.
 
-use super::clusters::ClusterLight;
+use super::clusters::{ClusterLight, Sources as ClusterSources};
 use super::half_bins::HalfBins;
 use super::near_matrix::NearMatrix;
 use super::on_host::far::{BLOCK, Received, Sources};
@@ -11,7 +11,7 @@ use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, bin_constants};
 use crate::gpu::{Bindings, BufferSlice, Device, GpuError};
-use crate::model::{Class, Clusters};
+use crate::model::Class;
 use crate::plan::{Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 use rayon::prelude::*;
@@ -162,10 +162,10 @@ impl Exchange {
                 let light = light.map(|(x, part)| x.show(device, &part)).transpose()?;
                 let specular = reflection.specular_under(context, piece, light.as_ref(), monitor)?;
                 let antiradiance = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
+                let slots = plan.layout.slots_of(&from.tiles);
                 for (to, incident) in &lit {
                     let shape = Shape::new(from.class, to.class);
                     let sweep = sweep_of(&mut self.sweeps, shape)?;
-                    let slots = plan.layout.slots_of(&from.tiles);
                     let received = Received::new(
                         context,
                         (shape, passing),
@@ -191,7 +191,17 @@ impl Exchange {
                     let between = Between::receivers(plan, to, from, incident.first_slot);
                     sweep.near(context, &between, &near, backs, monitor)?;
                 }
-                if self.clusters.is_some() {
+                if let Some(clusters) = &self.clusters {
+                    let triangles =
+                        ClusterSources { class: from.class, indices: slots, antiradiance, specular };
+                    let of_clusters = clusters.gather(context, piece.group, &triangles, backs)?;
+                    for sources in [triangles, of_clusters] {
+                        for (to, incident) in &lit {
+                            let sweep = sweep_of(&mut self.sweeps, Shape::new(from.class, to.class))?;
+                            let light = (irradiance.slice(), incident);
+                            add_listed(context, sweep, &sources, to, light, passing, monitor)?;
+                        }
+                    }
                     continue;
                 }
                 // Half bins are valid for the sources of one dispatch.
@@ -237,7 +247,6 @@ impl Exchange {
                     }
                 }
             }
-            self.add_clusters(context, x, &receivers, irradiance.slice(), passing, monitor)?;
             self.add_near_matrix(context, x, y, monitor)?;
             for (_, incident) in receivers {
                 incident.store(device)?;
@@ -269,61 +278,53 @@ impl Exchange {
         };
         matrix.run(device, incident, sent, x.is_some(), monitor)
     }
+}
 
-    /// Adds what far clusters and triangles send, where clusters stand for triangles; states are on the device then, and
-    /// what triangles send is known.
-    fn add_clusters(
-        &mut self,
-        context: &Context,
-        x: Option<&State>,
-        receivers: &[(Group, View)],
-        irradiance: BufferSlice,
-        passing: u32,
-        monitor: &mut PassMonitor,
-    ) -> Result<(), TransportError> {
-        let Context { device, plan, scene, outgoing } = context;
-        let Some(clusters) = &self.clusters else { return Ok(()) };
-        for sources in clusters.gather(context, x)? {
-            for (to, incident) in receivers {
-                let shape = Shape::new(sources.class, to.class);
-                let sweep = sweep_of(&mut self.sweeps, shape)?;
-                let (facets, lists) = (scene.facets.whole(), scene.far_sources.whole());
-                let radiance = outgoing.radiance.whole();
-                let indices = sources.indices.clone();
-                let first = plan.clusters().map_or(u32::MAX, Clusters::first);
-                let of_clusters = (indices.start >= first).then(|| [first, plan.sources()]);
-                if let Some(clusters) = plan.clusters() {
-                    let lists = clusters.sources();
-                    let received = Received::new(
-                        context,
-                        (shape, passing),
-                        Sources::Listed { lists, indices, clusters: of_clusters },
-                        ([sources.antiradiance, sources.specular], sources.indices.start),
-                        (irradiance, incident),
-                    );
-                    if received.run(sweep, device, plan, blocks(plan, to), monitor)? {
-                        continue;
-                    }
-                }
-                let with_bins = [
-                    facets,
-                    lists,
-                    irradiance,
-                    sources.antiradiance,
-                    sources.specular,
-                    incident.slice(),
-                    scene.bin_table.whole(),
-                    radiance,
-                ];
-                let without = [facets, lists, irradiance, radiance];
-                let buffers = if shape.any_bins() { &with_bins[..] } else { &without[..] };
-                let targets = (&plan.layout.slots_of(&to.tiles), incident.first_slot);
-                let partners = (&sources.indices, sources.indices.start);
-                sweep.listed(context, targets, partners, buffers, passing, monitor)?;
-            }
-        }
-        Ok(())
+/// Adds what the far triangles of a group, or its clusters, send to another, where clusters stand for triangles.
+fn add_listed(
+    context: &Context,
+    sweep: &mut Sweep,
+    from: &ClusterSources,
+    to: &Group,
+    (irradiance, incident): (BufferSlice, &View),
+    passing: u32,
+    monitor: &mut PassMonitor,
+) -> Result<(), TransportError> {
+    let Context { device, plan, scene, outgoing } = context;
+    let clusters = plan.clusters().ok_or_else(|| TransportError::missing("clusters"))?;
+    let shape = Shape::new(from.class, to.class);
+    let first = clusters.first();
+    let received = Received::new(
+        context,
+        (shape, passing),
+        Sources::Listed {
+            lists: clusters.sources(),
+            indices: from.indices.clone(),
+            clusters: (from.indices.start >= first).then(|| [first, plan.sources()]),
+        },
+        ([from.antiradiance, from.specular], from.indices.start),
+        (irradiance, incident),
+    );
+    if received.run(sweep, device, plan, blocks(plan, to), monitor)? {
+        return Ok(());
     }
+    let (facets, lists, radiance) =
+        (scene.facets.whole(), scene.far_sources.whole(), outgoing.radiance.whole());
+    let with_bins = [
+        facets,
+        lists,
+        irradiance,
+        from.antiradiance,
+        from.specular,
+        incident.slice(),
+        scene.bin_table.whole(),
+        radiance,
+    ];
+    let without = [facets, lists, irradiance, radiance];
+    let buffers = if shape.any_bins() { &with_bins[..] } else { &without[..] };
+    let targets = (&plan.layout.slots_of(&to.tiles), incident.first_slot);
+    let partners = (&from.indices, from.indices.start);
+    sweep.listed(context, targets, partners, buffers, passing, monitor)
 }
 
 /// The blocks of receivers of a group.

@@ -2,6 +2,7 @@
 
 use super::Context;
 use super::adjoint::AdjointBuffers;
+use super::clusters::clusters_of;
 use super::completion::Values;
 use super::exchange::{NEAR_TAKE, PLAIN_NEAR_TAKE, Shape, sweep_of};
 use super::near_matrix::NearMatrix;
@@ -10,7 +11,7 @@ use super::state::{State, StateBuffers, page, page_of};
 use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::sweep_receivers::FromSources;
 use super::watch::{PassMonitor, TransportError};
-use crate::gpu::{Bindings, Buffer, BufferSlice, Device, GpuError};
+use crate::gpu::{Bindings, BufferSlice, Device, GpuError};
 use crate::model::{Class, LIST};
 use crate::plan::{IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
@@ -148,60 +149,62 @@ impl ExchangeAdjoint {
             matrix.run(&context.device, incident, sent, true, monitor)?;
         }
         if let Some(clusters) = &adjoint.clusters {
-            self.clusters(context, adjoint, x, monitor)?;
             for (s, from) in plan.layout.groups.iter().enumerate() {
+                self.clusters(context, adjoint, s, x, monitor)?;
+                let back = page_of(&y.bins, s, from.class.has_bins(), none)?;
+                let front = page_of(&outgoing.specular, s, from.class.glossy, none)?;
                 let page = Cotangents {
                     class: from.class,
                     sources: plan.layout.slots_of(&plan.own(s).tiles),
                     bins_page: plan.layout.slots_of(&from.tiles).start,
                     radiance: (outgoing.radiance.whole(), 0),
-                    back: page_of(&y.bins, s, from.class.has_bins(), none)?,
-                    front: page_of(&outgoing.specular, s, from.class.glossy, none)?,
+                    back,
+                    front,
                 };
                 self.received(context, adjoint, x, &page, monitor)?;
+                clusters.to_triangles(context, s, [back, front])?;
             }
-            let back = |g: usize| page_of(&y.bins, g, true, none);
-            let front = |g: usize| page_of(&outgoing.specular, g, true, none);
-            clusters.to_triangles(context, back, front)?;
         }
         context.complete_slots(&outgoing.radiance, plan.rgb_bytes())?;
         context.complete_pages(&outgoing.specular, |group| group.class.glossy)?;
         context.complete_pages(&y.bins, |group| group.class.has_bins())
     }
 
-    /// The cotangents of the light of clusters, whole: with what comes through the clusters they are part of.
+    /// The cotangents of the light of the clusters of a group, whole: with what comes through the clusters they are part of.
     pub fn clusters(
         &mut self,
         context: &Context,
         adjoint: &AdjointBuffers,
+        group: usize,
         x: &StateBuffers,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Some(clusters) = &adjoint.clusters else { return Ok(()) };
-        let none = context.scene.no_bins.whole();
-        clusters.clear(&context.device)?;
-        let first = context.plan.layout.slots();
-        for (r, run) in clusters.runs.iter().enumerate() {
-            let page = Cotangents {
-                class: run.class,
-                sources: context.plan.own_clusters(r),
-                bins_page: run.indices.start,
-                radiance: (clusters.radiance.whole(), first),
-                back: run.antiradiance.as_ref().map_or(none, Buffer::whole),
-                front: run.specular.as_ref().map_or(none, Buffer::whole),
-            };
-            self.received(context, adjoint, x, &page, monitor)?;
-            let (plan, shares) = (&context.plan, context.plan.clusters_by_rank(r));
-            let rgb = plan.rgb_bytes();
-            let moments = Values { offset: u64::from(plan.sources() - first) * rgb, first, bytes: 3 * rgb };
-            context.complete(&clusters.radiance, Values { offset: 0, first, bytes: rgb }, shares)?;
-            context.complete(&clusters.radiance, moments, shares)?;
-            for bins in [&run.antiradiance, &run.specular].into_iter().flatten() {
-                let values = Values { offset: 0, first: run.indices.start, bytes: plan.bin_bytes() };
-                context.complete(bins, values, shares)?;
-            }
+        let Context { plan, scene, .. } = context;
+        let (all, run) = clusters_of(plan, group)?;
+        let bins = clusters.bins(run.class);
+        let [back, front] = bins.map(|bins| bins.unwrap_or(&scene.no_bins).whole());
+        clusters.clear(context, group)?;
+        let first = all.first();
+        let page = Cotangents {
+            class: run.class,
+            sources: plan.own_clusters(group),
+            bins_page: run.range().start,
+            radiance: (clusters.radiance.whole(), first),
+            back,
+            front,
+        };
+        self.received(context, adjoint, x, &page, monitor)?;
+        let shares = plan.clusters_by_rank(group);
+        let rgb = plan.rgb_bytes();
+        let moments = Values { offset: u64::from(plan.sources() - first) * rgb, first, bytes: 3 * rgb };
+        context.complete(&clusters.radiance, Values { offset: 0, first, bytes: rgb }, shares)?;
+        context.complete(&clusters.radiance, moments, shares)?;
+        for bins in bins.into_iter().flatten() {
+            let values = Values { offset: 0, first: run.range().start, bytes: plan.bin_bytes() };
+            context.complete(bins, values, shares)?;
         }
-        clusters.within(context)
+        clusters.within(context, group)
     }
 
     /// Adds what the light of far sources matters to all receivers.

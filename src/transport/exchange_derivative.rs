@@ -170,12 +170,12 @@ impl ExchangeDerivative {
         Ok(needed.into_par_iter().try_for_each(Pipeline::compile)?)
     }
 
-    /// Adds what far sources contribute where clusters stand for triangles; `sources` are all of them.
+    /// Adds what the far triangles of a group and its clusters contribute where clusters stand for triangles; `sources` are both.
     pub fn listed(
         &mut self,
         context: &Context,
         adjoint: &AdjointBuffers,
-        sources: &[Sources],
+        (group, sources): (usize, [&Sources; 2]),
         cotangent: &StateBuffers,
         gradients: &Buffer,
         monitor: &mut PassMonitor,
@@ -183,13 +183,10 @@ impl ExchangeDerivative {
         let Context { plan, scene, outgoing, .. } = context;
         let clusters = plan.clusters().ok_or_else(|| TransportError::missing("clusters"))?;
         let lists = clusters.receivers().ok_or(TransportError::NotPlanned)?;
-        for (k, from) in sources.iter().enumerate() {
+        let own_triangles = plan.layout.slots_of(&plan.own(group).tiles);
+        for (from, own) in sources.into_iter().zip([own_triangles, plan.own_clusters(group)]) {
             let moments =
                 (from.indices.start >= clusters.first()).then(|| [clusters.first(), plan.sources()]);
-            let own = match k.checked_sub(plan.layout.groups.len()) {
-                None => plan.layout.slots_of(&plan.own(k).tiles),
-                Some(run) => plan.own_clusters(run),
-            };
             for (t, receivers) in plan.layout.groups.iter().enumerate() {
                 let shape = Shape::new(from.class, receivers.class);
                 let slots = plan.layout.slots_of(&receivers.tiles);
