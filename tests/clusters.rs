@@ -269,3 +269,31 @@ fn half_bins_and_clusters_go_together() {
     assert!(solution.irradiance == solve(&device, &scene, &settings).1.irradiance, "the results differ");
     finish(&device);
 }
+
+/// Where states live on the host, clusters are those of the groups that fit its windows, and results are those of such groups on the device,
+/// byte for byte, by kernels, too.
+#[test]
+fn states_on_the_host_have_clusters_too() {
+    let device = device();
+    for name in ["scenes/cornell_boxes.toml", "scenes/glossy_floor.toml"] {
+        let scene = load(name);
+        let settings = hierarchical(&scene, 0.02);
+        let exact = solve(&device, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
+        for device in [device.clone(), device.clone().kernels_only()] {
+            let options = PlanOptions::of(&device).keep_near_field(false);
+            let (engine, hosted) = solve_within(&device, &scene, &settings, &options.memory_budget(3 << 20));
+            let plan = engine.plan();
+            assert_eq!(plan.transport(), PlannedTransport::Hierarchical { error: 0.02 });
+            let Residency::Host { receivers, .. } = plan.residency() else { panic!("not on the host") };
+            assert!(plan.sweeps().len() > 1);
+            let in_pages = options.page(u64::from(receivers) * plan.tile_bytes());
+            let (engine, resident) = solve_within(&device, &scene, &settings, &in_pages);
+            assert_eq!(engine.plan().residency(), Residency::Device);
+            assert!(hosted.irradiance == resident.irradiance, "{name}: the results differ");
+            let off = relative_l2(&hosted.irradiance, &exact, &areas(&scene));
+            println!("{name}: {off:.5}");
+            assert!(off <= 0.02 && off > 0.0, "{name}: {off}");
+        }
+    }
+    finish(&device);
+}

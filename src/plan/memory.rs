@@ -106,16 +106,16 @@ impl MemoryPlan {
     fn add_clusters(&mut self, plan: &Plan, clusters: &Clusters) {
         self.add("cluster sources", listed(plan, clusters.sources().words()), 1);
         self.add("cluster parts", u64::from(clusters.count()) * CLUSTER_PARTS, 1);
-        self.add_if_any("cluster antiradiance", plan.cluster_page_bytes(clusters, |class| class.blocker));
-        self.add_if_any("cluster specular", plan.cluster_page_bytes(clusters, |class| class.glossy));
+        self.add_if_any("cluster antiradiance", plan.cluster_page_bytes(|class| class.blocker));
+        self.add_if_any("cluster specular", plan.cluster_page_bytes(|class| class.glossy));
     }
 
     fn add_cluster_cotangents(&mut self, plan: &Plan, clusters: &Clusters) {
         let lists = clusters.receivers().map_or(0, |lists| listed(plan, lists.words()));
         self.add("cluster receivers", lists, 1);
         self.add("cotangent: clusters", 4 * u64::from(clusters.count()) * plan.rgb_bytes(), 1);
-        self.add_if_any("cotangent: cluster bins", plan.cluster_page_bytes(clusters, |class| class.blocker));
-        self.add_if_any("cotangent: cluster bins", plan.cluster_page_bytes(clusters, |class| class.glossy));
+        self.add_if_any("cotangent: cluster bins", plan.cluster_page_bytes(|class| class.blocker));
+        self.add_if_any("cotangent: cluster bins", plan.cluster_page_bytes(|class| class.glossy));
     }
 
     /// Vectors of the solver, or the windows on them, and the specular radiance.

@@ -401,12 +401,6 @@ impl Plan {
         self.transport
     }
 
-    /// Bytes of the bins of the clusters of a group, the most that one of some classes has: those of one group are held at a time.
-    pub(crate) fn cluster_page_bytes(&self, clusters: &Clusters, wanted: fn(&Class) -> bool) -> u64 {
-        let runs = clusters.runs().iter().filter(|run| wanted(&run.class));
-        runs.map(|run| run.range().len() as u64).max().unwrap_or(0) * self.bin_bytes()
-    }
-
     /// Number of slots and clusters.
     pub(crate) fn sources(&self) -> u32 {
         self.layout.slots() + self.clusters().map_or(0, Clusters::count)

@@ -40,6 +40,9 @@ const MATRIX_SHARE: u64 = 4;
 /// Largest window, bytes: it is copied at once, which delays Ctrl-C.
 const MOST_WINDOW_BYTES: u64 = 512 << 20;
 
+/// With clusters, windows for receivers at most: each has its own clusters, which stand for fewer triangles the smaller it is.
+const MOST_SWEEPS: u32 = 64;
+
 impl Plan {
     /// Tiles with bins: the groups that have some are contiguous, at the end.
     pub fn tiles_with_bins(&self) -> Range<u32> {
@@ -156,6 +159,17 @@ impl Plan {
         let most = |bytes: u64| (bytes / self.tile_bytes()).clamp(1, u64::from(u32::MAX)) as u32;
         let total = (self.tiles_with_bins().len() as u32).max(1);
         let most = most(page.min(MOST_WINDOW_BYTES)).min(total);
+        if self.clusters().is_some() {
+            // Either window holds a group, beside the bins of its clusters: as many as possible.
+            for sweeps in total.div_ceil(most)..=MOST_SWEEPS {
+                let tiles = total.div_ceil(sweeps);
+                self.set_windows(tiles, tiles, least_staging + more_staging);
+                if self.memory.total() <= budget {
+                    return Ok(());
+                }
+            }
+            return Err(PlanError::OverBudget { budget, needed: self.memory.total() });
+        }
         // First the fewest sweeps that leave an eighth for sources, or the sources of a dispatch; then as many
         // sources as fit beside. The sizes are evened out, so that no window at the end is short.
         let dispatch = self.partner_tiles();

@@ -1,7 +1,7 @@
 //! Clusters or the exact sum.
 
-use super::{Interactions, Plan, PlanError, Residency, page_tiles};
-use crate::model::LIST;
+use super::{Interactions, MemoryPlan, Plan, PlanError, Residency, page_tiles};
+use crate::model::{Class, LIST};
 use crate::scene::{Scene, Transport};
 use std::f64::consts::TAU;
 use std::fmt;
@@ -50,6 +50,8 @@ impl fmt::Display for PlannedTransport {
 const WORTH: f64 = 0.4;
 /// Triangles of the smallest clusters.
 const LEAF: u32 = 4;
+/// How often clusters are planned anew for smaller windows on states.
+const REFITS: u32 = 4;
 /// Largest brightness of a source, relative to the mean.
 const BRIGHTEST: f64 = 1e4;
 /// Brightness of backs under diffuse light, relative to the mean.
@@ -88,26 +90,17 @@ impl Plan {
     /// Plans clusters, or says why they are not worth it.
     fn with_clusters(&mut self, scene: &Scene, error: f64) -> Result<Result<(), &'static str>, PlanError> {
         let brightness = self.brightness(scene);
-        let half_range = 0.5 * self.settings.near_field;
-        let bin = TAU / self.bins.count() as f64;
-        let Self { layout, facets, classes, .. } = &*self;
-        let lists = (self.options.cull, self.options.gradients.any());
         let uneven = brightness.iter().any(|&bright| bright > 1.0);
         let each = if uneven { UNEVEN * error } else { error };
         let each = if self.options.gradients.geometry() { OF_VERTICES * each } else { each };
-        let limits = (LEAF, each);
-        let backs = brightness.iter().fold(BACKS, |most, &bright| most.max(NARROW * bright));
-        let lit = (&brightness[..], backs, bin);
-        self.interactions =
-            Interactions::hierarchical(layout, facets, classes, half_range, lists, limits, lit)?;
+        self.list_clusters(&brightness, each)?;
         self.transport = PlannedTransport::Hierarchical { error };
-        let triangles = self.triangles() as f64;
-        let entries = self.clusters().map_or(0, |clusters| clusters.sources().count());
-        if entries as f64 * f64::from(LIST) > WORTH * triangles * triangles {
+        if !self.clusters_pay() {
             return Ok(Err("clusters would save too little"));
         }
-        let why = match self.choose_solver() {
-            Ok(()) if self.residency == Residency::Device => return Ok(Ok(())),
+        let chosen = self.choose_solver().and_then(|()| self.fit_clusters_to_windows(&brightness, each));
+        let why = match chosen {
+            Ok(()) if self.clusters_pay() => return Ok(Ok(())),
             Ok(()) | Err(PlanError::OverBudget { .. }) => "clusters do not fit the memory budget",
             Err(PlanError::BufferTooLarge { .. }) => {
                 "the lists of clusters do not fit a buffer of the device"
@@ -117,6 +110,54 @@ impl Plan {
         self.residency = Residency::Device;
         self.layout.cut(page_tiles(&self.options, self.tile_bytes()));
         Ok(Err(why))
+    }
+
+    /// Whether lists are short enough.
+    fn clusters_pay(&self) -> bool {
+        let triangles = self.triangles() as f64;
+        let entries = self.clusters().map_or(0, |clusters| clusters.sources().count());
+        entries as f64 * f64::from(LIST) <= WORTH * triangles * triangles
+    }
+
+    /// Clusters of the groups as they are now, and their lists; `error`: of each.
+    fn list_clusters(&mut self, brightness: &[f64], error: f64) -> Result<(), PlanError> {
+        let half_range = 0.5 * self.settings.near_field;
+        let bin = TAU / self.bins.count() as f64;
+        let lists = (self.options.cull, self.options.gradients.any());
+        let backs = brightness.iter().fold(BACKS, |most, &bright| most.max(NARROW * bright));
+        let (limits, lit) = ((LEAF, error), (brightness, backs, bin));
+        let Self { layout, facets, classes, .. } = &*self;
+        self.interactions =
+            Interactions::hierarchical(layout, facets, classes, half_range, lists, limits, lit)?;
+        Ok(())
+    }
+
+    /// Where states live on the host, those of a window are a group, so that there are other clusters, and other lists, for which windows
+    /// may have to be smaller.
+    fn fit_clusters_to_windows(&mut self, brightness: &[f64], error: f64) -> Result<(), PlanError> {
+        for _ in 0..REFITS {
+            if self.residency == Residency::Device {
+                return Ok(());
+            }
+            self.list_clusters(brightness, error)?;
+            self.memory = MemoryPlan::of(self);
+            if self.memory.total() <= self.options.memory_budget {
+                return self.memory.check_buffers(self.options.max_buffer);
+            }
+            self.stream()?;
+        }
+        Err(PlanError::OverBudget { budget: self.options.memory_budget, needed: self.memory.total() })
+    }
+
+    /// Bytes of the bins of the clusters of a group, the most that one of some classes has: those of one group are held at a time.
+    pub(crate) fn cluster_page_bytes(&self, wanted: fn(&Class) -> bool) -> u64 {
+        if self.clusters().is_none() {
+            return 0;
+        }
+        let groups = self.layout.groups.iter().filter(|group| wanted(&group.class));
+        let largest = groups.map(|group| self.layout.slots_of(&group.tiles).len() as u64).max();
+        // Every cut of a tree adds a branch.
+        largest.map_or(0, |slots| 2 * slots / u64::from(LEAF) - 1) * self.bin_bytes()
     }
 
     /// Brightness of the fronts, relative to the mean: 1, and more where light is emitted into U.

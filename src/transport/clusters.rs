@@ -64,7 +64,9 @@ pub struct ClusterLight {
 impl ClusterLight {
     /// `None` where no clusters are planned.
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
-        let Some(clusters) = plan.clusters() else { return Ok(None) };
+        if plan.clusters().is_none() {
+            return Ok(None);
+        }
         let precision = plan.settings.precision;
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
         let (push, bins_push) = (size_of::<GatherPush>() as u32, size_of::<GatherBinsPush>() as u32);
@@ -72,8 +74,8 @@ impl ClusterLight {
         Ok(Some(Self {
             gather: Pipeline::new(device, gather, 3, push, &[(0, WORKGROUP)], None)?,
             gather_bins: Pipeline::new(device, gather_bins, 4, bins_push, &constants, None)?,
-            antiradiance: page(device, plan, clusters, "cluster antiradiance", |class| class.blocker)?,
-            specular: page(device, plan, clusters, "cluster specular", |class| class.glossy)?,
+            antiradiance: page(device, plan, "cluster antiradiance", |class| class.blocker)?,
+            specular: page(device, plan, "cluster specular", |class| class.glossy)?,
         }))
     }
 
@@ -173,10 +175,9 @@ pub(super) fn clusters_of(plan: &Plan, group: usize) -> Result<(&Clusters, &Clus
 pub(super) fn page(
     device: &Device,
     plan: &Plan,
-    clusters: &Clusters,
     label: &str,
     wanted: fn(&Class) -> bool,
 ) -> Result<Option<Buffer>, GpuError> {
-    let bytes = plan.cluster_page_bytes(clusters, wanted);
+    let bytes = plan.cluster_page_bytes(wanted);
     (bytes > 0).then(|| Buffer::new(device, label, bytes, BufferKind::Storage)).transpose()
 }

@@ -59,7 +59,7 @@ impl ClusterCotangents {
         let shares =
             || Ok::<_, GpuError>([of_class(0, 0)?, of_class(1, 0)?, of_class(0, 1)?, of_class(1, 1)?]);
         let radiance = 4 * u64::from(clusters.count()) * plan.rgb_bytes();
-        let bins = |wanted| page(device, plan, clusters, "cotangent: cluster bins", wanted);
+        let bins = |wanted| page(device, plan, "cotangent: cluster bins", wanted);
         Ok(Some(Self {
             shares: plan.options.gradients.geometry().then(shares).transpose()?,
             scatter: Pipeline::new(device, scatter, 4, push, &[(0, WORKGROUP)], None)?,
