@@ -177,12 +177,15 @@ fn transport_through_clusters_changes_with_all_corners_as_its_derivative_says() 
     let scene = support::apart(&figure());
     // A plan would not take clusters for so few triangles.
     let plan = Plan::new(&scene, &PlanOptions::default(), &scene.settings).expect("a plan");
+    let layout = plan.layout();
+    let groups: Vec<u32> = layout.groups.iter().map(|group| layout.slots_of(&group.tiles).start).collect();
     let input = ClusterInput {
         facets: plan.facets(),
         classes: plan.classes(),
         brightness: &vec![1.0; scene.triangles.len()],
         backs: 1.0,
         order: &plan.layout().order,
+        groups: &groups,
         leaf: 4,
         half_range: 0.5 * scene.settings.near_field,
         tolerance: 1e-6,

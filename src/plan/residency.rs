@@ -160,9 +160,10 @@ impl Plan {
         let total = (self.tiles_with_bins().len() as u32).max(1);
         let most = most(page.min(MOST_WINDOW_BYTES)).min(total);
         if self.clusters().is_some() {
-            // Either window holds a group, beside the bins of its clusters: as many as possible.
-            for sweeps in total.div_ceil(most)..=MOST_SWEEPS {
-                let tiles = total.div_ceil(sweeps);
+            // Either window holds a group, beside the bins of its clusters: as many as possible, and at first those that are planned.
+            let fewest = total.div_ceil(most);
+            for sweeps in fewest..=MOST_SWEEPS {
+                let tiles = if sweeps == fewest { most } else { total.div_ceil(sweeps) };
                 self.set_windows(tiles, tiles, least_staging + more_staging);
                 if self.memory.total() <= budget {
                     return Ok(());

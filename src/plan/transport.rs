@@ -1,6 +1,6 @@
 //! Clusters or the exact sum.
 
-use super::{Interactions, MemoryPlan, Plan, PlanError, Residency, page_tiles};
+use super::{Group, Interactions, MemoryPlan, Plan, PlanError, Residency, page_tiles};
 use crate::model::{Class, LIST};
 use crate::scene::{Scene, Transport};
 use std::f64::consts::TAU;
@@ -98,7 +98,9 @@ impl Plan {
         if !self.clusters_pay() {
             return Ok(Err("clusters would save too little"));
         }
-        let chosen = self.choose_solver().and_then(|()| self.fit_clusters_to_windows(&brightness, each));
+        let planned = self.layout.groups.clone();
+        let chosen =
+            self.choose_solver().and_then(|()| self.fit_clusters_to_windows(planned, &brightness, each));
         let why = match chosen {
             Ok(()) if self.clusters_pay() => return Ok(Ok(())),
             Ok(()) | Err(PlanError::OverBudget { .. }) => "clusters do not fit the memory budget",
@@ -133,13 +135,19 @@ impl Plan {
     }
 
     /// Where states live on the host, those of a window are a group, so that there are other clusters, and other lists, for which windows
-    /// may have to be smaller.
-    fn fit_clusters_to_windows(&mut self, brightness: &[f64], error: f64) -> Result<(), PlanError> {
+    /// may have to be smaller. `planned`: groups of the clusters so far.
+    fn fit_clusters_to_windows(
+        &mut self,
+        mut planned: Vec<Group>,
+        brightness: &[f64],
+        error: f64,
+    ) -> Result<(), PlanError> {
         for _ in 0..REFITS {
-            if self.residency == Residency::Device {
+            if self.residency == Residency::Device || self.layout.groups == planned {
                 return Ok(());
             }
             self.list_clusters(brightness, error)?;
+            planned.clone_from(&self.layout.groups);
             self.memory = MemoryPlan::of(self);
             if self.memory.total() <= self.options.memory_budget {
                 return self.memory.check_buffers(self.options.max_buffer);

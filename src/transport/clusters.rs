@@ -1,5 +1,6 @@
 //! The light of clusters, gathered from their parts, group by group, and height by height.
 
+use super::on_host::clusters::ClusterBins;
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
@@ -97,13 +98,22 @@ impl ClusterLight {
         };
         let antiradiance = of_class(run.class.blocker && backs, &self.antiradiance)?;
         let specular = of_class(run.class.glossy, &self.specular)?;
-        let mut batch = context.device.batch()?;
+        let Context { device, plan, scene, .. } = context;
+        let mut by_kernels = Vec::new();
+        for (to, from) in [(antiradiance, triangles.antiradiance), (specular, triangles.specular)] {
+            let Some(to) = to else { continue };
+            let bins = ClusterBins { clusters, run, facets: scene.facets.whole(), own: to };
+            let from = (from, triangles.indices.start);
+            if bins.gather(device, plan, from)?.is_none() {
+                by_kernels.push((from, (to, run.range().start)));
+            }
+        }
+        let mut batch = device.batch()?;
         for (height, of) in run.heights.iter().enumerate() {
             self.gather_radiance(context, clusters, of, height == 0, &mut batch)?;
-            for (to, from) in [(antiradiance, triangles.antiradiance), (specular, triangles.specular)] {
-                let Some(to) = to else { continue };
-                let from = (height == 0).then_some((from, triangles.indices.start));
-                self.gather_bins(context, clusters, of, from, (to, run.range().start), &mut batch)?;
+            for &(from, to) in &by_kernels {
+                let from = (height == 0).then_some(from);
+                self.gather_bins(context, clusters, of, from, to, &mut batch)?;
             }
         }
         batch.submit()?;

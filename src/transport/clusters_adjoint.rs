@@ -1,6 +1,7 @@
 //! The cotangents of the light of clusters, passed on to their parts, height by height.
 
 use super::clusters::{GatherBinsPush, GatherPush, MOST_GROUPS, Sources, clusters_of, page};
+use super::on_host::clusters::ClusterBins;
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
@@ -96,12 +97,19 @@ impl ClusterCotangents {
 
     /// Adds to the cotangents of the clusters of a group those that come through the clusters they are part of.
     pub fn within<'a>(&'a self, context: &'a Context, group: usize) -> Result<(), TransportError> {
-        let (clusters, run) = clusters_of(&context.plan, group)?;
-        let mut batch = context.device.batch()?;
+        let Context { device, plan, scene, .. } = context;
+        let (clusters, run) = clusters_of(plan, group)?;
+        let mut by_kernels = Vec::new();
+        for bins in self.bins(run.class).into_iter().flatten() {
+            let bins = ClusterBins { clusters, run, facets: scene.facets.whole(), own: bins.whole() };
+            if bins.within(device, plan)?.is_none() {
+                by_kernels.push((bins.own, run.range().start));
+            }
+        }
+        let mut batch = device.batch()?;
         for of in run.heights.iter().skip(1).rev() {
             self.scatter_radiance(context, clusters, of, false, &mut batch)?;
-            for bins in self.bins(run.class).into_iter().flatten() {
-                let own = (bins.whole(), run.range().start);
+            for &own in &by_kernels {
                 self.scatter_bins(context, clusters, of, own, None, &mut batch)?;
             }
         }
@@ -164,15 +172,22 @@ impl ClusterCotangents {
         group: usize,
         [back, front]: [BufferSlice<'a>; 2],
     ) -> Result<(), TransportError> {
-        let (clusters, run) = clusters_of(&context.plan, group)?;
+        let Context { device, plan, scene, .. } = context;
+        let (clusters, run) = clusters_of(plan, group)?;
         let Some(of) = run.heights.first() else { return Ok(()) };
-        let layout = &context.plan.layout;
-        let page = layout.slots_of(&layout.groups[group].tiles).start;
-        let mut batch = context.device.batch()?;
-        self.scatter_radiance(context, clusters, of, true, &mut batch)?;
+        let page = plan.layout.slots_of(&plan.layout.groups[group].tiles).start;
+        let mut by_kernels = Vec::new();
         for (bins, to) in self.bins(run.class).into_iter().zip([back, front]) {
             let Some(bins) = bins else { continue };
-            let own = (bins.whole(), run.range().start);
+            let bins = ClusterBins { clusters, run, facets: scene.facets.whole(), own: bins.whole() };
+            if bins.to_triangles(device, plan, (to, page))?.is_none() {
+                by_kernels.push((bins.own, to));
+            }
+        }
+        let mut batch = device.batch()?;
+        self.scatter_radiance(context, clusters, of, true, &mut batch)?;
+        for (own, to) in by_kernels {
+            let own = (own, run.range().start);
             self.scatter_bins(context, clusters, of, own, Some((to, page)), &mut batch)?;
         }
         batch.submit()?;

@@ -37,6 +37,17 @@ pub enum Parts {
     Clusters([u32; 2]),
 }
 
+impl Parts {
+    /// Their slots or indices.
+    pub fn indices(&self) -> impl Iterator<Item = u32> + use<> {
+        let (slots, both) = match self {
+            Self::Triangles(slots) => (slots.clone(), None),
+            Self::Clusters(both) => (0..0, Some(*both)),
+        };
+        slots.chain(both.into_iter().flatten())
+    }
+}
+
 /// The clusters of one group.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ClusterRun {

@@ -67,7 +67,8 @@ impl Interactions {
         (brightness, backs, bin): (&[f64], f64, f64),
     ) -> Result<Self, PlanError> {
         let tolerance = coplanar_tolerance(facets);
-        let groups: Vec<u32> = layout.groups.iter().map(|group| group.tiles.start * layout.tile).collect();
+        let groups: Vec<u32> =
+            layout.groups.iter().map(|group| layout.slots_of(&group.tiles).start).collect();
         let input = ClusterInput {
             facets,
             classes,

@@ -6,6 +6,7 @@
 mod close;
 mod close_adjoint;
 mod close_derivative;
+pub mod clusters;
 pub mod derivative;
 mod exchanged;
 pub mod far;
