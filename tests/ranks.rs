@@ -3,7 +3,7 @@
 mod support;
 
 use antirad::gpu::Device;
-use antirad::plan::{GradientRequest, Plan, PlanOptions};
+use antirad::plan::{GradientRequest, Plan, PlanOptions, Residency};
 use antirad::ranks::{Ranks, in_threads};
 use antirad::scene::{Scene, SolveSettings, Transport};
 use antirad::{Cotangent, Engine, EngineError, SolveParams};
@@ -11,7 +11,7 @@ use glam::DVec3;
 use std::ops::ControlFlow;
 use std::thread;
 use support::random::{random_scene, with_own_powers};
-use support::{device, finish, load};
+use support::{device, finish, load, relative_l2};
 
 /// Runs the same work on each of several ranks, and returns the results by rank, with the bytes that each received.
 fn on_ranks<T: Send>(count: usize, work: impl Fn(&Device) -> T + Sync) -> Vec<(T, u64)> {
@@ -78,6 +78,51 @@ fn every_number_of_ranks_has_the_same_bytes() {
         for (rank, (several, received)) in on_ranks(count, run).into_iter().enumerate() {
             assert!(several == alone, "{name}: rank {rank} of {count} differs");
             assert!(received > 0, "{name}: rank {rank} of {count}");
+        }
+    }
+}
+
+/// Where states are on the host, each rank holds the bins of its own triangles, and all see those of the others pass by: the same result but
+/// for the rounding of sums, and from run to run the same bytes.
+#[test]
+fn ranks_hold_their_own_states_on_the_host() {
+    let glossy = with_own_powers(random_scene(5, 150, true, false));
+    let boxes = load("scenes/cornell_boxes.toml");
+    for (name, scene, transport, budget) in [
+        ("glossy", &glossy, Transport::Exact, 700 << 10),
+        ("boxes", &boxes, Transport::Hierarchical { error: 0.02 }, 3 << 20),
+    ] {
+        let settings = scene.settings.tolerance(1e-5).transport(transport);
+        let solved = |device: &Device| {
+            let options = PlanOptions::of(device).keep_near_field(false).tile(32).memory_budget(budget);
+            let plan = Plan::new(scene, &options, &settings).expect("a plan");
+            assert_eq!(plan.clusters().is_some(), transport != Transport::Exact, "{}", plan.transport());
+            assert_ne!(plan.residency(), Residency::Device, "{name}");
+            let held = plan.report().states.host_bytes;
+            let mut engine = Engine::new(device, scene, plan).expect("an engine");
+            let solution = engine.solve(&SolveParams::from(&settings)).expect("a solution");
+            let eye = DVec3::new(0.3, 0.4, 2.6);
+            let colours = engine.face_colours(&solution, eye).expect("colours");
+            (held, solution.irradiance, colours)
+        };
+        let alone = solved(&device());
+        for count in [2, 3] {
+            let [several, again] = [0; 2].map(|_| on_ranks(count, solved));
+            let mut sum = 0.0;
+            for ((rank, (found, received)), again) in several.iter().enumerate().zip(&again) {
+                let weights = vec![1.0; alone.1.len()];
+                let off = [(&found.1, &alone.1), (&found.2, &alone.2)]
+                    .map(|(found, alone)| relative_l2(found, alone, &weights));
+                let share = found.0 as f64 / alone.0 as f64;
+                println!("{name}, rank {rank} of {count}: {off:?}, holds {share:.3}, received {received}");
+                assert!(off.into_iter().all(|off| off <= 2e-6), "{name}: {off:?}");
+                // Windows have few tiles here, of which each rank has its share.
+                assert!(share < 0.7, "{name}: {share}");
+                sum += share;
+                assert!(*received > 0 && again.0 == *found, "{name}: rank {rank} of {count}");
+            }
+            // Irradiance is everywhere.
+            assert!(sum < 1.1, "{name}: {sum}");
         }
     }
 }

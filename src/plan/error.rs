@@ -65,16 +65,6 @@ pub enum PlanError {
         /// How many there are.
         ranks: u32,
     },
-    /// Vectors do not fit the devices of several processes.
-    #[error(
-        "the solver's vectors do not fit the {budget} bytes that each process may use: several processes keep them on their devices. Use \
-         the fixed point (--solver fixed-point), fewer bins, a larger memory budget, or one process, which keeps them in host \
-         memory"
-    )]
-    SeveralRanks {
-        /// Bytes that buffers may take.
-        budget: u64,
-    },
     /// More pairs, or runs of tiles, than 32-bit indices can address.
     #[error(
         "{count} {what} exceed 32-bit indices: use fewer triangles, or a smaller near field \

@@ -90,12 +90,14 @@ impl Plan {
         self.clusters().is_some() || far.any(receivers, sources, PAIR_FRONT | PAIR_BACK)
     }
 
-    /// Largest host memory of the solver's vectors, bytes.
+    /// Largest host memory of the solver's vectors, bytes; of several ranks, of this one.
     pub fn host_bytes(&self) -> u64 {
-        match self.residency {
-            Residency::Device => 0,
-            Residency::Host { .. } => u64::from(self.vectors()) * self.state_bytes(),
+        if self.residency == Residency::Device {
+            return 0;
         }
+        let groups = self.layout.groups.iter().enumerate().filter(|(_, group)| group.class.has_bins());
+        let own: u64 = groups.map(|(g, _)| self.own(g).tiles.len() as u64 * self.tile_bytes()).sum();
+        u64::from(self.vectors()) * (self.irradiance_bytes() + own)
     }
 
     /// Bytes moved between host and device per pass.
@@ -131,9 +133,6 @@ impl Plan {
     /// move no fewer bytes, but split the lists of close sources less often.
     pub(super) fn stream(&mut self) -> Result<(), PlanError> {
         let budget = self.options.memory_budget;
-        if self.options.ranks > 1 {
-            return Err(PlanError::SeveralRanks { budget });
-        }
         let matrices = std::mem::take(&mut self.lobes.matrices);
         self.set_windows(1, 1, self.options.staging.min(LEAST_STAGING));
         let (least_staging, needed) = (self.staging, self.memory.total());

@@ -8,7 +8,7 @@ use crate::plan::Group;
 use std::ops::Range;
 
 /// Most bytes that the host holds of a share at a time.
-const MOST_BYTES: u64 = 64 << 20;
+pub(super) const MOST_BYTES: u64 = 64 << 20;
 
 /// Where a buffer holds values, by index.
 #[derive(Clone, Copy)]

@@ -12,7 +12,7 @@ use super::watch::{PassMonitor, TransportError};
 use super::{Context, bin_constants};
 use crate::gpu::{Bindings, BufferSlice, Device, GpuError};
 use crate::model::Class;
-use crate::plan::{Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::plan::{Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan, Residency};
 use crate::shaders;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -144,9 +144,12 @@ impl Exchange {
         for groups in plan.sweeps() {
             let mut receivers = Vec::new();
             for t in groups {
-                let all = &plan.layout.groups[t];
-                let incident = Part::of_group(plan, t, all).map(|part| y.receive(device, &part));
-                receivers.push((plan.own(t), incident.transpose()?.unwrap_or_else(none)));
+                let own = plan.own(t);
+                // On the host this rank holds nothing else.
+                let held = if plan.residency == Residency::Device { &plan.layout.groups[t] } else { &own };
+                let part = Part::of_group(plan, t, held).filter(|part| part.bytes() > 0);
+                let incident = part.map(|part| y.receive(device, &part)).transpose()?;
+                receivers.push((own, incident.unwrap_or_else(none)));
             }
             for piece in &pieces {
                 let from = &piece.part;
@@ -155,7 +158,8 @@ impl Exchange {
                 for (to, _) in culled {
                     monitor.done(Sweep::far_pairs(plan, to, from))?;
                 }
-                if lit.is_empty() {
+                // Others may need what this rank shows.
+                if lit.is_empty() && plan.options.ranks == 1 {
                     continue;
                 }
                 let light = x.zip(Part::of_piece(plan, piece));
@@ -252,8 +256,12 @@ impl Exchange {
                 incident.store(device)?;
             }
         }
-        irradiance.store(device)?;
-        if plan.options.ranks > 1 { context.complete_state(y.resident()?) } else { Ok(()) }
+        if plan.options.ranks > 1 && plan.residency == Residency::Device {
+            context.complete_state(y.resident()?)?;
+        } else {
+            context.complete_slots(irradiance.buffer(), plan.rgb_bytes())?;
+        }
+        irradiance.store(device)
     }
 
     /// Adds the near field where it is kept; states are on the device then, and what triangles send is known.

@@ -1,9 +1,11 @@
 //! States on the host: the device accesses them part by part, through two windows. Results do not depend on where a
-//! part lives, bit for bit.
+//! part lives, bit for bit. Of several ranks each holds the bins of its own triangles, and sends them to all others where these read them.
 
+use super::completion::MOST_BYTES;
 use super::watch::TransportError;
 use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError};
 use crate::plan::{Group, Piece, Plan};
+use crate::ranks::Ranks;
 use crate::scene::Precision;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -40,6 +42,18 @@ impl Part {
         std::iter::once(Self::irradiance(plan)).chain(bins).collect()
     }
 
+    /// What this rank holds of a state on the host, one part after the other.
+    pub fn own(plan: &Plan) -> Vec<Self> {
+        let of_piece = |piece: &Piece| {
+            let (part, own) = (&piece.part, plan.own(piece.group).tiles);
+            let tiles = part.tiles.start.max(own.start)..part.tiles.end.min(own.end);
+            Self::of_group(plan, piece.group, &Group { tiles, ..*part })
+        };
+        let pieces = plan.pieces();
+        let bins = pieces.iter().filter_map(of_piece).filter(|part| part.bytes() > 0);
+        std::iter::once(Self::irradiance(plan)).chain(bins).collect()
+    }
+
     pub fn bytes(&self) -> u64 {
         match self {
             Self::Irradiance { bytes } | Self::Bins { bytes, .. } => *bytes,
@@ -71,6 +85,11 @@ impl<'a> View<'a> {
     /// The values of the part alone.
     pub fn own(&self) -> BufferSlice<'a> {
         self.buffer.slice(self.offset, self.bytes)
+    }
+
+    /// The buffer that the part is in.
+    pub fn buffer(&self) -> &'a Buffer {
+        self.buffer
     }
 
     /// How many reals the part has.
@@ -142,6 +161,11 @@ pub struct Windows {
     /// Slots with bins, and the number of them in a sweep.
     slots: Range<u32>,
     swept: u32,
+    ranks: Ranks,
+    /// Slots with bins and the rank that holds them.
+    shares: Vec<(usize, Range<u32>)>,
+    /// Those of this rank, with the number of such slots before.
+    own: Vec<(Range<u32>, u32)>,
     /// Bytes of the bins of one slot.
     slot_bytes: u64,
     irradiance_bytes: u64,
@@ -149,7 +173,19 @@ pub struct Windows {
 
 impl Windows {
     pub fn new(device: &Device, plan: &Plan, receivers: u32, sources: u32) -> Result<Self, GpuError> {
+        let ranks = device.ranks().clone();
+        let groups = plan.layout.groups.iter().enumerate().filter(|(_, group)| group.class.has_bins());
+        let shares = groups.flat_map(|(g, _)| plan.slots_by_rank(g).into_iter().enumerate());
+        let shares: Vec<(usize, Range<u32>)> = shares.filter(|(_, slots)| !slots.is_empty()).collect();
+        let mut before = 0;
+        let own = shares.iter().filter(|(rank, _)| *rank == ranks.rank()).map(|(_, slots)| {
+            before += slots.len() as u32;
+            (slots.clone(), before - slots.len() as u32)
+        });
         Ok(Self {
+            own: own.collect(),
+            shares,
+            ranks,
             read: Window::new(device, plan, sources)?,
             write: Window::new(device, plan, receivers)?,
             slots: plan.layout.slots_of(&plan.tiles_with_bins()),
@@ -164,6 +200,11 @@ impl Windows {
         let number = slots.start.checked_sub(self.slots.start);
         number.ok_or_else(|| TransportError::missing(format!("bins of slot {}", slots.start)))
     }
+
+    /// How many slots' bins this rank holds.
+    fn held(&self) -> u64 {
+        self.own.iter().map(|(slots, _)| slots.len() as u64).sum()
+    }
 }
 
 /// A state on the host, byte for byte as the device would hold it.
@@ -174,7 +215,7 @@ pub struct Hosted {
 
 struct Values {
     irradiance: Vec<u8>,
-    /// Bins of all slots that have some.
+    /// Bins of all slots that have some, and that are the rank's.
     bins: Vec<u8>,
 }
 
@@ -201,7 +242,7 @@ impl Place {
 
 impl Hosted {
     pub fn new(windows: &Arc<Windows>) -> Result<Self, TransportError> {
-        let bins = windows.slots.len() as u64 * windows.slot_bytes;
+        let bins = windows.held() * windows.slot_bytes;
         let values = Values { irradiance: zeros(windows.irradiance_bytes)?, bins: zeros(bins)? };
         Ok(Self { windows: windows.clone(), values: Mutex::new(values) })
     }
@@ -213,21 +254,66 @@ impl Hosted {
     fn place(&self, part: &Part) -> Result<Place, TransportError> {
         match part {
             Part::Irradiance { .. } => Ok(Place::Irradiance),
-            Part::Bins { slots, bytes, .. } => {
-                let first = u64::from(self.windows.slot(slots)?) * self.windows.slot_bytes;
-                Ok(Place::Bins(first..first + bytes))
+            Part::Bins { slots, .. } => self.place_of(slots),
+        }
+    }
+
+    /// Where the bins of some slots are that this rank holds.
+    fn place_of(&self, slots: &Range<u32>) -> Result<Place, TransportError> {
+        let Windows { own, slot_bytes, .. } = &*self.windows;
+        let bytes = |slots: u32| u64::from(slots) * slot_bytes;
+        let first = self.windows.slot(slots)?;
+        let held = own.iter().find(|(of, _)| of.start <= slots.start && slots.end <= of.end);
+        let Some((of, before)) = held else {
+            let (begin, end) = (bytes(first), bytes(first + slots.len() as u32));
+            return Err(TransportError::OutsideOfState {
+                begin,
+                end,
+                bytes: self.windows.held() * slot_bytes,
+            });
+        };
+        let first = before + slots.start - of.start;
+        Ok(Place::Bins(bytes(first)..bytes(first + slots.len() as u32)))
+    }
+
+    /// Calls `each` with the bins of some slots, whichever ranks hold them, and the byte among all of them with which they begin. All ranks
+    /// call it.
+    fn gather(
+        &self,
+        slots: &Range<u32>,
+        mut each: impl FnMut(u64, &[u8]) -> Result<(), TransportError>,
+    ) -> Result<(), TransportError> {
+        let Windows { ranks, shares, slot_bytes, .. } = &*self.windows;
+        let step = (MOST_BYTES / slot_bytes).max(1) as u32;
+        let mut values = Vec::new();
+        for (rank, share) in shares {
+            let share = share.start.max(slots.start)..share.end.min(slots.end);
+            for begin in share.clone().step_by(step as usize) {
+                let some = begin..share.end.min(begin + step);
+                values.resize(some.len() * *slot_bytes as usize, 0);
+                if *rank == ranks.rank() {
+                    values.copy_from_slice(self.place_of(&some)?.of(&mut self.values())?);
+                }
+                ranks.broadcast(*rank, &mut values)?;
+                each(u64::from(begin - slots.start) * slot_bytes, &values)?;
             }
         }
+        Ok(())
     }
 
     /// The part at the start of a window.
     fn view<'a>(&'a self, window: &'a Window, part: &Part) -> Result<View<'a>, TransportError> {
+        let home = Some((self, self.place(part)?));
+        Ok(View { home, ..Self::foreign_view(window, part)? })
+    }
+
+    /// The same of a part that is not stored.
+    fn foreign_view<'a>(window: &'a Window, part: &Part) -> Result<View<'a>, TransportError> {
         let first_slot = match part {
             Part::Irradiance { .. } => 0,
             Part::Bins { slots, .. } => slots.start,
         };
-        let home = Some((self, self.place(part)?));
-        Ok(View { buffer: window.buffer(part)?, offset: 0, bytes: part.bytes(), first_slot, home })
+        Ok(View { buffer: window.buffer(part)?, offset: 0, bytes: part.bytes(), first_slot, home: None })
     }
 
     fn bring(&self, device: &Device, view: &View, part: &Part) -> Result<(), TransportError> {
@@ -235,6 +321,16 @@ impl Hosted {
     }
 
     pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
+        let Part::Bins { slots, .. } = part else { return self.read(device, part) };
+        if self.windows.ranks.count() == 1 {
+            return self.read(device, part);
+        }
+        let view = Self::foreign_view(&self.windows.read, part)?;
+        self.gather(slots, |at, values| Ok(device.upload(view.buffer, at, values)?))?;
+        Ok(view)
+    }
+
+    pub fn read(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         let view = self.view(&self.windows.read, part)?;
         self.bring(device, &view, part)?;
         Ok(view)
@@ -258,7 +354,35 @@ impl Hosted {
     }
 
     pub fn download(&self, part: &Part) -> Result<Vec<u8>, TransportError> {
-        Ok(self.place(part)?.of(&mut self.values())?.to_vec())
+        match part {
+            Part::Bins { slots, .. } if self.windows.ranks.count() > 1 => {
+                let mut all = Vec::new();
+                self.gather(slots, |_, values| {
+                    all.extend_from_slice(values);
+                    Ok(())
+                })?;
+                Ok(all)
+            }
+            _ => Ok(self.place(part)?.of(&mut self.values())?.to_vec()),
+        }
+    }
+
+    /// Sets the values of a part, of which this rank keeps its own.
+    pub fn set(&self, part: &Part, given: &[u8]) -> Result<(), TransportError> {
+        let mut values = self.values();
+        let Part::Bins { slots, .. } = part else {
+            values.irradiance.copy_from_slice(given);
+            return Ok(());
+        };
+        for (own, _) in &self.windows.own {
+            let some = own.start.max(slots.start)..own.end.min(slots.end);
+            if !some.is_empty() {
+                let first = u64::from(some.start - slots.start) * self.windows.slot_bytes;
+                let to = self.place_of(&some)?.of(&mut values)?;
+                to.copy_from_slice(&given[first as usize..][..to.len()]);
+            }
+        }
+        Ok(())
     }
 }
 
@@ -297,8 +421,7 @@ mod tests {
             hosted.show(&device, &part(end..end + 1)),
             Err(TransportError::OutsideOfState { .. })
         ));
-        let view = hosted.receive(&part(end..end + 1)).expect("a view");
-        assert!(matches!(view.store(&device), Err(TransportError::OutsideOfState { .. })));
+        assert!(matches!(hosted.receive(&part(end..end + 1)), Err(TransportError::OutsideOfState { .. })));
         // Slots without bins come before the first that has some.
         let first = plan.layout.slots_of(&plan.tiles_with_bins()).start;
         assert!(first > 0);

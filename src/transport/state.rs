@@ -72,11 +72,19 @@ impl State {
         }
     }
 
-    /// A view for kernels to read a part, valid until another part of any state is shown.
+    /// A view for kernels to read a part, valid until another part of any state is shown. All ranks call it.
     pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
             Memory::Device(buffers) => buffers.view(part),
             Memory::Host(hosted) => hosted.show(device, part),
+        }
+    }
+
+    /// The same of a part that this rank holds, which no other need call.
+    pub fn read(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
+        match &*self.0 {
+            Memory::Device(buffers) => buffers.view(part),
+            Memory::Host(hosted) => hosted.read(device, part),
         }
     }
 
@@ -101,7 +109,7 @@ impl State {
         }
     }
 
-    /// The values of a part.
+    /// The values of a part. All ranks call it.
     pub fn download(
         &self,
         device: &Device,
@@ -123,9 +131,11 @@ impl State {
         precision: Precision,
         values: &[f64],
     ) -> Result<(), TransportError> {
-        let view = self.edit(device, part, true)?;
-        view.upload(device, &real::encode(precision, values))?;
-        view.store(device)
+        let values = real::encode(precision, values);
+        match &*self.0 {
+            Memory::Device(buffers) => Ok(buffers.view(part)?.upload(device, &values)?),
+            Memory::Host(hosted) => hosted.set(part, &values),
+        }
     }
 }
 

@@ -71,7 +71,7 @@ impl Vectors {
         let Context { device, plan, .. } = context;
         let precision = plan.settings.precision;
         for parts in together(plan) {
-            let views = parts.iter().map(|part| Ok((x.show(device, part)?, y.edit(device, part, b != 0.0)?)));
+            let views = parts.iter().map(|part| Ok((x.read(device, part)?, y.edit(device, part, b != 0.0)?)));
             let views: Vec<(View, View)> = views.collect::<Result<_, TransportError>>()?;
             let mut batch = device.batch()?;
             for (x, y) in &views {
@@ -100,7 +100,7 @@ impl Vectors {
     ) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
         let mut on_host = true;
-        for part in Part::all(plan) {
+        for part in together(plan).into_iter().flatten() {
             let view = y.edit(device, &part, true)?;
             on_host = on_host && host::scale(device, plan.settings.precision, b, view.own())?.is_some();
             if !on_host {
@@ -123,8 +123,17 @@ impl Vectors {
         let precision = plan.settings.precision;
         let mut additions = additions();
         let mut known = None;
-        for parts in together(plan) {
-            let views = parts.iter().map(|part| Ok((x.show(device, part)?, y.edit(device, part, true)?)));
+        // Where each rank holds its own bins, the first sums up irradiance.
+        let apart = plan.options.ranks > 1 && plan.residency != Residency::Device;
+        let counts =
+            |part: &Part| !apart || plan.options.rank == 0 || !matches!(part, Part::Irradiance { .. });
+        let parts: Vec<Vec<Part>> =
+            together(plan).into_iter().filter(|parts| parts.iter().all(counts)).collect();
+        if parts.is_empty() {
+            known = Some(0.0);
+        }
+        for parts in parts {
+            let views = parts.iter().map(|part| Ok((x.read(device, part)?, y.edit(device, part, true)?)));
             let views: Vec<(View, View)> = views.collect::<Result<_, TransportError>>()?;
             let on_host = |(x, y): &(View, View)| host::dot(device, precision, x.own(), y.own());
             if let Some(sums) = views.iter().map(on_host).collect::<Result<Option<Vec<f64>>, _>>()? {
@@ -140,7 +149,12 @@ impl Vectors {
             batch.submit()?;
             monitor.done(0)?;
         }
-        known.map_or_else(|| self.sum(context), Ok)
+        let own = known.map_or_else(|| self.sum(context), Ok)?;
+        if !apart {
+            return Ok(own);
+        }
+        let of_all = device.ranks().each([own.to_bits()])?.into_iter();
+        Ok(of_all.map(|[bits]| f64::from_bits(bits)).sum())
     }
 
     /// y = a x + b y; then ⟨z, y⟩, or ⟨y, y⟩ without z.
@@ -192,10 +206,9 @@ impl Vectors {
 
 /// Parts of states in groups that the device can access together: on the host, parts take turns in the windows.
 fn together(plan: &Plan) -> Vec<Vec<Part>> {
-    let parts = Part::all(plan);
     match plan.residency {
-        Residency::Device => vec![parts],
-        Residency::Host { .. } => parts.into_iter().map(|part| vec![part]).collect(),
+        Residency::Device => vec![Part::all(plan)],
+        Residency::Host { .. } => Part::own(plan).into_iter().map(|part| vec![part]).collect(),
     }
 }
 
