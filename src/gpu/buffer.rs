@@ -219,8 +219,9 @@ impl BufferMemory {
         if shared.is_hung() {
             return;
         }
+        let device = shared.raw();
         // SAFETY: nothing executes that uses the buffer: batches borrow it and wait for their end.
-        unsafe { shared.raw().destroy_buffer(self.raw, None) };
+        unsafe { device.destroy_buffer(self.raw, None) };
         let mut memory = lock(&shared.memory);
         memory.free(self.allocation);
         memory.give_back(self.scope, &self.label, self.bytes);

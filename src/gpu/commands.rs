@@ -125,7 +125,7 @@ impl<'a> Batch<'a> {
         }
         self.make_room(0)?;
         self.will_use(buffer);
-        let device = self.device.raw();
+        let device = self.device.shared.raw();
         // SAFETY: recording; the range was checked, the buffer lives until the batch has ended ('a).
         unsafe {
             device.cmd_fill_buffer(self.recorder.commands, buffer.raw(), offset, bytes, value);
@@ -173,7 +173,7 @@ impl<'a> Batch<'a> {
         }
         self.make_room(0)?;
         let region = vk::BufferCopy { src_offset: source_offset, dst_offset: target_offset, size: bytes };
-        let device = self.device.raw();
+        let device = self.device.shared.raw();
         // SAFETY: recording; the rest is the caller's promise.
         unsafe { device.cmd_copy_buffer(self.recorder.commands, source, target, &[region]) };
         Ok(())
@@ -282,7 +282,7 @@ impl<'a> Batch<'a> {
         let none = vk::DependencyFlags::empty();
         // SAFETY: recording.
         unsafe {
-            let device = self.device.raw();
+            let device = self.device.shared.raw();
             device.cmd_pipeline_barrier(self.recorder.commands, from, to, none, &barrier, &[], &[]);
         }
     }

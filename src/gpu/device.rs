@@ -13,6 +13,7 @@ use std::sync::{Arc, Mutex};
 use ash::ext::debug_utils;
 use ash::{ext, khr, vk};
 
+use super::calls::{Call, Calls, Change};
 use super::error::{During, GpuError};
 use super::info::{DeviceInfo, DeviceKind, Enabled};
 use super::instance::Instance;
@@ -103,8 +104,6 @@ pub(super) struct Shared {
     kept: Option<KernelCache>,
     /// Every kernel compiled so far, kept until the device is closed. Different ones are compiled at the same time.
     pub(super) pipelines: Mutex<HashMap<Key, Arc<Mutex<Parts>>>>,
-    /// Held while a kernel is compiled under validation.
-    pub(super) compiling: Mutex<()>,
     /// Recorders not in use. A batch takes one, or makes one if there is none.
     pub(super) idle: Mutex<Vec<Recorder>>,
     /// Number of scopes made so far.
@@ -123,6 +122,8 @@ pub(super) struct Shared {
 /// The Vulkan device itself.
 pub(super) struct Logical {
     pub(super) raw: ash::Device,
+    /// Whether the validation layer checks it.
+    pub(super) validates: bool,
     /// Whether to destroy it: false for an embedder's device and for one that hangs.
     pub(super) owned: bool,
 }
@@ -130,6 +131,7 @@ pub(super) struct Logical {
 impl Drop for Logical {
     fn drop(&mut self) {
         if self.owned {
+            let _change = self.validates.then(Change::begin);
             // SAFETY: whoever holds this has destroyed what was made from the device.
             unsafe { self.raw.destroy_device(None) };
         }
@@ -144,11 +146,13 @@ impl Device {
         let enabled = candidate.listed.info.enabled;
         let enabled = enabled.statistics(enabled.statistics && options.statistics);
         let raw = open(&instance, &candidate, enabled)?;
-        let logical = Logical { raw, owned: true };
+        let logical = Logical { raw, validates: options.validation, owned: true };
+        let calling = options.validation.then(Call::begin);
         // SAFETY: `open` made the device with one queue of this family.
         let queue = unsafe { logical.raw.get_device_queue(candidate.queue_family, 0) };
         // SAFETY: a device of this living instance.
         let of = unsafe { instance.raw().get_physical_device_properties(candidate.physical) };
+        drop(calling);
         let kept = options.kernel_cache.as_ref().map(|folder| KernelCache::open(folder, &of));
         let budget = options.memory_budget;
         let device = Self::assemble(instance, logical, candidate, queue, enabled, budget, kept)?;
@@ -171,12 +175,13 @@ impl Device {
         if !enabled.subgroup_size_control {
             info.subgroup_size_range = (info.subgroup_size, info.subgroup_size);
         }
+        let _calling = logical.validates.then(Call::begin);
         // Other programs, and the driver itself, need some of what is free now.
         let free = info.available_bytes.map(|bytes| bytes / 100 * SHARE_OF_FREE);
         let budget = budget.or(free).unwrap_or(info.heap_bytes);
-        let memory = Memory::new(instance.raw(), &logical.raw, physical, budget)?;
-        let names = enabled.debug_utils.then(|| debug_utils::Device::new(instance.raw(), &logical.raw));
-        let statistics = enabled.statistics.then(|| Statistics::new(instance.raw(), &logical.raw));
+        let memory = Memory::new(&instance.raw(), &logical.raw, physical, budget)?;
+        let names = enabled.debug_utils.then(|| debug_utils::Device::new(&instance.raw(), &logical.raw));
+        let statistics = enabled.statistics.then(|| Statistics::new(&instance.raw(), &logical.raw));
         let data = kept.as_ref().map_or(&[][..], KernelCache::data);
         let create = vk::PipelineCacheCreateInfo::default().initial_data(data);
         // SAFETY: the device is alive. This is the last call that can fail, so nothing made here is left behind.
@@ -191,7 +196,6 @@ impl Device {
             cache,
             kept,
             pipelines: Mutex::default(),
-            compiling: Mutex::default(),
             idle: Mutex::default(),
             scopes: AtomicU64::new(0),
             profile: Mutex::default(),
@@ -330,7 +334,7 @@ impl Device {
 
     /// The Vulkan device, for embedders that record commands of their own.
     pub fn raw(&self) -> &ash::Device {
-        self.shared.raw()
+        &self.shared.logical.raw
     }
 }
 
@@ -341,19 +345,15 @@ impl fmt::Debug for Device {
 }
 
 impl Shared {
-    /// Whether the validation layer checks each call.
-    pub(super) fn validates(&self) -> bool {
-        self.instance.validates()
-    }
-
-    pub(super) fn raw(&self) -> &ash::Device {
-        &self.logical.raw
+    pub(super) fn raw(&self) -> Calls<'_, ash::Device> {
+        Calls::of(&self.logical.raw, self.logical.validates)
     }
 
     /// Gives an object the label that errors and profiles use. For debuggers only, so failures are ignored.
     pub(super) fn name<H: vk::Handle>(&self, handle: H, label: &str) {
         if let (Some(names), Ok(label)) = (&self.names, CString::new(label)) {
             let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(handle).object_name(&label);
+            let _calling = self.logical.validates.then(Call::begin);
             // SAFETY: the extension is enabled, the handle belongs to this device and was just made.
             let _ = unsafe { names.set_debug_utils_object_name(&info) };
         }
@@ -393,7 +393,8 @@ impl Drop for Shared {
         }
         // SAFETY: this is the last reference: no buffer, pipeline or batch is left, and each batch waited for its end.
         unsafe {
-            self.logical.raw.destroy_pipeline_cache(self.cache, None);
+            self.raw().destroy_pipeline_cache(self.cache, None);
+            let _calling = self.raw();
             lock(&self.memory).close();
         }
     }
@@ -434,6 +435,6 @@ fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<
         create = create.push_next(&mut told);
     }
     // SAFETY: all pointers in `create` outlive the call; the device lists the extensions and features.
-    unsafe { instance.raw().create_device(candidate.physical, &create, None) }
+    unsafe { instance.create_device(candidate.physical, &create) }
         .during("opening", &candidate.listed.info.name)
 }

@@ -46,7 +46,7 @@ impl Device {
         let instance = Instance::borrowed(entry, instance, raw.enabled.debug_utils);
         let candidate = Candidate::new(&instance, physical_device, Some(queue_family))?;
         candidate.usable()?;
-        let logical = Logical { raw: device, owned: false };
+        let logical = Logical { raw: device, validates: false, owned: false };
         Self::assemble(instance, logical, candidate, queue, raw.enabled, raw.memory_budget, None)
     }
 }

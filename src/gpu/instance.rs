@@ -5,6 +5,7 @@ use std::ffi::CStr;
 use ash::ext::debug_utils;
 use ash::{ext, khr, vk};
 
+use super::calls::{Call, Calls, Change};
 use super::error::{During, GpuError};
 use super::validation::{LAYER, ValidationLog};
 use super::{Result, survey};
@@ -76,13 +77,18 @@ impl Instance {
         if setting {
             create = create.push_next(&mut settings);
         }
-        // SAFETY: all pointers in `create` outlive the call, the extensions and the layer are there.
-        let raw = match unsafe { entry.create_instance(&create, None) } {
+        let created = {
+            let _change = validation.then(Change::begin);
+            // SAFETY: all pointers in `create` outlive the call, the extensions and the layer are there.
+            unsafe { entry.create_instance(&create, None) }
+        };
+        let raw = match created {
             Err(vk::Result::ERROR_INCOMPATIBLE_DRIVER) => return Err(survey::no_driver()),
             created => created.during("creating", "instance")?,
         };
         let mut instance = Self { raw, messenger: None, log, debug_utils, owned: true, _entry: entry };
         if validation {
+            let _call = Call::begin();
             let utils = debug_utils::Instance::new(&instance._entry, &instance.raw);
             // SAFETY: the extension is enabled; the log that the callback writes to lives as long as the messenger.
             let messenger = unsafe { utils.create_debug_utils_messenger(&instance.log.messenger(), None) }
@@ -97,8 +103,20 @@ impl Instance {
         Self { raw, messenger: None, log: ValidationLog::default(), debug_utils, owned: false, _entry: entry }
     }
 
-    pub(super) fn raw(&self) -> &ash::Instance {
-        &self.raw
+    pub(super) fn raw(&self) -> Calls<'_, ash::Instance> {
+        Calls::of(&self.raw, self.validates())
+    }
+
+    /// # Safety
+    /// As that of [`ash::Instance::create_device`].
+    pub(super) unsafe fn create_device(
+        &self,
+        physical: vk::PhysicalDevice,
+        create: &vk::DeviceCreateInfo,
+    ) -> ash::prelude::VkResult<ash::Device> {
+        let _change = self.validates().then(Change::begin);
+        // SAFETY: the caller's.
+        unsafe { self.raw.create_device(physical, create, None) }
     }
 
     pub(super) fn log(&self) -> &ValidationLog {
@@ -127,13 +145,14 @@ impl Drop for Instance {
         if !self.owned {
             return;
         }
-        // SAFETY: made by `new`; the devices made from it hold it and were destroyed before.
-        unsafe {
-            if let Some((utils, messenger)) = &self.messenger {
-                utils.destroy_debug_utils_messenger(*messenger, None);
-            }
-            self.raw.destroy_instance(None);
+        if let Some((utils, messenger)) = &self.messenger {
+            let _call = Call::begin();
+            // SAFETY: made by `new` with this instance.
+            unsafe { utils.destroy_debug_utils_messenger(*messenger, None) };
         }
+        let _change = self.validates().then(Change::begin);
+        // SAFETY: made by `new`; the devices made from it hold it and were destroyed before.
+        unsafe { self.raw.destroy_instance(None) };
     }
 }
 

@@ -29,6 +29,7 @@
 #![allow(unsafe_code, reason = "calls into Vulkan; only in this layer, each with its safety argument")]
 
 mod buffer;
+mod calls;
 mod commands;
 mod device;
 pub mod embed;

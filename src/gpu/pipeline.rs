@@ -170,9 +170,6 @@ impl Pipeline {
         let mut made = lock(&self.made);
         if made.pipeline == vk::Pipeline::null() {
             self.device.check_watch()?;
-            // One at a time under validation: calls of the layer, and what it keeps of shaders, are then in order.
-            let compiling = &self.device.shared.compiling;
-            let _alone = self.device.shared.validates().then(|| lock(compiling));
             let mut parts = Parts::default();
             let created = self.create_layouts(&mut parts).and_then(|()| self.create_pipeline(&mut parts));
             if let Err(error) = created {

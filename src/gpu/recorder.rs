@@ -167,7 +167,7 @@ impl Recorder {
                 device.cmd_write_timestamp(self.commands, stage, self.queries, first);
             }
         }
-        record(device, self.commands);
+        record(&device, self.commands);
         if timed {
             // SAFETY: as above.
             unsafe { device.cmd_write_timestamp(self.commands, stage, self.queries, first + 1) };

@@ -122,3 +122,21 @@ fn validation_finds_leaks() {
     drop(device);
     assert!(log.messages().iter().any(|text| text.contains("VkBuffer")), "{:?}", log.messages());
 }
+
+/// The validation layer keeps a table of all devices, which it reads in every call without a lock.
+#[test]
+fn devices_come_and_go_beside_others() {
+    std::thread::scope(|scope| {
+        for _ in 0..3 {
+            scope.spawn(|| {
+                for _ in 0..6 {
+                    let device = device();
+                    for size in 1..400 {
+                        filled(&device, "some", &vec![1.0; size]);
+                    }
+                    finish(device);
+                }
+            });
+        }
+    });
+}
