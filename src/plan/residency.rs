@@ -51,21 +51,32 @@ impl Plan {
         first..all
     }
 
-    /// Groups whose incident light is accumulated in one sweep over all sources: all of them, or those that the
-    /// window for receivers holds.
+    /// Groups whose incident light is accumulated in one sweep over all sources: all of them, or those of which the window for receivers
+    /// holds what each rank computes.
     pub fn sweeps(&self) -> Vec<Range<usize>> {
         let groups = &self.layout.groups;
         let Residency::Host { receivers, .. } = self.residency else {
             return std::iter::once(0..groups.len()).collect();
         };
-        let first = self.tiles_with_bins().start;
-        // Groups without bins need no window: they join the first sweep.
-        let sweep = |g: usize| groups[g].tiles.start.saturating_sub(first) / receivers;
         let mut sweeps: Vec<Range<usize>> = Vec::new();
-        for g in 0..groups.len() {
-            match sweeps.last_mut() {
-                Some(last) if sweep(last.start) == sweep(g) => last.end = g + 1,
-                _ => sweeps.push(g..g + 1),
+        let mut held = vec![0; self.options.ranks as usize];
+        for (g, group) in groups.iter().enumerate() {
+            // Groups without bins need no window: they join the first sweep.
+            let tiles = |slots: &Range<u32>| slots.len() as u32 / self.layout.tile;
+            let more: Vec<u32> = match group.class.has_bins() {
+                true => self.slots_by_rank(g).iter().map(tiles).collect(),
+                false => vec![0; held.len()],
+            };
+            let fits = held.iter().zip(&more).all(|(held, more)| held + more <= receivers);
+            match sweeps.last_mut().filter(|_| fits) {
+                Some(last) => {
+                    last.end = g + 1;
+                    held.iter_mut().zip(more).for_each(|(held, more)| *held += more);
+                }
+                None => {
+                    sweeps.push(g..g + 1);
+                    held = more;
+                }
             }
         }
         sweeps

@@ -154,18 +154,24 @@ impl Window {
     }
 }
 
+/// Slots of one group that this rank holds.
+struct Own {
+    slots: Range<u32>,
+    /// Number of such slots before: of all, and of the same sweep.
+    before: u32,
+    in_window: u32,
+}
+
 /// The two windows shared by all states, and the layout of the bins on the host.
 pub struct Windows {
     read: Window,
     write: Window,
-    /// Slots with bins, and the number of them in a sweep.
+    /// Slots with bins.
     slots: Range<u32>,
-    swept: u32,
     ranks: Ranks,
     /// Slots with bins and the rank that holds them.
     shares: Vec<(usize, Range<u32>)>,
-    /// Those of this rank, with the number of such slots before.
-    own: Vec<(Range<u32>, u32)>,
+    own: Vec<Own>,
     /// Bytes of the bins of one slot.
     slot_bytes: u64,
     irradiance_bytes: u64,
@@ -177,19 +183,22 @@ impl Windows {
         let groups = plan.layout.groups.iter().enumerate().filter(|(_, group)| group.class.has_bins());
         let shares = groups.flat_map(|(g, _)| plan.slots_by_rank(g).into_iter().enumerate());
         let shares: Vec<(usize, Range<u32>)> = shares.filter(|(_, slots)| !slots.is_empty()).collect();
-        let mut before = 0;
-        let own = shares.iter().filter(|(rank, _)| *rank == ranks.rank()).map(|(_, slots)| {
-            before += slots.len() as u32;
-            (slots.clone(), before - slots.len() as u32)
-        });
+        let (mut own, mut before) = (Vec::new(), 0);
+        for sweep in plan.sweeps() {
+            let first = before;
+            for g in sweep.filter(|&g| plan.layout.groups[g].class.has_bins()) {
+                let slots = plan.layout.slots_of(&plan.own(g).tiles);
+                own.push(Own { slots: slots.clone(), before, in_window: before - first });
+                before += slots.len() as u32;
+            }
+        }
         Ok(Self {
-            own: own.collect(),
+            own,
             shares,
             ranks,
             read: Window::new(device, plan, sources)?,
             write: Window::new(device, plan, receivers)?,
             slots: plan.layout.slots_of(&plan.tiles_with_bins()),
-            swept: receivers.saturating_mul(plan.layout.tile),
             slot_bytes: plan.bin_bytes(),
             irradiance_bytes: plan.irradiance_bytes(),
         })
@@ -203,7 +212,12 @@ impl Windows {
 
     /// How many slots' bins this rank holds.
     fn held(&self) -> u64 {
-        self.own.iter().map(|(slots, _)| slots.len() as u64).sum()
+        self.own.iter().map(|own| own.slots.len() as u64).sum()
+    }
+
+    /// The range that some slots are in, if this rank holds them.
+    fn own(&self, slots: &Range<u32>) -> Option<&Own> {
+        self.own.iter().find(|own| own.slots.start <= slots.start && slots.end <= own.slots.end)
     }
 }
 
@@ -260,11 +274,10 @@ impl Hosted {
 
     /// Where the bins of some slots are that this rank holds.
     fn place_of(&self, slots: &Range<u32>) -> Result<Place, TransportError> {
-        let Windows { own, slot_bytes, .. } = &*self.windows;
+        let slot_bytes = self.windows.slot_bytes;
         let bytes = |slots: u32| u64::from(slots) * slot_bytes;
         let first = self.windows.slot(slots)?;
-        let held = own.iter().find(|(of, _)| of.start <= slots.start && slots.end <= of.end);
-        let Some((of, before)) = held else {
+        let Some(own) = self.windows.own(slots) else {
             let (begin, end) = (bytes(first), bytes(first + slots.len() as u32));
             return Err(TransportError::OutsideOfState {
                 begin,
@@ -272,7 +285,7 @@ impl Hosted {
                 bytes: self.windows.held() * slot_bytes,
             });
         };
-        let first = before + slots.start - of.start;
+        let first = own.before + slots.start - own.slots.start;
         Ok(Place::Bins(bytes(first)..bytes(first + slots.len() as u32)))
     }
 
@@ -348,7 +361,8 @@ impl Hosted {
     pub fn receive(&self, part: &Part) -> Result<View<'_>, TransportError> {
         let view = self.view(&self.windows.write, part)?;
         let Part::Bins { slots, .. } = part else { return Ok(view) };
-        let within = self.windows.slot(slots)? % self.windows.swept;
+        let own = self.windows.own(slots).ok_or_else(|| TransportError::missing("a place in the window"))?;
+        let within = own.in_window + slots.start - own.slots.start;
         let offset = u64::from(within) * self.windows.slot_bytes;
         Ok(View { offset, first_slot: slots.start - within, ..view })
     }
@@ -374,7 +388,7 @@ impl Hosted {
             values.irradiance.copy_from_slice(given);
             return Ok(());
         };
-        for (own, _) in &self.windows.own {
+        for Own { slots: own, .. } in &self.windows.own {
             let some = own.start.max(slots.start)..own.end.min(slots.end);
             if !some.is_empty() {
                 let first = u64::from(some.start - slots.start) * self.windows.slot_bytes;

@@ -1,8 +1,11 @@
 //! `antirad render` and what it writes.
 
-use crate::{Folder, ROOM, Run, run, says};
+use crate::{Folder, ROOM, Run, run, says, without_driver};
 use antirad::image::Picture;
 use npyz::NpyFile;
+use std::io::Write;
+use std::path::PathBuf;
+use std::time::Instant;
 
 const PLAIN: [&str; 7] =
     ["irradiance.npy", "main.exr", "main.png", "radiosity.npy", "report.json", "side.exr", "side.png"];
@@ -151,6 +154,41 @@ fn a_render_in_little_memory_finds_the_same() {
         let error = square(&|i, c| f64::from(other[i][c]) - f64::from(truth[i][c]));
         assert!((error / size).sqrt() <= 1e-6, "{budget} bytes: {:e}", (error / size).sqrt());
     }
+}
+
+/// SwiftShader, as chromium-common of Debian has it, or as ANTIRAD_TEST_SWIFTSHADER says, compiles kernels slowly and has other subgroups.
+#[test]
+fn swiftshader_finds_the_same() {
+    let given = std::env::var_os("ANTIRAD_TEST_SWIFTSHADER").map(PathBuf::from);
+    let library = given.unwrap_or_else(|| "/usr/lib/chromium/libvk_swiftshader.so".into());
+    if !library.is_file() {
+        // Past the capture of outputs: what is not tested should be seen.
+        let _ = writeln!(std::io::stderr(), "SKIPPED a render by SwiftShader: there is no {}", library.display());
+        return;
+    }
+    let driver = serde_json::json!({
+        "file_format_version": "1.0.0",
+        "ICD": { "library_path": library, "api_version": "1.3.0" },
+    });
+    let folder = Folder::with(&[("driver.json", &driver.to_string())]);
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell_boxes.toml");
+    let arguments = ["render", scene, "--quiet", "--supersample", "1", "--output", "out"];
+    run(&mut folder.tool(arguments)).succeeded();
+    let lavapipe = (rows(&folder, "out/irradiance.npy"), folder.json("out/report.json"));
+    let started = Instant::now();
+    run(without_driver(&mut folder.tool(arguments), &folder.path("driver.json"))).succeeded();
+    let seconds = started.elapsed().as_secs_f64();
+    let device = |report: &serde_json::Value| report["device"]["name"].to_string();
+    let report = folder.json("out/report.json");
+    assert!(device(&report).contains("SwiftShader") && !device(&lavapipe.1).contains("SwiftShader"));
+    let found = rows(&folder, "out/irradiance.npy");
+    let square = |f: &dyn Fn(usize, usize) -> f32| -> f64 {
+        (0..found.len()).flat_map(|i| (0..3).map(move |c| f64::from(f(i, c)).powi(2))).sum()
+    };
+    let off = (square(&|i, c| found[i][c] - lavapipe.0[i][c]) / square(&|i, c| lavapipe.0[i][c])).sqrt();
+    println!("SwiftShader: {off:.1e} in {seconds:.1} s");
+    assert!(off <= 1e-5, "{off}");
+    assert!(seconds < 120.0, "{seconds} s");
 }
 
 #[test]
