@@ -163,7 +163,8 @@ fn swiftshader_finds_the_same() {
     let library = given.unwrap_or_else(|| "/usr/lib/chromium/libvk_swiftshader.so".into());
     if !library.is_file() {
         // Past the capture of outputs: what is not tested should be seen.
-        let _ = writeln!(std::io::stderr(), "SKIPPED a render by SwiftShader: there is no {}", library.display());
+        let _ =
+            writeln!(std::io::stderr(), "SKIPPED a render by SwiftShader: there is no {}", library.display());
         return;
     }
     let driver = serde_json::json!({
