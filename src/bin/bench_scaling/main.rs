@@ -33,6 +33,9 @@ struct Arguments {
     /// A scene file, cut until it has as many triangles, in place of the statue
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
+    /// Many small balls over the floor, of 20 triangles each cut LEVEL times into four, in place of the statue
+    #[arg(long, value_name = "LEVEL", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(0..=4))]
+    objects: Option<u32>,
     /// Compare with the exact sum at some receivers, in f64
     #[arg(long)]
     error: bool,
@@ -70,6 +73,7 @@ const EXAMPLES: &str = "Examples:
   bench_scaling
   bench_scaling --triangles 10000,20000 --repeats 3 --output out/small
   bench_scaling --transport hierarchical:0.003 --error --scene scenes/cornell_boxes.toml
+  bench_scaling --transport hierarchical:0.005 --objects 3
   bench_scaling --ranks 2 --triangles 20000
   bench_scaling --resume";
 

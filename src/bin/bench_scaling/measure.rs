@@ -9,11 +9,11 @@ use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Occlusion, Plan, PlanOptions};
 use antirad::ranks::Ranks;
 use antirad::scene::{
-    LoadOptions, Material, Scene, SceneError, Shape, SolveSettings, SolverChoice, Triangle,
+    LoadOptions, Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, SolverChoice, Triangle,
 };
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers, TransportError};
-use glam::DVec3;
+use glam::{DAffine3, DQuat, DVec3};
 use std::error::Error;
 use std::io::{BufRead, BufReader, Read};
 use std::ops::ControlFlow;
@@ -73,6 +73,36 @@ fn statue(triangles: u32) -> Result<Scene, SceneError> {
     Scene::new("statue", vertices, list, vec![grey("floor", 0.4), grey("marble", 0.7), lamp])
 }
 
+/// Balls over a floor, under a lamp: more of them and smaller ones, the more triangles there are.
+fn objects(triangles: u32, level: u32) -> Result<Scene, SceneError> {
+    let cells = (f64::from(triangles) / 20.0).sqrt().round().max(1.0) as u32;
+    let count = triangles.saturating_sub(2 * cells * cells) / (20 << (2 * level));
+    let grey = |name: &str, albedo| Material { albedo: [albedo; 3], ..Material::named(name) };
+    let (floor, stone) = (grey("floor", 0.4), grey("stone", 0.7));
+    let lamp = Material { emission: [20.0, 19.0, 17.0], ..grey("lamp", 0.5) };
+    let size = DVec3::new(6.0, 3.0, 6.0);
+    let mut builder = SceneBuilder::new();
+    builder.shape("floor", Shape::Quad { cells }, &floor, DAffine3::from_scale(size));
+    let place = DAffine3::from_translation(DVec3::new(2.0, 4.0, 2.0))
+        * DAffine3::from_scale_rotation_translation(
+            DVec3::splat(2.0),
+            DQuat::from_rotation_x(std::f64::consts::PI),
+            DVec3::new(0.0, 0.0, 2.0),
+        );
+    builder.shape("lamp", Shape::Quad { cells: 2 }, &lamp, place);
+    // A fifteenth of the space is taken.
+    let radius = 0.25 * (size.element_product() / f64::from(count.max(1))).cbrt();
+    for k in 0..count {
+        // Evenly in space (M. Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
+        let at = DVec3::new(0.819_172_513_396_164, 0.671_043_606_703_789, 0.549_700_477_901_970);
+        let at = (f64::from(k) * at).fract() * (size - 2.0 * radius) + radius;
+        let turned = DQuat::from_axis_angle(DVec3::ONE.normalize(), f64::from(k));
+        let place = DAffine3::from_scale_rotation_translation(DVec3::splat(radius), turned, at);
+        builder.shape(&format!("ball {k}"), Shape::Icosphere { level, inward: false }, &stone, place);
+    }
+    builder.finish("objects")
+}
+
 /// A scene of a file, each triangle cut into four until there are as many.
 fn refined(file: &Path, triangles: u32) -> Result<Scene, SceneError> {
     let mut scene = Scene::load(file, &LoadOptions::default())?;
@@ -115,9 +145,10 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
     let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.memory_budget))?;
     let device = device.with_ranks(ranks.clone());
     let speaks = ranks.rank() == 0;
-    let scene = match &arguments.scene {
-        None => statue(size)?,
-        Some(file) => refined(file, size)?,
+    let scene = match (&arguments.scene, arguments.objects) {
+        (Some(file), _) => refined(file, size)?,
+        (None, Some(level)) => objects(size, level)?,
+        (None, None) => statue(size)?,
     };
     let settings = SolveSettings::default().bins(arguments.bins).solver(SolverChoice::FixedPoint);
     let settings = settings.transport(arguments.transport);
@@ -184,9 +215,13 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
         }
     }
     drop((x, y));
+    let measured = |error: f64| match error.is_finite() {
+        true => Ok(error),
+        false => Err("the error is not finite: no light arrives after the first bounce"),
+    };
     let error = match planned_scene {
         None => None,
-        Some(plan) => Some(error::of_second_bounce(&mut operators, &scene, &plan)?),
+        Some(plan) => Some(measured(error::of_second_bounce(&mut operators, &scene, &plan)?)?),
     };
     if !speaks {
         return Ok(Outcome::Done);
@@ -264,6 +299,9 @@ pub fn in_child(
     }
     if let Some(scene) = &arguments.scene {
         command.arg("--scene").arg(scene);
+    }
+    if let Some(level) = arguments.objects {
+        command.args(["--objects", &level.to_string()]);
     }
     if arguments.error {
         command.arg("--error");
