@@ -1,6 +1,6 @@
 //! The light of clusters, gathered from their parts, group by group, and height by height.
 
-use super::on_host::clusters::ClusterBins;
+use super::on_host::clusters::{ClusterBins, Step};
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
@@ -103,9 +103,9 @@ impl ClusterLight {
         for (to, from) in [(antiradiance, triangles.antiradiance), (specular, triangles.specular)] {
             let Some(to) = to else { continue };
             let bins = ClusterBins { clusters, run, facets: scene.facets.whole(), own: to };
-            let from = (from, triangles.indices.start);
-            if bins.gather(device, plan, from)?.is_none() {
-                by_kernels.push((from, (to, run.range().start)));
+            let page = triangles.indices.start;
+            if bins.step(device, plan, Step::Gather(from, page))?.is_none() {
+                by_kernels.push(((from, page), (to, run.range().start)));
             }
         }
         let mut batch = device.batch()?;

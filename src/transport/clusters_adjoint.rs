@@ -1,7 +1,7 @@
 //! The cotangents of the light of clusters, passed on to their parts, height by height.
 
 use super::clusters::{GatherBinsPush, GatherPush, MOST_GROUPS, Sources, clusters_of, page};
-use super::on_host::clusters::ClusterBins;
+use super::on_host::clusters::{ClusterBins, Step};
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
@@ -102,7 +102,7 @@ impl ClusterCotangents {
         let mut by_kernels = Vec::new();
         for bins in self.bins(run.class).into_iter().flatten() {
             let bins = ClusterBins { clusters, run, facets: scene.facets.whole(), own: bins.whole() };
-            if bins.within(device, plan)?.is_none() {
+            if bins.step(device, plan, Step::Within)?.is_none() {
                 by_kernels.push((bins.own, run.range().start));
             }
         }
@@ -180,7 +180,7 @@ impl ClusterCotangents {
         for (bins, to) in self.bins(run.class).into_iter().zip([back, front]) {
             let Some(bins) = bins else { continue };
             let bins = ClusterBins { clusters, run, facets: scene.facets.whole(), own: bins.whole() };
-            if bins.to_triangles(device, plan, (to, page))?.is_none() {
+            if bins.step(device, plan, Step::ToTriangles(to, page))?.is_none() {
                 by_kernels.push((bins.own, to));
             }
         }

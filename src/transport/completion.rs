@@ -5,10 +5,11 @@ use super::state::{StateBuffers, page};
 use super::watch::TransportError;
 use crate::gpu::Buffer;
 use crate::plan::Group;
+use crate::ranks::Ranks;
 use std::ops::Range;
 
 /// Most bytes that the host holds of a share at a time.
-pub(super) const MOST_BYTES: u64 = 64 << 20;
+const MOST_BYTES: u64 = 64 << 20;
 
 /// Where a buffer holds values, by index.
 #[derive(Clone, Copy)]
@@ -33,24 +34,15 @@ impl Context {
         if ranks.count() == 1 {
             return Ok(());
         }
-        let step = (MOST_BYTES / bytes).max(1) as usize;
-        let mut values = Vec::new();
-        for (root, share) in shares.iter().enumerate() {
-            for begin in share.clone().step_by(step) {
-                let count = (share.end - begin).min(step as u32);
-                let offset = offset + u64::from(begin - first) * bytes;
-                values.resize((u64::from(count) * bytes) as usize, 0);
-                let own = root == ranks.rank();
-                if own {
-                    self.device.download_into(buffer, offset, &mut values)?;
-                }
-                ranks.broadcast(root, &mut values)?;
-                if !own {
-                    self.device.upload(buffer, offset, &values)?;
-                }
-            }
-        }
-        Ok(())
+        let at = |slots: &Range<u32>| offset + u64::from(slots.start - first) * bytes;
+        let send =
+            |some: &Range<u32>, values: &mut [u8]| Ok(self.device.download_into(buffer, at(some), values)?);
+        let receive = |root, some: &Range<u32>, values: &[u8]| match root == ranks.rank() {
+            true => Ok(()),
+            false => Ok(self.device.upload(buffer, at(some), values)?),
+        };
+        let shares = shares.iter().cloned().enumerate();
+        broadcast(ranks, shares, bytes, send, receive)
     }
 
     /// Completes an array with `bytes` for each slot.
@@ -79,4 +71,29 @@ impl Context {
         self.complete_slots(&state.irradiance, self.plan.rgb_bytes())?;
         self.complete_pages(&state.bins, |group| group.class.has_bins())
     }
+}
+
+/// Sends shares, each with the rank that holds it, to all ranks, some at a time; `bytes`: of each index. `send` fills in values of this rank,
+/// and `receive` gets those of every rank, with its number. All ranks call it.
+pub(super) fn broadcast(
+    ranks: &Ranks,
+    shares: impl Iterator<Item = (usize, Range<u32>)>,
+    bytes: u64,
+    mut send: impl FnMut(&Range<u32>, &mut [u8]) -> Result<(), TransportError>,
+    mut receive: impl FnMut(usize, &Range<u32>, &[u8]) -> Result<(), TransportError>,
+) -> Result<(), TransportError> {
+    let step = (MOST_BYTES / bytes).clamp(1, u64::from(u32::MAX)) as u32;
+    let mut values = Vec::new();
+    for (root, share) in shares {
+        for begin in share.clone().step_by(step as usize) {
+            let some = begin..share.end.min(begin.saturating_add(step));
+            values.resize((some.len() as u64 * bytes) as usize, 0);
+            if root == ranks.rank() {
+                send(&some, &mut values)?;
+            }
+            ranks.broadcast(root, &mut values)?;
+            receive(root, &some, &values)?;
+        }
+    }
+    Ok(())
 }

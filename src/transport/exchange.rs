@@ -256,10 +256,9 @@ impl Exchange {
                 incident.store(device)?;
             }
         }
-        if plan.options.ranks > 1 && plan.residency == Residency::Device {
-            context.complete_state(y.resident()?)?;
-        } else {
-            context.complete_slots(irradiance.buffer(), plan.rgb_bytes())?;
+        match plan.residency {
+            Residency::Device => context.complete_state(y.resident()?)?,
+            Residency::Host { .. } => context.complete_slots(irradiance.buffer(), plan.rgb_bytes())?,
         }
         irradiance.store(device)
     }

@@ -1,7 +1,7 @@
 //! States on the host: the device accesses them part by part, through two windows. Results do not depend on where a
 //! part lives, bit for bit. Of several ranks each holds the bins of its own triangles, and sends them to all others where these read them.
 
-use super::completion::MOST_BYTES;
+use super::completion::broadcast;
 use super::watch::TransportError;
 use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError};
 use crate::plan::{Group, Piece, Plan};
@@ -45,8 +45,8 @@ impl Part {
     /// What this rank holds of a state on the host, one part after the other.
     pub fn own(plan: &Plan) -> Vec<Self> {
         let of_piece = |piece: &Piece| {
-            let (part, own) = (&piece.part, plan.own(piece.group).tiles);
-            let tiles = part.tiles.start.max(own.start)..part.tiles.end.min(own.end);
+            let part = &piece.part;
+            let tiles = overlap(&part.tiles, &plan.own(piece.group).tiles);
             Self::of_group(plan, piece.group, &Group { tiles, ..*part })
         };
         let pieces = plan.pieces();
@@ -297,21 +297,15 @@ impl Hosted {
         mut each: impl FnMut(u64, &[u8]) -> Result<(), TransportError>,
     ) -> Result<(), TransportError> {
         let Windows { ranks, shares, slot_bytes, .. } = &*self.windows;
-        let step = (MOST_BYTES / slot_bytes).max(1) as u32;
-        let mut values = Vec::new();
-        for (rank, share) in shares {
-            let share = share.start.max(slots.start)..share.end.min(slots.end);
-            for begin in share.clone().step_by(step as usize) {
-                let some = begin..share.end.min(begin + step);
-                values.resize(some.len() * *slot_bytes as usize, 0);
-                if *rank == ranks.rank() {
-                    values.copy_from_slice(self.place_of(&some)?.of(&mut self.values())?);
-                }
-                ranks.broadcast(*rank, &mut values)?;
-                each(u64::from(begin - slots.start) * slot_bytes, &values)?;
-            }
-        }
-        Ok(())
+        let shares = shares.iter().map(|(rank, share)| (*rank, overlap(share, slots)));
+        let send = |some: &Range<u32>, values: &mut [u8]| {
+            values.copy_from_slice(self.place_of(some)?.of(&mut self.values())?);
+            Ok(())
+        };
+        let receive = |_, some: &Range<u32>, values: &[u8]| {
+            each(u64::from(some.start - slots.start) * slot_bytes, values)
+        };
+        broadcast(ranks, shares, *slot_bytes, send, receive)
     }
 
     /// The part at the start of a window.
@@ -389,7 +383,7 @@ impl Hosted {
             return Ok(());
         };
         for Own { slots: own, .. } in &self.windows.own {
-            let some = own.start.max(slots.start)..own.end.min(slots.end);
+            let some = overlap(own, slots);
             if !some.is_empty() {
                 let first = u64::from(some.start - slots.start) * self.windows.slot_bytes;
                 let to = self.place_of(&some)?.of(&mut values)?;
@@ -398,6 +392,11 @@ impl Hosted {
         }
         Ok(())
     }
+}
+
+/// What two ranges have in common; where that is nothing, a range that is empty.
+fn overlap(a: &Range<u32>, b: &Range<u32>) -> Range<u32> {
+    a.start.max(b.start)..a.end.min(b.end)
 }
 
 /// Returns an error where a plain vector would abort for lack of memory.

@@ -83,12 +83,9 @@ fn objects(triangles: u32, level: u32) -> Result<Scene, SceneError> {
     let size = DVec3::new(6.0, 3.0, 6.0);
     let mut builder = SceneBuilder::new();
     builder.shape("floor", Shape::Quad { cells }, &floor, DAffine3::from_scale(size));
-    let place = DAffine3::from_translation(DVec3::new(2.0, 4.0, 2.0))
-        * DAffine3::from_scale_rotation_translation(
-            DVec3::splat(2.0),
-            DQuat::from_rotation_x(std::f64::consts::PI),
-            DVec3::new(0.0, 0.0, 2.0),
-        );
+    let turned = DQuat::from_rotation_x(std::f64::consts::PI);
+    let place =
+        DAffine3::from_scale_rotation_translation(DVec3::splat(2.0), turned, DVec3::new(2.0, 4.0, 4.0));
     builder.shape("lamp", Shape::Quad { cells: 2 }, &lamp, place);
     // A fifteenth of the space is taken.
     let radius = 0.25 * (size.element_product() / f64::from(count.max(1))).cbrt();

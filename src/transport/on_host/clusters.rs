@@ -19,6 +19,17 @@ pub struct ClusterBins<'a> {
     pub own: BufferSlice<'a>,
 }
 
+/// What is done with them. The bins of triangles begin with a slot.
+#[derive(Clone, Copy)]
+pub enum Step<'a> {
+    /// Those of all clusters are set from those of triangles.
+    Gather(BufferSlice<'a>, u32),
+    /// What comes from the clusters that they are part of is added to those of clusters.
+    Within,
+    /// The same to those of triangles.
+    ToTriangles(BufferSlice<'a>, u32),
+}
+
 /// Numbers of the bins of each, and the index with which they begin.
 #[derive(Clone, Copy)]
 struct Page {
@@ -34,37 +45,19 @@ impl Page {
 }
 
 impl ClusterBins<'_> {
-    /// Sets those of all clusters from those of triangles, which begin with a slot. `None` where kernels must do it.
-    pub fn gather(
-        &self,
-        device: &Device,
-        plan: &Plan,
-        triangles: (BufferSlice, u32),
-    ) -> Result<Option<()>, GpuError> {
+    /// Takes a step. `None` where kernels must do it.
+    pub fn step(&self, device: &Device, plan: &Plan, step: Step) -> Result<Option<()>, GpuError> {
         match plan.settings.precision {
-            Precision::F32 | Precision::HalfBins => self.gather_as::<f32>(device, plan, triangles),
-            Precision::F64 => self.gather_as::<f64>(device, plan, triangles),
+            Precision::F32 | Precision::HalfBins => self.step_as::<f32>(device, plan, step),
+            Precision::F64 => self.step_as::<f64>(device, plan, step),
         }
     }
 
-    /// Adds to those of clusters what comes from the clusters that they are part of.
-    pub fn within(&self, device: &Device, plan: &Plan) -> Result<Option<()>, GpuError> {
-        match plan.settings.precision {
-            Precision::F32 | Precision::HalfBins => self.within_as::<f32>(device, plan),
-            Precision::F64 => self.within_as::<f64>(device, plan),
-        }
-    }
-
-    /// Adds to those of triangles, which begin with a slot, what comes from the clusters that they are part of.
-    pub fn to_triangles(
-        &self,
-        device: &Device,
-        plan: &Plan,
-        triangles: (BufferSlice, u32),
-    ) -> Result<Option<()>, GpuError> {
-        match plan.settings.precision {
-            Precision::F32 | Precision::HalfBins => self.to_triangles_as::<f32>(device, plan, triangles),
-            Precision::F64 => self.to_triangles_as::<f64>(device, plan, triangles),
+    fn step_as<T: Real>(&self, device: &Device, plan: &Plan, step: Step) -> Result<Option<()>, GpuError> {
+        match step {
+            Step::Gather(triangles, first) => self.gather::<T>(device, plan, (triangles, first)),
+            Step::Within => self.within::<T>(device, plan),
+            Step::ToTriangles(triangles, first) => self.to_triangles::<T>(device, plan, (triangles, first)),
         }
     }
 
@@ -76,7 +69,7 @@ impl ClusterBins<'_> {
         &self.clusters.parts()[(cluster - self.clusters.first()) as usize]
     }
 
-    fn gather_as<T: Real>(
+    fn gather<T: Real>(
         &self,
         device: &Device,
         plan: &Plan,
@@ -104,7 +97,7 @@ impl ClusterBins<'_> {
         })
     }
 
-    fn within_as<T: Real>(&self, device: &Device, plan: &Plan) -> Result<Option<()>, GpuError> {
+    fn within<T: Real>(&self, device: &Device, plan: &Plan) -> Result<Option<()>, GpuError> {
         let page = self.page(plan);
         device.edit_on_host([self.own], [self.facets], |[own]: [&mut [T]; 1], [facets]| {
             for of in self.run.heights.iter().skip(1).rev() {
@@ -115,7 +108,7 @@ impl ClusterBins<'_> {
         })
     }
 
-    fn to_triangles_as<T: Real>(
+    fn to_triangles<T: Real>(
         &self,
         device: &Device,
         plan: &Plan,
