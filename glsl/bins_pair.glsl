@@ -2,8 +2,8 @@
 #define BINS_PAIR_GLSL
 // U from one source to one receiver where either has bins, point to point. Expects near_field.glsl, source_bins.glsl,
 // receiver_bins.glsl, `half_range`, and `real3 light(uint at)`, the diffuse radiance of the source at a place.
-// Where SPREAD is defined, sources may be clusters; then also spread.glsl, `real spread_of(Facet source)`, and
-// `Moment moment(uint at)`, the first moment of that radiance.
+// Where SPREAD is defined, sources may be clusters, or volumes if `volumes` is not 0; then also spread.glsl, `real spread_of(Facet
+// source)`, and `Moment moment(uint at)`, the first moment of that radiance.
 
 // `bins`: first bin of the source in its page. Adds to the deposits, and the sum of all bins to `sum`.
 void receive(
@@ -27,13 +27,18 @@ void receive(
     }
 #ifdef SPREAD
     real tilt = from > 0.0 ? dot(receiver.normal, source.normal) : -dot(receiver.normal, source.normal);
-    Spread seen = spread_over(to, abs(from), tilt, spread_of(source), r2);
+    Spread seen = volumes != 0
+        ? spread_in_space(to, spread_of(source))
+        : spread_over(to, abs(from), tilt, spread_of(source), r2);
     to = seen.cosine;
+    // The intensity of volumes is net of cosines.
+    real sent = volumes != 0 ? sqrt(r2) : abs(from);
 #else
     to = max(to, 0.0);
+    real sent = abs(from);
 #endif
     real side = from > 0.0 ? real(fronts) : real(backs);
-    real weight = side * blend * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
+    real weight = side * blend * sent * to * source.area / (r2 * (r2 + source.area * INV_PI));
     // A loop, to skip it where no lane has anything to add.
     for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
         real3 direction = d * inversesqrt(r2);

@@ -31,6 +31,8 @@ layout(push_constant) uniform ListPush {
     uint clusters;
     // Index of the first moment in `radiance`, three for each cluster.
     uint moments;
+    // 1 if the sources are volumes, which have neither radiance nor moments, but bins alone.
+    uint volumes;
 };
 
 shared uint fetched_entries[LANES];
@@ -58,9 +60,9 @@ uvec2 part_of_list(uint list) {
     return uvec2(begin, min(begin + take, end));
 }
 
-// Variance of the triangles of a source: clusters have it in place of the characteristic area, as they are never close.
+// Variance of the triangles of a source: clusters and volumes have it in place of the characteristic area, as they are never close.
 real spread_of(Facet source) {
-    return clusters != 0 ? source.characteristic_area : real(0.0);
+    return clusters + volumes != 0 ? source.characteristic_area : real(0.0);
 }
 
 // Fetches up to LANES entries from `at` on, and says how many.
@@ -70,7 +72,11 @@ uint fetch(uint at, uint end) {
     uint entry = far_lists[at + min(lane, count - 1)];
     uint index = entry >> 3;
     Facet facet = facets[index];
-    real4 light = radiance[index];
+    real4 light = real4(0.0);
+    // A loop, to skip it for volumes.
+    for (uint once = volumes != 0 ? 0 : 1; once > 0; once--) {
+        light = radiance[index];
+    }
     Moment moment = NO_MOMENT;
     // A loop, to skip it for triangles.
     for (uint once = clusters != 0 ? 1 : 0; once > 0; once--) {

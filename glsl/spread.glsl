@@ -24,6 +24,15 @@ Spread spread_over(real to, real from, real tilt, real spread, real r2) {
     return Spread(cosine, lit * above, lit * mean);
 }
 
+// The same of a volume: its triangles lie all around its centroid, and cos_j / r² is harmonic, so that to second order the mean is that
+// of the centroid.
+Spread spread_in_space(real to, real spread) {
+    real width = sqrt(spread);
+    real above = clamp(0.5 + 0.5 * to / max(width, 1e-12), 0.0, 1.0);
+    real mean = to > width ? to : above * above * width;
+    return Spread(mean, above, mean);
+}
+
 // By how much the cosine changes along the cluster's plane, per unit of length, apart from |cos_i|: the first moment of light is
 // multiplied by it. `d`: from source to receiver.
 real3 spread_slope(Spread s, real3 receiver_normal, real3 d, real r2) {

@@ -16,7 +16,7 @@ use antirad::scene::{
 use antirad::solve::{GmresParams, gmres};
 use glam::{DAffine3, DVec3};
 use std::ops::ControlFlow;
-use support::random::{Random, random_scene, scattered};
+use support::random::{Random, balls, random_scene, scattered};
 
 /// Both layouts with both weights, coarse: the more directions share a bin, the more of its edge cases occur.
 fn all_settings() -> [SolveSettings; 4] {
@@ -148,6 +148,26 @@ fn transport_through_clusters_and_its_transpose_agree() {
     }
 }
 
+/// The same with volumes, of diffuse and glossy balls.
+#[test]
+fn transport_through_volumes_and_its_transpose_agree() {
+    let mut random = Random::new(14);
+    let mut scene = balls(4, 3, true);
+    let bins = BinLayout::EqualAngle { theta: 4, phi: 7 };
+    scene.settings = scene.settings.bins(bins).transport(Transport::Hierarchical { error: 0.3 });
+    let plan = with_clusters(&scene);
+    let clusters = plan.clusters().expect("clusters");
+    assert!(clusters.volumes().is_some());
+    let model = Model::new(&scene);
+    let (outgoing, importance) = (random_outgoing(&model, &mut random), random_state(&model, &mut random));
+    assert_same(
+        "balls",
+        dot_states(&transport_through_clusters(&model, clusters, &outgoing), &importance),
+        dot_outgoing(&outgoing, &transport_through_clusters_adjoint(&model, clusters, &importance)),
+        1e-11,
+    );
+}
+
 /// A bumpy figure between a glossy floor and a ceiling: curved clusters and flat ones, with bins at either end.
 fn figure() -> Scene {
     let floor = Material { specular: [0.3; 3], power: 8.0, ..Material::named("floor") };
@@ -187,6 +207,7 @@ fn transport_through_clusters_changes_with_all_corners_as_its_derivative_says() 
         order: &plan.layout().order,
         groups: &groups,
         leaf: 4,
+        least_volume: None,
         half_range: 0.5 * scene.settings.near_field,
         tolerance: 1e-6,
         bin: 0.3,

@@ -3,13 +3,14 @@
 mod support;
 
 use antirad::gpu::Device;
-use antirad::model::{LIST, Parts, classify, share};
+use antirad::model::{LIST, Parts, VolumeParts, classify, share};
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, PlannedTransport, Residency};
 use antirad::reference::Model;
 use antirad::scene::{Lamps, Precision, Scene, SolveSettings, Transport};
 use antirad::{Cotangent, Engine, Gradients, SolveParams};
 use glam::DVec3;
 use std::time::Instant;
+use support::random::balls;
 use support::{areas, device, finish, load, relative_l2, solve, solve_within};
 
 /// Bytes of bins in one buffer: of all triangles of a class in small scenes, or of some hundred.
@@ -55,6 +56,31 @@ fn the_error_is_at_most_the_one_asked_for() {
             assert_eq!(engine.plan().transport(), PlannedTransport::Hierarchical { error });
             assert!(found <= error, "{name}: {found}");
             assert!(found > 0.0 && pairs.clusters > 0);
+        }
+    }
+    finish(&device);
+}
+
+/// Many small objects: the error is at most the one asked for, with volumes and fewer interactions than without, which plans with derivatives
+/// do not have.
+#[test]
+fn volumes_stand_for_objects() {
+    let device = device();
+    for (scene, errors) in [(balls(4, 3, false), [0.1, 0.03]), (balls(4, 3, true), [0.3, 0.1])] {
+        let exact = solve(&device, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
+        for error in errors {
+            let settings = hierarchical(&scene, error);
+            let (engine, solution) = solve(&device, &scene, &settings);
+            let options = PlanOptions::of(&device).gradients(GradientRequest::NOTHING.albedo(true));
+            let without = planned(&scene, &settings, options);
+            assert!(without.clusters().is_none_or(|clusters| clusters.volumes().is_none()));
+            let found = relative_l2(&solution.irradiance, &exact, &areas(&scene));
+            let evaluated = |plan: &Plan| plan.pairs().irradiance + plan.pairs().bins;
+            let pairs = [engine.plan(), &without].map(evaluated);
+            println!("balls, {error}: {found:.5}, {pairs:?} pairs");
+            assert!(engine.plan().clusters().is_some_and(|clusters| clusters.volumes().is_some()));
+            assert!(pairs[0] < pairs[1], "{pairs:?}");
+            assert!(found <= error && found > 0.0, "{found}");
         }
     }
     finish(&device);
@@ -140,9 +166,10 @@ fn gradients_are_those_of_the_exact_sum() {
 #[test]
 fn the_same_input_gives_the_same_bytes() {
     let device = device();
-    let scene = load("scenes/cornell_boxes.toml");
-    let solved = || solve(&device, &scene, &hierarchical(&scene, 0.01)).1.irradiance;
-    assert!(solved() == solved(), "the results differ");
+    for (scene, error) in [(load("scenes/cornell_boxes.toml"), 0.01), (balls(4, 3, true), 0.1)] {
+        let solved = || solve(&device, &scene, &hierarchical(&scene, error)).1.irradiance;
+        assert!(solved() == solved(), "the results differ");
+    }
     finish(&device);
 }
 
@@ -157,6 +184,11 @@ fn no_triangle_is_missing_or_there_twice() {
         plan.clusters().map_or(0, |clusters| clusters.runs().len())
     });
     assert!(runs[0] < runs[1], "{runs:?}");
+    let scene = balls(4, 3, true);
+    let options = PlanOptions::default().boundless().cull(false).page(SMALL_PAGE);
+    let plan = planned(&scene, &hierarchical(&scene, 0.1), options);
+    assert!(plan.clusters().is_some_and(|clusters| clusters.volumes().is_some()));
+    each_triangle_is_there_once(&scene, &plan);
 }
 
 fn each_triangle_is_there_once(scene: &Scene, plan: &Plan) {
@@ -170,6 +202,21 @@ fn each_triangle_is_there_once(scene: &Scene, plan: &Plan) {
                 both.iter().flat_map(|part| members[(part - first) as usize].clone()).collect()
             }
         });
+    }
+    if let Some(volumes) = clusters.volumes() {
+        let begin = volumes.run().range().start;
+        for parts in volumes.parts() {
+            members.push(match parts {
+                VolumeParts::Triangles(at) => {
+                    let slots = &volumes.slots()[at.start as usize..at.end as usize];
+                    slots.iter().map(|&slot| clusters.order()[slot as usize] as usize).collect()
+                }
+                VolumeParts::Volumes(both) => {
+                    assert!(both.iter().all(|&part| part >= begin));
+                    both.iter().flat_map(|part| members[(part - first) as usize].clone()).collect()
+                }
+            });
+        }
     }
     for list in 0..clusters.sources().lists() {
         let mut seen = vec![0; scene.triangles.len()];
@@ -275,17 +322,20 @@ fn half_bins_and_clusters_go_together() {
 #[test]
 fn states_on_the_host_have_clusters_too() {
     let device = device();
-    for name in ["scenes/cornell_boxes.toml", "scenes/glossy_floor.toml"] {
-        let scene = load(name);
+    let scenes =
+        ["scenes/cornell_boxes.toml", "scenes/glossy_floor.toml"].map(|name| (name, load(name), 3 << 20));
+    for (name, scene, budget) in scenes.into_iter().chain([("balls", balls(4, 3, true), 10 << 20)]) {
         let settings = hierarchical(&scene, 0.02);
         let exact = solve(&device, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
         for device in [device.clone(), device.clone().kernels_only()] {
             let options = PlanOptions::of(&device).keep_near_field(false);
-            let (engine, hosted) = solve_within(&device, &scene, &settings, &options.memory_budget(3 << 20));
+            let (engine, hosted) = solve_within(&device, &scene, &settings, &options.memory_budget(budget));
             let plan = engine.plan();
             assert_eq!(plan.transport(), PlannedTransport::Hierarchical { error: 0.02 });
             let Residency::Host { receivers, .. } = plan.residency() else { panic!("not on the host") };
             assert!(plan.sweeps().len() > 1);
+            let volumes = plan.clusters().is_some_and(|clusters| clusters.volumes().is_some());
+            assert_eq!(volumes, name == "balls");
             let in_pages = options.page(u64::from(receivers) * plan.tile_bytes());
             let (engine, resident) = solve_within(&device, &scene, &settings, &in_pages);
             assert_eq!(engine.plan().residency(), Residency::Device);

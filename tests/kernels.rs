@@ -5,15 +5,16 @@ mod reflect;
 mod support;
 
 use antirad::gpu::Device;
+use antirad::model::Clusters;
 use antirad::plan::{Plan, PlanOptions};
 use antirad::reference::{Model, State, observe, to_bf16, transport, transport_through_clusters};
-use antirad::scene::{BinLayout, Precision, Scene, SolveSettings, Transport, Weights};
+use antirad::scene::{BinLayout, Lamps, Precision, Scene, SolveSettings, Transport, Weights};
 use antirad::shaders::RealShader;
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers};
 use antirad::{Engine, SolveParams, shaders, transport as device_side};
 use glam::DVec3;
-use support::random::{Random, random_scene, scattered, with_own_powers};
+use support::random::{Random, balls, random_scene, scattered, with_own_powers};
 use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};
 use support::{device, finish};
 
@@ -351,9 +352,22 @@ fn layouts_agree_with_the_shaders() {
                 "take" = take,
                 "clusters" = clusters,
                 "moments" = moments,
+                "volumes" = volumes,
             ]
         );
     }
+    check!(
+        shaders::VOLUME_BINS.of(Precision::F32),
+        "VolumePush",
+        VolumePush,
+        [
+            "begin" = begin,
+            "volumes" = volumes,
+            "slot_begin" = slot_begin,
+            "slot_end" = slot_end,
+            "backs" = backs,
+        ]
+    );
     for shader in [shaders::GATHER.of(Precision::F64), shaders::SCATTER.of(Precision::F32)] {
         check!(
             shader,
@@ -522,4 +536,29 @@ fn clusters_stand_for_far_triangles() {
     }
     let scene = support::load("scenes/closed_box.toml");
     compare("closed_box, f64", &scene, settings(&scene).precision(Precision::F64), |options| options);
+}
+
+/// Volumes of diffuse and glossy balls, of several pages, and without colour; with receivers of all kinds.
+#[test]
+fn volumes_stand_for_far_triangles() {
+    let mut scene = balls(4, 3, true);
+    let settings = SolveSettings::default()
+        .bins(BinLayout::EqualAngle { theta: 4, phi: 7 })
+        .transport(Transport::Hierarchical { error: 0.3 })
+        .lamps(Lamps::Antiradiance);
+    let concentric = settings.bins(BinLayout::Concentric { n: 4 }).precision(Precision::F64);
+    let tests = |name: &str, scene: &Scene, settings: SolveSettings| {
+        let small = |options: PlanOptions| options.page(256 << 10);
+        let plan = Plan::new(scene, &small(PlanOptions::default()), &settings).expect("a plan");
+        let volumes = plan.clusters().and_then(Clusters::volumes).expect("volumes");
+        assert!(volumes.run().heights.len() > 1 && plan.layout().groups.len() > 3, "{name}");
+        compare(name, scene, settings, small);
+    };
+    tests("balls", &scene, settings);
+    for material in &mut scene.materials {
+        material.albedo = [0.5; 3];
+        material.specular = [material.specular[0]; 3];
+        material.emission = [material.emission[0]; 3];
+    }
+    tests("grey balls, f64", &scene, concentric);
 }

@@ -21,7 +21,7 @@ pub(crate) use class::{coplanar_tolerance, reaches};
 pub(crate) use close_pair::{ClosePair, Piece};
 pub use clusters::{
     ClusterInput, ClusterRun, Clusters, ENTRY_BITS, LIST, Parts, ReceiverLists, SOURCES, SourceLists, Spread,
-    share,
+    VolumeParts, Volumes, share,
 };
 pub use facet::{Facet, orthonormal_basis};
 pub(crate) use facet::{centroid, quarters};

@@ -61,7 +61,7 @@ impl MemoryPlan {
         let real = plan.settings.precision.bytes();
         let slots = u64::from(plan.layout.slots());
         let mut memory = Self::default();
-        let seen = u64::from(plan.sources()) + u64::from(plan.partner_slots());
+        let seen = u64::from(plan.sources() + plan.volumes()) + u64::from(plan.partner_slots());
         memory.add("facets", seen * FACET * real, 1);
         memory.add("corners", slots * CORNERS * real, 1);
         memory.add("surfaces", slots * SURFACE * real, 1);
@@ -108,6 +108,12 @@ impl MemoryPlan {
         self.add("cluster parts", u64::from(clusters.count()) * CLUSTER_PARTS, 1);
         self.add_if_any("cluster antiradiance", plan.cluster_page_bytes(|class| class.blocker));
         self.add_if_any("cluster specular", plan.cluster_page_bytes(|class| class.glossy));
+        if let Some(volumes) = clusters.volumes() {
+            let count = volumes.parts().len() as u64;
+            self.add("volume parts", count * CLUSTER_PARTS, 1);
+            self.add("volume slots", size_of_val(volumes.slots()) as u64, 1);
+            self.add("volume bins", count * plan.bin_bytes(), 2);
+        }
     }
 
     fn add_cluster_cotangents(&mut self, plan: &Plan, clusters: &Clusters) {

@@ -406,6 +406,11 @@ impl Plan {
         self.layout.slots() + self.clusters().map_or(0, Clusters::count)
     }
 
+    /// Number of volume clusters.
+    pub(crate) fn volumes(&self) -> u32 {
+        self.clusters().and_then(Clusters::volumes).map_or(0, |volumes| volumes.parts().len() as u32)
+    }
+
     /// The options that the plan was made with.
     pub fn options(&self) -> &PlanOptions {
         &self.options

@@ -1,7 +1,7 @@
 //! The plan in words and numbers.
 
 use super::{LampsReport, MemoryItem, PADDING, PairLists, Plan, PlannedSolver, Reflectance, Residency};
-use crate::model::{Class, Clusters, LIST};
+use crate::model::{Class, Clusters, LIST, Volumes};
 use std::fmt;
 use std::ops::Range;
 
@@ -181,7 +181,8 @@ impl Plan {
                     pairs.clusters += if as_cluster { count } else { 0 };
                 };
                 self.layout.groups.iter().for_each(|g| add(g.class, self.layout.slots_of(&g.tiles), false));
-                clusters.runs().iter().for_each(|run| add(run.class, run.range(), true));
+                let runs = clusters.runs().iter().chain(clusters.volumes().map(Volumes::run));
+                runs.for_each(|run| add(run.class, run.range(), true));
             }
         }
         pairs.culled = pairs.total.saturating_sub(pairs.irradiance + pairs.bins);

@@ -50,6 +50,8 @@ impl fmt::Display for PlannedTransport {
 const WORTH: f64 = 0.4;
 /// Triangles of the smallest clusters.
 const LEAF: u32 = 4;
+/// Volumes times the triangles of the smallest, over the triangles of all: more than there are, as none has fewer than an eighth of that.
+const VOLUMES_PER_LEAST: usize = 8;
 /// How often clusters are planned anew for smaller windows on states.
 const REFITS: u32 = 4;
 /// Largest brightness of a source, relative to the mean.
@@ -127,7 +129,7 @@ impl Plan {
         let bin = TAU / self.bins.count() as f64;
         let lists = (self.options.cull, self.options.gradients.any());
         let backs = brightness.iter().fold(BACKS, |most, &bright| most.max(NARROW * bright));
-        let (limits, lit) = ((LEAF, error), (brightness, backs, bin));
+        let (limits, lit) = ((LEAF, self.least_volume(), error), (brightness, backs, bin));
         let Self { layout, facets, classes, .. } = &*self;
         self.interactions =
             Interactions::hierarchical(layout, facets, classes, half_range, lists, limits, lit)?;
@@ -166,6 +168,17 @@ impl Plan {
         let largest = groups.map(|group| self.layout.slots_of(&group.tiles).len() as u64).max();
         // Every cut of a tree adds a branch.
         largest.map_or(0, |slots| 2 * slots / u64::from(LEAF) - 1) * self.bin_bytes()
+    }
+
+    /// Triangles of the smallest volumes: so many that the bins of all volumes fit a buffer. None where derivatives are wanted, which go
+    /// through clusters of one normal alone.
+    fn least_volume(&self) -> Option<usize> {
+        if self.options.gradients.any() {
+            return None;
+        }
+        let most = (self.options.max_buffer / self.bin_bytes()).max(1);
+        // Cuts are uneven, and every cut adds a branch.
+        Some((VOLUMES_PER_LEAST * self.layout.slots() as usize).div_ceil(most as usize))
     }
 
     /// Brightness of the fronts, relative to the mean: 1, and more where light is emitted into U.

@@ -1,6 +1,7 @@
 //! U where clusters stand for far triangles. Twin of glsl/gather*.comp and glsl/cluster_bins.comp, glsl/cluster_irradiance.comp.
 
 use super::transport::{Beam, Incident, collect, near_beams, visit_far};
+use super::volumes::{VolumeLight, volume_beam};
 use super::{Model, Outgoing, State};
 use crate::model::{
     Class, Clusters, Facet, LIST, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Parts, Spread, far_weight, share,
@@ -13,6 +14,7 @@ use std::f64::consts::PI;
 /// are those of [`super::transport`].
 pub fn transport_through_clusters(model: &Model, clusters: &Clusters, outgoing: &Outgoing) -> State {
     let light = ClusterLight::new(model, clusters, outgoing);
+    let volumes = VolumeLight::new(model, clusters, outgoing);
     let slots = slots(model, clusters);
     let receive = |j: usize| {
         let mut incident = Incident::new(model, j);
@@ -29,6 +31,10 @@ pub fn transport_through_clusters(model: &Model, clusters: &Clusters, outgoing: 
                         let uneven = if beam.front { light.moment[c] * slope } else { DVec3::ZERO };
                         incident.deposit(-beam.direction, even + uneven);
                     }
+                }
+                Source::Volume(v) => {
+                    let beam = volume_beam(model, &volumes.facets[v], j);
+                    incident.deposit(-beam.direction, beam.binned * volumes.radiance(model, v, &beam));
                 }
             }
         }
@@ -47,6 +53,8 @@ pub(super) enum Source {
     Triangle(usize),
     /// By number.
     Cluster(usize),
+    /// By number.
+    Volume(usize),
 }
 
 /// The slot of each triangle; those without area have none.
@@ -65,6 +73,9 @@ pub(super) fn listed(clusters: &Clusters, slot: Option<u32>) -> impl Iterator<It
     let entries = slot.into_iter().flat_map(|slot| clusters.sources().sources(slot / LIST));
     entries.map(|(index, passing)| match clusters.order().get(index as usize) {
         Some(&i) => (Source::Triangle(i as usize), passing),
+        None if clusters.is_volume(index) => {
+            (Source::Volume((index - clusters.first() - clusters.count()) as usize), passing)
+        }
         None => (Source::Cluster((index - clusters.first()) as usize), passing),
     })
 }

@@ -3,6 +3,7 @@
 use super::adjoint::{SourceCotangent, outgoing_cotangent};
 use super::clusters::{ClusterBeam, Source, add_scaled, cluster_beam, listed, outer, slots, visit_listed};
 use super::transport::near_beams;
+use super::volumes::VolumeCotangents;
 use super::{Model, Outgoing, State};
 use crate::model::{Clusters, Facet, Parts, share};
 use glam::DMat3;
@@ -43,6 +44,7 @@ impl Cotangents {
             clusters: facets.iter().copied().zip(classes).map(of_cluster).collect(),
             moments: vec![DMat3::ZERO; facets.len()],
         };
+        let mut volumes = VolumeCotangents::new(model, clusters);
         for (j, slot) in slots(model, clusters).into_iter().enumerate() {
             for (source, passing) in listed(clusters, slot) {
                 match source {
@@ -59,9 +61,11 @@ impl Cotangents {
                             all.clusters[c].receive(model, importance, j, beam);
                         }
                     }
+                    Source::Volume(v) => volumes.receive(model, importance, v, j),
                 }
             }
         }
+        volumes.pass_on(model, clusters, &mut all.triangles);
         // Parts have lower numbers than what they make up.
         for (c, parts) in clusters.parts().iter().enumerate().rev() {
             let (below, above) = all.clusters.split_at_mut(c);

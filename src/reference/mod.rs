@@ -12,6 +12,7 @@ mod random;
 mod reflection;
 mod scenes;
 mod transport;
+mod volumes;
 
 pub use crate::model::projected_solid_angle;
 pub use adjoint::{AdjointEquation, observe_adjoint, reflect_adjoint, transport_adjoint};

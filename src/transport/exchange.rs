@@ -8,10 +8,11 @@ use super::reflection::Reflection;
 use super::residency::{Part, View};
 use super::state::{State, page};
 use super::sweep::{Between, Kernels, Sweep, of_partners};
+use super::volumes::VolumeLight;
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, bin_constants};
 use crate::gpu::{Bindings, BufferSlice, Device, GpuError};
-use crate::model::Class;
+use crate::model::{Class, Clusters};
 use crate::plan::{Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan, Residency};
 use crate::shaders;
 use rayon::prelude::*;
@@ -63,10 +64,11 @@ impl Shape {
         plan: &Plan,
         kernels: impl Fn(Self) -> Kernels<'static> + Sync,
     ) -> Result<Vec<(Self, Sweep)>, GpuError> {
+        let volumes = plan.clusters().and_then(Clusters::volumes).map(|volumes| volumes.run().class);
         let mut shapes: Vec<Self> = Vec::new();
         for to in &plan.layout.groups {
-            for from in &plan.layout.groups {
-                let shape = Self::new(from.class, to.class);
+            for from in plan.layout.groups.iter().map(|group| group.class).chain(volumes) {
+                let shape = Self::new(from, to.class);
                 if !shapes.contains(&shape) {
                     shapes.push(shape);
                 }
@@ -90,6 +92,7 @@ pub struct Exchange {
     half_bins: Option<HalfBins>,
     /// Where clusters stand for far triangles.
     pub(super) clusters: Option<ClusterLight>,
+    volumes: Option<VolumeLight>,
 }
 
 impl Exchange {
@@ -99,6 +102,7 @@ impl Exchange {
             near_matrix: NearMatrix::forward(device, plan)?,
             half_bins: HalfBins::new(device, plan)?,
             clusters: ClusterLight::new(device, plan)?,
+            volumes: VolumeLight::new(device, plan)?,
         })
     }
 
@@ -141,6 +145,10 @@ impl Exchange {
         let partners = of_partners(context, &outgoing.radiance);
         let irradiance = y.receive(device, &Part::irradiance(plan))?;
         let pieces = plan.pieces();
+        let mut first_sweep = true;
+        if let Some(volumes) = &self.volumes {
+            volumes.clear(context)?;
+        }
         for groups in plan.sweeps() {
             let mut receivers = Vec::new();
             for t in groups {
@@ -198,6 +206,9 @@ impl Exchange {
                 if let Some(clusters) = &self.clusters {
                     let triangles =
                         ClusterSources { class: from.class, indices: slots, antiradiance, specular };
+                    if let Some(volumes) = self.volumes.as_ref().filter(|_| first_sweep) {
+                        volumes.add(context, &triangles, backs)?;
+                    }
                     let of_clusters = clusters.gather(context, piece.group, &triangles, backs)?;
                     for sources in [triangles, of_clusters] {
                         for (to, incident) in &lit {
@@ -250,6 +261,18 @@ impl Exchange {
                         sweep.far(context, &between, far, &partners, passing, monitor)?;
                     }
                 }
+            }
+            if let Some(volumes) = self.volumes.as_ref().filter(|_| first_sweep) {
+                volumes.sum(context)?;
+                first_sweep = false;
+            }
+            for (to, incident) in receivers.iter().filter(|(to, _)| !to.tiles.is_empty()) {
+                let Some(volumes) = &self.volumes else { continue };
+                let sources = &volumes.sources(plan)?;
+                let sweep = sweep_of(&mut self.sweeps, Shape::new(sources.class, to.class))?;
+                // Fronts are on both sides of volumes.
+                let passing = PAIR_FRONT | PAIR_BACK;
+                add_listed(context, sweep, sources, to, (irradiance.slice(), incident), passing, monitor)?;
             }
             self.add_near_matrix(context, x, y, monitor)?;
             for (_, incident) in receivers {
@@ -307,7 +330,8 @@ fn add_listed(
         Sources::Listed {
             lists: clusters.sources(),
             indices: from.indices.clone(),
-            clusters: (from.indices.start >= first).then(|| [first, plan.sources()]),
+            clusters: clusters.is_cluster(from.indices.start).then(|| [first, plan.sources()]),
+            volumes: clusters.is_volume(from.indices.start),
         },
         ([from.antiradiance, from.specular], from.indices.start),
         (irradiance, incident),

@@ -236,7 +236,7 @@ impl ExchangeDerivative {
                 let own = plan.layout.slots_of(&plan.own(t).tiles);
                 let blocks = own.start / LIST..own.end / LIST;
                 let (lists, indices) = (clusters.sources(), from.indices.clone());
-                let of = HostSources::Listed { lists, indices, clusters: moments };
+                let of = HostSources::Listed { lists, indices, clusters: moments, volumes: false };
                 if !derivative(By::Receivers(of))?.run(sweep, context, blocks, monitor)? {
                     let partners = (&from.indices, from.indices.start);
                     let passing = PAIR_FRONT | PAIR_NEAR | PAIR_BACK;

@@ -26,6 +26,7 @@ mod state;
 mod sweep;
 mod sweep_receivers;
 mod vectors;
+mod volumes;
 mod watch;
 
 pub use clusters::{GatherBinsPush, GatherPush};
@@ -36,6 +37,7 @@ pub use near_matrix::NearMatrixPush;
 pub use pace::Pace;
 pub use scene_buffers::SceneBuffers;
 pub use state::{Outgoing, State};
+pub use volumes::VolumePush;
 
 pub use adjoint::{AdjointKernels, AdjointOperator, LobeSums};
 pub use reflection::{GlossyPush, ReflectPush};

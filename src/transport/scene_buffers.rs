@@ -88,7 +88,8 @@ impl SceneBuffers {
         let bin_table: Vec<f64> = bins.flat_map(|(c, &p)| [c.x, c.y, c.z, p]).collect();
         let mut facets = by_slot(plan, |i| facet_reals(&plan.facets[i]));
         let clusters = plan.clusters().map_or_else(Vec::new, |clusters| clusters.facets(&plan.facets));
-        facets.extend(clusters.iter().flat_map(facet_reals));
+        let volumes = plan.clusters().map_or_else(Vec::new, |clusters| clusters.volume_facets(&plan.facets));
+        facets.extend(clusters.iter().chain(&volumes).flat_map(facet_reals));
         facets.resize(facets.len() + plan.partner_slots() as usize * FACET, 0.0);
         let reals =
             |label: &str, values: &[f64]| real::filled(device, label, plan.settings.precision, values);

@@ -64,6 +64,8 @@ pub struct ListPush {
     pub clusters: u32,
     /// Index of the first moment in the radiance of sources, three for each cluster.
     pub moments: u32,
+    /// 1 if the sources are volumes.
+    pub volumes: u32,
 }
 
 /// Sources of a list per dispatch: as many as [`Plan::partner_slots`] in f32, and for the same reason.
@@ -431,8 +433,9 @@ impl Sweep {
                     passing,
                     skip,
                     take: LIST_TAKE,
-                    clusters: if indices.start >= clusters.first() { clusters.first() } else { 0 },
+                    clusters: if clusters.is_cluster(indices.start) { clusters.first() } else { 0 },
                     moments: plan.sources(),
+                    volumes: u32::from(clusters.is_volume(indices.start)),
                 };
                 let pairs = (begin..begin + rows).map(|list| u64::from(left(list) * LIST)).sum();
                 bundle.add(pairs, pairs, |batch| {

@@ -9,7 +9,8 @@ use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Occlusion, Plan, PlanOptions};
 use antirad::ranks::Ranks;
 use antirad::scene::{
-    LoadOptions, Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, SolverChoice, Triangle,
+    Lamps, LoadOptions, Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, SolverChoice,
+    Triangle,
 };
 use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers, TransportError};
@@ -148,7 +149,9 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
         (None, None) => statue(size)?,
     };
     let settings = SolveSettings::default().bins(arguments.bins).solver(SolverChoice::FixedPoint);
-    let settings = settings.transport(arguments.transport);
+    // Exact shadows of that many objects would take far longer than bounces.
+    let lamps = if arguments.objects.is_some() { Lamps::Sampled } else { settings.lamps };
+    let settings = settings.transport(arguments.transport).lamps(lamps);
     // Of the statue all triangles block, so that its cost does not depend on its shape.
     let occlusion = if arguments.scene.is_none() { Occlusion::Everything } else { Occlusion::Exact };
     // The least memory, and the kernels of close pairs.

@@ -7,15 +7,17 @@
 //! the rest. Light decides, not angle alone: small, dim and inclined sources need little care.
 
 use super::moments::Moments;
-use super::sources::{ENTRY_BITS, SourceLists};
+use super::sources::ENTRY_BITS;
+use super::volumes::{Place, VolumeTree};
 use super::{ClusterInput, LIST};
 use crate::model::facet::Facet;
 use crate::model::hierarchy::{Hierarchy, Node, Sight};
-use crate::model::order::PADDING;
+use crate::model::order::{BoundedRun, PADDING};
 use crate::model::passing::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
+use std::ops::Range;
 
 /// Square of the largest σ/r over the error: the light of a cluster is linear in its plane, and what is missing tends to have the
 /// same sign everywhere, so that these errors add up.
@@ -26,7 +28,7 @@ const WIDE_IN_BINS: f64 = 2.5;
 /// light changes from bin to bin.
 const WIDE_IN_SLOPES: f64 = 0.02;
 /// Largest σ/r, and δ, for any error: beyond, higher orders count.
-const WIDEST: f64 = 0.2;
+pub const WIDEST: f64 = 0.2;
 /// δ below which a cluster counts as flat.
 const FLAT: f64 = 1e-3;
 
@@ -55,11 +57,53 @@ struct Group<'a> {
     bins: bool,
 }
 
+/// What volumes know of a group of receivers.
+pub struct Receivers<'a> {
+    node: &'a Node,
+    pub bounds: &'a BoundedRun,
+    pub centre: DVec3,
+    pub radius: f64,
+    /// The largest.
+    pub characteristic_area: f64,
+}
+
+impl Receivers<'_> {
+    /// An upper bound of ⟨n, direction⟩.
+    pub fn steepest(&self, direction: DVec3) -> f64 {
+        Hierarchy::steepest(self.node, direction)
+    }
+}
+
+/// How much of a branch volumes stand for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Taken {
+    Nothing,
+    Some,
+    All,
+}
+
+/// The triangles that volumes stand for, by position, ascending.
+struct TakenRuns(Vec<Range<u32>>);
+
+impl TakenRuns {
+    fn of(&self, place: Place) -> Taken {
+        let next = self.0.partition_point(|run| run.end <= place.first);
+        match self.0.get(next) {
+            Some(run) if place.is_within(run) => Taken::All,
+            Some(run) if place.meets(run) => Taken::Some,
+            _ => Taken::Nothing,
+        }
+    }
+}
+
 pub struct Acceptance<'a> {
     input: &'a ClusterInput<'a>,
     tree: &'a Hierarchy,
     receivers: Hierarchy,
     branches: Vec<Branch>,
+    volumes: Option<VolumeTree<'a>>,
+    /// By branch.
+    places: Vec<Place>,
 }
 
 impl<'a> Acceptance<'a> {
@@ -96,25 +140,32 @@ impl<'a> Acceptance<'a> {
                 glossy: class.glossy,
             }
         };
-        let branches = moments.iter().enumerate().map(branch).collect();
+        let branches: Vec<Branch> = moments.iter().enumerate().map(branch).collect();
         let receivers = Hierarchy::new(facets, order, LIST as usize, input.tolerance);
-        Self { input, tree, receivers, branches }
+        let volumes =
+            input.least_volume.map(|least| VolumeTree::new(input, least, &planes(tree, &branches, input)));
+        let places = volumes.as_ref().map_or(Vec::new(), |volumes| places(tree, volumes, input));
+        Self { input, tree, receivers, branches, volumes, places }
     }
 
-    /// The sources of each group of receivers. `None` if there are too many.
-    pub fn lists(&self) -> Option<SourceLists> {
-        let &ClusterInput { order, leaf, .. } = self.input;
-        let last = (order.len() + self.tree.nodes().len()) as u64;
-        if leaf == 0 || last >= 1 << (u32::BITS - ENTRY_BITS) {
+    /// The sources of each group of receivers; volumes have the indices from `volumes` on, by their number in the tree. `None` if
+    /// there are too many.
+    pub fn lists(&self, volumes: u32) -> Option<Vec<Vec<u32>>> {
+        let last = u64::from(volumes) + self.volumes.as_ref().map_or(0, VolumeTree::count) as u64;
+        if self.input.leaf == 0 || last >= 1 << (u32::BITS - ENTRY_BITS) {
             return None;
         }
         let groups: Vec<&Node> = self.receivers.leaf_nodes().collect();
-        let lists: Vec<Vec<u32>> = groups.into_par_iter().map(|node| self.list(node)).collect();
-        SourceLists::new(&lists)
+        Some(groups.into_par_iter().map(|node| self.list(node, volumes)).collect())
     }
 
-    fn list(&self, node: &Node) -> Vec<u32> {
-        let &ClusterInput { order, leaf, classes, .. } = self.input;
+    /// The tree that volumes were chosen from.
+    pub fn into_volumes(self) -> Option<VolumeTree<'a>> {
+        self.volumes
+    }
+
+    fn list(&self, node: &Node, volumes: u32) -> Vec<u32> {
+        let &ClusterInput { order, classes, .. } = self.input;
         let slots = node.slots(LIST as usize, order);
         let Some(class) = classes.get(slots[0] as usize) else { return Vec::new() };
         let half = 0.5 * (node.bounds.max - node.bounds.min);
@@ -124,31 +175,66 @@ impl<'a> Acceptance<'a> {
             radius: half.length(),
             bins: class.has_bins(),
         };
-        let mut entries = Vec::new();
+        let (taken, mut entries) = self.volumes(&to, volumes);
+        self.others(&to, &taken, |entry| entries.push(entry));
+        entries.sort_unstable();
+        entries
+    }
+
+    /// Calls `with` with the entry of each cluster and each triangle that no volume stands for.
+    fn others(&self, to: &Group, taken: &TakenRuns, mut with: impl FnMut(u32)) {
+        let &ClusterInput { order, leaf, .. } = self.input;
         self.tree.walk(|at, from| {
             let branch = &self.branches[at];
-            let passing = self.passing(&to, from, branch);
+            let place = self.places.get(at).copied().unwrap_or(Place::NOWHERE);
+            let part = taken.of(place);
+            if part == Taken::All {
+                return false;
+            }
+            let passing = self.passing(to, from, branch);
             if passing == 0 || branch.area == 0.0 && branch.facet.area == 0.0 {
                 return false;
             }
-            if let Some(index) = branch.index.filter(|_| self.stands_for(&to, from, branch, passing)) {
-                entries.push(index << ENTRY_BITS | passing);
+            let stands = |_: &u32| part == Taken::Nothing && self.stands_for(to, from, branch, passing);
+            if let Some(index) = branch.index.filter(stands) {
+                with(index << ENTRY_BITS | passing);
                 return false;
             }
             if from.is_leaf() {
-                let near = if self.is_near(&to, from) { PAIR_NEAR } else { 0 };
+                let near = if self.is_near(to, from) { PAIR_NEAR } else { 0 };
                 let first = from.leaves.start as u32 * leaf;
                 for (&i, slot) in from.slots(leaf as usize, order).iter().zip(first..) {
-                    let passing = if i == PADDING { 0 } else { self.of_triangle(&to, i as usize, passing) };
-                    if passing != 0 {
-                        entries.push(slot << ENTRY_BITS | passing | near);
+                    let passing = if i == PADDING { 0 } else { self.of_triangle(to, i as usize, passing) };
+                    let place = self.volumes.as_ref().map(|volumes| Place::of(volumes.position(slot)));
+                    let place = place.unwrap_or(Place::NOWHERE);
+                    if passing != 0 && taken.of(place) == Taken::Nothing {
+                        with(slot << ENTRY_BITS | passing | near);
                     }
                 }
             }
             true
         });
-        entries.sort_unstable();
-        entries
+    }
+
+    /// The triangles that volumes stand for, in place of some of the others, and the entries of these volumes.
+    fn volumes(&self, to: &Group, first: u32) -> (TakenRuns, Vec<u32>) {
+        let (mut taken, mut entries) = (TakenRuns(Vec::new()), Vec::new());
+        let Some(volumes) = &self.volumes else { return (taken, entries) };
+        let receivers = Receivers {
+            node: to.node,
+            bounds: &to.node.bounds,
+            centre: to.centre,
+            radius: to.radius,
+            characteristic_area: to.node.characteristic_area,
+        };
+        volumes.choose(&receivers, |number, bounds, at| {
+            let seen = !self.input.cull || self.tree.sight(to.node, bounds, 1.0, true) != Sight::Nothing;
+            if seen {
+                entries.push((first + number) << ENTRY_BITS | PAIR_FRONT | PAIR_BACK);
+            }
+            taken.0.push(at.clone());
+        });
+        (taken, entries)
     }
 
     /// What a branch can send to a group at most.
@@ -220,4 +306,35 @@ impl<'a> Acceptance<'a> {
     fn sees_back(&self, to: &Group, from: &Node) -> bool {
         self.tree.sight(from, &to.node.bounds, -1.0, true) != Sight::Nothing
     }
+}
+
+/// By slot, the largest branch around it whose triangles lie in a plane and may be a cluster, or itself.
+fn planes(tree: &Hierarchy, branches: &[Branch], input: &ClusterInput) -> Vec<u32> {
+    let mut planes: Vec<u32> = (0..input.order.len() as u32).collect();
+    tree.walk(|at, node| {
+        let plane = branches[at].index.filter(|_| branches[at].turn <= FLAT);
+        if let Some(index) = plane {
+            let slots = node.leaves.start * input.leaf as usize..node.leaves.end * input.leaf as usize;
+            planes[slots.start..slots.end.min(input.order.len())].fill(index);
+        }
+        plane.is_none()
+    });
+    planes
+}
+
+fn places(tree: &Hierarchy, volumes: &VolumeTree, input: &ClusterInput) -> Vec<Place> {
+    let nodes = tree.nodes();
+    let mut places = vec![Place::NOWHERE; nodes.len()];
+    for at in (0..nodes.len()).rev() {
+        places[at] = match tree.branches(at) {
+            Some([a, b]) => places[a].with(places[b]),
+            None => {
+                let first = nodes[at].leaves.start as u32 * input.leaf;
+                let slots = nodes[at].slots(input.leaf as usize, input.order).iter().zip(first..);
+                let of = |(_, slot): (&u32, u32)| Place::of(volumes.position(slot));
+                slots.filter(|(i, _)| **i != PADDING).map(of).fold(Place::NOWHERE, Place::with)
+            }
+        };
+    }
+    places
 }

@@ -28,6 +28,15 @@ impl Spread {
         if cosine > 0.0 { Self { cosine, above, mean } } else { Self::default() }
     }
 
+    /// The same of a volume, whose triangles lie all around its centroid: there, cos_j / r² is harmonic, so that to second order the
+    /// mean is that of the centroid.
+    pub fn in_space(to: f64, angle2: f64) -> Self {
+        let width = angle2.sqrt();
+        let above = (0.5 + 0.5 * to / width.max(1e-12)).clamp(0.0, 1.0);
+        let mean = if to > width { to } else { above * above * width };
+        Self { cosine: mean, above, mean }
+    }
+
     /// From the derivatives by these values to those by the four arguments of [`Self::new`]; zero where there is no light.
     pub fn pull(by: Self, to: f64, from: f64, tilt: f64, angle2: f64) -> [f64; 4] {
         let width = (1.5 * angle2 * (1.0 - tilt * tilt)).max(0.0).sqrt();

@@ -3,7 +3,7 @@
 //! A cluster is a mean triangle: the centroid c = Σ a x / Σ a, the normal n along Σ a n_i, and in place of the area
 //! ā = Σ a² / Σ a, so that g = 1/(r² + ā/π) is that of its triangles. Its radiance, diffuse or per bin, is
 //! Σ a ⟨n_i, n⟩ L_i / ā: with the area ā, a source of the same vector area. Whatever holds from triangle to triangle
-//! then holds from cluster to triangle.
+//! then holds from cluster to triangle. Where surfaces curve too much for that, there are volume clusters ([`Volumes`]).
 
 mod acceptance;
 mod gradient;
@@ -11,10 +11,12 @@ mod mean_cosine;
 mod moments;
 mod receivers;
 mod sources;
+mod volumes;
 
 pub use mean_cosine::Spread;
 pub use receivers::{ReceiverLists, SOURCES};
 pub use sources::{ENTRY_BITS, SourceLists};
+pub use volumes::{VolumeParts, Volumes};
 
 use super::class::Class;
 use super::facet::Facet;
@@ -24,6 +26,7 @@ use acceptance::Acceptance;
 use glam::DVec3;
 use moments::{Cuts, Moments};
 use std::ops::Range;
+use volumes::VolumeTree;
 
 /// Receivers that share a list of sources: neighbouring slots.
 pub const LIST: u32 = 32;
@@ -82,6 +85,8 @@ pub struct ClusterInput<'a> {
     pub groups: &'a [u32],
     /// Slots per cluster of the lowest height.
     pub leaf: u32,
+    /// Volumes of fewer triangles are not cut in two; `None` where there are to be no volumes.
+    pub least_volume: Option<usize>,
     /// Half of the near field's range, in units of the sum of characteristic areas.
     pub half_range: f64,
     /// Height above a plane that counts as in it.
@@ -103,6 +108,7 @@ pub struct Clusters {
     order: Vec<u32>,
     parts: Vec<Parts>,
     runs: Vec<ClusterRun>,
+    volumes: Option<Volumes>,
     sources: SourceLists,
     receivers: Option<ReceiverLists>,
 }
@@ -114,13 +120,17 @@ impl Clusters {
         let cuts = Cuts::new(input);
         let tree = Hierarchy::cut_by(facets, order, leaf as usize, tolerance, |leaves| cuts.cut(leaves));
         let Numbered { index, parts, runs } = Numbered::new(input, &tree, &cuts.groups);
-        let sources = Acceptance::new(input, &tree, &index).lists()?;
+        let first = (order.len() + parts.len()) as u32;
+        let acceptance = Acceptance::new(input, &tree, &index);
+        let mut lists = acceptance.lists(first)?;
+        let volumes = acceptance.into_volumes().and_then(|tree| volumes_in(&mut lists, tree, first));
+        let sources = SourceLists::new(&lists)?;
         let mut receivers = None;
         if by_source {
             let all = std::iter::once(0..order.len() as u32).chain(runs.iter().map(ClusterRun::range));
             receivers = Some(ReceiverLists::new(&sources, all)?);
         }
-        Some(Self { order: order.to_vec(), parts, runs, sources, receivers })
+        Some(Self { order: order.to_vec(), parts, runs, volumes, sources, receivers })
     }
 
     /// Number of clusters.
@@ -141,6 +151,27 @@ impl Clusters {
     /// The clusters by group, in the order of their indices.
     pub fn runs(&self) -> &[ClusterRun] {
         &self.runs
+    }
+
+    /// Whether an index is that of a cluster of one normal.
+    pub fn is_cluster(&self, index: u32) -> bool {
+        index >= self.first() && !self.is_volume(index)
+    }
+
+    /// Whether an index is that of a volume cluster.
+    pub fn is_volume(&self, index: u32) -> bool {
+        index >= self.first() + self.count()
+    }
+
+    /// The volume clusters among the sources, if any; they have the indices behind those of the others.
+    pub fn volumes(&self) -> Option<&Volumes> {
+        self.volumes.as_ref()
+    }
+
+    /// The volume clusters as facets ([`Volumes::facets`]).
+    pub fn volume_facets(&self, facets: &[Facet]) -> Vec<Facet> {
+        let of = |slot: u32| facets.get(self.order[slot as usize] as usize);
+        self.volumes.as_ref().map_or(Vec::new(), |volumes| volumes.facets(of))
     }
 
     /// The sources of each group of [`LIST`] receivers.
@@ -182,6 +213,23 @@ impl Clusters {
         let slots = &self.order[slots.start as usize..slots.end as usize];
         slots.iter().filter(|&&i| i != PADDING).map(|&i| i as usize)
     }
+}
+
+/// The volumes that lists refer to, which then have their final indices there.
+fn volumes_in(lists: &mut [Vec<u32>], tree: VolumeTree, first: u32) -> Option<Volumes> {
+    let mut used = vec![false; tree.count()];
+    let number = |entry: u32| (entry >> ENTRY_BITS).checked_sub(first).map(|number| number as usize);
+    lists.iter().flatten().filter_map(|&entry| number(entry)).for_each(|number| used[number] = true);
+    let (volumes, index) = tree.keep(used, first)?;
+    for list in lists.iter_mut() {
+        for entry in list.iter_mut() {
+            if let Some(number) = number(*entry) {
+                *entry = index[number] << ENTRY_BITS | *entry & ((1 << ENTRY_BITS) - 1);
+            }
+        }
+        list.sort_unstable();
+    }
+    Some(volumes)
 }
 
 /// The weight of a part's radiance in that of its cluster: a ⟨n_i, n⟩ / ā.

@@ -58,6 +58,10 @@ impl Moments {
         }
     }
 
+    pub fn centroid(&self) -> DVec3 {
+        self.centre / self.area
+    }
+
     /// Variance of the centroids.
     pub fn spread(&self) -> f64 {
         (self.distance / self.area - (self.centre / self.area).length_squared()).max(0.0)

@@ -12,12 +12,17 @@ use std::f64::consts::PI;
 /// The gradient of λ·U(outgoing) with respect to every triangle, with U as in
 /// [`crate::reference::transport_through_clusters`]: outgoing light and λ (`importance`) held fixed, and which triangles make up which
 /// clusters, and stand where in lists.
+///
+/// # Panics
+///
+/// If there are volume clusters, which are not planned where derivatives are wanted.
 pub fn transport_through_clusters_derivative(
     model: &Model,
     clusters: &Clusters,
     outgoing: &Outgoing,
     importance: &State,
 ) -> Vec<FacetGradient> {
+    assert!(clusters.volumes().is_none(), "volumes are not planned where derivatives by geometry are wanted");
     let light = ClusterLight::new(model, clusters, outgoing);
     let first = clusters.first() as usize;
     let slots = slots(model, clusters);
@@ -30,6 +35,7 @@ pub fn transport_through_clusters_derivative(
                 Source::Cluster(c) => {
                     (Some(first + c), cluster_derivative(model, &light, importance, c, j, passing))
                 }
+                Source::Volume(_) => continue,
             };
             for (index, gradient) in [(index, pair.source), (slot_of(j), pair.receiver)] {
                 if let Some(index) = index {

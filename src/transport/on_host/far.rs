@@ -1,7 +1,7 @@
 //! U on the host. Point to point it is the twin of glsl/transport_irradiance.comp, transport_bins.comp, cluster_irradiance.comp and cluster_bins.comp.
 
 use super::on_threads;
-use super::pairs::{Facet, Facets, Pairs};
+use super::pairs::{CLUSTERS, Facet, Facets, Pairs, TRIANGLES, VOLUMES};
 use super::pieces::Pieces;
 use super::real::Real;
 use super::taps::{Layout, add, flush};
@@ -48,8 +48,8 @@ pub struct Received<'a> {
 pub enum Sources<'a> {
     /// In a range of tiles.
     Tiles { runs: &'a FarRuns, tiles: Range<u32>, tile: u32 },
-    /// In a range of indices of lists. Of clusters, the index of the first of all and that of its first moment.
-    Listed { lists: &'a SourceLists, indices: Range<u32>, clusters: Option<[u32; 2]> },
+    /// In a range of indices of lists. Of clusters, the index of the first of all and that of its first moment; of volumes neither.
+    Listed { lists: &'a SourceLists, indices: Range<u32>, clusters: Option<[u32; 2]>, volumes: bool },
     /// Close ones in a range of slots, piece by piece.
     Close { near: &'a NearPairs, slots: Range<u32> },
 }
@@ -86,6 +86,15 @@ impl Sources<'_> {
         match self {
             Self::Tiles { .. } | Self::Close { .. } => None,
             Self::Listed { clusters, .. } => *clusters,
+        }
+    }
+
+    /// Of sources that are [`TRIANGLES`], [`CLUSTERS`] or [`VOLUMES`].
+    fn kind(&self) -> u8 {
+        match self {
+            Self::Listed { volumes: true, .. } => VOLUMES,
+            Self::Listed { clusters: Some(_), .. } => CLUSTERS,
+            _ => TRIANGLES,
         }
     }
 }
@@ -165,7 +174,7 @@ impl Received<'_> {
         // Padding is within the horizon of everything.
         let exists: [T; N] = std::array::from_fn(|k| flag(receivers.get(k).area > T::ZERO));
         let layout = &light.layout;
-        let clusters = self.from.clusters();
+        let (clusters, kind) = (self.from.clusters(), self.from.kind());
         let Scratch { pairs, bins, .. } = scratch;
         let mut sums = [[T::ZERO; 4]; N];
         let mut planes = [[T::ZERO; N]; 3];
@@ -183,9 +192,10 @@ impl Received<'_> {
             vectorised(
                 #[inline(always)]
                 || {
-                    match clusters {
-                        Some(_) => pairs.weigh::<true>(|_| source, |k| receivers.get(k), sides),
-                        None => pairs.weigh::<false>(|_| source, |k| receivers.get(k), sides),
+                    match kind {
+                        VOLUMES => pairs.weigh::<VOLUMES>(|_| source, |k| receivers.get(k), sides),
+                        CLUSTERS => pairs.weigh::<CLUSTERS>(|_| source, |k| receivers.get(k), sides),
+                        _ => pairs.weigh::<TRIANGLES>(|_| source, |k| receivers.get(k), sides),
                     }
                     if bits & PAIR_NEAR != 0 {
                         let areas = |k| source.characteristic_area + receivers.get(k).characteristic_area;
@@ -196,7 +206,7 @@ impl Received<'_> {
                         return;
                     }
                     any = true;
-                    let sent = light.of(index, clusters);
+                    let sent = if kind == VOLUMES { Sent::NONE } else { light.of(index, clusters) };
                     if !self.shape.any_bins() {
                         return sent.add_diffuse(pairs, &mut planes);
                     }
@@ -303,6 +313,8 @@ impl<T: Real> Light<'_, T> {
 }
 
 impl<T: Real> Sent<T> {
+    const NONE: Self = Self { radiance: [T::ZERO; 4], moment: None };
+
     /// Adds what fronts send, by channel.
     #[inline(always)]
     fn add_diffuse(&self, pairs: &Pairs<T, N>, sums: &mut [[T; N]; 3]) {

@@ -2,7 +2,7 @@
 
 use super::far::{CLOSE_COST, SLOT, SMALL, flag};
 use super::on_threads;
-use super::pairs::{Facet, Facets, Pairs};
+use super::pairs::{CLUSTERS, Facet, Facets, Pairs, TRIANGLES};
 use super::pieces::Pieces;
 use super::real::Real;
 use super::taps::{Layout, add, flush, scaled};
@@ -250,8 +250,10 @@ impl Importance<'_> {
                     #[inline(always)]
                     || {
                         match clusters {
-                            Some(_) => pairs.weigh::<true>(|k| sources.get(k), |_| receiver, |k| sides[k]),
-                            None => pairs.weigh::<false>(|k| sources.get(k), |_| receiver, |k| sides[k]),
+                            Some(_) => {
+                                pairs.weigh::<CLUSTERS>(|k| sources.get(k), |_| receiver, |k| sides[k])
+                            }
+                            None => pairs.weigh::<TRIANGLES>(|k| sources.get(k), |_| receiver, |k| sides[k]),
                         }
                         if any_near {
                             let areas = |k| sources.get(k).characteristic_area + receiver.characteristic_area;

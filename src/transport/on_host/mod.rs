@@ -19,6 +19,7 @@ mod pieces;
 mod real;
 mod taps;
 pub mod vectors;
+pub mod volumes;
 
 use rayon::ThreadPool;
 use std::sync::OnceLock;

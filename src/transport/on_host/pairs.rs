@@ -8,6 +8,11 @@ use super::taps::{Layout, Taps};
 use crate::transport::scene_buffers::FACET;
 use std::f64::consts::FRAC_1_PI;
 
+/// Kinds of sources: triangles, clusters of one normal, and volumes.
+pub const TRIANGLES: u8 = 0;
+pub const CLUSTERS: u8 = 1;
+pub const VOLUMES: u8 = 2;
+
 /// Squared distances below this are rounding.
 pub const R2_MIN: f64 = 1e-12;
 /// The n.z at which frames are discontinuous: that of src/model/facet.rs.
@@ -175,9 +180,9 @@ impl<T: Real, const N: usize> Pairs<T, N> {
         r2: [T::ZERO; N],
     };
 
-    /// Sets the weights. `sides`: 1 or 0 for the front and for the back of the source. `CLUSTERS`: whether sources are clusters.
+    /// Sets the weights. `sides`: 1 or 0 for the front and for the back of the source. `KIND`: of sources, [`TRIANGLES`] and so on.
     #[inline(always)]
-    pub fn weigh<const CLUSTERS: bool>(
+    pub fn weigh<const KIND: u8>(
         &mut self,
         source: impl Fn(usize) -> Facet<T>,
         receiver: impl Fn(usize) -> Facet<T>,
@@ -190,10 +195,17 @@ impl<T: Real, const N: usize> Pairs<T, N> {
             let (along, to) = (dot(d, i.normal), -dot(d, j.normal));
             let front = along > T::ZERO;
             let side = if front { fronts } else { backs };
-            let from = along.magnitude();
+            // The intensity of volumes is net of cosines.
+            let from = if KIND == VOLUMES { r2.root() } else { along.magnitude() };
             let sent = side * from * i.area / (r2 * (r2 + i.area * T::of(FRAC_1_PI)));
             let mut cosine = to.most(T::ZERO);
-            if CLUSTERS {
+            if KIND == VOLUMES {
+                // `spread_in_space` of glsl/spread.glsl.
+                let width = i.characteristic_area.root();
+                let above = (T::of(0.5) + T::of(0.5) * to / width.most(T::of(1e-12))).clamped();
+                cosine = if to > width { to } else { above * above * width };
+            }
+            if KIND == CLUSTERS {
                 let spread = i.characteristic_area;
                 let tilt = dot(j.normal, i.normal);
                 let tilt = if front { tilt } else { -tilt };

@@ -1,0 +1,358 @@
+//! Volume clusters: triangles with bins, of any orientation and class, that lie close together and radiate as one point, with an
+//! intensity per direction over the whole sphere (F. Sillion 1995, "A Unified Hierarchical Algorithm for Global Illumination with
+//! Scattering Volumes and Object Clusters").
+//!
+//! Where surfaces curve, the clusters of one normal each are small and many, and none reaches beyond an object. To a volume
+//! it does not matter what it contains: with the direction ω from its centroid c to the receiver, it sends the net intensity
+//! I(ω) = Σ a_i |⟨n_i, ω⟩| (front: L_i(ω); back: -A_i(-ω)), in which what fronts send and what backs cancel are one. The first moment of
+//! the places of triangles along ω is left out on purpose: seen from its centre a sphere that shines evenly is exact without.
+
+use super::acceptance::{Receivers, WIDEST};
+use super::moments::Moments;
+use super::{ClusterInput, ClusterRun};
+use crate::model::class::Class;
+use crate::model::facet::Facet;
+use crate::model::order::{BoundedRun, PADDING};
+use glam::{DMat3, DVec3};
+use rayon::join;
+use std::f64::consts::PI;
+use std::ops::Range;
+
+/// Fewest triangles that may be cut in two.
+const LEAST: usize = 32;
+/// Plane pieces of surface in a volume, at least: clusters of one normal serve fewer as fast, and more accurately.
+const FEWEST: usize = 8;
+/// Triangles of a branch that is built by one thread.
+const ALONE: usize = 1 << 14;
+/// Smallest share of its triangles in a part, which bounds the height of the tree.
+const LEAST_SHARE: usize = 8;
+/// Factor on the error that a volume may have: of balls and of a statue, with this volumes add nothing to the error of the clusters that they
+/// replace, and with ten times as much they double it.
+const CAREFUL: f64 = 0.05;
+
+/// What a volume consists of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum VolumeParts {
+    /// Triangles, by their positions in [`Volumes::slots`].
+    Triangles(Range<u32>),
+    /// Two volumes.
+    Volumes([u32; 2]),
+}
+
+/// The volumes that lists of sources refer to, and what they consist of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Volumes {
+    slots: Vec<u32>,
+    parts: Vec<VolumeParts>,
+    run: ClusterRun,
+}
+
+impl Volumes {
+    /// Slots of triangles, ascending within each volume of triangles.
+    pub fn slots(&self) -> &[u32] {
+        &self.slots
+    }
+
+    /// What each consists of.
+    pub fn parts(&self) -> &[VolumeParts] {
+        &self.parts
+    }
+
+    /// Their indices by height: those of triangles, those of the former, and so on.
+    pub fn run(&self) -> &ClusterRun {
+        &self.run
+    }
+
+    /// Each as a facet: its corners are its centroid, its area is the mean area ā = Σ a² / Σ a of its triangles, its frame that of the
+    /// world, and its characteristic area the variance of the triangles. `facets`: by slot, `None` for padding.
+    pub fn facets<'a>(&self, facets: impl Fn(u32) -> Option<&'a Facet>) -> Vec<Facet> {
+        let first = self.run.range().start;
+        let mut moments: Vec<Moments> = Vec::with_capacity(self.parts.len());
+        for parts in &self.parts {
+            moments.push(match parts {
+                VolumeParts::Triangles(at) => {
+                    let slots = &self.slots[at.start as usize..at.end as usize];
+                    slots.iter().filter_map(|&slot| facets(slot)).map(|f| Moments::of(f, 0.0)).sum()
+                }
+                VolumeParts::Volumes([a, b]) => moments[(a - first) as usize] + moments[(b - first) as usize],
+            });
+        }
+        moments.iter().map(|moments| Facet { normal: DVec3::Z, ..moments.facet() }).collect()
+    }
+}
+
+/// Where the triangles of a source are in the tree: whether all are, the first and the last position of those that are, and how many there
+/// are.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    pub all: bool,
+    pub first: u32,
+    pub last: u32,
+    pub count: u32,
+}
+
+impl Place {
+    /// That of no triangles.
+    pub const NOWHERE: Self = Self { all: true, first: u32::MAX, last: 0, count: 0 };
+
+    /// That of a triangle by its position, if it is in the tree.
+    pub fn of(position: Option<u32>) -> Self {
+        match position {
+            Some(at) => Self { all: true, first: at, last: at, count: 1 },
+            None => Self { all: false, count: 1, ..Self::NOWHERE },
+        }
+    }
+
+    pub fn with(self, other: Self) -> Self {
+        Self {
+            all: self.all && other.all,
+            first: self.first.min(other.first),
+            last: self.last.max(other.last),
+            count: self.count + other.count,
+        }
+    }
+
+    /// Whether all its triangles are in a range of positions.
+    pub fn is_within(&self, range: &Range<u32>) -> bool {
+        self.all && range.start <= self.first && self.last < range.end
+    }
+
+    /// Whether some may be.
+    pub fn meets(&self, range: &Range<u32>) -> bool {
+        self.first < range.end && range.start <= self.last
+    }
+}
+
+/// A branch of the tree over all triangles with bins.
+struct Branch {
+    /// Positions of its triangles.
+    at: Range<u32>,
+    bounds: BoundedRun,
+    /// The largest.
+    characteristic_area: f64,
+    moments: Moments,
+    /// Σ a n nᵀ.
+    orientations: DMat3,
+    blocks: bool,
+    /// The plane pieces of surface that its triangles belong to, up to [`FEWEST`] of them.
+    planes: Vec<u32>,
+    parts: Option<[usize; 2]>,
+}
+
+/// The tree from which lists choose volumes.
+pub struct VolumeTree<'a> {
+    input: &'a ClusterInput<'a>,
+    /// Each before its parts.
+    branches: Vec<Branch>,
+    slots: Vec<u32>,
+    /// The position of each slot, if it is in the tree.
+    position: Vec<Option<u32>>,
+}
+
+impl<'a> VolumeTree<'a> {
+    /// `least`: fewest triangles that are cut in two; `planes`: by slot, the plane piece of surface that its triangle belongs to.
+    pub fn new(input: &'a ClusterInput<'a>, least: usize, planes: &[u32]) -> Self {
+        let &ClusterInput { order, classes, .. } = input;
+        let has_bins = |slot: &u32| {
+            let i = order[*slot as usize];
+            i != PADDING && classes[i as usize].has_bins()
+        };
+        let mut slots: Vec<u32> = (0..order.len() as u32).filter(has_bins).collect();
+        let mut branches = Vec::new();
+        if !slots.is_empty() {
+            Grown { input, least: least.max(LEAST), planes }.grow(&mut slots, 0, &mut branches);
+        }
+        let mut position = vec![None; order.len()];
+        for (at, &slot) in (0..).zip(&slots) {
+            position[slot as usize] = Some(at);
+        }
+        Self { input, branches, slots, position }
+    }
+
+    pub fn count(&self) -> usize {
+        self.branches.len()
+    }
+
+    pub fn position(&self, slot: u32) -> Option<u32> {
+        self.position[slot as usize]
+    }
+
+    /// Chooses volumes for a group of receivers: calls `take` with the number of each, its bounds, and the positions of its triangles,
+    /// ascending.
+    pub fn choose(&self, to: &Receivers, mut take: impl FnMut(u32, &BoundedRun, &Range<u32>)) {
+        let mut left = if self.branches.is_empty() { Vec::new() } else { vec![0] };
+        while let Some(at) = left.pop() {
+            let branch = &self.branches[at];
+            if branch.planes.len() < FEWEST {
+                continue;
+            }
+            if self.stands_for(to, branch) {
+                take(at as u32, &branch.bounds, &branch.at);
+            } else if let Some([a, b]) = branch.parts {
+                left.extend([b, a]);
+            }
+        }
+    }
+
+    fn stands_for(&self, to: &Receivers, branch: &Branch) -> bool {
+        let Branch { moments, bounds, .. } = branch;
+        let near = self.input.half_range * (branch.characteristic_area + to.characteristic_area);
+        let centroid = moments.centroid();
+        let nearest = centroid.clamp(to.bounds.min, to.bounds.max);
+        let r2 = centroid.distance_squared(nearest);
+        let angle2 = moments.spread() / r2;
+        let apart = to.bounds.distance_squared(bounds) > near;
+        // At a distance of zero the angle is no number, or infinite.
+        let narrow = angle2 <= WIDEST * WIDEST;
+        if !apart || !narrow {
+            return false;
+        }
+        let direction = (centroid - to.centre).normalize_or_zero();
+        let wide = (to.radius + moments.spread().sqrt()) / r2.sqrt();
+        let received = (to.steepest(direction) + wide).clamp(0.0, 1.0);
+        // Half of Σ a |⟨n, ω⟩| is seen from either side, and more of what does not close.
+        let across = (direction.dot(branch.orientations * direction) * moments.area).max(0.0).sqrt();
+        let seen = 0.5 * (across + moments.vector_area());
+        let backs = if branch.blocks { self.input.backs } else { 0.0 };
+        let light = seen * (moments.brightness / moments.area).max(backs);
+        let share = received * light / (PI * r2);
+        let offset = moments.offset();
+        share * (angle2 / self.input.bin + offset * offset / r2) <= CAREFUL * self.input.error
+    }
+
+    /// Keeps the volumes that lists refer to, and those that they consist of, with indices from `first` on: those of the numbers
+    /// `used`. `None` where there are none; otherwise also the new index by number.
+    pub fn keep(self, mut used: Vec<bool>, first: u32) -> Option<(Volumes, Vec<u32>)> {
+        let count = self.branches.len();
+        let mut heights = vec![0u32; count];
+        // Each comes before its parts.
+        for at in 0..count {
+            if let Some([a, b]) = self.branches[at].parts.filter(|_| used[at]) {
+                used[a] = true;
+                used[b] = true;
+            }
+        }
+        for at in (0..count).rev() {
+            if let Some([a, b]) = self.branches[at].parts {
+                heights[at] = 1 + heights[a].max(heights[b]);
+            }
+        }
+        let mut kept: Vec<usize> = (0..count).filter(|&at| used[at]).collect();
+        if kept.is_empty() {
+            return None;
+        }
+        kept.sort_by_key(|&at| heights[at]);
+        let mut index = vec![0; count];
+        let (mut parts, mut runs) = (Vec::with_capacity(kept.len()), Vec::<Range<u32>>::new());
+        for (&at, number) in kept.iter().zip(first..) {
+            index[at] = number;
+            let branch = &self.branches[at];
+            parts.push(match branch.parts {
+                Some(both) => VolumeParts::Volumes(both.map(|part| index[part])),
+                None => VolumeParts::Triangles(branch.at.clone()),
+            });
+            let height = heights[at] as usize;
+            while runs.len() <= height {
+                runs.push(number..number);
+            }
+            runs[height].end = number + 1;
+        }
+        let class = Class { blocker: true, glossy: true };
+        Some((Volumes { slots: self.slots, parts, run: ClusterRun { class, heights: runs } }, index))
+    }
+}
+
+/// What branches grow from.
+#[derive(Clone, Copy)]
+struct Grown<'a> {
+    input: &'a ClusterInput<'a>,
+    /// Fewest triangles that are cut in two.
+    least: usize,
+    planes: &'a [u32],
+}
+
+impl Grown<'_> {
+    fn facet(&self, slot: u32) -> &Facet {
+        &self.input.facets[self.input.order[slot as usize] as usize]
+    }
+
+    /// Adds the branch of some slots, which begin at a position, with all that it consists of, and sorts them.
+    fn grow(self, slots: &mut [u32], begin: usize, branches: &mut Vec<Branch>) {
+        let at = branches.len();
+        branches.push(self.branch(slots, begin));
+        let cut = if slots.len() < self.least { None } else { self.cut(slots) };
+        let Some(cut) = cut else {
+            slots.sort_unstable();
+            return;
+        };
+        let alone = slots.len() <= ALONE;
+        let (one, other) = slots.split_at_mut(cut);
+        let parts = if alone {
+            let first = branches.len();
+            self.grow(one, begin, branches);
+            let second = branches.len();
+            self.grow(other, begin + cut, branches);
+            [first, second]
+        } else {
+            let of = |slots: &mut [u32], begin| {
+                let mut own = Vec::new();
+                self.grow(slots, begin, &mut own);
+                own
+            };
+            let (one, other) = join(|| of(one, begin), || of(other, begin + cut));
+            [one, other].map(|own| {
+                let first = branches.len();
+                let moved = |[a, b]: [usize; 2]| [first + a, first + b];
+                branches.extend(own.into_iter().map(|b| Branch { parts: b.parts.map(moved), ..b }));
+                first
+            })
+        };
+        branches[at].parts = Some(parts);
+    }
+
+    fn branch(self, slots: &[u32], begin: usize) -> Branch {
+        let ClusterInput { order, classes, brightness, .. } = *self.input;
+        let facets = || slots.iter().map(|&slot| self.facet(slot));
+        let mut planes = Vec::new();
+        for &slot in slots {
+            let of = self.planes[slot as usize];
+            if planes.len() < FEWEST && !planes.contains(&of) {
+                planes.push(of);
+            }
+        }
+        let of = |&slot: &u32| Moments::of(self.facet(slot), brightness[order[slot as usize] as usize]);
+        let outer =
+            |f: &Facet| DMat3::from_cols(f.normal * f.normal.x, f.normal * f.normal.y, f.normal * f.normal.z);
+        Branch {
+            at: begin as u32..(begin + slots.len()) as u32,
+            bounds: BoundedRun::around(facets()),
+            characteristic_area: facets().map(|f| f.characteristic_area).fold(0.0, f64::max),
+            moments: slots.iter().map(of).sum(),
+            orientations: facets().map(|f| outer(f) * f.area).sum(),
+            blocks: slots.iter().any(|&slot| classes[order[slot as usize] as usize].blocker),
+            planes,
+            parts: None,
+        }
+    }
+
+    /// Cuts the space around the centroids in the middle, across its longest side. `None` where all are in one place.
+    fn cut(self, slots: &mut [u32]) -> Option<usize> {
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for &slot in slots.iter() {
+            let centroid = self.facet(slot).centroid;
+            (low, high) = (low.min(centroid), high.max(centroid));
+        }
+        let size = high - low;
+        let axis = (0..3).max_by(|&a, &b| size[a].total_cmp(&size[b]))?;
+        if size[axis] <= 0.0 {
+            return None;
+        }
+        let middle = low[axis].midpoint(high[axis]);
+        let of = |slot: &u32| self.facet(*slot).centroid[axis];
+        let below = slots.iter().filter(|slot| of(slot) < middle).count();
+        let least = slots.len() / LEAST_SHARE;
+        let cut = below.clamp(least, slots.len() - least);
+        slots.select_nth_unstable_by(cut, |a, b| of(a).total_cmp(&of(b)).then(a.cmp(b)));
+        Some(cut)
+    }
+}
