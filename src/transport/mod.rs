@@ -94,10 +94,14 @@ fn bin_constants(plan: &Plan) -> [(u32, u32); 5] {
     [(2, concentric), (3, smoothstep), (4, rows), (5, columns), (6, plan.channels)]
 }
 
-/// Compiles the kernels over pairs, of U, Uᵀ and its derivatives, and those of K, without a scene: for what the driver tells of
-/// them ([`Device::kernel_statistics`]).
+/// Compiles the kernels over pairs, of U, and where the plan has gradients of Uᵀ and its derivatives, and those of K, without a scene: for
+/// what the driver tells of them ([`Device::kernel_statistics`]).
 pub fn compile(device: &Device, plan: &Plan) -> Result<(), GpuError> {
     exchange::Exchange::sweeps(device, plan)?;
+    volumes::VolumeLight::kernels(device, plan)?;
+    if !plan.options.gradients.any() {
+        return Ok(());
+    }
     exchange_adjoint::ExchangeAdjoint::sweeps(device, plan)?;
     exchange_derivative::ExchangeDerivative::new(device, plan)?;
     reflection::Reflection::new(device, plan)?;

@@ -2,6 +2,7 @@
 
 use super::clusters::{GatherBinsPush, MOST_GROUPS, Sources};
 use super::on_host::volumes::VolumeBins;
+use super::scene_buffers::filled;
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
@@ -42,40 +43,34 @@ impl VolumeLight {
     /// `None` where no volumes are planned.
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
         let Some(volumes) = volumes_of(plan) else { return Ok(None) };
-        let precision = plan.settings.precision;
-        let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
-        let mut classes: Vec<Class> = plan.layout.groups.iter().map(|group| group.class).collect();
-        classes.retain(|class| class.has_bins());
-        classes.sort_unstable();
-        classes.dedup();
-        let gather = |class: Class| {
-            let own = [(7, u32::from(class.blocker)), (8, u32::from(class.glossy))];
-            let constants = [&constants[..], &own].concat();
-            let push = size_of::<VolumePush>() as u32;
-            Ok((
-                class,
-                Pipeline::beside_host(device, shaders::VOLUME_BINS.of(precision), 9, push, &constants, None)?,
-            ))
-        };
         let words: Vec<[u32; 2]> = volumes.parts().iter().map(words).collect();
         let bytes = volumes.parts().len() as u64 * plan.bin_bytes();
-        let push = size_of::<GatherBinsPush>() as u32;
         let bins = || Buffer::new(device, "volume bins", bytes, BufferKind::Storage);
+        let (shader, push) =
+            (shaders::GATHER_BINS.of(plan.settings.precision), size_of::<GatherBinsPush>() as u32);
         Ok(Some(Self {
-            gather: classes.into_iter().map(gather).collect::<Result<_, GpuError>>()?,
-            sum: Pipeline::beside_host(
-                device,
-                shaders::GATHER_BINS.of(precision),
-                4,
-                push,
-                &constants,
-                None,
-            )?,
-            parts: super::scene_buffers::filled(device, "volume parts", &words)?,
-            slots: super::scene_buffers::filled(device, "volume slots", volumes.slots())?,
+            gather: Self::kernels(device, plan)?,
+            sum: Pipeline::beside_host(device, shader, 4, push, &constants(plan), None)?,
+            parts: filled(device, "volume parts", &words)?,
+            slots: filled(device, "volume slots", volumes.slots())?,
             below: bins()?,
             above: bins()?,
         }))
+    }
+
+    /// Those that gather what triangles send, by class; none where no volumes are planned.
+    pub fn kernels(device: &Device, plan: &Plan) -> Result<Vec<(Class, Pipeline)>, GpuError> {
+        let mut classes: Vec<Class> = plan.layout.groups.iter().map(|group| group.class).collect();
+        classes.retain(|class| class.has_bins() && volumes_of(plan).is_some());
+        classes.dedup();
+        let of = |class: Class| {
+            let own = [(7, u32::from(class.blocker)), (8, u32::from(class.glossy))];
+            let constants = [&constants(plan)[..], &own].concat();
+            let (shader, push) =
+                (shaders::VOLUME_BINS.of(plan.settings.precision), size_of::<VolumePush>() as u32);
+            Ok((class, Pipeline::beside_host(device, shader, 9, push, &constants, None)?))
+        };
+        classes.into_iter().map(of).collect()
     }
 
     /// Sets all light to zero.
@@ -161,6 +156,10 @@ impl VolumeLight {
         let [antiradiance, specular] = [self.below.whole(), self.above.whole()];
         Ok(Sources { class: run.class, indices: run.range(), antiradiance, specular })
     }
+}
+
+fn constants(plan: &Plan) -> Vec<(u32, u32)> {
+    [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat()
 }
 
 fn volumes_of(plan: &Plan) -> Option<&Volumes> {

@@ -64,8 +64,11 @@ fn kernels(file: Option<&Path>) -> Result<(), Failure> {
     let options = DeviceOptions::default().statistics(true).kernel_cache(None);
     let device = Device::new(&options)?.kernels_only();
     let scene = every_class()?;
-    for transport in [Transport::Exact, Transport::Hierarchical { error: 0.3 }] {
-        let options = PlanOptions::of(&device).boundless().gradients(GradientRequest::EVERYTHING);
+    let clusters = Transport::Hierarchical { error: 0.3 };
+    let (all, none) = (GradientRequest::EVERYTHING, GradientRequest::NOTHING);
+    // Volumes are there without derivatives.
+    for (transport, gradients) in [(Transport::Exact, all), (clusters, all), (clusters, none)] {
+        let options = PlanOptions::of(&device).boundless().gradients(gradients);
         let settings = SolveSettings::default().transport(transport);
         transport::compile(&device, &Plan::new(&scene, &options, &settings)?)?;
     }
@@ -82,17 +85,18 @@ fn kernels(file: Option<&Path>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Triangles of all classes, enough for clusters to pay: a glossy floor, a blocker above it and a lamp above both.
+/// Triangles of all classes, enough for clusters to pay: a glossy floor, a blocker above it, a lamp above both, and a ball far away.
 fn every_class() -> Result<Scene, SceneError> {
     let floor = Material { specular: [0.2; 3], power: 10.0, ..Material::named("floor") };
-    let lamp = Material { emission: [5.0; 3], ..Material::named("lamp") };
+    let lamp = Material { emission: [5.0, 4.0, 3.0], ..Material::named("lamp") };
     let down = DAffine3::from_scale(DVec3::new(1.0, -1.0, 1.0));
     let at = |height: f64| DAffine3::from_translation(DVec3::new(0.0, height, 0.0));
     let mut builder = SceneBuilder::new();
     builder
         .shape("floor", Shape::Quad { cells: 32 }, &floor, at(0.0))
         .shape("blocker", Shape::Quad { cells: 24 }, &Material::named("blocker"), at(0.5))
-        .shape("lamp", Shape::Quad { cells: 16 }, &lamp, at(1.0) * down);
+        .shape("lamp", Shape::Quad { cells: 16 }, &lamp, at(1.0) * down)
+        .shape("ball", Shape::Icosphere { level: 3, inward: false }, &Material::named("ball"), at(9.0));
     builder.finish("every class")
 }
 

@@ -84,6 +84,9 @@ impl VolumeBins<'_> {
                         sent.add(all, T::ONE / area, below, above);
                     }
                 };
+                // Buffers may be longer.
+                let end = volumes.parts().len() * reals;
+                let [below, above] = [&mut below[..end], &mut above[..end]];
                 let own = below.par_chunks_mut(reals).zip(above.par_chunks_mut(reals)).enumerate();
                 on_threads(|| own.for_each(|(volume, (below, above))| add(volume, below, above)));
             },
