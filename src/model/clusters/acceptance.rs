@@ -204,16 +204,22 @@ impl<'a> Acceptance<'a> {
                 let near = if self.is_near(to, from) { PAIR_NEAR } else { 0 };
                 let first = from.leaves.start as u32 * leaf;
                 for (&i, slot) in from.slots(leaf as usize, order).iter().zip(first..) {
-                    let passing = if i == PADDING { 0 } else { self.of_triangle(to, i as usize, passing) };
-                    let place = self.volumes.as_ref().map(|volumes| Place::of(volumes.position(slot)));
-                    let place = place.unwrap_or(Place::NOWHERE);
-                    if passing != 0 && taken.of(place) == Taken::Nothing {
+                    if i == PADDING || part == Taken::Some && self.is_taken(taken, slot) {
+                        continue;
+                    }
+                    let passing = self.of_triangle(to, i as usize, passing);
+                    if passing != 0 {
                         with(slot << ENTRY_BITS | passing | near);
                     }
                 }
             }
             true
         });
+    }
+
+    fn is_taken(&self, taken: &TakenRuns, slot: u32) -> bool {
+        let position = self.volumes.as_ref().and_then(|volumes| volumes.position(slot));
+        taken.of(Place::of(position)) == Taken::All
     }
 
     /// The triangles that volumes stand for, in place of some of the others, and the entries of these volumes.
