@@ -86,6 +86,14 @@ enum Taken {
 struct TakenRuns(Vec<Range<u32>>);
 
 impl TakenRuns {
+    /// Adds a run behind all others; with one that ends where it begins it makes up one.
+    fn add(&mut self, run: Range<u32>) {
+        match self.0.last_mut() {
+            Some(last) if last.end == run.start => last.end = run.end,
+            _ => self.0.push(run),
+        }
+    }
+
     fn of(&self, place: Place) -> Taken {
         let next = self.0.partition_point(|run| run.end <= place.first);
         match self.0.get(next) {
@@ -238,7 +246,7 @@ impl<'a> Acceptance<'a> {
             if seen {
                 entries.push((first + number) << ENTRY_BITS | PAIR_FRONT | PAIR_BACK);
             }
-            taken.0.push(at.clone());
+            taken.add(at.clone());
         });
         (taken, entries)
     }
