@@ -12,7 +12,7 @@ use super::volumes::{Place, VolumeTree};
 use super::{ClusterInput, LIST};
 use crate::model::facet::Facet;
 use crate::model::hierarchy::{Hierarchy, Node, Sight};
-use crate::model::order::{BoundedRun, PADDING};
+use crate::model::order::PADDING;
 use crate::model::passing::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -50,28 +50,11 @@ struct Branch {
 }
 
 /// A group of receivers.
-struct Group<'a> {
-    node: &'a Node,
-    centre: DVec3,
-    radius: f64,
-    bins: bool,
-}
-
-/// What volumes know of a group of receivers.
 pub struct Receivers<'a> {
-    node: &'a Node,
-    pub bounds: &'a BoundedRun,
+    pub node: &'a Node,
     pub centre: DVec3,
     pub radius: f64,
-    /// The largest.
-    pub characteristic_area: f64,
-}
-
-impl Receivers<'_> {
-    /// An upper bound of ⟨n, direction⟩.
-    pub fn steepest(&self, direction: DVec3) -> f64 {
-        Hierarchy::steepest(self.node, direction)
-    }
+    bins: bool,
 }
 
 /// How much of a branch volumes stand for.
@@ -177,7 +160,7 @@ impl<'a> Acceptance<'a> {
         let slots = node.slots(LIST as usize, order);
         let Some(class) = classes.get(slots[0] as usize) else { return Vec::new() };
         let half = 0.5 * (node.bounds.max - node.bounds.min);
-        let to = Group {
+        let to = Receivers {
             node,
             centre: node.bounds.min.midpoint(node.bounds.max),
             radius: half.length(),
@@ -190,7 +173,7 @@ impl<'a> Acceptance<'a> {
     }
 
     /// Calls `with` with the entry of each cluster and each triangle that no volume stands for.
-    fn others(&self, to: &Group, taken: &TakenRuns, mut with: impl FnMut(u32)) {
+    fn others(&self, to: &Receivers, taken: &TakenRuns, mut with: impl FnMut(u32)) {
         let &ClusterInput { order, leaf, .. } = self.input;
         self.tree.walk(|at, from| {
             let branch = &self.branches[at];
@@ -231,17 +214,10 @@ impl<'a> Acceptance<'a> {
     }
 
     /// The triangles that volumes stand for, in place of some of the others, and the entries of these volumes.
-    fn volumes(&self, to: &Group, first: u32) -> (TakenRuns, Vec<u32>) {
+    fn volumes(&self, to: &Receivers, first: u32) -> (TakenRuns, Vec<u32>) {
         let (mut taken, mut entries) = (TakenRuns(Vec::new()), Vec::new());
         let Some(volumes) = &self.volumes else { return (taken, entries) };
-        let receivers = Receivers {
-            node: to.node,
-            bounds: &to.node.bounds,
-            centre: to.centre,
-            radius: to.radius,
-            characteristic_area: to.node.characteristic_area,
-        };
-        volumes.choose(&receivers, |number, bounds, at| {
+        volumes.choose(to, |number, bounds, at| {
             let seen = !self.input.cull || self.tree.sight(to.node, bounds, 1.0, true) != Sight::Nothing;
             if seen {
                 entries.push((first + number) << ENTRY_BITS | PAIR_FRONT | PAIR_BACK);
@@ -252,7 +228,7 @@ impl<'a> Acceptance<'a> {
     }
 
     /// What a branch can send to a group at most.
-    fn passing(&self, to: &Group, from: &Node, branch: &Branch) -> u32 {
+    fn passing(&self, to: &Receivers, from: &Node, branch: &Branch) -> u32 {
         let back = if branch.index.is_none() || branch.blocker { PAIR_BACK } else { 0 };
         if !self.input.cull {
             return PAIR_FRONT | back;
@@ -266,7 +242,7 @@ impl<'a> Acceptance<'a> {
     }
 
     /// What a triangle can send, of what its leaf can.
-    fn of_triangle(&self, to: &Group, i: usize, passing: u32) -> u32 {
+    fn of_triangle(&self, to: &Receivers, i: usize, passing: u32) -> u32 {
         let ClusterInput { facets, classes, cull, .. } = self.input;
         let can = |side: f64, bit: u32| match passing & bit != 0
             && (!cull || !self.tree.misses(&facets[i], &to.node.bounds, side))
@@ -279,12 +255,12 @@ impl<'a> Acceptance<'a> {
     }
 
     /// Whether any pair may be within the near field.
-    fn is_near(&self, to: &Group, from: &Node) -> bool {
+    fn is_near(&self, to: &Receivers, from: &Node) -> bool {
         to.node.bounds.distance_squared(&from.bounds)
             <= self.input.half_range * (to.node.characteristic_area + from.characteristic_area)
     }
 
-    fn stands_for(&self, to: &Group, from: &Node, branch: &Branch, passing: u32) -> bool {
+    fn stands_for(&self, to: &Receivers, from: &Node, branch: &Branch, passing: u32) -> bool {
         let facet = &branch.facet;
         let nearest = facet.centroid.clamp(to.node.bounds.min, to.node.bounds.max);
         let r2 = facet.centroid.distance_squared(nearest);
@@ -317,7 +293,7 @@ impl<'a> Acceptance<'a> {
         share * second_order.max(in_bins).max(turned + uneven) <= self.input.error
     }
 
-    fn sees_back(&self, to: &Group, from: &Node) -> bool {
+    fn sees_back(&self, to: &Receivers, from: &Node) -> bool {
         self.tree.sight(from, &to.node.bounds, -1.0, true) != Sight::Nothing
     }
 }

@@ -12,6 +12,7 @@ use super::moments::Moments;
 use super::{ClusterInput, ClusterRun};
 use crate::model::class::Class;
 use crate::model::facet::Facet;
+use crate::model::hierarchy::Hierarchy;
 use crate::model::order::{BoundedRun, PADDING};
 use glam::{DMat3, DVec3};
 use rayon::join;
@@ -81,25 +82,23 @@ impl Volumes {
     }
 }
 
-/// Where the triangles of a source are in the tree: whether all are, the first and the last position of those that are, and how many there
-/// are.
+/// Where the triangles of a branch of another tree are in this one: whether all are, the first and the last position of those that are.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
     pub all: bool,
     pub first: u32,
     pub last: u32,
-    pub count: u32,
 }
 
 impl Place {
     /// That of no triangles.
-    pub const NOWHERE: Self = Self { all: true, first: u32::MAX, last: 0, count: 0 };
+    pub const NOWHERE: Self = Self { all: true, first: u32::MAX, last: 0 };
 
     /// That of a triangle by its position, if it is in the tree.
     pub fn of(position: Option<u32>) -> Self {
         match position {
-            Some(at) => Self { all: true, first: at, last: at, count: 1 },
-            None => Self { all: false, count: 1, ..Self::NOWHERE },
+            Some(at) => Self { all: true, first: at, last: at },
+            None => Self { all: false, ..Self::NOWHERE },
         }
     }
 
@@ -108,7 +107,6 @@ impl Place {
             all: self.all && other.all,
             first: self.first.min(other.first),
             last: self.last.max(other.last),
-            count: self.count + other.count,
         }
     }
 
@@ -196,12 +194,13 @@ impl<'a> VolumeTree<'a> {
 
     fn stands_for(&self, to: &Receivers, branch: &Branch) -> bool {
         let Branch { moments, bounds, .. } = branch;
-        let near = self.input.half_range * (branch.characteristic_area + to.characteristic_area);
+        let receivers = &to.node.bounds;
+        let near = self.input.half_range * (branch.characteristic_area + to.node.characteristic_area);
         let centroid = moments.centroid();
-        let nearest = centroid.clamp(to.bounds.min, to.bounds.max);
+        let nearest = centroid.clamp(receivers.min, receivers.max);
         let r2 = centroid.distance_squared(nearest);
         let angle2 = moments.spread() / r2;
-        let apart = to.bounds.distance_squared(bounds) > near;
+        let apart = receivers.distance_squared(bounds) > near;
         // At a distance of zero the angle is no number, or infinite.
         let narrow = angle2 <= WIDEST * WIDEST;
         if !apart || !narrow {
@@ -209,7 +208,7 @@ impl<'a> VolumeTree<'a> {
         }
         let direction = (centroid - to.centre).normalize_or_zero();
         let wide = (to.radius + moments.spread().sqrt()) / r2.sqrt();
-        let received = (to.steepest(direction) + wide).clamp(0.0, 1.0);
+        let received = (Hierarchy::steepest(to.node, direction) + wide).clamp(0.0, 1.0);
         // Half of Σ a |⟨n, ω⟩| is seen from either side, and more of what does not close.
         let across = (direction.dot(branch.orientations * direction) * moments.area).max(0.0).sqrt();
         let seen = 0.5 * (across + moments.vector_area());
