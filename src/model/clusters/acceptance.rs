@@ -29,6 +29,10 @@ const WIDE_IN_BINS: f64 = 2.5;
 const WIDE_IN_SLOPES: f64 = 0.02;
 /// Largest σ/r, and δ, for any error: beyond, higher orders count.
 pub const WIDEST: f64 = 0.2;
+/// Length of lists with volumes over that without, up to which there are volumes: they err more than clusters of one normal.
+const WORTH: f64 = 0.75;
+/// One list of so many is looked at to tell.
+const SAMPLED: usize = 16;
 /// δ below which a cluster counts as flat.
 const FLAT: f64 = 1e-3;
 
@@ -147,7 +151,17 @@ impl<'a> Acceptance<'a> {
             return None;
         }
         let groups: Vec<&Node> = self.receivers.leaf_nodes().collect();
+        let volumes = Some(volumes).filter(|_| self.volumes_pay(&groups));
         Some(groups.into_par_iter().map(|node| self.list(node, volumes)).collect())
+    }
+
+    /// Whether volumes shorten some of the lists enough.
+    fn volumes_pay(&self, groups: &[&Node]) -> bool {
+        let sample: Vec<&Node> = groups.iter().copied().step_by(SAMPLED).collect();
+        let length = |volumes: Option<u32>| -> usize {
+            sample.par_iter().map(|node| self.list(node, volumes).len()).sum()
+        };
+        self.volumes.is_some() && length(Some(0)) as f64 <= WORTH * length(None) as f64
     }
 
     /// The tree that volumes were chosen from.
@@ -155,7 +169,8 @@ impl<'a> Acceptance<'a> {
         self.volumes
     }
 
-    fn list(&self, node: &Node, volumes: u32) -> Vec<u32> {
+    /// Without volumes where `volumes` is `None`.
+    fn list(&self, node: &Node, volumes: Option<u32>) -> Vec<u32> {
         let &ClusterInput { order, classes, .. } = self.input;
         let slots = node.slots(LIST as usize, order);
         let Some(class) = classes.get(slots[0] as usize) else { return Vec::new() };
@@ -166,7 +181,8 @@ impl<'a> Acceptance<'a> {
             radius: half.length(),
             bins: class.has_bins(),
         };
-        let (taken, mut entries) = self.volumes(&to, volumes);
+        let (taken, mut entries) =
+            volumes.map_or((TakenRuns(Vec::new()), Vec::new()), |first| self.volumes(&to, first));
         self.others(&to, &taken, |entry| entries.push(entry));
         entries.sort_unstable();
         entries
