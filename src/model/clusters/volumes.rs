@@ -27,8 +27,8 @@ const FEWEST: usize = 8;
 const ALONE: usize = 1 << 14;
 /// Smallest share of its triangles in a part, which bounds the height of the tree.
 const LEAST_SHARE: usize = 8;
-/// Factor on the error that a volume may have: of balls and of a statue, with this volumes add nothing to the error of the clusters that they
-/// replace, and with ten times as much they double it.
+/// Factor on the error that a volume may have: of balls, with this volumes add nothing to the error of the clusters that they replace, and with
+/// ten times as much they double it.
 const CAREFUL: f64 = 0.05;
 
 /// What a volume consists of.
