@@ -12,7 +12,7 @@ use super::volumes::{Place, VolumeTree};
 use super::{ClusterInput, LIST};
 use crate::model::facet::Facet;
 use crate::model::hierarchy::{Hierarchy, Node, Sight};
-use crate::model::order::PADDING;
+use crate::model::order::{BoundedRun, PADDING};
 use crate::model::passing::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -59,6 +59,13 @@ pub struct Receivers<'a> {
     pub centre: DVec3,
     pub radius: f64,
     bins: bool,
+}
+
+impl Receivers<'_> {
+    /// Whether any pair with triangles in a box may be within the near field; `area`: their largest characteristic area.
+    pub fn are_near(&self, bounds: &BoundedRun, area: f64, half_range: f64) -> bool {
+        self.node.bounds.distance_squared(bounds) <= half_range * (self.node.characteristic_area + area)
+    }
 }
 
 /// How much of a branch volumes stand for.
@@ -272,8 +279,7 @@ impl<'a> Acceptance<'a> {
 
     /// Whether any pair may be within the near field.
     fn is_near(&self, to: &Receivers, from: &Node) -> bool {
-        to.node.bounds.distance_squared(&from.bounds)
-            <= self.input.half_range * (to.node.characteristic_area + from.characteristic_area)
+        to.are_near(&from.bounds, from.characteristic_area, self.input.half_range)
     }
 
     fn stands_for(&self, to: &Receivers, from: &Node, branch: &Branch, passing: u32) -> bool {

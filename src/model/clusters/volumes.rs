@@ -195,15 +195,14 @@ impl<'a> VolumeTree<'a> {
     fn stands_for(&self, to: &Receivers, branch: &Branch) -> bool {
         let Branch { moments, bounds, .. } = branch;
         let receivers = &to.node.bounds;
-        let near = self.input.half_range * (branch.characteristic_area + to.node.characteristic_area);
         let centroid = moments.centroid();
         let nearest = centroid.clamp(receivers.min, receivers.max);
         let r2 = centroid.distance_squared(nearest);
         let angle2 = moments.spread() / r2;
-        let apart = receivers.distance_squared(bounds) > near;
+        let near = to.are_near(bounds, branch.characteristic_area, self.input.half_range);
         // At a distance of zero the angle is no number, or infinite.
         let narrow = angle2 <= WIDEST * WIDEST;
-        if !apart || !narrow {
+        if near || !narrow {
             return false;
         }
         let direction = (centroid - to.centre).normalize_or_zero();

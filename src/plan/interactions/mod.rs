@@ -54,9 +54,9 @@ impl Interactions {
         Ok(Self { by_receiver, by_source, clusters: None })
     }
 
-    /// With clusters, and close pairs. `leaf`, `least_volume`: triangles of the smallest clusters and volumes, if there are to be any; `error`: what clusters may change,
-    /// relative to the mean irradiance; `brightness`, `backs`: of the front of each triangle and of backs, relative to
-    /// the mean; `bin`: solid angle of a bin.
+    /// With clusters, and close pairs. `leaf`, `least_volume`: triangles of the smallest clusters and volumes, if there are to
+    /// be any; `error`: what clusters may change, relative to the mean irradiance; `brightness`, `backs`: of the front of each
+    /// triangle and of backs, relative to the mean; `bin`: solid angle of a bin.
     pub(super) fn hierarchical(
         layout: &TileLayout,
         facets: &[Facet],
