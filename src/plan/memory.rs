@@ -144,7 +144,7 @@ impl MemoryPlan {
                     self.add("state: bins", bins(sources), 1);
                 }
                 if plan.layout.groups.iter().any(|g| g.class.glossy) {
-                    self.add("specular radiance", bins(sources), 1);
+                    self.add("specular radiance", bins(plan.specular_window(receivers, sources)), 1);
                 }
             }
         }
@@ -175,8 +175,10 @@ impl MemoryPlan {
         self.add("cotangent: irradiance", rgb, 1);
         self.add("cotangent: radiance", rgb, 1);
         self.add("cotangent: receivers", rgb + u64::from(plan.partner_slots()) * plan.rgb_bytes(), 1);
-        for group in plan.layout.groups.iter().filter(|g| g.class.glossy) {
-            self.add("cotangent: specular", plan.page_bytes(group), 1);
+        if plan.residency == Residency::Device {
+            for group in plan.layout.groups.iter().filter(|g| g.class.glossy) {
+                self.add("cotangent: specular", plan.page_bytes(group), 1);
+            }
         }
         match plan.clusters() {
             None => self.add("far runs, by source", listed(plan, far.words()), 1),

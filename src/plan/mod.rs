@@ -357,7 +357,6 @@ impl Plan {
                 SolverChoice::Auto => bases(SHORTEST_RESTART).chain([PlannedSolver::FixedPoint]).collect(),
             }
         };
-        let mut least = u64::MAX;
         let matrices = self.lobes.matrices;
         // Matrices take a small part of the budget: only where nothing else fits are there none.
         for matrices in [matrices, 0] {
@@ -368,16 +367,11 @@ impl Plan {
                     self.staging = staging;
                     self.memory = MemoryPlan::of(self);
                     self.memory.check_buffers(self.options.max_buffer)?;
-                    least = least.min(self.memory.total());
                     if self.memory.total() <= self.options.memory_budget {
                         return Ok(());
                     }
                 }
             }
-        }
-        if self.options.gradients.any() {
-            // The adjoint requires states on the device.
-            return Err(PlanError::OverBudget { budget: self.options.memory_budget, needed: least });
         }
         // Vectors on the host take no device memory, so the solver is that of an unlimited budget, and the result
         // does not depend on the budget.

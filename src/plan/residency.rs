@@ -101,14 +101,21 @@ impl Plan {
         self.clusters().is_some() || far.any(receivers, sources, PAIR_FRONT | PAIR_BACK)
     }
 
-    /// Largest host memory of the solver's vectors, bytes; of several ranks, of this one.
+    /// Tiles in the window for specular radiance: of sources, and of its cotangents, which a pass of the adjoint accumulates like bins.
+    pub(crate) fn specular_window(&self, receivers: u32, sources: u32) -> u32 {
+        if self.options.gradients.any() { receivers.max(sources) } else { sources }
+    }
+
+    /// Largest host memory of the solver's vectors and of cotangents of specular radiance, bytes; of several ranks, of this one.
     pub fn host_bytes(&self) -> u64 {
         if self.residency == Residency::Device {
             return 0;
         }
         let groups = self.layout.groups.iter().enumerate().filter(|(_, group)| group.class.has_bins());
         let own: u64 = groups.map(|(g, _)| self.own(g).tiles.len() as u64 * self.tile_bytes()).sum();
-        u64::from(self.vectors()) * (self.irradiance_bytes() + own)
+        let glossy = self.glossy_groups().filter(|_| self.options.gradients.any());
+        let glossy: u64 = glossy.map(|(g, _)| self.own(g).tiles.len() as u64 * self.tile_bytes()).sum();
+        u64::from(self.vectors()) * (self.irradiance_bytes() + own) + 2 * glossy
     }
 
     /// Bytes moved between host and device per pass.
@@ -162,9 +169,11 @@ impl Plan {
         let free = budget - needed;
         let more_staging = (free / 16).min(self.short_staging().saturating_sub(least_staging));
         let more_staging = more_staging / STAGING_STEP * STAGING_STEP;
-        let tiles = free.saturating_sub(more_staging + 1024) / self.tile_bytes();
-        // A glossy source takes two tiles: incident and specular radiance.
-        let each = if self.layout.groups.iter().any(|g| g.class.glossy) { 2 } else { 1 };
+        let mut tiles = free.saturating_sub(more_staging + 1024) / self.tile_bytes();
+        // A glossy source takes two tiles, of incident and specular radiance, and with gradients whatever is written, too.
+        let glossy = self.layout.groups.iter().any(|g| g.class.glossy);
+        let each = if glossy && !self.options.gradients.any() { 2 } else { 1 };
+        tiles /= if glossy && self.options.gradients.any() { 2 } else { 1 };
         let page = self.options.page.min(self.options.max_buffer);
         let most = |bytes: u64| (bytes / self.tile_bytes()).clamp(1, u64::from(u32::MAX)) as u32;
         let total = (self.tiles_with_bins().len() as u32).max(1);

@@ -1,6 +1,6 @@
 //! Which targets each of several ranks computes: parts of every group with about the same work.
 
-use super::{Group, PAIR_BACK, PAIR_FRONT, Plan};
+use super::{Group, PAIR_BACK, PAIR_FRONT, Plan, Residency};
 use crate::model::{ClusterRun, LIST, ReceiverLists, SOURCES};
 use std::ops::Range;
 
@@ -69,6 +69,14 @@ impl Plan {
     pub fn own(&self, group: usize) -> Group {
         let Group { class, .. } = self.layout.groups[group];
         Group { class, tiles: self.shares.groups[group][self.options.rank as usize].clone() }
+    }
+
+    /// The part of a group whose bins this rank holds: on the host its own, on the device all of it.
+    pub(crate) fn held(&self, group: usize) -> Group {
+        match self.residency {
+            Residency::Device => self.layout.groups[group].clone(),
+            Residency::Host { .. } => self.own(group),
+        }
     }
 
     /// The part of a run of clusters whose cotangents this rank computes.

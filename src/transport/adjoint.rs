@@ -8,14 +8,17 @@ use super::completion::Values;
 use super::exchange_adjoint::ExchangeAdjoint;
 use super::exchange_derivative::ExchangeDerivative;
 use super::observation_adjoint::ObservationAdjoint;
+use super::reflection::Reflection;
 use super::reflection_adjoint::ReflectionAdjoint;
+use super::residency::{Part, View};
 use super::scene_buffers::list;
-use super::state::{State, StateBuffers, page, page_of, pages};
-use super::watch::TransportError;
+use super::specular::{Accumulated, Specular, SpecularCotangents};
+use super::state::{State, page_of};
+use super::watch::{PassMonitor, TransportError};
 use super::{Context, Operators, real};
-use crate::gpu::{Buffer, BufferKind, Device, GpuError};
+use crate::gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError};
 use crate::model::{Clusters, FacetGradient};
-use crate::plan::{PairLists, Plan};
+use crate::plan::{PairLists, Piece, Plan, Residency};
 use crate::scene::Movable;
 use crate::solve::LightOperator;
 use glam::DVec3;
@@ -26,8 +29,8 @@ pub struct AdjointBuffers {
     pub irradiance: Buffer,
     /// μ₀: of radiance, vec4 per slot.
     pub radiance: Buffer,
-    /// μ₀: of specular radiance, per glossy group.
-    pub specular: Vec<Option<Buffer>>,
+    /// μ₀ and μ: of specular radiance.
+    pub specular: SpecularCotangents,
     /// The cotangent of irradiance that a pass reads, vec4 per slot, as point-to-point kernels bind it of partners:
     /// unlike that of a state, it extends past the last slot.
     pub receivers: Buffer,
@@ -69,7 +72,7 @@ impl AdjointKernels {
         let buffers = AdjointBuffers {
             irradiance: storage("cotangent: irradiance", rgb)?,
             radiance: storage("cotangent: radiance", rgb)?,
-            specular: pages(device, plan, "cotangent: specular", |group| group.class.glossy)?,
+            specular: SpecularCotangents::new(device, plan)?,
             receivers: storage(
                 "cotangent: receivers",
                 rgb + u64::from(plan.partner_slots()) * plan.rgb_bytes(),
@@ -108,43 +111,28 @@ impl AdjointBuffers {
         let precision = plan.settings.precision;
         real::upload(device, &self.irradiance, precision, irradiance.as_flattened())?;
         real::upload(device, &self.radiance, precision, radiance.as_flattened())?;
-        for (g, group) in plan.glossy_groups() {
-            let page = page(&self.specular, g)?;
-            match specular.get(g).and_then(Option::as_ref) {
-                Some(values) => real::upload(device, page, precision, values)?,
-                None => {
-                    let mut batch = device.batch()?;
-                    batch.fill(page, 0, plan.page_bytes(group), 0)?;
-                    batch.submit()?;
-                }
-            }
-        }
-        Ok(())
+        plan.glossy_groups()
+            .try_for_each(|(g, _)| self.specular.set(context, g, specular.get(g).and_then(Option::as_deref)))
     }
 
     /// Copies the cotangent of irradiance to where point-to-point kernels read it of partners.
-    pub fn copy_receivers(&self, context: &Context, cotangent: &StateBuffers) -> Result<(), TransportError> {
+    pub fn copy_receivers(&self, context: &Context, cotangent: &State) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
+        let irradiance = cotangent.show(device, &Part::irradiance(plan))?;
         let mut batch = device.batch()?;
-        batch.copy(&cotangent.irradiance, 0, &self.receivers, 0, plan.irradiance_bytes())?;
+        batch.copy(irradiance.buffer(), 0, &self.receivers, 0, plan.irradiance_bytes())?;
         batch.submit()?;
         Ok(())
     }
 
-    /// Initialises the cotangent of outgoing light to μ₀, or to zero.
+    /// Initialises the cotangent of diffuse radiance to μ₀, or to zero.
     fn start(&self, context: &Context, given: bool) -> Result<(), TransportError> {
         let Context { device, plan, outgoing, .. } = context;
-        let rgb = u64::from(plan.layout.slots()) * plan.rgb_bytes();
-        let mut copies = vec![(&self.radiance, &outgoing.radiance, rgb)];
-        for (g, group) in plan.glossy_groups() {
-            copies.push((page(&self.specular, g)?, page(&outgoing.specular, g)?, plan.page_bytes(group)));
-        }
+        let bytes = u64::from(plan.layout.slots()) * plan.rgb_bytes();
         let mut batch = device.batch()?;
-        for (from, to, bytes) in copies {
-            match given {
-                true => batch.copy(from, 0, to, 0, bytes)?,
-                false => batch.fill(to, 0, bytes, 0)?,
-            }
+        match given {
+            true => batch.copy(&self.radiance, 0, &outgoing.radiance, 0, bytes)?,
+            false => batch.fill(&outgoing.radiance, 0, bytes, 0)?,
         }
         batch.submit()?;
         Ok(())
@@ -187,18 +175,27 @@ impl<'a> AdjointOperator<'a> {
 
     /// μ₀ of specular radiance per glossy group: that of the loss, and of the views added to it.
     pub fn given_specular(&self) -> Result<Vec<Option<Vec<f64>>>, TransportError> {
-        let specular = &self.adjoint.buffers.specular;
-        let pages = (0..specular.len()).map(|group| self.operators.page(specular, group));
-        Ok(pages.collect::<Result<_, _>>()?)
+        self.specular_cotangent(Specular::Given)
+    }
+
+    fn specular_cotangent(&self, which: Specular) -> Result<Vec<Option<Vec<f64>>>, TransportError> {
+        let context = self.context();
+        let groups = 0..context.plan.layout.groups.len();
+        groups.map(|g| self.adjoint.buffers.specular.download(context, which, g)).collect()
     }
 
     /// μ = μ₀ + Uᵀ λ, the cotangent of outgoing light: of radiance per slot, and of specular radiance per group. It
-    /// stays on the device until the next use of the operators.
+    /// stays where it is until the next use of the operators.
     pub fn outgoing_cotangent(&mut self, cotangent: &State) -> Result<super::OutgoingValues, TransportError> {
         // The bins of antiradiance go to a state that is discarded.
         let mut unused = self.vector()?;
         self.transpose(Some(cotangent), true, &mut unused)?;
-        Ok(self.operators.outgoing_values()?)
+        let Context { plan, outgoing, .. } = self.context();
+        if plan.residency == Residency::Device {
+            self.context().complete_pages(&outgoing.specular, |group| group.class.glossy)?;
+        }
+        let radiance = self.context().slots(&outgoing.radiance)?;
+        Ok(super::OutgoingValues { radiance, specular: self.specular_cotangent(Specular::Current)? })
     }
 
     /// Derivatives by the specular parameters of each slot; requires [`Self::outgoing_cotangent`]. `None` where
@@ -206,7 +203,7 @@ impl<'a> AdjointOperator<'a> {
     pub fn lobe_sums(&mut self, x: &State) -> Result<Option<Vec<LobeSums>>, TransportError> {
         let Some(sums) = &self.adjoint.buffers.lobe_sums else { return Ok(None) };
         let context = self.context();
-        self.adjoint.reflection.derivative(context, x, sums)?;
+        self.adjoint.reflection.derivative(context, &self.adjoint.buffers, x, sums)?;
         let Context { device, plan, .. } = context;
         let count = u64::from(plan.layout.slots()) * 8;
         let values = real::download(device, sums, plan.settings.precision, count)?;
@@ -226,9 +223,8 @@ impl<'a> AdjointOperator<'a> {
         movable: Option<&Movable>,
     ) -> Result<(Vec<FacetGradient>, Vec<DVec3>), TransportError> {
         self.operators.update_outgoing(Some(x), true, true)?;
-        let Operators { context, exchange: forward, monitor, .. } = &mut *self.operators;
-        let AdjointKernels { buffers, exchange, derivative, observation: views_derivative, .. } =
-            &mut *self.adjoint;
+        let Operators { context, exchange: forward, reflection, monitor, .. } = &mut *self.operators;
+        let AdjointKernels { buffers, exchange, derivative, observation: of_views, .. } = &mut *self.adjoint;
         let (Some(gradients), Some(derivative)) = (&buffers.gradients, derivative) else {
             return Err(TransportError::missing("derivatives with respect to geometry"));
         };
@@ -238,46 +234,45 @@ impl<'a> AdjointOperator<'a> {
         batch.fill(gradients, 0, count * precision.bytes(), 0)?;
         batch.submit()?;
         if let Some(movable) = movable {
-            derivative.run(context, buffers, [x, cotangent], gradients, movable, monitor)?;
+            derivative.run(context, buffers, reflection, [x, cotangent], gradients, movable, monitor)?;
             if let (Some(cotangents), Some(light)) = (&buffers.clusters, &forward.clusters) {
-                let (x, cotangent) = (x.resident()?, cotangent.resident()?);
-                for (g, group) in context.plan.layout.groups.iter().enumerate() {
-                    let none = &context.scene.no_bins;
+                for (group, part) in context.plan.layout.groups.iter().cloned().enumerate() {
+                    // The windows hold whole groups where there are clusters.
+                    let piece = Piece { group, part };
+                    let [antiradiance, specular] = sent(context, reflection, &piece, x, monitor)?;
                     let triangles = Sources {
-                        class: group.class,
-                        indices: context.plan.layout.slots_of(&group.tiles),
-                        antiradiance: page_of(&x.bins, g, group.class.has_bins(), none)?,
-                        specular: page_of(&context.outgoing.specular, g, group.class.glossy, none)?,
+                        class: piece.part.class,
+                        indices: context.plan.layout.slots_of(&piece.part.tiles),
+                        antiradiance,
+                        specular,
                     };
-                    let of_clusters = light.gather(context, g, &triangles, true)?;
+                    let of_clusters = light.gather(context, group, &triangles, true)?;
                     let sources = [&triangles, &of_clusters];
-                    derivative.listed(context, buffers, (g, sources), cotangent, gradients, monitor)?;
-                    exchange.clusters(context, buffers, g, cotangent, monitor)?;
-                    cotangents.shares(context, g, sources, gradients)?;
+                    derivative.listed(context, buffers, (group, sources), cotangent, gradients, monitor)?;
+                    exchange.clusters(context, buffers, (group, None), cotangent, monitor)?;
+                    cotangents.shares(context, group, sources, gradients)?;
                 }
-            }
-            let bytes = 16 * precision.bytes();
-            context.complete_slots(gradients, bytes)?;
-            let runs = context.plan.clusters().map_or(0, |clusters| clusters.runs().len());
-            for run in 0..runs {
-                let values = Values { offset: 0, first: 0, bytes };
-                context.complete(gradients, values, context.plan.clusters_by_rank(run))?;
             }
         }
         if context.plan.has_first_bounce() && !views.is_empty() {
             self.operators.update_outgoing(Some(x), true, false)?;
         }
-        let Operators { context, observation, .. } = &mut *self.operators;
+        let Operators { context, observation, reflection, monitor, .. } = &mut *self.operators;
         let mut camera_positions = Vec::with_capacity(views.len());
         for (camera_position, colours) in views {
-            let face_colours = observation.colours();
-            camera_positions.push(views_derivative.derivative(
+            camera_positions.push(of_views.derivative(
                 context,
-                face_colours,
-                gradients,
-                *camera_position,
-                colours,
+                (reflection, x),
+                [observation.colours(), gradients],
+                (*camera_position, colours),
+                monitor,
             )?);
+        }
+        let bytes = 16 * precision.bytes();
+        context.complete_slots(gradients, bytes)?;
+        for run in 0..context.plan.clusters().map_or(0, |clusters| clusters.runs().len()) {
+            let values = Values { offset: 0, first: 0, bytes };
+            context.complete(gradients, values, context.plan.clusters_by_rank(run))?;
         }
         let values = real::download(&context.device, gradients, precision, count)?;
         let gradient = |v: &[f64]| {
@@ -298,17 +293,68 @@ impl<'a> AdjointOperator<'a> {
         Ok((gradients, camera_positions))
     }
 
-    /// y = [given] λ₀ + (K - J)ᵀ ([given] μ₀ + Uᵀ x); also stores the cotangent of outgoing light.
+    /// y = [given] λ₀ + (K - J)ᵀ ([given] μ₀ + Uᵀ x); also stores the cotangent of outgoing light, of specular radiance that of the
+    /// triangles of this rank.
     fn transpose(&mut self, x: Option<&State>, given: bool, y: &mut State) -> Result<(), TransportError> {
-        let Operators { context, vectors, monitor, .. } = &mut *self.operators;
+        let Operators { context, monitor, .. } = &mut *self.operators;
         let AdjointKernels { buffers, exchange, reflection, .. } = &mut *self.adjoint;
-        vectors.clear(context, y)?;
         buffers.start(context, given)?;
         if let Some(x) = x {
-            exchange.run(context, buffers, x, y, monitor)?;
+            exchange.begin(context, buffers, x, monitor)?;
         }
-        reflection.run(context, buffers, given, y)?;
-        Ok(())
+        for groups in context.plan.sweeps() {
+            let open = |group| Accumulated::open(context, &buffers.specular, group, y, given);
+            let sources: Vec<Accumulated> = groups.map(open).collect::<Result<_, _>>()?;
+            if let Some(x) = x {
+                exchange.run(context, buffers, x, &sources, monitor)?;
+            }
+            for of in sources {
+                reflection.specular(context, &of)?;
+                if let Some(front) = &of.front {
+                    buffers.specular.keep(context, Specular::Current, of.group, front)?;
+                }
+                of.back.map_or(Ok(()), |back| back.store(&context.device))?;
+            }
+        }
+        context.complete_slots(&context.outgoing.radiance, context.plan.rgb_bytes())?;
+        if context.plan.residency == Residency::Device {
+            context.complete_pages(&y.resident()?.bins, |group| group.class.has_bins())?;
+        }
+        reflection.diffuse(context, buffers, given, y)
+    }
+}
+
+/// What the triangles of a piece send under the incident light `x`: antiradiance, and specular radiance.
+pub(super) fn sent<'a>(
+    context: &'a Context,
+    reflection: &mut Reflection,
+    piece: &Piece,
+    x: &'a State,
+    monitor: &mut PassMonitor,
+) -> Result<[BufferSlice<'a>; 2], TransportError> {
+    let Context { device, plan, scene, .. } = context;
+    let light = Part::of_piece(plan, piece).map(|part| x.show(device, &part)).transpose()?;
+    let specular = specular_of(context, reflection, piece, light.as_ref(), monitor)?;
+    Ok([light.map_or(scene.no_bins.whole(), |light| light.slice()), specular])
+}
+
+/// The specular radiance of a piece under incident light that is on the device.
+pub(super) fn specular_of<'a>(
+    context: &'a Context,
+    reflection: &mut Reflection,
+    piece: &Piece,
+    light: Option<&View>,
+    monitor: &mut PassMonitor,
+) -> Result<BufferSlice<'a>, TransportError> {
+    let Context { plan, scene, outgoing, .. } = context;
+    match plan.residency {
+        // Of a group of which this rank holds nothing.
+        _ if piece.part.tiles.is_empty() => Ok(scene.no_bins.whole()),
+        // It is there, of all groups.
+        Residency::Device => {
+            page_of(&outgoing.specular, piece.group, piece.part.class.glossy, &scene.no_bins)
+        }
+        Residency::Host { .. } => reflection.specular_under(context, piece, light, monitor),
     }
 }
 

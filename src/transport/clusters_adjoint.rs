@@ -165,22 +165,22 @@ impl ClusterCotangents {
         Ok(())
     }
 
-    /// Adds those of clusters of triangles to those of the triangles, of one group; `back` and `front` are the bins of the latter.
+    /// Adds those of clusters of triangles to those of this rank's triangles of a group; `back` and `front` are the bins of the latter,
+    /// which begin with a slot.
     pub fn to_triangles<'a>(
         &'a self,
         context: &'a Context,
         group: usize,
-        [back, front]: [BufferSlice<'a>; 2],
+        ([back, front], page): ([BufferSlice<'a>; 2], u32),
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, .. } = context;
         let (clusters, run) = clusters_of(plan, group)?;
-        let Some(of) = run.heights.first() else { return Ok(()) };
-        let page = plan.layout.slots_of(&plan.layout.groups[group].tiles).start;
+        let of = &clusters.of_triangles(run, &plan.layout.slots_of(&plan.own(group).tiles));
         let mut by_kernels = Vec::new();
         for (bins, to) in self.bins(run.class).into_iter().zip([back, front]) {
             let Some(bins) = bins else { continue };
             let bins = ClusterBins { clusters, run, facets: scene.facets.whole(), own: bins.whole() };
-            if bins.step(device, plan, Step::ToTriangles(to, page))?.is_none() {
+            if bins.step(device, plan, Step::ToTriangles(to, page, of))?.is_none() {
                 by_kernels.push((bins.own, to));
             }
         }

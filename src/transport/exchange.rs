@@ -152,12 +152,9 @@ impl Exchange {
         for groups in plan.sweeps() {
             let mut receivers = Vec::new();
             for t in groups {
-                let own = plan.own(t);
-                // On the host this rank holds nothing else.
-                let held = if plan.residency == Residency::Device { &plan.layout.groups[t] } else { &own };
-                let part = Part::of_group(plan, t, held).filter(|part| part.bytes() > 0);
+                let part = Part::held(plan, t);
                 let incident = part.map(|part| y.receive(device, &part)).transpose()?;
-                receivers.push((own, incident.unwrap_or_else(none)));
+                receivers.push((plan.own(t), incident.unwrap_or_else(none)));
             }
             for piece in &pieces {
                 let from = &piece.part;

@@ -7,13 +7,15 @@ use super::completion::Values;
 use super::exchange::{NEAR_TAKE, PLAIN_NEAR_TAKE, Shape, sweep_of};
 use super::near_matrix::NearMatrix;
 use super::on_host::far_adjoint::{BLOCK, Importance, Receivers};
-use super::state::{State, StateBuffers, page, page_of};
+use super::residency::{Part, View};
+use super::specular::Accumulated;
+use super::state::{State, page};
 use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::sweep_receivers::FromSources;
 use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, BufferSlice, Device, GpuError};
 use crate::model::{Class, LIST};
-use crate::plan::{IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::plan::{Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 use std::ops::Range;
 
@@ -49,40 +51,52 @@ impl ExchangeAdjoint {
         Shape::sweeps(device, plan, kernels)
     }
 
-    /// (radiance, specular; y) += Uᵀ x: the cotangents of diffuse and specular radiance go to the buffers of outgoing
-    /// light, that of antiradiance to the bins of `y`.
+    /// Before the first sweep of a pass: copies the cotangent of irradiance to where kernels read it of partners.
+    pub fn begin(
+        &mut self,
+        context: &Context,
+        adjoint: &AdjointBuffers,
+        x: &State,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let plan = &context.plan;
+        monitor.begin(Sweep::pairs_by_source(plan, false) / u64::from(plan.options.ranks));
+        adjoint.copy_receivers(context, x)
+    }
+
+    /// Adds Uᵀ x for the sources of one sweep: the cotangents of diffuse radiance to the buffer of outgoing light, those of antiradiance
+    /// and of specular radiance to `sources`.
     pub fn run(
         &mut self,
         context: &Context,
         adjoint: &AdjointBuffers,
         x: &State,
-        y: &State,
+        sources: &[Accumulated],
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
-        let Context { plan, scene, outgoing, .. } = context;
-        let (x, y) = (x.resident()?, y.resident()?);
+        let Context { device, plan, scene, outgoing } = context;
         let lists = plan.interactions().by_source.as_ref().ok_or(TransportError::NotPlanned)?;
-        monitor.begin(Sweep::pairs_by_source(plan, false) / u64::from(plan.options.ranks));
-        let none = &scene.no_bins;
-        adjoint.copy_receivers(context, x)?;
         let partners = of_partners(context, &adjoint.receivers);
-        for (s, from) in plan.layout.groups.iter().enumerate() {
-            for (t, to) in plan.layout.groups.iter().enumerate() {
+        let none = View::resident(&scene.no_bins, 0, 0);
+        let irradiance = x.show(device, &Part::irradiance(plan))?;
+        for piece in plan.pieces() {
+            let to = &piece.part;
+            let light = Part::of_piece(plan, &piece).map(|part| x.show(device, &part)).transpose()?;
+            let incident = light.as_ref().unwrap_or(&none).slice();
+            for accumulated in sources {
+                let from = plan.own(accumulated.group);
+                let back = accumulated.back.as_ref().unwrap_or(&none);
+                let front = accumulated.front.as_ref().unwrap_or(&none).slice();
                 let shape = Shape::new(from.class, to.class);
                 let sweep = sweep_of(&mut self.sweeps, shape)?;
-                let between = Between::own(plan, s, to, lists);
-                let irradiance = x.irradiance.whole();
-                let incident = page_of(&x.bins, t, to.class.has_bins(), none)?;
-                let back = page_of(&y.bins, s, from.class.has_bins(), none)?;
-                let front = page_of(&outgoing.specular, s, from.class.glossy, none)?;
                 let (facets, radiance) = (scene.facets.whole(), outgoing.radiance.whole());
                 let near = [
                     facets,
-                    irradiance,
+                    irradiance.slice(),
                     scene.corners.whole(),
                     radiance,
                     incident,
-                    back,
+                    back.slice(),
                     front,
                     adjoint.near_offsets.whole(),
                     adjoint.near_receivers.whole(),
@@ -94,18 +108,19 @@ impl ExchangeAdjoint {
                     of: Receivers::Close { near: &lists.near, slots: receivers.clone() },
                     facets,
                     corners: scene.corners.whole(),
-                    irradiance,
+                    irradiance: irradiance.slice(),
                     incident,
                     receivers_page: receivers.start,
                     radiance,
                     radiance_page: 0,
-                    back,
+                    back: back.slice(),
                     front,
-                    bins_page: between.first_slot,
+                    bins_page: back.first_slot,
                     bin_table: scene.bin_table.whole(),
                 };
-                let own = plan.layout.slots_of(&between.targets.tiles);
+                let own = plan.layout.slots_of(&from.tiles);
                 let blocks = own.start / BLOCK..own.end / BLOCK;
+                let between = Between { targets: from, partners: to, lists, first_slot: back.first_slot };
                 if !importance.run(sweep, context, blocks.clone(), monitor)? {
                     sweep.near(context, &between, &near, true, monitor)?;
                 }
@@ -128,7 +143,7 @@ impl ExchangeAdjoint {
                     adjoint.far_runs.whole(),
                     radiance,
                     incident,
-                    back,
+                    back.slice(),
                     front,
                     scene.bin_table.whole(),
                 ];
@@ -136,57 +151,76 @@ impl ExchangeAdjoint {
                 sweep.far(context, &between, far, &partners, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, monitor)?;
             }
         }
-        if let Some(matrix) = &mut self.near_matrix {
-            let incident = |part| match part {
-                IncidentPart::Irradiance => Ok(x.irradiance.whole()),
-                IncidentPart::Bins { group } => Ok(page(&x.bins, group)?.whole()),
+        self.add_near_matrix(context, x, sources, monitor)?;
+        let Some(clusters) = &adjoint.clusters else { return Ok(()) };
+        for accumulated in sources {
+            let group = accumulated.group;
+            let from = plan.own(group);
+            let back = accumulated.back.as_ref().unwrap_or(&none);
+            let front = accumulated.front.as_ref().unwrap_or(&none).slice();
+            let triangles = Cotangents {
+                class: from.class,
+                sources: plan.layout.slots_of(&from.tiles),
+                bins_page: back.first_slot,
+                radiance: (outgoing.radiance.whole(), 0),
+                back: back.slice(),
+                front,
             };
-            let sent = |part| match part {
-                OutgoingPart::Diffuse => Ok(outgoing.radiance.whole()),
-                OutgoingPart::Antiradiance { group } => Ok(page(&y.bins, group)?.whole()),
-                OutgoingPart::Specular { group } => Ok(page(&outgoing.specular, group)?.whole()),
-            };
-            matrix.run(&context.device, incident, sent, true, monitor)?;
+            self.clusters(context, adjoint, (group, Some(&triangles)), x, monitor)?;
+            clusters.to_triangles(context, group, ([back.slice(), front], back.first_slot))?;
         }
-        if let Some(clusters) = &adjoint.clusters {
-            for (s, from) in plan.layout.groups.iter().enumerate() {
-                self.clusters(context, adjoint, s, x, monitor)?;
-                let back = page_of(&y.bins, s, from.class.has_bins(), none)?;
-                let front = page_of(&outgoing.specular, s, from.class.glossy, none)?;
-                let page = Cotangents {
-                    class: from.class,
-                    sources: plan.layout.slots_of(&plan.own(s).tiles),
-                    bins_page: plan.layout.slots_of(&from.tiles).start,
-                    radiance: (outgoing.radiance.whole(), 0),
-                    back,
-                    front,
-                };
-                self.received(context, adjoint, x, &page, monitor)?;
-                clusters.to_triangles(context, s, [back, front])?;
-            }
-        }
-        context.complete_slots(&outgoing.radiance, plan.rgb_bytes())?;
-        context.complete_pages(&outgoing.specular, |group| group.class.glossy)?;
-        context.complete_pages(&y.bins, |group| group.class.has_bins())
+        Ok(())
     }
 
-    /// The cotangents of the light of the clusters of a group, whole: with what comes through the clusters they are part of.
+    /// Adds the near field where it is kept; states are on the device then.
+    fn add_near_matrix(
+        &mut self,
+        context: &Context,
+        x: &State,
+        sources: &[Accumulated],
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Some(matrix) = &mut self.near_matrix else { return Ok(()) };
+        let x = x.resident()?;
+        let incident = |part| match part {
+            IncidentPart::Irradiance => Ok(x.irradiance.whole()),
+            IncidentPart::Bins { group } => Ok(page(&x.bins, group)?.whole()),
+        };
+        let of_group = |group| {
+            let found = sources.iter().find(|accumulated| accumulated.group == group);
+            found.ok_or_else(|| TransportError::missing(format!("bins of group {group}")))
+        };
+        let none = || TransportError::missing("bins of a source of the near field");
+        let sent = |part| match part {
+            OutgoingPart::Diffuse => Ok(context.outgoing.radiance.whole()),
+            OutgoingPart::Antiradiance { group } => {
+                of_group(group)?.back.as_ref().map(View::slice).ok_or_else(none)
+            }
+            OutgoingPart::Specular { group } => {
+                of_group(group)?.front.as_ref().map(View::slice).ok_or_else(none)
+            }
+        };
+        matrix.run(&context.device, incident, sent, true, monitor)
+    }
+
+    /// The cotangents of the light of the clusters of a group, whole: with what comes through the clusters they are part of. Adds those of
+    /// triangles from far receivers, too, if there are some to add to; otherwise what is shown stays.
     pub fn clusters(
         &mut self,
         context: &Context,
         adjoint: &AdjointBuffers,
-        group: usize,
-        x: &StateBuffers,
+        (group, triangles): (usize, Option<&Cotangents>),
+        x: &State,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Some(clusters) = &adjoint.clusters else { return Ok(()) };
-        let Context { plan, scene, .. } = context;
+        let Context { device, plan, scene, .. } = context;
         let (all, run) = clusters_of(plan, group)?;
         let bins = clusters.bins(run.class);
         let [back, front] = bins.map(|bins| bins.unwrap_or(&scene.no_bins).whole());
         clusters.clear(context, group)?;
         let first = all.first();
-        let page = Cotangents {
+        let own = Cotangents {
             class: run.class,
             sources: plan.own_clusters(group),
             bins_page: run.range().start,
@@ -194,7 +228,18 @@ impl ExchangeAdjoint {
             back,
             front,
         };
-        self.received(context, adjoint, x, &page, monitor)?;
+        let irradiance = x.show(device, &Part::irradiance(plan))?;
+        for piece in plan.pieces() {
+            let show = |part| match triangles {
+                Some(_) => x.show(device, &part),
+                None => x.show_beside(device, &part),
+            };
+            let light = Part::of_piece(plan, &piece).map(show).transpose()?;
+            let incident = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
+            for to in std::iter::once(&own).chain(triangles) {
+                self.received(context, adjoint, (&piece.part, irradiance.slice(), incident), to, monitor)?;
+            }
+        }
         let shares = plan.clusters_by_rank(group);
         let rgb = plan.rgb_bytes();
         let moments = Values { offset: u64::from(plan.sources() - first) * rgb, first, bytes: 3 * rgb };
@@ -207,71 +252,68 @@ impl ExchangeAdjoint {
         clusters.within(context, group)
     }
 
-    /// Adds what the light of far sources matters to all receivers.
+    /// Adds what the light of far sources matters to some receivers, with the cotangents of their light.
     fn received(
         &mut self,
         context: &Context,
         adjoint: &AdjointBuffers,
-        x: &StateBuffers,
+        (receivers, irradiance, incident): (&Group, BufferSlice, BufferSlice),
         to: &Cotangents,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { plan, scene, .. } = context;
-        for (t, receivers) in plan.layout.groups.iter().enumerate() {
-            let sweep = sweep_of(&mut self.sweeps, Shape::new(to.class, receivers.class))?;
-            let slots = plan.layout.slots_of(&receivers.tiles);
-            let incident = page_of(&x.bins, t, receivers.class.has_bins(), &scene.no_bins)?;
-            if let Some((clusters, lists)) = plan.clusters().and_then(|all| Some((all, all.receivers()?))) {
-                let first = clusters.first();
-                let moments = (to.sources.start >= first).then(|| [first, plan.sources() - to.radiance.1]);
-                let range = slots.start / LIST..slots.end / LIST;
-                let sources = to.sources.clone();
-                let groups = lists.groups(&sources);
-                let importance = Importance {
-                    shape: Shape::new(to.class, receivers.class),
-                    of: Receivers::Listed { lists, range, sources, clusters: moments },
-                    facets: scene.facets.whole(),
-                    corners: scene.corners.whole(),
-                    irradiance: x.irradiance.whole(),
-                    incident,
-                    receivers_page: slots.start,
-                    radiance: to.radiance.0,
-                    radiance_page: to.radiance.1,
-                    back: to.back,
-                    front: to.front,
-                    bins_page: to.bins_page,
-                    bin_table: scene.bin_table.whole(),
-                };
-                if importance.run(sweep, context, groups, monitor)? {
-                    continue;
-                }
-            }
-            let far = [
-                scene.facets.whole(),
-                adjoint.far_runs.whole(),
-                to.radiance.0,
+        let shape = Shape::new(to.class, receivers.class);
+        let sweep = sweep_of(&mut self.sweeps, shape)?;
+        let slots = plan.layout.slots_of(&receivers.tiles);
+        if let Some((clusters, lists)) = plan.clusters().and_then(|all| Some((all, all.receivers()?))) {
+            let first = clusters.first();
+            let moments = (to.sources.start >= first).then(|| [first, plan.sources() - to.radiance.1]);
+            let range = slots.start / LIST..slots.end / LIST;
+            let sources = to.sources.clone();
+            let groups = lists.groups(&sources);
+            let importance = Importance {
+                shape,
+                of: Receivers::Listed { lists, range, sources, clusters: moments },
+                facets: scene.facets.whole(),
+                corners: scene.corners.whole(),
+                irradiance,
                 incident,
-                to.back,
-                to.front,
-                scene.bin_table.whole(),
-                adjoint.receivers.whole(),
-            ];
-            let of = FromSources {
-                sources: to.sources.clone(),
-                bins_page: to.bins_page,
-                radiance_page: to.radiance.1,
                 receivers_page: slots.start,
-                receivers: slots,
+                radiance: to.radiance.0,
+                radiance_page: to.radiance.1,
+                back: to.back,
+                front: to.front,
+                bins_page: to.bins_page,
+                bin_table: scene.bin_table.whole(),
             };
-            sweep.received(context, of, &far, monitor)?;
+            if importance.run(sweep, context, groups, monitor)? {
+                return Ok(());
+            }
         }
-        Ok(())
+        let far = [
+            scene.facets.whole(),
+            adjoint.far_runs.whole(),
+            to.radiance.0,
+            incident,
+            to.back,
+            to.front,
+            scene.bin_table.whole(),
+            adjoint.receivers.whole(),
+        ];
+        let of = FromSources {
+            sources: to.sources.clone(),
+            bins_page: to.bins_page,
+            radiance_page: to.radiance.1,
+            receivers_page: slots.start,
+            receivers: slots,
+        };
+        sweep.received(context, of, &far, monitor)
     }
 }
 
 /// Where the cotangents of sources of one class go: of radiance, with the first index of its page, and of bins, from the
 /// index `bins_page` on.
-struct Cotangents<'a> {
+pub struct Cotangents<'a> {
     class: Class,
     sources: Range<u32>,
     bins_page: u32,

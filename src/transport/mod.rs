@@ -22,6 +22,7 @@ mod reflection;
 mod reflection_adjoint;
 mod residency;
 mod scene_buffers;
+mod specular;
 mod state;
 mod sweep;
 mod sweep_receivers;
@@ -48,7 +49,7 @@ pub use vectors::DotPush;
 pub use watch::{PassCallback, TransportError};
 
 use crate::gpu::{Buffer, Device, GpuError};
-use crate::plan::Plan;
+use crate::plan::{Plan, Residency};
 use crate::scene::{BinLayout, Precision, Scene, Weights};
 use crate::solve::LightOperator;
 use residency::Part;
@@ -158,7 +159,7 @@ impl Operators {
         Ok(value[0])
     }
 
-    /// Computes the outgoing light of the fronts, E + K x, of a state on the device; `first_bounce`: whether with the specular reflection of
+    /// Computes the outgoing light of the fronts, E + K x; of states on the host the diffuse part; `first_bounce`: whether with the specular reflection of
     /// lamps, which is part of what enters U but not of what S shows.
     fn update_outgoing(
         &mut self,
@@ -168,6 +169,10 @@ impl Operators {
     ) -> Result<(), TransportError> {
         self.reflection.with_first_bounce = first_bounce;
         self.reflection.diffuse(&self.context, x, emission)?;
+        if self.context.plan.residency != Residency::Device {
+            // Piece by piece, where it is read.
+            return Ok(());
+        }
         for piece in self.context.plan.pieces() {
             self.reflection.specular(&self.context, &piece, x, &mut self.monitor)?;
         }
@@ -245,24 +250,6 @@ impl Operators {
             }
         }
         Ok(OutgoingValues { radiance: self.context.slots(&outgoing.radiance)?, specular })
-    }
-
-    /// The current outgoing light, for states on the device.
-    fn outgoing_values(&self) -> Result<OutgoingValues, GpuError> {
-        let groups = 0..self.context.plan.layout.groups.len();
-        Ok(OutgoingValues {
-            radiance: self.context.slots(&self.context.outgoing.radiance)?,
-            specular: groups
-                .map(|g| self.page(&self.context.outgoing.specular, g))
-                .collect::<Result<_, _>>()?,
-        })
-    }
-
-    fn page(&self, pages: &[Option<Buffer>], group: usize) -> Result<Option<Vec<f64>>, GpuError> {
-        let Context { device, plan, .. } = &self.context;
-        let reals = state::page_reals(plan, &plan.layout.groups[group]);
-        let download = |page: &Buffer| real::download(device, page, plan.settings.precision, reals.into());
-        pages[group].as_ref().map(download).transpose()
     }
 }
 

@@ -1,11 +1,14 @@
 //! Sᵀ, and the derivative of S with respect to geometry and camera.
 
-use super::adjoint::AdjointBuffers;
-use super::state::{page, page_of};
-use super::watch::TransportError;
+use super::adjoint::{AdjointBuffers, specular_of};
+use super::reflection::Reflection;
+use super::residency::{Part, View};
+use super::specular::Specular;
+use super::state::State;
+use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, bin_constants, real};
 use crate::gpu::{Buffer, Device, GpuError, Pipeline};
-use crate::plan::{Group, Plan};
+use crate::plan::{Group, Piece, Plan, Residency};
 use crate::shaders;
 use glam::DVec3;
 
@@ -42,43 +45,54 @@ impl ObservationAdjoint {
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, .. } = context;
         real::upload(device, face_colours, plan.settings.precision, colours.as_flattened())?;
-        let mut batch = device.batch()?;
         for (g, group) in plan.layout.groups.iter().enumerate() {
+            let glossy = group.class.glossy;
+            let specular = glossy.then(|| adjoint.specular.show(context, Specular::Given, g)).transpose()?;
             let buffers = [
                 scene.facets.whole(),
                 face_colours.whole(),
                 adjoint.radiance.whole(),
-                page_of(&adjoint.specular, g, group.class.glossy, &scene.no_bins)?,
+                specular.as_ref().map_or(scene.no_bins.whole(), View::slice),
             ];
-            let kernel = &self.adjoint[usize::from(group.class.glossy)];
-            let (push, groups) = whole_group(plan, group, camera_position);
+            let kernel = &self.adjoint[usize::from(glossy)];
+            let Some((push, groups)) = whole_group(plan, &plan.held(g), camera_position) else { continue };
+            let mut batch = device.batch()?;
             batch.dispatch(kernel, "all", &buffers, &push, groups)?;
+            batch.submit()?;
+            if let Some(view) = specular {
+                adjoint.specular.keep(context, Specular::Given, g, &view)?;
+            }
         }
-        batch.submit()?;
         Ok(())
     }
 
-    /// Adds to `gradients` the derivative of ⟨`colours`, S L⟩ by the geometry, and returns that by the camera
-    /// position, per unit of length of the engine; L is the current outgoing light. Both are zero without glossy
-    /// triangles: diffuse radiance is the same in all directions.
+    /// Adds to `gradients` the derivative of ⟨`colours`, S L⟩ by the geometry of what this rank holds, and returns that by the camera
+    /// position, per unit of length of the engine; L is the current outgoing light, of the incident light `x`. Both are zero without
+    /// glossy triangles: diffuse radiance is the same in all directions.
     pub fn derivative(
         &self,
         context: &Context,
-        face_colours: &Buffer,
-        gradients: &Buffer,
-        camera_position: DVec3,
-        colours: &[[f64; 4]],
+        (reflection, x): (&mut Reflection, &State),
+        [face_colours, gradients]: [&Buffer; 2],
+        (camera_position, colours): (DVec3, &[[f64; 4]]),
+        monitor: &mut PassMonitor,
     ) -> Result<DVec3, TransportError> {
-        let Context { device, plan, scene, outgoing } = context;
+        let Context { device, plan, scene, .. } = context;
         real::upload(device, face_colours, plan.settings.precision, colours.as_flattened())?;
-        let mut batch = device.batch()?;
-        for (g, group) in plan.glossy_groups() {
-            let specular = page(&outgoing.specular, g)?;
-            let buffers = [scene.facets.whole(), face_colours.whole(), specular.whole(), gradients.whole()];
-            let (push, groups) = whole_group(plan, group, camera_position);
+        for (g, _) in plan.glossy_groups() {
+            let held = plan.held(g);
+            let Some((push, groups)) = whole_group(plan, &held, camera_position) else { continue };
+            let piece = Piece { group: g, part: held };
+            let light = Part::held(plan, g).map(|part| x.edit(device, &part, true)).transpose()?;
+            let specular = specular_of(context, reflection, &piece, light.as_ref(), monitor)?;
+            let buffers = [scene.facets.whole(), face_colours.whole(), specular, gradients.whole()];
+            let mut batch = device.batch()?;
             batch.dispatch(&self.derivative, "glossy fronts", &buffers, &push, groups)?;
+            batch.submit()?;
         }
-        batch.submit()?;
+        if plan.residency != Residency::Device {
+            context.complete_slots(face_colours, plan.rgb_bytes())?;
+        }
         let by_eye = context.slots(face_colours)?;
         let of_group = |group: &Group| {
             let slots = plan.layout.slots_of(&group.tiles);
@@ -91,9 +105,10 @@ impl ObservationAdjoint {
     }
 }
 
-fn whole_group(plan: &Plan, group: &Group, camera_position: DVec3) -> (Vec<u8>, [u32; 3]) {
+/// Push constants and workgroups for a group; `None` where it is empty.
+fn whole_group(plan: &Plan, group: &Group, camera_position: DVec3) -> Option<(Vec<u8>, [u32; 3])> {
     let slots = plan.layout.slots_of(&group.tiles);
     let camera_position = plan.placement.apply(camera_position).to_array();
     let push = real::push(plan.settings.precision, &camera_position, &[slots.start, slots.end]);
-    (push, [(slots.len() as u32).div_ceil(WORKGROUP), 1, 1])
+    (!slots.is_empty()).then(|| (push, [(slots.len() as u32).div_ceil(WORKGROUP), 1, 1]))
 }

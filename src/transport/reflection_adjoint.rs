@@ -4,11 +4,13 @@ use super::adjoint::AdjointBuffers;
 use super::lobes::LobePush;
 use super::on_host::lobes::Reflected;
 use super::reflection::GlossyPush;
-use super::state::{State, page};
+use super::residency::Part;
+use super::specular::{Accumulated, Specular};
+use super::state::State;
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Bindings, Buffer, Device, GpuError, Pipeline};
-use crate::plan::Plan;
+use crate::plan::{Plan, Residency};
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
 
@@ -92,8 +94,8 @@ impl ReflectionAdjoint {
         self.lobes.as_ref().ok_or_else(|| TransportError::missing("specular reflection by matrix"))
     }
 
-    /// y += Kᵀ μ, plus λ₀ of the loss if `given`.
-    pub fn run(
+    /// The irradiance of y: Kᵀ μ, plus λ₀ of the loss if `given`.
+    pub fn diffuse(
         &self,
         context: &Context,
         adjoint: &AdjointBuffers,
@@ -101,7 +103,7 @@ impl ReflectionAdjoint {
         y: &State,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, outgoing } = context;
-        let y = y.resident()?;
+        let irradiance = y.edit(device, &Part::irradiance(plan), false)?;
         let slots = plan.layout.slots();
         let push = ReflectAdjointPush { count: slots, given: if given { 1.0 } else { 0.0 } };
         let mut batch = device.batch()?;
@@ -109,63 +111,79 @@ impl ReflectionAdjoint {
             scene.surfaces.whole(),
             outgoing.radiance.whole(),
             adjoint.irradiance.whole(),
-            y.irradiance.whole(),
+            irradiance.slice(),
         ];
         batch.dispatch(&self.diffuse, "all", &buffers, bytes_of(&push), [slots.div_ceil(WORKGROUP), 1, 1])?;
-        for (g, group) in plan.glossy_groups() {
-            let (kernel, _) = self.glossy()?;
-            let (specular, bins) = (page(&outgoing.specular, g)?, page(&y.bins, g)?);
-            let slots = plan.layout.slots_of(&group.tiles);
-            let by_power = scene.lobes.slots(&scene.no_bins);
-            let mut on_host = true;
-            for ([_, matrix], of) in scene.lobes.shared(plan, &slots) {
-                let reflected = Reflected {
-                    matrix,
-                    surfaces: scene.surfaces.whole(),
-                    slots: of,
-                    page: slots.start,
-                    from: specular.whole(),
-                    to: bins.whole(),
-                    add: true,
-                };
-                on_host = on_host && reflected.compute(device, plan)?.is_some();
-            }
-            for product in scene.lobes.products(plan, slots.start, &slots).into_iter().filter(|_| !on_host) {
-                let (kernel, _) = self.lobes()?;
-                let surfaces = scene.surfaces.whole();
-                let buffers = [by_power, surfaces, specular.whole(), bins.whole(), product.transposed];
-                batch.dispatch(kernel, "by matrix", &buffers, bytes_of(&product.push), product.groups())?;
-            }
-            let buffers =
-                [scene.surfaces.whole(), scene.bin_table.whole(), specular.whole(), bins.whole(), by_power];
-            let direct = scene.lobes.direct(&slots);
-            let lanes = direct.len() as u32 * plan.bins.count() as u32;
-            for first in (0..lanes).step_by((GLOSSY_GROUPS * WORKGROUP) as usize) {
-                let count = (lanes - first).min(GLOSSY_GROUPS * WORKGROUP);
-                let push = GlossyPush { page: slots.start, list: direct.start, first, count };
-                let groups = [count.div_ceil(WORKGROUP), 1, 1];
-                batch.dispatch(kernel, "bins to bins", &buffers, bytes_of(&push), groups)?;
-            }
+        batch.submit()?;
+        irradiance.store(device)
+    }
+
+    /// Adds Kᵀ μ of the specular radiance of this rank's triangles to their bins.
+    pub fn specular(&self, context: &Context, of: &Accumulated) -> Result<(), TransportError> {
+        let Context { device, plan, scene, .. } = context;
+        let (Some(bins), Some(specular)) = (&of.back, &of.front) else { return Ok(()) };
+        let slots = plan.layout.slots_of(&plan.own(of.group).tiles);
+        let page = bins.first_slot;
+        let (kernel, _) = self.glossy()?;
+        let by_power = scene.lobes.slots(&scene.no_bins);
+        let mut on_host = true;
+        for ([_, matrix], of) in scene.lobes.shared(plan, &slots) {
+            let reflected = Reflected {
+                matrix,
+                surfaces: scene.surfaces.whole(),
+                slots: of,
+                page,
+                from: specular.slice(),
+                to: bins.slice(),
+                add: true,
+            };
+            on_host = on_host && reflected.compute(device, plan)?.is_some();
+        }
+        let mut batch = device.batch()?;
+        for product in scene.lobes.products(plan, page, &slots).into_iter().filter(|_| !on_host) {
+            let (kernel, _) = self.lobes()?;
+            let surfaces = scene.surfaces.whole();
+            let buffers = [by_power, surfaces, specular.slice(), bins.slice(), product.transposed];
+            batch.dispatch(kernel, "by matrix", &buffers, bytes_of(&product.push), product.groups())?;
+        }
+        let buffers =
+            [scene.surfaces.whole(), scene.bin_table.whole(), specular.slice(), bins.slice(), by_power];
+        let direct = scene.lobes.direct(&slots);
+        let lanes = direct.len() as u32 * plan.bins.count() as u32;
+        for first in (0..lanes).step_by((GLOSSY_GROUPS * WORKGROUP) as usize) {
+            let count = (lanes - first).min(GLOSSY_GROUPS * WORKGROUP);
+            let push = GlossyPush { page, list: direct.start, first, count };
+            let groups = [count.div_ceil(WORKGROUP), 1, 1];
+            batch.dispatch(kernel, "bins to bins", &buffers, bytes_of(&push), groups)?;
         }
         batch.submit()?;
         Ok(())
     }
 
     /// `sums` = derivatives by the specular parameters under the incident light `x`, from the current μ.
-    pub fn derivative(&self, context: &Context, x: &State, sums: &Buffer) -> Result<(), TransportError> {
-        let Context { device, plan, scene, outgoing } = context;
-        let x = x.resident()?;
+    pub fn derivative(
+        &self,
+        context: &Context,
+        adjoint: &AdjointBuffers,
+        x: &State,
+        sums: &Buffer,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, scene, .. } = context;
         let mut batch = device.batch()?;
         batch.fill(sums, 0, 2 * u64::from(plan.layout.slots()) * plan.rgb_bytes(), 0)?;
+        batch.submit()?;
         let bins = plan.bins.count() as u32;
-        for (g, group) in plan.glossy_groups() {
+        for (g, _) in plan.glossy_groups() {
+            let Some(part) = Part::held(plan, g) else { continue };
             let (_, kernel) = self.glossy()?;
-            let (specular, incident) = (page(&outgoing.specular, g)?, page(&x.bins, g)?);
-            let slots = plan.layout.slots_of(&group.tiles);
+            let incident = x.edit(device, &part, true)?;
+            let specular = adjoint.specular.show(context, Specular::Current, g)?;
+            let (page, slots) = (incident.first_slot, plan.layout.slots_of(&plan.held(g).tiles));
             let by_power = scene.lobes.slots(&scene.no_bins);
-            for product in scene.lobes.products(plan, slots.start, &slots) {
+            let mut batch = device.batch()?;
+            for product in scene.lobes.products(plan, page, &slots) {
                 let (_, kernel) = self.lobes()?;
-                let (incident, specular, sums) = (incident.whole(), specular.whole(), sums.whole());
+                let (incident, specular, sums) = (incident.slice(), specular.slice(), sums.whole());
                 let buffers = [by_power, incident, specular, sums, product.forward, product.logarithms];
                 // A lane sums over all blocks.
                 let [groups, ..] = product.groups();
@@ -174,25 +192,26 @@ impl ReflectionAdjoint {
             let buffers = [
                 scene.surfaces.whole(),
                 scene.bin_table.whole(),
-                incident.whole(),
-                specular.whole(),
+                incident.slice(),
+                specular.slice(),
                 sums.whole(),
                 by_power,
             ];
             let direct = scene.lobes.direct(&slots);
-            if direct.is_empty() {
-                continue;
-            }
             let (list, count) = (direct.start, direct.len() as u32);
+            let steps = if count > 0 { 0..bins } else { 0..0 };
             let step = (BIN_PAIRS / bins).max(1);
-            for bin_begin in (0..bins).step_by(step as usize) {
+            for bin_begin in steps.step_by(step as usize) {
                 let bin_end = (bin_begin + step).min(bins);
-                let push = GlossyDerivativePush { page: slots.start, list, count, bin_begin, bin_end };
+                let push = GlossyDerivativePush { page, list, count, bin_begin, bin_end };
                 let groups = [count.div_ceil(WORKGROUP), 1, 1];
                 batch.dispatch(kernel, "bins to bins", &buffers, bytes_of(&push), groups)?;
             }
+            batch.submit()?;
         }
-        batch.submit()?;
-        Ok(())
+        match plan.residency {
+            Residency::Device => Ok(()),
+            Residency::Host { .. } => context.complete_slots(sums, 2 * plan.rgb_bytes()),
+        }
     }
 }

@@ -30,6 +30,11 @@ impl Part {
         of.class.has_bins().then_some(Self::Bins { group, slots, bytes })
     }
 
+    /// What this rank holds of the bins of a group. `None` where that is nothing.
+    pub fn held(plan: &Plan, group: usize) -> Option<Self> {
+        Self::of_group(plan, group, &plan.held(group)).filter(|part| part.bytes() > 0)
+    }
+
     /// The bins of a piece. `None` where the class has no bins.
     pub fn of_piece(plan: &Plan, piece: &Piece) -> Option<Self> {
         Self::of_group(plan, piece.group, &piece.part)
@@ -85,6 +90,16 @@ impl<'a> View<'a> {
     /// The values of the part alone.
     pub fn own(&self) -> BufferSlice<'a> {
         self.buffer.slice(self.offset, self.bytes)
+    }
+
+    /// The place in another buffer that the part has in its own.
+    pub fn beside<'b>(&self, buffer: &'b Buffer) -> View<'b> {
+        View { buffer, offset: self.offset, bytes: self.bytes, first_slot: self.first_slot, home: None }
+    }
+
+    /// Copies the values from the same place in another buffer.
+    pub fn copy_from(&self, batch: &mut Batch<'a>, from: &'a Buffer) -> Result<(), GpuError> {
+        batch.copy(from, self.offset, self.buffer, self.offset, self.bytes)
     }
 
     /// The buffer that the part is in.
@@ -333,6 +348,14 @@ impl Hosted {
             return self.read(device, part);
         }
         let view = Self::foreign_view(&self.windows.read, part)?;
+        self.gather(slots, |at, values| Ok(device.upload(view.buffer, at, values)?))?;
+        Ok(view)
+    }
+
+    /// The same in the window to write, beside a part that is shown.
+    pub fn show_beside(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
+        let Part::Bins { slots, .. } = part else { return self.edit(device, part, true) };
+        let view = Self::foreign_view(&self.windows.write, part)?;
         self.gather(slots, |at, values| Ok(device.upload(view.buffer, at, values)?))?;
         Ok(view)
     }

@@ -35,7 +35,7 @@ pub struct Outgoing {
     pub radiance: Buffer,
     /// Per group: specular radiance of the fronts of glossy triangles. Where states live on the host, of none.
     pub specular: Vec<Option<Buffer>>,
-    /// Where states live on the host, the specular radiance of the current piece of sources.
+    /// Where states live on the host, the specular radiance of the current piece of sources, or cotangents of it.
     window: Option<Buffer>,
 }
 
@@ -64,7 +64,7 @@ impl StateBuffers {
 }
 
 impl State {
-    /// The buffers of a state on the device, where all states live if gradients are planned. An error on the host.
+    /// The buffers of a state on the device. An error on the host.
     pub fn resident(&self) -> Result<&StateBuffers, TransportError> {
         match &*self.0 {
             Memory::Device(buffers) => Ok(buffers),
@@ -77,6 +77,14 @@ impl State {
         match &*self.0 {
             Memory::Device(buffers) => buffers.view(part),
             Memory::Host(hosted) => hosted.show(device, part),
+        }
+    }
+
+    /// The same, valid beside a part of any state that is shown, until one is opened to be written.
+    pub fn show_beside(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
+        match &*self.0 {
+            Memory::Device(buffers) => buffers.view(part),
+            Memory::Host(hosted) => hosted.show_beside(device, part),
         }
     }
 
@@ -147,8 +155,9 @@ impl Outgoing {
         let glossy = |group: &Group| group.class.glossy;
         let (specular, window) = match plan.residency {
             Residency::Device => (pages(device, plan, label, glossy)?, None),
-            Residency::Host { sources, .. } => {
-                let window = || buffer(label, u64::from(sources) * plan.tile_bytes());
+            Residency::Host { receivers, sources } => {
+                let tiles = plan.specular_window(receivers, sources);
+                let window = || buffer(label, u64::from(tiles) * plan.tile_bytes());
                 let any = plan.layout.groups.iter().any(glossy);
                 (plan.layout.groups.iter().map(|_| None).collect(), any.then(window).transpose()?)
             }

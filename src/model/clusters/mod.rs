@@ -153,6 +153,15 @@ impl Clusters {
         &self.runs
     }
 
+    /// The clusters of a run that consist of triangles in a range of slots, of whole groups of [`LIST`].
+    pub fn of_triangles(&self, run: &ClusterRun, slots: &Range<u32>) -> Range<u32> {
+        let of = run.heights.first().map_or(0..0, Range::clone);
+        let parts = &self.parts[(of.start - self.first().min(of.start)) as usize..][..of.len()];
+        // Clusters of one height follow one another like their triangles.
+        let before = |end: u32| parts.partition_point(|parts| parts.indices().next() < Some(end)) as u32;
+        of.start + before(slots.start)..of.start + before(slots.end)
+    }
+
     /// Whether an index is that of a cluster of one normal.
     pub fn is_cluster(&self, index: u32) -> bool {
         index >= self.first() && !self.is_volume(index)

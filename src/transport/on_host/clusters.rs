@@ -26,8 +26,8 @@ pub enum Step<'a> {
     Gather(BufferSlice<'a>, u32),
     /// What comes from the clusters that they are part of is added to those of clusters.
     Within,
-    /// The same to those of triangles.
-    ToTriangles(BufferSlice<'a>, u32),
+    /// The same to those of triangles, from some clusters of these.
+    ToTriangles(BufferSlice<'a>, u32, &'a Range<u32>),
 }
 
 /// Numbers of the bins of each, and the index with which they begin.
@@ -57,7 +57,9 @@ impl ClusterBins<'_> {
         match step {
             Step::Gather(triangles, first) => self.gather::<T>(device, plan, (triangles, first)),
             Step::Within => self.within::<T>(device, plan),
-            Step::ToTriangles(triangles, first) => self.to_triangles::<T>(device, plan, (triangles, first)),
+            Step::ToTriangles(triangles, first, of) => {
+                self.to_triangles::<T>(device, plan, (triangles, first), of)
+            }
         }
     }
 
@@ -113,15 +115,14 @@ impl ClusterBins<'_> {
         device: &Device,
         plan: &Plan,
         (triangles, first): (BufferSlice, u32),
+        of: &Range<u32>,
     ) -> Result<Option<()>, GpuError> {
         let page = self.page(plan);
         device.edit_on_host(
             [triangles],
             [self.facets, self.own],
             |[triangles]: [&mut [T]; 1], [facets, own]| {
-                if let Some(of) = self.run.heights.first() {
-                    self.scatter(facets, of, (own, page), (triangles, Page { first, ..page }));
-                }
+                self.scatter(facets, of, (own, page), (triangles, Page { first, ..page }));
             },
         )
     }
