@@ -207,7 +207,7 @@ fn transport_through_clusters_changes_with_all_corners_as_its_derivative_says() 
         order: &plan.layout().order,
         groups: &groups,
         leaf: 4,
-        least_volume: None,
+        most_volumes: None,
         half_range: 0.5 * scene.settings.near_field,
         tolerance: 1e-6,
         bin: 0.3,

@@ -50,8 +50,8 @@ impl fmt::Display for PlannedTransport {
 const WORTH: f64 = 0.4;
 /// Triangles of the smallest clusters.
 const LEAF: u32 = 4;
-/// Volumes times the triangles of the smallest, over the triangles of all: more than there are, as none has fewer than an eighth of that.
-const VOLUMES_PER_LEAST: usize = 8;
+/// The bins of volumes of each kind, of two, may take one part in so many of the memory budget.
+const VOLUME_SHARE: u64 = 16;
 /// How often clusters are planned anew for smaller windows on states.
 const REFITS: u32 = 4;
 /// Largest brightness of a source, relative to the mean.
@@ -129,7 +129,7 @@ impl Plan {
         let bin = TAU / self.bins.count() as f64;
         let lists = (self.options.cull, self.options.gradients.any());
         let backs = brightness.iter().fold(BACKS, |most, &bright| most.max(NARROW * bright));
-        let (limits, lit) = ((LEAF, self.least_volume(), error), (brightness, backs, bin));
+        let (limits, lit) = ((LEAF, self.most_volumes(), error), (brightness, backs, bin));
         let Self { layout, facets, classes, .. } = &*self;
         self.interactions =
             Interactions::hierarchical(layout, facets, classes, half_range, lists, limits, lit)?;
@@ -170,15 +170,11 @@ impl Plan {
         largest.map_or(0, |slots| 2 * slots / u64::from(LEAF) - 1) * self.bin_bytes()
     }
 
-    /// Triangles of the smallest volumes: so many that the bins of all volumes fit a buffer. None where derivatives are wanted, which go
-    /// through clusters of one normal alone.
-    fn least_volume(&self) -> Option<usize> {
-        if self.options.gradients.any() {
-            return None;
-        }
-        let most = (self.options.max_buffer / self.bin_bytes()).max(1);
-        // Cuts are uneven, and every cut adds a branch.
-        Some((VOLUMES_PER_LEAST * self.layout.slots() as usize).div_ceil(most as usize))
+    /// How many volumes fit a buffer and their part of the budget with their bins. None where derivatives are wanted, which go through
+    /// clusters of one normal alone.
+    fn most_volumes(&self) -> Option<usize> {
+        let bytes = (self.options.memory_budget / VOLUME_SHARE).min(self.options.max_buffer);
+        (!self.options.gradients.any()).then(|| (bytes / self.bin_bytes()) as usize)
     }
 
     /// Brightness of the fronts, relative to the mean: 1, and more where light is emitted into U.

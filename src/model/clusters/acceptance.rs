@@ -88,12 +88,18 @@ impl TakenRuns {
         }
     }
 
-    fn of(&self, place: Place) -> Taken {
-        let next = self.0.partition_point(|run| run.end <= place.first);
-        match self.0.get(next) {
-            Some(run) if place.is_within(run) => Taken::All,
-            Some(run) if place.meets(run) => Taken::Some,
-            _ => Taken::Nothing,
+    fn of(&self, place: &Place) -> Taken {
+        let (mut all, mut some) = (place.all, false);
+        for [first, last] in place.runs() {
+            let next = self.0.partition_point(|run| run.end <= first);
+            let meets = self.0.get(next).filter(|run| run.start <= last);
+            some |= meets.is_some();
+            all &= meets.is_some_and(|run| run.start <= first && last < run.end);
+        }
+        match (all, some) {
+            (true, true) => Taken::All,
+            (_, true) => Taken::Some,
+            (_, false) => Taken::Nothing,
         }
     }
 }
@@ -145,7 +151,7 @@ impl<'a> Acceptance<'a> {
         let branches: Vec<Branch> = moments.iter().enumerate().map(branch).collect();
         let receivers = Hierarchy::new(facets, order, LIST as usize, input.tolerance);
         let volumes =
-            input.least_volume.map(|least| VolumeTree::new(input, least, &planes(tree, &branches, input)));
+            input.most_volumes.map(|most| VolumeTree::new(input, most, &planes(tree, &branches, input)));
         let places = volumes.as_ref().map_or(Vec::new(), |volumes| places(tree, volumes, input));
         Self { input, tree, receivers, branches, volumes, places }
     }
@@ -200,8 +206,7 @@ impl<'a> Acceptance<'a> {
         let &ClusterInput { order, leaf, .. } = self.input;
         self.tree.walk(|at, from| {
             let branch = &self.branches[at];
-            let place = self.places.get(at).copied().unwrap_or(Place::NOWHERE);
-            let part = taken.of(place);
+            let part = self.places.get(at).map_or(Taken::Nothing, |place| taken.of(place));
             if part == Taken::All {
                 return false;
             }
@@ -233,7 +238,7 @@ impl<'a> Acceptance<'a> {
 
     fn is_taken(&self, taken: &TakenRuns, slot: u32) -> bool {
         let position = self.volumes.as_ref().and_then(|volumes| volumes.position(slot));
-        taken.of(Place::of(position)) == Taken::All
+        taken.of(&Place::of(position)) == Taken::All
     }
 
     /// The triangles that volumes stand for, in place of some of the others, and the entries of these volumes.

@@ -85,8 +85,8 @@ pub struct ClusterInput<'a> {
     pub groups: &'a [u32],
     /// Slots per cluster of the lowest height.
     pub leaf: u32,
-    /// Volumes of fewer triangles are not cut in two; `None` where there are to be no volumes.
-    pub least_volume: Option<usize>,
+    /// Volumes at most; `None` where there are to be none.
+    pub most_volumes: Option<usize>,
     /// Half of the near field's range, in units of the sum of characteristic areas.
     pub half_range: f64,
     /// Height above a plane that counts as in it.

@@ -19,7 +19,7 @@ use rayon::join;
 use std::f64::consts::PI;
 use std::ops::Range;
 
-/// Fewest triangles that may be cut in two.
+/// Fewest triangles that are cut in two, if there is room for as many volumes.
 const LEAST: usize = 32;
 /// Plane pieces of surface in a volume, at least: clusters of one normal serve fewer as fast, and more accurately.
 const FEWEST: usize = 8;
@@ -82,42 +82,55 @@ impl Volumes {
     }
 }
 
-/// Where the triangles of a branch of another tree are in this one: whether all are, the first and the last position of those that are.
+/// Runs of positions by which a place is known: the two trees cut space differently, and one run would span much that lies between.
+const RUNS: usize = 4;
+
+/// Where the triangles of a branch of another tree are in this one: whether all are, and runs of positions that contain those that are.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
     pub all: bool,
-    pub first: u32,
-    pub last: u32,
+    /// The first and the last position of each, ascending; as many as there are, and then empty ones.
+    runs: [[u32; 2]; RUNS],
 }
 
 impl Place {
+    const EMPTY: [u32; 2] = [u32::MAX, 0];
+
     /// That of no triangles.
-    pub const NOWHERE: Self = Self { all: true, first: u32::MAX, last: 0 };
+    pub const NOWHERE: Self = Self { all: true, runs: [Self::EMPTY; RUNS] };
 
     /// That of a triangle by its position, if it is in the tree.
     pub fn of(position: Option<u32>) -> Self {
-        match position {
-            Some(at) => Self { all: true, first: at, last: at },
-            None => Self { all: false, ..Self::NOWHERE },
+        let mut runs = [Self::EMPTY; RUNS];
+        if let Some(at) = position {
+            runs[0] = [at, at];
         }
+        Self { all: position.is_some(), runs }
     }
 
+    pub fn runs(&self) -> impl Iterator<Item = [u32; 2]> {
+        self.runs.into_iter().take_while(|run| *run != Self::EMPTY)
+    }
+
+    /// That of the triangles of both. Where there are too many runs, those with the least between them become one.
     pub fn with(self, other: Self) -> Self {
-        Self {
-            all: self.all && other.all,
-            first: self.first.min(other.first),
-            last: self.last.max(other.last),
+        let mut both = [Self::EMPTY; 2 * RUNS];
+        both[..RUNS].copy_from_slice(&self.runs);
+        both[RUNS..].copy_from_slice(&other.runs);
+        both.sort_unstable();
+        let mut count = both.iter().filter(|run| **run != Self::EMPTY).count();
+        let between = |both: &[[u32; 2]], k: usize| both[k + 1][0].saturating_sub(both[k][1]);
+        loop {
+            let nearest = (1..count).map(|k| k - 1).min_by_key(|&k| between(&both, k));
+            let Some(k) = nearest.filter(|&k| count > RUNS || between(&both, k) <= 1) else { break };
+            both[k][1] = both[k][1].max(both[k + 1][1]);
+            both.copy_within(k + 2..count, k + 1);
+            count -= 1;
+            both[count] = Self::EMPTY;
         }
-    }
-
-    /// Whether all its triangles are in a range of positions.
-    pub fn is_within(&self, range: &Range<u32>) -> bool {
-        self.all && range.start <= self.first && self.last < range.end
-    }
-
-    /// Whether some may be.
-    pub fn meets(&self, range: &Range<u32>) -> bool {
-        self.first < range.end && range.start <= self.last
+        let mut runs = [Self::EMPTY; RUNS];
+        runs.copy_from_slice(&both[..RUNS]);
+        Self { all: self.all && other.all, runs }
     }
 }
 
@@ -148,17 +161,23 @@ pub struct VolumeTree<'a> {
 }
 
 impl<'a> VolumeTree<'a> {
-    /// `least`: fewest triangles that are cut in two; `planes`: by slot, the plane piece of surface that its triangle belongs to.
-    pub fn new(input: &'a ClusterInput<'a>, least: usize, planes: &[u32]) -> Self {
+    /// Of `most` volumes, unless one alone is more; `planes`: by slot, the plane piece of surface that its triangle belongs to.
+    pub fn new(input: &'a ClusterInput<'a>, most: usize, planes: &[u32]) -> Self {
         let &ClusterInput { order, classes, .. } = input;
         let has_bins = |slot: &u32| {
             let i = order[*slot as usize];
             i != PADDING && classes[i as usize].has_bins()
         };
         let mut slots: Vec<u32> = (0..order.len() as u32).filter(has_bins).collect();
-        let mut branches = Vec::new();
+        let (mut branches, mut least) = (Vec::new(), LEAST);
         if !slots.is_empty() {
-            Grown { input, least: least.max(LEAST), planes }.grow(&mut slots, 0, &mut branches);
+            Grown { input, least, planes }.grow(&mut slots, 0, &mut branches);
+        }
+        while branches.len() > most && least <= slots.len() {
+            // With a reserve, as cuts are uneven.
+            least = 1 + least * branches.len() * 9 / (8 * most.max(1));
+            branches.clear();
+            Grown { input, least, planes }.grow(&mut slots, 0, &mut branches);
         }
         let mut position = vec![None; order.len()];
         for (at, &slot) in (0..).zip(&slots) {

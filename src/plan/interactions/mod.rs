@@ -54,8 +54,8 @@ impl Interactions {
         Ok(Self { by_receiver, by_source, clusters: None })
     }
 
-    /// With clusters, and close pairs. `leaf`, `least_volume`: triangles of the smallest clusters and volumes, if there are to
-    /// be any; `error`: what clusters may change, relative to the mean irradiance; `brightness`, `backs`: of the front of each
+    /// With clusters, and close pairs. `leaf`: triangles of the smallest clusters; `most_volumes`: if there are to be any; `error`:
+    /// what clusters may change, relative to the mean irradiance; `brightness`, `backs`: of the front of each
     /// triangle and of backs, relative to the mean; `bin`: solid angle of a bin.
     pub(super) fn hierarchical(
         layout: &TileLayout,
@@ -63,7 +63,7 @@ impl Interactions {
         classes: &[Class],
         half_range: f64,
         (cull, by_source): (bool, bool),
-        (leaf, least_volume, error): (u32, Option<usize>, f64),
+        (leaf, most_volumes, error): (u32, Option<usize>, f64),
         (brightness, backs, bin): (&[f64], f64, f64),
     ) -> Result<Self, PlanError> {
         let tolerance = coplanar_tolerance(facets);
@@ -77,7 +77,7 @@ impl Interactions {
             order: &layout.order,
             groups: &groups,
             leaf,
-            least_volume,
+            most_volumes,
             half_range,
             tolerance,
             bin,
