@@ -23,6 +23,8 @@ use std::ops::Range;
 const LEAST: usize = 32;
 /// Plane pieces of surface in a volume, at least: clusters of one normal serve fewer as fast, and more accurately.
 const FEWEST: usize = 8;
+/// Largest vector area of a volume over its area. What faces one way shines like a cosine, which the wide bins of a volume flatten.
+const ONE_SIDED: f64 = 0.98;
 /// Triangles of a branch that is built by one thread.
 const ALONE: usize = 1 << 14;
 /// Smallest share of its triangles in a part, which bounds the height of the tree.
@@ -200,7 +202,8 @@ impl<'a> VolumeTree<'a> {
         let mut left = if self.branches.is_empty() { Vec::new() } else { vec![0] };
         while let Some(at) = left.pop() {
             let branch = &self.branches[at];
-            if branch.planes.len() < FEWEST {
+            if branch.planes.len() < FEWEST || branch.moments.vector_area() > ONE_SIDED * branch.moments.area
+            {
                 continue;
             }
             if self.stands_for(to, branch) {
