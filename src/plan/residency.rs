@@ -111,11 +111,13 @@ impl Plan {
         if self.residency == Residency::Device {
             return 0;
         }
-        let groups = self.layout.groups.iter().enumerate().filter(|(_, group)| group.class.has_bins());
-        let own: u64 = groups.map(|(g, _)| self.own(g).tiles.len() as u64 * self.tile_bytes()).sum();
-        let glossy = self.glossy_groups().filter(|_| self.options.gradients.any());
-        let glossy: u64 = glossy.map(|(g, _)| self.own(g).tiles.len() as u64 * self.tile_bytes()).sum();
-        u64::from(self.vectors()) * (self.irradiance_bytes() + own) + 2 * glossy
+        let own = |wanted: fn(&Group) -> bool| -> u64 {
+            let groups = self.layout.groups.iter().enumerate().filter(|(_, group)| wanted(group));
+            groups.map(|(g, _)| self.page_bytes(&self.own(g))).sum()
+        };
+        let states = u64::from(self.vectors()) * (self.irradiance_bytes() + own(|g| g.class.has_bins()));
+        let cotangents = if self.options.gradients.any() { 2 } else { 0 };
+        states + cotangents * own(|g| g.class.glossy)
     }
 
     /// Bytes moved between host and device per pass.
@@ -169,11 +171,14 @@ impl Plan {
         let free = budget - needed;
         let more_staging = (free / 16).min(self.short_staging().saturating_sub(least_staging));
         let more_staging = more_staging / STAGING_STEP * STAGING_STEP;
-        let mut tiles = free.saturating_sub(more_staging + 1024) / self.tile_bytes();
         // A glossy source takes two tiles, of incident and specular radiance, and with gradients whatever is written, too.
         let glossy = self.layout.groups.iter().any(|g| g.class.glossy);
-        let each = if glossy && !self.options.gradients.any() { 2 } else { 1 };
-        tiles /= if glossy && self.options.gradients.any() { 2 } else { 1 };
+        let (each, all) = match (glossy, self.options.gradients.any()) {
+            (false, _) => (1, 1),
+            (true, false) => (2, 1),
+            (true, true) => (1, 2),
+        };
+        let tiles = free.saturating_sub(more_staging + 1024) / self.tile_bytes() / all;
         let page = self.options.page.min(self.options.max_buffer);
         let most = |bytes: u64| (bytes / self.tile_bytes()).clamp(1, u64::from(u32::MAX)) as u32;
         let total = (self.tiles_with_bins().len() as u32).max(1);

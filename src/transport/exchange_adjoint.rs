@@ -78,7 +78,7 @@ impl ExchangeAdjoint {
         let lists = plan.interactions().by_source.as_ref().ok_or(TransportError::NotPlanned)?;
         let partners = of_partners(context, &adjoint.receivers);
         let none = View::resident(&scene.no_bins, 0, 0);
-        let irradiance = x.show(device, &Part::irradiance(plan))?;
+        let irradiance = adjoint.receivers.whole();
         for piece in plan.pieces() {
             let to = &piece.part;
             let light = Part::of_piece(plan, &piece).map(|part| x.show(device, &part)).transpose()?;
@@ -92,7 +92,7 @@ impl ExchangeAdjoint {
                 let (facets, radiance) = (scene.facets.whole(), outgoing.radiance.whole());
                 let near = [
                     facets,
-                    irradiance.slice(),
+                    irradiance,
                     scene.corners.whole(),
                     radiance,
                     incident,
@@ -108,7 +108,7 @@ impl ExchangeAdjoint {
                     of: Receivers::Close { near: &lists.near, slots: receivers.clone() },
                     facets,
                     corners: scene.corners.whole(),
-                    irradiance: irradiance.slice(),
+                    irradiance,
                     incident,
                     receivers_page: receivers.start,
                     radiance,
@@ -228,7 +228,7 @@ impl ExchangeAdjoint {
             back,
             front,
         };
-        let irradiance = x.show(device, &Part::irradiance(plan))?;
+        let irradiance = adjoint.receivers.whole();
         for piece in plan.pieces() {
             let show = |part| match triangles {
                 Some(_) => x.show(device, &part),
@@ -237,7 +237,7 @@ impl ExchangeAdjoint {
             let light = Part::of_piece(plan, &piece).map(show).transpose()?;
             let incident = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
             for to in std::iter::once(&own).chain(triangles) {
-                self.received(context, adjoint, (&piece.part, irradiance.slice(), incident), to, monitor)?;
+                self.received(context, adjoint, (&piece.part, irradiance, incident), to, monitor)?;
             }
         }
         let shares = plan.clusters_by_rank(group);

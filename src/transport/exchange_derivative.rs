@@ -82,7 +82,7 @@ impl ExchangeDerivative {
             self.compile(plan, movable)?;
         }
         let none = || View::resident(&scene.no_bins, 0, 0);
-        let irradiance = cotangent.show(device, &Part::irradiance(plan))?;
+        let irradiance = adjoint.receivers.whole();
         for s in 0..plan.layout.groups.len() {
             let held = Piece { group: s, part: plan.held(s) };
             let light = Part::held(plan, s).map(|part| x.edit(device, &part, true)).transpose()?;
@@ -96,7 +96,7 @@ impl ExchangeDerivative {
                     target: s,
                     shape: Shape::new(held.part.class, to.part.class),
                     other: &to.part,
-                    irradiance: irradiance.slice(),
+                    irradiance,
                     sent: [light.slice(), specular],
                     incident: incident.slice(),
                     pages: [&held.part, &to.part].map(|part| plan.layout.slots_of(&part.tiles).start),
@@ -114,7 +114,7 @@ impl ExchangeDerivative {
                     target: t,
                     shape: Shape::new(from.part.class, held.class),
                     other: &from.part,
-                    irradiance: irradiance.slice(),
+                    irradiance,
                     sent: sent(context, reflection, &from, x, monitor)?,
                     incident: incident.slice(),
                     pages: [&from.part, &held].map(|part| plan.layout.slots_of(&part.tiles).start),
@@ -234,7 +234,7 @@ impl ExchangeDerivative {
         let clusters = plan.clusters().ok_or_else(|| TransportError::missing("clusters"))?;
         let lists = clusters.receivers().ok_or(TransportError::NotPlanned)?;
         let own_triangles = plan.layout.slots_of(&plan.own(group).tiles);
-        let irradiance = cotangent.show(device, &Part::irradiance(plan))?;
+        let irradiance = adjoint.receivers.whole();
         for piece in plan.pieces() {
             let part = Part::of_piece(plan, &piece);
             let light = part.map(|part| cotangent.show_beside(device, &part)).transpose()?;
@@ -266,7 +266,7 @@ impl ExchangeDerivative {
                     antiradiance: from.antiradiance,
                     specular: from.specular,
                     sources_page: from.indices.start,
-                    irradiance: irradiance.slice(),
+                    irradiance,
                     incident,
                     receivers_page: slots.start,
                     gradients: gradients.whole(),

@@ -347,7 +347,18 @@ impl Hosted {
         if self.windows.ranks.count() == 1 {
             return self.read(device, part);
         }
-        let view = Self::foreign_view(&self.windows.read, part)?;
+        self.gathered(device, &self.windows.read, part, slots)
+    }
+
+    /// Bins of some slots, whichever ranks hold them, in a window.
+    fn gathered<'a>(
+        &self,
+        device: &Device,
+        window: &'a Window,
+        part: &Part,
+        slots: &Range<u32>,
+    ) -> Result<View<'a>, TransportError> {
+        let view = Self::foreign_view(window, part)?;
         self.gather(slots, |at, values| Ok(device.upload(view.buffer, at, values)?))?;
         Ok(view)
     }
@@ -355,9 +366,7 @@ impl Hosted {
     /// The same in the window to write, beside a part that is shown.
     pub fn show_beside(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         let Part::Bins { slots, .. } = part else { return self.edit(device, part, true) };
-        let view = Self::foreign_view(&self.windows.write, part)?;
-        self.gather(slots, |at, values| Ok(device.upload(view.buffer, at, values)?))?;
-        Ok(view)
+        self.gathered(device, &self.windows.write, part, slots)
     }
 
     pub fn read(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
