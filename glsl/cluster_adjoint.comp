@@ -6,7 +6,7 @@
 // λ_ij = λ_j + Σ_b T_b(ω_j) λ_j(b), the importance of irradiance at j from i,
 //     front: μ_i += w_ij λ_ij, μ_i(b) += T_b(ω_i) w_ij λ_ij;   back: -T_b(ω_i) w_ij λ_ij to the antiradiance,
 // and of clusters the cotangent of the first moment, λ_ij (∂w_ij/∂x)ᵀ.
-// A lane owns one source. Twin: src/reference/clusters_adjoint.rs.
+// A lane owns one source, or shares it (abreast.glsl). Twin: src/reference/clusters_adjoint.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -52,7 +52,7 @@ void main() {
         uint first = receiver_lists[at] * LIST;
         for (uint row = 0; row < LIST; row += STEP) {
             fetch(first + row);
-            for (uint k = 0; k < STEP; k++) {
+            for (uint k = lane_turn(); k < STEP; k += ABREAST) {
                 Facet receiver = fetched_facet(first + row, k);
                 real3 d = receiver.centre - source.centre;
                 real r2 = max(dot(d, d), R2_MIN);
@@ -85,13 +85,18 @@ void main() {
                         moment.z += slope.z * importance;
                     }
                 }
+                settle_deposits();
             }
         }
     }
+    sum = total(sum);
+    moment = Moment(total(moment.x), total(moment.y), total(moment.z));
     // A loop, to skip lanes without a source of their own.
     for (uint once = active_lane && words.x < words.y ? 1 : 0; once > 0; once--) {
-        radiance[i - radiance_page].rgb += sum;
-        for (uint of_cluster = clusters != 0 ? 1 : 0; of_cluster > 0; of_cluster--) {
+        if (lane_turn() == 0) {
+            radiance[i - radiance_page].rgb += sum;
+        }
+        for (uint of_cluster = clusters != 0 && lane_turn() == 0 ? 1 : 0; of_cluster > 0; of_cluster--) {
             uint row = moments + 3 * (i - clusters);
             radiance[row].rgb += moment.x;
             radiance[row + 1].rgb += moment.y;

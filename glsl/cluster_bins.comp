@@ -4,7 +4,7 @@
 #extension GL_KHR_shader_subgroup_basic : require
 // U where source, receiver or both have bins, point to point, over lists of clusters and triangles:
 //     H_j(b) += T_b(ω_j) max(cos_j, 0) |cos_i| g_ij a_i · (front: L_i(ω_i); back: -A_i(ω_i)).
-// transport_bins.comp with other sources. A lane owns one receiver. Twin: src/reference/clusters.rs.
+// transport_bins.comp with other sources. A lane owns one receiver, or shares it (abreast.glsl). Twin: src/reference/clusters.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -32,11 +32,11 @@ layout(std430, binding = 7) readonly buffer Radiance { real4 radiance[]; };
 #include "receiver_bins.glsl"
 
 real3 light(uint at) {
-    return fetched_light[at].rgb;
+    return fetched_radiance(at);
 }
 
 Moment moment(uint at) {
-    return fetched_moments[at];
+    return fetched_moment(at);
 }
 
 #define SPREAD
@@ -44,28 +44,32 @@ Moment moment(uint at) {
 
 void main() {
     uint list = target_list + gl_WorkGroupID.x;
-    uint j = list * LIST + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
+    uint j = list * LIST + gl_WorkGroupID.y * TARGETS + lane_target();
     Facet receiver = facets[j];
     real3 sum = real3(0.0);
     uvec2 entries = part_of_list(list);
     // A loop, to skip it where nothing would be added.
     for (uint once = entries.x < entries.y ? 1 : 0; once > 0; once--) {
         clear_deposits();
-        for (uint at = entries.x; at < entries.y; at += LANES) {
+        for (uint at = entries.x; at < entries.y; at += STEP) {
             uint count = fetch(at, entries.y);
             for (uint k = 0; k < count; k++) {
-                uint entry = fetched_entries[k];
+                uint entry = fetched_entry(k);
                 uint bits = entry & passing;
                 bool backs = SOURCE_BACK && (bits & PAIR_BACK) != 0;
                 uint bins = ((entry >> 3) - partner_page) * BINS;
                 bool fronts = (bits & PAIR_FRONT) != 0, near = (bits & PAIR_NEAR) != 0;
-                Facet source = fetched_facets[k];
+                Facet source = fetched_facet(k);
                 receive(receiver, source, k, bins, fronts, backs, near, sum);
             }
+            settle_deposits();
         }
+        sum = total(sum);
         // Padding is within the horizon of everything, and fetches sources for the others.
         for (uint real_triangle = receiver.area > 0.0 ? 1 : 0; real_triangle > 0; real_triangle--) {
-            irradiance[j].rgb += sum;
+            if (lane_turn() == 0) {
+                irradiance[j].rgb += sum;
+            }
             flush_deposits((j - target_page) * BINS);
         }
     }

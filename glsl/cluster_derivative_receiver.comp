@@ -41,13 +41,13 @@ void main() {
     for (uint at = entries.x; at < entries.y; at += LANES) {
         uint count = fetch(at, entries.y);
         for (uint k = 0; k < count; k++) {
-            uint entry = fetched_entries[k];
+            uint entry = fetched_entry(k);
             uint bits = entry & passing;
             bool fronts = (bits & PAIR_FRONT) != 0;
             bool backs = SOURCE_BACK && (bits & PAIR_BACK) != 0;
-            Facet source = fetched_facets[k];
+            Facet source = fetched_facet(k);
             ListedGradient g = listed_gradient(
-                source, fetched_light[k].rgb, fetched_moments[k], ((entry >> 3) - partner_page) * BINS, spread_of(source), fronts, backs,
+                source, fetched_radiance(k), fetched_moment(k), ((entry >> 3) - partner_page) * BINS, spread_of(source), fronts, backs,
                 (bits & PAIR_NEAR) != 0, receiver, cotangent, receiver_bins
             );
             sum.a += g.by_between;

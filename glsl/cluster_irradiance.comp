@@ -38,11 +38,11 @@ void main() {
     for (uint at = entries.x; at < entries.y; at += LANES) {
         uint count = fetch(at, entries.y);
         for (uint i = 0; i < count; i++) {
-            uint bits = fetched_entries[i] & passing;
-            Facet f = fetched_facets[i];
+            uint bits = fetched_entry(i) & passing;
+            Facet f = fetched_facet(i);
             // Loops that may run zero times: an `if` would not skip the work on a device that executes both branches.
             for (uint once = (bits & PAIR_FRONT) != 0 ? 1 : 0; once > 0; once--) {
-                real3 l = fetched_light[i].rgb * f.area;
+                real3 l = fetched_radiance(i) * f.area;
                 real s = f.area * INV_PI;
                 real spread = spread_of(f);
                 bool near = (bits & PAIR_NEAR) != 0;
@@ -60,7 +60,7 @@ void main() {
                     // A loop, to skip it for triangles.
                     for (uint once = clusters != 0 ? 1 : 0; once > 0; once--) {
                         real3 slope = spread_slope(seen, normal[k], d, r2);
-                        sum[k] += along(fetched_moments[i], (f.area * weight) * slope);
+                        sum[k] += along(fetched_moment(i), (f.area * weight) * slope);
                     }
                 }
             }

@@ -1,10 +1,12 @@
 #ifndef FAR_LIST_GLSL
 #define FAR_LIST_GLSL
-// Push constants of the kernels that sum over lists of sources, clusters and triangles, and the walk along a list. A
-// workgroup is one subgroup; its receivers share a list. Each lane fetches one source into workgroup memory, from where
-// all read it: CPU drivers read memory lane by lane. Expects LANES, `facets`, `radiance`, and `far_lists`: the index of
-// the first entry of each list, then the end of the last; then all entries, `index << 3 | bits`, ascending in each list.
+// Push constants of the kernels that sum over lists of sources, clusters and triangles, and the walk along a list, which the
+// receivers of a workgroup share. Where a lane owns a receiver, a workgroup is one subgroup, and each lane fetches one source into
+// workgroup memory, from where all read it: CPU drivers read memory lane by lane. Where lanes share receivers, each reads the source
+// that it takes. Expects LANES, `facets`, `radiance`, and `far_lists`: the index of the first entry of each list, then the end of the
+// last; then all entries, `index << 3 | bits`, ascending in each list.
 
+#include "abreast.glsl"
 #include "passing.glsl"
 #include "moment.glsl"
 
@@ -35,10 +37,23 @@ layout(push_constant) uniform ListPush {
     uint volumes;
 };
 
-shared uint fetched_entries[LANES];
-shared Facet fetched_facets[LANES];
-shared real4 fetched_light[LANES];
-shared Moment fetched_moments[LANES];
+// An entry of a list, and what it refers to.
+struct Listed {
+    uint entry;
+    Facet facet;
+    real4 light;
+    Moment moment;
+};
+
+const uint FETCHED = TARGETS_ARE_SHARED ? 1 : LANES;
+// Sources that are fetched at a time.
+const uint STEP = TARGETS_ARE_SHARED ? ABREAST : LANES;
+
+shared uint fetched_entries[FETCHED];
+shared Facet fetched_facets[FETCHED];
+shared real4 fetched_light[FETCHED];
+shared Moment fetched_moments[FETCHED];
+Listed own_listed;
 
 // First entry in a part of a list whose index is at least `index`, by bisection.
 uint first_at_least(uint index, uint begin, uint end) {
@@ -65,32 +80,66 @@ real spread_of(Facet source) {
     return clusters + volumes != 0 ? source.characteristic_area : real(0.0);
 }
 
-// Fetches up to LANES entries from `at` on, and says how many.
-uint fetch(uint at, uint end) {
-    uint count = min(end - at, LANES);
-    uint lane = gl_LocalInvocationID.x;
-    uint entry = far_lists[at + min(lane, count - 1)];
-    uint index = entry >> 3;
-    Facet facet = facets[index];
-    real4 light = real4(0.0);
+Listed listed(uint at) {
+    Listed result;
+    result.entry = far_lists[at];
+    uint index = result.entry >> 3;
+    result.facet = facets[index];
+    result.light = real4(0.0);
     // A loop, to skip it for volumes.
     for (uint once = volumes != 0 ? 0 : 1; once > 0; once--) {
-        light = radiance[index];
+        result.light = radiance[index];
     }
-    Moment moment = NO_MOMENT;
+    result.moment = NO_MOMENT;
     // A loop, to skip it for triangles.
     for (uint once = clusters != 0 ? 1 : 0; once > 0; once--) {
         uint row = moments + 3 * (index - clusters);
-        moment = Moment(radiance[row].rgb, radiance[row + 1].rgb, radiance[row + 2].rgb);
+        result.moment = Moment(radiance[row].rgb, radiance[row + 1].rgb, radiance[row + 2].rgb);
     }
+    return result;
+}
+
+// Fetches up to STEP entries from `at` on, and says how many of them this lane takes.
+uint fetch(uint at, uint end) {
+    if (TARGETS_ARE_SHARED) {
+        uint own = at + lane_turn();
+        own_listed = listed(min(own, end - 1));
+        return own < end ? 1 : 0;
+    }
+    uint count = min(end - at, LANES);
+    uint lane = gl_LocalInvocationID.x;
+    Listed own = listed(at + min(lane, count - 1));
     // Nobody reads the ones before any more.
     subgroupBarrier();
-    fetched_entries[lane] = entry;
-    fetched_facets[lane] = facet;
-    fetched_light[lane] = light;
-    fetched_moments[lane] = moment;
+    fetched_entries[lane] = own.entry;
+    fetched_facets[lane] = own.facet;
+    fetched_light[lane] = own.light;
+    fetched_moments[lane] = own.moment;
     subgroupBarrier();
     return count;
+}
+
+// One of them.
+uint fetched_entry(uint k) {
+    return TARGETS_ARE_SHARED ? own_listed.entry : fetched_entries[k];
+}
+
+Facet fetched_facet(uint k) {
+    if (TARGETS_ARE_SHARED) {
+        return own_listed.facet;
+    }
+    return fetched_facets[k];
+}
+
+real3 fetched_radiance(uint k) {
+    return TARGETS_ARE_SHARED ? own_listed.light.rgb : fetched_light[k].rgb;
+}
+
+Moment fetched_moment(uint k) {
+    if (TARGETS_ARE_SHARED) {
+        return own_listed.moment;
+    }
+    return fetched_moments[k];
 }
 
 #endif

@@ -65,15 +65,17 @@ void piece(real3 p, real3 q, real3 r, real3 point, real diffuse, real binned) {
 #include "near_walk.glsl"
 
 void main() {
-    bool active_lane = gl_GlobalInvocationID.x < targets;
+    bool active_lane = own_number() < targets;
     uint j = owned(active_lane);
     Facet receiver = facets[j];
     receiver_normal = receiver.normal;
     clear_deposits();
     real3 a = corners[3 * j].xyz, b = corners[3 * j + 1].xyz, c = corners[3 * j + 2].xyz;
     uvec2 close = close_partners(j, active_lane);
-    for (uint at = close.x; at < close.y; at++) {
-        uint i = near_partners[at];
+    for (uint at = close.x; any_abreast(at < close.y); at++) {
+        // Lanes whose target has no more partners go on with the others.
+        bool has_partner = !TARGETS_ARE_SHARED || at < close.y;
+        uint i = has_partner ? near_partners[at] : j;
         Facet source = facets[i];
         source_normal = source.normal;
         source_characteristic_area = source.characteristic_area;
@@ -82,13 +84,16 @@ void main() {
         real3 u = corners[3 * i].xyz, v = corners[3 * i + 1].xyz, w = corners[3 * i + 2].xyz;
         real3 between = receiver.centre - source.centre;
         real range = half_range * (source.characteristic_area + receiver.characteristic_area);
-        real near = 1.0 - far_weight(dot(between, between), range);
+        real near = !has_partner ? real(0.0) : 1.0 - far_weight(dot(between, between), range);
         walk_pieces(source.centre, u, v, w, a, b, c, near, range);
     }
+    sum = total(sum);
     // A loop, to skip it where nothing was accumulated: adding zeros to the bins costs a CPU driver as much as a
     // pair.
     for (uint once = close.x < close.y ? 1 : 0; once > 0; once--) {
-        irradiance[j].rgb += sum;
+        if (lane_turn() == 0) {
+            irradiance[j].rgb += sum;
+        }
         flush_deposits((j - target_page) * BINS);
     }
 }

@@ -100,7 +100,7 @@ real piece(real33 source, real33 receiver, real33 from, real3 to, real diffuse, 
 }
 
 void main() {
-    bool active_lane = gl_GlobalInvocationID.x < targets;
+    bool active_lane = own_number() < targets;
     uint target = owned(active_lane);
     Facet own = facets[target];
     real33 own_corners = real33(corners[3 * target].xyz, corners[3 * target + 1].xyz, corners[3 * target + 2].xyz);

@@ -1,9 +1,11 @@
 #ifndef NEAR_PUSH_GLSL
 #define NEAR_PUSH_GLSL
-// Push constants of the near-field kernels. A lane owns a target, the receiver forwards and the source in the
+// Push constants of the near-field kernels. A lane owns a target, or shares it (abreast.glsl), the receiver forwards and the source in the
 // adjoint, and sums over its close partners. Expects `near_targets`: slots of targets; `near_offsets`: the start of
 // each slot's list in `near_partners`, then the end of the last; and `near_partners`: slots, ascending within each
 // list.
+
+#include "abreast.glsl"
 
 layout(push_constant) uniform NearPush {
     // The first of `near_targets`, and their number.
@@ -33,9 +35,14 @@ uint first_at_least(uint slot, uint begin, uint end) {
     return begin;
 }
 
-// The slot that this lane owns; that of the first lane if it is idle.
+// Which target is that of this lane; `targets` or more if it is idle.
+uint own_number() {
+    return gl_WorkGroupID.x * TARGETS + lane_target();
+}
+
+// Its slot; that of the first if the lane is idle.
 uint owned(bool active_lane) {
-    return near_targets[active_lane ? target_begin + gl_GlobalInvocationID.x : target_begin];
+    return near_targets[active_lane ? target_begin + own_number() : target_begin];
 }
 
 // The part of the list of `target` in this dispatch; empty if the lane is idle.

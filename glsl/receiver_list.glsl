@@ -1,13 +1,14 @@
 #ifndef RECEIVER_LIST_GLSL
 #define RECEIVER_LIST_GLSL
 // Push constants of the kernels whose lanes own sources, clusters or triangles, and the walk along their receivers. SOURCES
-// neighbouring sources have one list of lists: groups of LIST receivers, with what may pass from each of the sources. A
-// workgroup is one subgroup. Where it is no wider than a group, each lane fetches one receiver into workgroup memory, from where
-// all read it: CPU drivers read memory lane by lane. Otherwise it covers several groups, each with a list of its own, and lanes
-// read receivers themselves. Expects LANES; `facets`; `receiver_lists`: the index of the first word of each group, then the end of
+// neighbouring sources have one list of lists: groups of LIST receivers, with what may pass from each of the sources. Where
+// a lane owns a source, a workgroup is one subgroup. If it is no wider than a group, each lane fetches one receiver into workgroup
+// memory, from where all read it: CPU drivers read memory lane by lane. Otherwise it covers several groups, each with a list of its
+// own, and lanes read receivers themselves; as they do where lanes share sources. Expects LANES; `facets`; `receiver_lists`: the index of the first word of each group, then the end of
 // the last; then all entries, two words each, ascending in each group: the list, and 3 bits of each source; `targets`, the
 // groups of a dispatch; and `cotangents`, those of irradiance.
 
+#include "abreast.glsl"
 #include "passing.glsl"
 
 // Receivers of a list, and sources of a group.
@@ -40,14 +41,16 @@ layout(push_constant) uniform ReceiversPush {
     uint moments;
 };
 
-const bool WIDE = LANES > SOURCES;
+const bool WIDE = !TARGETS_ARE_SHARED && LANES > SOURCES;
+const bool FETCHES = !TARGETS_ARE_SHARED && !WIDE;
 // Groups of a workgroup.
 const uint GROUPS = WIDE ? LANES / SOURCES : 1;
 // Receivers at a time.
-const uint STEP = WIDE ? LIST : LANES;
+const uint STEP = FETCHES ? LANES : LIST;
+const uint FETCHED = FETCHES ? LANES : 1;
 
-shared Facet fetched_facets[LANES];
-shared real4 fetched_cotangents[LANES];
+shared Facet fetched_facets[FETCHED];
+shared real4 fetched_cotangents[FETCHED];
 
 uint own_target() {
     return target_begin + gl_WorkGroupID.x * GROUPS + (WIDE ? gl_LocalInvocationID.x / SOURCES : 0);
@@ -55,7 +58,7 @@ uint own_target() {
 
 // Which of the sources of a group this lane owns.
 uint own_place() {
-    return WIDE ? gl_LocalInvocationID.x % SOURCES : gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
+    return WIDE ? gl_LocalInvocationID.x % SOURCES : gl_WorkGroupID.y * TARGETS + lane_target();
 }
 
 // The group and the source of this lane: `source_end` or more if it is idle.
@@ -95,7 +98,7 @@ uint own_bits(uint at, bool active_lane) {
 
 // Fetches STEP receivers from slot `first` on.
 void fetch(uint first) {
-    if (!WIDE) {
+    if (FETCHES) {
         uint lane = gl_LocalInvocationID.x;
         Facet facet = facets[first + lane];
         real4 cotangent = cotangents[first + lane];
@@ -109,7 +112,7 @@ void fetch(uint first) {
 
 // One of them, and its cotangent.
 Facet fetched_facet(uint first, uint k) {
-    if (WIDE) {
+    if (!FETCHES) {
         Facet facet = facets[first + k];
         return facet;
     }
@@ -118,7 +121,7 @@ Facet fetched_facet(uint first, uint k) {
 }
 
 real3 fetched_cotangent(uint first, uint k) {
-    return WIDE ? cotangents[first + k].rgb : fetched_cotangents[k].rgb;
+    return FETCHES ? fetched_cotangents[k].rgb : cotangents[first + k].rgb;
 }
 
 // Variance of the triangles of a source: clusters have it in place of the characteristic area, as they are never close.

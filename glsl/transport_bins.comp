@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 // U where source, receiver or both have bins, point to point:
 //     H_j(b) += T_b(ω_j) max(cos_j, 0) |cos_i| g_ij a_i · (front: L_i(ω_i); back: -A_i(ω_i)).
-// A lane owns one receiver. Twin: src/reference/transport.rs.
+// A lane owns one receiver, or shares it (abreast.glsl). Twin: src/reference/transport.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -43,7 +43,7 @@ real3 light(uint at) {
 
 void main() {
     uint tile = target_tile + gl_WorkGroupID.x;
-    uint j = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
+    uint j = tile * TILE + gl_WorkGroupID.y * TARGETS + lane_target();
     Facet receiver = facets[j];
     real3 sum = real3(0.0);
     clear_deposits();
@@ -57,11 +57,15 @@ void main() {
         bool near = (flags & PAIR_NEAR) != 0;
         uint sources = fronts || backs ? (end - begin) * TILE : 0;
         uint first = (begin - partner_begin) * TILE;
-        for (uint k = 0; k < sources; k++) {
+        for (uint k = lane_turn(); k < sources; k += ABREAST) {
             uint bins = (begin * TILE + k - partner_page) * BINS;
             receive(receiver, partners[first + k], first + k, bins, fronts, backs, near, sum);
+            settle_deposits();
         }
     }
-    irradiance[j].rgb += sum;
+    sum = total(sum);
+    if (lane_turn() == 0) {
+        irradiance[j].rgb += sum;
+    }
     flush_deposits((j - target_page) * BINS);
 }

@@ -35,7 +35,7 @@ layout(std430, binding = 6) readonly buffer BinTable { real4 bin_table[]; };
 
 void main() {
     uint tile = target_tile + gl_WorkGroupID.x;
-    uint i = tile * TILE + gl_WorkGroupID.y * LANES + gl_LocalInvocationID.x;
+    uint i = tile * TILE + gl_WorkGroupID.y * TARGETS + lane_target();
     Facet source = facets[i];
     real3 sum = real3(0.0);
     clear_deposits();
@@ -49,7 +49,7 @@ void main() {
         bool near = (flags & PAIR_NEAR) != 0;
         uint receivers = fronts || backs ? (end - begin) * TILE : 0;
         uint first = (begin - partner_begin) * TILE;
-        for (uint k = 0; k < receivers; k++) {
+        for (uint k = lane_turn(); k < receivers; k += ABREAST) {
             Facet receiver = partners[first + k];
             real3 d = receiver.centre - source.centre;
             real r2 = max(dot(d, d), R2_MIN);
@@ -72,8 +72,12 @@ void main() {
                 deposit_radiance(source.normal, direction, front, value);
                 sum += front ? value : real3(0.0);
             }
+            settle_deposits();
         }
     }
-    radiance[i].rgb += sum;
+    sum = total(sum);
+    if (lane_turn() == 0) {
+        radiance[i].rgb += sum;
+    }
     flush_radiance((i - target_page) * BINS);
 }

@@ -2,7 +2,7 @@
 
 mod support;
 
-use antirad::gpu::Device;
+use antirad::gpu::{Device, DeviceKind};
 use antirad::model::{LIST, Parts, VolumeParts, classify, share};
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, PlannedTransport, Residency};
 use antirad::reference::Model;
@@ -153,12 +153,14 @@ fn gradients_are_those_of_the_exact_sum() {
     let in_pages = values(&gradients(&device, &scene, &clusters, SMALL_PAGE));
     within_bounds(&in_pages);
     // Where the device is a CPU the host computed these.
-    let by_kernels = device.clone().kernels_only();
-    let by_kernels = values(&gradients(&by_kernels, &scene, &clusters, SMALL_PAGE));
-    for ((name, found), by_kernels) in names.iter().zip(&in_pages).zip(&by_kernels) {
-        let off = relative(found, by_kernels);
-        println!("{name} of the host and of kernels: {off:.1e}");
-        assert!(off <= 1e-4, "{name}: {off}");
+    for kind in [DeviceKind::Cpu, DeviceKind::Discrete] {
+        let by_kernels = device.clone().with_kernels_for(kind);
+        let by_kernels = values(&gradients(&by_kernels, &scene, &clusters, SMALL_PAGE));
+        for ((name, found), by_kernels) in names.iter().zip(&in_pages).zip(&by_kernels) {
+            let off = relative(found, by_kernels);
+            println!("{name} of the host and of kernels for {kind}: {off:.1e}");
+            assert!(off <= 1e-4, "{name}: {off}");
+        }
     }
     finish(&device);
 }
@@ -327,7 +329,8 @@ fn states_on_the_host_have_clusters_too() {
     for (name, scene, budget) in scenes.into_iter().chain([("balls", balls(4, 3, true), 10 << 20)]) {
         let settings = hierarchical(&scene, 0.02);
         let exact = solve(&device, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
-        for device in [device.clone(), device.clone().kernels_only()] {
+        let of_gpus = device.clone().with_kernels_for(DeviceKind::Discrete);
+        for device in [device.clone(), device.clone().kernels_only(), of_gpus] {
             let options = PlanOptions::of(&device).keep_near_field(false);
             let (engine, hosted) = solve_within(&device, &scene, &settings, &options.memory_budget(budget));
             let plan = engine.plan();

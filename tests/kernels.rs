@@ -4,7 +4,7 @@
 mod reflect;
 mod support;
 
-use antirad::gpu::Device;
+use antirad::gpu::{Device, DeviceKind};
 use antirad::model::Clusters;
 use antirad::plan::{Plan, PlanOptions};
 use antirad::reference::{Model, State, observe, to_bf16, transport, transport_through_clusters};
@@ -43,10 +43,12 @@ fn tolerance(precision: Precision) -> f64 {
     }
 }
 
-/// What kernels compute, and what the host does in their place where the device is a CPU.
+/// What kernels compute, those for CPUs and those for GPUs, and what the host does in their place where the device is a CPU.
 fn compare(name: &str, scene: &Scene, settings: SolveSettings, options: impl Fn(PlanOptions) -> PlanOptions) {
     compare_on(&device(), &format!("{name}, with the host"), scene, settings, &options);
     compare_on(&device().kernels_only(), name, scene, settings, &options);
+    let of_gpus = device().with_kernels_for(DeviceKind::Discrete);
+    compare_on(&of_gpus, &format!("{name}, kernels for GPUs"), scene, settings, &options);
 }
 
 fn compare_on(

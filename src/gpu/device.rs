@@ -90,6 +90,8 @@ pub struct Device {
     watch: Option<Watch>,
     /// Whether the host works in the memory that it shares with the device.
     host_works: bool,
+    /// The kind of device that kernels are chosen for.
+    kernels_for: DeviceKind,
 }
 
 pub(super) struct Shared {
@@ -187,6 +189,7 @@ impl Device {
         // SAFETY: the device is alive. This is the last call that can fail, so nothing made here is left behind.
         let cache = unsafe { logical.raw.create_pipeline_cache(&create, None) }
             .during("creating", "pipeline cache")?;
+        let kernels_for = info.kind;
         let shared = Shared {
             info,
             queue_family,
@@ -213,6 +216,7 @@ impl Device {
             ranks: Ranks::default(),
             watch: None,
             host_works: true,
+            kernels_for,
         })
     }
 
@@ -226,6 +230,7 @@ impl Device {
             ranks: self.ranks.clone(),
             watch: self.watch.clone(),
             host_works: self.host_works,
+            kernels_for: self.kernels_for,
         }
     }
 
@@ -234,6 +239,17 @@ impl Device {
     #[must_use]
     pub fn kernels_only(self) -> Self {
         Self { host_works: false, ..self }
+    }
+
+    /// The same device with the kernels that one of another kind would run: those for GPUs on a CPU, slowly. The host does no work then.
+    #[must_use]
+    pub fn with_kernels_for(self, kind: DeviceKind) -> Self {
+        Self { kernels_for: kind, ..self.kernels_only() }
+    }
+
+    /// The kind of device that kernels are chosen for.
+    pub fn kernels_for(&self) -> DeviceKind {
+        self.kernels_for
     }
 
     /// Whether the host does some of the work in the memory that it shares with the device.

@@ -130,10 +130,22 @@ impl Hierarchy {
 
     /// Visits nodes, each with its number, depth first, in the order of their leaves, and descends where `enter`
     /// returns true.
-    pub fn walk(&self, mut enter: impl FnMut(usize, &Node) -> bool) {
+    pub fn walk<'a>(&'a self, mut enter: impl FnMut(usize, &'a Node) -> bool) {
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
             at = if enter(at, node) { at + 1 } else { node.next };
+        }
+    }
+
+    /// Visits nodes, each with its number and what is known of it, depth first, in the order of their leaves, and descends where
+    /// `enter` returns what is then known of the branches.
+    pub fn descend<K: Copy>(&self, known: K, mut enter: impl FnMut(usize, &Node, K) -> Option<K>) {
+        let mut left = if self.nodes.is_empty() { Vec::new() } else { vec![(0, known)] };
+        while let Some((at, known)) = left.pop() {
+            let Some(below) = enter(at, &self.nodes[at], known) else { continue };
+            if let Some([a, b]) = self.branches(at) {
+                left.extend([(b, below), (a, below)]);
+            }
         }
     }
 

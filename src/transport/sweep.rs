@@ -145,8 +145,8 @@ pub struct Sweep {
     /// Tiles of partners per dispatch of `far` over tiles.
     run_tiles: u32,
     near: Option<Pipeline>,
-    /// Lanes of a workgroup of `near`.
-    near_lanes: u32,
+    /// Targets of a workgroup of `near`.
+    near_targets: u32,
     take: u32,
     pub(super) far_pace: Pace,
     near_pace: Pace,
@@ -221,26 +221,43 @@ impl Sweep {
             true if kernels.by_source => SOURCES,
             true => LIST,
         };
+        let shared = Abreast::new(device, plan, kernels.deposits, targets);
         // Wide subgroups cover several groups of sources.
-        let wide = listed && kernels.by_source && info.subgroup_size.is_multiple_of(targets);
-        let lanes = if wide { info.subgroup_size } else { info.subgroup_size.min(targets) };
+        let wide =
+            shared.is_none() && listed && kernels.by_source && info.subgroup_size.is_multiple_of(targets);
+        let lanes = match shared {
+            Some(shared) => shared.lanes(),
+            None if wide => info.subgroup_size,
+            None => info.subgroup_size.min(targets),
+        };
+        // Those of a workgroup, within a tile, list or group.
+        let side = shared.map_or(lanes.min(targets), |shared| shared.targets);
         // Lanes share what they fetch of a list, with a barrier of the subgroup, which must be the workgroup, or all of it a
         // part of one. Other kernels work at any size.
-        let required = (listed && lanes <= targets && lanes >= info.subgroup_size_range.0).then_some(lanes);
+        let barrier = listed && shared.is_none() && lanes <= targets;
+        let required = (barrier && lanes >= info.subgroup_size_range.0).then_some(lanes);
         let Kernels { far, near, single, by_source, constants, take, gathers, deposits, shape } = kernels;
         let real = precision.bytes() as f64;
         let gathered = gathers as f64 * 4.0 * f64::from(plan.channels) * real;
         // A source is read once for all triangles of a subgroup.
-        let per_target = f64::from(if single { lanes } else { targets });
-        let shared = u32::from(shares_deposits(device, plan, lanes, deposits));
+        let per_target = f64::from(if single { side } else { targets });
+        let in_workgroup = |lanes| u32::from(shares_deposits(device, plan, lanes, deposits));
         let own = if listed { LIST } else { targets };
-        let of_far =
-            [&[(0, lanes), (if listed { 12 } else { 1 }, own), (11, shared), (13, lanes)][..], &constants]
+        let abreast: Vec<_> = shared.map(|_| (15, Abreast::LANES)).into_iter().collect();
+        let of_far = [
+            &[(0, lanes), (if listed { 12 } else { 1 }, own), (11, in_workgroup(lanes)), (13, lanes)][..],
+            &constants,
+            &abreast,
+        ]
+        .concat();
+        // Its targets are anywhere.
+        let near_shared = Abreast::new(device, plan, deposits, plan.options.tile);
+        let near_targets =
+            near_shared.map_or(info.subgroup_size.min(plan.options.tile), |shared| shared.targets);
+        let near_lanes = near_shared.map_or(near_targets, Abreast::lanes);
+        let of_near =
+            [&[(0, near_lanes), (11, in_workgroup(near_lanes)), (13, near_lanes)][..], &constants, &abreast]
                 .concat();
-        // A lane owns a triangle, wherever it is.
-        let near_lanes = info.subgroup_size.min(plan.options.tile);
-        let near_shared = u32::from(shares_deposits(device, plan, near_lanes, deposits));
-        let of_near = [&[(0, near_lanes), (11, near_shared), (13, near_lanes)][..], &constants].concat();
         let far_push = match listed {
             false => size_of::<FarPush>(),
             true if by_source => size_of::<ReceiversPush>(),
@@ -249,9 +266,9 @@ impl Sweep {
         let near_push = size_of::<NearPush>() as u32;
         Ok(Self {
             far: Pipeline::beside_host(device, far.0.of(precision), far.1, far_push, &of_far, required)?,
-            workgroups: if single { (targets / lanes).max(1) } else { 1 },
-            side_by_side: (lanes / targets).max(1),
-            run_tiles: match info.kind {
+            workgroups: if single { (targets / side).max(1) } else { 1 },
+            side_by_side: if wide { lanes / targets } else { 1 },
+            run_tiles: match device.kernels_for() {
                 DeviceKind::Cpu if gathers > 0 && deposits == 0 => cached_tiles(plan),
                 _ => plan.partner_tiles(),
             },
@@ -260,7 +277,7 @@ impl Sweep {
                     Pipeline::beside_host(device, shader.of(precision), buffers, near_push, &of_near, None)
                 })
                 .transpose()?,
-            near_lanes,
+            near_targets,
             // Iterations are counted on CPU drivers alone.
             take: if info.kind == DeviceKind::Cpu { take } else { take.max(TAKE_OF_GPUS) },
             far_pace: Pace::new(if single { 2e6 } else { 5e7 }),
@@ -461,7 +478,7 @@ impl Sweep {
     ) -> Result<(), TransportError> {
         lists_on_device(&context.plan)?;
         let Context { device, plan, scene, .. } = context;
-        let Self { near, near_pace, near_lanes, take, bytes, shape, .. } = self;
+        let Self { near, near_pace, near_targets, take, bytes, shape, .. } = self;
         let Some(near) = near else { return Ok(()) };
         let partners = plan.layout.slots_of(&between.partners.tiles);
         let targets =
@@ -481,7 +498,8 @@ impl Sweep {
             while begin < end {
                 // As many whole workgroups as fit a submission, at least one.
                 let mut pairs = 0;
-                let workgroups = targets[begin..end].chunks(*near_lanes as usize).take(MOST_GROUPS as usize);
+                let workgroups =
+                    targets[begin..end].chunks(*near_targets as usize).take(MOST_GROUPS as usize);
                 let workgroups = workgroups.take_while(|group| {
                     let more = group.iter().map(left).sum::<u64>();
                     let fits = pairs == 0 || pairs + more <= bundle.affordable();
@@ -489,7 +507,7 @@ impl Sweep {
                     fits
                 });
                 let workgroups = workgroups.count() as u32;
-                let count = (workgroups * *near_lanes).min((end - begin) as u32);
+                let count = (workgroups * *near_targets).min((end - begin) as u32);
                 let push = NearPush {
                     target_begin: begin as u32,
                     targets: count,
@@ -538,16 +556,55 @@ fn busy_targets(list: &NearPairs, targets: Range<u32>, partners: &Range<u32>) ->
     targets
 }
 
-/// Whether `lanes` accumulate `sets` sets of bins in workgroup memory. CPU drivers are faster that way; on GPUs it
-/// would leave room for few workgroups only.
+/// Targets with bins whose sums the lanes of a workgroup of a GPU accumulate together (glsl/abreast.glsl).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Abreast {
+    targets: u32,
+}
+
+impl Abreast {
+    /// Lanes per target: each owns every other row of one of up to three channels of bins.
+    const LANES: u32 = 8;
+    /// Targets of a workgroup, at most: those of 128 lanes, which each device takes.
+    const MOST: u32 = 16;
+    /// Reals that a lane notes to be added to bins: four weights, three channels; and three more.
+    const NOTED: u64 = 10;
+    /// Bins that fit the 16 bits of a note.
+    const BINS: u64 = 1 << 16;
+
+    /// As many of a tile, list or group of `targets` as have room for `sets` sets of bins in workgroup memory. `None` for CPU drivers,
+    /// for kernels without bins, and where there is no room for one.
+    fn new(device: &Device, plan: &Plan, sets: u64, targets: u32) -> Option<Self> {
+        let bins = sets * plan.bins.count() as u64;
+        if bins == 0 || bins >= Self::BINS || device.kernels_for() == DeviceKind::Cpu {
+            return None;
+        }
+        let real = plan.settings.precision.bytes();
+        let noted = u64::from(Self::LANES) * (Self::NOTED * real + 4);
+        let fits = |targets: &u32| {
+            // And a vote, with what alignment takes.
+            let bytes = u64::from(*targets) * (bins * u64::from(plan.channels) * real + noted) + 64;
+            bytes <= u64::from(device.info().shared_memory_bytes)
+        };
+        let sizes = std::iter::successors(Some(Self::MOST.min(targets)), |targets| Some(targets / 2));
+        let targets = sizes.take_while(|&targets| targets > 0).find(fits)?;
+        Some(Self { targets })
+    }
+
+    fn lanes(self) -> u32 {
+        self.targets * Self::LANES
+    }
+}
+
+/// Whether `lanes` accumulate `sets` sets of bins in workgroup memory, each its own. CPU drivers are faster that way; on GPUs it would
+/// leave room for few workgroups only.
 fn shares_deposits(device: &Device, plan: &Plan, lanes: u32, sets: u64) -> bool {
-    let info = device.info();
     // Drivers may align a vec3 like a vec4.
     let bytes = sets * u64::from(lanes) * plan.bins.count() as u64 * plan.rgb_bytes();
     let fetched = u64::from(lanes) * (plan.facet_bytes() + 4 * plan.rgb_bytes() + 4);
-    info.kind == DeviceKind::Cpu
+    device.kernels_for() == DeviceKind::Cpu
         && plan.channels == 3
-        && bytes + fetched <= u64::from(info.shared_memory_bytes)
+        && bytes + fetched <= u64::from(device.info().shared_memory_bytes)
 }
 
 /// Tiles of partners whose bins are cached together: each workgroup of a dispatch reads all of them, a few bins of each

@@ -10,6 +10,7 @@ use super::moments::Moments;
 use super::sources::ENTRY_BITS;
 use super::volumes::{Place, VolumeTree};
 use super::{ClusterInput, LIST};
+use crate::model::class::Class;
 use crate::model::facet::Facet;
 use crate::model::hierarchy::{Hierarchy, Node, Sight};
 use crate::model::order::{BoundedRun, PADDING};
@@ -31,8 +32,10 @@ const WIDE_IN_SLOPES: f64 = 0.02;
 pub const WIDEST: f64 = 0.2;
 /// Length of lists with volumes over that without, up to which there are volumes: they err more than clusters of one normal.
 const WORTH: f64 = 0.75;
-/// One list of so many is looked at to tell.
+/// One branch of receivers of so many is looked at to tell.
 const SAMPLED: usize = 16;
+/// Fewest that are looked at, if there are as many.
+const LEAST_SAMPLES: usize = 8;
 /// δ below which a cluster counts as flat.
 const FLAT: f64 = 1e-3;
 
@@ -53,6 +56,13 @@ struct Branch {
     glossy: bool,
 }
 
+impl Branch {
+    /// Whether any of its triangles may be a blocker.
+    fn may_block(&self) -> bool {
+        self.index.is_none() || self.blocker
+    }
+}
+
 /// A group of receivers.
 pub struct Receivers<'a> {
     pub node: &'a Node,
@@ -61,11 +71,20 @@ pub struct Receivers<'a> {
     bins: bool,
 }
 
-impl Receivers<'_> {
-    /// Whether any pair with triangles in a box may be within the near field; `area`: their largest characteristic area.
-    pub fn are_near(&self, bounds: &BoundedRun, area: f64, half_range: f64) -> bool {
-        self.node.bounds.distance_squared(bounds) <= half_range * (self.node.characteristic_area + area)
-    }
+/// Whether any pair of triangles in a branch and in a box may be within the near field; `area`: the largest characteristic area in the
+/// box.
+pub fn are_near(to: &Node, bounds: &BoundedRun, area: f64, half_range: f64) -> bool {
+    to.bounds.distance_squared(bounds) <= half_range * (to.characteristic_area + area)
+}
+
+/// Groups that walk along the tree together.
+const AT_ONCE: usize = 8;
+
+/// What becomes the list of a group.
+struct List<'a> {
+    to: Receivers<'a>,
+    taken: TakenRuns,
+    entries: Vec<u32>,
 }
 
 /// How much of a branch volumes stand for.
@@ -75,6 +94,51 @@ enum Taken {
     Some,
     All,
 }
+
+/// How a branch and some receivers lie to each other. What is decided holds of its branches, too, and for some of the receivers.
+#[derive(Clone, Copy)]
+struct Seen {
+    /// No pair is within the near field.
+    apart: bool,
+    /// All of the branch extends above the plane of each receiver.
+    above: bool,
+    /// Whether the receivers extend to the fronts, and to the backs, of its planes.
+    sides: [Sight; 2],
+}
+
+impl Seen {
+    const UNKNOWN: Self = Self { apart: false, above: false, sides: [Sight::Unknown; 2] };
+
+    /// What either tells.
+    fn or(self, other: Self) -> Self {
+        let either = |k: usize| match self.sides[k] {
+            Sight::Unknown => other.sides[k],
+            known => known,
+        };
+        Self {
+            apart: self.apart || other.apart,
+            above: self.above || other.above,
+            sides: [either(0), either(1)],
+        }
+    }
+}
+
+/// What holds of a branch for a group.
+#[derive(Clone, Copy)]
+struct Known {
+    /// Window on the runs of triangles that volumes stand for; empty where these are none of its own.
+    taken: [u32; 2],
+    seen: Seen,
+}
+
+impl Known {
+    /// Whether no volume stands for any of its triangles.
+    fn is_free(&self) -> bool {
+        self.taken[0] >= self.taken[1]
+    }
+}
+
+const SIDES: [(f64, u32); 2] = [(1.0, PAIR_FRONT), (-1.0, PAIR_BACK)];
 
 /// The triangles that volumes stand for, by position, ascending.
 struct TakenRuns(Vec<Range<u32>>);
@@ -88,19 +152,36 @@ impl TakenRuns {
         }
     }
 
-    fn of(&self, place: &Place) -> Taken {
+    /// How much of a place is taken, and a window on the runs that contains all that meet it; `among`: one of a place around it.
+    fn of(&self, place: &Place, among: [u32; 2]) -> (Taken, [u32; 2]) {
+        let runs = &self.0[among[0] as usize..among[1] as usize];
         let (mut all, mut some) = (place.all, false);
+        let mut window = [among[1], among[0]];
         for [first, last] in place.runs() {
-            let next = self.0.partition_point(|run| run.end <= first);
-            let meets = self.0.get(next).filter(|run| run.start <= last);
+            let next = runs.partition_point(|run| run.end <= first);
+            let behind = next + runs[next..].partition_point(|run| run.start <= last);
+            let meets = runs[next..behind].first();
             some |= meets.is_some();
             all &= meets.is_some_and(|run| run.start <= first && last < run.end);
+            window = [window[0].min(among[0] + next as u32), window[1].max(among[0] + behind as u32)];
         }
         match (all, some) {
-            (true, true) => Taken::All,
-            (_, true) => Taken::Some,
-            (_, false) => Taken::Nothing,
+            (true, true) => (Taken::All, window),
+            (_, true) => (Taken::Some, window),
+            (_, false) => (Taken::Nothing, [0, 0]),
         }
+    }
+
+    /// Whether a triangle is taken; `among`: the window of a place around it.
+    fn contain(&self, position: u32, among: [u32; 2]) -> bool {
+        let runs = &self.0[among[0] as usize..among[1] as usize];
+        let next = runs.partition_point(|run| run.end <= position);
+        runs.get(next).is_some_and(|run| run.start <= position)
+    }
+
+    /// The window on all.
+    fn all(&self) -> [u32; 2] {
+        [0, self.0.len() as u32]
     }
 }
 
@@ -108,6 +189,8 @@ pub struct Acceptance<'a> {
     input: &'a ClusterInput<'a>,
     tree: &'a Hierarchy,
     receivers: Hierarchy,
+    /// Its leaves, the groups.
+    groups: Vec<usize>,
     branches: Vec<Branch>,
     volumes: Option<VolumeTree<'a>>,
     /// By branch.
@@ -153,7 +236,9 @@ impl<'a> Acceptance<'a> {
         let volumes =
             input.most_volumes.map(|most| VolumeTree::new(input, most, &planes(tree, &branches, input)));
         let places = volumes.as_ref().map_or(Vec::new(), |volumes| places(tree, volumes, input));
-        Self { input, tree, receivers, branches, volumes, places }
+        let leaves = receivers.nodes().iter().enumerate().filter(|(_, node)| node.is_leaf());
+        let groups = leaves.map(|(at, _)| at).collect();
+        Self { input, tree, receivers, groups, branches, volumes, places }
     }
 
     /// The sources of each group of receivers; volumes have the indices from `volumes` on, by their number in the tree. `None` if
@@ -163,16 +248,23 @@ impl<'a> Acceptance<'a> {
         if self.input.leaf == 0 || last >= 1 << (u32::BITS - ENTRY_BITS) {
             return None;
         }
-        let groups: Vec<&Node> = self.receivers.leaf_nodes().collect();
-        let volumes = Some(volumes).filter(|_| self.volumes_pay(&groups));
-        Some(groups.into_par_iter().map(|node| self.list(node, volumes)).collect())
+        let mut together = Vec::new();
+        self.receivers.walk(|_, node| {
+            let few = node.leaves.len() <= AT_ONCE;
+            together.extend(few.then_some(node));
+            !few
+        });
+        let volumes = Some(volumes).filter(|_| self.volumes_pay(&together));
+        Some(together.into_par_iter().flat_map_iter(|node| self.lists_of(node, volumes)).collect())
     }
 
     /// Whether volumes shorten some of the lists enough.
-    fn volumes_pay(&self, groups: &[&Node]) -> bool {
-        let sample: Vec<&Node> = groups.iter().copied().step_by(SAMPLED).collect();
+    fn volumes_pay(&self, receivers: &[&Node]) -> bool {
+        let step = (receivers.len() / LEAST_SAMPLES).clamp(1, SAMPLED);
+        let sample: Vec<&Node> = receivers.iter().copied().step_by(step).collect();
         let length = |volumes: Option<u32>| -> usize {
-            sample.par_iter().map(|node| self.list(node, volumes).len()).sum()
+            let of = |node: &&Node| self.lists_of(node, volumes).iter().map(Vec::len).sum::<usize>();
+            sample.par_iter().map(of).sum()
         };
         self.volumes.is_some() && length(Some(0)) as f64 <= WORTH * length(None) as f64
     }
@@ -182,112 +274,143 @@ impl<'a> Acceptance<'a> {
         self.volumes
     }
 
-    /// Without volumes where `volumes` is `None`.
-    fn list(&self, node: &Node, volumes: Option<u32>) -> Vec<u32> {
-        let &ClusterInput { order, classes, .. } = self.input;
-        let slots = node.slots(LIST as usize, order);
-        let Some(class) = classes.get(slots[0] as usize) else { return Vec::new() };
+    /// The lists of the groups in a branch of receivers, which walk along the tree together: then they read its branches, of which most
+    /// are in no cache, once, and what holds for all is found once. Without volumes where `volumes` is `None`.
+    fn lists_of(&self, receivers: &Node, volumes: Option<u32>) -> Vec<Vec<u32>> {
+        let groups = &self.groups[receivers.leaves.clone()];
+        let mut lists: Vec<List> = groups.iter().map(|&at| self.list(at, volumes)).collect();
+        let mut known = [None; AT_ONCE];
+        for (known, list) in known.iter_mut().zip(&lists) {
+            let first = Known { taken: list.taken.all(), seen: Seen::UNKNOWN };
+            *known = self.class_of(list.to.node).map(|_| first);
+        }
+        self.tree.descend((Seen::UNKNOWN, known), |at, from, (seen, mut known)| {
+            let seen = self.look(receivers, from, &self.branches[at], seen)?;
+            for (known, list) in known.iter_mut().zip(&mut lists) {
+                let now = known.map(|known| Known { seen: known.seen.or(seen), ..known });
+                *known = now.and_then(|known| self.visit(list, at, from, known));
+            }
+            known.iter().any(Option::is_some).then_some((seen, known))
+        });
+        let sorted = |List { mut entries, .. }: List| {
+            entries.sort_unstable();
+            entries
+        };
+        lists.into_iter().map(sorted).collect()
+    }
+
+    /// The class of a group; `None` if it is all padding.
+    fn class_of(&self, node: &Node) -> Option<&Class> {
+        self.input.classes.get(node.slots(LIST as usize, self.input.order)[0] as usize)
+    }
+
+    /// The list of a group, with its volumes.
+    fn list(&self, at: usize, volumes: Option<u32>) -> List<'_> {
+        let node = &self.receivers.nodes()[at];
+        let class = self.class_of(node);
         let half = 0.5 * (node.bounds.max - node.bounds.min);
         let to = Receivers {
             node,
             centre: node.bounds.min.midpoint(node.bounds.max),
             radius: half.length(),
-            bins: class.has_bins(),
+            bins: class.is_some_and(|class| class.has_bins()),
         };
-        let (taken, mut entries) =
-            volumes.map_or((TakenRuns(Vec::new()), Vec::new()), |first| self.volumes(&to, first));
-        self.others(&to, &taken, |entry| entries.push(entry));
-        entries.sort_unstable();
-        entries
+        let mut list = List { to, taken: TakenRuns(Vec::new()), entries: Vec::new() };
+        if let Some((volumes, first)) = self.volumes.as_ref().zip(volumes).filter(|_| class.is_some()) {
+            let List { to, taken, entries } = &mut list;
+            volumes.choose(to, |number, bounds, at| {
+                if !self.input.cull || self.tree.sight(node, bounds, 1.0, true) != Sight::Nothing {
+                    entries.push((first + number) << ENTRY_BITS | PAIR_FRONT | PAIR_BACK);
+                }
+                taken.add(at.clone());
+            });
+        }
+        list
     }
 
-    /// Calls `with` with the entry of each cluster and each triangle that no volume stands for.
-    fn others(&self, to: &Receivers, taken: &TakenRuns, mut with: impl FnMut(u32)) {
+    /// Adds a branch to a list, or those of its triangles that no volume stands for; or returns what holds of its branches, which are
+    /// to be visited.
+    fn visit(&self, list: &mut List, at: usize, from: &Node, known: Known) -> Option<Known> {
         let &ClusterInput { order, leaf, .. } = self.input;
-        self.tree.walk(|at, from| {
-            let branch = &self.branches[at];
-            let part = self.places.get(at).map_or(Taken::Nothing, |place| taken.of(place));
-            if part == Taken::All {
-                return false;
-            }
-            let passing = self.passing(to, from, branch);
-            if passing == 0 || branch.area == 0.0 && branch.facet.area == 0.0 {
-                return false;
-            }
-            let stands = |_: &u32| part == Taken::Nothing && self.stands_for(to, from, branch, passing);
-            if let Some(index) = branch.index.filter(stands) {
-                with(index << ENTRY_BITS | passing);
-                return false;
-            }
-            if from.is_leaf() {
-                let near = if self.is_near(to, from) { PAIR_NEAR } else { 0 };
-                let first = from.leaves.start as u32 * leaf;
-                for (&i, slot) in from.slots(leaf as usize, order).iter().zip(first..) {
-                    if i == PADDING || part == Taken::Some && self.is_taken(taken, slot) {
-                        continue;
-                    }
-                    let passing = self.of_triangle(to, i as usize, passing);
-                    if passing != 0 {
-                        with(slot << ENTRY_BITS | passing | near);
-                    }
+        let List { to, taken, entries } = list;
+        let branch = &self.branches[at];
+        let (part, window) = match self.places.get(at) {
+            Some(place) if !known.is_free() => taken.of(place, known.taken),
+            _ => (Taken::Nothing, [0, 0]),
+        };
+        if part == Taken::All || branch.area == 0.0 && branch.facet.area == 0.0 {
+            return None;
+        }
+        let known = Known { taken: window, seen: self.look(to.node, from, branch, known.seen)? };
+        let passing = self.passing(branch, &known);
+        let stands = |_: &u32| known.is_free() && self.stands_for(to, from, branch, passing, &known);
+        if let Some(index) = branch.index.filter(stands) {
+            entries.push(index << ENTRY_BITS | passing);
+            return None;
+        }
+        if from.is_leaf() {
+            let near = if known.seen.apart { 0 } else { PAIR_NEAR };
+            let first = from.leaves.start as u32 * leaf;
+            for (&i, slot) in from.slots(leaf as usize, order).iter().zip(first..) {
+                let position = || self.volumes.as_ref().and_then(|volumes| volumes.position(slot));
+                let is_taken = |at| taken.contain(at, known.taken);
+                if i == PADDING || !known.is_free() && position().is_some_and(is_taken) {
+                    continue;
+                }
+                let passing = self.of_triangle(to, i as usize, passing, &known);
+                if passing != 0 {
+                    entries.push(slot << ENTRY_BITS | passing | near);
                 }
             }
-            true
-        });
+        }
+        Some(known)
     }
 
-    fn is_taken(&self, taken: &TakenRuns, slot: u32) -> bool {
-        let position = self.volumes.as_ref().and_then(|volumes| volumes.position(slot));
-        taken.of(&Place::of(position)) == Taken::All
-    }
-
-    /// The triangles that volumes stand for, in place of some of the others, and the entries of these volumes.
-    fn volumes(&self, to: &Receivers, first: u32) -> (TakenRuns, Vec<u32>) {
-        let (mut taken, mut entries) = (TakenRuns(Vec::new()), Vec::new());
-        let Some(volumes) = &self.volumes else { return (taken, entries) };
-        volumes.choose(to, |number, bounds, at| {
-            let seen = !self.input.cull || self.tree.sight(to.node, bounds, 1.0, true) != Sight::Nothing;
-            if seen {
-                entries.push((first + number) << ENTRY_BITS | PAIR_FRONT | PAIR_BACK);
+    /// What bounds tell of a branch and receivers; `None` if none of these can see it.
+    fn look(&self, to: &Node, from: &Node, branch: &Branch, seen: Seen) -> Option<Seen> {
+        let apart =
+            seen.apart || !are_near(to, &from.bounds, from.characteristic_area, self.input.half_range);
+        if !self.input.cull {
+            return Some(Seen { apart, ..seen });
+        }
+        let above = seen.above
+            || match self.tree.sight(to, &from.bounds, 1.0, false) {
+                Sight::Nothing => return None,
+                Sight::Unknown => false,
+                Sight::Each => true,
+            };
+        let mut sides = seen.sides;
+        for (sight, (side, bit)) in sides.iter_mut().zip(SIDES) {
+            if *sight == Sight::Unknown && (bit == PAIR_FRONT || branch.may_block() || branch.turn > FLAT) {
+                *sight = self.tree.sight(from, &to.bounds, side, to.is_leaf());
             }
-            taken.add(at.clone());
-        });
-        (taken, entries)
+        }
+        let sees = sides[0] != Sight::Nothing || sides[1] != Sight::Nothing && branch.may_block();
+        sees.then_some(Seen { apart, above, sides })
     }
 
     /// What a branch can send to a group at most.
-    fn passing(&self, to: &Receivers, from: &Node, branch: &Branch) -> u32 {
-        let back = if branch.index.is_none() || branch.blocker { PAIR_BACK } else { 0 };
-        if !self.input.cull {
-            return PAIR_FRONT | back;
-        }
-        let sight = |of: &Node, at: &Node, side: f64| self.tree.sight(of, &at.bounds, side, true);
-        if sight(to.node, from, 1.0) == Sight::Nothing {
-            return 0;
-        }
-        let seen = |side: f64, bit: u32| if sight(from, to.node, side) == Sight::Nothing { 0 } else { bit };
-        seen(1.0, PAIR_FRONT) | if back == 0 { 0 } else { seen(-1.0, PAIR_BACK) }
+    fn passing(&self, branch: &Branch, known: &Known) -> u32 {
+        let can = |(seen, (_, bit)): (&Sight, (f64, u32))| {
+            let sends = bit == PAIR_FRONT || branch.may_block();
+            if sends && *seen != Sight::Nothing { bit } else { 0 }
+        };
+        known.seen.sides.iter().zip(SIDES).map(can).sum()
     }
 
     /// What a triangle can send, of what its leaf can.
-    fn of_triangle(&self, to: &Receivers, i: usize, passing: u32) -> u32 {
+    fn of_triangle(&self, to: &Receivers, i: usize, passing: u32, known: &Known) -> u32 {
         let ClusterInput { facets, classes, cull, .. } = self.input;
-        let can = |side: f64, bit: u32| match passing & bit != 0
-            && (!cull || !self.tree.misses(&facets[i], &to.node.bounds, side))
-        {
-            true => bit,
-            false => 0,
+        let can = |(seen, (side, bit)): (&Sight, (f64, u32))| {
+            let sends = passing & bit != 0 && (bit == PAIR_FRONT || classes[i].blocker);
+            let seen =
+                || !cull || *seen == Sight::Each || !self.tree.misses(&facets[i], &to.node.bounds, side);
+            if sends && seen() { bit } else { 0 }
         };
-        let back = if classes[i].blocker { can(-1.0, PAIR_BACK) } else { 0 };
-        can(1.0, PAIR_FRONT) | back
+        known.seen.sides.iter().zip(SIDES).map(can).sum()
     }
 
-    /// Whether any pair may be within the near field.
-    fn is_near(&self, to: &Receivers, from: &Node) -> bool {
-        to.are_near(&from.bounds, from.characteristic_area, self.input.half_range)
-    }
-
-    fn stands_for(&self, to: &Receivers, from: &Node, branch: &Branch, passing: u32) -> bool {
+    fn stands_for(&self, to: &Receivers, from: &Node, branch: &Branch, passing: u32, known: &Known) -> bool {
         let facet = &branch.facet;
         let nearest = facet.centroid.clamp(to.node.bounds.min, to.node.bounds.max);
         let r2 = facet.centroid.distance_squared(nearest);
@@ -300,11 +423,15 @@ impl<'a> Acceptance<'a> {
         };
         let widest2 = wide.min(WIDEST * WIDEST);
         // In this form, a distance of zero accepts nothing.
-        if !(angle2 <= widest2 && branch.turn <= WIDEST) || self.is_near(to, from) {
+        if !(angle2 <= widest2 && branch.turn <= WIDEST && known.seen.apart) {
             return false;
         }
         let angle = angle2.sqrt();
-        let edge_on = branch.turn > FLAT && passing & PAIR_FRONT != 0 && self.sees_back(to, from);
+        let sees_back = || match self.input.cull {
+            true => known.seen.sides[1] != Sight::Nothing,
+            false => self.tree.sight(from, &to.node.bounds, -1.0, true) != Sight::Nothing,
+        };
+        let edge_on = branch.turn > FLAT && passing & PAIR_FRONT != 0 && sees_back();
         let direction = (facet.centroid - to.centre).normalize_or_zero();
         let wide = (to.radius + branch.size) / r2.sqrt();
         let received = (Hierarchy::steepest(to.node, direction) + wide).clamp(0.0, 1.0);
@@ -318,10 +445,6 @@ impl<'a> Acceptance<'a> {
         let turned = if edge_on { branch.turn } else { 0.0 };
         let uneven = if passing & PAIR_FRONT != 0 { branch.offset * branch.offset / r2 } else { 0.0 };
         share * second_order.max(in_bins).max(turned + uneven) <= self.input.error
-    }
-
-    fn sees_back(&self, to: &Receivers, from: &Node) -> bool {
-        self.tree.sight(from, &to.node.bounds, -1.0, true) != Sight::Nothing
     }
 }
 

@@ -7,7 +7,7 @@
 //! I(ω) = Σ a_i |⟨n_i, ω⟩| (front: L_i(ω); back: -A_i(-ω)), in which what fronts send and what backs cancel are one. The first moment of
 //! the places of triangles along ω is left out on purpose: seen from its centre a sphere that shines evenly is exact without.
 
-use super::acceptance::{Receivers, WIDEST};
+use super::acceptance::{Receivers, WIDEST, are_near};
 use super::moments::Moments;
 use super::{ClusterInput, ClusterRun};
 use crate::model::class::Class;
@@ -221,7 +221,7 @@ impl<'a> VolumeTree<'a> {
         let nearest = centroid.clamp(receivers.min, receivers.max);
         let r2 = centroid.distance_squared(nearest);
         let angle2 = moments.spread() / r2;
-        let near = to.are_near(bounds, branch.characteristic_area, self.input.half_range);
+        let near = are_near(to.node, bounds, branch.characteristic_area, self.input.half_range);
         // At a distance of zero the angle is no number, or infinite.
         let narrow = angle2 <= WIDEST * WIDEST;
         if near || !narrow {

@@ -1,7 +1,7 @@
 //! Close pairs, which are integrated piecewise: O(N) of them.
 
 use super::{FarRuns, PAIR_NEAR};
-use crate::model::{Class, Clusters, Facet, LIST, PADDING, reaches};
+use crate::model::{BoundedRun, Class, Clusters, Facet, LIST, PADDING, reaches};
 use crate::plan::PlanError;
 use crate::plan::TileLayout;
 use rayon::prelude::*;
@@ -28,8 +28,8 @@ impl NearPairs {
         tolerance: f64,
     ) -> Result<Self, PlanError> {
         let tile = layout.tile as usize;
-        Self::among(layout, facets, classes, half_range, tolerance, |slot| {
-            far.passing((slot / tile) as u32, &(0..layout.tiles()), PAIR_NEAR)
+        Self::among(layout, facets, classes, half_range, tolerance, layout.tile, |of| {
+            far.passing(of, &(0..layout.tiles()), PAIR_NEAR)
                 .flat_map(move |s| s as usize * tile..(s as usize + 1) * tile)
         })
     }
@@ -43,20 +43,22 @@ impl NearPairs {
         half_range: f64,
         tolerance: f64,
     ) -> Result<Self, PlanError> {
-        Self::among(layout, facets, classes, half_range, tolerance, |slot| {
-            let sources = clusters.sources().sources(slot as u32 / LIST);
+        Self::among(layout, facets, classes, half_range, tolerance, LIST, |list| {
+            let sources = clusters.sources().sources(list);
             sources.filter(|(_, passing)| passing & PAIR_NEAR != 0).map(|(source, _)| source as usize)
         })
     }
 
-    /// The close ones of the pairs that `candidates` lists: for a receiver's slot those of sources, ascending.
+    /// The close ones of the pairs that `candidates` lists: for a run of so many receivers, by its number, the slots of sources,
+    /// ascending.
     fn among<C: Iterator<Item = usize>>(
         layout: &TileLayout,
         facets: &[Facet],
         classes: &[Class],
         half_range: f64,
         tolerance: f64,
-        candidates: impl Fn(usize) -> C + Sync,
+        run: u32,
+        candidates: impl Fn(u32) -> C + Sync,
     ) -> Result<Self, PlanError> {
         let real = |slot: usize| Some(layout.order[slot]).filter(|&i| i != PADDING).map(|i| i as usize);
         let close = |j: usize, i: usize| {
@@ -67,16 +69,27 @@ impl NearPairs {
                 && (reaches(from, to, 1.0, tolerance)
                     || classes[i].blocker && reaches(from, to, -1.0, tolerance))
         };
-        let lists: Vec<Vec<u32>> = (0..layout.slots() as usize)
-            .into_par_iter()
-            .map(|slot| {
-                let Some(j) = real(slot) else { return Vec::new() };
-                candidates(slot)
-                    .filter(|&source| real(source).is_some_and(|i| close(j, i)))
-                    .map(|source| source as u32)
-                    .collect()
-            })
-            .collect();
+        let lists_of = |number: u32| -> Vec<Vec<u32>> {
+            let slots = number * run..(number + 1) * run;
+            let receivers = slots.clone().filter_map(|slot| real(slot as usize)).map(|j| &facets[j]);
+            let around = BoundedRun::around(receivers.clone());
+            let largest = receivers.map(|f| f.characteristic_area).fold(0.0, f64::max);
+            // Most sources are far from all of them.
+            let within = |&(_, i): &(u32, usize)| {
+                let from = &facets[i];
+                let nearest = from.centroid.clamp(around.min, around.max);
+                nearest.distance_squared(from.centroid) < half_range * (largest + from.characteristic_area)
+            };
+            let sources = candidates(number).filter_map(|slot| Some((slot as u32, real(slot)?)));
+            let sources: Vec<(u32, usize)> = sources.filter(within).collect();
+            let of = |slot: u32| {
+                let Some(j) = real(slot as usize) else { return Vec::new() };
+                sources.iter().filter(|&&(_, i)| close(j, i)).map(|&(source, _)| source).collect()
+            };
+            slots.map(of).collect()
+        };
+        let lists: Vec<Vec<u32>> =
+            (0..layout.slots() / run).into_par_iter().flat_map_iter(lists_of).collect();
         let count = lists.iter().map(Vec::len).sum::<usize>();
         if u32::try_from(count).is_err() {
             return Err(PlanError::TooManyPairs { what: "close pairs", count: count as u64 });

@@ -1,0 +1,66 @@
+#ifndef ABREAST_GLSL
+#define ABREAST_GLSL
+// Which targets the lanes of a workgroup accumulate sums of, and which partners they take. On CPU drivers a lane owns a target, and
+// walks along all its partners. Where targets have bins, as many in the private memory of each lane of a GPU would lie in its main
+// memory: there ABREAST lanes share a target, and each takes one partner in so many.
+
+// Lanes of the workgroup: as a constant of its own, since Metal takes gl_WorkGroupSize for no constant size of an array.
+layout(constant_id = 13) const uint WORKGROUP = 1;
+// Lanes that share a target: 1 or 8.
+layout(constant_id = 15) const uint ABREAST = 1;
+
+const bool TARGETS_ARE_SHARED = ABREAST > 1;
+const uint TARGETS = WORKGROUP / ABREAST;
+
+// Which of the workgroup's targets is that of a lane. Neighbouring lanes read the same partner.
+uint lane_target() {
+    return gl_LocalInvocationID.x % TARGETS;
+}
+
+// The first partner of a lane.
+uint lane_turn() {
+    return gl_LocalInvocationID.x / TARGETS;
+}
+
+shared uint vote;
+const uint SUMMANDS = TARGETS_ARE_SHARED ? 3 * WORKGROUP : 1;
+shared real summands[SUMMANDS];
+
+// Whether `own` is true for any lane that must go on together with this one. All lanes must call it.
+bool any_abreast(bool own) {
+    if (TARGETS_ARE_SHARED) {
+        // Nobody reads the one before any more.
+        barrier();
+        if (gl_LocalInvocationID.x == 0) {
+            vote = 0;
+        }
+        barrier();
+        if (own) {
+            atomicOr(vote, 1);
+        }
+        barrier();
+        return vote != 0;
+    }
+    return own;
+}
+
+// The sum over the lanes that share a target, in the order of their turns. All lanes must call it.
+real3 total(real3 own) {
+    if (TARGETS_ARE_SHARED) {
+        uint lane = gl_LocalInvocationID.x;
+        barrier();
+        for (uint channel = 0; channel < 3; channel++) {
+            summands[3 * lane + channel] = own[channel];
+        }
+        barrier();
+        real3 sum = real3(0.0);
+        for (uint turn = 0; turn < ABREAST; turn++) {
+            uint of = 3 * (turn * TARGETS + lane_target());
+            sum += real3(summands[of], summands[of + 1], summands[of + 2]);
+        }
+        return sum;
+    }
+    return own;
+}
+
+#endif
