@@ -1,8 +1,10 @@
 #ifndef ABREAST_GLSL
 #define ABREAST_GLSL
 // Which targets the lanes of a workgroup accumulate sums of, and which partners they take. On CPU drivers a lane owns a target, and
-// walks along all its partners. Where targets have bins, as many in the private memory of each lane of a GPU would lie in its main
-// memory: there ABREAST lanes share a target, and each takes one partner in so many.
+// walks along all its partners. On GPUs ABREAST lanes share a target, and each takes one partner in so many, where targets have bins,
+// as a set for each lane would not fit a GPU's registers, and where there are too few targets for a lane each.
+
+#include "real.glsl"
 
 // Lanes of the workgroup: as a constant of its own, since Metal takes gl_WorkGroupSize for no constant size of an array.
 layout(constant_id = 13) const uint WORKGROUP = 1;
@@ -14,12 +16,12 @@ const uint TARGETS = WORKGROUP / ABREAST;
 
 // Which of the workgroup's targets is that of a lane. Neighbouring lanes read the same partner.
 uint lane_target() {
-    return gl_LocalInvocationID.x % TARGETS;
+    return TARGETS_ARE_SHARED ? gl_LocalInvocationID.x % TARGETS : gl_LocalInvocationID.x;
 }
 
 // The first partner of a lane.
 uint lane_turn() {
-    return gl_LocalInvocationID.x / TARGETS;
+    return TARGETS_ARE_SHARED ? gl_LocalInvocationID.x / TARGETS : 0;
 }
 
 shared uint vote;

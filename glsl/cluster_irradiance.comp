@@ -3,7 +3,7 @@
 #extension GL_KHR_shader_subgroup_basic : require
 // U from diffuse fronts to triangles without bins, point to point, over lists of clusters and triangles:
 //     E_j += max(cos_j, 0) max(cos_i, 0) g_ij a_i L_i,   g = 1 / (r² + a_i/π).
-// A workgroup owns the receivers of one list, LIST / LANES of them in the registers of each lane. Twin:
+// A workgroup owns the receivers of one list, LIST / LANES of them in the registers of each lane; or lanes share them (abreast.glsl). Twin:
 // src/reference/clusters.rs.
 
 #include "geometry.glsl"
@@ -20,11 +20,11 @@ layout(std430, binding = 3) readonly buffer Radiance { real4 radiance[]; };
 
 #include "far_list.glsl"
 
-const uint PER_LANE = LIST / LANES;
+const uint PER_LANE = TARGETS_ARE_SHARED ? 1 : LIST / LANES;
 
 void main() {
     uint list = target_list + gl_WorkGroupID.x;
-    uint first = list * LIST + gl_LocalInvocationID.x;
+    uint first = list * LIST + gl_WorkGroupID.y * TARGETS + lane_target();
     real3 centre[PER_LANE], normal[PER_LANE], sum[PER_LANE];
     real characteristic_area[PER_LANE];
     for (uint k = 0; k < PER_LANE; k++) {
@@ -35,7 +35,7 @@ void main() {
         sum[k] = real3(0.0);
     }
     uvec2 entries = part_of_list(list);
-    for (uint at = entries.x; at < entries.y; at += LANES) {
+    for (uint at = entries.x; at < entries.y; at += STEP) {
         uint count = fetch(at, entries.y);
         for (uint i = 0; i < count; i++) {
             uint bits = fetched_entry(i) & passing;
@@ -68,6 +68,9 @@ void main() {
     }
     for (uint k = 0; k < PER_LANE; k++) {
         // Padding is within the horizon of everything.
-        irradiance[first + k * LANES].rgb += characteristic_area[k] > 0.0 ? sum[k] : real3(0.0);
+        real3 all = total(sum[k]);
+        if (lane_turn() == 0) {
+            irradiance[first + k * LANES].rgb += characteristic_area[k] > 0.0 ? all : real3(0.0);
+        }
     }
 }

@@ -24,7 +24,8 @@ void walk_pieces(
         bool whole = !directional && !RECEIVER_BINS;
         uint pieces = !front && !directional ? 0 : whole ? 1 : 4;
         for (uint from = lane_turn() % halves; from < (TARGETS_ARE_SHARED ? 4 : pieces); from += halves) {
-            real wanted = from < pieces ? near : real(0.0);
+            bool taken = !TARGETS_ARE_SHARED || from < pieces;
+            real wanted = taken ? near : real(0.0);
             real3 p = u, q = v, r = w;
             if (!whole) {
                 quarter(from, p, q, r);
@@ -36,7 +37,7 @@ void walk_pieces(
             }
             piece(p, q, r, point, wanted * 0.25, wanted * far * 0.25);
             settle_deposits();
-            for (uint finer = any_abreast(wanted > 0.0 && far < 1.0) ? 0 : 16; finer < 16; finer++) {
+            for (uint finer = any_abreast(taken && far < 1.0) ? 0 : 16; finer < 16; finer++) {
                 real3 p2 = p, q2 = q, r2 = r, e2 = e, f2 = f, g2 = g;
                 quarter(finer & 3, p2, q2, r2);
                 quarter(finer >> 2, e2, f2, g2);

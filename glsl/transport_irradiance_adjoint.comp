@@ -4,13 +4,14 @@
 //     μ_i += a_i Σ_j max(cos_i, 0) max(cos_j, 0) g_ij λ_j,   g = 1 / (r² + a_i/π).
 // transport_irradiance.comp with sources as targets. Twin: src/reference/adjoint.rs.
 
+#include "abreast.glsl"
 #include "geometry.glsl"
 #include "near_field.glsl"
 
 layout(local_size_x_id = 0) in;
 layout(constant_id = 0) const uint LANES = 8;
 layout(constant_id = 1) const uint TILE = 64;
-const uint PER_LANE = TILE / LANES;
+const uint PER_LANE = TARGETS_ARE_SHARED ? 1 : TILE / LANES;
 
 layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
 layout(std430, binding = 1) readonly buffer FarRuns { uint far_runs[]; };
@@ -25,10 +26,11 @@ layout(std430, binding = 2) buffer Radiance { real4 radiance[]; };
 
 void main() {
     uint tile = target_tile + gl_WorkGroupID.x;
+    uint first = tile * TILE + gl_WorkGroupID.y * TARGETS + lane_target();
     real3 centre[PER_LANE], normal[PER_LANE], sum[PER_LANE];
     real characteristic_area[PER_LANE], area[PER_LANE];
     for (uint k = 0; k < PER_LANE; k++) {
-        Facet f = facets[tile * TILE + k * LANES + gl_LocalInvocationID.x];
+        Facet f = facets[first + k * LANES];
         centre[k] = f.centre;
         normal[k] = f.normal;
         characteristic_area[k] = f.characteristic_area;
@@ -45,7 +47,7 @@ void main() {
         uint near_receivers = (flags & PAIR_NEAR) != 0 ? receivers : 0;
         uint far_receivers = receivers - near_receivers;
         uint at = (begin - partner_begin) * TILE;
-        for (uint j = at; j < at + far_receivers; j++) {
+        for (uint j = at + lane_turn(); j < at + far_receivers; j += ABREAST) {
             Facet f = partners[j];
             real3 l = partner_cotangent[j].rgb;
             for (uint k = 0; k < PER_LANE; k++) {
@@ -55,7 +57,7 @@ void main() {
                 sum[k] += l * (cosines / (r2 * (r2 + area[k] * INV_PI)));
             }
         }
-        for (uint j = at; j < at + near_receivers; j++) {
+        for (uint j = at + lane_turn(); j < at + near_receivers; j += ABREAST) {
             Facet f = partners[j];
             real3 l = partner_cotangent[j].rgb;
             for (uint k = 0; k < PER_LANE; k++) {
@@ -68,6 +70,9 @@ void main() {
         }
     }
     for (uint k = 0; k < PER_LANE; k++) {
-        radiance[tile * TILE + k * LANES + gl_LocalInvocationID.x].rgb += area[k] * sum[k];
+        real3 all = total(area[k] * sum[k]);
+        if (lane_turn() == 0) {
+            radiance[first + k * LANES].rgb += all;
+        }
     }
 }

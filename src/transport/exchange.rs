@@ -121,7 +121,7 @@ impl Exchange {
             constants: [&shape.constants(plan)[..], &[(10, u32::from(plan.half_bins()))]].concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()),
-            deposits: u64::from(shape.receiver_bins),
+            deposits: Some(u64::from(shape.receiver_bins)),
             shape: shape.name(),
         };
         Shape::sweeps(device, plan, kernels)

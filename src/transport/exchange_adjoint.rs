@@ -45,7 +45,7 @@ impl ExchangeAdjoint {
             constants: shape.constants(plan),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.receiver_bins),
-            deposits: u64::from(shape.source.blocker) + u64::from(shape.source.glossy),
+            deposits: Some(u64::from(shape.source.blocker) + u64::from(shape.source.glossy)),
             shape: shape.name(),
         };
         Shape::sweeps(device, plan, kernels)

@@ -129,8 +129,8 @@ pub struct Kernels<'a> {
     pub take: u32,
     /// Ends of a pair, 0 to 2, at which four bins are read; for the profile.
     pub gathers: u64,
-    /// Sets of bins that a lane of `far` accumulates.
-    pub deposits: u64,
+    /// Sets of bins that are accumulated of a target; `None` where that is something else, and lanes cannot share a target.
+    pub deposits: Option<u64>,
     /// Name of the shape in the profile.
     pub shape: String,
 }
@@ -213,18 +213,18 @@ impl<'a> Between<'a> {
 
 impl Sweep {
     pub fn new(device: &Device, plan: &Plan, kernels: Kernels) -> Result<Self, GpuError> {
+        let Kernels { far, near, single, by_source, constants, take, gathers, deposits, shape } = kernels;
         let precision = plan.settings.precision;
         let info = device.info();
         let listed = plan.clusters().is_some();
         let targets = match listed {
             false => plan.options.tile,
-            true if kernels.by_source => SOURCES,
+            true if by_source => SOURCES,
             true => LIST,
         };
-        let shared = Abreast::new(device, plan, kernels.deposits, targets);
+        let shared = Abreast::new(device, plan, deposits, targets);
         // Wide subgroups cover several groups of sources.
-        let wide =
-            shared.is_none() && listed && kernels.by_source && info.subgroup_size.is_multiple_of(targets);
+        let wide = shared.is_none() && listed && by_source && info.subgroup_size.is_multiple_of(targets);
         let lanes = match shared {
             Some(shared) => shared.lanes(),
             None if wide => info.subgroup_size,
@@ -236,18 +236,19 @@ impl Sweep {
         // part of one. Other kernels work at any size.
         let barrier = listed && shared.is_none() && lanes <= targets;
         let required = (barrier && lanes >= info.subgroup_size_range.0).then_some(lanes);
-        let Kernels { far, near, single, by_source, constants, take, gathers, deposits, shape } = kernels;
         let real = precision.bytes() as f64;
         let gathered = gathers as f64 * 4.0 * f64::from(plan.channels) * real;
         // A source is read once for all triangles of a subgroup.
+        let single = single || shared.is_some();
         let per_target = f64::from(if single { side } else { targets });
-        let in_workgroup = |lanes| u32::from(shares_deposits(device, plan, lanes, deposits));
+        let in_workgroup = |lanes| u32::from(shares_deposits(device, plan, lanes, deposits.unwrap_or(0)));
         let own = if listed { LIST } else { targets };
-        let abreast: Vec<_> = shared.map(|_| (15, Abreast::LANES)).into_iter().collect();
+        let abreast =
+            |shared: Option<Abreast>| shared.map(|_| (15, Abreast::LANES)).into_iter().collect::<Vec<_>>();
         let of_far = [
             &[(0, lanes), (if listed { 12 } else { 1 }, own), (11, in_workgroup(lanes)), (13, lanes)][..],
             &constants,
-            &abreast,
+            &abreast(shared),
         ]
         .concat();
         // Its targets are anywhere.
@@ -255,9 +256,12 @@ impl Sweep {
         let near_targets =
             near_shared.map_or(info.subgroup_size.min(plan.options.tile), |shared| shared.targets);
         let near_lanes = near_shared.map_or(near_targets, Abreast::lanes);
-        let of_near =
-            [&[(0, near_lanes), (11, in_workgroup(near_lanes)), (13, near_lanes)][..], &constants, &abreast]
-                .concat();
+        let of_near = [
+            &[(0, near_lanes), (11, in_workgroup(near_lanes)), (13, near_lanes)][..],
+            &constants,
+            &abreast(near_shared),
+        ]
+        .concat();
         let far_push = match listed {
             false => size_of::<FarPush>(),
             true if by_source => size_of::<ReceiversPush>(),
@@ -269,7 +273,7 @@ impl Sweep {
             workgroups: if single { (targets / side).max(1) } else { 1 },
             side_by_side: if wide { lanes / targets } else { 1 },
             run_tiles: match device.kernels_for() {
-                DeviceKind::Cpu if gathers > 0 && deposits == 0 => cached_tiles(plan),
+                DeviceKind::Cpu if gathers > 0 && deposits.is_none_or(|sets| sets == 0) => cached_tiles(plan),
                 _ => plan.partner_tiles(),
             },
             near: near
@@ -556,7 +560,8 @@ fn busy_targets(list: &NearPairs, targets: Range<u32>, partners: &Range<u32>) ->
     targets
 }
 
-/// Targets with bins whose sums the lanes of a workgroup of a GPU accumulate together (glsl/abreast.glsl).
+/// Targets whose sums the lanes of a workgroup of a GPU accumulate together (glsl/abreast.glsl): those with bins, which would fill the
+/// memory of each lane; and others where there are so few that with a lane each most of the GPU would idle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Abreast {
     targets: u32,
@@ -572,11 +577,15 @@ impl Abreast {
     /// Bins that fit the 16 bits of a note.
     const BINS: u64 = 1 << 16;
 
+    /// Triangles that are few: with a lane each, a thousand subgroups of 32.
+    const FEW: u32 = 1 << 15;
+
     /// As many of a tile, list or group of `targets` as have room for `sets` sets of bins in workgroup memory. `None` for CPU drivers,
-    /// for kernels without bins, and where there is no room for one.
-    fn new(device: &Device, plan: &Plan, sets: u64, targets: u32) -> Option<Self> {
-        let bins = sets * plan.bins.count() as u64;
-        if bins == 0 || bins >= Self::BINS || device.kernels_for() == DeviceKind::Cpu {
+    /// and where there is no room for one.
+    fn new(device: &Device, plan: &Plan, sets: Option<u64>, targets: u32) -> Option<Self> {
+        let bins = sets? * plan.bins.count() as u64;
+        let many = bins == 0 && plan.layout.slots() >= Self::FEW;
+        if many || bins >= Self::BINS || device.kernels_for() == DeviceKind::Cpu {
             return None;
         }
         let real = plan.settings.precision.bytes();
