@@ -28,6 +28,9 @@ const WIDE_IN_BINS: f64 = 2.5;
 /// Square of the largest σ/r over the solid angle of a bin, where bins are read or filled and derivatives are wanted: these see how
 /// light changes from bin to bin.
 const WIDE_IN_SLOPES: f64 = 0.02;
+/// Square of the largest δ over the error, where bins of the cluster are read: its share of the light alone would let any curved cluster
+/// pass where there are very many.
+const TURNED_IN_BINS: f64 = 4.0;
 /// Largest σ/r, and δ, for any error: beyond, higher orders count.
 pub const WIDEST: f64 = 0.2;
 /// Length of lists with volumes over that without, up to which there are volumes: they err more than clusters of one normal.
@@ -422,8 +425,15 @@ impl<'a> Acceptance<'a> {
             true => WIDE_IN_BINS * self.input.error,
         };
         let widest2 = wide.min(WIDEST * WIDEST);
+        let bins_are_read = passing & PAIR_BACK != 0 || branch.glossy;
+        let turned = if bins_are_read { branch.turn } else { 0.0 };
+        let most_turned2 = match self.input.slopes {
+            true => WIDEST * WIDEST,
+            false => (TURNED_IN_BINS * self.input.error).min(WIDEST * WIDEST),
+        };
+        let flat = branch.turn <= WIDEST && turned * turned <= most_turned2;
         // In this form, a distance of zero accepts nothing.
-        if !(angle2 <= widest2 && branch.turn <= WIDEST && known.seen.apart) {
+        if !(angle2 <= widest2 && flat && known.seen.apart) {
             return false;
         }
         let angle = angle2.sqrt();
@@ -440,11 +450,10 @@ impl<'a> Acceptance<'a> {
         let back = if passing & PAIR_BACK != 0 { self.input.backs * branch.area } else { 0.0 };
         let share = received * sent * light.max(back) / (PI * r2);
         let second_order = angle * (angle + branch.turn);
-        let turn = if passing & PAIR_BACK != 0 || branch.glossy { branch.turn } else { 0.0 };
-        let in_bins = if bins { (angle2 + turn * turn) / self.input.bin } else { 0.0 };
-        let turned = if edge_on { branch.turn } else { 0.0 };
+        let in_bins = if bins { (angle2 + turned * turned) / self.input.bin } else { 0.0 };
+        let inclined = if edge_on { branch.turn } else { 0.0 };
         let uneven = if passing & PAIR_FRONT != 0 { branch.offset * branch.offset / r2 } else { 0.0 };
-        share * second_order.max(in_bins).max(turned + uneven) <= self.input.error
+        share * second_order.max(in_bins).max(inclined + uneven) <= self.input.error
     }
 }
 
