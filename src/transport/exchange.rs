@@ -156,6 +156,7 @@ impl Exchange {
                 let incident = part.map(|part| y.receive(device, &part)).transpose()?;
                 receivers.push((plan.own(t), incident.unwrap_or_else(none)));
             }
+            let mut wanted = Vec::new();
             for piece in &pieces {
                 let from = &piece.part;
                 let reached = |to: &Group| plan.anything_passes(&to.tiles, &from.tiles);
@@ -164,15 +165,17 @@ impl Exchange {
                     monitor.done(Sweep::far_pairs(plan, to, from))?;
                 }
                 // Others may need what this rank shows.
-                if lit.is_empty() && plan.options.ranks == 1 {
-                    continue;
+                if !lit.is_empty() || plan.options.ranks > 1 {
+                    wanted.push((piece, lit));
                 }
-                let light = x.zip(Part::of_piece(plan, piece));
-                let light = light.map(|(x, part)| x.show(device, &part)).transpose()?;
+            }
+            let mut from_piece = |number: usize, light: Option<View>| {
+                let (piece, lit) = &wanted[number];
+                let from = &piece.part;
                 let specular = reflection.specular_under(context, piece, light.as_ref(), monitor)?;
                 let antiradiance = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
                 let slots = plan.layout.slots_of(&from.tiles);
-                for (to, incident) in &lit {
+                for (to, incident) in lit {
                     let shape = Shape::new(from.class, to.class);
                     let sweep = sweep_of(&mut self.sweeps, shape)?;
                     let received = Received::new(
@@ -208,13 +211,13 @@ impl Exchange {
                     }
                     let of_clusters = clusters.gather(context, piece.group, &triangles, backs)?;
                     for sources in [triangles, of_clusters] {
-                        for (to, incident) in &lit {
+                        for (to, incident) in lit {
                             let sweep = sweep_of(&mut self.sweeps, Shape::new(from.class, to.class))?;
                             let light = (irradiance.slice(), incident);
                             add_listed(context, sweep, &sources, to, light, passing, monitor)?;
                         }
                     }
-                    continue;
+                    return Ok(());
                 }
                 // Half bins are valid for the sources of one dispatch.
                 let half_bins = self.half_bins.as_ref().filter(|_| from.class.has_bins());
@@ -228,7 +231,7 @@ impl Exchange {
                         }
                         None => [antiradiance, specular],
                     };
-                    for (to, incident) in &lit {
+                    for (to, incident) in lit {
                         let shape = Shape::new(from.class, to.class);
                         let sweep = sweep_of(&mut self.sweeps, shape)?;
                         let tiles = part.tiles.clone();
@@ -258,6 +261,14 @@ impl Exchange {
                         sweep.far(context, &between, far, &partners, passing, monitor)?;
                     }
                 }
+                Ok(())
+            };
+            match x {
+                Some(x) => {
+                    let parts: Vec<_> = wanted.iter().map(|(piece, _)| Part::of_piece(plan, piece)).collect();
+                    x.show_each(device, &parts, false, from_piece)?;
+                }
+                None => (0..wanted.len()).try_for_each(|number| from_piece(number, None))?,
             }
             if let Some(volumes) = self.volumes.as_ref().filter(|_| first_sweep) {
                 volumes.sum(context)?;

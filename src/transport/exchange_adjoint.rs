@@ -79,9 +79,10 @@ impl ExchangeAdjoint {
         let partners = of_partners(context, &adjoint.receivers);
         let none = View::resident(&scene.no_bins, 0, 0);
         let irradiance = adjoint.receivers.whole();
-        for piece in plan.pieces() {
-            let to = &piece.part;
-            let light = Part::of_piece(plan, &piece).map(|part| x.show(device, &part)).transpose()?;
+        let pieces = plan.pieces();
+        let parts: Vec<_> = pieces.iter().map(|piece| Part::of_piece(plan, piece)).collect();
+        x.show_each(device, &parts, false, |number, light| {
+            let to = &pieces[number].part;
             let incident = light.as_ref().unwrap_or(&none).slice();
             for accumulated in sources {
                 let from = plan.own(accumulated.group);
@@ -150,7 +151,8 @@ impl ExchangeAdjoint {
                 let far = if shape.any_bins() { &far[..] } else { &far[..3] };
                 sweep.far(context, &between, far, &partners, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, monitor)?;
             }
-        }
+            Ok(())
+        })?;
         self.add_near_matrix(context, x, sources, monitor)?;
         let Some(clusters) = &adjoint.clusters else { return Ok(()) };
         for accumulated in sources {
@@ -229,17 +231,14 @@ impl ExchangeAdjoint {
             front,
         };
         let irradiance = adjoint.receivers.whole();
-        for piece in plan.pieces() {
-            let show = |part| match triangles {
-                Some(_) => x.show(device, &part),
-                None => x.show_beside(device, &part),
-            };
-            let light = Part::of_piece(plan, &piece).map(show).transpose()?;
+        let pieces = plan.pieces();
+        let parts: Vec<_> = pieces.iter().map(|piece| Part::of_piece(plan, piece)).collect();
+        x.show_each(device, &parts, triangles.is_none(), |number, light| {
             let incident = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
-            for to in std::iter::once(&own).chain(triangles) {
-                self.received(context, adjoint, (&piece.part, irradiance, incident), to, monitor)?;
-            }
-        }
+            let receivers = (&pieces[number].part, irradiance, incident);
+            let mut targets = std::iter::once(&own).chain(triangles);
+            targets.try_for_each(|to| self.received(context, adjoint, receivers, to, monitor))
+        })?;
         let shares = plan.clusters_by_rank(group);
         let rgb = plan.rgb_bytes();
         let moments = Values { offset: u64::from(plan.sources() - first) * rgb, first, bytes: 3 * rgb };

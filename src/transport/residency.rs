@@ -350,6 +350,42 @@ impl Hosted {
         self.gathered(device, &self.windows.read, part, slots)
     }
 
+    /// Whether other ranks hold bins of the state.
+    pub fn is_apart(&self) -> bool {
+        self.windows.ranks.count() > 1
+    }
+
+    /// See [`State::show_each`](super::state::State::show_each). Holds another part in host memory.
+    pub fn show_each(
+        &self,
+        device: &Device,
+        parts: &[Option<Part>],
+        beside: bool,
+        mut with: impl FnMut(usize, Option<View>) -> Result<(), TransportError>,
+    ) -> Result<(), TransportError> {
+        let window = if beside { &self.windows.write } else { &self.windows.read };
+        std::thread::scope(|scope| {
+            let mut left = parts.iter().flatten();
+            let mut next = || left.next().map(|part| scope.spawn(|| self.download(part)));
+            let mut coming = next();
+            for (number, part) in parts.iter().enumerate() {
+                let Some(part) = part else {
+                    with(number, None)?;
+                    continue;
+                };
+                let brought = coming.take().map(|thread| thread.join());
+                let Some(Ok(values)) = brought else {
+                    return Err(TransportError::missing("bins of other ranks"));
+                };
+                let view = Self::foreign_view(window, part)?;
+                view.upload(device, &values?)?;
+                coming = next();
+                with(number, Some(view))?;
+            }
+            Ok(())
+        })
+    }
+
     /// Bins of some slots, whichever ranks hold them, in a window.
     fn gathered<'a>(
         &self,
@@ -446,6 +482,48 @@ mod tests {
     use super::super::tests::{plan, scene};
     use super::*;
     use crate::gpu::DeviceOptions;
+    use crate::ranks::in_threads;
+    use std::time::{Duration, Instant};
+
+    /// Of two ranks, each with its bins: the next part comes while one is worked on, and all have the values of both.
+    #[test]
+    fn the_next_part_is_on_its_way() {
+        let rank = |ranks: Ranks| {
+            let device = Device::new(&DeviceOptions::default()).expect("a Vulkan device").with_ranks(ranks);
+            let plan = plan(&device, &scene());
+            let windows = Arc::new(Windows::new(&device, &plan, 1, 1).expect("windows"));
+            let hosted = Hosted::new(&windows).expect("a state");
+            let pieces = plan.pieces();
+            let parts: Vec<_> = pieces.iter().map(|piece| Part::of_piece(&plan, piece)).collect();
+            let values = |part: &Part| -> Vec<u8> { (0..part.bytes()).map(|k| (k % 251) as u8).collect() };
+            for part in parts.iter().flatten() {
+                hosted.set(part, &values(part)).expect("a part");
+            }
+            let with_bins = parts.iter().flatten().count();
+            assert!(with_bins > 1 && with_bins < parts.len());
+            let (mut seen, mut bytes) = (0, 0);
+            let all_moved = || device.ranks().moved().into_iter().sum::<u64>();
+            let before = all_moved();
+            let moved = || all_moved() - before;
+            let work = |number: usize, view: Option<View>| {
+                assert_eq!(view.is_some(), parts[number].is_some());
+                let (Some(view), Some(part)) = (view, &parts[number]) else { return Ok(()) };
+                assert!(view.download(&device)? == values(part));
+                (seen, bytes) = (seen + 1, bytes + part.bytes());
+                let waiting = Instant::now();
+                while seen < with_bins && moved() <= bytes {
+                    assert!(waiting.elapsed() < Duration::from_secs(20), "the next part does not come");
+                    std::thread::yield_now();
+                }
+                Ok(())
+            };
+            hosted.show_each(&device, &parts, false, work).expect("all parts");
+            assert_eq!((seen, moved()), (with_bins, bytes));
+        };
+        std::thread::scope(|scope| {
+            in_threads(2).into_iter().for_each(|ranks| drop(scope.spawn(|| rank(ranks))))
+        });
+    }
 
     #[test]
     fn parts_that_a_state_does_not_have_are_errors_not_empty() {

@@ -80,6 +80,26 @@ impl State {
         }
     }
 
+    /// Calls `with` with the number and a view of each of some parts, one after the other. Where other ranks hold bins of them, those of
+    /// the next part come while `with` works on one, which must not communicate with other ranks. `beside`: as by
+    /// [`Self::show_beside`]. All ranks call it.
+    pub fn show_each(
+        &self,
+        device: &Device,
+        parts: &[Option<Part>],
+        beside: bool,
+        mut with: impl FnMut(usize, Option<View>) -> Result<(), TransportError>,
+    ) -> Result<(), TransportError> {
+        match &*self.0 {
+            Memory::Host(hosted) if hosted.is_apart() => hosted.show_each(device, parts, beside, with),
+            _ => parts.iter().enumerate().try_for_each(|(number, part)| {
+                let show =
+                    |part| if beside { self.show_beside(device, part) } else { self.show(device, part) };
+                with(number, part.as_ref().map(show).transpose()?)
+            }),
+        }
+    }
+
     /// The same, valid beside a part of any state that is shown, until one is opened to be written.
     pub fn show_beside(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
