@@ -314,8 +314,7 @@ fn kernels_and_the_host_agree() {
             }
         }
         let lobes = name.starts_with("gl").then_some(["reflect_lobes", "reflect_lobes_adjoint"]);
-        for kernel in ["combine", "combine_dot", "near_matrix"].into_iter().chain(lobes.into_iter().flatten())
-        {
+        for kernel in ["combine", "project", "near_matrix"].into_iter().chain(lobes.into_iter().flatten()) {
             assert!(on_device.iter().any(|row| row == kernel), "{name}: {kernel} of {on_device:?}");
             let cpu = device.info().kind == DeviceKind::Cpu;
             assert_eq!(on_host.iter().any(|row| row == kernel), !cpu, "{name}: {kernel}");

@@ -315,7 +315,6 @@ fn layouts_agree_with_the_shaders() {
     );
     laid_out(&shaders::OBSERVE, "ObservePush", &[("camera_position", 0), ("", 3)], &["begin", "end"]);
     laid_out(&shaders::COMBINE, "Push", &[("a", 0), ("b", 1), ("", 2)], &["count"]);
-    laid_out(&shaders::COMBINE_DOT, "Push", &[("a", 0), ("b", 1), ("", 2)], &["count", "add", "norm"]);
     for shader in [
         shaders::TRANSPORT_IRRADIANCE.of(Precision::F64),
         shaders::TRANSPORT_BINS.of(Precision::F32),
@@ -519,6 +518,12 @@ fn layouts_agree_with_the_shaders() {
         ["first_slice" = first_slice, "skip" = skip, "take" = take]
     );
     check!(shaders::DOT.of(Precision::F64), "DotPush", DotPush, ["count" = count, "add" = add]);
+    check!(
+        shaders::PROJECT.of(Precision::F64),
+        "ProjectPush",
+        ProjectPush,
+        ["count" = count, "add" = add, "norm" = norm, "number" = number]
+    );
 }
 
 /// Clusters of diffuse, blocking and glossy triangles: a room with boxes, and one with a glossy floor.

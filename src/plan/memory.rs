@@ -20,6 +20,8 @@ const FACET_GRADIENT: u64 = 16;
 const CLUSTER_PARTS: u64 = 8;
 /// Lanes of the kernel that sums vectors: enough for any device, few enough for the host to add up.
 pub(crate) const PARTIAL_SUMS: u64 = 4096;
+/// Two slices of partial sums, and the coefficients of a step of GMRES.
+pub(crate) const ALL_SUMS: u64 = 2 * PARTIAL_SUMS + super::LONGEST_RESTART as u64;
 
 /// Labels of memory that is counted here and allocated elsewhere.
 const STAGING: &str = "staging";
@@ -76,7 +78,7 @@ impl MemoryPlan {
         memory.add("near offsets", listed(plan, &near.offsets), 1);
         memory.add("near targets", if plan.lists_on_device() { slots * 4 } else { 0 }, 1);
         memory.add("near sources", listed(plan, &near.partners), 1);
-        memory.add("partial sums", PARTIAL_SUMS * real, 1);
+        memory.add("partial sums", ALL_SUMS * real, 1);
         memory.add("no bins", real, 1);
         memory.add_states(plan);
         for (_, group) in plan.glossy_groups().filter(|_| plan.has_first_bounce()) {

@@ -21,7 +21,7 @@ pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, 
 pub use lamps::LampsReport;
 pub(crate) use lamps::{direct_lamps, has_direct_lamps};
 pub(crate) use lobes::{LOBE_BYTES, LOBE_ROWS, LobeSlots, PlannedLobes};
-pub(crate) use memory::PARTIAL_SUMS;
+pub(crate) use memory::{ALL_SUMS, PARTIAL_SUMS};
 pub use memory::{MemoryItem, MemoryPlan};
 pub use near_matrix::{
     Block, IncidentPart, NO_ROW, NearField, NearMatrix, OutgoingPart, SLICE, SlicedMatrix,
@@ -214,7 +214,7 @@ impl PlannedSolver {
 }
 
 /// The longest Krylov basis worth its memory: rooms need 10 to 14 passes for 1e-4.
-const LONGEST_RESTART: u32 = 16;
+pub(crate) const LONGEST_RESTART: u32 = 16;
 /// The same for each digit of the tolerance where clusters stand for triangles: a pass takes little time there, and the basis is most
 /// of the memory.
 const RESTART_PER_DIGIT: f64 = 2.6;

@@ -97,9 +97,7 @@ pub fn gmres_from<O: LightOperator>(
         started = true;
         let (cycle, y, next) = Cycle::run(operator, &mut basis, params.restart, judge, &mut monitor)?;
         radius.learn(&cycle);
-        for (y, v) in y.into_iter().zip(&basis) {
-            operator.combine(y, v, 1.0, &mut solution)?;
-        }
+        operator.accumulate(&y, &basis, &mut solution)?;
         match next {
             Next::Converged if params.rounding * cycle.gain() <= MARGIN * monitor.enough() => {
                 return Ok((solution, monitor.info(radius.estimate)));
@@ -150,19 +148,12 @@ impl Cycle {
             }
             let (known, next) = basis.split_at_mut(k + 1);
             let next = &mut next[0];
-            // w = (1 - U (K - J)) v, made orthogonal to the basis (modified Gram-Schmidt).
+            // (1 - U (K - J)) v, made orthogonal to the basis.
             operator.pass(Some(&known[k]), false, next)?;
-            let mut column = Vec::with_capacity(k + 2);
-            let mut h = operator.combine_dot(1.0, &known[k], -1.0, next, known.first())?;
-            for (v, other) in known.iter().zip(1..) {
-                column.push(h);
-                h = operator.combine_dot(-h, v, 1.0, next, known.get(other))?;
-            }
-            let norm = h.sqrt();
-            column.push(norm);
+            let smallest = f64::EPSILON * beta;
+            let column = operator.orthonormalise(known, next, smallest)?;
+            let spanned = column.last().is_some_and(|norm| *norm <= smallest);
             cycle.hessenberg.push(column);
-            let spanned = norm <= f64::EPSILON * beta;
-            operator.scale(if spanned { 0.0 } else { 1.0 / norm }, next)?;
             cycle.judge.add(operator, next)?;
             let found = cycle.found();
             let verdict = monitor.pass(found.residual)?;

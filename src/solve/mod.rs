@@ -29,17 +29,32 @@ pub trait LightOperator {
     fn dot(&mut self, x: &Self::Vector, y: &Self::Vector) -> Result<f64, Self::Error>;
     /// y = a x + b y.
     fn combine(&mut self, a: f64, x: &Self::Vector, b: f64, y: &mut Self::Vector) -> Result<(), Self::Error>;
-    /// y = a x + b y; then ⟨z, y⟩, or ⟨y, y⟩ without z.
-    fn combine_dot(
+    /// y = Σ aᵢ xᵢ + y.
+    fn accumulate(&mut self, a: &[f64], x: &[Self::Vector], y: &mut Self::Vector) -> Result<(), Self::Error> {
+        a.iter().zip(x).try_for_each(|(a, x)| self.combine(*a, x, 1.0, y))
+    }
+    /// y = x - y, with x the last vector of an orthonormal basis; then y minus its projections onto the basis, one after the other (modified
+    /// Gram-Schmidt), and normalised: the next vector of the basis. The result is the coefficient of each projection, and
+    /// last the norm of what they left. What is no larger than `spanned` is set to zero.
+    fn orthonormalise(
         &mut self,
-        a: f64,
-        x: &Self::Vector,
-        b: f64,
+        basis: &[Self::Vector],
         y: &mut Self::Vector,
-        z: Option<&Self::Vector>,
-    ) -> Result<f64, Self::Error> {
-        self.combine(a, x, b, y)?;
-        self.dot(z.unwrap_or(y), y)
+        spanned: f64,
+    ) -> Result<Vec<f64>, Self::Error> {
+        if let Some(x) = basis.last() {
+            self.combine(1.0, x, -1.0, y)?;
+        }
+        let mut column = Vec::with_capacity(basis.len() + 1);
+        for v in basis {
+            let h = self.dot(v, y)?;
+            self.combine(-h, v, 1.0, y)?;
+            column.push(h);
+        }
+        let norm = self.dot(y, y)?.sqrt();
+        self.scale(if norm <= spanned { 0.0 } else { 1.0 / norm }, y)?;
+        column.push(norm);
+        Ok(column)
     }
     /// y = b y.
     fn scale(&mut self, b: f64, y: &mut Self::Vector) -> Result<(), Self::Error>;

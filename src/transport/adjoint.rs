@@ -206,7 +206,7 @@ impl<'a> AdjointOperator<'a> {
         self.adjoint.reflection.derivative(context, &self.adjoint.buffers, x, sums)?;
         let Context { device, plan, .. } = context;
         let count = u64::from(plan.layout.slots()) * 8;
-        let values = real::download(device, sums, plan.settings.precision, count)?;
+        let values = real::download(device, sums, plan.settings.precision, 0..count)?;
         let rgb = |v: &[f64]| DVec3::new(v[0], v[1], v[2]);
         Ok(Some(values.chunks_exact(8).map(|v| [rgb(v), rgb(&v[4..])]).collect()))
     }
@@ -274,7 +274,7 @@ impl<'a> AdjointOperator<'a> {
             let values = Values { offset: 0, first: 0, bytes };
             context.complete(gradients, values, context.plan.clusters_by_rank(run))?;
         }
-        let values = real::download(&context.device, gradients, precision, count)?;
+        let values = real::download(&context.device, gradients, precision, 0..count)?;
         let gradient = |v: &[f64]| {
             let vector = |at: usize| DVec3::new(v[at], v[at + 1], v[at + 2]);
             FacetGradient {
@@ -378,15 +378,17 @@ impl LightOperator for AdjointOperator<'_> {
         self.operators.combine(a, x, b, y)
     }
 
-    fn combine_dot(
+    fn accumulate(&mut self, a: &[f64], x: &[State], y: &mut State) -> Result<(), TransportError> {
+        self.operators.accumulate(a, x, y)
+    }
+
+    fn orthonormalise(
         &mut self,
-        a: f64,
-        x: &State,
-        b: f64,
+        basis: &[State],
         y: &mut State,
-        z: Option<&State>,
-    ) -> Result<f64, TransportError> {
-        self.operators.combine_dot(a, x, b, y, z)
+        spanned: f64,
+    ) -> Result<Vec<f64>, TransportError> {
+        self.operators.orthonormalise(basis, y, spanned)
     }
 
     fn scale(&mut self, b: f64, y: &mut State) -> Result<(), TransportError> {

@@ -68,16 +68,25 @@ impl ClusterLight {
         if plan.clusters().is_none() {
             return Ok(None);
         }
+        let [gather, gather_bins] = Self::kernels(device, plan)?;
+        Ok(Some(Self {
+            gather,
+            gather_bins,
+            antiradiance: page(device, plan, "cluster antiradiance", |class| class.blocker)?,
+            specular: page(device, plan, "cluster specular", |class| class.glossy)?,
+        }))
+    }
+
+    /// Those that gather diffuse radiance, and bins.
+    pub fn kernels(device: &Device, plan: &Plan) -> Result<[Pipeline; 2], GpuError> {
         let precision = plan.settings.precision;
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
         let (push, bins_push) = (size_of::<GatherPush>() as u32, size_of::<GatherBinsPush>() as u32);
         let (gather, gather_bins) = (shaders::GATHER.of(precision), shaders::GATHER_BINS.of(precision));
-        Ok(Some(Self {
-            gather: Pipeline::new(device, gather, 3, push, &[(0, WORKGROUP)], None)?,
-            gather_bins: Pipeline::new(device, gather_bins, 4, bins_push, &constants, None)?,
-            antiradiance: page(device, plan, "cluster antiradiance", |class| class.blocker)?,
-            specular: page(device, plan, "cluster specular", |class| class.glossy)?,
-        }))
+        Ok([
+            Pipeline::new(device, gather, 3, push, &[(0, WORKGROUP)], None)?,
+            Pipeline::new(device, gather_bins, 4, bins_push, &constants, None)?,
+        ])
     }
 
     /// Computes the light of the clusters of a group from that of its triangles; with `backs`, of their backs, too. It replaces that of the

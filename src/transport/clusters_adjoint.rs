@@ -50,8 +50,6 @@ impl ClusterCotangents {
         let Some(clusters) = plan.clusters() else { return Ok(None) };
         let precision = plan.settings.precision;
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
-        let (push, bins_push) = (size_of::<GatherPush>() as u32, size_of::<GatherBinsPush>() as u32);
-        let (scatter, scatter_bins) = (shaders::SCATTER.of(precision), shaders::SCATTER_BINS.of(precision));
         let of_class = |blocker: u32, glossy: u32| {
             let constants = [&constants[..], &[(7, blocker), (8, glossy), (13, WORKGROUP)]].concat();
             let push = size_of::<SharesPush>() as u32;
@@ -61,14 +59,27 @@ impl ClusterCotangents {
             || Ok::<_, GpuError>([of_class(0, 0)?, of_class(1, 0)?, of_class(0, 1)?, of_class(1, 1)?]);
         let radiance = 4 * u64::from(clusters.count()) * plan.rgb_bytes();
         let bins = |wanted| page(device, plan, "cotangent: cluster bins", wanted);
+        let [scatter, scatter_bins] = Self::kernels(device, plan)?;
         Ok(Some(Self {
             shares: plan.options.gradients.geometry().then(shares).transpose()?,
-            scatter: Pipeline::new(device, scatter, 4, push, &[(0, WORKGROUP)], None)?,
-            scatter_bins: Pipeline::new(device, scatter_bins, 4, bins_push, &constants, None)?,
+            scatter,
+            scatter_bins,
             radiance: Buffer::new(device, "cotangent: clusters", radiance, BufferKind::Storage)?,
             antiradiance: bins(|class| class.blocker)?,
             specular: bins(|class| class.glossy)?,
         }))
+    }
+
+    /// Those that hand down cotangents of diffuse radiance, and of bins.
+    pub fn kernels(device: &Device, plan: &Plan) -> Result<[Pipeline; 2], GpuError> {
+        let precision = plan.settings.precision;
+        let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
+        let (push, bins_push) = (size_of::<GatherPush>() as u32, size_of::<GatherBinsPush>() as u32);
+        let (scatter, scatter_bins) = (shaders::SCATTER.of(precision), shaders::SCATTER_BINS.of(precision));
+        Ok([
+            Pipeline::new(device, scatter, 4, push, &[(0, WORKGROUP)], None)?,
+            Pipeline::new(device, scatter_bins, 4, bins_push, &constants, None)?,
+        ])
     }
 
     /// Those of the antiradiance and of the specular radiance of a class.

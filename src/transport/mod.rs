@@ -45,7 +45,7 @@ pub use reflection::{GlossyPush, ReflectPush};
 pub use reflection_adjoint::{GlossyDerivativePush, ReflectAdjointPush};
 pub use sweep::{FarPush, ListPush, NearPush};
 pub use sweep_receivers::ReceiversPush;
-pub use vectors::DotPush;
+pub use vectors::{DotPush, ProjectPush};
 pub use watch::{PassCallback, TransportError};
 
 use crate::gpu::{Buffer, Device, GpuError};
@@ -66,7 +66,7 @@ impl Context {
     /// Downloads a buffer of one vec4 per slot.
     fn slots(&self, buffer: &Buffer) -> Result<Vec<[f64; 4]>, GpuError> {
         let count = u64::from(self.plan.layout.slots()) * 4;
-        let values = real::download(&self.device, buffer, self.plan.settings.precision, count)?;
+        let values = real::download(&self.device, buffer, self.plan.settings.precision, 0..count)?;
         Ok(rows(&values))
     }
 }
@@ -95,11 +95,14 @@ fn bin_constants(plan: &Plan) -> [(u32, u32); 5] {
     [(2, concentric), (3, smoothstep), (4, rows), (5, columns), (6, plan.channels)]
 }
 
-/// Compiles the kernels over pairs, of U, and where the plan has gradients of Uᵀ and its derivatives, and those of K, without a scene: for
-/// what the driver tells of them ([`Device::kernel_statistics`]).
+/// Compiles the kernels of U, S and the solvers, and where the plan has gradients those of K, of the transposes and of the derivatives, without
+/// a scene: for what the driver tells of them ([`Device::kernel_statistics`]).
 pub fn compile(device: &Device, plan: &Plan) -> Result<(), GpuError> {
     exchange::Exchange::sweeps(device, plan)?;
+    clusters::ClusterLight::kernels(device, plan)?;
     volumes::VolumeLight::kernels(device, plan)?;
+    observation::Observation::kernels(device, plan)?;
+    vectors::Vectors::kernels(device, plan.settings.precision)?;
     if !plan.options.gradients.any() {
         return Ok(());
     }
@@ -107,6 +110,8 @@ pub fn compile(device: &Device, plan: &Plan) -> Result<(), GpuError> {
     exchange_derivative::ExchangeDerivative::new(device, plan)?;
     reflection::Reflection::new(device, plan)?;
     reflection_adjoint::ReflectionAdjoint::new(device, plan)?;
+    clusters_adjoint::ClusterCotangents::kernels(device, plan)?;
+    observation_adjoint::ObservationAdjoint::new(device, plan)?;
     Ok(())
 }
 
@@ -245,7 +250,7 @@ impl Operators {
             if piece.part.class.glossy {
                 let buffer = outgoing.specular_of(piece.group)?;
                 let count = state::page_reals(plan, &piece.part).into();
-                let values = real::download(device, buffer, plan.settings.precision, count)?;
+                let values = real::download(device, buffer, plan.settings.precision, 0..count)?;
                 specular[piece.group].get_or_insert_default().extend(values);
             }
         }
@@ -291,16 +296,19 @@ impl LightOperator for Operators {
         self.vectors.combine(&self.context, (a, x), (b, y), &mut self.monitor)
     }
 
-    fn combine_dot(
+    fn accumulate(&mut self, a: &[f64], x: &[State], y: &mut State) -> Result<(), TransportError> {
+        self.vectors.accumulate(&self.context, a, x, y, &mut self.monitor)
+    }
+
+    fn orthonormalise(
         &mut self,
-        a: f64,
-        x: &State,
-        b: f64,
+        basis: &[State],
         y: &mut State,
-        z: Option<&State>,
-    ) -> Result<f64, TransportError> {
-        let product = self.vectors.combine_dot(&self.context, (a, x), (b, y), z, &mut self.monitor)?;
-        self.agreed(product)
+        spanned: f64,
+    ) -> Result<Vec<f64>, TransportError> {
+        let mut column = self.vectors.orthonormalise(&self.context, basis, y, spanned, &mut self.monitor)?;
+        self.context.device.ranks().agree(&mut column)?;
+        Ok(column)
     }
 
     fn scale(&mut self, b: f64, y: &mut State) -> Result<(), TransportError> {

@@ -18,17 +18,22 @@ pub struct Observation {
 
 impl Observation {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
+        let bytes = u64::from(plan.layout.slots()) * plan.rgb_bytes();
+        Ok(Self {
+            kernels: Self::kernels(device, plan)?,
+            colours: Buffer::new(device, "face colours", bytes, BufferKind::Storage)?,
+        })
+    }
+
+    /// Those of diffuse triangles, and of glossy ones.
+    pub fn kernels(device: &Device, plan: &Plan) -> Result<[Pipeline; 2], GpuError> {
         let precision = plan.settings.precision;
         let kernel = |glossy: u32| {
             let constants = [&[(0, WORKGROUP), (8, glossy)][..], &bin_constants(plan)].concat();
             let push = real::push_bytes(precision, 3, 2);
             Pipeline::new(device, shaders::OBSERVE.of(precision), 5, push, &constants, None)
         };
-        let bytes = u64::from(plan.layout.slots()) * plan.rgb_bytes();
-        Ok(Self {
-            kernels: [kernel(0)?, kernel(1)?],
-            colours: Buffer::new(device, "face colours", bytes, BufferKind::Storage)?,
-        })
+        Ok([kernel(0)?, kernel(1)?])
     }
 
     /// The buffer for colours in transfer, vec4 per slot.

@@ -2,6 +2,7 @@
 
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
 use crate::scene::Precision;
+use std::ops::Range;
 
 /// Push constants of a kernel: its reals, then its words. No kernel mixes them, so this is their layout in either
 /// precision.
@@ -26,18 +27,19 @@ pub fn upload(
     device.upload(buffer, 0, &encode(precision, values))
 }
 
-/// Reads `count` values from the start of the buffer.
+/// Reads these values of the buffer.
 pub fn download(
     device: &Device,
     buffer: &Buffer,
     precision: Precision,
-    count: u64,
+    values: Range<u64>,
 ) -> Result<Vec<f64>, GpuError> {
+    let (offset, count) = (values.start * precision.bytes(), values.end - values.start);
     match precision {
         Precision::F32 | Precision::HalfBins => {
-            Ok(device.download_slice::<f32>(buffer, 0, count)?.into_iter().map(f64::from).collect())
+            Ok(device.download_slice::<f32>(buffer, offset, count)?.into_iter().map(f64::from).collect())
         }
-        Precision::F64 => device.download_slice(buffer, 0, count),
+        Precision::F64 => device.download_slice(buffer, offset, count),
     }
 }
 

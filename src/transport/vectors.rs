@@ -5,8 +5,8 @@ use super::residency::{Part, View};
 use super::state::State;
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, real};
-use crate::gpu::{Buffer, BufferKind, Device, GpuError, Pipeline};
-use crate::plan::{Plan, Residency};
+use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
+use crate::plan::{ALL_SUMS, LONGEST_RESTART, PARTIAL_SUMS, Plan, Residency};
 use crate::scene::Precision;
 use crate::shaders::{self, RealShader};
 use bytemuck::{Pod, Zeroable, bytes_of};
@@ -21,30 +21,52 @@ pub struct DotPush {
     pub add: u32,
 }
 
+/// `ProjectPush` of glsl/project.comp.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct ProjectPush {
+    /// Fours of reals in each of the vectors.
+    pub count: u32,
+    /// 1 to add to the sums of an earlier dispatch of the same number.
+    pub add: u32,
+    /// 1 for ⟨y, y⟩.
+    pub norm: u32,
+    /// Dispatches of the same process before.
+    pub number: u32,
+}
+
 /// Lanes that process a vector; each writes one partial sum.
-const LANES: u32 = crate::plan::PARTIAL_SUMS as u32;
+const LANES: u32 = PARTIAL_SUMS as u32;
 /// Reals that a lane processes at a time. Parts of states are multiples of it.
 const STEP: u32 = 4;
+/// Workgroups of a dispatch that sums.
+const GROUPS: [u32; 3] = [LANES / WORKGROUP, 1, 1];
 
 pub struct Vectors {
     combine: Pipeline,
     dot: Pipeline,
-    combine_dot: Pipeline,
+    project: Pipeline,
     partial: Buffer,
 }
 
 impl Vectors {
     pub fn new(device: &Device, precision: Precision) -> Result<Self, GpuError> {
-        let kernel = |shader: &'static RealShader, buffers: u32, push: u32| {
-            Pipeline::beside_host(device, shader.of(precision), buffers, push, &[(0, WORKGROUP)], None)
+        let [combine, dot, project] = Self::kernels(device, precision)?;
+        let partial = Buffer::new(device, "partial sums", ALL_SUMS * precision.bytes(), BufferKind::Storage)?;
+        Ok(Self { combine, dot, project, partial })
+    }
+
+    /// In the order of the fields.
+    pub fn kernels(device: &Device, precision: Precision) -> Result<[Pipeline; 3], GpuError> {
+        let kernel = |shader: &'static RealShader, buffers: u32, push: u32, constants: &[(u32, u32)]| {
+            Pipeline::beside_host(device, shader.of(precision), buffers, push, constants, None)
         };
-        let partial = u64::from(LANES) * precision.bytes();
-        Ok(Self {
-            combine: kernel(&shaders::COMBINE, 2, real::push_bytes(precision, 2, 1))?,
-            dot: kernel(&shaders::DOT, 3, size_of::<DotPush>() as u32)?,
-            combine_dot: kernel(&shaders::COMBINE_DOT, 4, real::push_bytes(precision, 2, 3))?,
-            partial: Buffer::new(device, "partial sums", partial, BufferKind::Storage)?,
-        })
+        let (dot, project) = (size_of::<DotPush>() as u32, size_of::<ProjectPush>() as u32);
+        Ok([
+            kernel(&shaders::COMBINE, 2, real::push_bytes(precision, 2, 1), &[(0, WORKGROUP)])?,
+            kernel(&shaders::DOT, 3, dot, &[(0, WORKGROUP)])?,
+            kernel(&shaders::PROJECT, 4, project, &[])?,
+        ])
     }
 
     /// y = 0.
@@ -79,15 +101,26 @@ impl Vectors {
                     continue;
                 }
                 let count = y.reals(precision) / STEP;
-                let push = real::push(precision, &[a, b], &[count]);
-                let groups = [count.div_ceil(WORKGROUP).min(LANES / WORKGROUP), 1, 1];
-                batch.dispatch(&self.combine, "vector", &[x.slice(), y.slice()], &push, groups)?;
+                self.record_combine(&mut batch, precision, (a, x.slice()), (b, y.slice()), count)?;
             }
             batch.submit()?;
             views.into_iter().try_for_each(|(_, y)| y.store(device))?;
             monitor.done(0)?;
         }
         Ok(())
+    }
+
+    fn record_combine<'a>(
+        &'a self,
+        batch: &mut Batch<'a>,
+        precision: Precision,
+        (a, x): (f64, BufferSlice<'a>),
+        (b, y): (f64, BufferSlice<'a>),
+        count: u32,
+    ) -> Result<(), GpuError> {
+        let push = real::push(precision, &[a, b], &[count]);
+        let groups = [count.div_ceil(WORKGROUP).min(LANES / WORKGROUP), 1, 1];
+        batch.dispatch(&self.combine, "vector", &[x, y], &push, groups)
     }
 
     /// y = b y, as b x + 0 y with x = y.
@@ -144,7 +177,7 @@ impl Vectors {
             for ((x, y), add) in views.iter().zip(&mut additions) {
                 let push = DotPush { count: y.reals(precision) / STEP, add };
                 let buffers = [x.slice(), y.slice(), self.partial.whole()];
-                batch.dispatch(&self.dot, "vector", &buffers, bytes_of(&push), [LANES / WORKGROUP, 1, 1])?;
+                batch.dispatch(&self.dot, "vector", &buffers, bytes_of(&push), GROUPS)?;
             }
             batch.submit()?;
             monitor.done(0)?;
@@ -157,8 +190,115 @@ impl Vectors {
         Ok(of_all.map(|[bits]| f64::from_bits(bits)).sum())
     }
 
+    /// y = Σ aᵢ xᵢ + y, in one submission where states are on the device.
+    pub fn accumulate(
+        &self,
+        context: &Context,
+        a: &[f64],
+        x: &[State],
+        y: &State,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, .. } = context;
+        let mut terms = a.iter().zip(x);
+        if in_steps(context) {
+            return terms.try_for_each(|(a, x)| self.combine(context, (*a, x), (1.0, y), monitor));
+        }
+        let parts = Part::all(plan);
+        let (y, precision) = (y.resident()?, plan.settings.precision);
+        let mut batch = device.batch()?;
+        for (a, x) in terms {
+            for part in &parts {
+                let x = x.resident()?.part(part)?;
+                let (y, count) = (y.part(part)?, fours(part.bytes(), precision));
+                self.record_combine(&mut batch, precision, (*a, x), (1.0, y), count)?;
+            }
+        }
+        batch.submit()?;
+        monitor.done(0)
+    }
+
+    /// A step of Arnoldi's iteration, see [`crate::solve::LightOperator::orthonormalise`].
+    pub fn orthonormalise(
+        &self,
+        context: &Context,
+        basis: &[State],
+        y: &State,
+        spanned: f64,
+        monitor: &mut PassMonitor,
+    ) -> Result<Vec<f64>, TransportError> {
+        let mut column = match basis.last() {
+            Some(last) if !in_steps(context) && basis.len() <= LONGEST_RESTART as usize => {
+                self.project(context, last, basis, y, monitor)?
+            }
+            _ => self.project_in_steps(context, basis, y, monitor)?,
+        };
+        if let Some(square) = column.last_mut() {
+            let norm = square.sqrt();
+            *square = norm;
+            self.scale(context, if norm <= spanned { 0.0 } else { 1.0 / norm }, y, monitor)?;
+        }
+        Ok(column)
+    }
+
+    /// y = last - y, then y minus its projections onto the basis: the coefficient of each, and ⟨y, y⟩. All in one submission, since
+    /// each kernel sums up itself what the one before it has multiplied.
+    fn project(
+        &self,
+        Context { device, plan, .. }: &Context,
+        last: &State,
+        basis: &[State],
+        y: &State,
+        monitor: &mut PassMonitor,
+    ) -> Result<Vec<f64>, TransportError> {
+        let precision = plan.settings.precision;
+        let parts = Part::all(plan);
+        let target = y.resident()?;
+        // What the dispatches of each number read, and what they multiply by: y = last - y, ⟨v₀, y⟩; y = y - h₀ v₀, ⟨v₁, y⟩; and so
+        // on, at the end ⟨y, y⟩.
+        let read = std::iter::once(last).chain(basis);
+        let multiplied = basis.iter().map(Some).chain([None]);
+        let mut batch = device.batch()?;
+        for ((x, z), number) in read.zip(multiplied).zip(0..) {
+            for (part, add) in parts.iter().zip(additions()) {
+                let count = fours(part.bytes(), precision);
+                let push = ProjectPush { count, add, norm: u32::from(z.is_none()), number };
+                let [x, z] = [x, z.unwrap_or(y)].map(|state| state.resident()?.part(part));
+                let buffers = [x?, target.part(part)?, z?, self.partial.whole()];
+                batch.dispatch(&self.project, "vector", &buffers, bytes_of(&push), GROUPS)?;
+            }
+        }
+        batch.submit()?;
+        monitor.done(0)?;
+        let lanes = u64::from(LANES);
+        let mut sums = real::download(device, &self.partial, precision, 0..2 * lanes + basis.len() as u64)?;
+        let mut column = sums.split_off(2 * lanes as usize);
+        let of_last = &sums[(basis.len() % 2) * LANES as usize..][..LANES as usize];
+        column.push(total(precision, of_last));
+        Ok(column)
+    }
+
+    /// The same, one step after the other.
+    fn project_in_steps(
+        &self,
+        context: &Context,
+        basis: &[State],
+        y: &State,
+        monitor: &mut PassMonitor,
+    ) -> Result<Vec<f64>, TransportError> {
+        let mut column = vec![match basis.last() {
+            Some(x) => self.combine_dot(context, (1.0, x), (-1.0, y), basis.first(), monitor)?,
+            None => self.dot(context, y, y, monitor)?,
+        }];
+        for (number, v) in basis.iter().enumerate() {
+            let h = column[number];
+            column.push(self.combine_dot(context, (-h, v), (1.0, y), basis.get(number + 1), monitor)?);
+        }
+        Ok(column)
+    }
+
     /// y = a x + b y; then ⟨z, y⟩, or ⟨y, y⟩ without z.
-    pub fn combine_dot(
+    fn combine_dot(
         &self,
         context: &Context,
         (a, x): (f64, &State),
@@ -167,41 +307,56 @@ impl Vectors {
         monitor: &mut PassMonitor,
     ) -> Result<f64, TransportError> {
         let Context { device, plan, .. } = context;
-        if plan.residency != Residency::Device {
-            // Only one vector to read is on the device at a time.
-            self.combine(context, (a, x), (b, y), monitor)?;
-            return self.dot(context, z.unwrap_or(y), y, monitor);
+        if plan.residency == Residency::Device {
+            let precision = plan.settings.precision;
+            let (of_itself, other) = (z.is_none(), z.unwrap_or(y).resident()?);
+            let (x, y) = (x.resident()?, y.resident()?);
+            let on_host = |part: &Part| {
+                let [x, y, z] = [x.view(part)?, y.view(part)?, other.view(part)?].map(|view| view.own());
+                let z = (!of_itself).then_some(z);
+                Ok::<_, TransportError>(host::combine_dot(device, precision, (a, x), (b, y), z)?)
+            };
+            let sums = Part::all(plan).iter().map(on_host).collect::<Result<Option<Vec<f64>>, _>>()?;
+            if let Some(sums) = sums {
+                monitor.done(0)?;
+                return Ok(sums.into_iter().sum());
+            }
         }
-        let precision = plan.settings.precision;
-        let (of_itself, z) = (z.is_none(), z.unwrap_or(y).resident()?);
-        let (x, y) = (x.resident()?, y.resident()?);
-        let parts = Part::all(plan);
-        let on_host = |part: &Part| {
-            let [x, y, z] = [x.view(part)?, y.view(part)?, z.view(part)?].map(|view| view.own());
-            let z = (!of_itself).then_some(z);
-            Ok::<_, TransportError>(host::combine_dot(device, precision, (a, x), (b, y), z)?)
-        };
-        if let Some(sums) = parts.iter().map(on_host).collect::<Result<Option<Vec<f64>>, _>>()? {
-            monitor.done(0)?;
-            return Ok(sums.into_iter().sum());
-        }
-        let mut batch = device.batch()?;
-        for (part, add) in parts.iter().zip(additions()) {
-            let count = (part.bytes() / precision.bytes()) as u32 / STEP;
-            let push = real::push(precision, &[a, b], &[count, add, u32::from(of_itself)]);
-            let buffers = [x.part(part)?, y.part(part)?, z.part(part)?, self.partial.whole()];
-            batch.dispatch(&self.combine_dot, "vector", &buffers, &push, [LANES / WORKGROUP, 1, 1])?;
-        }
-        batch.submit()?;
-        monitor.done(0)?;
-        self.sum(context)
+        // On the host only one vector to read is on the device at a time.
+        self.combine(context, (a, x), (b, y), monitor)?;
+        self.dot(context, z.unwrap_or(y), y, monitor)
     }
 
     /// The sum of the partial sums.
     fn sum(&self, Context { device, plan, .. }: &Context) -> Result<f64, TransportError> {
-        let partial = real::download(device, &self.partial, plan.settings.precision, LANES.into())?;
-        Ok(partial.into_iter().sum())
+        let precision = plan.settings.precision;
+        Ok(total(precision, &real::download(device, &self.partial, precision, 0..LANES.into())?))
     }
+}
+
+/// Whether each operation takes effect before the next: the host computes them, or vectors are on the host, where only one to read is
+/// on the device at a time.
+fn in_steps(Context { device, plan, .. }: &Context) -> bool {
+    plan.residency != Residency::Device || device.host_works()
+}
+
+/// The sum of partial sums as glsl/project.comp has it, to the last bit: with vectors in host memory solvers take the same steps.
+fn total(precision: Precision, partial: &[f64]) -> f64 {
+    fn sum<T: Copy + Default + std::ops::Add<Output = T>>(partial: &[f64], real: fn(f64) -> T) -> T {
+        let lanes = WORKGROUP as usize;
+        let of_lane =
+            |lane| partial.iter().skip(lane).step_by(lanes).fold(T::default(), |sum, x| sum + real(*x));
+        (0..lanes).map(of_lane).fold(T::default(), |sum, x| sum + x)
+    }
+    match precision {
+        Precision::F32 | Precision::HalfBins => sum(partial, |x| x as f32).into(),
+        Precision::F64 => sum(partial, |x| x),
+    }
+}
+
+/// Fours of reals in so many bytes.
+fn fours(bytes: u64, precision: Precision) -> u32 {
+    (bytes / precision.bytes()) as u32 / STEP
 }
 
 /// Parts of states in groups that the device can access together: on the host, parts take turns in the windows.

@@ -1,4 +1,4 @@
-//! The algebra of states. Twin of glsl/combine.comp, combine_dot.comp and dot.comp, but that sums are in f64.
+//! The algebra of states. Twin of glsl/combine.comp, dot.comp and project.comp, but that sums are in f64.
 
 use super::on_threads;
 use super::real::Real;
