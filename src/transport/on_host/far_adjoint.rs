@@ -16,6 +16,8 @@ use std::ops::Range;
 
 /// Neighbouring sources of a tile that a thread takes at a time.
 pub const BLOCK: u32 = LIST;
+/// Receivers of a list.
+const M: usize = LIST as usize;
 
 /// What the light of sources of one class matters to receivers, whose bins are in one page.
 pub struct Importance<'a> {
@@ -186,7 +188,8 @@ impl Importance<'_> {
                     Receivers::Close { near, slots } => {
                         self.close_block((near, slots), &cotangents, block, scratch, [back, front])
                     }
-                    _ => self.block(&cotangents, block, scratch, [back, front]),
+                    Receivers::Tiles { .. } => self.block(&cotangents, block, scratch, [back, front]),
+                    Receivers::Listed { .. } => self.listed_block(&cotangents, block, scratch, [back, front]),
                 }
             };
             let close = matches!(self.of, Receivers::Close { .. });
@@ -215,7 +218,8 @@ impl Importance<'_> {
         })
     }
 
-    /// Adds to the bins of the sources of a block, behind the backs and in front, and returns the sums of each.
+    /// Adds to the bins of the sources of a block, behind the backs and in front, and returns the sums of each: by receivers, one after the other,
+    /// to all sources, which share these.
     fn block<T: Real, const N: usize>(
         &self,
         cotangents: &Cotangents<T>,
@@ -227,12 +231,11 @@ impl Importance<'_> {
         let sources =
             Facets::<T, N>::new(|k| Facet::read(cotangents.facets, (own.start + k as u32).min(own.end - 1)));
         let layout = &cotangents.layout;
-        let clusters = self.of.clusters();
         let source = self.shape.source;
         let Scratch { pairs, backs: back_bins, fronts: front_bins, .. } = scratch;
         let mut sums = [[[T::ZERO; 4]; 4]; N];
-        // The same, by row, channel and source.
-        let mut planes = [[[T::ZERO; N]; 3]; 4];
+        // The same, by channel and source.
+        let mut planes = [[T::ZERO; N]; 3];
         let mut any = false;
         self.of.visit(block, |slots, passing| {
             let sides: [[T; 2]; N] = passing.sides(own.len(), source);
@@ -249,12 +252,7 @@ impl Importance<'_> {
                 vectorised(
                     #[inline(always)]
                     || {
-                        match clusters {
-                            Some(_) => {
-                                pairs.weigh::<CLUSTERS>(|k| sources.get(k), |_| receiver, |k| sides[k])
-                            }
-                            None => pairs.weigh::<TRIANGLES>(|k| sources.get(k), |_| receiver, |k| sides[k]),
-                        }
+                        pairs.weigh::<TRIANGLES>(|k| sources.get(k), |_| receiver, |k| sides[k]);
                         if any_near {
                             let areas = |k| sources.get(k).characteristic_area + receiver.characteristic_area;
                             pairs.blend(cotangents.half_range, areas, |k| near[k]);
@@ -266,7 +264,12 @@ impl Importance<'_> {
                         any = true;
                         let irradiance = cotangents.of_irradiance(slot);
                         if !self.shape.any_bins() {
-                            return add_diffuse(pairs, irradiance, clusters.is_some(), &mut planes);
+                            for (sums, importance) in planes.iter_mut().zip(irradiance) {
+                                for k in 0..N {
+                                    sums[k] += pairs.weight[k] * importance;
+                                }
+                            }
+                            return;
                         }
                         if passing[0] && source.glossy || passing[1] {
                             pairs.aim_from(layout, |k| sources.get(k));
@@ -294,10 +297,6 @@ impl Importance<'_> {
                                         pairs.at_source.deposit(k, layout, &mut front_bins[bins], value);
                                     }
                                     add(&mut sums[k][0], T::ONE, value);
-                                    if clusters.is_some() {
-                                        let rows = sums[k][1..].iter_mut().zip(&pairs.slope);
-                                        rows.for_each(|(row, slope)| add(row, slope[k], importance));
-                                    }
                                 } else {
                                     let value = scaled(-weight, importance);
                                     pairs.at_source.deposit(k, layout, &mut back_bins[bins], value);
@@ -309,37 +308,134 @@ impl Importance<'_> {
             }
         });
         if any {
-            let (backs, fronts) =
-                (back_bins.chunks_exact_mut(layout.count), front_bins.chunks_exact_mut(layout.count));
-            backs
-                .zip(back.chunks_exact_mut(cotangents.bins))
-                .for_each(|(bins, to)| cotangents.flush_back(bins, to));
-            fronts
-                .zip(front.chunks_exact_mut(cotangents.bins))
-                .for_each(|(bins, to)| cotangents.flush_front(bins, to));
+            cotangents.flush([back_bins, front_bins], [back, front]);
         }
         if !self.shape.any_bins() {
-            let row =
-                |k: usize, row: usize| [planes[row][0][k], planes[row][1][k], planes[row][2][k], T::ZERO];
-            sums = std::array::from_fn(|k| [0, 1, 2, 3].map(|of| row(k, of)));
+            for (k, sums) in sums.iter_mut().enumerate() {
+                sums[0] = [planes[0][k], planes[1][k], planes[2][k], T::ZERO];
+            }
+        }
+        sums
+    }
+
+    /// The same, by sources, from the receivers of a list at a time: many lists have few of the sources of a block.
+    fn listed_block<T: Real, const N: usize>(
+        &self,
+        cotangents: &Cotangents<T>,
+        block: u32,
+        scratch: &mut Scratch<T, N>,
+        [back, front]: [&mut [T]; 2],
+    ) -> [Sums<T>; N] {
+        let own = self.of.sources(block);
+        let layout = &cotangents.layout;
+        let clusters = self.of.clusters().is_some();
+        let Class { glossy, .. } = self.shape.source;
+        let Scratch { pairs_of_list: pairs, backs: back_bins, fronts: front_bins, .. } = scratch;
+        let mut sums = [[[T::ZERO; 4]; 4]; N];
+        // The same, by source, row, channel and receiver.
+        let mut planes = [[[[T::ZERO; M]; 3]; 4]; N];
+        let mut any = false;
+        self.of.visit(block, |slots, passing| {
+            let sides: [[T; 2]; N] = passing.sides(own.len(), self.shape.source);
+            let receivers = Facets::<T, M>::new(|m| Facet::read(cotangents.facets, slots.start + m as u32));
+            let exists: [T; M] = std::array::from_fn(|m| flag(receivers.get(m).area > T::ZERO));
+            let irradiance: [[T; 4]; M] =
+                std::array::from_fn(|m| cotangents.of_irradiance(slots.start + m as u32));
+            for (k, [fronts, backs]) in sides.into_iter().enumerate() {
+                if fronts + backs == T::ZERO {
+                    continue;
+                }
+                let source = Facet::read(cotangents.facets, own.start + k as u32);
+                let sides = |m: usize| [fronts * exists[m], backs * exists[m]];
+                vectorised(
+                    #[inline(always)]
+                    || {
+                        match clusters {
+                            true => pairs.weigh::<CLUSTERS>(|_| source, |m| receivers.get(m), sides),
+                            false => pairs.weigh::<TRIANGLES>(|_| source, |m| receivers.get(m), sides),
+                        }
+                        if passing.has::<T>(k, PAIR_NEAR) > T::ZERO {
+                            let areas = |m| source.characteristic_area + receivers.get(m).characteristic_area;
+                            pairs.blend(cotangents.half_range, areas, |_| T::ONE);
+                        }
+                        let passing = pairs.passing();
+                        if passing == [false; 2] {
+                            return;
+                        }
+                        any = true;
+                        if !self.shape.any_bins() {
+                            return add_diffuse(pairs, &irradiance, clusters, &mut planes[k]);
+                        }
+                        if passing[0] && glossy || passing[1] {
+                            pairs.aim_from(layout, |_| source);
+                        }
+                        if self.shape.receiver_bins {
+                            pairs.aim_at(layout, |m| receivers.get(m));
+                        }
+                        let bins = k * layout.count..(k + 1) * layout.count;
+                        for m in 0..M {
+                            let weight = pairs.weight[m];
+                            if weight > T::ZERO {
+                                let mut importance = irradiance[m];
+                                if self.shape.receiver_bins {
+                                    let at = slots.start + m as u32 - self.receivers_page;
+                                    let incident = cotangents.of_bins(at, true);
+                                    add(
+                                        &mut importance,
+                                        T::ONE,
+                                        pairs.at_receiver.gather(m, layout, incident),
+                                    );
+                                }
+                                if pairs.front[m] > T::ZERO {
+                                    let value = scaled(weight, importance);
+                                    if glossy {
+                                        let own = &mut front_bins[bins.clone()];
+                                        pairs.at_source.deposit(m, layout, own, value);
+                                    }
+                                    add(&mut sums[k][0], T::ONE, value);
+                                    if clusters {
+                                        let rows = sums[k][1..].iter_mut().zip(&pairs.slope);
+                                        rows.for_each(|(row, slope)| add(row, slope[m], importance));
+                                    }
+                                } else {
+                                    let value = scaled(-weight, importance);
+                                    let own = &mut back_bins[bins.clone()];
+                                    pairs.at_source.deposit(m, layout, own, value);
+                                }
+                            }
+                        }
+                    },
+                );
+            }
+        });
+        if any {
+            cotangents.flush([back_bins, front_bins], [back, front]);
+        }
+        if !self.shape.any_bins() {
+            let sum = |values: &[T; M]| values.iter().fold(T::ZERO, |sum, &value| sum + value);
+            for (sums, planes) in sums.iter_mut().zip(&planes) {
+                for (sums, [red, green, blue]) in sums.iter_mut().zip(planes) {
+                    *sums = [sum(red), sum(green), sum(blue), T::ZERO];
+                }
+            }
         }
         sums
     }
 }
 
-/// Adds what fronts send, by row, channel and source.
+/// Adds what the front of a source sends to the receivers of a list, by row, channel and receiver.
 #[inline(always)]
-fn add_diffuse<T: Real, const N: usize>(
-    pairs: &Pairs<T, N>,
-    irradiance: [T; 4],
+fn add_diffuse<T: Real>(
+    pairs: &Pairs<T, M>,
+    irradiance: &[[T; 4]; M],
     clusters: bool,
-    sums: &mut [[[T; N]; 3]; 4],
+    sums: &mut [[[T; M]; 3]; 4],
 ) {
     let [radiance, moments @ ..] = sums;
-    let add = |sums: &mut [[T; N]; 3], weights: &[T; N]| {
-        for (sums, importance) in sums.iter_mut().zip(irradiance) {
-            for k in 0..N {
-                sums[k] += weights[k] * importance;
+    let add = |sums: &mut [[T; M]; 3], weights: &[T; M]| {
+        for (c, sums) in sums.iter_mut().enumerate() {
+            for m in 0..M {
+                sums[m] += weights[m] * irradiance[m][c];
             }
         }
     };
@@ -364,6 +460,7 @@ fn parts<'a, T>(of: &'a mut [T], first: usize, sizes: &[usize]) -> Vec<&'a mut [
 /// What a thread reuses: pairs, and the sums of the bins of a block.
 pub(super) struct Scratch<T, const N: usize> {
     pairs: Pairs<T, N>,
+    pairs_of_list: Pairs<T, M>,
     pub pieces: Pieces<T>,
     pub backs: Vec<[T; 4]>,
     pub fronts: Vec<[T; 4]>,
@@ -372,7 +469,13 @@ pub(super) struct Scratch<T, const N: usize> {
 impl<T: Real, const N: usize> Scratch<T, N> {
     fn new([backs, fronts]: [usize; 2]) -> Self {
         let zero = |count| vec![[T::ZERO; 4]; count];
-        Self { pairs: Pairs::NONE, pieces: Pieces::NONE, backs: zero(backs), fronts: zero(fronts) }
+        Self {
+            pairs: Pairs::NONE,
+            pairs_of_list: Pairs::NONE,
+            pieces: Pieces::NONE,
+            backs: zero(backs),
+            fronts: zero(fronts),
+        }
     }
 }
 
@@ -400,6 +503,15 @@ impl<T: Real> Cotangents<'_, T> {
     pub fn of_bins(&self, at: u32, has: bool) -> &[T] {
         let first = at as usize * self.bins;
         &self.incident[if has { first..first + self.bins } else { 0..0 }]
+    }
+
+    /// Adds sums by bin to those in memory, of backs and of fronts, by source, and sets them to zero.
+    fn flush(&self, bins: [&mut [[T; 4]]; 2], to: [&mut [T]; 2]) {
+        let count = self.layout.count;
+        let [backs, fronts] = bins.map(|bins| bins.chunks_exact_mut(count));
+        let [back, front] = to.map(|to| to.chunks_exact_mut(self.bins));
+        backs.zip(back).for_each(|(bins, to)| self.flush_back(bins, to));
+        fronts.zip(front).for_each(|(bins, to)| self.flush_front(bins, to));
     }
 
     /// Jᵀ is the identity on a state of A(b) = H(b) / c_b, of which this is the cotangent of H(b).
