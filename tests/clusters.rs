@@ -248,8 +248,9 @@ fn a_cluster_has_the_vector_area_of_its_triangles() {
         let of = || clusters.triangles(slots).map(|i| &model.facets[i]);
         let sum: DVec3 = of().map(|f| f.area * f.normal).sum();
         let own: f64 = of().map(|f| share(f, mean)).sum::<f64>() * mean.area;
-        assert!((own - sum.length()).abs() <= 1e-12 * sum.length().max(1e-12), "{own} {}", sum.length());
         let area: f64 = of().map(|f| f.area).sum();
+        // Of triangles that face away from each other it may be rounding alone.
+        assert!((own - sum.length()).abs() <= 1e-12 * area, "{own} {}", sum.length());
         if area > 0.0 {
             let centre = of().map(|f| f.area * f.centroid).sum::<DVec3>() / area;
             assert!((mean.centroid - centre).length() <= 1e-9);
@@ -330,7 +331,9 @@ fn states_on_the_host_have_clusters_too() {
         let settings = hierarchical(&scene, 0.02);
         let exact = solve(&device, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
         let of_gpus = device.clone().with_kernels_for(DeviceKind::Discrete);
-        for device in [device.clone(), of_gpus] {
+        // Two scenes have all that kernels for GPUs do otherwise, which take long here.
+        let of_gpus = (name != "scenes/cornell_boxes.toml").then_some(of_gpus);
+        for device in [device.clone()].into_iter().chain(of_gpus) {
             let options = PlanOptions::of(&device).keep_near_field(false);
             let (engine, hosted) = solve_within(&device, &scene, &settings, &options.memory_budget(budget));
             let plan = engine.plan();

@@ -10,6 +10,7 @@ mod facet_gradient;
 mod frame_gradient;
 mod hierarchy;
 mod near_field;
+mod objects;
 mod order;
 mod passing;
 mod polygon;

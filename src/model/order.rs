@@ -1,7 +1,9 @@
 //! Spatial order: neighbours of similar orientation are adjacent, so that groups of them have small boxes and narrow
-//! normal cones.
+//! normal cones, and few span two objects.
 
+use super::clusters::LIST;
 use super::facet::Facet;
+use super::objects::objects;
 use crate::scene::bounds;
 use glam::DVec3;
 
@@ -35,18 +37,33 @@ impl BoundedRun {
     }
 }
 
-/// Indices of the facets with an area, sorted by the cube face their normal points to, then along a Morton curve.
+/// Fewest triangles of an object whose triangles are kept together: two lists of receivers, so that most lists are of one object.
+const LEAST: u32 = 2 * LIST;
+
+/// Indices of the facets with an area, sorted by object, then by the cube face their normal points to, then along a Morton curve, as
+/// objects are. Small objects count as one.
 pub fn spatial_order(facets: &[Facet]) -> Vec<u32> {
     let bounds = BoundedRun::around(facets.iter());
     let size = (bounds.max - bounds.min).max_element().max(f64::MIN_POSITIVE);
-    let mut keyed: Vec<(u8, u64, u32)> = facets
-        .iter()
-        .zip(0u32..)
-        .filter(|(facet, _)| facet.area > 0.0)
-        .map(|(facet, i)| (cube_face(facet.normal), morton((facet.centroid - bounds.min) / size), i))
-        .collect();
+    let place = |point: DVec3| morton((point - bounds.min) / size);
+    let objects = objects(facets);
+    let (mut count, mut centre) = (vec![0u32; facets.len()], vec![DVec3::ZERO; facets.len()]);
+    for (facet, &object) in facets.iter().zip(&objects) {
+        count[object as usize] += 1;
+        centre[object as usize] += facet.centroid;
+    }
+    let of_object = |object: u32| {
+        let triangles = count[object as usize];
+        (triangles >= LEAST).then(|| (place(centre[object as usize] / f64::from(triangles)), object))
+    };
+    let key = |(facet, i): (&Facet, u32)| {
+        let object = of_object(objects[i as usize]);
+        (object, cube_face(facet.normal), place(facet.centroid), i)
+    };
+    let with_area = facets.iter().zip(0u32..).filter(|(facet, _)| facet.area > 0.0);
+    let mut keyed: Vec<_> = with_area.map(key).collect();
     keyed.sort_unstable();
-    keyed.into_iter().map(|(_, _, i)| i).collect()
+    keyed.into_iter().map(|(.., i)| i).collect()
 }
 
 /// 0..6: the axis nearest to a direction, and its sign.
