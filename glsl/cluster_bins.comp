@@ -1,7 +1,6 @@
 #version 450 core
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
-#extension GL_KHR_shader_subgroup_basic : require
 // U where source, receiver or both have bins, point to point, over lists of clusters and triangles:
 //     H_j(b) += T_b(ω_j) max(cos_j, 0) |cos_i| g_ij a_i · (front: L_i(ω_i); back: -A_i(ω_i)).
 // transport_bins.comp with other sources. A lane owns one receiver, or shares it (abreast.glsl). Twin: src/reference/clusters.rs.

@@ -1,7 +1,6 @@
 #version 450 core
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
-#extension GL_KHR_shader_subgroup_basic : require
 // The derivative of ⟨λ, U L⟩ with respect to the geometry of the receivers of far sources, clusters and triangles. A lane owns
 // one receiver. Twin: src/reference/derivative/clusters.rs.
 

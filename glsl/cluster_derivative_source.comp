@@ -1,7 +1,6 @@
 #version 450 core
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
-#extension GL_KHR_shader_subgroup_basic : require
 // The derivative of ⟨λ, U L⟩ with respect to the geometry of far sources, clusters and triangles, light and shares of
 // clusters held fixed. A lane owns one source. Twin: src/reference/derivative/clusters.rs.
 

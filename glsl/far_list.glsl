@@ -1,7 +1,7 @@
 #ifndef FAR_LIST_GLSL
 #define FAR_LIST_GLSL
 // Push constants of the kernels that sum over lists of sources, clusters and triangles, and the walk along a list, which the
-// receivers of a workgroup share. Where a lane owns a receiver, a workgroup is one subgroup, and each lane fetches one source into
+// receivers of a workgroup share. Where a lane owns a receiver, each lane of a workgroup fetches one source into
 // workgroup memory, from where all read it: CPU drivers read memory lane by lane. Where lanes share receivers, each reads the source
 // that it takes. Expects LANES, `facets`, `radiance`, and `far_lists`: the index of the first entry of each list, then the end of the
 // last; then all entries, `index << 3 | bits`, ascending in each list.
@@ -110,12 +110,12 @@ uint fetch(uint at, uint end) {
     uint lane = gl_LocalInvocationID.x;
     Listed own = listed(at + min(lane, count - 1));
     // Nobody reads the ones before any more.
-    subgroupBarrier();
+    barrier();
     fetched_entries[lane] = own.entry;
     fetched_facets[lane] = own.facet;
     fetched_light[lane] = own.light;
     fetched_moments[lane] = own.moment;
-    subgroupBarrier();
+    barrier();
     return count;
 }
 

@@ -2,11 +2,11 @@
 #define RECEIVER_LIST_GLSL
 // Push constants of the kernels whose lanes own sources, clusters or triangles, and the walk along their receivers. SOURCES
 // neighbouring sources have one list of lists: groups of LIST receivers, with what may pass from each of the sources. Where
-// a lane owns a source, a workgroup is one subgroup. If it is no wider than a group, each lane fetches one receiver into workgroup
-// memory, from where all read it: CPU drivers read memory lane by lane. Otherwise it covers several groups, each with a list of its
-// own, and lanes read receivers themselves; as they do where lanes share sources. Expects LANES; `facets`; `receiver_lists`: the index of the first word of each group, then the end of
-// the last; then all entries, two words each, ascending in each group: the list, and 3 bits of each source; `targets`, the
-// groups of a dispatch; and `cotangents`, those of irradiance.
+// a lane owns a source and the workgroup is no wider than a group, each lane fetches one receiver into workgroup memory, from where
+// all read it: CPU drivers read memory lane by lane. A wider one covers several groups, each with a list of its own, and lanes read
+// receivers themselves; as they do where lanes share sources. Expects LANES; `facets`; `receiver_lists`: the index of the first word
+// of each group, then the end of the last; then all entries, two words each, ascending in each group: the list, and 3 bits of each
+// source; `targets`, the groups of a dispatch; and `cotangents`, those of irradiance.
 
 #include "abreast.glsl"
 #include "passing.glsl"
@@ -103,10 +103,10 @@ void fetch(uint first) {
         Facet facet = facets[first + lane];
         real4 cotangent = cotangents[first + lane];
         // Nobody reads the ones before any more.
-        subgroupBarrier();
+        barrier();
         fetched_facets[lane] = facet;
         fetched_cotangents[lane] = cotangent;
-        subgroupBarrier();
+        barrier();
     }
 }
 

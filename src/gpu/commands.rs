@@ -324,7 +324,7 @@ mod tests {
         let buffer = |label| Buffer::new(&device, label, 4096, BufferKind::Storage).expect("a buffer");
         let (x, y) = (buffer("x"), buffer("y"));
         let shader = shaders::COMBINE.of(Precision::F32);
-        let combine = Pipeline::new(&device, shader, 2, 12, &[], None).expect("a pipeline");
+        let combine = Pipeline::new(&device, shader, 2, 12, &[]).expect("a pipeline");
         let push = [1024u32.to_ne_bytes(), 3.0f32.to_ne_bytes(), 1.0f32.to_ne_bytes()].concat();
         let mut batch = device.batch().expect("a batch");
         batch.unordered = unordered;

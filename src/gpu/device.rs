@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use ash::ext::debug_utils;
-use ash::{ext, khr, vk};
+use ash::{khr, vk};
 
 use super::calls::{Call, Calls, Change};
 use super::error::{During, GpuError};
@@ -174,9 +174,6 @@ impl Device {
         let Candidate { physical, listed, queue_family, timestamp_bits, .. } = candidate;
         let mut info = listed.info;
         info.enabled = enabled;
-        if !enabled.subgroup_size_control {
-            info.subgroup_size_range = (info.subgroup_size, info.subgroup_size);
-        }
         let _calling = logical.validates.then(Call::begin);
         // Other programs, and the driver itself, need some of what is free now.
         let free = info.available_bytes.map(|bytes| bytes / 100 * SHARE_OF_FREE);
@@ -424,12 +421,6 @@ fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<
         names.push(khr::portability_subset::NAME.as_ptr());
     }
     let features = vk::PhysicalDeviceFeatures::default().shader_float64(enabled.float64);
-    let mut sizes = vk::PhysicalDeviceSubgroupSizeControlFeatures::default()
-        .subgroup_size_control(true)
-        .compute_full_subgroups(enabled.full_subgroups);
-    if enabled.subgroup_size_control {
-        names.push(ext::subgroup_size_control::NAME.as_ptr());
-    }
     let mut told =
         vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
     if enabled.statistics {
@@ -444,9 +435,6 @@ fn open(instance: &Instance, candidate: &Candidate, enabled: Enabled) -> Result<
         .queue_create_infos(&queues)
         .enabled_extension_names(&names)
         .enabled_features(&features);
-    if enabled.subgroup_size_control {
-        create = create.push_next(&mut sizes);
-    }
     if enabled.statistics {
         create = create.push_next(&mut told);
     }

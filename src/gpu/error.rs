@@ -145,16 +145,6 @@ pub enum GpuError {
         /// The device's limit.
         limit: u32,
     },
-    /// The device has no subgroups of the size that a kernel requires.
-    #[error("kernel \"{kernel}\" needs subgroups of {wanted} lanes, the device offers {offered}")]
-    SubgroupSize {
-        /// Name of the kernel.
-        kernel: &'static str,
-        /// Lanes that the kernel needs.
-        wanted: u32,
-        /// The sizes that the device has.
-        offered: String,
-    },
     /// A dispatch has more workgroups along an axis than the device allows.
     #[error(
         "kernel \"{kernel}\": {groups:?} workgroups exceed the device's limit of {limit:?}; split the dispatch"

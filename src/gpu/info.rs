@@ -36,23 +36,13 @@ impl std::fmt::Display for DeviceKind {
 pub struct Enabled {
     /// `shaderFloat64`: precision "f64" needs it.
     pub float64: bool,
-    /// `subgroupSizeControl` of VK_EXT_subgroup_size_control: far kernels are as wide as subgroups.
-    pub subgroup_size_control: bool,
-    /// `computeFullSubgroups` of the same extension: no lane of a subgroup of such kernels is idle.
-    pub full_subgroups: bool,
     /// The instance extension VK_EXT_debug_utils: objects get names.
     pub debug_utils: bool,
     /// `pipelineExecutableInfo` of VK_KHR_pipeline_executable_properties: the driver tells of kernels as it compiles them.
     pub statistics: bool,
 }
 
-setters!(Enabled {
-    float64: bool,
-    subgroup_size_control: bool,
-    full_subgroups: bool,
-    debug_utils: bool,
-    statistics: bool,
-});
+setters!(Enabled { float64: bool, debug_utils: bool, statistics: bool });
 
 /// Properties of a device that a plan depends on. Sizes in bytes.
 #[derive(Clone, Debug, Default)]
@@ -86,10 +76,8 @@ pub struct DeviceInfo {
     /// Bytes of push constants that a kernel can have; at least [`MAX_PUSH_BYTES`](super::MAX_PUSH_BYTES) on every
     /// device.
     pub max_push_bytes: u32,
-    /// Lanes of a subgroup, unless a kernel requires another size.
+    /// Lanes of a subgroup. Kernels work with any number; their workgroups are as wide.
     pub subgroup_size: u32,
-    /// Smallest and largest size that a kernel can require; both `subgroup_size` where it has no choice.
-    pub subgroup_size_range: (u32, u32),
     /// Maximum number of lanes of a workgroup.
     pub max_workgroup_invocations: u32,
     /// Maximum number of workgroups of a dispatch along x, y and z.

@@ -115,7 +115,7 @@ mod tests {
         for _ in 0..2 {
             let device = Device::new(&options).expect("a device");
             let log = device.validation_log();
-            Pipeline::new(&device, shaders::COMBINE.of(Precision::F32), 2, 12, &[], None).expect("compiled");
+            Pipeline::new(&device, shaders::COMBINE.of(Precision::F32), 2, 12, &[]).expect("compiled");
             drop(device);
             assert_eq!(log.messages(), Vec::<String>::new());
             let files = files(folder.path());

@@ -13,7 +13,7 @@
 //! device.upload_slice(&x, 0, &[1.0f32; 1024])?;
 //! device.upload_slice(&y, 0, &[2.0f32; 1024])?;
 //!
-//! let combine = Pipeline::new(&device, shaders::COMBINE.of(Precision::F32), 2, 12, &[], None)?;
+//! let combine = Pipeline::new(&device, shaders::COMBINE.of(Precision::F32), 2, 12, &[])?;
 //! let (count, a, b) = (1024u32, 3.0f32, 1.0f32);
 //! let push = [count.to_ne_bytes(), a.to_ne_bytes(), b.to_ne_bytes()].concat();
 //! let mut batch = device.batch()?;

@@ -26,7 +26,6 @@ pub struct Pipeline {
     pub(super) push_bytes: u32,
     code: &'static [u32],
     specialization: Vec<(u32, u32)>,
-    required_subgroup_size: Option<u32>,
     made: Arc<Mutex<Parts>>,
 }
 
@@ -66,9 +65,9 @@ impl Bindings {
     }
 }
 
-/// What identifies a compiled kernel: the address of its code (unique, unlike its name), its bindings, push constants,
-/// specialization and subgroup size.
-pub(super) type Key = (usize, Bindings, u32, Vec<(u32, u32)>, Option<u32>);
+/// What identifies a compiled kernel: the address of its code (unique, unlike its name), its bindings, push constants and
+/// specialization.
+pub(super) type Key = (usize, Bindings, u32, Vec<(u32, u32)>);
 
 impl Parts {
     pub(super) fn destroy(self, shared: &Shared) {
@@ -85,17 +84,15 @@ impl Parts {
 
 impl Pipeline {
     /// Compiles a kernel with these buffers and `push_bytes` of push constants.
-    /// `specialization`: (constant id, value) pairs. `subgroup_size`: lanes per subgroup, if the kernel requires a
-    /// certain number.
+    /// `specialization`: (constant id, value) pairs.
     pub fn new(
         device: &Device,
         shader: &Shader,
         bindings: impl Into<Bindings>,
         push_bytes: u32,
         specialization: &[(u32, u32)],
-        subgroup_size: Option<u32>,
     ) -> Result<Self> {
-        let pipeline = Self::uncompiled(device, shader, bindings, push_bytes, specialization, subgroup_size)?;
+        let pipeline = Self::uncompiled(device, shader, bindings, push_bytes, specialization)?;
         pipeline.parts()?;
         Ok(pipeline)
     }
@@ -107,9 +104,8 @@ impl Pipeline {
         bindings: impl Into<Bindings>,
         push_bytes: u32,
         specialization: &[(u32, u32)],
-        subgroup_size: Option<u32>,
     ) -> Result<Self> {
-        let pipeline = Self::uncompiled(device, shader, bindings, push_bytes, specialization, subgroup_size)?;
+        let pipeline = Self::uncompiled(device, shader, bindings, push_bytes, specialization)?;
         if !device.host_works() {
             pipeline.parts()?;
         }
@@ -122,7 +118,6 @@ impl Pipeline {
         bindings: impl Into<Bindings>,
         push_bytes: u32,
         specialization: &[(u32, u32)],
-        subgroup_size: Option<u32>,
     ) -> Result<Self> {
         let kernel = shader.name();
         let info = device.info();
@@ -135,17 +130,8 @@ impl Pipeline {
         if bindings.count() > limit {
             return Err(GpuError::TooManyBindings { kernel, bindings: bindings.count(), limit });
         }
-        if let Some(wanted) = subgroup_size {
-            let (min, max) = info.subgroup_size_range;
-            if !(min..=max).contains(&wanted) || !wanted.is_power_of_two() {
-                let offered = if min == max { format!("{min}") } else { format!("{min} to {max}") };
-                return Err(GpuError::SubgroupSize { kernel, wanted, offered });
-            }
-        }
-        // Without control all subgroups have the one size that was just checked.
-        let required = subgroup_size.filter(|_| info.enabled.subgroup_size_control);
         let code = shader.spirv();
-        let key = (code.as_ptr() as usize, bindings, push_bytes, specialization.to_vec(), required);
+        let key = (code.as_ptr() as usize, bindings, push_bytes, specialization.to_vec());
         let made = lock(&device.shared.pipelines).entry(key).or_default().clone();
         Ok(Self {
             device: device.clone(),
@@ -154,7 +140,6 @@ impl Pipeline {
             push_bytes,
             code,
             specialization: specialization.to_vec(),
-            required_subgroup_size: required,
             made,
         })
     }
@@ -237,19 +222,11 @@ impl Pipeline {
             .collect();
         let values: Vec<u8> = self.specialization.iter().flat_map(|(_, value)| value.to_ne_bytes()).collect();
         let constants = vk::SpecializationInfo::default().map_entries(&entries).data(&values);
-        let mut subgroup = vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default()
-            .required_subgroup_size(self.required_subgroup_size.unwrap_or_default());
-        let mut stage = vk::PipelineShaderStageCreateInfo::default()
+        let stage = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)
             .module(module)
             .name(c"main")
             .specialization_info(&constants);
-        if self.required_subgroup_size.is_some() {
-            stage = stage.push_next(&mut subgroup);
-            if shared.info.enabled.full_subgroups {
-                stage = stage.flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS);
-            }
-        }
         let mut create = vk::ComputePipelineCreateInfo::default().stage(stage).layout(parts.layout);
         if shared.statistics.is_some() {
             create = create.flags(vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR);
@@ -296,7 +273,7 @@ mod tests {
     fn kernels_of_one_name_are_not_taken_for_one_another() {
         let device = Device::new(&DeviceOptions::default()).expect("a Vulkan device");
         let new = |shader: &Shader| {
-            Pipeline::new(&device, shader, 3, 12, &[], None).expect("a pipeline").parts().expect("compiled")
+            Pipeline::new(&device, shader, 3, 12, &[]).expect("a pipeline").parts().expect("compiled")
         };
         let combine = shaders::COMBINE.of(Precision::F32);
         let other = Shader::new(combine.name(), shaders::DOT.of(Precision::F32).spirv());

@@ -10,11 +10,8 @@ use super::info::{DeviceInfo, DeviceKind, Enabled, ListedDevice};
 use super::instance::Instance;
 use super::memory::ALIGN;
 
-/// Vulkan 1.2: subgroup operations and the SPIR-V 1.5 that the kernels are compiled to.
+/// Vulkan 1.2: the SPIR-V 1.5 that the kernels are compiled to.
 pub(super) const API_VERSION: u32 = vk::API_VERSION_1_2;
-
-/// Kernels over lists of clusters have barriers within a subgroup.
-const SUBGROUP_OPERATIONS: vk::SubgroupFeatureFlags = vk::SubgroupFeatureFlags::BASIC;
 
 /// The devices of this machine, best first: an index into this list selects a device.
 pub fn list_devices() -> Result<Vec<ListedDevice>> {
@@ -210,24 +207,16 @@ fn from_extended(
     extensions: &[vk::ExtensionProperties],
     info: &mut DeviceInfo,
 ) -> Vec<String> {
-    let sizes_listed = has_extension(extensions, ext::subgroup_size_control::NAME);
-
     let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
     let mut allocation = vk::PhysicalDeviceMaintenance3Properties::default();
-    let mut sizes = vk::PhysicalDeviceSubgroupSizeControlProperties::default();
     let mut properties = vk::PhysicalDeviceProperties2::default()
         .push_next(&mut subgroup)
         .push_next(&mut driver)
         .push_next(&mut allocation);
-    let mut size_control_features = vk::PhysicalDeviceSubgroupSizeControlFeatures::default();
     let mut told = vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default();
     let mut layout = vk::PhysicalDeviceScalarBlockLayoutFeatures::default();
     let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut layout);
-    if sizes_listed {
-        properties = properties.push_next(&mut sizes);
-        features = features.push_next(&mut size_control_features);
-    }
     if has_extension(extensions, khr::pipeline_executable_properties::NAME) {
         features = features.push_next(&mut told);
     }
@@ -246,27 +235,13 @@ fn from_extended(
     );
     info.max_allocation = allocation.max_memory_allocation_size;
     info.subgroup_size = subgroup.subgroup_size;
-    let size_control = size_control_features.subgroup_size_control == vk::TRUE
-        && sizes.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE);
-    info.subgroup_size_range = if size_control {
-        (sizes.min_subgroup_size, sizes.max_subgroup_size)
-    } else {
-        (subgroup.subgroup_size, subgroup.subgroup_size)
-    };
     info.enabled = Enabled {
         float64: core.shader_float64 == vk::TRUE,
-        subgroup_size_control: size_control,
-        full_subgroups: size_control_features.compute_full_subgroups == vk::TRUE && size_control,
         debug_utils: instance.debug_utils(),
         statistics: told.pipeline_executable_info == vk::TRUE,
     };
     info.available_bytes = available_bytes(instance, physical, extensions);
-    let subgroups = subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
-        && subgroup.supported_operations.contains(SUBGROUP_OPERATIONS);
-    let needs = [
-        (subgroups, "subgroups in compute shaders"),
-        (layout.scalar_block_layout == vk::TRUE, "scalarBlockLayout"),
-    ];
+    let needs = [(layout.scalar_block_layout == vk::TRUE, "scalarBlockLayout")];
     needs.into_iter().filter(|(there, _)| !there).map(|(_, what)| what.to_owned()).collect()
 }
 

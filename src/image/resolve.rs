@@ -30,7 +30,7 @@ struct Push {
 }
 
 pub(super) fn pipeline(device: &Device) -> Result<Pipeline, GpuError> {
-    Pipeline::new(device, &shaders::RESOLVE, 4, size_of::<Push>() as u32, &[], None)
+    Pipeline::new(device, &shaders::RESOLVE, 4, size_of::<Push>() as u32, &[])
 }
 
 /// Interpolated colours of each face of the scene; backs are black.

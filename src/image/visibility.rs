@@ -38,7 +38,7 @@ impl From<&Projected> for Face {
 }
 
 pub(super) fn pipeline(device: &Device) -> Result<Pipeline, GpuError> {
-    Pipeline::beside_host(device, &shaders::VISIBILITY, 6, size_of::<Push>() as u32, &[], None)
+    Pipeline::beside_host(device, &shaders::VISIBILITY, 6, size_of::<Push>() as u32, &[])
 }
 
 /// The faces that a camera may see, in the scene's order, unrounded. Fails if the scene or the camera is invalid.

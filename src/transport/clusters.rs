@@ -84,8 +84,8 @@ impl ClusterLight {
         let (push, bins_push) = (size_of::<GatherPush>() as u32, size_of::<GatherBinsPush>() as u32);
         let (gather, gather_bins) = (shaders::GATHER.of(precision), shaders::GATHER_BINS.of(precision));
         Ok([
-            Pipeline::new(device, gather, 3, push, &[(0, WORKGROUP)], None)?,
-            Pipeline::new(device, gather_bins, 4, bins_push, &constants, None)?,
+            Pipeline::new(device, gather, 3, push, &[(0, WORKGROUP)])?,
+            Pipeline::new(device, gather_bins, 4, bins_push, &constants)?,
         ])
     }
 

@@ -53,7 +53,7 @@ impl ClusterCotangents {
         let of_class = |blocker: u32, glossy: u32| {
             let constants = [&constants[..], &[(7, blocker), (8, glossy), (13, WORKGROUP)]].concat();
             let push = size_of::<SharesPush>() as u32;
-            Pipeline::new(device, shaders::CLUSTER_SHARES.of(precision), 10, push, &constants, None)
+            Pipeline::new(device, shaders::CLUSTER_SHARES.of(precision), 10, push, &constants)
         };
         let shares =
             || Ok::<_, GpuError>([of_class(0, 0)?, of_class(1, 0)?, of_class(0, 1)?, of_class(1, 1)?]);
@@ -77,8 +77,8 @@ impl ClusterCotangents {
         let (push, bins_push) = (size_of::<GatherPush>() as u32, size_of::<GatherBinsPush>() as u32);
         let (scatter, scatter_bins) = (shaders::SCATTER.of(precision), shaders::SCATTER_BINS.of(precision));
         Ok([
-            Pipeline::new(device, scatter, 4, push, &[(0, WORKGROUP)], None)?,
-            Pipeline::new(device, scatter_bins, 4, bins_push, &constants, None)?,
+            Pipeline::new(device, scatter, 4, push, &[(0, WORKGROUP)])?,
+            Pipeline::new(device, scatter_bins, 4, bins_push, &constants)?,
         ])
     }
 

@@ -32,7 +32,7 @@ impl HalfBins {
         let constants = [&[(0, WORKGROUP)][..], &super::bin_constants(plan)].concat();
         let push = size_of::<PackPush>() as u32;
         Ok(Some(Self {
-            kernel: Pipeline::new(device, &shaders::PACK, 2, push, &constants, None)?,
+            kernel: Pipeline::new(device, &shaders::PACK, 2, push, &constants)?,
             antiradiance: any(|group| group.class.blocker).then(buffer).transpose()?,
             specular: any(|group| group.class.glossy).then(buffer).transpose()?,
         }))

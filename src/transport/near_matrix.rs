@@ -72,7 +72,7 @@ impl NearMatrix {
         let kernel = |from_bins: u32, to_bins: u32| {
             let constants = [(0, SLICE), (6, plan.channels), (8, from_bins), (9, to_bins)];
             let push = size_of::<NearMatrixPush>() as u32;
-            Pipeline::beside_host(device, shaders::NEAR_MATRIX.of(precision), 6, push, &constants, None)
+            Pipeline::beside_host(device, shaders::NEAR_MATRIX.of(precision), 6, push, &constants)
         };
         Ok(Self {
             matrix: matrix.clone(),

@@ -31,7 +31,7 @@ impl Observation {
         let kernel = |glossy: u32| {
             let constants = [&[(0, WORKGROUP), (8, glossy)][..], &bin_constants(plan)].concat();
             let push = real::push_bytes(precision, 3, 2);
-            Pipeline::new(device, shaders::OBSERVE.of(precision), 5, push, &constants, None)
+            Pipeline::new(device, shaders::OBSERVE.of(precision), 5, push, &constants)
         };
         Ok([kernel(0)?, kernel(1)?])
     }

@@ -25,12 +25,12 @@ impl ObservationAdjoint {
         let constants = |glossy: u32| [&[(0, WORKGROUP), (8, glossy)][..], &bin_constants(plan)].concat();
         let adjoint = |glossy: u32| {
             let shader = shaders::OBSERVE_ADJOINT.of(precision);
-            Pipeline::new(device, shader, 4, push, &constants(glossy), None)
+            Pipeline::new(device, shader, 4, push, &constants(glossy))
         };
         let derivative = shaders::OBSERVE_DERIVATIVE.of(precision);
         Ok(Self {
             adjoint: [adjoint(0)?, adjoint(1)?],
-            derivative: Pipeline::new(device, derivative, 4, push, &constants(1), None)?,
+            derivative: Pipeline::new(device, derivative, 4, push, &constants(1))?,
         })
     }
 

@@ -80,28 +80,20 @@ impl Reflection {
                 5,
                 size_of::<GlossyPush>() as u32,
                 &constants,
-                None,
             )
         };
         let lobes = || {
             let bindings = Bindings { storage: 4, uniform: 1 };
             let push = size_of::<LobePush>() as u32;
-            Pipeline::beside_host(
-                device,
-                shaders::REFLECT_LOBES.of(precision),
-                bindings,
-                push,
-                &constants,
-                None,
-            )
+            Pipeline::beside_host(device, shaders::REFLECT_LOBES.of(precision), bindings, push, &constants)
         };
         let first_bounce = || {
             let push = size_of::<FirstBouncePush>() as u32;
-            Pipeline::new(device, shaders::FIRST_BOUNCE.of(precision), 2, push, &[(0, WORKGROUP)], None)
+            Pipeline::new(device, shaders::FIRST_BOUNCE.of(precision), 2, push, &[(0, WORKGROUP)])
         };
         let push = size_of::<ReflectPush>() as u32;
         Ok(Self {
-            diffuse: Pipeline::new(device, shaders::REFLECT.of(precision), 3, push, &[(0, WORKGROUP)], None)?,
+            diffuse: Pipeline::new(device, shaders::REFLECT.of(precision), 3, push, &[(0, WORKGROUP)])?,
             first_bounce: plan.has_first_bounce().then(first_bounce).transpose()?,
             with_first_bounce: false,
             glossy: any_glossy.then(glossy).transpose()?,

@@ -62,8 +62,8 @@ impl ReflectionAdjoint {
             let derivative = shaders::REFLECT_GLOSSY_DERIVATIVE.of(precision);
             let push = [size_of::<GlossyPush>() as u32, size_of::<GlossyDerivativePush>() as u32];
             Ok((
-                Pipeline::new(device, adjoint, 5, push[0], &constants, None)?,
-                Pipeline::new(device, derivative, 6, push[1], &constants, None)?,
+                Pipeline::new(device, adjoint, 5, push[0], &constants)?,
+                Pipeline::new(device, derivative, 6, push[1], &constants)?,
             ))
         };
         let lobes = || -> Result<_, GpuError> {
@@ -72,15 +72,15 @@ impl ReflectionAdjoint {
             let push = size_of::<LobePush>() as u32;
             let bindings = |uniform: u32| Bindings { storage: 4, uniform };
             Ok((
-                Pipeline::beside_host(device, adjoint, bindings(1), push, &constants, None)?,
-                Pipeline::new(device, derivative, bindings(2), push, &constants, None)?,
+                Pipeline::beside_host(device, adjoint, bindings(1), push, &constants)?,
+                Pipeline::new(device, derivative, bindings(2), push, &constants)?,
             ))
         };
         let any_glossy = plan.layout.groups.iter().any(|g| g.class.glossy);
         let push = size_of::<ReflectAdjointPush>() as u32;
         let diffuse = shaders::REFLECT_ADJOINT.of(precision);
         Ok(Self {
-            diffuse: Pipeline::new(device, diffuse, 4, push, &[(0, WORKGROUP)], None)?,
+            diffuse: Pipeline::new(device, diffuse, 4, push, &[(0, WORKGROUP)])?,
             glossy: any_glossy.then(glossy).transpose()?,
             lobes: (plan.lobes.matrices > 0).then(lobes).transpose()?,
         })

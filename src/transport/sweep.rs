@@ -232,10 +232,6 @@ impl Sweep {
         };
         // Those of a workgroup, within a tile, list or group.
         let side = shared.map_or(lanes.min(targets), |shared| shared.targets);
-        // Lanes share what they fetch of a list, with a barrier of the subgroup, which must be the workgroup, or all of it a
-        // part of one. Other kernels work at any size.
-        let barrier = listed && shared.is_none() && lanes <= targets;
-        let required = (barrier && lanes >= info.subgroup_size_range.0).then_some(lanes);
         let real = precision.bytes() as f64;
         let gathered = gathers as f64 * 4.0 * f64::from(plan.channels) * real;
         // A source is read once for all triangles of a subgroup.
@@ -269,7 +265,7 @@ impl Sweep {
         } as u32;
         let near_push = size_of::<NearPush>() as u32;
         Ok(Self {
-            far: Pipeline::beside_host(device, far.0.of(precision), far.1, far_push, &of_far, required)?,
+            far: Pipeline::beside_host(device, far.0.of(precision), far.1, far_push, &of_far)?,
             workgroups: if single { (targets / side).max(1) } else { 1 },
             side_by_side: if wide { lanes / targets } else { 1 },
             run_tiles: match device.kernels_for() {
@@ -278,7 +274,7 @@ impl Sweep {
             },
             near: near
                 .map(|(shader, buffers)| {
-                    Pipeline::beside_host(device, shader.of(precision), buffers, near_push, &of_near, None)
+                    Pipeline::beside_host(device, shader.of(precision), buffers, near_push, &of_near)
                 })
                 .transpose()?,
             near_targets,

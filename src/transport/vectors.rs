@@ -59,7 +59,7 @@ impl Vectors {
     /// In the order of the fields.
     pub fn kernels(device: &Device, precision: Precision) -> Result<[Pipeline; 3], GpuError> {
         let kernel = |shader: &'static RealShader, buffers: u32, push: u32, constants: &[(u32, u32)]| {
-            Pipeline::beside_host(device, shader.of(precision), buffers, push, constants, None)
+            Pipeline::beside_host(device, shader.of(precision), buffers, push, constants)
         };
         let (dot, project) = (size_of::<DotPush>() as u32, size_of::<ProjectPush>() as u32);
         Ok([

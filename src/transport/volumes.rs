@@ -50,7 +50,7 @@ impl VolumeLight {
             (shaders::GATHER_BINS.of(plan.settings.precision), size_of::<GatherBinsPush>() as u32);
         Ok(Some(Self {
             gather: Self::kernels(device, plan)?,
-            sum: Pipeline::beside_host(device, shader, 4, push, &constants(plan), None)?,
+            sum: Pipeline::beside_host(device, shader, 4, push, &constants(plan))?,
             parts: filled(device, "volume parts", &words)?,
             slots: filled(device, "volume slots", volumes.slots())?,
             below: bins()?,
@@ -68,7 +68,7 @@ impl VolumeLight {
             let constants = [&constants(plan)[..], &own].concat();
             let (shader, push) =
                 (shaders::VOLUME_BINS.of(plan.settings.precision), size_of::<VolumePush>() as u32);
-            Ok((class, Pipeline::beside_host(device, shader, 9, push, &constants, None)?))
+            Ok((class, Pipeline::beside_host(device, shader, 9, push, &constants)?))
         };
         classes.into_iter().map(of).collect()
     }

@@ -92,8 +92,7 @@ fn uniform_buffers_are_checked() {
     let limit = device.info().max_uniform_buffer_range;
     assert!(limit >= 1 << 16 && ALIGN.is_multiple_of(device.info().uniform_buffer_alignment));
     let shader = shaders::TRANSPORT_IRRADIANCE.of(Precision::F32);
-    let pipeline =
-        Pipeline::new(&device, shader, Bindings { storage: 3, uniform: 2 }, 32, &[], None).unwrap();
+    let pipeline = Pipeline::new(&device, shader, Bindings { storage: 3, uniform: 2 }, 32, &[]).unwrap();
     let storage = filled(&device, "storage", &[0.0]);
     let uniform = Buffer::new(&device, "uniform", limit + 2 * ALIGN, BufferKind::Storage).unwrap();
     let mut batch = device.batch().unwrap();
@@ -117,15 +116,13 @@ fn uniform_buffers_are_checked() {
 #[test]
 fn pipelines_and_dispatches_are_checked() {
     let device = device();
-    let new = |bindings, push, subgroup| {
-        Pipeline::new(&device, shaders::COMBINE.of(Precision::F32), bindings, push, &[], subgroup).err()
+    let new = |bindings, push| {
+        Pipeline::new(&device, shaders::COMBINE.of(Precision::F32), bindings, push, &[]).err()
     };
-    assert!(matches!(new(2, 132, None), Some(GpuError::PushTooLarge { bytes: 132, .. })));
-    assert!(matches!(new(2, 6, None), Some(GpuError::PushTooLarge { .. })));
-    assert!(matches!(new(1000, AXPY_PUSH, None), Some(GpuError::TooManyBindings { .. })));
-    assert!(matches!(new(2, AXPY_PUSH, Some(3)), Some(GpuError::SubgroupSize { .. })));
-    assert!(matches!(new(2, AXPY_PUSH, Some(4096)), Some(GpuError::SubgroupSize { .. })));
-    assert!(new(2, AXPY_PUSH, Some(device.info().subgroup_size)).is_none());
+    assert!(matches!(new(2, 132), Some(GpuError::PushTooLarge { bytes: 132, .. })));
+    assert!(matches!(new(2, 6), Some(GpuError::PushTooLarge { .. })));
+    assert!(matches!(new(1000, AXPY_PUSH), Some(GpuError::TooManyBindings { .. })));
+    assert!(new(2, AXPY_PUSH).is_none());
 
     let pipeline = axpy_pipeline(&device);
     let x = filled(&device, "x", &[0.0]);
@@ -241,7 +238,7 @@ fn a_watch_is_asked_before_a_kernel_is_compiled() {
     let device = Device::new(&options).expect("a Vulkan device").with_watch(watch);
     let kernel = |lanes: u32| {
         let shader = shaders::COMBINE.of(Precision::F32);
-        Pipeline::new(&device.scope(0), shader, 2, AXPY_PUSH, &[(0, lanes)], None)
+        Pipeline::new(&device.scope(0), shader, 2, AXPY_PUSH, &[(0, lanes)])
     };
     assert!(kernel(32).is_ok());
     assert!(matches!(kernel(64), Err(GpuError::Interrupted)));

@@ -39,7 +39,7 @@ fn finish(device: Device) {
 }
 
 fn axpy_pipeline(device: &Device) -> Pipeline {
-    Pipeline::new(device, shaders::COMBINE.of(Precision::F32), 2, AXPY_PUSH, &[(0, 32)], None).unwrap()
+    Pipeline::new(device, shaders::COMBINE.of(Precision::F32), 2, AXPY_PUSH, &[(0, 32)]).unwrap()
 }
 
 fn filled(device: &Device, label: &str, values: &[f32]) -> Buffer {

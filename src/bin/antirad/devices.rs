@@ -44,9 +44,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         );
         antirad::say!("   memory            {} on the device", Bytes(info.heap_bytes));
         antirad::say!("   largest buffer    {} seen by a kernel", Bytes(info.max_storage_buffer_range));
-        let (least, most) = info.subgroup_size_range;
-        let sizes = if least == most { String::new() } else { format!(", {least} to {most} on request") };
-        antirad::say!("   subgroup          {} lanes{sizes}", info.subgroup_size);
+        antirad::say!("   subgroup          {} lanes", info.subgroup_size);
         antirad::say!("   storage buffers   {} in a kernel", info.max_storage_buffers);
         antirad::say!("   double precision  {}", if info.enabled.float64 { "yes" } else { "no" });
         antirad::say!("   timestamps        {}", if info.timestamp_period_ns > 0.0 { "yes" } else { "no" });
