@@ -22,6 +22,12 @@ pub enum RankError {
         "another process that works on this scene has ended: see its own message, and start all of them again"
     )]
     Left,
+    /// The MPI library serves one thread alone, and parts of states are exchanged by another while kernels work.
+    #[error(
+        "this MPI library cannot be called from several threads in turn (MPI_THREAD_SERIALIZED): use one that is built with support for \
+         threads, as Open MPI and MPICH are by default"
+    )]
+    Threads,
     /// Ranks did not call the same operation.
     #[error(
         "{given} bytes were expected from rank {root}, which has {sent}: all processes must run the same program on the same input"

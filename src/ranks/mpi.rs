@@ -15,15 +15,22 @@ const LAUNCHERS: [&str; 3] = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK"];
 /// The processes that a launcher has started together. MPI ends when this is dropped.
 pub struct World {
     _universe: Universe,
+    /// From which threads it may be called.
+    threading: Threading,
 }
 
 impl World {
     /// Starts MPI where a launcher has started this process, and only there: without one it may take seconds and fail.
     pub fn join() -> Option<Self> {
         let launched = LAUNCHERS.iter().any(|name| std::env::var_os(name).is_some());
-        let (universe, _) =
+        let (universe, threading) =
             launched.then(|| ::mpi::initialize_with_threading(Threading::Serialized)).flatten()?;
-        Some(Self { _universe: universe })
+        Some(Self { _universe: universe, threading })
+    }
+
+    /// An error where the library does not serve the threads of a solve.
+    pub fn check(&self) -> Result<(), RankError> {
+        if self.threading < Threading::Serialized { Err(RankError::Threads) } else { Ok(()) }
     }
 
     /// This process among them.

@@ -12,9 +12,9 @@ use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Variables by which launchers tell the number of processes: Open MPI; MPICH and Slurm's PMI.
+/// Variables by which launchers tell the number of processes: Open MPI; MPICH and Slurm's PMI; `srun` without either.
 #[cfg(not(feature = "mpi"))]
-const COUNTS: [&str; 2] = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE"];
+const COUNTS: [&str; 3] = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS"];
 /// Variables with the number of a process on its machine: Open MPI, MPICH, Slurm.
 const LOCAL: [&str; 3] = ["OMPI_COMM_WORLD_LOCAL_RANK", "MPI_LOCALRANKID", "SLURM_LOCALID"];
 
@@ -37,9 +37,11 @@ impl Together {
         Self { ranks: Ranks::default() }
     }
 
-    /// An error where processes were started together and cannot be: each would do everything, and all would write the same
+    /// An error where processes were started together and cannot work so: each would do everything, and all would write the same
     /// files.
     pub fn check(&self) -> Result<(), Failure> {
+        #[cfg(feature = "mpi")]
+        self.world.as_ref().map_or(Ok(()), |world| world.check())?;
         #[cfg(not(feature = "mpi"))]
         for name in COUNTS {
             if env::var(name).ok().and_then(|text| text.parse().ok()).is_some_and(|count: u32| count > 1) {

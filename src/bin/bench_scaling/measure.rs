@@ -124,7 +124,8 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
     let Some(world) = antirad::ranks::World::join() else {
         return bounce(arguments, interrupt, &Ranks::default());
     };
-    bounce(arguments, interrupt, &world.ranks()).inspect_err(|error| {
+    let checked = world.check().map_err(Box::from);
+    checked.and_then(|()| bounce(arguments, interrupt, &world.ranks())).inspect_err(|error| {
         eprintln!("bench_scaling: {error}");
         // The others would wait for this one.
         world.abort(antirad::cli::EXIT_FAILURE);
