@@ -76,7 +76,7 @@ fn kernels_take_no_more_of_a_gpu() {
     let drivers = fs::read_dir("/usr/share/vulkan/icd.d").into_iter().flatten().flatten();
     let mut drivers = drivers.map(|entry| entry.path());
     let Some(driver) = drivers.find(|path| path.to_string_lossy().contains("/radeon_icd")) else {
-        println!("not checked: there is no RADV (mesa-vulkan-drivers)");
+        eprintln!("not checked: there is no RADV (mesa-vulkan-drivers)");
         return;
     };
     let folder = Folder::with(&[]);
@@ -98,6 +98,9 @@ fn kernels_take_no_more_of_a_gpu() {
             let (found, most) = (of(found, name), factor * of(known, name) + 8.0 * (factor - 1.0) / 0.15);
             assert!(found <= most, "{:?}, {name}: {found} is more than {most}", key(known));
         }
+        let name = "Subgroups per SIMD";
+        let (found, least) = (of(found, name), (0.8 * of(known, name)).floor());
+        assert!(found >= least, "{:?}, {name}: {found} is less than {least}", key(known));
     }
 }
 
