@@ -505,12 +505,14 @@ impl Engine {
 
     /// An engine for a changed scene, planned anew with the same options and settings. Frees the memory of this one
     /// first, except for held solutions; compiled kernels stay with the device. Where only vertices have moved, direct light is
-    /// sampled at the same points of each triangle, so that results are smooth functions of the vertices.
+    /// sampled at the same points of each triangle, and clusters are kept as [`ClusterChoice`](crate::plan::ClusterChoice) says, so that
+    /// results are smooth functions of the vertices.
     pub fn rebuilt(self, scene: &Scene) -> Result<Self, EngineError> {
         let Self { device, operators, adjoint, direct, .. } = self;
         let (options, settings) = (operators.plan().options, operators.plan().settings);
+        let choice = operators.plan().choice().cloned();
         drop((operators, adjoint));
-        let plan = Plan::new(scene, &options, &settings)?;
+        let plan = Plan::following(scene, &options, &settings, choice.as_ref())?;
         let lamps = lamps_of(scene, &plan.lamps);
         let direct = match lamps == direct.light.lamps() && plan.facets.len() == direct.light.receivers() {
             true => direct.light.moved(&plan.facets),

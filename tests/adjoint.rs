@@ -201,6 +201,7 @@ fn transport_through_clusters_changes_with_all_corners_as_its_derivative_says() 
     let groups: Vec<u32> = layout.groups.iter().map(|group| layout.slots_of(&group.tiles).start).collect();
     let input = ClusterInput {
         facets: plan.facets(),
+        moved: None,
         classes: plan.classes(),
         brightness: &vec![1.0; scene.triangles.len()],
         backs: 1.0,
@@ -209,7 +210,6 @@ fn transport_through_clusters_changes_with_all_corners_as_its_derivative_says() 
         leaf: 4,
         most_volumes: None,
         half_range: 0.5 * scene.settings.near_field,
-        tolerance: 1e-6,
         bin: 0.3,
         error: 0.3,
         slopes: false,

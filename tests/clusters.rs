@@ -5,12 +5,16 @@ mod support;
 use antirad::gpu::{Device, DeviceKind};
 use antirad::model::{LIST, Parts, VolumeParts, classify, share};
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, PlannedTransport, Residency};
-use antirad::reference::Model;
-use antirad::scene::{Lamps, Precision, Scene, SolveSettings, Transport};
-use antirad::{Cotangent, Engine, Gradients, SolveParams};
-use glam::DVec3;
+use antirad::reference::{Model, Plates, Random};
+use antirad::scene::{
+    Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, Transport, Triangle,
+};
+use antirad::target_error::usual_settings;
+use antirad::{Cotangent, Energy, Engine, Gradients, SolveParams};
+use glam::{DAffine3, DQuat, DVec3};
+use std::sync::Arc;
 use std::time::Instant;
-use support::random::balls;
+use support::random::{balls, scattered};
 use support::{areas, device, finish, load, relative_l2, solve, solve_within};
 
 /// Bytes of bins in one buffer: of all triangles of a class in small scenes, or of some hundred.
@@ -193,6 +197,48 @@ fn no_triangle_is_missing_or_there_twice() {
     each_triangle_is_there_once(&scene, &plan);
 }
 
+/// Clusters that were chosen for other vertices leave out nothing either, and the same pairs are close as in a plan of its own.
+#[test]
+fn lists_that_are_kept_are_complete() {
+    let mut scene = load("scenes/cornell_boxes.toml");
+    scene.split_all(1);
+    let gradients = GradientRequest::default().albedo(true);
+    let [all, some] =
+        [false, true].map(|cull| PlanOptions::default().boundless().cull(cull).gradients(gradients));
+    for by in [0.004, 0.3] {
+        let moved = with_boxes_moved(&scene, by);
+        let follow = |options: &PlanOptions| {
+            let settings = hierarchical(&scene, 0.5);
+            let before = planned(&scene, &settings, *options);
+            let before = before.choice().expect("clusters");
+            let plan = Plan::following(&moved, options, &settings, Some(before)).expect("a plan");
+            let kept = plan.choice().is_some_and(|choice| Arc::ptr_eq(choice, before));
+            assert_eq!(kept, by < 0.01, "moved by {by}");
+            plan
+        };
+        each_triangle_is_there_once(&moved, &follow(&all));
+        let exact = scene.settings.transport(Transport::Exact);
+        let [own, kept] = [planned(&moved, &exact, some), follow(&some)].map(|plan| close_pairs(&plan));
+        assert!(
+            own == kept && !own.is_empty(),
+            "moved by {by}: {} and {} close pairs",
+            own.len(),
+            kept.len()
+        );
+    }
+}
+
+/// The close pairs as receiver and source, ascending.
+fn close_pairs(plan: &Plan) -> Vec<[u32; 2]> {
+    let (order, near) = (&plan.layout().order, &plan.interactions().by_receiver.near);
+    let all = 0..order.len() as u32;
+    let of = |receiver: u32| near.of(receiver, &all).iter().map(move |&source| [receiver, source]);
+    let mut pairs: Vec<[u32; 2]> =
+        all.clone().flat_map(of).map(|pair| pair.map(|slot| order[slot as usize])).collect();
+    pairs.sort_unstable();
+    pairs
+}
+
 fn each_triangle_is_there_once(scene: &Scene, plan: &Plan) {
     let clusters = plan.clusters().expect("clusters");
     let first = clusters.first();
@@ -351,5 +397,248 @@ fn states_on_the_host_have_clusters_too() {
             assert!(off <= 0.02 && off > 0.0, "{name}: {off}");
         }
     }
+    finish(&device);
+}
+
+/// The scene with its boxes moved along x.
+fn with_boxes_moved(scene: &Scene, by: f64) -> Scene {
+    let mut moved = scene.clone();
+    let classes = classify(scene);
+    let of_boxes = scene.triangles.iter().zip(&classes).filter(|(_, class)| class.blocker);
+    let mut vertices: Vec<u32> = of_boxes.flat_map(|(triangle, _)| triangle.vertices).collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    vertices.iter().for_each(|&vertex| moved.vertices[vertex as usize].x += by);
+    moved
+}
+
+/// While vertices move little, lists stay as they are, but for what cannot send light: irradiance is as smooth as that of the exact sum.
+/// Lists chosen anew at each step make it jump.
+#[test]
+fn irradiance_is_smooth_while_vertices_move() {
+    const STEPS: usize = 8;
+    let device = device();
+    let scene = load("scenes/cornell_boxes.toml");
+    let areas = areas(&scene);
+    let gradients = GradientRequest::default().positions(true);
+    let options = PlanOptions::of(&device).gradients(gradients);
+    // In steps of a millimetre; triangles of the boxes are some ten times as long.
+    let scenes: Vec<Scene> = (0..STEPS).map(|k| with_boxes_moved(&scene, 1e-3 * k as f64)).collect();
+    let solved = |scene: &Scene, plan: Plan| {
+        let mut engine = Engine::new(&device, scene, plan).expect("an engine");
+        let params = SolveParams::from(&scene.settings).tolerance(1e-6);
+        engine.solve(&params).expect("a solution").irradiance
+    };
+    let norm = |of: &dyn Fn(usize) -> DVec3| {
+        areas.iter().enumerate().map(|(i, area)| area * of(i).length_squared()).sum::<f64>().sqrt()
+    };
+    let vectors = |irradiance: Vec<[f64; 3]>| irradiance.into_iter().map(DVec3::from).collect::<Vec<_>>();
+    let states = |settings: SolveSettings, keep: bool| {
+        let first = planned(&scene, &settings, options);
+        let choice = first.choice().filter(|_| keep);
+        let plan = |scene: &Scene| Plan::following(scene, &options, &settings, choice).expect("a plan");
+        let is_kept =
+            |scene| plan(scene).choice().zip(choice).is_some_and(|(now, then)| Arc::ptr_eq(now, then));
+        assert_eq!(scenes.iter().all(is_kept), keep);
+        scenes.iter().map(|scene| vectors(solved(scene, plan(scene)))).collect::<Vec<_>>()
+    };
+    let exact = states(scene.settings.transport(Transport::Exact), false);
+    // How much what clusters change, changes from step to step, relative to all that it is.
+    let jumps = |states: Vec<Vec<DVec3>>| {
+        let off = |k: usize, i: usize| states[k][i] - exact[k][i];
+        let steps = (1..STEPS).map(|k| norm(&|i| off(k, i) - off(k - 1, i)));
+        steps.fold(0.0, f64::max) / norm(&|i| off(0, i))
+    };
+    let [kept, anew] = [true, false].map(|keep| {
+        let states = states(hierarchical(&scene, 0.1), keep);
+        for (state, exact) in states.iter().zip(&exact) {
+            let error = norm(&|i| state[i] - exact[i]) / norm(&|i| exact[i]);
+            assert!(error <= 0.1, "{error}");
+        }
+        jumps(states)
+    });
+    println!("change of the error in a step: kept {kept:.4}, anew {anew:.4}");
+    assert!(kept <= 0.005, "{kept}");
+    assert!(anew >= 4.0 * kept, "the test shows nothing: {anew}");
+    finish(&device);
+}
+
+fn placed(scale: [f64; 3], to: [f64; 3]) -> DAffine3 {
+    DAffine3::from_scale_rotation_translation(scale.into(), DQuat::IDENTITY, to.into())
+}
+
+fn grey(emission: f64) -> Material {
+    Material { albedo: [0.5; 3], emission: [emission; 3], ..Material::named(format!("grey {emission}")) }
+}
+
+/// What is hard for the exact sum, as fine as clusters want it, all light through U, with the error asked for.
+fn hard_cases() -> Vec<(&'static str, Scene, f64)> {
+    let built = |add: &dyn Fn(&mut SceneBuilder)| {
+        let mut builder = SceneBuilder::new();
+        add(&mut builder);
+        builder.finish("hard").expect("a scene")
+    };
+    let room = |cells: u32, side: f64, emission: f64| {
+        move |builder: &mut SceneBuilder| {
+            builder.shape("room", Shape::Room { cells }, &grey(emission), placed([side; 3], [0.0; 3]));
+        }
+    };
+    let narrow = built(&|builder| {
+        let up = placed([1.0; 3], [0.0; 3]);
+        builder.shape("up", Shape::Quad { cells: 40 }, &grey(1.0), up);
+        builder.shape(
+            "down",
+            Shape::Quad { cells: 40 },
+            &grey(0.0),
+            placed([1.0, -1.0, 1.0], [0.0, 0.01, 0.0]),
+        );
+    });
+    // A ceiling of needles of 1 : 2000.
+    let needles = built(&|builder| {
+        room(16, 1.0, 1.0)(builder);
+        builder.shape(
+            "needles",
+            Shape::Quad { cells: 20 },
+            &grey(0.0),
+            placed([0.01, -1.0, 0.8], [0.5, 0.8, 0.1]),
+        );
+    });
+    let mut soup = scattered(9, 3000, false, true, 6.0);
+    soup.materials.iter_mut().for_each(|m| m.albedo = [0.2; 3]);
+    // Every triangle a lamp, some a thousand times as bright as others.
+    let mut lamps = balls(6, 3, false);
+    let mut random = Random::new(4);
+    let labels: Vec<u64> = (0..lamps.triangles.len() as u64).collect();
+    lamps.split_materials(&labels);
+    lamps.materials.iter_mut().for_each(|m| m.emission = [10f64.powf(3.0 * random.next()); 3]);
+    // A ball of a hand's breadth on the floor of a hall, a thousandth of its size.
+    let two_scales = built(&|builder| {
+        room(16, 30.0, 0.1)(builder);
+        let at = placed([0.03; 3], [11.0, 0.1, 13.0]);
+        builder.shape("ring", Shape::Icosphere { level: 3, inward: false }, &grey(0.0), at);
+    });
+    let plates = Plates { count: 4, gap: 0.24, cells: 16, ..Plates::default() };
+    let mut plates = plates.scene().expect("a scene");
+    plates.settings = usual_settings(&plates);
+    vec![
+        ("stacked plates", plates, 0.03),
+        ("a narrow gap", narrow, 0.01),
+        ("needles", needles, 0.01),
+        ("interpenetrating soup", soup, 0.3),
+        ("5120 lamps", lamps, 0.03),
+        ("two scales", two_scales, 0.01),
+    ]
+}
+
+/// Clusters change hard cases by no more than what is asked for, and let through no light that the exact sum does not.
+#[test]
+fn hard_cases_are_those_of_the_exact_sum() {
+    let device = device();
+    for (name, mut scene, error) in hard_cases() {
+        scene.settings = scene.settings.lamps(Lamps::Antiradiance).tolerance(1e-4);
+        let areas = areas(&scene);
+        let exact = solve(&device, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
+        let (engine, solution) = solve(&device, &scene, &hierarchical(&scene, error));
+        let found = relative_l2(&solution.irradiance, &exact, &areas);
+        let of_mesh = |mesh: &antirad::scene::Mesh| {
+            let range = mesh.range.start as usize..mesh.range.end as usize;
+            relative_l2(&solution.irradiance[range.clone()], &exact[range.clone()], &areas[range])
+        };
+        let meshes: Vec<String> =
+            scene.meshes.iter().map(|mesh| format!("{} {:.1e}", mesh.name, of_mesh(mesh))).collect();
+        let pairs = engine.plan().pairs();
+        println!(
+            "{name}: {found:.1e} of {error}, {} triangles, {:?} pairs, {meshes:?}",
+            scene.triangles.len(),
+            pairs.irradiance + pairs.bins
+        );
+        // No branch of a soup is anything like one triangle.
+        let expected = if name.contains("soup") { "clusters would save too little" } else { "" };
+        assert_eq!(why(engine.plan()), expected, "{name}");
+        assert!(found <= error, "{name}: {found}");
+    }
+    // One triangle has no other.
+    let alone = Scene::new(
+        "one",
+        vec![DVec3::ZERO, DVec3::X, DVec3::Z],
+        vec![Triangle { vertices: [0, 2, 1], material: 0 }],
+        vec![grey(1.0)],
+    );
+    let alone = alone.expect("a scene");
+    let (_engine, solution) = solve(&device, &alone, &hierarchical(&alone, 0.01));
+    assert_eq!(solution.irradiance, [[0.0; 3]]);
+    finish(&device);
+}
+
+/// What holds of the exact sum (`properties`, `invariance`): light is linear in emission, energy is not created, culling changes nothing, nor do
+/// scale, place, the order of triangles and rotation. What changes lists changes irradiance by less than the error asked for.
+#[test]
+fn clusters_keep_what_holds_of_the_exact_sum() {
+    const ERROR: f64 = 0.03;
+    let device = device();
+    let mut scene = load("scenes/cornell_boxes.toml");
+    scene.settings = scene.settings.lamps(Lamps::Antiradiance).tolerance(1e-6);
+    let settings = hierarchical(&scene, ERROR);
+    let areas = areas(&scene);
+    let (mut engine, truth) = solve(&device, &scene, &settings);
+    assert!(engine.plan().clusters().is_some());
+    for c in 0..3 {
+        let Energy { absorbed, emitted, escaped, .. } = truth.energy;
+        let share = absorbed[c] / emitted[c];
+        println!("{share:.4} of what is emitted is absorbed");
+        assert!(share <= 1.02 && ((absorbed[c] + escaped[c]) / emitted[c] - 1.0).abs() <= 1e-12);
+    }
+    let truth = truth.irradiance;
+
+    let mut lit = |emission: &dyn Fn(&Material) -> [f64; 3]| {
+        let mut lit = scene.clone();
+        lit.materials.iter_mut().for_each(|m| m.emission = emission(m));
+        engine.set_linear_materials(&lit).expect("materials");
+        engine.solve(&SolveParams::from(&settings)).expect("a solution").irradiance
+    };
+    let glow = |m: &Material| m.albedo.map(|x| 0.5 - x);
+    let walls = lit(&glow);
+    let both = lit(&|m| std::array::from_fn(|c| m.emission[c] + 3.0 * glow(m)[c]));
+    let sum: Vec<[f64; 3]> =
+        truth.iter().zip(&walls).map(|(a, b)| std::array::from_fn(|c| a[c] + 3.0 * b[c])).collect();
+    let off = relative_l2(&both, &sum, &areas);
+    println!("linear within {off:.1e}");
+    assert!(off <= 1e-5, "{off}");
+
+    let usual = PlanOptions::of(&device);
+    let everything = solve_within(&device, &scene, &settings, &usual.cull(false)).1.irradiance;
+    let off = relative_l2(&everything, &truth, &areas);
+    println!("culling: {off:.1e}");
+    assert!(off <= ERROR, "{off}");
+
+    let moved = |map: &dyn Fn(DVec3) -> DVec3| {
+        let mut moved = scene.clone();
+        moved.vertices.iter_mut().for_each(|v| *v = map(*v));
+        moved
+    };
+    let turn = DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 1.0);
+    for (name, changed, bound) in [
+        ("a thousandth of the size", moved(&|x| 1e-3 * x), 0.1 * ERROR),
+        ("10³⁰ times the size", moved(&|x| 1e30 * x), 0.1 * ERROR),
+        ("moved by 10⁴", moved(&|x| x + DVec3::new(1e4, -1e4, 1e4)), 0.1 * ERROR),
+        ("turned", moved(&|x| turn * x), ERROR),
+    ] {
+        let other = solve(&device, &changed, &settings).1.irradiance;
+        let off = relative_l2(&other, &truth, &areas);
+        println!("{name}: {off:.1e}");
+        assert!(off <= bound, "{name}: {off}");
+    }
+
+    let count = scene.triangles.len();
+    let order: Vec<usize> = (0..count).map(|i| i * 1009 % count).collect();
+    let mut shuffled = scene.clone();
+    shuffled.triangles = order.iter().map(|&i| scene.triangles[i]).collect();
+    let other = solve(&device, &shuffled, &settings).1.irradiance;
+    let mut back = vec![[f64::NAN; 3]; count];
+    order.iter().zip(&other).for_each(|(&i, &h)| back[i] = h);
+    let off = relative_l2(&back, &truth, &areas);
+    println!("shuffled: {off:.1e}");
+    assert!(off <= 0.1 * ERROR, "{off}");
+    drop(engine);
     finish(&device);
 }

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 const MAGIC: &[u8; 16] = b"antirad-fit-ckpt";
 /// Incremented whenever the stored layout changes.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 const FILE: &str = "checkpoint";
 const PREVIOUS: &str = "checkpoint.previous";
 /// Names of all files of a checkpoint.

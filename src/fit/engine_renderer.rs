@@ -6,12 +6,13 @@ use crate::gpu::Device;
 use crate::image::{
     Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer, geometry_gradient, geometry_gradient_of,
 };
-use crate::plan::{GradientRequest, Plan, PlanError, PlanOptions};
-use crate::scene::{Camera, Scene};
+use crate::plan::{ClusterChoice, GradientRequest, Plan, PlanError, PlanOptions};
+use crate::scene::{Camera, Material, Scene, Transport};
 use crate::shading::{self, Light, Reflections, SeenFrom, Shading, ShadingError};
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams, Watch};
 use glam::DVec3;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// Cost of an evaluation with derivatives by materials, in solves: the adjoint solve costs as much as the forward one.
 const SOLVES: f64 = 2.1;
@@ -21,6 +22,8 @@ const SOLVES_OF_GEOMETRY: f64 = 1.0;
 /// Pictures near the latest: relative accuracy of the difference, and the residual below which rounding rules.
 const REDUCTION: f64 = 0.1;
 const ROUNDING: f64 = 1e-6;
+/// Smallest factor on the emission of a plan.
+const DIMMEST: f64 = 1e-6;
 /// Relative residual of pictures near the latest where vertices have moved.
 const MOVED: f64 = 1e-4;
 
@@ -30,6 +33,12 @@ pub struct EngineRenderer {
     rasterizer: Rasterizer,
     /// The plan is made for its materials, which require as much as any later ones.
     planning: Scene,
+    /// As it was at first; its emission is a measure of how bright others are.
+    first: Scene,
+    /// What the clusters of plans with derivatives are chosen for.
+    choice: Option<Arc<ClusterChoice>>,
+    /// How often they have been chosen.
+    choices: u64,
     cameras: Vec<Camera>,
     supersample: u32,
     shading: Shading,
@@ -49,6 +58,17 @@ pub struct EngineRenderer {
     latest: Option<Latest>,
     /// Light with other vertices, to start from.
     start: Option<Solution>,
+}
+
+/// What pictures show.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Subject {
+    /// A scene, for which clusters may be chosen.
+    Scene,
+    /// A scene near the latest.
+    Near,
+    /// A difference of scenes.
+    Difference,
 }
 
 struct Latest {
@@ -80,7 +100,10 @@ impl EngineRenderer {
         Ok(Self {
             device: device.clone(),
             rasterizer: Rasterizer::new(device)?,
+            first: planning.clone(),
             planning,
+            choice: None,
+            choices: 0,
             cameras,
             supersample,
             shading: Shading::default(),
@@ -121,7 +144,31 @@ impl EngineRenderer {
             pictures = pictures.max(bytes);
         }
         let options = PlanOptions { pictures, gradients, ..PlanOptions::of(&self.device) };
-        Plan::new(scene, &options, &scene.settings).map_err(|error| sort_out(error.into()))
+        let plan = Plan::following(scene, &options, &scene.settings, self.choice.as_ref());
+        plan.map_err(|error| sort_out(error.into()))
+    }
+
+    /// Plans with the clusters of before, or with those for the light of a scene.
+    fn plan_for(&mut self, scene: &Scene, gradients: GradientRequest) -> Result<Plan, RenderError> {
+        if let Transport::Hierarchical { .. } = self.planning.settings.transport {
+            if self.independent && self.choice.is_none() {
+                self.choice = self.plan(&self.first, self.request)?.choice().cloned();
+            }
+            let emission = self.first.materials.iter().zip(&scene.materials).map(|(m, own)| lit_like(m, own));
+            for (material, emission) in self.planning.materials.iter_mut().zip(emission) {
+                material.emission = emission;
+            }
+        }
+        let plan = self.plan(&self.planning, gradients)?;
+        let kept = match (plan.choice(), &self.choice) {
+            (Some(now), Some(before)) => Arc::ptr_eq(now, before),
+            (now, before) => now.is_none() && before.is_none(),
+        };
+        if !kept && gradients.any() && !self.independent {
+            self.choice = plan.choice().cloned();
+            self.choices += 1;
+        }
+        Ok(plan)
     }
 
     /// Per triangle, whether any view shows it, at the latest positions or else those of the planning scene.
@@ -159,8 +206,14 @@ impl EngineRenderer {
         }
     }
 
-    /// Updates engine and coverage to the positions of a scene; an engine that is made for it has the derivatives of `gradients`.
-    fn prepare(&mut self, scene: &Scene, gradients: GradientRequest) -> Result<Engine, RenderError> {
+    /// Updates engine and coverage to the positions of a scene; an engine that is made for it has the derivatives of `gradients`. `choose`:
+    /// whether clusters may be chosen for it.
+    fn prepare(
+        &mut self,
+        scene: &Scene,
+        choose: bool,
+        gradients: GradientRequest,
+    ) -> Result<Engine, RenderError> {
         if self.planning.vertices != scene.vertices {
             self.retire();
             let before = std::mem::replace(&mut self.planning.vertices, scene.vertices.clone());
@@ -173,10 +226,16 @@ impl EngineRenderer {
             self.coverage = views.map(look).collect::<Result<_, _>>().map_err(failed)?;
         }
         self.look()?;
+        if choose && self.engine.as_ref().is_some_and(|engine| !engine.plan().is_lit_by(scene)) {
+            self.retire();
+        }
         let mut engine = match self.engine.take() {
             Some(engine) => engine,
             None => {
-                let plan = self.plan(&self.planning, gradients)?;
+                let plan = match choose {
+                    true => self.plan_for(scene, gradients)?,
+                    false => self.plan(&self.planning, gradients)?,
+                };
                 self.planned = gradients;
                 let mut engine = Engine::new(&self.device, &self.planning, plan).map_err(sort_out)?;
                 let watch = self.watch.clone();
@@ -209,13 +268,14 @@ impl EngineRenderer {
         &mut self,
         scene: &Scene,
         params: SolveParams,
-        difference: bool,
+        subject: Subject,
         gradients: GradientRequest,
     ) -> Result<Latest, RenderError> {
         if (self.watch)().is_break() {
             return Err(RenderError::Interrupted);
         }
-        let mut engine = self.prepare(scene, gradients)?;
+        let difference = subject == Subject::Difference;
+        let mut engine = self.prepare(scene, subject == Subject::Scene, gradients)?;
         let moved = self.start.take();
         let latest = self.latest.as_ref().filter(|latest| !latest.difference);
         let start = latest.map(|latest| &latest.solution).or(moved.as_ref());
@@ -274,7 +334,7 @@ impl Renderer for EngineRenderer {
             return Ok(latest.pictures.clone());
         }
         let params = SolveParams::from(&scene.settings);
-        let latest = self.render(scene, params, false, self.request)?;
+        let latest = self.render(scene, params, Subject::Scene, self.request)?;
         Ok(self.latest.insert(latest).pictures.clone())
     }
 
@@ -283,16 +343,17 @@ impl Renderer for EngineRenderer {
             // No derivatives are wanted here, and other vertices need another engine anyway.
             let params = SolveParams::from(&scene.settings);
             let params = SolveParams { tolerance: params.tolerance.max(MOVED), ..params };
-            let latest = self.render(scene, params, false, GradientRequest::default())?;
+            let latest = self.render(scene, params, Subject::Near, GradientRequest::default())?;
             return Ok(self.latest.insert(latest).pictures.clone());
         }
         let params = SolveParams { reduction: REDUCTION, ..SolveParams::from(&scene.settings) };
         let params = SolveParams { tolerance: params.tolerance.min(ROUNDING), ..params };
-        Ok(self.render(scene, params, false, self.planned)?.pictures)
+        Ok(self.render(scene, params, Subject::Near, self.planned)?.pictures)
     }
 
     fn pictures_of_difference(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
-        let latest = self.render(scene, SolveParams::from(&scene.settings), true, self.request)?;
+        let latest =
+            self.render(scene, SolveParams::from(&scene.settings), Subject::Difference, self.request)?;
         Ok(self.latest.insert(latest).pictures.clone())
     }
 
@@ -384,9 +445,33 @@ impl Renderer for EngineRenderer {
         (self.latest, self.start) = (None, None);
     }
 
+    fn choices(&self) -> u64 {
+        self.choices
+    }
+
+    fn choose(&mut self, scene: Option<&Scene>) -> Result<(), RenderError> {
+        if self.choice.take().is_some() {
+            self.retire();
+        }
+        if let Some(scene) = scene {
+            let engine = self.prepare(scene, true, self.request)?;
+            self.engine = Some(engine);
+        }
+        Ok(())
+    }
+
     fn passes(&self) -> u64 {
         self.passes
     }
+}
+
+/// The emission of a material to plan with, as bright as that of another one. What emits in the plan does so always: it decides what
+/// counts as a lamp.
+fn lit_like(planned: &Material, other: &Material) -> [f64; 3] {
+    let brightest = |m: &Material| m.emission.into_iter().fold(0.0, f64::max);
+    let (own, other) = (brightest(planned), brightest(other));
+    let factor = if own > 0.0 { (other / own).max(DIMMEST) } else { 1.0 };
+    planned.emission.map(|e| factor * e)
 }
 
 fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RenderError {

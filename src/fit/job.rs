@@ -12,6 +12,7 @@ use super::regulariser::Regularisers;
 use super::renderer::{CostEstimate, RenderError, Renderer};
 use super::settings::{OptimiserKind, Settings, StopRule};
 use super::target::Target;
+use super::trail::Trail;
 use crate::image::ImageError;
 use crate::options::setters;
 use crate::output::OutputError;
@@ -142,9 +143,6 @@ impl Stop {
     }
 }
 
-/// Evaluations after which light is solved from darkness again, so that a resumed fit has few to go through.
-const LONGEST_TRAIL: usize = 10;
-
 /// One iteration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
@@ -166,9 +164,7 @@ pub struct Record {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FitProgress {
     optimiser: Optimiser,
-    /// Points evaluated since light was last solved from darkness, in units of the unknowns: each solve starts from the light
-    /// of the point before, so that a resumed fit has to go through them again to take the same steps.
-    trail: Vec<Vec<f64>>,
+    trail: Trail,
     /// One entry per iteration, the start first.
     pub history: Vec<Record>,
     /// Time of all runs together, s.
@@ -179,7 +175,7 @@ pub struct FitProgress {
 
 impl FitProgress {
     pub(super) fn new(optimiser: Optimiser) -> Self {
-        Self { optimiser, trail: Vec::new(), history: Vec::new(), seconds: 0.0, finished: None }
+        Self { optimiser, trail: Trail::default(), history: Vec::new(), seconds: 0.0, finished: None }
     }
 
     /// Finished iterations.
@@ -442,7 +438,7 @@ impl Job {
                 }
                 Err(FitError::Interrupted { iteration })
             };
-        match retrace(&self.problem, &progress, renderer) {
+        match progress.trail.retrace(&self.problem, renderer) {
             Err(RenderError::Interrupted) => return interrupted(&mut progress, &mut store),
             retraced => retraced?,
         }
@@ -504,22 +500,6 @@ struct Stepped {
     progress: bool,
 }
 
-/// Brings a renderer into the state in which it left a fit.
-fn retrace(
-    problem: &Problem,
-    progress: &FitProgress,
-    renderer: &mut dyn Renderer,
-) -> Result<(), RenderError> {
-    renderer.forget();
-    for x in &progress.trail {
-        match renderer.pictures(&problem.parameters.scene(x)) {
-            Err(RenderError::NoAnswer(_)) => {}
-            pictures => drop(pictures?),
-        }
-    }
-    Ok(())
-}
-
 fn step(
     problem: &Problem,
     settings: &Settings,
@@ -528,7 +508,7 @@ fn step(
 ) -> Result<Stepped, StepError<RenderError>> {
     let passes = renderer.passes();
     let (mut first, mut passes_of_first) = (None, 0);
-    if progress.trail.len() >= LONGEST_TRAIL {
+    if progress.trail.is_long() {
         renderer.forget();
         progress.trail.clear();
     }
@@ -539,11 +519,12 @@ fn step(
         &mut |x| {
             let mut renderer = renderer.borrow_mut();
             // Light from before the vertices moved would be no start.
-            match moves {
-                true => renderer.forget(),
-                false => trail.borrow_mut().push(x.to_vec()),
+            if moves {
+                renderer.forget();
             }
-            let evaluation = problem.evaluate(x, &mut **renderer)?;
+            let evaluation = trail
+                .borrow_mut()
+                .follow(x, !moves, &mut **renderer, |renderer| problem.evaluate(x, renderer))?;
             if first.is_none() {
                 passes_of_first = renderer.passes() - passes;
                 let gradient = problem.parameters.bounds().projected_gradient(x, &evaluation.gradient);
@@ -561,14 +542,13 @@ fn step(
             if settings.gauss_newton == 0 {
                 return Ok(None);
             }
-            if problem.gauss_newton_pictures() > settings.gauss_newton {
-                return Ok(problem.own_curvature(x, renderer)?.map(KnownHessian::Diagonal));
-            }
             // It renders the point again, which costs a renderer nothing that keeps its latest pictures.
-            if !moves {
-                trail.borrow_mut().push(x.to_vec());
-            }
-            Ok(problem.gauss_newton(x, renderer)?.map(KnownHessian::Whole))
+            trail.borrow_mut().follow(x, !moves, renderer, |renderer| {
+                if problem.gauss_newton_pictures() > settings.gauss_newton {
+                    return Ok(problem.own_curvature(x, renderer)?.map(KnownHessian::Diagonal));
+                }
+                Ok(problem.gauss_newton(x, renderer)?.map(KnownHessian::Whole))
+            })
         },
     )?;
     progress.trail = trail.into_inner();

@@ -24,6 +24,7 @@ mod selection;
 mod settings;
 mod status;
 mod target;
+mod trail;
 
 pub use checkpoint::{CHECKPOINT_FILES, CheckpointError};
 pub use engine_renderer::EngineRenderer;

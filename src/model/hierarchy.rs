@@ -3,6 +3,7 @@
 use super::facet::Facet;
 use super::order::{BoundedRun, PADDING};
 use glam::DVec3;
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// Fraction of the tolerance by which bounds must clear it, so that their rounding decides nothing.
@@ -122,6 +123,17 @@ impl Hierarchy {
         if leaves > 0 {
             Source { facets, order, leaf, cut }.grow(0..leaves, &mut nodes);
         }
+        Self::bounded(nodes, tolerance)
+    }
+
+    /// The same branches around triangles that have moved.
+    pub fn around_moved(&self, facets: &[Facet], order: &[u32], leaf: usize, tolerance: f64) -> Self {
+        let source = Source { facets, order, leaf, cut: |leaves: &Range<usize>| leaves.start };
+        let moved = |node: &Node| Node { next: node.next, ..source.node(node.leaves.clone()) };
+        Self::bounded(self.nodes.par_iter().map(moved).collect(), tolerance)
+    }
+
+    fn bounded(nodes: Vec<Node>, tolerance: f64) -> Self {
         let farthest = nodes.first().map_or(0.0, |root: &Node| {
             root.bounds.min.abs().max_element().max(root.bounds.max.abs().max_element())
         });

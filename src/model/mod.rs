@@ -21,8 +21,8 @@ pub use class::{Class, classify};
 pub(crate) use class::{coplanar_tolerance, reaches};
 pub(crate) use close_pair::{ClosePair, Piece};
 pub use clusters::{
-    ClusterInput, ClusterRun, Clusters, ENTRY_BITS, LIST, Parts, ReceiverLists, SOURCES, SourceLists, Spread,
-    VolumeParts, Volumes, share,
+    ClusterInput, ClusterRun, Clusters, ENTRY_BITS, LIST, MOVED, Parts, ReceiverLists, SOURCES, SourceLists,
+    Spread, VolumeParts, Volumes, share,
 };
 pub use facet::{Facet, orthonormal_basis};
 pub(crate) use facet::{centroid, quarters};

@@ -4,6 +4,7 @@ use super::{GradientRequest, Placement, Plan, PlanError};
 use crate::direct::{DirectLight, Lamp, Visibility, lamps};
 use crate::model::{Bins, Facet, coplanar_tolerance};
 use crate::scene::{Lamps, Scene, SolveSettings, Transport};
+use std::sync::Arc;
 
 /// Lamps up to which direct light is exact unless stated.
 const MOST: usize = 128;
@@ -86,7 +87,7 @@ pub(super) fn choose(
 }
 
 /// The triangles of a scene, in units of its size, and the lamps whose direct light is to be computed apart.
-pub(crate) fn direct_lamps(scene: &Scene) -> (Vec<Facet>, Vec<Lamp>, Visibility) {
+pub(crate) fn direct_lamps(scene: &Scene) -> (Arc<[Facet]>, Vec<Lamp>, Visibility) {
     let facets = Placement::of(scene).facets(scene);
     // Nothing is refused without derivatives.
     let Chosen { lamps, visibility, .. } =

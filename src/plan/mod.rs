@@ -1,6 +1,7 @@
 //! Planning, before any device is used: the class and order of triangles, the tiles that exchange light, and the
 //! memory and pairs that a solve takes. Pure host code.
 
+mod choice;
 mod error;
 mod gradient_request;
 mod interactions;
@@ -15,6 +16,7 @@ mod tiles;
 mod transport;
 
 pub use crate::model::PADDING;
+pub use choice::ClusterChoice;
 pub use error::PlanError;
 pub use gradient_request::GradientRequest;
 pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
@@ -38,6 +40,7 @@ use crate::options::setters;
 use crate::scene::{Precision, Scene, SolveSettings, SolverChoice, bounds};
 use glam::DVec3;
 use lamps::Chosen;
+use std::sync::Arc;
 
 /// Bytes of the facets of partners that a dispatch binds.
 pub(crate) const PARTNER_BYTES: u32 = 1 << 16;
@@ -157,8 +160,13 @@ impl Placement {
         (point - self.centre) * self.scale
     }
 
+    /// From the engine's coordinates to metres.
+    pub fn metres(&self, point: DVec3) -> DVec3 {
+        point / self.scale + self.centre
+    }
+
     /// The triangles of a scene, in the engine's coordinates.
-    pub(crate) fn facets(&self, scene: &Scene) -> Vec<Facet> {
+    pub(crate) fn facets(&self, scene: &Scene) -> Arc<[Facet]> {
         let placed = |i: usize| Facet::new(scene.corners(i).map(|c| self.apply(c)));
         (0..scene.triangles.len()).map(placed).collect()
     }
@@ -243,7 +251,7 @@ pub struct Plan {
     /// 3, or 1 for a scene without colour.
     pub(crate) channels: u32,
     /// Triangles in the engine's coordinates; index = triangle of the scene.
-    pub(crate) facets: Vec<Facet>,
+    pub(crate) facets: Arc<[Facet]>,
     pub(crate) placement: Placement,
     /// Classes; index = triangle of the scene.
     pub(crate) classes: Vec<Class>,
@@ -255,6 +263,7 @@ pub struct Plan {
     pub(crate) layout: TileLayout,
     pub(crate) interactions: Interactions,
     pub(crate) transport: PlannedTransport,
+    choice: Option<Arc<ClusterChoice>>,
     pub(crate) lobes: PlannedLobes,
     pub(crate) solver: PlannedSolver,
     pub(crate) residency: Residency,
@@ -269,6 +278,16 @@ pub struct Plan {
 impl Plan {
     /// Plans a solve of a scene, which is checked first.
     pub fn new(scene: &Scene, options: &PlanOptions, settings: &SolveSettings) -> Result<Self, PlanError> {
+        Self::following(scene, options, settings, None)
+    }
+
+    /// The same with the clusters of an earlier plan ([`Self::choice`]), as long as they serve.
+    pub fn following(
+        scene: &Scene,
+        options: &PlanOptions,
+        settings: &SolveSettings,
+        before: Option<&Arc<ClusterChoice>>,
+    ) -> Result<Self, PlanError> {
         scene.validate()?;
         settings.check()?;
         if !TILES.contains(&options.tile) {
@@ -293,14 +312,25 @@ impl Plan {
             Occlusion::Exact => {}
             Occlusion::Nothing => classes.iter_mut().for_each(|class| class.blocker = false),
             Occlusion::Everything => {
-                classes.iter_mut().zip(&facets).for_each(|(class, f)| class.blocker = f.area > 0.0);
+                classes.iter_mut().zip(&facets[..]).for_each(|(class, f)| class.blocker = f.area > 0.0);
             }
         }
         let bins = Bins::new(settings.bins, settings.weights);
         // A loss may have colour in a scene without.
         let channels = if is_grey(scene) && !options.gradients.any() { 1 } else { 3 };
 
-        let order = spatial_order(&facets);
+        let anew = ClusterChoice::of(scene, (placement, &facets), &classes, &lamps, (options, settings));
+        let kept = before.zip(anew.as_ref()).filter(|(before, anew)| before.serves(anew));
+        let (choice, order) = match kept {
+            Some((before, _)) => {
+                classes.clone_from(&before.classes);
+                (Some(before.clone()), before.order.clone())
+            }
+            None => {
+                let order = spatial_order(&facets);
+                (anew.map(|anew| Arc::new(ClusterChoice { order: order.clone(), ..anew })), order)
+            }
+        };
         if order.is_empty() {
             return Err(PlanError::NothingToSolve);
         }
@@ -322,6 +352,7 @@ impl Plan {
             layout,
             interactions: Interactions::default(),
             transport: PlannedTransport::default(),
+            choice: None,
             lobes,
             solver: PlannedSolver::FixedPoint,
             residency: Residency::Device,
@@ -332,7 +363,7 @@ impl Plan {
             reflectance: Reflectance::of(scene),
         };
         plan.lobes.matrices = plan.affordable_lobes();
-        plan.choose_transport(scene)?;
+        plan.choose_transport(choice.as_ref())?;
         plan.shares = Shares::of(&plan);
         plan.choose_near_field();
         Ok(plan)
@@ -388,6 +419,16 @@ impl Plan {
     /// The clusters that stand for far triangles, if any.
     pub fn clusters(&self) -> Option<&Clusters> {
         self.interactions.clusters.as_ref()
+    }
+
+    /// What these are chosen for.
+    pub fn choice(&self) -> Option<&Arc<ClusterChoice>> {
+        self.choice.as_ref()
+    }
+
+    /// Whether these would still be chosen alike for the light of a scene with the same triangles.
+    pub(crate) fn is_lit_by(&self, scene: &Scene) -> bool {
+        self.choice.as_ref().is_none_or(|choice| choice.is_lit_by(scene, &self.facets, &self.lamps))
     }
 
     /// Whether clusters stand for far triangles, and why not.

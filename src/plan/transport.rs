@@ -1,10 +1,11 @@
 //! Clusters or the exact sum.
 
-use super::{Group, Interactions, MemoryPlan, Plan, PlanError, Residency, page_tiles};
+use super::{ClusterChoice, Group, Interactions, MemoryPlan, Plan, PlanError, Residency, page_tiles};
 use crate::model::{Class, LIST};
-use crate::scene::{Scene, Transport};
+use crate::scene::Transport;
 use std::f64::consts::TAU;
 use std::fmt;
+use std::sync::Arc;
 
 /// Whether clusters stand for far triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,32 +55,20 @@ const LEAF: u32 = 4;
 const VOLUME_SHARE: u64 = 16;
 /// How often clusters are planned anew for smaller windows on states.
 const REFITS: u32 = 4;
-/// Largest brightness of a source, relative to the mean.
-const BRIGHTEST: f64 = 1e4;
-/// Brightness of backs under diffuse light, relative to the mean.
-const BACKS: f64 = 2.0;
-/// The same under the light of an emitter, relative to the emitter: bins spread it out.
-const NARROW: f64 = 0.25;
-/// Factor on the error of each cluster where derivatives by vertices are wanted: what depends on how neighbours differ errs more than light.
-const OF_VERTICES: f64 = 0.1;
-/// Factor on the error of each cluster where light comes from emitters straight to clusters, and is uneven there.
-const UNEVEN: f64 = 0.3;
-
 impl Plan {
     /// Chooses transport, and solver and residency for it.
-    pub(super) fn choose_transport(&mut self, scene: &Scene) -> Result<(), PlanError> {
-        let error = match self.settings.transport {
-            Transport::Exact => Err("settings"),
-            Transport::Auto if self.triangles() < Transport::FEWEST => Err("few triangles"),
-            Transport::Auto => Err("no error is allowed for"),
-            Transport::Hierarchical { error } => Ok(error),
-        };
-        let why = match error {
-            Err(why) => why,
-            Ok(error) => match self.with_clusters(scene, error)? {
-                Ok(()) => return Ok(()),
+    pub(super) fn choose_transport(&mut self, choice: Option<&Arc<ClusterChoice>>) -> Result<(), PlanError> {
+        let why = match (self.settings.transport, choice) {
+            (Transport::Hierarchical { error }, Some(choice)) => match self.with_clusters(choice, error)? {
+                Ok(()) => {
+                    self.choice = Some(choice.clone());
+                    return Ok(());
+                }
                 Err(why) => why,
             },
+            (Transport::Auto, _) if self.triangles() < Transport::FEWEST => "few triangles",
+            (Transport::Auto, _) => "no error is allowed for",
+            _ => "settings",
         };
         self.transport = PlannedTransport::Exact { why };
         let half_range = 0.5 * self.settings.near_field;
@@ -90,19 +79,18 @@ impl Plan {
     }
 
     /// Plans clusters, or says why they are not worth it.
-    fn with_clusters(&mut self, scene: &Scene, error: f64) -> Result<Result<(), &'static str>, PlanError> {
-        let brightness = self.brightness(scene);
-        let uneven = brightness.iter().any(|&bright| bright > 1.0);
-        let each = if uneven { UNEVEN * error } else { error };
-        let each = if self.options.gradients.geometry() { OF_VERTICES * each } else { each };
-        self.list_clusters(&brightness, each)?;
+    fn with_clusters(
+        &mut self,
+        choice: &ClusterChoice,
+        error: f64,
+    ) -> Result<Result<(), &'static str>, PlanError> {
+        self.list_clusters(choice)?;
         self.transport = PlannedTransport::Hierarchical { error };
         if !self.clusters_pay() {
             return Ok(Err("clusters would save too little"));
         }
         let planned = self.layout.groups.clone();
-        let chosen =
-            self.choose_solver().and_then(|()| self.fit_clusters_to_windows(planned, &brightness, each));
+        let chosen = self.choose_solver().and_then(|()| self.fit_clusters_to_windows(planned, choice));
         let why = match chosen {
             Ok(()) if self.clusters_pay() => return Ok(Ok(())),
             Ok(()) | Err(PlanError::OverBudget { .. }) => "clusters do not fit the memory budget",
@@ -123,16 +111,13 @@ impl Plan {
         entries as f64 * f64::from(LIST) <= WORTH * triangles * triangles
     }
 
-    /// Clusters of the groups as they are now, and their lists; `error`: of each.
-    fn list_clusters(&mut self, brightness: &[f64], error: f64) -> Result<(), PlanError> {
-        let half_range = 0.5 * self.settings.near_field;
+    /// Clusters of the groups as they are now, and their lists.
+    fn list_clusters(&mut self, choice: &ClusterChoice) -> Result<(), PlanError> {
         let bin = TAU / self.bins.count() as f64;
-        let lists = (self.options.cull, self.options.gradients.any());
-        let backs = brightness.iter().fold(BACKS, |most, &bright| most.max(NARROW * bright));
-        let (limits, lit) = ((LEAF, self.most_volumes(), error), (brightness, backs, bin));
-        let Self { layout, facets, classes, .. } = &*self;
-        self.interactions =
-            Interactions::hierarchical(layout, facets, classes, half_range, lists, limits, lit)?;
+        let limits = (LEAF, self.most_volumes(choice));
+        let Self { layout, facets, .. } = &*self;
+        let by_source = self.options.gradients.any();
+        self.interactions = Interactions::hierarchical(layout, facets, choice, limits, bin, by_source)?;
         Ok(())
     }
 
@@ -141,14 +126,13 @@ impl Plan {
     fn fit_clusters_to_windows(
         &mut self,
         mut planned: Vec<Group>,
-        brightness: &[f64],
-        error: f64,
+        choice: &ClusterChoice,
     ) -> Result<(), PlanError> {
         for _ in 0..REFITS {
             if self.residency == Residency::Device || self.layout.groups == planned {
                 return Ok(());
             }
-            self.list_clusters(brightness, error)?;
+            self.list_clusters(choice)?;
             planned.clone_from(&self.layout.groups);
             self.memory = MemoryPlan::of(self);
             if self.memory.total() <= self.options.memory_budget {
@@ -172,24 +156,8 @@ impl Plan {
 
     /// How many volumes fit a buffer and their part of the budget with their bins. None where derivatives are wanted, which go through
     /// clusters of one normal alone.
-    fn most_volumes(&self) -> Option<usize> {
+    fn most_volumes(&self, choice: &ClusterChoice) -> Option<usize> {
         let bytes = (self.options.memory_budget / VOLUME_SHARE).min(self.options.max_buffer);
-        (!self.options.gradients.any()).then(|| (bytes / self.bin_bytes()) as usize)
-    }
-
-    /// Brightness of the fronts, relative to the mean: 1, and more where light is emitted into U.
-    fn brightness(&self, scene: &Scene) -> Vec<f64> {
-        let emitted = |i: usize| scene.material(i).emission.into_iter().fold(0.0, |m: f64, e| m.max(e.abs()));
-        let (mut flux, mut area) = (0.0, 0.0);
-        for (i, facet) in self.facets.iter().enumerate() {
-            flux += facet.area * emitted(i);
-            area += facet.area;
-        }
-        let mean = if area > 0.0 { flux / area } else { 0.0 };
-        let relative = |i: usize| if mean > 0.0 { (1.0 + emitted(i) / mean).min(BRIGHTEST) } else { 1.0 };
-        let mut brightness: Vec<f64> = (0..self.facets.len()).map(relative).collect();
-        // Direct light of lamps does not pass through U.
-        self.lamps.iter().flat_map(|lamp| &lamp.triangles).for_each(|&i| brightness[i as usize] = 1.0);
-        brightness
+        (!choice.slopes).then(|| (bytes / self.bin_bytes()) as usize)
     }
 }

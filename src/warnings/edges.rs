@@ -77,7 +77,7 @@ fn duplicates(faces: &[(u32, [u32; 3])]) -> Vec<u32> {
 
 /// Vertex positions and triangles, welded within the tolerance, without triangles of zero area.
 fn weld(plan: &Plan, tolerance: f64) -> (Vec<DVec3>, Vec<(u32, [u32; 3])>) {
-    let with_area = || (0u32..).zip(&plan.facets).filter(|(_, facet)| facet.area > 0.0);
+    let with_area = || (0u32..).zip(&plan.facets[..]).filter(|(_, facet)| facet.area > 0.0);
     let corners: Vec<DVec3> = with_area().flat_map(|(_, facet)| facet.corners).collect();
     let welded = Welded::within(tolerance, corners.iter().copied());
     let faces =

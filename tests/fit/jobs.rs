@@ -191,15 +191,20 @@ fn the_rule_says_when_to_stop() {
 /// Interrupted after or within any iteration and resumed, a fit gives the same result to the last bit.
 #[test]
 fn interruptions_leave_no_trace() {
-    // Each picture depends a little on the one before.
-    let haunted = || Double { memory: 1e-4, ..Double::new(2) };
+    // Each picture depends a little on the one before, and on what was chosen at another.
+    let haunted = || Double { memory: 1e-4, chooses: 1e-5, ..Double::new(2) };
     let emission = Fit::new(Quantity::Emission).per(Per::Triangle).initial(Some([1.0; 3]));
-    for settings in [from_grey(), from_grey().optimiser(OptimiserKind::Adam), Settings::new(vec![emission])] {
-        let stop = exact().iterations(12);
+    let mut outlasts = false;
+    let adam = from_grey().optimiser(OptimiserKind::Adam);
+    for (settings, iterations) in [(from_grey(), 12), (adam, 25), (Settings::new(vec![emission]), 12)] {
+        let stop = exact().iterations(iterations);
         let mut renderer = haunted();
         let options = RunOptions::default().stop(stop);
         let whole = run_with(&mut job(settings.clone()), &mut renderer, &options).expect("an outcome");
         let renders = renderer.pictures;
+        // The points that a resumed fit goes through are ten at most.
+        println!("{} choices, {renders} pictures", renderer.choices);
+        outlasts |= renderer.choices > 1 && renders > 11 * renderer.choices;
         for at in 1..=renders {
             let folder = tempfile::tempdir().expect("a folder");
             let options = RunOptions::default()
@@ -236,6 +241,7 @@ fn interruptions_leave_no_trace() {
         }
         same(&whole, &last.expect("an end"));
     }
+    assert!(outlasts, "the test shows nothing of choices");
 }
 
 #[track_caller]

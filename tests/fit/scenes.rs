@@ -8,10 +8,12 @@ use antirad::fit::{
 };
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
+use antirad::model::classify;
 use antirad::plan::GradientRequest;
-use antirad::scene::{BinLayout, Camera, Lamps, Material, Scene, SceneBuilder, Shape};
+use antirad::scene::{BinLayout, Camera, Lamps, Material, Scene, SceneBuilder, Shape, Transport};
 use antirad::shading::Shading;
 use glam::{DAffine3, DVec3};
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
@@ -439,4 +441,61 @@ fn own_curvature_is_the_diagonal_of_the_hessian_without_interreflection() {
         drop(renderer);
         finish(&device);
     }
+}
+
+/// Clusters outlast small motions of vertices, so that losses are smooth, and are chosen anew after large ones, and where light has changed
+/// much. A renderer that chooses as another one has chosen renders the same.
+#[test]
+fn clusters_are_kept_while_they_serve() {
+    let device = device();
+    let mut scene = load("scenes/cornell_boxes.toml");
+    let transport = Transport::Hierarchical { error: 0.1 };
+    scene.settings = scene.settings.transport(transport).lamps(Lamps::Antiradiance);
+    scene.materials.iter_mut().for_each(|m| m.emission = m.emission.map(|e| e.max(1e-2)));
+    let camera = Camera { width: 24, height: 24, ..scene.cameras[0].clone() };
+    let request = GradientRequest::default().positions(true);
+    let renderer = || {
+        EngineRenderer::new(&device, scene.clone(), vec![camera.clone()], 1, request, watch())
+            .expect("a renderer")
+    };
+    let of_boxes = scene.triangles.iter().zip(classify(&scene)).filter(|(_, class)| class.blocker);
+    let of_boxes: BTreeSet<u32> = of_boxes.flat_map(|(triangle, _)| triangle.vertices).collect();
+    let moved = |by: f64| {
+        let mut moved = scene.clone();
+        of_boxes.iter().for_each(|&vertex| moved.vertices[vertex as usize].x += by);
+        moved
+    };
+    // All that shines shines a thousandth, which changes nothing, or all but the lamp a thousand times as much.
+    let lit = |lamp: f64, others: f64| {
+        let mut lit = moved(0.3);
+        for material in &mut lit.materials {
+            let factor = if material.emission[0] > 1.0 { lamp } else { others };
+            material.emission = material.emission.map(|e| factor * e);
+        }
+        lit
+    };
+
+    let mut first = renderer();
+    let mut pictures = Vec::new();
+    let cases = [
+        (moved(0.0), 1),
+        (moved(0.006), 1),
+        (moved(0.3), 2),
+        (lit(1e-3, 1e-3), 2),
+        (lit(1.0, 1e3), 3),
+        (lit(1.0, 1e3), 3),
+    ];
+    for (scene, choices) in cases {
+        first.forget();
+        pictures.push(first.pictures(&scene).expect("pictures"));
+        assert_eq!(first.choices(), choices);
+    }
+    let mut second = renderer();
+    second.choose(Some(&scene)).expect("a choice");
+    assert_eq!(second.pictures(&moved(0.006)).expect("pictures"), pictures[1]);
+    // Chosen for its own vertices, they differ.
+    second.choose(None).expect("no choice");
+    assert_ne!(second.pictures(&moved(0.006)).expect("pictures"), pictures[1]);
+    drop((first, second));
+    finish(&device);
 }

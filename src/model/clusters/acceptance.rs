@@ -6,18 +6,18 @@
 //! first order, w δ. Lamps off its centre by d count like triangles at that distance, w (d/r)²: the first moment of light covers
 //! the rest. Light decides, not angle alone: small, dim and inclined sources need little care.
 
-use super::moments::Moments;
+use super::moments::{Cuts, Moments};
 use super::sources::ENTRY_BITS;
 use super::volumes::{Place, VolumeTree};
-use super::{ClusterInput, LIST};
-use crate::model::class::Class;
+use super::{ClusterInput, LIST, MOVED};
+use crate::model::class::{Class, coplanar_tolerance};
 use crate::model::facet::Facet;
 use crate::model::hierarchy::{Hierarchy, Node, Sight};
 use crate::model::order::{BoundedRun, PADDING};
 use crate::model::passing::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 use glam::DVec3;
 use rayon::prelude::*;
-use std::f64::consts::PI;
+use std::f64::consts::{PI, SQRT_2};
 use std::ops::Range;
 
 /// Square of the largest σ/r over the error: the light of a cluster is linear in its plane, and what is missing tends to have the
@@ -68,6 +68,8 @@ impl Branch {
 
 /// A group of receivers.
 pub struct Receivers<'a> {
+    /// Its number in the tree.
+    at: usize,
     pub node: &'a Node,
     pub centre: DVec3,
     pub radius: f64,
@@ -112,6 +114,11 @@ struct Seen {
 impl Seen {
     const UNKNOWN: Self = Self { apart: false, above: false, sides: [Sight::Unknown; 2] };
 
+    /// Whether any light of a branch may arrive.
+    fn any(&self, branch: &Branch) -> bool {
+        self.sides[0] != Sight::Nothing || self.sides[1] != Sight::Nothing && branch.may_block()
+    }
+
     /// What either tells.
     fn or(self, other: Self) -> Self {
         let either = |k: usize| match self.sides[k] {
@@ -126,12 +133,28 @@ impl Seen {
     }
 }
 
+/// The same for the triangles that lists are chosen for, and for those of now, which differ where vertices have moved.
+#[derive(Clone, Copy)]
+struct Sights {
+    chosen: Seen,
+    now: Seen,
+}
+
+impl Sights {
+    const UNKNOWN: Self = Self { chosen: Seen::UNKNOWN, now: Seen::UNKNOWN };
+
+    /// What either tells.
+    fn or(self, other: Self) -> Self {
+        Self { chosen: self.chosen.or(other.chosen), now: self.now.or(other.now) }
+    }
+}
+
 /// What holds of a branch for a group.
 #[derive(Clone, Copy)]
 struct Known {
     /// Window on the runs of triangles that volumes stand for; empty where these are none of its own.
     taken: [u32; 2],
-    seen: Seen,
+    sights: Sights,
 }
 
 impl Known {
@@ -188,11 +211,66 @@ impl TakenRuns {
     }
 }
 
+/// The trees of sources and receivers around triangles at some time.
+pub struct Trees {
+    pub sources: Hierarchy,
+    receivers: Hierarchy,
+}
+
+impl Trees {
+    pub fn new(input: &ClusterInput, cuts: &Cuts) -> Self {
+        let &ClusterInput { facets, order, leaf, .. } = input;
+        let tolerance = coplanar_tolerance(facets);
+        Self {
+            sources: Hierarchy::cut_by(facets, order, leaf as usize, tolerance, |leaves| cuts.cut(leaves)),
+            receivers: Hierarchy::new(facets, order, LIST as usize, tolerance),
+        }
+    }
+
+    /// The same branches around the triangles where they have moved to.
+    fn moved(&self, input: &ClusterInput, facets: &[Facet]) -> Self {
+        let tolerance = coplanar_tolerance(facets);
+        let moved =
+            |tree: &Hierarchy, leaf: u32| tree.around_moved(facets, input.order, leaf as usize, tolerance);
+        Self { sources: moved(&self.sources, input.leaf), receivers: moved(&self.receivers, LIST) }
+    }
+
+    /// What bounds tell of a branch and receivers; `half_range`: of the near field; `cull`: whether it matters who sees whom.
+    fn look(
+        &self,
+        to: &Node,
+        from: &Node,
+        branch: &Branch,
+        seen: Seen,
+        (half_range, cull): (f64, bool),
+    ) -> Seen {
+        let apart = seen.apart || !are_near(to, &from.bounds, from.characteristic_area, half_range);
+        if !cull {
+            return Seen { apart, ..seen };
+        }
+        let above = seen.above
+            || match self.sources.sight(to, &from.bounds, 1.0, false) {
+                Sight::Nothing => return Seen { apart, sides: [Sight::Nothing; 2], ..seen },
+                Sight::Unknown => false,
+                Sight::Each => true,
+            };
+        let mut sides = seen.sides;
+        for (sight, (side, bit)) in sides.iter_mut().zip(SIDES) {
+            if *sight == Sight::Unknown && (bit == PAIR_FRONT || branch.may_block() || branch.turn > FLAT) {
+                *sight = self.sources.sight(from, &to.bounds, side, to.is_leaf());
+            }
+        }
+        Seen { apart, above, sides }
+    }
+}
+
 pub struct Acceptance<'a> {
     input: &'a ClusterInput<'a>,
-    tree: &'a Hierarchy,
-    receivers: Hierarchy,
-    /// Its leaves, the groups.
+    /// What is chosen depends on these alone.
+    chosen: &'a Trees,
+    /// What light can pass depends on these, if triangles have moved.
+    now: Option<Trees>,
+    /// The leaves of the tree of receivers, the groups.
     groups: Vec<usize>,
     branches: Vec<Branch>,
     volumes: Option<VolumeTree<'a>>,
@@ -202,8 +280,9 @@ pub struct Acceptance<'a> {
 
 impl<'a> Acceptance<'a> {
     /// `index`: the cluster of each node, if it is one.
-    pub fn new(input: &'a ClusterInput<'a>, tree: &'a Hierarchy, index: &[Option<u32>]) -> Self {
+    pub fn new(input: &'a ClusterInput<'a>, chosen: &'a Trees, index: &[Option<u32>]) -> Self {
         let &ClusterInput { facets, order, leaf, .. } = input;
+        let tree = &chosen.sources;
         let nodes = tree.nodes();
         let mut moments = vec![Moments::default(); nodes.len()];
         for at in (0..nodes.len()).rev() {
@@ -235,13 +314,13 @@ impl<'a> Acceptance<'a> {
             }
         };
         let branches: Vec<Branch> = moments.iter().enumerate().map(branch).collect();
-        let receivers = Hierarchy::new(facets, order, LIST as usize, input.tolerance);
         let volumes =
             input.most_volumes.map(|most| VolumeTree::new(input, most, &planes(tree, &branches, input)));
         let places = volumes.as_ref().map_or(Vec::new(), |volumes| places(tree, volumes, input));
-        let leaves = receivers.nodes().iter().enumerate().filter(|(_, node)| node.is_leaf());
+        let leaves = chosen.receivers.nodes().iter().enumerate().filter(|(_, node)| node.is_leaf());
         let groups = leaves.map(|(at, _)| at).collect();
-        Self { input, tree, receivers, groups, branches, volumes, places }
+        let now = input.moved.map(|facets| chosen.moved(input, facets));
+        Self { input, chosen, now, groups, branches, volumes, places }
     }
 
     /// The sources of each group of receivers; volumes have the indices from `volumes` on, by their number in the tree. `None` if
@@ -252,21 +331,21 @@ impl<'a> Acceptance<'a> {
             return None;
         }
         let mut together = Vec::new();
-        self.receivers.walk(|_, node| {
+        self.chosen.receivers.walk(|at, node| {
             let few = node.leaves.len() <= AT_ONCE;
-            together.extend(few.then_some(node));
+            together.extend(few.then_some(at));
             !few
         });
         let volumes = Some(volumes).filter(|_| self.volumes_pay(&together));
-        Some(together.into_par_iter().flat_map_iter(|node| self.lists_of(node, volumes)).collect())
+        Some(together.into_par_iter().flat_map_iter(|at| self.lists_of(at, volumes)).collect())
     }
 
     /// Whether volumes shorten some of the lists enough.
-    fn volumes_pay(&self, receivers: &[&Node]) -> bool {
+    fn volumes_pay(&self, receivers: &[usize]) -> bool {
         let step = (receivers.len() / LEAST_SAMPLES).clamp(1, SAMPLED);
-        let sample: Vec<&Node> = receivers.iter().copied().step_by(step).collect();
+        let sample: Vec<usize> = receivers.iter().copied().step_by(step).collect();
         let length = |volumes: Option<u32>| -> usize {
-            let of = |node: &&Node| self.lists_of(node, volumes).iter().map(Vec::len).sum::<usize>();
+            let of = |&at: &usize| self.lists_of(at, volumes).iter().map(Vec::len).sum::<usize>();
             sample.par_iter().map(of).sum()
         };
         self.volumes.is_some() && length(Some(0)) as f64 <= WORTH * length(None) as f64
@@ -279,21 +358,21 @@ impl<'a> Acceptance<'a> {
 
     /// The lists of the groups in a branch of receivers, which walk along the tree together: then they read its branches, of which most
     /// are in no cache, once, and what holds for all is found once. Without volumes where `volumes` is `None`.
-    fn lists_of(&self, receivers: &Node, volumes: Option<u32>) -> Vec<Vec<u32>> {
-        let groups = &self.groups[receivers.leaves.clone()];
+    fn lists_of(&self, receivers: usize, volumes: Option<u32>) -> Vec<Vec<u32>> {
+        let groups = &self.groups[self.chosen.receivers.nodes()[receivers].leaves.clone()];
         let mut lists: Vec<List> = groups.iter().map(|&at| self.list(at, volumes)).collect();
         let mut known = [None; AT_ONCE];
         for (known, list) in known.iter_mut().zip(&lists) {
-            let first = Known { taken: list.taken.all(), seen: Seen::UNKNOWN };
+            let first = Known { taken: list.taken.all(), sights: Sights::UNKNOWN };
             *known = self.class_of(list.to.node).map(|_| first);
         }
-        self.tree.descend((Seen::UNKNOWN, known), |at, from, (seen, mut known)| {
-            let seen = self.look(receivers, from, &self.branches[at], seen)?;
+        self.chosen.sources.descend((Sights::UNKNOWN, known), |at, from, (sights, mut known)| {
+            let sights = self.look(receivers, at, sights)?;
             for (known, list) in known.iter_mut().zip(&mut lists) {
-                let now = known.map(|known| Known { seen: known.seen.or(seen), ..known });
-                *known = now.and_then(|known| self.visit(list, at, from, known));
+                let so_far = known.map(|known| Known { sights: known.sights.or(sights), ..known });
+                *known = so_far.and_then(|known| self.visit(list, at, from, known));
             }
-            known.iter().any(Option::is_some).then_some((seen, known))
+            known.iter().any(Option::is_some).then_some((sights, known))
         });
         let sorted = |List { mut entries, .. }: List| {
             entries.sort_unstable();
@@ -309,10 +388,11 @@ impl<'a> Acceptance<'a> {
 
     /// The list of a group, with its volumes.
     fn list(&self, at: usize, volumes: Option<u32>) -> List<'_> {
-        let node = &self.receivers.nodes()[at];
+        let node = &self.chosen.receivers.nodes()[at];
         let class = self.class_of(node);
         let half = 0.5 * (node.bounds.max - node.bounds.min);
         let to = Receivers {
+            at,
             node,
             centre: node.bounds.min.midpoint(node.bounds.max),
             radius: half.length(),
@@ -322,7 +402,7 @@ impl<'a> Acceptance<'a> {
         if let Some((volumes, first)) = self.volumes.as_ref().zip(volumes).filter(|_| class.is_some()) {
             let List { to, taken, entries } = &mut list;
             volumes.choose(to, |number, bounds, at| {
-                if !self.input.cull || self.tree.sight(node, bounds, 1.0, true) != Sight::Nothing {
+                if !self.input.cull || self.chosen.sources.sight(node, bounds, 1.0, true) != Sight::Nothing {
                     entries.push((first + number) << ENTRY_BITS | PAIR_FRONT | PAIR_BACK);
                 }
                 taken.add(at.clone());
@@ -344,15 +424,16 @@ impl<'a> Acceptance<'a> {
         if part == Taken::All || branch.area == 0.0 && branch.facet.area == 0.0 {
             return None;
         }
-        let known = Known { taken: window, seen: self.look(to.node, from, branch, known.seen)? };
-        let passing = self.passing(branch, &known);
-        let stands = |_: &u32| known.is_free() && self.stands_for(to, from, branch, passing, &known);
+        let known = Known { taken: window, sights: self.look(to.at, at, known.sights)? };
+        let Sights { chosen, now } = known.sights;
+        let passing = self.passing(branch, &now);
+        let stands = |_: &u32| known.is_free() && now.apart && self.stands_for(to, from, branch, chosen);
         if let Some(index) = branch.index.filter(stands) {
             entries.push(index << ENTRY_BITS | passing);
             return None;
         }
         if from.is_leaf() {
-            let near = if known.seen.apart { 0 } else { PAIR_NEAR };
+            let near = if now.apart { 0 } else { PAIR_NEAR };
             let first = from.leaves.start as u32 * leaf;
             for (&i, slot) in from.slots(leaf as usize, order).iter().zip(first..) {
                 let position = || self.volumes.as_ref().and_then(|volumes| volumes.position(slot));
@@ -360,7 +441,7 @@ impl<'a> Acceptance<'a> {
                 if i == PADDING || !known.is_free() && position().is_some_and(is_taken) {
                     continue;
                 }
-                let passing = self.of_triangle(to, i as usize, passing, &known);
+                let passing = self.of_triangle(to, i as usize, passing, &now);
                 if passing != 0 {
                     entries.push(slot << ENTRY_BITS | passing | near);
                 }
@@ -369,51 +450,51 @@ impl<'a> Acceptance<'a> {
         Some(known)
     }
 
-    /// What bounds tell of a branch and receivers; `None` if none of these can see it.
-    fn look(&self, to: &Node, from: &Node, branch: &Branch, seen: Seen) -> Option<Seen> {
-        let apart =
-            seen.apart || !are_near(to, &from.bounds, from.characteristic_area, self.input.half_range);
-        if !self.input.cull {
-            return Some(Seen { apart, ..seen });
-        }
-        let above = seen.above
-            || match self.tree.sight(to, &from.bounds, 1.0, false) {
-                Sight::Nothing => return None,
-                Sight::Unknown => false,
-                Sight::Each => true,
-            };
-        let mut sides = seen.sides;
-        for (sight, (side, bit)) in sides.iter_mut().zip(SIDES) {
-            if *sight == Sight::Unknown && (bit == PAIR_FRONT || branch.may_block() || branch.turn > FLAT) {
-                *sight = self.tree.sight(from, &to.bounds, side, to.is_leaf());
-            }
-        }
-        let sees = sides[0] != Sight::Nothing || sides[1] != Sight::Nothing && branch.may_block();
-        sees.then_some(Seen { apart, above, sides })
+    /// What bounds tell of receivers and a branch, by number; `None` if none of these can see it now.
+    fn look(&self, to: usize, from: usize, sights: Sights) -> Option<Sights> {
+        let &ClusterInput { half_range, cull, slopes, .. } = self.input;
+        let branch = &self.branches[from];
+        let at = |trees: &Trees, seen: Seen, half_range: f64| {
+            let (to, from) = (&trees.receivers.nodes()[to], &trees.sources.nodes()[from]);
+            trees.look(to, from, branch, seen, (half_range, cull))
+        };
+        let kept_range = if slopes { (half_range.sqrt() + SQRT_2 * MOVED).powi(2) } else { half_range };
+        let chosen = at(self.chosen, sights.chosen, kept_range);
+        let now = match &self.now {
+            None => chosen,
+            Some(trees) => at(trees, sights.now, half_range),
+        };
+        now.any(branch).then_some(Sights { chosen, now })
     }
 
     /// What a branch can send to a group at most.
-    fn passing(&self, branch: &Branch, known: &Known) -> u32 {
+    fn passing(&self, branch: &Branch, seen: &Seen) -> u32 {
         let can = |(seen, (_, bit)): (&Sight, (f64, u32))| {
             let sends = bit == PAIR_FRONT || branch.may_block();
             if sends && *seen != Sight::Nothing { bit } else { 0 }
         };
-        known.seen.sides.iter().zip(SIDES).map(can).sum()
+        seen.sides.iter().zip(SIDES).map(can).sum()
     }
 
     /// What a triangle can send, of what its leaf can.
-    fn of_triangle(&self, to: &Receivers, i: usize, passing: u32, known: &Known) -> u32 {
-        let ClusterInput { facets, classes, cull, .. } = self.input;
+    fn of_triangle(&self, to: &Receivers, i: usize, passing: u32, seen: &Seen) -> u32 {
+        let ClusterInput { facets, moved, classes, cull, .. } = self.input;
+        let facets = moved.unwrap_or(facets);
+        let trees = self.now.as_ref().unwrap_or(self.chosen);
+        let bounds = &trees.receivers.nodes()[to.at].bounds;
         let can = |(seen, (side, bit)): (&Sight, (f64, u32))| {
             let sends = passing & bit != 0 && (bit == PAIR_FRONT || classes[i].blocker);
-            let seen =
-                || !cull || *seen == Sight::Each || !self.tree.misses(&facets[i], &to.node.bounds, side);
+            let seen = || !cull || *seen == Sight::Each || !trees.sources.misses(&facets[i], bounds, side);
             if sends && seen() { bit } else { 0 }
         };
-        known.seen.sides.iter().zip(SIDES).map(can).sum()
+        seen.sides.iter().zip(SIDES).map(can).sum()
     }
 
-    fn stands_for(&self, to: &Receivers, from: &Node, branch: &Branch, passing: u32, known: &Known) -> bool {
+    /// Whether a cluster may stand for a branch, by the triangles that lists are chosen for.
+    fn stands_for(&self, to: &Receivers, from: &Node, branch: &Branch, seen: Seen) -> bool {
+        // Where nothing could pass then, anything may since.
+        let seen = if seen.any(branch) { seen } else { Seen { sides: [Sight::Unknown; 2], ..seen } };
+        let passing = self.passing(branch, &seen);
         let facet = &branch.facet;
         let nearest = facet.centroid.clamp(to.node.bounds.min, to.node.bounds.max);
         let r2 = facet.centroid.distance_squared(nearest);
@@ -433,13 +514,13 @@ impl<'a> Acceptance<'a> {
         };
         let flat = branch.turn <= WIDEST && turned * turned <= most_turned2;
         // In this form, a distance of zero accepts nothing.
-        if !(angle2 <= widest2 && flat && known.seen.apart) {
+        if !(angle2 <= widest2 && flat && seen.apart) {
             return false;
         }
         let angle = angle2.sqrt();
         let sees_back = || match self.input.cull {
-            true => known.seen.sides[1] != Sight::Nothing,
-            false => self.tree.sight(from, &to.node.bounds, -1.0, true) != Sight::Nothing,
+            true => seen.sides[1] != Sight::Nothing,
+            false => self.chosen.sources.sight(from, &to.node.bounds, -1.0, true) != Sight::Nothing,
         };
         let edge_on = branch.turn > FLAT && passing & PAIR_FRONT != 0 && sees_back();
         let direction = (facet.centroid - to.centre).normalize_or_zero();

@@ -22,7 +22,7 @@ use super::class::Class;
 use super::facet::Facet;
 use super::hierarchy::Hierarchy;
 use super::order::PADDING;
-use acceptance::Acceptance;
+use acceptance::{Acceptance, Trees};
 use glam::DVec3;
 use moments::{Cuts, Moments};
 use std::ops::Range;
@@ -30,6 +30,10 @@ use volumes::VolumeTree;
 
 /// Receivers that share a list of sources: neighbouring slots.
 pub const LIST: u32 = 32;
+
+/// How far corners may move, in units of the root of a triangle's characteristic area, before lists should be chosen anew. With derivatives,
+/// clusters keep the distance that this takes from the near field, so that no list changes until then but for what cannot send light.
+pub const MOVED: f64 = 0.25;
 
 /// What a cluster consists of.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -73,6 +77,9 @@ impl ClusterRun {
 pub struct ClusterInput<'a> {
     /// Triangles.
     pub facets: &'a [Facet],
+    /// The same where vertices have moved since: clusters and lists are chosen for `facets`, so that a loss depends smoothly on
+    /// vertices, but for what cannot send light now, and what is too close.
+    pub moved: Option<&'a [Facet]>,
     /// Their classes.
     pub classes: &'a [Class],
     /// Brightness of the front of each, relative to the mean.
@@ -89,8 +96,6 @@ pub struct ClusterInput<'a> {
     pub most_volumes: Option<usize>,
     /// Half of the near field's range, in units of the sum of characteristic areas.
     pub half_range: f64,
-    /// Height above a plane that counts as in it.
-    pub tolerance: f64,
     /// Solid angle of a bin, sr.
     pub bin: f64,
     /// Wanted error of irradiance, relative to its mean.
@@ -116,12 +121,12 @@ pub struct Clusters {
 impl Clusters {
     /// Builds the tree and the lists, with `by_source` also those of receivers. `None` if there are too many sources to count.
     pub fn new(input: &ClusterInput, by_source: bool) -> Option<Self> {
-        let &ClusterInput { facets, order, leaf, tolerance, .. } = input;
+        let order = input.order;
         let cuts = Cuts::new(input);
-        let tree = Hierarchy::cut_by(facets, order, leaf as usize, tolerance, |leaves| cuts.cut(leaves));
-        let Numbered { index, parts, runs } = Numbered::new(input, &tree, &cuts.groups);
+        let trees = Trees::new(input, &cuts);
+        let Numbered { index, parts, runs } = Numbered::new(input, &trees.sources, &cuts.groups);
         let first = (order.len() + parts.len()) as u32;
-        let acceptance = Acceptance::new(input, &tree, &index);
+        let acceptance = Acceptance::new(input, &trees, &index);
         let mut lists = acceptance.lists(first)?;
         let volumes = acceptance.into_volumes().and_then(|tree| volumes_in(&mut lists, tree, first));
         let sources = SourceLists::new(&lists)?;

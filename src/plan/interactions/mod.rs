@@ -9,9 +9,10 @@ pub use crate::model::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 pub use far::FarRuns;
 pub use near::NearPairs;
 
-use super::{PlanError, TileLayout};
+use super::{ClusterChoice, PlanError, TileLayout};
 use crate::model::{Class, ClusterInput, Clusters, Facet, Hierarchy, coplanar_tolerance};
 use passing::Passing;
+use std::sync::Arc;
 
 /// The pairs by target: receivers with sources as partners, or sources with receivers.
 #[derive(Clone, Debug, Default)]
@@ -54,37 +55,37 @@ impl Interactions {
         Ok(Self { by_receiver, by_source, clusters: None })
     }
 
-    /// With clusters, and close pairs. `leaf`: triangles of the smallest clusters; `most_volumes`: if there are to be any; `error`:
-    /// what clusters may change, relative to the mean irradiance; `brightness`, `backs`: of the front of each
-    /// triangle and of backs, relative to the mean; `bin`: solid angle of a bin.
+    /// With clusters, and close pairs. `leaf`: triangles of the smallest clusters; `most_volumes`: if there are to be any; `bin`: solid angle
+    /// of a bin.
     pub(super) fn hierarchical(
         layout: &TileLayout,
-        facets: &[Facet],
-        classes: &[Class],
-        half_range: f64,
-        (cull, by_source): (bool, bool),
-        (leaf, most_volumes, error): (u32, Option<usize>, f64),
-        (brightness, backs, bin): (&[f64], f64, f64),
+        facets: &Arc<[Facet]>,
+        choice: &ClusterChoice,
+        (leaf, most_volumes): (u32, Option<usize>),
+        bin: f64,
+        by_source: bool,
     ) -> Result<Self, PlanError> {
-        let tolerance = coplanar_tolerance(facets);
         let groups: Vec<u32> =
             layout.groups.iter().map(|group| layout.slots_of(&group.tiles).start).collect();
+        let half_range = 0.5 * choice.settings.near_field;
+        let classes = &choice.classes[..];
         let input = ClusterInput {
-            facets,
+            facets: &choice.facets,
+            moved: (!Arc::ptr_eq(facets, &choice.facets)).then_some(&facets[..]),
             classes,
-            brightness,
-            backs,
+            brightness: &choice.brightness,
+            backs: choice.backs,
             order: &layout.order,
             groups: &groups,
             leaf,
             most_volumes,
             half_range,
-            tolerance,
             bin,
-            error,
-            slopes: by_source,
-            cull,
+            error: choice.error,
+            slopes: choice.slopes,
+            cull: choice.cull,
         };
+        let tolerance = coplanar_tolerance(facets);
         let many = PlanError::TooManyPairs { what: "sources in lists", count: u64::from(u32::MAX) };
         let clusters = Clusters::new(&input, by_source).ok_or(many)?;
         let near = NearPairs::of_sources(layout, &clusters, facets, classes, half_range, tolerance)?;
