@@ -346,6 +346,15 @@ impl EngineError {
         matches!(self.of_device(), Some(GpuError::DeviceLost(_)))
     }
 
+    /// Whether the same calls may succeed at another time, on another device, or where all ranks are started again.
+    pub fn may_pass(&self) -> bool {
+        match self {
+            Self::Gpu(error) => error.may_pass(),
+            Self::Transport(error) | Self::Solve(SolveError::Operator(error)) => error.may_pass(),
+            _ => false,
+        }
+    }
+
     /// Whether a callback stopped the work, which is no failure.
     pub fn is_interruption(&self) -> bool {
         if matches!(self.of_device(), Some(GpuError::Interrupted)) {

@@ -42,6 +42,7 @@ const LAYERS: [(&str, &[&str]); 25] = [
             "options",
             "output",
             "plan",
+            "ranks",
             "scene",
             "shading",
             "solve",

@@ -2,13 +2,19 @@
 
 mod support;
 
+use antirad::Watch;
+use antirad::fit::{
+    EngineRenderer, Fit, FitError, Job, OnCheckpoint, Outcome, Quantity, Renderer, RunOptions, Settings,
+    StopRule, Target,
+};
 use antirad::gpu::Device;
 use antirad::plan::{GradientRequest, Plan, PlanOptions, Residency};
 use antirad::ranks::{Ranks, in_threads};
-use antirad::scene::{Scene, SolveSettings, Transport};
+use antirad::scene::{BinLayout, Scene, SolveSettings, Transport};
 use antirad::{Cotangent, Engine, EngineError, SolveParams};
 use glam::DVec3;
 use std::ops::ControlFlow;
+use std::sync::Arc;
 use std::thread;
 use support::random::{random_scene, with_own_powers};
 use support::{device, finish, load, relative_l2};
@@ -198,6 +204,72 @@ fn a_rank_that_ends_ends_the_solves_of_the_others() {
     });
     assert!(errors[1].is_interruption(), "{}", errors[1]);
     assert!(errors[0].to_string().contains("another process"), "{}", errors[0]);
+    assert!(errors[0].may_pass());
+}
+
+/// A fit that loses a rank says that another start is worth it, and that start goes on from the checkpoint, here alone, to the result of a fit
+/// that nothing happened to.
+#[test]
+fn a_fit_that_loses_a_rank_is_gone_on_with() {
+    let mut scene = load("scenes/fits/room.toml");
+    scene.settings.bins = BinLayout::Concentric { n: 4 };
+    scene.settings.near_field = 10.0;
+    for camera in &mut scene.cameras {
+        (camera.width, camera.height) = (16, 12);
+    }
+    let cameras = vec![scene.camera("one").expect("a camera").clone()];
+    let goes_on: Watch = Arc::new(|| ControlFlow::Continue(()));
+    let renderer = |device: &Device, planning: &Scene, request| {
+        EngineRenderer::new(device, planning.clone(), cameras.clone(), 2, request, goes_on.clone())
+            .expect("a renderer")
+    };
+    let pictures = renderer(&device(), &scene, GradientRequest::NOTHING).pictures(&scene).expect("pictures");
+    let stop = StopRule::default().iterations(6).relative_decrease(0.0).gradient(0.0);
+    let options = RunOptions::default().checkpoint_every(1).stop(stop);
+    // Stops before the iteration `last` is done.
+    let fit = |device: &Device, options: &RunOptions, last: u32| -> Result<Outcome, FitError> {
+        let grey = Some(vec![String::from("grey")]);
+        let fits = vec![Fit::new(Quantity::Albedo).materials(grey).initial(Some([0.3; 3]))];
+        let target = Target::new(cameras[0].clone(), pictures[0].clone(), None, 1.0).expect("a target");
+        let settings = Settings::new(fits).supersample(2);
+        let mut job = Job::new("test", scene.clone(), vec![target], settings).expect("a job");
+        let parameters = &job.problem().parameters;
+        let mut renderer = renderer(device, &parameters.planning_scene(), parameters.gradient_request());
+        job.run(&mut renderer, options, &mut |record, _| match record.iteration < last {
+            true => ControlFlow::Continue(()),
+            false => ControlFlow::Break(()),
+        })
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    let stored = options.clone().checkpoints(Some(folder.path().to_path_buf()));
+    let errors: Vec<FitError> = thread::scope(|scope| {
+        let (fit, stored, options) = (&fit, &stored, &options);
+        let run = |ranks: Ranks| {
+            scope.spawn(move || {
+                let device = device().with_ranks(ranks);
+                match device.ranks().rank() {
+                    0 => fit(&device, stored, u32::MAX),
+                    _ => fit(&device, options, 3),
+                }
+                .expect_err("a rank has left")
+            })
+        };
+        let threads: Vec<_> = in_threads(2).into_iter().map(run).collect();
+        threads.into_iter().map(|thread| thread.join().expect("a thread")).collect()
+    });
+    assert!(matches!(errors[1], FitError::Interrupted { iteration: 3 }), "{}", errors[1]);
+    assert!(errors[0].to_string().contains("another process"), "{}", errors[0]);
+    assert!(errors[0].may_pass());
+
+    let [alone, resumed] = [(&options, None), (&stored, Some(3))].map(|(options, from)| {
+        let options = options.clone().on_checkpoint(OnCheckpoint::Resume);
+        let outcome = fit(&device(), &options, u32::MAX).expect("an outcome");
+        assert_eq!(outcome.resumed_from, from);
+        outcome
+    });
+    let values = |outcome: &Outcome| (outcome.loss.to_bits(), format!("{:?}", outcome.recovered));
+    assert_eq!(values(&resumed), values(&alone));
+    assert_eq!(resumed.history, alone.history);
 }
 
 #[test]

@@ -71,7 +71,7 @@ pub enum FitError {
 }
 
 impl FitError {
-    /// Whether another attempt may succeed: what failed is the machine (a full disk, a lost device, a folder in use),
+    /// Whether another attempt may succeed: what failed is the machine (a full disk, a lost device, a folder in use, a rank that has ended),
     /// not the job.
     pub fn may_pass(&self) -> bool {
         match self {

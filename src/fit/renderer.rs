@@ -5,6 +5,7 @@ use crate::EngineError;
 use crate::gpu::GpuError;
 use crate::image::ImageError;
 use crate::plan::GradientRequest;
+use crate::ranks::RankError;
 use crate::scene::Scene;
 use glam::DVec3;
 
@@ -40,9 +41,12 @@ impl RenderError {
         matches!(self.of_device(), Some(GpuError::DeviceLost(_)))
     }
 
-    /// Whether the same scene may be rendered at another time, or on another device.
+    /// Whether the same scene may be rendered at another time, on another device, or where all ranks are started again.
     pub fn may_pass(&self) -> bool {
-        self.of_device().is_some_and(GpuError::may_pass)
+        let Self::Failed(cause) = self else { return false };
+        let of_engine = cause.downcast_ref().is_some_and(EngineError::may_pass);
+        let of_ranks = cause.downcast_ref().is_some_and(RankError::may_pass);
+        of_engine || of_ranks || self.of_device().is_some_and(GpuError::may_pass)
     }
 }
 
@@ -122,6 +126,7 @@ pub trait Renderer {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solve::SolveError;
     use crate::transport::TransportError;
 
     #[test]
@@ -137,5 +142,19 @@ mod tests {
         assert!(RenderError::Failed(Box::new(lost())).may_pass());
         assert!(!RenderError::Failed(Box::new(EngineError::NoPasses)).may_pass());
         assert!(!RenderError::Interrupted.is_device_lost());
+    }
+
+    #[test]
+    fn a_rank_that_has_left_is_worth_another_start() {
+        let of_transport = |error: RankError| EngineError::from(TransportError::from(error));
+        let of_solve =
+            |error: RankError| EngineError::from(SolveError::Operator(TransportError::from(error)));
+        let out_of_step = || RankError::OutOfStep { root: 0, sent: 4, given: 5 };
+        assert!(RenderError::Failed(Box::new(RankError::Left)).may_pass());
+        assert!(RenderError::Failed(Box::new(of_transport(RankError::Left))).may_pass());
+        assert!(RenderError::Failed(Box::new(of_solve(RankError::Left))).may_pass());
+        assert!(!RenderError::Failed(Box::new(RankError::Threads)).may_pass());
+        assert!(!RenderError::Failed(Box::new(of_transport(out_of_step()))).may_pass());
+        assert!(!RenderError::Failed(Box::new(of_solve(out_of_step()))).may_pass());
     }
 }

@@ -42,6 +42,13 @@ pub enum RankError {
     },
 }
 
+impl RankError {
+    /// Whether the same work may succeed where all ranks are started again: neither the program nor its input is at fault.
+    pub fn may_pass(&self) -> bool {
+        matches!(self, Self::Left)
+    }
+}
+
 /// How ranks exchange bytes.
 pub trait Communicator: Send + Sync {
     /// Number of this rank, from 0.

@@ -373,12 +373,10 @@ impl Hosted {
                     with(number, None)?;
                     continue;
                 };
-                let brought = coming.take().map(|thread| thread.join());
-                let Some(Ok(values)) = brought else {
-                    return Err(TransportError::missing("bins of other ranks"));
-                };
+                let thread = coming.take().ok_or_else(|| TransportError::missing("bins of other ranks"))?;
+                let values = thread.join().map_err(|payload| TransportError::panicked(&*payload))??;
                 let view = Self::foreign_view(window, part)?;
-                view.upload(device, &values?)?;
+                view.upload(device, &values)?;
                 coming = next();
                 with(number, Some(view))?;
             }
@@ -482,7 +480,8 @@ mod tests {
     use super::super::tests::{plan, scene};
     use super::*;
     use crate::gpu::DeviceOptions;
-    use crate::ranks::in_threads;
+    use crate::ranks::{Communicator, RankError, in_threads};
+    use std::sync::atomic::{AtomicBool, Ordering};
     use std::time::{Duration, Instant};
 
     /// Of two ranks, each with its bins: the next part comes while one is worked on, and all have the values of both.
@@ -523,6 +522,39 @@ mod tests {
         std::thread::scope(|scope| {
             in_threads(2).into_iter().for_each(|ranks| drop(scope.spawn(|| rank(ranks))))
         });
+    }
+
+    /// Connects two ranks, until it panics.
+    struct Panicking(Arc<AtomicBool>);
+
+    impl Communicator for Panicking {
+        fn rank(&self) -> usize {
+            0
+        }
+
+        fn count(&self) -> usize {
+            2
+        }
+
+        fn broadcast(&self, root: usize, _: &mut [u8]) -> Result<(), RankError> {
+            assert!(!self.0.load(Ordering::SeqCst), "what root {root} sends burns");
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_thread_that_panics_says_why() {
+        let panics = Arc::new(AtomicBool::new(false));
+        let ranks = Ranks::new(Panicking(panics.clone()));
+        let device = Device::new(&DeviceOptions::default()).expect("a Vulkan device").with_ranks(ranks);
+        let plan = plan(&device, &scene());
+        let windows = Arc::new(Windows::new(&device, &plan, 1, 1).expect("windows"));
+        let hosted = Hosted::new(&windows).expect("a state");
+        let parts: Vec<_> = plan.pieces().iter().map(|piece| Part::of_piece(&plan, piece)).collect();
+        panics.store(true, Ordering::SeqCst);
+        let error = hosted.show_each(&device, &parts, false, |_, _| Ok(())).expect_err("a panic");
+        assert!(matches!(error, TransportError::Panicked { .. }), "{error}");
+        assert!(error.to_string().contains("sends burns"), "{error}");
     }
 
     #[test]

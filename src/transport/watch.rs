@@ -2,6 +2,7 @@
 
 use crate::gpu::GpuError;
 use crate::ranks::RankError;
+use std::any::Any;
 use std::ops::ControlFlow;
 
 /// Called after every submission, a quarter of a second at most, with the number of pairs done and that of the whole
@@ -54,14 +55,36 @@ pub enum TransportError {
         /// Size of the state's bins.
         bytes: u64,
     },
+    /// The thread that brings bins of other ranks has panicked.
+    #[error("bins of other ranks could not be brought: {why}: a bug in antirad")]
+    Panicked {
+        /// What it panicked with, where that is text.
+        why: String,
+    },
     /// Derivatives that were not planned.
     #[error("gradients were not planned: request them in PlanOptions::gradients and plan again")]
     NotPlanned,
 }
 
 impl TransportError {
+    /// As [`GpuError::may_pass`] and [`RankError::may_pass`].
+    pub fn may_pass(&self) -> bool {
+        match self {
+            Self::Gpu(error) => error.may_pass(),
+            Self::Ranks(error) => error.may_pass(),
+            _ => false,
+        }
+    }
+
     pub(super) fn missing(what: impl Into<String>) -> Self {
         Self::Missing { what: what.into() }
+    }
+
+    /// From what a thread panicked with.
+    pub(super) fn panicked(payload: &(dyn Any + Send)) -> Self {
+        let text = payload.downcast_ref::<&str>().copied();
+        let text = text.or_else(|| payload.downcast_ref::<String>().map(String::as_str));
+        Self::Panicked { why: text.unwrap_or("the panic of a thread says no more").to_owned() }
     }
 }
 
