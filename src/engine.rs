@@ -395,11 +395,11 @@ impl PlanOptions {
         let (info, memory, ranks) = (device.info(), device.memory(), device.ranks());
         // Where ranks can no longer work together, the next pass says so.
         let least = |own: u64| ranks.least(own).unwrap_or(own);
-        let max_buffer = least(info.max_storage_buffer_range);
+        let max_buffer = least(info.largest_buffer());
         Self {
             memory_budget: least(memory.budget.saturating_sub(memory.in_use)),
             max_buffer,
-            staging: crate::gpu::staging_bytes(),
+            staging: crate::gpu::staging_bytes().min(max_buffer.saturating_mul(2)),
             page: max_buffer,
             keep_near_field: least(u64::from(info.kind == DeviceKind::Cpu)) == 1,
             pairs_on_host: least(u64::from(device.host_works())) == 1,

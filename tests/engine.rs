@@ -350,6 +350,16 @@ fn solve_with_budget(
     (engine, solution)
 }
 
+/// Staging buffers are no larger than a device's largest buffer, and are counted so.
+#[test]
+fn more_staging_than_a_device_has_is_cut() {
+    let scene = room(2, 0.5);
+    let options = PlanOptions::of(&device());
+    let (engine, _solution) =
+        solve_with_budget(&scene, &tight(&scene), &options.staging(u64::MAX), 3 * options.max_buffer);
+    assert_eq!(engine.plan().memory().of_label("staging"), 2 * options.max_buffer);
+}
+
 #[test]
 fn the_least_budget_does_and_a_byte_less_does_not() {
     let device = device();

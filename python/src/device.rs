@@ -114,7 +114,7 @@ fn properties<'py>(py: Python<'py>, info: &DeviceInfo, missing: &[String]) -> Py
     dict.set_item("driver", &info.driver)?;
     dict.set_item("api_version", &info.api_version)?;
     dict.set_item("heap_bytes", info.heap_bytes)?;
-    dict.set_item("max_buffer", info.max_storage_buffer_range)?;
+    dict.set_item("max_buffer", info.largest_buffer())?;
     dict.set_item("float64", info.enabled.float64)?;
     dict.set_item("missing", missing)?;
     Ok(dict)

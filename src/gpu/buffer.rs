@@ -159,7 +159,7 @@ impl BufferMemory {
         kind: BufferKind,
     ) -> Result<Self> {
         let bytes = rounded(bytes);
-        let limit = shared.info.max_storage_buffer_range.min(shared.info.max_allocation);
+        let limit = shared.info.largest_buffer();
         if bytes > limit {
             let (bytes, limit) = (Bytes(bytes), Bytes(limit));
             return Err(GpuError::BufferTooLarge { label: label.to_owned(), bytes, limit });

@@ -219,7 +219,8 @@ impl Device {
 
     /// A handle on the same device for one of its users, such as an engine. Its allocations are counted separately
     /// ([`Self::scope_memory`]), under the common budget. Its transfers use staging buffers of their own, `staging`
-    /// bytes together, from the first transfer until the last clone of the handle is dropped.
+    /// bytes together (less where the device has no buffers as large), from the first transfer until the last clone of the handle
+    /// is dropped.
     pub fn scope(&self, staging: u64) -> Self {
         Self {
             scope: Scope::new(&self.shared, staging),

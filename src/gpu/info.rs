@@ -61,6 +61,8 @@ pub struct DeviceInfo {
     pub max_storage_buffer_range: u64,
     /// Largest single allocation.
     pub max_allocation: u64,
+    /// Largest buffer that can be made, where the device says so (VK_KHR_maintenance4).
+    pub max_buffer: Option<u64>,
     /// The largest device-local heap.
     pub heap_bytes: u64,
     /// What VK_EXT_memory_budget leaves to this process, if the extension is supported.
@@ -88,6 +90,14 @@ pub struct DeviceInfo {
     pub timestamp_period_ns: f32,
     /// Supported capabilities; of a [`Device`](super::Device), those enabled.
     pub enabled: Enabled,
+}
+
+impl DeviceInfo {
+    /// Bytes of the largest buffer that can be made, has memory, and can be bound to a kernel as a whole.
+    pub fn largest_buffer(&self) -> u64 {
+        let bound = self.max_storage_buffer_range.min(self.max_allocation);
+        self.max_buffer.map_or(bound, |made| made.min(bound))
+    }
 }
 
 /// A device, and what keeps it from being used.

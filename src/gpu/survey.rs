@@ -210,10 +210,14 @@ fn from_extended(
     let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
     let mut allocation = vk::PhysicalDeviceMaintenance3Properties::default();
+    let mut made = vk::PhysicalDeviceMaintenance4Properties::default();
     let mut properties = vk::PhysicalDeviceProperties2::default()
         .push_next(&mut subgroup)
         .push_next(&mut driver)
         .push_next(&mut allocation);
+    if has_extension(extensions, khr::maintenance4::NAME) {
+        properties = properties.push_next(&mut made);
+    }
     let mut told = vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default();
     let mut layout = vk::PhysicalDeviceScalarBlockLayoutFeatures::default();
     let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut layout);
@@ -234,6 +238,7 @@ fn from_extended(
         text(driver.driver_info_as_c_str().map_err(|_| ()))
     );
     info.max_allocation = allocation.max_memory_allocation_size;
+    info.max_buffer = Some(made.max_buffer_size).filter(|bytes| *bytes > 0);
     info.subgroup_size = subgroup.subgroup_size;
     info.enabled = Enabled {
         float64: core.shader_float64 == vk::TRUE,

@@ -9,7 +9,7 @@ use bytemuck::Pod;
 use super::buffer::{Buffer, BufferKind, BufferMemory};
 use super::device::{Device, Shared};
 use super::error::GpuError;
-use super::memory::{ScopeId, rounded};
+use super::memory::{ALIGN, ScopeId, rounded};
 use super::{Result, lock};
 
 /// Bytes of one staging buffer, unless [`Device::scope`] says otherwise; longer transfers go piece by piece. Large
@@ -19,6 +19,11 @@ pub const STAGING_CHUNK: u64 = 8 << 20;
 /// Device memory of transfers, for a plan to count: staging buffers for upload and download, made at first use.
 pub const fn staging_bytes() -> u64 {
     2 * rounded(STAGING_CHUNK)
+}
+
+/// Bytes of each of two staging buffers that are to have `staging` together, where no buffer may exceed `limit`.
+fn staging_buffer(staging: u64, limit: u64) -> u64 {
+    rounded(staging / 2).min(limit / ALIGN * ALIGN)
 }
 
 /// The state of one user of a device: the id under which its buffers are counted, and its staging buffers, each locked
@@ -62,10 +67,10 @@ impl UsedScopes {
 }
 
 impl Scope {
-    /// With `staging` bytes for both staging buffers together.
+    /// With `staging` bytes for both staging buffers together, or the most that the device allows.
     pub(super) fn new(shared: &Arc<Shared>, staging: u64) -> Arc<Self> {
         let id = ScopeId(shared.scopes.fetch_add(1, Ordering::Relaxed));
-        let chunk = rounded(staging / 2);
+        let chunk = staging_buffer(staging, shared.info.largest_buffer());
         Arc::new(Self {
             shared: shared.clone(),
             id,
@@ -177,4 +182,19 @@ fn mapped(block: &mut BufferMemory) -> Result<&mut [u8]> {
     let what = "mapping a staging buffer".to_owned();
     let result = ash::vk::Result::ERROR_MEMORY_MAP_FAILED.to_string();
     block.mapped().ok_or(GpuError::Vulkan { what, result })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn staging_buffers_keep_to_the_limit_of_a_device() {
+        let limit = (1 << 27) + 100;
+        assert_eq!(staging_buffer(staging_bytes(), limit), STAGING_CHUNK);
+        assert_eq!(staging_buffer(0, limit), ALIGN);
+        assert_eq!(staging_buffer(2 * limit, limit), 1 << 27);
+        assert_eq!(staging_buffer(u64::MAX, limit), 1 << 27);
+        assert_eq!(staging_buffer(staging_bytes(), 1000), 768);
+    }
 }

@@ -98,7 +98,9 @@ impl MemoryPlan {
             memory.add("near matrix: columns", columns, 1);
             memory.add("near matrix: weights", weights, 1);
         }
-        memory.add(STAGING, plan.staging, 1);
+        // Two buffers, which the device makes no larger than others (src/gpu/transfer.rs).
+        let most = (plan.options.max_buffer / ROUNDING * ROUNDING).saturating_mul(2);
+        memory.add(STAGING, plan.staging.min(most), 1);
         if plan.options.pictures > 0 {
             memory.add(PICTURES, plan.options.pictures, 1);
         }

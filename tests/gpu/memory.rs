@@ -50,6 +50,21 @@ fn transfers_beyond_one_staging_chunk() {
     finish(device);
 }
 
+/// However large staging buffers are asked for, they are no larger than the device allows.
+#[test]
+fn staging_keeps_to_the_largest_buffer() {
+    let device = Device::new(&options().memory_budget(Some(u64::MAX))).unwrap();
+    let largest = device.info().largest_buffer() / ALIGN * ALIGN;
+    let greedy = device.scope(u64::MAX);
+    let buffer = Buffer::new(&greedy, "some", 1000, BufferKind::Storage).unwrap();
+    greedy.upload(&buffer, 3, &[1, 2, 3]).unwrap();
+    let rows = greedy.scope_memory();
+    let staging = rows.iter().find(|row| row.label == "staging upload").unwrap();
+    assert_eq!((staging.bytes, staging.count), (largest, 1));
+    drop((buffer, greedy));
+    finish(device);
+}
+
 #[test]
 fn mapped_buffers_need_no_staging() {
     let device = device();
@@ -102,7 +117,7 @@ fn budget_refuses_by_name_and_freed_memory_is_uncounted() {
 #[test]
 fn buffers_beyond_the_binding_limit_are_refused() {
     let device = Device::new(&options().memory_budget(Some(u64::MAX))).unwrap();
-    for bytes in [device.info().max_storage_buffer_range + 1, u64::MAX] {
+    for bytes in [device.info().largest_buffer() + 1, u64::MAX] {
         let error = Buffer::new(&device, "huge", bytes, BufferKind::Storage).err().unwrap();
         assert!(matches!(error, GpuError::BufferTooLarge { .. }));
         assert!(error.to_string().contains("huge"));

@@ -43,7 +43,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             info.api_version
         );
         antirad::say!("   memory            {} on the device", Bytes(info.heap_bytes));
-        antirad::say!("   largest buffer    {} seen by a kernel", Bytes(info.max_storage_buffer_range));
+        antirad::say!("   largest buffer    {} seen by a kernel", Bytes(info.largest_buffer()));
         antirad::say!("   subgroup          {} lanes", info.subgroup_size);
         antirad::say!("   storage buffers   {} in a kernel", info.max_storage_buffers);
         antirad::say!("   double precision  {}", if info.enabled.float64 { "yes" } else { "no" });
