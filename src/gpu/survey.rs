@@ -275,7 +275,24 @@ fn available_bytes(
     let mut memory = vk::PhysicalDeviceMemoryProperties2::default().push_next(&mut budget);
     // SAFETY: the device lists the extension that the chained structure belongs to.
     unsafe { instance.raw().get_physical_device_memory_properties2(physical, &mut memory) };
+    Some(left_of(size, budget.heap_budget[heap], budget.heap_usage[heap]))
+}
+
+/// What is left to this process of a heap, from its size, the process's budget of it, and what of that is in use.
+fn left_of(size: u64, budget: u64, usage: u64) -> u64 {
     // Usage may exceed the budget when other programs take memory.
-    let left = budget.heap_budget[heap].saturating_sub(budget.heap_usage[heap]);
-    Some(left.min(size))
+    budget.saturating_sub(usage).min(size)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::left_of;
+
+    #[test]
+    fn what_is_left_of_a_heap() {
+        assert_eq!(left_of(1000, 900, 100), 800);
+        assert_eq!(left_of(1000, 900, 950), 0);
+        // Some drivers tell budgets beyond the heap.
+        assert_eq!(left_of(1000, 5000, 100), 1000);
+    }
 }
