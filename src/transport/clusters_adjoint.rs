@@ -48,15 +48,7 @@ impl ClusterCotangents {
     /// `None` where no clusters are planned.
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
         let Some(clusters) = plan.clusters() else { return Ok(None) };
-        let precision = plan.settings.precision;
-        let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
-        let of_class = |blocker: u32, glossy: u32| {
-            let constants = [&constants[..], &[(7, blocker), (8, glossy), (13, WORKGROUP)]].concat();
-            let push = size_of::<SharesPush>() as u32;
-            Pipeline::new(device, shaders::CLUSTER_SHARES.of(precision), 10, push, &constants)
-        };
-        let shares =
-            || Ok::<_, GpuError>([of_class(0, 0)?, of_class(1, 0)?, of_class(0, 1)?, of_class(1, 1)?]);
+        let shares = || Self::share_kernels(device, plan);
         let radiance = 4 * u64::from(clusters.count()) * plan.rgb_bytes();
         let bins = |wanted| page(device, plan, "cotangent: cluster bins", wanted);
         let [scatter, scatter_bins] = Self::kernels(device, plan)?;
@@ -80,6 +72,17 @@ impl ClusterCotangents {
             Pipeline::new(device, scatter, 4, push, &[(0, WORKGROUP)])?,
             Pipeline::new(device, scatter_bins, 4, bins_push, &constants)?,
         ])
+    }
+
+    /// By class: of irradiance alone, blockers, glossy ones, and both.
+    pub fn share_kernels(device: &Device, plan: &Plan) -> Result<[Pipeline; 4], GpuError> {
+        let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
+        let of_class = |blocker: u32, glossy: u32| {
+            let constants = [&constants[..], &[(7, blocker), (8, glossy), (13, WORKGROUP)]].concat();
+            let (shader, push) = (&shaders::CLUSTER_SHARES, size_of::<SharesPush>() as u32);
+            Pipeline::new(device, shader.of(plan.settings.precision), 10, push, &constants)
+        };
+        Ok([of_class(0, 0)?, of_class(1, 0)?, of_class(0, 1)?, of_class(1, 1)?])
     }
 
     /// Those of the antiradiance and of the specular radiance of a class.

@@ -29,13 +29,16 @@ impl HalfBins {
         }
         let any = |test: fn(&Group) -> bool| plan.layout.groups.iter().any(test);
         let buffer = || Buffer::new(device, "half bins", plan.half_bin_bytes(), BufferKind::Storage);
-        let constants = [&[(0, WORKGROUP)][..], &super::bin_constants(plan)].concat();
-        let push = size_of::<PackPush>() as u32;
         Ok(Some(Self {
-            kernel: Pipeline::new(device, &shaders::PACK, 2, push, &constants)?,
+            kernel: Self::kernel(device, plan)?,
             antiradiance: any(|group| group.class.blocker).then(buffer).transpose()?,
             specular: any(|group| group.class.glossy).then(buffer).transpose()?,
         }))
+    }
+
+    pub fn kernel(device: &Device, plan: &Plan) -> Result<Pipeline, GpuError> {
+        let constants = [&[(0, WORKGROUP)][..], &super::bin_constants(plan)].concat();
+        Pipeline::new(device, &shaders::PACK, 2, size_of::<PackPush>() as u32, &constants)
     }
 
     /// Half bins of `part`, whose pages start at `first_slot`: of its antiradiance, if any, and its specular

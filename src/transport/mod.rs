@@ -95,14 +95,17 @@ fn bin_constants(plan: &Plan) -> [(u32, u32); 5] {
     [(2, concentric), (3, smoothstep), (4, rows), (5, columns), (6, plan.channels)]
 }
 
-/// Compiles the kernels of U, S and the solvers, and where the plan has gradients those of K, of the transposes and of the derivatives, without
-/// a scene: for what the driver tells of them ([`Device::kernel_statistics`]).
+/// Compiles the kernels of U, S and the solvers, those of a kept near field and of half bins included, and where the plan has gradients
+/// those of K, of the transposes and of the derivatives, without a scene: for what the driver tells of them
+/// ([`Device::kernel_statistics`]).
 pub fn compile(device: &Device, plan: &Plan) -> Result<(), GpuError> {
     exchange::Exchange::sweeps(device, plan)?;
     clusters::ClusterLight::kernels(device, plan)?;
     volumes::VolumeLight::kernels(device, plan)?;
     observation::Observation::kernels(device, plan)?;
     vectors::Vectors::kernels(device, plan.settings.precision)?;
+    near_matrix::NearMatrix::kernels(device, plan)?;
+    half_bins::HalfBins::kernel(device, plan)?;
     if !plan.options.gradients.any() {
         return Ok(());
     }
@@ -111,6 +114,7 @@ pub fn compile(device: &Device, plan: &Plan) -> Result<(), GpuError> {
     reflection::Reflection::new(device, plan)?;
     reflection_adjoint::ReflectionAdjoint::new(device, plan)?;
     clusters_adjoint::ClusterCotangents::kernels(device, plan)?;
+    clusters_adjoint::ClusterCotangents::share_kernels(device, plan)?;
     observation_adjoint::ObservationAdjoint::new(device, plan)?;
     Ok(())
 }

@@ -69,11 +69,6 @@ impl NearMatrix {
             device.upload_slice(&buffer, 0, words)?;
             Ok(buffer)
         };
-        let kernel = |from_bins: u32, to_bins: u32| {
-            let constants = [(0, SLICE), (6, plan.channels), (8, from_bins), (9, to_bins)];
-            let push = size_of::<NearMatrixPush>() as u32;
-            Pipeline::beside_host(device, shaders::NEAR_MATRIX.of(precision), 6, push, &constants)
-        };
         Ok(Self {
             matrix: matrix.clone(),
             transposed,
@@ -81,11 +76,21 @@ impl NearMatrix {
             rows: words("near matrix: rows", &matrix.rows)?,
             columns: words("near matrix: columns", &matrix.columns)?,
             weights: real::filled(device, "near matrix: weights", precision, &matrix.weights)?,
-            kernels: [[kernel(0, 0)?, kernel(0, 1)?], [kernel(1, 0)?, kernel(1, 1)?]],
+            kernels: Self::kernels(device, plan)?,
             pace: Pace::new(1e7),
             precision,
             channels: plan.channels,
         })
+    }
+
+    /// By whether it reads bins, and whether it writes bins.
+    pub fn kernels(device: &Device, plan: &Plan) -> Result<[[Pipeline; 2]; 2], GpuError> {
+        let kernel = |from_bins: u32, to_bins: u32| {
+            let constants = [(0, SLICE), (6, plan.channels), (8, from_bins), (9, to_bins)];
+            let (shader, push) = (&shaders::NEAR_MATRIX, size_of::<NearMatrixPush>() as u32);
+            Pipeline::beside_host(device, shader.of(plan.settings.precision), 6, push, &constants)
+        };
+        Ok([[kernel(0, 0)?, kernel(0, 1)?], [kernel(1, 0)?, kernel(1, 1)?]])
     }
 
     /// Adds the near field to incident light; or its transpose to the cotangent of outgoing light. `backs`: whether

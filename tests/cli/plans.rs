@@ -1,7 +1,7 @@
 //! `antirad plan` and `antirad devices`.
 
 use crate::{Folder, run, says, without_driver};
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::fs;
 use std::path::Path;
 
@@ -91,6 +91,12 @@ fn kernels_take_no_more_of_a_gpu() {
     let key = |row: &HashMap<String, String>| [row["kernel"].clone(), row["specialization"].clone()];
     let keys = |rows: &[HashMap<String, String>]| rows.iter().map(key).collect::<Vec<_>>();
     assert_eq!(keys(&found), keys(&table), "kernels have come or gone");
+    let sources = fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/glsl")).expect("a folder").flatten();
+    let sources = sources.filter_map(|source| source.file_name().into_string().ok());
+    let all: BTreeSet<String> =
+        sources.filter_map(|name| name.strip_suffix(".comp").map(String::from)).collect();
+    let compiled: BTreeSet<String> = found.iter().map(|row| row["kernel"].clone()).collect();
+    assert_eq!(compiled, all, "not every kernel is compiled");
     for (found, known) in found.iter().zip(&table) {
         let of = |row: &HashMap<String, String>, name: &str| -> f64 { row[name].parse().expect("a number") };
         // Another version of the compiler may need a few more.

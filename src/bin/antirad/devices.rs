@@ -2,6 +2,7 @@
 
 use crate::Failure;
 use antirad::gpu::{Bytes, Device, DeviceOptions, KernelStatistics, list_devices};
+use antirad::image::Rasterizer;
 use antirad::output::atomic_write;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::scene::{Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, Transport};
@@ -18,7 +19,7 @@ use std::path::{Path, PathBuf};
   ANTIRAD_DEVICE=1 antirad render scenes/cornell_boxes.toml
   antirad devices --kernels=kernels.csv")]
 pub struct Arguments {
-    /// Compile the kernels of solves and gradients on the device, and write what its driver tells of each, such as registers and scratch
+    /// Compile the kernels of solves, gradients and pictures on the device, and write what its driver tells of each, such as registers and scratch
     /// memory, as CSV to this file, or to the standard output
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     kernels: Option<Option<PathBuf>>,
@@ -70,6 +71,7 @@ fn kernels(file: Option<&Path>) -> Result<(), Failure> {
         let settings = SolveSettings::default().transport(transport);
         transport::compile(&device, &Plan::new(&scene, &options, &settings)?)?;
     }
+    Rasterizer::new(&device)?;
     let rows = device.kernel_statistics();
     if rows.iter().all(|row| row.values.is_empty()) {
         let name = &device.info().name;
