@@ -4,6 +4,7 @@
 mod devices;
 mod dispatches;
 mod memory;
+mod metal;
 #[path = "../support/reflect.rs"]
 mod reflect;
 mod shader_files;
