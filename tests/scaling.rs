@@ -77,6 +77,20 @@ fn a_short_budget_is_kept() {
     assert!(number("bytes_moved") > number("bytes_host") / 2);
 }
 
+/// Under `mpirun` every process would measure everything; the tool starts `mpirun` itself.
+#[test]
+fn several_processes_started_together_are_refused() {
+    let (_folder, out) = folder();
+    for variable in ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE"] {
+        let mut tool = tool(&out, "--triangles 1000 --quiet");
+        let Output { status, stderr, .. } = tool.env(variable, "2").output().expect("the tool runs");
+        let stderr = String::from_utf8(stderr).expect("text in UTF-8");
+        assert_eq!(status.code(), Some(2), "{stderr}");
+        assert!(stderr.contains(variable) && stderr.contains("--ranks"), "{stderr}");
+        assert!(!out.exists());
+    }
+}
+
 /// Sizes too large for the budget fail with the budget that would suffice; the others are kept.
 #[test]
 fn a_size_that_fails_keeps_the_others() {

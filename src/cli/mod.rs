@@ -30,6 +30,18 @@ pub const EXIT_RETRY: u8 = 75;
 /// Exit code of a look at jobs that are running.
 pub const EXIT_RUNNING: u8 = 4;
 
+/// Variables by which launchers tell the number of processes: Open MPI; MPICH and Slurm's PMI; `srun` without either.
+const COUNTS: [&str; 3] = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS"];
+
+/// The variable by which a launcher such as `mpirun` says that it has started several processes together, this one among them.
+pub fn started_together() -> Option<&'static str> {
+    let several = |name: &&str| {
+        let count: Option<u32> = std::env::var(name).ok().and_then(|text| text.parse().ok());
+        count.is_some_and(|count| count > 1)
+    };
+    COUNTS.into_iter().find(several)
+}
+
 /// A line on standard output. Where nobody reads on (`antirad check scene.toml | head -1`), work goes on without it, and its exit code stays.
 #[macro_export]
 #[doc(hidden)]

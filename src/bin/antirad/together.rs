@@ -12,9 +12,6 @@ use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Variables by which launchers tell the number of processes: Open MPI; MPICH and Slurm's PMI; `srun` without either.
-#[cfg(not(feature = "mpi"))]
-const COUNTS: [&str; 3] = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS"];
 /// Variables with the number of a process on its machine: Open MPI, MPICH, Slurm.
 const LOCAL: [&str; 3] = ["OMPI_COMM_WORLD_LOCAL_RANK", "MPI_LOCALRANKID", "SLURM_LOCALID"];
 
@@ -43,14 +40,12 @@ impl Together {
         #[cfg(feature = "mpi")]
         self.world.as_ref().map_or(Ok(()), |world| world.check())?;
         #[cfg(not(feature = "mpi"))]
-        for name in COUNTS {
-            if env::var(name).ok().and_then(|text| text.parse().ok()).is_some_and(|count: u32| count > 1) {
-                let why = format!(
-                    "several processes were started together ({name}), and this antirad was built without MPI: build it with \
-                     `--features mpi`, or start one process"
-                );
-                return Err(Failure::Error(why.into()));
-            }
+        if let Some(name) = antirad::cli::started_together() {
+            let why = format!(
+                "several processes were started together ({name}), and this antirad was built without MPI: build it with \
+                 `--features mpi`, or start one process"
+            );
+            return Err(Failure::Error(why.into()));
         }
         Ok(())
     }

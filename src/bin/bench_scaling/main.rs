@@ -87,6 +87,13 @@ fn main() -> ExitCode {
         );
         return ExitCode::from(cli::EXIT_FAILURE);
     }
+    // Each would measure everything, and all would write the same files. It starts the processes of a measurement itself.
+    if let Some(name) = cli::started_together().filter(|_| !(arguments.only && cfg!(feature = "mpi"))) {
+        eprintln!(
+            "bench_scaling: several processes were started together ({name}): start one, with --ranks NUMBER, and it starts mpirun itself"
+        );
+        return ExitCode::from(cli::EXIT_FAILURE);
+    }
     let result =
         if arguments.only { measure::only(&arguments, &interrupt) } else { all(&arguments, &interrupt) };
     match result {
