@@ -37,6 +37,7 @@ bool any_abreast(bool own) {
             vote = 0;
         }
         barrier();
+        // The same outcome in every order of the lanes.
         if (own) {
             atomicOr(vote, 1);
         }

@@ -1,6 +1,6 @@
 #ifndef DEPOSITS_GLSL
 #define DEPOSITS_GLSL
-// Sums into the bins of targets. There are no atomics, and the order of additions is that of the partners, the same in each run.
+// Sums into the bins of targets. No sum is atomic, and the order of additions is that of the partners, the same in each run.
 // Where a lane owns a target, its sums accumulate in private or workgroup memory, which is not bounds-checked and costs a CPU driver
 // a third of what buffers do. Where lanes share a target, they accumulate in workgroup memory: each lane notes what it has to
 // deposit, and `settle_deposits` adds that up. Expects `DEPOSIT_SETS`, the number of sets of bins.

@@ -1,6 +1,6 @@
 #ifndef FAR_PUSH_GLSL
 #define FAR_PUSH_GLSL
-// Push constants of the point-to-point kernels, and runs of partner tiles with the same bits. A lane owns a target,
+// Push constants of the point-to-point kernels, and runs of partner tiles with the same bits. A lane owns a target, or shares it,
 // the receiver forwards and the source in the adjoint, and sums over its partners. Expects `far_runs` of the targets:
 // the index of the first run of each tile, then the end of the last; then all runs, `end << 4 | bits`. A run begins
 // at the end of the one before, the first one at tile 0, and ends before tile `end`.

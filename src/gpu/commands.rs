@@ -338,7 +338,7 @@ mod tests {
 
     /// Silence of the validation layer means something: it speaks where barriers are left out.
     #[test]
-    fn validation_misses_a_missing_barrier() {
+    fn validation_reports_a_missing_barrier() {
         assert_eq!(messages(false), Vec::<String>::new());
         let said = messages(true);
         let hazards = said.iter().filter(|message| message.contains("HAZARD"));
