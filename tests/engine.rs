@@ -350,14 +350,17 @@ fn solve_with_budget(
     (engine, solution)
 }
 
-/// Staging buffers are no larger than a device's largest buffer, and are counted so.
+/// Staging buffers are no larger than the largest buffer of a device, or of the options, and are counted so.
 #[test]
-fn more_staging_than_a_device_has_is_cut() {
+fn staging_beyond_the_largest_buffer_is_cut() {
     let scene = room(2, 0.5);
     let options = PlanOptions::of(&device());
-    let (engine, _solution) =
-        solve_with_budget(&scene, &tight(&scene), &options.staging(u64::MAX), 3 * options.max_buffer);
-    assert_eq!(engine.plan().memory().of_label("staging"), 2 * options.max_buffer);
+    for largest in [options.max_buffer, 1 << 20] {
+        let options = options.max_buffer(largest).staging(u64::MAX);
+        let (engine, _solution) =
+            solve_with_budget(&scene, &tight(&scene), &options, 2 * largest + (64 << 20));
+        assert_eq!(engine.plan().memory().staging(), 2 * largest);
+    }
 }
 
 #[test]

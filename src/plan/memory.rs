@@ -98,7 +98,7 @@ impl MemoryPlan {
             memory.add("near matrix: columns", columns, 1);
             memory.add("near matrix: weights", weights, 1);
         }
-        // Two buffers, which the device makes no larger than others (src/gpu/transfer.rs).
+        // Two buffers, no larger than others.
         let most = (plan.options.max_buffer / ROUNDING * ROUNDING).saturating_mul(2);
         memory.add(STAGING, plan.staging.min(most), 1);
         if plan.options.pictures > 0 {
@@ -227,6 +227,11 @@ impl MemoryPlan {
     /// Bytes of all buffers of a label; 0 if there is none.
     pub fn of_label(&self, label: &str) -> u64 {
         self.items.iter().find(|item| item.label == label).map_or(0, |item| item.bytes)
+    }
+
+    /// Bytes of both staging buffers.
+    pub fn staging(&self) -> u64 {
+        self.of_label(STAGING)
     }
 
     /// The items that the engine allocates itself.
