@@ -35,10 +35,9 @@ const TURNED_IN_BINS: f64 = 4.0;
 pub const WIDEST: f64 = 0.2;
 /// Length of lists with volumes over that without, up to which there are volumes: they err more than clusters of one normal.
 const WORTH: f64 = 0.75;
-/// One branch of receivers of so many is looked at to tell.
+/// One branch of receivers of so many is looked at to tell, but so many at least and at most: lists without volumes are several times as long.
 const SAMPLED: usize = 16;
-/// Fewest that are looked at, if there are as many.
-const LEAST_SAMPLES: usize = 8;
+const SAMPLES: [usize; 2] = [8, 24];
 /// δ below which a cluster counts as flat.
 const FLAT: f64 = 1e-3;
 
@@ -81,6 +80,9 @@ pub struct Receivers<'a> {
 pub fn are_near(to: &Node, bounds: &BoundedRun, area: f64, half_range: f64) -> bool {
     to.bounds.distance_squared(bounds) <= half_range * (to.characteristic_area + area)
 }
+
+/// Runs among which one is found sooner one by one.
+const FEW: usize = 8;
 
 /// Groups that walk along the tree together.
 const AT_ONCE: usize = 8;
@@ -166,6 +168,14 @@ impl Known {
 
 const SIDES: [(f64, u32); 2] = [(1.0, PAIR_FRONT), (-1.0, PAIR_BACK)];
 
+/// How many runs come first for which something holds that holds for none behind.
+fn before(runs: &[Range<u32>], holds: impl Fn(&Range<u32>) -> bool) -> usize {
+    if runs.len() > FEW {
+        return runs.partition_point(holds);
+    }
+    runs.iter().take_while(|run| holds(run)).count()
+}
+
 /// The triangles that volumes stand for, by position, ascending.
 struct TakenRuns(Vec<Range<u32>>);
 
@@ -183,13 +193,16 @@ impl TakenRuns {
         let runs = &self.0[among[0] as usize..among[1] as usize];
         let (mut all, mut some) = (place.all, false);
         let mut window = [among[1], among[0]];
+        let mut from = 0;
         for [first, last] in place.runs() {
-            let next = runs.partition_point(|run| run.end <= first);
-            let behind = next + runs[next..].partition_point(|run| run.start <= last);
+            // The runs of a place ascend, as those that are taken do.
+            let next = from + before(&runs[from..], |run| run.end <= first);
+            let behind = next + before(&runs[next..], |run| run.start <= last);
             let meets = runs[next..behind].first();
             some |= meets.is_some();
             all &= meets.is_some_and(|run| run.start <= first && last < run.end);
             window = [window[0].min(among[0] + next as u32), window[1].max(among[0] + behind as u32)];
+            from = next;
         }
         match (all, some) {
             (true, true) => (Taken::All, window),
@@ -342,7 +355,9 @@ impl<'a> Acceptance<'a> {
 
     /// Whether volumes shorten some of the lists enough.
     fn volumes_pay(&self, receivers: &[usize]) -> bool {
-        let step = (receivers.len() / LEAST_SAMPLES).clamp(1, SAMPLED);
+        let [least, most] = SAMPLES;
+        let samples = (receivers.len() / SAMPLED).clamp(least, most);
+        let step = (receivers.len() / samples).max(1);
         let sample: Vec<usize> = receivers.iter().copied().step_by(step).collect();
         let length = |volumes: Option<u32>| -> usize {
             let of = |&at: &usize| self.lists_of(at, volumes).iter().map(Vec::len).sum::<usize>();
