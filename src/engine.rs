@@ -4,7 +4,7 @@ use crate::direct::DirectLight;
 use crate::engine_direct::{Direct, lamps_of};
 use crate::gpu::{Device, DeviceKind, GpuError};
 use crate::options::setters;
-use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, Residency};
+use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, RankWeights, Residency};
 use crate::revision::{Difference, Revision};
 use crate::scene::Movable;
 use crate::scene::{BinLayout, Material, Precision, Scene, SceneError, SolveSettings, Weights};
@@ -389,22 +389,33 @@ pub struct Engine {
 }
 
 impl PlanOptions {
-    /// The limits of a device, less the memory in use by other engines, held solutions and pictures; with several ranks, the
-    /// smallest limits of all, which all must ask for at once.
+    /// The limits of a device, less the memory in use by other engines, held solutions and pictures; with several ranks, which must all
+    /// ask at once, the smallest limits of all, since they do the same steps, and work in proportion to the memory budgets of their devices.
     pub fn of(device: &Device) -> Self {
         let (info, memory, ranks) = (device.info(), device.memory(), device.ranks());
+        let flag = |of: bool| u64::from(of);
+        let own = [
+            memory.budget.saturating_sub(memory.in_use),
+            info.largest_buffer(),
+            flag(info.kind == DeviceKind::Cpu),
+            flag(device.host_works()),
+            memory.budget,
+        ];
         // Where ranks can no longer work together, the next pass says so.
-        let least = |own: u64| ranks.least(own).unwrap_or(own);
-        let max_buffer = least(info.largest_buffer());
+        let of_all = ranks.each(own).unwrap_or_else(|_| vec![own]);
+        let [free, max_buffer, cpu, host_works, _] =
+            of_all.iter().fold(own, |least, of| std::array::from_fn(|k| least[k].min(of[k])));
+        let budgets: Vec<u64> = of_all.iter().map(|&[.., budget]| budget).collect();
         Self {
-            memory_budget: least(memory.budget.saturating_sub(memory.in_use)),
+            memory_budget: free,
             max_buffer,
             staging: crate::gpu::staging_bytes().min(max_buffer.saturating_mul(2)),
             page: max_buffer,
-            keep_near_field: least(u64::from(info.kind == DeviceKind::Cpu)) == 1,
-            pairs_on_host: least(u64::from(device.host_works())) == 1,
+            keep_near_field: cpu == 1,
+            pairs_on_host: host_works == 1,
             rank: ranks.rank() as u32,
             ranks: ranks.count() as u32,
+            weights: RankWeights::of_budgets(&budgets),
             ..Self::default()
         }
     }

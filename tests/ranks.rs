@@ -7,7 +7,7 @@ use antirad::fit::{
     EngineRenderer, Fit, FitError, Job, OnCheckpoint, Outcome, Quantity, Renderer, RunOptions, Settings,
     StopRule, Target,
 };
-use antirad::gpu::Device;
+use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{GradientRequest, Plan, PlanOptions, Residency};
 use antirad::ranks::{Ranks, in_threads};
 use antirad::scene::{BinLayout, Scene, SolveSettings, Transport};
@@ -21,17 +21,24 @@ use support::{device, finish, load, relative_l2};
 
 /// Runs the same work on each of several ranks, and returns the results by rank, with the bytes that each received.
 fn on_ranks<T: Send>(count: usize, work: impl Fn(&Device) -> T + Sync) -> Vec<(T, u64)> {
+    on_devices(&vec![None; count], work)
+}
+
+/// The same for devices with these memory budgets, one for each rank.
+fn on_devices<T: Send>(budgets: &[Option<u64>], work: impl Fn(&Device) -> T + Sync) -> Vec<(T, u64)> {
     thread::scope(|scope| {
         let run = |ranks: Ranks| {
             let work = &work;
             scope.spawn(move || {
-                let device = device().with_ranks(ranks);
+                let options = DeviceOptions::default().validation(true);
+                let options = options.memory_budget(budgets[ranks.rank()]);
+                let device = Device::new(&options).expect("a Vulkan device").with_ranks(ranks);
                 let result = work(&device);
                 finish(&device);
                 (result, device.ranks().moved()[1])
             })
         };
-        let threads: Vec<_> = in_threads(count).into_iter().map(run).collect();
+        let threads: Vec<_> = in_threads(budgets.len()).into_iter().map(run).collect();
         threads.into_iter().map(|thread| thread.join().expect("a rank")).collect()
     })
 }
@@ -179,6 +186,52 @@ fn ranks_share_the_pairs() {
     assert_eq!(several.iter().sum::<u64>(), alone);
     for own in several {
         assert!((own as f64 / alone as f64 - 1.0 / 3.0).abs() < 0.05, "{own} of {alone}");
+    }
+}
+
+/// A rank whose device has half the memory of the other does half as much, of a pass and of states on the host, and no result changes by
+/// that.
+#[test]
+fn a_smaller_device_gets_less() {
+    let scene = load("scenes/cornell_boxes.toml");
+    let budgets = [1 << 29, 1 << 28].map(Some);
+    let wanted = [2.0 / 3.0, 1.0 / 3.0];
+    for (transport, on_host) in [
+        (Transport::Exact, None),
+        (Transport::Hierarchical { error: 0.02 }, None),
+        (Transport::Exact, Some(4 << 20)),
+    ] {
+        let settings = scene.settings.max_passes(2).tolerance(0.9).transport(transport);
+        let solved = |device: &Device| {
+            let options = PlanOptions::of(device).keep_near_field(false).tile(32);
+            let options = on_host.map_or(options, |budget| options.memory_budget(budget));
+            let plan = Plan::new(&scene, &options, &settings).expect("a plan");
+            assert_eq!(plan.residency() != Residency::Device, on_host.is_some());
+            let held = plan.report().states.host_bytes;
+            let mut engine = Engine::new(device, &scene, plan).expect("an engine");
+            let solution = engine.solve(&SolveParams::from(&settings)).expect("a solution");
+            let far = |kernel: &str| kernel.starts_with("transport") || kernel.starts_with("cluster");
+            let rows = device.profile().into_iter().filter(|row| far(&row.kernel));
+            (rows.map(|row| row.items).sum::<u64>(), held, solution.irradiance)
+        };
+        let alone = solved(&device());
+        let several = on_devices(&budgets, solved);
+        assert_eq!(several.iter().map(|((pairs, ..), _)| pairs).sum::<u64>(), alone.0);
+        for (((pairs, held, irradiance), _), wanted) in several.into_iter().zip(wanted) {
+            let share = pairs as f64 / alone.0 as f64;
+            println!("{transport:?}: {share:.3} of all pairs, {held} of {} bytes on the host", alone.1);
+            // Close pairs are most of the work, and tiles have different numbers of them.
+            assert!((share - wanted).abs() < 0.05, "{transport:?}: {share}");
+            match on_host {
+                None => assert!(irradiance == alone.2, "{transport:?}"),
+                Some(_) => {
+                    let share = held as f64 / alone.1 as f64;
+                    // The same, and irradiance is everywhere; even shares would be .15 off.
+                    assert!((share - wanted).abs() < 0.1, "{share} of states");
+                    close_to("on the host", &[irradiance], std::slice::from_ref(&alone.2), 1.0);
+                }
+            }
+        }
     }
 }
 

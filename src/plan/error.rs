@@ -1,5 +1,6 @@
 //! Errors of planning.
 
+use super::RankWeights;
 use crate::scene::{Precision, SceneError};
 
 /// Why a scene cannot be planned. Each message is one line with the remedy.
@@ -63,6 +64,14 @@ pub enum PlanError {
         /// The number given.
         rank: u32,
         /// How many there are.
+        ranks: u32,
+    },
+    /// Not every process has a part of the work.
+    #[error("{weights:?} for {ranks} processes: each needs one above 0, or none has one (RankWeights::EVEN)")]
+    Weights {
+        /// The weights given.
+        weights: RankWeights,
+        /// How many processes there are.
         ranks: u32,
     },
     /// More pairs, or runs of tiles, than 32-bit indices can address.

@@ -14,6 +14,7 @@ mod residency;
 mod shares;
 mod tiles;
 mod transport;
+mod weights;
 
 pub use crate::model::PADDING;
 pub use choice::ClusterChoice;
@@ -33,6 +34,7 @@ pub use residency::{Piece, Residency};
 pub use shares::Shares;
 pub use tiles::{Group, TileLayout};
 pub use transport::PlannedTransport;
+pub use weights::RankWeights;
 
 use crate::direct::{Lamp, Visibility};
 use crate::model::{Bins, Class, Clusters, Facet, classify, spatial_order};
@@ -77,6 +79,8 @@ pub struct PlanOptions {
     pub rank: u32,
     /// How many processes solve the scene together: each computes its share of every pass.
     pub ranks: u32,
+    /// How much of the work each of them does.
+    pub weights: RankWeights,
 }
 
 setters!(PlanOptions {
@@ -93,6 +97,7 @@ setters!(PlanOptions {
     pairs_on_host: bool,
     rank: u32,
     ranks: u32,
+    weights: RankWeights,
 });
 
 /// Which triangles block light.
@@ -131,6 +136,7 @@ impl Default for PlanOptions {
             pairs_on_host: false,
             rank: 0,
             ranks: 1,
+            weights: RankWeights::EVEN,
         }
     }
 }
@@ -295,6 +301,9 @@ impl Plan {
         }
         if options.rank >= options.ranks {
             return Err(PlanError::Rank { rank: options.rank, ranks: options.ranks });
+        }
+        if !options.weights.serve(options.ranks) {
+            return Err(PlanError::Weights { weights: options.weights, ranks: options.ranks });
         }
         let (wanted, precision) = (settings.tolerance, settings.precision);
         let least = least_tolerance(precision);

@@ -1,6 +1,6 @@
-//! Which targets each of several ranks computes: parts of every group with about the same work.
+//! Which targets each of several ranks computes: parts of every group, with work in proportion to their weights.
 
-use super::{Group, PAIR_BACK, PAIR_FRONT, Plan, Residency};
+use super::{Group, PAIR_BACK, PAIR_FRONT, Plan, PlanOptions, Residency};
 use crate::model::{ClusterRun, LIST, ReceiverLists, SOURCES};
 use std::ops::Range;
 
@@ -19,18 +19,18 @@ pub struct Shares {
 
 impl Shares {
     pub(super) fn of(plan: &Plan) -> Self {
-        let ranks = plan.options.ranks;
+        let weights = plan.options.weights.of_all(plan.options.ranks);
         let group = |group: &Group| {
             let work: Vec<u64> = group.tiles.clone().map(|tile| plan.work_of_tile(tile)).collect();
             let first = group.tiles.start;
-            parts(&work, ranks).map(|part| first + part.start..first + part.end).collect()
+            parts(&work, &weights).map(|part| first + part.start..first + part.end).collect()
         };
         let lists = plan.clusters().and_then(|clusters| clusters.receivers());
         let run = |run: &ClusterRun| {
             let all = run.range();
             let work = lists.map_or(Vec::new(), |lists| work_of_clusters(lists, &all));
             let bound = |groups: u32| (all.start + groups * SOURCES).min(all.end);
-            parts(&work, ranks).map(|part| bound(part.start)..bound(part.end)).collect()
+            parts(&work, &weights).map(|part| bound(part.start)..bound(part.end)).collect()
         };
         let runs = plan.clusters().map_or(&[][..], |clusters| clusters.runs());
         Self {
@@ -45,8 +45,8 @@ fn work_of_clusters(lists: &ReceiverLists, run: &Range<u32>) -> Vec<u64> {
     lists.groups(run).map(|group| u64::from(lists.count(group, &(0..u32::MAX)))).collect()
 }
 
-/// Cuts a sequence into contiguous parts of about the same sum.
-fn parts(work: &[u64], count: u32) -> impl Iterator<Item = Range<u32>> {
+/// Cuts a sequence into contiguous parts with sums about in proportion to weights.
+fn parts(work: &[u64], weights: &[u32]) -> impl Iterator<Item = Range<u32>> {
     let mut sums = vec![0];
     // One for each, so that what has no work is parted by number.
     sums.extend(work.iter().scan(0, |sum, work| {
@@ -54,14 +54,16 @@ fn parts(work: &[u64], count: u32) -> impl Iterator<Item = Range<u32>> {
         Some(*sum)
     }));
     let total = u128::from(sums[work.len()]);
-    let cut = move |part: u32| {
-        let wanted = (total * u128::from(part) / u128::from(count.max(1))) as u64;
+    let weight = |weights: &[u32]| weights.iter().map(|&weight| u128::from(weight)).sum::<u128>();
+    let of_all = weight(weights).max(1);
+    let cut = move |part: usize| {
+        let wanted = (total * weight(&weights[..part]) / of_all) as u64;
         let above = sums.partition_point(|&sum| sum < wanted);
         let below = above.saturating_sub(1);
         // The nearer of the two.
         if wanted.abs_diff(sums[below]) < wanted.abs_diff(sums[above]) { below as u32 } else { above as u32 }
     };
-    (0..count).map(move |part| cut(part)..cut(part + 1))
+    (0..weights.len()).map(move |part| cut(part)..cut(part + 1))
 }
 
 impl Plan {
@@ -94,6 +96,12 @@ impl Plan {
         &self.shares.clusters[run]
     }
 
+    /// About what this rank does of some work that is parted among all.
+    pub(crate) fn own_share(&self, work: u64) -> u64 {
+        let PlanOptions { weights, rank, ranks, .. } = self.options;
+        weights.share(work, rank, ranks)
+    }
+
     /// Whether this rank computes a slot.
     pub(super) fn owns(&self, slot: u32) -> bool {
         let tile = slot / self.layout.tile;
@@ -122,28 +130,36 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::PlanOptions;
+    use crate::plan::RankWeights;
     use crate::scene::{LoadOptions, Scene};
     use std::path::Path;
 
     #[test]
-    fn parts_cover_everything_once_and_weigh_the_same() {
+    fn parts_cover_everything_once_and_weigh_what_they_should() {
         let work: Vec<u64> = (0..1000).map(|k| (k * 7919) % 101 + if k < 100 { 500 } else { 0 }).collect();
         let total: u64 = work.iter().sum();
-        for count in [1, 2, 3, 7, 16] {
-            let parts: Vec<_> = parts(&work, count).collect();
-            assert_eq!(parts.len(), count as usize);
+        let even = [1, 2, 3, 7, 16].map(|count| vec![1; count]);
+        let uneven = [vec![1, 3], vec![3, 1], vec![16, 1, 5], vec![u32::MAX, 1, u32::MAX]];
+        for weights in even.into_iter().chain(uneven) {
+            let parts: Vec<_> = parts(&work, &weights).collect();
+            assert_eq!(parts.len(), weights.len());
             assert_eq!((parts[0].start, parts[parts.len() - 1].end), (0, 1000));
             assert!(parts.windows(2).all(|pair| pair[0].end == pair[1].start));
-            for part in parts {
+            let of_all: u64 = weights.iter().map(|&weight| u64::from(weight)).sum();
+            for (part, &weight) in parts.into_iter().zip(&weights) {
                 let own: u64 = work[part.start as usize..part.end as usize].iter().sum();
-                assert!(own.abs_diff(total / u64::from(count)) < 1500, "{own} of {total} over {count}");
+                let wanted = (u128::from(total) * u128::from(weight) / u128::from(of_all)) as u64;
+                assert!(own.abs_diff(wanted) < 1500, "{own} of {total}, {weight} of {weights:?}");
             }
         }
+        // The same cuts whatever the unit of weights.
+        for [some, same] in [[[1, 1, 1], [16, 16, 16]], [[1, 3, 2], [5, 15, 10]]] {
+            assert!(parts(&work, &some).eq(parts(&work, &same)), "{some:?}");
+        }
         // More parts than pieces: some are empty.
-        let few: Vec<_> = parts(&[5, 5], 4).collect();
+        let few: Vec<_> = parts(&[5, 5], &[1; 4]).collect();
         assert_eq!(few.iter().map(|part| part.len()).sum::<usize>(), 2);
-        assert_eq!(parts(&[], 3).collect::<Vec<_>>(), [0..0, 0..0, 0..0]);
+        assert_eq!(parts(&[], &[1; 3]).collect::<Vec<_>>(), [0..0, 0..0, 0..0]);
     }
 
     #[test]
@@ -164,6 +180,17 @@ mod tests {
             for own in &own {
                 assert!(work(own).abs_diff(work(&group.tiles) / u64::from(ranks)) <= largest, "{own:?}");
             }
+        }
+    }
+
+    #[test]
+    fn weights_are_for_all_ranks() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/closed_box.toml");
+        let scene = Scene::load(&path, &LoadOptions::default()).expect("a shipped scene");
+        for weights in [[1, 2, 3].as_slice(), &[1, 0]] {
+            let options = PlanOptions::default().ranks(2).weights(RankWeights::new(weights));
+            let error = Plan::new(&scene, &options, &scene.settings).expect_err("other ranks");
+            assert!(error.to_string().contains("for 2 processes"), "{error}");
         }
     }
 }

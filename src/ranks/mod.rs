@@ -118,11 +118,6 @@ impl Ranks {
         (0..self.count()).map(of).collect()
     }
 
-    /// The smallest value of all ranks.
-    pub fn least(&self, value: u64) -> Result<u64, RankError> {
-        Ok(self.each([value])?.into_iter().fold(value, |least, [other]| least.min(other)))
-    }
-
     /// Bytes that this rank has sent, however many receive them, and received.
     pub fn moved(&self) -> [u64; 2] {
         let read = |of: &AtomicU64| of.load(Ordering::Relaxed);

@@ -119,12 +119,12 @@ mod tests {
                             ranks.broadcast(root, &mut bytes).expect("a broadcast");
                             assert_eq!(bytes, [root as u8, round]);
                         }
-                        assert_eq!(ranks.least(7 - ranks.rank() as u64), Ok(5));
+                        assert_eq!(ranks.each([7 - ranks.rank() as u64]), Ok(vec![[7], [6], [5]]));
                         let mut value = [f64::from(round) + ranks.rank() as f64];
                         ranks.agree(&mut value).expect("agreement");
                         assert_eq!(value, [f64::from(round)]);
                     }
-                    // One of two bytes a round; three of a least of 8 bytes; one value.
+                    // One of two bytes a round; three of 8 bytes; one value.
                     let of_zero = if ranks.rank() == 0 { 8 } else { 0 };
                     assert_eq!(ranks.moved(), [100 * (2 + 8 + of_zero), 100 * (4 + 16 + 8 - of_zero)]);
                 });

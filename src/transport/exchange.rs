@@ -137,7 +137,7 @@ impl Exchange {
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, outgoing } = context;
-        monitor.begin(Sweep::pairs(plan, false) / u64::from(plan.options.ranks));
+        monitor.begin(plan.own_share(Sweep::pairs(plan, false)));
         let backs = x.is_some();
         let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
         let none = || View::resident(&scene.no_bins, 0, 0);

@@ -60,7 +60,7 @@ impl ExchangeAdjoint {
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let plan = &context.plan;
-        monitor.begin(Sweep::pairs_by_source(plan, false) / u64::from(plan.options.ranks));
+        monitor.begin(plan.own_share(Sweep::pairs_by_source(plan, false)));
         adjoint.copy_receivers(context, x)
     }
 

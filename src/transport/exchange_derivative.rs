@@ -76,7 +76,7 @@ impl ExchangeDerivative {
         // With clusters, their cotangents are computed once more.
         let again = if adjoint.clusters.is_some() { Sweep::pairs_by_source(plan, true) } else { 0 };
         let pairs = Sweep::pairs(plan, true) + Sweep::pairs_by_source(plan, true) + again;
-        monitor.begin(pairs / u64::from(plan.options.ranks));
+        monitor.begin(plan.own_share(pairs));
         adjoint.copy_receivers(context, cotangent)?;
         if !device.host_works() {
             self.compile(plan, movable)?;
