@@ -446,7 +446,7 @@ impl Engine {
             return Err(EngineError::OtherDevice);
         }
         // Counted apart from everything else on the device, such as engines of other threads.
-        let own = device.scope(plan.memory().staging());
+        let own = device.scope(plan.staging());
         let unit = light_unit(scene);
         let direct = Direct::new(Arc::new(direct), scene, &plan, &[]);
         let emitted = direct.emitted(scene);

@@ -359,7 +359,7 @@ fn staging_beyond_the_largest_buffer_is_cut() {
         let options = options.max_buffer(largest).staging(u64::MAX);
         let (engine, _solution) =
             solve_with_budget(&scene, &tight(&scene), &options, 2 * largest + (64 << 20));
-        assert_eq!(engine.plan().memory().staging(), 2 * largest);
+        assert_eq!(engine.plan().staging(), 2 * largest);
     }
 }
 

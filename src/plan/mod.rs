@@ -275,8 +275,8 @@ pub struct Plan {
     pub(crate) residency: Residency,
     pub(crate) near_field: NearField,
     pub(crate) shares: Shares,
-    /// Bytes of the staging buffers.
-    pub(crate) staging: u64,
+    /// Bytes that the staging buffers are to have, where the device has buffers as large.
+    staging: u64,
     memory: MemoryPlan,
     reflectance: Reflectance,
 }
@@ -520,9 +520,9 @@ impl Plan {
         self.residency
     }
 
-    /// Bytes of the staging buffers.
+    /// Bytes of both staging buffers.
     pub fn staging(&self) -> u64 {
-        self.staging
+        self.memory.staging()
     }
 
     /// The first triangle of the scene whose position differs from the plan's.
