@@ -14,6 +14,7 @@ use antirad::solve::LightOperator;
 use antirad::transport::{Operators, SceneBuffers};
 use antirad::{Engine, SolveParams, shaders, transport as device_side};
 use glam::DVec3;
+use std::process::{Command, Stdio};
 use support::random::{Random, balls, random_scene, scattered, with_own_powers};
 use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};
 use support::{device, finish};
@@ -229,6 +230,53 @@ fn small_tiles_and_pages() {
 fn without_a_near_field() {
     let scene = random_scene(8, 200, true, false);
     compare("no sub-samples", &scene, SolveSettings::default().near_field(0.0), |l| l);
+}
+
+/// Lavapipe's subgroups are as wide as the vectors of the CPU, unless a variable that it reads once says otherwise: in processes of their
+/// own, kernels with half and twice the usual lanes.
+#[test]
+fn subgroups_of_other_widths() {
+    let driver = device().info().driver.clone();
+    if !driver.contains("llvmpipe") {
+        println!("SKIPPED: subgroups of {driver} have one width");
+        return;
+    }
+    let run = |bits: u32| {
+        Command::new(std::env::current_exe().expect("this program"))
+            .args(["--exact", "small_scenes_on_kernels_alone", "--ignored", "--nocapture"])
+            .env("LP_NATIVE_VECTOR_WIDTH", bits.to_string())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("a process")
+    };
+    for (bits, run) in [128, 512].map(|bits| (bits, run(bits))) {
+        let output = run.wait_with_output().expect("a run");
+        let said = String::from_utf8_lossy(&output.stdout);
+        let why = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success() && said.contains("1 passed"), "{bits} bits: {said}{why}");
+        if !said.contains(&format!("subgroups of {} lanes", bits / 32)) {
+            assert!(bits > 256, "{bits} bits: {said}");
+            println!("SKIPPED: this CPU has no vectors of {bits} bits");
+        }
+    }
+}
+
+/// What depends on lanes: far and close pairs, with bins and without, and sources that are clusters.
+#[test]
+#[ignore = "run by subgroups_of_other_widths"]
+fn small_scenes_on_kernels_alone() {
+    let glossy = random_scene(2, 100, true, false);
+    let boxed = support::load("scenes/closed_box.toml");
+    let clusters = boxed.settings.transport(Transport::Hierarchical { error: 0.1 });
+    let of_cpus = device().kernels_only();
+    println!("subgroups of {} lanes", of_cpus.info().subgroup_size);
+    for (name, on) in
+        [("kernels", of_cpus), ("kernels for GPUs", device().with_kernels_for(DeviceKind::Discrete))]
+    {
+        compare_on(&on, &format!("glossy, {name}"), &glossy, SolveSettings::default(), &|l| l);
+        compare_on(&on, &format!("clusters, {name}"), &boxed, clusters, &|l| l);
+    }
 }
 
 /// The harness fails against the reference of another scene, as it must.
