@@ -6,12 +6,6 @@
 
 #include "real.glsl"
 
-const uint WORKGROUP = 64;
-// Lanes of a dispatch.
-const uint LANES = 64 * WORKGROUP;
-
-layout(local_size_x = 64) in;
-
 layout(std430, binding = 0) readonly buffer X { real4 x[]; };
 layout(std430, binding = 1) buffer Y { real4 y[]; };
 layout(std430, binding = 2) readonly buffer Z { real4 z[]; };
@@ -29,27 +23,7 @@ layout(push_constant) uniform ProjectPush {
     uint number;
 };
 
-shared real of_lane[WORKGROUP];
-
-// The sum of the partial sums of dispatch `before`, on every lane.
-real total(uint before) {
-    uint lane = gl_LocalInvocationID.x;
-    uint slice = (before & 1) * LANES;
-    real sum = 0.0;
-    for (uint i = lane; i < LANES; i += WORKGROUP) {
-        sum += partial[slice + i];
-    }
-    of_lane[lane] = sum;
-    barrier();
-    sum = 0.0;
-    for (uint i = 0; i < WORKGROUP; ++i) {
-        sum += of_lane[i];
-    }
-    if (gl_GlobalInvocationID.x == 0) {
-        partial[2 * LANES + before] = sum;
-    }
-    return sum;
-}
+#include "total.glsl"
 
 void main() {
     real a = number == 0 ? real(1.0) : -total(number - 1);

@@ -6,11 +6,11 @@ mod support;
 
 use antirad::gpu::{Device, DeviceKind};
 use antirad::model::Clusters;
-use antirad::plan::{Plan, PlanOptions};
+use antirad::plan::{Plan, PlanError, PlanOptions, Residency};
 use antirad::reference::{Model, State, observe, to_bf16, transport, transport_through_clusters};
 use antirad::scene::{BinLayout, Lamps, Precision, Scene, SolveSettings, Transport, Weights};
 use antirad::shaders::RealShader;
-use antirad::solve::LightOperator;
+use antirad::solve::{LightOperator, Orthonormalised};
 use antirad::transport::{Operators, SceneBuffers};
 use antirad::{Engine, SolveParams, shaders, transport as device_side};
 use glam::DVec3;
@@ -616,4 +616,67 @@ fn volumes_stand_for_far_triangles() {
         material.emission = [material.emission[0]; 3];
     }
     tests("grey balls, f64", &scene, concentric);
+}
+
+/// A step of GMRES on a GPU, after its pass: one submission, which the host waits for once, makes the vector orthonormal and brings its
+/// column and irradiance; with vectors in host memory the same bytes come step by step.
+#[test]
+fn a_vector_is_orthonormal_after_one_submission() {
+    let scene = random_scene(12, 200, true, false);
+    for precision in [Precision::F32, Precision::F64] {
+        let settings = SolveSettings::default().precision(precision);
+        let device = device().with_kernels_for(DeviceKind::Discrete);
+        let options = PlanOptions::of(&device);
+        let run = |options: &PlanOptions| {
+            let plan = Plan::new(&scene, options, &settings).expect("a plan");
+            let resident = plan.residency() == Residency::Device;
+            let buffers = SceneBuffers::new(&device, &scene, &plan).expect("buffers");
+            let mut operators = Operators::new(&device, plan, buffers).expect("operators");
+            let groups = operators.plan().layout().groups.len();
+            let mut random = Random::new(3);
+            let mut basis = Vec::new();
+            let mut found = Vec::new();
+            for k in 0..4 {
+                let mut next = operators.vector().expect("a vector");
+                let mut value = |_: &f64| random.next() - 0.3;
+                let mut values = |page: Vec<f64>| page.iter().map(&mut value).collect::<Vec<_>>();
+                let irradiance = operators.irradiance(&next).expect("zeros");
+                let irradiance: Vec<[f64; 4]> =
+                    irradiance.iter().map(|slot| std::array::from_fn(|k| values(vec![slot[k]])[0])).collect();
+                let pages = (0..groups).map(|g| operators.bins(&next, g).expect("zeros").map(&mut values));
+                let pages: Vec<_> = pages.collect();
+                operators.set(&next, &irradiance, &pages).expect("random values");
+                let before = device.submissions();
+                let Orthonormalised { column, judged } =
+                    operators.orthonormalise(&basis, &mut next, 0.0).expect("a vector of the basis");
+                let submissions = device.submissions() - before;
+                assert!(k == 0 || !resident || submissions == 1, "{submissions} submissions");
+                assert_eq!(column.len(), k + 1);
+                assert_eq!(judged, operators.judged(&next).expect("irradiance"));
+                basis.push(next);
+                for (i, v) in basis.iter().enumerate() {
+                    let product = operators.dot(v, &basis[k]).expect("a product");
+                    let off = (product - f64::from(u8::from(i == k))).abs();
+                    // NaN must not go unnoticed.
+                    assert!(off <= 0.1 * tolerance(precision), "⟨v{i}, v{k}⟩ = {product}");
+                }
+                found.push((column, judged));
+            }
+            // What the basis spans already is zero.
+            let mut spanned = operators.vector().expect("a vector");
+            operators.combine(2.0, &basis[3], 0.0, &mut spanned).expect("a copy");
+            operators.orthonormalise(&basis, &mut spanned, 1e-3).expect("nothing");
+            assert_eq!(operators.dot(&spanned, &spanned).expect("a product"), 0.0);
+            (resident, found)
+        };
+        let small = match Plan::new(&scene, &options.memory_budget(1), &settings) {
+            Err(PlanError::OverBudget { needed, .. }) => options.memory_budget(needed + 4096),
+            other => panic!("{other:?}"),
+        };
+        let (resident, on_device) = run(&options.page(1));
+        let (hosted, on_host) = run(&small);
+        assert!(resident && !hosted);
+        assert!(on_device == on_host, "{precision:?}");
+        finish(&device);
+    }
 }

@@ -30,7 +30,7 @@ pub struct BatchTiming {
 /// until it is submitted. Dropping it discards it, except that a batch of hundreds of dispatches is executed in parts
 /// as it grows.
 pub struct Batch<'a> {
-    device: Device,
+    pub(super) device: Device,
     recorder: Recorder,
     timing: BatchTiming,
     used: UsedScopes,

@@ -116,6 +116,8 @@ pub(super) struct Shared {
     pub(super) idle: Mutex<Vec<Recorder>>,
     /// Number of scopes made so far.
     pub(super) scopes: AtomicU64,
+    /// Number of submissions so far.
+    pub(super) submissions: AtomicU64,
     pub(super) profile: Mutex<Profile>,
     /// The device stopped responding. It may still use its objects, so none may be destroyed.
     hung: AtomicBool,
@@ -202,6 +204,7 @@ impl Device {
             pipelines: Mutex::default(),
             idle: Mutex::default(),
             scopes: AtomicU64::new(0),
+            submissions: AtomicU64::new(0),
             profile: Mutex::default(),
             hung: AtomicBool::new(false),
             names,
@@ -321,6 +324,11 @@ impl Device {
         let mut profile = lock(&self.shared.profile);
         profile.add(kernel, shape.to_owned(), seconds);
         profile.credit(kernel, shape, items, 0);
+    }
+
+    /// How often work was submitted so far, copies included; the host waits for the end of each submission.
+    pub fn submissions(&self) -> u64 {
+        self.shared.submissions.load(Ordering::Relaxed)
     }
 
     /// What the driver told of the kernels compiled so far, in the order of their names; nothing without

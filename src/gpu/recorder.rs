@@ -1,6 +1,7 @@
 //! The Vulkan objects behind a batch, kept by the device from one batch to the next.
 
 use ash::vk;
+use std::sync::atomic::Ordering;
 
 use super::Result;
 use super::device::Shared;
@@ -192,6 +193,7 @@ impl Recorder {
             // SAFETY: the lock makes this the only use of the queue; the batch keeps what the commands use alive.
             unsafe { device.queue_submit(*queue, &submit, self.fence) }.during("submitting", "batch")?;
         }
+        shared.submissions.fetch_add(1, Ordering::Relaxed);
         // SAFETY: the fence was submitted above.
         match unsafe { device.wait_for_fences(&[self.fence], true, TIMEOUT_SECONDS * 1_000_000_000) } {
             Ok(()) => {}

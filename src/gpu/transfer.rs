@@ -6,7 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGua
 
 use bytemuck::Pod;
 
-use super::buffer::{Buffer, BufferKind, BufferMemory};
+use super::buffer::{Buffer, BufferKind, BufferMemory, BufferSlice};
+use super::commands::Batch;
 use super::device::{Device, Shared};
 use super::error::GpuError;
 use super::memory::{ALIGN, ScopeId, rounded};
@@ -175,6 +176,39 @@ impl Device {
         let mut values = vec![T::zeroed(); count as usize];
         self.download_into(buffer, offset, bytemuck::cast_slice_mut(&mut values))?;
         Ok(values)
+    }
+}
+
+impl<'a> Batch<'a> {
+    /// Executes what was recorded and reads parts of buffers as it leaves them: in one submission, where they fit a staging buffer
+    /// together.
+    pub fn submit_and_read(mut self, parts: &[BufferSlice<'a>]) -> Result<Vec<Vec<u8>>> {
+        let device = self.device.clone();
+        parts.iter().try_for_each(|part| part.buffer.check(&device, part.offset, part.bytes))?;
+        let mut slot = lock(&device.scope.readback);
+        let staging = device.scope.staging(&mut slot, "staging readback", BufferKind::Readback)?;
+        let ends = parts.iter().scan(0_u64, |end, part| {
+            *end = end.saturating_add(part.bytes);
+            Some(*end)
+        });
+        let ends: Vec<u64> = ends.collect();
+        if ends.last().is_some_and(|&end| end > staging.bytes()) {
+            drop(slot);
+            self.submit()?;
+            return parts.iter().map(|part| device.download(part.buffer, part.offset, part.bytes)).collect();
+        }
+        for (part, end) in parts.iter().zip(&ends) {
+            self.will_use(part.buffer);
+            // SAFETY: the ranges were checked; the lock and the borrow keep the buffers to the end of the batch.
+            unsafe {
+                self.copy_raw(part.buffer.raw(), part.offset, staging.raw, end - part.bytes, part.bytes)?;
+            }
+        }
+        self.submit()?;
+        let values = mapped(staging)?;
+        let read =
+            |(part, end): (&BufferSlice, &u64)| values[(end - part.bytes) as usize..*end as usize].to_vec();
+        Ok(parts.iter().zip(&ends).map(read).collect())
     }
 }
 

@@ -20,8 +20,8 @@ const FACET_GRADIENT: u64 = 16;
 const CLUSTER_PARTS: u64 = 8;
 /// Lanes of the kernel that sums vectors: enough for any device, few enough for the host to add up.
 pub(crate) const PARTIAL_SUMS: u64 = 4096;
-/// Two slices of partial sums, and the coefficients of a step of GMRES.
-pub(crate) const ALL_SUMS: u64 = 2 * PARTIAL_SUMS + super::LONGEST_RESTART as u64;
+/// Two slices of partial sums, and the coefficients of a step of GMRES with the norm of what they leave.
+pub(crate) const ALL_SUMS: u64 = 2 * PARTIAL_SUMS + super::LONGEST_RESTART as u64 + 1;
 
 /// Labels of memory that is counted here and allocated elsewhere.
 const STAGING: &str = "staging";

@@ -1,7 +1,9 @@
 //! Restarted GMRES (Saad and Schultz 1986) on (1 - U (K - J)) H = U E: about half the passes of the fixed point in
 //! bright closed rooms, for a basis of `restart` more vectors.
 
-use super::{ConvergenceMonitor, Failed, LightOperator, Next, STAGNATION, SolveProgress, Solved, norm};
+use super::{
+    ConvergenceMonitor, Failed, LightOperator, Next, Orthonormalised, STAGNATION, SolveProgress, Solved, norm,
+};
 use nalgebra::{DMatrix, DVector, Schur};
 use std::ops::AddAssign;
 
@@ -140,7 +142,7 @@ impl Cycle {
         let beta = operator.dot(&basis[0], &basis[0])?.sqrt();
         operator.scale(1.0 / beta, &mut basis[0])?;
         let mut cycle = Self { beta, hessenberg: Vec::new(), judge };
-        cycle.judge.add(operator, &basis[0])?;
+        cycle.judge.add(operator.judged(&basis[0])?);
         loop {
             let k = cycle.hessenberg.len();
             if basis.len() == k + 1 {
@@ -151,10 +153,10 @@ impl Cycle {
             // (1 - U (K - J)) v, made orthogonal to the basis.
             operator.pass(Some(&known[k]), false, next)?;
             let smallest = f64::EPSILON * beta;
-            let column = operator.orthonormalise(known, next, smallest)?;
+            let Orthonormalised { column, judged } = operator.orthonormalise(known, next, smallest)?;
             let spanned = column.last().is_some_and(|norm| *norm <= smallest);
             cycle.hessenberg.push(column);
-            cycle.judge.add(operator, next)?;
+            cycle.judge.add(judged);
             let found = cycle.found();
             let verdict = monitor.pass(found.residual)?;
             if spanned || k + 1 >= restart.max(1) as usize || verdict != Next::Continue {
@@ -228,10 +230,9 @@ impl Judge {
         }
     }
 
-    /// Appends the next vector of the basis.
-    fn add<O: LightOperator>(&mut self, operator: &mut O, v: &O::Vector) -> Result<(), O::Error> {
-        self.basis.extend(operator.judged(v)?);
-        Ok(())
+    /// Appends what it judges by of the next vector of the basis.
+    fn add(&mut self, judged: Option<Vec<f64>>) {
+        self.basis.extend(judged);
     }
 
     /// ‖r‖ / ‖x + r‖ of r = V t and x = x0 + V y.

@@ -9,6 +9,15 @@ pub use gmres::{GmresParams, gmres, gmres_from, gmres_scratch};
 use std::fmt;
 use std::ops::ControlFlow;
 
+/// What the host knows of the next vector of an orthonormal basis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Orthonormalised {
+    /// The coefficient of each projection, and last the norm of what they left.
+    pub column: Vec<f64>,
+    /// [`LightOperator::judged`] of the vector.
+    pub judged: Option<Vec<f64>>,
+}
+
 /// The affine map of the light equation, and the vector space it acts on.
 pub trait LightOperator {
     /// A vector of that space.
@@ -34,14 +43,13 @@ pub trait LightOperator {
         a.iter().zip(x).try_for_each(|(a, x)| self.combine(*a, x, 1.0, y))
     }
     /// y = x - y, with x the last vector of an orthonormal basis; then y minus its projections onto the basis, one after the other (modified
-    /// Gram-Schmidt), and normalised: the next vector of the basis. The result is the coefficient of each projection, and
-    /// last the norm of what they left. What is no larger than `spanned` is set to zero.
+    /// Gram-Schmidt), and normalised: the next vector of the basis. What is no larger than `spanned` is set to zero.
     fn orthonormalise(
         &mut self,
         basis: &[Self::Vector],
         y: &mut Self::Vector,
         spanned: f64,
-    ) -> Result<Vec<f64>, Self::Error> {
+    ) -> Result<Orthonormalised, Self::Error> {
         if let Some(x) = basis.last() {
             self.combine(1.0, x, -1.0, y)?;
         }
@@ -54,7 +62,7 @@ pub trait LightOperator {
         let norm = self.dot(y, y)?.sqrt();
         self.scale(if norm <= spanned { 0.0 } else { 1.0 / norm }, y)?;
         column.push(norm);
-        Ok(column)
+        Ok(Orthonormalised { column, judged: self.judged(y)? })
     }
     /// y = b y.
     fn scale(&mut self, b: f64, y: &mut Self::Vector) -> Result<(), Self::Error>;

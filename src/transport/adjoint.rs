@@ -20,7 +20,7 @@ use crate::gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError};
 use crate::model::{Clusters, FacetGradient};
 use crate::plan::{PairLists, Piece, Plan, Residency};
 use crate::scene::Movable;
-use crate::solve::LightOperator;
+use crate::solve::{LightOperator, Orthonormalised};
 use glam::DVec3;
 
 /// The cotangents that the loss itself provides, and the sums of gradients.
@@ -387,8 +387,9 @@ impl LightOperator for AdjointOperator<'_> {
         basis: &[State],
         y: &mut State,
         spanned: f64,
-    ) -> Result<Vec<f64>, TransportError> {
-        self.operators.orthonormalise(basis, y, spanned)
+    ) -> Result<Orthonormalised, TransportError> {
+        let [column, _] = self.operators.orthonormal(basis, y, spanned, false)?;
+        Ok(Orthonormalised { column, judged: None })
     }
 
     fn scale(&mut self, b: f64, y: &mut State) -> Result<(), TransportError> {

@@ -51,7 +51,7 @@ pub use watch::{PassCallback, TransportError};
 use crate::gpu::{Buffer, Device, GpuError};
 use crate::plan::{Plan, Residency};
 use crate::scene::{BinLayout, Precision, Scene, Weights};
-use crate::solve::LightOperator;
+use crate::solve::{LightOperator, Orthonormalised};
 use residency::Part;
 
 /// Device, plan and buffers shared by all operators.
@@ -166,6 +166,32 @@ impl Operators {
         let mut value = [value];
         self.context.device.ranks().agree(&mut value)?;
         Ok(value[0])
+    }
+
+    /// [`LightOperator::orthonormalise`]: the column, and with `judged` the irradiance of the vector, reals of all slots.
+    fn orthonormal(
+        &mut self,
+        basis: &[State],
+        y: &State,
+        spanned: f64,
+        judged: bool,
+    ) -> Result<[Vec<f64>; 2], TransportError> {
+        let Self { context, vectors, monitor, .. } = self;
+        let [mut column, irradiance] = vectors.orthonormalise(context, basis, y, spanned, judged, monitor)?;
+        context.device.ranks().agree(&mut column)?;
+        Ok([column, irradiance])
+    }
+
+    /// [`LightOperator::judged`], by irradiance.
+    fn judged_of(&self, irradiance: &[[f64; 4]]) -> Result<Vec<f64>, TransportError> {
+        let Context { device, plan, .. } = &self.context;
+        let weighted = |(h, &i): (&[f64; 4], &u32)| {
+            let area = plan.facets.get(i as usize).map_or(0.0, |f| f.area);
+            [h[0], h[1], h[2]].map(|h| area.sqrt() * h)
+        };
+        let mut judged: Vec<f64> = irradiance.iter().zip(&plan.layout.order).flat_map(weighted).collect();
+        device.ranks().agree(&mut judged)?;
+        Ok(judged)
     }
 
     /// Computes the outgoing light of the fronts, E + K x; of states on the host the diffuse part; `first_bounce`: whether with the specular reflection of
@@ -309,10 +335,9 @@ impl LightOperator for Operators {
         basis: &[State],
         y: &mut State,
         spanned: f64,
-    ) -> Result<Vec<f64>, TransportError> {
-        let mut column = self.vectors.orthonormalise(&self.context, basis, y, spanned, &mut self.monitor)?;
-        self.context.device.ranks().agree(&mut column)?;
-        Ok(column)
+    ) -> Result<Orthonormalised, TransportError> {
+        let [column, irradiance] = self.orthonormal(basis, y, spanned, true)?;
+        Ok(Orthonormalised { column, judged: Some(self.judged_of(&rows(&irradiance))?) })
     }
 
     fn scale(&mut self, b: f64, y: &mut State) -> Result<(), TransportError> {
@@ -320,15 +345,7 @@ impl LightOperator for Operators {
     }
 
     fn judged(&mut self, x: &State) -> Result<Option<Vec<f64>>, TransportError> {
-        let weighted = |(h, &i): (&[f64; 4], &u32)| {
-            let area = self.context.plan.facets.get(i as usize).map_or(0.0, |f| f.area);
-            [h[0], h[1], h[2]].map(|h| area.sqrt() * h)
-        };
-        let irradiance = self.irradiance(x)?;
-        let order = &self.context.plan.layout.order;
-        let mut judged: Vec<f64> = irradiance.iter().zip(order).flat_map(weighted).collect();
-        self.context.device.ranks().agree(&mut judged)?;
-        Ok(Some(judged))
+        self.judged_of(&self.irradiance(x)?).map(Some)
     }
 }
 

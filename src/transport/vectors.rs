@@ -46,18 +46,19 @@ pub struct Vectors {
     combine: Pipeline,
     dot: Pipeline,
     project: Pipeline,
+    normalise: Pipeline,
     partial: Buffer,
 }
 
 impl Vectors {
     pub fn new(device: &Device, precision: Precision) -> Result<Self, GpuError> {
-        let [combine, dot, project] = Self::kernels(device, precision)?;
+        let [combine, dot, project, normalise] = Self::kernels(device, precision)?;
         let partial = Buffer::new(device, "partial sums", ALL_SUMS * precision.bytes(), BufferKind::Storage)?;
-        Ok(Self { combine, dot, project, partial })
+        Ok(Self { combine, dot, project, normalise, partial })
     }
 
     /// In the order of the fields.
-    pub fn kernels(device: &Device, precision: Precision) -> Result<[Pipeline; 3], GpuError> {
+    pub fn kernels(device: &Device, precision: Precision) -> Result<[Pipeline; 4], GpuError> {
         let kernel = |shader: &'static RealShader, buffers: u32, push: u32, constants: &[(u32, u32)]| {
             Pipeline::beside_host(device, shader.of(precision), buffers, push, constants)
         };
@@ -66,6 +67,7 @@ impl Vectors {
             kernel(&shaders::COMBINE, 2, real::push_bytes(precision, 2, 1), &[(0, WORKGROUP)])?,
             kernel(&shaders::DOT, 3, dot, &[(0, WORKGROUP)])?,
             kernel(&shaders::PROJECT, 4, project, &[])?,
+            kernel(&shaders::NORMALISE, 2, real::push_bytes(precision, 2, 2), &[])?,
         ])
     }
 
@@ -218,39 +220,85 @@ impl Vectors {
         monitor.done(0)
     }
 
-    /// A step of Arnoldi's iteration, see [`crate::solve::LightOperator::orthonormalise`].
+    /// A step of Arnoldi's iteration, see [`crate::solve::LightOperator::orthonormalise`]: its column, and with `judged` the irradiance of
+    /// the new vector.
     pub fn orthonormalise(
         &self,
         context: &Context,
         basis: &[State],
         y: &State,
         spanned: f64,
+        judged: bool,
         monitor: &mut PassMonitor,
-    ) -> Result<Vec<f64>, TransportError> {
-        let mut column = match basis.last() {
+    ) -> Result<[Vec<f64>; 2], TransportError> {
+        let [mut column, irradiance] = match basis.last() {
             Some(last) if !in_steps(context) && basis.len() <= LONGEST_RESTART as usize => {
-                self.project(context, last, basis, y, monitor)?
+                self.project(context, (last, basis), y, spanned, judged, monitor)?
             }
-            _ => self.project_in_steps(context, basis, y, monitor)?,
+            _ => {
+                let Context { device, plan, .. } = context;
+                let column = self.project_in_steps(context, basis, y, monitor)?;
+                self.normalise(context, column.last().copied().unwrap_or(0.0), spanned, y, monitor)?;
+                let read = || y.download(device, &Part::irradiance(plan), plan.settings.precision);
+                [column, if judged { read()? } else { Vec::new() }]
+            }
         };
         if let Some(square) = column.last_mut() {
-            let norm = square.sqrt();
-            *square = norm;
-            self.scale(context, if norm <= spanned { 0.0 } else { 1.0 / norm }, y, monitor)?;
+            *square = square.sqrt();
         }
-        Ok(column)
+        Ok([column, irradiance])
     }
 
-    /// y = last - y, then y minus its projections onto the basis: the coefficient of each, and ⟨y, y⟩. All in one submission, since
-    /// each kernel sums up itself what the one before it has multiplied.
+    /// y = y / ‖y‖ with `square` = ⟨y, y⟩, or 0 where the norm is no larger than `spanned`.
+    fn normalise(
+        &self,
+        context: &Context,
+        square: f64,
+        spanned: f64,
+        y: &State,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, .. } = context;
+        let precision = plan.settings.precision;
+        if device.host_works() {
+            let norm = square.sqrt();
+            return self.scale(context, if norm <= spanned { 0.0 } else { 1.0 / norm }, y, monitor);
+        }
+        for part in together(plan).into_iter().flatten() {
+            let view = y.edit(device, &part, true)?;
+            let mut batch = device.batch()?;
+            let count = view.reals(precision) / STEP;
+            self.record_normalise(&mut batch, precision, [spanned, square], (view.slice(), count), 0)?;
+            batch.submit()?;
+            view.store(device)?;
+        }
+        monitor.done(0)
+    }
+
+    /// `number`: of dispatches before that sum up, the last of them ⟨y, y⟩; 0 where that is `square`.
+    fn record_normalise<'a>(
+        &'a self,
+        batch: &mut Batch<'a>,
+        precision: Precision,
+        [spanned, square]: [f64; 2],
+        (y, count): (BufferSlice<'a>, u32),
+        number: u32,
+    ) -> Result<(), GpuError> {
+        let push = real::push(precision, &[spanned, square], &[count, number]);
+        batch.dispatch(&self.normalise, "vector", &[y, self.partial.whole()], &push, GROUPS)
+    }
+
+    /// y = last - y, then y minus its projections onto the basis, normalised: the coefficient of each, and ⟨y, y⟩ before that; and with
+    /// `judged` its irradiance. All in one submission, since each kernel sums up itself what the one before it has multiplied.
     fn project(
         &self,
         Context { device, plan, .. }: &Context,
-        last: &State,
-        basis: &[State],
+        (last, basis): (&State, &[State]),
         y: &State,
+        spanned: f64,
+        judged: bool,
         monitor: &mut PassMonitor,
-    ) -> Result<Vec<f64>, TransportError> {
+    ) -> Result<[Vec<f64>; 2], TransportError> {
         let precision = plan.settings.precision;
         let parts = Part::all(plan);
         let target = y.resident()?;
@@ -268,14 +316,20 @@ impl Vectors {
                 batch.dispatch(&self.project, "vector", &buffers, bytes_of(&push), GROUPS)?;
             }
         }
-        batch.submit()?;
+        let number = basis.len() as u32 + 1;
+        for part in &parts {
+            let of = (target.part(part)?, fours(part.bytes(), precision));
+            self.record_normalise(&mut batch, precision, [spanned, 0.0], of, number)?;
+        }
+        let (real, sums) = (precision.bytes(), 2 * u64::from(LANES));
+        let column = self.partial.slice(sums * real, u64::from(number) * real);
+        let irradiance = judged.then(|| target.view(&Part::irradiance(plan))).transpose()?;
+        let read: Vec<BufferSlice> =
+            std::iter::once(column).chain(irradiance.map(|view| view.own())).collect();
+        let read = batch.submit_and_read(&read)?;
         monitor.done(0)?;
-        let lanes = u64::from(LANES);
-        let mut sums = real::download(device, &self.partial, precision, 0..2 * lanes + basis.len() as u64)?;
-        let mut column = sums.split_off(2 * lanes as usize);
-        let of_last = &sums[(basis.len() % 2) * LANES as usize..][..LANES as usize];
-        column.push(total(precision, of_last));
-        Ok(column)
+        let mut read = read.iter().map(|bytes| real::decode(precision, bytes));
+        Ok(std::array::from_fn(|_| read.next().unwrap_or_default()))
     }
 
     /// The same, one step after the other.

@@ -65,6 +65,30 @@ fn staging_keeps_to_the_largest_buffer() {
     finish(device);
 }
 
+/// Parts of buffers are read with the batch that writes them, in its submission; where the staging buffer is too small, after it.
+#[test]
+fn a_batch_is_read_when_it_ends() {
+    let device = device();
+    for (staging, submissions) in [(2048, 1), (512, 4)] {
+        let small = device.scope(staging);
+        let buffer = |label| Buffer::new(&small, label, 512, BufferKind::Storage).unwrap();
+        let (one, other) = (buffer("one"), buffer("other"));
+        let filled = || {
+            let mut batch = small.batch().unwrap();
+            batch.fill(&one, 0, 512, 0x0101_0101).unwrap();
+            batch.fill(&other, 0, 256, 0x0202_0202).unwrap();
+            batch
+        };
+        let before = device.submissions();
+        let read = filled().submit_and_read(&[one.slice(0, 400), other.slice(4, 8)]).unwrap();
+        assert_eq!(read, [vec![1; 400], vec![2; 8]]);
+        assert_eq!(device.submissions() - before, submissions, "{staging} bytes of staging");
+        let beyond = filled().submit_and_read(&[one.slice(0, 4), other.slice(508, 8)]);
+        assert!(matches!(beyond, Err(GpuError::OutOfRange { .. })));
+    }
+    finish(device);
+}
+
 #[test]
 fn mapped_buffers_need_no_staging() {
     let device = device();
