@@ -6,7 +6,7 @@ mod support;
 
 use antirad::gpu::{Device, DeviceKind};
 use antirad::model::Clusters;
-use antirad::plan::{Plan, PlanError, PlanOptions, Residency};
+use antirad::plan::{Occlusion, Plan, PlanError, PlanOptions, Residency};
 use antirad::reference::{Model, State, observe, to_bf16, transport, transport_through_clusters};
 use antirad::scene::{BinLayout, Lamps, Precision, Scene, SolveSettings, Transport, Weights};
 use antirad::shaders::RealShader;
@@ -679,4 +679,24 @@ fn a_vector_is_orthonormal_after_one_submission() {
         assert!(on_device == on_host, "{precision:?}");
         finish(&device);
     }
+}
+
+/// A pass between triangles of one group on a GPU: reflection and zeros, close pairs, and the others.
+#[test]
+fn a_pass_of_one_group_is_three_submissions() {
+    let scene = scattered(1, 40, false, false, 1.0);
+    let device = device().with_kernels_for(DeviceKind::Discrete);
+    let options = PlanOptions::of(&device).keep_near_field(false).occlusion(Occlusion::Everything);
+    let plan = Plan::new(&scene, &options, &SolveSettings::default()).expect("a plan");
+    assert_eq!(plan.layout().groups.len(), 1);
+    // So few that a slow machine does not part them.
+    assert!((1..400).contains(&plan.pairs().sub_sampled), "{}", plan.pairs().sub_sampled);
+    let buffers = SceneBuffers::new(&device, &scene, &plan).expect("buffers");
+    let mut operators = Operators::new(&device, plan, buffers).expect("operators");
+    let [mut x, mut y] = [(); 2].map(|()| operators.vector().expect("a vector"));
+    operators.pass(None, true, &mut x).expect("a pass");
+    let before = device.submissions();
+    operators.pass(Some(&x), false, &mut y).expect("a pass");
+    assert_eq!(device.submissions() - before, 3);
+    finish(&device);
 }

@@ -15,6 +15,9 @@ use super::recorder::Recorder;
 use super::transfer::UsedScopes;
 use super::{Result, lock};
 
+/// Bytes that Vulkan sets at a time.
+const MOST_UPDATED: usize = 65_536;
+
 /// How long a batch took.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BatchTiming {
@@ -129,6 +132,21 @@ impl<'a> Batch<'a> {
         // SAFETY: recording; the range was checked, the buffer lives until the batch has ended ('a).
         unsafe {
             device.cmd_fill_buffer(self.recorder.commands, buffer.raw(), offset, bytes, value);
+        }
+        Ok(())
+    }
+
+    /// Sets the values from `offset` on, which the batch carries with it: few, or an upload is better. Both are multiples of 4.
+    pub fn update(&mut self, buffer: &'a Buffer, offset: u64, values: &[u8]) -> Result<()> {
+        let bytes = values.len() as u64;
+        buffer.check(&self.device, offset, bytes)?;
+        buffer.check_aligned(offset, bytes, 4)?;
+        for (piece, at) in values.chunks(MOST_UPDATED).zip((offset..).step_by(MOST_UPDATED)) {
+            self.make_room(0)?;
+            self.will_use(buffer);
+            let device = self.device.shared.raw();
+            // SAFETY: recording; the range was checked, the buffer lives until the batch has ended ('a).
+            unsafe { device.cmd_update_buffer(self.recorder.commands, buffer.raw(), at, piece) };
         }
         Ok(())
     }

@@ -127,12 +127,12 @@ impl Exchange {
         Shape::sweeps(device, plan, kernels)
     }
 
-    /// y = U (outgoing - J x); without `x` there is no antiradiance.
+    /// y = U (E + (K - J) x) with `emission`, y = U (K - J) x without; without `x` there is only emission.
     pub fn run(
         &mut self,
         context: &Context,
         reflection: &mut Reflection,
-        x: Option<&State>,
+        (x, emission): (Option<&State>, bool),
         y: &State,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
@@ -143,19 +143,28 @@ impl Exchange {
         let none = || View::resident(&scene.no_bins, 0, 0);
         let (facets, radiance) = (scene.facets.whole(), outgoing.radiance.whole());
         let partners = of_partners(context, &outgoing.radiance);
-        let irradiance = y.receive(device, &Part::irradiance(plan))?;
+        let irradiance = y.open(&Part::irradiance(plan))?;
         let pieces = plan.pieces();
         let mut first_sweep = true;
         if let Some(volumes) = &self.volumes {
             volumes.clear(context)?;
         }
-        for groups in plan.sweeps() {
+        for (number, groups) in plan.sweeps().into_iter().enumerate() {
             let mut receivers = Vec::new();
+            // What the sweep begins with, in one submission.
+            let mut batch = device.batch()?;
+            if number == 0 {
+                reflection.record_diffuse(context, x, emission, &mut batch)?;
+                irradiance.fill(&mut batch)?;
+            }
             for t in groups {
-                let part = Part::held(plan, t);
-                let incident = part.map(|part| y.receive(device, &part)).transpose()?;
+                let incident = Part::held(plan, t).map(|part| y.open(&part)).transpose()?;
+                if let Some(incident) = &incident {
+                    incident.fill(&mut batch)?;
+                }
                 receivers.push((plan.own(t), incident.unwrap_or_else(none)));
             }
+            batch.submit()?;
             let mut wanted = Vec::new();
             for piece in &pieces {
                 let from = &piece.part;

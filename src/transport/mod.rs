@@ -313,8 +313,7 @@ impl LightOperator for Operators {
 
     fn pass(&mut self, x: Option<&State>, emission: bool, y: &mut State) -> Result<(), TransportError> {
         self.reflection.with_first_bounce = emission;
-        self.reflection.diffuse(&self.context, x, emission)?;
-        self.exchange.run(&self.context, &mut self.reflection, x, y, &mut self.monitor)
+        self.exchange.run(&self.context, &mut self.reflection, (x, emission), y, &mut self.monitor)
     }
 
     fn dot(&mut self, x: &State, y: &State) -> Result<f64, TransportError> {

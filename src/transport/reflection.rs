@@ -7,7 +7,7 @@ use super::residency::{Part, View};
 use super::state::{State, page};
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, bin_constants};
-use crate::gpu::{Bindings, BufferSlice, Device, GpuError, Pipeline};
+use crate::gpu::{Batch, Bindings, BufferSlice, Device, GpuError, Pipeline};
 use crate::plan::{Piece, Plan};
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
@@ -110,6 +110,20 @@ impl Reflection {
         x: Option<&State>,
         emission: bool,
     ) -> Result<(), TransportError> {
+        let mut batch = context.device.batch()?;
+        self.record_diffuse(context, x, emission, &mut batch)?;
+        batch.submit()?;
+        Ok(())
+    }
+
+    /// The same as part of a batch.
+    pub fn record_diffuse<'a>(
+        &'a self,
+        context: &'a Context,
+        x: Option<&'a State>,
+        emission: bool,
+        batch: &mut Batch<'a>,
+    ) -> Result<(), TransportError> {
         let Context { device, plan, scene, outgoing } = context;
         let slots = plan.layout.slots();
         let push = ReflectPush {
@@ -121,10 +135,8 @@ impl Reflection {
         let irradiance = x.map(|x| x.show(device, &Part::irradiance(plan))).transpose()?;
         let incident = irradiance.map_or(scene.no_bins.whole(), |view| view.slice());
         let buffers = [scene.surfaces.whole(), incident, outgoing.radiance.whole()];
-        let mut batch = device.batch()?;
-        batch.dispatch(&self.diffuse, "all", &buffers, bytes_of(&push), [slots.div_ceil(WORKGROUP), 1, 1])?;
-        batch.submit()?;
-        Ok(())
+        let groups = [slots.div_ceil(WORKGROUP), 1, 1];
+        Ok(batch.dispatch(&self.diffuse, "all", &buffers, bytes_of(&push), groups)?)
     }
 
     /// The specular radiance of a piece of the sources.

@@ -120,12 +120,17 @@ impl State {
     /// other parts of the same sweep, until a part of another sweep or state is opened. The view must be stored at
     /// the end.
     pub fn receive(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
-        let view = match &*self.0 {
-            Memory::Device(buffers) => buffers.view(part)?,
-            Memory::Host(hosted) => hosted.receive(part)?,
-        };
+        let view = self.open(part)?;
         view.clear(device)?;
         Ok(view)
+    }
+
+    /// The same with undefined values, which the caller makes zero.
+    pub fn open(&self, part: &Part) -> Result<View<'_>, TransportError> {
+        match &*self.0 {
+            Memory::Device(buffers) => buffers.view(part),
+            Memory::Host(hosted) => hosted.receive(part),
+        }
     }
 
     /// A view for kernels to change a part, valid until another part of any state is opened; with `old` it holds the

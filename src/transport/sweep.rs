@@ -487,9 +487,9 @@ impl Sweep {
             return Ok(());
         }
         let slots: Vec<u32> = targets.iter().map(|target| target.slot).collect();
-        device.upload_slice(&scene.near_targets, 0, &slots)?;
         let buffers = [buffers, &[scene.near_targets.whole()]].concat();
         let mut bundle = Bundle::new(device, near_pace, monitor);
+        bundle.add(0, 0, |batch| batch.update(&scene.near_targets, 0, bytemuck::cast_slice(&slots)))?;
         let longest = targets.iter().map(|target| target.partners).max().unwrap_or(0);
         for skip in (0..longest).step_by(*take as usize) {
             let left = |target: &Target| u64::from(target.partners.saturating_sub(skip).min(*take));

@@ -95,10 +95,10 @@ impl Sweep {
         // Those with long lists first, so that the ones that are not done yet are always the first.
         targets.sort_by_key(|(_, count)| Reverse(*count));
         let numbers: Vec<u32> = targets.iter().map(|(group, _)| *group).collect();
-        device.upload_slice(&scene.near_targets, 0, &numbers)?;
         let buffers = [buffers, &[scene.near_targets.whole()]].concat();
         let Self { far, far_pace, side_by_side, workgroups, bytes, shape, .. } = self;
         let mut bundle = Bundle::new(device, far_pace, monitor);
+        bundle.add(0, 0, |batch| batch.update(&scene.near_targets, 0, bytemuck::cast_slice(&numbers)))?;
         let pairs_of = |lists: u32| u64::from(lists) * u64::from(LIST * SOURCES);
         for skip in (0..targets[0].1).step_by(TAKE as usize) {
             let end = targets.partition_point(|(_, count)| *count > skip) as u32;

@@ -89,6 +89,26 @@ fn a_batch_is_read_when_it_ends() {
     finish(device);
 }
 
+/// A batch sets values in its order, more of them than Vulkan takes at a time, too.
+#[test]
+fn a_batch_carries_values() {
+    let device = device();
+    let values: Vec<u8> = (0..150_000).map(|k| (k % 251) as u8).collect();
+    let buffer = Buffer::new(&device, "values", 160_000, BufferKind::Storage).unwrap();
+    let mut batch = device.batch().unwrap();
+    batch.fill(&buffer, 0, 160_000, 0).unwrap();
+    batch.update(&buffer, 8, &values).unwrap();
+    batch.update(&buffer, 16, &[9; 4]).unwrap();
+    batch.update(&buffer, 0, &[]).unwrap();
+    assert!(matches!(batch.update(&buffer, 6, &[1; 4]), Err(GpuError::Misaligned { .. })));
+    assert!(matches!(batch.update(&buffer, 1 << 20, &[1; 4]), Err(GpuError::OutOfRange { .. })));
+    batch.submit().unwrap();
+    let found = device.download(&buffer, 0, 160_000).unwrap();
+    assert!(found[16..20] == [9; 4] && found[20..150_008] == values[12..]);
+    assert!(found[..8].iter().chain(&found[150_008..]).all(|&byte| byte == 0) && found[8..16] == values[..8]);
+    finish(device);
+}
+
 #[test]
 fn mapped_buffers_need_no_staging() {
     let device = device();
