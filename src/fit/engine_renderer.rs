@@ -125,7 +125,8 @@ impl EngineRenderer {
         Self { shading, ..self }
     }
 
-    /// Solves every scene from darkness, so that pictures are functions of the scene alone. Otherwise solves start from the light of the
+    /// Solves every scene from darkness, with the clusters of the scene to plan for as long as these serve, so that pictures are functions of
+    /// the scene alone. Otherwise solves start from the light of the
     /// pictures before, which saves passes, and pictures depend on those within the tolerance.
     pub fn independent(self) -> Self {
         Self { independent: true, ..self }
