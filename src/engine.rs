@@ -409,7 +409,7 @@ impl PlanOptions {
         Self {
             memory_budget: free,
             max_buffer,
-            staging: crate::gpu::staging_bytes().min(max_buffer.saturating_mul(2)),
+            staging: crate::gpu::staging_bytes(),
             page: max_buffer,
             keep_near_field: cpu == 1,
             pairs_on_host: host_works == 1,

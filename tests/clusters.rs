@@ -11,11 +11,11 @@ use antirad::scene::{
 };
 use antirad::target_error::usual_settings;
 use antirad::{Cotangent, Energy, Engine, Gradients, SolveParams};
-use glam::{DAffine3, DQuat, DVec3};
+use glam::{DQuat, DVec3};
 use std::sync::Arc;
 use std::time::Instant;
 use support::random::{balls, scattered};
-use support::{areas, device, finish, load, relative_l2, solve, solve_within};
+use support::{areas, blockers_moved, device, finish, load, placed, relative_l2, solve, solve_within};
 
 /// Bytes of bins in one buffer: of all triangles of a class in small scenes, or of some hundred.
 const PAGE: u64 = 128 << 20;
@@ -206,7 +206,7 @@ fn lists_that_are_kept_are_complete() {
     let [all, some] =
         [false, true].map(|cull| PlanOptions::default().boundless().cull(cull).gradients(gradients));
     for by in [0.004, 0.3] {
-        let moved = with_boxes_moved(&scene, by);
+        let moved = blockers_moved(&scene, by);
         let follow = |options: &PlanOptions| {
             let settings = hierarchical(&scene, 0.5);
             let before = planned(&scene, &settings, *options);
@@ -400,18 +400,6 @@ fn states_on_the_host_have_clusters_too() {
     finish(&device);
 }
 
-/// The scene with its boxes moved along x.
-fn with_boxes_moved(scene: &Scene, by: f64) -> Scene {
-    let mut moved = scene.clone();
-    let classes = classify(scene);
-    let of_boxes = scene.triangles.iter().zip(&classes).filter(|(_, class)| class.blocker);
-    let mut vertices: Vec<u32> = of_boxes.flat_map(|(triangle, _)| triangle.vertices).collect();
-    vertices.sort_unstable();
-    vertices.dedup();
-    vertices.iter().for_each(|&vertex| moved.vertices[vertex as usize].x += by);
-    moved
-}
-
 /// While vertices move little, lists stay as they are, but for what cannot send light: irradiance is as smooth as that of the exact sum.
 /// Lists chosen anew at each step make it jump.
 #[test]
@@ -423,7 +411,7 @@ fn irradiance_is_smooth_while_vertices_move() {
     let gradients = GradientRequest::default().positions(true);
     let options = PlanOptions::of(&device).gradients(gradients);
     // In steps of a millimetre; triangles of the boxes are some ten times as long.
-    let scenes: Vec<Scene> = (0..STEPS).map(|k| with_boxes_moved(&scene, 1e-3 * k as f64)).collect();
+    let scenes: Vec<Scene> = (0..STEPS).map(|k| blockers_moved(&scene, 1e-3 * k as f64)).collect();
     let solved = |scene: &Scene, plan: Plan| {
         let mut engine = Engine::new(&device, scene, plan).expect("an engine");
         let params = SolveParams::from(&scene.settings).tolerance(1e-6);
@@ -461,10 +449,6 @@ fn irradiance_is_smooth_while_vertices_move() {
     assert!(kept <= 0.005, "{kept}");
     assert!(anew >= 4.0 * kept, "the test shows nothing: {anew}");
     finish(&device);
-}
-
-fn placed(scale: [f64; 3], to: [f64; 3]) -> DAffine3 {
-    DAffine3::from_scale_rotation_translation(scale.into(), DQuat::IDENTITY, to.into())
 }
 
 fn grey(emission: f64) -> Material {

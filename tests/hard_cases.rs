@@ -17,14 +17,10 @@ use antirad::solve::{GmresParams, SolveError, gmres};
 use antirad::target_error::usual_settings;
 use antirad::warnings::{Kind, Warnings};
 use antirad::{Engine, EngineError, Solution, SolveParams};
-use glam::{DAffine3, DQuat, DVec3};
+use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
 use std::ops::ControlFlow;
-use support::{areas, device, finish, mean, relative_l2, solve};
-
-fn placed(scale: [f64; 3], to: [f64; 3]) -> DAffine3 {
-    DAffine3::from_scale_rotation_translation(scale.into(), DQuat::IDENTITY, to.into())
-}
+use support::{areas, device, finish, mean, placed, relative_l2, solve};
 
 /// A material of exitance 1 W/m².
 fn glowing(albedo: f64) -> Material {

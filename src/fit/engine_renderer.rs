@@ -7,7 +7,7 @@ use crate::image::{
     Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer, geometry_gradient, geometry_gradient_of,
 };
 use crate::plan::{ClusterChoice, GradientRequest, Plan, PlanError, PlanOptions};
-use crate::scene::{Camera, Material, Scene, Transport};
+use crate::scene::{Camera, Scene, Transport};
 use crate::shading::{self, Light, Reflections, SeenFrom, Shading, ShadingError};
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams, Watch};
 use glam::DVec3;
@@ -33,8 +33,8 @@ pub struct EngineRenderer {
     rasterizer: Rasterizer,
     /// The plan is made for its materials, which require as much as any later ones.
     planning: Scene,
-    /// As it was at first; its emission is a measure of how bright others are.
-    first: Scene,
+    /// Its emission at first, by material: a measure of how bright others are.
+    first_emission: Vec<[f64; 3]>,
     /// What the clusters of plans with derivatives are chosen for.
     choice: Option<Arc<ClusterChoice>>,
     /// How often they have been chosen.
@@ -100,7 +100,7 @@ impl EngineRenderer {
         Ok(Self {
             device: device.clone(),
             rasterizer: Rasterizer::new(device)?,
-            first: planning.clone(),
+            first_emission: planning.materials.iter().map(|m| m.emission).collect(),
             planning,
             choice: None,
             choices: 0,
@@ -149,25 +149,28 @@ impl EngineRenderer {
         plan.map_err(|error| sort_out(error.into()))
     }
 
+    /// Whether clusters are asked for.
+    fn has_clusters(&self) -> bool {
+        matches!(self.planning.settings.transport, Transport::Hierarchical { .. })
+    }
+
+    fn keep(&mut self, choice: Option<&Arc<ClusterChoice>>) {
+        self.choice = choice.cloned();
+        self.choices += 1;
+    }
+
     /// Plans with the clusters of before, or with those for the light of a scene.
     fn plan_for(&mut self, scene: &Scene, gradients: GradientRequest) -> Result<Plan, RenderError> {
-        if let Transport::Hierarchical { .. } = self.planning.settings.transport {
-            if self.independent && self.choice.is_none() {
-                self.choice = self.plan(&self.first, self.request)?.choice().cloned();
-            }
-            let emission = self.first.materials.iter().zip(&scene.materials).map(|(m, own)| lit_like(m, own));
-            for (material, emission) in self.planning.materials.iter_mut().zip(emission) {
-                material.emission = emission;
+        if self.has_clusters() {
+            let materials = self.planning.materials.iter_mut().zip(&self.first_emission);
+            for ((material, first), own) in materials.zip(&scene.materials) {
+                material.emission = lit_like(*first, own.emission);
             }
         }
         let plan = self.plan(&self.planning, gradients)?;
-        let kept = match (plan.choice(), &self.choice) {
-            (Some(now), Some(before)) => Arc::ptr_eq(now, before),
-            (now, before) => now.is_none() && before.is_none(),
-        };
+        let kept = plan.choice().map(Arc::as_ptr) == self.choice.as_ref().map(Arc::as_ptr);
         if !kept && gradients.any() && !self.independent {
-            self.choice = plan.choice().cloned();
-            self.choices += 1;
+            self.keep(plan.choice());
         }
         Ok(plan)
     }
@@ -215,6 +218,10 @@ impl EngineRenderer {
         choose: bool,
         gradients: GradientRequest,
     ) -> Result<Engine, RenderError> {
+        if self.independent && self.choices == 0 && self.has_clusters() {
+            let plan = self.plan(&self.planning, self.request)?;
+            self.keep(plan.choice());
+        }
         if self.planning.vertices != scene.vertices {
             self.retire();
             let before = std::mem::replace(&mut self.planning.vertices, scene.vertices.clone());
@@ -451,6 +458,10 @@ impl Renderer for EngineRenderer {
     }
 
     fn choose(&mut self, scene: Option<&Scene>) -> Result<(), RenderError> {
+        if self.independent {
+            // Its clusters are those of the scene to plan for.
+            return Ok(());
+        }
         if self.choice.take().is_some() {
             self.retire();
         }
@@ -466,13 +477,11 @@ impl Renderer for EngineRenderer {
     }
 }
 
-/// The emission of a material to plan with, as bright as that of another one. What emits in the plan does so always: it decides what
-/// counts as a lamp.
-fn lit_like(planned: &Material, other: &Material) -> [f64; 3] {
-    let brightest = |m: &Material| m.emission.into_iter().fold(0.0, f64::max);
-    let (own, other) = (brightest(planned), brightest(other));
+/// An emission to plan with, as bright as another one. What emits in the plan does so always: it decides what counts as a lamp.
+fn lit_like(planned: [f64; 3], other: [f64; 3]) -> [f64; 3] {
+    let [own, other] = [planned, other].map(|emission| emission.into_iter().fold(0.0, f64::max));
     let factor = if own > 0.0 { (other / own).max(DIMMEST) } else { 1.0 };
-    planned.emission.map(|e| factor * e)
+    planned.map(|e| factor * e)
 }
 
 fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RenderError {

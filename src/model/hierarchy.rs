@@ -54,7 +54,7 @@ struct Source<'a, S> {
     cut: S,
 }
 
-impl<S: Fn(&Range<usize>) -> usize + Sync> Source<'_, S> {
+impl<S> Source<'_, S> {
     fn facets(&self, leaves: &Range<usize>) -> impl Iterator<Item = &Facet> + Clone {
         let end = (leaves.end * self.leaf).min(self.order.len());
         let slots = &self.order[leaves.start * self.leaf..end];
@@ -72,7 +72,9 @@ impl<S: Fn(&Range<usize>) -> usize + Sync> Source<'_, S> {
             next: 0,
         }
     }
+}
 
+impl<S: Fn(&Range<usize>) -> usize + Sync> Source<'_, S> {
     fn grow(&self, leaves: Range<usize>, nodes: &mut Vec<Node>) {
         let at = nodes.len();
         nodes.push(self.node(leaves.clone()));
@@ -128,7 +130,7 @@ impl Hierarchy {
 
     /// The same branches around triangles that have moved.
     pub fn around_moved(&self, facets: &[Facet], order: &[u32], leaf: usize, tolerance: f64) -> Self {
-        let source = Source { facets, order, leaf, cut: |leaves: &Range<usize>| leaves.start };
+        let source = Source { facets, order, leaf, cut: () };
         let moved = |node: &Node| Node { next: node.next, ..source.node(node.leaves.clone()) };
         Self::bounded(self.nodes.par_iter().map(moved).collect(), tolerance)
     }

@@ -55,6 +55,7 @@ const LEAF: u32 = 4;
 const VOLUME_SHARE: u64 = 16;
 /// How often clusters are planned anew for smaller windows on states.
 const REFITS: u32 = 4;
+
 impl Plan {
     /// Chooses transport, and solver and residency for it.
     pub(super) fn choose_transport(&mut self, choice: Option<&Arc<ClusterChoice>>) -> Result<(), PlanError> {

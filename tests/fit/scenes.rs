@@ -1,6 +1,6 @@
 //! Fits on a device: each recovers the scene that its pictures were rendered from.
 
-use crate::support::{device, finish, load};
+use crate::support::{blockers_moved, device, finish, load};
 use antirad::Watch;
 use antirad::fit::{
     EngineRenderer, Fit, Job, LossKind, MotionKind, OptimiserKind, Outcome, Per, Quantity, Recovered,
@@ -8,12 +8,10 @@ use antirad::fit::{
 };
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
-use antirad::model::classify;
 use antirad::plan::GradientRequest;
 use antirad::scene::{BinLayout, Camera, Lamps, Material, Scene, SceneBuilder, Shape, Transport};
 use antirad::shading::Shading;
 use glam::{DAffine3, DVec3};
-use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
@@ -458,13 +456,7 @@ fn clusters_are_kept_while_they_serve() {
         EngineRenderer::new(&device, scene.clone(), vec![camera.clone()], 1, request, watch())
             .expect("a renderer")
     };
-    let of_boxes = scene.triangles.iter().zip(classify(&scene)).filter(|(_, class)| class.blocker);
-    let of_boxes: BTreeSet<u32> = of_boxes.flat_map(|(triangle, _)| triangle.vertices).collect();
-    let moved = |by: f64| {
-        let mut moved = scene.clone();
-        of_boxes.iter().for_each(|&vertex| moved.vertices[vertex as usize].x += by);
-        moved
-    };
+    let moved = |by: f64| blockers_moved(&scene, by);
     // All that shines shines a thousandth, which changes nothing, or all but the lamp a thousand times as much.
     let lit = |lamp: f64, others: f64| {
         let mut lit = moved(0.3);

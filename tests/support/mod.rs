@@ -5,9 +5,12 @@ pub mod random;
 pub mod slots;
 
 use antirad::gpu::{Device, DeviceOptions};
+use antirad::model::classify;
 use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{LoadOptions, Scene, SolveSettings};
 use antirad::{Engine, Solution, SolveParams};
+use glam::{DAffine3, DQuat};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// The device under test. Every message of the validation layers fails the test that calls [`finish`].
@@ -25,6 +28,19 @@ pub fn path(relative: &str) -> PathBuf {
 
 pub fn load(relative: &str) -> Scene {
     Scene::load(&path(relative), &LoadOptions::default()).expect("a scene of the project")
+}
+
+pub fn placed(scale: [f64; 3], to: [f64; 3]) -> DAffine3 {
+    DAffine3::from_scale_rotation_translation(scale.into(), DQuat::IDENTITY, to.into())
+}
+
+/// The scene with its blockers moved along x.
+pub fn blockers_moved(scene: &Scene, by: f64) -> Scene {
+    let mut moved = scene.clone();
+    let blockers = scene.triangles.iter().zip(classify(scene)).filter(|(_, class)| class.blocker);
+    let vertices: BTreeSet<u32> = blockers.flat_map(|(triangle, _)| triangle.vertices).collect();
+    vertices.iter().for_each(|&vertex| moved.vertices[vertex as usize].x += by);
+    moved
 }
 
 /// Solves with the options of a device.

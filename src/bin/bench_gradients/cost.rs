@@ -31,7 +31,7 @@ pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<
     let without = plan(GradientRequest::NOTHING)?.memory().total();
     let with = plan(request)?;
     let (triangles, bytes) = (with.triangles() as f64, with.memory().total());
-    let staging = with.options().staging;
+    let staging = with.staging();
     let mut engine = Engine::new(&device, &scene, with)?;
     let params = SolveParams::from(&scene.settings);
     let loss = Loss::new(scene.triangles.len());

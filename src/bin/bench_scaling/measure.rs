@@ -161,7 +161,7 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
     let plan = Plan::new(&scene, &options, &settings)?;
     let seconds_plan = start.elapsed().as_secs_f64();
     let report = plan.report();
-    let staging = plan.memory().staging();
+    let staging = plan.staging();
     let planned_scene = arguments.error.then(|| plan.clone());
 
     let resident_before = resident("VmRSS:");

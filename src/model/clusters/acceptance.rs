@@ -81,9 +81,6 @@ pub fn are_near(to: &Node, bounds: &BoundedRun, area: f64, half_range: f64) -> b
     to.bounds.distance_squared(bounds) <= half_range * (to.characteristic_area + area)
 }
 
-/// Runs among which one is found sooner one by one.
-const FEW: usize = 8;
-
 /// Groups that walk along the tree together.
 const AT_ONCE: usize = 8;
 
@@ -168,14 +165,6 @@ impl Known {
 
 const SIDES: [(f64, u32); 2] = [(1.0, PAIR_FRONT), (-1.0, PAIR_BACK)];
 
-/// How many runs come first for which something holds that holds for none behind.
-fn before(runs: &[Range<u32>], holds: impl Fn(&Range<u32>) -> bool) -> usize {
-    if runs.len() > FEW {
-        return runs.partition_point(holds);
-    }
-    runs.iter().take_while(|run| holds(run)).count()
-}
-
 /// The triangles that volumes stand for, by position, ascending.
 struct TakenRuns(Vec<Range<u32>>);
 
@@ -193,16 +182,13 @@ impl TakenRuns {
         let runs = &self.0[among[0] as usize..among[1] as usize];
         let (mut all, mut some) = (place.all, false);
         let mut window = [among[1], among[0]];
-        let mut from = 0;
         for [first, last] in place.runs() {
-            // The runs of a place ascend, as those that are taken do.
-            let next = from + before(&runs[from..], |run| run.end <= first);
-            let behind = next + before(&runs[next..], |run| run.start <= last);
+            let next = runs.partition_point(|run| run.end <= first);
+            let behind = next + runs[next..].partition_point(|run| run.start <= last);
             let meets = runs[next..behind].first();
             some |= meets.is_some();
             all &= meets.is_some_and(|run| run.start <= first && last < run.end);
             window = [window[0].min(among[0] + next as u32), window[1].max(among[0] + behind as u32)];
-            from = next;
         }
         match (all, some) {
             (true, true) => (Taken::All, window),
@@ -283,6 +269,8 @@ pub struct Acceptance<'a> {
     chosen: &'a Trees,
     /// What light can pass depends on these, if triangles have moved.
     now: Option<Trees>,
+    /// Half of the range, as that of the near field, that clusters keep from receivers.
+    kept_range: f64,
     /// The leaves of the tree of receivers, the groups.
     groups: Vec<usize>,
     branches: Vec<Branch>,
@@ -333,7 +321,9 @@ impl<'a> Acceptance<'a> {
         let leaves = chosen.receivers.nodes().iter().enumerate().filter(|(_, node)| node.is_leaf());
         let groups = leaves.map(|(at, _)| at).collect();
         let now = input.moved.map(|facets| chosen.moved(input, facets));
-        Self { input, chosen, now, groups, branches, volumes, places }
+        let half_range = input.half_range;
+        let kept_range = if input.slopes { (half_range.sqrt() + SQRT_2 * MOVED).powi(2) } else { half_range };
+        Self { input, chosen, now, kept_range, groups, branches, volumes, places }
     }
 
     /// The sources of each group of receivers; volumes have the indices from `volumes` on, by their number in the tree. `None` if
@@ -467,14 +457,13 @@ impl<'a> Acceptance<'a> {
 
     /// What bounds tell of receivers and a branch, by number; `None` if none of these can see it now.
     fn look(&self, to: usize, from: usize, sights: Sights) -> Option<Sights> {
-        let &ClusterInput { half_range, cull, slopes, .. } = self.input;
+        let &ClusterInput { half_range, cull, .. } = self.input;
         let branch = &self.branches[from];
         let at = |trees: &Trees, seen: Seen, half_range: f64| {
             let (to, from) = (&trees.receivers.nodes()[to], &trees.sources.nodes()[from]);
             trees.look(to, from, branch, seen, (half_range, cull))
         };
-        let kept_range = if slopes { (half_range.sqrt() + SQRT_2 * MOVED).powi(2) } else { half_range };
-        let chosen = at(self.chosen, sights.chosen, kept_range);
+        let chosen = at(self.chosen, sights.chosen, self.kept_range);
         let now = match &self.now {
             None => chosen,
             Some(trees) => at(trees, sights.now, half_range),
