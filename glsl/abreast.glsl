@@ -8,7 +8,7 @@
 
 // Lanes of the workgroup: as a constant of its own, since Metal takes gl_WorkGroupSize for no constant size of an array.
 layout(constant_id = 13) const uint WORKGROUP = 1;
-// Lanes that share a target: 1 or 8.
+// Lanes that share a target: 1, or a power of two from 4 on; at least 8 where targets have bins, at most 16 for close pairs.
 layout(constant_id = 15) const uint ABREAST = 1;
 
 const bool TARGETS_ARE_SHARED = ABREAST > 1;

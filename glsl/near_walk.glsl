@@ -1,7 +1,7 @@
 #ifndef NEAR_WALK_GLSL
 #define NEAR_WALK_GLSL
 // The pieces of one close pair, forwards and in the adjoint. Where lanes share a target, they share each of its pairs: a lane
-// takes a quarter of the receiver, and of the source every other quarter, and all go on together. Expects near_push.glsl, the
+// takes a quarter of the receiver, and one or every other quarter of the source, and all go on together. Expects near_push.glsl, the
 // constants of both ends' bins, `source_normal`, and `piece`: from a piece of the source to a point of the receiver, with the blend
 // weights of the two kinds of radiance.
 
@@ -12,8 +12,9 @@
 void walk_pieces(
     real3 source_centre, real3 u, real3 v, real3 w, real3 a, real3 b, real3 c, real near, real range
 ) {
-    const uint halves = TARGETS_ARE_SHARED ? 2 : 1;
-    for (uint onto = lane_turn() / halves; onto < 4; onto += TARGETS_ARE_SHARED ? 4 : 1) {
+    // Lanes for each quarter of the receiver.
+    const uint beside = TARGETS_ARE_SHARED ? ABREAST / 4 : 1;
+    for (uint onto = lane_turn() / beside; onto < 4; onto += TARGETS_ARE_SHARED ? 4 : 1) {
         real3 e = a, f = b, g = c;
         quarter(onto, e, f, g);
         real3 point = (e + f + g) * (real(1.0) / 3.0);
@@ -23,7 +24,7 @@ void walk_pieces(
         // Without directions at either end, Lambert's formula is exact for the whole source.
         bool whole = !directional && !RECEIVER_BINS;
         uint pieces = !front && !directional ? 0 : whole ? 1 : 4;
-        for (uint from = lane_turn() % halves; from < (TARGETS_ARE_SHARED ? 4 : pieces); from += halves) {
+        for (uint from = lane_turn() % beside; from < (TARGETS_ARE_SHARED ? 4 : pieces); from += beside) {
             bool taken = !TARGETS_ARE_SHARED || from < pieces;
             real wanted = taken ? near : real(0.0);
             real3 p = u, q = v, r = w;

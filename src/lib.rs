@@ -100,7 +100,7 @@ const _: () = {
     // A pass callback may be bound to one thread at a time; a recording batch always is.
     moved::<Engine>();
     moved::<transport::Operators>();
-    moved::<gpu::Batch<'static>>();
+    moved::<gpu::Batch>();
 };
 
 /// The snippets of README.md compile as they stand.

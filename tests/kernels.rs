@@ -681,22 +681,30 @@ fn a_vector_is_orthonormal_after_one_submission() {
     }
 }
 
-/// A pass between triangles of one group on a GPU: reflection and zeros, close pairs, and the others.
+/// A pass between triangles on a GPU, reflection, zeros, close pairs and all others, with what orthonormalises its result: one submission.
 #[test]
-fn a_pass_of_one_group_is_three_submissions() {
-    let scene = scattered(1, 40, false, false, 1.0);
-    let device = device().with_kernels_for(DeviceKind::Discrete);
-    let options = PlanOptions::of(&device).keep_near_field(false).occlusion(Occlusion::Everything);
-    let plan = Plan::new(&scene, &options, &SolveSettings::default()).expect("a plan");
-    assert_eq!(plan.layout().groups.len(), 1);
-    // So few that a slow machine does not part them.
-    assert!((1..400).contains(&plan.pairs().sub_sampled), "{}", plan.pairs().sub_sampled);
-    let buffers = SceneBuffers::new(&device, &scene, &plan).expect("buffers");
-    let mut operators = Operators::new(&device, plan, buffers).expect("operators");
-    let [mut x, mut y] = [(); 2].map(|()| operators.vector().expect("a vector"));
-    operators.pass(None, true, &mut x).expect("a pass");
-    let before = device.submissions();
-    operators.pass(Some(&x), false, &mut y).expect("a pass");
-    assert_eq!(device.submissions() - before, 3);
-    finish(&device);
+fn a_step_of_the_solver_is_one_submission() {
+    for (number, count, glossy) in [(1, 40, false), (2, 24, true)] {
+        let scene = scattered(number, count, glossy, false, 1.0);
+        let device = device().with_kernels_for(DeviceKind::Discrete);
+        let options = PlanOptions::of(&device).keep_near_field(false).occlusion(Occlusion::Everything);
+        let plan = Plan::new(&scene, &options, &SolveSettings::default()).expect("a plan");
+        let buffers = SceneBuffers::new(&device, &scene, &plan).expect("buffers");
+        let mut operators = Operators::new(&device, plan, buffers).expect("operators");
+        let mut vectors: Vec<_> = (0..12).map(|_| operators.vector().expect("a vector")).collect();
+        let (basis, next) = vectors.split_at_mut(1);
+        operators.pass(None, true, &mut basis[0]).expect("a pass");
+        operators.orthonormalise(&[], &mut basis[0], 0.0).expect("a vector of the basis");
+        // The first ones tell how much work a submission may be.
+        let mut submissions = Vec::new();
+        for y in next {
+            let before = device.submissions();
+            operators.pass(Some(&basis[0]), false, y).expect("a pass");
+            operators.orthonormalise(basis, y, 0.0).expect("a vector of the basis");
+            submissions.push(device.submissions() - before);
+        }
+        println!("{submissions:?}");
+        assert_eq!(submissions.last(), Some(&1), "{submissions:?}");
+        finish(&device);
+    }
 }

@@ -27,9 +27,14 @@ pub enum BufferKind {
 
 /// A buffer of a device. The label names it in errors, reports and debuggers.
 pub struct Buffer {
-    shared: Arc<Shared>,
     use_of_buffers: Arc<UseOfBuffers>,
-    block: BufferMemory,
+    block: Arc<Block>,
+}
+
+/// What a buffer and the batches that use it share: it is freed when none of them is left.
+pub(super) struct Block {
+    shared: Arc<Shared>,
+    memory: BufferMemory,
 }
 
 /// A part of a buffer, to bind to a kernel.
@@ -57,25 +62,25 @@ impl BufferSlice<'_> {
 impl Buffer {
     /// Allocates `bytes`, rounded up by [`rounded`]. The content is undefined.
     pub fn new(device: &Device, label: &str, bytes: u64, kind: BufferKind) -> Result<Self> {
-        let block = BufferMemory::new(&device.shared, device.scope.id(), label, bytes, kind)?;
-        let use_of_buffers = device.scope.use_of_buffers().clone();
-        Ok(Self { shared: device.shared.clone(), use_of_buffers, block })
+        let memory = BufferMemory::new(&device.shared, device.scope.id(), label, bytes, kind)?;
+        let block = Arc::new(Block { shared: device.shared.clone(), memory });
+        Ok(Self { use_of_buffers: device.scope.use_of_buffers().clone(), block })
     }
 
     /// The name in errors, reports and debuggers.
     pub fn label(&self) -> &str {
-        &self.block.label
+        &self.block.memory.label
     }
 
     /// The size, rounded up.
     pub fn bytes(&self) -> u64 {
-        self.block.bytes
+        self.block.memory.bytes
     }
 
     /// The content of an [`Upload`](BufferKind::Upload) or [`Readback`](BufferKind::Readback) buffer, mapped for the
-    /// host; `None` for other kinds. The exclusive borrow keeps batches away from it.
+    /// host; `None` for other kinds, and while a batch that uses it is not yet executed.
     pub fn mapped(&mut self) -> Option<&mut [u8]> {
-        self.block.mapped()
+        Arc::get_mut(&mut self.block)?.memory.mapped()
     }
 
     /// All of it, to bind to a kernel.
@@ -90,27 +95,32 @@ impl Buffer {
 
     /// The Vulkan handle, for embedders that record commands of their own.
     pub fn raw(&self) -> vk::Buffer {
-        self.block.raw
+        self.block.memory.raw
     }
 
     pub(super) fn use_of_buffers(&self) -> &Arc<UseOfBuffers> {
         &self.use_of_buffers
     }
 
+    /// Keeps it alive.
+    pub(super) fn block(&self) -> &Arc<Block> {
+        &self.block
+    }
+
     /// Where the host sees it, if it does.
     pub(super) fn start(&self) -> Option<NonNull<u8>> {
-        self.block.allocation.mapped_ptr().map(NonNull::cast)
+        self.block.memory.allocation.mapped_ptr().map(NonNull::cast)
     }
 
     /// Properties of its memory.
     pub(super) fn properties(&self) -> vk::MemoryPropertyFlags {
-        self.block.allocation.memory_properties()
+        self.block.memory.allocation.memory_properties()
     }
 
     /// Checks that the buffer belongs to `device` and contains these bytes.
     pub(super) fn check(&self, device: &Device, offset: u64, bytes: u64) -> Result<()> {
         let label = || self.label().to_owned();
-        if !Arc::ptr_eq(&self.shared, &device.shared) {
+        if !Arc::ptr_eq(&self.block.shared, &device.shared) {
             return Err(GpuError::OtherDevice { label: label() });
         }
         let size = self.bytes();
@@ -134,9 +144,9 @@ impl fmt::Debug for Buffer {
     }
 }
 
-impl Drop for Buffer {
+impl Drop for Block {
     fn drop(&mut self) {
-        mem::take(&mut self.block).destroy(&self.shared);
+        mem::take(&mut self.memory).destroy(&self.shared);
     }
 }
 
@@ -220,7 +230,7 @@ impl BufferMemory {
             return;
         }
         let device = shared.raw();
-        // SAFETY: nothing executes that uses the buffer: batches borrow it and wait for their end.
+        // SAFETY: nothing executes that uses the buffer: batches keep it until they have ended.
         unsafe { device.destroy_buffer(self.raw, None) };
         let mut memory = lock(&shared.memory);
         memory.free(self.allocation);

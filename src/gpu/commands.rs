@@ -1,18 +1,18 @@
 //! Batches: operations recorded in order, submitted at once, waited for.
 
-use std::marker::PhantomData;
 use std::mem;
+use std::sync::Arc;
 use std::time::Instant;
 
 use ash::vk;
 
-use super::buffer::{Buffer, BufferSlice};
+use super::buffer::{Block, Buffer, BufferSlice};
 use super::device::Device;
 use super::error::GpuError;
 use super::memory::{ALIGN, Bytes};
 use super::pipeline::Pipeline;
 use super::recorder::Recorder;
-use super::transfer::UsedScopes;
+use super::transfer::{Deferred, UsedScopes};
 use super::{Result, lock};
 
 /// Bytes that Vulkan sets at a time.
@@ -29,15 +29,18 @@ pub struct BatchTiming {
     pub wall_seconds: f64,
 }
 
-/// A sequence of operations, each of which sees everything that earlier ones wrote. It borrows buffers and pipelines
-/// until it is submitted. Dropping it discards it, except that a batch of hundreds of dispatches is executed in parts
+/// Batches of one scope that wait for their execution; one more is executed with them.
+const MOST_DEFERRED: usize = 64;
+
+/// A sequence of operations, each of which sees everything that earlier ones wrote. It keeps the buffers that it uses
+/// until it has ended. Dropping it discards it, except that a batch of hundreds of dispatches is executed in parts
 /// as it grows.
-pub struct Batch<'a> {
+pub struct Batch {
     pub(super) device: Device,
     recorder: Recorder,
     timing: BatchTiming,
     used: UsedScopes,
-    borrowed: PhantomData<&'a (Buffer, Pipeline)>,
+    kept: Vec<Arc<Block>>,
     /// Leaves out the barriers, to see that validation misses them.
     #[cfg(test)]
     unordered: bool,
@@ -45,7 +48,7 @@ pub struct Batch<'a> {
 
 impl Device {
     /// An empty batch. It reuses the Vulkan objects of earlier ones, and so costs little more than its submission.
-    pub fn batch<'a>(&self) -> Result<Batch<'a>> {
+    pub fn batch(&self) -> Result<Batch> {
         let idle = lock(&self.shared.idle).pop();
         let recorder = match idle {
             Some(recorder) => recorder,
@@ -57,29 +60,75 @@ impl Device {
             recorder,
             timing,
             used: UsedScopes::default(),
-            borrowed: PhantomData,
+            kept: Vec::new(),
             #[cfg(test)]
             unordered: false,
         })
     }
+
+    /// Executes what [waits](Batch::defer) in this scope, and tells how long that took.
+    pub fn execute_waiting(&self) -> Result<BatchTiming> {
+        let mut used = UsedScopes::default();
+        used.add(self.scope.use_of_buffers());
+        self.execute_deferred(&used)
+    }
+
+    /// Whether anything [waits](Batch::defer) in this scope.
+    pub fn anything_waits(&self) -> bool {
+        let mut used = UsedScopes::default();
+        used.add(self.scope.use_of_buffers());
+        !used.deferred().is_empty()
+    }
+
+    /// Executes what waits in these scopes.
+    pub(super) fn execute_deferred(&self, used: &UsedScopes) -> Result<BatchTiming> {
+        let mut timing = BatchTiming::default();
+        self.execute(used, None, &mut timing)?;
+        Ok(timing)
+    }
+
+    /// Executes what waits in the scopes that are used, and then `last`, in one submission.
+    fn execute(
+        &self,
+        used: &UsedScopes,
+        last: Option<&mut Recorder>,
+        timing: &mut BatchTiming,
+    ) -> Result<()> {
+        let mut deferred = used.deferred();
+        let before = deferred.iter_mut().flat_map(|of| of.iter_mut()).map(|batch| &mut batch.recorder);
+        let mut recorders: Vec<&mut Recorder> = before.chain(last).collect();
+        if recorders.is_empty() {
+            return Ok(());
+        }
+        let _running = used.by_device();
+        let start = Instant::now();
+        let executed = Recorder::execute(&mut recorders, &self.shared, |kernel, shape, seconds| {
+            timing.dispatches += 1;
+            timing.device_seconds += seconds;
+            lock(&self.shared.profile).add(kernel, shape, seconds);
+        });
+        timing.wall_seconds += start.elapsed().as_secs_f64();
+        deferred.iter_mut().for_each(|of| of.clear());
+        executed
+    }
 }
 
-impl<'a> Batch<'a> {
+impl Batch {
     /// Runs `pipeline` over `groups` workgroups. `shape` labels the size of the work in the profile, e.g. "64x4096".
     pub fn dispatch(
         &mut self,
-        pipeline: &'a Pipeline,
+        pipeline: &Pipeline,
         shape: &str,
-        buffers: &[BufferSlice<'a>],
+        buffers: &[BufferSlice],
         push: &[u8],
         groups: [u32; 3],
     ) -> Result<()> {
         let kernel = pipeline.kernel;
         self.check(pipeline, buffers, push, groups)?;
         self.make_room(pipeline.bindings.count())?;
+        buffers.iter().for_each(|slice| self.will_use(slice.buffer));
         let shared = &self.device.shared;
         let parts = pipeline.parts()?;
-        buffers.iter().for_each(|slice| self.used.add(slice.buffer));
         let recorder = &mut self.recorder;
         let set = recorder.descriptor_set(shared, parts.set_layout, pipeline.bindings.count(), kernel)?;
         let ranges: Vec<_> = buffers
@@ -106,7 +155,8 @@ impl<'a> Batch<'a> {
         recorder.timed(shared, kernel, shape, |device, commands| {
             let point = vk::PipelineBindPoint::COMPUTE;
             let stage = vk::ShaderStageFlags::COMPUTE;
-            // SAFETY: recording; all objects belong to this device and live until the batch has ended ('a).
+            // SAFETY: recording; all objects belong to this device and live until the batch has ended (`kept`; the device
+            // keeps pipelines).
             unsafe {
                 device.cmd_bind_pipeline(commands, point, parts.pipeline);
                 device.cmd_bind_descriptor_sets(commands, point, parts.layout, 0, &[set], &[]);
@@ -120,7 +170,7 @@ impl<'a> Batch<'a> {
     }
 
     /// Sets `bytes` from `offset` on to repetitions of `value`. Both are multiples of 4.
-    pub fn fill(&mut self, buffer: &'a Buffer, offset: u64, bytes: u64, value: u32) -> Result<()> {
+    pub fn fill(&mut self, buffer: &Buffer, offset: u64, bytes: u64, value: u32) -> Result<()> {
         buffer.check(&self.device, offset, bytes)?;
         buffer.check_aligned(offset, bytes, 4)?;
         if bytes == 0 {
@@ -129,7 +179,7 @@ impl<'a> Batch<'a> {
         self.make_room(0)?;
         self.will_use(buffer);
         let device = self.device.shared.raw();
-        // SAFETY: recording; the range was checked, the buffer lives until the batch has ended ('a).
+        // SAFETY: recording; the range was checked, the buffer lives until the batch has ended (`kept`).
         unsafe {
             device.cmd_fill_buffer(self.recorder.commands, buffer.raw(), offset, bytes, value);
         }
@@ -137,7 +187,7 @@ impl<'a> Batch<'a> {
     }
 
     /// Sets the values from `offset` on, which the batch carries with it: few, or an upload is better. Both are multiples of 4.
-    pub fn update(&mut self, buffer: &'a Buffer, offset: u64, values: &[u8]) -> Result<()> {
+    pub fn update(&mut self, buffer: &Buffer, offset: u64, values: &[u8]) -> Result<()> {
         let bytes = values.len() as u64;
         buffer.check(&self.device, offset, bytes)?;
         buffer.check_aligned(offset, bytes, 4)?;
@@ -145,7 +195,7 @@ impl<'a> Batch<'a> {
             self.make_room(0)?;
             self.will_use(buffer);
             let device = self.device.shared.raw();
-            // SAFETY: recording; the range was checked, the buffer lives until the batch has ended ('a).
+            // SAFETY: recording; the range was checked, the buffer lives until the batch has ended (`kept`).
             unsafe { device.cmd_update_buffer(self.recorder.commands, buffer.raw(), at, piece) };
         }
         Ok(())
@@ -154,9 +204,9 @@ impl<'a> Batch<'a> {
     /// Copies `bytes` between buffers, or within one if the ranges do not overlap.
     pub fn copy(
         &mut self,
-        source: &'a Buffer,
+        source: &Buffer,
         source_offset: u64,
-        target: &'a Buffer,
+        target: &Buffer,
         target_offset: u64,
         bytes: u64,
     ) -> Result<()> {
@@ -167,13 +217,14 @@ impl<'a> Batch<'a> {
         }
         self.will_use(source);
         self.will_use(target);
-        // SAFETY: checked above; both live until the batch has ended ('a).
+        // SAFETY: checked above; both live until the batch has ended (`kept`).
         unsafe { self.copy_raw(source.raw(), source_offset, target.raw(), target_offset, bytes) }
     }
 
-    /// Keeps the host's work out of a buffer while the batch runs.
+    /// Keeps the buffer until the batch has ended, and the host's work out of it while the batch runs.
     pub(super) fn will_use(&mut self, buffer: &Buffer) {
-        self.used.add(buffer);
+        self.used.add(buffer.use_of_buffers());
+        self.kept.push(buffer.block().clone());
     }
 
     /// # Safety
@@ -197,10 +248,27 @@ impl<'a> Batch<'a> {
         Ok(())
     }
 
-    /// Executes what was recorded and waits for its end.
+    /// Executes what was recorded, after all that waits in the scopes of its buffers, and waits for its end.
     pub fn submit(mut self) -> Result<BatchTiming> {
         self.execute()?;
         Ok(self.timing)
+    }
+
+    /// Leaves what was recorded to be executed before anything else that uses the buffers of its scope: the next batch that is submitted,
+    /// a transfer, or work of the host. All of it is one submission then, and its errors are those of whatever comes next. Where nothing
+    /// comes it is not executed.
+    pub fn defer(mut self) -> Result<()> {
+        if !self.recorder.is_recording() {
+            return Ok(());
+        }
+        let scope = self.device.scope.clone();
+        if !self.used.only(&scope) {
+            return self.execute();
+        }
+        self.end()?;
+        let (recorder, kept) = (mem::take(&mut self.recorder), mem::take(&mut self.kept));
+        let full = scope.defer(Deferred::new(&self.device.shared, recorder, kept)) >= MOST_DEFERRED;
+        if full { self.device.execute_waiting().map(|_| ()) } else { Ok(()) }
     }
 
     fn check(
@@ -269,24 +337,22 @@ impl<'a> Batch<'a> {
     }
 
     fn execute(&mut self) -> Result<()> {
-        if !self.recorder.is_recording() {
-            return Ok(());
+        let recorded = self.recorder.is_recording();
+        if recorded {
+            self.end()?;
         }
+        let last = recorded.then_some(&mut self.recorder);
+        self.device.execute(&self.used, last, &mut self.timing)?;
+        self.kept.clear();
+        Ok(())
+    }
+
+    fn end(&mut self) -> Result<()> {
         // The host may read mapped buffers next.
         let stages = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
         let writes = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
         self.barrier(stages, writes, vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ);
-        let shared = &self.device.shared;
-        let _running = self.used.by_device();
-        let start = Instant::now();
-        let timing = &mut self.timing;
-        self.recorder.execute(shared, |kernel, shape, seconds| {
-            timing.dispatches += 1;
-            timing.device_seconds += seconds;
-            lock(&shared.profile).add(kernel, shape, seconds);
-        })?;
-        timing.wall_seconds += start.elapsed().as_secs_f64();
-        Ok(())
+        self.recorder.end(&self.device.shared)
     }
 
     fn barrier(
@@ -317,15 +383,9 @@ fn check_uniform(buffer: &Buffer, offset: u64, bytes: u64, limit: u64) -> Result
     Ok(())
 }
 
-impl Drop for Batch<'_> {
+impl Drop for Batch {
     fn drop(&mut self) {
-        let mut recorder = mem::take(&mut self.recorder);
-        let shared = &self.device.shared;
-        // On a hung device the recorder may be in use for ever: it is neither kept nor destroyed.
-        if !shared.is_hung() {
-            recorder.clear();
-            lock(&shared.idle).push(recorder);
-        }
+        mem::take(&mut self.recorder).set_aside(&self.device.shared);
     }
 }
 

@@ -309,7 +309,8 @@ impl Device {
         lock(&self.shared.memory).report_of(self.scope.id())
     }
 
-    /// Device time by kernel and shape since the last [`reset_profile`](Self::reset_profile), most expensive first.
+    /// Device time by kernel and shape since the last [`reset_profile`](Self::reset_profile), most expensive first; without what
+    /// [waits](super::Batch::defer).
     pub fn profile(&self) -> Vec<ProfileRow> {
         lock(&self.shared.profile).rows()
     }

@@ -38,7 +38,8 @@ impl Device {
             }
         }
         let mut used = UsedScopes::default();
-        parts.iter().chain(&others).for_each(|part| used.add(part.buffer));
+        parts.iter().chain(&others).for_each(|part| used.add(part.buffer.use_of_buffers()));
+        self.execute_deferred(&used)?;
         let _alone = used.by_host();
         // SAFETY: the memory is mapped while the borrowed buffers live, and the locks keep away everything else that reads or
         // writes there: batches that run, and other calls of this. The parts overlap neither each other nor `others`. Any bytes

@@ -176,56 +176,54 @@ impl Recorder {
         self.dispatches.push((kernel, shape.to_owned()));
     }
 
-    /// Submits what was recorded and waits for its end. Calls `row` with kernel, shape and seconds of each dispatch.
+    /// Ends the recording, so that it can be submitted.
+    pub(super) fn end(&mut self, shared: &Shared) -> Result<()> {
+        self.recording = false;
+        // SAFETY: the commands are in the recording state.
+        unsafe { shared.raw().end_command_buffer(self.commands) }.during("recording", "batch")
+    }
+
+    /// Submits what several have recorded, one after the other, and waits for its end. Calls `row` with kernel, shape and seconds of
+    /// each dispatch.
     pub(super) fn execute(
-        &mut self,
+        recorders: &mut [&mut Self],
         shared: &Shared,
         mut row: impl FnMut(&'static str, String, f64),
     ) -> Result<()> {
-        self.recording = false;
+        let Some(fence) = recorders.last().map(|last| last.fence) else { return Ok(()) };
         let device = shared.raw();
-        // SAFETY: the commands are in the recording state.
-        unsafe { device.end_command_buffer(self.commands) }.during("recording", "batch")?;
-        let commands = [self.commands];
+        let commands: Vec<_> = recorders.iter().map(|recorder| recorder.commands).collect();
         let submit = [vk::SubmitInfo::default().command_buffers(&commands)];
         {
             let queue = lock(&shared.queue);
-            // SAFETY: the lock makes this the only use of the queue; the batch keeps what the commands use alive.
-            unsafe { device.queue_submit(*queue, &submit, self.fence) }.during("submitting", "batch")?;
+            // SAFETY: the lock makes this the only use of the queue; batches keep what the commands use alive.
+            unsafe { device.queue_submit(*queue, &submit, fence) }.during("submitting", "batch")?;
         }
         shared.submissions.fetch_add(1, Ordering::Relaxed);
+        let describe = || describe(recorders.iter().flat_map(|recorder| &recorder.dispatches));
         // SAFETY: the fence was submitted above.
-        match unsafe { device.wait_for_fences(&[self.fence], true, TIMEOUT_SECONDS * 1_000_000_000) } {
+        match unsafe { device.wait_for_fences(&[fence], true, TIMEOUT_SECONDS * 1_000_000_000) } {
             Ok(()) => {}
             Err(vk::Result::TIMEOUT) => {
                 shared.hang();
                 return Err(GpuError::Timeout { seconds: TIMEOUT_SECONDS });
             }
             Err(vk::Result::ERROR_DEVICE_LOST) => {
-                return Err(GpuError::DeviceLost(self.describe()));
+                return Err(GpuError::DeviceLost(describe()));
             }
             Err(result) => {
                 // The work may still execute.
                 shared.hang();
-                return Err(GpuError::Vulkan { what: self.describe(), result: result.to_string() });
+                return Err(GpuError::Vulkan { what: describe(), result: result.to_string() });
             }
         }
-        let seconds = self.seconds(shared)?;
-        for ((kernel, shape), seconds) in self.dispatches.drain(..).zip(seconds) {
-            row(kernel, shape, seconds);
+        for recorder in recorders {
+            let seconds = recorder.seconds(shared)?;
+            for ((kernel, shape), seconds) in recorder.dispatches.drain(..).zip(seconds) {
+                row(kernel, shape, seconds);
+            }
         }
         Ok(())
-    }
-
-    fn describe(&self) -> String {
-        match self.dispatches.as_slice() {
-            [] => "waiting for a batch of copies".to_owned(),
-            [(kernel, shape)] => format!("waiting for kernel \"{kernel}\" ({shape})"),
-            [(first, _), .., (last, _)] => {
-                let count = self.dispatches.len();
-                format!("waiting for {count} kernels, \"{first}\" to \"{last}\"")
-            }
-        }
     }
 
     /// Device time of each dispatch, s.
@@ -246,6 +244,15 @@ impl Recorder {
         Ok(ticks.chunks_exact(2).map(span).collect())
     }
 
+    /// Keeps it for another batch.
+    pub(super) fn set_aside(mut self, shared: &Shared) {
+        // On a hung device it may be in use for ever: it is neither kept nor destroyed. One that was taken away is null.
+        if !shared.is_hung() && self.pool != vk::CommandPool::null() {
+            self.clear();
+            lock(&shared.idle).push(self);
+        }
+    }
+
     pub(super) fn destroy(self, shared: &Shared) {
         if shared.is_hung() {
             return;
@@ -257,6 +264,18 @@ impl Recorder {
             device.destroy_query_pool(self.queries, None);
             device.destroy_descriptor_pool(self.descriptors, None);
             device.destroy_command_pool(self.pool, None);
+        }
+    }
+}
+
+/// What is waited for, for an error.
+fn describe<'a>(mut dispatches: impl DoubleEndedIterator<Item = &'a (&'static str, String)> + Clone) -> String {
+    let count = dispatches.clone().count();
+    match (dispatches.next(), dispatches.next_back()) {
+        (None, _) => "waiting for a batch of copies".to_owned(),
+        (Some((kernel, shape)), None) => format!("waiting for kernel \"{kernel}\" ({shape})"),
+        (Some((first, _)), Some((last, _))) => {
+            format!("waiting for {count} kernels, \"{first}\" to \"{last}\"")
         }
     }
 }

@@ -1,16 +1,18 @@
 //! Transfers between host and device, through staging buffers of a bounded size.
 
 use std::collections::BTreeMap;
+use std::mem;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 use bytemuck::Pod;
 
-use super::buffer::{Buffer, BufferKind, BufferMemory, BufferSlice};
-use super::commands::Batch;
+use super::buffer::{Block, Buffer, BufferKind, BufferMemory, BufferSlice};
+use super::commands::{Batch, BatchTiming};
 use super::device::{Device, Shared};
 use super::error::GpuError;
 use super::memory::{ALIGN, ScopeId, rounded};
+use super::recorder::Recorder;
 use super::{Result, lock};
 
 /// Bytes of one staging buffer, unless [`Device::scope`] says otherwise; longer transfers go piece by piece. Large
@@ -39,10 +41,33 @@ pub(super) struct Scope {
     use_of_buffers: Arc<UseOfBuffers>,
 }
 
-/// Read while a batch runs that uses buffers of a scope, written while the host works in them.
+/// Who uses the buffers of a scope.
 pub(super) struct UseOfBuffers {
     scope: ScopeId,
+    /// Read while a batch runs, written while the host works in them.
     lock: RwLock<()>,
+    /// What is executed before anything else.
+    deferred: Mutex<Vec<Deferred>>,
+}
+
+/// A batch that was recorded, and waits for the next use of the buffers of its scope.
+pub(super) struct Deferred {
+    shared: Arc<Shared>,
+    pub(super) recorder: Recorder,
+    /// Its buffers, kept alive.
+    _kept: Vec<Arc<Block>>,
+}
+
+impl Deferred {
+    pub(super) fn new(shared: &Arc<Shared>, recorder: Recorder, kept: Vec<Arc<Block>>) -> Self {
+        Self { shared: shared.clone(), recorder, _kept: kept }
+    }
+}
+
+impl Drop for Deferred {
+    fn drop(&mut self) {
+        mem::take(&mut self.recorder).set_aside(&self.shared);
+    }
 }
 
 /// The scopes whose buffers are used together, in the order in which all threads lock them.
@@ -50,9 +75,18 @@ pub(super) struct UseOfBuffers {
 pub(super) struct UsedScopes(BTreeMap<ScopeId, Arc<UseOfBuffers>>);
 
 impl UsedScopes {
-    pub(super) fn add(&mut self, buffer: &Buffer) {
-        let of = buffer.use_of_buffers();
+    pub(super) fn add(&mut self, of: &Arc<UseOfBuffers>) {
         self.0.entry(of.scope).or_insert_with(|| of.clone());
+    }
+
+    /// Whether no scope is used but one.
+    pub(super) fn only(&self, scope: &Scope) -> bool {
+        self.0.keys().all(|&id| id == scope.id)
+    }
+
+    /// What waits in them.
+    pub(super) fn deferred(&self) -> Vec<MutexGuard<'_, Vec<Deferred>>> {
+        self.0.values().map(|of| lock(&of.deferred)).filter(|deferred| !deferred.is_empty()).collect()
     }
 
     /// Keeps the host away.
@@ -78,7 +112,11 @@ impl Scope {
             chunk,
             upload: Mutex::default(),
             readback: Mutex::default(),
-            use_of_buffers: Arc::new(UseOfBuffers { scope: id, lock: RwLock::default() }),
+            use_of_buffers: Arc::new(UseOfBuffers {
+                scope: id,
+                lock: RwLock::default(),
+                deferred: Mutex::default(),
+            }),
         })
     }
 
@@ -88,6 +126,13 @@ impl Scope {
 
     pub(super) fn use_of_buffers(&self) -> &Arc<UseOfBuffers> {
         &self.use_of_buffers
+    }
+
+    /// Adds a batch to those that wait, and tells how many there are now.
+    pub(super) fn defer(&self, batch: Deferred) -> usize {
+        let mut deferred = lock(&self.use_of_buffers.deferred);
+        deferred.push(batch);
+        deferred.len()
     }
 
     /// The staging buffer of a slot, made at its first use.
@@ -106,6 +151,8 @@ impl Scope {
 
 impl Drop for Scope {
     fn drop(&mut self) {
+        // Nobody can read what would come of it.
+        lock(&self.use_of_buffers.deferred).clear();
         for slot in [&self.upload, &self.readback] {
             if let Some(block) = lock(slot).take() {
                 block.destroy(&self.shared);
@@ -179,10 +226,10 @@ impl Device {
     }
 }
 
-impl<'a> Batch<'a> {
+impl Batch {
     /// Executes what was recorded and reads parts of buffers as it leaves them: in one submission, where they fit a staging buffer
     /// together.
-    pub fn submit_and_read(mut self, parts: &[BufferSlice<'a>]) -> Result<Vec<Vec<u8>>> {
+    pub fn submit_and_read(mut self, parts: &[BufferSlice]) -> Result<(Vec<Vec<u8>>, BatchTiming)> {
         let device = self.device.clone();
         parts.iter().try_for_each(|part| part.buffer.check(&device, part.offset, part.bytes))?;
         let mut slot = lock(&device.scope.readback);
@@ -194,8 +241,9 @@ impl<'a> Batch<'a> {
         let ends: Vec<u64> = ends.collect();
         if ends.last().is_some_and(|&end| end > staging.bytes()) {
             drop(slot);
-            self.submit()?;
-            return parts.iter().map(|part| device.download(part.buffer, part.offset, part.bytes)).collect();
+            let timing = self.submit()?;
+            let read = parts.iter().map(|part| device.download(part.buffer, part.offset, part.bytes));
+            return Ok((read.collect::<Result<_>>()?, timing));
         }
         for (part, end) in parts.iter().zip(&ends) {
             self.will_use(part.buffer);
@@ -204,11 +252,11 @@ impl<'a> Batch<'a> {
                 self.copy_raw(part.buffer.raw(), part.offset, staging.raw, end - part.bytes, part.bytes)?;
             }
         }
-        self.submit()?;
+        let timing = self.submit()?;
         let values = mapped(staging)?;
         let read =
             |(part, end): (&BufferSlice, &u64)| values[(end - part.bytes) as usize..*end as usize].to_vec();
-        Ok(parts.iter().zip(&ends).map(read).collect())
+        Ok((parts.iter().zip(&ends).map(read).collect(), timing))
     }
 }
 

@@ -121,7 +121,7 @@ impl AdjointBuffers {
         let irradiance = cotangent.show(device, &Part::irradiance(plan))?;
         let mut batch = device.batch()?;
         batch.copy(irradiance.buffer(), 0, &self.receivers, 0, plan.irradiance_bytes())?;
-        batch.submit()?;
+        batch.defer()?;
         Ok(())
     }
 
@@ -134,7 +134,7 @@ impl AdjointBuffers {
             true => batch.copy(&self.radiance, 0, &outgoing.radiance, 0, bytes)?,
             false => batch.fill(&outgoing.radiance, 0, bytes, 0)?,
         }
-        batch.submit()?;
+        batch.defer()?;
         Ok(())
     }
 }
@@ -232,7 +232,7 @@ impl<'a> AdjointOperator<'a> {
         let precision = context.plan.settings.precision;
         let mut batch = context.device.batch()?;
         batch.fill(gradients, 0, count * precision.bytes(), 0)?;
-        batch.submit()?;
+        batch.defer()?;
         if let Some(movable) = movable {
             derivative.run(context, buffers, reflection, [x, cotangent], gradients, movable, monitor)?;
             if let (Some(cotangents), Some(light)) = (&buffers.clusters, &forward.clusters) {

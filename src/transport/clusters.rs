@@ -125,7 +125,7 @@ impl ClusterLight {
                 self.gather_bins(context, clusters, of, from, to, &mut batch)?;
             }
         }
-        batch.submit()?;
+        batch.defer()?;
         Ok(Sources {
             class: run.class,
             indices: run.range(),
@@ -134,13 +134,13 @@ impl ClusterLight {
         })
     }
 
-    fn gather_radiance<'a>(
-        &'a self,
-        context: &'a Context,
+    fn gather_radiance(
+        &self,
+        context: &Context,
         clusters: &Clusters,
         of: &Range<u32>,
         triangles: bool,
-        batch: &mut Batch<'a>,
+        batch: &mut Batch,
     ) -> Result<(), TransportError> {
         let Context { scene, outgoing, .. } = context;
         let push = GatherPush {
@@ -157,14 +157,14 @@ impl ClusterLight {
     }
 
     /// From the bins of triangles in a page, or of clusters in the same page as the result.
-    fn gather_bins<'a>(
-        &'a self,
-        context: &'a Context,
+    fn gather_bins(
+        &self,
+        context: &Context,
         clusters: &Clusters,
         of: &Range<u32>,
-        from: Option<(BufferSlice<'a>, u32)>,
-        to: (BufferSlice<'a>, u32),
-        batch: &mut Batch<'a>,
+        from: Option<(BufferSlice, u32)>,
+        to: (BufferSlice, u32),
+        batch: &mut Batch,
     ) -> Result<(), TransportError> {
         let (bins, from_page) = from.unwrap_or(to);
         let scene = &context.scene;

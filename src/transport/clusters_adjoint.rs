@@ -105,7 +105,7 @@ impl ClusterCotangents {
         for bins in self.bins(run.class).into_iter().flatten() {
             batch.fill(bins, 0, count * plan.bin_bytes(), 0)?;
         }
-        batch.submit()?;
+        batch.defer()?;
         Ok(())
     }
 
@@ -127,7 +127,7 @@ impl ClusterCotangents {
                 self.scatter_bins(context, clusters, of, own, None, &mut batch)?;
             }
         }
-        batch.submit()?;
+        batch.defer()?;
         Ok(())
     }
 
@@ -175,7 +175,7 @@ impl ClusterCotangents {
                 batch.dispatch(kernel, "all", &buffers, bytes_of(&push), groups)?;
             }
         }
-        batch.submit()?;
+        batch.defer()?;
         Ok(())
     }
 
@@ -204,17 +204,17 @@ impl ClusterCotangents {
             let own = (own, run.range().start);
             self.scatter_bins(context, clusters, of, own, Some((to, page)), &mut batch)?;
         }
-        batch.submit()?;
+        batch.defer()?;
         Ok(())
     }
 
-    fn scatter_radiance<'a>(
-        &'a self,
-        context: &'a Context,
+    fn scatter_radiance(
+        &self,
+        context: &Context,
         clusters: &Clusters,
         of: &Range<u32>,
         triangles: bool,
-        batch: &mut Batch<'a>,
+        batch: &mut Batch,
     ) -> Result<(), TransportError> {
         let Context { scene, outgoing, .. } = context;
         let push = GatherPush {
@@ -231,14 +231,14 @@ impl ClusterCotangents {
     }
 
     /// From a page of clusters to that of triangles, or to the same page. Each with the index of its first.
-    fn scatter_bins<'a>(
-        &'a self,
-        context: &'a Context,
+    fn scatter_bins(
+        &self,
+        context: &Context,
         clusters: &Clusters,
         of: &Range<u32>,
-        from: (BufferSlice<'a>, u32),
-        triangles: Option<(BufferSlice<'a>, u32)>,
-        batch: &mut Batch<'a>,
+        from: (BufferSlice, u32),
+        triangles: Option<(BufferSlice, u32)>,
+        batch: &mut Batch,
     ) -> Result<(), TransportError> {
         let (to, to_page) = triangles.unwrap_or(from);
         let scene = &context.scene;

@@ -164,7 +164,7 @@ impl Exchange {
                 }
                 receivers.push((plan.own(t), incident.unwrap_or_else(none)));
             }
-            batch.submit()?;
+            batch.defer()?;
             let mut wanted = Vec::new();
             for piece in &pieces {
                 let from = &piece.part;

@@ -62,7 +62,7 @@ impl HalfBins {
         for (from, to) in antiradiance.iter().chain(&specular) {
             batch.dispatch(&self.kernel, "bins", &[*from, to.whole()], bytes_of(&push), groups)?;
         }
-        batch.submit()?;
+        batch.defer()?;
         Ok([antiradiance, specular].map(|halved| halved.map_or(none, |(_, to)| to.whole())))
     }
 }

@@ -134,7 +134,8 @@ impl Operators {
             reflection: reflection::Reflection::new(device, &plan)?,
             observation: observation::Observation::new(device, &plan)?,
             vectors: vectors::Vectors::new(device, plan.settings.precision)?,
-            monitor: watch::PassMonitor::default(),
+            // On the host parts of states follow each other, and so do kernels and the work of the host.
+            monitor: watch::PassMonitor::new(plan.residency == Residency::Device && !device.host_works()),
             context: Context { outgoing: Outgoing::new(device, &plan)?, device: device.clone(), plan, scene },
         })
     }
@@ -149,6 +150,12 @@ impl Operators {
     /// Sets the radiance of lamps that glossy triangles reflect: per glossy group, by slot, bin and channel, in units of light.
     pub fn set_first_bounce(&self, values: &[Option<Vec<f64>>]) -> Result<(), GpuError> {
         self.context.scene.set_first_bounce(&self.context.device, &self.context.plan, values)
+    }
+
+    /// Waits for the end of all work: on a GPU some of a pass may be recorded alone, and executed together with what reads its result.
+    pub fn finish(&mut self) -> Result<(), TransportError> {
+        let timing = self.context.device.execute_waiting()?;
+        self.monitor.executed(timing.wall_seconds)
     }
 
     /// The plan they were made for.

@@ -151,7 +151,7 @@ impl NearMatrix {
                 }
             }
         }
-        bundle.submit()?;
+        bundle.end()?;
         // A column, a weight, and three channels.
         device.credit(kernels[0][0].kernel(), shape, passed, passed * (4 + 4 * precision.bytes()));
         Ok(())

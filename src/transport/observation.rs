@@ -67,7 +67,7 @@ impl Observation {
             let groups = [(slots.len() as u32).div_ceil(WORKGROUP), 1, 1];
             let mut batch = device.batch()?;
             batch.dispatch(kernel, "all", &buffers, &push, groups)?;
-            batch.submit()?;
+            batch.defer()?;
         }
         Ok(context.slots(&self.colours)?)
     }

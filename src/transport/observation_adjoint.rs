@@ -58,7 +58,7 @@ impl ObservationAdjoint {
             let Some((push, groups)) = whole_group(plan, &plan.held(g), camera_position) else { continue };
             let mut batch = device.batch()?;
             batch.dispatch(kernel, "all", &buffers, &push, groups)?;
-            batch.submit()?;
+            batch.defer()?;
             if let Some(view) = specular {
                 adjoint.specular.keep(context, Specular::Given, g, &view)?;
             }
@@ -88,7 +88,7 @@ impl ObservationAdjoint {
             let buffers = [scene.facets.whole(), face_colours.whole(), specular, gradients.whole()];
             let mut batch = device.batch()?;
             batch.dispatch(&self.derivative, "glossy fronts", &buffers, &push, groups)?;
-            batch.submit()?;
+            batch.defer()?;
         }
         if plan.residency != Residency::Device {
             context.complete_slots(face_colours, plan.rgb_bytes())?;

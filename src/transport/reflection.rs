@@ -112,17 +112,17 @@ impl Reflection {
     ) -> Result<(), TransportError> {
         let mut batch = context.device.batch()?;
         self.record_diffuse(context, x, emission, &mut batch)?;
-        batch.submit()?;
+        batch.defer()?;
         Ok(())
     }
 
     /// The same as part of a batch.
-    pub fn record_diffuse<'a>(
-        &'a self,
-        context: &'a Context,
-        x: Option<&'a State>,
+    pub fn record_diffuse(
+        &self,
+        context: &Context,
+        x: Option<&State>,
         emission: bool,
-        batch: &mut Batch<'a>,
+        batch: &mut Batch,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, outgoing } = context;
         let slots = plan.layout.slots();
@@ -176,7 +176,7 @@ impl Reflection {
             return Ok(specular.whole());
         };
         let by_power = scene.lobes.slots(&scene.no_bins);
-        let mut bundle = Bundle::new(device, &mut self.lobes_pace, monitor);
+        let mut bundle = Bundle::new(device, &self.lobes_pace, monitor);
         let mut on_host = true;
         for ([matrix, _], of) in scene.lobes.shared(plan, &slots) {
             let reflected = Reflected {
@@ -198,13 +198,13 @@ impl Reflection {
                 batch.dispatch(kernel, "by matrix", &buffers, bytes_of(&product.push), product.groups())
             })?;
         }
-        bundle.submit()?;
+        bundle.end()?;
         let buffers =
             [scene.surfaces.whole(), scene.bin_table.whole(), light.slice(), specular.whole(), by_power];
         let each = plan.bins.count() as u64;
         let direct = scene.lobes.direct(&slots);
         let bins = direct.len() as u32 * plan.bins.count() as u32;
-        let mut bundle = Bundle::new(device, &mut self.pace, monitor);
+        let mut bundle = Bundle::new(device, &self.pace, monitor);
         let mut first = 0;
         while first < bins {
             let groups = bundle.share((bins - first).div_ceil(WORKGROUP), u64::from(WORKGROUP) * each);
@@ -215,7 +215,7 @@ impl Reflection {
             })?;
             first += count;
         }
-        bundle.submit()?;
+        bundle.end()?;
         self.add_first_bounce(context, piece, true)?;
         Ok(specular.whole())
     }
@@ -239,7 +239,7 @@ impl Reflection {
         let groups = push.count.div_ceil(WORKGROUP).min(FIRST_BOUNCE_GROUPS);
         let mut batch = device.batch()?;
         batch.dispatch(kernel, "all", &buffers, bytes_of(&push), [groups, 1, 1])?;
-        batch.submit()?;
+        batch.defer()?;
         Ok(true)
     }
 }

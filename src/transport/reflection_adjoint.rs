@@ -114,7 +114,7 @@ impl ReflectionAdjoint {
             irradiance.slice(),
         ];
         batch.dispatch(&self.diffuse, "all", &buffers, bytes_of(&push), [slots.div_ceil(WORKGROUP), 1, 1])?;
-        batch.submit()?;
+        batch.defer()?;
         irradiance.store(device)
     }
 
@@ -156,7 +156,7 @@ impl ReflectionAdjoint {
             let groups = [count.div_ceil(WORKGROUP), 1, 1];
             batch.dispatch(kernel, "bins to bins", &buffers, bytes_of(&push), groups)?;
         }
-        batch.submit()?;
+        batch.defer()?;
         Ok(())
     }
 
@@ -171,7 +171,7 @@ impl ReflectionAdjoint {
         let Context { device, plan, scene, .. } = context;
         let mut batch = device.batch()?;
         batch.fill(sums, 0, 2 * u64::from(plan.layout.slots()) * plan.rgb_bytes(), 0)?;
-        batch.submit()?;
+        batch.defer()?;
         let bins = plan.bins.count() as u32;
         for (g, _) in plan.glossy_groups() {
             let Some(part) = Part::held(plan, g) else { continue };
@@ -207,7 +207,7 @@ impl ReflectionAdjoint {
                 let groups = [count.div_ceil(WORKGROUP), 1, 1];
                 batch.dispatch(kernel, "bins to bins", &buffers, bytes_of(&push), groups)?;
             }
-            batch.submit()?;
+            batch.defer()?;
         }
         match plan.residency {
             Residency::Device => Ok(()),

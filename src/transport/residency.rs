@@ -98,7 +98,7 @@ impl<'a> View<'a> {
     }
 
     /// Copies the values from the same place in another buffer.
-    pub fn copy_from(&self, batch: &mut Batch<'a>, from: &'a Buffer) -> Result<(), GpuError> {
+    pub fn copy_from(&self, batch: &mut Batch, from: &'a Buffer) -> Result<(), GpuError> {
         batch.copy(from, self.offset, self.buffer, self.offset, self.bytes)
     }
 
@@ -116,12 +116,12 @@ impl<'a> View<'a> {
     pub fn clear(&self, device: &Device) -> Result<(), GpuError> {
         let mut batch = device.batch()?;
         self.fill(&mut batch)?;
-        batch.submit()?;
+        batch.defer()?;
         Ok(())
     }
 
     /// The same as part of a batch.
-    pub fn fill(&self, batch: &mut Batch<'a>) -> Result<(), GpuError> {
+    pub fn fill(&self, batch: &mut Batch) -> Result<(), GpuError> {
         batch.fill(self.buffer, self.offset, self.bytes, 0)
     }
 

@@ -102,7 +102,7 @@ impl SceneBuffers {
         for page in first_bounce.iter().flatten() {
             batch.fill(page, 0, page.bytes(), 0)?;
         }
-        batch.submit()?;
+        batch.defer()?;
         Ok(Self {
             facets: reals("facets", &facets)?,
             corners: reals("corners", &by_slot(plan, |i| corner_reals(&plan.facets[i])))?,

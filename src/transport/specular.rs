@@ -96,7 +96,7 @@ impl SpecularCotangents {
             Self::Device(of) => {
                 let mut batch = device.batch()?;
                 view.copy_from(&mut batch, page(of, g)?)?;
-                batch.submit()?;
+                batch.defer()?;
             }
             Self::Host { given, .. } => view.upload(device, &host_page(given, g)?.values())?,
         }

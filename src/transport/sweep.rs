@@ -222,11 +222,11 @@ impl Sweep {
             true if by_source => SOURCES,
             true => LIST,
         };
-        let shared = Abreast::new(device, plan, deposits, targets);
+        let shared = Abreast::far(device, plan, deposits, targets);
         // Wide subgroups cover several groups of sources.
         let wide = shared.is_none() && listed && by_source && info.subgroup_size.is_multiple_of(targets);
         let lanes = match shared {
-            Some(shared) => shared.lanes(),
+            Some(shared) => shared.in_workgroup(),
             None if wide => info.subgroup_size,
             None => info.subgroup_size.min(targets),
         };
@@ -240,7 +240,7 @@ impl Sweep {
         let in_workgroup = |lanes| u32::from(shares_deposits(device, plan, lanes, deposits.unwrap_or(0)));
         let own = if listed { LIST } else { targets };
         let abreast =
-            |shared: Option<Abreast>| shared.map(|_| (15, Abreast::LANES)).into_iter().collect::<Vec<_>>();
+            |shared: Option<Abreast>| shared.map(|of| (15, of.lanes)).into_iter().collect::<Vec<_>>();
         let of_far = [
             &[(0, lanes), (if listed { 12 } else { 1 }, own), (11, in_workgroup(lanes)), (13, lanes)][..],
             &constants,
@@ -248,10 +248,11 @@ impl Sweep {
         ]
         .concat();
         // Its targets are anywhere.
-        let near_shared = Abreast::new(device, plan, deposits, plan.options.tile);
+        let any_bins = gathers > 0 || deposits.is_some_and(|sets| sets > 0);
+        let near_shared = Abreast::close(device, plan, deposits, any_bins);
         let near_targets =
             near_shared.map_or(info.subgroup_size.min(plan.options.tile), |shared| shared.targets);
-        let near_lanes = near_shared.map_or(near_targets, Abreast::lanes);
+        let near_lanes = near_shared.map_or(near_targets, Abreast::in_workgroup);
         let of_near = [
             &[(0, near_lanes), (11, in_workgroup(near_lanes)), (13, near_lanes)][..],
             &constants,
@@ -352,7 +353,7 @@ impl Sweep {
                     return Ok(false);
                 }
                 let seconds = start.elapsed().as_secs_f64();
-                pace.learn(taken, seconds);
+                pace.learn(pace.load(taken), seconds);
                 device.record(kernel.kernel(), &format!("{shape}, on the host"), seconds, taken);
                 monitor.done(taken * cost)?;
             }
@@ -406,7 +407,7 @@ impl Sweep {
                 begin += rows;
             }
         }
-        bundle.submit()?;
+        bundle.end()?;
         let pairs = passed * u64::from(tile * tile);
         device.credit(far.kernel(), shape, pairs, (pairs as f64 * bytes[0]) as u64);
         Ok(())
@@ -461,7 +462,7 @@ impl Sweep {
                 begin += rows;
             }
         }
-        bundle.submit()?;
+        bundle.end()?;
         let pairs = counts.iter().map(|&count| u64::from(count * LIST)).sum();
         device.credit(far.kernel(), shape, pairs, (pairs as f64 * bytes[0]) as u64);
         Ok(())
@@ -526,7 +527,7 @@ impl Sweep {
                 begin += count as usize;
             }
         }
-        bundle.submit()?;
+        bundle.end()?;
         let pairs = targets.iter().map(|target| u64::from(target.partners)).sum();
         device.credit(near.kernel(), shape, pairs, (pairs as f64 * bytes[1]) as u64);
         Ok(())
@@ -561,13 +562,20 @@ fn busy_targets(list: &NearPairs, targets: Range<u32>, partners: &Range<u32>) ->
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Abreast {
     targets: u32,
+    /// Of each target.
+    lanes: u32,
 }
 
 impl Abreast {
-    /// Lanes per target: each owns every other row of one of up to three channels of bins.
+    /// Lanes per target with bins: each owns every other row of one of up to three channels.
     const LANES: u32 = 8;
-    /// Targets of a workgroup, at most: those of 128 lanes, which each device takes.
-    const MOST: u32 = 16;
+    /// Lanes per target of a kernel of close pairs: one for each pair of pieces, and without bins at either end, where sources are not cut,
+    /// one for each piece of the receiver.
+    const CLOSE_LANES: [u32; 2] = [4, PIECES];
+    /// Lanes per target without bins, at most: as many as a list of clusters has receivers.
+    const MOST_LANES: u32 = LIST;
+    /// Lanes of a workgroup, at most, which each device takes.
+    const MOST: u32 = 128;
     /// Reals that a lane notes to be added to bins: four weights, three channels; and three more.
     const NOTED: u64 = 10;
     /// Bins that fit the 16 bits of a note.
@@ -575,29 +583,46 @@ impl Abreast {
 
     /// Triangles that are few: with a lane each, a thousand subgroups of 32.
     const FEW: u32 = 1 << 15;
+    /// Lanes that keep a large GPU busy: eight thousand subgroups of 32.
+    const BUSY: u32 = 1 << 18;
+
+    /// For a kernel of far pairs.
+    fn far(device: &Device, plan: &Plan, sets: Option<u64>, targets: u32) -> Option<Self> {
+        let with_bins = sets? > 0;
+        let wanted = Self::BUSY.div_ceil(plan.layout.slots().max(1)).next_power_of_two();
+        let lanes = if with_bins { Self::LANES } else { wanted.clamp(Self::LANES, Self::MOST_LANES) };
+        Self::new(device, plan, sets, lanes, targets)
+    }
+
+    /// For a kernel of close pairs. `any_bins`: whether either end has bins.
+    fn close(device: &Device, plan: &Plan, sets: Option<u64>, any_bins: bool) -> Option<Self> {
+        Self::new(device, plan, sets, Self::CLOSE_LANES[usize::from(any_bins)], plan.options.tile)
+    }
 
     /// As many of a tile, list or group of `targets` as have room for `sets` sets of bins in workgroup memory. `None` for CPU drivers,
     /// and where there is no room for one.
-    fn new(device: &Device, plan: &Plan, sets: Option<u64>, targets: u32) -> Option<Self> {
+    fn new(device: &Device, plan: &Plan, sets: Option<u64>, lanes: u32, targets: u32) -> Option<Self> {
         let bins = sets? * plan.bins.count() as u64;
         let many = bins == 0 && plan.layout.slots() >= Self::FEW;
         if many || bins >= Self::BINS || device.kernels_for() == DeviceKind::Cpu {
             return None;
         }
         let real = plan.settings.precision.bytes();
-        let noted = u64::from(Self::LANES) * (Self::NOTED * real + 4);
+        let noted = u64::from(lanes) * (Self::NOTED * real + 4);
         let fits = |targets: &u32| {
             // And a vote, with what alignment takes.
             let bytes = u64::from(*targets) * (bins * u64::from(plan.channels) * real + noted) + 64;
             bytes <= u64::from(device.info().shared_memory_bytes)
         };
-        let sizes = std::iter::successors(Some(Self::MOST.min(targets)), |targets| Some(targets / 2));
+        let most = (Self::MOST / lanes).min(targets);
+        let sizes = std::iter::successors(Some(most), |targets| Some(targets / 2));
         let targets = sizes.take_while(|&targets| targets > 0).find(fits)?;
-        Some(Self { targets })
+        Some(Self { targets, lanes })
     }
 
-    fn lanes(self) -> u32 {
-        self.targets * Self::LANES
+    /// Of a workgroup.
+    fn in_workgroup(self) -> u32 {
+        self.targets * self.lanes
     }
 }
 

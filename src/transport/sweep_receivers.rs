@@ -132,7 +132,7 @@ impl Sweep {
                 begin += rows;
             }
         }
-        bundle.submit()?;
+        bundle.end()?;
         let pairs = targets.iter().map(|(_, count)| pairs_of(*count)).sum();
         device.credit(far.kernel(), shape, pairs, (pairs as f64 * bytes[0]) as u64);
         Ok(())

@@ -112,12 +112,12 @@ impl Vectors {
         Ok(())
     }
 
-    fn record_combine<'a>(
-        &'a self,
-        batch: &mut Batch<'a>,
+    fn record_combine(
+        &self,
+        batch: &mut Batch,
         precision: Precision,
-        (a, x): (f64, BufferSlice<'a>),
-        (b, y): (f64, BufferSlice<'a>),
+        (a, x): (f64, BufferSlice),
+        (b, y): (f64, BufferSlice),
         count: u32,
     ) -> Result<(), GpuError> {
         let push = real::push(precision, &[a, b], &[count]);
@@ -276,12 +276,12 @@ impl Vectors {
     }
 
     /// `number`: of dispatches before that sum up, the last of them ⟨y, y⟩; 0 where that is `square`.
-    fn record_normalise<'a>(
-        &'a self,
-        batch: &mut Batch<'a>,
+    fn record_normalise(
+        &self,
+        batch: &mut Batch,
         precision: Precision,
         [spanned, square]: [f64; 2],
-        (y, count): (BufferSlice<'a>, u32),
+        (y, count): (BufferSlice, u32),
         number: u32,
     ) -> Result<(), GpuError> {
         let push = real::push(precision, &[spanned, square], &[count, number]);
@@ -326,8 +326,8 @@ impl Vectors {
         let irradiance = judged.then(|| target.view(&Part::irradiance(plan))).transpose()?;
         let read: Vec<BufferSlice> =
             std::iter::once(column).chain(irradiance.map(|view| view.own())).collect();
-        let read = batch.submit_and_read(&read)?;
-        monitor.done(0)?;
+        let (read, timing) = batch.submit_and_read(&read)?;
+        monitor.executed(timing.wall_seconds)?;
         let mut read = read.iter().map(|bytes| real::decode(precision, bytes));
         Ok(std::array::from_fn(|_| read.next().unwrap_or_default()))
     }

@@ -79,7 +79,7 @@ impl VolumeLight {
         for bins in [&self.below, &self.above] {
             batch.fill(bins, 0, bins.bytes(), 0)?;
         }
-        batch.submit()?;
+        batch.defer()?;
         Ok(())
     }
 
@@ -116,7 +116,7 @@ impl VolumeLight {
             let groups = [(of.end - begin).min(MOST_GROUPS as u32), 1, 1];
             batch.dispatch(gather, "intensities", &buffers, bytes_of(&push), groups)?;
         }
-        batch.submit()?;
+        batch.defer()?;
         Ok(())
     }
 
@@ -145,7 +145,7 @@ impl VolumeLight {
                     }
                 }
             }
-            batch.submit()?;
+            batch.defer()?;
         }
         Ok(())
     }

@@ -1,5 +1,6 @@
 //! Progress within a pass, interruption, and errors of transport.
 
+use super::pace::Recorded;
 use crate::gpu::GpuError;
 use crate::ranks::RankError;
 use std::any::Any;
@@ -92,17 +93,31 @@ impl TransportError {
 #[derive(Default)]
 pub struct PassMonitor {
     pub callback: Option<PassCallback>,
+    /// What is recorded and not yet executed.
+    pub(super) recorded: Recorded,
+    /// Whether work may wait for what comes next: nothing is read in between.
+    pub(super) defers: bool,
     done: u64,
     total: u64,
 }
 
 impl PassMonitor {
+    pub(super) fn new(defers: bool) -> Self {
+        Self { defers, ..Self::default() }
+    }
+
     /// A pass over `total` pairs begins.
     pub fn begin(&mut self, total: u64) {
         (self.done, self.total) = (0, total);
     }
 
-    /// Work on `pairs` pairs has ended.
+    /// All that was recorded has been executed, in this time.
+    pub(super) fn executed(&mut self, seconds: f64) -> Result<(), TransportError> {
+        self.recorded.learn(seconds);
+        self.done(0)
+    }
+
+    /// Work on `pairs` pairs has ended, or is recorded.
     pub fn done(&mut self, pairs: u64) -> Result<(), TransportError> {
         self.done += pairs;
         match self.callback.as_mut().map(|callback| callback(self.done, self.total)) {

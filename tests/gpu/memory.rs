@@ -1,6 +1,8 @@
 //! Buffers, their budget, and transfers.
 
-use antirad::gpu::{self, ALIGN, Buffer, BufferKind, Device, GpuError, STAGING_CHUNK};
+use antirad::gpu::{
+    self, ALIGN, Batch, BatchTiming, Buffer, BufferKind, Device, GpuError, STAGING_CHUNK, staging_bytes,
+};
 
 use crate::{device, finish, options};
 
@@ -80,7 +82,8 @@ fn a_batch_is_read_when_it_ends() {
             batch
         };
         let before = device.submissions();
-        let read = filled().submit_and_read(&[one.slice(0, 400), other.slice(4, 8)]).unwrap();
+        let (read, timing) = filled().submit_and_read(&[one.slice(0, 400), other.slice(4, 8)]).unwrap();
+        assert!(timing.wall_seconds > 0.0);
         assert_eq!(read, [vec![1; 400], vec![2; 8]]);
         assert_eq!(device.submissions() - before, submissions, "{staging} bytes of staging");
         let beyond = filled().submit_and_read(&[one.slice(0, 4), other.slice(508, 8)]);
@@ -167,5 +170,76 @@ fn buffers_beyond_the_binding_limit_are_refused() {
         assert!(error.to_string().contains("huge"));
     }
     assert_eq!(device.memory().in_use, 0);
+    finish(device);
+}
+
+/// A batch that waits is executed with whatever uses its buffers next, before it, and keeps them alive until then.
+#[test]
+fn batches_wait_for_the_next_use_of_their_buffers() {
+    let device = device();
+    let [own, others] = [(); 2].map(|()| device.scope(staging_bytes()));
+    let buffer = |of: &Device, label| Buffer::new(of, label, 512, BufferKind::Storage).unwrap();
+    let (x, y, foreign) = (buffer(&own, "x"), buffer(&own, "y"), buffer(&others, "foreign"));
+    let submissions = || device.submissions();
+    let defer = |record: &dyn Fn(&mut Batch)| {
+        let mut batch = own.batch().unwrap();
+        record(&mut batch);
+        batch.defer().unwrap();
+    };
+
+    // Three of them and a download are one submission.
+    let before = submissions();
+    defer(&|batch| batch.fill(&x, 0, 512, 0x0101_0101).unwrap());
+    defer(&|batch| batch.copy(&x, 0, &y, 0, 256).unwrap());
+    defer(&|_| {});
+    defer(&|batch| batch.fill(&x, 0, 4, 0x0202_0202).unwrap());
+    assert!(own.anything_waits() && !others.anything_waits());
+    // Others do not make it run.
+    others.upload(&foreign, 0, &[7; 512]).unwrap();
+    assert_eq!(submissions() - before, 1);
+    assert_eq!(own.download(&x, 0, 8).unwrap(), [2, 2, 2, 2, 1, 1, 1, 1]);
+    assert_eq!(submissions() - before, 2);
+    assert!(!own.anything_waits());
+    assert_eq!(own.download(&y, 0, 256).unwrap(), [1; 256]);
+
+    // An upload comes after it, and so does another batch, and what reads the buffer with the handle of another scope.
+    defer(&|batch| batch.fill(&x, 0, 512, 0x0303_0303).unwrap());
+    own.upload(&x, 0, &[9; 4]).unwrap();
+    defer(&|batch| batch.copy(&x, 0, &y, 0, 512).unwrap());
+    let mut batch = others.batch().unwrap();
+    batch.copy(&y, 0, &foreign, 256, 256).unwrap();
+    batch.submit().unwrap();
+    let found = others.download(&foreign, 0, 512).unwrap();
+    assert!(found[..256] == [7; 256] && found[256..260] == [9; 4] && found[260..] == [3; 252]);
+
+    // So does work of the host.
+    defer(&|batch| batch.fill(&x, 0, 512, 0x0505_0505).unwrap());
+    let read = own.read_on_host([x.whole()], |[x]: [&[u8]; 1]| x.to_vec()).unwrap();
+    assert!(read.is_none_or(|values| values == [5; 512]));
+
+    // One that uses buffers of two scopes is executed at once, and so are very many.
+    let before = submissions();
+    defer(&|batch| batch.copy(&x, 0, &foreign, 0, 512).unwrap());
+    assert!(submissions() > before && !own.anything_waits());
+    (0..200).for_each(|_| defer(&|batch| batch.fill(&x, 0, 512, 6).unwrap()));
+    assert!((1..=4).contains(&(submissions() - before - 1)));
+    assert!(own.execute_waiting().unwrap().wall_seconds > 0.0);
+    assert_eq!(own.execute_waiting().unwrap(), BatchTiming::default());
+
+    // Buffers live until it has ended.
+    let taken = || device.memory().in_use;
+    let with_both = taken();
+    defer(&|batch| batch.copy(&x, 0, &y, 0, 512).unwrap());
+    drop((x, y));
+    assert_eq!(taken(), with_both);
+    own.execute_waiting().unwrap();
+    assert!(taken() < with_both);
+    // Or until nobody can read its result.
+    let z = buffer(&own, "z");
+    let mut batch = own.batch().unwrap();
+    batch.fill(&z, 0, 512, 0).unwrap();
+    batch.defer().unwrap();
+    drop((z, own, foreign, others));
+    assert_eq!(taken(), 0);
     finish(device);
 }

@@ -193,7 +193,7 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
         device.reset_profile();
         let [_, before] = ranks.moved();
         let start = Instant::now();
-        match operators.pass(Some(&x), true, &mut y) {
+        match operators.pass(Some(&x), true, &mut y).and_then(|()| operators.finish()) {
             Err(TransportError::Interrupted) => return Ok(Outcome::Interrupted),
             other => other?,
         }
