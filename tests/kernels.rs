@@ -8,12 +8,14 @@ use antirad::gpu::{Device, DeviceKind};
 use antirad::model::Clusters;
 use antirad::plan::{Occlusion, Plan, PlanError, PlanOptions, Residency};
 use antirad::reference::{Model, State, observe, to_bf16, transport, transport_through_clusters};
-use antirad::scene::{BinLayout, Lamps, Precision, Scene, SolveSettings, Transport, Weights};
+use antirad::scene::{
+    BinLayout, Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, Transport, Weights,
+};
 use antirad::shaders::RealShader;
 use antirad::solve::{LightOperator, Orthonormalised};
 use antirad::transport::{Operators, SceneBuffers};
 use antirad::{Engine, SolveParams, shaders, transport as device_side};
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use std::process::{Command, Stdio};
 use support::random::{Random, balls, random_scene, scattered, with_own_powers};
 use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};
@@ -277,6 +279,30 @@ fn small_scenes_on_kernels_alone() {
         compare_on(&on, &format!("glossy, {name}"), &glossy, SolveSettings::default(), &|l| l);
         compare_on(&on, &format!("clusters, {name}"), &boxed, clusters, &|l| l);
     }
+}
+
+/// So many triangles that on a GPU those without bins have a lane each.
+#[test]
+#[ignore = "takes a minute: two kernels over a billion pairs, and the reference"]
+fn very_many_triangles_on_kernels_for_gpus() {
+    let down = DAffine3::from_scale(DVec3::new(1.0, -1.0, 1.0));
+    let at = |height: f64| DAffine3::from_translation(DVec3::new(0.0, height, 0.0));
+    let cells = Shape::Quad { cells: 92 };
+    let mut builder = SceneBuilder::new();
+    let lamp = Material { emission: [5.0, 4.0, 3.0], ..Material::named("lamp") };
+    builder.shape("floor", cells, &Material::named("floor"), at(0.0)).shape(
+        "lamp",
+        cells,
+        &lamp,
+        at(1.0) * down,
+    );
+    let scene = builder.finish("two plates").expect("a scene");
+    let device = device().with_kernels_for(DeviceKind::Discrete);
+    let plan = Plan::new(&scene, &PlanOptions::of(&device), &scene.settings).expect("a plan");
+    assert!(
+        plan.layout().slots() >= 1 << 15 && plan.layout().groups.iter().all(|group| !group.class.has_bins())
+    );
+    compare_on(&device, "two plates", &scene, scene.settings, &|l| l);
 }
 
 /// The harness fails against the reference of another scene, as it must.

@@ -392,15 +392,22 @@ impl Drop for Batch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::{BufferKind, DeviceOptions};
+    use crate::gpu::{Bindings, BufferKind, DeviceOptions, UNIFORM_BYTES};
     use crate::scene::Precision;
     use crate::shaders;
 
+    fn device() -> Device {
+        Device::new(&DeviceOptions::default().validation(true)).expect("a Vulkan device")
+    }
+
+    fn buffer(device: &Device, label: &str, bytes: u64) -> Buffer {
+        Buffer::new(device, label, bytes, BufferKind::Storage).expect("a buffer")
+    }
+
     /// Two kernels, the second of which reads and writes what the first has written; and a copy of that.
-    fn messages(unordered: bool) -> Vec<String> {
-        let device = Device::new(&DeviceOptions::default().validation(true)).expect("a Vulkan device");
-        let buffer = |label| Buffer::new(&device, label, 4096, BufferKind::Storage).expect("a buffer");
-        let (x, y) = (buffer("x"), buffer("y"));
+    fn storage(unordered: bool) -> Vec<String> {
+        let device = device();
+        let [x, y] = ["x", "y"].map(|label| buffer(&device, label, 4096));
         let shader = shaders::COMBINE.of(Precision::F32);
         let combine = Pipeline::new(&device, shader, 2, 12, &[]).expect("a pipeline");
         let push = [1024u32.to_ne_bytes(), 3.0f32.to_ne_bytes(), 1.0f32.to_ne_bytes()].concat();
@@ -414,12 +421,33 @@ mod tests {
         device.validation_messages()
     }
 
+    /// A kernel that reads what was filled before as a uniform buffer.
+    fn uniform(unordered: bool) -> Vec<String> {
+        let device = device();
+        let bound = ["facets", "runs", "irradiance", "partners", "radiance"];
+        let buffers = bound.map(|label| buffer(&device, label, UNIFORM_BYTES.into()));
+        let shader = shaders::TRANSPORT_IRRADIANCE.of(Precision::F32);
+        let bindings = Bindings { storage: 3, uniform: 2 };
+        let transport =
+            Pipeline::new(&device, shader, bindings, 28, &[(0, 8), (1, 64), (13, 8)]).expect("a pipeline");
+        let mut batch = device.batch().expect("a batch");
+        batch.unordered = unordered;
+        batch.fill(&buffers[4], 0, UNIFORM_BYTES.into(), 0).expect("recorded");
+        let bound = buffers.each_ref().map(Buffer::whole);
+        batch.dispatch(&transport, "none", &bound, &[0; 28], [1, 1, 1]).expect("recorded");
+        batch.submit().expect("submitted");
+        device.validation_messages()
+    }
+
     /// Silence of the validation layer means something: it speaks where barriers are left out.
     #[test]
     fn validation_reports_a_missing_barrier() {
-        assert_eq!(messages(false), Vec::<String>::new());
-        let said = messages(true);
-        let hazards = said.iter().filter(|message| message.contains("HAZARD"));
-        assert!(hazards.count() >= 2, "{said:?}");
+        let cases = [("storage", storage as fn(bool) -> Vec<String>, 2), ("uniform", uniform, 1)];
+        for (name, messages, least) in cases {
+            assert_eq!(messages(false), Vec::<String>::new(), "{name}");
+            let said = messages(true);
+            let hazards = said.iter().filter(|message| message.contains("HAZARD"));
+            assert!(hazards.count() >= least, "{name}: {said:?}");
+        }
     }
 }

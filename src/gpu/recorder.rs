@@ -269,7 +269,9 @@ impl Recorder {
 }
 
 /// What is waited for, for an error.
-fn describe<'a>(mut dispatches: impl DoubleEndedIterator<Item = &'a (&'static str, String)> + Clone) -> String {
+fn describe<'a>(
+    mut dispatches: impl DoubleEndedIterator<Item = &'a (&'static str, String)> + Clone,
+) -> String {
     let count = dispatches.clone().count();
     match (dispatches.next(), dispatches.next_back()) {
         (None, _) => "waiting for a batch of copies".to_owned(),

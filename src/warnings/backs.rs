@@ -12,8 +12,10 @@ use rayon::prelude::*;
 
 /// Triangles that are tried; each stands for its neighbours in space with about the same normal.
 const TRIED: usize = 2000;
-/// Paths to each side of a triangle.
+/// Paths to the back of a triangle.
 const PATHS: u32 = 32;
+/// Paths to fronts, in all: only their mean is of interest, and in a room they are long.
+const PATHS_TO_FRONTS: usize = 4000;
 /// Irradiance of a back, relative to the mean of all fronts, from which it counts as lit.
 const LIT: f64 = 0.05;
 
@@ -22,11 +24,12 @@ pub fn lit(scene: &Scene, plan: &Plan) -> Vec<(u32, f64)> {
     let order: Vec<u32> = plan.layout.order.iter().copied().filter(|&i| i != PADDING).collect();
     let runs: Vec<&[u32]> = order.chunks(order.len().div_ceil(TRIED).max(1)).collect();
     let tracer = PathTracer::new(scene);
+    let to_front = (PATHS_TO_FRONTS.div_ceil(runs.len().max(1)) as u32).min(PATHS);
     let sides: Vec<[f64; 2]> = runs
         .par_iter()
         .map(|run| {
             let middle = run[run.len() / 2] as usize;
-            let both = [tracer.irradiance_of(middle, PATHS), tracer.irradiance_of_back(middle, PATHS)];
+            let both = [tracer.irradiance_of(middle, to_front), tracer.irradiance_of_back(middle, PATHS)];
             both.map(|side| side.mean.element_sum())
         })
         .collect();

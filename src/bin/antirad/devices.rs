@@ -1,7 +1,7 @@
 //! `antirad devices`.
 
 use crate::Failure;
-use antirad::gpu::{Bytes, Device, DeviceOptions, KernelStatistics, list_devices};
+use antirad::gpu::{Bytes, Device, DeviceOptions, KernelStatistics, ListedDevice, list_devices};
 use antirad::image::Rasterizer;
 use antirad::output::atomic_write;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
@@ -49,12 +49,18 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         antirad::say!("   storage buffers   {} in a kernel", info.max_storage_buffers);
         antirad::say!("   double precision  {}", if info.enabled.float64 { "yes" } else { "no" });
         antirad::say!("   timestamps        {}", if info.timestamp_period_ns > 0.0 { "yes" } else { "no" });
-        match device.missing.as_slice() {
-            [] => antirad::say!("   antirad           has all it needs"),
-            missing => antirad::say!("   antirad           cannot use it: it lacks {}", missing.join(", ")),
-        }
+        antirad::say!("   antirad           {}", verdict(&device));
     }
     Ok(())
+}
+
+/// What antirad can do with a device.
+fn verdict(device: &ListedDevice) -> String {
+    match device.missing.as_slice() {
+        [] if device.info.enabled.float64 => "has all it needs".to_owned(),
+        [] => "has all it needs, but for precision \"f64\" (shaderFloat64)".to_owned(),
+        missing => format!("cannot use it: it lacks {}", missing.join(", ")),
+    }
 }
 
 /// Writes what the driver tells of kernels.
@@ -114,4 +120,20 @@ fn table(rows: &[KernelStatistics]) -> Result<Vec<u8>, Failure> {
         table.write_record(own.into_iter().chain(names.iter().map(value)))?;
     }
     Ok(table.into_inner().map_err(csv::IntoInnerError::into_error)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use antirad::gpu::DeviceInfo;
+
+    #[test]
+    fn verdicts_name_what_is_missing() {
+        let mut device = ListedDevice { info: DeviceInfo::default(), missing: Vec::new() };
+        assert_eq!(verdict(&device), "has all it needs, but for precision \"f64\" (shaderFloat64)");
+        device.info.enabled = device.info.enabled.float64(true);
+        assert_eq!(verdict(&device), "has all it needs");
+        device.missing = vec!["scalarBlockLayout".to_owned(), "a compute queue".to_owned()];
+        assert_eq!(verdict(&device), "cannot use it: it lacks scalarBlockLayout, a compute queue");
+    }
 }
