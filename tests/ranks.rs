@@ -16,7 +16,7 @@ use glam::DVec3;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::thread;
-use support::random::{random_scene, with_own_powers};
+use support::random::{balls, random_scene, with_own_powers};
 use support::{device, finish, load, relative_l2};
 
 /// Runs the same work on each of several ranks, and returns the results by rank, with the bytes that each received.
@@ -69,6 +69,8 @@ fn every_number_of_ranks_has_the_same_bytes() {
     let plain = random_scene(4, 150, false, false);
     let glossy = with_own_powers(random_scene(5, 150, true, false));
     let clusters = Transport::Hierarchical { error: 0.1 };
+    // With bins of clusters, and volumes.
+    let balls = balls(4, 3, true);
     let everything = GradientRequest::EVERYTHING;
     let few = GradientRequest::default().emission(true).positions(true);
     // Close pairs kept and evaluated, triangles and clusters, no lobes and lobes.
@@ -76,8 +78,10 @@ fn every_number_of_ranks_has_the_same_bytes() {
         ("plain", &plain, Transport::Exact, true, few, 3),
         ("glossy", &glossy, Transport::Exact, false, everything, 2),
         ("room", &room, clusters, true, few, 2),
+        ("balls", &balls, Transport::Hierarchical { error: 0.02 }, false, GradientRequest::NOTHING, 3),
     ] {
-        let settings = scene.settings.tolerance(1e-5).transport(transport);
+        let tolerance = if gradients.any() { 1e-5 } else { 1e-2 };
+        let settings = scene.settings.tolerance(tolerance).transport(transport);
         let run = |device: &Device| {
             let options = PlanOptions::of(device).gradients(gradients).keep_near_field(keep).tile(32);
             assert_eq!(options.ranks as usize, device.ranks().count());

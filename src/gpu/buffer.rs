@@ -45,7 +45,12 @@ pub struct BufferSlice<'a> {
     pub(super) bytes: u64,
 }
 
-impl BufferSlice<'_> {
+impl<'a> BufferSlice<'a> {
+    /// The buffer that it is a part of.
+    pub fn buffer(&self) -> &'a Buffer {
+        self.buffer
+    }
+
     /// No part of the buffer.
     pub fn empty(self) -> Self {
         Self { offset: 0, bytes: 0, ..self }

@@ -1,11 +1,12 @@
 //! The light of clusters, gathered from their parts, group by group, and height by height.
 
+use super::completion::Values;
 use super::on_host::clusters::{ClusterBins, Step};
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
 use crate::model::{Class, ClusterRun, Clusters};
-use crate::plan::Plan;
+use crate::plan::{Plan, Residency};
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::ops::Range;
@@ -60,20 +61,54 @@ pub struct ClusterLight {
     /// Bins of the clusters of the group that has most of them.
     antiradiance: Option<Buffer>,
     specular: Option<Buffer>,
+    /// Who computes bins, by group.
+    shares: Vec<BinShares>,
+}
+
+/// The clusters of a group by who computes their bins.
+struct BinShares {
+    /// Those that one rank computes, by rank and height: all of their triangles are its own.
+    by_rank: Vec<Vec<Range<u32>>>,
+    /// All others, by height: every rank computes them, from the former.
+    by_all: Vec<Vec<Range<u32>>>,
+}
+
+impl BinShares {
+    /// Where states are on the host, parts of the next come while one is worked on, and ranks exchange nothing else.
+    fn of(plan: &Plan, group: usize, clusters: &Clusters, run: &ClusterRun) -> Self {
+        if plan.options.ranks == 1 || plan.residency != Residency::Device {
+            let by_all = run.heights.iter().map(|of| vec![of.clone()]).collect();
+            return Self { by_rank: Vec::new(), by_all };
+        }
+        let slots = plan.slots_by_rank(group);
+        let by_rank: Vec<_> = slots.iter().map(|slots| clusters.within(run, slots)).collect();
+        let others = |(height, of): (usize, &Range<u32>)| {
+            // Shares follow one another.
+            let begins = std::iter::once(of.start).chain(by_rank.iter().map(|shares| shares[height].end));
+            let ends = by_rank.iter().map(|shares| shares[height].start).chain([of.end]);
+            begins.zip(ends).map(|(begin, end)| begin..end).filter(|left| !left.is_empty()).collect()
+        };
+        let by_all = run.heights.iter().enumerate().map(others).collect();
+        Self { by_rank, by_all }
+    }
 }
 
 impl ClusterLight {
     /// `None` where no clusters are planned.
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
-        if plan.clusters().is_none() {
-            return Ok(None);
-        }
+        let Some(clusters) = plan.clusters() else { return Ok(None) };
         let [gather, gather_bins] = Self::kernels(device, plan)?;
         Ok(Some(Self {
             gather,
             gather_bins,
             antiradiance: page(device, plan, "cluster antiradiance", |class| class.blocker)?,
             specular: page(device, plan, "cluster specular", |class| class.glossy)?,
+            shares: clusters
+                .runs()
+                .iter()
+                .enumerate()
+                .map(|(group, run)| BinShares::of(plan, group, clusters, run))
+                .collect(),
         }))
     }
 
@@ -107,25 +142,27 @@ impl ClusterLight {
         };
         let antiradiance = of_class(run.class.blocker && backs, &self.antiradiance)?;
         let specular = of_class(run.class.glossy, &self.specular)?;
-        let Context { device, plan, scene, .. } = context;
-        let mut by_kernels = Vec::new();
-        for (to, from) in [(antiradiance, triangles.antiradiance), (specular, triangles.specular)] {
-            let Some(to) = to else { continue };
-            let bins = ClusterBins { clusters, run, facets: scene.facets.whole(), own: to };
-            let page = triangles.indices.start;
-            if bins.step(device, plan, Step::Gather(from, page))?.is_none() {
-                by_kernels.push(((from, page), (to, run.range().start)));
-            }
-        }
-        let mut batch = device.batch()?;
+        let mut batch = context.device.batch()?;
         for (height, of) in run.heights.iter().enumerate() {
             self.gather_radiance(context, clusters, of, height == 0, &mut batch)?;
-            for &(from, to) in &by_kernels {
-                let from = (height == 0).then_some(from);
-                self.gather_bins(context, clusters, of, from, to, &mut batch)?;
-            }
         }
         batch.defer()?;
+        let wanted = [(antiradiance, triangles.antiradiance), (specular, triangles.specular)];
+        let wanted = wanted.into_iter().filter_map(|(to, from)| Some((to?, from)));
+        let BinShares { by_rank, by_all } = &self.shares[group];
+        for (to, from) in wanted {
+            let page = [triangles.indices.start, run.range().start];
+            if let Some(own) = by_rank.get(context.plan.options.rank as usize) {
+                let own: Vec<_> = own.iter().map(|of| vec![of.clone()]).collect();
+                self.gather_bins(context, (clusters, run), &own, (from, to), page)?;
+                for height in 0..run.heights.len() {
+                    let values = Values { offset: 0, first: page[1], bytes: context.plan.bin_bytes() };
+                    let shares: Vec<_> = by_rank.iter().map(|shares| shares[height].clone()).collect();
+                    context.complete(to.buffer(), values, &shares)?;
+                }
+            }
+            self.gather_bins(context, (clusters, run), by_all, (from, to), page)?;
+        }
         Ok(Sources {
             class: run.class,
             indices: run.range(),
@@ -156,30 +193,40 @@ impl ClusterLight {
         Ok(batch.dispatch(&self.gather, "radiance", &buffers, bytes_of(&push), groups)?)
     }
 
-    /// From the bins of triangles in a page, or of clusters in the same page as the result.
+    /// The bins of some clusters, by height, from those of triangles in a page, and of clusters in the same page as the result. `pages`: the
+    /// indices with which both begin.
     fn gather_bins(
         &self,
         context: &Context,
-        clusters: &Clusters,
-        of: &Range<u32>,
-        from: Option<(BufferSlice, u32)>,
-        to: (BufferSlice, u32),
-        batch: &mut Batch,
+        (clusters, run): (&Clusters, &ClusterRun),
+        heights: &[Vec<Range<u32>>],
+        (from, to): (BufferSlice, BufferSlice),
+        pages: [u32; 2],
     ) -> Result<(), TransportError> {
-        let (bins, from_page) = from.unwrap_or(to);
-        let scene = &context.scene;
-        let buffers = [scene.facets.whole(), scene.cluster_parts()?.whole(), bins, to.0];
-        for begin in of.clone().step_by(MOST_GROUPS) {
-            let push = GatherBinsPush {
-                begin,
-                clusters: clusters.first(),
-                triangles: u32::from(from.is_some()),
-                from_page,
-                to_page: to.1,
-            };
-            let groups = [(of.end - begin).min(MOST_GROUPS as u32), 1, 1];
-            batch.dispatch(&self.gather_bins, "bins", &buffers, bytes_of(&push), groups)?;
+        let Context { device, plan, scene, .. } = context;
+        let bins = ClusterBins { clusters, run, facets: scene.facets.whole(), own: to };
+        if bins.step(device, plan, Step::Gather(from, pages[0], heights))?.is_some() {
+            return Ok(());
         }
+        let mut batch = device.batch()?;
+        for (height, of) in heights.iter().enumerate() {
+            let (from, from_page) = if height == 0 { (from, pages[0]) } else { (to, pages[1]) };
+            let buffers = [scene.facets.whole(), scene.cluster_parts()?.whole(), from, to];
+            for of in of {
+                for begin in of.clone().step_by(MOST_GROUPS) {
+                    let push = GatherBinsPush {
+                        begin,
+                        clusters: clusters.first(),
+                        triangles: u32::from(height == 0),
+                        from_page,
+                        to_page: pages[1],
+                    };
+                    let groups = [(of.end - begin).min(MOST_GROUPS as u32), 1, 1];
+                    batch.dispatch(&self.gather_bins, "bins", &buffers, bytes_of(&push), groups)?;
+                }
+            }
+        }
+        batch.defer()?;
         Ok(())
     }
 }

@@ -1,6 +1,7 @@
 //! The light of volume clusters, from that of their triangles, page by page, and height by height.
 
 use super::clusters::{GatherBinsPush, MOST_GROUPS, Sources};
+use super::completion::Values;
 use super::on_host::volumes::VolumeBins;
 use super::scene_buffers::filled;
 use super::watch::TransportError;
@@ -10,6 +11,7 @@ use crate::model::{Class, VolumeParts, Volumes};
 use crate::plan::Plan;
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
+use std::ops::Range;
 
 /// `VolumePush` of glsl/volume_bins.comp.
 #[repr(C)]
@@ -95,7 +97,9 @@ impl VolumeLight {
         let facets = scene.facets.whole();
         let sent = [outgoing.radiance.whole(), from.antiradiance, from.specular, scene.bin_table.whole()];
         let class = Class { blocker: from.class.blocker && backs, ..from.class };
-        if bins.add(device, plan, (class, &from.indices), facets, sent)?.is_some() {
+        let shares = shares(plan, volumes);
+        let Some(of) = shares.get(plan.options.rank as usize) else { return Ok(()) };
+        if bins.add(device, plan, (class, &from.indices, of), facets, sent)?.is_some() {
             return Ok(());
         }
         let [radiance, antiradiance, specular, bin_table] = sent;
@@ -103,7 +107,6 @@ impl VolumeLight {
             [&self.parts, &self.slots, &self.below, &self.above].map(Buffer::whole);
         let buffers = [facets, parts, slots, radiance, antiradiance, specular, bin_table, below, above];
         let run = volumes.run();
-        let Some(of) = run.heights.first() else { return Ok(()) };
         let mut batch = device.batch()?;
         for begin in of.clone().step_by(MOST_GROUPS) {
             let push = VolumePush {
@@ -120,12 +123,16 @@ impl VolumeLight {
         Ok(())
     }
 
-    /// Sums up volumes that consist of others.
+    /// Sums up volumes that consist of others, from those of triangles, of which each rank has a share.
     pub fn sum(&self, context: &Context) -> Result<(), TransportError> {
         let Context { device, plan, scene, .. } = context;
         let volumes = volumes_of(plan).ok_or_else(|| TransportError::missing("volumes"))?;
         let (run, facets) = (volumes.run(), scene.facets.whole());
         let first = run.range().start;
+        for bins in [&self.below, &self.above] {
+            let values = Values { offset: 0, first, bytes: plan.bin_bytes() };
+            context.complete(bins, values, &shares(plan, volumes))?;
+        }
         let bins = VolumeBins { volumes, own: [self.below.whole(), self.above.whole()] };
         if bins.sum(device, plan, facets)?.is_none() {
             let mut batch = device.batch()?;
@@ -171,4 +178,12 @@ fn words(parts: &VolumeParts) -> [u32; 2] {
         VolumeParts::Triangles(at) => [at.start, at.end],
         VolumeParts::Volumes(both) => *both,
     }
+}
+
+/// The volumes of triangles that each rank computes, by its number: about as many triangles each.
+fn shares(plan: &Plan, volumes: &Volumes) -> Vec<Range<u32>> {
+    let of = volumes.run().heights.first().map_or(0..0, Range::clone);
+    let ranks = u64::from(plan.options.ranks);
+    let bound = |rank: u64| of.start + (of.len() as u64 * rank / ranks) as u32;
+    (0..ranks).map(|rank| bound(rank)..bound(rank + 1)).collect()
 }

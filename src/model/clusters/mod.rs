@@ -167,6 +167,28 @@ impl Clusters {
         of.start + before(slots.start)..of.start + before(slots.end)
     }
 
+    /// By height, the clusters of a run all of whose triangles are in a range of slots.
+    pub fn within(&self, run: &ClusterRun, slots: &Range<u32>) -> Vec<Range<u32>> {
+        let first = run.range().start;
+        let mut spans: Vec<Range<u32>> = Vec::with_capacity(run.range().len());
+        // Parts have lower numbers than what they make up.
+        for cluster in run.range() {
+            let of = |part: u32| &spans[(part - first) as usize];
+            spans.push(match &self.parts[(cluster - self.first()) as usize] {
+                Parts::Triangles(slots) => slots.clone(),
+                Parts::Clusters([a, b]) => of(*a).start.min(of(*b).start)..of(*a).end.max(of(*b).end),
+            });
+        }
+        // Those of one height follow one another like their triangles.
+        let of_height = |of: &Range<u32>| {
+            let spans = &spans[(of.start - first) as usize..][..of.len()];
+            let begin = spans.partition_point(|span| span.start < slots.start) as u32;
+            let end = spans.partition_point(|span| span.end <= slots.end) as u32;
+            of.start + begin..of.start + end.max(begin)
+        };
+        run.heights.iter().map(of_height).collect()
+    }
+
     /// Whether an index is that of a cluster of one normal.
     pub fn is_cluster(&self, index: u32) -> bool {
         index >= self.first() && !self.is_volume(index)

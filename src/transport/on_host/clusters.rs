@@ -22,8 +22,8 @@ pub struct ClusterBins<'a> {
 /// What is done with them. The bins of triangles begin with a slot.
 #[derive(Clone, Copy)]
 pub enum Step<'a> {
-    /// Those of all clusters are set from those of triangles.
-    Gather(BufferSlice<'a>, u32),
+    /// Those of some clusters, by height, are set from those of triangles, or of others.
+    Gather(BufferSlice<'a>, u32, &'a [Vec<Range<u32>>]),
     /// What comes from the clusters that they are part of is added to those of clusters.
     Within,
     /// The same to those of triangles, from some clusters of these.
@@ -55,7 +55,7 @@ impl ClusterBins<'_> {
 
     fn step_as<T: Real>(&self, device: &Device, plan: &Plan, step: Step) -> Result<Option<()>, GpuError> {
         match step {
-            Step::Gather(triangles, first) => self.gather::<T>(device, plan, (triangles, first)),
+            Step::Gather(triangles, first, of) => self.gather::<T>(device, plan, (triangles, first), of),
             Step::Within => self.within::<T>(device, plan),
             Step::ToTriangles(triangles, first, of) => {
                 self.to_triangles::<T>(device, plan, (triangles, first), of)
@@ -76,11 +76,12 @@ impl ClusterBins<'_> {
         device: &Device,
         plan: &Plan,
         (triangles, first): (BufferSlice, u32),
+        heights: &[Vec<Range<u32>>],
     ) -> Result<Option<()>, GpuError> {
         let page = self.page(plan);
         let of_triangles = Page { first, ..page };
         device.edit_on_host([self.own], [self.facets, triangles], |[own], [facets, triangles]| {
-            for of in &self.run.heights {
+            for of in heights.iter().flatten() {
                 // Parts come before what they make up.
                 let (before, own) = own.split_at_mut(page.at(of.start).start);
                 let own = &mut own[..of.len() * page.reals];

@@ -23,13 +23,13 @@ pub struct VolumeBins<'a> {
 }
 
 impl VolumeBins<'_> {
-    /// Adds what triangles of a class send, the slots of a page: of radiance, antiradiance, specular radiance and the table of bins. `None` where
-    /// kernels must do it.
+    /// Adds to some volumes of triangles what those of a class send, the slots of a page: of radiance, antiradiance, specular radiance and
+    /// the table of bins. `None` where kernels must do it.
     pub fn add(
         &self,
         device: &Device,
         plan: &Plan,
-        from: (Class, &Range<u32>),
+        from: (Class, &Range<u32>, &Range<u32>),
         facets: BufferSlice,
         sent: [BufferSlice; 4],
     ) -> Result<Option<()>, GpuError> {
@@ -51,7 +51,7 @@ impl VolumeBins<'_> {
         &self,
         device: &Device,
         plan: &Plan,
-        (class, slots): (Class, &Range<u32>),
+        (class, slots, to): (Class, &Range<u32>, &Range<u32>),
         facets: BufferSlice,
         [radiance, antiradiance, specular, bin_table]: [BufferSlice; 4],
     ) -> Result<Option<()>, GpuError> {
@@ -84,11 +84,11 @@ impl VolumeBins<'_> {
                         sent.add(all, T::ONE / area, below, above);
                     }
                 };
-                // Buffers may be longer.
-                let end = volumes.parts().len() * reals;
-                let [below, above] = [&mut below[..end], &mut above[..end]];
-                let own = below.par_chunks_mut(reals).zip(above.par_chunks_mut(reals)).enumerate();
-                on_threads(|| own.for_each(|(volume, (below, above))| add(volume, below, above)));
+                let numbers = to.start as usize - first as usize..to.end as usize - first as usize;
+                let part = numbers.start * reals..numbers.end * reals;
+                let [below, above] = [&mut below[part.clone()], &mut above[part]];
+                let own = below.par_chunks_mut(reals).zip(above.par_chunks_mut(reals)).zip(numbers);
+                on_threads(|| own.for_each(|((below, above), volume)| add(volume, below, above)));
             },
         )
     }
