@@ -29,7 +29,7 @@ pub struct BatchTiming {
     pub wall_seconds: f64,
 }
 
-/// Batches of one scope that wait for their execution; one more is executed with them.
+/// Batches that wait in a scope; where there are as many they are executed.
 const MOST_DEFERRED: usize = 64;
 
 /// A sequence of operations, each of which sees everything that earlier ones wrote. It keeps the buffers that it uses
@@ -68,16 +68,12 @@ impl Device {
 
     /// Executes what [waits](Batch::defer) in this scope, and tells how long that took.
     pub fn execute_waiting(&self) -> Result<BatchTiming> {
-        let mut used = UsedScopes::default();
-        used.add(self.scope.use_of_buffers());
-        self.execute_deferred(&used)
+        self.execute_deferred(&self.scope.alone())
     }
 
     /// Whether anything [waits](Batch::defer) in this scope.
     pub fn anything_waits(&self) -> bool {
-        let mut used = UsedScopes::default();
-        used.add(self.scope.use_of_buffers());
-        !used.deferred().is_empty()
+        !self.scope.alone().deferred().is_empty()
     }
 
     /// Executes what waits in these scopes.

@@ -128,6 +128,13 @@ impl Scope {
         &self.use_of_buffers
     }
 
+    /// This scope and no other.
+    pub(super) fn alone(&self) -> UsedScopes {
+        let mut used = UsedScopes::default();
+        used.add(&self.use_of_buffers);
+        used
+    }
+
     /// Adds a batch to those that wait, and tells how many there are now.
     pub(super) fn defer(&self, batch: Deferred) -> usize {
         let mut deferred = lock(&self.use_of_buffers.deferred);
