@@ -100,15 +100,20 @@ say "$(sinfo --version) with two nodes"
 status() { "$antirad" status out 2>/dev/null || true; }
 done_jobs() { status | grep -c ' finished '; }
 at_least() { (($(done_jobs) >= $1)); }
-# Ends the process of a job that runs, as its status tells.
+# Ends the process of a job that runs, as its status tells; or requeues a task that does. Of the node that is named, if one is.
 victim=
 killed() {
-    victim=$(status | sed -n 's/.* running .*process \([0-9]*\) on .*/\1/p' | shuf -n 1)
-    [[ -n $victim ]] && kill -KILL "$victim"
+    for victim in $(status | sed -n 's/.* running .*process \([0-9]*\) on .*/\1/p' | sort -u | shuf); do
+        if tr '\0' '\n' <"/proc/$victim/environ" 2>/dev/null | grep -qx "SLURMD_NODENAME=${1:-.*}"; then
+            kill -KILL "$victim"
+            return
+        fi
+    done
+    return 1
 }
 requeued() {
     local task
-    task=$(squeue --noheader --array --states=RUNNING --format=%K | shuf -n 1)
+    task=$(squeue --noheader --array --states=RUNNING ${1:+"--nodelist=$1"} --format=%K | shuf -n 1)
     [[ -n $task ]] && scontrol requeue "${array}_$task"
 }
 over() { [[ -z $(squeue --noheader --jobs="$array" 2>/dev/null) ]]; }
