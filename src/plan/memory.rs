@@ -59,7 +59,8 @@ fn listed(plan: &Plan, words: &[u32]) -> u64 {
 }
 
 impl MemoryPlan {
-    pub(super) fn of(plan: &Plan) -> Self {
+    /// That of the engine of a rank.
+    pub(super) fn of(plan: &Plan, rank: u32) -> Self {
         let real = plan.settings.precision.bytes();
         let slots = u64::from(plan.layout.slots());
         let mut memory = Self::default();
@@ -80,7 +81,7 @@ impl MemoryPlan {
         memory.add("near sources", listed(plan, &near.partners), 1);
         memory.add("partial sums", ALL_SUMS * real, 1);
         memory.add("no bins", real, 1);
-        memory.add_states(plan);
+        memory.add_states(plan, rank);
         for (_, group) in plan.glossy_groups().filter(|_| plan.has_first_bounce()) {
             memory.add("first bounce", plan.page_bytes(group), 1);
         }
@@ -90,7 +91,7 @@ impl MemoryPlan {
             let kinds = any(|group| group.class.blocker) + any(|group| group.class.glossy);
             memory.add("half bins", plan.half_bin_bytes(), kinds);
         }
-        memory.add_gradients(plan, slots);
+        memory.add_gradients(plan, slots, rank);
         for matrix in plan.near_field_matrix().into_iter().flat_map(NearMatrix::matrices) {
             let NearMatrixBytes { starts, rows, columns, weights } = plan.near_matrix_bytes(matrix);
             memory.add("near matrix: starts", starts, 1);
@@ -128,29 +129,32 @@ impl MemoryPlan {
         self.add_if_any("cotangent: cluster bins", plan.cluster_page_bytes(|class| class.glossy));
     }
 
-    /// Vectors of the solver, or the windows on them, and the specular radiance.
-    fn add_states(&mut self, plan: &Plan) {
+    /// Vectors of the solver, the windows on them, and the specular radiance.
+    fn add_states(&mut self, plan: &Plan, rank: u32) {
+        let bins = |tiles: u32| u64::from(tiles) * plan.tile_bytes();
         match plan.residency {
             Residency::Device => {
                 self.add("state: irradiance", plan.irradiance_bytes(), plan.vectors());
-                for group in plan.layout.groups.iter().filter(|g| g.class.has_bins()) {
-                    self.add("state: bins", plan.page_bytes(group), plan.vectors());
-                    if group.class.glossy {
-                        self.add("specular radiance", plan.page_bytes(group), 1);
-                    }
+                let pages = plan.pages(rank, |group| group.class.has_bins());
+                pages.for_each(|bytes| self.add("state: bins", bytes, plan.vectors()));
+                let largest = plan.largest_group(|group| group.class.has_bins());
+                if !plan.states_are_whole() && largest > 0 {
+                    self.add("state: bins", bins(largest), 1 + u32::from(plan.shows_two()));
                 }
             }
             Residency::Host { receivers, sources } => {
-                let bins = |tiles: u32| u64::from(tiles) * plan.tile_bytes();
                 self.add("state: irradiance", plan.irradiance_bytes(), 2);
                 if !plan.tiles_with_bins().is_empty() {
                     self.add("state: bins", bins(receivers), 1);
                     self.add("state: bins", bins(sources), 1);
                 }
-                if plan.layout.groups.iter().any(|g| g.class.glossy) {
-                    self.add("specular radiance", bins(plan.specular_window(receivers, sources)), 1);
-                }
             }
+        }
+        if plan.states_are_whole() {
+            let pages = plan.pages(rank, |group| group.class.glossy);
+            pages.for_each(|bytes| self.add("specular radiance", bytes, 1));
+        } else if plan.glossy_groups().next().is_some() {
+            self.add("specular radiance", bins(plan.specular_window()), 1);
         }
     }
 
@@ -172,7 +176,7 @@ impl MemoryPlan {
 
     /// What [`crate::Engine::backward`] needs beyond a solve: the solution's vector, the cotangents of the loss, and
     /// the sums of gradients.
-    fn add_gradients(&mut self, plan: &Plan, slots: u64) {
+    fn add_gradients(&mut self, plan: &Plan, slots: u64, rank: u32) {
         let (request, real) = (plan.options.gradients, plan.settings.precision.bytes());
         let Some(PairLists { far, near }) = &plan.interactions.by_source else { return };
         let rgb = slots * plan.rgb_bytes();
@@ -180,9 +184,10 @@ impl MemoryPlan {
         self.add("cotangent: radiance", rgb, 1);
         self.add("cotangent: receivers", rgb + u64::from(plan.partner_slots()) * plan.rgb_bytes(), 1);
         if plan.residency == Residency::Device {
-            for group in plan.layout.groups.iter().filter(|g| g.class.glossy) {
-                self.add("cotangent: specular", plan.page_bytes(group), 1);
-            }
+            // Those that a pass accumulates are in the pages of specular radiance, if there are such.
+            let count = if plan.states_are_whole() { 1 } else { 2 };
+            let pages = plan.pages(rank, |group| group.class.glossy);
+            pages.for_each(|bytes| self.add("cotangent: specular", bytes, count));
         }
         match plan.clusters() {
             None => self.add("far runs, by source", listed(plan, far.words()), 1),

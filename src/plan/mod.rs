@@ -397,6 +397,7 @@ impl Plan {
                 SolverChoice::Auto => bases(SHORTEST_RESTART).chain([PlannedSolver::FixedPoint]).collect(),
             }
         };
+        self.shares = Shares::of(self);
         let matrices = self.lobes.matrices;
         // Matrices take a small part of the budget: only where nothing else fits are there none.
         for matrices in [matrices, 0] {
@@ -405,9 +406,7 @@ impl Plan {
                 self.solver = solver;
                 for staging in [self.options.staging, self.short_staging()] {
                     self.staging = staging;
-                    self.memory = MemoryPlan::of(self);
-                    self.memory.check_buffers(self.options.max_buffer)?;
-                    if self.memory.total() <= self.options.memory_budget {
+                    if self.fits()? {
                         return Ok(());
                     }
                 }
@@ -418,6 +417,20 @@ impl Plan {
         self.solver = wanted.first().copied().unwrap_or(PlannedSolver::FixedPoint);
         self.lobes.matrices = matrices;
         self.stream()
+    }
+
+    /// Plans the memory of this rank, and tells whether that of every rank fits the budget: all decide alike.
+    fn fits(&mut self) -> Result<bool, PlanError> {
+        let mut fits = true;
+        for rank in 0..self.options.ranks {
+            let memory = MemoryPlan::of(self, rank);
+            memory.check_buffers(self.options.max_buffer)?;
+            fits = fits && memory.total() <= self.options.memory_budget;
+            if rank == self.options.rank {
+                self.memory = memory;
+            }
+        }
+        Ok(fits)
     }
 
     /// Which pairs exchange light.

@@ -264,7 +264,14 @@ impl Plan {
 
     fn states_report(&self) -> StatesReport {
         let (residency, receiver_tiles, source_tiles) = match self.residency {
-            Residency::Device => ("device", self.layout.tiles(), self.layout.tiles()),
+            Residency::Device if self.states_are_whole() => {
+                ("device", self.layout.tiles(), self.layout.tiles())
+            }
+            Residency::Device => {
+                let own = |g: usize| self.own(g).tiles.len() as u32;
+                let groups = 0..self.layout.groups.len();
+                ("device", groups.map(own).sum(), self.largest_group(|group| group.class.has_bins()))
+            }
             Residency::Host { receivers, sources } => ("host", receivers, sources),
         };
         StatesReport {

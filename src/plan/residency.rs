@@ -1,12 +1,13 @@
 //! Where states live during a solve, and the pieces in which a pass processes them.
 
-use super::{Group, MemoryPlan, PAIR_BACK, PAIR_FRONT, Plan, PlanError};
+use super::{Group, MemoryPlan, PAIR_BACK, PAIR_FRONT, Plan, PlanError, page_tiles};
 use std::ops::Range;
 
 /// Where states live.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Residency {
-    /// In buffers of the device, a page of bins for each group.
+    /// In buffers of the device, a page of bins for each group: of several ranks, for each rank's part of it. Those of the others pass by
+    /// in a window of the size of a group.
     #[default]
     Device,
     /// In host memory. The device has two windows on them: one to write the bins of some tiles of receivers, one to
@@ -101,9 +102,42 @@ impl Plan {
         self.clusters().is_some() || far.any(receivers, sources, PAIR_FRONT | PAIR_BACK)
     }
 
-    /// Tiles in the window for specular radiance: of sources, and of its cotangents, which a pass of the adjoint accumulates like bins.
-    pub(crate) fn specular_window(&self, receivers: u32, sources: u32) -> u32 {
-        if self.options.gradients.any() { receivers.max(sources) } else { sources }
+    /// Whether the device holds states whole, of which kernels access any part. Otherwise they access one after the other in windows.
+    pub(crate) fn states_are_whole(&self) -> bool {
+        self.residency == Residency::Device && self.options.ranks == 1
+    }
+
+    /// Whether a second window is needed on states of several ranks that are on the device: derivatives by geometry go through clusters,
+    /// which are gathered from a group, with cotangents of receivers.
+    pub(crate) fn shows_two(&self) -> bool {
+        self.options.gradients.geometry() && self.clusters().is_some()
+    }
+
+    /// Tiles in the window for specular radiance: of sources, and where states are on the host, of its cotangents, which a pass of the
+    /// adjoint accumulates like bins.
+    pub(crate) fn specular_window(&self) -> u32 {
+        match self.residency {
+            Residency::Device => self.largest_group(|group| group.class.glossy),
+            Residency::Host { receivers, sources } if self.options.gradients.any() => receivers.max(sources),
+            Residency::Host { sources, .. } => sources,
+        }
+    }
+
+    /// Tiles of the largest of some groups.
+    pub(crate) fn largest_group(&self, wanted: impl Fn(&Group) -> bool) -> u32 {
+        let groups = self.layout.groups.iter().filter(|group| wanted(group));
+        groups.map(|group| group.tiles.len() as u32).max().unwrap_or(0)
+    }
+
+    /// Where several ranks sum over all pairs, groups are no larger than the part of a rank, so that a window takes no more than that.
+    /// Clusters are of one group, and stand for more the larger it is.
+    pub(super) fn cut_for_ranks(&mut self) {
+        if self.options.ranks > 1 {
+            let part = (self.tiles_with_bins().len() as u32).div_ceil(self.options.ranks).max(1);
+            let page = page_tiles(&self.options, self.tile_bytes());
+            // Of whole dispatches, as those of one rank.
+            self.layout.cut(part.next_multiple_of(self.partner_tiles()).min(page));
+        }
     }
 
     /// Largest host memory of the solver's vectors and of cotangents of specular radiance, bytes; of several ranks, of this one.
@@ -111,10 +145,7 @@ impl Plan {
         if self.residency == Residency::Device {
             return 0;
         }
-        let own = |wanted: fn(&Group) -> bool| -> u64 {
-            let groups = self.layout.groups.iter().enumerate().filter(|(_, group)| wanted(group));
-            groups.map(|(g, _)| self.page_bytes(&self.own(g))).sum()
-        };
+        let own = |wanted: fn(&Group) -> bool| self.pages(self.options.rank, wanted).sum::<u64>();
         let states = u64::from(self.vectors()) * (self.irradiance_bytes() + own(|g| g.class.has_bins()));
         let cotangents = if self.options.gradients.any() { 2 } else { 0 };
         states + cotangents * own(|g| g.class.glossy)
@@ -123,7 +154,9 @@ impl Plan {
     /// Bytes moved between host and device per pass.
     pub fn moved_bytes(&self) -> u64 {
         if self.residency == Residency::Device {
-            return 0;
+            let own: u64 = self.pages(self.options.rank, |group| group.class.has_bins()).sum();
+            let all = self.state_bytes() - self.irradiance_bytes();
+            return if self.states_are_whole() { 0 } else { own + all };
         }
         let bins = |tiles: &Range<u32>| tiles.len() as u64 * self.tile_bytes();
         let pieces = self.pieces();
@@ -136,6 +169,12 @@ impl Plan {
         };
         let up: u64 = self.sweeps().iter().map(shown).sum();
         up + self.state_bytes() + self.irradiance_bytes()
+    }
+
+    /// Bytes of the bins that a rank holds, of each of some groups of which it holds any.
+    pub(super) fn pages(&self, rank: u32, wanted: impl Fn(&Group) -> bool) -> impl Iterator<Item = u64> {
+        let groups = self.layout.groups.iter().enumerate().filter(move |(_, group)| wanted(group));
+        groups.map(move |(g, _)| self.page_bytes(&self.part_of(g, rank))).filter(|&bytes| bytes > 0)
     }
 
     fn state_bytes(&self) -> u64 {
@@ -217,6 +256,6 @@ impl Plan {
         self.residency = Residency::Host { receivers, sources };
         self.staging = staging;
         self.layout.cut(receivers);
-        self.memory = MemoryPlan::of(self);
+        self.memory = MemoryPlan::of(self, self.options.rank);
     }
 }

@@ -1,6 +1,6 @@
 //! Which targets each of several ranks computes: parts of every group, with work in proportion to their weights.
 
-use super::{Group, PAIR_BACK, PAIR_FRONT, Plan, PlanOptions, Residency};
+use super::{Group, PAIR_BACK, PAIR_FRONT, Plan, PlanOptions};
 use crate::model::{ClusterRun, LIST, ReceiverLists, SOURCES};
 use std::ops::Range;
 
@@ -20,23 +20,28 @@ pub struct Shares {
 impl Shares {
     pub(super) fn of(plan: &Plan) -> Self {
         let weights = plan.options.weights.of_all(plan.options.ranks);
-        let group = |group: &Group| {
+        let mut parts_of_class = Parts::new(&weights);
+        let groups = &plan.layout.groups;
+        let group = |(g, group): (usize, &Group)| {
+            if g > 0 && groups[g - 1].class != group.class {
+                parts_of_class = Parts::new(&weights);
+            }
             let work: Vec<u64> = group.tiles.clone().map(|tile| plan.work_of_tile(tile)).collect();
             let first = group.tiles.start;
-            parts(&work, &weights).map(|part| first + part.start..first + part.end).collect()
+            let parts = parts_of_class.next(&work).into_iter();
+            parts.map(|part| first + part.start..first + part.end).collect()
         };
+        let groups = groups.iter().enumerate().map(group).collect();
         let lists = plan.clusters().and_then(|clusters| clusters.receivers());
         let run = |run: &ClusterRun| {
             let all = run.range();
             let work = lists.map_or(Vec::new(), |lists| work_of_clusters(lists, &all));
             let bound = |groups: u32| (all.start + groups * SOURCES).min(all.end);
-            parts(&work, &weights).map(|part| bound(part.start)..bound(part.end)).collect()
+            let parts = Parts::new(&weights).next(&work).into_iter();
+            parts.map(|part| bound(part.start)..bound(part.end)).collect()
         };
         let runs = plan.clusters().map_or(&[][..], |clusters| clusters.runs());
-        Self {
-            groups: plan.layout.groups.iter().map(group).collect(),
-            clusters: runs.iter().map(run).collect(),
-        }
+        Self { groups, clusters: runs.iter().map(run).collect() }
     }
 }
 
@@ -45,40 +50,60 @@ fn work_of_clusters(lists: &ReceiverLists, run: &Range<u32>) -> Vec<u64> {
     lists.groups(run).map(|group| u64::from(lists.count(group, &(0..u32::MAX)))).collect()
 }
 
-/// Cuts a sequence into contiguous parts with sums about in proportion to weights.
-fn parts(work: &[u64], weights: &[u32]) -> impl Iterator<Item = Range<u32>> {
-    let mut sums = vec![0];
-    // One for each, so that what has no work is parted by number.
-    sums.extend(work.iter().scan(0, |sum, work| {
-        *sum += work + 1;
-        Some(*sum)
-    }));
-    let total = u128::from(sums[work.len()]);
-    let weight = |weights: &[u32]| weights.iter().map(|&weight| u128::from(weight)).sum::<u128>();
-    let of_all = weight(weights).max(1);
-    let cut = move |part: usize| {
-        let wanted = (total * weight(&weights[..part]) / of_all) as u64;
-        let above = sums.partition_point(|&sum| sum < wanted);
-        let below = above.saturating_sub(1);
-        // The nearer of the two.
-        if wanted.abs_diff(sums[below]) < wanted.abs_diff(sums[above]) { below as u32 } else { above as u32 }
-    };
-    (0..weights.len()).map(move |part| cut(part)..cut(part + 1))
+/// Cuts sequences, one after the other, into contiguous parts with sums about in proportion to weights: the parts of all of them together,
+/// too, so that what one gets too much of a sequence that cannot be cut as wanted it gets less of the next.
+struct Parts {
+    /// Of the ranks before each boundary of parts.
+    weights: Vec<u128>,
+    /// What the parts before each boundary have got too much of the sequences so far.
+    surplus: Vec<i128>,
+}
+
+impl Parts {
+    fn new(weights: &[u32]) -> Self {
+        let mut sums = vec![0];
+        sums.extend(weights.iter().scan(0, |sum, &weight| {
+            *sum += u128::from(weight);
+            Some(*sum)
+        }));
+        Self { surplus: vec![0; sums.len()], weights: sums }
+    }
+
+    fn next(&mut self, work: &[u64]) -> Vec<Range<u32>> {
+        let mut sums: Vec<i128> = vec![0];
+        // One for each, so that what has no work is parted by number.
+        sums.extend(work.iter().scan(0, |sum, &work| {
+            *sum += i128::from(work) + 1;
+            Some(*sum)
+        }));
+        let (total, of_all) = (sums[work.len()], self.weights.last().copied().unwrap_or(0).max(1));
+        let mut before = 0;
+        let cut = |(weight, surplus): (&u128, &mut i128)| {
+            let share = (total.unsigned_abs() * weight / of_all) as i128;
+            let wanted = share - *surplus;
+            let above = sums.partition_point(|&sum| sum < wanted).min(work.len());
+            let below = above.saturating_sub(1);
+            let nearer =
+                if wanted.abs_diff(sums[below]) < wanted.abs_diff(sums[above]) { below } else { above };
+            before = nearer.max(before);
+            *surplus += sums[before] - share;
+            before as u32
+        };
+        let cuts: Vec<u32> = self.weights.iter().zip(&mut self.surplus).map(cut).collect();
+        cuts.windows(2).map(|cut| cut[0]..cut[1]).collect()
+    }
 }
 
 impl Plan {
-    /// The part of a group that this rank computes: all of it where the rank is alone.
+    /// The part of a group that this rank computes, and whose bins it holds: all of it where the rank is alone.
     pub fn own(&self, group: usize) -> Group {
-        let Group { class, .. } = self.layout.groups[group];
-        Group { class, tiles: self.shares.groups[group][self.options.rank as usize].clone() }
+        self.part_of(group, self.options.rank)
     }
 
-    /// The part of a group whose bins this rank holds: on the host its own, on the device all of it.
-    pub(crate) fn held(&self, group: usize) -> Group {
-        match self.residency {
-            Residency::Device => self.layout.groups[group].clone(),
-            Residency::Host { .. } => self.own(group),
-        }
+    /// The same of any rank.
+    pub(super) fn part_of(&self, group: usize, rank: u32) -> Group {
+        let Group { class, .. } = self.layout.groups[group];
+        Group { class, tiles: self.shares.groups[group][rank as usize].clone() }
     }
 
     /// The part of a run of clusters whose cotangents this rank computes.
@@ -141,7 +166,7 @@ mod tests {
         let even = [1, 2, 3, 7, 16].map(|count| vec![1; count]);
         let uneven = [vec![1, 3], vec![3, 1], vec![16, 1, 5], vec![u32::MAX, 1, u32::MAX]];
         for weights in even.into_iter().chain(uneven) {
-            let parts: Vec<_> = parts(&work, &weights).collect();
+            let parts = Parts::new(&weights).next(&work);
             assert_eq!(parts.len(), weights.len());
             assert_eq!((parts[0].start, parts[parts.len() - 1].end), (0, 1000));
             assert!(parts.windows(2).all(|pair| pair[0].end == pair[1].start));
@@ -154,12 +179,27 @@ mod tests {
         }
         // The same cuts whatever the unit of weights.
         for [some, same] in [[[1, 1, 1], [16, 16, 16]], [[1, 3, 2], [5, 15, 10]]] {
-            assert!(parts(&work, &some).eq(parts(&work, &same)), "{some:?}");
+            assert_eq!(Parts::new(&some).next(&work), Parts::new(&same).next(&work), "{some:?}");
         }
         // More parts than pieces: some are empty.
-        let few: Vec<_> = parts(&[5, 5], &[1; 4]).collect();
+        let few = Parts::new(&[1; 4]).next(&[5, 5]);
         assert_eq!(few.iter().map(|part| part.len()).sum::<usize>(), 2);
-        assert_eq!(parts(&[], &[1; 3]).collect::<Vec<_>>(), [0..0, 0..0, 0..0]);
+        assert_eq!(Parts::new(&[1; 3]).next(&[]), [0..0, 0..0, 0..0]);
+        // Sequences of one, which cannot be cut, go to one after the other, by weight.
+        for weights in [&[1, 1, 1][..], &[1, 3], &[16, 5, 11, 2]] {
+            let mut parts = Parts::new(weights);
+            let mut got = vec![0; weights.len()];
+            for _ in 0..170 {
+                let of = parts.next(&[7]);
+                assert_eq!((of[0].start, of[of.len() - 1].end), (0, 1));
+                got.iter_mut().zip(of).for_each(|(got, part)| *got += part.len());
+            }
+            let all: u32 = weights.iter().sum();
+            for (&got, &weight) in got.iter().zip(weights) {
+                let wanted = 170.0 * f64::from(weight) / f64::from(all);
+                assert!((got as f64 - wanted).abs() <= 1.0, "{weights:?}: {got}, {wanted}");
+            }
+        }
     }
 
     #[test]

@@ -72,6 +72,7 @@ impl Plan {
             _ => "settings",
         };
         self.transport = PlannedTransport::Exact { why };
+        self.cut_for_ranks();
         let half_range = 0.5 * self.settings.near_field;
         let (cull, by_source) = (self.options.cull, self.options.gradients.any());
         let Self { layout, facets, classes, .. } = &*self;
@@ -135,7 +136,7 @@ impl Plan {
             }
             self.list_clusters(choice)?;
             planned.clone_from(&self.layout.groups);
-            self.memory = MemoryPlan::of(self);
+            self.memory = MemoryPlan::of(self, self.options.rank);
             if self.memory.total() <= self.options.memory_budget {
                 return self.memory.check_buffers(self.options.max_buffer);
             }

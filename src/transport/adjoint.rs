@@ -18,7 +18,7 @@ use super::watch::{PassMonitor, TransportError};
 use super::{Context, Operators, real};
 use crate::gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError};
 use crate::model::{Clusters, FacetGradient};
-use crate::plan::{PairLists, Piece, Plan, Residency};
+use crate::plan::{PairLists, Piece, Plan};
 use crate::scene::Movable;
 use crate::solve::{LightOperator, Orthonormalised};
 use glam::DVec3;
@@ -190,11 +190,7 @@ impl<'a> AdjointOperator<'a> {
         // The bins of antiradiance go to a state that is discarded.
         let mut unused = self.vector()?;
         self.transpose(Some(cotangent), true, &mut unused)?;
-        let Context { plan, outgoing, .. } = self.context();
-        if plan.residency == Residency::Device {
-            self.context().complete_pages(&outgoing.specular, |group| group.class.glossy)?;
-        }
-        let radiance = self.context().slots(&outgoing.radiance)?;
+        let radiance = self.context().slots(&self.context().outgoing.radiance)?;
         Ok(super::OutgoingValues { radiance, specular: self.specular_cotangent(Specular::Current)? })
     }
 
@@ -317,9 +313,6 @@ impl<'a> AdjointOperator<'a> {
             }
         }
         context.complete_slots(&context.outgoing.radiance, context.plan.rgb_bytes())?;
-        if context.plan.residency == Residency::Device {
-            context.complete_pages(&y.resident()?.bins, |group| group.class.has_bins())?;
-        }
         reflection.diffuse(context, buffers, given, y)
     }
 }
@@ -347,14 +340,12 @@ pub(super) fn specular_of<'a>(
     monitor: &mut PassMonitor,
 ) -> Result<BufferSlice<'a>, TransportError> {
     let Context { plan, scene, outgoing, .. } = context;
-    match plan.residency {
+    match plan.states_are_whole() {
         // Of a group of which this rank holds nothing.
         _ if piece.part.tiles.is_empty() => Ok(scene.no_bins.whole()),
         // It is there, of all groups.
-        Residency::Device => {
-            page_of(&outgoing.specular, piece.group, piece.part.class.glossy, &scene.no_bins)
-        }
-        Residency::Host { .. } => reflection.specular_under(context, piece, light, monitor),
+        true => page_of(&outgoing.specular, piece.group, piece.part.class.glossy, &scene.no_bins),
+        false => reflection.specular_under(context, piece, light, monitor),
     }
 }
 

@@ -6,7 +6,7 @@ use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
 use crate::model::{Class, ClusterRun, Clusters};
-use crate::plan::{Plan, Residency};
+use crate::plan::Plan;
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::ops::Range;
@@ -74,9 +74,8 @@ struct BinShares {
 }
 
 impl BinShares {
-    /// Where states are on the host, parts of the next come while one is worked on, and ranks exchange nothing else.
     fn of(plan: &Plan, group: usize, clusters: &Clusters, run: &ClusterRun) -> Self {
-        if plan.options.ranks == 1 || plan.residency != Residency::Device {
+        if plan.options.ranks == 1 {
             let by_all = run.heights.iter().map(|of| vec![of.clone()]).collect();
             return Self { by_rank: Vec::new(), by_all };
         }

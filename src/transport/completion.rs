@@ -1,10 +1,8 @@
 //! What ranks compute in shares, completed: each sends its own, and receives those of all others.
 
 use super::Context;
-use super::state::{StateBuffers, page};
 use super::watch::TransportError;
 use crate::gpu::Buffer;
-use crate::plan::Group;
 use crate::ranks::Ranks;
 use std::ops::Range;
 
@@ -50,26 +48,6 @@ impl Context {
         (0..self.plan.layout.groups.len()).try_for_each(|group| {
             self.complete(buffer, Values { offset: 0, first: 0, bytes }, &self.plan.slots_by_rank(group))
         })
-    }
-
-    /// Completes the bins of the groups that `wanted` selects.
-    pub fn complete_pages(
-        &self,
-        pages: &[Option<Buffer>],
-        wanted: impl Fn(&Group) -> bool,
-    ) -> Result<(), TransportError> {
-        for (g, group) in self.plan.layout.groups.iter().enumerate().filter(|(_, group)| wanted(group)) {
-            let first = self.plan.layout.slots_of(&group.tiles).start;
-            let values = Values { offset: 0, first, bytes: self.plan.bin_bytes() };
-            self.complete(page(pages, g)?, values, &self.plan.slots_by_rank(g))?;
-        }
-        Ok(())
-    }
-
-    /// Completes a state.
-    pub fn complete_state(&self, state: &StateBuffers) -> Result<(), TransportError> {
-        self.complete_slots(&state.irradiance, self.plan.rgb_bytes())?;
-        self.complete_pages(&state.bins, |group| group.class.has_bins())
     }
 }
 

@@ -6,14 +6,14 @@ use super::near_matrix::NearMatrix;
 use super::on_host::far::{BLOCK, Received, Sources};
 use super::reflection::Reflection;
 use super::residency::{Part, View};
-use super::state::{State, page};
+use super::state::State;
 use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::volumes::VolumeLight;
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, bin_constants};
 use crate::gpu::{Bindings, BufferSlice, Device, GpuError};
 use crate::model::{Class, Clusters};
-use crate::plan::{Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan, Residency};
+use crate::plan::{Block, Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -178,12 +178,19 @@ impl Exchange {
                     wanted.push((piece, lit));
                 }
             }
-            let mut from_piece = |number: usize, light: Option<View>| {
+            let mut from_piece = |number: usize, light: Option<View>, go_on: &mut dyn FnMut()| {
                 let (piece, lit) = &wanted[number];
                 let from = &piece.part;
                 let specular = reflection.specular_under(context, piece, light.as_ref(), monitor)?;
                 let antiradiance = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
                 let slots = plan.layout.slots_of(&from.tiles);
+                let triangles =
+                    ClusterSources { class: from.class, indices: slots.clone(), antiradiance, specular };
+                let of_clusters = match &self.clusters {
+                    Some(clusters) => Some(clusters.gather(context, piece.group, &triangles, backs)?),
+                    None => None,
+                };
+                go_on();
                 for (to, incident) in lit {
                     let shape = Shape::new(from.class, to.class);
                     let sweep = sweep_of(&mut self.sweeps, shape)?;
@@ -212,13 +219,15 @@ impl Exchange {
                     let between = Between::receivers(plan, to, from, incident.first_slot);
                     sweep.near(context, &between, &near, backs, monitor)?;
                 }
-                if let Some(clusters) = &self.clusters {
-                    let triangles =
-                        ClusterSources { class: from.class, indices: slots, antiradiance, specular };
+                let bins = [from.class.blocker && backs, from.class.glossy];
+                let [of_backs, of_fronts] =
+                    [(bins[0], antiradiance), (bins[1], specular)].map(|(there, sent)| there.then_some(sent));
+                let near = Some((piece.group, [of_backs, of_fronts]));
+                add_near_matrix(&mut self.near_matrix, context, near, y, monitor)?;
+                if let Some(of_clusters) = of_clusters {
                     if let Some(volumes) = self.volumes.as_ref().filter(|_| first_sweep) {
                         volumes.add(context, &triangles, backs)?;
                     }
-                    let of_clusters = clusters.gather(context, piece.group, &triangles, backs)?;
                     for sources in [triangles, of_clusters] {
                         for (to, incident) in lit {
                             let sweep = sweep_of(&mut self.sweeps, Shape::new(from.class, to.class))?;
@@ -277,7 +286,7 @@ impl Exchange {
                     let parts: Vec<_> = wanted.iter().map(|(piece, _)| Part::of_piece(plan, piece)).collect();
                     x.show_each(device, &parts, false, from_piece)?;
                 }
-                None => (0..wanted.len()).try_for_each(|number| from_piece(number, None))?,
+                None => (0..wanted.len()).try_for_each(|number| from_piece(number, None, &mut || {}))?,
             }
             if let Some(volumes) = self.volumes.as_ref().filter(|_| first_sweep) {
                 volumes.sum(context)?;
@@ -291,40 +300,42 @@ impl Exchange {
                 let passing = PAIR_FRONT | PAIR_BACK;
                 add_listed(context, sweep, sources, to, (irradiance.slice(), incident), passing, monitor)?;
             }
-            self.add_near_matrix(context, x, y, monitor)?;
+            add_near_matrix(&mut self.near_matrix, context, None, y, monitor)?;
             for (_, incident) in receivers {
                 incident.store(device)?;
             }
         }
-        match plan.residency {
-            Residency::Device => context.complete_state(y.resident()?)?,
-            Residency::Host { .. } => context.complete_slots(irradiance.buffer(), plan.rgb_bytes())?,
-        }
+        context.complete_slots(irradiance.buffer(), plan.rgb_bytes())?;
         irradiance.store(device)
     }
+}
 
-    /// Adds the near field where it is kept; states are on the device then, and what triangles send is known.
-    fn add_near_matrix(
-        &mut self,
-        Context { device, outgoing, scene, .. }: &Context,
-        x: Option<&State>,
-        y: &State,
-        monitor: &mut PassMonitor,
-    ) -> Result<(), TransportError> {
-        let Some(matrix) = &mut self.near_matrix else { return Ok(()) };
-        let (x, y) = (x.map(State::resident).transpose()?, y.resident()?);
-        let incident = |part| match part {
-            IncidentPart::Irradiance => Ok(y.irradiance.whole()),
-            IncidentPart::Bins { group } => Ok(page(&y.bins, group)?.whole()),
+/// Adds the near field where it is kept, from the antiradiance and the specular radiance of a group or from the diffuse radiance of all;
+/// states are on the device then.
+fn add_near_matrix(
+    matrix: &mut Option<NearMatrix>,
+    Context { device, outgoing, .. }: &Context,
+    from: Option<(usize, [Option<BufferSlice>; 2])>,
+    y: &State,
+    monitor: &mut PassMonitor,
+) -> Result<(), TransportError> {
+    let Some(matrix) = matrix else { return Ok(()) };
+    let y = y.resident()?;
+    let sent = |part| match (part, from) {
+        (OutgoingPart::Diffuse, None) => Some(outgoing.radiance.whole()),
+        (OutgoingPart::Antiradiance { group }, Some((of, [sent, _]))) if group == of => sent,
+        (OutgoingPart::Specular { group }, Some((of, [_, sent]))) if group == of => sent,
+        _ => None,
+    };
+    let ends = |block: &Block| {
+        let Some(sent) = sent(block.outgoing) else { return Ok(None) };
+        let received = match block.incident {
+            IncidentPart::Irradiance => y.irradiance.whole(),
+            IncidentPart::Bins { group } => y.page(group)?.whole(),
         };
-        let sent = |part| match (part, x) {
-            (OutgoingPart::Diffuse, _) => Ok(outgoing.radiance.whole()),
-            (OutgoingPart::Antiradiance { group }, Some(x)) => Ok(page(&x.bins, group)?.whole()),
-            (OutgoingPart::Antiradiance { .. }, None) => Ok(scene.no_bins.whole()),
-            (OutgoingPart::Specular { group }, _) => Ok(page(&outgoing.specular, group)?.whole()),
-        };
-        matrix.run(device, incident, sent, x.is_some(), monitor)
-    }
+        Ok(Some([sent, received]))
+    };
+    matrix.run(device, ends, monitor)
 }
 
 /// Adds what the far triangles of a group, or its clusters, send to another, where clusters stand for triangles.

@@ -9,13 +9,13 @@ use super::near_matrix::NearMatrix;
 use super::on_host::far_adjoint::{BLOCK, Importance, Receivers};
 use super::residency::{Part, View};
 use super::specular::Accumulated;
-use super::state::{State, page};
+use super::state::State;
 use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::sweep_receivers::FromSources;
 use super::watch::{PassMonitor, TransportError};
 use crate::gpu::{Bindings, BufferSlice, Device, GpuError};
 use crate::model::{Class, LIST};
-use crate::plan::{Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::plan::{Block, Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 use std::ops::Range;
 
@@ -81,8 +81,13 @@ impl ExchangeAdjoint {
         let irradiance = adjoint.receivers.whole();
         let pieces = plan.pieces();
         let parts: Vec<_> = pieces.iter().map(|piece| Part::of_piece(plan, piece)).collect();
-        x.show_each(device, &parts, false, |number, light| {
+        x.show_each(device, &parts, false, |number, light, go_on| {
+            go_on();
             let to = &pieces[number].part;
+            let near = light.as_ref().map(|light| (pieces[number].group, light.slice()));
+            if near.is_some() {
+                add_near_matrix(&mut self.near_matrix, context, near, irradiance, sources, monitor)?;
+            }
             let incident = light.as_ref().unwrap_or(&none).slice();
             for accumulated in sources {
                 let from = plan.own(accumulated.group);
@@ -153,7 +158,7 @@ impl ExchangeAdjoint {
             }
             Ok(())
         })?;
-        self.add_near_matrix(context, x, sources, monitor)?;
+        add_near_matrix(&mut self.near_matrix, context, None, irradiance, sources, monitor)?;
         let Some(clusters) = &adjoint.clusters else { return Ok(()) };
         for accumulated in sources {
             let group = accumulated.group;
@@ -172,37 +177,6 @@ impl ExchangeAdjoint {
             clusters.to_triangles(context, group, ([back.slice(), front], back.first_slot))?;
         }
         Ok(())
-    }
-
-    /// Adds the near field where it is kept; states are on the device then.
-    fn add_near_matrix(
-        &mut self,
-        context: &Context,
-        x: &State,
-        sources: &[Accumulated],
-        monitor: &mut PassMonitor,
-    ) -> Result<(), TransportError> {
-        let Some(matrix) = &mut self.near_matrix else { return Ok(()) };
-        let x = x.resident()?;
-        let incident = |part| match part {
-            IncidentPart::Irradiance => Ok(x.irradiance.whole()),
-            IncidentPart::Bins { group } => Ok(page(&x.bins, group)?.whole()),
-        };
-        let of_group = |group| {
-            let found = sources.iter().find(|accumulated| accumulated.group == group);
-            found.ok_or_else(|| TransportError::missing(format!("bins of group {group}")))
-        };
-        let none = || TransportError::missing("bins of a source of the near field");
-        let sent = |part| match part {
-            OutgoingPart::Diffuse => Ok(context.outgoing.radiance.whole()),
-            OutgoingPart::Antiradiance { group } => {
-                of_group(group)?.back.as_ref().map(View::slice).ok_or_else(none)
-            }
-            OutgoingPart::Specular { group } => {
-                of_group(group)?.front.as_ref().map(View::slice).ok_or_else(none)
-            }
-        };
-        matrix.run(&context.device, incident, sent, true, monitor)
     }
 
     /// The cotangents of the light of the clusters of a group, whole: with what comes through the clusters they are part of. Adds those of
@@ -233,7 +207,8 @@ impl ExchangeAdjoint {
         let irradiance = adjoint.receivers.whole();
         let pieces = plan.pieces();
         let parts: Vec<_> = pieces.iter().map(|piece| Part::of_piece(plan, piece)).collect();
-        x.show_each(device, &parts, triangles.is_none(), |number, light| {
+        x.show_each(device, &parts, triangles.is_none(), |number, light, go_on| {
+            go_on();
             let incident = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
             let receivers = (&pieces[number].part, irradiance, incident);
             let mut targets = std::iter::once(&own).chain(triangles);
@@ -308,6 +283,42 @@ impl ExchangeAdjoint {
         };
         sweep.received(context, of, &far, monitor)
     }
+}
+
+/// Adds the near field where it is kept, from the cotangents of the bins of a group or of the irradiance of all; states are on the device
+/// then.
+fn add_near_matrix(
+    matrix: &mut Option<NearMatrix>,
+    context: &Context,
+    from: Option<(usize, BufferSlice)>,
+    irradiance: BufferSlice,
+    sources: &[Accumulated],
+    monitor: &mut PassMonitor,
+) -> Result<(), TransportError> {
+    let Some(matrix) = matrix else { return Ok(()) };
+    let of_group = |group| {
+        let found = sources.iter().find(|accumulated| accumulated.group == group);
+        found.ok_or_else(|| TransportError::missing(format!("bins of group {group}")))
+    };
+    let none = || TransportError::missing("bins of a source of the near field");
+    let ends = |block: &Block| {
+        let incident = match (block.incident, from) {
+            (IncidentPart::Irradiance, None) => irradiance,
+            (IncidentPart::Bins { group }, Some((of, incident))) if group == of => incident,
+            _ => return Ok(None),
+        };
+        let outgoing = match block.outgoing {
+            OutgoingPart::Diffuse => context.outgoing.radiance.whole(),
+            OutgoingPart::Antiradiance { group } => {
+                of_group(group)?.back.as_ref().map(View::slice).ok_or_else(none)?
+            }
+            OutgoingPart::Specular { group } => {
+                of_group(group)?.front.as_ref().map(View::slice).ok_or_else(none)?
+            }
+        };
+        Ok(Some([outgoing, incident]))
+    };
+    matrix.run(&context.device, ends, monitor)
 }
 
 /// Where the cotangents of sources of one class go: of radiance, with the first index of its page, and of bins, from the

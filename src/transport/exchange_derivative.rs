@@ -84,7 +84,7 @@ impl ExchangeDerivative {
         let none = || View::resident(&scene.no_bins, 0, 0);
         let irradiance = adjoint.receivers.whole();
         for s in 0..plan.layout.groups.len() {
-            let held = Piece { group: s, part: plan.held(s) };
+            let held = Piece { group: s, part: plan.own(s) };
             let light = Part::held(plan, s).map(|part| x.edit(device, &part, true)).transpose()?;
             let specular = specular_of(context, reflection, &held, light.as_ref(), monitor)?;
             let light = light.unwrap_or_else(none);
@@ -106,7 +106,7 @@ impl ExchangeDerivative {
             }
         }
         for t in 0..plan.layout.groups.len() {
-            let held = plan.held(t);
+            let held = plan.own(t);
             let incident = Part::held(plan, t).map(|part| cotangent.edit(device, &part, true)).transpose()?;
             let incident = incident.unwrap_or_else(none);
             for from in plan.pieces() {

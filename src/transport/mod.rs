@@ -4,6 +4,7 @@
 //! [`crate::reference`].
 
 mod adjoint;
+mod apart;
 mod clusters;
 mod clusters_adjoint;
 mod completion;
@@ -49,7 +50,7 @@ pub use vectors::{DotPush, ProjectPush};
 pub use watch::{PassCallback, TransportError};
 
 use crate::gpu::{Buffer, Device, GpuError};
-use crate::plan::{Plan, Residency};
+use crate::plan::Plan;
 use crate::scene::{BinLayout, Precision, Scene, Weights};
 use crate::solve::{LightOperator, Orthonormalised};
 use residency::Part;
@@ -134,8 +135,8 @@ impl Operators {
             reflection: reflection::Reflection::new(device, &plan)?,
             observation: observation::Observation::new(device, &plan)?,
             vectors: vectors::Vectors::new(device, plan.settings.precision)?,
-            // On the host parts of states follow each other, and so do kernels and the work of the host.
-            monitor: watch::PassMonitor::new(plan.residency == Residency::Device && !device.host_works()),
+            // Parts of states in windows follow each other, and so do kernels and the work of the host.
+            monitor: watch::PassMonitor::new(plan.states_are_whole() && !device.host_works()),
             context: Context { outgoing: Outgoing::new(device, &plan)?, device: device.clone(), plan, scene },
         })
     }
@@ -201,7 +202,7 @@ impl Operators {
         Ok(judged)
     }
 
-    /// Computes the outgoing light of the fronts, E + K x; of states on the host the diffuse part; `first_bounce`: whether with the specular reflection of
+    /// Computes the outgoing light of the fronts, E + K x; where the device does not hold states whole, the diffuse part; `first_bounce`: whether with the specular reflection of
     /// lamps, which is part of what enters U but not of what S shows.
     fn update_outgoing(
         &mut self,
@@ -211,7 +212,7 @@ impl Operators {
     ) -> Result<(), TransportError> {
         self.reflection.with_first_bounce = first_bounce;
         self.reflection.diffuse(&self.context, x, emission)?;
-        if self.context.plan.residency != Residency::Device {
+        if !self.context.plan.states_are_whole() {
             // Piece by piece, where it is read.
             return Ok(());
         }

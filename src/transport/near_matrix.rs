@@ -93,14 +93,12 @@ impl NearMatrix {
         Ok([[kernel(0, 0)?, kernel(0, 1)?], [kernel(1, 0)?, kernel(1, 1)?]])
     }
 
-    /// Adds the near field to incident light; or its transpose to the cotangent of outgoing light. `backs`: whether
-    /// there is antiradiance.
+    /// Adds the near field to incident light; or its transpose to the cotangent of outgoing light. `ends`: outgoing and incident light, or
+    /// their cotangents, of the blocks that take part.
     pub fn run<'a>(
         &mut self,
         device: &Device,
-        incident: impl Fn(IncidentPart) -> Result<BufferSlice<'a>, TransportError>,
-        outgoing: impl Fn(OutgoingPart) -> Result<BufferSlice<'a>, TransportError>,
-        backs: bool,
+        ends: impl Fn(&Block) -> Result<Option<[BufferSlice<'a>; 2]>, TransportError>,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Self { matrix, transposed, starts, rows, columns, weights, kernels, pace, precision, channels } =
@@ -108,9 +106,8 @@ impl NearMatrix {
         let shape = if *transposed { "transposed" } else { "forward" };
         let mut passed = 0;
         let mut bundle = Bundle::new(device, pace, monitor);
-        let wanted = |block: &&Block| backs || !matches!(block.outgoing, OutgoingPart::Antiradiance { .. });
-        for block in matrix.blocks.iter().filter(wanted) {
-            let ends = [outgoing(block.outgoing)?, incident(block.incident)?];
+        for block in &matrix.blocks {
+            let Some(ends) = ends(block)? else { continue };
             let bins = [
                 !matches!(block.outgoing, OutgoingPart::Diffuse),
                 !matches!(block.incident, IncidentPart::Irradiance),

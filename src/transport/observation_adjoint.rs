@@ -8,7 +8,7 @@ use super::state::State;
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, bin_constants, real};
 use crate::gpu::{Buffer, Device, GpuError, Pipeline};
-use crate::plan::{Group, Piece, Plan, Residency};
+use crate::plan::{Group, Piece, Plan};
 use crate::shaders;
 use glam::DVec3;
 
@@ -55,7 +55,7 @@ impl ObservationAdjoint {
                 specular.as_ref().map_or(scene.no_bins.whole(), View::slice),
             ];
             let kernel = &self.adjoint[usize::from(glossy)];
-            let Some((push, groups)) = whole_group(plan, &plan.held(g), camera_position) else { continue };
+            let Some((push, groups)) = whole_group(plan, &plan.own(g), camera_position) else { continue };
             let mut batch = device.batch()?;
             batch.dispatch(kernel, "all", &buffers, &push, groups)?;
             batch.defer()?;
@@ -80,7 +80,7 @@ impl ObservationAdjoint {
         let Context { device, plan, scene, .. } = context;
         real::upload(device, face_colours, plan.settings.precision, colours.as_flattened())?;
         for (g, _) in plan.glossy_groups() {
-            let held = plan.held(g);
+            let held = plan.own(g);
             let Some((push, groups)) = whole_group(plan, &held, camera_position) else { continue };
             let piece = Piece { group: g, part: held };
             let light = Part::held(plan, g).map(|part| x.edit(device, &part, true)).transpose()?;
@@ -90,9 +90,7 @@ impl ObservationAdjoint {
             batch.dispatch(&self.derivative, "glossy fronts", &buffers, &push, groups)?;
             batch.defer()?;
         }
-        if plan.residency != Residency::Device {
-            context.complete_slots(face_colours, plan.rgb_bytes())?;
-        }
+        context.complete_slots(face_colours, plan.rgb_bytes())?;
         let by_eye = context.slots(face_colours)?;
         let of_group = |group: &Group| {
             let slots = plan.layout.slots_of(&group.tiles);

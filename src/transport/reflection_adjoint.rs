@@ -10,7 +10,7 @@ use super::state::State;
 use super::watch::TransportError;
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Bindings, Buffer, Device, GpuError, Pipeline};
-use crate::plan::{Plan, Residency};
+use crate::plan::Plan;
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
 
@@ -178,7 +178,7 @@ impl ReflectionAdjoint {
             let (_, kernel) = self.glossy()?;
             let incident = x.edit(device, &part, true)?;
             let specular = adjoint.specular.show(context, Specular::Current, g)?;
-            let (page, slots) = (incident.first_slot, plan.layout.slots_of(&plan.held(g).tiles));
+            let (page, slots) = (incident.first_slot, plan.layout.slots_of(&plan.own(g).tiles));
             let by_power = scene.lobes.slots(&scene.no_bins);
             let mut batch = device.batch()?;
             for product in scene.lobes.products(plan, page, &slots) {
@@ -209,9 +209,6 @@ impl ReflectionAdjoint {
             }
             batch.defer()?;
         }
-        match plan.residency {
-            Residency::Device => Ok(()),
-            Residency::Host { .. } => context.complete_slots(sums, 2 * plan.rgb_bytes()),
-        }
+        context.complete_slots(sums, 2 * plan.rgb_bytes())
     }
 }

@@ -1,11 +1,10 @@
 //! States on the host: the device accesses them part by part, through two windows. Results do not depend on where a
-//! part lives, bit for bit. Of several ranks each holds the bins of its own triangles, and sends them to all others where these read them.
+//! part lives, bit for bit.
 
-use super::completion::broadcast;
+use super::apart::{Apart, overlap};
 use super::watch::TransportError;
 use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError};
 use crate::plan::{Group, Piece, Plan};
-use crate::ranks::Ranks;
 use crate::scene::Precision;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -32,7 +31,7 @@ impl Part {
 
     /// What this rank holds of the bins of a group. `None` where that is nothing.
     pub fn held(plan: &Plan, group: usize) -> Option<Self> {
-        Self::of_group(plan, group, &plan.held(group)).filter(|part| part.bytes() > 0)
+        Self::of_group(plan, group, &plan.own(group)).filter(|part| part.bytes() > 0)
     }
 
     /// The bins of a piece. `None` where the class has no bins.
@@ -47,7 +46,7 @@ impl Part {
         std::iter::once(Self::irradiance(plan)).chain(bins).collect()
     }
 
-    /// What this rank holds of a state on the host, one part after the other.
+    /// What this rank holds of a state, one part after the other.
     pub fn own(plan: &Plan) -> Vec<Self> {
         let of_piece = |piece: &Piece| {
             let part = &piece.part;
@@ -57,6 +56,14 @@ impl Part {
         let pieces = plan.pieces();
         let bins = pieces.iter().filter_map(of_piece).filter(|part| part.bytes() > 0);
         std::iter::once(Self::irradiance(plan)).chain(bins).collect()
+    }
+
+    /// The slots of bins.
+    pub fn slots(&self) -> Option<&Range<u32>> {
+        match self {
+            Self::Irradiance { .. } => None,
+            Self::Bins { slots, .. } => Some(slots),
+        }
     }
 
     pub fn bytes(&self) -> u64 {
@@ -183,21 +190,14 @@ pub struct Windows {
     write: Window,
     /// Slots with bins.
     slots: Range<u32>,
-    ranks: Ranks,
-    /// Slots with bins and the rank that holds them.
-    shares: Vec<(usize, Range<u32>)>,
+    /// Who holds which bins.
+    apart: Apart,
     own: Vec<Own>,
-    /// Bytes of the bins of one slot.
-    slot_bytes: u64,
     irradiance_bytes: u64,
 }
 
 impl Windows {
     pub fn new(device: &Device, plan: &Plan, receivers: u32, sources: u32) -> Result<Self, GpuError> {
-        let ranks = device.ranks().clone();
-        let groups = plan.layout.groups.iter().enumerate().filter(|(_, group)| group.class.has_bins());
-        let shares = groups.flat_map(|(g, _)| plan.slots_by_rank(g).into_iter().enumerate());
-        let shares: Vec<(usize, Range<u32>)> = shares.filter(|(_, slots)| !slots.is_empty()).collect();
         let (mut own, mut before) = (Vec::new(), 0);
         for sweep in plan.sweeps() {
             let first = before;
@@ -209,12 +209,10 @@ impl Windows {
         }
         Ok(Self {
             own,
-            shares,
-            ranks,
+            apart: Apart::new(device, plan),
             read: Window::new(device, plan, sources)?,
             write: Window::new(device, plan, receivers)?,
             slots: plan.layout.slots_of(&plan.tiles_with_bins()),
-            slot_bytes: plan.bin_bytes(),
             irradiance_bytes: plan.irradiance_bytes(),
         })
     }
@@ -271,7 +269,7 @@ impl Place {
 
 impl Hosted {
     pub fn new(windows: &Arc<Windows>) -> Result<Self, TransportError> {
-        let bins = windows.held() * windows.slot_bytes;
+        let bins = windows.held() * windows.apart.slot_bytes;
         let values = Values { irradiance: zeros(windows.irradiance_bytes)?, bins: zeros(bins)? };
         Ok(Self { windows: windows.clone(), values: Mutex::new(values) })
     }
@@ -289,7 +287,7 @@ impl Hosted {
 
     /// Where the bins of some slots are that this rank holds.
     fn place_of(&self, slots: &Range<u32>) -> Result<Place, TransportError> {
-        let slot_bytes = self.windows.slot_bytes;
+        let slot_bytes = self.windows.apart.slot_bytes;
         let bytes = |slots: u32| u64::from(slots) * slot_bytes;
         let first = self.windows.slot(slots)?;
         let Some(own) = self.windows.own(slots) else {
@@ -304,23 +302,10 @@ impl Hosted {
         Ok(Place::Bins(bytes(first)..bytes(first + slots.len() as u32)))
     }
 
-    /// Calls `each` with the bins of some slots, whichever ranks hold them, and the byte among all of them with which they begin. All ranks
-    /// call it.
-    fn gather(
-        &self,
-        slots: &Range<u32>,
-        mut each: impl FnMut(u64, &[u8]) -> Result<(), TransportError>,
-    ) -> Result<(), TransportError> {
-        let Windows { ranks, shares, slot_bytes, .. } = &*self.windows;
-        let shares = shares.iter().map(|(rank, share)| (*rank, overlap(share, slots)));
-        let send = |some: &Range<u32>, values: &mut [u8]| {
-            values.copy_from_slice(self.place_of(some)?.of(&mut self.values())?);
-            Ok(())
-        };
-        let receive = |_, some: &Range<u32>, values: &[u8]| {
-            each(u64::from(some.start - slots.start) * slot_bytes, values)
-        };
-        broadcast(ranks, shares, *slot_bytes, send, receive)
+    /// Copies bins that this rank holds.
+    fn copy(&self, slots: &Range<u32>, values: &mut [u8]) -> Result<(), TransportError> {
+        values.copy_from_slice(self.place_of(slots)?.of(&mut self.values())?);
+        Ok(())
     }
 
     /// The part at the start of a window.
@@ -344,7 +329,7 @@ impl Hosted {
 
     pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         let Part::Bins { slots, .. } = part else { return self.read(device, part) };
-        if self.windows.ranks.count() == 1 {
+        if !self.is_apart() {
             return self.read(device, part);
         }
         self.gathered(device, &self.windows.read, part, slots)
@@ -352,35 +337,26 @@ impl Hosted {
 
     /// Whether other ranks hold bins of the state.
     pub fn is_apart(&self) -> bool {
-        self.windows.ranks.count() > 1
+        self.windows.apart.ranks.count() > 1
     }
 
-    /// See [`State::show_each`](super::state::State::show_each). Holds another part in host memory.
+    /// See [`State::show_each`](super::state::State::show_each).
     pub fn show_each(
         &self,
         device: &Device,
         parts: &[Option<Part>],
         beside: bool,
-        mut with: impl FnMut(usize, Option<View>) -> Result<(), TransportError>,
+        mut with: impl FnMut(usize, Option<View>, &mut dyn FnMut()) -> Result<(), TransportError>,
     ) -> Result<(), TransportError> {
         let window = if beside { &self.windows.write } else { &self.windows.read };
-        std::thread::scope(|scope| {
-            let mut left = parts.iter().flatten();
-            let mut next = || left.next().map(|part| scope.spawn(|| self.download(part)));
-            let mut coming = next();
-            for (number, part) in parts.iter().enumerate() {
-                let Some(part) = part else {
-                    with(number, None)?;
-                    continue;
-                };
-                let thread = coming.take().ok_or_else(|| TransportError::missing("bins of other ranks"))?;
-                let values = thread.join().map_err(|payload| TransportError::panicked(&*payload))??;
+        let own = |slots: &Range<u32>, values: &mut [u8]| self.copy(slots, values);
+        self.windows.apart.each(parts, own, |number, part, go_on| {
+            let shown = |(part, values)| {
                 let view = Self::foreign_view(window, part)?;
-                view.upload(device, &values)?;
-                coming = next();
-                with(number, Some(view))?;
-            }
-            Ok(())
+                view.upload(device, values)?;
+                Ok::<_, TransportError>(view)
+            };
+            with(number, part.map(shown).transpose()?, go_on)
         })
     }
 
@@ -393,7 +369,9 @@ impl Hosted {
         slots: &Range<u32>,
     ) -> Result<View<'a>, TransportError> {
         let view = Self::foreign_view(window, part)?;
-        self.gather(slots, |at, values| Ok(device.upload(view.buffer, at, values)?))?;
+        let own = |slots: &Range<u32>, values: &mut [u8]| self.copy(slots, values);
+        let receive = |at, values: &[u8]| Ok(device.upload(view.buffer, at, values)?);
+        self.windows.apart.gather(slots, own, receive)?;
         Ok(view)
     }
 
@@ -423,19 +401,14 @@ impl Hosted {
         let Part::Bins { slots, .. } = part else { return Ok(view) };
         let own = self.windows.own(slots).ok_or_else(|| TransportError::missing("a place in the window"))?;
         let within = own.in_window + slots.start - own.slots.start;
-        let offset = u64::from(within) * self.windows.slot_bytes;
+        let offset = u64::from(within) * self.windows.apart.slot_bytes;
         Ok(View { offset, first_slot: slots.start - within, ..view })
     }
 
     pub fn download(&self, part: &Part) -> Result<Vec<u8>, TransportError> {
         match part {
-            Part::Bins { slots, .. } if self.windows.ranks.count() > 1 => {
-                let mut all = Vec::new();
-                self.gather(slots, |_, values| {
-                    all.extend_from_slice(values);
-                    Ok(())
-                })?;
-                Ok(all)
+            Part::Bins { slots, .. } if self.is_apart() => {
+                self.windows.apart.gathered(slots, |slots, values| self.copy(slots, values))
             }
             _ => Ok(self.place(part)?.of(&mut self.values())?.to_vec()),
         }
@@ -451,18 +424,13 @@ impl Hosted {
         for Own { slots: own, .. } in &self.windows.own {
             let some = overlap(own, slots);
             if !some.is_empty() {
-                let first = u64::from(some.start - slots.start) * self.windows.slot_bytes;
+                let first = u64::from(some.start - slots.start) * self.windows.apart.slot_bytes;
                 let to = self.place_of(&some)?.of(&mut values)?;
                 to.copy_from_slice(&given[first as usize..][..to.len()]);
             }
         }
         Ok(())
     }
-}
-
-/// What two ranges have in common; where that is nothing, a range that is empty.
-fn overlap(a: &Range<u32>, b: &Range<u32>) -> Range<u32> {
-    a.start.max(b.start)..a.end.min(b.end)
 }
 
 /// Returns an error where a plain vector would abort for lack of memory.
@@ -480,7 +448,7 @@ mod tests {
     use super::super::tests::{plan, scene};
     use super::*;
     use crate::gpu::DeviceOptions;
-    use crate::ranks::{Communicator, RankError, in_threads};
+    use crate::ranks::{Communicator, RankError, Ranks, in_threads};
     use std::sync::atomic::{AtomicBool, Ordering};
     use std::time::{Duration, Instant};
 
@@ -504,7 +472,8 @@ mod tests {
             let all_moved = || device.ranks().moved().into_iter().sum::<u64>();
             let before = all_moved();
             let moved = || all_moved() - before;
-            let work = |number: usize, view: Option<View>| {
+            let work = |number: usize, view: Option<View>, go_on: &mut dyn FnMut()| {
+                go_on();
                 assert_eq!(view.is_some(), parts[number].is_some());
                 let (Some(view), Some(part)) = (view, &parts[number]) else { return Ok(()) };
                 assert!(view.download(&device)? == values(part));
@@ -552,7 +521,7 @@ mod tests {
         let hosted = Hosted::new(&windows).expect("a state");
         let parts: Vec<_> = plan.pieces().iter().map(|piece| Part::of_piece(&plan, piece)).collect();
         panics.store(true, Ordering::SeqCst);
-        let error = hosted.show_each(&device, &parts, false, |_, _| Ok(())).expect_err("a panic");
+        let error = hosted.show_each(&device, &parts, false, |_, _, _| Ok(())).expect_err("a panic");
         assert!(matches!(error, TransportError::Panicked { .. }), "{error}");
         assert!(error.to_string().contains("sends burns"), "{error}");
     }

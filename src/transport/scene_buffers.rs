@@ -2,11 +2,10 @@
 
 use super::lobes::Lobes;
 use super::real;
-use super::state::pages;
 use super::watch::TransportError;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
 use crate::model::{Clusters, Facet, Parts};
-use crate::plan::{PADDING, PairLists, Plan};
+use crate::plan::{Group, PADDING, PairLists, Plan};
 use crate::scene::{Material, Scene};
 use bytemuck::Pod;
 
@@ -96,8 +95,12 @@ impl SceneBuffers {
         let PairLists { far, near } = &plan.interactions().by_receiver;
         let mut lobes = Lobes::new(device, plan)?;
         lobes.set(device, scene, plan)?;
-        let first_bounce =
-            pages(device, plan, "first bounce", |group| plan.has_first_bounce() && group.class.glossy)?;
+        // Of all ranks: each reflects what passes by.
+        let page = |group: &Group| {
+            let page = || Buffer::new(device, "first bounce", plan.page_bytes(group), BufferKind::Storage);
+            (plan.has_first_bounce() && group.class.glossy).then(page).transpose()
+        };
+        let first_bounce = plan.layout.groups.iter().map(page).collect::<Result<Vec<_>, _>>()?;
         let mut batch = device.batch()?;
         for page in first_bounce.iter().flatten() {
             batch.fill(page, 0, page.bytes(), 0)?;

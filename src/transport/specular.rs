@@ -1,6 +1,6 @@
-//! Cotangents of the specular radiance of glossy triangles, μ₀ and μ. On the device a pass accumulates μ in the buffers of outgoing
-//! light. Where states live on the host so do both, of each rank those of its own triangles, and what is worked on is in the window of
-//! outgoing light.
+//! Cotangents of the specular radiance of glossy triangles, μ₀ and μ, of each rank those of its own. Where the device holds states whole a
+//! pass accumulates μ in the buffers of outgoing light. Where states live on the host so do both, and what is worked on is in the window
+//! of outgoing light.
 
 use super::completion::broadcast;
 use super::residency::{Part, View};
@@ -23,8 +23,11 @@ pub enum Specular {
 
 /// Both cotangents, by glossy group.
 pub enum SpecularCotangents {
-    /// μ₀; μ is in the buffers of outgoing light.
-    Device(Vec<Option<Buffer>>),
+    Device {
+        given: Vec<Option<Buffer>>,
+        /// `None` where it is in the buffers of outgoing light.
+        current: Option<Vec<Option<Buffer>>>,
+    },
     Host {
         given: Vec<Option<HostPage>>,
         current: Vec<Option<HostPage>>,
@@ -43,10 +46,12 @@ impl HostPage {
 impl SpecularCotangents {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         if plan.residency == Residency::Device {
-            return Ok(Self::Device(pages(device, plan, "cotangent: specular", |group| group.class.glossy)?));
+            let pages = || pages(device, plan, "cotangent: specular", |group| group.class.glossy);
+            let current = (!plan.states_are_whole()).then(pages).transpose()?;
+            return Ok(Self::Device { given: pages()?, current });
         }
         let page = |g: usize| {
-            let bytes = plan.page_bytes(&plan.held(g)) as usize;
+            let bytes = plan.page_bytes(&plan.own(g)) as usize;
             plan.layout.groups[g].class.glossy.then(|| HostPage(Mutex::new(vec![0; bytes])))
         };
         let all = || (0..plan.layout.groups.len()).map(page).collect();
@@ -57,26 +62,37 @@ impl SpecularCotangents {
     pub fn set(&self, context: &Context, g: usize, values: Option<&[f64]>) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
         let precision = plan.settings.precision;
-        let group = &plan.layout.groups[g];
+        let (group, part) = (&plan.layout.groups[g], plan.own(g));
+        if part.tiles.is_empty() {
+            return Ok(());
+        }
+        let of_slot = plan.bins.count() * plan.channels as usize;
+        let [first, own] = [group, &part].map(|group| plan.layout.slots_of(&group.tiles));
+        let own = [own.start, own.end].map(|slot| (slot - first.start) as usize * of_slot);
+        let values = values.map(|values| &values[own[0]..own[1]]);
         match (self, values) {
-            (Self::Device(given), Some(values)) => {
+            (Self::Device { given, .. }, Some(values)) => {
                 Ok(real::upload(device, page(given, g)?, precision, values)?)
             }
-            (Self::Device(given), None) => {
-                View::resident(page(given, g)?, 0, plan.page_bytes(group)).clear(device).map_err(Into::into)
+            (Self::Device { given, .. }, None) => {
+                Ok(View::resident(page(given, g)?, 0, plan.page_bytes(&part)).clear(device)?)
             }
             (Self::Host { given, .. }, Some(values)) => {
-                let of_slot = plan.bins.count() * plan.channels as usize;
-                let first = plan.layout.slots_of(&group.tiles).start;
-                let own = plan.layout.slots_of(&plan.held(g).tiles);
-                let own = (own.start - first) as usize * of_slot..(own.end - first) as usize * of_slot;
-                *host_page(given, g)?.values() = real::encode(precision, &values[own]);
+                *host_page(given, g)?.values() = real::encode(precision, values);
                 Ok(())
             }
             (Self::Host { given, .. }, None) => {
                 host_page(given, g)?.values().fill(0);
                 Ok(())
             }
+        }
+    }
+
+    /// The buffer in which a pass accumulates μ of a group.
+    fn accumulated<'a>(&'a self, context: &'a Context, g: usize) -> Result<&'a Buffer, TransportError> {
+        match self {
+            Self::Device { current: Some(current), .. } => page(current, g),
+            _ => context.outgoing.specular_of(g),
         }
     }
 
@@ -89,13 +105,13 @@ impl SpecularCotangents {
         back: &View,
         given: bool,
     ) -> Result<View<'a>, TransportError> {
-        let Context { device, outgoing, .. } = context;
-        let view = back.beside(outgoing.specular_of(g)?);
+        let device = &context.device;
+        let view = back.beside(self.accumulated(context, g)?);
         match self {
             _ if !given => view.clear(device)?,
-            Self::Device(of) => {
+            Self::Device { given, .. } => {
                 let mut batch = device.batch()?;
-                view.copy_from(&mut batch, page(of, g)?)?;
+                view.copy_from(&mut batch, page(given, g)?)?;
                 batch.defer()?;
             }
             Self::Host { given, .. } => view.upload(device, &host_page(given, g)?.values())?,
@@ -123,16 +139,19 @@ impl SpecularCotangents {
         which: Specular,
         g: usize,
     ) -> Result<View<'a>, TransportError> {
-        let Context { device, plan, outgoing, .. } = context;
-        let held = plan.held(g);
-        let (first, bytes) = (plan.layout.slots_of(&held.tiles).start, plan.page_bytes(&held));
+        let Context { device, plan, scene, .. } = context;
+        let own = plan.own(g);
+        let (first, bytes) = (plan.layout.slots_of(&own.tiles).start, plan.page_bytes(&own));
         match (self, which) {
-            (Self::Device(given), Specular::Given) => Ok(View::resident(page(given, g)?, first, bytes)),
-            (Self::Device(_), Specular::Current) => {
-                Ok(View::resident(outgoing.specular_of(g)?, first, bytes))
+            _ if bytes == 0 => Ok(View::resident(&scene.no_bins, first, 0)),
+            (Self::Device { given, .. }, Specular::Given) => {
+                Ok(View::resident(page(given, g)?, first, bytes))
+            }
+            (Self::Device { .. }, Specular::Current) => {
+                Ok(View::resident(self.accumulated(context, g)?, first, bytes))
             }
             (Self::Host { .. }, _) => {
-                let view = View::resident(outgoing.specular_of(g)?, first, bytes);
+                let view = View::resident(self.accumulated(context, g)?, first, bytes);
                 if let Some(page) = self.on_host(which, g)? {
                     view.upload(device, &page.values())?;
                 }
@@ -152,27 +171,25 @@ impl SpecularCotangents {
         if !plan.layout.groups[g].class.glossy {
             return Ok(None);
         }
-        let bytes = match self.on_host(which, g)? {
+        let slots = plan.layout.slots_of(&plan.own(g).tiles);
+        let held = match self.on_host(which, g)? {
+            Some(page) => page.values().clone(),
+            None if slots.is_empty() => Vec::new(),
             None => self.show(context, which, g)?.download(device)?,
-            Some(page) => {
-                let own = plan.layout.slots_of(&plan.own(g).tiles).start;
-                let at = |slot: u32| u64::from(slot) * plan.bin_bytes();
-                let send = |some: &Range<u32>, values: &mut [u8]| {
-                    let first = at(some.start - own) as usize;
-                    values.copy_from_slice(&page.values()[first..first + values.len()]);
-                    Ok(())
-                };
-                let mut all = Vec::new();
-                let receive = |_, _: &Range<u32>, values: &[u8]| {
-                    all.extend_from_slice(values);
-                    Ok(())
-                };
-                let shares = plan.slots_by_rank(g).into_iter().enumerate();
-                broadcast(device.ranks(), shares, plan.bin_bytes(), send, receive)?;
-                all
-            }
         };
-        Ok(Some(real::decode(plan.settings.precision, &bytes)))
+        let send = |some: &Range<u32>, values: &mut [u8]| {
+            let first = u64::from(some.start - slots.start) * plan.bin_bytes();
+            values.copy_from_slice(&held[first as usize..][..values.len()]);
+            Ok(())
+        };
+        let mut all = Vec::new();
+        let receive = |_, _: &Range<u32>, values: &[u8]| {
+            all.extend_from_slice(values);
+            Ok(())
+        };
+        let shares = plan.slots_by_rank(g).into_iter().enumerate();
+        broadcast(device.ranks(), shares, plan.bin_bytes(), send, receive)?;
+        Ok(Some(real::decode(plan.settings.precision, &all)))
     }
 
     fn on_host(&self, which: Specular, g: usize) -> Result<Option<&HostPage>, TransportError> {

@@ -1,11 +1,13 @@
 //! Incident and outgoing light.
 
+use super::apart::Shown;
 use super::real;
 use super::residency::{Hosted, Part, View, Windows};
 use super::watch::TransportError;
 use crate::gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError};
 use crate::plan::{Group, Plan, Residency};
 use crate::scene::Precision;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Incident light: irradiance of every slot, and radiance per bin for the groups that have bins. Kernels access it
@@ -16,11 +18,15 @@ pub struct State(Arc<Memory>);
 
 /// Where the values of a state are.
 enum Memory {
-    Device(StateBuffers),
+    Device {
+        buffers: StateBuffers,
+        /// Where other ranks hold bins of the state.
+        shown: Option<Arc<Shown>>,
+    },
     Host(Hosted),
 }
 
-/// The memory of a state on the device.
+/// The memory of a state on the device, or of several ranks, what this one holds.
 pub struct StateBuffers {
     /// E, W/m², vec4 per slot; the last component is unused and zero.
     pub irradiance: Buffer,
@@ -33,9 +39,9 @@ pub struct StateBuffers {
 pub struct Outgoing {
     /// Diffuse radiance of the fronts, vec4 per slot, and of clusters; then of its first moments, three per cluster.
     pub radiance: Buffer,
-    /// Per group: specular radiance of the fronts of glossy triangles. Where states live on the host, of none.
+    /// Per group: specular radiance of the fronts of glossy triangles. Where the device does not hold states whole, of none.
     pub specular: Vec<Option<Buffer>>,
-    /// Where states live on the host, the specular radiance of the current piece of sources, or cotangents of it.
+    /// There, the specular radiance of the current piece of sources, or where states are on the host, cotangents of it.
     window: Option<Buffer>,
 }
 
@@ -56,46 +62,90 @@ impl StateBuffers {
     pub fn view(&self, part: &Part) -> Result<View<'_>, TransportError> {
         match part {
             Part::Bins { group, slots, .. } => {
-                Ok(View::resident(page(&self.bins, *group)?, slots.start, part.bytes()))
+                Ok(View::resident(self.page(*group)?, slots.start, part.bytes()))
             }
             Part::Irradiance { .. } => Ok(View::resident(&self.irradiance, 0, part.bytes())),
         }
     }
+
+    pub fn page(&self, group: usize) -> Result<&Buffer, TransportError> {
+        page(&self.bins, group)
+    }
 }
 
 impl State {
-    /// The buffers of a state on the device. An error on the host.
+    /// The buffers of a state on the device, of what this rank holds. An error on the host.
     pub fn resident(&self) -> Result<&StateBuffers, TransportError> {
         match &*self.0 {
-            Memory::Device(buffers) => Ok(buffers),
+            Memory::Device { buffers, .. } => Ok(buffers),
             Memory::Host(_) => Err(TransportError::NotResident),
         }
+    }
+
+    /// A state on the device of which other ranks hold bins, and those of `part`.
+    fn apart<'a, 'p>(
+        &'a self,
+        part: &'p Part,
+    ) -> Option<(&'a StateBuffers, &'a Shown, usize, &'p Range<u32>)> {
+        match (&*self.0, part) {
+            (Memory::Device { buffers, shown: Some(shown) }, Part::Bins { group, slots, .. }) => {
+                Some((buffers, shown, *group, slots))
+            }
+            _ => None,
+        }
+    }
+
+    /// The bins of a part, whichever ranks hold them, in a window.
+    fn in_window(
+        &self,
+        device: &Device,
+        part: &Part,
+        beside: bool,
+    ) -> Result<Option<View<'_>>, TransportError> {
+        let Some((buffers, shown, group, slots)) = self.apart(part) else { return Ok(None) };
+        let view = View::resident(shown.window(beside)?, slots.start, part.bytes());
+        view.upload(device, &shown.download(device, buffers, group, slots)?)?;
+        Ok(Some(view))
     }
 
     /// A view for kernels to read a part, valid until another part of any state is shown. All ranks call it.
     pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
-            Memory::Device(buffers) => buffers.view(part),
+            Memory::Device { buffers, .. } => match self.in_window(device, part, false)? {
+                Some(view) => Ok(view),
+                None => buffers.view(part),
+            },
             Memory::Host(hosted) => hosted.show(device, part),
         }
     }
 
     /// Calls `with` with the number and a view of each of some parts, one after the other. Where other ranks hold bins of them, those of
-    /// the next part come while `with` works on one, which must not communicate with other ranks. `beside`: as by
+    /// the next part come from when `with` calls its last argument, after which it must not communicate with other ranks. `beside`: as by
     /// [`Self::show_beside`]. All ranks call it.
     pub fn show_each(
         &self,
         device: &Device,
         parts: &[Option<Part>],
         beside: bool,
-        mut with: impl FnMut(usize, Option<View>) -> Result<(), TransportError>,
+        mut with: impl FnMut(usize, Option<View>, &mut dyn FnMut()) -> Result<(), TransportError>,
     ) -> Result<(), TransportError> {
         match &*self.0 {
             Memory::Host(hosted) if hosted.is_apart() => hosted.show_each(device, parts, beside, with),
+            Memory::Device { buffers, shown: Some(shown) } => {
+                shown.each(device, buffers, parts, |number, part, go_on| {
+                    let view = |(part, values): (&Part, &[u8])| {
+                        let first = part.slots().map_or(0, |slots| slots.start);
+                        let view = View::resident(shown.window(beside)?, first, part.bytes());
+                        view.upload(device, values)?;
+                        Ok::<_, TransportError>(view)
+                    };
+                    with(number, part.map(view).transpose()?, go_on)
+                })
+            }
             _ => parts.iter().enumerate().try_for_each(|(number, part)| {
                 let show =
                     |part| if beside { self.show_beside(device, part) } else { self.show(device, part) };
-                with(number, part.as_ref().map(show).transpose()?)
+                with(number, part.as_ref().map(show).transpose()?, &mut || {})
             }),
         }
     }
@@ -103,7 +153,10 @@ impl State {
     /// The same, valid beside a part of any state that is shown, until one is opened to be written.
     pub fn show_beside(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
-            Memory::Device(buffers) => buffers.view(part),
+            Memory::Device { buffers, .. } => match self.in_window(device, part, true)? {
+                Some(view) => Ok(view),
+                None => buffers.view(part),
+            },
             Memory::Host(hosted) => hosted.show_beside(device, part),
         }
     }
@@ -111,7 +164,7 @@ impl State {
     /// The same of a part that this rank holds, which no other need call.
     pub fn read(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
-            Memory::Device(buffers) => buffers.view(part),
+            Memory::Device { buffers, .. } => buffers.view(part),
             Memory::Host(hosted) => hosted.read(device, part),
         }
     }
@@ -128,7 +181,7 @@ impl State {
     /// The same with undefined values, which the caller makes zero.
     pub fn open(&self, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
-            Memory::Device(buffers) => buffers.view(part),
+            Memory::Device { buffers, .. } => buffers.view(part),
             Memory::Host(hosted) => hosted.receive(part),
         }
     }
@@ -137,7 +190,7 @@ impl State {
     /// part's values. The view must be stored if it was changed.
     pub fn edit(&self, device: &Device, part: &Part, old: bool) -> Result<View<'_>, TransportError> {
         match &*self.0 {
-            Memory::Device(buffers) => buffers.view(part),
+            Memory::Device { buffers, .. } => buffers.view(part),
             Memory::Host(hosted) => hosted.edit(device, part, old),
         }
     }
@@ -150,7 +203,10 @@ impl State {
         precision: Precision,
     ) -> Result<Vec<f64>, TransportError> {
         let bytes = match &*self.0 {
-            Memory::Device(buffers) => buffers.view(part)?.download(device)?,
+            Memory::Device { buffers, .. } => match self.apart(part) {
+                Some((buffers, shown, group, slots)) => shown.download(device, buffers, group, slots)?,
+                None => buffers.view(part)?.download(device)?,
+            },
             Memory::Host(hosted) => hosted.download(part)?,
         };
         Ok(real::decode(precision, &bytes))
@@ -166,7 +222,12 @@ impl State {
     ) -> Result<(), TransportError> {
         let values = real::encode(precision, values);
         match &*self.0 {
-            Memory::Device(buffers) => Ok(buffers.view(part)?.upload(device, &values)?),
+            Memory::Device { buffers, .. } => match self.apart(part) {
+                Some((buffers, shown, group, slots)) => {
+                    shown.upload(device, buffers, (group, slots), &values)
+                }
+                None => Ok(buffers.view(part)?.upload(device, &values)?),
+            },
             Memory::Host(hosted) => hosted.set(part, &values),
         }
     }
@@ -178,11 +239,10 @@ impl Outgoing {
         let label = "specular radiance";
         let buffer = |label: &str, bytes: u64| Buffer::new(device, label, bytes, BufferKind::Storage);
         let glossy = |group: &Group| group.class.glossy;
-        let (specular, window) = match plan.residency {
-            Residency::Device => (pages(device, plan, label, glossy)?, None),
-            Residency::Host { receivers, sources } => {
-                let tiles = plan.specular_window(receivers, sources);
-                let window = || buffer(label, u64::from(tiles) * plan.tile_bytes());
+        let (specular, window) = match plan.states_are_whole() {
+            true => (pages(device, plan, label, glossy)?, None),
+            false => {
+                let window = || buffer(label, u64::from(plan.specular_window()) * plan.tile_bytes());
                 let any = plan.layout.groups.iter().any(glossy);
                 (plan.layout.groups.iter().map(|_| None).collect(), any.then(window).transpose()?)
             }
@@ -217,41 +277,60 @@ pub fn page_of<'a>(
     Ok(if there { page(pages, group)? } else { none }.whole())
 }
 
-/// One buffer of bins for each group that `wanted` selects.
+/// One buffer for the bins that this rank holds of each group that `wanted` selects, if it holds any.
 pub fn pages(
     device: &Device,
     plan: &Plan,
     label: &str,
     wanted: impl Fn(&Group) -> bool,
 ) -> Result<Vec<Option<Buffer>>, GpuError> {
-    let page = |group: &Group| {
-        let new = || Buffer::new(device, label, plan.page_bytes(group), BufferKind::Storage);
-        wanted(group).then(new).transpose()
+    let page = |(g, group): (usize, &Group)| {
+        let bytes = plan.page_bytes(&plan.own(g));
+        let new = || Buffer::new(device, label, bytes, BufferKind::Storage);
+        (wanted(group) && bytes > 0).then(new).transpose()
     };
-    plan.layout.groups.iter().map(page).collect()
+    plan.layout.groups.iter().enumerate().map(page).collect()
 }
 
 /// The memory of all states. What the plan counts on the device is allocated at once.
 pub struct Pool {
     states: Vec<State>,
-    /// Where states live on the host.
-    windows: Option<Arc<Windows>>,
+    windows: Shared,
+}
+
+/// What all states share.
+enum Shared {
+    /// Where the device holds them whole.
+    Nothing,
+    Shown(Arc<Shown>),
+    /// Where they live on the host.
+    Windows(Arc<Windows>),
 }
 
 impl Pool {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let mut pool = Self { states: Vec::new(), windows: None };
-        match plan.residency {
-            Residency::Device => {
-                for _ in 0..plan.vectors() {
-                    pool.states.push(State(Arc::new(Memory::Device(StateBuffers::new(device, plan)?))));
-                }
-            }
+        let windows = match plan.residency {
+            Residency::Device if plan.states_are_whole() => Shared::Nothing,
+            Residency::Device => Shared::Shown(Arc::new(Shown::new(device, plan)?)),
             Residency::Host { receivers, sources } => {
-                pool.windows = Some(Arc::new(Windows::new(device, plan, receivers, sources)?));
+                Shared::Windows(Arc::new(Windows::new(device, plan, receivers, sources)?))
+            }
+        };
+        let mut pool = Self { states: Vec::new(), windows };
+        if plan.residency == Residency::Device {
+            for _ in 0..plan.vectors() {
+                pool.states.push(pool.on_device(device, plan)?);
             }
         }
         Ok(pool)
+    }
+
+    fn on_device(&self, device: &Device, plan: &Plan) -> Result<State, GpuError> {
+        let shown = match &self.windows {
+            Shared::Shown(shown) => Some(shown.clone()),
+            _ => None,
+        };
+        Ok(State(Arc::new(Memory::Device { buffers: StateBuffers::new(device, plan)?, shown })))
     }
 
     /// An unused state, or a new one. A new one on the device exceeds the plan: its users hold more states than it
@@ -260,10 +339,10 @@ impl Pool {
         if let Some(idle) = self.states.iter().find(|state| Arc::strong_count(&state.0) == 1) {
             return Ok(idle.clone());
         }
-        let state = State(Arc::new(match &self.windows {
-            None => Memory::Device(StateBuffers::new(device, plan)?),
-            Some(windows) => Memory::Host(Hosted::new(windows)?),
-        }));
+        let state = match &self.windows {
+            Shared::Windows(windows) => State(Arc::new(Memory::Host(Hosted::new(windows)?))),
+            _ => self.on_device(device, plan)?,
+        };
         self.states.push(state.clone());
         Ok(state)
     }
@@ -288,7 +367,7 @@ mod tests {
         let device = operators.context.device.clone();
         let mut buffers = StateBuffers::new(&device, plan).expect("buffers");
         buffers.bins[g] = None;
-        let mut holed = State(Arc::new(Memory::Device(buffers)));
+        let mut holed = State(Arc::new(Memory::Device { buffers, shown: None }));
         let missing = |error: Option<TransportError>| {
             assert!(
                 matches!(&error, Some(TransportError::Missing { what }) if what.contains("bins")),

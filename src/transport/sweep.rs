@@ -189,9 +189,9 @@ impl<'a> Between<'a> {
         Self { targets: targets.clone(), partners, lists: &plan.interactions().by_receiver, first_slot }
     }
 
-    /// Targets are this rank's part of a group, by its number, whose buffers hold the bins of what it holds.
+    /// Targets are this rank's part of a group, by its number, whose bins its buffers hold.
     pub fn held(plan: &Plan, group: usize, partners: &'a Group, lists: &'a PairLists) -> Self {
-        let first_slot = plan.layout.slots_of(&plan.held(group).tiles).start;
+        let first_slot = plan.layout.slots_of(&plan.own(group).tiles).start;
         Self { targets: plan.own(group), partners, lists, first_slot }
     }
 

@@ -158,16 +158,14 @@ impl Vectors {
         let precision = plan.settings.precision;
         let mut additions = additions();
         let mut known = None;
-        // Where each rank holds its own bins, the first sums up irradiance.
-        let apart = plan.options.ranks > 1 && plan.residency != Residency::Device;
-        let counts =
-            |part: &Part| !apart || plan.options.rank == 0 || !matches!(part, Part::Irradiance { .. });
+        // Each rank holds its own bins; the first sums up irradiance.
+        let counts = |part: &Part| plan.options.rank == 0 || !matches!(part, Part::Irradiance { .. });
         let parts: Vec<Vec<Part>> =
-            together(plan).into_iter().filter(|parts| parts.iter().all(counts)).collect();
-        if parts.is_empty() {
+            together(plan).into_iter().map(|parts| parts.into_iter().filter(counts).collect()).collect();
+        if parts.iter().all(Vec::is_empty) {
             known = Some(0.0);
         }
-        for parts in parts {
+        for parts in parts.into_iter().filter(|parts| !parts.is_empty()) {
             let views = parts.iter().map(|part| Ok((x.read(device, part)?, y.edit(device, part, true)?)));
             let views: Vec<(View, View)> = views.collect::<Result<_, TransportError>>()?;
             let on_host = |(x, y): &(View, View)| host::dot(device, precision, x.own(), y.own());
@@ -185,9 +183,6 @@ impl Vectors {
             monitor.done(0)?;
         }
         let own = known.map_or_else(|| self.sum(context), Ok)?;
-        if !apart {
-            return Ok(own);
-        }
         let of_all = device.ranks().each([own.to_bits()])?.into_iter();
         Ok(of_all.map(|[bits]| f64::from_bits(bits)).sum())
     }
@@ -206,7 +201,7 @@ impl Vectors {
         if in_steps(context) {
             return terms.try_for_each(|(a, x)| self.combine(context, (*a, x), (1.0, y), monitor));
         }
-        let parts = Part::all(plan);
+        let parts = Part::own(plan);
         let (y, precision) = (y.resident()?, plan.settings.precision);
         let mut batch = device.batch()?;
         for (a, x) in terms {
@@ -361,7 +356,7 @@ impl Vectors {
         monitor: &mut PassMonitor,
     ) -> Result<f64, TransportError> {
         let Context { device, plan, .. } = context;
-        if plan.residency == Residency::Device {
+        if plan.states_are_whole() {
             let precision = plan.settings.precision;
             let (of_itself, other) = (z.is_none(), z.unwrap_or(y).resident()?);
             let (x, y) = (x.resident()?, y.resident()?);
@@ -388,10 +383,10 @@ impl Vectors {
     }
 }
 
-/// Whether each operation takes effect before the next: the host computes them, or vectors are on the host, where only one to read is
-/// on the device at a time.
+/// Whether each operation takes effect before the next: the host computes them, or ranks sum up, or vectors are on the host, where only
+/// one to read is on the device at a time.
 fn in_steps(Context { device, plan, .. }: &Context) -> bool {
-    plan.residency != Residency::Device || device.host_works()
+    !plan.states_are_whole() || device.host_works()
 }
 
 /// The sum of partial sums as glsl/project.comp has it, to the last bit: with vectors in host memory solvers take the same steps.
@@ -416,7 +411,7 @@ fn fours(bytes: u64, precision: Precision) -> u32 {
 /// Parts of states in groups that the device can access together: on the host, parts take turns in the windows.
 fn together(plan: &Plan) -> Vec<Vec<Part>> {
     match plan.residency {
-        Residency::Device => vec![Part::all(plan)],
+        Residency::Device => vec![Part::own(plan)],
         Residency::Host { .. } => Part::own(plan).into_iter().map(|part| vec![part]).collect(),
     }
 }

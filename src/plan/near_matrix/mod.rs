@@ -92,7 +92,7 @@ impl Plan {
     pub(super) fn choose_near_field(&mut self) {
         let evaluated = |why| NearField::Evaluated { why };
         self.near_field = self.near_matrix().map_or_else(evaluated, NearField::Kept);
-        let memory = MemoryPlan::of(self);
+        let memory = MemoryPlan::of(self, self.options.rank);
         if memory.total() > self.options.memory_budget {
             self.near_field = evaluated(NO_ROOM);
         } else if memory.check_buffers(self.options.max_buffer).is_err() {
@@ -148,9 +148,19 @@ impl Plan {
         }
         // Bins of a state hold H(b) / c_b.
         let per_bin = |row: &Row| 1.0 / self.bins.projected[row.index as usize % self.bins.count()];
+        // Rows are of what this rank holds.
+        let before = |group: usize| {
+            let [all, own] = [&self.layout.groups[group], &self.own(group)]
+                .map(|group| self.layout.slots_of(&group.tiles).start);
+            (own - all) * self.bins.count() as u32
+        };
         let forward = SlicedMatrix::new(&rows, &blocks, |row| match blocks.parts(row.block) {
             (IncidentPart::Irradiance, _) => 1.0,
             (IncidentPart::Bins { .. }, _) => per_bin(row),
+        })
+        .moved(|block| match block.incident {
+            IncidentPart::Irradiance => 0,
+            IncidentPart::Bins { group } => before(group),
         });
         let transposed = self.options.gradients.any().then(|| {
             let turned = match self.options.ranks {
@@ -166,9 +176,13 @@ impl Plan {
                     turned
                 }
             };
-            Arc::new(SlicedMatrix::new(&turned, &blocks, |row| match blocks.parts(row.block) {
+            let turned = SlicedMatrix::new(&turned, &blocks, |row| match blocks.parts(row.block) {
                 (_, OutgoingPart::Diffuse | OutgoingPart::Specular { .. }) => 1.0,
                 (_, OutgoingPart::Antiradiance { .. }) => per_bin(row),
+            });
+            Arc::new(turned.moved(|block| match block.outgoing {
+                OutgoingPart::Diffuse => 0,
+                OutgoingPart::Antiradiance { group } | OutgoingPart::Specular { group } => before(group),
             }))
         });
         Ok(NearMatrix { forward: Arc::new(forward), transposed, weights: rows.weights.len() as u64 })

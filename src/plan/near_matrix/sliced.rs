@@ -69,6 +69,16 @@ impl SlicedMatrix {
         matrix
     }
 
+    /// The same with rows that are numbered from another one on, of each block.
+    pub fn moved(mut self, first: impl Fn(&Block) -> u32) -> Self {
+        for block in &self.blocks {
+            let first = first(block);
+            let rows = (block.slices.start * SLICE) as usize..(block.slices.end * SLICE) as usize;
+            self.rows[rows].iter_mut().filter(|row| **row != NO_ROW).for_each(|row| *row -= first);
+        }
+        self
+    }
+
     /// Entries of a block, filled up.
     pub fn entries(&self, block: &Block) -> u64 {
         let steps = self.starts[block.slices.end as usize] - self.starts[block.slices.start as usize];
