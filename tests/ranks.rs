@@ -150,7 +150,7 @@ fn ranks_part_the_memory_of_states() {
         let settings = scene.settings.transport(transport);
         // Bytes of states and of the window.
         let held = |rank: u32, ranks: u32| {
-            let options = PlanOptions::default().keep_near_field(false).rank(rank).ranks(ranks);
+            let options = PlanOptions::default().keep_near_field(false).tile(32).rank(rank).ranks(ranks);
             let options = budget.map_or(options, |budget| options.memory_budget(budget));
             let plan = Plan::new(&scene, &options, &settings).expect("a plan");
             assert_eq!(plan.residency() != Residency::Device, budget.is_some());
@@ -168,7 +168,7 @@ fn ranks_part_the_memory_of_states() {
             ([all, window, vectors, irradiance], [bins, 2048.0 * plan.bin_bytes() as f64])
         };
         let ([alone, _, vectors, irradiance], [bins, dispatch]) = held(0, 1);
-        for ranks in [2, 8] {
+        for ranks in [2, 4] {
             let of: Vec<_> = (0..ranks).map(|rank| held(rank, ranks).0).collect();
             let all: u64 = of.iter().map(|[all, ..]| all).sum();
             let once = all - u64::from(ranks - 1) * vectors * irradiance;
@@ -176,7 +176,7 @@ fn ranks_part_the_memory_of_states() {
             for [own, window, ..] in of {
                 println!("{transport:?}, of {ranks} ranks: {own} and {window} of {alone} bytes");
                 // Some triangles have more close pairs, and work is parted, not triangles.
-                assert!((own * u64::from(ranks)) as f64 <= 1.4 * alone as f64);
+                assert!((own * u64::from(ranks)) as f64 <= 1.6 * alone as f64);
                 // The part of a rank in whole dispatches, of 2048 sources; with clusters a group.
                 let part = bins / if transport == Transport::Exact { f64::from(ranks) } else { 1.0 };
                 assert!(window as f64 <= (part / dispatch).ceil() * dispatch);

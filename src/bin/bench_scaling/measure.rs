@@ -349,8 +349,12 @@ pub fn in_child(
             Ok(Size::Measured(row))
         }
         _ => {
-            let last = errors.lines().last().unwrap_or_default().trim_start_matches("bench_scaling: ");
-            Ok(Size::Failed(if last.is_empty() { status.to_string() } else { last.to_owned() }))
+            // What mpirun says has many lines, of which the last may tell nothing.
+            let said = match arguments.ranks {
+                1 => errors.lines().last().unwrap_or_default().trim_start_matches("bench_scaling: "),
+                _ => errors.trim(),
+            };
+            Ok(Size::Failed(if said.is_empty() { status.to_string() } else { said.to_owned() }))
         }
     }
 }
