@@ -398,8 +398,8 @@ impl Job {
         }
     }
 
-    /// Runs the job. `watch` is called after every iteration, including the start (iteration 0), and may stop it. An
-    /// interrupted or killed job resumes with [`OnCheckpoint::Resume`] and reaches the same result.
+    /// Runs the job. `watch` is called after every iteration, including the start (iteration 0), and may stop it. A job that was
+    /// interrupted or killed, or that failed, goes on with [`OnCheckpoint::Resume`] and reaches the same result.
     pub fn run(
         &mut self,
         renderer: &mut dyn Renderer,
@@ -429,18 +429,27 @@ impl Job {
                 None => Ok(()),
             }
         };
-        let interrupted =
-            |progress: &mut FitProgress, store: &mut dyn FnMut(&mut FitProgress) -> Result<(), FitError>| {
-                let iteration = progress.iteration();
-                // No progress to lose.
-                if iteration > resumed_from.unwrap_or(0) {
-                    store(progress)?;
+        // What is reached so far is kept, if there is anything to lose.
+        let ended = |error: Option<FitError>,
+                     progress: &mut FitProgress,
+                     store: &mut dyn FnMut(&mut FitProgress) -> Result<(), FitError>| {
+            let iteration = progress.iteration();
+            let stored = if iteration > resumed_from.unwrap_or(0) { store(progress) } else { Ok(()) };
+            match (error, stored) {
+                (None, stored) => stored.and(Err(FitError::Interrupted { iteration })),
+                (Some(error), Ok(())) => Err(error),
+                (Some(error), Err(also)) => {
+                    tracing::warn!("no checkpoint of iteration {iteration} could be written either: {also}");
+                    Err(error)
                 }
-                Err(FitError::Interrupted { iteration })
-            };
-        match progress.trail.retrace(&self.problem, renderer) {
-            Err(RenderError::Interrupted) => return interrupted(&mut progress, &mut store),
-            retraced => retraced?,
+            }
+        };
+        let cause = |error: RenderError| match error {
+            RenderError::Interrupted => None,
+            error => Some(error.into()),
+        };
+        if let Err(error) = progress.trail.retrace(&self.problem, renderer) {
+            return ended(cause(error), &mut progress, &mut store);
         }
         let stop = loop {
             if let Some(stop) = progress.finished.or_else(|| progress.stop(&options.stop)) {
@@ -448,11 +457,11 @@ impl Job {
             }
             let step = match step(&self.problem, &self.settings, &mut progress, renderer) {
                 Ok(step) => step,
-                Err(StepError::Objective(RenderError::Interrupted)) => {
-                    return interrupted(&mut progress, &mut store);
+                Err(StepError::Objective(error)) => return ended(cause(error), &mut progress, &mut store),
+                Err(error) => {
+                    let error = Some(FitError::Optimiser(error.to_string()));
+                    return ended(error, &mut progress, &mut store);
                 }
-                Err(StepError::Objective(error)) => return Err(error.into()),
-                Err(error) => return Err(FitError::Optimiser(error.to_string())),
             };
             let mut broken = false;
             for record in step.records {
@@ -463,7 +472,7 @@ impl Job {
                 break Stop::NoProgress;
             }
             if broken {
-                return interrupted(&mut progress, &mut store);
+                return ended(None, &mut progress, &mut store);
             }
             if progress.iteration().is_multiple_of(options.checkpoint_every.max(1)) {
                 store(&mut progress)?;

@@ -197,7 +197,7 @@ mod tests {
             let all: u32 = weights.iter().sum();
             for (&got, &weight) in got.iter().zip(weights) {
                 let wanted = 170.0 * f64::from(weight) / f64::from(all);
-                assert!((got as f64 - wanted).abs() <= 1.0, "{weights:?}: {got}, {wanted}");
+                assert!((got as f64 - wanted).abs() <= 2.0, "{weights:?}: {got}, {wanted}");
             }
         }
     }

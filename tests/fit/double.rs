@@ -14,6 +14,8 @@ pub struct Double {
     pub pictures: u64,
     /// Interrupts at this call of `pictures`, counted from 1.
     pub interrupt_at: Option<u64>,
+    /// Fails there instead.
+    pub fails: bool,
     /// Scenes with albedos above this have no solution.
     pub limit: Option<f64>,
     /// Whether derivatives are unavailable.
@@ -79,7 +81,10 @@ impl Renderer for Double {
     fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
         self.pictures += 1;
         if Some(self.pictures) == self.interrupt_at {
-            return Err(RenderError::Interrupted);
+            return Err(match self.fails {
+                true => RenderError::Failed("a device is lost".into()),
+                false => RenderError::Interrupted,
+            });
         }
         let brightest = scene.materials.iter().flat_map(|m| m.albedo).fold(0.0, f64::max);
         if self.limit.is_some_and(|limit| brightest > limit) {

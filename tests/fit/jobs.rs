@@ -188,7 +188,8 @@ fn the_rule_says_when_to_stop() {
     assert!(end.stop == Stop::NoProgress || end.history.last().is_some_and(|r| r.gradient == 0.0));
 }
 
-/// Interrupted after or within any iteration and resumed, a fit gives the same result to the last bit.
+/// Interrupted after or within any iteration, or failed within, and resumed, a fit gives the same result to the last bit, and goes on with the
+/// iteration that it was in.
 #[test]
 fn interruptions_leave_no_trace() {
     // Each picture depends a little on the one before, and on what was chosen at another.
@@ -212,11 +213,21 @@ fn interruptions_leave_no_trace() {
                 .checkpoint_every(4)
                 .on_checkpoint(OnCheckpoint::Resume)
                 .stop(stop);
-            let mut renderer = Double { interrupt_at: Some(at), ..haunted() };
-            let first = run_with(&mut job(settings.clone()), &mut renderer, &options);
-            assert!(matches!(first, Err(FitError::Interrupted { .. })), "render {at} of {renders}");
+            let fails = at % 2 == 0;
+            let mut renderer = Double { interrupt_at: Some(at), fails, ..haunted() };
+            let mut reached = 0;
+            let first = job(settings.clone()).run(&mut renderer, &options, &mut |record, _| {
+                reached = record.iteration;
+                ControlFlow::Continue(())
+            });
+            let error = first.expect_err("an interruption");
+            match fails {
+                true => assert!(error.to_string().contains("is lost"), "{error}"),
+                false => assert!(matches!(error, FitError::Interrupted { .. }), "render {at} of {renders}"),
+            }
             let second = run_with(&mut job(settings.clone()), &mut haunted(), &options).expect("an outcome");
             same(&whole, &second);
+            assert_eq!(second.resumed_from.unwrap_or(0), reached);
         }
         // Interrupted by the callback, after every single iteration.
         let folder = tempfile::tempdir().expect("a folder");
