@@ -55,8 +55,10 @@ fn work_of_clusters(lists: &ReceiverLists, run: &Range<u32>) -> Vec<u64> {
 struct Parts {
     /// Of the ranks before each boundary of parts.
     weights: Vec<u128>,
-    /// What the parts before each boundary have got too much of the sequences so far.
-    surplus: Vec<i128>,
+    /// What the parts before each boundary have got of the sequences so far.
+    got: Vec<i128>,
+    /// The sum of these sequences.
+    total: i128,
 }
 
 impl Parts {
@@ -66,7 +68,7 @@ impl Parts {
             *sum += u128::from(weight);
             Some(*sum)
         }));
-        Self { surplus: vec![0; sums.len()], weights: sums }
+        Self { got: vec![0; sums.len()], weights: sums, total: 0 }
     }
 
     fn next(&mut self, work: &[u64]) -> Vec<Range<u32>> {
@@ -76,20 +78,20 @@ impl Parts {
             *sum += i128::from(work) + 1;
             Some(*sum)
         }));
-        let (total, of_all) = (sums[work.len()], self.weights.last().copied().unwrap_or(0).max(1));
+        self.total += sums[work.len()];
+        let (total, of_all) = (self.total.unsigned_abs(), self.weights.last().copied().unwrap_or(0).max(1));
         let mut before = 0;
-        let cut = |(weight, surplus): (&u128, &mut i128)| {
-            let share = (total.unsigned_abs() * weight / of_all) as i128;
-            let wanted = share - *surplus;
+        let cut = |(weight, got): (&u128, &mut i128)| {
+            let wanted = (total * weight / of_all) as i128 - *got;
             let above = sums.partition_point(|&sum| sum < wanted).min(work.len());
             let below = above.saturating_sub(1);
             let nearer =
                 if wanted.abs_diff(sums[below]) < wanted.abs_diff(sums[above]) { below } else { above };
             before = nearer.max(before);
-            *surplus += sums[before] - share;
+            *got += sums[before];
             before as u32
         };
-        let cuts: Vec<u32> = self.weights.iter().zip(&mut self.surplus).map(cut).collect();
+        let cuts: Vec<u32> = self.weights.iter().zip(&mut self.got).map(cut).collect();
         cuts.windows(2).map(|cut| cut[0]..cut[1]).collect()
     }
 }
