@@ -141,12 +141,13 @@ fn ranks_hold_their_own_states() {
 fn ranks_part_the_memory_of_states() {
     let scene = load("scenes/cornell_boxes_fine.toml");
     for (transport, budget) in
-        [(Transport::Exact, None), (clusters(0.02), None), (Transport::Exact, Some(24 << 20))]
+        [(Transport::Exact, None), (clusters(0.02), None), (Transport::Exact, Some(6 << 20))]
     {
         let settings = scene.settings.transport(transport);
         // Bytes of states and of the window.
         let held = |rank: u32, ranks: u32| {
-            let options = PlanOptions::default().keep_near_field(false).tile(32).rank(rank).ranks(ranks);
+            let options = PlanOptions::default().keep_near_field(false).pairs_on_host(true).tile(32);
+            let options = options.rank(rank).ranks(ranks);
             let options = budget.map_or(options, |budget| options.memory_budget(budget));
             let plan = Plan::new(&scene, &options, &settings).expect("a plan");
             assert_eq!(plan.residency() != Residency::Device, budget.is_some());

@@ -1,13 +1,14 @@
 //! States of several ranks: each holds the bins of its own triangles, and sends them to all others where these read them.
 
 use super::completion::broadcast;
-use super::residency::Part;
+use super::residency::{Part, View};
 use super::state::StateBuffers;
 use super::watch::TransportError;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
 use crate::plan::Plan;
 use crate::ranks::Ranks;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Who holds which bins.
 pub struct Apart {
@@ -90,16 +91,17 @@ impl Apart {
     }
 }
 
-/// What states of several ranks on their devices share: room for a group's bins of all ranks, or for those of two.
-pub struct Shown {
+/// What the states of several ranks on their devices share.
+pub struct Windows {
     apart: Apart,
+    /// Room for the bins of a group, of all ranks.
     window: Option<Buffer>,
     beside: Option<Buffer>,
     /// The slots of each group whose bins this rank holds.
     own: Vec<Range<u32>>,
 }
 
-impl Shown {
+impl Windows {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let largest = plan.largest_group(|group| group.class.has_bins());
         let bytes = u64::from(largest) * plan.tile_bytes();
@@ -113,72 +115,109 @@ impl Shown {
         })
     }
 
-    /// One of the two windows.
-    pub fn window(&self, beside: bool) -> Result<&Buffer, TransportError> {
+    /// A part in one of the two windows, with values to come.
+    fn view(&self, part: &Part, beside: bool) -> Result<View<'_>, TransportError> {
         let window = if beside { &self.beside } else { &self.window };
-        window.as_ref().ok_or_else(|| TransportError::missing("a window on bins"))
+        let window = window.as_ref().ok_or_else(|| TransportError::missing("a window on bins"))?;
+        Ok(View::resident(window, part.slots().map_or(0, |slots| slots.start), part.bytes()))
     }
 
-    /// The bins of a part, of all ranks.
-    pub fn download(
-        &self,
-        device: &Device,
-        state: &StateBuffers,
-        group: usize,
-        slots: &Range<u32>,
-    ) -> Result<Vec<u8>, TransportError> {
-        let own = |some: &Range<u32>, values: &mut [u8]| {
-            let first = u64::from(some.start - self.own[group].start) * self.apart.slot_bytes;
-            Ok(device.download_into(state.page(group)?, first, values)?)
-        };
-        self.apart.gathered(slots, own)
+    fn bytes(&self, slots: u32) -> u64 {
+        u64::from(slots) * self.apart.slot_bytes
+    }
+}
+
+/// A state on the devices of several ranks, of which this one holds some bins.
+pub struct OnDevices {
+    pub buffers: StateBuffers,
+    pub windows: Arc<Windows>,
+}
+
+impl OnDevices {
+    /// The bins of a part of all ranks in one of the two windows; irradiance where it is.
+    pub fn show(&self, device: &Device, part: &Part, beside: bool) -> Result<View<'_>, TransportError> {
+        if part.slots().is_none() {
+            return self.buffers.view(part);
+        }
+        let view = self.windows.view(part, beside)?;
+        view.upload(device, &self.download(device, part)?)?;
+        Ok(view)
     }
 
     /// See [`State::show_each`](super::state::State::show_each). Holds what this rank holds of the parts and another part in host memory:
     /// the device has other work while they are sent.
-    pub fn each(
+    pub fn show_each(
         &self,
         device: &Device,
-        state: &StateBuffers,
         parts: &[Option<Part>],
-        with: impl FnMut(usize, Option<(&Part, &[u8])>, &mut dyn FnMut()) -> Result<(), TransportError>,
+        beside: bool,
+        mut with: impl FnMut(usize, Option<View>, &mut dyn FnMut()) -> Result<(), TransportError>,
     ) -> Result<(), TransportError> {
+        let windows = &*self.windows;
         let mut held: Vec<(Range<u32>, Vec<u8>)> = Vec::new();
         for part in parts.iter().flatten() {
             let Part::Bins { group, slots, .. } = part else { continue };
-            let slots = overlap(&self.own[*group], slots);
+            let slots = overlap(&windows.own[*group], slots);
             if !slots.is_empty() {
-                let first = u64::from(slots.start - self.own[*group].start) * self.apart.slot_bytes;
-                let bytes = slots.len() as u64 * self.apart.slot_bytes;
-                held.push((slots, device.download(state.page(*group)?, first, bytes)?));
+                let mut values = vec![0; windows.bytes(slots.len() as u32) as usize];
+                self.copy(device, *group, &slots, &mut values)?;
+                held.push((slots, values));
             }
         }
         let own = |some: &Range<u32>, values: &mut [u8]| {
             let of = held.iter().find(|(slots, _)| slots.start <= some.start && some.end <= slots.end);
             let (slots, held) = of.ok_or_else(|| TransportError::missing("bins of this rank"))?;
-            let first = u64::from(some.start - slots.start) * self.apart.slot_bytes;
-            values.copy_from_slice(&held[first as usize..][..values.len()]);
+            let first = windows.bytes(some.start - slots.start) as usize;
+            values.copy_from_slice(&held[first..][..values.len()]);
             Ok(())
         };
-        self.apart.each(parts, own, with)
+        windows.apart.each(parts, own, |number, part, go_on| {
+            let shown = |(part, values): (&Part, &[u8])| {
+                let view = windows.view(part, beside)?;
+                view.upload(device, values)?;
+                Ok::<_, TransportError>(view)
+            };
+            with(number, part.map(shown).transpose()?, go_on)
+        })
     }
 
-    /// Sets what this rank holds of a part.
-    pub fn upload(
+    /// The values of a part, of all ranks.
+    pub fn download(&self, device: &Device, part: &Part) -> Result<Vec<u8>, TransportError> {
+        match part {
+            Part::Irradiance { .. } => Ok(self.buffers.view(part)?.download(device)?),
+            Part::Bins { group, slots, .. } => {
+                let own = |some: &Range<u32>, values: &mut [u8]| self.copy(device, *group, some, values);
+                self.windows.apart.gathered(slots, own)
+            }
+        }
+    }
+
+    /// Copies bins that this rank holds.
+    fn copy(
         &self,
         device: &Device,
-        state: &StateBuffers,
-        (group, slots): (usize, &Range<u32>),
-        values: &[u8],
+        group: usize,
+        slots: &Range<u32>,
+        values: &mut [u8],
     ) -> Result<(), TransportError> {
-        let some = overlap(&self.own[group], slots);
+        let first = self.windows.bytes(slots.start - self.windows.own[group].start);
+        Ok(device.download_into(self.buffers.page(group)?, first, values)?)
+    }
+
+    /// Sets the values of a part, of which this rank keeps its own.
+    pub fn set(&self, device: &Device, part: &Part, values: &[u8]) -> Result<(), TransportError> {
+        let windows = &*self.windows;
+        let Part::Bins { group, slots, .. } = part else {
+            return Ok(self.buffers.view(part)?.upload(device, values)?);
+        };
+        let some = overlap(&windows.own[*group], slots);
         if some.is_empty() {
             return Ok(());
         }
-        let bytes = |slots: u32| u64::from(slots) * self.apart.slot_bytes;
-        let from = bytes(some.start - slots.start) as usize;
-        let values = &values[from..][..bytes(some.len() as u32) as usize];
-        Ok(device.upload(state.page(group)?, bytes(some.start - self.own[group].start), values)?)
+        let from = windows.bytes(some.start - slots.start) as usize;
+        let values = &values[from..][..windows.bytes(some.len() as u32) as usize];
+        let first = windows.bytes(some.start - windows.own[*group].start);
+        Ok(device.upload(self.buffers.page(*group)?, first, values)?)
     }
 }
 

@@ -190,6 +190,7 @@ impl Exchange {
                     Some(clusters) => Some(clusters.gather(context, piece.group, &triangles, backs)?),
                     None => None,
                 };
+                // All that comes from other ranks is here.
                 go_on();
                 for (to, incident) in lit {
                     let shape = Shape::new(from.class, to.class);
@@ -219,11 +220,9 @@ impl Exchange {
                     let between = Between::receivers(plan, to, from, incident.first_slot);
                     sweep.near(context, &between, &near, backs, monitor)?;
                 }
-                let bins = [from.class.blocker && backs, from.class.glossy];
-                let [of_backs, of_fronts] =
-                    [(bins[0], antiradiance), (bins[1], specular)].map(|(there, sent)| there.then_some(sent));
-                let near = Some((piece.group, [of_backs, of_fronts]));
-                add_near_matrix(&mut self.near_matrix, context, near, y, monitor)?;
+                let sent = [(from.class.blocker && backs, antiradiance), (from.class.glossy, specular)];
+                let sent = Some((piece.group, sent.map(|(there, light)| there.then_some(light))));
+                add_near_matrix(&mut self.near_matrix, context, sent, y, monitor)?;
                 if let Some(of_clusters) = of_clusters {
                     if let Some(volumes) = self.volumes.as_ref().filter(|_| first_sweep) {
                         volumes.add(context, &triangles, backs)?;

@@ -1,13 +1,12 @@
 //! Incident and outgoing light.
 
-use super::apart::Shown;
+use super::apart::{self, OnDevices};
 use super::real;
 use super::residency::{Hosted, Part, View, Windows};
 use super::watch::TransportError;
 use crate::gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError};
 use crate::plan::{Group, Plan, Residency};
 use crate::scene::Precision;
-use std::ops::Range;
 use std::sync::Arc;
 
 /// Incident light: irradiance of every slot, and radiance per bin for the groups that have bins. Kernels access it
@@ -18,11 +17,9 @@ pub struct State(Arc<Memory>);
 
 /// Where the values of a state are.
 enum Memory {
-    Device {
-        buffers: StateBuffers,
-        /// Where other ranks hold bins of the state.
-        shown: Option<Arc<Shown>>,
-    },
+    Device(StateBuffers),
+    /// On the devices of several ranks.
+    Devices(OnDevices),
     Host(Hosted),
 }
 
@@ -77,44 +74,16 @@ impl State {
     /// The buffers of a state on the device, of what this rank holds. An error on the host.
     pub fn resident(&self) -> Result<&StateBuffers, TransportError> {
         match &*self.0 {
-            Memory::Device { buffers, .. } => Ok(buffers),
+            Memory::Device(buffers) | Memory::Devices(OnDevices { buffers, .. }) => Ok(buffers),
             Memory::Host(_) => Err(TransportError::NotResident),
         }
-    }
-
-    /// A state on the device of which other ranks hold bins, and those of `part`.
-    fn apart<'a, 'p>(
-        &'a self,
-        part: &'p Part,
-    ) -> Option<(&'a StateBuffers, &'a Shown, usize, &'p Range<u32>)> {
-        match (&*self.0, part) {
-            (Memory::Device { buffers, shown: Some(shown) }, Part::Bins { group, slots, .. }) => {
-                Some((buffers, shown, *group, slots))
-            }
-            _ => None,
-        }
-    }
-
-    /// The bins of a part, whichever ranks hold them, in a window.
-    fn in_window(
-        &self,
-        device: &Device,
-        part: &Part,
-        beside: bool,
-    ) -> Result<Option<View<'_>>, TransportError> {
-        let Some((buffers, shown, group, slots)) = self.apart(part) else { return Ok(None) };
-        let view = View::resident(shown.window(beside)?, slots.start, part.bytes());
-        view.upload(device, &shown.download(device, buffers, group, slots)?)?;
-        Ok(Some(view))
     }
 
     /// A view for kernels to read a part, valid until another part of any state is shown. All ranks call it.
     pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
-            Memory::Device { buffers, .. } => match self.in_window(device, part, false)? {
-                Some(view) => Ok(view),
-                None => buffers.view(part),
-            },
+            Memory::Device(buffers) => buffers.view(part),
+            Memory::Devices(state) => state.show(device, part, false),
             Memory::Host(hosted) => hosted.show(device, part),
         }
     }
@@ -131,17 +100,7 @@ impl State {
     ) -> Result<(), TransportError> {
         match &*self.0 {
             Memory::Host(hosted) if hosted.is_apart() => hosted.show_each(device, parts, beside, with),
-            Memory::Device { buffers, shown: Some(shown) } => {
-                shown.each(device, buffers, parts, |number, part, go_on| {
-                    let view = |(part, values): (&Part, &[u8])| {
-                        let first = part.slots().map_or(0, |slots| slots.start);
-                        let view = View::resident(shown.window(beside)?, first, part.bytes());
-                        view.upload(device, values)?;
-                        Ok::<_, TransportError>(view)
-                    };
-                    with(number, part.map(view).transpose()?, go_on)
-                })
-            }
+            Memory::Devices(state) => state.show_each(device, parts, beside, with),
             _ => parts.iter().enumerate().try_for_each(|(number, part)| {
                 let show =
                     |part| if beside { self.show_beside(device, part) } else { self.show(device, part) };
@@ -153,10 +112,8 @@ impl State {
     /// The same, valid beside a part of any state that is shown, until one is opened to be written.
     pub fn show_beside(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
-            Memory::Device { buffers, .. } => match self.in_window(device, part, true)? {
-                Some(view) => Ok(view),
-                None => buffers.view(part),
-            },
+            Memory::Device(buffers) => buffers.view(part),
+            Memory::Devices(state) => state.show(device, part, true),
             Memory::Host(hosted) => hosted.show_beside(device, part),
         }
     }
@@ -164,7 +121,7 @@ impl State {
     /// The same of a part that this rank holds, which no other need call.
     pub fn read(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
-            Memory::Device { buffers, .. } => buffers.view(part),
+            Memory::Device(buffers) | Memory::Devices(OnDevices { buffers, .. }) => buffers.view(part),
             Memory::Host(hosted) => hosted.read(device, part),
         }
     }
@@ -181,7 +138,7 @@ impl State {
     /// The same with undefined values, which the caller makes zero.
     pub fn open(&self, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
-            Memory::Device { buffers, .. } => buffers.view(part),
+            Memory::Device(buffers) | Memory::Devices(OnDevices { buffers, .. }) => buffers.view(part),
             Memory::Host(hosted) => hosted.receive(part),
         }
     }
@@ -190,7 +147,7 @@ impl State {
     /// part's values. The view must be stored if it was changed.
     pub fn edit(&self, device: &Device, part: &Part, old: bool) -> Result<View<'_>, TransportError> {
         match &*self.0 {
-            Memory::Device { buffers, .. } => buffers.view(part),
+            Memory::Device(buffers) | Memory::Devices(OnDevices { buffers, .. }) => buffers.view(part),
             Memory::Host(hosted) => hosted.edit(device, part, old),
         }
     }
@@ -203,10 +160,8 @@ impl State {
         precision: Precision,
     ) -> Result<Vec<f64>, TransportError> {
         let bytes = match &*self.0 {
-            Memory::Device { buffers, .. } => match self.apart(part) {
-                Some((buffers, shown, group, slots)) => shown.download(device, buffers, group, slots)?,
-                None => buffers.view(part)?.download(device)?,
-            },
+            Memory::Device(buffers) => buffers.view(part)?.download(device)?,
+            Memory::Devices(state) => state.download(device, part)?,
             Memory::Host(hosted) => hosted.download(part)?,
         };
         Ok(real::decode(precision, &bytes))
@@ -222,12 +177,8 @@ impl State {
     ) -> Result<(), TransportError> {
         let values = real::encode(precision, values);
         match &*self.0 {
-            Memory::Device { buffers, .. } => match self.apart(part) {
-                Some((buffers, shown, group, slots)) => {
-                    shown.upload(device, buffers, (group, slots), &values)
-                }
-                None => Ok(buffers.view(part)?.upload(device, &values)?),
-            },
+            Memory::Device(buffers) => Ok(buffers.view(part)?.upload(device, &values)?),
+            Memory::Devices(state) => state.set(device, part, &values),
             Memory::Host(hosted) => hosted.set(part, &values),
         }
     }
@@ -295,28 +246,29 @@ pub fn pages(
 /// The memory of all states. What the plan counts on the device is allocated at once.
 pub struct Pool {
     states: Vec<State>,
-    windows: Shared,
+    shared: Shared,
 }
 
 /// What all states share.
 enum Shared {
     /// Where the device holds them whole.
     Nothing,
-    Shown(Arc<Shown>),
-    /// Where they live on the host.
-    Windows(Arc<Windows>),
+    /// Of states on the devices of several ranks.
+    OnDevices(Arc<apart::Windows>),
+    /// Of states on the host.
+    OnHost(Arc<Windows>),
 }
 
 impl Pool {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        let windows = match plan.residency {
+        let shared = match plan.residency {
             Residency::Device if plan.states_are_whole() => Shared::Nothing,
-            Residency::Device => Shared::Shown(Arc::new(Shown::new(device, plan)?)),
+            Residency::Device => Shared::OnDevices(Arc::new(apart::Windows::new(device, plan)?)),
             Residency::Host { receivers, sources } => {
-                Shared::Windows(Arc::new(Windows::new(device, plan, receivers, sources)?))
+                Shared::OnHost(Arc::new(Windows::new(device, plan, receivers, sources)?))
             }
         };
-        let mut pool = Self { states: Vec::new(), windows };
+        let mut pool = Self { states: Vec::new(), shared };
         if plan.residency == Residency::Device {
             for _ in 0..plan.vectors() {
                 pool.states.push(pool.on_device(device, plan)?);
@@ -326,11 +278,11 @@ impl Pool {
     }
 
     fn on_device(&self, device: &Device, plan: &Plan) -> Result<State, GpuError> {
-        let shown = match &self.windows {
-            Shared::Shown(shown) => Some(shown.clone()),
-            _ => None,
-        };
-        Ok(State(Arc::new(Memory::Device { buffers: StateBuffers::new(device, plan)?, shown })))
+        let buffers = StateBuffers::new(device, plan)?;
+        Ok(State(Arc::new(match &self.shared {
+            Shared::OnDevices(windows) => Memory::Devices(OnDevices { buffers, windows: windows.clone() }),
+            _ => Memory::Device(buffers),
+        })))
     }
 
     /// An unused state, or a new one. A new one on the device exceeds the plan: its users hold more states than it
@@ -339,8 +291,8 @@ impl Pool {
         if let Some(idle) = self.states.iter().find(|state| Arc::strong_count(&state.0) == 1) {
             return Ok(idle.clone());
         }
-        let state = match &self.windows {
-            Shared::Windows(windows) => State(Arc::new(Memory::Host(Hosted::new(windows)?))),
+        let state = match &self.shared {
+            Shared::OnHost(windows) => State(Arc::new(Memory::Host(Hosted::new(windows)?))),
             _ => self.on_device(device, plan)?,
         };
         self.states.push(state.clone());
@@ -367,7 +319,7 @@ mod tests {
         let device = operators.context.device.clone();
         let mut buffers = StateBuffers::new(&device, plan).expect("buffers");
         buffers.bins[g] = None;
-        let mut holed = State(Arc::new(Memory::Device { buffers, shown: None }));
+        let mut holed = State(Arc::new(Memory::Device(buffers)));
         let missing = |error: Option<TransportError>| {
             assert!(
                 matches!(&error, Some(TransportError::Missing { what }) if what.contains("bins")),
