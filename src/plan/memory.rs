@@ -135,7 +135,7 @@ impl MemoryPlan {
         match plan.residency {
             Residency::Device => {
                 self.add("state: irradiance", plan.irradiance_bytes(), plan.vectors());
-                let pages = plan.pages(rank, |group| group.class.has_bins());
+                let pages = plan.held_pages(rank, |group| group.class.has_bins());
                 pages.for_each(|bytes| self.add("state: bins", bytes, plan.vectors()));
                 let largest = plan.largest_group(|group| group.class.has_bins());
                 if !plan.states_are_whole() && largest > 0 {
@@ -151,7 +151,7 @@ impl MemoryPlan {
             }
         }
         if plan.states_are_whole() {
-            let pages = plan.pages(rank, |group| group.class.glossy);
+            let pages = plan.held_pages(rank, |group| group.class.glossy);
             pages.for_each(|bytes| self.add("specular radiance", bytes, 1));
         } else if plan.glossy_groups().next().is_some() {
             self.add("specular radiance", bins(plan.specular_window()), 1);
@@ -186,7 +186,7 @@ impl MemoryPlan {
         if plan.residency == Residency::Device {
             // Those that a pass accumulates are in the pages of specular radiance, if there are such.
             let count = if plan.states_are_whole() { 1 } else { 2 };
-            let pages = plan.pages(rank, |group| group.class.glossy);
+            let pages = plan.held_pages(rank, |group| group.class.glossy);
             pages.for_each(|bytes| self.add("cotangent: specular", bytes, count));
         }
         match plan.clusters() {

@@ -373,7 +373,10 @@ impl Plan {
         };
         plan.lobes.matrices = plan.affordable_lobes();
         plan.choose_transport(choice.as_ref())?;
-        plan.shares = Shares::of(&plan);
+        if plan.residency != Residency::Device {
+            // Windows have cut groups anew.
+            plan.shares = Shares::of(&plan);
+        }
         plan.choose_near_field();
         Ok(plan)
     }

@@ -145,7 +145,7 @@ impl Plan {
         if self.residency == Residency::Device {
             return 0;
         }
-        let own = |wanted: fn(&Group) -> bool| self.pages(self.options.rank, wanted).sum::<u64>();
+        let own = |wanted: fn(&Group) -> bool| self.own_pages(wanted).sum::<u64>();
         let states = u64::from(self.vectors()) * (self.irradiance_bytes() + own(|g| g.class.has_bins()));
         let cotangents = if self.options.gradients.any() { 2 } else { 0 };
         states + cotangents * own(|g| g.class.glossy)
@@ -154,7 +154,7 @@ impl Plan {
     /// Bytes moved between host and device per pass.
     pub fn moved_bytes(&self) -> u64 {
         if self.residency == Residency::Device {
-            let own: u64 = self.pages(self.options.rank, |group| group.class.has_bins()).sum();
+            let own: u64 = self.own_pages(|group| group.class.has_bins()).sum();
             let all = self.state_bytes() - self.irradiance_bytes();
             return if self.states_are_whole() { 0 } else { own + all };
         }
@@ -171,10 +171,21 @@ impl Plan {
         up + self.state_bytes() + self.irradiance_bytes()
     }
 
-    /// Bytes of the bins that a rank holds, of each of some groups of which it holds any.
-    pub(super) fn pages(&self, rank: u32, wanted: impl Fn(&Group) -> bool) -> impl Iterator<Item = u64> {
-        let groups = self.layout.groups.iter().enumerate().filter(move |(_, group)| wanted(group));
-        groups.map(move |(g, _)| self.page_bytes(&self.part_of(g, rank))).filter(|&bytes| bytes > 0)
+    /// Bytes of the bins that a rank holds of each group, 0 of those that are not wanted.
+    fn pages(&self, rank: u32, wanted: impl Fn(&Group) -> bool) -> impl Iterator<Item = u64> {
+        let held = move |group| self.page_bytes(&self.part_of(group, rank));
+        let groups = self.layout.groups.iter().enumerate();
+        groups.map(move |(g, group)| if wanted(group) { held(g) } else { 0 })
+    }
+
+    /// The same of this rank.
+    pub(crate) fn own_pages(&self, wanted: impl Fn(&Group) -> bool) -> impl Iterator<Item = u64> {
+        self.pages(self.options.rank, wanted)
+    }
+
+    /// Bytes of each page that a rank has.
+    pub(super) fn held_pages(&self, rank: u32, wanted: impl Fn(&Group) -> bool) -> impl Iterator<Item = u64> {
+        self.pages(rank, wanted).filter(|&bytes| bytes > 0)
     }
 
     fn state_bytes(&self) -> u64 {

@@ -45,6 +45,17 @@ impl Apart {
         broadcast(&self.ranks, shares, self.slot_bytes, own, receive)
     }
 
+    /// The same into a view on the device, as they come.
+    pub fn gather_into(
+        &self,
+        device: &Device,
+        view: &View,
+        slots: &Range<u32>,
+        own: impl Fn(&Range<u32>, &mut [u8]) -> Result<(), TransportError>,
+    ) -> Result<(), TransportError> {
+        self.gather(slots, own, |at, values| Ok(device.upload(view.buffer(), at, values)?))
+    }
+
     /// The bins of some slots.
     pub fn gathered(
         &self,
@@ -59,13 +70,15 @@ impl Apart {
         Ok(all)
     }
 
-    /// Calls `with` with the number and the bins of each of some parts, one after the other; those of the next part come from when `with`
-    /// lets them. All ranks call it. Holds another part in host memory.
-    pub fn each(
+    /// Calls `with` with the number and the bins of each of some parts, in the `view` of it, one after the other; those of the next part
+    /// come from when `with` lets them. All ranks call it. Holds another part in host memory.
+    pub fn each<'a>(
         &self,
+        device: &Device,
         parts: &[Option<Part>],
         own: impl Fn(&Range<u32>, &mut [u8]) -> Result<(), TransportError> + Sync,
-        mut with: impl FnMut(usize, Option<(&Part, &[u8])>, &mut dyn FnMut()) -> Result<(), TransportError>,
+        view: impl Fn(&Part) -> Result<View<'a>, TransportError>,
+        mut with: impl FnMut(usize, Option<View>, &mut dyn FnMut()) -> Result<(), TransportError>,
     ) -> Result<(), TransportError> {
         std::thread::scope(|scope| {
             let mut left = parts.iter().flatten().filter_map(Part::slots);
@@ -84,7 +97,9 @@ impl Apart {
                 };
                 let thread = coming.take().ok_or_else(|| TransportError::missing("bins of other ranks"))?;
                 let values = thread.join().map_err(|payload| TransportError::panicked(&*payload))??;
-                with(number, Some((part, &values)), &mut || next(&mut coming))?;
+                let view = view(part)?;
+                view.upload(device, &values)?;
+                with(number, Some(view), &mut || next(&mut coming))?;
             }
             Ok(())
         })
@@ -136,11 +151,10 @@ pub struct OnDevices {
 impl OnDevices {
     /// The bins of a part of all ranks in one of the two windows; irradiance where it is.
     pub fn show(&self, device: &Device, part: &Part, beside: bool) -> Result<View<'_>, TransportError> {
-        if part.slots().is_none() {
-            return self.buffers.view(part);
-        }
+        let Part::Bins { group, slots, .. } = part else { return self.buffers.view(part) };
         let view = self.windows.view(part, beside)?;
-        view.upload(device, &self.download(device, part)?)?;
+        let own = |some: &Range<u32>, values: &mut [u8]| self.copy(device, *group, some, values);
+        self.windows.apart.gather_into(device, &view, slots, own)?;
         Ok(view)
     }
 
@@ -151,7 +165,7 @@ impl OnDevices {
         device: &Device,
         parts: &[Option<Part>],
         beside: bool,
-        mut with: impl FnMut(usize, Option<View>, &mut dyn FnMut()) -> Result<(), TransportError>,
+        with: impl FnMut(usize, Option<View>, &mut dyn FnMut()) -> Result<(), TransportError>,
     ) -> Result<(), TransportError> {
         let windows = &*self.windows;
         let mut held: Vec<(Range<u32>, Vec<u8>)> = Vec::new();
@@ -171,14 +185,7 @@ impl OnDevices {
             values.copy_from_slice(&held[first..][..values.len()]);
             Ok(())
         };
-        windows.apart.each(parts, own, |number, part, go_on| {
-            let shown = |(part, values): (&Part, &[u8])| {
-                let view = windows.view(part, beside)?;
-                view.upload(device, values)?;
-                Ok::<_, TransportError>(view)
-            };
-            with(number, part.map(shown).transpose()?, go_on)
-        })
+        windows.apart.each(device, parts, own, |part| windows.view(part, beside), with)
     }
 
     /// The values of a part, of all ranks.

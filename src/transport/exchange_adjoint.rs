@@ -84,8 +84,8 @@ impl ExchangeAdjoint {
         x.show_each(device, &parts, false, |number, light, go_on| {
             go_on();
             let to = &pieces[number].part;
-            let near = light.as_ref().map(|light| (pieces[number].group, light.slice()));
-            if near.is_some() {
+            if let Some(light) = &light {
+                let near = Some((pieces[number].group, light.slice()));
                 add_near_matrix(&mut self.near_matrix, context, near, irradiance, sources, monitor)?;
             }
             let incident = light.as_ref().unwrap_or(&none).slice();

@@ -202,8 +202,8 @@ impl Operators {
         Ok(judged)
     }
 
-    /// Computes the outgoing light of the fronts, E + K x; where the device does not hold states whole, the diffuse part; `first_bounce`: whether with the specular reflection of
-    /// lamps, which is part of what enters U but not of what S shows.
+    /// Computes the outgoing light of the fronts, E + K x; where the device does not hold states whole, the diffuse part; `first_bounce`:
+    /// whether with the specular reflection of lamps, which is part of what enters U but not of what S shows.
     fn update_outgoing(
         &mut self,
         x: Option<&State>,

@@ -346,18 +346,11 @@ impl Hosted {
         device: &Device,
         parts: &[Option<Part>],
         beside: bool,
-        mut with: impl FnMut(usize, Option<View>, &mut dyn FnMut()) -> Result<(), TransportError>,
+        with: impl FnMut(usize, Option<View>, &mut dyn FnMut()) -> Result<(), TransportError>,
     ) -> Result<(), TransportError> {
         let window = if beside { &self.windows.write } else { &self.windows.read };
         let own = |slots: &Range<u32>, values: &mut [u8]| self.copy(slots, values);
-        self.windows.apart.each(parts, own, |number, part, go_on| {
-            let shown = |(part, values)| {
-                let view = Self::foreign_view(window, part)?;
-                view.upload(device, values)?;
-                Ok::<_, TransportError>(view)
-            };
-            with(number, part.map(shown).transpose()?, go_on)
-        })
+        self.windows.apart.each(device, parts, own, |part| Self::foreign_view(window, part), with)
     }
 
     /// Bins of some slots, whichever ranks hold them, in a window.
@@ -369,9 +362,7 @@ impl Hosted {
         slots: &Range<u32>,
     ) -> Result<View<'a>, TransportError> {
         let view = Self::foreign_view(window, part)?;
-        let own = |slots: &Range<u32>, values: &mut [u8]| self.copy(slots, values);
-        let receive = |at, values: &[u8]| Ok(device.upload(view.buffer, at, values)?);
-        self.windows.apart.gather(slots, own, receive)?;
+        self.windows.apart.gather_into(device, &view, slots, |slots, values| self.copy(slots, values))?;
         Ok(view)
     }
 

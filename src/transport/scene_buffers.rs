@@ -2,6 +2,7 @@
 
 use super::lobes::Lobes;
 use super::real;
+use super::state::pages;
 use super::watch::TransportError;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
 use crate::model::{Clusters, Facet, Parts};
@@ -96,11 +97,9 @@ impl SceneBuffers {
         let mut lobes = Lobes::new(device, plan)?;
         lobes.set(device, scene, plan)?;
         // Of all ranks: each reflects what passes by.
-        let page = |group: &Group| {
-            let page = || Buffer::new(device, "first bounce", plan.page_bytes(group), BufferKind::Storage);
-            (plan.has_first_bounce() && group.class.glossy).then(page).transpose()
-        };
-        let first_bounce = plan.layout.groups.iter().map(page).collect::<Result<Vec<_>, _>>()?;
+        let lit = |group: &Group| plan.has_first_bounce() && group.class.glossy;
+        let bytes = |group: &Group| if lit(group) { plan.page_bytes(group) } else { 0 };
+        let first_bounce = pages(device, "first bounce", plan.layout.groups.iter().map(bytes))?;
         let mut batch = device.batch()?;
         for page in first_bounce.iter().flatten() {
             batch.fill(page, 0, page.bytes(), 0)?;

@@ -2,7 +2,7 @@
 //! pass accumulates μ in the buffers of outgoing light. Where states live on the host so do both, and what is worked on is in the window
 //! of outgoing light.
 
-use super::completion::broadcast;
+use super::apart::Apart;
 use super::residency::{Part, View};
 use super::state::{page, pages};
 use super::watch::TransportError;
@@ -46,7 +46,7 @@ impl HostPage {
 impl SpecularCotangents {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         if plan.residency == Residency::Device {
-            let pages = || pages(device, plan, "cotangent: specular", |group| group.class.glossy);
+            let pages = || pages(device, "cotangent: specular", plan.own_pages(|group| group.class.glossy));
             let current = (!plan.states_are_whole()).then(pages).transpose()?;
             return Ok(Self::Device { given: pages()?, current });
         }
@@ -177,18 +177,13 @@ impl SpecularCotangents {
             None if slots.is_empty() => Vec::new(),
             None => self.show(context, which, g)?.download(device)?,
         };
-        let send = |some: &Range<u32>, values: &mut [u8]| {
+        let own = |some: &Range<u32>, values: &mut [u8]| {
             let first = u64::from(some.start - slots.start) * plan.bin_bytes();
             values.copy_from_slice(&held[first as usize..][..values.len()]);
             Ok(())
         };
-        let mut all = Vec::new();
-        let receive = |_, _: &Range<u32>, values: &[u8]| {
-            all.extend_from_slice(values);
-            Ok(())
-        };
-        let shares = plan.slots_by_rank(g).into_iter().enumerate();
-        broadcast(device.ranks(), shares, plan.bin_bytes(), send, receive)?;
+        let all =
+            Apart::new(device, plan).gathered(&plan.layout.slots_of(&plan.layout.groups[g].tiles), own)?;
         Ok(Some(real::decode(plan.settings.precision, &all)))
     }
 

@@ -47,7 +47,7 @@ impl StateBuffers {
         let bytes = plan.irradiance_bytes();
         Ok(Self {
             irradiance: Buffer::new(device, "state: irradiance", bytes, BufferKind::Storage)?,
-            bins: pages(device, plan, "state: bins", |group| group.class.has_bins())?,
+            bins: pages(device, "state: bins", plan.own_pages(|group| group.class.has_bins()))?,
         })
     }
 
@@ -191,7 +191,7 @@ impl Outgoing {
         let buffer = |label: &str, bytes: u64| Buffer::new(device, label, bytes, BufferKind::Storage);
         let glossy = |group: &Group| group.class.glossy;
         let (specular, window) = match plan.states_are_whole() {
-            true => (pages(device, plan, label, glossy)?, None),
+            true => (pages(device, label, plan.own_pages(glossy))?, None),
             false => {
                 let window = || buffer(label, u64::from(plan.specular_window()) * plan.tile_bytes());
                 let any = plan.layout.groups.iter().any(glossy);
@@ -228,19 +228,15 @@ pub fn page_of<'a>(
     Ok(if there { page(pages, group)? } else { none }.whole())
 }
 
-/// One buffer for the bins that this rank holds of each group that `wanted` selects, if it holds any.
+/// One buffer for each number of bytes; none where that is 0.
 pub fn pages(
     device: &Device,
-    plan: &Plan,
     label: &str,
-    wanted: impl Fn(&Group) -> bool,
+    bytes: impl Iterator<Item = u64>,
 ) -> Result<Vec<Option<Buffer>>, GpuError> {
-    let page = |(g, group): (usize, &Group)| {
-        let bytes = plan.page_bytes(&plan.own(g));
-        let new = || Buffer::new(device, label, bytes, BufferKind::Storage);
-        (wanted(group) && bytes > 0).then(new).transpose()
-    };
-    plan.layout.groups.iter().enumerate().map(page).collect()
+    let page =
+        |bytes| (bytes > 0).then(|| Buffer::new(device, label, bytes, BufferKind::Storage)).transpose();
+    bytes.map(page).collect()
 }
 
 /// The memory of all states. What the plan counts on the device is allocated at once.
