@@ -38,7 +38,9 @@ void main() {
     Surface s = surfaces[slot];
     real3 o = bin_table[pair % BINS].xyz;
     real3 sum = real3(0.0);
-    for (uint b = 0; b < BINS; b++) {
+    // The lobes of padding, too, are black, and a small scene is mostly padding.
+    uint incoming = reflects_specularly(s) ? BINS : 0;
+    for (uint b = 0; b < incoming; b++) {
         uint from = (bins + b) * CHANNELS;
         sum += lobe(half_cosine(bin_table[b].xyz, o), s.power) * bin_table[b].w * (CHANNELS == 1 ? real3(incident[from])
                                      : real3(incident[from], incident[from + 1], incident[from + 2]));

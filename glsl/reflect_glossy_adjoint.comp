@@ -36,6 +36,10 @@ void main() {
     uint slot = lobe_slots[list + pair / BINS];
     uint bins = (slot - page) * BINS;
     Surface s = surfaces[slot];
+    // The lobes of padding, too, are black, and a small scene is mostly padding.
+    if (!reflects_specularly(s)) {
+        return;
+    }
     real3 b = bin_table[pair % BINS].xyz;
     real3 sum = real3(0.0);
     for (uint o = 0; o < BINS; o++) {

@@ -17,4 +17,9 @@ struct Surface {
     real unused_specular;
 };
 
+// Whether it has a lobe that is not black.
+bool reflects_specularly(Surface s) {
+    return any(notEqual(s.specular, real3(0.0)));
+}
+
 #endif
