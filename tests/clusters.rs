@@ -154,9 +154,10 @@ fn gradients_are_those_of_the_exact_sum() {
         }
     };
     within_bounds(&values(&gradients(&device, &scene, &clusters, PAGE)));
+    within_bounds(&values(&gradients(&device, &scene, &clusters, SMALL_PAGE)));
+    // Where the device is a CPU the host computed these. A few passes are enough to compare it with kernels.
+    let clusters = clusters.tolerance(0.05);
     let in_pages = values(&gradients(&device, &scene, &clusters, SMALL_PAGE));
-    within_bounds(&in_pages);
-    // Where the device is a CPU the host computed these.
     for kind in [DeviceKind::Cpu, DeviceKind::Discrete] {
         let by_kernels = device.clone().with_kernels_for(kind);
         let by_kernels = values(&gradients(&by_kernels, &scene, &clusters, SMALL_PAGE));

@@ -406,11 +406,12 @@ mod tests {
         let [x, y] = ["x", "y"].map(|label| buffer(&device, label, 4096));
         let shader = shaders::COMBINE.of(Precision::F32);
         let combine = Pipeline::new(&device, shader, 2, 12, &[]).expect("a pipeline");
-        let push = [1024u32.to_ne_bytes(), 3.0f32.to_ne_bytes(), 1.0f32.to_ne_bytes()].concat();
+        let fours = 4096_u32 / 16;
+        let push = [3.0_f32.to_ne_bytes(), 1.0_f32.to_ne_bytes(), fours.to_ne_bytes()].concat();
         let mut batch = device.batch().expect("a batch");
         batch.unordered = unordered;
         for _ in 0..2 {
-            batch.dispatch(&combine, "1024", &[x.whole(), y.whole()], &push, [16, 1, 1]).expect("recorded");
+            batch.dispatch(&combine, "vector", &[x.whole(), y.whole()], &push, [16, 1, 1]).expect("recorded");
         }
         batch.copy(&y, 0, &x, 0, 4096).expect("recorded");
         batch.submit().expect("submitted");
