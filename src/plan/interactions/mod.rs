@@ -172,7 +172,7 @@ mod tests {
     fn pairs_are_those_of_the_dense_search() {
         let names = ["cornell_boxes.toml", "two_rooms.toml", "glossy_floor.toml", "closed_box.toml"];
         let mut scenes: Vec<Scene> = names.map(shipped).into();
-        scenes.extend([statue(2000), random(1, 1000), random(2, 2000)]);
+        scenes.extend([statue(3000), random(1, 1000), random(2, 3000)]);
         for scene in &scenes {
             for (tile, cull) in [(64, true), (32, true), (64, false)] {
                 let plan = plan(scene, PlanOptions { tile, cull, ..PlanOptions::default() });
