@@ -35,6 +35,7 @@ use rayon::prelude::*;
 use sampling::{FEW, Origin, Sampling, Share};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::sync::atomic::{AtomicU64, Ordering};
 use visible::{Geometry, Placed, Visible};
 
 /// How much of a lamp a point sees.
@@ -107,33 +108,39 @@ impl DirectLight {
         Self::among(Blockers::none(facets), lamps)
     }
 
-    /// Whether [`Self::new`] would test at most so many blockers against cones: an estimate of its work, from a few receivers.
+    /// Whether [`Self::new`] would test at most so many blockers against cones: an estimate, from the work of a few receivers.
     pub fn takes_at_most(facets: &[Facet], lamps: &[Lamp], tests: f64) -> bool {
+        // Odd, since triangles often come in pairs.
+        let step = (facets.len() / PROBES).max(ONE_OF) | 1;
+        Self::work(facets, lamps, step, tests) <= tests
+    }
+
+    /// Tests of blockers against cones that [`Self::new`] takes, from every `step`-th receiver; any number above `most` where there are more.
+    fn work(facets: &[Facet], lamps: &[Lamp], step: usize, most: f64) -> f64 {
         let blockers = Blockers::of(facets, lamps);
         let geometry = Geometry { facets, blockers: &blockers };
-        let step = facets.len().div_ceil(PROBES).max(1);
+        let placed: Vec<Placed> = lamps.iter().map(|lamp| geometry.place(lamp)).collect();
         let probes: Vec<usize> = (0..facets.len()).step_by(step).collect();
+        let of_each = facets.len() as f64 / probes.len().max(1) as f64;
+        let tests = AtomicU64::new(0);
+        let work = || tests.load(Ordering::Relaxed) as f64 * of_each;
         let of_probe = |visible: &mut Visible, &receiver: &usize| {
-            let Facet { corners, normal, centroid, .. } = facets[receiver];
-            for lamp in lamps.iter().map(|lamp| geometry.place(lamp)) {
-                if geometry.faces(receiver, &lamp) {
-                    let blockers = &geometry.between(&corners, normal, &lamp, None).unwrap_or_default();
-                    let sight =
-                        Sight { geometry, point: centroid, normal, lamp: &lamp, blockers, share: 1.0 };
-                    sight.vector_irradiance(visible);
-                }
+            let Facet { corners, normal, .. } = facets[receiver];
+            for lamp in placed.iter().enumerate().filter(|(_, lamp)| geometry.faces(receiver, lamp)) {
+                let between = Between::triangle(geometry, None, receiver, lamp);
+                quadrature::mean(&mut |b: DVec3| {
+                    // What is too much need not be known exactly.
+                    if work() > most {
+                        return 0.0;
+                    }
+                    let value = between.sight(at(corners, b), None).vector_irradiance(visible).dot(normal);
+                    tests.fetch_add(std::mem::take(&mut visible.tests), Ordering::Relaxed);
+                    value
+                });
             }
-            std::mem::take(&mut visible.tests)
         };
-        let of_each = facets.len() as f64 * POINTS_EACH / probes.len().max(1) as f64;
-        let mut sum = 0.0;
-        // Some at a time, from all over the scene: where it is far too much, that soon shows.
-        let rounds = probes.len().div_ceil(PROBES_AT_ONCE);
-        (0..rounds).all(|round| {
-            let some: Vec<usize> = probes.iter().copied().skip(round).step_by(rounds).collect();
-            sum += of_each * some.par_iter().map_init(Visible::default, of_probe).sum::<u64>() as f64;
-            sum <= tests
-        })
+        probes.par_iter().for_each_init(Visible::default, of_probe);
+        work()
     }
 
     /// The same for triangles and lamps of which only vertices have moved, at the same points: a smooth function of the vertices.
@@ -567,11 +574,9 @@ pub struct HighlightGradient {
     pub power: f64,
 }
 
-/// Receivers that an estimate of work looks at.
+/// Receivers that an estimate of work looks at, about, and of how many at most one.
 const PROBES: usize = 256;
-const PROBES_AT_ONCE: usize = 16;
-/// Points of a receiver, on average.
-const POINTS_EACH: f64 = 12.0;
+const ONE_OF: usize = 7;
 
 /// Receivers whose derivatives are held in memory at a time.
 const RECEIVERS: usize = 4096;
@@ -646,6 +651,43 @@ mod tests {
             .shape("screen", Shape::Quad { cells }, &black, at(-0.3, 0.7, 0.0) * turned * small)
             .shape("lamp", Shape::Quad { cells: 2 }, &lamp, at(0.05, 1.0, 0.0) * down * small);
         builder.finish("fine blockers").expect("a scene")
+    }
+
+    /// Triangles that cross each other, every third of them a lamp: penumbras everywhere, so that receivers take hundreds of points each.
+    fn soup() -> Scene {
+        let [lamp, black] = [1.0, 0.0].map(|emission| Material {
+            emission: [emission; 3],
+            ..Material::named(&format!("emits {emission}"))
+        });
+        let mut random = rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(3);
+        let mut builder = SceneBuilder::new();
+        for k in 0..21 {
+            let material = if k % 3 == 0 { &lamp } else { &black };
+            let corners = (0..3).map(|_| DVec3::from_array(random.random::<[f64; 3]>())).collect();
+            builder.mesh("soup", corners, vec![[0, 1, 2]], material, DAffine3::IDENTITY);
+        }
+        builder.finish("soup").expect("a scene")
+    }
+
+    /// What one receiver in seven takes tells what all do, whether light is smooth or not, and no more is done than is allowed.
+    #[test]
+    fn a_few_receivers_tell_the_work_of_all() {
+        for (scene, least) in [(fine_blockers(6), 1.0), (soup(), 50.0)] {
+            let facets = facets(&scene);
+            let lamps = lamps(&scene, &facets, 1e-9);
+            let work = |step| DirectLight::work(&facets, &lamps, step, f64::INFINITY);
+            let all = work(1);
+            let pairs = (facets.len() * lamps.len()) as f64;
+            assert!(all >= least * pairs, "{} tests of each pair", all / pairs);
+            let ratio = work(ONE_OF) / all;
+            assert!((0.5..=2.0).contains(&ratio), "{ratio}");
+            assert!(DirectLight::takes_at_most(&facets, &lamps, 2.0 * all));
+            assert!(!DirectLight::takes_at_most(&facets, &lamps, 0.5 * all));
+            // What is above the limit is where it ends: far from all of it.
+            let most = 0.01 * all;
+            let stopped = DirectLight::work(&facets, &lamps, 1, most);
+            assert!(stopped > most && stopped < 0.5 * all, "{}", stopped / all);
+        }
     }
 
     /// However fine a mesh, what it hides is the same; so are the polygons that it is cut with.

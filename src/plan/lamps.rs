@@ -8,8 +8,7 @@ use std::sync::Arc;
 
 /// Lamps up to which direct light is exact unless stated.
 const MOST: usize = 128;
-/// Blockers and edges looked at up to which it is, per pair of triangles and in addition: two or three times a solve by kernels on a
-/// CPU, and a second.
+/// Blockers and edges looked at up to which it is, per pair of triangles and in addition: about twice a solve on a CPU, and a second.
 const TESTS_PER_PAIR: f64 = 8.0;
 const FEW_TESTS: f64 = 2e7;
 /// Pairs of a triangle with clusters, about, and the error of these from which on rays are accurate enough.

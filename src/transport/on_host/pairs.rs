@@ -255,16 +255,24 @@ impl<T: Real, const N: usize> Pairs<T, N> {
     #[inline(always)]
     pub fn aim_from(&mut self, layout: &Layout<T>, source: impl Fn(usize) -> Facet<T>) {
         let Self { at_source, direction, front, .. } = self;
-        at_source.set(layout, |k| {
-            let sign = T::of(2.0) * front[k] - T::ONE;
-            source(k).in_frame(times(sign, at(direction, k)))
-        });
+        at_source.set(
+            layout,
+            #[inline(always)]
+            |k| {
+                let sign = T::of(2.0) * front[k] - T::ONE;
+                source(k).in_frame(times(sign, at(direction, k)))
+            },
+        );
     }
 
     /// Sets the taps at the receivers.
     #[inline(always)]
     pub fn aim_at(&mut self, layout: &Layout<T>, receiver: impl Fn(usize) -> Facet<T>) {
         let Self { at_receiver, direction, .. } = self;
-        at_receiver.set(layout, |k| receiver(k).in_frame(times(-T::ONE, at(direction, k))));
+        at_receiver.set(
+            layout,
+            #[inline(always)]
+            |k| receiver(k).in_frame(times(-T::ONE, at(direction, k))),
+        );
     }
 }

@@ -159,13 +159,21 @@ impl<T: Real> ClosePair<T> {
     fn aim<const N: usize>(&self, layout: &Layout<T>, pieces: &mut Pieces<T, N>) {
         let Pieces { at_source, at_receiver, direction, front, .. } = pieces;
         if self.class.has_bins() {
-            at_source.set(layout, |k| {
-                let sign = T::of(2.0) * front[k] - T::ONE;
-                self.source.facet.in_frame(times(sign, at(direction, k)))
-            });
+            at_source.set(
+                layout,
+                #[inline(always)]
+                |k| {
+                    let sign = T::of(2.0) * front[k] - T::ONE;
+                    self.source.facet.in_frame(times(sign, at(direction, k)))
+                },
+            );
         }
         if self.receiver_bins {
-            at_receiver.set(layout, |k| self.receiver.facet.in_frame(times(-T::ONE, at(direction, k))));
+            at_receiver.set(
+                layout,
+                #[inline(always)]
+                |k| self.receiver.facet.in_frame(times(-T::ONE, at(direction, k))),
+            );
         }
     }
 }

@@ -223,12 +223,21 @@ pub struct Taps<T, const N: usize> {
 impl<T: Real, const N: usize> Taps<T, N> {
     pub const NONE: Self = Self { first: [0; N], next: [0; N], t: [T::ZERO; N], s: [T::ZERO; N] };
 
-    /// `directions`: unit, in the frames of the triangles.
+    /// `directions`: unit, in the frames of the triangles. Both loops call it: mark it as inlined, or it may not be, and then neither
+    /// becomes vectors (see [`vectorised`](crate::gpu::vectorised)).
     #[inline(always)]
     pub fn set(&mut self, layout: &Layout<T>, directions: impl Fn(usize) -> [T; 3]) {
         match layout.concentric {
-            true => self.fill(layout, |k| layout.concentric(directions(k))),
-            false => self.fill(layout, |k| layout.equal_angle(directions(k))),
+            true => self.fill(
+                layout,
+                #[inline(always)]
+                |k| layout.concentric(directions(k)),
+            ),
+            false => self.fill(
+                layout,
+                #[inline(always)]
+                |k| layout.equal_angle(directions(k)),
+            ),
         }
     }
 

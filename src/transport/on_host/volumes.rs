@@ -159,7 +159,11 @@ impl<T: Real> Sent<'_, T> {
                 }
                 if self.class.has_bins() {
                     let sign = |k: usize| if cosines[k] > T::ZERO { T::ONE } else { -T::ONE };
-                    taps.set(&self.layout, |k| facet.in_frame(times(sign(k), centres[k])));
+                    taps.set(
+                        &self.layout,
+                        #[inline(always)]
+                        |k| facet.in_frame(times(sign(k), centres[k])),
+                    );
                 }
                 let radiance = &self.radiance[slot as usize * SLOT..][..3];
                 let radiance = [radiance[0], radiance[1], radiance[2], T::ZERO];
