@@ -96,8 +96,8 @@ pub enum Weights {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Lamps {
-    /// Exactly where the emitters are few and shadows cost no more than the solve, else sampled; by antiradiance where emitters are many or
-    /// derivatives by positions or emission are wanted.
+    /// Exactly where the emitters are few and shadows take at most several times as long as the solve, else sampled; by antiradiance
+    /// where emitters are many or derivatives by positions or emission are wanted.
     #[default]
     Auto,
     /// With exact visibility: shadows are as sharp as they are.
