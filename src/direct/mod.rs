@@ -657,7 +657,7 @@ mod tests {
     fn soup() -> Scene {
         let [lamp, black] = [1.0, 0.0].map(|emission| Material {
             emission: [emission; 3],
-            ..Material::named(&format!("emits {emission}"))
+            ..Material::named(format!("emits {emission}"))
         });
         let mut random = rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(3);
         let mut builder = SceneBuilder::new();
