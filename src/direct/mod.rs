@@ -124,13 +124,15 @@ impl DirectLight {
         let of_each = facets.len() as f64 / probes.len().max(1) as f64;
         let tests = AtomicU64::new(0);
         let work = || tests.load(Ordering::Relaxed) as f64 * of_each;
+        // What is too much need not be known exactly.
+        let too_much = || work() > most;
         let of_probe = |visible: &mut Visible, &receiver: &usize| {
             let Facet { corners, normal, .. } = facets[receiver];
-            for lamp in placed.iter().enumerate().filter(|(_, lamp)| geometry.faces(receiver, lamp)) {
+            let faced = placed.iter().enumerate().filter(|(_, lamp)| geometry.faces(receiver, lamp));
+            for lamp in faced.take_while(|_| !too_much()) {
                 let between = Between::triangle(geometry, None, receiver, lamp);
                 quadrature::mean(&mut |b: DVec3| {
-                    // What is too much need not be known exactly.
-                    if work() > most {
+                    if too_much() {
                         return 0.0;
                     }
                     let value = between.sight(at(corners, b), None).vector_irradiance(visible).dot(normal);
