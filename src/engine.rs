@@ -1,6 +1,6 @@
 //! The engine: a planned scene on a device, solved.
 
-use crate::direct::DirectLight;
+use crate::direct::{DirectLight, Lamp};
 use crate::engine_direct::{Direct, lamps_of};
 use crate::gpu::{Device, DeviceKind, GpuError};
 use crate::options::setters;
@@ -421,14 +421,23 @@ impl PlanOptions {
     }
 }
 
+/// The light of lamps, which the ranks of a device compute together.
+fn direct_light(
+    device: &Device,
+    scene: &Scene,
+    plan: &Plan,
+    lamps: Vec<Lamp>,
+) -> Result<DirectLight, TransportError> {
+    let material = |i| scene.material(i);
+    Ok(DirectLight::new(device.ranks(), &plan.facets, lamps, plan.visibility, material)?)
+}
+
 impl Engine {
     /// Allocates exactly the memory that the plan counts, and compiles the kernels.
     pub fn new(device: &Device, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
         scene.validate()?;
         check_planned(&plan, scene)?;
-        let direct = DirectLight::new(&plan.facets, lamps_of(scene, &plan.lamps), plan.visibility, |i| {
-            scene.material(i)
-        });
+        let direct = direct_light(device, scene, &plan, lamps_of(scene, &plan.lamps))?;
         Self::with_direct(device, scene, plan, direct)
     }
 
@@ -448,7 +457,7 @@ impl Engine {
         // Counted apart from everything else on the device, such as engines of other threads.
         let own = device.scope(plan.staging());
         let unit = light_unit(scene);
-        let direct = Direct::new(Arc::new(direct), scene, &plan, &[]);
+        let direct = Direct::new(Arc::new(direct), scene, &plan, &[])?;
         let emitted = direct.emitted(scene);
         let buffers = SceneBuffers::emitting(&own, scene, &plan, &emitted, unit)?;
         let adjoint = AdjointKernels::new(&own, &plan)?;
@@ -508,13 +517,8 @@ impl Engine {
         let plan = self.operators.plan();
         self.direct = match lamps == self.direct.light.lamps() {
             true => Direct::new(self.direct.light.clone(), scene, plan, &self.direct.lobes),
-            false => Direct::new(
-                Arc::new(DirectLight::new(&plan.facets, lamps, plan.visibility, |i| scene.material(i))),
-                scene,
-                plan,
-                &[],
-            ),
-        };
+            false => Direct::new(Arc::new(direct_light(&self.device, scene, plan, lamps)?), scene, plan, &[]),
+        }?;
         let emitted = self.direct.emitted(scene);
         let first_bounce = self.direct.first_bounce(scene, plan, self.unit);
         self.operators.set_materials(scene, &emitted, self.unit)?;
@@ -535,8 +539,8 @@ impl Engine {
         let plan = Plan::following(scene, &options, &settings, choice.as_ref())?;
         let lamps = lamps_of(scene, &plan.lamps);
         let direct = match lamps == direct.light.lamps() && plan.facets.len() == direct.light.receivers() {
-            true => direct.light.moved(&plan.facets),
-            false => DirectLight::new(&plan.facets, lamps, plan.visibility, |i| scene.material(i)),
+            true => direct.light.moved(&plan.facets).map_err(TransportError::from)?,
+            false => direct_light(&device, scene, &plan, lamps)?,
         };
         Self::with_direct(&device, scene, plan, direct)
     }
@@ -639,7 +643,7 @@ impl Engine {
         camera_position: DVec3,
     ) -> Result<Vec<[f64; 3]>, EngineError> {
         let mut colours = self.colours_without_highlights(solution, camera_position)?;
-        for (i, highlight) in self.highlights(camera_position) {
+        for (i, highlight) in self.highlights(camera_position).map_err(TransportError::from)? {
             colours[i] = (DVec3::from(colours[i]) + highlight).to_array();
         }
         Ok(colours)

@@ -4,9 +4,10 @@
 use crate::direct::{DirectLight, Lamp, at};
 use crate::engine::Engine;
 use crate::plan::{PADDING, Plan};
+use crate::ranks::RankError;
 use crate::scene::Scene;
+use crate::transport::TransportError;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Direct light under the current materials.
@@ -29,26 +30,15 @@ pub(crate) struct Lobes {
 
 impl Direct {
     /// `known`: lobes that may be computed already.
-    pub fn new(light: Arc<DirectLight>, scene: &Scene, plan: &Plan, known: &[Lobes]) -> Self {
+    pub fn new(
+        light: Arc<DirectLight>,
+        scene: &Scene,
+        plan: &Plan,
+        known: &[Lobes],
+    ) -> Result<Self, TransportError> {
         let irradiance = light.irradiance(|i| scene.material(i));
-        let glossy = plan.classes().par_iter().enumerate().filter(|(_, class)| class.glossy);
-        let lobes = |triangle: usize| {
-            let power = scene.material(triangle).power;
-            let same = known.binary_search_by_key(&triangle, |lobes| lobes.triangle).ok();
-            match same.map(|at| &known[at]).filter(|lobes| lobes.power == power) {
-                Some(lobes) => lobes.clone(),
-                None => Lobes {
-                    triangle,
-                    power,
-                    values: light.lobes(plan.facets(), triangle, &plan.bins().centre, power),
-                },
-            }
-        };
-        let lobes = match light.lamps().is_empty() {
-            true => Vec::new(),
-            false => glossy.map(|(triangle, _)| lobes(triangle)).collect(),
-        };
-        Self { light, irradiance, lobes }
+        let lobes = if light.lamps().is_empty() { Vec::new() } else { lobes(&light, scene, plan, known)? };
+        Ok(Self { light, irradiance, lobes })
     }
 
     /// What each triangle emits into U, W/(m² sr).
@@ -81,6 +71,28 @@ impl Direct {
         };
         plan.layout().groups.iter().map(page).collect()
     }
+}
+
+/// Of all glossy triangles.
+fn lobes(light: &DirectLight, scene: &Scene, plan: &Plan, known: &[Lobes]) -> Result<Vec<Lobes>, RankError> {
+    let power = |triangle: usize| scene.material(triangle).power;
+    let known = |triangle: usize| {
+        let same = known.binary_search_by_key(&triangle, |lobes| lobes.triangle).ok();
+        same.map(|at| &known[at]).filter(|lobes| lobes.power == power(triangle))
+    };
+    let glossy = plan.classes().iter().enumerate().filter(|(_, class)| class.glossy);
+    let glossy: Vec<usize> = glossy.map(|(triangle, _)| triangle).collect();
+    let new: Vec<usize> = glossy.iter().copied().filter(|&triangle| known(triangle).is_none()).collect();
+    let of_new = |number: usize| {
+        let triangle = new[number];
+        light.lobes(plan.facets(), triangle, &plan.bins().centre, power(triangle))
+    };
+    let mut computed = light.ranks().map(new.len(), of_new)?.into_iter();
+    let of = |triangle: usize| {
+        let new = || Lobes { triangle, power: power(triangle), values: computed.next().unwrap_or_default() };
+        known(triangle).cloned().unwrap_or_else(new)
+    };
+    Ok(glossy.into_iter().map(of).collect())
 }
 
 /// Lamps, and triangles of their own for those whose triangles no longer emit the same.
@@ -129,11 +141,13 @@ impl Engine {
     }
 
     /// Mean radiance of the highlights of lamps on each triangle that has some, towards a point (metres), W/(m² sr).
-    pub(crate) fn highlights(&self, point: DVec3) -> Vec<(usize, DVec3)> {
+    pub(crate) fn highlights(&self, point: DVec3) -> Result<Vec<(usize, DVec3)>, RankError> {
         let eye = self.plan().placement().apply(point);
         let (light, materials, facets) = (&self.direct.light, &self.materials, self.plan().facets());
         let radiance = light.radiance(|i| &materials[i]);
-        let mean = |(triangle, points, shares): &(usize, Vec<DVec3>, Vec<f64>)| {
+        let highlighted = self.highlighted(point);
+        let mean = |number: usize| {
+            let (triangle, points, shares) = &highlighted[number];
             let material = &materials[*triangle];
             let of_points = light.highlights(facets, *triangle, points, eye, material.power);
             let of_point = |(of_lamps, share): (&Vec<f64>, &f64)| {
@@ -145,6 +159,6 @@ impl Engine {
                     * of_points.iter().zip(shares).map(of_point).sum::<DVec3>(),
             )
         };
-        self.highlighted(point).par_iter().map(mean).collect()
+        light.ranks().map(highlighted.len(), mean)
     }
 }

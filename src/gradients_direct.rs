@@ -4,9 +4,9 @@ use crate::engine::Engine;
 use crate::gradients::Cotangent;
 use crate::model::FacetGradient;
 use crate::plan::{GradientRequest, PADDING};
+use crate::ranks::RankError;
 use crate::scene::Material;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::f64::consts::PI;
 
 /// Derivatives through direct light, in SI units but for lengths, which are the engine's.
@@ -24,6 +24,7 @@ pub(crate) struct DirectGradients {
 pub(crate) type SpecularCotangent = Vec<Option<Vec<f64>>>;
 
 /// Of a triangle's lobes.
+#[derive(serde::Deserialize, serde::Serialize)]
 struct OfLobes {
     triangle: usize,
     lamps: Vec<DVec3>,
@@ -41,7 +42,7 @@ impl Engine {
         of_radiance: &[DVec3],
         of_specular: &SpecularCotangent,
         request: GradientRequest,
-    ) -> DirectGradients {
+    ) -> Result<DirectGradients, RankError> {
         let (triangles, positions) = (of_radiance.len(), request.positions);
         let light = &self.direct.light;
         let mut sums = DirectGradients {
@@ -52,7 +53,7 @@ impl Engine {
             cameras: vec![DVec3::ZERO; cotangent.colours.len()],
         };
         if light.lamps().is_empty() {
-            return sums;
+            return Ok(sums);
         }
         let of_direct = self.direct_cotangent(cotangent, of_radiance);
         let mut by_lamps: Vec<DVec3> = (0..light.lamps().len())
@@ -62,11 +63,11 @@ impl Engine {
             let radiance = light.radiance(|i| &self.materials[i]);
             let by_factor = |receiver: usize, lamp: usize| of_direct[receiver].dot(radiance[lamp]);
             let movable = &self.movable;
-            sums.facets = light.pull_back(self.plan().facets(), by_factor, |i| movable.triangle(i));
+            sums.facets = light.pull_back(self.plan().facets(), by_factor, |i| movable.triangle(i))?;
         }
-        let mut lobes = self.pull_back_lobes(of_specular, positions || request.power);
+        let mut lobes = self.pull_back_lobes(of_specular, positions || request.power)?;
         for (camera, (position, colours)) in cotangent.colours.iter().enumerate() {
-            for of in self.pull_back_highlights(*position, colours) {
+            for of in self.pull_back_highlights(*position, colours)? {
                 sums.cameras[camera] += of.eye;
                 lobes.push(of);
             }
@@ -80,7 +81,7 @@ impl Engine {
             }
         }
         self.set_lamp_emission(cotangent, &by_lamps, &mut sums.emission);
-        sums
+        Ok(sums)
     }
 
     /// Cotangent of the direct irradiance of each triangle: that of irradiance, and through its diffuse reflection.
@@ -112,7 +113,11 @@ impl Engine {
     }
 
     /// Through what glossy triangles send into U of the light of lamps. `shape`: also by power and geometry.
-    fn pull_back_lobes(&self, of_specular: &SpecularCotangent, shape: bool) -> Vec<OfLobes> {
+    fn pull_back_lobes(
+        &self,
+        of_specular: &SpecularCotangent,
+        shape: bool,
+    ) -> Result<Vec<OfLobes>, RankError> {
         let plan = self.plan();
         let (bins, facets) = (&plan.bins().centre, plan.facets());
         let (light, known, materials) = (&self.direct.light, &self.direct.lobes, &self.materials);
@@ -129,7 +134,8 @@ impl Engine {
                 }
             }
         }
-        let of_triangle = |(triangle, by_bin): &(usize, Vec<DVec3>)| {
+        let of_triangle = |number: usize| {
+            let (triangle, by_bin) = &of_triangles[number];
             let at = known.binary_search_by_key(triangle, |lobes| lobes.triangle).ok()?;
             let (material, values) = (&materials[*triangle], &known[at].values);
             let (scale, normalization) =
@@ -154,16 +160,22 @@ impl Engine {
             }
             Some(of)
         };
-        of_triangles.par_iter().filter_map(of_triangle).collect()
+        Ok(light.ranks().map(of_triangles.len(), of_triangle)?.into_iter().flatten().collect())
     }
 
     /// Through the highlights of faces towards a camera.
-    fn pull_back_highlights(&self, camera_position: DVec3, colours: &[DVec3]) -> Vec<OfLobes> {
+    fn pull_back_highlights(
+        &self,
+        camera_position: DVec3,
+        colours: &[DVec3],
+    ) -> Result<Vec<OfLobes>, RankError> {
         let facets = self.plan().facets();
         let eye = self.plan().placement().apply(camera_position);
         let (light, materials) = (&self.direct.light, &self.materials);
         let radiance = light.radiance(|i| &materials[i]);
-        let of_triangle = |(triangle, points, shares): &(usize, Vec<DVec3>, Vec<f64>)| {
+        let highlighted = self.highlighted(camera_position);
+        let of_triangle = |number: usize| {
+            let (triangle, points, shares) = &highlighted[number];
             let cotangent: Vec<DVec3> = shares.iter().map(|share| *share * colours[*triangle]).collect();
             let material = &materials[*triangle];
             let scale = DVec3::from(material.lobe_scale());
@@ -190,6 +202,6 @@ impl Engine {
                 eye: gradient.eye,
             }
         };
-        self.highlighted(camera_position).par_iter().map(of_triangle).collect()
+        light.ranks().map(highlighted.len(), of_triangle)
     }
 }

@@ -2,21 +2,26 @@
 
 mod support;
 
-use antirad::direct::{DirectLight, Visibility, lamps};
+use antirad::direct::{DirectLight, Lamp, Visibility, lamps};
 use antirad::model::Facet;
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
+use antirad::ranks::Ranks;
 use antirad::reference::{PathTracer, Shadow};
 use antirad::scene::{Lamps, Material, Scene, SceneBuilder, Shape, Sky, Triangle};
 use glam::{DAffine3, DVec3};
 use std::f64::consts::{PI, TAU};
 use support::{areas, load, read_npy, relative_l2};
 
+fn computed(scene: &Scene, facets: &[Facet], lamps: Vec<Lamp>, visibility: Visibility) -> DirectLight {
+    DirectLight::new(&Ranks::default(), facets, lamps, visibility, |i| scene.material(i)).expect("one rank")
+}
+
 /// Irradiance straight from lamps, W/m², and the number of lamps.
 fn direct(scene: &Scene) -> (Vec<[f64; 3]>, usize) {
     let facets: Vec<Facet> = (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect();
     let lamps = lamps(scene, &facets, 1e-7);
     let count = lamps.len();
-    let light = DirectLight::new(&facets, lamps, Visibility::Exact, |i| scene.material(i));
+    let light = computed(scene, &facets, lamps, Visibility::Exact);
     (light.irradiance(|i| scene.material(i)).into_iter().map(|h| h.to_array()).collect(), count)
 }
 
@@ -296,7 +301,7 @@ fn sampled_visibility_is_the_exact_one_but_for_its_noise() {
     let lamps = lamps(&scene, &facets, 1e-7);
     assert_eq!(lamps.len(), 7);
     let [exact, sampled] = [Visibility::Exact, Visibility::Sampled]
-        .map(|visibility| DirectLight::new(&facets, lamps.clone(), visibility, |i| scene.material(i)));
+        .map(|visibility| computed(&scene, &facets, lamps.clone(), visibility));
     let irradiance = |light: &DirectLight| -> Vec<[f64; 3]> {
         light.irradiance(|i| scene.material(i)).into_iter().map(|h| h.to_array()).collect()
     };

@@ -206,6 +206,42 @@ fn close_to(name: &str, found: &[Vec<[f64; 3]>], wanted: &[Vec<[f64; 3]>], facto
     }
 }
 
+/// Pictures with gathered light and their derivatives are computed in shares, too: those of one device, where rays tell what glossy faces
+/// mirror, and where derivatives by everything take it from bins.
+#[test]
+fn ranks_share_pictures() {
+    let mut scene = load("scenes/fits/glossy.toml");
+    scene.settings = scene.settings.bins(BinLayout::Concentric { n: 4 }).near_field(10.0).tolerance(1e-3);
+    let mut camera = scene.cameras[0].clone();
+    (camera.width, camera.height) = (24, 18);
+    let of_materials = GradientRequest::NOTHING.emission(true).albedo(true).specular(true).power(true);
+    for (name, request) in [("rays", of_materials), ("bins", GradientRequest::EVERYTHING)] {
+        let made = |device: &Device| -> Vec<Vec<[f64; 3]>> {
+            let watch: Watch = Arc::new(|| ControlFlow::Continue(()));
+            let mut renderer =
+                EngineRenderer::new(device, scene.clone(), vec![camera.clone()], 2, request, watch)
+                    .expect("a renderer");
+            let pictures = renderer.pictures(&scene).expect("pictures");
+            let weights = (0..pictures[0].len()).map(|k| DVec3::new(1.0, 0.5, 0.2) * (k as f64).sin());
+            let by =
+                renderer.pull_back(&[weights.collect()], request).expect("gradients").expect("a picture");
+            let rgb = |values: &[DVec3]| values.iter().map(|value| value.to_array()).collect();
+            let quantities = [Some(pictures[0].clone()), by.emission, by.albedo, by.specular, by.positions];
+            let mut all: Vec<Vec<[f64; 3]>> = quantities.iter().flatten().map(|values| rgb(values)).collect();
+            all.push(by.power.expect("by powers").into_iter().map(|by| [by; 3]).collect());
+            all.extend(by.cameras.map(|of| of.iter().map(|by| by.position.to_array()).collect()));
+            all
+        };
+        let alone = made(&device());
+        assert_eq!(alone.len(), if request.positions { 7 } else { 5 });
+        assert!(alone.iter().all(|values| values.iter().flatten().any(|value| *value != 0.0)), "{name}");
+        for (found, received) in on_ranks(3, made) {
+            close_to(name, &found, &alone, 1.0);
+            assert!(received > 0);
+        }
+    }
+}
+
 /// The work of a rank is its share: together they evaluate the pairs of one alone.
 #[test]
 fn ranks_share_the_pairs() {

@@ -24,6 +24,7 @@ pub use polygon::Polygon;
 pub(crate) use sampling::mixed;
 
 use crate::model::{Facet, FacetGradient, pull_unit};
+use crate::ranks::{RankError, Ranks};
 use crate::scene::Material;
 use blockers::Blockers;
 use derivative::{Contributions, Sight};
@@ -48,9 +49,11 @@ pub enum Visibility {
     Sampled,
 }
 
-/// Light of lamps on the triangles of a scene.
+/// Light of lamps on the triangles of a scene. Ranks that compute it together do so with its derivatives, too, and all have all of it.
 #[derive(Clone, Debug)]
 pub struct DirectLight {
+    /// Those that compute it together.
+    ranks: Ranks,
     blockers: Blockers,
     /// Where visibility is sampled.
     sampling: Option<Sampling>,
@@ -65,15 +68,16 @@ pub struct DirectLight {
 }
 
 impl DirectLight {
-    /// Computes the light of lamps on triangles, in any unit of length.
+    /// Computes the light of lamps on triangles, in any unit of length, in shares of some ranks, which all call it.
     pub fn new<'a>(
+        ranks: &Ranks,
         facets: &[Facet],
         lamps: Vec<Lamp>,
         visibility: Visibility,
         material: impl Fn(usize) -> &'a Material,
-    ) -> Self {
+    ) -> Result<Self, RankError> {
         let sampling = Self::sampling(facets, &lamps, visibility, material);
-        Self::compute(facets, lamps, sampling, None)
+        Self::compute(ranks.clone(), facets, lamps, sampling, None)
     }
 
     /// Rays, the more to a lamp the more it emits.
@@ -100,7 +104,8 @@ impl DirectLight {
 
     fn among(blockers: Blockers, lamps: Vec<Lamp>) -> Self {
         let (factors, errors, cuts) = (Vec::new(), Vec::new(), BTreeMap::new());
-        Self { blockers, sampling: None, lamps, receivers: 0, factors, errors, cuts }
+        let ranks = Ranks::default();
+        Self { ranks, blockers, sampling: None, lamps, receivers: 0, factors, errors, cuts }
     }
 
     /// The same as if nothing stood between lamps and points.
@@ -146,17 +151,18 @@ impl DirectLight {
     }
 
     /// The same for triangles and lamps of which only vertices have moved, at the same points: a smooth function of the vertices.
-    pub fn moved(&self, facets: &[Facet]) -> Self {
+    pub fn moved(&self, facets: &[Facet]) -> Result<Self, RankError> {
         let sampling = self.sampling.as_ref().map(|sampling| sampling.moved(facets));
-        Self::compute(facets, self.lamps.clone(), sampling, Some(&self.cuts))
+        Self::compute(self.ranks.clone(), facets, self.lamps.clone(), sampling, Some(&self.cuts))
     }
 
     fn compute(
+        ranks: Ranks,
         facets: &[Facet],
         lamps: Vec<Lamp>,
         sampling: Option<Sampling>,
         cuts: Option<&BTreeMap<[usize; 2], Cuts>>,
-    ) -> Self {
+    ) -> Result<Self, RankError> {
         let blockers = Blockers::of(facets, &lamps);
         let geometry = Geometry { facets, blockers: &blockers };
         let placed: Vec<Placed> = lamps.iter().map(|lamp| geometry.place(lamp)).collect();
@@ -181,8 +187,7 @@ impl DirectLight {
             };
             placed.iter().enumerate().map(of_lamp).collect()
         };
-        let found: Vec<Vec<(Share, Cuts)>> =
-            (0..facets.len()).into_par_iter().map_init(Visible::default, of_receiver).collect();
+        let found = ranks.map_init(facets.len(), Visible::default, of_receiver)?;
         let mut factors = Vec::with_capacity(facets.len() * lamps.len());
         let mut errors = Vec::new();
         let mut cuts = BTreeMap::new();
@@ -197,7 +202,12 @@ impl DirectLight {
                 }
             }
         }
-        Self { receivers: facets.len(), blockers, sampling, lamps, factors, errors, cuts }
+        Ok(Self { ranks, receivers: facets.len(), blockers, sampling, lamps, factors, errors, cuts })
+    }
+
+    /// Those that compute it together.
+    pub fn ranks(&self) -> &Ranks {
+        &self.ranks
     }
 
     fn geometry<'a>(&'a self, facets: &'a [Facet]) -> Geometry<'a> {
@@ -281,11 +291,10 @@ impl DirectLight {
         facets: &[Facet],
         cotangent: impl Fn(usize, usize) -> f64 + Sync,
         moves: impl Fn(u32) -> bool + Sync,
-    ) -> Vec<FacetGradient> {
+    ) -> Result<Vec<FacetGradient>, RankError> {
         let geometry = self.geometry(facets);
         let placed: Vec<Placed> = self.lamps.iter().map(|lamp| geometry.place(lamp)).collect();
-        let of_receiver = |visible: &mut Visible, receiver: usize| {
-            let mut to = Contributions::default();
+        let of_receiver = |visible: &mut Visible, receiver: usize, to: &mut Contributions| {
             for (l, lamp) in placed.iter().enumerate() {
                 let weight = cotangent(receiver, l);
                 if weight == 0.0 || self.factors(receiver)[l] == 0.0 {
@@ -293,21 +302,28 @@ impl DirectLight {
                 }
                 let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, (l, lamp));
                 if moves(receiver as u32) || between.moves(&moves) {
-                    self.pull_back_to(&between, visible, weight, &mut to);
+                    self.pull_back_to(&between, visible, weight, to);
                 }
             }
-            to.merged()
         };
         let mut gradients = vec![FacetGradient::default(); facets.len()];
         for first in (0..facets.len()).step_by(RECEIVERS) {
             let receivers = first..facets.len().min(first + RECEIVERS);
-            let parts: Vec<_> = receivers.into_par_iter().map_init(Visible::default, of_receiver).collect();
-            // One after the other, so that sums are the same from run to run.
+            // Neighbours share lamps and what stands in between.
+            let of_some = |visible: &mut Visible, number: usize| {
+                let mut to = Contributions::default();
+                let some = receivers.clone().skip(number * NEIGHBOURS).take(NEIGHBOURS);
+                some.for_each(|receiver| of_receiver(visible, receiver, &mut to));
+                to.merged()
+            };
+            let count = receivers.len().div_ceil(NEIGHBOURS);
+            let parts = self.ranks.map_init(count, Visible::default, of_some)?;
+            // One after the other, so that sums are the same from run to run, with any number of ranks.
             for (triangle, gradient) in parts.into_iter().flatten() {
                 gradients[triangle as usize] += gradient;
             }
         }
-        gradients
+        Ok(gradients)
     }
 
     /// Vector irradiance Φ = ∫ ω dω of the visible part of each lamp above the horizon, at points of one triangle, sr: irradiance per
@@ -583,6 +599,9 @@ const ONE_OF: usize = 7;
 /// Receivers whose derivatives are held in memory at a time.
 const RECEIVERS: usize = 4096;
 
+/// Receivers whose derivatives are added up before they are sent to other ranks.
+const NEIGHBOURS: usize = 16;
+
 /// Barycentric coordinates of a point of a triangle.
 pub fn barycentric(corners: [DVec3; 3], normal: DVec3, point: DVec3) -> DVec3 {
     let [a, b, c] = corners.map(|corner| corner - point);
@@ -628,6 +647,11 @@ mod tests {
 
     fn facets(scene: &Scene) -> Vec<Facet> {
         (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect()
+    }
+
+    fn exact(scene: &Scene, facets: &[Facet], lamps: Vec<Lamp>) -> DirectLight {
+        let ranks = Ranks::default();
+        DirectLight::new(&ranks, facets, lamps, Visibility::Exact, |i| scene.material(i)).expect("one rank")
     }
 
     fn weight(receiver: usize, _: usize) -> f64 {
@@ -703,9 +727,7 @@ mod tests {
         }
         let [coarse, fine, part] = [fine_blockers(1), fine_blockers(3), in_part].map(|scene| {
             let facets = facets(&scene);
-            let light = DirectLight::new(&facets, lamps(&scene, &facets, 1e-9), Visibility::Exact, |i| {
-                scene.material(i)
-            });
+            let light = exact(&scene, &facets, lamps(&scene, &facets, 1e-9));
             let factors: Vec<f64> = (0..8).map(|receiver| light.factors(receiver)[0]).collect();
             (light.blockers.count(), factors)
         });
@@ -740,6 +762,32 @@ mod tests {
         assert_eq!(triangles, (0..48).collect::<Vec<u32>>());
     }
 
+    /// Light, where it is sampled, derivatives and light of moved vertices: of three ranks the same bits as of one.
+    #[test]
+    fn ranks_compute_the_light_of_one() {
+        let scene = fine_blockers(3);
+        let facets = facets(&scene);
+        let lamps = lamps(&scene, &facets, 1e-9);
+        for visibility in [Visibility::Exact, Visibility::Sampled] {
+            let computed = |ranks: &Ranks| {
+                let light =
+                    DirectLight::new(ranks, &facets, lamps.clone(), visibility, |i| scene.material(i))
+                        .expect("light");
+                let gradients = light.pull_back(&facets, weight, |_| true).expect("derivatives");
+                let moved = light.moved(&facets).expect("light of moved vertices");
+                (light.factors, light.errors, light.cuts, gradients, moved.factors)
+            };
+            let alone = computed(&Ranks::default());
+            assert!(alone.2.len() > 4 && alone.0.iter().all(|factor| factor.is_finite()));
+            std::thread::scope(|scope| {
+                for ranks in crate::ranks::in_threads(3) {
+                    let (alone, computed) = (&alone, &computed);
+                    scope.spawn(move || assert!(computed(&ranks) == *alone, "{ranks:?}"));
+                }
+            });
+        }
+    }
+
     /// Central differences at fixed points, where blockers are triangles, and where they are polygons with vertices on their edges.
     #[test]
     fn derivatives_are_those_of_central_differences() {
@@ -752,10 +800,11 @@ mod tests {
         let lamps = lamps(scene, &facets, 1e-9);
         assert_eq!(lamps.len(), 1);
         assert_eq!((lamps[0].corners.len(), lamps[0].outline.len()), (4, 8));
-        let light = DirectLight::new(&facets, lamps.clone(), Visibility::Exact, |i| scene.material(i));
+        let light = exact(scene, &facets, lamps.clone());
         assert!(light.cuts.len() > 4);
         let gradients: Vec<[DVec3; 3]> = light
             .pull_back(&facets, weight, |_| true)
+            .expect("one rank")
             .iter()
             .zip(&facets)
             .map(|(g, f)| g.to_corners(f))
@@ -781,7 +830,7 @@ mod tests {
                 let moved = |by: f64| {
                     let mut scene = scene.clone();
                     scene.vertices[vertex][axis] += by;
-                    loss(&moving.moved(&self::facets(&scene)))
+                    loss(&moving.moved(&self::facets(&scene)).expect("one rank"))
                 };
                 let difference = (moved(step) - moved(-step)) / (2.0 * step);
                 let error = (difference - gradient[axis]).abs() / largest;

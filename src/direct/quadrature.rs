@@ -35,7 +35,7 @@ type Cell = [DVec3; 3];
 const WHOLE: Cell = [DVec3::X, DVec3::Y, DVec3::Z];
 
 /// Which cells of a triangle are cut into quarters, in the order of a walk; none where the triangle is whole.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 pub struct Cuts(Vec<bool>);
 
 impl Cuts {

@@ -41,7 +41,7 @@ impl std::fmt::Debug for Sampling {
 }
 
 /// A share, from 0 to 1, and its standard error.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
 pub struct Share {
     pub value: f64,
     pub error: f64,

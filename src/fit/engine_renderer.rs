@@ -414,8 +414,17 @@ impl Renderer for EngineRenderer {
             for (view, ((camera, _), by_pixels)) in views().enumerate() {
                 let by_edges = match light {
                     Some(light) => {
+                        let ranks = self.device.ranks();
                         let shown = |face, places: &[[f64; 2]]| light.colours_at(view, face, places);
-                        geometry_gradient_of(scene, camera, self.supersample, &shown, by_pixels, movable)
+                        geometry_gradient_of(
+                            ranks,
+                            scene,
+                            camera,
+                            self.supersample,
+                            &shown,
+                            by_pixels,
+                            movable,
+                        )
                     }
                     None => {
                         let colours = &latest.colours[view];

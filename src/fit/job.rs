@@ -80,6 +80,7 @@ impl FitError {
             Self::Image(error) => match error {
                 ImageError::Write(_) => true,
                 ImageError::Gpu(error) => error.may_pass(),
+                ImageError::Ranks(error) => error.may_pass(),
                 _ => false,
             },
             Self::Input(_)

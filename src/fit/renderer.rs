@@ -45,7 +45,11 @@ impl RenderError {
     pub fn may_pass(&self) -> bool {
         let Self::Failed(cause) = self else { return false };
         let of_engine = cause.downcast_ref().is_some_and(EngineError::may_pass);
-        let of_ranks = cause.downcast_ref().is_some_and(RankError::may_pass);
+        let of_image = || match cause.downcast_ref() {
+            Some(ImageError::Ranks(error)) => Some(error),
+            _ => None,
+        };
+        let of_ranks = cause.downcast_ref().or_else(of_image).is_some_and(RankError::may_pass);
         of_engine || of_ranks || self.of_device().is_some_and(GpuError::may_pass)
     }
 }
@@ -151,6 +155,7 @@ mod tests {
             |error: RankError| EngineError::from(SolveError::Operator(TransportError::from(error)));
         let out_of_step = || RankError::OutOfStep { root: 0, sent: 4, given: 5 };
         assert!(RenderError::Failed(Box::new(RankError::Left)).may_pass());
+        assert!(RenderError::Failed(Box::new(ImageError::from(RankError::Left))).may_pass());
         assert!(RenderError::Failed(Box::new(of_transport(RankError::Left))).may_pass());
         assert!(RenderError::Failed(Box::new(of_solve(RankError::Left))).may_pass());
         assert!(!RenderError::Failed(Box::new(RankError::Threads)).may_pass());

@@ -16,7 +16,7 @@ const BACK: u32 = NONE - 1;
 /// vertex or the camera moves.
 ///
 /// Takes 4 bytes per pixel and 12 per face in each pixel, on the host.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 pub struct Coverage {
     width: u32,
     height: u32,
@@ -29,7 +29,7 @@ pub struct Coverage {
     shares: Vec<Share>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 struct Share {
     /// Index in the scene, or [`BACK`].
     face: u32,

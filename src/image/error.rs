@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use super::MAX_SUPERSAMPLE;
 use crate::gpu::GpuError;
 use crate::output::OutputError;
+use crate::ranks::RankError;
 use crate::scene::SceneError;
 
 /// Why a picture, its derivative or its file could not be made.
@@ -14,6 +15,10 @@ pub enum ImageError {
     /// The device, or a call into it, failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+
+    /// Ranks can no longer make pictures together.
+    #[error(transparent)]
+    Ranks(#[from] RankError),
 
     /// The camera or the scene is invalid.
     #[error(transparent)]

@@ -11,7 +11,6 @@
 use std::ops::Range;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::ImageError;
 use super::coverage::{check_colours, check_cotangent};
@@ -19,6 +18,7 @@ use super::projection::{Projected, View};
 use super::raster::grid;
 use super::sweep::{Axis, Cause, Change, Sweep};
 use super::visibility;
+use crate::ranks::Ranks;
 use crate::scene::Movable;
 use crate::scene::{Camera, Scene};
 
@@ -60,15 +60,16 @@ where
 {
     check_colours(colours.len(), scene.triangles.len())?;
     let shown = |face: usize, places: &[[f64; 2]]| vec![colours[face].map(C::into); places.len()];
-    geometry_gradient_of(scene, camera, supersample, &shown, cotangent, None)
+    geometry_gradient_of(&Ranks::default(), scene, camera, supersample, &shown, cotangent, None)
 }
 
 /// The colours of the front of a triangle at places of the picture, column and row in pixels from its upper left corner.
 pub type Colours<'a> = dyn Fn(usize, &[[f64; 2]]) -> Vec<[f64; 3]> + Sync + 'a;
 
-/// The same for colours that vary over faces. `movable`: indices of the vertices by which derivatives are wanted, and then not those by the
+/// The same for colours that vary over faces, in shares of some ranks, which all call it. `movable`: indices of the vertices by which derivatives are wanted, and then not those by the
 /// camera, to which all edges contribute; `None`: everything. What is not wanted is zero.
 pub fn geometry_gradient_of(
+    ranks: &Ranks,
     scene: &Scene,
     camera: &Camera,
     supersample: u32,
@@ -92,13 +93,12 @@ pub fn geometry_gradient_of(
         let lines = Lines { axis, count: lines, side: supersample, size };
         for first in (0..lines.count).step_by((BLOCK * BLOCKS) as usize) {
             let lists = lines.faces_of_blocks(first, &faces);
-            let corners = |(number, list): (usize, &Vec<u32>)| {
+            let corners = |number: usize| {
                 let first = first + number as u32 * BLOCK;
                 let block = first..lines.count.min(first + BLOCK);
-                lines.sweep(block, list, &faces, &moves, colours, cotangent)
+                lines.sweep(block, &lists[number], &faces, &moves, colours, cotangent)
             };
-            let sums: Vec<Vec<(u32, [DVec3; 3])>> = lists.par_iter().enumerate().map(corners).collect();
-            for (face, corners) in sums.into_iter().flatten() {
+            for (face, corners) in ranks.map(lists.len(), corners)?.into_iter().flatten() {
                 let triangle = scene.triangles[faces[face as usize].number as usize];
                 for (vertex, gradient) in triangle.vertices.into_iter().zip(corners) {
                     vertices[vertex as usize] += gradient;

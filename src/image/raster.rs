@@ -94,8 +94,14 @@ impl Rasterizer {
     }
 
     /// What a camera sees of a scene, at `supersample` x `supersample` samples per pixel: for pictures in any colours, and for
-    /// their derivatives.
+    /// their derivatives. The first of several ranks looks, and all,
+    /// which must ask at once, get what it sees: devices that differ may round differently.
     pub fn coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
+        self.device.ranks().by_first(|| self.own_coverage(scene, camera, supersample))
+    }
+
+    /// Of this rank alone.
+    fn own_coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
         let grid = grid(camera, supersample)?;
         let faces = visibility::project(scene, camera)?;
         let mut whole = Coverage::empty(&grid, scene.triangles.len());
@@ -107,9 +113,19 @@ impl Rasterizer {
         Ok(whole)
     }
 
-    /// The same where vertices have moved from `vertices`, with which it was `before`: only what moved faces may touch is
+    /// The same where vertices have moved from those of `before`, with which coverage was that: only what moved faces may touch is
     /// computed. `before` must be of this scene otherwise, from the same camera.
     pub fn coverage_of_moved(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        supersample: u32,
+        before: (&[DVec3], &Coverage),
+    ) -> Result<Coverage, ImageError> {
+        self.device.ranks().by_first(|| self.own_coverage_of_moved(scene, camera, supersample, before))
+    }
+
+    fn own_coverage_of_moved(
         &self,
         scene: &Scene,
         camera: &Camera,
@@ -118,7 +134,7 @@ impl Rasterizer {
     ) -> Result<Coverage, ImageError> {
         let grid = grid(camera, supersample)?;
         if vertices.len() != scene.vertices.len() || !before.fits(&grid, scene.triangles.len()) {
-            return self.coverage(scene, camera, supersample);
+            return self.own_coverage(scene, camera, supersample);
         }
         let faces = visibility::project(scene, camera)?;
         let moved = |number: &u32| {

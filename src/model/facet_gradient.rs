@@ -6,7 +6,7 @@ use std::ops::AddAssign;
 
 /// Derivative of a scalar with respect to a [`Facet`], each field with the others held fixed. The centroid is the
 /// mean of the corners: a third of its gradient is added to each.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize)]
 pub struct FacetGradient {
     /// Per metre.
     pub corners: [DVec3; 3],

@@ -96,6 +96,16 @@ impl Plan {
         pieces
     }
 
+    /// What this rank holds of each, where that is something.
+    pub(crate) fn own_pieces(&self) -> impl Iterator<Item = Piece> {
+        let of_piece = |Piece { group, part }: Piece| {
+            let own = self.own(group).tiles;
+            let tiles = part.tiles.start.max(own.start)..part.tiles.end.min(own.end);
+            (!tiles.is_empty()).then_some(Piece { group, part: Group { tiles, ..part } })
+        };
+        self.pieces().into_iter().filter_map(of_piece)
+    }
+
     /// Whether light can pass from any of the sources to any of the receivers.
     pub fn anything_passes(&self, receivers: &Range<u32>, sources: &Range<u32>) -> bool {
         let far = &self.interactions.by_receiver.far;

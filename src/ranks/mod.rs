@@ -1,6 +1,8 @@
 //! Several processes, the ranks, that solve one scene together, each with a device of its own. All run the same program on
-//! the same input and call the same operations in the same order; of each pass a rank computes its share.
+//! the same input and call the same operations in the same order; of each pass a rank computes its share, and so it does of what the host
+//! computes of lamps and pictures.
 
+mod map;
 #[cfg(feature = "mpi")]
 mod mpi;
 mod threads;
@@ -39,6 +41,16 @@ pub enum RankError {
         sent: usize,
         /// Bytes that this rank expects.
         given: usize,
+    },
+    /// What a rank has sent is not what this one expects.
+    #[error(
+        "what rank {root} has sent cannot be read ({why}): all processes must run the same program on the same input"
+    )]
+    Unreadable {
+        /// The rank that sends.
+        root: usize,
+        /// What is wrong with it.
+        why: String,
     },
 }
 

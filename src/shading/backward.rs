@@ -8,11 +8,11 @@ use crate::direct::barycentric;
 use crate::image::{Coverage, ImageError, View, camera_gradient};
 use crate::model::FacetGradient;
 use crate::plan::GradientRequest;
+use crate::ranks::RankError;
 use crate::scene::Factors;
 use crate::solve::SolveProgress;
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
 use glam::DVec3;
-use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 
@@ -66,13 +66,14 @@ struct Differences {
 }
 
 /// By a camera's position, its axes held fixed, and by its axes.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, Default, serde::Deserialize, serde::Serialize)]
 struct OfCamera {
     position: DVec3,
     axes: [DVec3; 3],
 }
 
 /// The same of the points on one face.
+#[derive(serde::Deserialize, serde::Serialize)]
 struct OfPoints {
     reflectance: DVec3,
     means: DVec3,
@@ -116,7 +117,9 @@ pub fn backward(
         colours.push((view.camera.position, by_colours));
         let movable = &engine.movable;
         let moves = |face| request.positions && movable.triangle(face) || request.camera;
-        light.pull_back(view, seen, &Wanted { request, moves: &moves }, &mut sums);
+        light
+            .pull_back(view, seen, &Wanted { request, moves: &moves }, &mut sums)
+            .map_err(ImageError::from)?;
     }
     let specular = sums.pull_back_brought(light);
     sums.pull_back_sharpened(light);
@@ -253,7 +256,13 @@ impl Differences {
 }
 
 impl Light {
-    fn pull_back(&self, view: &super::View, loss: &SeenFrom, wanted: &Wanted, sums: &mut Differences) {
+    fn pull_back(
+        &self,
+        view: &super::View,
+        loss: &SeenFrom,
+        wanted: &Wanted,
+        sums: &mut Differences,
+    ) -> Result<(), RankError> {
         let sights = self.sights(view, loss.coverage);
         let Sights { seen, runs, .. } = &*sights;
         let by_seen = |place: &usize| {
@@ -262,14 +271,15 @@ impl Light {
         };
         let camera = View::new(&view.camera);
         let mut by_camera = OfCamera::default();
-        let known = view.samples.of(&sights);
-        let of_run = |(k, run): (usize, &Points)| {
-            let rays = known.as_ref().map(|known| &known[k][..]);
+        let samples = self.samples(view, &sights);
+        let of_run = |k: usize| {
+            let run = &runs[k];
+            let rays = samples.as_ref().and_then(|of_runs| of_runs[k].get()).map(|rays| &rays[..]);
             let cotangent: Vec<DVec3> = run.of.iter().map(by_seen).collect();
             let spots: Vec<Spot> = run.of.iter().map(|&place| Spot::from(&seen[place])).collect();
             self.pull_back_points(run, &camera, &cotangent, &spots, rays, wanted)
         };
-        let all: Vec<Option<OfPoints>> = runs.par_iter().enumerate().map(of_run).collect();
+        let all = self.direct.ranks().map(runs.len(), of_run)?;
         // One after the other, so that sums are the same from run to run.
         for (run, of) in runs.iter().zip(all).filter_map(|(run, of)| Some((run, of?))) {
             sums.reflectance[run.face] += of.reflectance;
@@ -286,6 +296,7 @@ impl Light {
             by_camera.axes.iter_mut().zip(of.camera.axes).for_each(|(to, by)| *to += by);
         }
         sums.cameras.push(by_camera);
+        Ok(())
     }
 
     /// Derivatives by everything that the points of a run depend on; `None` where all are zero.

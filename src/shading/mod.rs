@@ -18,13 +18,13 @@ use crate::direct::{DirectLight, barycentric};
 use crate::image::{self, Coverage, ImageError, Picture};
 use crate::model::Facet;
 use crate::plan::Placement;
+use crate::ranks::RankError;
 use crate::scene::{Camera, Material, Patterns, Scene};
 use crate::{Engine, EngineError, Solution};
 use glam::DVec3;
 use interpolation::Interpolation;
 use pattern::Spot;
-use rayon::prelude::*;
-use reflections::{Estimate, Faces, Glossy, Of, Sample, Surroundings};
+use reflections::{Estimate, Faces, Glossy, Held, Surroundings};
 use sights::{Kept, POINTS, Points, Sight, Sights};
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -72,7 +72,8 @@ impl Gathered {
     }
 }
 
-/// The light of a solution towards some cameras, on the host: what pictures with gathered light are made from. It outlives its engine.
+/// The light of a solution towards some cameras, on the host: what pictures with gathered light are made from. It outlives its engine. Ranks
+/// make pictures and their derivatives in shares, and must all ask for them.
 #[derive(Clone, Debug)]
 pub struct Light {
     direct: Arc<DirectLight>,
@@ -101,9 +102,6 @@ struct View {
     /// Where all points have as many.
     samples: reflections::Kept,
 }
-
-/// What is found of the points of a run, and their rays where these are to be held.
-type Found = (Vec<Estimate>, Vec<Sample>);
 
 impl Light {
     /// Reads what is needed of the latest solution of an engine for a scene.
@@ -186,8 +184,8 @@ impl Light {
     pub fn gathered(&self, view: usize, coverage: &Coverage) -> Result<Gathered, ImageError> {
         let view = &self.views[view];
         let mut pixels = coverage.pixels(&view.colours)?;
-        let error =
-            self.add(view, coverage, &mut pixels, &|points, rays| self.difference(view, points, rays));
+        let difference = |points: &Points, held: Option<&Held>| self.difference(view, points, held);
+        let error = self.add(view, coverage, &mut pixels, &difference)?;
         Ok(Gathered { pixels, error })
     }
 
@@ -206,8 +204,8 @@ impl Light {
         let colour = |(face, colour)| (self.without_emission(view, face, colour)).to_array();
         let colours: Vec<[f64; 3]> = view.colours.iter().copied().enumerate().map(colour).collect();
         let mut pixels = coverage.pixels(&colours)?;
-        let difference = |points: &Points, rays: Of| self.reflected_difference(view, points, rays);
-        let error = self.add(view, coverage, &mut pixels, &difference);
+        let difference = |points: &Points, held: Option<&Held>| self.reflected_difference(view, points, held);
+        let error = self.add(view, coverage, &mut pixels, &difference)?;
         Ok((pixels.into_iter().map(|[r, g, b, _]| DVec3::new(r, g, b)).collect(), error))
     }
 
@@ -229,21 +227,12 @@ impl Light {
         view: &View,
         coverage: &Coverage,
         pixels: &mut [[f64; 4]],
-        difference: &(dyn Fn(&Points, Of) -> Found + Sync),
-    ) -> f64 {
+        difference: &(dyn Fn(&Points, Option<&Held>) -> Vec<Estimate> + Sync),
+    ) -> Result<f64, RankError> {
         let sights = self.sights(view, coverage);
-        let known = view.samples.of(&sights);
-        let hold =
-            self.surroundings.as_ref().is_some_and(|surroundings| surroundings.holds(sights.seen.len()));
-        let of_run = |(k, run): (usize, &Points)| match &known {
-            Some(known) => difference(run, Of::Known(&known[k])),
-            None => difference(run, Of::New { hold }),
-        };
-        let found: Vec<Found> = sights.runs.par_iter().enumerate().map(of_run).collect();
-        let (found, samples): (Vec<_>, Vec<_>) = found.into_iter().unzip();
-        if hold && known.is_none() {
-            view.samples.hold(&sights, samples);
-        }
+        let samples = self.samples(view, &sights);
+        let of_run = |k: usize| difference(&sights.runs[k], samples.as_ref().map(|of_runs| &of_runs[k]));
+        let found = self.direct.ranks().map(sights.runs.len(), of_run)?;
         let (mut errors, mut all) = (0.0, 0.0);
         for (run, found) in sights.runs.iter().zip(found) {
             let mean = self.without_emission(view, run.face, view.colours[run.face]);
@@ -256,7 +245,7 @@ impl Light {
                 all += (seen.share * (mean + more.mean)).length_squared();
             }
         }
-        if all > 0.0 { (errors / all).sqrt() } else { 0.0 }
+        Ok(if all > 0.0 { (errors / all).sqrt() } else { 0.0 })
     }
 
     /// How far the mean of the radiance that interpolation alone, without sharpening, shows of each face is from that of the face,
@@ -270,12 +259,18 @@ impl Light {
     }
 
     fn sights(&self, View { camera, sights, .. }: &View, coverage: &Coverage) -> Arc<Sights> {
-        sights.of(coverage.faces_in_pixels().collect(), |seen| Sights::new(&self.sight(camera), seen))
+        let lamps = self.direct.lamps().len();
+        sights.of(coverage.faces_in_pixels().collect(), |seen| Sights::new(&self.sight(camera), seen, lamps))
+    }
+
+    /// The rays of each run of points, where there are some and these are held.
+    fn samples(&self, view: &View, sights: &Arc<Sights>) -> Option<Arc<Vec<Held>>> {
+        let holds = |surroundings: &Arc<Surroundings>| surroundings.holds(sights.seen.len());
+        self.surroundings.as_ref().filter(|of| holds(of)).map(|_| view.samples.of(sights))
     }
 
     fn sight(&self, camera: &Camera) -> Sight<'_> {
         Sight {
-            direct: &self.direct,
             facets: &self.facets,
             patterns: &self.patterns,
             view: image::View::new(camera),
@@ -294,25 +289,25 @@ impl Light {
         let sight = self.sight(&view.camera);
         let of_run = |places: &[[f64; 2]]| {
             let spots: Vec<Spot> = places.iter().map(|&middle| Spot { middle, side: 0.0 }).collect();
-            let points = sight.points(face, (0..places.len()).collect(), &spots, true);
-            self.difference(view, &points, Of::New { hold: false }).0
+            let points = sight.points(face, (0..places.len()).collect(), &spots, false);
+            self.difference(view, &points, None)
         };
         let more = places.chunks(POINTS).flat_map(of_run);
         more.map(|more| (DVec3::from(view.colours[face]) + more.mean).to_array()).collect()
     }
 
-    /// What gathering adds to the radiance of a face at each point, W/(m² sr), and the rays of each, which may be known.
-    fn difference(&self, view: &View, points: &Points, rays: Of) -> Found {
-        let (mut differences, samples) = self.reflected_difference(view, points, rays);
+    /// What gathering adds to the radiance of a face at each point, W/(m² sr). `held`: room for the rays of each.
+    fn difference(&self, view: &View, points: &Points, held: Option<&Held>) -> Vec<Estimate> {
+        let mut differences = self.reflected_difference(view, points, held);
         let emission = DVec3::from(self.materials[points.face].emission);
         for (to, [_, of_emission]) in differences.iter_mut().zip(&points.pattern) {
             to.mean += emission * (*of_emission - 1.0);
         }
-        (differences, samples)
+        differences
     }
 
     /// Of the latter, what is reflected.
-    fn reflected_difference(&self, view: &View, points: &Points, rays: Of) -> Found {
+    fn reflected_difference(&self, view: &View, points: &Points, held: Option<&Held>) -> Vec<Estimate> {
         let Points { face, at, pattern, .. } = points;
         let face = *face;
         let eye = self.eye(view);
@@ -320,7 +315,6 @@ impl Light {
         let reflectance = DVec3::from(material.diffuse_albedo()) / PI;
         let radiance = self.lamp_radiance();
         let mut differences = vec![Estimate::default(); at.len()];
-        let mut samples = Vec::new();
         let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
         if reflectance != DVec3::ZERO {
             let corners = self.interpolation.corners(&self.facets, &self.sharpened, face);
@@ -344,22 +338,27 @@ impl Light {
             if let Some(surroundings) = &self.surroundings {
                 let diffuse = reflectance * means;
                 let of_bins = self.without_emission(view, face, view.colours[face]) - diffuse;
+                let known = held.and_then(Held::get);
+                let mut samples = Vec::new();
                 for (k, (to, point)) in differences.iter_mut().zip(at).enumerate() {
                     let glossy = Glossy { besides: diffuse + to.mean, ..self.glossy(face, *point, eye) };
-                    let found = match rays {
-                        Of::Known(known) => surroundings.along(self.faces(), &glossy, &known[k]),
-                        Of::New { hold } => {
+                    let found = match known {
+                        Some(known) => surroundings.along(self.faces(), &glossy, &known[k]),
+                        None => {
                             let (found, sample) = surroundings.reflected(self.faces(), &glossy);
-                            samples.extend(hold.then_some(sample));
+                            samples.push(sample);
                             found
                         }
                     };
                     to.mean += found.mean - of_bins;
                     to.error = found.error;
                 }
+                if let (Some(held), None) = (held, known) {
+                    held.get_or_init(|| samples);
+                }
             }
         }
-        (differences, samples)
+        differences
     }
 
     fn faces(&self) -> Faces<'_> {

@@ -14,7 +14,7 @@ use crate::{Engine, EngineError, Solution};
 use glam::DVec3;
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Rays of a point: at first, and at most. Powers of two fill the unit square most evenly.
 pub const AS_NEEDED: [u32; 2] = [16, 512];
@@ -99,14 +99,14 @@ pub struct Sample {
 }
 
 /// Radiance and its standard error, W/(m² sr).
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, serde::Deserialize, serde::Serialize)]
 pub struct Estimate {
     pub mean: DVec3,
     pub error: DVec3,
 }
 
 /// Derivatives of a loss through what rays bring of a face.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Deserialize, serde::Serialize)]
 pub struct OfFace {
     pub emission: DVec3,
     /// By δρ.
@@ -293,34 +293,23 @@ impl Surroundings {
     }
 }
 
-/// The samples of all points of a picture, by its runs, once they are known; clones share them.
+/// Those of the points of a run, once they are known.
+pub type Held = OnceLock<Vec<Sample>>;
+
+/// The samples of all points of a picture, by its runs; clones share them.
 #[derive(Clone, Debug, Default)]
 pub struct Kept(Arc<Mutex<Option<OfPicture>>>);
 
-type OfPicture = (Arc<Sights>, Arc<Samples>);
-
-/// Of each run of points, by point.
-pub type Samples = Vec<Vec<Sample>>;
-
-/// The rays of a run of points.
-#[derive(Clone, Copy)]
-pub enum Of<'a> {
-    /// Known, by point.
-    Known(&'a [Sample]),
-    /// To be found; returned where they are to be held.
-    New { hold: bool },
-}
+type OfPicture = (Arc<Sights>, Arc<Vec<Held>>);
 
 impl Kept {
-    /// Those of the points of a picture, if they are held.
-    pub fn of(&self, sights: &Arc<Sights>) -> Option<Arc<Samples>> {
-        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.as_ref().filter(|(of, _)| Arc::ptr_eq(of, sights)).map(|(_, samples)| samples.clone())
-    }
-
-    pub fn hold(&self, sights: &Arc<Sights>, samples: Samples) {
+    /// Room for those of the points of a picture, with what is known of them.
+    pub fn of(&self, sights: &Arc<Sights>) -> Arc<Vec<Held>> {
         let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        *kept = Some((sights.clone(), Arc::new(samples)));
+        let known = kept.take().filter(|(of, _)| Arc::ptr_eq(of, sights)).map(|(_, samples)| samples);
+        let samples = known.unwrap_or_else(|| Arc::new(vec![Held::new(); sights.runs.len()]));
+        *kept = Some((sights.clone(), samples.clone()));
+        samples
     }
 }
 

@@ -10,7 +10,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Points that share a search for blockers.
 pub const POINTS: usize = 64;
@@ -21,9 +21,10 @@ const MOST_KEPT: usize = 8_000_000;
 impl Points {
     /// Vector irradiance of each lamp at each point by its radiance, sr, computed unless held.
     pub fn light(&self, direct: &DirectLight, facets: &[Facet]) -> Cow<'_, [Vec<DVec3>]> {
-        match self.light.len() == self.at.len() {
-            true => Cow::Borrowed(&self.light),
-            false => Cow::Owned(direct.at_points(facets, self.face, &self.at)),
+        let compute = || direct.at_points(facets, self.face, &self.at);
+        match &self.light {
+            Some(held) => Cow::Borrowed(held.get_or_init(compute)),
+            None => Cow::Owned(compute()),
         }
     }
 }
@@ -36,15 +37,15 @@ pub struct Points {
     pub of: Vec<usize>,
     /// Engine's coordinates.
     pub at: Vec<DVec3>,
-    /// Vector irradiance of each lamp at each point by its radiance, sr; empty where that is too much to hold for a whole picture.
-    light: Vec<Vec<DVec3>>,
+    /// Vector irradiance of each lamp at each point by its radiance, sr, once it has been asked for: a rank asks for that of its share of a
+    /// picture. `None` where that is too much to hold for a whole picture.
+    light: Option<OnceLock<Vec<Vec<DVec3>>>>,
     /// Where the face has a pattern, its factors of albedo and emission around each point.
     pub pattern: Vec<[DVec3; 2]>,
 }
 
 /// What is seen, and from where.
 pub struct Sight<'a> {
-    pub direct: &'a DirectLight,
     pub facets: &'a [Facet],
     pub patterns: &'a Patterns,
     pub view: View,
@@ -58,11 +59,10 @@ impl Sight<'_> {
         let facet = &self.facets[face];
         let point = |spot: &Spot| hit(facet, self.eye, self.view.ray(spot.middle[0], spot.middle[1]));
         let at: Vec<DVec3> = spots.iter().map(point).collect();
-        let light = if hold { self.direct.at_points(self.facets, face, &at) } else { Vec::new() };
         let pattern =
             |spot: &Spot| Spot::mean(&spot.samples(self.patterns, facet, face, self.eye, &self.view));
         let pattern = if self.patterns.vary(face) { spots.iter().map(pattern).collect() } else { Vec::new() };
-        Points { face, of, at, light, pattern }
+        Points { face, of, at, light: hold.then(OnceLock::new), pattern }
     }
 }
 
@@ -72,13 +72,14 @@ pub struct Sights {
     pub seen: Vec<FaceInPixel>,
     /// Runs of points on one face that are close in the picture.
     pub runs: Vec<Points>,
-    /// Whether they hold the light of lamps.
+    /// Whether they hold the light of lamps, once it is known.
     held: bool,
 }
 
 impl Sights {
-    pub fn new(sight: &Sight, seen: Vec<FaceInPixel>) -> Self {
-        let held = seen.len().saturating_mul(sight.direct.lamps().len()) <= MOST_KEPT;
+    /// From a number of lamps.
+    pub fn new(sight: &Sight, seen: Vec<FaceInPixel>, lamps: usize) -> Self {
+        let held = seen.len().saturating_mul(lamps) <= MOST_KEPT;
         let mut by_face: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (place, seen) in seen.iter().enumerate() {
             by_face.entry(seen.face).or_default().push(place);
@@ -157,11 +158,14 @@ mod tests {
         let at = vec![facets[0].centroid, facets[0].corners[0]];
         let light = direct.at_points(&facets, 0, &at);
         assert!(light[0][0].y > 0.1);
-        let points = |light: &[Vec<DVec3>]| {
+        for held in [true, false] {
             let (of, pattern) = (vec![0, 1], Vec::new());
-            Points { face: 0, of, at: at.clone(), light: light.to_vec(), pattern }
-        };
-        assert_eq!(*points(&[]).light(&direct, &facets), light[..]);
-        assert_eq!(*points(&light).light(&direct, &facets), light[..]);
+            let points = Points { face: 0, of, at: at.clone(), light: held.then(OnceLock::new), pattern };
+            for once_more in [false, true] {
+                let found = points.light(&direct, &facets);
+                assert_eq!(*found, light[..], "{once_more}");
+                assert_eq!(matches!(found, Cow::Borrowed(_)), held);
+            }
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! S: the radiance of each triangle towards a camera.
 
 use super::reflection::Reflection;
+use super::residency::Part;
 use super::state::State;
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, bin_constants, real};
@@ -53,13 +54,16 @@ impl Observation {
     ) -> Result<Vec<[f64; 4]>, TransportError> {
         let Context { device, plan, scene, outgoing } = context;
         let camera_position = plan.placement.apply(camera_position).to_array();
-        for piece in plan.pieces() {
+        // Each rank those that it holds the light of.
+        for piece in plan.own_pieces() {
+            let light = Part::of_piece(plan, &piece).filter(|_| piece.part.class.glossy);
+            let light = light.map(|part| x.read(device, &part)).transpose()?;
             let slots = plan.layout.slots_of(&piece.part.tiles);
             let buffers = [
                 scene.facets.whole(),
                 outgoing.radiance.whole(),
                 scene.no_bins.whole(),
-                reflection.specular(context, &piece, Some(x), monitor)?,
+                reflection.specular_under(context, &piece, light.as_ref(), monitor)?,
                 self.colours.whole(),
             ];
             let push = real::push(plan.settings.precision, &camera_position, &[slots.start, slots.end]);
@@ -69,6 +73,7 @@ impl Observation {
             batch.dispatch(kernel, "all", &buffers, &push, groups)?;
             batch.defer()?;
         }
+        context.complete_slots(&self.colours, plan.rgb_bytes())?;
         Ok(context.slots(&self.colours)?)
     }
 }

@@ -48,13 +48,7 @@ impl Part {
 
     /// What this rank holds of a state, one part after the other.
     pub fn own(plan: &Plan) -> Vec<Self> {
-        let of_piece = |piece: &Piece| {
-            let part = &piece.part;
-            let tiles = overlap(&part.tiles, &plan.own(piece.group).tiles);
-            Self::of_group(plan, piece.group, &Group { tiles, ..*part })
-        };
-        let pieces = plan.pieces();
-        let bins = pieces.iter().filter_map(of_piece).filter(|part| part.bytes() > 0);
+        let bins = plan.own_pieces().filter_map(|piece| Self::of_piece(plan, &piece));
         std::iter::once(Self::irradiance(plan)).chain(bins).collect()
     }
 

@@ -3,6 +3,7 @@
 use antirad::image::{
     GeometryGradient, ImageError, PictureOptions, Rasterizer, geometry_gradient, geometry_gradient_of,
 };
+use antirad::ranks::Ranks;
 use antirad::scene::{Camera, Scene};
 use glam::{DQuat, DVec3};
 
@@ -265,7 +266,7 @@ fn edges_of_what_moves_are_those_of_all() {
     let adjoint: Vec<[f64; 4]> = (0..pixels).map(|_| [0; 4].map(|_| random.next() - 0.5)).collect();
     let shown = |face: usize, places: &[[f64; 2]]| vec![colours[face].map(f64::from); places.len()];
     let gradient = |movable: Option<&[u32]>| {
-        geometry_gradient_of(&scene, &camera, 4, &shown, &adjoint, movable).unwrap()
+        geometry_gradient_of(&Ranks::default(), &scene, &camera, 4, &shown, &adjoint, movable).unwrap()
     };
     let all = gradient(None);
     assert_eq!(all, geometry_gradient(&scene, &camera, 4, &colours, &adjoint).unwrap());

@@ -201,15 +201,13 @@ pub fn run(
             Rendered::plain(&scene, answer, engine, finer)
         }
     };
-    let shares = RankReport::of_all(&device, stages.seconds["solve"])?;
-    if !together.speaks() {
-        return Ok(());
-    }
     let Rendered { scene: solved, irradiance, radiosity, answer, refinement, engine } = result;
     let rasterizer = Rasterizer::new(&device)?;
     let working = Working::on("pictures");
+    // All gather light, each its share.
+    let drawn = if together.speaks() || shading == Shading::Gathered { &cameras[..] } else { &[] };
     let draw = || {
-        cameras
+        drawn
             .iter()
             .zip(&answer.colours)
             .enumerate()
@@ -229,6 +227,10 @@ pub fn run(
     let pictures = interrupt.while_computing(draw)?;
     drop(working);
     stages.end("pictures");
+    let shares = RankReport::of_all(&device, stages.seconds["solve"])?;
+    if !together.speaks() {
+        return Ok(());
+    }
     if interrupt.is_set() {
         return Err(Failure::Interrupted);
     }

@@ -33,12 +33,9 @@ pub fn measure(
     // The engine computes it, too, but compiles kernels in the same call.
     let start = Instant::now();
     if !plan.lamps().is_empty() {
-        std::hint::black_box(DirectLight::new(
-            plan.facets(),
-            plan.lamps().to_vec(),
-            plan.visibility(),
-            |i| scene.material(i),
-        ));
+        let (lamps, material) = (plan.lamps().to_vec(), |i| scene.material(i));
+        let light = DirectLight::new(device.ranks(), plan.facets(), lamps, plan.visibility(), material);
+        std::hint::black_box(light?);
     }
     let direct = start.elapsed().as_secs_f64();
     let mut engine = Engine::new(device, &scene, plan)?;

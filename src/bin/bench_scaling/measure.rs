@@ -7,7 +7,7 @@ use antirad::cli::Interrupt;
 use antirad::direct::DirectLight;
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{Occlusion, Plan, PlanOptions};
-use antirad::ranks::Ranks;
+use antirad::ranks::{RankError, Ranks};
 use antirad::scene::{
     Lamps, LoadOptions, Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, SolverChoice,
     Triangle,
@@ -111,11 +111,10 @@ fn refined(file: &Path, triangles: u32) -> Result<Scene, SceneError> {
 }
 
 /// What enters U, W/(m² sr), where the light of exact lamps has been reflected once.
-fn emitted(scene: &Scene, plan: &Plan) -> Vec<[f64; 3]> {
-    let light =
-        DirectLight::new(plan.facets(), plan.lamps().to_vec(), plan.visibility(), |i| scene.material(i));
+fn emitted(ranks: &Ranks, scene: &Scene, plan: &Plan) -> Result<Vec<[f64; 3]>, RankError> {
     let material = |i: usize| scene.material(i);
-    light.emitted(material, &light.irradiance(material))
+    let light = DirectLight::new(ranks, plan.facets(), plan.lamps().to_vec(), plan.visibility(), material)?;
+    Ok(light.emitted(material, &light.irradiance(material)))
 }
 
 /// Measures the one size of the command line, with other processes that mpirun has started, if it has.
@@ -166,7 +165,7 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
 
     let resident_before = resident("VmRSS:");
     let own = device.scope(staging);
-    let buffers = SceneBuffers::emitting(&own, &scene, &plan, &emitted(&scene, &plan), 1.0)?;
+    let buffers = SceneBuffers::emitting(&own, &scene, &plan, &emitted(device.ranks(), &scene, &plan)?, 1.0)?;
     let mut operators = Operators::new(&own, plan, buffers)?;
     let mut x = operators.vector()?;
     let mut y = operators.vector()?;
