@@ -68,7 +68,8 @@ pub struct DirectLight {
 }
 
 impl DirectLight {
-    /// Computes the light of lamps on triangles, in any unit of length, in shares of some ranks, which all call it.
+    /// Computes the light of lamps on triangles, in any unit of length, in shares of some ranks, which all call it. Fails only where these
+    /// can no longer work together.
     pub fn new<'a>(
         ranks: &Ranks,
         facets: &[Facet],

@@ -6,7 +6,7 @@ use serde::{Serialize, de::DeserializeOwned};
 
 impl Ranks {
     /// The results of `of` for all numbers below `count`, in order. Each rank computes its share on all cores, `init` makes the scratch space
-    /// of one of them, and sends it to all others. All ranks call it.
+    /// of one of them, and sends it to all others. All ranks call it. Fails where one has ended, or does not run the same program.
     pub fn map_init<S, T>(
         &self,
         count: usize,
@@ -16,15 +16,24 @@ impl Ranks {
     where
         T: Serialize + DeserializeOwned + Send,
     {
-        // Dealt in turn: neighbours take about as long.
-        let numbers = (self.rank()..count.max(self.rank())).into_par_iter().step_by(self.count());
-        let own: Vec<T> = numbers.map_init(init, of).collect();
+        let numbers: Vec<usize> = (0..count).filter(|&number| self.computes(number) == self.rank()).collect();
+        let own: Vec<T> = numbers.into_par_iter().map_init(init, of).collect();
         if self.count() == 1 {
             return Ok(own);
         }
         let mut shares: Vec<_> = self.exchange(own)?.into_iter().map(Vec::into_iter).collect();
-        let dealt = (0..count).map(|number| number % self.count());
-        dealt.map(|root| shares[root].next().ok_or_else(|| unreadable(root, "too short"))).collect()
+        let found = |number| {
+            let root = self.computes(number);
+            shares[root].next().ok_or_else(|| unreadable(root, "too short"))
+        };
+        (0..count).map(found).collect()
+    }
+
+    /// The rank that computes a number. Dealt to and fro: neighbours take about as long, but the two halves of a quad, say, may differ, and so
+    /// may the ends of a mesh.
+    fn computes(&self, number: usize) -> usize {
+        let (round, place) = (number / self.count(), number % self.count());
+        if round.is_multiple_of(2) { place } else { self.count() - 1 - place }
     }
 
     /// The same without scratch space.
