@@ -5,6 +5,7 @@ use crate::engine_direct::{Direct, lamps_of};
 use crate::gpu::{Device, DeviceKind, GpuError};
 use crate::options::setters;
 use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, RankWeights, Residency};
+use crate::ranks::RankError;
 use crate::revision::{Difference, Revision};
 use crate::scene::Movable;
 use crate::scene::{BinLayout, Material, Precision, Scene, SceneError, SolveSettings, Weights};
@@ -421,15 +422,20 @@ impl PlanOptions {
     }
 }
 
+impl From<RankError> for EngineError {
+    fn from(error: RankError) -> Self {
+        Self::Transport(error.into())
+    }
+}
+
 /// The light of lamps, which the ranks of a device compute together.
 fn direct_light(
     device: &Device,
     scene: &Scene,
     plan: &Plan,
     lamps: Vec<Lamp>,
-) -> Result<DirectLight, TransportError> {
-    let material = |i| scene.material(i);
-    Ok(DirectLight::new(device.ranks(), &plan.facets, lamps, plan.visibility, material)?)
+) -> Result<DirectLight, RankError> {
+    DirectLight::new(device.ranks(), &plan.facets, lamps, plan.visibility, |i| scene.material(i))
 }
 
 impl Engine {
@@ -539,7 +545,7 @@ impl Engine {
         let plan = Plan::following(scene, &options, &settings, choice.as_ref())?;
         let lamps = lamps_of(scene, &plan.lamps);
         let direct = match lamps == direct.light.lamps() && plan.facets.len() == direct.light.receivers() {
-            true => direct.light.moved(&plan.facets).map_err(TransportError::from)?,
+            true => direct.light.moved(&plan.facets)?,
             false => direct_light(&device, scene, &plan, lamps)?,
         };
         Self::with_direct(&device, scene, plan, direct)
@@ -643,7 +649,7 @@ impl Engine {
         camera_position: DVec3,
     ) -> Result<Vec<[f64; 3]>, EngineError> {
         let mut colours = self.colours_without_highlights(solution, camera_position)?;
-        for (i, highlight) in self.highlights(camera_position).map_err(TransportError::from)? {
+        for (i, highlight) in self.highlights(camera_position)? {
             colours[i] = (DVec3::from(colours[i]) + highlight).to_array();
         }
         Ok(colours)

@@ -6,7 +6,6 @@ use crate::engine::Engine;
 use crate::plan::{PADDING, Plan};
 use crate::ranks::RankError;
 use crate::scene::Scene;
-use crate::transport::TransportError;
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -35,7 +34,7 @@ impl Direct {
         scene: &Scene,
         plan: &Plan,
         known: &[Lobes],
-    ) -> Result<Self, TransportError> {
+    ) -> Result<Self, RankError> {
         let irradiance = light.irradiance(|i| scene.material(i));
         let lobes = if light.lamps().is_empty() { Vec::new() } else { lobes(&light, scene, plan, known)? };
         Ok(Self { light, irradiance, lobes })

@@ -6,7 +6,7 @@ use crate::options::setters;
 use crate::plan::{GradientRequest, PADDING, PlannedSolver};
 use crate::scene::Scene;
 use crate::solve::{FixedPointParams, GmresParams, SolveInfo, SolveProgress, fixed_point, gmres};
-use crate::transport::{AdjointOperator, LobeSums, TransportError};
+use crate::transport::{AdjointOperator, LobeSums};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::ops::ControlFlow;
@@ -197,8 +197,7 @@ impl Engine {
             of_radiance.iter().zip(&solution.irradiance).map(|(&m, &h)| m * DVec3::from(h) / PI).collect();
         let materials = || of_albedo.iter().zip(&self.materials);
         let lobes = lobes.map(|sums| self.lobe_gradients(&sums, of_light));
-        let direct = self.direct_gradients(cotangent, &unscaled, &of_lobes, request);
-        let direct = direct.map_err(TransportError::from)?;
+        let direct = self.direct_gradients(cotangent, &unscaled, &of_lobes, request)?;
         let corners = request.positions.then(|| {
             let mut corners = self.corner_gradients(&facets, per_metre);
             let scale = steepness * self.plan().placement.scale;

@@ -77,12 +77,7 @@ impl FitError {
         match self {
             Self::Render(error) => error.may_pass(),
             Self::Write(_) | Self::Lock(_) | Self::Checkpoint(CheckpointError::Read { .. }) => true,
-            Self::Image(error) => match error {
-                ImageError::Write(_) => true,
-                ImageError::Gpu(error) => error.may_pass(),
-                ImageError::Ranks(error) => error.may_pass(),
-                _ => false,
-            },
+            Self::Image(error) => error.may_pass(),
             Self::Input(_)
             | Self::Parameter(_)
             | Self::Regulariser { .. }

@@ -45,12 +45,9 @@ impl RenderError {
     pub fn may_pass(&self) -> bool {
         let Self::Failed(cause) = self else { return false };
         let of_engine = cause.downcast_ref().is_some_and(EngineError::may_pass);
-        let of_image = || match cause.downcast_ref() {
-            Some(ImageError::Ranks(error)) => Some(error),
-            _ => None,
-        };
-        let of_ranks = cause.downcast_ref().or_else(of_image).is_some_and(RankError::may_pass);
-        of_engine || of_ranks || self.of_device().is_some_and(GpuError::may_pass)
+        let of_image = cause.downcast_ref().is_some_and(ImageError::may_pass);
+        let of_ranks = cause.downcast_ref().is_some_and(RankError::may_pass);
+        of_engine || of_image || of_ranks || self.of_device().is_some_and(GpuError::may_pass)
     }
 }
 

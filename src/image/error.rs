@@ -79,3 +79,15 @@ pub enum ImageError {
         reason: String,
     },
 }
+
+impl ImageError {
+    /// Whether the same may succeed at another time, on another device, with room on the disk, or where all ranks are started again.
+    pub fn may_pass(&self) -> bool {
+        match self {
+            Self::Gpu(error) => error.may_pass(),
+            Self::Ranks(error) => error.may_pass(),
+            Self::Write(_) => true,
+            _ => false,
+        }
+    }
+}

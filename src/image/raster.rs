@@ -94,8 +94,8 @@ impl Rasterizer {
     }
 
     /// What a camera sees of a scene, at `supersample` x `supersample` samples per pixel: for pictures in any colours, and for
-    /// their derivatives. The first of several ranks looks, and all,
-    /// which must ask at once, get what it sees: devices that differ may round differently.
+    /// their derivatives. Of several ranks, which must all ask at once, the first looks, and all get what it sees: devices that differ may
+    /// round differently.
     pub fn coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
         self.device.ranks().by_first(|| self.own_coverage(scene, camera, supersample))
     }

@@ -30,6 +30,7 @@ pub use near_matrix::{
     Block, IncidentPart, NO_ROW, NearField, NearMatrix, OutgoingPart, SLICE, SlicedMatrix,
 };
 pub use report::{ClassReport, LobeReport, PairReport, PlanReport, StatesReport};
+pub(crate) use residency::overlap;
 pub use residency::{Piece, Residency};
 pub use shares::Shares;
 pub use tiles::{Group, TileLayout};

@@ -44,6 +44,11 @@ const MOST_WINDOW_BYTES: u64 = 512 << 20;
 /// With clusters, windows for receivers at most: each has its own clusters, which stand for fewer triangles the smaller it is.
 const MOST_SWEEPS: u32 = 64;
 
+/// What two ranges have in common; where that is nothing, a range that is empty.
+pub(crate) fn overlap(a: &Range<u32>, b: &Range<u32>) -> Range<u32> {
+    a.start.max(b.start)..a.end.min(b.end)
+}
+
 impl Plan {
     /// Tiles with bins: the groups that have some are contiguous, at the end.
     pub fn tiles_with_bins(&self) -> Range<u32> {
@@ -99,8 +104,7 @@ impl Plan {
     /// What this rank holds of each, where that is something.
     pub(crate) fn own_pieces(&self) -> impl Iterator<Item = Piece> {
         let of_piece = |Piece { group, part }: Piece| {
-            let own = self.own(group).tiles;
-            let tiles = part.tiles.start.max(own.start)..part.tiles.end.min(own.end);
+            let tiles = overlap(&part.tiles, &self.own(group).tiles);
             (!tiles.is_empty()).then_some(Piece { group, part: Group { tiles, ..part } })
         };
         self.pieces().into_iter().filter_map(of_piece)

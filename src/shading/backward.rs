@@ -8,7 +8,6 @@ use crate::direct::barycentric;
 use crate::image::{Coverage, ImageError, View, camera_gradient};
 use crate::model::FacetGradient;
 use crate::plan::GradientRequest;
-use crate::ranks::RankError;
 use crate::scene::Factors;
 use crate::solve::SolveProgress;
 use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
@@ -117,9 +116,7 @@ pub fn backward(
         colours.push((view.camera.position, by_colours));
         let movable = &engine.movable;
         let moves = |face| request.positions && movable.triangle(face) || request.camera;
-        light
-            .pull_back(view, seen, &Wanted { request, moves: &moves }, &mut sums)
-            .map_err(ImageError::from)?;
+        light.pull_back(view, seen, &Wanted { request, moves: &moves }, &mut sums)?;
     }
     let specular = sums.pull_back_brought(light);
     sums.pull_back_sharpened(light);
@@ -262,7 +259,7 @@ impl Light {
         loss: &SeenFrom,
         wanted: &Wanted,
         sums: &mut Differences,
-    ) -> Result<(), RankError> {
+    ) -> Result<(), ImageError> {
         let sights = self.sights(view, loss.coverage);
         let Sights { seen, runs, .. } = &*sights;
         let by_seen = |place: &usize| {

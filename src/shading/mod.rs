@@ -346,7 +346,7 @@ impl Light {
                         Some(known) => surroundings.along(self.faces(), &glossy, &known[k]),
                         None => {
                             let (found, sample) = surroundings.reflected(self.faces(), &glossy);
-                            samples.push(sample);
+                            samples.extend(held.map(|_| sample));
                             found
                         }
                     };

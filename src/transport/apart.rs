@@ -5,7 +5,7 @@ use super::residency::{Part, View};
 use super::state::StateBuffers;
 use super::watch::TransportError;
 use crate::gpu::{Buffer, BufferKind, Device, GpuError};
-use crate::plan::Plan;
+use crate::plan::{Plan, overlap};
 use crate::ranks::Ranks;
 use std::ops::Range;
 use std::sync::Arc;
@@ -226,9 +226,4 @@ impl OnDevices {
         let first = windows.bytes(some.start - windows.own[*group].start);
         Ok(device.upload(self.buffers.page(*group)?, first, values)?)
     }
-}
-
-/// What two ranges have in common; where that is nothing, a range that is empty.
-pub fn overlap(a: &Range<u32>, b: &Range<u32>) -> Range<u32> {
-    a.start.max(b.start)..a.end.min(b.end)
 }

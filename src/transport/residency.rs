@@ -1,10 +1,10 @@
 //! States on the host: the device accesses them part by part, through two windows. Results do not depend on where a
 //! part lives, bit for bit.
 
-use super::apart::{Apart, overlap};
+use super::apart::Apart;
 use super::watch::TransportError;
 use crate::gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError};
-use crate::plan::{Group, Piece, Plan};
+use crate::plan::{Group, Piece, Plan, overlap};
 use crate::scene::Precision;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
