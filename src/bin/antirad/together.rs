@@ -4,7 +4,7 @@ use crate::Failure;
 use antirad::cli::Interrupt;
 use antirad::gpu::{Device, DeviceOptions, GpuError, list_devices};
 use antirad::output::atomic_write;
-use antirad::ranks::Ranks;
+use antirad::ranks::{RankError, Ranks};
 use std::env;
 use std::error::Error;
 use std::fs;
@@ -79,16 +79,9 @@ impl Together {
 
     /// Gives the files that the first process has in a folder to all others, in theirs, which are new.
     pub fn share(&self, directory: &Path, names: &[&str]) -> Result<(), Box<dyn Error + Send + Sync>> {
-        const NONE: u64 = u64::MAX;
         for path in names.iter().map(|name| directory.join(name)).filter(|_| self.ranks.count() > 1) {
-            let own = if self.speaks() { fs::read(&path).ok() } else { None };
-            let [length] = self.ranks.each([own.as_ref().map_or(NONE, |bytes| bytes.len() as u64)])?[0];
-            if length == NONE {
-                continue;
-            }
-            let mut bytes = own.unwrap_or_else(|| vec![0; length as usize]);
-            self.ranks.broadcast(0, &mut bytes)?;
-            if !self.speaks() {
+            let bytes = self.ranks.by_first(|| Ok::<_, RankError>(fs::read(&path).ok()))?;
+            if let Some(bytes) = bytes.filter(|_| !self.speaks()) {
                 atomic_write(&path, |file| file.write_all(&bytes))?;
             }
         }
