@@ -152,20 +152,19 @@ pub fn run(
     };
     let stopped = AtomicBool::new(false);
     let work = |worker: &mut Worker, job: &Found| {
-        if stopped.load(Ordering::SeqCst) || interrupt.is_set() {
-            return Done::not_started(&job.name);
-        }
-        let done = worker.run(job);
+        let not_started = stopped.load(Ordering::SeqCst) || interrupt.is_set();
+        let done = if not_started { Done::not_started(&job.name) } else { worker.run(job) };
         // The other processes may not have failed, and wait.
         if done.shared_cause && !arguments.keep_going || several && !done.row.status.is_good() {
             stopped.store(true, Ordering::SeqCst);
         }
+        // Before the next job begins, and not once all results so far are written.
+        log.ended(&done.row);
         done
     };
     let mut results = Results { rows: BTreeMap::new(), texts: BTreeMap::new() };
     let mut page = Page::new(&arguments.output);
     pool::run((0..threads).map(worker).collect(), &jobs, work, |index, done: Done| {
-        log.ended(&done.row);
         results.add(index, done, &log);
         // After every job, so that a killed batch leaves a summary too. If this fails, the last one tells.
         if batch && let Err(error) = summary::write(&arguments.output, &results.rows(), &mut page, false) {
