@@ -91,8 +91,10 @@ fn ranks_hold_their_own_states() {
     let boxes = load("scenes/cornell_boxes.toml");
     let plain = random_scene(4, 150, false, false);
     let glossy = with_own_powers(random_scene(5, 150, true, false));
-    // With bins of clusters, and volumes.
-    let balls = balls(4, 3, true);
+    // With bins of clusters, and volumes; the floor reflects specularly and blocks nothing.
+    let mut balls = balls(4, 3, true);
+    let floor = balls.materials.iter_mut().find(|material| material.name == "floor").expect("a floor");
+    (floor.specular, floor.power) = ([0.05; 3], 20.0);
     let (everything, nothing) = (GradientRequest::EVERYTHING, GradientRequest::NOTHING);
     let few = nothing.emission(true).positions(true);
     // Close pairs kept and evaluated, triangles and clusters, no lobes and lobes.

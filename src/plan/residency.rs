@@ -103,11 +103,13 @@ impl Plan {
 
     /// What this rank holds of each, where that is something.
     pub(crate) fn own_pieces(&self) -> impl Iterator<Item = Piece> {
-        let of_piece = |Piece { group, part }: Piece| {
-            let tiles = overlap(&part.tiles, &self.own(group).tiles);
-            (!tiles.is_empty()).then_some(Piece { group, part: Group { tiles, ..part } })
-        };
-        self.pieces().into_iter().filter_map(of_piece)
+        self.pieces().into_iter().filter_map(|piece| self.own_piece(&piece))
+    }
+
+    /// What this rank holds of a piece, if that is something.
+    pub(crate) fn own_piece(&self, &Piece { group, ref part }: &Piece) -> Option<Piece> {
+        let tiles = overlap(&part.tiles, &self.own(group).tiles);
+        (!tiles.is_empty()).then_some(Piece { group, part: Group { tiles, class: part.class } })
     }
 
     /// Whether light can pass from any of the sources to any of the receivers.

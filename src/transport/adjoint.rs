@@ -317,7 +317,7 @@ impl<'a> AdjointOperator<'a> {
     }
 }
 
-/// What the triangles of a piece send under the incident light `x`: antiradiance, and specular radiance.
+/// What the triangles of a piece send under the incident light `x`: antiradiance, and specular radiance. All ranks call it.
 pub(super) fn sent<'a>(
     context: &'a Context,
     reflection: &mut Reflection,
@@ -327,11 +327,14 @@ pub(super) fn sent<'a>(
 ) -> Result<[BufferSlice<'a>; 2], TransportError> {
     let Context { device, plan, scene, .. } = context;
     let light = Part::of_piece(plan, piece).map(|part| x.show(device, &part)).transpose()?;
-    let specular = specular_of(context, reflection, piece, light.as_ref(), monitor)?;
+    let specular = match plan.options.ranks {
+        1 => specular_of(context, reflection, piece, light.as_ref(), monitor)?,
+        _ => reflection.specular_by_all(context, piece, Some(x), light.as_ref(), monitor)?,
+    };
     Ok([light.map_or(scene.no_bins.whole(), |light| light.slice()), specular])
 }
 
-/// The specular radiance of a piece under incident light that is on the device.
+/// The specular radiance of a piece under incident light that is on the device, by this rank alone.
 pub(super) fn specular_of<'a>(
     context: &'a Context,
     reflection: &mut Reflection,

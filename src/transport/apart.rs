@@ -71,7 +71,8 @@ impl Apart {
     }
 
     /// Calls `with` with the number and the bins of each of some parts, in the `view` of it, one after the other; those of the next part
-    /// come from when `with` lets them. All ranks call it. Holds another part in host memory.
+    /// come from when `with` lets them, which until then may communicate with other ranks itself. All ranks call it. Holds another part in
+    /// host memory.
     pub fn each<'a>(
         &self,
         device: &Device,
@@ -81,25 +82,22 @@ impl Apart {
         mut with: impl FnMut(usize, Option<View>, &mut dyn FnMut()) -> Result<(), TransportError>,
     ) -> Result<(), TransportError> {
         std::thread::scope(|scope| {
-            let mut left = parts.iter().flatten().filter_map(Part::slots);
-            let own = &own;
+            let (slots_of, own) = (|of: usize| parts.get(of)?.as_ref()?.slots(), &own);
+            let gather = |slots| scope.spawn(move || self.gathered(slots, own));
             let mut coming = None;
-            let mut next = |coming: &mut Option<_>| {
-                if coming.is_none() {
-                    *coming = left.next().map(|slots| scope.spawn(move || self.gathered(slots, own)));
-                }
-            };
             for (number, part) in parts.iter().enumerate() {
-                next(&mut coming);
+                let this = coming.take().or_else(|| slots_of(number).map(gather));
+                // No later one: what is not a part may be sent in between.
+                let mut next = || coming = coming.take().or_else(|| slots_of(number + 1).map(gather));
                 let Some(part) = part else {
-                    with(number, None, &mut || {})?;
+                    with(number, None, &mut next)?;
                     continue;
                 };
-                let thread = coming.take().ok_or_else(|| TransportError::missing("bins of other ranks"))?;
+                let thread = this.ok_or_else(|| TransportError::missing("bins of other ranks"))?;
                 let values = thread.join().map_err(|payload| TransportError::panicked(&*payload))??;
                 let view = view(part)?;
                 view.upload(device, &values)?;
-                with(number, Some(view), &mut || next(&mut coming))?;
+                with(number, Some(view), &mut next)?;
             }
             Ok(())
         })

@@ -181,7 +181,7 @@ impl Exchange {
             let mut from_piece = |number: usize, light: Option<View>, go_on: &mut dyn FnMut()| {
                 let (piece, lit) = &wanted[number];
                 let from = &piece.part;
-                let specular = reflection.specular_under(context, piece, light.as_ref(), monitor)?;
+                let specular = reflection.specular_by_all(context, piece, x, light.as_ref(), monitor)?;
                 let antiradiance = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
                 let slots = plan.layout.slots_of(&from.tiles);
                 let triangles =
@@ -282,7 +282,11 @@ impl Exchange {
             };
             match x {
                 Some(x) => {
-                    let parts: Vec<_> = wanted.iter().map(|(piece, _)| Part::of_piece(plan, piece)).collect();
+                    // What blocks nothing sends what it reflects alone, which it may have reflected itself.
+                    let shown = |of: &Group| of.class.blocker || !plan.ranks_reflect_shares();
+                    let parts = wanted.iter();
+                    let parts = parts.map(|(of, _)| Part::of_piece(plan, of).filter(|_| shown(&of.part)));
+                    let parts: Vec<_> = parts.collect();
                     x.show_each(device, &parts, false, from_piece)?;
                 }
                 None => (0..wanted.len()).try_for_each(|number| from_piece(number, None, &mut || {}))?,

@@ -1,5 +1,6 @@
 //! K and E: reflection of incident light, and emission.
 
+use super::completion::Values;
 use super::lobes::LobePush;
 use super::on_host::lobes::Reflected;
 use super::pace::{Bundle, Pace};
@@ -8,9 +9,10 @@ use super::state::{State, page};
 use super::watch::{PassMonitor, TransportError};
 use super::{Context, WORKGROUP, bin_constants};
 use crate::gpu::{Batch, Bindings, BufferSlice, Device, GpuError, Pipeline};
-use crate::plan::{Piece, Plan};
+use crate::plan::{Piece, Plan, overlap};
 use crate::shaders;
 use bytemuck::{Pod, Zeroable, bytes_of};
+use std::ops::Range;
 
 /// `ReflectPush` of glsl/reflect.comp.
 #[repr(C)]
@@ -139,7 +141,7 @@ impl Reflection {
         Ok(batch.dispatch(&self.diffuse, "all", &buffers, bytes_of(&push), groups)?)
     }
 
-    /// The specular radiance of a piece of the sources.
+    /// The specular radiance of a piece of the sources. All ranks call it.
     pub fn specular<'a>(
         &mut self,
         context: &'a Context,
@@ -149,10 +151,10 @@ impl Reflection {
     ) -> Result<BufferSlice<'a>, TransportError> {
         let part = Part::of_piece(&context.plan, piece).filter(|_| piece.part.class.glossy);
         let light = x.zip(part).map(|(x, part)| x.show(&context.device, &part)).transpose()?;
-        self.specular_under(context, piece, light.as_ref(), monitor)
+        self.specular_by_all(context, piece, x, light.as_ref(), monitor)
     }
 
-    /// The same under incident light already on the device. Where states live on the host, it replaces the radiance
+    /// The same under incident light already on the device, by this rank alone. Where states live on the host, it replaces the radiance
     /// of the previous piece.
     pub fn specular_under<'a>(
         &mut self,
@@ -165,8 +167,6 @@ impl Reflection {
         if !piece.part.class.glossy {
             return Ok(scene.no_bins.whole());
         }
-        let missing = || TransportError::missing("specular reflection");
-        let kernel = self.glossy.as_ref().ok_or_else(missing)?;
         let specular = outgoing.specular_of(piece.group)?;
         let slots = plan.layout.slots_of(&piece.part.tiles);
         let Some(light) = light else {
@@ -175,49 +175,99 @@ impl Reflection {
             }
             return Ok(specular.whole());
         };
+        self.reflect(context, piece, &slots, light, monitor)?;
+        self.add_first_bounce(context, piece, true)?;
+        Ok(specular.whole())
+    }
+
+    /// The same by all ranks, which call it together, under `x`, of which `shown` is the piece if all can read it. Where each
+    /// reflects what it holds, it sends that to all others.
+    pub fn specular_by_all<'a>(
+        &mut self,
+        context: &'a Context,
+        piece: &Piece,
+        x: Option<&State>,
+        shown: Option<&View>,
+        monitor: &mut PassMonitor,
+    ) -> Result<BufferSlice<'a>, TransportError> {
+        let Context { device, plan, outgoing, .. } = context;
+        let x = match x {
+            Some(x) if plan.ranks_reflect_shares() && piece.part.class.glossy => x,
+            _ => return self.specular_under(context, piece, shown, monitor),
+        };
+        let specular = outgoing.specular_of(piece.group)?;
+        let slots = plan.layout.slots_of(&piece.part.tiles);
+        if let Some(own) = plan.own_piece(piece) {
+            let part = Part::of_piece(plan, &own).filter(|_| shown.is_none());
+            let held = part.map(|part| x.read(device, &part)).transpose()?;
+            let light = shown.or(held.as_ref()).ok_or_else(|| TransportError::missing("incident light"))?;
+            self.reflect(context, piece, &plan.layout.slots_of(&own.part.tiles), light, monitor)?;
+        }
+        let shares = plan.slots_by_rank(piece.group);
+        let shares: Vec<_> = shares.iter().map(|share| overlap(share, &slots)).collect();
+        let values = Values { offset: 0, first: slots.start, bytes: plan.bin_bytes() };
+        context.complete(specular, values, &shares)?;
+        self.add_first_bounce(context, piece, true)?;
+        Ok(specular.whole())
+    }
+
+    /// Reflects the incident light of some slots of a glossy piece, specularly.
+    fn reflect(
+        &mut self,
+        context: &Context,
+        piece: &Piece,
+        slots: &Range<u32>,
+        light: &View,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, scene, outgoing } = context;
+        let missing = || TransportError::missing("specular reflection");
+        let kernel = self.glossy.as_ref().ok_or_else(missing)?;
+        // The light may begin later than the piece.
+        let page = light.first_slot;
+        let begin = page - plan.layout.slots_of(&piece.part.tiles).start;
+        let at = u64::from(begin) * plan.bin_bytes();
+        let specular = outgoing.specular_of(piece.group)?.slice(at, plan.page_bytes(&piece.part) - at);
         let by_power = scene.lobes.slots(&scene.no_bins);
         let mut bundle = Bundle::new(device, &self.lobes_pace, monitor);
         let mut on_host = true;
-        for ([matrix, _], of) in scene.lobes.shared(plan, &slots) {
+        for ([matrix, _], of) in scene.lobes.shared(plan, slots) {
             let reflected = Reflected {
                 matrix,
                 surfaces: scene.surfaces.whole(),
                 slots: of,
-                page: slots.start,
+                page,
                 from: light.own(),
-                to: specular.whole(),
+                to: specular,
                 add: false,
             };
             on_host = on_host && reflected.compute(device, plan)?.is_some();
         }
-        for product in scene.lobes.products(plan, slots.start, &slots).into_iter().filter(|_| !on_host) {
+        for product in scene.lobes.products(plan, page, slots).into_iter().filter(|_| !on_host) {
             let kernel = self.lobes.as_ref().ok_or_else(missing)?;
-            let buffers =
-                [by_power, scene.surfaces.whole(), light.slice(), specular.whole(), product.forward];
+            let buffers = [by_power, scene.surfaces.whole(), light.slice(), specular, product.forward];
             bundle.add(product.pairs(), 0, |batch| {
                 batch.dispatch(kernel, "by matrix", &buffers, bytes_of(&product.push), product.groups())
             })?;
         }
         bundle.end()?;
-        let buffers =
-            [scene.surfaces.whole(), scene.bin_table.whole(), light.slice(), specular.whole(), by_power];
+        let buffers = [scene.surfaces.whole(), scene.bin_table.whole(), light.slice(), specular, by_power];
         let each = plan.bins.count() as u64;
-        let direct = scene.lobes.direct(&slots);
+        let direct = scene.lobes.direct(slots);
         let bins = direct.len() as u32 * plan.bins.count() as u32;
         let mut bundle = Bundle::new(device, &self.pace, monitor);
         let mut first = 0;
         while first < bins {
             let groups = bundle.share((bins - first).div_ceil(WORKGROUP), u64::from(WORKGROUP) * each);
             let count = (bins - first).min(groups * WORKGROUP);
-            let push = GlossyPush { page: slots.start, list: direct.start, first, count };
+            let push = GlossyPush { page, list: direct.start, first, count };
             bundle.add(u64::from(count) * each, 0, |batch| {
                 batch.dispatch(kernel, "bins to bins", &buffers, bytes_of(&push), [groups, 1, 1])
             })?;
             first += count;
         }
         bundle.end()?;
-        self.add_first_bounce(context, piece, true)?;
-        Ok(specular.whole())
+        Ok(())
     }
 
     /// Adds what a piece reflects of the light of lamps, or replaces its radiance by that; false where there is none.

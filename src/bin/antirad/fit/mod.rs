@@ -164,9 +164,11 @@ pub fn run(
     };
     let mut results = Results { rows: BTreeMap::new(), texts: BTreeMap::new() };
     let mut page = Page::new(&arguments.output);
-    pool::run((0..threads).map(worker).collect(), &jobs, work, |index, done: Done| {
-        results.add(index, done, &log);
-        // After every job, so that a killed batch leaves a summary too. If this fails, the last one tells.
+    pool::run((0..threads).map(worker).collect(), &jobs, work, |ended| {
+        for (index, done) in ended {
+            results.add(index, done, &log);
+        }
+        // Whenever jobs have ended, so that a killed batch leaves a summary too. If this fails, the last one tells.
         if batch && let Err(error) = summary::write(&arguments.output, &results.rows(), &mut page, false) {
             tracing::debug!("{error}");
         }

@@ -46,12 +46,12 @@ impl Parallel {
 }
 
 /// Runs all `jobs` in threads, one for each of the `workers`, in order as threads become free. Calls `ended` in this
-/// thread with index and result of each job, as soon as it has ended.
+/// thread with index and result of each job, as soon as it has ended, together with those that ended while it was at work.
 pub fn run<W: Send, J: Sync, R: Send>(
     workers: Vec<W>,
     jobs: &[J],
     work: impl Fn(&mut W, &J) -> R + Sync,
-    mut ended: impl FnMut(usize, R),
+    mut ended: impl FnMut(Vec<(usize, R)>),
 ) {
     let next = AtomicUsize::new(0);
     let (send, results) = mpsc::channel();
@@ -69,8 +69,8 @@ pub fn run<W: Send, J: Sync, R: Send>(
             });
         }
         drop(send);
-        for (index, result) in results {
-            ended(index, result);
+        while let Ok(first) = results.recv() {
+            ended(std::iter::once(first).chain(results.try_iter()).collect());
         }
     });
 }
@@ -169,9 +169,32 @@ mod tests {
             *done += 1;
             2 * job
         };
-        run(vec![0; 4], &jobs, work, |index, result| assert_eq!(results[index].replace(result), None));
+        run(vec![0; 4], &jobs, work, |ended| {
+            for (index, result) in ended {
+                assert_eq!(results[index].replace(result), None);
+            }
+        });
         assert!(results.iter().zip(&jobs).all(|(result, job)| *result == Some(2 * job)), "{results:?}");
         assert!((2..=4).contains(&most.into_inner()));
+    }
+
+    /// What takes long after jobs, such as a page of all of them, is done once for those that have ended meanwhile.
+    #[test]
+    fn results_that_wait_come_together() {
+        let (all, ended) = (AtomicU64::new(0), mpsc::channel());
+        let work = |(): &mut (), (): &()| {
+            all.fetch_add(1, Ordering::SeqCst);
+        };
+        run(vec![()], &[(); 50], work, |some| {
+            ended.0.send(some.len()).expect("a receiver");
+            // The last result is sent after its job is counted.
+            while all.load(Ordering::SeqCst) < 50 {
+                std::thread::yield_now();
+            }
+        });
+        let calls: Vec<usize> = ended.1.try_iter().collect();
+        assert_eq!(calls.iter().sum::<usize>(), 50);
+        assert!(calls.len() <= 3, "{calls:?}");
     }
 
     /// Jobs of all sizes hold no more than the budget together, and all get their turn.
@@ -187,7 +210,7 @@ mod tests {
             used.fetch_sub(part.bytes, Ordering::SeqCst);
         };
         let mut ended = 0;
-        run(vec![(); 8], &sizes, work, |_, ()| ended += 1);
+        run(vec![(); 8], &sizes, work, |some| ended += some.len());
         assert_eq!((ended, most.into_inner(), budget.lock().used), (60, 100, 0));
     }
 
