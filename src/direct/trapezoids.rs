@@ -38,6 +38,9 @@ pub struct Trapezoid {
 #[derive(Clone, Copy)]
 struct Active {
     edge: u32,
+    /// Its step, as one of the frame or of regions.
+    frames: i32,
+    covers: i32,
     /// Its line, s0, t0 and slope, and where it ends.
     line: [f64; 3],
     end: [f64; 2],
@@ -49,13 +52,25 @@ struct Active {
 impl Active {
     fn new(number: u32, edge: &Edge) -> Self {
         let ([s0, s1], [t0, t1]) = (edge.s, edge.t);
-        Self { edge: number, line: [s0, t0, (t1 - t0) / (s1 - s0)], end: [s1, t1], t: [0.0; 2], s: f64::NAN }
+        let (frames, covers) = if edge.frame { (edge.step, 0) } else { (0, edge.step) };
+        let line = [s0, t0, (t1 - t0) / (s1 - s0)];
+        Self { edge: number, frames, covers, line, end: [s1, t1], t: [0.0; 2], s: f64::NAN }
     }
 
     /// At its ends, its heights to the last bit.
     fn at(&self, s: f64) -> f64 {
         let ([s0, t0, slope], [s1, t1]) = (self.line, self.end);
         if s >= s1 { t1 } else { t0 + slope * (s - s0) }
+    }
+
+    /// Its height within the strip, a share of that from its beginning.
+    fn between(&self, share: f64) -> f64 {
+        self.t[0] + (self.t[1] - self.t[0]) * share
+    }
+
+    /// Whether it is below some heights at an end of the strip.
+    fn dips_below(&self, heights: &[f64; 2]) -> bool {
+        (0..2).any(|side| self.t[side] < heights[side] - touching(heights[side]))
     }
 
     /// Whether it is to come after another one, by their heights in the middle.
@@ -78,6 +93,8 @@ pub struct Trapezoids {
     pub edges: Vec<Edge>,
     ends: Vec<f64>,
     active: Vec<Active>,
+    /// The greatest heights of the edges up to each at both ends of the strip.
+    highest: Vec<[f64; 2]>,
     open: Vec<Open>,
     next: Vec<Open>,
     /// Edges looked at so far.
@@ -111,7 +128,6 @@ impl Trapezoids {
 
     /// A strip in which no edge begins or ends.
     fn strip(&mut self, [from, to]: [f64; 2], depth: u32, emit: &mut dyn FnMut(&Trapezoid)) {
-        let edges = &self.edges;
         self.visits += self.active.len() as u64;
         for active in &mut self.active {
             // Strips come one after the other.
@@ -136,17 +152,13 @@ impl Trapezoids {
         self.next.clear();
         let (mut frames, mut covers, mut low) = (0, 0, None);
         for active in &self.active {
-            let edge = &edges[active.edge as usize];
-            if edge.frame {
-                frames += edge.step
-            } else {
-                covers += edge.step
-            }
+            frames += active.frames;
+            covers += active.covers;
             match low {
                 None if frames > 0 && covers <= 0 => low = Some(active),
                 Some(&Active { edge, t: [t0, t1], .. }) if frames <= 0 || covers > 0 => {
                     let [above0, above1] = active.t;
-                    if above0 - t0 + (above1 - t1) > 2.0 * TOUCHING * (1.0 + t0.abs()) {
+                    if above0 - t0 + (above1 - t1) > 2.0 * touching(t0) {
                         self.next.push(Open { edges: [edge, active.edge], s: [from, to] });
                     }
                     low = None;
@@ -168,17 +180,34 @@ impl Trapezoids {
         self.next = begun;
     }
 
-    /// Where the first two edges cross that are neighbours in the middle of a strip, and not in the same order at its ends.
-    fn crossing(&self, [from, to]: [f64; 2]) -> Option<f64> {
-        self.active.windows(2).find_map(|pair| {
-            let gaps = [0, 1].map(|side| pair[1].t[side] - pair[0].t[side]);
-            let tolerance = TOUCHING * (1.0 + pair[0].t[0].abs());
-            if gaps[0].min(gaps[1]) >= -tolerance {
-                return None;
+    /// Where two edges cross in a strip, if that may be seen: not where regions cover all around it. Most crossings are of silhouettes behind
+    /// others. What none covers around a crossing reaches from one end of the strip to the other between the same two edges.
+    fn crossing(&mut self, [from, to]: [f64; 2]) -> Option<f64> {
+        let Self { active, highest, visits, .. } = self;
+        if !active.windows(2).any(|pair| pair[1].dips_below(&pair[0].t)) {
+            return None;
+        }
+        highest.clear();
+        highest.extend(active.iter().scan([f64::NEG_INFINITY; 2], |highest, active| {
+            *highest = [0, 1].map(|side| highest[side].max(active.t[side]));
+            Some(*highest)
+        }));
+        for (k, upper) in active.iter().enumerate() {
+            let reached = (0..k).rev().take_while(|&below| upper.dips_below(&highest[below]));
+            for lower in reached.map(|below| &active[below]).filter(|lower| upper.dips_below(&lower.t)) {
+                let gaps = [0, 1].map(|side| upper.t[side] - lower.t[side]);
+                let share = gaps[0] / (gaps[0] - gaps[1]);
+                let at = from + (to - from) * share;
+                if !(at > from && at < to) {
+                    continue;
+                }
+                *visits += active.len() as u64;
+                if least_covers(active, share, upper.between(share)) <= 0 {
+                    return Some(at);
+                }
             }
-            let at = from + (to - from) * (gaps[0] / (gaps[0] - gaps[1]));
-            (at > from && at < to).then_some(at)
-        })
+        }
+        None
     }
 
     /// Emits the open trapezoids that end.
@@ -196,9 +225,27 @@ impl Trapezoids {
     }
 }
 
+/// Distance within which edges at a height count as touching.
+fn touching(height: f64) -> f64 {
+    TOUCHING * (1.0 + height.abs())
+}
+
+/// How many regions cover the surroundings of a point in a strip at least, in whatever order the edges lie that touch it.
+fn least_covers(active: &[Active], share: f64, height: f64) -> i32 {
+    let touching = touching(height);
+    let covers = |edge: &Active| match edge.between(share) - height {
+        gap if gap > touching => 0,
+        gap if gap < -touching => edge.covers,
+        _ => edge.covers.min(0),
+    };
+    active.iter().map(covers).sum()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_xoshiro::SplitMix64 as Random;
 
     fn polygon(corners: &[[f64; 2]], frame: bool) -> Vec<Edge> {
         (0..corners.len())
@@ -254,5 +301,110 @@ mod tests {
         regions.retain(|edge| edge.s != [1.1, 2.9]);
         let without = area(polygon(&FRAME, true).into_iter().chain(regions).collect());
         assert!((with.0 - without.0).abs() < 1e-12 && without.1 <= with.1, "{with:?} {without:?}");
+    }
+
+    /// Triangles with corners in a square around a point, seen counter-clockwise.
+    fn triangles(
+        count: usize,
+        random: &mut Random,
+        of: impl Fn(&mut Random) -> [f64; 3],
+    ) -> Vec<[[f64; 2]; 3]> {
+        let triangle = |_| {
+            let [s, t, size] = of(random);
+            let mut corners = [0; 3].map(|_| [s, t].map(|x| x + size * (random.random::<f64>() - 0.5)));
+            let [a, b, c] = corners;
+            if (b[0] - a[0]) * (c[1] - a[1]) < (b[1] - a[1]) * (c[0] - a[0]) {
+                corners.swap(1, 2);
+            }
+            corners
+        };
+        (0..count).map(triangle).collect()
+    }
+
+    fn sides(of: &[[f64; 2]]) -> impl Iterator<Item = [[f64; 2]; 2]> {
+        (0..of.len()).map(|k| [of[k], of[(k + 1) % of.len()]])
+    }
+
+    /// Where lines cross that have no end in common.
+    fn crossings(lines: &[[[f64; 2]; 2]]) -> Vec<f64> {
+        let crossing = |[a, b]: [[f64; 2]; 2], [c, d]: [[f64; 2]; 2]| {
+            let side = |x: [f64; 2], [a, b]: [[f64; 2]; 2]| {
+                (b[0] - a[0]) * (x[1] - a[1]) - (b[1] - a[1]) * (x[0] - a[0])
+            };
+            let [from, to] = [c, d].map(|x| side(x, [a, b]));
+            let cross = from * to < 0.0 && side(a, [c, d]) * side(b, [c, d]) < 0.0;
+            cross.then(|| c[0] + (d[0] - c[0]) * from / (from - to))
+        };
+        let pairs = lines.iter().enumerate().flat_map(|(k, a)| lines[..k].iter().map(move |b| (*a, *b)));
+        pairs.filter_map(|(a, b)| crossing(a, b)).collect()
+    }
+
+    /// What triangles leave of the frame: between all corners and crossings the uncovered length is linear, so that its value in the middle
+    /// is its mean.
+    fn left(triangles: &[[[f64; 2]; 3]]) -> f64 {
+        let all: Vec<&[[f64; 2]]> = triangles.iter().map(|of| &of[..]).chain([&FRAME[..]]).collect();
+        let lines: Vec<[[f64; 2]; 2]> = all.iter().flat_map(|of| sides(of)).collect();
+        let mut places: Vec<f64> = lines.iter().map(|line| line[0][0]).chain(crossings(&lines)).collect();
+        places.sort_by(f64::total_cmp);
+        let at = |of: &[[f64; 2]], s: f64| {
+            let heights = (0..of.len()).filter_map(|k| {
+                let [a, b] = [of[k], of[(k + 1) % of.len()]];
+                ((a[0] <= s) != (b[0] <= s)).then(|| a[1] + (s - a[0]) * (b[1] - a[1]) / (b[0] - a[0]))
+            });
+            heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], t| [low.min(t), high.max(t)])
+        };
+        let length = |s: f64| {
+            let [mut top, end] = at(&FRAME, s);
+            let mut covered: Vec<[f64; 2]> = triangles.iter().map(|of| at(of, s)).collect();
+            covered.retain(|[low, high]| low < high);
+            covered.sort_by(|a, b| a[0].total_cmp(&b[0]));
+            let mut sum = 0.0;
+            for [low, high] in covered {
+                sum += (low.min(end) - top).max(0.0);
+                top = top.max(high);
+            }
+            sum + (end - top).max(0.0)
+        };
+        places.windows(2).map(|of| (of[1] - of[0]) * length(f64::midpoint(of[0], of[1]))).sum()
+    }
+
+    #[test]
+    fn triangles_that_cross_leave_what_the_length_between_them_says() {
+        let mut random = Random::seed_from_u64(8);
+        for (count, size) in [(6, 3.0), (20, 2.0), (40, 1.5), (60, 4.0), (150, 0.5)] {
+            for _ in 0..10 {
+                let of = triangles(count, &mut random, |random| {
+                    [4.0 * random.random::<f64>(), 4.0 * random.random::<f64>(), size]
+                });
+                let regions = of.iter().flat_map(|corners| polygon(corners, false));
+                let (found, _) = area(polygon(&FRAME, true).into_iter().chain(regions).collect());
+                let wanted = left(&of);
+                assert!((found - wanted).abs() < 1e-10, "{count} of {size}: {found}, not {wanted}");
+            }
+        }
+    }
+
+    /// A strip is cut only where edges cross that may be seen; other crossings take one look at the edges there.
+    #[test]
+    fn edges_behind_others_may_cross() {
+        let mut random = Random::seed_from_u64(3);
+        let behind = triangles(30, &mut random, |random| {
+            [2.0 + random.random::<f64>(), 2.0 + random.random::<f64>(), 1.0]
+        });
+        let before: &[[f64; 2]] = &[[1.0, 1.0], [3.9, 1.1], [3.8, 3.9], [1.2, 3.8]];
+        let hidden = behind.iter().flat_map(|corners| polygon(corners, false));
+        let edges: Vec<Edge> =
+            polygon(&FRAME, true).into_iter().chain(polygon(before, false)).chain(hidden).collect();
+        let mut ends: Vec<f64> = edges.iter().flat_map(|edge| edge.s).collect();
+        ends.sort_by(f64::total_cmp);
+        ends.dedup();
+        let across = |s: f64| edges.iter().filter(|edge| edge.s[0] < s && s < edge.s[1]).count() as u64;
+        let strips: u64 = ends.windows(2).map(|of| across(f64::midpoint(of[0], of[1]))).sum();
+        let lines: Vec<[[f64; 2]; 2]> = behind.iter().flat_map(|of| sides(of)).collect();
+        let wanted = strips + crossings(&lines).into_iter().map(across).sum::<u64>();
+        let mut trapezoids = Trapezoids { edges, ..Trapezoids::default() };
+        let mut parts = 0;
+        trapezoids.emit(&mut |_| parts += 1);
+        assert_eq!((trapezoids.visits, parts), (wanted, 6));
     }
 }
