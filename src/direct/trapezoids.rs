@@ -248,9 +248,9 @@ mod tests {
     use rand_xoshiro::SplitMix64 as Random;
 
     fn polygon(corners: &[[f64; 2]], frame: bool) -> Vec<Edge> {
-        (0..corners.len())
-            .map(|k| {
-                let [a, b] = [corners[k], corners[(k + 1) % corners.len()]];
+        sides(corners)
+            .enumerate()
+            .map(|(k, [a, b])| {
                 let (step, [a, b]) = if a[0] < b[0] { (1, [a, b]) } else { (-1, [b, a]) };
                 Edge { s: [a[0], b[0]], t: [a[1], b[1]], step, frame, plane: k as u32 }
             })
@@ -347,10 +347,8 @@ mod tests {
         let mut places: Vec<f64> = lines.iter().map(|line| line[0][0]).chain(crossings(&lines)).collect();
         places.sort_by(f64::total_cmp);
         let at = |of: &[[f64; 2]], s: f64| {
-            let heights = (0..of.len()).filter_map(|k| {
-                let [a, b] = [of[k], of[(k + 1) % of.len()]];
-                ((a[0] <= s) != (b[0] <= s)).then(|| a[1] + (s - a[0]) * (b[1] - a[1]) / (b[0] - a[0]))
-            });
+            let across = sides(of).filter(|[a, b]| (a[0] <= s) != (b[0] <= s));
+            let heights = across.map(|[a, b]| a[1] + (s - a[0]) * (b[1] - a[1]) / (b[0] - a[0]));
             heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], t| [low.min(t), high.max(t)])
         };
         let length = |s: f64| {
