@@ -283,8 +283,8 @@ fn operators_and_their_transposes_agree_in_f32() {
 fn kernels_and_the_host_agree(scenes: impl IntoIterator<Item = (&'static str, Scene)>, bound: f64) {
     let device = device();
     for (name, mut scene) in scenes {
-        // All light passes through U.
-        scene.settings.lamps = Lamps::Antiradiance;
+        // All light passes through U. Rounding apart, passes are the same, however many.
+        scene.settings = scene.settings.lamps(Lamps::Antiradiance).tolerance(0.01);
         let loss = random_loss(&mut Random::new(6), scene.triangles.len());
         let of_gpus = device.clone().with_kernels_for(DeviceKind::Discrete);
         let found = [device.clone(), device.clone().kernels_only(), of_gpus].map(|device| {

@@ -14,7 +14,7 @@ use antirad::{Cotangent, Energy, Engine, Gradients, SolveParams};
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
 use std::time::Instant;
-use support::random::{balls, scattered};
+use support::random::{balls, balls_on_a_glossy_floor, scattered};
 use support::{areas, blockers_moved, device, finish, load, placed, relative_l2, solve, solve_within};
 
 /// Bytes of bins in one buffer: of all triangles of a class in small scenes, or of some hundred.
@@ -155,17 +155,15 @@ fn gradients_are_those_of_the_exact_sum() {
     };
     within_bounds(&values(&gradients(&device, &scene, &clusters, PAGE)));
     within_bounds(&values(&gradients(&device, &scene, &clusters, SMALL_PAGE)));
-    // Where the device is a CPU the host computed these. A few passes are enough to compare it with kernels.
-    let clusters = clusters.tolerance(0.05);
+    // Where the device is a CPU, the host computed these, as it does of all clusters. A few passes are enough to compare it with kernels.
+    let clusters = clusters.tolerance(0.3);
     let in_pages = values(&gradients(&device, &scene, &clusters, SMALL_PAGE));
-    for kind in [DeviceKind::Cpu, DeviceKind::Discrete] {
-        let by_kernels = device.clone().with_kernels_for(kind);
-        let by_kernels = values(&gradients(&by_kernels, &scene, &clusters, SMALL_PAGE));
-        for ((name, found), by_kernels) in names.iter().zip(&in_pages).zip(&by_kernels) {
-            let off = relative(found, by_kernels);
-            println!("{name} of the host and of kernels for {kind}: {off:.1e}");
-            assert!(off <= 1e-4, "{name}: {off}");
-        }
+    let by_kernels = device.clone().with_kernels_for(DeviceKind::Discrete);
+    let by_kernels = values(&gradients(&by_kernels, &scene, &clusters, SMALL_PAGE));
+    for ((name, found), by_kernels) in names.iter().zip(&in_pages).zip(&by_kernels) {
+        let off = relative(found, by_kernels);
+        println!("{name} of the host and of kernels: {off:.1e}");
+        assert!(off <= 1e-4, "{name}: {off}");
     }
     finish(&device);
 }
@@ -372,20 +370,22 @@ fn half_bins_and_clusters_go_together() {
 #[test]
 fn states_on_the_host_have_clusters_too() {
     let device = device();
-    let scenes =
-        ["scenes/cornell_boxes.toml", "scenes/glossy_floor.toml"].map(|name| (name, load(name), 3 << 20));
-    for (name, scene, budget) in scenes.into_iter().chain([("balls", balls(4, 3, true), 10 << 20)]) {
+    for (name, scene, error) in [
+        ("boxes", load("scenes/cornell_boxes.toml"), 0.02),
+        ("glossy floor", load("scenes/glossy_floor.toml"), 0.02),
+        ("balls", balls_on_a_glossy_floor(), 0.1),
+    ] {
         // A few passes are enough.
-        let settings = hierarchical(&scene, 0.02).tolerance(0.05);
+        let settings = hierarchical(&scene, error).tolerance(0.2);
         let exact = solve(&device, &scene, &settings.transport(Transport::Exact)).1.irradiance;
         let of_gpus = device.clone().with_kernels_for(DeviceKind::Discrete);
-        // Two scenes have all that kernels for GPUs do otherwise, which take long here.
-        let of_gpus = (name != "scenes/cornell_boxes.toml").then_some(of_gpus);
+        // One scene has all that kernels for GPUs do otherwise, which take long here.
+        let of_gpus = (name == "balls").then_some(of_gpus);
         for device in [device.clone()].into_iter().chain(of_gpus) {
             let options = PlanOptions::of(&device).keep_near_field(false);
-            let (engine, hosted) = solve_within(&device, &scene, &settings, &options.memory_budget(budget));
+            let (engine, hosted) = solve_within(&device, &scene, &settings, &options.memory_budget(3 << 20));
             let plan = engine.plan();
-            assert_eq!(plan.transport(), PlannedTransport::Hierarchical { error: 0.02 });
+            assert_eq!(plan.transport(), PlannedTransport::Hierarchical { error });
             let Residency::Host { receivers, .. } = plan.residency() else { panic!("not on the host") };
             assert!(plan.sweeps().len() > 1);
             let volumes = plan.clusters().is_some_and(|clusters| clusters.volumes().is_some());
@@ -396,7 +396,7 @@ fn states_on_the_host_have_clusters_too() {
             assert!(hosted.irradiance == resident.irradiance, "{name}: the results differ");
             let off = relative_l2(&hosted.irradiance, &exact, &areas(&scene));
             println!("{name}: {off:.5}");
-            assert!(off <= 0.02 && off > 0.0, "{name}: {off}");
+            assert!(off <= error && off > 0.0, "{name}: {off}");
         }
     }
     finish(&device);

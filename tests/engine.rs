@@ -395,7 +395,7 @@ fn states_on_the_host_change_nothing() {
     for (name, scene, solver, precision) in [
         ("diffuse", room(6, 0.5), SolverChoice::FixedPoint, Precision::F32),
         ("diffuse", room(6, 0.5), SolverChoice::Auto, Precision::F32),
-        ("glossy", glossy_room(5), SolverChoice::Auto, Precision::F32),
+        ("glossy", glossy_room(4), SolverChoice::Auto, Precision::F32),
         ("glossy", glossy_room(3), SolverChoice::Auto, Precision::F64),
     ] {
         let settings = tight(&scene).solver(solver).precision(precision);

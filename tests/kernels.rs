@@ -17,7 +17,7 @@ use antirad::transport::{Operators, SceneBuffers};
 use antirad::{Engine, SolveParams, shaders, transport as device_side};
 use glam::{DAffine3, DVec3};
 use std::process::{Command, Stdio};
-use support::random::{Random, balls, random_scene, scattered, with_own_powers};
+use support::random::{Random, balls_on_a_glossy_floor, random_scene, scattered, with_own_powers};
 use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};
 use support::{device, finish};
 
@@ -622,7 +622,7 @@ fn clusters_stand_for_far_triangles() {
 /// Volumes of diffuse and glossy balls, of several pages, and without colour; with receivers of all kinds.
 #[test]
 fn volumes_stand_for_far_triangles() {
-    let mut scene = balls(4, 3, true);
+    let mut scene = balls_on_a_glossy_floor();
     let settings = SolveSettings::default()
         .bins(BinLayout::EqualAngle { theta: 4, phi: 7 })
         .transport(Transport::Hierarchical { error: 0.3 })

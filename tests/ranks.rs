@@ -16,7 +16,7 @@ use glam::DVec3;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::thread;
-use support::random::{balls, random_scene, with_own_powers};
+use support::random::{balls_on_a_glossy_floor, random_scene, with_own_powers};
 use support::{device, finish, load, relative_l2};
 
 /// Runs the same work on each of several ranks, and returns the results by rank, with the bytes that each received.
@@ -91,10 +91,7 @@ fn ranks_hold_their_own_states() {
     let boxes = load("scenes/cornell_boxes.toml");
     let plain = random_scene(4, 150, false, false);
     let glossy = with_own_powers(random_scene(5, 150, true, false));
-    // With bins of clusters, and volumes; the floor reflects specularly and blocks nothing.
-    let mut balls = balls(4, 3, true);
-    let floor = balls.materials.iter_mut().find(|material| material.name == "floor").expect("a floor");
-    (floor.specular, floor.power) = ([0.05; 3], 20.0);
+    let balls = balls_on_a_glossy_floor();
     let (everything, nothing) = (GradientRequest::EVERYTHING, GradientRequest::NOTHING);
     let few = nothing.emission(true).positions(true);
     // Close pairs kept and evaluated, triangles and clusters, no lobes and lobes.
@@ -102,12 +99,12 @@ fn ranks_hold_their_own_states() {
         ("plain", &plain, Transport::Exact, true, few, None, 3),
         ("glossy", &glossy, Transport::Exact, true, everything, None, 4),
         ("room", &room, clusters(0.1), true, few, None, 2),
-        ("balls", &balls, clusters(0.02), false, nothing, None, 3),
-        ("boxes", &boxes, clusters(0.02), false, few, None, 2),
+        ("balls", &balls, clusters(0.1), false, nothing, None, 3),
+        ("boxes", &boxes, clusters(0.1), false, few, None, 2),
         ("glossy, on the host", &glossy, Transport::Exact, false, everything, Some(1 << 20), 3),
-        ("boxes, on the host", &boxes, clusters(0.02), false, few, Some(7 << 20), 2),
+        ("boxes, on the host", &boxes, clusters(0.1), false, few, Some(7 << 20), 2),
     ] {
-        let tolerance = if gradients.any() { 1e-4 } else { 1e-2 };
+        let tolerance = 1e-2;
         let settings = scene.settings.tolerance(tolerance).transport(transport);
         let solved = |device: &Device, budget: Option<u64>| {
             let options = PlanOptions::of(device).keep_near_field(keep).tile(32).gradients(gradients);

@@ -228,7 +228,7 @@ fn a_mesh_that_is_too_coarse_for_its_shadows() {
     let device = device();
     let scene = load("scenes/coarse_cornell.toml");
     assert_eq!(scene.triangles.len(), 36);
-    let camera = Camera { width: 96, height: 96, ..scene.cameras[0].clone() };
+    let camera = Camera { width: 64, height: 64, ..scene.cameras[0].clone() };
     for (shading, error, max_triangles, met) in [
         (Shading::Face, 0.17, 2000, true),
         (Shading::Gathered, 0.04, 2000, true),

@@ -299,7 +299,7 @@ fn large_scenes_take_seconds() {
         println!("{} triangles: {seconds:.3} s, {warned} under a warning", scene.triangles.len());
         seconds
     };
-    let ratio = seconds(50_000, 40) / seconds(3_125, 10);
+    let ratio = seconds(12_500, 20) / seconds(782, 5);
     assert!(ratio <= 80.0, "{ratio:.1} times as long");
 }
 

@@ -79,3 +79,11 @@ pub fn balls(count: u32, level: u32, glossy: bool) -> Scene {
     scene.settings = scene.settings.bins(bins).lamps(Lamps::Sampled);
     scene
 }
+
+/// The same, a part of them glossy, on a floor that is glossy and blocks nothing: triangles of all classes, and clusters and volumes of each.
+pub fn balls_on_a_glossy_floor() -> Scene {
+    let mut scene = balls(4, 2, true);
+    let floor = scene.materials.iter_mut().find(|material| material.name == "floor").expect("a floor");
+    (floor.specular, floor.power) = ([0.05; 3], 20.0);
+    scene
+}
