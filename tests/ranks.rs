@@ -10,14 +10,14 @@ use antirad::fit::{
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{GradientRequest, Plan, PlanOptions, Residency};
 use antirad::ranks::{Ranks, in_threads};
-use antirad::scene::{BinLayout, Scene, SolveSettings, Transport};
+use antirad::scene::{BinLayout, Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, Transport};
 use antirad::{Cotangent, Engine, EngineError, SolveParams};
 use glam::DVec3;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::thread;
 use support::random::{balls_on_a_glossy_floor, random_scene, with_own_powers};
-use support::{device, finish, load, relative_l2};
+use support::{device, finish, load, placed, relative_l2};
 
 /// Runs the same work on each of several ranks, and returns the results by rank, with the bytes that each received.
 fn on_ranks<T: Send>(count: usize, work: impl Fn(&Device) -> T + Sync) -> Vec<(T, u64)> {
@@ -83,6 +83,25 @@ fn found(device: &Device, scene: &Scene, settings: &SolveSettings, options: Plan
     Found { on_host, held, values }
 }
 
+/// Walls that are glossy and block nothing, about a box that does.
+fn room_of_glossy_walls() -> Scene {
+    let wall = Material {
+        albedo: [0.4, 0.3, 0.2],
+        emission: [1.0; 3],
+        specular: [0.05; 3],
+        power: 20.0,
+        ..Material::named("wall")
+    };
+    let grey = Material { albedo: [0.5; 3], ..Material::named("grey") };
+    let mut builder = SceneBuilder::new();
+    builder.shape("walls", Shape::Room { cells: 3 }, &wall, placed([1.0; 3], [0.0; 3]));
+    builder.shape("box", Shape::Box { cells: 1 }, &grey, placed([0.3; 3], [0.4, 0.2, 0.3]));
+    let mut scene = builder.finish("glossy walls").expect("a scene");
+    // All light passes through U.
+    scene.settings = scene.settings.lamps(Lamps::Antiradiance);
+    scene
+}
+
 /// Each rank holds the bins of its own triangles, on its device or where these do not fit in host memory, and all see those of the others
 /// pass by: the same light and gradients as on one device but for the rounding of sums, and from run to run the same bytes.
 #[test]
@@ -92,12 +111,14 @@ fn ranks_hold_their_own_states() {
     let plain = random_scene(4, 150, false, false);
     let glossy = with_own_powers(random_scene(5, 150, true, false));
     let balls = balls_on_a_glossy_floor();
+    let walls = room_of_glossy_walls();
     let (everything, nothing) = (GradientRequest::EVERYTHING, GradientRequest::NOTHING);
     let few = nothing.emission(true).positions(true);
     // Close pairs kept and evaluated, triangles and clusters, no lobes and lobes.
     for (name, scene, transport, keep, gradients, budget, count) in [
         ("plain", &plain, Transport::Exact, true, few, None, 3),
         ("glossy", &glossy, Transport::Exact, true, everything, None, 4),
+        ("glossy walls", &walls, Transport::Exact, false, everything, None, 3),
         ("room", &room, clusters(0.1), true, few, None, 2),
         ("balls", &balls, clusters(0.1), false, nothing, None, 3),
         ("boxes", &boxes, clusters(0.1), false, few, None, 2),

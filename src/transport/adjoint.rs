@@ -326,10 +326,10 @@ pub(super) fn sent<'a>(
     monitor: &mut PassMonitor,
 ) -> Result<[BufferSlice<'a>; 2], TransportError> {
     let Context { device, plan, scene, .. } = context;
-    let light = Part::of_piece(plan, piece).map(|part| x.show(device, &part)).transpose()?;
-    let specular = match plan.options.ranks {
-        1 => specular_of(context, reflection, piece, light.as_ref(), monitor)?,
-        _ => reflection.specular_by_all(context, piece, Some(x), light.as_ref(), monitor)?,
+    let light = Part::shown(plan, piece).map(|part| x.show(device, &part)).transpose()?;
+    let specular = match current_specular(context, piece)? {
+        Some(specular) => specular,
+        None => reflection.specular_by_all(context, piece, Some(x), light.as_ref(), monitor)?,
     };
     Ok([light.map_or(scene.no_bins.whole(), |light| light.slice()), specular])
 }
@@ -342,14 +342,22 @@ pub(super) fn specular_of<'a>(
     light: Option<&View>,
     monitor: &mut PassMonitor,
 ) -> Result<BufferSlice<'a>, TransportError> {
-    let Context { plan, scene, outgoing, .. } = context;
-    match plan.states_are_whole() {
+    match current_specular(context, piece)? {
+        Some(specular) => Ok(specular),
         // Of a group of which this rank holds nothing.
-        _ if piece.part.tiles.is_empty() => Ok(scene.no_bins.whole()),
-        // It is there, of all groups.
-        true => page_of(&outgoing.specular, piece.group, piece.part.class.glossy, &scene.no_bins),
-        false => reflection.specular_under(context, piece, light, monitor),
+        None if piece.part.tiles.is_empty() => Ok(context.scene.no_bins.whole()),
+        None => reflection.specular_under(context, piece, light, monitor),
     }
+}
+
+/// The specular radiance of a piece, where the device has that of all at once.
+fn current_specular<'a>(
+    context: &'a Context,
+    piece: &Piece,
+) -> Result<Option<BufferSlice<'a>>, TransportError> {
+    let Context { plan, scene, outgoing, .. } = context;
+    let there = || page_of(&outgoing.specular, piece.group, piece.part.class.glossy, &scene.no_bins);
+    plan.states_are_whole().then(there).transpose()
 }
 
 impl LightOperator for AdjointOperator<'_> {

@@ -282,11 +282,7 @@ impl Exchange {
             };
             match x {
                 Some(x) => {
-                    // What blocks nothing sends what it reflects alone, which it may have reflected itself.
-                    let shown = |of: &Group| of.class.blocker || !plan.ranks_reflect_shares();
-                    let parts = wanted.iter();
-                    let parts = parts.map(|(of, _)| Part::of_piece(plan, of).filter(|_| shown(&of.part)));
-                    let parts: Vec<_> = parts.collect();
+                    let parts: Vec<_> = wanted.iter().map(|(of, _)| Part::shown(plan, of)).collect();
                     x.show_each(device, &parts, false, from_piece)?;
                 }
                 None => (0..wanted.len()).try_for_each(|number| from_piece(number, None, &mut || {}))?,

@@ -149,7 +149,7 @@ impl Reflection {
         x: Option<&State>,
         monitor: &mut PassMonitor,
     ) -> Result<BufferSlice<'a>, TransportError> {
-        let part = Part::of_piece(&context.plan, piece).filter(|_| piece.part.class.glossy);
+        let part = Part::shown(&context.plan, piece).filter(|_| piece.part.class.glossy);
         let light = x.zip(part).map(|(x, part)| x.show(&context.device, &part)).transpose()?;
         self.specular_by_all(context, piece, x, light.as_ref(), monitor)
     }
@@ -180,8 +180,8 @@ impl Reflection {
         Ok(specular.whole())
     }
 
-    /// The same by all ranks, which call it together, under `x`, of which `shown` is the piece if all can read it. Where each
-    /// reflects what it holds, it sends that to all others.
+    /// The same by all ranks, which call it together, under `x`, of which `shown` is the piece where they show it ([`Part::shown`]). Where
+    /// each reflects what it holds, it sends that to all others.
     pub fn specular_by_all<'a>(
         &mut self,
         context: &'a Context,

@@ -39,6 +39,13 @@ impl Part {
         Self::of_group(plan, piece.group, &piece.part)
     }
 
+    /// The bins of a piece of the sources, where ranks show them to each other. `None` where the class has no bins, and of what blocks nothing
+    /// where each rank reflects what it holds: that alone is then sent.
+    pub fn shown(plan: &Plan, piece: &Piece) -> Option<Self> {
+        let shown = piece.part.class.blocker || !plan.ranks_reflect_shares();
+        Self::of_piece(plan, piece).filter(|_| shown)
+    }
+
     /// All parts of a state, one after the other.
     pub fn all(plan: &Plan) -> Vec<Self> {
         let pieces = plan.pieces();
