@@ -155,15 +155,17 @@ fn gradients_are_those_of_the_exact_sum() {
     };
     within_bounds(&values(&gradients(&device, &scene, &clusters, PAGE)));
     within_bounds(&values(&gradients(&device, &scene, &clusters, SMALL_PAGE)));
-    // Where the device is a CPU, the host computed these, as it does of all clusters. A few passes are enough to compare it with kernels.
+    // Where the device is a CPU the host computed these. A few passes are enough to compare it with kernels.
     let clusters = clusters.tolerance(0.3);
     let in_pages = values(&gradients(&device, &scene, &clusters, SMALL_PAGE));
-    let by_kernels = device.clone().with_kernels_for(DeviceKind::Discrete);
-    let by_kernels = values(&gradients(&by_kernels, &scene, &clusters, SMALL_PAGE));
-    for ((name, found), by_kernels) in names.iter().zip(&in_pages).zip(&by_kernels) {
-        let off = relative(found, by_kernels);
-        println!("{name} of the host and of kernels: {off:.1e}");
-        assert!(off <= 1e-4, "{name}: {off}");
+    for kind in [DeviceKind::Cpu, DeviceKind::Discrete] {
+        let by_kernels = device.clone().with_kernels_for(kind);
+        let by_kernels = values(&gradients(&by_kernels, &scene, &clusters, SMALL_PAGE));
+        for ((name, found), by_kernels) in names.iter().zip(&in_pages).zip(&by_kernels) {
+            let off = relative(found, by_kernels);
+            println!("{name} of the host and of kernels for {kind}: {off:.1e}");
+            assert!(off <= 1e-4, "{name}: {off}");
+        }
     }
     finish(&device);
 }
@@ -396,7 +398,7 @@ fn states_on_the_host_have_clusters_too() {
             assert!(hosted.irradiance == resident.irradiance, "{name}: the results differ");
             let off = relative_l2(&hosted.irradiance, &exact, &areas(&scene));
             println!("{name}: {off:.5}");
-            assert!(off <= error && off > 0.0, "{name}: {off}");
+            assert!(off <= 0.02 && off > 0.0, "{name}: {off}");
         }
     }
     finish(&device);

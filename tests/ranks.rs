@@ -125,8 +125,7 @@ fn ranks_hold_their_own_states() {
         ("glossy, on the host", &glossy, Transport::Exact, false, everything, Some(1 << 20), 3),
         ("boxes, on the host", &boxes, clusters(0.1), false, few, Some(7 << 20), 2),
     ] {
-        let tolerance = 1e-2;
-        let settings = scene.settings.tolerance(tolerance).transport(transport);
+        let settings = scene.settings.tolerance(1e-2).transport(transport);
         let solved = |device: &Device, budget: Option<u64>| {
             let options = PlanOptions::of(device).keep_near_field(keep).tile(32).gradients(gradients);
             let options = budget.map_or(options, |budget| options.memory_budget(budget));
