@@ -9,7 +9,7 @@
 
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
-use antirad::scene::{Material, Movable, Precision, Scene, SceneBuilder, Shape, SolveSettings};
+use antirad::scene::{Material, Movable, Scene, SceneBuilder, Shape, SolveSettings};
 use antirad::solve::LightOperator;
 use antirad::transport::{AdjointKernels, AdjointOperator, Operators, SceneBuffers, State};
 use glam::{DAffine3, DQuat, DVec3};
@@ -26,7 +26,6 @@ struct Case {
     scene: Scene,
     /// Material of the sources and of the receivers of the shape.
     pairs: (u32, u32),
-    precision: Precision,
 }
 
 /// Horizontal squares, each of 2 · cells² triangles of a material of its own, the first a lamp that faces down over
@@ -91,7 +90,7 @@ struct Bench {
 impl Bench {
     fn new(device: &Device, case: &Case) -> Self {
         // The near field is a kernel of its own.
-        let settings = SolveSettings::default().near_field(0.0).precision(case.precision);
+        let settings = SolveSettings::default().near_field(0.0);
         let options = PlanOptions::of(device).gradients(GradientRequest::EVERYTHING);
         let plan = Plan::new(&case.scene, &options, &settings).expect("a plan");
         let buffers = SceneBuffers::new(device, &case.scene, &plan).expect("buffers");
@@ -143,51 +142,31 @@ fn main() {
             shape: "fronts to irradiance",
             scene: sheets(64, &[2.0, 0.0]),
             pairs: (0, 1),
-            precision: Precision::F32,
         },
         Case {
             name: "diffuse fronts to bins",
             shape: "fronts to bins",
             scene: sheets(32, &[2.0, 1.0, 0.0]),
             pairs: (0, 1),
-            precision: Precision::F32,
         },
         Case {
             name: "bins to irradiance",
             shape: "fronts and backs to irradiance",
             scene: sheets(32, &[2.0, 1.0, 0.0]),
             pairs: (1, 2),
-            precision: Precision::F32,
-        },
-        Case {
-            name: "bins to irradiance, half bins",
-            shape: "fronts and backs to irradiance",
-            scene: sheets(32, &[2.0, 1.0, 0.0]),
-            pairs: (1, 2),
-            precision: Precision::HalfBins,
         },
         Case {
             name: "bins at both ends",
             shape: "fronts and backs to bins",
             scene: sheets(32, &[3.0, 2.0, 1.0, 0.0]),
             pairs: (1, 2),
-            precision: Precision::F32,
-        },
-        Case {
-            name: "bins at both ends, half bins",
-            shape: "fronts and backs to bins",
-            scene: sheets(32, &[3.0, 2.0, 1.0, 0.0]),
-            pairs: (1, 2),
-            precision: Precision::HalfBins,
         },
     ];
     // An argument filters by name, as in cargo's own harness.
     let wanted: Vec<String> = std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
     let matches = |name: &str| wanted.is_empty() || wanted.iter().any(|part| name.contains(part));
     for case in cases {
-        // Only sources of the forward kernels are half bins.
-        let runs = if case.precision == Precision::HalfBins { &Run::ALL[..1] } else { &Run::ALL };
-        let runs: Vec<Run> = runs.iter().copied().filter(|run| matches(&run.name(&case))).collect();
+        let runs: Vec<Run> = Run::ALL.iter().copied().filter(|run| matches(&run.name(&case))).collect();
         if runs.is_empty() {
             continue;
         }

@@ -2,20 +2,7 @@
 #define SOURCE_BINS_GLSL
 // Radiance of a source per direction bin. Expects the buffers of bins of the source: `antiradiance` and `specular` as
 // arrays of real, and the same memory as arrays of packed real3, `antiradiance_rgb` and `specular_rgb`, which takes
-// one load instead of three. Where HALF_BIN_SOURCES is defined they may be half bins instead, as
-// `antiradiance_half_bins` and `specular_half_bins`.
-
-#ifdef HALF_BIN_SOURCES
-#include "half_bins.glsl"
-#define GATHER_SOURCE(of, first, t, result)                                                       \
-    if (HALF_BINS) {                                                                                 \
-        GATHER_HALF_BINS(of##_half_bins, first, t, result)                                              \
-    } else {                                                                                      \
-        GATHER(of, of##_rgb, first, t, result)                                                    \
-    }
-#else
-#define GATHER_SOURCE(of, first, t, result) GATHER(of, of##_rgb, first, t, result)
-#endif
+// one load instead of three.
 
 layout(constant_id = 7) const bool SOURCE_BACK = false;
 layout(constant_id = 8) const bool SOURCE_FRONT = false;
@@ -30,10 +17,10 @@ real3 binned_radiance(real3 normal, uint first, real3 direction, bool front) {
         // Light that leaves the back in `direction` was incident from -`direction`.
         Taps t = taps(in_frame(normal, front ? direction : -direction));
         if (SOURCE_FRONT && front) {
-            GATHER_SOURCE(specular, first, t, result)
+            GATHER(specular, specular_rgb, first, t, result)
         }
         if (SOURCE_BACK && !front) {
-            GATHER_SOURCE(antiradiance, first, t, result)
+            GATHER(antiradiance, antiradiance_rgb, first, t, result)
             result = -result;
         }
     }

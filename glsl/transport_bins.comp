@@ -18,10 +18,8 @@ layout(std430, binding = 1) readonly buffer FarRuns { uint far_runs[]; };
 layout(std430, binding = 2) buffer Irradiance { real4 irradiance[]; };
 layout(std430, binding = 3) readonly buffer Antiradiance { real antiradiance[]; };
 layout(scalar, binding = 3) readonly buffer AntiradianceRgb { real3 antiradiance_rgb[]; };
-layout(scalar, binding = 3) readonly buffer AntiradianceHalfBins { uvec3 antiradiance_half_bins[]; };
 layout(std430, binding = 4) readonly buffer Specular { real specular[]; };
 layout(scalar, binding = 4) readonly buffer SpecularRgb { real3 specular_rgb[]; };
-layout(scalar, binding = 4) readonly buffer SpecularHalfBins { uvec3 specular_half_bins[]; };
 layout(std430, binding = 5) buffer Incident { real incident[]; };
 layout(scalar, binding = 5) buffer IncidentRgb { real3 incident_rgb[]; };
 // Centre of each bin in the frame of the triangle, and c_b.
@@ -31,7 +29,6 @@ layout(std430, binding = 6) readonly buffer BinTable { real4 bin_table[]; };
 #include "partners.glsl"
 
 #include "far_push.glsl"
-#define HALF_BIN_SOURCES
 #include "source_bins.glsl"
 #include "receiver_bins.glsl"
 

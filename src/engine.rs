@@ -182,12 +182,11 @@ fn light_unit(scene: &Scene) -> f64 {
     power_of_two(emissions.fold(0.0, |most, value| most.max(value.abs())))
 }
 
-/// Relative rounding error of a pass: sums over thousands of pairs. Half bins round more than the solver resolves.
+/// Relative rounding error of a pass: sums over thousands of pairs.
 pub(crate) fn rounding(precision: Precision) -> f64 {
     match precision {
         Precision::F32 => 4.0 * f64::from(f32::EPSILON),
         Precision::F64 => 4.0 * f64::EPSILON,
-        Precision::HalfBins => f64::INFINITY,
     }
 }
 

@@ -15,7 +15,7 @@ impl RealShader {
     /// The variant for a precision.
     pub fn of(&self, precision: Precision) -> &Shader {
         match precision {
-            Precision::F32 | Precision::HalfBins => &self.f32,
+            Precision::F32 => &self.f32,
             Precision::F64 => &self.f64,
         }
     }

@@ -582,17 +582,6 @@ fn single_precision_suffices() {
     single_against_double("plate", &plate_over_floor(10, 0.0, true), 1e-10);
 }
 
-/// The adjoint is that of f32: its gradients are taken at the solution with half bins and ignore their rounding.
-#[test]
-fn half_bins_change_gradients_little() {
-    let settings = [(Precision::HalfBins, 1e-5), (Precision::F32, 1e-6)];
-    let mut scene = plate_over_floor(10, 0.0, true);
-    // The light of exact lamps passes no bins, and close pairs have whole ones.
-    scene.settings = scene.settings.lamps(Lamps::Antiradiance).near_field(0.0);
-    let largest = gradients_agree("plate", &scene, settings, 1e-2);
-    assert!(largest > 1e-6, "half bins are not taken: {largest}");
-}
-
 #[test]
 #[ignore = "double precision takes minutes on a CPU: run it by hand after changes of kernels"]
 fn single_precision_suffices_in_the_cornell_room() {

@@ -6,9 +6,7 @@ use antirad::gpu::{Device, DeviceKind};
 use antirad::model::{LIST, Parts, VolumeParts, classify, share};
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, PlannedTransport, Residency};
 use antirad::reference::{Model, Plates, Random};
-use antirad::scene::{
-    Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, Transport, Triangle,
-};
+use antirad::scene::{Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, Transport, Triangle};
 use antirad::target_error::usual_settings;
 use antirad::{Cotangent, Energy, Engine, Gradients, SolveParams};
 use glam::{DQuat, DVec3};
@@ -351,19 +349,6 @@ fn without_memory_for_clusters_the_result_is_exact() {
     let one = solve_within(&device, &scene, &hierarchical(&scene, 0.01), &options).1.irradiance;
     let other = solve_within(&device, &scene, &scene.settings, &options).1.irradiance;
     assert!(one == other, "the results differ");
-    finish(&device);
-}
-
-/// Half bins are those of pairs of tiles; clusters read f32.
-#[test]
-fn half_bins_and_clusters_go_together() {
-    let device = device();
-    let scene = load("scenes/cornell_boxes.toml");
-    let settings = hierarchical(&scene, 0.01);
-    let half = settings.precision(Precision::HalfBins);
-    let (engine, solution) = solve(&device, &scene, &half);
-    assert!(!engine.plan().half_bins() && engine.plan().clusters().is_some());
-    assert!(solution.irradiance == solve(&device, &scene, &settings).1.irradiance, "the results differ");
     finish(&device);
 }
 

@@ -429,11 +429,9 @@ fn states_on_the_host_change_nothing() {
 #[test]
 fn pages_of_the_same_size_give_the_same_bytes_wherever_they_are() {
     let device = device();
-    for (solver, precision) in [
-        (SolverChoice::FixedPoint, Precision::F32),
-        (SolverChoice::Gmres, Precision::F32),
-        (SolverChoice::Gmres, Precision::HalfBins),
-    ] {
+    for (solver, precision) in
+        [(SolverChoice::FixedPoint, Precision::F32), (SolverChoice::Gmres, Precision::F32)]
+    {
         let scene = glossy_room(4);
         let settings = scene.settings.solver(solver).precision(precision);
         // The near field is kept on the device only.
@@ -478,32 +476,6 @@ fn the_near_field_is_kept_where_the_budget_allows() {
             drop(solution);
         }
     }
-    finish(&device);
-}
-
-/// Sources read as half bins: the result is nearly the same, and the solvers need only a few more passes.
-#[test]
-fn half_bins_change_little() {
-    let device = device();
-    for (name, scene, solver) in [
-        ("cornell_boxes", load("scenes/cornell_boxes.toml"), SolverChoice::Gmres),
-        ("glossy", glossy_room(5), SolverChoice::Gmres),
-        ("glossy", glossy_room(5), SolverChoice::FixedPoint),
-    ] {
-        let [(engine, half), (_, usual)] = [Precision::HalfBins, Precision::F32].map(|precision| {
-            let settings = scene.settings.solver(solver).precision(precision).tolerance(1e-4);
-            solve_within(&device, &scene, &settings, &PlanOptions::of(&device))
-        });
-        assert!(engine.plan().half_bins() && engine.plan().memory().of_label("half bins") > 0);
-        let error = relative_l2(&half.irradiance, &usual.irradiance, &areas(&scene));
-        let [passes, usual_passes] = [&half, &usual].map(|solution| solution.info.passes);
-        println!("{name}, {solver:?}: {error:.2e}, {passes} passes against {usual_passes}");
-        assert!(error > 0.0 && error <= 5e-4, "{name}: {error:e}");
-        assert!(passes <= usual_passes + 4, "{name}: {passes} passes against {usual_passes}");
-    }
-    let settings = SolveSettings::default().precision(Precision::HalfBins).tolerance(1e-6);
-    let refused = Plan::new(&glossy_room(2), &PlanOptions::default(), &settings);
-    assert!(matches!(refused, Err(PlanError::Tolerance { .. })), "{refused:?}");
     finish(&device);
 }
 
@@ -571,11 +543,10 @@ fn engines_in_threads_find_what_they_find_alone() {
     let usual = PlanOptions::of(&device);
     let request = GradientRequest::NOTHING.albedo(true).positions(true);
     let (plain, glossy) = (room(4, 0.5), glossy_room(3));
-    let packed = glossy.settings.precision(Precision::HalfBins).tolerance(1e-4);
     let least = least_budget(&glossy, &glossy.settings, &usual);
     let jobs = [
         (&plain, plain.settings, usual.gradients(request)),
-        (&glossy, packed, usual.staging(1 << 20)),
+        (&glossy, glossy.settings, usual.staging(1 << 20)),
         (&glossy, glossy.settings, usual.memory_budget(least + (1 << 16))),
         (&plain, plain.settings.precision(Precision::F64), usual),
     ];

@@ -20,7 +20,7 @@ use support::{device, finish};
 /// Relative error of each kernel, in the 2-norm over all its output.
 fn tolerance(precision: Precision) -> f64 {
     match precision {
-        Precision::F32 | Precision::HalfBins => 1e-3,
+        Precision::F32 => 1e-3,
         Precision::F64 => 1e-10,
     }
 }

@@ -7,7 +7,7 @@ mod support;
 use antirad::gpu::{Device, DeviceKind};
 use antirad::model::Clusters;
 use antirad::plan::{Occlusion, Plan, PlanError, PlanOptions, Residency};
-use antirad::reference::{Model, State, observe, to_bf16, transport, transport_through_clusters};
+use antirad::reference::{Model, State, observe, transport, transport_through_clusters};
 use antirad::scene::{
     BinLayout, Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, Transport, Weights,
 };
@@ -41,7 +41,7 @@ const WORST: f64 = 10.0;
 /// Relative error of each kernel, in the 2-norm over all its output.
 fn tolerance(precision: Precision) -> f64 {
     match precision {
-        Precision::F32 | Precision::HalfBins => 1e-4,
+        Precision::F32 => 1e-4,
         Precision::F64 => 1e-12,
     }
 }
@@ -95,12 +95,6 @@ fn compare_on(
     errors.push(("reflect", rgb_of(&plan, &given.radiance), flat(&outgoing.diffuse)));
     let specular = of_class(&model, &outgoing.specular, |c| c.glossy);
     errors.push(("reflect_glossy", from_pages(&model, &plan, &given.specular, total), specular));
-    let unpacked = outgoing.clone();
-    if plan.half_bins() {
-        let round = |bins: &mut Vec<DVec3>| bins.iter_mut().for_each(|value| *value = to_bf16(*value));
-        round(&mut outgoing.specular);
-        round(&mut outgoing.antiradiance);
-    }
     let truth = match plan.clusters() {
         None => transport(&model, &outgoing),
         Some(clusters) => transport_through_clusters(&model, clusters, &outgoing),
@@ -130,7 +124,7 @@ fn compare_on(
 
     let camera_position = DVec3::new(3.0, 0.5, -1.0);
     let colours = operators.observe(&x, camera_position).expect("colours");
-    errors.push(("observe", rgb_of(&plan, &colours), flat(&observe(&model, &unpacked, camera_position))));
+    errors.push(("observe", rgb_of(&plan, &colours), flat(&observe(&model, &outgoing, camera_position))));
 
     let blockers = model.classes.iter().filter(|c| c.blocker).count();
     println!(
@@ -176,18 +170,6 @@ fn double_precision() {
     compare("f64", &scene, double, |l| l);
     let smooth = double.weights(Weights::Smoothstep).bins(BinLayout::Concentric { n: 12 });
     compare("f64, concentric, smoothstep", &scene, smooth, |l| l);
-}
-
-/// Close pairs do not use half bins: without them all sources do.
-#[test]
-fn half_bins() {
-    let usual = SolveSettings::default().precision(Precision::HalfBins).near_field(0.0);
-    compare("half bins", &random_scene(12, 500, true, false), usual, |l| l);
-    let small = |l: PlanOptions| l.tile(32).page(1);
-    compare("half bins, tiles of 32", &random_scene(13, 300, true, false), usual, small);
-    let concentric = usual.weights(Weights::Smoothstep).bins(BinLayout::Concentric { n: 12 });
-    compare("half bins, concentric, smoothstep", &random_scene(14, 150, true, false), concentric, |l| l);
-    compare("half bins, grey", &random_scene(15, 100, true, true), usual, |l| l);
 }
 
 /// Triangles that share a power take its matrix, which may have more columns than a dispatch binds; others do without.
@@ -584,7 +566,6 @@ fn layouts_agree_with_the_shaders() {
         GlossyPush,
         ["page" = page, "list" = list, "first" = first, "count" = count]
     );
-    check!(shaders::PACK, "PackPush", PackPush, ["first" = first]);
     check!(
         shaders::NEAR_MATRIX.of(Precision::F64),
         "NearMatrixPush",

@@ -193,7 +193,7 @@ class Scene:
         tolerance: float | None = None,
         max_passes: int | None = None,
         solver: Literal["auto", "fixed-point", "gmres"] | None = None,
-        precision: Literal["f32", "half-bins", "f64"] | None = None,
+        precision: Literal["f32", "f64"] | None = None,
         lamps: Literal["auto", "exact", "sampled", "antiradiance"] | None = None,
     ) -> Scene: ...
     def settled(self) -> Scene: ...

@@ -471,7 +471,7 @@ impl Scene {
     ///     tolerance: Relative residual at which a solve stops, between 0 and 1.
     ///     max_passes: Passes after which a solve gives up.
     ///     solver: "auto", "fixed-point" or "gmres".
-    ///     precision: "f32", "half-bins" or "f64".
+    ///     precision: "f32" or "f64".
     ///     lamps: How direct light is computed: "exact", "sampled" (by rays, without derivatives by positions),
     ///         "antiradiance", or "auto" by what it costs.
     ///

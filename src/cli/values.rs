@@ -7,13 +7,12 @@ use clap::builder::PossibleValue;
 
 impl ValueEnum for Precision {
     fn value_variants<'a>() -> &'a [Self] {
-        &[Self::F32, Self::HalfBins, Self::F64]
+        &[Self::F32, Self::F64]
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
         Some(PossibleValue::new(match self {
             Self::F32 => "f32",
-            Self::HalfBins => return Some(PossibleValue::new("half-bins").alias("packed")),
             Self::F64 => "f64",
         }))
     }
@@ -109,7 +108,7 @@ mod tests {
 
     #[test]
     fn words_are_those_of_scene_files() {
-        agree::<Precision>(3);
+        agree::<Precision>(2);
         agree::<SolverChoice>(3);
         agree::<Lamps>(4);
         agree::<Orient>(2);

@@ -1,7 +1,7 @@
 //! Memory by label, computed before allocation. The engine checks that it allocates exactly this.
 
 use super::near_matrix::NearMatrixBytes;
-use super::{Group, NearMatrix, PairLists, Plan, PlanError, Residency};
+use super::{NearMatrix, PairLists, Plan, PlanError, Residency};
 use crate::model::{Bins, Clusters};
 use crate::scene::Precision;
 
@@ -12,8 +12,6 @@ pub(super) const FACET: u64 = 8;
 const CORNERS: u64 = 12;
 const SURFACE: u64 = 12;
 pub(super) const RGB: u64 = 4;
-/// Bytes of a half bin (glsl/half_bins.glsl).
-pub(super) const HALF_BIN: u64 = 12;
 /// Reals of a gradient (glsl/facet_gradient.glsl).
 const FACET_GRADIENT: u64 = 16;
 /// Bytes of the parts of a cluster (glsl/gather.comp).
@@ -86,11 +84,6 @@ impl MemoryPlan {
             memory.add("first bounce", plan.page_bytes(group), 1);
         }
         memory.add_lobes(plan);
-        if plan.half_bins() {
-            let any = |wanted: fn(&Group) -> bool| u32::from(plan.layout.groups.iter().any(wanted));
-            let kinds = any(|group| group.class.blocker) + any(|group| group.class.glossy);
-            memory.add("half bins", plan.half_bin_bytes(), kinds);
-        }
         memory.add_gradients(plan, slots, rank);
         for matrix in plan.near_field_matrix().into_iter().flat_map(NearMatrix::matrices) {
             let NearMatrixBytes { starts, rows, columns, weights } = plan.near_matrix_bytes(matrix);

@@ -239,12 +239,10 @@ const SHORTEST_RESTART: u32 = 4;
 /// Triangles per tile that kernels support.
 const TILES: [u32; 2] = [32, 64];
 
-/// The smallest relative residual that a precision resolves; for half bins, the smallest that solvers were seen to
-/// reach.
+/// The smallest relative residual that a precision resolves.
 fn least_tolerance(precision: Precision) -> f64 {
     match precision {
         Precision::F32 => 1e-7,
-        Precision::HalfBins => 1e-5,
         Precision::F64 => 0.0,
     }
 }
@@ -570,25 +568,9 @@ impl Plan {
         memory::bin_bytes(&self.bins, self.channels, self.settings.precision)
     }
 
-    /// Whether sources are read as half bins. Not without colour, where one read fetches a whole bin, nor with clusters,
-    /// whose sources are scattered: converting them would take longer than reading them.
-    pub fn half_bins(&self) -> bool {
-        let any_bins = self.layout.groups.iter().any(|group| group.class.has_bins());
-        let exact = self.clusters().is_none();
-        self.settings.precision == Precision::HalfBins && self.channels == 3 && any_bins && exact
-    }
-
-    /// Whether kernels read lists of pairs. Only they read half bins.
+    /// Whether kernels read lists of pairs.
     pub(crate) fn lists_on_device(&self) -> bool {
-        !self.options.pairs_on_host || self.half_bins()
-    }
-
-    /// Bytes of the half bins of the sources of one dispatch.
-    pub(crate) fn half_bin_bytes(&self) -> u64 {
-        u64::from(self.partner_tiles()).min(self.tiles_with_bins().len() as u64)
-            * u64::from(self.layout.tile)
-            * memory::HALF_BIN
-            * self.bins.count() as u64
+        !self.options.pairs_on_host
     }
 
     /// Bytes of the bins of one tile.

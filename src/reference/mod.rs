@@ -1,7 +1,6 @@
 //! The f64 twin of every transport kernel on the CPU, written to be read: the definition that kernels are tested against.
 
 mod adjoint;
-mod bf16;
 mod clusters;
 mod clusters_adjoint;
 mod derivative;
@@ -16,7 +15,6 @@ mod volumes;
 
 pub use crate::model::projected_solid_angle;
 pub use adjoint::{AdjointEquation, observe_adjoint, reflect_adjoint, transport_adjoint};
-pub use bf16::to_bf16;
 pub use clusters::transport_through_clusters;
 pub use clusters_adjoint::transport_through_clusters_adjoint;
 pub use derivative::{

@@ -97,7 +97,7 @@ impl Scene {
     /// tolerance = 1e-4
     /// max_passes = 200
     /// solver = "auto"                # or "fixed-point", "gmres"
-    /// precision = "f32"              # or "half-bins"; "f64", where the device has it
+    /// precision = "f32"              # or "f64", where the device has it
     /// transport = "auto"             # or "exact", { hierarchical = 0.003 } (relative error)
     /// # error = 0.02                 # target error of irradiance, instead of bins, near_field and tolerance
     /// ```

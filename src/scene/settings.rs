@@ -128,11 +128,6 @@ pub enum Precision {
     /// Single precision: relative errors of about 1e-6 of irradiance.
     #[default]
     F32,
-    /// Single precision, but radiance per bin of far sources is read as bfloat16, with a relative error of up to 2⁻⁸ per
-    /// bin. Passes are faster where there are blockers, but for tolerances below 1e-3 GMRES may need more of them. Scenes
-    /// without colour, close pairs and gradients use f32.
-    #[serde(alias = "packed")]
-    HalfBins,
     /// Double precision, for validation: needs a device with `shaderFloat64`, twice the memory and several times the time.
     F64,
 }
@@ -141,7 +136,7 @@ impl Precision {
     /// Bytes of one number.
     pub fn bytes(self) -> u64 {
         match self {
-            Self::F32 | Self::HalfBins => 4,
+            Self::F32 => 4,
             Self::F64 => 8,
         }
     }
@@ -151,7 +146,6 @@ impl fmt::Display for Precision {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::F32 => "f32",
-            Self::HalfBins => "half-bins",
             Self::F64 => "f64",
         })
     }

@@ -1,7 +1,6 @@
 //! U: light from every triangle to every other.
 
 use super::clusters::{ClusterLight, Sources as ClusterSources};
-use super::half_bins::HalfBins;
 use super::near_matrix::NearMatrix;
 use super::on_host::far::{BLOCK, Received, Sources};
 use super::reflection::Reflection;
@@ -89,7 +88,6 @@ pub struct Exchange {
     sweeps: Vec<(Shape, Sweep)>,
     /// Where the near field is kept.
     near_matrix: Option<NearMatrix>,
-    half_bins: Option<HalfBins>,
     /// Where clusters stand for far triangles.
     pub(super) clusters: Option<ClusterLight>,
     volumes: Option<VolumeLight>,
@@ -100,7 +98,6 @@ impl Exchange {
         Ok(Self {
             sweeps: Self::sweeps(device, plan)?,
             near_matrix: NearMatrix::forward(device, plan)?,
-            half_bins: HalfBins::new(device, plan)?,
             clusters: ClusterLight::new(device, plan)?,
             volumes: VolumeLight::new(device, plan)?,
         })
@@ -118,7 +115,7 @@ impl Exchange {
             near: plan.near_field_matrix().is_none().then_some((&shaders::NEAR, 11)),
             single: shape.any_bins(),
             by_source: false,
-            constants: [&shape.constants(plan)[..], &[(10, u32::from(plan.half_bins()))]].concat(),
+            constants: shape.constants(plan),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()),
             deposits: Some(u64::from(shape.receiver_bins)),
@@ -236,47 +233,35 @@ impl Exchange {
                     }
                     return Ok(());
                 }
-                // Half bins are valid for the sources of one dispatch.
-                let half_bins = self.half_bins.as_ref().filter(|_| from.class.has_bins());
-                let step = if half_bins.is_some() { plan.partner_tiles() } else { u32::MAX };
-                for part in from.parts(step) {
-                    let sent = match half_bins {
-                        Some(half_bins) => {
-                            let first_slot = plan.layout.slots_of(&from.tiles).start;
-                            let antiradiance = light.as_ref().map(View::slice);
-                            half_bins.run(context, &part, first_slot, antiradiance, specular)?
-                        }
-                        None => [antiradiance, specular],
-                    };
-                    for (to, incident) in lit {
-                        let shape = Shape::new(from.class, to.class);
-                        let sweep = sweep_of(&mut self.sweeps, shape)?;
-                        let tiles = part.tiles.clone();
-                        let tile = plan.layout.tile;
-                        let received = Received::new(
-                            context,
-                            (shape, passing),
-                            Sources::Tiles { runs: &plan.interactions().by_receiver.far, tiles, tile },
-                            (sent, plan.layout.slots_of(&part.tiles).start),
-                            (irradiance.slice(), incident),
-                        );
-                        let blocks = blocks(plan, to);
-                        if half_bins.is_none() && received.run(sweep, device, plan, blocks, monitor)? {
-                            continue;
-                        }
-                        let far = [
-                            facets,
-                            scene.far_sources.whole(),
-                            irradiance.slice(),
-                            sent[0],
-                            sent[1],
-                            incident.slice(),
-                            scene.bin_table.whole(),
-                        ];
-                        let far = if shape.any_bins() { &far[..] } else { &far[..3] };
-                        let between = Between::receivers(plan, to, &part, incident.first_slot);
-                        sweep.far(context, &between, far, &partners, passing, monitor)?;
+                for (to, incident) in lit {
+                    let shape = Shape::new(from.class, to.class);
+                    let sweep = sweep_of(&mut self.sweeps, shape)?;
+                    let received = Received::new(
+                        context,
+                        (shape, passing),
+                        Sources::Tiles {
+                            runs: &plan.interactions().by_receiver.far,
+                            tiles: from.tiles.clone(),
+                            tile: plan.layout.tile,
+                        },
+                        ([antiradiance, specular], plan.layout.slots_of(&from.tiles).start),
+                        (irradiance.slice(), incident),
+                    );
+                    if received.run(sweep, device, plan, blocks(plan, to), monitor)? {
+                        continue;
                     }
+                    let far = [
+                        facets,
+                        scene.far_sources.whole(),
+                        irradiance.slice(),
+                        antiradiance,
+                        specular,
+                        incident.slice(),
+                        scene.bin_table.whole(),
+                    ];
+                    let far = if shape.any_bins() { &far[..] } else { &far[..3] };
+                    let between = Between::receivers(plan, to, from, incident.first_slot);
+                    sweep.far(context, &between, far, &partners, passing, monitor)?;
                 }
                 Ok(())
             };

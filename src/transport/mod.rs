@@ -11,7 +11,6 @@ mod completion;
 mod exchange;
 mod exchange_adjoint;
 mod exchange_derivative;
-mod half_bins;
 mod lobes;
 mod near_matrix;
 mod observation;
@@ -33,7 +32,6 @@ mod watch;
 
 pub use clusters::{GatherBinsPush, GatherPush};
 pub use clusters_adjoint::SharesPush;
-pub use half_bins::PackPush;
 pub use lobes::LobePush;
 pub use near_matrix::NearMatrixPush;
 pub use pace::Pace;
@@ -96,7 +94,7 @@ fn bin_constants(plan: &Plan) -> [(u32, u32); 5] {
     [(2, concentric), (3, smoothstep), (4, rows), (5, columns), (6, plan.channels)]
 }
 
-/// Compiles the kernels of U, S and the solvers, those of a kept near field and of half bins included, and where the plan has gradients
+/// Compiles the kernels of U, S and the solvers, those of a kept near field included, and where the plan has gradients
 /// those of K, of the transposes and of the derivatives, without a scene: for what the driver tells of them
 /// ([`Device::kernel_statistics`]).
 pub fn compile(device: &Device, plan: &Plan) -> Result<(), GpuError> {
@@ -106,7 +104,6 @@ pub fn compile(device: &Device, plan: &Plan) -> Result<(), GpuError> {
     observation::Observation::kernels(device, plan)?;
     vectors::Vectors::kernels(device, plan.settings.precision)?;
     near_matrix::NearMatrix::kernels(device, plan)?;
-    half_bins::HalfBins::kernel(device, plan)?;
     if !plan.options.gradients.any() {
         return Ok(());
     }

@@ -36,7 +36,7 @@ pub fn download(
 ) -> Result<Vec<f64>, GpuError> {
     let (offset, count) = (values.start * precision.bytes(), values.end - values.start);
     match precision {
-        Precision::F32 | Precision::HalfBins => {
+        Precision::F32 => {
             Ok(device.download_slice::<f32>(buffer, offset, count)?.into_iter().map(f64::from).collect())
         }
         Precision::F64 => device.download_slice(buffer, offset, count),
@@ -59,9 +59,7 @@ pub fn filled(
 /// Values to bytes of the device.
 pub fn encode(precision: Precision, values: &[f64]) -> Vec<u8> {
     match precision {
-        Precision::F32 | Precision::HalfBins => {
-            values.iter().flat_map(|&x| (x as f32).to_ne_bytes()).collect()
-        }
+        Precision::F32 => values.iter().flat_map(|&x| (x as f32).to_ne_bytes()).collect(),
         Precision::F64 => bytemuck::cast_slice(values).to_vec(),
     }
 }
@@ -69,9 +67,7 @@ pub fn encode(precision: Precision, values: &[f64]) -> Vec<u8> {
 /// Bytes of the device to values.
 pub fn decode(precision: Precision, bytes: &[u8]) -> Vec<f64> {
     match precision {
-        Precision::F32 | Precision::HalfBins => {
-            bytemuck::pod_collect_to_vec::<_, f32>(bytes).into_iter().map(f64::from).collect()
-        }
+        Precision::F32 => bytemuck::pod_collect_to_vec::<_, f32>(bytes).into_iter().map(f64::from).collect(),
         Precision::F64 => bytemuck::pod_collect_to_vec(bytes),
     }
 }

@@ -398,7 +398,7 @@ fn total(precision: Precision, partial: &[f64]) -> f64 {
         (0..lanes).map(of_lane).fold(T::default(), |sum, x| sum + x)
     }
     match precision {
-        Precision::F32 | Precision::HalfBins => sum(partial, |x| x as f32).into(),
+        Precision::F32 => sum(partial, |x| x as f32).into(),
         Precision::F64 => sum(partial, |x| x),
     }
 }

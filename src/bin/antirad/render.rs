@@ -244,7 +244,7 @@ pub fn run(
     }
     for (name, rows) in [("irradiance.npy", &irradiance), ("radiosity.npy", &radiosity)] {
         match solved.settings.precision {
-            Precision::F32 | Precision::HalfBins => {
+            Precision::F32 => {
                 warn_of_range(rows, name);
                 write_npy(&directory.join(name), &single(rows))?;
             }

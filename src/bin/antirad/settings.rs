@@ -74,8 +74,7 @@ pub struct SceneSettings {
     /// Solver of the radiosity equation
     #[arg(long, value_name = "SOLVER", value_enum)]
     solver: Option<SolverChoice>,
-    /// Arithmetic on the device: half-bins is faster where much is occluded; f64 is for validation and needs a device
-    /// with double precision
+    /// Arithmetic on the device: f64 is for validation and needs a device with double precision
     #[arg(long, value_name = "PRECISION", value_enum)]
     precision: Option<Precision>,
     /// How light from far triangles is summed up: exact; hierarchical:ERROR, with clusters that may change irradiance by this error,

@@ -19,7 +19,7 @@ impl Setting {
     /// Rough cost, for the progress bar.
     pub fn cost(&self) -> f64 {
         let precision = match self.solve.precision {
-            Precision::F32 | Precision::HalfBins => 1.0,
+            Precision::F32 => 1.0,
             Precision::F64 => 3.0,
         };
         16_f64.powi(self.level as i32) * precision
@@ -102,7 +102,6 @@ pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
             add("near field", 0, usual.near_field(near_field).bins(square(8)));
         }
     }
-    add("precision", 0, usual.precision(Precision::HalfBins));
     if !quick {
         add("precision", 0, usual.precision(Precision::F64));
     }

@@ -226,7 +226,7 @@ fn busy(near: &NearPairs) -> impl Iterator<Item = u32> {
 /// `COINCIDENT` of glsl/pieces.glsl and `POLE` of glsl/bins.glsl.
 fn rounding(precision: Precision) -> [f64; 2] {
     match precision {
-        Precision::F32 | Precision::HalfBins => [1e-12, 1e-5],
+        Precision::F32 => [1e-12, 1e-5],
         Precision::F64 => [1e-24, 1e-12],
     }
 }

@@ -48,7 +48,7 @@ impl ClusterBins<'_> {
     /// Takes a step. `None` where kernels must do it.
     pub fn step(&self, device: &Device, plan: &Plan, step: Step) -> Result<Option<()>, GpuError> {
         match plan.settings.precision {
-            Precision::F32 | Precision::HalfBins => self.step_as::<f32>(device, plan, step),
+            Precision::F32 => self.step_as::<f32>(device, plan, step),
             Precision::F64 => self.step_as::<f64>(device, plan, step),
         }
     }

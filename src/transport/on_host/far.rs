@@ -100,10 +100,10 @@ impl Sources<'_> {
 }
 
 impl Received<'_> {
-    /// Adds what some blocks receive; bins are no half bins. `None` where kernels must do it.
+    /// Adds what some blocks receive. `None` where kernels must do it.
     pub fn add(&self, device: &Device, plan: &Plan, blocks: Range<u32>) -> Result<Option<()>, GpuError> {
         match plan.settings.precision {
-            Precision::F32 | Precision::HalfBins => self.add_as::<f32>(device, plan, blocks),
+            Precision::F32 => self.add_as::<f32>(device, plan, blocks),
             Precision::F64 => self.add_as::<f64>(device, plan, blocks),
         }
     }

@@ -133,7 +133,7 @@ impl Importance<'_> {
     /// Adds it for some blocks. `None` where kernels must do it.
     pub fn add(&self, device: &Device, plan: &Plan, blocks: Range<u32>) -> Result<Option<()>, GpuError> {
         match plan.settings.precision {
-            Precision::F32 | Precision::HalfBins => self.add_as::<f32>(device, plan, blocks),
+            Precision::F32 => self.add_as::<f32>(device, plan, blocks),
             Precision::F64 => self.add_as::<f64>(device, plan, blocks),
         }
     }

@@ -35,7 +35,7 @@ impl Reflected<'_> {
         let &Self { matrix, surfaces, from, to, .. } = self;
         let others = [matrix, surfaces, from];
         match plan.settings.precision {
-            Precision::F32 | Precision::HalfBins => {
+            Precision::F32 => {
                 device.edit_on_host([to], others, |[to], others| self.products::<f32>(plan, others, to))
             }
             Precision::F64 => {

@@ -33,11 +33,9 @@ pub fn multiply(
 ) -> Result<Option<()>, GpuError> {
     let (others, strides) = ([weights, from.values], [from.stride, to.stride]);
     match precision {
-        Precision::F32 | Precision::HalfBins => {
-            device.edit_on_host([to.values], others, |[y], [weights, x]| {
-                added::<f32>((matrix, block), weights, strides, x, y)
-            })
-        }
+        Precision::F32 => device.edit_on_host([to.values], others, |[y], [weights, x]| {
+            added::<f32>((matrix, block), weights, strides, x, y)
+        }),
         Precision::F64 => device.edit_on_host([to.values], others, |[y], [weights, x]| {
             added::<f64>((matrix, block), weights, strides, x, y)
         }),

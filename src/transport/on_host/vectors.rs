@@ -16,7 +16,7 @@ const SUMS: usize = 8;
 /// y = b y.
 pub fn scale(device: &Device, precision: Precision, b: f64, y: BufferSlice) -> Result<Option<()>, GpuError> {
     match precision {
-        Precision::F32 | Precision::HalfBins => device.edit_on_host([y], [], |[y], []| scaled(b as f32, y)),
+        Precision::F32 => device.edit_on_host([y], [], |[y], []| scaled(b as f32, y)),
         Precision::F64 => device.edit_on_host([y], [], |[y], []| scaled(b, y)),
     }
 }
@@ -29,9 +29,7 @@ pub fn combine(
     (b, y): (f64, BufferSlice),
 ) -> Result<Option<()>, GpuError> {
     match precision {
-        Precision::F32 | Precision::HalfBins => {
-            device.edit_on_host([y], [x], |[y], [x]| combined((a as f32, x), (b as f32, y)))
-        }
+        Precision::F32 => device.edit_on_host([y], [x], |[y], [x]| combined((a as f32, x), (b as f32, y))),
         Precision::F64 => device.edit_on_host([y], [x], |[y], [x]| combined((a, x), (b, y))),
     }
 }
@@ -47,7 +45,7 @@ pub fn combine_dot(
     let others = [x, z.unwrap_or(x)];
     let given = z.is_some();
     match precision {
-        Precision::F32 | Precision::HalfBins => device.edit_on_host([y], others, |[y], [x, z]| {
+        Precision::F32 => device.edit_on_host([y], others, |[y], [x, z]| {
             combined_product((a as f32, x), (b as f32, y), given.then_some(z))
         }),
         Precision::F64 => device
@@ -63,7 +61,7 @@ pub fn dot(
     y: BufferSlice,
 ) -> Result<Option<f64>, GpuError> {
     match precision {
-        Precision::F32 | Precision::HalfBins => device.read_on_host([x, y], products::<f32>),
+        Precision::F32 => device.read_on_host([x, y], products::<f32>),
         Precision::F64 => device.read_on_host([x, y], products::<f64>),
     }
 }

@@ -34,7 +34,7 @@ impl VolumeBins<'_> {
         sent: [BufferSlice; 4],
     ) -> Result<Option<()>, GpuError> {
         match plan.settings.precision {
-            Precision::F32 | Precision::HalfBins => self.add_as::<f32>(device, plan, from, facets, sent),
+            Precision::F32 => self.add_as::<f32>(device, plan, from, facets, sent),
             Precision::F64 => self.add_as::<f64>(device, plan, from, facets, sent),
         }
     }
@@ -42,7 +42,7 @@ impl VolumeBins<'_> {
     /// Sums up those that consist of others. `None` where kernels must do it.
     pub fn sum(&self, device: &Device, plan: &Plan, facets: BufferSlice) -> Result<Option<()>, GpuError> {
         match plan.settings.precision {
-            Precision::F32 | Precision::HalfBins => self.sum_as::<f32>(device, plan, facets),
+            Precision::F32 => self.sum_as::<f32>(device, plan, facets),
             Precision::F64 => self.sum_as::<f64>(device, plan, facets),
         }
     }
