@@ -5,7 +5,6 @@
 #include "arctangent.glsl"
 
 layout(constant_id = 2) const bool CONCENTRIC = false;
-layout(constant_id = 3) const bool SMOOTHSTEP = false;
 // Equal-angle: rows of polar angle, sectors of azimuth. Concentric: both the side of the square.
 layout(constant_id = 4) const uint ROWS = 10;
 layout(constant_id = 5) const uint COLUMNS = 13;
@@ -25,10 +24,6 @@ struct Taps {
     uvec4 bin;
     real4 weight;
 };
-
-real shape(real t) {
-    return SMOOTHSTEP ? t * t * (3.0 - 2.0 * t) : t;
-}
 
 #ifdef F64
 real short_arctangent(real t) {
@@ -55,7 +50,7 @@ real arccosine(real z) {
 real clamped(real coordinate, uint count, out real weight) {
     real c = clamp(coordinate, 0.0, real(count - 1));
     real first = min(floor(c), real(count - 2));
-    weight = shape(c - first);
+    weight = c - first;
     return first;
 }
 
@@ -89,7 +84,7 @@ Taps taps(real3 w) {
         real2 level = dot(w.xy, w.xy) > POLE * POLE ? w.xy : real2(0.0);
         real turn = turns(level.x, level.y) * real(COLUMNS) - 0.5;
         real sector = floor(turn);
-        s = shape(turn - sector);
+        s = turn - sector;
         column = sector < 0.0 ? real(COLUMNS - 1) : sector;
         wraps = column == real(COLUMNS - 1);
     }

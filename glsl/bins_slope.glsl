@@ -6,9 +6,7 @@
 
 // Derivative of the weight that `clamped` gives to the second cell, per unit of the coordinate.
 real clamped_slope(real coordinate, uint count) {
-    real f = min(floor(coordinate), real(count - 2));
-    real t = coordinate - f;
-    return coordinate > 0.0 && coordinate < real(count - 1) ? (SMOOTHSTEP ? 6.0 * t * (1.0 - t) : real(1.0)) : real(0.0);
+    return coordinate > 0.0 && coordinate < real(count - 1) ? real(1.0) : real(0.0);
 }
 
 // The gradient of Σ_tap weight · value over the taps of `w`, which is in the frame of the triangle. Zero where it is
@@ -49,10 +47,7 @@ real3 taps_gradient(real3 w, Taps taps, real4 value) {
     real polar = arccosine(min(z, real(1.0)));
     real rows = 2.0 * INV_PI * real(ROWS);
     real row_slope = above ? by_row * clamped_slope(polar * rows - 0.5, ROWS) * rows / (r * r + z * z) : real(0.0);
-    real turn = turns(w.x, w.y) * real(COLUMNS) - 0.5;
-    real fraction = turn - floor(turn);
-    real column_slope = by_column * (SMOOTHSTEP ? 6.0 * fraction * (1.0 - fraction) : real(1.0))
-        * (0.5 * INV_PI * real(COLUMNS)) * per_r;
+    real column_slope = by_column * (0.5 * INV_PI * real(COLUMNS)) * per_r;
     real2 outward = w.xy * per_r;
     return real3(row_slope * z * outward + column_slope * real2(-outward.y, outward.x), -row_slope * r);
 }

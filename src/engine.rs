@@ -8,7 +8,7 @@ use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, RankWeig
 use crate::ranks::RankError;
 use crate::revision::{Difference, Revision};
 use crate::scene::Movable;
-use crate::scene::{BinLayout, Material, Precision, Scene, SceneError, SolveSettings, Weights};
+use crate::scene::{BinLayout, Material, Precision, Scene, SceneError, SolveSettings};
 use crate::solve::{
     FixedPointParams, GmresParams, LightOperator, SolveError, SolveInfo, SolveProgress, fixed_point_from,
     gmres_from,
@@ -260,7 +260,7 @@ pub struct Negative {
 /// Memory layout of a state: states of the same arrangement can be added.
 #[derive(Clone, Debug, PartialEq)]
 struct Arrangement {
-    bins: (BinLayout, Weights),
+    bins: BinLayout,
     channels: u32,
     precision: Precision,
     residency: Residency,
@@ -273,7 +273,7 @@ struct Arrangement {
 impl Arrangement {
     fn of(plan: &Plan) -> Self {
         Self {
-            bins: (plan.settings.bins, plan.settings.weights),
+            bins: plan.settings.bins,
             channels: plan.channels,
             precision: plan.settings.precision,
             residency: plan.residency,

@@ -9,7 +9,7 @@ use antirad::reference::{
     reflect_derivative, transport_adjoint, transport_derivative, transport_through_clusters_adjoint,
     transport_through_clusters_derivative,
 };
-use antirad::scene::{BinLayout, Movable, Precision, Scene, SolveSettings, Transport, Weights};
+use antirad::scene::{BinLayout, Movable, Precision, Scene, SolveSettings, Transport};
 use antirad::solve::LightOperator;
 use antirad::transport::{AdjointKernels, AdjointOperator, Operators, SceneBuffers};
 use glam::DVec3;
@@ -213,12 +213,10 @@ fn double_precision() {
 }
 
 #[test]
-fn other_weights_and_layouts() {
+fn other_layouts() {
     let scene = random_scene(4, 100, true, false);
-    compare("smoothstep", &scene, double().weights(Weights::Smoothstep), |l| l);
     let concentric = double().bins(BinLayout::Concentric { n: 12 });
     compare("concentric", &scene, concentric, |l| l);
-    compare("both", &scene, concentric.weights(Weights::Smoothstep), |l| l);
 }
 
 #[test]

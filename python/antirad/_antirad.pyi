@@ -188,7 +188,6 @@ class Scene:
         self,
         *,
         bins: str | None = None,
-        weights: Literal["bilinear", "smoothstep"] | None = None,
         near_field: float | None = None,
         tolerance: float | None = None,
         max_passes: int | None = None,

@@ -445,7 +445,6 @@ impl Scene {
         let settings = &self.inner.settings;
         let dict = PyDict::new(py);
         dict.set_item("bins", settings.bins.to_string())?;
-        dict.set_item("weights", format!("{:?}", settings.weights).to_lowercase())?;
         dict.set_item("near_field", settings.near_field)?;
         dict.set_item("tolerance", settings.tolerance)?;
         dict.set_item("max_passes", settings.max_passes)?;
@@ -466,7 +465,6 @@ impl Scene {
     ///
     /// Args:
     ///     bins: "10x13" (rows of polar angle times sectors of azimuth) or "concentric:12".
-    ///     weights: "bilinear" or "smoothstep".
     ///     near_field: Range of the near field; 0 for none.
     ///     tolerance: Relative residual at which a solve stops, between 0 and 1.
     ///     max_passes: Passes after which a solve gives up.
@@ -478,13 +476,12 @@ impl Scene {
     /// Raises:
     ///     ValueError: A word is unknown.
     ///     SceneError: A number is out of range.
-    #[pyo3(signature = (*, bins=None, weights=None, near_field=None, tolerance=None, max_passes=None, solver=None,
+    #[pyo3(signature = (*, bins=None, near_field=None, tolerance=None, max_passes=None, solver=None,
         precision=None, lamps=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments")]
     fn with_settings(
         &self,
         bins: Option<&str>,
-        weights: Option<&str>,
         near_field: Option<f64>,
         tolerance: Option<f64>,
         max_passes: Option<u32>,
@@ -496,9 +493,6 @@ impl Scene {
         let settings = &mut scene.settings;
         if let Some(bins) = bins {
             settings.bins = bins.parse::<BinLayout>().map_err(invalid)?;
-        }
-        if let Some(weights) = weights {
-            settings.weights = word("weights", weights)?;
         }
         settings.near_field = near_field.unwrap_or(settings.near_field);
         settings.tolerance = tolerance.unwrap_or(settings.tolerance);

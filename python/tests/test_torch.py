@@ -71,8 +71,7 @@ def differences(loss, start, ways, step):
 
 def test_a_block_that_moves():
     """Silhouettes included: edges pass over finely sampled pixels while the light changes."""
-    # With these weights the light is continuously differentiable in positions.
-    scene = exact(room(width=64, height=48)).with_settings(weights="smoothstep", bins="6x9")
+    scene = exact(room(width=64, height=48)).with_settings(bins="6x9")
     of_block = np.unique(scene.triangles[list(scene.meshes[1][1])])
     ways = np.zeros((3, *scene.vertices.shape))
     for axis in range(3):

@@ -1,6 +1,6 @@
 //! Direction bins: interpolation weights T_b(ω) and the integrals w_b, c_b of that basis over the hemisphere.
 
-use crate::scene::{BinLayout, Weights};
+use crate::scene::BinLayout;
 use glam::{DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::{Mutex, PoisonError};
@@ -19,7 +19,7 @@ pub type Taps = [(usize, f64); 4];
 pub(crate) struct Cells {
     pub first: usize,
     pub next: usize,
-    /// 0 at the centre of `first`, 1 at that of `next`; the argument of [`Bins::shape`].
+    /// 0 at the centre of `first`, 1 at that of `next`: the weight of the latter.
     pub fraction: f64,
     /// Outside the outermost centres, where the weights do not depend on the coordinate.
     pub clamped: bool,
@@ -30,8 +30,6 @@ pub(crate) struct Cells {
 pub struct Bins {
     /// Partition of the hemisphere.
     pub layout: BinLayout,
-    /// Interpolation between neighbouring bins.
-    pub weights: Weights,
     /// w_b = ∫ T_b dω, sr; sums to 2π.
     pub solid_angle: Vec<f64>,
     /// c_b = ∫ T_b cosθ dω, sr; sums to π.
@@ -45,20 +43,19 @@ static MADE: Mutex<Vec<Bins>> = Mutex::new(Vec::new());
 
 impl Bins {
     /// Computes the integrals by quadrature of T_b.
-    pub fn new(layout: BinLayout, weights: Weights) -> Self {
+    pub fn new(layout: BinLayout) -> Self {
         let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = made.iter().find(|bins| bins.layout == layout && bins.weights == weights);
+        let known = made.iter().find(|bins| bins.layout == layout);
         known.cloned().unwrap_or_else(|| {
-            made.push(Self::integrated(layout, weights));
+            made.push(Self::integrated(layout));
             made[made.len() - 1].clone()
         })
     }
 
-    fn integrated(layout: BinLayout, weights: Weights) -> Self {
+    fn integrated(layout: BinLayout) -> Self {
         let count = layout.count();
         let mut bins = Self {
             layout,
-            weights,
             solid_angle: vec![0.0; count],
             projected: vec![0.0; count],
             centre: (0..count).map(|b| centre(layout, b)).collect(),
@@ -86,7 +83,7 @@ impl Bins {
     /// The same where rounding hides the azimuth of sines up to `pole`, and must not choose one: as the kernels have it.
     pub(crate) fn taps_beside(&self, pole: f64, direction: DVec3) -> Taps {
         let (row, column) = self.cells_beside(pole, direction);
-        product(self.shape(row.fraction), self.shape(column.fraction), self.around(row, column))
+        product(row.fraction, column.fraction, self.around(row, column))
     }
 
     /// Where a direction lies in the two coordinates of the layout: polar angle and azimuth, or v and u of the square.
@@ -130,13 +127,6 @@ impl Bins {
             at(row.next, column.first),
             at(row.next, column.next),
         ]
-    }
-
-    pub(crate) fn shape(&self, t: f64) -> f64 {
-        match self.weights {
-            Weights::Bilinear => t,
-            Weights::Smoothstep => t * t * (3.0 - 2.0 * t),
-        }
     }
 
     /// Computes w_b and c_b by midpoint quadrature over cells of the layout's own map, then scales them to the exact
@@ -249,9 +239,7 @@ mod tests {
     ];
 
     fn every_kind() -> impl Iterator<Item = Bins> {
-        LAYOUTS.into_iter().flat_map(|layout| {
-            [Weights::Bilinear, Weights::Smoothstep].map(|weights| Bins::new(layout, weights))
-        })
+        LAYOUTS.into_iter().map(Bins::new)
     }
 
     /// Directions all over the hemisphere, the pole and the horizon among them.
@@ -278,9 +266,9 @@ mod tests {
 
     #[test]
     fn bins_of_a_layout_are_made_once() {
-        let (layout, weights) = (BinLayout::EqualAngle { theta: 3, phi: 7 }, Weights::Smoothstep);
-        let all = [0; 3].map(|_| Bins::new(layout, weights).projected);
-        assert!(all.iter().all(|projected| *projected == Bins::integrated(layout, weights).projected));
+        let layout = BinLayout::EqualAngle { theta: 3, phi: 7 };
+        let all = [0; 3].map(|_| Bins::new(layout).projected);
+        assert!(all.iter().all(|projected| *projected == Bins::integrated(layout).projected));
         let made = MADE.lock().expect("no test panics with it");
         assert_eq!(made.iter().filter(|bins| bins.layout == layout).count(), 1);
     }

@@ -63,7 +63,7 @@ pub(super) fn choose(
     let moves = gradients.positions || gradients.camera;
     let sampled = || {
         let glossy = (0..facets.len()).filter(|&i| scene.material(i).is_glossy()).count();
-        let bins = Bins::new(settings.bins, settings.weights).count();
+        let bins = Bins::new(settings.bins).count();
         let held = emitters.saturating_mul(facets.len() + glossy * bins);
         let few = emitters <= MOST_SAMPLED && held <= MOST_HELD;
         (few && !moves && !gradients.emission).then_some(Visibility::Sampled)

@@ -323,7 +323,7 @@ impl Plan {
                 classes.iter_mut().zip(&facets[..]).for_each(|(class, f)| class.blocker = f.area > 0.0);
             }
         }
-        let bins = Bins::new(settings.bins, settings.weights);
+        let bins = Bins::new(settings.bins);
         // A loss may have colour in a scene without.
         let channels = if is_grey(scene) && !options.gradients.any() { 1 } else { 3 };
 

@@ -78,7 +78,7 @@ impl Model {
 
     /// With given classes: to show that what the plan omits changes nothing, or what happens without J.
     pub fn with_classes(scene: &Scene, classes: Vec<Class>) -> Self {
-        let bins = Bins::new(scene.settings.bins, scene.settings.weights);
+        let bins = Bins::new(scene.settings.bins);
         let mut next = 0;
         let slots = classes
             .iter()

@@ -91,7 +91,6 @@ impl Scene {
     ///
     /// [settings]
     /// bins = { equal_angle = [10, 13] }  # or { concentric = 12 }
-    /// weights = "bilinear"           # or "smoothstep"
     /// near_field = 30
     /// lamps = "auto"                 # or "exact", "sampled", "antiradiance": the light that comes straight from emitters
     /// tolerance = 1e-4

@@ -49,7 +49,7 @@ pub use material::{Material, Normalization};
 pub use movable::Movable;
 pub use pattern::Patterns;
 pub use refine_texture::TextureRefined;
-pub use settings::{BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, Transport, Weights};
+pub use settings::{BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, Transport};
 pub use shapes::Shape;
 pub use sky::Sky;
 

@@ -8,7 +8,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::{
-    BinLayout, Choice, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Transport, Weights,
+    BinLayout, Choice, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Transport,
 };
 use crate::output::{OutputError, atomic_write};
 
@@ -50,7 +50,6 @@ struct SettingsTable {
     error: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     bins: Option<BTreeMap<&'static str, Bins>>,
-    weights: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     near_field: Option<f64>,
     lamps: &'static str,
@@ -216,10 +215,6 @@ impl Scene {
         let settings = SettingsTable {
             error,
             bins: state_bins.then_some(bins),
-            weights: match self.settings.weights {
-                Weights::Bilinear => "bilinear",
-                Weights::Smoothstep => "smoothstep",
-            },
             near_field: state_near_field.then_some(self.settings.near_field),
             lamps: match self.settings.lamps {
                 Lamps::Auto => "auto",

@@ -1,4 +1,4 @@
-//! Settings of a solve: bins, weights, near field, lamps, tolerance, solver, precision, transport.
+//! Settings of a solve: bins, near field, lamps, tolerance, solver, precision, transport.
 
 use crate::options::setters;
 use std::fmt;
@@ -79,17 +79,6 @@ impl FromStr for BinLayout {
         layout.validate()?;
         Ok(layout)
     }
-}
-
-/// Shape of the interpolation between bins.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Weights {
-    /// Bilinear in the two bin coordinates: continuous.
-    #[default]
-    Bilinear,
-    /// t²(3 - 2t) on the same four taps: continuously differentiable.
-    Smoothstep,
 }
 
 /// How the light that comes straight from emitters is computed.
@@ -226,8 +215,6 @@ impl FromStr for Transport {
 pub struct SolveSettings {
     /// How the hemisphere is split.
     pub bins: BinLayout,
-    /// Shape of the interpolation weights T_b.
-    pub weights: Weights,
     /// Pairs with r² < `near_field` · (s_i + s_j) / 2 are integrated over sub-triangles, s = Σl²/(4√3) being the
     /// area of the equilateral triangle with the same sum of squared edges. 0 switches the near field off.
     pub near_field: f64,
@@ -248,7 +235,6 @@ pub struct SolveSettings {
 
 setters!(SolveSettings {
     bins: BinLayout,
-    weights: Weights,
     near_field: f64,
     lamps: Lamps,
     tolerance: f64,
@@ -322,7 +308,6 @@ impl Default for SolveSettings {
     fn default() -> Self {
         Self {
             bins: BinLayout::EqualAngle { theta: 10, phi: 13 },
-            weights: Weights::Bilinear,
             near_field: 30.0,
             lamps: Lamps::Auto,
             tolerance: 1e-4,

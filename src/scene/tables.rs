@@ -12,7 +12,7 @@ use toml::Spanned;
 use super::error::{Place, SceneError};
 use super::{
     BinLayout, Camera, Choice, Lamps, Material, Normalization, Orient, Precision, Shape, SolveSettings,
-    SolverChoice, Transport, Weights,
+    SolverChoice, Transport,
 };
 
 /// Named tables; the span of a name is its position in the file.
@@ -138,7 +138,6 @@ impl CameraTable {
 pub(super) struct SettingsTable {
     pub error: Option<f64>,
     pub bins: Option<BinsTable>,
-    pub weights: Option<Weights>,
     #[serde(alias = "subsample")]
     pub near_field: Option<f64>,
     pub lamps: Option<Lamps>,
@@ -155,7 +154,6 @@ impl SettingsTable {
         let default = SolveSettings::default();
         SolveSettings {
             bins: self.bins.map_or(default.bins, Into::into),
-            weights: self.weights.unwrap_or(default.weights),
             near_field: self.near_field.unwrap_or(default.near_field),
             lamps: self.lamps.unwrap_or(default.lamps),
             tolerance: self.tolerance.unwrap_or(default.tolerance),

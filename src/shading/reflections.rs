@@ -354,7 +354,7 @@ fn sobol(index: u32, shift: [u32; 2]) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{BinLayout, Weights};
+    use crate::scene::BinLayout;
 
     /// A closed cube around the origin whose faces emit inwards: 1 below z = .2, 3 above.
     fn cube() -> (Vec<Facet>, Surroundings) {
@@ -393,7 +393,7 @@ mod tests {
             emission,
             reflectance: vec![DVec3::ZERO; count],
             irradiance: vec![[DVec3::ZERO; 3]; count],
-            bins: Bins::new(BinLayout::Concentric { n: 2 }, Weights::Bilinear),
+            bins: Bins::new(BinLayout::Concentric { n: 2 }),
             specular: Vec::new(),
             begin: vec![None; count],
             counts: AS_NEEDED,

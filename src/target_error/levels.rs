@@ -179,7 +179,7 @@ pub fn layout(scene: &Scene, settings: &SolveSettings) -> LayoutKind {
         facets: &facets,
         classes: &classes,
         order: &spatial_order(&facets),
-        bins: &Bins::new(settings.bins, settings.weights),
+        bins: &Bins::new(settings.bins),
         near_field: settings.near_field,
     };
     if Warnings::coarse_share(surfaces) > FEW { LayoutKind::Concentric } else { LayoutKind::EqualAngle }

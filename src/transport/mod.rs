@@ -49,7 +49,7 @@ pub use watch::{PassCallback, TransportError};
 
 use crate::gpu::{Buffer, Device, GpuError};
 use crate::plan::Plan;
-use crate::scene::{BinLayout, Precision, Scene, Weights};
+use crate::scene::{BinLayout, Precision, Scene};
 use crate::solve::{LightOperator, Orthonormalised};
 use residency::Part;
 
@@ -85,13 +85,12 @@ pub struct Operators {
 const WORKGROUP: u32 = 64;
 
 /// Specialization constants that say how bins are laid out (glsl/bins.glsl).
-fn bin_constants(plan: &Plan) -> [(u32, u32); 5] {
+fn bin_constants(plan: &Plan) -> [(u32, u32); 4] {
     let (concentric, rows, columns) = match plan.settings.bins {
         BinLayout::EqualAngle { theta, phi } => (0, theta, phi),
         BinLayout::Concentric { n } => (1, n, n),
     };
-    let smoothstep = u32::from(plan.settings.weights == Weights::Smoothstep);
-    [(2, concentric), (3, smoothstep), (4, rows), (5, columns), (6, plan.channels)]
+    [(2, concentric), (4, rows), (5, columns), (6, plan.channels)]
 }
 
 /// Compiles the kernels of U, S and the solvers, those of a kept near field included, and where the plan has gradients

@@ -2,7 +2,7 @@
 
 use antirad::scene::{
     BinLayout, Camera, Choice, LoadOptions, Material, Mesh, Normalization, Precision, Scene, SolveSettings,
-    SolverChoice, Triangle, Weights,
+    SolverChoice, Triangle,
 };
 use glam::DVec3;
 use std::path::Path;
@@ -91,7 +91,6 @@ fn awkward_scenes() {
     scene.choice = Choice::STATED;
     scene.settings = SolveSettings::default()
         .bins(BinLayout::Concentric { n: 8 })
-        .weights(Weights::Smoothstep)
         .near_field(third)
         .tolerance(1e-7)
         .max_passes(77)

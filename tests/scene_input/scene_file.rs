@@ -1,6 +1,6 @@
 //! TOML scene files.
 
-use antirad::scene::{BinLayout, Choice, SolveSettings, Weights};
+use antirad::scene::{BinLayout, Choice, SolveSettings, SolverChoice};
 
 use super::{Folder, OBJ, TOML, assert_refused, assert_says, good, with_mesh};
 
@@ -72,7 +72,6 @@ fn broken_accuracy() {
         ("bins = { equal_angle = [10, 65] }", vec!["s.toml:9", "phi = 65", "3 to 64"]),
         ("bins = { concentric = 7 }", vec!["s.toml:9", "n = 7 is odd"]),
         ("bins = { concentrc = 8 }", vec!["s.toml:10", "did you mean `concentric`?"]),
-        ("weights = \"bilinea\"", vec!["s.toml:10", "did you mean `bilinear`?"]),
         ("solver = \"gmre\"", vec!["s.toml:10", "did you mean `gmres`?"]),
         ("near_field = -1", vec!["s.toml:9", "near_field = -1"]),
         ("tolerance = 0", vec!["s.toml:9", "tolerance = 0", "between 0 and 1"]),
@@ -87,9 +86,9 @@ fn broken_accuracy() {
     ] {
         assert_refused("s.toml", &with_mesh(&format!("[settings]\n{line}\n")), &parts);
     }
-    let text = "[settings]\nbins = { concentric = 12 }\nweights = \"smoothstep\"\nsolver = \"fixed-point\"\n";
+    let text = "[settings]\nbins = { concentric = 12 }\nsolver = \"fixed-point\"\n";
     let settings = good("s.toml", &[("s.toml", &with_mesh(text))]).settings;
-    assert_eq!((settings.bins, settings.weights), (BinLayout::Concentric { n: 12 }, Weights::Smoothstep));
+    assert_eq!((settings.bins, settings.solver), (BinLayout::Concentric { n: 12 }, SolverChoice::FixedPoint));
 }
 
 /// Settings that are not given are open.

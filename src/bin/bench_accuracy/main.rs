@@ -21,7 +21,7 @@ use table::Row;
 
 /// Measure error against cost for scenes with a known solution
 ///
-/// Errors of irradiance, shadows and pictures, and seconds, passes and bytes, over triangles, direction bins, weights,
+/// Errors of irradiance, shadows and pictures, and seconds, passes and bytes, over triangles, direction bins,
 /// near field, precision, solver and tolerance. The truth is a closed form, irradiance from another path tracer
 /// (tests/data), or the project's own path tracer, which is checked against both.
 #[derive(Parser)]

@@ -1,7 +1,7 @@
 //! Which settings are measured.
 
 use crate::cases::Case;
-use antirad::scene::{BinLayout, Lamps, Precision, SolveSettings, SolverChoice, Weights};
+use antirad::scene::{BinLayout, Lamps, Precision, SolveSettings, SolverChoice};
 use antirad::target_error::TargetErrorOptions;
 use std::fmt;
 
@@ -28,11 +28,11 @@ impl Setting {
 
 impl fmt::Display for Setting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let SolveSettings { bins, weights, near_field, tolerance, solver, precision, lamps, .. } = self.solve;
+        let SolveSettings { bins, near_field, tolerance, solver, precision, lamps, .. } = self.solve;
         let cuts = self.level;
         write!(
             f,
-            "{bins} {weights:?} near {near_field} {precision:?} {solver:?} {tolerance:.0e}, lamps {lamps:?}, {cuts} cuts"
+            "{bins} near {near_field} {precision:?} {solver:?} {tolerance:.0e}, lamps {lamps:?}, {cuts} cuts"
         )
     }
 }
@@ -94,7 +94,6 @@ pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
             add(BY_ANTIRADIANCE, level, usual.bins(bins).lamps(Lamps::Antiradiance));
         }
     }
-    add("weights", 0, usual.weights(Weights::Smoothstep));
     let near: &[f64] = if quick { &[0.0, 10.0, 60.0] } else { &[0.0, 3.0, 10.0, 60.0, 120.0] };
     for &near_field in near {
         add("near field", 0, usual.near_field(near_field));

@@ -18,7 +18,6 @@ pub struct Row {
     pub cuts: u32,
     pub bins: String,
     pub bin_count: usize,
-    pub weights: String,
     pub near_field: f64,
     pub precision: String,
     pub lamps: String,
@@ -54,8 +53,7 @@ pub struct Row {
 
 impl Row {
     pub fn new(case: &Case, setting: &Setting) -> Self {
-        let SolveSettings { bins, weights, near_field, tolerance, solver, precision, lamps, .. } =
-            setting.solve;
+        let SolveSettings { bins, near_field, tolerance, solver, precision, lamps, .. } = setting.solve;
         Self {
             scene: case.name.clone(),
             varies: setting.varies,
@@ -63,7 +61,6 @@ impl Row {
             cuts: setting.level,
             bins: bins.to_string(),
             bin_count: bins.count(),
-            weights: format!("{weights:?}").to_lowercase(),
             near_field,
             precision: format!("{precision:?}").to_lowercase(),
             lamps: format!("{lamps:?}").to_lowercase(),
@@ -87,7 +84,7 @@ impl Row {
     }
 
     fn setting(&self) -> String {
-        let Self { bins, weights, near_field, precision, solver, tolerance, lamps, .. } = self;
+        let Self { bins, near_field, precision, solver, tolerance, lamps, .. } = self;
         let cuts = match self.cuts {
             0 => String::new(),
             n => format!(", cut {n}x"),
@@ -98,9 +95,7 @@ impl Row {
             }
             _ => String::new(),
         };
-        format!(
-            "{bins} {weights} near {near_field} {precision} {solver} {tolerance:.0e}, lamps {lamps}{cuts}{asked}"
-        )
+        format!("{bins} near {near_field} {precision} {solver} {tolerance:.0e}, lamps {lamps}{cuts}{asked}")
     }
 }
 

@@ -7,7 +7,7 @@ use crate::table::Row;
 use antirad::cli::Interrupt;
 use antirad::gpu::Device;
 use antirad::plan::GradientRequest;
-use antirad::scene::{Scene, Weights};
+use antirad::scene::Scene;
 use antirad::{Engine, Solution};
 use glam::DVec3;
 use indicatif::ProgressBar;
@@ -42,7 +42,7 @@ pub fn samples(scene: &Scene, kinds: &[Kind], count: usize) -> Vec<Sample> {
     samples
 }
 
-/// One mesh with one set of weights.
+/// One mesh.
 pub struct Bench<'a> {
     pub mesh: &'static str,
     pub scene: Scene,
@@ -61,29 +61,16 @@ impl Bench<'_> {
         10 * SOLVE_COST + STEPS as u64 * self.samples.iter().map(of_sample).sum::<u64>()
     }
 
-    fn weights(&self) -> &'static str {
-        match self.scene.settings.weights {
-            Weights::Bilinear => "bilinear",
-            Weights::Smoothstep => "smoothstep",
-        }
-    }
-
     pub fn run(&self, bar: &ProgressBar) -> Result<Vec<Row>, Box<dyn Error>> {
         let mut progress = |_: u32, _: f64| self.interrupt.flow();
         let camera_positions = loss::camera_positions(&self.scene);
         let loss = Loss::new(self.scene.triangles.len());
-        bar.set_message(format!("{} mesh, {}: gradients", self.mesh, self.weights()));
+        bar.set_message(format!("{} mesh: gradients", self.mesh));
         let mut engine = loss::engine(self.device, &self.scene, GradientRequest::EVERYTHING)?;
         let solution = engine.solve_with(&loss::params(), &mut progress)?;
         let gradients = loss::gradients(&mut engine, &solution, &loss, camera_positions, &mut progress)?;
         bar.inc(10 * SOLVE_COST);
-        tracing::info!(
-            "{} mesh, {}: {} and {} passes",
-            self.mesh,
-            self.weights(),
-            solution.info.passes,
-            gradients.info.passes
-        );
+        tracing::info!("{} mesh: {} and {} passes", self.mesh, solution.info.passes, gradients.info.passes);
 
         let mut rows = Vec::new();
         for &kind in &Kind::ALL {
@@ -102,13 +89,12 @@ impl Bench<'_> {
                 .ok_or("gradients are missing: a bug in antirad")?;
             for power in 1..=STEPS {
                 let step = 10.0_f64.powi(-power);
-                let at = format!("{} mesh, {}: {}, ε = 1e-{power}", self.mesh, self.weights(), kind.name());
+                let at = format!("{} mesh: {}, ε = 1e-{power}", self.mesh, kind.name());
                 for (sample, gradient) in samples.iter().zip(&found) {
                     bar.set_message(at.clone());
                     let slope = self.slope(sample, step, &loss, (&mut engine, &solution), bar)?;
                     let row = Row {
                         mesh: self.mesh.to_owned(),
-                        weights: self.weights().to_owned(),
                         bins: self.scene.settings.bins.to_string(),
                         kind,
                         index: sample.index,

@@ -11,7 +11,7 @@ mod traced;
 use antirad::cli::{self, Interrupt};
 use antirad::gpu::{Device, DeviceOptions};
 use antirad::output::prepare_directory;
-use antirad::scene::{BinLayout, LoadOptions, Scene, Weights};
+use antirad::scene::{BinLayout, LoadOptions, Scene};
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use kind::Kind;
@@ -137,18 +137,12 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
     };
     let geometry = [Kind::Centroid, Kind::Vertex, Kind::Camera];
     let jittered = room::jittered(&scene, arguments.jitter)?;
-    let cases = [
-        ("jittered", &jittered, Weights::Bilinear, selected(&Kind::ALL)),
-        ("regular", &scene, Weights::Bilinear, selected(&geometry)),
-        ("regular", &scene, Weights::Smoothstep, selected(&geometry)),
-    ];
+    let cases = [("jittered", &jittered, selected(&Kind::ALL)), ("regular", &scene, selected(&geometry))];
 
     let mut benches = Vec::new();
-    for (mesh, scene, weights, kinds) in cases {
-        let mut scene = scene.clone();
-        scene.settings.weights = weights;
-        let samples = curves::samples(&scene, &kinds, arguments.triangles as usize);
-        benches.push(curves::Bench { mesh, scene, samples, device: &device, interrupt });
+    for (mesh, scene, kinds) in cases {
+        let samples = curves::samples(scene, &kinds, arguments.triangles as usize);
+        benches.push(curves::Bench { mesh, scene: scene.clone(), samples, device: &device, interrupt });
     }
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(0) };
     if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} elapsed, {eta} left") {

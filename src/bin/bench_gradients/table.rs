@@ -13,7 +13,6 @@ const NO_INFLUENCE: f64 = 1e-2;
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Row {
     pub mesh: String,
-    pub weights: String,
     pub bins: String,
     pub kind: Kind,
     /// Of the triangle, vertex or camera.
@@ -60,9 +59,9 @@ pub fn write(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
     })
 }
 
-/// Rows of the same mesh, weights and kind, which follow one another.
+/// Rows of the same mesh and kind, which follow one another.
 fn groups(rows: &[Row]) -> impl Iterator<Item = &[Row]> {
-    rows.chunk_by(|a, b| (a.kind, &a.mesh, &a.weights) == (b.kind, &b.mesh, &b.weights))
+    rows.chunk_by(|a, b| (a.kind, &a.mesh) == (b.kind, &b.mesh))
 }
 
 /// e(ε): the mean over all samples at every step.
@@ -104,7 +103,7 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
     for panel in panels {
         let mut curves: Vec<Curve> = groups(rows)
             .filter(|group| group[0].kind == panel)
-            .map(|group| curve(group, format!("{} mesh, {} weights", group[0].mesh, group[0].weights)))
+            .map(|group| curve(group, format!("{} mesh", group[0].mesh)))
             .collect();
         if let (Some(level), false) = (of_paper(panel), curves.is_empty()) {
             let ends = curves[0].points.iter().map(|&(step, _)| (step, level)).collect();
@@ -117,12 +116,8 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
         )?;
     }
     let rest = groups(rows).filter(|group| !panels.contains(&group[0].kind));
-    let curves = rest
-        .map(|group| {
-            let weights = if group[0].weights == "bilinear" { "" } else { ", smoothstep" };
-            curve(group, format!("{}, {} mesh{weights}", group[0].kind.name(), group[0].mesh))
-        })
-        .collect();
+    let curves =
+        rest.map(|group| curve(group, format!("{}, {} mesh", group[0].kind.name(), group[0].mesh))).collect();
     draw("Gradients beyond those of the paper", curves, "gradients_rest")
 }
 
@@ -132,9 +127,8 @@ fn key(kind: Kind) -> &'static str {
 
 pub fn print(rows: &[Row], all: bool) {
     antirad::say!(
-        "{:<9} {:<10} {:<10} {:>8} {:>8} {:>8} {:>9} {:>13}",
+        "{:<9} {:<10} {:>8} {:>8} {:>8} {:>9} {:>13}",
         "mesh",
-        "weights",
         "kind",
         "minimum",
         "at ε",
@@ -147,9 +141,8 @@ pub fn print(rows: &[Row], all: bool) {
         let Some((step, error)) = errors.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
         let or_none = |value: Option<f64>| value.map_or_else(String::new, |v| format!("{v:.0e}"));
         antirad::say!(
-            "{:<9} {:<10} {:<10} {error:>8.1e} {step:>8.0e} {:>8} {:>9} {:>13.1e}",
+            "{:<9} {:<10} {error:>8.1e} {step:>8.0e} {:>8} {:>9} {:>13.1e}",
             group[0].mesh,
-            group[0].weights,
             group[0].kind.name(),
             or_none(group[0].kind.target(&group[0].mesh)),
             or_none(of_paper(group[0].kind)),
@@ -167,8 +160,8 @@ mod tests {
     use super::*;
 
     fn row(index: usize, step: f64, [gradient, slope, difference]: [f64; 3]) -> Row {
-        let (mesh, weights, bins) = ("m".to_owned(), "w".to_owned(), "b".to_owned());
-        Row { mesh, weights, bins, kind: Kind::Albedo, index, step, gradient, slope, difference }
+        let (mesh, bins) = ("m".to_owned(), "b".to_owned());
+        Row { mesh, bins, kind: Kind::Albedo, index, step, gradient, slope, difference }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The derivatives of the taps with respect to their direction.
 
 use crate::model::{Bins, Cells};
-use crate::scene::{BinLayout, Weights};
+use crate::scene::BinLayout;
 use glam::{DVec2, DVec3, Vec2Swizzles};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -30,10 +30,10 @@ impl TapSlopes {
         };
         Self {
             index: bins.around(row, column),
-            row: bins.shape(row.fraction),
-            column: bins.shape(column.fraction),
-            row_slope: row_slope * shape_slope(bins.weights, row),
-            column_slope: column_slope * shape_slope(bins.weights, column),
+            row: row.fraction,
+            column: column.fraction,
+            row_slope: row_slope * weight_slope(row),
+            column_slope: column_slope * weight_slope(column),
         }
     }
 
@@ -52,13 +52,8 @@ impl TapSlopes {
 }
 
 /// Derivative of the weight with respect to the coordinate, per cell.
-fn shape_slope(weights: Weights, cells: Cells) -> f64 {
-    let t = cells.fraction;
-    match weights {
-        _ if cells.clamped => 0.0,
-        Weights::Bilinear => 1.0,
-        Weights::Smoothstep => 6.0 * t * (1.0 - t),
-    }
+fn weight_slope(cells: Cells) -> f64 {
+    if cells.clamped { 0.0 } else { 1.0 }
 }
 
 /// Gradients of row (polar angle) and column (azimuth), in cells. Below the horizon z counts as 0, so that the polar angle is
@@ -108,7 +103,6 @@ fn concentric(direction: DVec3, n: u32) -> (DVec3, DVec3) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Weights;
 
     fn every_kind() -> impl Iterator<Item = Bins> {
         let layouts = [
@@ -117,9 +111,7 @@ mod tests {
             BinLayout::Concentric { n: 2 },
             BinLayout::Concentric { n: 12 },
         ];
-        layouts.into_iter().flat_map(|layout| {
-            [Weights::Bilinear, Weights::Smoothstep].map(|weights| Bins::new(layout, weights))
-        })
+        layouts.into_iter().map(Bins::new)
     }
 
     fn value_of(bin: usize) -> f64 {

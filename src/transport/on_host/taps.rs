@@ -2,14 +2,13 @@
 
 use super::real::Real;
 use crate::plan::Plan;
-use crate::scene::{BinLayout, Weights};
+use crate::scene::BinLayout;
 use std::f64::consts::{FRAC_1_PI, FRAC_2_PI};
 
 /// A partition of the hemisphere.
 #[derive(Clone, Copy)]
 pub struct Layout<T> {
     concentric: bool,
-    smoothstep: bool,
     rows: T,
     columns: T,
     /// Of memory: 3, or 1 for a scene without colour.
@@ -27,7 +26,6 @@ impl<T: Real> Layout<T> {
         };
         Self {
             concentric,
-            smoothstep: plan.settings.weights == Weights::Smoothstep,
             rows: T::of(rows.into()),
             columns: T::of(columns.into()),
             channels: plan.channels as usize,
@@ -48,17 +46,12 @@ impl<T: Real> Layout<T> {
         }
     }
 
-    #[inline(always)]
-    fn shape(&self, t: T) -> T {
-        if self.smoothstep { t * t * (T::of(3.0) - T::of(2.0) * t) } else { t }
-    }
-
     /// The first of the two cells around a coordinate, whose centres are 0, 1, … count - 1, and the weight of the second.
     #[inline(always)]
     fn between(&self, coordinate: T, count: T) -> (T, T) {
         let coordinate = coordinate.most(T::ZERO).least(count - T::ONE);
         let first = coordinate.whole().least(count - T::of(2.0));
-        (first, self.shape(coordinate - first))
+        (first, coordinate - first)
     }
 
     /// Row and column of the first tap, that of the next column from there, and the weights of the second row and column.
@@ -71,7 +64,7 @@ impl<T: Real> Layout<T> {
         let (x, y) = (if level { x } else { T::ZERO }, if level { y } else { T::ZERO });
         let turn = turns(x, y) * self.columns - T::of(0.5);
         let sector = turn.whole();
-        let s = self.shape(turn - sector);
+        let s = turn - sector;
         let last = self.columns - T::ONE;
         let column = if sector < T::ZERO { last } else { sector };
         [row, column, if column == last { -last } else { T::ONE }, t, s]
@@ -93,18 +86,11 @@ impl<T: Real> Layout<T> {
         [row, column, T::ONE, t, s]
     }
 
-    /// The slope of [`shape`](Self::shape).
-    #[inline(always)]
-    fn shape_slope(&self, t: T) -> T {
-        if self.smoothstep { T::of(6.0) * t * (T::ONE - t) } else { T::ONE }
-    }
-
-    /// That of the weight of the second of the two cells [`between`](Self::between).
+    /// The slope of the weight of the second of the two cells [`between`](Self::between).
     #[inline(always)]
     fn between_slope(&self, coordinate: T, count: T) -> T {
-        let slope = self.shape_slope(coordinate - coordinate.whole().least(count - T::of(2.0)));
         let inside = (coordinate > T::ZERO) & (coordinate < count - T::ONE);
-        if inside { slope } else { T::ZERO }
+        if inside { T::ONE } else { T::ZERO }
     }
 
     /// From the slopes along rows and columns to the gradient by the direction: zero where it is undefined, at the pole, and along the
@@ -120,9 +106,7 @@ impl<T: Real> Layout<T> {
         let polar = z.least(T::ONE).arccosine();
         let row = by_row * self.between_slope(polar * rows - T::of(0.5), self.rows) * rows / (r2 + z * z);
         let row = if above { row } else { T::ZERO };
-        let turn = turns(x, y) * self.columns - T::of(0.5);
-        let columns = T::of(0.5 * FRAC_1_PI) * self.columns * per_r;
-        let column = by_column * self.shape_slope(turn - turn.whole()) * columns;
+        let column = by_column * T::of(0.5 * FRAC_1_PI) * self.columns * per_r;
         let (u, v) = (x * per_r, y * per_r);
         [row * z * u - column * v, row * z * v + column * u, -row * r]
     }
