@@ -1,12 +1,9 @@
 #version 450 core
-#extension GL_GOOGLE_include_directive : require
 // The nearest face behind each sample of a picture, among the faces listed for the sample's tile: one workgroup per
 // tile, one lane per sample. Edges and inverse depth of a face are functions a x + b y + c of the coordinates in the
 // picture, -1 to 1 on both axes, y upwards; the host prepares them so that a sample is on the face, in front of the
 // camera, where all three edges are at least 0. Depths persist between dispatches: each one adds faces to the
 // picture.
-
-#include "picture.glsl"
 
 layout(local_size_x = 16, local_size_y = 16) in;
 
@@ -32,6 +29,12 @@ layout(push_constant) uniform Push {
 };
 
 const uint NONE = 0xffffffffu;
+
+// The centre of a sample. `at`: its column and row, of `samples` in the whole picture.
+vec2 place_of_sample(uvec2 at, uvec2 samples) {
+    vec2 place = vec2(2 * at + 1) / vec2(samples) - 1.0;
+    return vec2(place.x, -place.y);
+}
 
 void main() {
     uvec2 at = gl_GlobalInvocationID.xy;

@@ -279,7 +279,7 @@ class Engine:
         camera: Camera | None = None,
         *,
         supersample: int = 4,
-        shading: Literal["gathered", "smooth", "face"] = "gathered",
+        shading: Literal["gathered", "face"] = "gathered",
         reflections: Literal["rays", "fixed-rays", "bins"] = "rays",
     ) -> NDArray[np.float32]: ...
     def backward(

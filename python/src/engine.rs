@@ -197,8 +197,8 @@ impl Engine {
     ///     solution: A solution of this engine.
     ///     camera: The camera; by default the only one of the scene.
     ///     supersample: Samples along each side of a pixel, a power of two.
-    ///     shading: "gathered" (direct light at each visible point, indirect light interpolated), "smooth" (colours
-    ///         interpolated over vertices) or "face" (one colour per triangle).
+    ///     shading: "gathered" (direct light at each visible point, indirect light interpolated) or "face" (one colour per
+    ///         triangle).
     ///     reflections: What glossy faces mirror of other faces in gathered pictures: by "rays" from each visible point, as
     ///         many as it takes; by "fixed-rays", the same number from each, as differentiable renderers of materials see
     ///         it; or out of direction "bins", as those of vertices and cameras do.
@@ -216,7 +216,7 @@ impl Engine {
         let camera = camera.cloned();
         let shading: Shading = word("shading", shading)?;
         let reflections: Reflections = word("reflections", reflections)?;
-        let options = PictureOptions::default().supersample(supersample).smooth(shading == Shading::Smooth);
+        let options = PictureOptions::default().supersample(supersample);
         let picture = self.with(py, None, move |state, _| {
             let camera = match camera {
                 Some(camera) => camera.inner,

@@ -143,9 +143,6 @@ impl Renderer {
         let shading: Shading = word("shading", shading)?;
         let cameras = scene.chosen(views)?;
         let gradients = request(&gradients)?;
-        if shading == Shading::Smooth {
-            return Err(invalid("smooth pictures have no derivatives: choose \"gathered\" or \"face\""));
-        }
         let device = device::chosen(py, device)?;
         let mut planning = (*scene.inner).clone();
         if gradients.lobes() {

@@ -62,13 +62,12 @@ impl ValueEnum for Orient {
 
 impl ValueEnum for Shading {
     fn value_variants<'a>() -> &'a [Self] {
-        &[Self::Face, Self::Smooth, Self::Gathered]
+        &[Self::Face, Self::Gathered]
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
         Some(PossibleValue::new(match self {
             Self::Face => "face",
-            Self::Smooth => "smooth",
             Self::Gathered => "gathered",
         }))
     }
@@ -112,7 +111,7 @@ mod tests {
         agree::<SolverChoice>(3);
         agree::<Lamps>(4);
         agree::<Orient>(2);
-        agree::<Shading>(3);
+        agree::<Shading>(2);
         agree::<Reflections>(3);
     }
 }

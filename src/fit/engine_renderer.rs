@@ -120,7 +120,7 @@ impl EngineRenderer {
         })
     }
 
-    /// The same with another shading: gathered unless stated; smooth pictures have no derivatives and count as those of faces.
+    /// The same with another shading: gathered unless stated.
     pub fn shading(self, shading: Shading) -> Self {
         Self { shading, ..self }
     }
@@ -138,7 +138,7 @@ impl EngineRenderer {
     }
 
     fn plan(&self, scene: &Scene, gradients: GradientRequest) -> Result<Plan, RenderError> {
-        let options = PictureOptions { supersample: self.supersample, smooth: false };
+        let options = PictureOptions { supersample: self.supersample };
         let mut pictures = 0;
         for camera in &self.cameras {
             let bytes = Rasterizer::bytes(scene.triangles.len(), camera, &options).map_err(failed)?;

@@ -500,13 +500,8 @@ impl SolveTable {
             }
             settings.supersample = supersample;
         }
-        match self.shading {
-            Some(Shading::Smooth) => {
-                let message = "shading = \"smooth\" is for display; fits take \"gathered\" or \"face\"";
-                return Err(place.error(message.to_owned()));
-            }
-            Some(shading) => settings.shading = shading,
-            None => {}
+        if let Some(shading) = self.shading {
+            settings.shading = shading;
         }
         Ok(())
     }

@@ -13,7 +13,7 @@
 //! # fn picture(scene: &antirad::scene::Scene) -> Result<(), antirad::image::ImageError> {
 //! let device = Device::new(&DeviceOptions::default())?;
 //! let colours = vec![[1.0, 0.5, 0.25]; scene.triangles.len()];
-//! let options = PictureOptions::default().supersample(8).smooth(true);
+//! let options = PictureOptions::default().supersample(8);
 //! let picture = Rasterizer::new(&device)?.render(scene, &scene.cameras[0], &colours, &options)?;
 //! picture.write_png("scene.png", &ToneMap::default())?;
 //! # Ok(())
@@ -27,8 +27,6 @@ mod gradient;
 mod picture;
 mod projection;
 mod raster;
-mod resolve;
-mod smooth;
 mod sweep;
 mod tiles;
 mod tone;
@@ -42,5 +40,4 @@ pub use gradient::{Colours, GeometryGradient, geometry_gradient, geometry_gradie
 pub use picture::Picture;
 pub use projection::View;
 pub use raster::{MAX_SUPERSAMPLE, PictureOptions, Rasterizer};
-pub use smooth::corner_colours;
 pub use tone::{Exposure, ToneMap};

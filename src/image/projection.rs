@@ -86,13 +86,6 @@ impl View {
         let bounds = Bounds::of(corners)?;
         Some(Projected { number, front, bounds, corners, edges, inverse_depth: normal / det })
     }
-
-    /// The functions of the picture that give the barycentric weights of a face's corners, over the depth.
-    pub(super) fn corner_weights(&self, corners: [DVec3; 3]) -> [DVec3; 3] {
-        let [a, b, c] = corners.map(|corner| self.to_frame(corner));
-        let det = (b - a).cross(c - a).dot(a);
-        [b.cross(c), c.cross(a), a.cross(b)].map(|edge| edge / det)
-    }
 }
 
 /// A projected triangle. A function of the picture, a x + b y + c, is stored as (a, b, c).

@@ -3,7 +3,6 @@
 use super::bands::{Band, Grid};
 use super::coverage::{Coverage, Sides, check_colours};
 use super::projection::{Projected, View};
-use super::resolve::{self, Resolve, Shading};
 use super::tiles::Tiles;
 use super::visibility::{self, Samples, Visibility};
 use super::{ImageError, Picture};
@@ -25,15 +24,13 @@ pub const MAX_SUPERSAMPLE: u32 = 16;
 pub struct PictureOptions {
     /// Each pixel is the mean of `supersample` x `supersample` samples on a regular grid; a power of two.
     pub supersample: u32,
-    /// Interpolate [`corner_colours`](super::corner_colours) instead of showing one colour per face.
-    pub smooth: bool,
 }
 
-setters!(PictureOptions { supersample: u32, smooth: bool });
+setters!(PictureOptions { supersample: u32 });
 
 impl Default for PictureOptions {
     fn default() -> Self {
-        Self { supersample: 4, smooth: false }
+        Self { supersample: 4 }
     }
 }
 
@@ -42,23 +39,17 @@ impl Default for PictureOptions {
 pub struct Rasterizer {
     device: Device,
     visibility: Pipeline,
-    resolve: Pipeline,
 }
 
 impl Rasterizer {
-    /// Compiles the kernels. Memory is allocated only while a picture is made.
+    /// Compiles the kernel. Memory is allocated only while a picture is made.
     pub fn new(device: &Device) -> Result<Self, ImageError> {
-        Ok(Self {
-            device: device.clone(),
-            visibility: visibility::pipeline(device)?,
-            resolve: resolve::pipeline(device)?,
-        })
+        Ok(Self { device: device.clone(), visibility: visibility::pipeline(device)? })
     }
 
     /// The same with staging buffers, for one picture: nothing stays allocated between pictures.
     fn with_staging(&self) -> Self {
-        let (visibility, resolve) = (self.visibility.clone(), self.resolve.clone());
-        Self { device: self.device.scope(STAGING), visibility, resolve }
+        Self { device: self.device.scope(STAGING), visibility: self.visibility.clone() }
     }
 
     /// The picture of a scene. `colours`: radiance of the front of each triangle, in the scene's
@@ -72,24 +63,14 @@ impl Rasterizer {
     ) -> Result<Picture, ImageError> {
         let triangles = scene.triangles.len();
         check_colours(colours.len(), triangles)?;
-        let PictureOptions { supersample, smooth } = *options;
-        let grid = grid(camera, supersample)?;
+        let grid = grid(camera, options.supersample)?;
         let faces = visibility::project(scene, camera)?;
         let own = self.with_staging();
         let mut pixels = Vec::with_capacity(camera.width as usize * camera.height as usize);
-        if smooth {
-            let shading = Shading::new(scene, camera, &faces, colours)?;
-            let resolve = Resolve::new(&own.device, &own.resolve, grid, triangles as u64)?;
-            own.bands(grid, triangles, faces, &Tiles::All, |visibility, band, samples| {
-                pixels.extend(resolve.run(band, visibility.on_device(&samples)?, &shading)?);
-                Ok(())
-            })?;
-        } else {
-            own.coverage_of_bands(grid, triangles, faces, &Tiles::All, |_, band| {
-                pixels.extend(band.picture(colours)?.pixels);
-                Ok(())
-            })?;
-        }
+        own.coverage_of_bands(grid, triangles, faces, &Tiles::All, |_, band| {
+            pixels.extend(band.picture(colours)?.pixels);
+            Ok(())
+        })?;
         Ok(Picture { width: camera.width, height: camera.height, pixels })
     }
 
@@ -216,10 +197,7 @@ impl Rasterizer {
     /// included.
     pub fn bytes(triangles: usize, camera: &Camera, options: &PictureOptions) -> Result<u64, ImageError> {
         let grid = grid(camera, options.supersample)?;
-        let visibility = visibility::sizes(&grid, triangles as u64);
-        // With one colour per face, pixels are computed on the host.
-        let resolve = if options.smooth { resolve::sizes(&grid, triangles as u64) } else { [0; 3] };
-        Ok(STAGING + visibility.into_iter().chain(resolve).map(rounded).sum::<u64>())
+        Ok(STAGING + visibility::sizes(&grid, triangles as u64).map(rounded).iter().sum::<u64>())
     }
 }
 

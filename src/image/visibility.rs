@@ -147,15 +147,7 @@ impl<'a> Visibility<'a> {
         Ok(Samples::OnDevice)
     }
 
-    /// The samples of the latest band, on the device.
-    pub fn on_device(&self, samples: &Samples) -> Result<&Buffer, GpuError> {
-        if let Samples::OnHost(samples) = samples {
-            self.device.upload_slice(&self.samples, 0, samples)?;
-        }
-        Ok(&self.samples)
-    }
-
-    /// The same on the host.
+    /// The samples of the latest band, on the host.
     pub fn on_host(&self, band: Band, samples: Samples) -> Result<Vec<u32>, GpuError> {
         match samples {
             Samples::OnHost(samples) => Ok(samples),

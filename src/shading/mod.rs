@@ -35,8 +35,6 @@ use std::sync::Arc;
 pub enum Shading {
     /// One colour per face.
     Face,
-    /// Interpolated between the corners of faces.
-    Smooth,
     /// Direct light of exact lamps at each visible point, other light interpolated.
     #[default]
     Gathered,

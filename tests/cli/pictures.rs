@@ -278,17 +278,17 @@ fn options_for_pictures() {
         clean_render(&folder, &format!("room.toml --camera main {arguments}"));
         (picture(&folder, "out/main.exr"), png(&folder, "out/main.png"))
     };
-    let (flat, auto) = pixels("");
-    let (smooth, _) = pixels("--smooth");
-    assert_ne!(flat, smooth);
+    let (gathered, auto) = pixels("");
+    let (flat, _) = pixels("--shading face");
+    assert_ne!(gathered, flat);
     let mean = |picture: &Picture| {
         let sum: f64 = picture.pixels.iter().map(|pixel| f64::from(pixel[0])).sum();
         sum / picture.pixels.len() as f64
     };
-    assert!((mean(&smooth) / mean(&flat) - 1.0).abs() < 0.1, "{} {}", mean(&smooth), mean(&flat));
+    assert!((mean(&gathered) / mean(&flat) - 1.0).abs() < 0.1, "{} {}", mean(&gathered), mean(&flat));
 
     let (same, stops) = pixels("--exposure 0 --linear-png");
-    assert_eq!(flat, same);
+    assert_eq!(gathered, same);
     assert_ne!(auto, stops);
     for (pixel, shown) in same.pixels.iter().zip(stops.pixels()) {
         for (value, shown) in pixel.iter().zip(shown.0) {

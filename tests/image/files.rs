@@ -97,7 +97,7 @@ fn the_same_picture_is_the_same_file() {
     let colours = Random::new(1).colours(&surface);
     let files = |name: &str| {
         let rasterizer = Rasterizer::new(&device).unwrap();
-        let options = PictureOptions::default().supersample(4).smooth(true);
+        let options = PictureOptions::default().supersample(4);
         let picture = rasterizer.render(&surface, &above(200, 100), &colours, &options).unwrap();
         let [exr, png] = ["exr", "png"].map(|end| directory.path().join(name).with_extension(end));
         picture.write_exr(&exr).unwrap();

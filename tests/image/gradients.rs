@@ -189,7 +189,7 @@ fn colours_have_the_transpose_of_the_picture() {
             let coverage = rasterizer.coverage(&scene, &camera, side).unwrap();
             let pixels = coverage.pixels(&colours).unwrap();
             let picture = coverage.picture(&colours).unwrap();
-            let options = PictureOptions::default().supersample(side).smooth(false);
+            let options = PictureOptions::default().supersample(side);
             assert_eq!(picture, rasterizer.render(&scene, &camera, &colours, &options).unwrap());
 
             // Samples, one by one.

@@ -1,6 +1,6 @@
 //! Values of pixels.
 
-use antirad::image::{Picture, PictureOptions, Rasterizer, corner_colours};
+use antirad::image::{Picture, PictureOptions, Rasterizer};
 use antirad::scene::{Camera, Material, Scene};
 use glam::{DVec2, DVec3};
 
@@ -44,24 +44,20 @@ fn near_faces_hide_far_ones_and_backs_are_black() {
     let colours = [RED, RED, BLUE, BLUE];
     // A small square in front of a large one, in either order of the list.
     let (far, near) = (square(0.9, 0.0), square(0.2, 0.5));
-    for smooth in [false, true] {
-        let options = PictureOptions::default().smooth(smooth);
-        let centre = |scene: &Scene, colours: &[[f32; 3]]| {
-            let picture = rasterizer.render(scene, &above(32, 32), colours, &options).unwrap();
-            (picture.pixels[15 * 32 + 15], picture.pixels[6 * 32 + 6])
-        };
-        let (inner, outer) = ([0.0, 0.0, 2.0, 1.0], [1.0, 0.0, 0.0, 1.0]);
-        assert_eq!(centre(&together(&[far.clone(), near.clone()]), &colours), (inner, outer));
-        let exchanged = [BLUE, BLUE, RED, RED];
-        assert_eq!(centre(&together(&[near.clone(), far.clone()]), &exchanged), (inner, outer));
-        let back = together(&[far.clone(), flipped(near.clone())]);
-        assert_eq!(centre(&back, &colours), ([0.0, 0.0, 0.0, 1.0], outer));
-    }
+    let centre = |scene: &Scene, colours: &[[f32; 3]]| {
+        let picture = flat(&rasterizer, scene, &above(32, 32), colours);
+        (picture.pixels[15 * 32 + 15], picture.pixels[6 * 32 + 6])
+    };
+    let (inner, outer) = ([0.0, 0.0, 2.0, 1.0], [1.0, 0.0, 0.0, 1.0]);
+    assert_eq!(centre(&together(&[far.clone(), near.clone()]), &colours), (inner, outer));
+    let exchanged = [BLUE, BLUE, RED, RED];
+    assert_eq!(centre(&together(&[near.clone(), far.clone()]), &exchanged), (inner, outer));
+    let back = together(&[far, flipped(near)]);
+    assert_eq!(centre(&back, &colours), ([0.0, 0.0, 0.0, 1.0], outer));
     drop(rasterizer);
     finish(device);
 }
 
-/// More faces than the device holds colours for at a time.
 #[test]
 fn every_face_of_a_large_scene_has_its_colour() {
     let device = device();
@@ -69,7 +65,7 @@ fn every_face_of_a_large_scene_has_its_colour() {
     let surface = grid(300, 300, |x, y| DVec3::new(x / 150.0 - 1.0, y / 150.0 - 1.0, 0.0));
     let camera = above(60, 60);
     let colours = Random::new(4).colours(&surface);
-    let options = PictureOptions::default().supersample(1).smooth(false);
+    let options = PictureOptions::default().supersample(1);
     let picture = rasterizer.render(&surface, &camera, &colours, &options).unwrap();
     let faces = rasterizer.visible_samples(&surface, &camera, 1).unwrap();
     assert!(faces.iter().any(|&face| face < 2000) && faces.iter().any(|&face| face > 178_000));
@@ -93,7 +89,7 @@ fn coverage_of_an_edge_is_its_area() {
     };
     let half_plane = grid(1, 1, |x, y| corner(9.0 * x, 18.0 * y - 9.0));
     for supersample in [2, 4, 16] {
-        let options = PictureOptions::default().supersample(supersample).smooth(false);
+        let options = PictureOptions::default().supersample(supersample);
         let picture = rasterizer.render(&half_plane, &above(32, 32), &[RED; 2], &options).unwrap();
         for (at, pixel) in picture.pixels.iter().enumerate() {
             let low = DVec2::new((at % 32) as f64 / 16.0 - 1.0, 1.0 - (at / 32) as f64 / 16.0 - 1.0 / 16.0);
@@ -112,51 +108,4 @@ fn coverage_of_an_edge_is_its_area() {
     }
     drop(rasterizer);
     finish(device);
-}
-
-#[test]
-fn smooth_colours_are_interpolated_in_perspective() {
-    let device = device();
-    let rasterizer = Rasterizer::new(&device).unwrap();
-    // A floor from below the camera, and behind it, into the distance.
-    let floor = grid(5, 7, |x, y| DVec3::new(2.0 * x - 5.0, -1.0, 5.0 - 4.0 * y));
-    let camera = Camera { target: DVec3::new(0.2, -0.3, 0.0), ..above(48, 40) };
-    let colours = Random::new(11).colours(&floor);
-    let corners = corner_colours(&floor, &colours).unwrap();
-    let options = PictureOptions::default().supersample(1).smooth(true);
-    let picture = rasterizer.render(&floor, &camera, &colours, &options).unwrap();
-    let mut compared = 0;
-    for (ray, pixel) in rays(&camera, 1).zip(&picture.pixels) {
-        if let (Some(hit), false) = trace(&floor, camera.position, ray) {
-            compared += 1;
-            for channel in 0..3 {
-                let corner = |i: usize| hit.weights[i] * f64::from(corners[hit.face as usize][i][channel]);
-                let expected: f64 = (0..3).map(corner).sum();
-                assert!((f64::from(pixel[channel]) - expected).abs() < 1e-4, "{pixel:?}: {expected}");
-            }
-        }
-    }
-    assert!(compared > 800, "{compared}");
-    drop(rasterizer);
-    finish(device);
-}
-
-#[test]
-fn corners_share_the_colours_of_their_surface() {
-    // Three faces around the origin, each with its own vertices: the second in the plane of the first and twice as large, the
-    // third at a right angle.
-    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
-    let vertices = vec![DVec3::ZERO, x, y, -DVec3::ZERO, y, -2.0 * x, DVec3::ZERO, z, y];
-    let mut scene = scene(vertices, &[[0, 1, 2], [3, 4, 5], [6, 7, 8]]);
-    let colours = [[3.0, 0.0, 1.0], [0.0, 3.0, 1.0], [9.0; 3]];
-    let mean = [1.0, 2.0, 1.0];
-    let corners = corner_colours(&scene, &colours).unwrap();
-    assert_eq!(corners[0], [mean, colours[0], mean]);
-    assert_eq!(corners[1], [mean, mean, colours[1]]);
-    assert_eq!(corners[2], [colours[2]; 3]);
-    // Another material ends a surface.
-    scene.materials.push(Material::named("other"));
-    scene.triangles[1].material = 1;
-    let corners = corner_colours(&scene, &colours).unwrap();
-    assert_eq!(corners, colours.map(|colour| [colour; 3]));
 }

@@ -1,6 +1,6 @@
 //! The visible face of each sample.
 
-use antirad::image::{ImageError, PictureOptions, Rasterizer, View, corner_colours, geometry_gradient};
+use antirad::image::{ImageError, PictureOptions, Rasterizer, View, geometry_gradient};
 use antirad::scene::{Camera, Scene, SceneError};
 use glam::DVec3;
 
@@ -138,7 +138,7 @@ fn bands_do_not_show() {
     let camera = Camera { up: DVec3::new(0.2, 1.0, 0.0), ..above(1001, 333) };
     assert!(compare(&rasterizer, &scene, &camera, 4) < 0.01);
 
-    let options = PictureOptions::default().supersample(4).smooth(true);
+    let options = PictureOptions::default().supersample(4);
     let colours = Random::new(3).colours(&scene);
     rasterizer.render(&scene, &camera, &colours, &options).unwrap();
     let planned = Rasterizer::bytes(scene.triangles.len(), &camera, &options).unwrap();
@@ -147,7 +147,7 @@ fn bands_do_not_show() {
     assert_eq!(device.memory().in_use, 0);
     for supersample in [1, 2, 4, 8, 16] {
         let camera = Camera { width: 16384, height: 16384, ..camera.clone() };
-        let options = PictureOptions::default().supersample(supersample).smooth(true);
+        let options = PictureOptions::default().supersample(supersample);
         assert!(Rasterizer::bytes(10_000_000, &camera, &options).unwrap() < 64 << 20);
     }
     drop(rasterizer);
@@ -197,8 +197,7 @@ fn invalid_input_is_refused() {
     indices.triangles[1].vertices[2] = 99;
     places.vertices[0].x = f64::NAN;
     for scene in [&indices, &places] {
-        let corners = corner_colours(scene, &[[1.0; 3]; 2]).err();
-        for refused in pictures(scene, &sound).into_iter().chain([corners]) {
+        for refused in pictures(scene, &sound) {
             assert!(matches!(refused, Some(ImageError::Scene(_))), "{refused:?}");
         }
     }

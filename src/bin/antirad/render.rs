@@ -65,17 +65,13 @@ pub struct Arguments {
     /// Write linear instead of sRGB values to the PNG
     #[arg(long)]
     linear_png: bool,
-    /// Gather direct light at each visible point and interpolate indirect light, interpolate all light between vertices, or
-    /// draw flat faces
-    #[arg(long, value_name = "HOW", value_enum, default_value_t, conflicts_with = "smooth")]
+    /// Gather direct light at each visible point and interpolate indirect light, or draw flat faces
+    #[arg(long, value_name = "HOW", value_enum, default_value_t)]
     shading: Shading,
     /// What glossy faces mirror of other faces in gathered pictures: by rays from each visible point, as many as it takes; by the same
     /// number from each, as fits of materials see it; or out of direction bins, as fits of positions and cameras do
     #[arg(long, value_name = "HOW", value_enum, default_value_t)]
     reflections: Reflections,
-    /// Former name of --shading smooth
-    #[arg(long, hide = true)]
-    smooth: bool,
     /// Samples along each side of a pixel: 1, 2, 4, 8 or 16
     #[arg(long, value_name = "NUMBER", default_value_t = 4)]
     supersample: u32,
@@ -137,9 +133,8 @@ pub fn run(
     stages.end("refine");
     let cut = finer.as_ref().map(|finer| finer.given());
 
-    let shading = if arguments.smooth { Shading::Smooth } else { arguments.shading };
-    let options =
-        PictureOptions::default().supersample(arguments.supersample).smooth(shading == Shading::Smooth);
+    let shading = arguments.shading;
+    let options = PictureOptions::default().supersample(arguments.supersample);
     let options_of_device = DeviceOptions::asked(&arguments.device, arguments.settings.memory_budget);
     let device = together.open(options_of_device, interrupt)?;
     let mut pictures = 0;
