@@ -11,7 +11,6 @@ pub enum Normalization {
     /// Model for Physically Based Rendering*, 1994). With a half vector it gains energy for large p: the albedo is checked
     /// when a scene is loaded.
     #[default]
-    #[serde(alias = "published")]
     Phong,
     /// (p+2)(p+4)/(8π(2^(-p/2)+p)), which keeps the lobe's normal-incidence albedo near σ.
     Energy,

@@ -28,7 +28,6 @@ pub(super) struct SceneTable {
     #[serde(default)]
     pub camera: Named<CameraTable>,
     pub sky: Option<Spanned<SkyTable>>,
-    #[serde(alias = "accuracy")]
     pub settings: Option<Spanned<SettingsTable>>,
 }
 
@@ -138,7 +137,6 @@ impl CameraTable {
 pub(super) struct SettingsTable {
     pub error: Option<f64>,
     pub bins: Option<BinsTable>,
-    #[serde(alias = "subsample")]
     pub near_field: Option<f64>,
     pub lamps: Option<Lamps>,
     pub tolerance: Option<f64>,

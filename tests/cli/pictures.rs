@@ -376,17 +376,6 @@ fn a_target_error_in_little_memory() {
     assert!(folder.read("out/irradiance.npy") == irradiance && folder.read("out/main.exr") == picture);
 }
 
-/// The former option works for one more version, with a warning.
-#[test]
-fn the_former_name_of_the_target_error() {
-    let folder = Folder::with(&[]);
-    let run = folder.run("render room.toml --output out --accuracy 0.5 --max-triangles 200").succeeded();
-    says(&run.stderr, &["WARN", "--accuracy is called --target-error now"]);
-    says(&run.stdout, &["50.00 % requested"]);
-    let help = folder.run("render --help").succeeded().stdout;
-    assert!(help.contains("--target-error") && !help.contains("--accuracy"), "{help}");
-}
-
 /// A bare mesh gets a camera, with a warning; without `--output` the results go to a folder of the scene's name.
 #[test]
 fn a_bare_mesh() {

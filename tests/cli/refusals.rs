@@ -219,7 +219,6 @@ fn arguments_that_say_nothing() {
         ("--bins 1x13", ["--bins", "theta = 1"]),
         ("--target-error 0", ["--target-error", "0.02 is 2 %"]),
         ("--target-error 0.1 --bins 10x13", ["--target-error", "--bins"]),
-        ("--target-error 0.1 --accuracy 0.1", ["--target-error", "--accuracy"]),
         ("--tolerance 1", ["--tolerance", "1e-7"]),
         ("--tolerance nan", ["--tolerance", "1e-7"]),
         ("--tolerance small", ["--tolerance", "small"]),

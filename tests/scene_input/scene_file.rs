@@ -176,14 +176,3 @@ fn the_documented_keys_are_the_keys() {
     assert_eq!((scene.triangles.len(), scene.cameras.len()), (8 + 12, 1));
     assert_eq!(scene.settings, SolveSettings::default());
 }
-
-/// The words of earlier scene files mean what they meant.
-#[test]
-fn former_names_are_read() {
-    let old = "[accuracy]\nsubsample = 12\n[material.grey]\nnormalization = \"published\"\n";
-    let new = "[settings]\nnear_field = 12\n[material.grey]\nnormalization = \"phong\"\n";
-    let [old, new] = [old, new].map(|text| good("s.toml", &[("s.toml", &with_mesh(text))]));
-    assert_eq!((old.settings, old.choice), (new.settings, new.choice));
-    assert_eq!(old.materials, new.materials);
-    assert_eq!(old.settings.near_field, 12.0);
-}

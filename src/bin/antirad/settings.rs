@@ -54,9 +54,6 @@ pub struct SceneSettings {
     /// Choose bins, near field, mesh and tolerance for this relative error of irradiance and pictures, e.g. 0.02
     #[arg(long, value_name = "ERROR", value_parser = parse_error, conflicts_with_all = ["bins", "tolerance"])]
     target_error: Option<f64>,
-    /// Former name of --target-error
-    #[arg(long = "accuracy", hide = true, value_parser = parse_error, conflicts_with_all = ["target_error", "bins", "tolerance"])]
-    former_target_error: Option<f64>,
     /// Direction bins per hemisphere: 10x13 (polar x azimuth) or concentric:12 [default: 10x13, or concentric:10 where
     /// blockers are coarse]
     #[arg(long, value_name = "LAYOUT")]
@@ -100,13 +97,8 @@ impl SceneSettings {
             .solver(self.solver.unwrap_or(file.solver))
             .precision(self.precision.unwrap_or(file.precision))
             .transport(self.transport.unwrap_or(file.transport));
-        if self.former_target_error.is_some() {
-            tracing::warn!(
-                "--accuracy is called --target-error now; the old name will be removed in the next version"
-            );
-        }
         let stated = self.bins.is_some();
-        scene.choice = match (self.target_error.or(self.former_target_error), scene.choice) {
+        scene.choice = match (self.target_error, scene.choice) {
             (Some(error), _) => Choice::Within(error),
             (None, Choice::Within(_)) if stated || self.tolerance.is_some() => {
                 Choice::Open { bins: !stated, near_field: true }
