@@ -1,19 +1,19 @@
 //! The engine: a planned scene on a device, solved.
 
+use crate::backend::Backend;
 use crate::direct::{DirectLight, Lamp};
 use crate::engine_direct::{Direct, lamps_of};
-use crate::gpu::{Device, DeviceKind, GpuError};
+use crate::gpu::{DeviceKind, GpuError};
 use crate::options::setters;
 use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, RankWeights, Residency};
 use crate::ranks::RankError;
 use crate::revision::{Difference, Revision};
 use crate::scene::Movable;
-use crate::scene::{BinLayout, Material, Precision, Scene, SceneError, SolveSettings};
+use crate::scene::{BackendKind, BinLayout, Material, Precision, Scene, SceneError, SolveSettings};
 use crate::solve::{
-    FixedPointParams, GmresParams, LightOperator, SolveError, SolveInfo, SolveProgress, fixed_point_from,
-    gmres_from,
+    FixedPointParams, GmresParams, SolveError, SolveInfo, SolveProgress, fixed_point_from, gmres_from,
 };
-use crate::transport::{AdjointKernels, Operators, PassCallback, SceneBuffers, State, TransportError};
+use crate::transport::{self, Operators, PassCallback, State, TransportError};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::fmt;
@@ -124,11 +124,16 @@ pub enum EngineError {
         /// The same of the device.
         given: (usize, usize),
     },
-    /// The plan is for a device that shares its memory with the host.
+    /// The plan is for another backend.
     #[error(
-        "the plan leaves work to the host, which does not share the memory of this device: plan with PlanOptions::of(device)"
+        "the plan is for the backend {planned} and the engine for {given}: plan with the options of the backend (PlanOptions::of)"
     )]
-    OtherDevice,
+    OtherBackend {
+        /// That of the plan.
+        planned: BackendKind,
+        /// The one given.
+        given: BackendKind,
+    },
     /// The geometry is not that of the plan.
     #[error(
         "triangle {triangle} has another position in the plan: plan this scene, or call \
@@ -368,12 +373,10 @@ impl EngineError {
     }
 }
 
-/// A planned scene on a device.
+/// A planned scene on a backend.
 pub struct Engine {
-    device: Device,
-    pub(crate) operators: Operators,
-    /// `None` unless gradients are planned.
-    pub(crate) adjoint: Option<AdjointKernels>,
+    backend: Backend,
+    pub(crate) operators: Box<dyn Operators>,
     /// The light that comes straight from lamps.
     pub(crate) direct: Direct,
     /// Per triangle of the scene.
@@ -389,30 +392,31 @@ pub struct Engine {
 }
 
 impl PlanOptions {
-    /// The limits of a device, less the memory in use by other engines, held solutions and pictures; with several ranks, which must all
+    /// The limits of a backend, less the memory in use by other engines, held solutions and pictures; with several ranks, which must all
     /// ask at once, the smallest limits of all, since they do the same steps, and work in proportion to the memory budgets of their devices.
-    pub fn of(device: &Device) -> Self {
-        let (info, memory, ranks) = (device.info(), device.memory(), device.ranks());
-        let flag = |of: bool| u64::from(of);
+    pub fn of(backend: impl Into<Backend>) -> Self {
+        let backend = backend.into();
+        let (memory, ranks) = (backend.memory(), backend.ranks());
+        let info = backend.vulkan().map(|device| device.info());
         let own = [
             memory.budget.saturating_sub(memory.in_use),
-            info.largest_buffer(),
-            flag(info.kind == DeviceKind::Cpu),
-            flag(device.host_works()),
+            info.map_or(u64::MAX, |info| info.largest_buffer()),
+            // GPUs evaluate the near field faster than the host computes a matrix of it.
+            u64::from(info.is_none_or(|info| info.kind == DeviceKind::Cpu)),
             memory.budget,
         ];
         // Where ranks can no longer work together, the next pass says so.
         let of_all = ranks.each(own).unwrap_or_else(|_| vec![own]);
-        let [free, max_buffer, cpu, host_works, _] =
+        let [free, max_buffer, keep, _] =
             of_all.iter().fold(own, |least, of| std::array::from_fn(|k| least[k].min(of[k])));
         let budgets: Vec<u64> = of_all.iter().map(|&[.., budget]| budget).collect();
         Self {
             memory_budget: free,
             max_buffer,
-            staging: crate::gpu::staging_bytes(),
-            page: max_buffer,
-            keep_near_field: cpu == 1,
-            pairs_on_host: host_works == 1,
+            staging: if info.is_some() { crate::gpu::staging_bytes() } else { 0 },
+            page: if info.is_some() { max_buffer } else { Self::default().page },
+            keep_near_field: keep == 1,
+            backend: backend.kind(),
             rank: ranks.rank() as u32,
             ranks: ranks.count() as u32,
             weights: RankWeights::of_budgets(&budgets),
@@ -427,48 +431,49 @@ impl From<RankError> for EngineError {
     }
 }
 
-/// The light of lamps, which the ranks of a device compute together.
+/// The light of lamps, which ranks compute together.
 fn direct_light(
-    device: &Device,
+    backend: &Backend,
     scene: &Scene,
     plan: &Plan,
     lamps: Vec<Lamp>,
 ) -> Result<DirectLight, RankError> {
-    DirectLight::new(device.ranks(), &plan.facets, lamps, plan.visibility, |i| scene.material(i))
+    DirectLight::new(backend.ranks(), &plan.facets, lamps, plan.visibility, |i| scene.material(i))
 }
 
 impl Engine {
     /// Allocates exactly the memory that the plan counts, and compiles the kernels.
-    pub fn new(device: &Device, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
+    ///
+    /// # Errors
+    /// Where the plan is for another scene or backend, or the backend lacks memory or a feature.
+    pub fn new(backend: impl Into<Backend>, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
+        let backend = &backend.into();
         scene.validate()?;
         check_planned(&plan, scene)?;
-        let direct = direct_light(device, scene, &plan, lamps_of(scene, &plan.lamps))?;
-        Self::with_direct(device, scene, plan, direct)
+        let direct = direct_light(backend, scene, &plan, lamps_of(scene, &plan.lamps))?;
+        Self::with_direct(backend, scene, plan, direct)
     }
 
     fn with_direct(
-        device: &Device,
+        backend: &Backend,
         scene: &Scene,
         plan: Plan,
         direct: DirectLight,
     ) -> Result<Self, EngineError> {
-        let (planned, given) = ((plan.options.rank, plan.options.ranks), device.ranks());
+        let (planned, given) = ((plan.options.rank, plan.options.ranks), backend.ranks());
         if planned != (given.rank() as u32, given.count() as u32) {
             return Err(EngineError::OtherRanks { planned, given: (given.rank(), given.count()) });
         }
-        if plan.options.pairs_on_host && !device.host_works() {
-            return Err(EngineError::OtherDevice);
+        let (planned, given) = (plan.options.backend, backend.kind());
+        if planned != given {
+            return Err(EngineError::OtherBackend { planned, given });
         }
-        // Counted apart from everything else on the device, such as engines of other threads.
-        let own = device.scope(plan.staging());
         let unit = light_unit(scene);
         let direct = Direct::new(Arc::new(direct), scene, &plan, &[])?;
-        let emitted = direct.emitted(scene);
-        let buffers = SceneBuffers::emitting(&own, scene, &plan, &emitted, unit)?;
-        let adjoint = AdjointKernels::new(&own, &plan)?;
-        let operators = Operators::new(&own, plan, buffers)?;
-        operators.set_first_bounce(&direct.first_bounce(scene, operators.plan(), unit))?;
-        let allocated = own.scope_memory();
+        let mut operators = transport::operators(backend, scene, plan, &direct.emitted(scene), unit)?;
+        let first_bounce = direct.first_bounce(scene, operators.plan(), unit);
+        operators.set_first_bounce(&first_bounce)?;
+        let allocated = operators.allocated();
         for item in operators.plan().memory().own() {
             let row = allocated.iter().find(|row| row.label == item.label);
             let allocated = row.map_or(0, |row| row.bytes);
@@ -481,9 +486,8 @@ impl Engine {
             }
         }
         Ok(Self {
-            device: device.clone(),
+            backend: backend.clone(),
             operators,
-            adjoint,
             unit,
             direct,
             materials: (0..scene.triangles.len()).map(|i| scene.material(i).clone()).collect(),
@@ -522,7 +526,9 @@ impl Engine {
         let plan = self.operators.plan();
         self.direct = match lamps == self.direct.light.lamps() {
             true => Direct::new(self.direct.light.clone(), scene, plan, &self.direct.lobes),
-            false => Direct::new(Arc::new(direct_light(&self.device, scene, plan, lamps)?), scene, plan, &[]),
+            false => {
+                Direct::new(Arc::new(direct_light(&self.backend, scene, plan, lamps)?), scene, plan, &[])
+            }
         }?;
         let emitted = self.direct.emitted(scene);
         let first_bounce = self.direct.first_bounce(scene, plan, self.unit);
@@ -537,22 +543,22 @@ impl Engine {
     /// sampled at the same points of each triangle, and clusters are kept as [`ClusterChoice`](crate::plan::ClusterChoice) says, so that
     /// results are smooth functions of the vertices.
     pub fn rebuilt(self, scene: &Scene) -> Result<Self, EngineError> {
-        let Self { device, operators, adjoint, direct, .. } = self;
+        let Self { backend, operators, direct, .. } = self;
         let (options, settings) = (operators.plan().options, operators.plan().settings);
         let choice = operators.plan().choice().cloned();
-        drop((operators, adjoint));
+        drop(operators);
         let plan = Plan::following(scene, &options, &settings, choice.as_ref())?;
         let lamps = lamps_of(scene, &plan.lamps);
         let direct = match lamps == direct.light.lamps() && plan.facets.len() == direct.light.receivers() {
             true => direct.light.moved(&plan.facets)?,
-            false => direct_light(&device, scene, &plan, lamps)?,
+            false => direct_light(&backend, scene, &plan, lamps)?,
         };
-        Self::with_direct(&device, scene, plan, direct)
+        Self::with_direct(&backend, scene, plan, direct)
     }
 
-    /// The device that it runs on.
-    pub fn device(&self) -> &Device {
-        &self.device
+    /// The backend that it runs on.
+    pub fn backend(&self) -> &Backend {
+        &self.backend
     }
 
     /// The plan that it executes.
@@ -597,13 +603,13 @@ impl Engine {
         let solved = match self.plan().solver {
             PlannedSolver::FixedPoint => {
                 let params = FixedPointParams { tolerance, max_passes, reduction };
-                fixed_point_from(&mut self.operators, guess, &params, progress)
+                fixed_point_from(&mut *self.operators, guess, &params, progress)
             }
             PlannedSolver::Gmres { restart } => {
                 let params = GmresParams::new(tolerance, max_passes, restart)
                     .rounding(rounding(self.plan().settings.precision))
                     .reduction(reduction);
-                gmres_from(&mut self.operators, guess, &params, progress)
+                gmres_from(&mut *self.operators, guess, &params, progress)
             }
         };
         match solved {

@@ -1,14 +1,14 @@
-//! From a device and a scene to an engine in one expression.
+//! From a backend and a scene to an engine in one expression.
 
-use crate::gpu::Device;
+use crate::backend::Backend;
 use crate::plan::{GradientRequest, Plan, PlanOptions};
 use crate::scene::{Scene, SolveSettings};
 use crate::{Engine, EngineError};
 
-/// Builds an [`Engine`], by default with the whole memory budget of the device and the settings of the scene.
+/// Builds an [`Engine`], by default with the whole memory budget of the backend and the settings of the scene.
 #[derive(Clone, Debug)]
 pub struct EngineBuilder<'a> {
-    device: &'a Device,
+    backend: Backend,
     scene: &'a Scene,
     options: PlanOptions,
     settings: SolveSettings,
@@ -18,23 +18,23 @@ impl Engine {
     /// Plans a scene and makes the engine for it:
     ///
     /// ```no_run
-    /// # use antirad::gpu::{Device, DeviceOptions};
+    /// # use antirad::backend::Backend;
     /// # fn solve(scene: &antirad::scene::Scene) -> Result<(), Box<dyn std::error::Error>> {
-    /// let device = Device::new(&DeviceOptions::default())?;
-    /// let mut engine = antirad::Engine::builder(&device, scene).build()?;
+    /// let mut engine = antirad::Engine::builder(Backend::cpu(), scene).build()?;
     /// let solution = engine.solve(&antirad::SolveParams::from(&scene.settings))?;
     /// # Ok(())
     /// # }
     /// ```
     ///
     /// To inspect the plan first, use [`Plan::new`] and [`Engine::new`].
-    pub fn builder<'a>(device: &'a Device, scene: &'a Scene) -> EngineBuilder<'a> {
-        EngineBuilder { device, scene, options: PlanOptions::of(device), settings: scene.settings }
+    pub fn builder(backend: impl Into<Backend>, scene: &Scene) -> EngineBuilder<'_> {
+        let backend = backend.into();
+        EngineBuilder { options: PlanOptions::of(&backend), backend, scene, settings: scene.settings }
     }
 }
 
 impl EngineBuilder<'_> {
-    /// Sets the options; by default those of the device ([`PlanOptions::of`]).
+    /// Sets the options; by default those of the backend ([`PlanOptions::of`]).
     #[must_use]
     pub fn options(self, options: PlanOptions) -> Self {
         Self { options, ..self }
@@ -53,8 +53,11 @@ impl EngineBuilder<'_> {
     }
 
     /// Plans the scene and makes the engine.
+    ///
+    /// # Errors
+    /// As [`Plan::new`] and [`Engine::new`].
     pub fn build(self) -> Result<Engine, EngineError> {
-        let Self { device, scene, options, settings } = self;
-        Engine::new(device, scene, Plan::new(scene, &options, &settings)?)
+        let Self { backend, scene, options, settings } = self;
+        Engine::new(backend, scene, Plan::new(scene, &options, &settings)?)
     }
 }

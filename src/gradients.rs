@@ -6,7 +6,7 @@ use crate::options::setters;
 use crate::plan::{GradientRequest, PADDING, PlannedSolver};
 use crate::scene::Scene;
 use crate::solve::{FixedPointParams, GmresParams, SolveInfo, SolveProgress, fixed_point, gmres};
-use crate::transport::{AdjointOperator, LobeSums};
+use crate::transport::LobeSums;
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::ops::ControlFlow;
@@ -144,10 +144,7 @@ impl Engine {
         let first_bounce = self.plan().has_first_bounce();
         let rounding = rounding(self.plan().settings.precision);
         let SolveParams { tolerance, max_passes, reduction } = *params;
-        let Some(adjoint) = &mut self.adjoint else {
-            return Err(EngineError::NotPlanned { kinds: Vec::new() });
-        };
-        let mut operator = AdjointOperator::new(&mut self.operators, adjoint);
+        let mut operator = self.operators.adjoint()?;
         operator.set(&irradiance, &radiance, &specular)?;
         for (camera_position, colours) in &views {
             operator.add_view(*camera_position, colours)?;
@@ -159,12 +156,12 @@ impl Engine {
         };
         let solved = match solver {
             PlannedSolver::FixedPoint => {
-                fixed_point(&mut operator, &FixedPointParams { tolerance, max_passes, reduction }, progress)
+                fixed_point(&mut *operator, &FixedPointParams { tolerance, max_passes, reduction }, progress)
             }
             PlannedSolver::Gmres { restart } => {
                 let params =
                     GmresParams::new(tolerance, max_passes, restart).rounding(rounding).reduction(reduction);
-                gmres(&mut operator, &params, progress)
+                gmres(&mut *operator, &params, progress)
             }
         };
         let (importance, info) = match solved {
@@ -181,6 +178,7 @@ impl Engine {
             }
             false => (Vec::new(), Vec::new()),
         };
+        drop(operator);
 
         // Scale of what is also linear in the state's light.
         let of_light = steepness * self.unit;
@@ -246,7 +244,7 @@ impl Engine {
 
     fn check(&self, cotangent: &Cotangent, request: GradientRequest) -> Result<(), EngineError> {
         let kinds = request.beyond(self.plan().options.gradients);
-        if !kinds.is_empty() || self.adjoint.is_none() {
+        if !kinds.is_empty() || !self.plan().options.gradients.any() {
             return Err(EngineError::NotPlanned { kinds });
         }
         let triangles = self.plan().facets.len();

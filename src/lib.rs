@@ -41,6 +41,7 @@
 #![warn(missing_docs)]
 
 pub mod ambiguity;
+pub mod backend;
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod direct;
@@ -67,6 +68,7 @@ pub mod shading;
 pub mod solve;
 pub mod target_error;
 pub mod transport;
+pub mod usage;
 pub mod warnings;
 mod watch;
 
@@ -99,7 +101,8 @@ const _: () = {
     shared::<image::ImageError>();
     // A pass callback may be bound to one thread at a time; a recording batch always is.
     moved::<Engine>();
-    moved::<transport::Operators>();
+    shared::<backend::Backend>();
+    moved::<Box<dyn transport::Operators>>();
     moved::<gpu::Batch>();
 };
 

@@ -1,7 +1,7 @@
 //! Direct transport between triangles as a matrix, blockers included.
 
 use super::{AmbiguityError, LightMatrix};
-use crate::gpu::Device;
+use crate::backend::Backend;
 use crate::plan::{Plan, PlanOptions};
 use crate::scene::{Lamps, Material, Scene};
 use crate::{Engine, Solution, SolveParams, Watch};
@@ -23,7 +23,7 @@ fn black_materials() -> Vec<Material> {
 
 impl DirectLight {
     /// Plans and allocates an engine. `watch` is called after every pass and can interrupt the solve.
-    pub fn new(device: &Device, scene: &Scene, watch: &Watch) -> Result<Self, AmbiguityError> {
+    pub fn new(backend: &Backend, scene: &Scene, watch: &Watch) -> Result<Self, AmbiguityError> {
         let mut scene = Scene { materials: black_materials(), ..scene.clone() };
         // Each channel occurs once, so that the plan has three.
         for (i, triangle) in scene.triangles.iter_mut().enumerate() {
@@ -31,9 +31,9 @@ impl DirectLight {
         }
         // Every emission takes the same way, that of the matrix.
         let settings = scene.settings.lamps(Lamps::Antiradiance);
-        let plan = Plan::new(&scene, &PlanOptions::of(device), &settings)?;
+        let plan = Plan::new(&scene, &PlanOptions::of(backend), &settings)?;
         let params = SolveParams::from(&scene.settings);
-        let mut engine = Engine::new(device, &scene, plan)?;
+        let mut engine = Engine::new(backend, &scene, plan)?;
         let watch = watch.clone();
         engine.set_pass_callback(Some(Box::new(move |_, _| watch())));
         Ok(Self { engine, scene, params })

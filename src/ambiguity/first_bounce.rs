@@ -3,7 +3,7 @@
 use super::AmbiguityError;
 use super::direct::DirectLight;
 use super::views::Views;
-use crate::gpu::Device;
+use crate::backend::Backend;
 use crate::plan::{Plan, PlanOptions};
 use crate::scene::{Camera, Lamps, Scene};
 use crate::{Engine, SolveParams, Watch};
@@ -33,7 +33,7 @@ pub struct FirstBounce {
 impl FirstBounce {
     /// Renders both scenes and compares them; `None` if no light is hidden.
     pub fn new(
-        device: &Device,
+        backend: &Backend,
         scene: &Scene,
         cameras: &[&Camera],
         views: &Views,
@@ -61,8 +61,8 @@ impl FirstBounce {
 
         // A lamp and its first bounce are to be compared, so both take the same way.
         let settings = scene.settings.lamps(Lamps::Antiradiance);
-        let plan = Plan::new(scene, &PlanOptions::of(device), &settings)?;
-        let mut engine = Engine::new(device, scene, plan)?;
+        let plan = Plan::new(scene, &PlanOptions::of(backend), &settings)?;
+        let mut engine = Engine::new(backend, scene, plan)?;
         let watch = watch.clone();
         engine.set_pass_callback(Some(Box::new(move |_, _| watch())));
         let truth = shown(&mut engine, scene, cameras)?;

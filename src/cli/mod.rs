@@ -1,5 +1,6 @@
 //! What the command-line tools share: sizes, interruption, progress, logging, plots, sheets of pictures.
 
+mod backend;
 mod comparison;
 mod draw_fit;
 mod interrupt;
@@ -9,6 +10,7 @@ mod sheet;
 mod size;
 mod values;
 
+pub use backend::BackendArguments;
 pub use draw_fit::draw_fit;
 pub use interrupt::Interrupt;
 use plot::register_font;

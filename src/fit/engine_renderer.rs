@@ -2,7 +2,7 @@
 
 use super::gradient::{CameraGradient, SceneGradient};
 use super::renderer::{CostEstimate, OwnSquares, RenderError, Renderer};
-use crate::gpu::Device;
+use crate::backend::Backend;
 use crate::image::{
     Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer, geometry_gradient, geometry_gradient_of,
 };
@@ -29,7 +29,7 @@ const MOVED: f64 = 1e-4;
 
 /// Solves scenes on a device and renders their pictures.
 pub struct EngineRenderer {
-    device: Device,
+    backend: Backend,
     rasterizer: Rasterizer,
     /// The plan is made for its materials, which require as much as any later ones.
     planning: Scene,
@@ -90,16 +90,17 @@ impl EngineRenderer {
     /// ([`Parameters::planning_scene`](super::Parameters::planning_scene)), seen from `cameras` with `supersample` x
     /// `supersample` samples per pixel, and computes the derivatives in `request`.
     pub fn new(
-        device: &Device,
+        backend: impl Into<Backend>,
         planning: Scene,
         cameras: Vec<Camera>,
         supersample: u32,
         request: GradientRequest,
         watch: Watch,
     ) -> Result<Self, ImageError> {
+        let backend = backend.into();
         Ok(Self {
-            device: device.clone(),
-            rasterizer: Rasterizer::new(device)?,
+            rasterizer: Rasterizer::new(&backend)?,
+            backend,
             first_emission: planning.materials.iter().map(|m| m.emission).collect(),
             planning,
             choice: None,
@@ -141,10 +142,11 @@ impl EngineRenderer {
         let options = PictureOptions { supersample: self.supersample };
         let mut pictures = 0;
         for camera in &self.cameras {
-            let bytes = Rasterizer::bytes(scene.triangles.len(), camera, &options).map_err(failed)?;
+            let bytes = Rasterizer::bytes(self.backend.kind(), scene.triangles.len(), camera, &options)
+                .map_err(failed)?;
             pictures = pictures.max(bytes);
         }
-        let options = PlanOptions { pictures, gradients, ..PlanOptions::of(&self.device) };
+        let options = PlanOptions { pictures, gradients, ..PlanOptions::of(&self.backend) };
         let plan = Plan::following(scene, &options, &scene.settings, self.choice.as_ref());
         plan.map_err(|error| sort_out(error.into()))
     }
@@ -204,7 +206,7 @@ impl EngineRenderer {
     fn retire(&mut self) {
         self.start = self.latest.take().and_then(Latest::start);
         let planned = self.engine.take().map_or(0, |engine| engine.plan().memory().total());
-        let memory = self.device.memory();
+        let memory = self.backend.memory();
         if memory.budget.saturating_sub(memory.in_use) < planned + planned / 4 {
             self.start = None;
         }
@@ -245,7 +247,7 @@ impl EngineRenderer {
                     false => self.plan(&self.planning, gradients)?,
                 };
                 self.planned = gradients;
-                let mut engine = Engine::new(&self.device, &self.planning, plan).map_err(sort_out)?;
+                let mut engine = Engine::new(&self.backend, &self.planning, plan).map_err(sort_out)?;
                 let watch = self.watch.clone();
                 engine.set_movable(self.movable.as_deref());
                 engine.set_pass_callback(Some(Box::new(move |_, _| watch())));
@@ -414,7 +416,7 @@ impl Renderer for EngineRenderer {
             for (view, ((camera, _), by_pixels)) in views().enumerate() {
                 let by_edges = match light {
                     Some(light) => {
-                        let ranks = self.device.ranks();
+                        let ranks = self.backend.ranks();
                         let shown = |face, places: &[[f64; 2]]| light.colours_at(view, face, places);
                         geometry_gradient_of(
                             ranks,

@@ -10,7 +10,9 @@ use super::selection::unknown;
 use super::settings::{OptimiserKind, Settings, StopRule};
 use super::target::{Target, TargetPicture, read_mask};
 use crate::image::MAX_SUPERSAMPLE;
-use crate::scene::{Camera, CameraTable, LoadOptions, Place, Scene, SceneError, TomlFile, Triple};
+use crate::scene::{
+    BackendChoice, Camera, CameraTable, LoadOptions, Place, Scene, SceneError, TomlFile, Triple,
+};
 use crate::shading::Shading;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -142,6 +144,7 @@ struct SolveTable {
     tolerance: Option<f64>,
     supersample: Option<u32>,
     shading: Option<Shading>,
+    backend: Option<BackendChoice>,
 }
 
 impl JobFile {
@@ -206,13 +209,14 @@ impl JobFile {
     /// tolerance = 1e-5
     /// supersample = 4
     /// shading = "gathered"           # or "face": one colour per face
+    /// backend = "auto"               # or "cpu", "vulkan"; otherwise that of the scene
     /// ```
     pub fn load(path: &Path) -> Result<Self, FitError> {
         let file = TomlFile::read(path)?;
         let table: JobTable = file.parse()?;
         let place = file.place(table.scene.span());
         let scene_file = file.beside(table.scene.get_ref());
-        let scene = Scene::load(&scene_file, &LoadOptions::default()).map_err(|error| match error {
+        let mut scene = Scene::load(&scene_file, &LoadOptions::default()).map_err(|error| match error {
             SceneError::Read { path, reason } => {
                 place.error(format!("scene {} cannot be read: {reason}", path.display()))
             }
@@ -257,6 +261,7 @@ impl JobFile {
         }
         if let Some(solve) = &table.solve {
             solve.get_ref().apply(&mut settings, place_of(solve.span()))?;
+            scene.settings.backend = solve.get_ref().backend.unwrap_or(scene.settings.backend);
         }
         let mut stop = StopRule::default();
         if let Some(table) = &table.stop {

@@ -1,6 +1,5 @@
 //! Buffers: labelled, counted, freed when dropped.
 
-use std::ptr::NonNull;
 use std::sync::Arc;
 use std::{fmt, mem};
 
@@ -10,9 +9,9 @@ use gpu_allocator::vulkan::Allocation;
 
 use super::device::{Device, Shared};
 use super::error::{During, GpuError};
-use super::memory::{Bytes, ScopeId, rounded};
 use super::transfer::UseOfBuffers;
 use super::{Result, lock};
+use crate::usage::{Bytes, ScopeId, rounded};
 
 /// Where a buffer lives. Kernels and copies can use every kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,13 +53,6 @@ impl<'a> BufferSlice<'a> {
     /// No part of the buffer.
     pub fn empty(self) -> Self {
         Self { offset: 0, bytes: 0, ..self }
-    }
-
-    /// Whether two parts have bytes in common.
-    pub(super) fn overlaps(&self, other: &Self) -> bool {
-        std::ptr::eq(self.buffer, other.buffer)
-            && self.offset < other.offset + other.bytes
-            && other.offset < self.offset + self.bytes
     }
 }
 
@@ -110,16 +102,6 @@ impl Buffer {
     /// Keeps it alive.
     pub(super) fn block(&self) -> &Arc<Block> {
         &self.block
-    }
-
-    /// Where the host sees it, if it does.
-    pub(super) fn start(&self) -> Option<NonNull<u8>> {
-        self.block.memory.allocation.mapped_ptr().map(NonNull::cast)
-    }
-
-    /// Properties of its memory.
-    pub(super) fn properties(&self) -> vk::MemoryPropertyFlags {
-        self.block.memory.allocation.memory_properties()
     }
 
     /// Checks that the buffer belongs to `device` and contains these bytes.

@@ -9,11 +9,11 @@ use ash::vk;
 use super::buffer::{Block, Buffer, BufferSlice};
 use super::device::Device;
 use super::error::GpuError;
-use super::memory::{ALIGN, Bytes};
 use super::pipeline::Pipeline;
 use super::recorder::Recorder;
 use super::transfer::{Deferred, UsedScopes};
 use super::{Result, lock};
+use crate::usage::{ALIGN, Bytes};
 
 /// Bytes that Vulkan sets at a time.
 const MOST_UPDATED: usize = 65_536;
@@ -96,7 +96,6 @@ impl Device {
         if recorders.is_empty() {
             return Ok(());
         }
-        let _running = used.by_device();
         let start = Instant::now();
         let executed = Recorder::execute(&mut recorders, &self.shared, |kernel, shape, seconds| {
             timing.dispatches += 1;

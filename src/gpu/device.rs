@@ -18,9 +18,8 @@ use super::error::{During, GpuError};
 use super::info::{DeviceInfo, DeviceKind, Enabled};
 use super::instance::Instance;
 use super::kernel_cache::{self, KernelCache};
-use super::memory::{LabelReport, Memory, MemoryReport};
+use super::memory::Memory;
 use super::pipeline::{Key, Parts};
-use super::profile::{Profile, ProfileRow};
 use super::recorder::Recorder;
 use super::statistics::{KernelStatistics, Statistics};
 use super::survey::{self, Candidate};
@@ -28,6 +27,7 @@ use super::transfer::{STAGING_CHUNK, Scope};
 use super::validation::ValidationLog;
 use super::{Result, lock};
 use crate::ranks::Ranks;
+use crate::usage::{LabelReport, MemoryReport, Profile, ProfileRow};
 use crate::watch::Watch;
 
 /// `Default` reads the environment; `DeviceOptions::default().validation(true)` overrides it.
@@ -94,8 +94,6 @@ pub struct Device {
     pub(super) scope: Arc<Scope>,
     ranks: Ranks,
     watch: Option<Watch>,
-    /// Whether the host works in the memory that it shares with the device.
-    host_works: bool,
     /// The kind of device that kernels are chosen for.
     kernels_for: DeviceKind,
 }
@@ -219,7 +217,6 @@ impl Device {
             shared,
             ranks: Ranks::default(),
             watch: None,
-            host_works: true,
             kernels_for,
         })
     }
@@ -234,32 +231,19 @@ impl Device {
             shared: self.shared.clone(),
             ranks: self.ranks.clone(),
             watch: self.watch.clone(),
-            host_works: self.host_works,
             kernels_for: self.kernels_for,
         }
     }
 
-    /// The same device, whose kernels do all the work, as on a GPU: where the device is a CPU, the host does some of it, faster than
-    /// kernels.
-    #[must_use]
-    pub fn kernels_only(self) -> Self {
-        Self { host_works: false, ..self }
-    }
-
-    /// The same device with the kernels that one of another kind would run: those for GPUs on a CPU, slowly. The host does no work then.
+    /// The same device with the kernels that one of another kind would run: those for GPUs on a CPU, slowly.
     #[must_use]
     pub fn with_kernels_for(self, kind: DeviceKind) -> Self {
-        Self { kernels_for: kind, ..self.kernels_only() }
+        Self { kernels_for: kind, ..self }
     }
 
     /// The kind of device that kernels are chosen for.
     pub fn kernels_for(&self) -> DeviceKind {
         self.kernels_for
-    }
-
-    /// Whether the host does some of the work in the memory that it shares with the device.
-    pub fn host_works(&self) -> bool {
-        self.host_works && self.info().kind == DeviceKind::Cpu
     }
 
     /// The same device as that of one of several ranks: its engines compute a share of every pass, together with those of the
@@ -318,13 +302,6 @@ impl Device {
     /// Credits a kernel under a shape with items of work and bytes of buffer accesses, for the rates of its profile.
     pub fn credit(&self, kernel: &'static str, shape: &str, items: u64, bytes: u64) {
         lock(&self.shared.profile).credit(kernel, shape, items, bytes);
-    }
-
-    /// Adds work of the host in place of a kernel to the profile.
-    pub(crate) fn record(&self, kernel: &'static str, shape: &str, seconds: f64, items: u64) {
-        let mut profile = lock(&self.shared.profile);
-        profile.add(kernel, shape.to_owned(), seconds);
-        profile.credit(kernel, shape, items, 0);
     }
 
     /// How often work was submitted so far, copies included; the host waits for the end of each submission.

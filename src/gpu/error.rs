@@ -3,7 +3,7 @@
 use ash::prelude::VkResult;
 use ash::vk;
 
-use super::memory::Bytes;
+use crate::usage::{Bytes, OverBudget};
 
 /// An error of the Vulkan loader or of the allocator.
 type Source = Box<dyn std::error::Error + Send + Sync>;
@@ -42,19 +42,8 @@ pub enum GpuError {
     )]
     NoValidation(&'static str),
     /// The memory budget does not hold another buffer.
-    #[error(
-        "\"{label}\" needs {requested}, but {in_use} of the budget of {budget} are in use; raise the budget or reduce the job"
-    )]
-    OverBudget {
-        /// Label of the buffer.
-        label: String,
-        /// Size of the buffer.
-        requested: Bytes,
-        /// Bytes of all buffers so far.
-        in_use: Bytes,
-        /// The budget.
-        budget: Bytes,
-    },
+    #[error(transparent)]
+    OverBudget(#[from] OverBudget),
     /// The driver has no memory left, whatever the budget says.
     #[error("the driver refused {bytes} for \"{label}\": {source}; close other programs or lower the budget")]
     Allocation {

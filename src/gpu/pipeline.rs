@@ -97,21 +97,6 @@ impl Pipeline {
         Ok(pipeline)
     }
 
-    /// The same for a kernel whose work the host does where the device is a CPU: then it is compiled at its first dispatch.
-    pub fn beside_host(
-        device: &Device,
-        shader: &Shader,
-        bindings: impl Into<Bindings>,
-        push_bytes: u32,
-        specialization: &[(u32, u32)],
-    ) -> Result<Self> {
-        let pipeline = Self::uncompiled(device, shader, bindings, push_bytes, specialization)?;
-        if !device.host_works() {
-            pipeline.parts()?;
-        }
-        Ok(pipeline)
-    }
-
     fn uncompiled(
         device: &Device,
         shader: &Shader,

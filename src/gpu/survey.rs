@@ -8,7 +8,7 @@ use super::Result;
 use super::error::{During, GpuError};
 use super::info::{DeviceInfo, DeviceKind, Enabled, ListedDevice};
 use super::instance::Instance;
-use super::memory::ALIGN;
+use crate::usage::ALIGN;
 
 /// Vulkan 1.2: the SPIR-V 1.5 that the kernels are compiled to.
 pub(super) const API_VERSION: u32 = vk::API_VERSION_1_2;

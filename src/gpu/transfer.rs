@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::mem;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bytemuck::Pod;
 
@@ -11,9 +11,9 @@ use super::buffer::{Block, Buffer, BufferKind, BufferMemory, BufferSlice};
 use super::commands::{Batch, BatchTiming};
 use super::device::{Device, Shared};
 use super::error::GpuError;
-use super::memory::{ALIGN, ScopeId, rounded};
 use super::recorder::Recorder;
 use super::{Result, lock};
+use crate::usage::{ALIGN, ScopeId, rounded};
 
 /// Bytes of one staging buffer, unless [`Device::scope`] says otherwise; longer transfers go piece by piece. Large
 /// enough that a piece costs more than its submission, small compared with most budgets.
@@ -44,8 +44,6 @@ pub(super) struct Scope {
 /// Who uses the buffers of a scope.
 pub(super) struct UseOfBuffers {
     scope: ScopeId,
-    /// Read while a batch runs, written while the host works in them.
-    lock: RwLock<()>,
     /// What is executed before anything else.
     deferred: Mutex<Vec<Deferred>>,
 }
@@ -88,17 +86,6 @@ impl UsedScopes {
     pub(super) fn deferred(&self) -> Vec<MutexGuard<'_, Vec<Deferred>>> {
         self.0.values().map(|of| lock(&of.deferred)).filter(|deferred| !deferred.is_empty()).collect()
     }
-
-    /// Keeps the host away.
-    pub(super) fn by_device(&self) -> Vec<RwLockReadGuard<'_, ()>> {
-        // What panicked under the lock left nothing inconsistent: it protects no data of its own.
-        self.0.values().map(|of| of.lock.read().unwrap_or_else(PoisonError::into_inner)).collect()
-    }
-
-    /// Keeps batches and other work of the host away.
-    pub(super) fn by_host(&self) -> Vec<RwLockWriteGuard<'_, ()>> {
-        self.0.values().map(|of| of.lock.write().unwrap_or_else(PoisonError::into_inner)).collect()
-    }
 }
 
 impl Scope {
@@ -112,11 +99,7 @@ impl Scope {
             chunk,
             upload: Mutex::default(),
             readback: Mutex::default(),
-            use_of_buffers: Arc::new(UseOfBuffers {
-                scope: id,
-                lock: RwLock::default(),
-                deferred: Mutex::default(),
-            }),
+            use_of_buffers: Arc::new(UseOfBuffers { scope: id, deferred: Mutex::default() }),
         })
     }
 

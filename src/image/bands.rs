@@ -57,11 +57,6 @@ impl Grid {
         u64::from(self.width) * u64::from((self.band_tile_rows * TILE).min(self.height))
     }
 
-    /// Pixels of the largest band.
-    pub fn band_pixels(&self) -> u64 {
-        self.band_samples() / u64::from(self.side * self.side)
-    }
-
     /// Tiles of the largest band.
     pub fn band_tiles(&self) -> u64 {
         u64::from(self.tile_columns()) * u64::from(self.band_tile_rows)

@@ -4,9 +4,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::bands::{Band, Grid, TILE};
+use super::faces::NONE;
 use super::projection::Projected;
 use super::tiles::Tiles;
-use super::visibility::NONE;
 use super::{ImageError, Picture};
 
 /// Stands for the back of any face, which is black but not background.

@@ -14,10 +14,10 @@ use glam::DVec3;
 
 use super::ImageError;
 use super::coverage::{check_colours, check_cotangent};
+use super::faces;
 use super::projection::{Projected, View};
 use super::raster::grid;
 use super::sweep::{Axis, Cause, Change, Sweep};
-use super::visibility;
 use crate::ranks::Ranks;
 use crate::scene::Movable;
 use crate::scene::{Camera, Scene};
@@ -79,7 +79,7 @@ pub fn geometry_gradient_of(
 ) -> Result<GeometryGradient, ImageError> {
     let grid = grid(camera, supersample)?;
     check_cotangent(cotangent, camera.width as usize * camera.height as usize)?;
-    let faces = visibility::project(scene, camera)?;
+    let faces = faces::project(scene, camera)?;
     let view = View::new(camera);
     let triangles = scene.triangles.iter().map(|triangle| triangle.vertices);
     let whole = movable.is_none();

@@ -1,20 +1,19 @@
 //! Pictures of a scene: what a pinhole camera sees, from a colour per face.
 //!
 //! The nearest face is found at a regular grid of samples in each pixel ([`Rasterizer::visible_samples`]); a pixel is the mean
-//! over its samples ([`Rasterizer::render`]). Pictures are made in bands of rows, so that any size takes bounded device memory.
+//! over its samples ([`Rasterizer::render`]). Pictures are made in bands of rows, so that any size takes bounded memory.
 //! Fronts have their colour; backs are black and occlude.
 //!
 //! Fits to pictures need derivatives: [`Rasterizer::coverage`] gives the picture as a linear map of colours, with its
 //! transpose; [`geometry_gradient`] gives the derivatives with respect to vertices and camera. Both assume one colour per face.
 //!
 //! ```no_run
-//! use antirad::gpu::{Device, DeviceOptions};
+//! use antirad::backend::Backend;
 //! use antirad::image::{PictureOptions, Rasterizer, ToneMap};
 //! # fn picture(scene: &antirad::scene::Scene) -> Result<(), antirad::image::ImageError> {
-//! let device = Device::new(&DeviceOptions::default())?;
 //! let colours = vec![[1.0, 0.5, 0.25]; scene.triangles.len()];
 //! let options = PictureOptions::default().supersample(8);
-//! let picture = Rasterizer::new(&device)?.render(scene, &scene.cameras[0], &colours, &options)?;
+//! let picture = Rasterizer::new(Backend::cpu())?.render(scene, &scene.cameras[0], &colours, &options)?;
 //! picture.write_png("scene.png", &ToneMap::default())?;
 //! # Ok(())
 //! # }
@@ -22,7 +21,9 @@
 
 mod bands;
 mod coverage;
+mod cpu;
 mod error;
+mod faces;
 mod gradient;
 mod picture;
 mod projection;
@@ -31,7 +32,7 @@ mod sweep;
 mod tiles;
 mod tone;
 mod visibility;
-mod visibility_on_host;
+mod vulkan;
 
 pub use coverage::{Coverage, FaceInPixel};
 pub use error::ImageError;

@@ -2,18 +2,15 @@
 
 use super::bands::{Band, Grid};
 use super::coverage::{Coverage, Sides, check_colours};
+use super::faces::{project, rounded};
 use super::projection::{Projected, View};
 use super::tiles::Tiles;
-use super::visibility::{self, Samples, Visibility};
+use super::visibility::{self, Finder};
 use super::{ImageError, Picture};
-use crate::gpu::{Device, Pipeline, rounded};
+use crate::backend::Backend;
 use crate::options::setters;
-use crate::scene::{Camera, Scene};
+use crate::scene::{BackendKind, Camera, Scene};
 use glam::DVec3;
-
-/// Bytes of both staging buffers of a picture together. They are separate from those of engines, so that the memory of a picture
-/// does not depend on theirs.
-const STAGING: u64 = 1 << 20;
 
 /// Largest number of samples along a side of a pixel.
 pub const MAX_SUPERSAMPLE: u32 = 16;
@@ -34,22 +31,21 @@ impl Default for PictureOptions {
     }
 }
 
-/// Makes pictures on a device. The same input gives the same picture, to the last bit.
+/// Makes pictures on a backend. The same input gives the same picture, to the last bit.
 #[derive(Debug)]
 pub struct Rasterizer {
-    device: Device,
-    visibility: Pipeline,
+    backend: Backend,
+    finder: Finder,
 }
 
 impl Rasterizer {
-    /// Compiles the kernel. Memory is allocated only while a picture is made.
-    pub fn new(device: &Device) -> Result<Self, ImageError> {
-        Ok(Self { device: device.clone(), visibility: visibility::pipeline(device)? })
-    }
-
-    /// The same with staging buffers, for one picture: nothing stays allocated between pictures.
-    fn with_staging(&self) -> Self {
-        Self { device: self.device.scope(STAGING), visibility: self.visibility.clone() }
+    /// Compiles the kernel, if it takes one. Memory is allocated only while a picture is made.
+    ///
+    /// # Errors
+    /// Where the kernel cannot be compiled.
+    pub fn new(backend: impl Into<Backend>) -> Result<Self, ImageError> {
+        let backend = backend.into();
+        Ok(Self { finder: Finder::new(&backend)?, backend })
     }
 
     /// The picture of a scene. `colours`: radiance of the front of each triangle, in the scene's
@@ -64,10 +60,9 @@ impl Rasterizer {
         let triangles = scene.triangles.len();
         check_colours(colours.len(), triangles)?;
         let grid = grid(camera, options.supersample)?;
-        let faces = visibility::project(scene, camera)?;
-        let own = self.with_staging();
+        let faces = project(scene, camera)?;
         let mut pixels = Vec::with_capacity(camera.width as usize * camera.height as usize);
-        own.coverage_of_bands(grid, triangles, faces, &Tiles::All, |_, band| {
+        self.coverage_of_bands(grid, triangles, faces, &Tiles::All, |_, band| {
             pixels.extend(band.picture(colours)?.pixels);
             Ok(())
         })?;
@@ -78,16 +73,15 @@ impl Rasterizer {
     /// their derivatives. Of several ranks, which must all ask at once, the first looks, and all get what it sees: devices that differ may
     /// round differently.
     pub fn coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
-        self.device.ranks().by_first(|| self.own_coverage(scene, camera, supersample))
+        self.backend.ranks().by_first(|| self.own_coverage(scene, camera, supersample))
     }
 
     /// Of this rank alone.
     fn own_coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
         let grid = grid(camera, supersample)?;
-        let faces = visibility::project(scene, camera)?;
+        let faces = project(scene, camera)?;
         let mut whole = Coverage::empty(&grid, scene.triangles.len());
-        let own = self.with_staging();
-        own.coverage_of_bands(grid, scene.triangles.len(), faces, &Tiles::All, |_, band| {
+        self.coverage_of_bands(grid, scene.triangles.len(), faces, &Tiles::All, |_, band| {
             whole.append(band);
             Ok(())
         })?;
@@ -103,7 +97,7 @@ impl Rasterizer {
         supersample: u32,
         before: (&[DVec3], &Coverage),
     ) -> Result<Coverage, ImageError> {
-        self.device.ranks().by_first(|| self.own_coverage_of_moved(scene, camera, supersample, before))
+        self.backend.ranks().by_first(|| self.own_coverage_of_moved(scene, camera, supersample, before))
     }
 
     fn own_coverage_of_moved(
@@ -117,7 +111,7 @@ impl Rasterizer {
         if vertices.len() != scene.vertices.len() || !before.fits(&grid, scene.triangles.len()) {
             return self.own_coverage(scene, camera, supersample);
         }
-        let faces = visibility::project(scene, camera)?;
+        let faces = project(scene, camera)?;
         let moved = |number: &u32| {
             let corners = scene.triangles[*number as usize].vertices;
             corners.iter().any(|&v| scene.vertices[v as usize] != vertices[v as usize])
@@ -128,13 +122,12 @@ impl Rasterizer {
             view.project(number, corners)
         });
         let present = faces.iter().filter(|face| moved(&face.number)).cloned();
-        let changed = visibility::rounded(past.chain(present).collect());
+        let changed = rounded(past.chain(present).collect());
         let tiles = Tiles::of(&grid, changed.iter());
         let longest = tiles.rows(&grid).into_iter().map(|rows| rows.len() as u32).max();
         let grid = grid.bands_up_to(longest.unwrap_or(0));
         let mut bands = Vec::new();
-        let own = self.with_staging();
-        own.coverage_of_bands(grid, scene.triangles.len(), faces, &tiles, |band, coverage| {
+        self.coverage_of_bands(grid, scene.triangles.len(), faces, &tiles, |band, coverage| {
             bands.push((band, coverage));
             Ok(())
         })?;
@@ -151,11 +144,10 @@ impl Rasterizer {
         supersample: u32,
     ) -> Result<Vec<u32>, ImageError> {
         let grid = grid(camera, supersample)?;
-        let faces = visibility::project(scene, camera)?;
+        let faces = project(scene, camera)?;
         let mut samples = Vec::with_capacity(grid.width as usize * grid.height as usize);
-        let own = self.with_staging();
-        own.bands(grid, scene.triangles.len(), faces, &Tiles::All, |visibility, band, own| {
-            samples.extend(visibility.on_host(band, own)?);
+        self.bands(grid, scene.triangles.len(), faces, &Tiles::All, |_, of_band| {
+            samples.extend(of_band);
             Ok(())
         })?;
         Ok(samples)
@@ -168,13 +160,12 @@ impl Rasterizer {
         triangles: usize,
         faces: Vec<Projected>,
         wanted: &Tiles,
-        mut each: impl FnMut(&Visibility, Band, Samples) -> Result<(), ImageError>,
+        mut each: impl FnMut(Band, &[u32]) -> Result<(), ImageError>,
     ) -> Result<(), ImageError> {
-        let faces = visibility::rounded(faces);
-        let visibility = Visibility::new(&self.device, &self.visibility, grid, triangles as u64)?;
+        let faces = rounded(faces);
+        let visibility = self.finder.on(grid, triangles as u64)?;
         for band in wanted.rows(&grid).into_iter().flat_map(|rows| grid.bands(rows)) {
-            let samples = visibility.run(band, &faces, wanted)?;
-            each(&visibility, band, samples)?;
+            each(band, &visibility.samples(band, &faces, wanted)?)?;
         }
         Ok(())
     }
@@ -188,16 +179,23 @@ impl Rasterizer {
         mut each: impl FnMut(Band, Coverage) -> Result<(), ImageError>,
     ) -> Result<(), ImageError> {
         let sides = Sides::new(triangles, &faces);
-        self.bands(grid, triangles, faces, wanted, |visibility, band, samples| {
-            each(band, Coverage::of_band(&grid, band, &visibility.on_host(band, samples)?, &sides))
+        self.bands(grid, triangles, faces, wanted, |band, samples| {
+            each(band, Coverage::of_band(&grid, band, samples, &sides))
         })
     }
 
-    /// Exact bytes of device memory that [`render`](Self::render) takes for a scene of this many triangles, staging buffers
-    /// included.
-    pub fn bytes(triangles: usize, camera: &Camera, options: &PictureOptions) -> Result<u64, ImageError> {
-        let grid = grid(camera, options.supersample)?;
-        Ok(STAGING + visibility::sizes(&grid, triangles as u64).map(rounded).iter().sum::<u64>())
+    /// Bytes of the backend's memory budget that [`render`](Self::render) takes for a scene of this many triangles: on a Vulkan device
+    /// exactly, staging buffers included; on the CPU none.
+    ///
+    /// # Errors
+    /// Where the camera or the options are invalid.
+    pub fn bytes(
+        backend: BackendKind,
+        triangles: usize,
+        camera: &Camera,
+        options: &PictureOptions,
+    ) -> Result<u64, ImageError> {
+        Ok(visibility::bytes(backend, &grid(camera, options.supersample)?, triangles as u64))
     }
 }
 

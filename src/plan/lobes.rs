@@ -87,6 +87,11 @@ impl Plan {
         found
     }
 
+    /// Bytes of the matrix of a lobe on the CPU, of all pairs of bins.
+    pub(crate) fn lobe_square_bytes(&self) -> u64 {
+        (self.bins.count() as u64).pow(2) * self.settings.precision.bytes()
+    }
+
     /// Bytes of a block of rows of a matrix.
     pub(crate) fn lobe_block_bytes(&self) -> u64 {
         let columns = (self.bins.count() as u64).next_multiple_of(COLUMN_STEP);

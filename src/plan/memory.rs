@@ -3,7 +3,7 @@
 use super::near_matrix::NearMatrixBytes;
 use super::{NearMatrix, PairLists, Plan, PlanError, Residency};
 use crate::model::{Bins, Clusters};
-use crate::scene::Precision;
+use crate::scene::{BackendKind, Precision};
 
 /// Every buffer's size is rounded up to a multiple of this.
 const ROUNDING: u64 = 256;
@@ -51,34 +51,21 @@ pub(super) fn bin_bytes(bins: &Bins, channels: u32, precision: Precision) -> u64
     bins.count() as u64 * u64::from(channels) * precision.bytes()
 }
 
-/// Bytes of a list on the device.
-fn listed(plan: &Plan, words: &[u32]) -> u64 {
-    if plan.lists_on_device() { size_of_val(words) as u64 } else { 0 }
-}
-
 impl MemoryPlan {
     /// That of the engine of a rank.
     pub(super) fn of(plan: &Plan, rank: u32) -> Self {
         let real = plan.settings.precision.bytes();
         let slots = u64::from(plan.layout.slots());
         let mut memory = Self::default();
-        let seen = u64::from(plan.sources() + plan.volumes()) + u64::from(plan.partner_slots());
+        let seen = u64::from(plan.sources() + plan.volumes()) + u64::from(plan.partner_padding());
         memory.add("facets", seen * FACET * real, 1);
         memory.add("corners", slots * CORNERS * real, 1);
         memory.add("surfaces", slots * SURFACE * real, 1);
         memory.add("radiance", plan.radiance_bytes(), 1);
-        memory.add("face colours", slots * plan.rgb_bytes(), 1);
         memory.add("bin table", plan.bins.count() as u64 * RGB * real, 1);
-        let PairLists { far, near } = &plan.interactions.by_receiver;
-        match plan.clusters() {
-            None => memory.add("far runs", listed(plan, far.words()), 1),
-            Some(clusters) => memory.add_clusters(plan, clusters),
+        if let Some(clusters) = plan.clusters() {
+            memory.add_clusters(plan, clusters);
         }
-        memory.add("near offsets", listed(plan, &near.offsets), 1);
-        memory.add("near targets", if plan.lists_on_device() { slots * 4 } else { 0 }, 1);
-        memory.add("near sources", listed(plan, &near.partners), 1);
-        memory.add("partial sums", ALL_SUMS * real, 1);
-        memory.add("no bins", real, 1);
         memory.add_states(plan, rank);
         for (_, group) in plan.glossy_groups().filter(|_| plan.has_first_bounce()) {
             memory.add("first bounce", plan.page_bytes(group), 1);
@@ -92,31 +79,69 @@ impl MemoryPlan {
             memory.add("near matrix: columns", columns, 1);
             memory.add("near matrix: weights", weights, 1);
         }
-        // Two buffers, no larger than others.
-        let most = (plan.options.max_buffer / ROUNDING * ROUNDING).saturating_mul(2);
-        memory.add(STAGING, plan.staging.min(most), 1);
+        if plan.options.backend == BackendKind::Vulkan {
+            memory.add_for_kernels(plan, slots);
+        }
         if plan.options.pictures > 0 {
             memory.add(PICTURES, plan.options.pictures, 1);
         }
         memory
     }
 
+    /// What Vulkan kernels need beside that: lists of pairs, which the CPU reads where the plan has them, and room for results in transfer.
+    fn add_for_kernels(&mut self, plan: &Plan, slots: u64) {
+        let real = plan.settings.precision.bytes();
+        let bytes = |words: &[u32]| size_of_val(words) as u64;
+        let PairLists { far, near } = &plan.interactions.by_receiver;
+        match plan.clusters() {
+            None => self.add("far runs", bytes(far.words()), 1),
+            Some(clusters) => self.add("cluster sources", bytes(clusters.sources().words()), 1),
+        }
+        self.add("near offsets", bytes(&near.offsets), 1);
+        self.add("near sources", bytes(&near.partners), 1);
+        self.add("near targets", slots * 4, 1);
+        if let Some(PairLists { far, near }) = &plan.interactions.by_source {
+            match plan.clusters() {
+                None => self.add("far runs, by source", bytes(far.words()), 1),
+                Some(clusters) => {
+                    let lists = clusters.receivers().map_or(0, |lists| bytes(lists.words()));
+                    self.add("cluster receivers", lists, 1);
+                }
+            }
+            self.add("near offsets, by source", bytes(&near.offsets), 1);
+            self.add("near receivers", bytes(&near.partners), 1);
+            let padded = slots + u64::from(plan.partner_padding());
+            self.add("cotangent: receivers", padded * plan.rgb_bytes(), 1);
+        }
+        let glossy: usize = plan.glossy_groups().map(|(_, g)| plan.layout.slots_of(&g.tiles).len()).sum();
+        if glossy > 0 {
+            self.add("lobe slots", glossy as u64 * 4, 1);
+        }
+        if let Some(clusters) = plan.clusters() {
+            self.add("cluster parts", u64::from(clusters.count()) * CLUSTER_PARTS, 1);
+            if let Some(volumes) = clusters.volumes() {
+                self.add("volume parts", volumes.parts().len() as u64 * CLUSTER_PARTS, 1);
+                self.add("volume slots", size_of_val(volumes.slots()) as u64, 1);
+            }
+        }
+        self.add("face colours", slots * plan.rgb_bytes(), 1);
+        self.add("partial sums", ALL_SUMS * real, 1);
+        self.add("no bins", real, 1);
+        // Two buffers, no larger than others.
+        let most = (plan.options.max_buffer / ROUNDING * ROUNDING).saturating_mul(2);
+        self.add(STAGING, plan.staging.min(most), 1);
+    }
+
     fn add_clusters(&mut self, plan: &Plan, clusters: &Clusters) {
-        self.add("cluster sources", listed(plan, clusters.sources().words()), 1);
-        self.add("cluster parts", u64::from(clusters.count()) * CLUSTER_PARTS, 1);
         self.add_if_any("cluster antiradiance", plan.cluster_page_bytes(|class| class.blocker));
         self.add_if_any("cluster specular", plan.cluster_page_bytes(|class| class.glossy));
         if let Some(volumes) = clusters.volumes() {
             let count = volumes.parts().len() as u64;
-            self.add("volume parts", count * CLUSTER_PARTS, 1);
-            self.add("volume slots", size_of_val(volumes.slots()) as u64, 1);
             self.add("volume bins", count * plan.bin_bytes(), 2);
         }
     }
 
     fn add_cluster_cotangents(&mut self, plan: &Plan, clusters: &Clusters) {
-        let lists = clusters.receivers().map_or(0, |lists| listed(plan, lists.words()));
-        self.add("cluster receivers", lists, 1);
         self.add("cotangent: clusters", 4 * u64::from(clusters.count()) * plan.rgb_bytes(), 1);
         self.add_if_any("cotangent: cluster bins", plan.cluster_page_bytes(|class| class.blocker));
         self.add_if_any("cotangent: cluster bins", plan.cluster_page_bytes(|class| class.glossy));
@@ -153,11 +178,15 @@ impl MemoryPlan {
 
     /// The order of glossy triangles, and the matrices that they share.
     fn add_lobes(&mut self, plan: &Plan) {
-        let glossy: usize = plan.glossy_groups().map(|(_, g)| plan.layout.slots_of(&g.tiles).len()).sum();
-        if glossy > 0 {
-            self.add("lobe slots", glossy as u64 * 4, 1);
-        }
         let matrices = plan.lobes.matrices;
+        if plan.options.backend == BackendKind::Cpu {
+            // Symmetric, so that the adjoint reads the same.
+            self.add_if_any("lobe matrices", u64::from(matrices) * plan.lobe_square_bytes());
+            if plan.glossy_groups().next().is_some() {
+                self.add("lobe logarithms", plan.lobe_square_bytes(), 1);
+            }
+            return;
+        }
         if matrices > 0 {
             let [gradients, of_powers] = plan.lobe_gradients();
             self.add("lobe matrices", plan.lobe_buffer_bytes(matrices), 1 + u32::from(gradients));
@@ -171,23 +200,22 @@ impl MemoryPlan {
     /// the sums of gradients.
     fn add_gradients(&mut self, plan: &Plan, slots: u64, rank: u32) {
         let (request, real) = (plan.options.gradients, plan.settings.precision.bytes());
-        let Some(PairLists { far, near }) = &plan.interactions.by_source else { return };
+        if plan.interactions.by_source.is_none() {
+            return;
+        }
         let rgb = slots * plan.rgb_bytes();
+        let cpu = plan.options.backend == BackendKind::Cpu;
         self.add("cotangent: irradiance", rgb, 1);
-        self.add("cotangent: radiance", rgb, 1);
-        self.add("cotangent: receivers", rgb + u64::from(plan.partner_slots()) * plan.rgb_bytes(), 1);
+        self.add("cotangent: radiance", rgb, 1 + u32::from(cpu));
         if plan.residency == Residency::Device {
-            // Those that a pass accumulates are in the pages of specular radiance, if there are such.
-            let count = if plan.states_are_whole() { 1 } else { 2 };
+            // Those that kernels accumulate in a pass are in the pages of specular radiance, if there are such.
+            let count = if plan.states_are_whole() && !cpu { 1 } else { 2 };
             let pages = plan.held_pages(rank, |group| group.class.glossy);
             pages.for_each(|bytes| self.add("cotangent: specular", bytes, count));
         }
-        match plan.clusters() {
-            None => self.add("far runs, by source", listed(plan, far.words()), 1),
-            Some(clusters) => self.add_cluster_cotangents(plan, clusters),
+        if let Some(clusters) = plan.clusters() {
+            self.add_cluster_cotangents(plan, clusters);
         }
-        self.add("near offsets, by source", listed(plan, &near.offsets), 1);
-        self.add("near receivers", listed(plan, &near.partners), 1);
         if request.geometry() {
             self.add("facet gradients", u64::from(plan.sources()) * FACET_GRADIENT * real, 1);
         }

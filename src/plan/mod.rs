@@ -40,7 +40,7 @@ pub use weights::RankWeights;
 use crate::direct::{Lamp, Visibility};
 use crate::model::{Bins, Class, Clusters, Facet, classify, spatial_order};
 use crate::options::setters;
-use crate::scene::{Precision, Scene, SolveSettings, SolverChoice, bounds};
+use crate::scene::{BackendKind, Precision, Scene, SolveSettings, SolverChoice, bounds};
 use glam::DVec3;
 use lamps::Chosen;
 use std::sync::Arc;
@@ -73,9 +73,8 @@ pub struct PlanOptions {
     /// Whether to keep the near field as a matrix where the memory suffices: it takes as long as one pass, and saves
     /// most of the near field of all others. GPUs evaluate it faster than the host computes the matrix.
     pub keep_near_field: bool,
-    /// Whether the host computes what passes between triangles, as it does where the device is a CPU
-    /// ([`Device::host_works`](crate::gpu::Device::host_works)): then lists of pairs take no memory of the device.
-    pub pairs_on_host: bool,
+    /// The backend that executes the plan.
+    pub backend: BackendKind,
     /// Number of this process among those that solve the scene together, from 0.
     pub rank: u32,
     /// How many processes solve the scene together: each computes its share of every pass.
@@ -95,7 +94,7 @@ setters!(PlanOptions {
     occlusion: Occlusion,
     gradients: GradientRequest,
     keep_near_field: bool,
-    pairs_on_host: bool,
+    backend: BackendKind,
     rank: u32,
     ranks: u32,
     weights: RankWeights,
@@ -120,13 +119,26 @@ impl PlanOptions {
     }
 }
 
-impl Default for PlanOptions {
-    /// Lavapipe: a heap of 2 GiB, 128 MiB per storage buffer.
-    fn default() -> Self {
+impl PlanOptions {
+    /// Those of lavapipe, the Vulkan driver for CPUs: a heap of 2 GiB, 128 MiB per storage buffer.
+    pub fn lavapipe() -> Self {
         Self {
             memory_budget: 2 << 30,
             max_buffer: 128 << 20,
             staging: 16 << 20,
+            backend: BackendKind::Vulkan,
+            ..Self::default()
+        }
+    }
+}
+
+impl Default for PlanOptions {
+    /// The CPU with 4 GiB.
+    fn default() -> Self {
+        Self {
+            memory_budget: 4 << 30,
+            max_buffer: u64::MAX,
+            staging: 0,
             pictures: 0,
             tile: 64,
             page: 128 << 20,
@@ -134,7 +146,7 @@ impl Default for PlanOptions {
             occlusion: Occlusion::Exact,
             gradients: GradientRequest::NOTHING,
             keep_near_field: true,
-            pairs_on_host: false,
+            backend: BackendKind::Cpu,
             rank: 0,
             ranks: 1,
             weights: RankWeights::EVEN,
@@ -414,6 +426,11 @@ impl Plan {
                 }
             }
         }
+        if self.options.backend == BackendKind::Cpu {
+            // Its memory is the host's: there is nowhere else to put vectors.
+            let needed = self.memory.total();
+            return Err(PlanError::OverBudget { budget: self.options.memory_budget, needed });
+        }
         // Vectors on the host take no device memory, so the solver is that of an unlimited budget, and the result
         // does not depend on the budget.
         self.solver = wanted.first().copied().unwrap_or(PlannedSolver::FixedPoint);
@@ -568,11 +585,6 @@ impl Plan {
         memory::bin_bytes(&self.bins, self.channels, self.settings.precision)
     }
 
-    /// Whether kernels read lists of pairs.
-    pub(crate) fn lists_on_device(&self) -> bool {
-        !self.options.pairs_on_host
-    }
-
     /// Bytes of the bins of one tile.
     pub fn tile_bytes(&self) -> u64 {
         u64::from(self.layout.tile) * self.bin_bytes()
@@ -598,7 +610,12 @@ impl Plan {
         PARTNER_BYTES / self.facet_bytes() as u32
     }
 
-    /// The same in tiles.
+    /// Slots past the last of what dispatches bind; the CPU reads no further than to the last.
+    pub(crate) fn partner_padding(&self) -> u32 {
+        if self.options.backend == BackendKind::Vulkan { self.partner_slots() } else { 0 }
+    }
+
+    /// [`Self::partner_slots`] in tiles.
     pub(crate) fn partner_tiles(&self) -> u32 {
         self.partner_slots() / self.layout.tile
     }
@@ -611,7 +628,7 @@ impl Plan {
     /// Bytes of the diffuse radiance of all sources, of the first moments of clusters, and of what dispatches bind past the last.
     pub(crate) fn radiance_bytes(&self) -> u64 {
         let moments = 3 * self.clusters().map_or(0, Clusters::count);
-        u64::from(self.sources() + moments + self.partner_slots()) * self.rgb_bytes()
+        u64::from(self.sources() + moments + self.partner_padding()) * self.rgb_bytes()
     }
 
     /// Whether glossy triangles reflect the light of lamps that does not take part in U.

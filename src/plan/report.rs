@@ -2,20 +2,47 @@
 
 use super::{LampsReport, MemoryItem, PADDING, PairLists, Plan, PlannedSolver, Reflectance, Residency};
 use crate::model::{Class, Clusters, LIST, Volumes};
+use crate::scene::BackendKind;
 use std::fmt;
 use std::ops::Range;
 
-/// Pairs per second assumed by estimates of time: two cores of a CPU driver.
-const IRRADIANCE_RATE: f64 = 1e9;
-const BINS_RATE: f64 = 150e6;
-const NEAR_RATE: f64 = 2.5e6;
-/// Weights of a kept near field.
-const WEIGHT_RATE: f64 = 2e8;
-/// Pairs of bins per second, by matrix and one by one.
-const LOBE_RATE: f64 = 3e9;
-const DIRECT_LOBE_RATE: f64 = 3e8;
-/// Bytes per second between host and device.
-const MOVE_RATE: f64 = 2e9;
+/// What two idle cores do per second, for estimates of time.
+struct Rates {
+    /// Pairs of triangles.
+    irradiance: f64,
+    bins: f64,
+    near: f64,
+    /// Weights of a kept near field.
+    weights: f64,
+    /// Pairs of bins, by matrix and one by one.
+    lobes: f64,
+    direct_lobes: f64,
+    /// Bytes between host and device.
+    moved: f64,
+}
+
+/// The CPU backend.
+const CPU: Rates = Rates {
+    irradiance: 1e9,
+    bins: 150e6,
+    near: 2.5e6,
+    weights: 2e8,
+    lobes: 3e9,
+    direct_lobes: 3e8,
+    moved: f64::INFINITY,
+};
+
+/// Vulkan kernels on lavapipe. GPUs are faster.
+const LAVAPIPE: Rates = Rates {
+    irradiance: 1.5e8,
+    bins: 1.5e7,
+    near: 2e5,
+    weights: 1.5e7,
+    lobes: 3e8,
+    direct_lobes: 3e7,
+    moved: 2e9,
+};
+
 /// Passes in addition to those due to the albedo: direct light, and the verification of the result.
 const FIRST_AND_LAST: f64 = 2.0;
 /// Factor on the passes where light is blocked: J is not normal, and triangles inside or close behind others slow a
@@ -81,6 +108,8 @@ pub struct StatesReport {
 /// Summary of a plan, as text and JSON.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PlanReport {
+    /// The backend that executes it.
+    pub backend: BackendKind,
     /// Number of triangles with an area.
     pub triangles: usize,
     /// Number of triangles without area, which are omitted.
@@ -122,7 +151,7 @@ pub struct PlanReport {
     /// Least and most passes that similar scenes were seen to take, from albedo, solver and tolerance. Uniformly lit
     /// scenes take fewer; scenes that create light (interpenetrating objects) may take more.
     pub estimated_passes: [f64; 2],
-    /// Rough time for the least number of passes, on two idle cores of a CPU driver.
+    /// Rough time for the least number of passes, on two idle cores: of the CPU backend, or of lavapipe.
     pub estimated_seconds: f64,
     /// The same for the most.
     pub estimated_seconds_at_most: f64,
@@ -193,16 +222,21 @@ impl Plan {
         let pairs = self.pairs();
         let triangles = self.triangles();
         let with_bins = self.classes.iter().any(|class| class.has_bins());
-        let pass = pairs.irradiance as f64 / IRRADIANCE_RATE
-            + pairs.bins as f64 / BINS_RATE
+        let rates = match self.options.backend {
+            BackendKind::Cpu => CPU,
+            BackendKind::Vulkan => LAVAPIPE,
+        };
+        let pass = pairs.irradiance as f64 / rates.irradiance
+            + pairs.bins as f64 / rates.bins
             + match self.near_field_matrix() {
-                Some(kept) => kept.weights as f64 / WEIGHT_RATE,
-                None => pairs.sub_sampled as f64 / NEAR_RATE,
+                Some(kept) => kept.weights as f64 / rates.weights,
+                None => pairs.sub_sampled as f64 / rates.near,
             }
-            + self.lobe_seconds()
-            + self.moved_bytes() as f64 / MOVE_RATE;
+            + self.lobe_seconds(&rates)
+            + self.moved_bytes() as f64 / rates.moved;
         let passes = self.estimated_passes();
         PlanReport {
+            backend: self.options.backend,
             triangles,
             degenerate: self.facets.len() - triangles,
             channels: self.channels,
@@ -251,10 +285,10 @@ impl Plan {
     }
 
     /// Estimated time of the specular part of K.
-    fn lobe_seconds(&self) -> f64 {
+    fn lobe_seconds(&self, rates: &Rates) -> f64 {
         let LobeReport { shared, direct, .. } = self.lobe_report();
         let pairs = (self.bins.count() as f64).powi(2);
-        pairs * (f64::from(shared) / LOBE_RATE + f64::from(direct) / DIRECT_LOBE_RATE)
+        pairs * (f64::from(shared) / rates.lobes + f64::from(direct) / rates.direct_lobes)
     }
 
     fn lobe_report(&self) -> LobeReport {
@@ -310,6 +344,7 @@ impl Plan {
 impl fmt::Display for PlanReport {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let percent = |part: u64| 100.0 * part as f64 / self.pairs.total.max(1) as f64;
+        writeln!(f, "backend          {}", self.backend)?;
         write!(f, "triangles        {}", self.triangles)?;
         if self.degenerate > 0 {
             write!(f, " ({} without area left out)", self.degenerate)?;
@@ -331,7 +366,7 @@ impl fmt::Display for PlanReport {
         )?;
         let states = &self.states;
         if states.host_bytes == 0 {
-            writeln!(f, "states           on the device")?;
+            writeln!(f, "states           in the memory of the backend")?;
         } else {
             writeln!(f, "states           on the host, {} bytes at most", states.host_bytes)?;
             writeln!(
@@ -363,8 +398,10 @@ impl fmt::Display for PlanReport {
         let [least, most] = self.estimated_passes;
         write!(
             f,
-            "estimated time   {:.1} to {:.1} s on two idle cores of a CPU, {least} to {most} passes",
-            self.estimated_seconds, self.estimated_seconds_at_most
+            "estimated time   {:.1} to {:.1} s on two idle cores{}, {least} to {most} passes",
+            self.estimated_seconds,
+            self.estimated_seconds_at_most,
+            if self.backend == BackendKind::Vulkan { " with lavapipe" } else { "" },
         )
     }
 }

@@ -123,12 +123,6 @@ impl Plan {
         &self.shares.clusters[run]
     }
 
-    /// Whether each of several ranks reflects what it holds, and sends that: where hosts compute. A GPU reflects what all hold in less time
-    /// than that takes.
-    pub(crate) fn ranks_reflect_shares(&self) -> bool {
-        self.options.ranks > 1 && self.options.pairs_on_host
-    }
-
     /// About what this rank does of some work that is parted among all.
     pub(crate) fn own_share(&self, work: u64) -> u64 {
         let PlanOptions { weights, rank, ranks, .. } = self.options;

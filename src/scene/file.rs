@@ -96,7 +96,8 @@ impl Scene {
     /// tolerance = 1e-4
     /// max_passes = 200
     /// solver = "auto"                # or "fixed-point", "gmres"
-    /// precision = "f32"              # or "f64", where the device has it
+    /// precision = "f32"              # or "f64"
+    /// backend = "auto"               # or "cpu", "vulkan": where light is computed; auto: on a GPU if there is one, else on the CPU
     /// transport = "auto"             # or "exact", { hierarchical = 0.003 } (relative error)
     /// # error = 0.02                 # target error of irradiance, instead of bins, near_field and tolerance
     /// ```

@@ -6,6 +6,7 @@
 mod adjacency;
 mod albedo;
 mod assembly;
+mod backend;
 mod builder;
 mod camera;
 mod check;
@@ -41,6 +42,7 @@ mod texture;
 mod toml_file;
 mod triangulate;
 
+pub use backend::{BackendChoice, BackendKind};
 pub use builder::SceneBuilder;
 pub use camera::Camera;
 pub use error::SceneError;

@@ -58,6 +58,7 @@ struct SettingsTable {
     max_passes: u32,
     solver: &'static str,
     precision: String,
+    backend: String,
     transport: TransportTable,
 }
 
@@ -230,6 +231,7 @@ impl Scene {
                 SolverChoice::Gmres => "gmres",
             },
             precision: self.settings.precision.to_string(),
+            backend: self.settings.backend.to_string(),
             transport: match self.settings.transport {
                 Transport::Auto => TransportTable::Auto,
                 Transport::Exact => TransportTable::Exact,

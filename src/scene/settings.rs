@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 use serde::Deserialize;
 
-use super::SceneError;
+use super::{BackendChoice, SceneError};
 
 /// How a hemisphere is split into direction bins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,14 +110,14 @@ pub enum SolverChoice {
     Gmres,
 }
 
-/// Number format on the device.
+/// Number format of the solve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Precision {
     /// Single precision: relative errors of about 1e-6 of irradiance.
     #[default]
     F32,
-    /// Double precision, for validation: needs a device with `shaderFloat64`, twice the memory and several times the time.
+    /// Double precision, for validation: on a Vulkan device needs `shaderFloat64`; twice the memory and several times the time.
     F64,
 }
 
@@ -227,10 +227,12 @@ pub struct SolveSettings {
     pub max_passes: u32,
     /// Which solver, or that the plan chooses it.
     pub solver: SolverChoice,
-    /// Number format on the device.
+    /// Number format of the solve.
     pub precision: Precision,
     /// How light from far triangles is summed up.
     pub transport: Transport,
+    /// Where light is computed.
+    pub backend: BackendChoice,
 }
 
 setters!(SolveSettings {
@@ -242,6 +244,7 @@ setters!(SolveSettings {
     solver: SolverChoice,
     precision: Precision,
     transport: Transport,
+    backend: BackendChoice,
 });
 
 /// Which of a scene's [`SolveSettings`] are left to be chosen for it.
@@ -315,6 +318,7 @@ impl Default for SolveSettings {
             solver: SolverChoice::Auto,
             precision: Precision::F32,
             transport: Transport::Auto,
+            backend: BackendChoice::Auto,
         }
     }
 }

@@ -11,8 +11,8 @@ use toml::Spanned;
 
 use super::error::{Place, SceneError};
 use super::{
-    BinLayout, Camera, Choice, Lamps, Material, Normalization, Orient, Precision, Shape, SolveSettings,
-    SolverChoice, Transport,
+    BackendChoice, BinLayout, Camera, Choice, Lamps, Material, Normalization, Orient, Precision, Shape,
+    SolveSettings, SolverChoice, Transport,
 };
 
 /// Named tables; the span of a name is its position in the file.
@@ -143,6 +143,7 @@ pub(super) struct SettingsTable {
     pub max_passes: Option<u32>,
     pub solver: Option<SolverChoice>,
     pub precision: Option<Precision>,
+    pub backend: Option<BackendChoice>,
     pub transport: Option<TransportTable>,
 }
 
@@ -158,6 +159,7 @@ impl SettingsTable {
             max_passes: self.max_passes.unwrap_or(default.max_passes),
             solver: self.solver.unwrap_or(default.solver),
             precision: self.precision.unwrap_or(default.precision),
+            backend: self.backend.unwrap_or(default.backend),
             transport: self.transport.map_or(default.transport, Into::into),
         }
     }

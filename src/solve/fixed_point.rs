@@ -22,7 +22,7 @@ impl FixedPointParams {
 }
 
 /// Iterates H ← U (E + (K - J) H) from zero until ‖H_new - H‖ / ‖H_new‖ is at most the tolerance.
-pub fn fixed_point<O: LightOperator>(
+pub fn fixed_point<O: LightOperator + ?Sized>(
     operator: &mut O,
     params: &FixedPointParams,
     progress: &mut SolveProgress,
@@ -31,7 +31,7 @@ pub fn fixed_point<O: LightOperator>(
 }
 
 /// The same from an initial guess rather than from zero.
-pub fn fixed_point_from<O: LightOperator>(
+pub fn fixed_point_from<O: LightOperator + ?Sized>(
     operator: &mut O,
     guess: Option<O::Vector>,
     params: &FixedPointParams,

@@ -50,7 +50,7 @@ pub fn gmres_scratch(restart: u32) -> u32 {
 
 /// Solves to a relative residual ‖U (E + (K - J) H) - H‖ / ‖H‖ in the operator's magnitude. The basis gives the
 /// residual without a pass; one more pass verifies it at the end where rounding may matter.
-pub fn gmres<O: LightOperator>(
+pub fn gmres<O: LightOperator + ?Sized>(
     operator: &mut O,
     params: &GmresParams,
     progress: &mut SolveProgress,
@@ -59,7 +59,7 @@ pub fn gmres<O: LightOperator>(
 }
 
 /// The same from an initial guess rather than from zero: each correct digit saves a pass or two.
-pub fn gmres_from<O: LightOperator>(
+pub fn gmres_from<O: LightOperator + ?Sized>(
     operator: &mut O,
     guess: Option<O::Vector>,
     params: &GmresParams,
@@ -132,7 +132,7 @@ struct Found {
 impl Cycle {
     /// Runs until the residual is within the tolerance, the basis is full, or it spans the solution. The first basis vector is
     /// the residual, not yet normalised.
-    fn run<O: LightOperator>(
+    fn run<O: LightOperator + ?Sized>(
         operator: &mut O,
         basis: &mut Vec<O::Vector>,
         restart: u32,
@@ -211,7 +211,7 @@ enum Judged {
 }
 
 impl Judge {
-    fn new<O: LightOperator>(
+    fn new<O: LightOperator + ?Sized>(
         operator: &mut O,
         incident: &O::Vector,
         started: bool,

@@ -14,7 +14,7 @@ pub use answer::Answer;
 pub use estimate::{ErrorEstimate, IrradianceEstimate, PictureEstimate};
 pub use levels::{LayoutKind, layout, usual_plan, usual_settings};
 
-use crate::gpu::Device;
+use crate::backend::Backend;
 use crate::image::ImageError;
 use crate::options::setters;
 use crate::plan::{Plan, PlanError, PlanOptions, has_direct_lamps};
@@ -211,7 +211,7 @@ pub type Solve<'a> = dyn FnMut(&mut Engine, &Scene, &Stage) -> Result<Solution, 
 /// `reserve` returns the bytes of device memory to set aside for pictures of a scene. `solve` runs the solver to
 /// `scene.settings.tolerance`; progress and interruption are up to it.
 pub fn solve_within(
-    device: &Device,
+    backend: &Backend,
     scene: &Scene,
     options: &TargetErrorOptions,
     reserve: &dyn Fn(&Scene) -> u64,
@@ -219,7 +219,7 @@ pub fn solve_within(
 ) -> Result<Solved, SearchError> {
     scene.validate().map_err(EngineError::from)?;
     Choice::Within(options.error).check().map_err(EngineError::from)?;
-    let search = Search::new(device, scene, options, reserve);
+    let search = Search::new(backend, scene, options, reserve);
     let mut why = search.reasons();
     // Start at the level that usually suffices, or at the highest below it that can be run.
     let (mut number, mut barrier) = (Level::start(search.levels, options.error), None);
@@ -294,7 +294,7 @@ impl Tried {
 
 /// What all levels have in common.
 struct Search<'a> {
-    device: &'a Device,
+    backend: &'a Backend,
     /// The given scene with its wide triangles cut.
     scene: Scene,
     /// Per triangle of `scene`, the index of the given triangle.
@@ -335,7 +335,7 @@ const WIDEST: f64 = 0.22;
 
 impl<'a> Search<'a> {
     fn new(
-        device: &'a Device,
+        backend: &'a Backend,
         given: &Scene,
         options: &'a TargetErrorOptions,
         reserve: &'a dyn Fn(&Scene) -> u64,
@@ -344,7 +344,7 @@ impl<'a> Search<'a> {
         let parents = scene.split_wide(WIDEST, options.max_triangles);
         let albedo = mean_albedo(given);
         Self {
-            device,
+            backend,
             parents,
             options,
             reserve,
@@ -387,7 +387,7 @@ impl<'a> Search<'a> {
         let mut given = scene.settings;
         given.transport = given.transport.within(CLUSTERS * self.options.error, scene.triangles.len());
         let settings = |layout| level.settings(layout, self.near, &given);
-        let options = PlanOptions::of(self.device).pictures((self.reserve)(&scene));
+        let options = PlanOptions::of(self.backend).pictures((self.reserve)(&scene));
         let layout = layout(&scene, &settings(LayoutKind::EqualAngle));
         let own = settings(layout);
         let plan = Plan::new(&scene, &options, &own)?;
@@ -416,7 +416,7 @@ impl<'a> Search<'a> {
         let answer = self.answer(&scene, plan, warnings, &solving, solve)?;
         let estimate = match (&answer, &other) {
             (Ok(answer), Ok(other)) => {
-                let visible = Visible::of(self.device, &scene, &self.options.cameras)?;
+                let visible = Visible::of(self.backend, &scene, &self.options.cameras)?;
                 let factors = [layout.ratio(), clusters];
                 Some(ErrorEstimate::new(&scene, answer, other, factors, &visible, self.options.shading)?)
             }
@@ -449,7 +449,7 @@ impl<'a> Search<'a> {
         stage: &Stage,
         solve: &mut Solve,
     ) -> Result<Result<Answer, EngineError>, SearchError> {
-        let mut engine = Engine::new(self.device, scene, plan)?;
+        let mut engine = Engine::new(self.backend, scene, plan)?;
         match solve(&mut engine, scene, stage) {
             Ok(solution) => {
                 let TargetErrorOptions { cameras, reflections, .. } = &self.options;

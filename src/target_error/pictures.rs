@@ -1,6 +1,6 @@
 //! What each camera sees.
 
-use crate::gpu::Device;
+use crate::backend::Backend;
 use crate::image::{Coverage, ImageError, Rasterizer};
 use crate::scene::{Camera, Scene};
 use glam::DVec3;
@@ -19,8 +19,8 @@ pub(super) struct Visible {
 
 impl Visible {
     /// One per camera.
-    pub fn of(device: &Device, scene: &Scene, cameras: &[Camera]) -> Result<Vec<Self>, ImageError> {
-        let rasterizer = Rasterizer::new(device)?;
+    pub fn of(backend: &Backend, scene: &Scene, cameras: &[Camera]) -> Result<Vec<Self>, ImageError> {
+        let rasterizer = Rasterizer::new(backend)?;
         let triangles = scene.triangles.len();
         let visible = |camera: &Camera| {
             let mut samples = vec![0.0; triangles];

@@ -1,12 +1,12 @@
 //! Progress within a pass, interruption, and errors of transport.
 
-use super::pace::Recorded;
 use crate::gpu::GpuError;
 use crate::ranks::RankError;
+use crate::usage::OverBudget;
 use std::any::Any;
 use std::ops::ControlFlow;
 
-/// Called after every submission, a quarter of a second at most, with the number of pairs done and that of the whole
+/// Called after each step of a quarter of a second at most, with the number of pairs done and that of the whole
 /// pass; may stop the work.
 pub type PassCallback = Box<dyn FnMut(u64, u64) -> ControlFlow<()> + Send>;
 
@@ -20,6 +20,15 @@ pub enum TransportError {
     /// Ranks can no longer work together.
     #[error(transparent)]
     Ranks(#[from] RankError),
+    /// The memory budget of the CPU does not hold another array.
+    #[error(transparent)]
+    OverBudget(#[from] OverBudget),
+    /// A plan or a state belongs to another backend, or to operators of another precision.
+    #[error(
+        "a plan or a state of another backend or precision: plan with PlanOptions::of(backend), and use states with the operators that \
+         made them"
+    )]
+    OtherBackend,
     /// A callback stopped the pass; its output is undefined.
     #[error("interrupted")]
     Interrupted,
@@ -91,30 +100,16 @@ impl TransportError {
 
 /// Counts the pairs of a pass.
 #[derive(Default)]
-pub struct PassMonitor {
+pub struct Progress {
     pub callback: Option<PassCallback>,
-    /// What is recorded and not yet executed.
-    pub(super) recorded: Recorded,
-    /// Whether work may wait for what comes next: nothing is read in between.
-    pub(super) defers: bool,
     done: u64,
     total: u64,
 }
 
-impl PassMonitor {
-    pub(super) fn new(defers: bool) -> Self {
-        Self { defers, ..Self::default() }
-    }
-
+impl Progress {
     /// A pass over `total` pairs begins.
     pub fn begin(&mut self, total: u64) {
         (self.done, self.total) = (0, total);
-    }
-
-    /// All that was recorded has been executed, in this time.
-    pub(super) fn executed(&mut self, seconds: f64) -> Result<(), TransportError> {
-        self.recorded.learn(seconds);
-        self.done(0)
     }
 
     /// Work on `pairs` pairs has ended, or is recorded.

@@ -7,8 +7,9 @@ use antirad::Watch;
 use antirad::ambiguity::{
     AmbiguityError, DirectLight, FirstBounce, Given, Interval, LightMatrix, Polytope, Views,
 };
+use antirad::backend::Backend;
 use antirad::cli::Interrupt;
-use antirad::gpu::{Bytes, Device, DeviceOptions};
+use antirad::gpu::Bytes;
 use antirad::image::{Exposure, Rasterizer, ToneMap};
 use antirad::output::{atomic_write, prepare_directory, write_array, write_json};
 use antirad::scene::{Camera, Scene};
@@ -44,9 +45,6 @@ pub struct Arguments {
     /// Folder for the results [default: out/SCENE/ambiguity]
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Vulkan device, by its number or a part of its name (see `antirad devices`) [env: ANTIRAD_DEVICE]
-    #[arg(long, value_name = "INDEX|NAME")]
-    device: Option<String>,
 }
 
 /// Seen lights whose intervals are found by default: each takes linear programs.
@@ -111,16 +109,17 @@ pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<
     let directory =
         arguments.output.clone().unwrap_or_else(|| Path::new("out").join(&scene.name).join("ambiguity"));
     prepare_directory(&directory)?;
-    let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.settings.memory_budget))?;
+    let options = arguments.settings.backend.options(arguments.settings.memory_budget);
+    let backend = Backend::open(Some(scene.settings.backend), &options)?;
     let asked = interrupt.clone();
     let watch: Watch = Arc::new(move || asked.flow());
 
-    let rasterizer = Rasterizer::new(&device)?;
+    let rasterizer = Rasterizer::new(&backend)?;
     let views = Views::new(&rasterizer, &scene, &cameras, SUPERSAMPLE)?;
     let unseen = views.unseen(&scene);
-    let mut direct = DirectLight::new(&device, &scene, &watch).map_err(failure)?;
+    let mut direct = DirectLight::new(&backend, &scene, &watch).map_err(failure)?;
     let first_bounce =
-        FirstBounce::new(&device, &scene, &cameras, &views, &mut direct, &watch).map_err(failure)?;
+        FirstBounce::new(&backend, &scene, &cameras, &views, &mut direct, &watch).map_err(failure)?;
     let mut report = Report {
         scene: arguments.settings.file.scene.display().to_string(),
         version: env!("CARGO_PKG_VERSION"),

@@ -1,12 +1,13 @@
 //! `antirad devices`.
 
 use crate::Failure;
+use antirad::backend::{Backend, BackendKind};
 use antirad::gpu::{Bytes, Device, DeviceOptions, KernelStatistics, ListedDevice, list_devices};
 use antirad::image::Rasterizer;
 use antirad::output::atomic_write;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::scene::{Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, Transport};
-use antirad::transport;
+use antirad::transport::vulkan;
 use clap::Args;
 use glam::{DAffine3, DVec3};
 use std::collections::BTreeSet;
@@ -29,9 +30,22 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(file) = &arguments.kernels {
         return kernels(file.as_deref());
     }
-    let devices = list_devices()?;
+    let backend = Backend::chosen(None, &DeviceOptions::default());
+    let cpu = Backend::cpu();
+    antirad::say!("backend cpu: {}{}", cpu.device_name(), usual(backend == BackendKind::Cpu));
+    antirad::say!("   threads           {}", cpu.threads());
+    antirad::say!("   vectors           {}", cpu.driver());
+    antirad::say!("   memory budget     {}", Bytes(cpu.memory().budget));
+    antirad::say!("backend vulkan{}", usual(backend == BackendKind::Vulkan));
+    let devices = match list_devices() {
+        Ok(devices) => devices,
+        Err(error) => {
+            antirad::say!("   {error}");
+            return Ok(());
+        }
+    };
     if devices.is_empty() {
-        antirad::say!("no Vulkan device (on a server without a GPU: apt install mesa-vulkan-drivers)");
+        antirad::say!("   no Vulkan device (on a server without a GPU: apt install mesa-vulkan-drivers)");
     }
     for device in devices {
         let info = &device.info;
@@ -54,6 +68,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Said of the backend that is taken unless another is asked for.
+fn usual(is: bool) -> &'static str {
+    if is { " (taken unless another is asked for)" } else { "" }
+}
+
 /// What antirad can do with a device.
 fn verdict(device: &ListedDevice) -> String {
     match device.missing.as_slice() {
@@ -67,7 +86,7 @@ fn verdict(device: &ListedDevice) -> String {
 fn kernels(file: Option<&Path>) -> Result<(), Failure> {
     // What is compiled in another run is not told of.
     let options = DeviceOptions::default().statistics(true).kernel_cache(None);
-    let device = Device::new(&options)?.kernels_only();
+    let device = Device::new(&options)?;
     let scene = every_class()?;
     let clusters = Transport::Hierarchical { error: 0.3 };
     let (all, none) = (GradientRequest::EVERYTHING, GradientRequest::NOTHING);
@@ -75,7 +94,7 @@ fn kernels(file: Option<&Path>) -> Result<(), Failure> {
     for (transport, gradients) in [(Transport::Exact, all), (clusters, all), (clusters, none)] {
         let options = PlanOptions::of(&device).boundless().gradients(gradients);
         let settings = SolveSettings::default().transport(transport);
-        transport::compile(&device, &Plan::new(&scene, &options, &settings)?)?;
+        vulkan::compile(&device, &Plan::new(&scene, &options, &settings)?)?;
     }
     Rasterizer::new(&device)?;
     let rows = device.kernel_statistics();

@@ -2,6 +2,7 @@
 
 use crate::Failure;
 use crate::settings::SceneSettings;
+use antirad::backend::{Backend, BackendChoice};
 use antirad::cli::Interrupt;
 use antirad::plan::PlanOptions;
 use clap::Args;
@@ -19,7 +20,11 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
-    let usual = PlanOptions::default().pairs_on_host(true);
+    let stated = arguments.settings.backend.backend.or_else(BackendChoice::of_environment);
+    let usual = match stated {
+        Some(BackendChoice::Vulkan) => PlanOptions::lavapipe(),
+        _ => PlanOptions::of(Backend::cpu()),
+    };
     let options = usual.memory_budget(arguments.settings.memory_budget.unwrap_or(usual.memory_budget));
     let (_, plan) = arguments.settings.load_planned(&options, interrupt)?;
     let report = plan.report();

@@ -7,7 +7,7 @@ use crate::report::{DeviceReport, MemoryUse, RankReport, Report, SolveReport};
 use crate::settings::SceneSettings;
 use crate::together::Together;
 use antirad::cli::{EXIT_UNRELIABLE, Interrupt, SolveBar, Working};
-use antirad::gpu::{Bytes, DeviceOptions};
+use antirad::gpu::Bytes;
 use antirad::image::{Exposure, PictureOptions, Rasterizer, ToneMap};
 use antirad::output::{prepare_directory, single, write_json, write_npy};
 use antirad::plan::PlanOptions;
@@ -56,9 +56,6 @@ pub struct Arguments {
     /// Folder for the results [default: out/SCENE]
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Vulkan device, by its number or a part of its name (see `antirad devices`) [env: ANTIRAD_DEVICE]
-    #[arg(long, value_name = "INDEX|NAME")]
-    device: Option<String>,
     /// Exposure of the PNG in stops (0 shows radiance 1 as white), or auto
     #[arg(long, value_name = "STOPS|auto", default_value = "auto", allow_hyphen_values = true, value_parser = parse_exposure)]
     exposure: Exposure,
@@ -135,17 +132,19 @@ pub fn run(
 
     let shading = arguments.shading;
     let options = PictureOptions::default().supersample(arguments.supersample);
-    let options_of_device = DeviceOptions::asked(&arguments.device, arguments.settings.memory_budget);
-    let device = together.open(options_of_device, interrupt)?;
+    let options_of_device = arguments.settings.backend.options(arguments.settings.memory_budget);
+    let backend = together.open(scene.settings.backend, options_of_device, interrupt)?;
     let mut pictures = 0;
     for camera in &cameras {
-        pictures = pictures.max(Rasterizer::bytes(scene.triangles.len(), camera, &options)?);
+        pictures = pictures.max(Rasterizer::bytes(backend.kind(), scene.triangles.len(), camera, &options)?);
     }
-    tracing::info!("{}", device.info().name);
+    tracing::info!("backend {backend:?}, {} threads", backend.threads());
     let result = match scene.choice {
         Choice::Within(error) => {
             let reserve = |scene: &Scene| {
-                let of = |camera: &Camera| Rasterizer::bytes(scene.triangles.len(), camera, &options);
+                let of = |camera: &Camera| {
+                    Rasterizer::bytes(backend.kind(), scene.triangles.len(), camera, &options)
+                };
                 cameras.iter().map(of).map(|bytes| bytes.unwrap_or(u64::MAX)).max().unwrap_or(0)
             };
             let options = TargetErrorOptions::new(error)
@@ -159,7 +158,7 @@ pub fn run(
                 solve(engine, scene, &part, interrupt)
             };
             let refined =
-                interrupt.while_computing(|| solve_within(&device, &scene, &options, &reserve, &mut run));
+                interrupt.while_computing(|| solve_within(&backend, &scene, &options, &reserve, &mut run));
             bar.finish();
             let refined = refined
                 .map_err(|error| if error.is_interruption() { Failure::Interrupted } else { error.into() })?;
@@ -167,7 +166,7 @@ pub fn run(
             Rendered::refined(refined)
         }
         Choice::Open { .. } => {
-            let options = PlanOptions::of(&device).pictures(pictures);
+            let options = PlanOptions::of(&backend).pictures(pictures);
             let working = Working::on("planning");
             let (settings, plan) = interrupt.while_computing(|| usual_plan(&scene, &options))?;
             drop(working);
@@ -175,7 +174,7 @@ pub fn run(
             tracing::info!("{}", plan.report());
             stages.end("plan");
             let working = Working::on("direct light");
-            let engine = interrupt.while_computing(|| Engine::new(&device, &scene, plan));
+            let engine = interrupt.while_computing(|| Engine::new(&backend, &scene, plan));
             drop(working);
             let mut engine = engine.map_err(failure)?;
             stages.end("prepare");
@@ -197,7 +196,7 @@ pub fn run(
         }
     };
     let Rendered { scene: solved, irradiance, radiosity, answer, refinement, engine } = result;
-    let rasterizer = Rasterizer::new(&device)?;
+    let rasterizer = Rasterizer::new(&backend)?;
     let working = Working::on("pictures");
     // All gather light, each its share.
     let drawn = if together.speaks() || shading == Shading::Gathered { &cameras[..] } else { &[] };
@@ -222,7 +221,7 @@ pub fn run(
     let pictures = interrupt.while_computing(draw)?;
     drop(working);
     stages.end("pictures");
-    let shares = RankReport::of_all(&device, stages.seconds["solve"])?;
+    let shares = RankReport::of_all(&backend, stages.seconds["solve"])?;
     if !together.speaks() {
         return Ok(());
     }
@@ -254,14 +253,16 @@ pub fn run(
     let report = Report {
         scene: arguments.settings.file.scene.display().to_string(),
         version: env!("CARGO_PKG_VERSION"),
-        device: DeviceReport::from(device.info()),
+        backend: backend.kind(),
+        device: DeviceReport::from(&backend),
+        threads: backend.threads(),
         warnings: solved.warnings.clone(),
         accuracy_warnings: answer.warnings.list,
         plan: answer.plan,
         sampling_error: answer.sampling_error,
         refinement,
         given_triangles: cut,
-        memory: MemoryUse::from(device.memory()),
+        memory: MemoryUse::from(backend.memory()),
         ranks: shares,
         solve: SolveReport::new(answer.info, solved.settings.tolerance),
         energy: answer.energy,
@@ -269,7 +270,7 @@ pub fn run(
         reflections_error: pictures.iter().map(|(camera, _, error)| (camera.name.clone(), *error)).collect(),
         pictures: files,
         seconds: stages.seconds,
-        kernels: device.profile(),
+        kernels: backend.profile(),
     };
     // The report already has its memory use.
     drop(engine);
@@ -377,7 +378,13 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     let residual = solve.residuals.last().copied().unwrap_or(0.0);
     let sum = |rgb: [f64; 3]| rgb.iter().sum::<f64>();
     let (emitted, absorbed) = (sum(report.energy.emitted), sum(report.energy.absorbed));
-    antirad::say!("device      {} ({})", report.device.name, report.device.driver);
+    antirad::say!(
+        "backend     {} on {} ({}), {} threads",
+        report.backend,
+        report.device.name,
+        report.device.driver,
+        report.threads
+    );
     antirad::say!(
         "{}      {} triangles in {} passes to {residual:.1e}, {:.2} s",
         if solve.converged { "solved" } else { "NOT CONVERGED" },

@@ -1,6 +1,7 @@
 //! `report.json`: everything about a run that a script or a person may need later.
 
-use antirad::gpu::{Bytes, Device, DeviceInfo, MemoryReport, ProfileRow};
+use antirad::backend::{Backend, BackendKind};
+use antirad::gpu::{Bytes, MemoryReport, ProfileRow};
 use antirad::plan::PlanReport;
 use antirad::ranks::RankError;
 use antirad::solve::SolveInfo;
@@ -15,7 +16,12 @@ use std::fmt;
 pub struct Report {
     pub scene: String,
     pub version: &'static str,
+    /// Which implementation computed: `vulkan` or `cpu`.
+    pub backend: BackendKind,
+    /// What it ran on.
     pub device: DeviceReport,
+    /// Threads of this process.
+    pub threads: usize,
     pub warnings: Vec<String>,
     /// Triangles of this scene for which the method is inaccurate.
     pub accuracy_warnings: Vec<Warning>,
@@ -47,7 +53,8 @@ pub struct DeviceReport {
     pub name: String,
     pub kind: String,
     pub driver: String,
-    pub vulkan: String,
+    /// Newest version of Vulkan that the device supports; `None` on the CPU.
+    pub vulkan: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -61,27 +68,27 @@ pub struct MemoryUse {
 /// What a process did of the common work.
 #[derive(Serialize)]
 pub struct RankReport {
-    /// Bytes of device memory at the peak.
+    /// Bytes of the backend's memory at the peak.
     pub peak: u64,
     /// Pairs of triangles that it evaluated.
     pub pairs: u64,
     /// Bytes that it sent, however many received them, and received.
     pub sent: u64,
     pub received: u64,
-    /// Seconds of the solve, and of them those in which its device worked.
+    /// Seconds of the solve, and of them those in which its operators worked.
     pub solve: f64,
     pub busy: f64,
 }
 
 impl RankReport {
     /// Those of all processes, which must ask at once.
-    pub fn of_all(device: &Device, solve: f64) -> Result<Vec<Self>, RankError> {
-        let [sent, received] = device.ranks().moved();
-        let profile = device.profile();
+    pub fn of_all(backend: &Backend, solve: f64) -> Result<Vec<Self>, RankError> {
+        let [sent, received] = backend.ranks().moved();
+        let profile = backend.profile();
         let pairs = profile.iter().map(|row| row.items).sum();
         let busy: f64 = profile.iter().map(|row| row.seconds).sum();
-        let own = [device.memory().peak, pairs, sent, received, solve.to_bits(), busy.to_bits()];
-        let of_all = device.ranks().each(own)?.into_iter();
+        let own = [backend.memory().peak, pairs, sent, received, solve.to_bits(), busy.to_bits()];
+        let of_all = backend.ranks().each(own)?.into_iter();
         Ok(of_all
             .map(|[peak, pairs, sent, received, solve, busy]| {
                 let (solve, busy) = (f64::from_bits(solve), f64::from_bits(busy));
@@ -97,7 +104,7 @@ impl fmt::Display for RankReport {
         let (peak, sent, received) = (Bytes(*peak), Bytes(*sent), Bytes(*received));
         write!(
             f,
-            "{pairs} pairs, {busy:.2} s of {solve:.2} s on its device, {peak}, {sent} sent, {received} received"
+            "{pairs} pairs, {busy:.2} s of {solve:.2} s in operators, {peak}, {sent} sent, {received} received"
         )
     }
 }
@@ -112,13 +119,14 @@ pub struct SolveReport {
     pub spectral_radius: Option<f64>,
 }
 
-impl From<&DeviceInfo> for DeviceReport {
-    fn from(info: &DeviceInfo) -> Self {
+impl From<&Backend> for DeviceReport {
+    fn from(backend: &Backend) -> Self {
+        let info = backend.vulkan().map(|device| device.info());
         Self {
-            name: info.name.clone(),
-            kind: info.kind.to_string(),
-            driver: info.driver.clone(),
-            vulkan: info.api_version.clone(),
+            name: backend.device_name().to_owned(),
+            kind: info.map_or_else(|| String::from("CPU"), |info| info.kind.to_string()),
+            driver: backend.driver().to_owned(),
+            vulkan: info.map(|info| info.api_version.clone()),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Options that several commands share.
 
 use crate::Failure;
-use antirad::cli::{Interrupt, Working, parse_size};
+use antirad::cli::{BackendArguments, Interrupt, Working, parse_size};
 use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{
     BinLayout, Choice, Lamps, LoadOptions, Orient, Precision, Scene, Sky, SolverChoice, Transport,
@@ -71,14 +71,16 @@ pub struct SceneSettings {
     /// Solver of the radiosity equation
     #[arg(long, value_name = "SOLVER", value_enum)]
     solver: Option<SolverChoice>,
-    /// Arithmetic on the device: f64 is for validation and needs a device with double precision
+    /// Arithmetic: f64 is for validation, and on a Vulkan device needs double precision
     #[arg(long, value_name = "PRECISION", value_enum)]
     precision: Option<Precision>,
     /// How light from far triangles is summed up: exact; hierarchical:ERROR, with clusters that may change irradiance by this error,
     /// relative to its mean; or auto, with clusters within --target-error
     #[arg(long, value_name = "TRANSPORT")]
     transport: Option<Transport>,
-    /// Limit of device memory, e.g. 512MiB [default: what the device has]
+    #[command(flatten)]
+    pub backend: BackendArguments,
+    /// Limit of the backend's memory, e.g. 512MiB [default: what the device has; on the CPU three quarters of the system's]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     pub memory_budget: Option<u64>,
 }
@@ -96,7 +98,8 @@ impl SceneSettings {
             .max_passes(self.max_passes.unwrap_or(file.max_passes))
             .solver(self.solver.unwrap_or(file.solver))
             .precision(self.precision.unwrap_or(file.precision))
-            .transport(self.transport.unwrap_or(file.transport));
+            .transport(self.transport.unwrap_or(file.transport))
+            .backend(self.backend.backend.unwrap_or(file.backend));
         let stated = self.bins.is_some();
         scene.choice = match (self.target_error, scene.choice) {
             (Some(error), _) => Choice::Within(error),

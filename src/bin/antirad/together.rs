@@ -1,8 +1,9 @@
 //! The processes that a launcher such as `mpirun` has started together, to work on one scene.
 
 use crate::Failure;
+use antirad::backend::{Backend, BackendChoice, BackendKind};
 use antirad::cli::Interrupt;
-use antirad::gpu::{Device, DeviceOptions, GpuError, list_devices};
+use antirad::gpu::{DeviceOptions, GpuError, list_devices};
 use antirad::output::atomic_write;
 use antirad::ranks::{RankError, Ranks};
 use std::env;
@@ -66,15 +67,25 @@ impl Together {
         }
     }
 
-    /// Opens a device, on which a signal ends the work even between kernels that are compiled. Where none is chosen, processes on
+    /// Opens a backend, on which a signal ends the work even between kernels that are compiled. Where no device is chosen, processes on
     /// one machine with several of the best kind take one each in turn.
-    pub fn open(&self, options: DeviceOptions, interrupt: &Interrupt) -> Result<Device, GpuError> {
+    pub fn open(
+        &self,
+        choice: BackendChoice,
+        options: DeviceOptions,
+        interrupt: &Interrupt,
+    ) -> Result<Backend, GpuError> {
         let local = LOCAL.iter().find_map(|name| env::var(name).ok()).and_then(|text| text.parse().ok());
-        let options = match (self.ranks.count(), local, &options.selector) {
-            (2.., Some(local), None) => options.selector(nth_device(local)?),
-            _ => options,
+        let kind = Backend::chosen(Some(choice), &options);
+        let (choice, options) = match (kind, self.ranks.count(), local, &options.selector) {
+            (BackendKind::Vulkan, 2.., Some(local), None) => {
+                (BackendChoice::Vulkan, options.selector(nth_device(local)?))
+            }
+            _ => (choice, options),
         };
-        Ok(Device::new(&options)?.with_ranks(self.ranks.clone()).with_watch(interrupt.watch()))
+        Ok(Backend::open(Some(choice), &options)?
+            .with_ranks(self.ranks.clone())
+            .with_watch(interrupt.watch()))
     }
 
     /// Gives the files that the first process has in a folder to all others, in theirs, which are new.

@@ -1,8 +1,8 @@
 //! Scenes with a known solution.
 
 use crate::Interrupted;
+use antirad::backend::Backend;
 use antirad::cli::Interrupt;
-use antirad::gpu::Device;
 use antirad::plan::{Occlusion, Plan, PlanOptions};
 use antirad::reference::{MonteCarloEstimate, PathTracer, Shadow};
 use antirad::scene::{LoadOptions, Material, Scene};
@@ -63,7 +63,7 @@ impl Case {
     pub fn new(
         name: &str,
         root: &Path,
-        device: &Device,
+        backend: &Backend,
         interrupt: &Interrupt,
     ) -> Result<Self, Box<dyn Error>> {
         let load = |path: &str| Scene::load(&root.join(path), &LoadOptions::default());
@@ -88,10 +88,10 @@ impl Case {
             "cornell_boxes" => (load("scenes/cornell_boxes.toml")?, Truth::Triangles(data(name)?)),
             "plates_2" => {
                 let plates = antirad::reference::Plates { count: 2, ..Default::default() };
-                return Self::traced(name, plates.scene()?, SAMPLES, device, interrupt);
+                return Self::traced(name, plates.scene()?, SAMPLES, backend, interrupt);
             }
             "glossy_floor" => {
-                return Self::traced(name, load("scenes/glossy_floor.toml")?, SAMPLES, device, interrupt);
+                return Self::traced(name, load("scenes/glossy_floor.toml")?, SAMPLES, backend, interrupt);
             }
             _ => {
                 let mut numbers = name.split('_').skip(1).map(str::parse::<f64>);
@@ -103,11 +103,11 @@ impl Case {
                 let exact = shadow.irradiance(&scene);
                 let truth = exact.iter().map(|[shaded, _]| DVec3::splat(*shaded)).collect();
                 let blocked = exact.iter().map(|[shaded, open]| DVec3::splat(open - shaded)).collect();
-                let case = Self::with_truth(name, scene, Truth::Triangles(truth), device, interrupt)?;
+                let case = Self::with_truth(name, scene, Truth::Triangles(truth), backend, interrupt)?;
                 return Ok(Self { blocked, ..case });
             }
         };
-        Self::with_truth(name, scene, truth, device, interrupt)
+        Self::with_truth(name, scene, truth, backend, interrupt)
     }
 
     /// Any scene, with truth path-traced by `samples` paths per triangle.
@@ -115,7 +115,7 @@ impl Case {
         name: &str,
         scene: Scene,
         paths: u32,
-        device: &Device,
+        backend: &Backend,
         interrupt: &Interrupt,
     ) -> Result<Self, Box<dyn Error>> {
         let found = trace(&scene, paths, interrupt)?;
@@ -125,19 +125,19 @@ impl Case {
         };
         let noise = (squares(|e| e.error) / squares(|e| e.mean)).sqrt();
         let truth = Truth::Triangles(found.into_iter().map(|estimate| estimate.mean).collect());
-        Ok(Self { noise: Some(noise), ..Self::with_truth(name, scene, truth, device, interrupt)? })
+        Ok(Self { noise: Some(noise), ..Self::with_truth(name, scene, truth, backend, interrupt)? })
     }
 
     fn with_truth(
         name: &str,
         scene: Scene,
         truth: Truth,
-        device: &Device,
+        backend: &Backend,
         interrupt: &Interrupt,
     ) -> Result<Self, Box<dyn Error>> {
         let areas: Vec<f64> = (0..scene.triangles.len()).map(|i| scene.area_vector(i).length()).collect();
         let black = black(&scene);
-        let unoccluded = without_blockers(device, &black)?;
+        let unoccluded = without_blockers(backend, &black)?;
         let direct = trace(&black, SHADOW_SAMPLES, interrupt)?;
         let lit = unoccluded.iter().zip(&areas).map(|(e, a)| a * e.element_sum()).sum::<f64>()
             / areas.iter().sum::<f64>();
@@ -171,10 +171,10 @@ fn black(scene: &Scene) -> Scene {
     black
 }
 
-fn without_blockers(device: &Device, scene: &Scene) -> Result<Vec<DVec3>, Box<dyn Error>> {
-    let options = PlanOptions::of(device).occlusion(Occlusion::Nothing);
+fn without_blockers(backend: &Backend, scene: &Scene) -> Result<Vec<DVec3>, Box<dyn Error>> {
+    let options = PlanOptions::of(backend).occlusion(Occlusion::Nothing);
     let plan = Plan::new(scene, &options, &scene.settings)?;
-    let solution = Engine::new(device, scene, plan)?.solve(&SolveParams::from(&scene.settings))?;
+    let solution = Engine::new(backend, scene, plan)?.solve(&SolveParams::from(&scene.settings))?;
     Ok(solution.irradiance.into_iter().map(DVec3::from).collect())
 }
 

@@ -6,8 +6,8 @@ mod pictures;
 mod sweep;
 mod table;
 
-use antirad::cli::{self, Interrupt};
-use antirad::gpu::{Device, DeviceOptions};
+use antirad::backend::Backend;
+use antirad::cli::{self, BackendArguments, Interrupt};
 use antirad::output::prepare_directory;
 use antirad::scene::BinLayout;
 use cases::Case;
@@ -56,9 +56,8 @@ struct Arguments {
     /// Folder for accuracy.csv and the plots
     #[arg(long, short, value_name = "DIR", default_value = "out/accuracy")]
     output: PathBuf,
-    /// Vulkan device, by its number or a part of its name [env: ANTIRAD_DEVICE]
-    #[arg(long, value_name = "INDEX|NAME")]
-    device: Option<String>,
+    #[command(flatten)]
+    backend: BackendArguments,
     /// Print errors only: no progress, no table
     #[arg(short, long)]
     quiet: bool,
@@ -93,8 +92,8 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
     if !arguments.pictures.is_empty() {
         prepare_directory(&arguments.output)?;
-        let device = Device::new(&DeviceOptions::asked(&arguments.device, None))?;
-        return pictures::draw(arguments, &device, interrupt);
+        let backend = Backend::open(arguments.backend.backend, &arguments.backend.options(None))?;
+        return pictures::draw(arguments, &backend, interrupt);
     }
     let known = cases::NAMES;
     if let Some(unknown) = arguments.scene.iter().find(|name| !known.contains(&name.as_str())) {
@@ -102,7 +101,7 @@ fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
     }
     let chosen = |name: &&str| arguments.scene.is_empty() || arguments.scene.iter().any(|s| s == name);
     prepare_directory(&arguments.output)?;
-    let device = Device::new(&DeviceOptions::asked(&arguments.device, None))?;
+    let backend = Backend::open(arguments.backend.backend, &arguments.backend.options(None))?;
 
     let names: Vec<&str> = known.into_iter().filter(chosen).collect();
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(1000) };
@@ -112,14 +111,14 @@ fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
     let mut rows: Vec<Row> = Vec::new();
     for (k, name) in names.iter().enumerate() {
         bar.set_message(format!("{name}: truth"));
-        let case = Case::new(name, &arguments.root, &device, interrupt)?;
+        let case = Case::new(name, &arguments.root, &backend, interrupt)?;
         let settings = sweep::settings(&case, arguments.quick);
         let asked = sweep::asked(arguments.quick);
         let total = settings.iter().map(Setting::cost).sum::<f64>() + sweep::ASKED_COST * asked.len() as f64;
         let mut done = 0.0;
         for setting in &settings {
             bar.set_message(format!("{name}: {setting}"));
-            let row = measure::measure(&device, &case, setting, interrupt)?;
+            let row = measure::measure(&backend, &case, setting, interrupt)?;
             tracing::info!("{name}, {setting}: {row}");
             rows.push(row);
             // Written after each row, so that an interrupt keeps the rows so far.
@@ -130,7 +129,7 @@ fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
         for options in &asked {
             let percent = 100.0 * options.error;
             bar.set_message(format!("{name}: settings for {percent} %"));
-            let row = measure::measure_asked(&device, &case, options, interrupt)?;
+            let row = measure::measure_asked(&backend, &case, options, interrupt)?;
             tracing::info!("{name}, target error {percent} %: {row}");
             rows.push(row);
             table::write(&arguments.output, &rows)?;

@@ -4,9 +4,9 @@ use crate::Interrupted;
 use crate::cases::{Case, Truth};
 use crate::sweep::Setting;
 use crate::table::Row;
+use antirad::backend::Backend;
 use antirad::cli::Interrupt;
 use antirad::direct::DirectLight;
-use antirad::gpu::Device;
 use antirad::image::Rasterizer;
 use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{Camera, Scene};
@@ -21,24 +21,24 @@ use std::time::Instant;
 const SUPERSAMPLE: u32 = 2;
 
 pub fn measure(
-    device: &Device,
+    backend: &Backend,
     case: &Case,
     setting: &Setting,
     interrupt: &Interrupt,
 ) -> Result<Row, Box<dyn Error>> {
     let mut scene = Scene { settings: setting.solve, ..case.scene.clone() };
     let parents = scene.split_all(setting.level);
-    let plan = Plan::new(&scene, &PlanOptions::of(device), &scene.settings)?;
+    let plan = Plan::new(&scene, &PlanOptions::of(backend), &scene.settings)?;
     let bytes = plan.memory().total();
     // The engine computes it, too, but compiles kernels in the same call.
     let start = Instant::now();
     if !plan.lamps().is_empty() {
         let (lamps, material) = (plan.lamps().to_vec(), |i| scene.material(i));
-        let light = DirectLight::new(device.ranks(), plan.facets(), lamps, plan.visibility(), material);
+        let light = DirectLight::new(backend.ranks(), plan.facets(), lamps, plan.visibility(), material);
         std::hint::black_box(light?);
     }
     let direct = start.elapsed().as_secs_f64();
-    let mut engine = Engine::new(device, &scene, plan)?;
+    let mut engine = Engine::new(backend, &scene, plan)?;
     // The first dispatches compile kernels, so a first pass is not measured.
     let stop = interrupt.clone();
     engine.set_pass_callback(Some(Box::new(move |_, _| stop.flow())));
@@ -63,13 +63,13 @@ pub fn measure(
     row.residuals = solution.info.residuals.clone();
     row.negative = solution.negative.triangles;
 
-    judge(&mut row, device, case, scene.means_on(&parents, &case.areas, &solution.irradiance))?;
+    judge(&mut row, backend, case, scene.means_on(&parents, &case.areas, &solution.irradiance))?;
     Ok(row)
 }
 
 /// Settings found for a target error, and their real error.
 pub fn measure_asked(
-    device: &Device,
+    backend: &Backend,
     case: &Case,
     options: &TargetErrorOptions,
     interrupt: &Interrupt,
@@ -81,7 +81,7 @@ pub fn measure_asked(
         engine.set_pass_callback(Some(Box::new(move |_, _| stop.flow())));
         engine.solve(&SolveParams::from(&scene.settings))
     };
-    let solved = solve_within(device, &case.scene, options, &|_| 0, &mut solve);
+    let solved = solve_within(backend, &case.scene, options, &|_| 0, &mut solve);
     let solved = match solved {
         Ok(solved) => solved,
         Err(error) if error.is_without_answer() => {
@@ -104,7 +104,7 @@ pub fn measure_asked(
         negative: solved.answer.negative.triangles,
         ..Row::new(case, &setting)
     };
-    judge(&mut row, device, case, solved.on_given(&solved.answer.irradiance))?;
+    judge(&mut row, backend, case, solved.on_given(&solved.answer.irradiance))?;
     Ok(row)
 }
 
@@ -112,7 +112,7 @@ pub fn measure_asked(
 const ASKED: &str = "asked";
 
 /// `found`: irradiance of the scene's own triangles.
-fn judge(row: &mut Row, device: &Device, case: &Case, found: Vec<[f64; 3]>) -> Result<(), Box<dyn Error>> {
+fn judge(row: &mut Row, backend: &Backend, case: &Case, found: Vec<[f64; 3]>) -> Result<(), Box<dyn Error>> {
     let found: Vec<DVec3> = found.into_iter().map(DVec3::from).collect();
     match &case.truth {
         Truth::Mean { material, irradiance } => {
@@ -122,7 +122,7 @@ fn judge(row: &mut Row, device: &Device, case: &Case, found: Vec<[f64; 3]>) -> R
             let mean = of(&|i| case.areas[i] * found[i].x) / of(&|i| case.areas[i]);
             row.error = Some((mean / irradiance - 1.0).abs());
         }
-        Truth::Triangles(truth) => compare(row, device, case, &found, truth)?,
+        Truth::Triangles(truth) => compare(row, backend, case, &found, truth)?,
     }
     Ok(())
 }
@@ -176,7 +176,7 @@ impl Errors {
 
 fn compare(
     row: &mut Row,
-    device: &Device,
+    backend: &Backend,
     case: &Case,
     found: &[DVec3],
     truth: &[DVec3],
@@ -190,7 +190,7 @@ fn compare(
     // The default camera looks at closed rooms from outside.
     let camera = case.scene.cameras.first().filter(|camera| camera.name != "auto");
     if let (Some(camera), true) = (camera, is_diffuse(&case.scene)) {
-        row.picture_error = Some(picture_error(device, &case.scene, camera, found, truth)?);
+        row.picture_error = Some(picture_error(backend, &case.scene, camera, found, truth)?);
     }
     Ok(())
 }
@@ -210,13 +210,13 @@ pub fn colours(scene: &Scene, irradiance: &[DVec3]) -> Vec<[f64; 3]> {
 
 /// The mean over pixels of d² / (t² + ε²), ε a hundredth of the mean.
 fn picture_error(
-    device: &Device,
+    backend: &Backend,
     scene: &Scene,
     camera: &Camera,
     found: &[DVec3],
     truth: &[DVec3],
 ) -> Result<f64, Box<dyn Error>> {
-    let coverage = Rasterizer::new(device)?.coverage(scene, camera, SUPERSAMPLE)?;
+    let coverage = Rasterizer::new(backend)?.coverage(scene, camera, SUPERSAMPLE)?;
     let (found, truth) = (coverage.pixels(&colours(scene, found))?, coverage.pixels(&colours(scene, truth))?);
     let values = || found.iter().zip(&truth).flat_map(|(f, t)| (0..3).map(move |c| (f[c], t[c])));
     let count = values().count() as f64;

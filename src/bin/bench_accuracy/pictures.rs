@@ -3,8 +3,8 @@
 use crate::Arguments;
 use crate::cases::{Case, Truth};
 use crate::measure::{Errors, colours, interrupted_or, is_diffuse};
+use antirad::backend::Backend;
 use antirad::cli::{Interrupt, Panel, Sheet, percentile, signed_heat, white_point};
-use antirad::gpu::Device;
 use antirad::image::{Coverage, ImageError, Rasterizer};
 use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{Camera, Lamps, LoadOptions, Scene};
@@ -43,7 +43,7 @@ struct Seen {
 
 /// Draws a sheet for each scene and camera: the computed picture with light by antiradiance, the truth in the same exposure, and their
 /// signed difference; below, the same for its variations, and with exact lamps. Errors go to standard output.
-pub fn draw(arguments: &Arguments, device: &Device, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
+pub fn draw(arguments: &Arguments, backend: &Backend, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
     bar.set_style(ProgressStyle::with_template("{spinner} {msg}, {elapsed} elapsed")?);
     bar.enable_steady_tick(Duration::from_millis(200));
@@ -70,21 +70,21 @@ pub fn draw(arguments: &Arguments, device: &Device, interrupt: &Interrupt) -> Re
             return Err(format!("{} has these cameras only: {}", path.display(), known.join(", ")).into());
         }
         let mut rows: Vec<Compared> = Vec::new();
-        for (label, scene) in variations(scene, arguments, device, interrupt)? {
+        for (label, scene) in variations(scene, arguments, backend, interrupt)? {
             bar.set_message(format!("{}, {label}", scene.name));
             let known = rows.iter().find(|row| row.case.scene.triangles.len() == scene.triangles.len());
             let case = match known {
                 Some(row) => Case { scene, ..row.case.clone() },
                 None => {
                     let name = scene.name.clone();
-                    Case::traced(&name, scene, arguments.paths, device, interrupt)?
+                    Case::traced(&name, scene, arguments.paths, backend, interrupt)?
                 }
             };
-            let compared = Compared::new(label, case, arguments.paths, device, interrupt)?;
+            let compared = Compared::new(label, case, arguments.paths, backend, interrupt)?;
             table.push(compared.line());
             rows.push(compared);
         }
-        write(&rows, &cameras, device, &arguments.output)?;
+        write(&rows, &cameras, backend, &arguments.output)?;
     }
     bar.finish_and_clear();
     if !arguments.quiet {
@@ -97,7 +97,7 @@ pub fn draw(arguments: &Arguments, device: &Device, interrupt: &Interrupt) -> Re
 fn variations(
     given: Scene,
     arguments: &Arguments,
-    device: &Device,
+    backend: &Backend,
     interrupt: &Interrupt,
 ) -> Result<Vec<(String, Scene)>, Box<dyn Error>> {
     let with_lamps = |lamps: Lamps| {
@@ -109,7 +109,7 @@ fn variations(
     if arguments.refine {
         let mut finer = scene.clone();
         interrupt
-            .while_computing(|| refine(&mut finer, &PlanOptions::of(device), &RefineOptions::default()))?;
+            .while_computing(|| refine(&mut finer, &PlanOptions::of(backend), &RefineOptions::default()))?;
         more.push((format!("refined to {} triangles", finer.triangles.len()), finer));
     }
     if let Some(bins) = arguments.bins {
@@ -130,13 +130,13 @@ impl Compared {
         label: String,
         case: Case,
         paths: u32,
-        device: &Device,
+        backend: &Backend,
         interrupt: &Interrupt,
     ) -> Result<Self, Box<dyn Error>> {
         let scene = &case.scene;
         let begun = Instant::now();
-        let plan = Plan::new(scene, &PlanOptions::of(device), &scene.settings)?;
-        let mut engine = Engine::new(device, scene, plan)?;
+        let plan = Plan::new(scene, &PlanOptions::of(backend), &scene.settings)?;
+        let mut engine = Engine::new(backend, scene, plan)?;
         let stop = interrupt.clone();
         engine.set_pass_callback(Some(Box::new(move |_, _| stop.flow())));
         let solution = engine
@@ -186,10 +186,10 @@ impl Compared {
 fn write(
     rows: &[Compared],
     cameras: &[Camera],
-    device: &Device,
+    backend: &Backend,
     directory: &Path,
 ) -> Result<(), Box<dyn Error>> {
-    let rasterizer = Rasterizer::new(device)?;
+    let rasterizer = Rasterizer::new(backend)?;
     for camera in cameras {
         let view = |row: &Compared| -> Result<Seen, ImageError> {
             row.seen(&rasterizer.coverage(&row.case.scene, camera, SUPERSAMPLE)?)

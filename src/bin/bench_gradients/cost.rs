@@ -1,7 +1,7 @@
 //! The cost of gradients relative to that of their solve.
 
 use crate::loss::{Loss, camera_positions};
-use crate::{Arguments, device};
+use crate::{Arguments, backend};
 use antirad::cli::Interrupt;
 use antirad::gpu::Bytes;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
@@ -15,7 +15,7 @@ use std::time::Instant;
 const REPEATS: u32 = 3;
 
 pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
-    let device = device(arguments)?;
+    let backend = backend(arguments)?;
     let mut scene = Scene::load(path, &LoadOptions::default())?;
     scene.settings.bins = arguments.bins;
     let request = GradientRequest::NOTHING
@@ -26,13 +26,13 @@ pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<
         .power(true)
         .positions(true);
     let plan = |gradients: GradientRequest| {
-        Plan::new(&scene, &PlanOptions::of(&device).gradients(gradients), &scene.settings)
+        Plan::new(&scene, &PlanOptions::of(&backend).gradients(gradients), &scene.settings)
     };
     let without = plan(GradientRequest::NOTHING)?.memory().total();
     let with = plan(request)?;
     let (triangles, bytes) = (with.triangles() as f64, with.memory().total());
     let staging = with.staging();
-    let mut engine = Engine::new(&device, &scene, with)?;
+    let mut engine = Engine::new(&backend, &scene, with)?;
     let params = SolveParams::from(&scene.settings);
     let loss = Loss::new(scene.triangles.len());
     let mut cotangent = loss.cotangent(camera_positions(&scene));

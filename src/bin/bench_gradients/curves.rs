@@ -4,8 +4,8 @@ use crate::Interrupted;
 use crate::kind::{Kind, Sample, Shape};
 use crate::loss::{self, Loss, Values};
 use crate::table::Row;
+use antirad::backend::Backend;
 use antirad::cli::Interrupt;
-use antirad::gpu::Device;
 use antirad::plan::GradientRequest;
 use antirad::scene::Scene;
 use antirad::{Engine, Solution};
@@ -47,7 +47,7 @@ pub struct Bench<'a> {
     pub mesh: &'static str,
     pub scene: Scene,
     pub samples: Vec<Sample>,
-    pub device: &'a Device,
+    pub backend: &'a Backend,
     pub interrupt: &'a Interrupt,
 }
 
@@ -66,7 +66,7 @@ impl Bench<'_> {
         let camera_positions = loss::camera_positions(&self.scene);
         let loss = Loss::new(self.scene.triangles.len());
         bar.set_message(format!("{} mesh: gradients", self.mesh));
-        let mut engine = loss::engine(self.device, &self.scene, GradientRequest::EVERYTHING)?;
+        let mut engine = loss::engine(self.backend, &self.scene, GradientRequest::EVERYTHING)?;
         let solution = engine.solve_with(&loss::params(), &mut progress)?;
         let gradients = loss::gradients(&mut engine, &solution, &loss, camera_positions, &mut progress)?;
         bar.inc(10 * SOLVE_COST);
@@ -134,11 +134,11 @@ impl Bench<'_> {
             }
             let mut engine = if sample.kind == Kind::Emission {
                 // Below zero on one side of a dark triangle.
-                let mut engine = loss::engine(self.device, &self.scene, GradientRequest::NOTHING)?;
+                let mut engine = loss::engine(self.backend, &self.scene, GradientRequest::NOTHING)?;
                 engine.set_linear_materials(&scene)?;
                 engine
             } else {
-                loss::engine(self.device, &scene, GradientRequest::NOTHING)?
+                loss::engine(self.backend, &scene, GradientRequest::NOTHING)?
             };
             let moved =
                 engine.solve_from(Some(solution), &loss::params(), &mut |_, _| self.interrupt.flow())?;

@@ -66,14 +66,14 @@ impl Values {
 
 /// An engine in double precision.
 pub fn engine(
-    device: &antirad::gpu::Device,
+    backend: &antirad::backend::Backend,
     scene: &Scene,
     request: GradientRequest,
 ) -> Result<Engine, EngineError> {
     let mut settings = scene.settings;
     (settings.precision, settings.tolerance, settings.max_passes) = (Precision::F64, TOLERANCE, MAX_PASSES);
-    let plan = Plan::new(scene, &PlanOptions::of(device).gradients(request), &settings)?;
-    Engine::new(device, scene, plan)
+    let plan = Plan::new(scene, &PlanOptions::of(backend).gradients(request), &settings)?;
+    Engine::new(backend, scene, plan)
 }
 
 pub fn params() -> SolveParams {

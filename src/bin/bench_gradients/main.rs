@@ -1,4 +1,4 @@
-//! Gradients against central differences, in double precision on the device.
+//! Gradients against central differences, in double precision.
 
 mod cost;
 mod curves;
@@ -8,8 +8,8 @@ mod room;
 mod table;
 mod traced;
 
-use antirad::cli::{self, Interrupt};
-use antirad::gpu::{Device, DeviceOptions};
+use antirad::backend::Backend;
+use antirad::cli::{self, BackendArguments, Interrupt};
 use antirad::output::prepare_directory;
 use antirad::scene::{BinLayout, LoadOptions, Scene};
 use clap::Parser;
@@ -62,9 +62,8 @@ struct Arguments {
     /// Folder for gradients.csv and the plots
     #[arg(long, short, value_name = "DIR", default_value = "out/gradients")]
     output: PathBuf,
-    /// Vulkan device, by its number or a part of its name [env: ANTIRAD_DEVICE]
-    #[arg(long, value_name = "INDEX|NAME")]
-    device: Option<String>,
+    #[command(flatten)]
+    backend: BackendArguments,
     /// Print errors only: no progress, no table
     #[arg(short, long)]
     quiet: bool,
@@ -118,13 +117,13 @@ fn main() -> ExitCode {
     }
 }
 
-fn device(arguments: &Arguments) -> Result<Device, Box<dyn Error>> {
-    Ok(Device::new(&DeviceOptions::asked(&arguments.device, None))?)
+fn backend(arguments: &Arguments) -> Result<Backend, Box<dyn Error>> {
+    Ok(Backend::open(arguments.backend.backend, &arguments.backend.options(None))?)
 }
 
 fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
     prepare_directory(&arguments.output)?;
-    let device = device(arguments)?;
+    let backend = backend(arguments)?;
     let mut scene = match &arguments.scene {
         Some(path) => Scene::load(path, &LoadOptions::default())?,
         None => room::room()?,
@@ -142,7 +141,7 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
     let mut benches = Vec::new();
     for (mesh, scene, kinds) in cases {
         let samples = curves::samples(scene, &kinds, arguments.triangles as usize);
-        benches.push(curves::Bench { mesh, scene: scene.clone(), samples, device: &device, interrupt });
+        benches.push(curves::Bench { mesh, scene: scene.clone(), samples, backend: &backend, interrupt });
     }
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(0) };
     if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} elapsed, {eta} left") {

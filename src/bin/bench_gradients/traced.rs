@@ -1,6 +1,6 @@
 //! The gradient at the start of a fit against central differences of path-traced pictures.
 
-use crate::{Arguments, Interrupted, device};
+use crate::{Arguments, Interrupted, backend};
 use antirad::Watch;
 use antirad::cli::{Interrupt, PartsBar};
 use antirad::fit::{EngineRenderer, JobFile, Problem, Renderer};
@@ -137,7 +137,7 @@ pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<
     let request = parameters.gradient_request();
     let planning = parameters.planning_scene();
     let mut renderer =
-        EngineRenderer::new(&device(arguments)?, planning, cameras, supersample, request, watch)?;
+        EngineRenderer::new(backend(arguments)?, planning, cameras, supersample, request, watch)?;
     let own_cotangent = cotangent(problem, &renderer.pictures(&start)?);
     let mut gradient = |by_pixels: &Pictures| -> Result<Vec<f64>, Box<dyn Error>> {
         let by_scene = renderer.pull_back(by_pixels, request)?;

@@ -3,8 +3,7 @@
 use antirad::plan::{PADDING, Plan};
 use antirad::reference::{Model, Outgoing, irradiance_of};
 use antirad::scene::Scene;
-use antirad::solve::LightOperator;
-use antirad::transport::{Operators, TransportError};
+use antirad::transport::{Operators, State, TransportError};
 use glam::DVec3;
 
 /// Receivers at which the exact sum is computed.
@@ -12,7 +11,7 @@ const RECEIVERS: usize = 200;
 
 /// Relative L2 error of the irradiance of the second bounce, weighted by area: its light varies as that of solutions does.
 pub fn of_second_bounce(
-    operators: &mut Operators,
+    operators: &mut dyn Operators,
     scene: &Scene,
     plan: &Plan,
 ) -> Result<f64, TransportError> {
@@ -38,8 +37,8 @@ pub fn of_second_bounce(
 
 /// What leaves all triangles under a state of the device.
 fn outgoing(
-    operators: &mut Operators,
-    x: &<Operators as LightOperator>::Vector,
+    operators: &mut dyn Operators,
+    x: &State,
     model: &Model,
     plan: &Plan,
 ) -> Result<Outgoing, TransportError> {

@@ -6,7 +6,7 @@ mod table;
 
 use antirad::cli::{self, Interrupt, parse_size};
 use antirad::output::prepare_directory;
-use antirad::scene::{BinLayout, Transport};
+use antirad::scene::{BackendKind, BinLayout, Transport};
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use measure::{Outcome, Size};
@@ -16,7 +16,8 @@ use std::process::ExitCode;
 /// Measure memory and time of one light bounce over the number of triangles
 ///
 /// A bounce is one application of (K - J) U, with light in every bin and every triangle a blocker, on a statue over a
-/// floor.
+/// floor. Neither the shadows of lamps, which a render computes before the first bounce, nor the near field as a matrix, which it keeps on a
+/// CPU, are part of it.
 #[derive(Parser)]
 #[command(version, about, after_help = EXAMPLES)]
 struct Arguments {
@@ -42,7 +43,7 @@ struct Arguments {
     /// Bounces per size; the fastest counts
     #[arg(long, value_name = "NUMBER", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     repeats: u32,
-    /// Limit of device memory, e.g. 512MiB [default: what the device has]
+    /// Limit of the backend's memory, e.g. 512MiB [default: what the device has; on the CPU three quarters of the system's]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     memory_budget: Option<u64>,
     /// Processes that share each bounce, started by mpirun (feature `mpi`)
@@ -51,9 +52,13 @@ struct Arguments {
     /// Folder for scaling.csv and the plots
     #[arg(long, short, value_name = "DIR", default_value = "out/scaling")]
     output: PathBuf,
-    /// Skip sizes that DIR/scaling.csv already has with the same bins, transport, memory budget and ranks
+    /// Skip sizes that DIR/scaling.csv already has with the same backend, bins, transport, memory budget and ranks; keep those of the other
+    /// backend
     #[arg(long)]
     resume: bool,
+    /// Where bounces are computed: vulkan, by kernels on whatever Vulkan device there is; cpu; or both, one after the other
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "vulkan")]
+    backend: Vec<BackendKind>,
     /// Vulkan device, by its number or a part of its name [env: ANTIRAD_DEVICE]
     #[arg(long, value_name = "INDEX|NAME")]
     device: Option<String>,
@@ -71,6 +76,7 @@ struct Arguments {
 
 const EXAMPLES: &str = "Examples:
   bench_scaling
+  bench_scaling --backend vulkan,cpu
   bench_scaling --triangles 10000,20000 --repeats 3 --output out/small
   bench_scaling --transport hierarchical:0.003 --error --scene scenes/cornell_boxes.toml
   bench_scaling --transport hierarchical:0.005 --objects 3
@@ -120,23 +126,27 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn 
     }
     // Time grows with the square of the size.
     let cost = |size: u32| f64::from(size).powi(2);
-    let todo: Vec<u32> =
-        arguments.triangles.iter().copied().filter(|&size| rows.iter().all(|row| row.size != size)).collect();
-    if !todo.is_empty() {
+    let of_backend = |&backend: &BackendKind| arguments.triangles.iter().map(move |&size| (backend, size));
+    let known = |&(backend, size): &(BackendKind, u32)| {
+        rows.iter().any(|row| row.backend == backend && row.size == size)
+    };
+    let todo: Vec<(BackendKind, u32)> =
+        arguments.backend.iter().flat_map(of_backend).filter(|of| !known(of)).collect();
+    if todo.iter().any(|(backend, _)| *backend == BackendKind::Vulkan) {
         // Drivers cache compiled kernels: compiling them now keeps it out of the measurements.
         bar.set_message("compiling kernels");
-        measure::in_child(arguments, measure::SMALLEST, interrupt, &|_| ())?;
+        measure::in_child(arguments, (BackendKind::Vulkan, measure::SMALLEST), interrupt, &|_| ())?;
     }
-    let total: f64 = todo.iter().map(|&size| cost(size)).sum();
+    let total: f64 = todo.iter().map(|&(_, size)| cost(size)).sum();
     let mut done = 0.0;
     let mut failures = Vec::new();
-    for size in todo {
-        bar.set_message(format!("{size} triangles"));
+    for (backend, size) in todo {
+        bar.set_message(format!("{backend}, {size} triangles"));
         let progress = |share: f64| bar.set_position(((done + share * cost(size)) / total * 1000.0) as u64);
-        match measure::in_child(arguments, size, interrupt, &progress)? {
+        match measure::in_child(arguments, (backend, size), interrupt, &progress)? {
             Size::Measured(row) => {
                 rows.push(*row);
-                rows.sort_by_key(|row| row.size);
+                rows.sort_by_key(|row| (row.backend.to_string(), row.size));
                 table::write(&arguments.output, &rows)?;
             }
             Size::Failed(why) => failures.push(format!("{size} triangles: {why}")),

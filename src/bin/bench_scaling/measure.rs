@@ -3,17 +3,16 @@
 use crate::Arguments;
 use crate::error;
 use crate::table::Row;
+use antirad::backend::Backend;
 use antirad::cli::Interrupt;
-use antirad::direct::DirectLight;
-use antirad::gpu::{Device, DeviceOptions};
+use antirad::gpu::DeviceOptions;
 use antirad::plan::{Occlusion, Plan, PlanOptions};
-use antirad::ranks::{RankError, Ranks};
+use antirad::ranks::Ranks;
 use antirad::scene::{
-    Lamps, LoadOptions, Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, SolverChoice,
-    Triangle,
+    BackendKind, Lamps, LoadOptions, Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings,
+    SolverChoice, Triangle,
 };
-use antirad::solve::LightOperator;
-use antirad::transport::{Operators, SceneBuffers, TransportError};
+use antirad::transport::{self, TransportError};
 use glam::{DAffine3, DQuat, DVec3};
 use std::error::Error;
 use std::io::{BufRead, BufReader, Read};
@@ -110,13 +109,6 @@ fn refined(file: &Path, triangles: u32) -> Result<Scene, SceneError> {
     Ok(scene)
 }
 
-/// What enters U, W/(m² sr), where the light of exact lamps has been reflected once.
-fn emitted(ranks: &Ranks, scene: &Scene, plan: &Plan) -> Result<Vec<[f64; 3]>, RankError> {
-    let material = |i: usize| scene.material(i);
-    let light = DirectLight::new(ranks, plan.facets(), plan.lamps().to_vec(), plan.visibility(), material)?;
-    Ok(light.emitted(material, &light.irradiance(material)))
-}
-
 /// Measures the one size of the command line, with other processes that mpirun has started, if it has.
 #[cfg(feature = "mpi")]
 pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn Error>> {
@@ -140,8 +132,8 @@ pub fn only(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box
 /// Measures one size; the first rank prints messages.
 fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result<Outcome, Box<dyn Error>> {
     let size = arguments.triangles[0];
-    let device = Device::new(&DeviceOptions::asked(&arguments.device, arguments.memory_budget))?;
-    let device = device.with_ranks(ranks.clone());
+    let options = DeviceOptions::asked(&arguments.device, arguments.memory_budget);
+    let backend = Backend::open(Some(arguments.backend[0].into()), &options)?.with_ranks(ranks.clone());
     let speaks = ranks.rank() == 0;
     let scene = match (&arguments.scene, arguments.objects) {
         (Some(file), _) => refined(file, size)?,
@@ -149,13 +141,12 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
         (None, None) => statue(size)?,
     };
     let settings = SolveSettings::default().bins(arguments.bins).solver(SolverChoice::FixedPoint);
-    // Exact shadows of that many objects would take far longer than bounces.
-    let lamps = if arguments.objects.is_some() { Lamps::Sampled } else { settings.lamps };
-    let settings = settings.transport(arguments.transport).lamps(lamps);
+    // A bounce does not use the shadows of lamps.
+    let settings = settings.transport(arguments.transport).lamps(Lamps::Antiradiance);
     // Of the statue all triangles block, so that its cost does not depend on its shape.
     let occlusion = if arguments.scene.is_none() { Occlusion::Everything } else { Occlusion::Exact };
     // The least memory, and the kernels of close pairs.
-    let options = PlanOptions::of(&device).occlusion(occlusion).keep_near_field(false);
+    let options = PlanOptions::of(&backend).occlusion(occlusion).keep_near_field(false);
     let start = Instant::now();
     let plan = Plan::new(&scene, &options, &settings)?;
     let seconds_plan = start.elapsed().as_secs_f64();
@@ -164,9 +155,8 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
     let planned_scene = arguments.error.then(|| plan.clone());
 
     let resident_before = resident("VmRSS:");
-    let own = device.scope(staging);
-    let buffers = SceneBuffers::emitting(&own, &scene, &plan, &emitted(device.ranks(), &scene, &plan)?, 1.0)?;
-    let mut operators = Operators::new(&own, plan, buffers)?;
+    let emitted: Vec<_> = (0..scene.triangles.len()).map(|i| scene.material(i).emission).collect();
+    let mut operators = transport::operators(&backend, &scene, plan, &emitted, 1.0)?;
     let mut x = operators.vector()?;
     let mut y = operators.vector()?;
     operators.fill(&mut x, 1.0)?;
@@ -187,9 +177,9 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
         }
         stop.flow()
     })));
-    let (mut wall, mut gpu, mut received) = (f64::INFINITY, f64::INFINITY, 0);
+    let (mut wall, mut kernels, mut received) = (f64::INFINITY, f64::INFINITY, 0);
     for _ in 0..repeats {
-        device.reset_profile();
+        backend.reset_profile();
         let [_, before] = ranks.moved();
         let start = Instant::now();
         match operators.pass(Some(&x), true, &mut y).and_then(|()| operators.finish()) {
@@ -198,19 +188,19 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
         }
         wall = wall.min(start.elapsed().as_secs_f64());
         received = ranks.moved()[1] - before;
-        gpu = gpu.min(device.profile().iter().map(|row| row.seconds).sum());
+        kernels = kernels.min(backend.profile().iter().map(|row| row.seconds).sum());
     }
     // A user reads the result, too, which allocates the staging buffer.
     if operators.irradiance(&y)?.iter().flatten().any(|h| !h.is_finite()) {
         return Err("the bounce gave irradiance that is not finite: a bug in antirad".into());
     }
-    let memory = device.memory();
+    let memory = backend.memory();
     let planned: u64 = report.memory.iter().map(|item| item.bytes).sum();
     if memory.in_use != planned {
         return Err(format!("planned {planned} bytes, allocated {}: a bug in antirad", memory.in_use).into());
     }
     if arguments.verbose > 0 {
-        for row in device.profile() {
+        for row in backend.profile() {
             eprintln!("{size}: {row}");
         }
     }
@@ -221,13 +211,16 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
     };
     let error = match planned_scene {
         None => None,
-        Some(plan) => Some(measured(error::of_second_bounce(&mut operators, &scene, &plan)?)?),
+        Some(plan) => Some(measured(error::of_second_bounce(&mut *operators, &scene, &plan)?)?),
     };
     if !speaks {
         return Ok(Outcome::Done);
     }
     let pairs = report.pairs;
     print(&Message::Row(Box::new(Row {
+        backend: backend.kind(),
+        device: backend.device_name().to_owned(),
+        threads: backend.threads(),
         size,
         triangles: report.triangles,
         bins: arguments.bins.to_string(),
@@ -250,7 +243,7 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
         interactions_bins: pairs.bins,
         error,
         seconds_plan,
-        seconds_gpu: gpu,
+        seconds_kernels: kernels,
         seconds_wall: wall,
         pairs_per_second: pairs.total as f64 / wall,
         bytes_per_triangle: (memory.in_use - staging) as f64 / report.triangles as f64,
@@ -275,7 +268,7 @@ fn resident(line: &str) -> u64 {
 /// Measures one size in a process of its own.
 pub fn in_child(
     arguments: &Arguments,
-    size: u32,
+    (backend, size): (BackendKind, u32),
     interrupt: &Interrupt,
     progress: &dyn Fn(f64),
 ) -> Result<Size, Box<dyn Error>> {
@@ -289,12 +282,12 @@ pub fn in_child(
         }
     };
     command.args(["--only", "--triangles", &size.to_string(), "--bins", &arguments.bins.to_string()]);
-    command.args(["--transport", &arguments.transport.to_string()]);
+    command.args(["--backend", &backend.to_string(), "--transport", &arguments.transport.to_string()]);
     command.args(["--repeats", &arguments.repeats.to_string()]);
     if let Some(budget) = arguments.memory_budget {
         command.args(["--memory-budget", &budget.to_string()]);
     }
-    if let Some(device) = &arguments.device {
+    if let Some(device) = arguments.device.as_ref().filter(|_| backend == BackendKind::Vulkan) {
         command.args(["--device", device]);
     }
     if let Some(scene) = &arguments.scene {

@@ -3,6 +3,7 @@
 use antirad::cli::{Curve, Drawn, LogPlot, slope};
 use antirad::gpu::Bytes;
 use antirad::output::{OutputError, atomic_write};
+use antirad::scene::BackendKind;
 use std::error::Error;
 use std::fs::File;
 use std::path::Path;
@@ -13,12 +14,16 @@ const PUBLISHED_BYTES: f64 = 36e3;
 /// One size. Bytes, pairs of triangles, seconds.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Row {
+    pub backend: BackendKind,
+    /// The Vulkan device, or the model of the CPU.
+    pub device: String,
+    pub threads: usize,
     /// Triangles asked for.
     pub size: u32,
     pub triangles: usize,
     pub bins: String,
     pub transport: String,
-    /// Device memory allowed, if limited.
+    /// Memory allowed, if limited.
     #[serde(default)]
     pub budget: Option<u64>,
     /// Processes that shared the bounce; bytes and seconds are those of the first.
@@ -52,7 +57,8 @@ pub struct Row {
     pub error: Option<f64>,
     /// Time of planning, interaction lists included.
     pub seconds_plan: f64,
-    pub seconds_gpu: f64,
+    /// Time in kernels, or in operators of the CPU.
+    pub seconds_kernels: f64,
     pub seconds_wall: f64,
     pub pairs_per_second: f64,
     /// Without the fixed bytes.
@@ -102,31 +108,44 @@ fn with_slope(label: &str, points: &[(f64, f64)]) -> String {
     slope(points).map_or_else(|| label.to_owned(), |s| format!("{label}, slope {s:.3}"))
 }
 
+/// The rows of each backend.
+fn by_backend(rows: &[Row]) -> impl Iterator<Item = &[Row]> {
+    rows.chunk_by(|a, b| a.backend == b.backend)
+}
+
+/// A curve for each backend.
+fn curves(rows: &[Row], of: fn(&[Row]) -> Vec<(f64, f64)>) -> Vec<Curve> {
+    let curve = |rows: &[Row]| {
+        let label = format!("{} on {}, {} threads", rows[0].backend, rows[0].device, rows[0].threads);
+        let points = of(rows);
+        Curve { label: with_slope(&label, &points), points, drawn: Drawn::Curve }
+    };
+    by_backend(rows).map(curve).collect()
+}
+
 pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
     let bins = rows.first().map_or("", |row| &row.bins);
-    let ours = memory(rows);
-    let of_paper = points(rows, |row| PUBLISHED_BYTES * row.triangles as f64);
+    let mut sizes = points(rows, |row| PUBLISHED_BYTES * row.triangles as f64);
+    sizes.sort_by(|a, b| a.0.total_cmp(&b.0));
+    sizes.dedup();
+    let published = Curve {
+        label: "Differentiable Radiosity paper: 36 kB per triangle".to_owned(),
+        points: sizes,
+        drawn: Drawn::Line,
+    };
     LogPlot {
-        title: format!("Device memory of one bounce, {bins} bins, every triangle a blocker"),
+        title: format!("Memory of one bounce, {bins} bins, every triangle a blocker"),
         x: "triangles".to_owned(),
         y: "bytes, fixed costs apart".to_owned(),
-        curves: vec![
-            Curve { label: with_slope("antirad", &ours), points: ours, drawn: Drawn::Curve },
-            Curve {
-                label: "Differentiable Radiosity paper: 36 kB per triangle".to_owned(),
-                points: of_paper,
-                drawn: Drawn::Line,
-            },
-        ],
+        curves: curves(rows, memory).into_iter().chain([published]).collect(),
         linear_x: false,
     }
     .write(&directory.join("memory"))?;
-    let ours = seconds(rows);
     LogPlot {
         title: format!("Time of one bounce, {bins} bins, every triangle a blocker"),
         x: "triangles".to_owned(),
         y: "seconds".to_owned(),
-        curves: vec![Curve { label: with_slope("antirad", &ours), points: ours, drawn: Drawn::Curve }],
+        curves: curves(rows, seconds),
         linear_x: false,
     }
     .write(&directory.join("time"))
@@ -134,7 +153,8 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
 
 pub fn print(rows: &[Row]) {
     antirad::say!(
-        "{:>9} {:>7} {:>12} {:>10} {:>12} {:>14} {:>8} {:>8} {:>8} {:>8} {:>8} {:>10} {:>10} {:>12}",
+        "{:>7} {:>9} {:>7} {:>12} {:>10} {:>12} {:>14} {:>8} {:>8} {:>8} {:>8} {:>8} {:>10} {:>10} {:>12}",
+        "backend",
         "triangles",
         "bins",
         "allocated",
@@ -146,13 +166,14 @@ pub fn print(rows: &[Row]) {
         "bins/t",
         "error",
         "plan s",
-        "GPU s",
+        "kernels s",
         "wall s",
         "pairs/s"
     );
     for row in rows {
         antirad::say!(
-            "{:>9} {:>7} {:>12} {:>10.0} {:>12} {:>14} {:>6.1} % {:>8.0} {:>8.0} {:>8} {:>8.2} {:>10.2} {:>10.2} {:>12.3e}",
+            "{:>7} {:>9} {:>7} {:>12} {:>10.0} {:>12} {:>14} {:>6.1} % {:>8.0} {:>8.0} {:>8} {:>8.2} {:>10.2} {:>10.2} {:>12.3e}",
+            row.backend.to_string(),
             row.triangles,
             row.bins,
             row.bytes_allocated,
@@ -164,20 +185,21 @@ pub fn print(rows: &[Row]) {
             row.interactions_bins as f64 / row.triangles as f64,
             row.error.map_or_else(|| "-".to_owned(), |error| format!("{:.3} %", 100.0 * error)),
             row.seconds_plan,
-            row.seconds_gpu,
+            row.seconds_kernels,
             row.seconds_wall,
             row.pairs_per_second
         );
     }
-    if let Some(slope) = slope(&memory(rows)) {
+    for rows in by_backend(rows) {
+        let Row { backend, device, threads, bytes_peak, .. } = &rows[rows.len() - 1];
+        let power = |of: Option<f64>| of.map_or_else(|| "-".to_owned(), |slope| format!("{slope:.3}"));
         antirad::say!(
-            "memory grows with triangles to the power {slope:.3}, fixed costs apart (Differentiable Radiosity paper: 36 kB per triangle)"
+            "{backend} on {device}, {threads} threads: memory grows with triangles to the power {}, fixed costs apart, time to the power {}; \
+             peak of the largest: {}",
+            power(slope(&memory(rows))),
+            power(slope(&seconds(rows))),
+            Bytes(*bytes_peak)
         );
     }
-    if let Some(slope) = slope(&seconds(rows)) {
-        antirad::say!("time grows with triangles to the power {slope:.3}");
-    }
-    if let Some(largest) = rows.last() {
-        antirad::say!("peak of the largest: {}", Bytes(largest.bytes_peak));
-    }
+    antirad::say!("(Differentiable Radiosity paper: 36 kB per triangle)");
 }

@@ -7,12 +7,13 @@ use super::pool::Budget;
 use super::summary::{Ended, Row};
 use crate::together::Together;
 use antirad::Watch;
+use antirad::backend::Backend;
 use antirad::cli::{self, Interrupt};
 use antirad::fit::{
     CHECKPOINT_FILES, EngineRenderer, FitError, FolderLock, JobFile, LockError, Outcome, RenderError,
     RunOptions, State, Status, results,
 };
-use antirad::gpu::{Device, DeviceOptions, staging_bytes};
+use antirad::gpu::{DeviceOptions, staging_bytes};
 use antirad::output::{prepare_directory, remove_unfinished};
 use antirad::scene::Camera;
 use std::fmt::Write;
@@ -28,7 +29,7 @@ pub struct Worker<'a> {
     pub interrupt: &'a Interrupt,
     pub budget: &'a Budget,
     /// Kept from one job to the next, since it holds the compiled kernels; a job that fails takes it along.
-    pub device: Option<Device>,
+    pub backend: Option<Backend>,
     pub together: &'a Together,
 }
 
@@ -61,8 +62,8 @@ impl Worker<'_> {
             lock: None,
             owned: false,
         };
-        let device = self.device.take();
-        let attempt = std::panic::AssertUnwindSafe(|| self.attempt(job, device, &mut fit));
+        let backend = self.backend.take();
+        let attempt = std::panic::AssertUnwindSafe(|| self.attempt(job, backend, &mut fit));
         let (ended, shared_cause) = match std::panic::catch_unwind(attempt) {
             Ok(Ok(ended)) => (Some(ended), false),
             Ok(Err(error)) => (None, fit.failed(error)),
@@ -82,7 +83,7 @@ impl Worker<'_> {
         Done { row, text: fit.text, shared_cause }
     }
 
-    fn attempt(&mut self, found: &Found, device: Option<Device>, fit: &mut Fit) -> Result<Ended, FitError> {
+    fn attempt(&mut self, found: &Found, backend: Option<Backend>, fit: &mut Fit) -> Result<Ended, FitError> {
         let (arguments, name) = (self.arguments, &found.name);
         prepare_directory(&fit.directory)?;
         fit.lock = match FolderLock::take(&fit.directory) {
@@ -117,27 +118,29 @@ impl Worker<'_> {
             fit.status.stop = Some(stop);
             fit.status.picture_error = results::written_picture_error(&fit.directory);
             fit.status.advance(&progress.history, progress.seconds);
-            self.device = device;
+            self.backend = backend;
             return Ok(Ended::FinishedBefore);
         }
         fit.write_status();
 
         let failed = |error: antirad::gpu::GpuError| FitError::Render(RenderError::Failed(Box::new(error)));
-        let kept = match device {
-            Some(device) => device,
-            None => self.together.open(self.options.clone(), self.interrupt).map_err(failed)?,
+        let problem = file.job.problem();
+        let choice = arguments.backend.backend.unwrap_or(problem.parameters.base().settings.backend);
+        let kind = Backend::chosen(Some(choice), &self.options);
+        let kept = match backend.filter(|backend| backend.kind() == kind) {
+            Some(backend) => backend,
+            None => self.together.open(choice, self.options.clone(), self.interrupt).map_err(failed)?,
         };
         kept.reset_peak_memory();
         // Of its own, so that its staging buffers are gone before the next job is planned.
-        let device = kept.scope(staging_bytes());
+        let backend = kept.scope(staging_bytes());
         let asked = self.interrupt.clone();
         let watch: Watch = Arc::new(move || asked.flow());
-        let problem = file.job.problem();
         let cameras: Vec<Camera> = problem.targets.iter().map(|target| target.camera.clone()).collect();
         let (planning, gradients) =
             (problem.parameters.planning_scene(), problem.parameters.gradient_request());
         let supersample = file.job.settings().supersample;
-        let mut renderer = EngineRenderer::new(&device, planning, cameras, supersample, gradients, watch)?
+        let mut renderer = EngineRenderer::new(&backend, planning, cameras, supersample, gradients, watch)?
             .shading(file.job.settings().shading)
             .movable(problem.parameters.movable());
         // Before anything is allocated: a job that does not fit is refused with the number of bytes that it needs.
@@ -154,7 +157,7 @@ impl Worker<'_> {
             file.warnings.push(unseen);
         }
         fit.status.warnings.clone_from(&file.warnings);
-        self.log.begin(&file, &device, &estimate);
+        self.log.begin(&file, &backend, &estimate);
 
         let options = RunOptions::default()
             .checkpoints(Some(fit.directory.clone()))
@@ -178,7 +181,7 @@ impl Worker<'_> {
             estimate,
             host_bytes,
             warnings: file.warnings.clone(),
-            more: more(&device),
+            more: more(&backend),
         };
         cli::draw_fit(&fit.directory, &file.job, &outcome)?;
         results::write(&fit.directory, &file.job, &outcome, &about)?;
@@ -188,8 +191,8 @@ impl Worker<'_> {
         fit.status.stop = Some(outcome.stop);
         fit.status.picture_error = Some(picture_error);
         fit.status.advance(&outcome.history, outcome.seconds);
-        drop((renderer, device));
-        self.device = Some(kept).filter(|kept| kept.memory().in_use == 0);
+        drop((renderer, backend));
+        self.backend = Some(kept).filter(|kept| kept.memory().in_use == 0);
         Ok(Ended::Finished)
     }
 }
@@ -232,17 +235,19 @@ impl Fit {
     }
 }
 
-/// Device memory that a job is given: what its plan counts. Where meshes move, lists of close triangles grow and shrink
+/// Memory of the backend that a job is given: what its plan counts. Where meshes move, lists of close triangles grow and shrink
 /// with every plan.
 fn room(planned: u64, moves: bool) -> u64 {
     if moves { planned + planned / 4 } else { planned }
 }
 
-/// Device and memory, for the report.
-fn more(device: &Device) -> serde_json::Value {
+/// Backend and memory, for the report.
+fn more(backend: &Backend) -> serde_json::Value {
     serde_json::json!({
-        "device": crate::report::DeviceReport::from(device.info()),
-        "memory": crate::report::MemoryUse::from(device.memory()),
+        "backend": backend.kind(),
+        "device": crate::report::DeviceReport::from(backend),
+        "threads": backend.threads(),
+        "memory": crate::report::MemoryUse::from(backend.memory()),
     })
 }
 

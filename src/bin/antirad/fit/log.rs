@@ -1,8 +1,9 @@
 //! The progress of fits, on standard error: a bar on a terminal, else lines, each with the name of its job.
 
 use super::summary::{Ended, Row};
+use antirad::backend::Backend;
 use antirad::fit::{CostEstimate, JobFile, Record};
-use antirad::gpu::{Bytes, Device};
+use antirad::gpu::Bytes;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -74,14 +75,16 @@ impl Log {
         }
     }
 
-    pub fn begin(&self, file: &JobFile, device: &Device, estimate: &CostEstimate) {
+    pub fn begin(&self, file: &JobFile, backend: &Backend, estimate: &CostEstimate) {
         let (job, problem) = (&file.job, file.job.problem());
         let (unknowns, views) = (problem.parameters.len(), problem.targets.len());
         let seconds = estimate.seconds;
         self.event(json!({
             "event": "begin",
             "job": job.name,
-            "device": device.info().name,
+            "backend": backend.kind(),
+            "device": backend.device_name(),
+            "threads": backend.threads(),
             "fits": quantities(file),
             "unknowns": unknowns,
             "views": views,
@@ -92,13 +95,14 @@ impl Log {
         }));
         if !self.json && !self.quiet {
             self.line(&format!(
-                "{}: {unknowns} unknowns ({}), {views} view{}; about {seconds:.1} s per iteration, {} of device \
-                 memory of {}",
+                "{}: {unknowns} unknowns ({}), {views} view{}; about {seconds:.1} s per iteration, {} of {} \
+                 of memory; backend {:?}",
                 job.name,
                 quantities(file),
                 if views == 1 { "" } else { "s" },
                 Bytes(estimate.device_bytes),
                 Bytes(estimate.device_budget),
+                backend,
             ));
         }
     }

@@ -10,7 +10,7 @@ mod summary;
 
 use crate::Failure;
 use crate::together::Together;
-use antirad::cli::{self, Interrupt, parse_size};
+use antirad::cli::{self, BackendArguments, Interrupt, parse_size};
 use antirad::fit::{OnCheckpoint, State, Status};
 use antirad::gpu::DeviceOptions;
 use antirad::output::prepare_directory;
@@ -48,19 +48,18 @@ pub struct Arguments {
     /// Run the other jobs even after a failure that they are likely to share: a full disk, a lost device
     #[arg(long)]
     keep_going: bool,
-    /// Jobs at once on the device: a number, or auto for as many as keep it and the cores busy. Results are the same
+    /// Jobs at once on the backend: a number, or auto for as many as keep it and the cores busy. Results are the same
     #[arg(long, value_name = "auto|N", default_value = "1")]
     parallel: Parallel,
     /// Do part K of N of the jobs: every Nth, from the Kth on [default: the task of a Slurm array, or of an indexed Job of
     /// Kubernetes with ANTIRAD_SHARDS completions; else all. A single job file is always done]
     #[arg(long, value_name = "K/N")]
     shard: Option<Shard>,
-    /// Limit of device memory, e.g. 512MiB [default: what the device has]
+    /// Limit of the backend's memory, e.g. 512MiB [default: what the device has; on the CPU three quarters of the system's]
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     memory_budget: Option<u64>,
-    /// Vulkan device, by its number or a part of its name (see `antirad devices`) [env: ANTIRAD_DEVICE]
-    #[arg(long, value_name = "INDEX|NAME")]
-    device: Option<String>,
+    #[command(flatten)]
+    backend: BackendArguments,
     /// Format of progress on standard error
     #[arg(long, value_enum, default_value_t = LogFormat::Text)]
     log_format: LogFormat,
@@ -98,7 +97,7 @@ impl Arguments {
     }
 
     fn device_options(&self) -> DeviceOptions {
-        DeviceOptions::asked(&self.device, self.memory_budget)
+        self.backend.options(self.memory_budget)
     }
 }
 
@@ -128,18 +127,19 @@ pub fn run(
         Some(shard) => shard.choose(all),
         None => all,
     };
-    // Without a device no job can run: fail here rather than in each of them.
-    let device = together.open(arguments.device_options(), interrupt)?;
+    // Where it cannot be opened no job can run: fail here rather than in each of them.
+    let choice = arguments.backend.backend.unwrap_or_default();
+    let backend = together.open(choice, arguments.device_options(), interrupt)?;
     let log = Log::new(arguments.json(), quiet, verbose, jobs.len());
     if let Some(shard) = shard {
         log.shard(&shard, jobs.len(), number);
     }
-    let total = device.memory().budget;
+    let total = backend.memory().budget;
     let budget = Budget::new(total);
     // Several processes do the same jobs in the same order.
     let several = together.ranks.count() > 1;
-    let threads = if several { 1 } else { arguments.parallel.threads(jobs.len(), device.info()) };
-    let mut device = Some(device);
+    let threads = if several { 1 } else { arguments.parallel.threads(jobs.len(), &backend) };
+    let mut backend = Some(backend);
     let worker = |_| Worker {
         arguments,
         // The same for all, whatever the others have taken when it is opened.
@@ -147,7 +147,7 @@ pub fn run(
         log: &log,
         interrupt,
         budget: &budget,
-        device: device.take(),
+        backend: backend.take(),
         together,
     };
     let stopped = AtomicBool::new(false);

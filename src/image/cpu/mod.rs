@@ -1,0 +1,3 @@
+//! Pictures on the CPU.
+
+pub mod visibility;

@@ -1,0 +1,3 @@
+//! Pictures by Vulkan kernels.
+
+pub mod visibility;
