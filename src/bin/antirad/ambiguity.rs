@@ -101,7 +101,7 @@ pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<
     if let Some(wrong) = arguments.triangle.iter().find(|&&i| i >= scene.triangles.len()) {
         let message = format!(
             "there is no triangle {wrong}: {} has {}, counted from 0",
-            arguments.settings.file.scene.display(),
+            arguments.settings.mesh.file.scene.display(),
             scene.triangles.len()
         );
         return Err(Failure::Error(message.into()));
@@ -121,7 +121,7 @@ pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<
     let first_bounce =
         FirstBounce::new(&backend, &scene, &cameras, &views, &mut direct, &watch).map_err(failure)?;
     let mut report = Report {
-        scene: arguments.settings.file.scene.display().to_string(),
+        scene: arguments.settings.mesh.file.scene.display().to_string(),
         version: env!("CARGO_PKG_VERSION"),
         cameras: cameras.iter().map(|c| c.name.clone()).collect(),
         triangles: scene.triangles.len(),

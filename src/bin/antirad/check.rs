@@ -1,9 +1,10 @@
 //! `antirad check`.
 
 use crate::Failure;
-use crate::settings::SceneSettings;
+use crate::settings::MeshSettings;
 use antirad::cli::{Interrupt, Working};
 use antirad::plan::PlanOptions;
+use antirad::scene::Transport;
 use antirad::warnings::{Warning, Warnings};
 use clap::Args;
 use serde::Serialize;
@@ -14,7 +15,10 @@ use serde::Serialize;
   antirad check room.obj --bins concentric:12 --json")]
 pub struct Arguments {
     #[command(flatten)]
-    settings: SceneSettings,
+    settings: MeshSettings,
+    /// How the solve sums up light from far triangles: the slower, the more may be spent on exact lamps, as with `antirad render`
+    #[arg(long, value_name = "TRANSPORT")]
+    transport: Option<Transport>,
     /// Print the warnings as JSON
     #[arg(long)]
     json: bool,
@@ -33,7 +37,7 @@ struct Report<'a> {
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
     // `antirad plan` tells whether a solve fits in memory.
     let options = PlanOptions::default().boundless();
-    let (scene, plan) = arguments.settings.load_planned(&options, interrupt)?;
+    let (scene, plan) = arguments.settings.load_planned(arguments.transport, &options, interrupt)?;
     let working = Working::on("looking for causes of errors");
     let warnings = interrupt.while_computing(|| Warnings::with_shadows(&scene, &plan));
     drop(working);

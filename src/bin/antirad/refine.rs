@@ -1,7 +1,7 @@
 //! `antirad refine`.
 
 use crate::Failure;
-use crate::settings::SceneSettings;
+use crate::settings::MeshSettings;
 use antirad::cli::{Interrupt, Working};
 use antirad::output::prepare_directory;
 use antirad::plan::PlanOptions;
@@ -24,7 +24,7 @@ Examples:
 )]
 pub struct Arguments {
     #[command(flatten)]
-    settings: SceneSettings,
+    settings: MeshSettings,
     /// Folder for the finer scene: SCENE.toml, with its meshes and materials beside it
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,

@@ -4,7 +4,7 @@ use crate::Failure;
 use crate::cameras;
 use crate::finer::Finer;
 use crate::report::{DeviceReport, MemoryUse, RankReport, Report, SolveReport};
-use crate::settings::SceneSettings;
+use crate::settings::{SceneSettings, parse_error};
 use crate::together::Together;
 use antirad::cli::{EXIT_UNRELIABLE, Interrupt, SolveBar, Working};
 use antirad::gpu::Bytes;
@@ -33,6 +33,9 @@ use std::time::Instant;
 pub struct Arguments {
     #[command(flatten)]
     settings: SceneSettings,
+    /// Choose bins, near field, mesh and tolerance for this relative error of irradiance and pictures, e.g. 0.02
+    #[arg(long, value_name = "ERROR", value_parser = parse_error, conflicts_with_all = ["bins", "tolerance"])]
+    target_error: Option<f64>,
     /// Render this camera only; may be given several times [default: all cameras of the scene]
     #[arg(long, value_name = "NAME")]
     camera: Vec<String>,
@@ -118,6 +121,7 @@ pub fn run(
 ) -> Result<(), Failure> {
     let mut stages = Stages::new();
     let mut scene = arguments.settings.load()?;
+    scene.choice = arguments.target_error.map_or(scene.choice, Choice::Within);
     let cameras: Vec<Camera> = cameras::choose(&scene, &arguments.camera)?.into_iter().cloned().collect();
     let directory = arguments.output.clone().unwrap_or_else(|| Path::new("out").join(&scene.name));
     prepare_directory(&directory)?;
@@ -251,7 +255,7 @@ pub fn run(
         tracing::warn!("{}: {}; remedy: {}", warning.kind.name(), warning.message, warning.remedy);
     }
     let report = Report {
-        scene: arguments.settings.file.scene.display().to_string(),
+        scene: arguments.settings.mesh.file.scene.display().to_string(),
         version: env!("CARGO_PKG_VERSION"),
         backend: backend.kind(),
         device: DeviceReport::from(&backend),

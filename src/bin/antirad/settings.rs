@@ -47,13 +47,11 @@ impl SceneFile {
     }
 }
 
+/// A scene, and what decides which of its triangles are too coarse.
 #[derive(Args)]
-pub struct SceneSettings {
+pub struct MeshSettings {
     #[command(flatten)]
     pub file: SceneFile,
-    /// Choose bins, near field, mesh and tolerance for this relative error of irradiance and pictures, e.g. 0.02
-    #[arg(long, value_name = "ERROR", value_parser = parse_error, conflicts_with_all = ["bins", "tolerance"])]
-    target_error: Option<f64>,
     /// Direction bins per hemisphere: 10x13 (polar x azimuth) or concentric:12 [default: 10x13, or concentric:10 where
     /// blockers are coarse]
     #[arg(long, value_name = "LAYOUT")]
@@ -62,6 +60,45 @@ pub struct SceneSettings {
     /// stands in between; or by antiradiance through bins
     #[arg(long, value_name = "HOW", value_enum)]
     lamps: Option<Lamps>,
+}
+
+impl MeshSettings {
+    /// The scene, with the settings of its file where the command line states none. A target error stays an open
+    /// choice, and so do bins and near field that neither states.
+    fn load(&self) -> Result<Scene, Failure> {
+        let mut scene = self.file.load()?;
+        let file = scene.settings;
+        scene.settings = file.bins(self.bins.unwrap_or(file.bins)).lamps(self.lamps.unwrap_or(file.lamps));
+        if self.bins.is_some() {
+            let near_field = !matches!(scene.choice, Choice::Open { near_field: false, .. });
+            scene.choice = Choice::Open { bins: false, near_field };
+        }
+        Ok(scene)
+    }
+
+    /// For commands that do not solve to a target error: the usual settings are chosen.
+    pub fn load_settled(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
+        Ok(settled(self.load()?, interrupt))
+    }
+
+    /// The same with its plan.
+    pub fn load_planned(
+        &self,
+        transport: Option<Transport>,
+        options: &PlanOptions,
+        interrupt: &Interrupt,
+    ) -> Result<(Scene, Plan), Failure> {
+        let mut scene = self.load()?;
+        scene.settings.transport = transport.unwrap_or(scene.settings.transport);
+        planned(scene, options, interrupt)
+    }
+}
+
+/// A scene and all settings of its solve.
+#[derive(Args)]
+pub struct SceneSettings {
+    #[command(flatten)]
+    pub mesh: MeshSettings,
     /// Relative residual at which the solve stops
     #[arg(long, value_name = "NUMBER", value_parser = parse_tolerance)]
     tolerance: Option<f64>,
@@ -75,7 +112,7 @@ pub struct SceneSettings {
     #[arg(long, value_name = "PRECISION", value_enum)]
     precision: Option<Precision>,
     /// How light from far triangles is summed up: exact; hierarchical:ERROR, with clusters that may change irradiance by this error,
-    /// relative to its mean; or auto, with clusters within --target-error
+    /// relative to its mean; or auto, with clusters within a target error
     #[arg(long, value_name = "TRANSPORT")]
     transport: Option<Transport>,
     #[command(flatten)]
@@ -86,38 +123,26 @@ pub struct SceneSettings {
 }
 
 impl SceneSettings {
-    /// The scene, with the settings of its file where the command line states none. A target error stays an open
-    /// choice, and so do bins and near field that neither states.
+    /// As [`MeshSettings::load`].
     pub fn load(&self) -> Result<Scene, Failure> {
-        let mut scene = self.file.load()?;
+        let mut scene = self.mesh.load()?;
         let file = scene.settings;
         scene.settings = file
-            .bins(self.bins.unwrap_or(file.bins))
-            .lamps(self.lamps.unwrap_or(file.lamps))
             .tolerance(self.tolerance.unwrap_or(file.tolerance))
             .max_passes(self.max_passes.unwrap_or(file.max_passes))
             .solver(self.solver.unwrap_or(file.solver))
             .precision(self.precision.unwrap_or(file.precision))
             .transport(self.transport.unwrap_or(file.transport))
             .backend(self.backend.backend.unwrap_or(file.backend));
-        let stated = self.bins.is_some();
-        scene.choice = match (self.target_error, scene.choice) {
-            (Some(error), _) => Choice::Within(error),
-            (None, Choice::Within(_)) if stated || self.tolerance.is_some() => {
-                Choice::Open { bins: !stated, near_field: true }
-            }
-            (None, Choice::Open { bins, near_field }) => Choice::Open { bins: bins && !stated, near_field },
-            (None, within) => within,
-        };
+        if self.tolerance.is_some() && matches!(scene.choice, Choice::Within(_)) {
+            scene.choice = Choice::default();
+        }
         Ok(scene)
     }
 
-    /// For commands that do not solve to a target error: warns that they use the usual settings.
+    /// As [`MeshSettings::load_settled`].
     pub fn load_settled(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
-        let mut scene = self.load_usual()?;
-        let _working = Working::on("choosing bins");
-        scene.settings = interrupt.while_computing(|| usual_settings(&scene));
-        Ok(scene)
+        Ok(settled(self.load()?, interrupt))
     }
 
     /// The same with its plan.
@@ -126,23 +151,34 @@ impl SceneSettings {
         options: &PlanOptions,
         interrupt: &Interrupt,
     ) -> Result<(Scene, Plan), Failure> {
-        let mut scene = self.load_usual()?;
-        let _working = Working::on("planning");
-        let (settings, plan) = interrupt.while_computing(|| usual_plan(&scene, options))?;
-        scene.settings = settings;
-        Ok((scene, plan))
+        planned(self.load()?, options, interrupt)
     }
+}
 
-    fn load_usual(&self) -> Result<Scene, Failure> {
-        let mut scene = self.load()?;
-        if let Choice::Within(error) = scene.choice {
-            tracing::warn!(
-                "only `antirad render` finds settings for a target error of {error}; this command takes the usual ones"
-            );
-            scene.choice = Choice::default();
-        }
-        Ok(scene)
+fn settled(scene: Scene, interrupt: &Interrupt) -> Scene {
+    let mut scene = without_target(scene);
+    let _working = Working::on("choosing bins");
+    scene.settings = interrupt.while_computing(|| usual_settings(&scene));
+    scene
+}
+
+fn planned(scene: Scene, options: &PlanOptions, interrupt: &Interrupt) -> Result<(Scene, Plan), Failure> {
+    let mut scene = without_target(scene);
+    let _working = Working::on("planning");
+    let (settings, plan) = interrupt.while_computing(|| usual_plan(&scene, options))?;
+    scene.settings = settings;
+    Ok((scene, plan))
+}
+
+/// The scene without the target error that its file states.
+fn without_target(mut scene: Scene) -> Scene {
+    if let Choice::Within(error) = scene.choice {
+        tracing::warn!(
+            "only `antirad render` finds settings for a target error of {error}; this command takes the usual ones"
+        );
+        scene.choice = Choice::default();
     }
+    scene
 }
 
 fn parse_sky(text: &str) -> Result<Sky, String> {
@@ -160,7 +196,7 @@ fn parse_sky(text: &str) -> Result<Sky, String> {
     sky.check().map(|()| sky).map_err(|message| format!("it {message}"))
 }
 
-fn parse_error(text: &str) -> Result<f64, String> {
+pub fn parse_error(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(error) if error > 0.0 && error < 1.0 => Ok(error),
         Ok(_) => Err("an error must be between 0 and 1; 0.02 is 2 %".to_owned()),
