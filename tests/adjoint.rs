@@ -235,13 +235,13 @@ fn transport_through_clusters_changes_with_all_corners_as_its_derivative_says() 
             }
             dot_states(&transport_through_clusters(&model, clusters, &outgoing), &importance)
         };
-        let difference = |step: f64, at: &mut dyn FnMut(f64) -> f64| at(step) - at(-step);
-        // Few of a million pairs have a kink within so small a step: one side of a source, or of a horizon, to the other.
-        let step = 1e-8;
-        let truth = (8.0 * difference(step, &mut at) - difference(2.0 * step, &mut at)) / (12.0 * step);
+        // Of a million pairs some have a kink within a step, one side of a source or of a bin to the other; steps of which few have are
+        // so small that rounding shows.
+        let errors =
+            [1e-7, 5e-8, 3e-8].map(|step| ((at(step) - at(-step)) / (2.0 * step * slope) - 1.0).abs());
         at(0.0);
-        println!("{part}: {slope} {truth}");
-        assert_same(part, slope, truth, 1e-5);
+        println!("{part}: {slope}, {errors:?}");
+        assert!(median(errors.into_iter()) <= 1e-5, "{part}: {slope}, {errors:?}");
     }
 }
 
