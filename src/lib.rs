@@ -61,6 +61,7 @@ pub mod output;
 pub mod plan;
 pub mod ranks;
 pub mod reference;
+pub mod render;
 mod revision;
 pub mod scene;
 pub mod shaders;

@@ -1,15 +1,13 @@
 //! The renderer that solves on a device.
 
-use super::gradient::{CameraGradient, SceneGradient};
 use super::renderer::{CostEstimate, OwnSquares, RenderError, Renderer};
 use crate::backend::Backend;
-use crate::image::{
-    Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer, geometry_gradient, geometry_gradient_of,
-};
+use crate::image::{Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer};
 use crate::plan::{ClusterChoice, GradientRequest, Plan, PlanError, PlanOptions};
 use crate::scene::{Camera, Scene, Transport};
-use crate::shading::{self, Light, Reflections, SeenFrom, Shading, ShadingError};
-use crate::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams, Watch};
+use crate::render::{self, PictureError, PullBack, RenderOptions, SceneGradient, SeenPixels, Shown};
+use crate::shading::{Reflections, Shading};
+use crate::{Engine, EngineError, Solution, SolveParams, Watch};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -30,7 +28,7 @@ const MOVED: f64 = 1e-4;
 /// Solves scenes on a device and renders their pictures.
 pub struct EngineRenderer {
     backend: Backend,
-    rasterizer: Rasterizer,
+    renderer: render::Renderer,
     /// The plan is made for its materials, which require as much as any later ones.
     planning: Scene,
     /// Its emission at first, by material: a measure of how bright others are.
@@ -40,8 +38,6 @@ pub struct EngineRenderer {
     /// How often they have been chosen.
     choices: u64,
     cameras: Vec<Camera>,
-    supersample: u32,
-    shading: Shading,
     request: GradientRequest,
     watch: Watch,
     /// Whether every solve starts from darkness.
@@ -79,10 +75,8 @@ struct Latest {
     difference: bool,
     /// Pictures per view.
     pictures: Vec<Vec<DVec3>>,
-    /// Face colours per view, where each face has one.
-    colours: Vec<Vec<[f64; 3]>>,
-    /// What pictures are gathered from.
-    light: Option<Light>,
+    /// What pictures are made from.
+    light: Shown,
 }
 
 impl EngineRenderer {
@@ -98,16 +92,16 @@ impl EngineRenderer {
         watch: Watch,
     ) -> Result<Self, ImageError> {
         let backend = backend.into();
+        let reflections = if request.geometry() { Reflections::Bins } else { Reflections::FixedRays };
+        let options = RenderOptions::default().supersample(supersample).reflections(reflections);
         Ok(Self {
-            rasterizer: Rasterizer::new(&backend)?,
+            renderer: render::Renderer::new(&backend, options)?,
             backend,
             first_emission: planning.materials.iter().map(|m| m.emission).collect(),
             planning,
             choice: None,
             choices: 0,
             cameras,
-            supersample,
-            shading: Shading::default(),
             request,
             watch,
             independent: false,
@@ -123,7 +117,8 @@ impl EngineRenderer {
 
     /// The same with another shading: gathered unless stated.
     pub fn shading(self, shading: Shading) -> Self {
-        Self { shading, ..self }
+        let Self { renderer, .. } = self;
+        Self { renderer: renderer.shading(shading), ..self }
     }
 
     /// Solves every scene from darkness, with the clusters of the scene to plan for as long as these serve, so that pictures are functions of
@@ -139,7 +134,7 @@ impl EngineRenderer {
     }
 
     fn plan(&self, scene: &Scene, gradients: GradientRequest) -> Result<Plan, RenderError> {
-        let options = PictureOptions { supersample: self.supersample };
+        let options = PictureOptions { supersample: self.renderer.options().supersample };
         let mut pictures = 0;
         for camera in &self.cameras {
             let bytes = Rasterizer::bytes(self.backend.kind(), scene.triangles.len(), camera, &options)
@@ -186,7 +181,7 @@ impl EngineRenderer {
     /// Computes the coverage at the positions of [`Self::planning`], unless known.
     fn look(&mut self) -> Result<(), RenderError> {
         if self.coverage.is_empty() {
-            let look = |camera| self.rasterizer.coverage(&self.planning, camera, self.supersample);
+            let look = |camera| self.renderer.coverage(&self.planning, camera);
             self.coverage = self.cameras.iter().map(look).collect::<Result<_, _>>().map_err(failed)?;
         }
         Ok(())
@@ -231,7 +226,7 @@ impl EngineRenderer {
             let views = self.cameras.iter().zip(std::mem::take(&mut self.coverage));
             let look = |(camera, coverage)| {
                 let before = (&before[..], &coverage);
-                self.rasterizer.coverage_of_moved(&self.planning, camera, self.supersample, before)
+                self.renderer.coverage_of_moved(&self.planning, camera, before)
             };
             self.coverage = views.map(look).collect::<Result<_, _>>().map_err(failed)?;
         }
@@ -297,29 +292,14 @@ impl EngineRenderer {
         });
         let engine = self.engine.insert(engine);
         let solution = solved.map_err(sort_out)?;
-        let mut pictures = Vec::with_capacity(self.cameras.len());
-        let mut colours = Vec::with_capacity(self.cameras.len());
-        let gathers = self.shading == Shading::Gathered;
-        let reflections = if self.request.geometry() { Reflections::Bins } else { Reflections::FixedRays };
-        let light = gathers.then(|| Light::new(engine, &solution, scene, &self.cameras, reflections));
-        let mut light = light.transpose().map_err(sort_out)?;
-        if let Some(before) = self.latest.as_ref().and_then(|latest| latest.light.as_ref()) {
-            light = light.map(|light| light.like(before));
-        }
-        for (view, (camera, coverage)) in self.cameras.iter().zip(&self.coverage).enumerate() {
-            let pixels = match &light {
-                Some(light) => light.pixels(view, coverage),
-                None => {
-                    let shown = engine.face_colours(&solution, camera.position).map_err(sort_out)?;
-                    let pixels = coverage.pixels(&shown);
-                    colours.push(shown);
-                    pixels
-                }
-            };
-            let pixels = pixels.map_err(failed)?;
-            pictures.push(pixels.iter().map(|&[r, g, b, _]| DVec3::new(r, g, b)).collect());
-        }
-        Ok(Latest { scene: scene.clone(), solution, params, difference, pictures, colours, light })
+        let before = self.latest.as_ref().map(|latest| &latest.light);
+        let light = self.renderer.light(engine, &solution, scene, &self.cameras, before).map_err(sort_out)?;
+        let picture = |(view, coverage): (usize, &Coverage)| {
+            let pixels = self.renderer.pixels(&light, view, coverage)?.pixels;
+            Ok(pixels.iter().map(|&[r, g, b, _]| DVec3::new(r, g, b)).collect())
+        };
+        let pictures = self.coverage.iter().enumerate().map(picture).collect::<Result<_, ImageError>>();
+        Ok(Latest { scene: scene.clone(), solution, params, difference, pictures: pictures.map_err(failed)?, light })
     }
 }
 
@@ -376,74 +356,23 @@ impl Renderer for EngineRenderer {
         // Losses do not depend on coverage itself.
         let by_pixels: Vec<Vec<[f64; 4]>> =
             by_pixels.iter().map(|view| view.iter().map(|by| by.extend(0.0).to_array()).collect()).collect();
-        let views = || self.cameras.iter().zip(&self.coverage).zip(&by_pixels);
+        let views = self.cameras.iter().zip(&self.coverage).zip(&by_pixels);
+        let views: Vec<SeenPixels> = views
+            .map(|((camera, coverage), by_pixels)| SeenPixels { camera, coverage, by_pixels })
+            .collect();
         let (watch, passes) = (self.watch.clone(), &mut self.passes);
         let mut progress = |_, _| {
             *passes += 1;
             watch()
         };
         let Latest { scene, solution, params, light, .. } = latest;
-        let (gradients, targets) = match light {
-            Some(light) => {
-                let views: Vec<SeenFrom> =
-                    views().map(|((_, coverage), by_pixels)| SeenFrom { coverage, by_pixels }).collect();
-                shading::backward(engine, solution, light, &views, request, params, &mut progress).map_err(
-                    |error| match error {
-                        ShadingError::Engine(error) => sort_out(error),
-                        ShadingError::Image(error) => failed(error),
-                        error @ ShadingError::Rays => failed(error),
-                    },
-                )?
-            }
-            None => {
-                let mut cotangent = Cotangent::default();
-                for ((camera, coverage), by_pixels) in views() {
-                    let by_colours = coverage.colour_gradient(by_pixels).map_err(failed)?;
-                    cotangent.colours.push((camera.position, by_colours));
-                }
-                let gradients = engine.backward_with(solution, &cotangent, request, params, &mut progress);
-                (gradients.map_err(sort_out)?, vec![DVec3::ZERO; self.cameras.len()])
-            }
-        };
-        let mut gradient = SceneGradient::from(gradients);
-        for (camera, target) in gradient.cameras.iter_mut().flatten().zip(targets) {
-            camera.target = target;
-        }
-        if request.geometry() {
-            // Silhouettes that move in the picture, in addition to the light that changes.
-            // All edges move with a camera.
-            let movable = self.movable.as_deref().filter(|_| !request.camera);
-            for (view, ((camera, _), by_pixels)) in views().enumerate() {
-                let by_edges = match light {
-                    Some(light) => {
-                        let ranks = self.backend.ranks();
-                        let shown = |face, places: &[[f64; 2]]| light.colours_at(view, face, places);
-                        geometry_gradient_of(
-                            ranks,
-                            scene,
-                            camera,
-                            self.supersample,
-                            &shown,
-                            by_pixels,
-                            movable,
-                        )
-                    }
-                    None => {
-                        let colours = &latest.colours[view];
-                        geometry_gradient(scene, camera, self.supersample, colours, by_pixels)
-                    }
-                };
-                let by_edges = by_edges.map_err(failed)?;
-                if let Some(positions) = &mut gradient.positions {
-                    positions.iter_mut().zip(by_edges.vertices).for_each(|(to, by)| *to += by);
-                }
-                if let Some(cameras) = &mut gradient.cameras {
-                    cameras[view].position += by_edges.position;
-                    cameras[view].target += by_edges.target;
-                }
-            }
-        }
-        Ok(Some(gradient))
+        let wanted = PullBack { request, movable: self.movable.as_deref(), params: *params };
+        let pulled = self.renderer.pull_back(engine, solution, scene, light, &views, wanted, &mut progress);
+        Ok(Some(pulled.map_err(|error| match error {
+            PictureError::Engine(error) => sort_out(error),
+            PictureError::Image(error) => failed(error),
+            error => failed(error),
+        })?))
     }
 
     fn own_squares(&mut self, weights: &[Vec<DVec3>]) -> Option<OwnSquares> {
@@ -509,22 +438,5 @@ fn sort_out(error: EngineError) -> RenderError {
             RenderError::NoAnswer(error.to_string())
         }
         other => failed(other),
-    }
-}
-
-impl From<Gradients> for SceneGradient {
-    fn from(gradients: Gradients) -> Self {
-        Self {
-            emission: gradients.emission,
-            diffuse: gradients.diffuse,
-            albedo: gradients.albedo,
-            specular: gradients.specular,
-            power: gradients.power,
-            positions: gradients.vertices,
-            cameras: gradients.camera_positions.map(|positions| {
-                let moved = |position| CameraGradient { position, target: DVec3::ZERO };
-                positions.into_iter().map(moved).collect()
-            }),
-        }
     }
 }

@@ -1,6 +1,6 @@
 //! Job files: what to fit to which pictures, in TOML.
 
-use super::gradient::Quantity;
+use crate::render::Quantity;
 use super::job::{FitError, Job};
 use super::loss::LossKind;
 use super::optimiser::{AdamOptions, QuasiNewtonOptions};

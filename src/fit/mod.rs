@@ -7,7 +7,6 @@
 
 mod checkpoint;
 mod engine_renderer;
-mod gradient;
 mod job;
 mod job_file;
 mod limit;
@@ -28,7 +27,7 @@ mod trail;
 
 pub use checkpoint::{CHECKPOINT_FILES, CheckpointError};
 pub use engine_renderer::EngineRenderer;
-pub use gradient::{CameraGradient, Quantity, SceneGradient};
+pub use crate::render::{CameraGradient, Quantity, SceneGradient};
 pub use job::{FitError, FitProgress, Job, OnCheckpoint, Outcome, Record, RunOptions, Stop};
 pub use job_file::JobFile;
 pub use lock::{FolderLock, LockError};

@@ -1,6 +1,6 @@
 //! The objective: loss and gradient as functions of the unknowns.
 
-use super::gradient::SceneGradient;
+use crate::render::SceneGradient;
 use super::loss::PictureLoss;
 use super::parameters::Parameters;
 use super::regulariser::Regularisers;

@@ -1,6 +1,6 @@
 //! Regularisers: value and gradient of each.
 
-use super::gradient::{Quantity, SceneGradient};
+use crate::render::{Quantity, SceneGradient};
 use super::parameters::{MotionKind, Parameters};
 use crate::scene::{Edges, Scene, Welded, sides};
 use glam::DVec3;

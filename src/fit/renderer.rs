@@ -1,6 +1,6 @@
 //! The interface between a fit and the engine: pictures of a scene, and derivatives of a loss.
 
-use super::gradient::SceneGradient;
+use crate::render::SceneGradient;
 use crate::EngineError;
 use crate::gpu::GpuError;
 use crate::image::ImageError;

@@ -1,6 +1,6 @@
 //! Output files of a fit.
 
-use super::gradient::Quantity;
+use crate::render::Quantity;
 use super::job::{FitError, Job, Outcome, Record};
 use super::renderer::CostEstimate;
 use super::settings::StopRule;

@@ -1,6 +1,6 @@
 //! Selects the triangles or vertices of a [`Fit`], and groups those that share a value.
 
-use super::gradient::Quantity;
+use crate::render::Quantity;
 use super::parameters::{Fit, MotionKind, ParameterError, Per};
 use crate::scene::{Scene, Welded, nearest};
 use std::collections::HashMap;

@@ -11,6 +11,7 @@ use antirad::gpu::Bytes;
 use antirad::image::{Exposure, PictureOptions, Rasterizer, ToneMap};
 use antirad::output::{prepare_directory, single, write_json, write_npy};
 use antirad::plan::PlanOptions;
+use antirad::render::{RenderOptions, Renderer, Shown};
 use antirad::scene::{Camera, Choice, Precision, Scene};
 use antirad::shading::{Reflections, Shading};
 use antirad::target_error::{
@@ -200,27 +201,20 @@ pub fn run(
         }
     };
     let Rendered { scene: solved, irradiance, radiosity, answer, refinement, engine } = result;
-    let rasterizer = Rasterizer::new(&backend)?;
+    let how = RenderOptions::default().supersample(options.supersample).shading(shading);
+    let renderer = Renderer::new(&backend, how.reflections(arguments.reflections))?;
     let working = Working::on("pictures");
-    // All gather light, each its share.
-    let drawn = if together.speaks() || shading == Shading::Gathered { &cameras[..] } else { &[] };
+    let light = match shading {
+        Shading::Face => Shown::Faces(answer.colours),
+        Shading::Gathered => Shown::Gathered(Box::new(answer.light)),
+    };
     let draw = || {
-        drawn
-            .iter()
-            .zip(&answer.colours)
-            .enumerate()
-            .map(|(view, (camera, colours))| {
-                let (picture, error) = match shading {
-                    Shading::Gathered => {
-                        let coverage = rasterizer.coverage(&solved, camera, options.supersample)?;
-                        let gathered = answer.light.gathered(view, &coverage)?;
-                        (gathered.picture(&coverage), gathered.error)
-                    }
-                    _ => (rasterizer.render(&solved, camera, &single(colours), &options)?, 0.0),
-                };
-                Ok((camera, picture, error))
-            })
-            .collect::<Result<Vec<_>, Failure>>()
+        let draw = |(view, camera)| {
+            let coverage = renderer.coverage(&solved, camera)?;
+            let gathered = renderer.pixels(&light, view, &coverage)?;
+            Ok((camera, gathered.picture(&coverage), gathered.error))
+        };
+        cameras.iter().enumerate().map(draw).collect::<Result<Vec<(&Camera, _, _)>, Failure>>()
     };
     let pictures = interrupt.while_computing(draw)?;
     drop(working);

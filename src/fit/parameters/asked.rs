@@ -1,6 +1,6 @@
 //! The specification of what to fit.
 
-use super::super::gradient::Quantity;
+use crate::render::Quantity;
 use crate::options::setters;
 use serde::Serialize;
 

@@ -1,6 +1,6 @@
 //! Bounds within which every vector of unknowns is a valid scene.
 
-use super::super::gradient::Quantity;
+use crate::render::Quantity;
 use super::super::limit::{LIMIT, largest_lobe, lobe, unlimited};
 use super::super::optimiser::Bounds;
 use super::{Fit, ParameterError, Parameters, What, to_unknown};

@@ -1,6 +1,6 @@
 //! Derivatives by a scene, pulled back onto the unknowns.
 
-use super::super::gradient::{Quantity, SceneGradient};
+use crate::render::{Quantity, SceneGradient};
 use super::super::limit::{limit, lobe};
 use super::{Parameters, What};
 use glam::DVec3;

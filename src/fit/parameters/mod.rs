@@ -15,7 +15,7 @@ pub use asked::{Fit, MotionKind, Per};
 pub use recovered::Recovered;
 pub use unseen::Unseen;
 
-use super::gradient::Quantity;
+use crate::render::Quantity;
 use super::limit::{limit, lobe};
 use super::motion::Motion;
 use super::optimiser::Bounds;

@@ -1,6 +1,6 @@
 //! Fitted values of triangles that no view shows.
 
-use super::super::gradient::Quantity;
+use crate::render::Quantity;
 use super::{Parameters, What};
 use std::fmt;
 

@@ -1,5 +1,6 @@
 //! Derivatives of a loss by the quantities of a scene.
 
+use crate::Gradients;
 use crate::plan::GradientRequest;
 use crate::scene::Scene;
 use glam::DVec3;
@@ -173,6 +174,23 @@ impl SceneGradient {
             Quantity::Specular => rgb(&mut self.specular),
             Quantity::Power => scalar(&mut self.power),
             Quantity::Position => {}
+        }
+    }
+}
+
+impl From<Gradients> for SceneGradient {
+    fn from(gradients: Gradients) -> Self {
+        Self {
+            emission: gradients.emission,
+            diffuse: gradients.diffuse,
+            albedo: gradients.albedo,
+            specular: gradients.specular,
+            power: gradients.power,
+            positions: gradients.vertices,
+            cameras: gradients.camera_positions.map(|positions| {
+                let moved = |position| CameraGradient { position, target: DVec3::ZERO };
+                positions.into_iter().map(moved).collect()
+            }),
         }
     }
 }
