@@ -4,8 +4,8 @@ use super::renderer::{CostEstimate, OwnSquares, RenderError, Renderer};
 use crate::backend::Backend;
 use crate::image::{Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer};
 use crate::plan::{ClusterChoice, GradientRequest, Plan, PlanError, PlanOptions};
-use crate::scene::{Camera, Scene, Transport};
 use crate::render::{self, PictureError, PullBack, RenderOptions, SceneGradient, SeenPixels, Shown};
+use crate::scene::{Camera, Scene, Transport};
 use crate::shading::{Reflections, Shading};
 use crate::{Engine, EngineError, Solution, SolveParams, Watch};
 use glam::DVec3;
@@ -299,7 +299,14 @@ impl EngineRenderer {
             Ok(pixels.iter().map(|&[r, g, b, _]| DVec3::new(r, g, b)).collect())
         };
         let pictures = self.coverage.iter().enumerate().map(picture).collect::<Result<_, ImageError>>();
-        Ok(Latest { scene: scene.clone(), solution, params, difference, pictures: pictures.map_err(failed)?, light })
+        Ok(Latest {
+            scene: scene.clone(),
+            solution,
+            params,
+            difference,
+            pictures: pictures.map_err(failed)?,
+            light,
+        })
     }
 }
 
@@ -357,9 +364,8 @@ impl Renderer for EngineRenderer {
         let by_pixels: Vec<Vec<[f64; 4]>> =
             by_pixels.iter().map(|view| view.iter().map(|by| by.extend(0.0).to_array()).collect()).collect();
         let views = self.cameras.iter().zip(&self.coverage).zip(&by_pixels);
-        let views: Vec<SeenPixels> = views
-            .map(|((camera, coverage), by_pixels)| SeenPixels { camera, coverage, by_pixels })
-            .collect();
+        let views: Vec<SeenPixels> =
+            views.map(|((camera, coverage), by_pixels)| SeenPixels { camera, coverage, by_pixels }).collect();
         let (watch, passes) = (self.watch.clone(), &mut self.passes);
         let mut progress = |_, _| {
             *passes += 1;

@@ -1,6 +1,5 @@
 //! Job files: what to fit to which pictures, in TOML.
 
-use crate::render::Quantity;
 use super::job::{FitError, Job};
 use super::loss::LossKind;
 use super::optimiser::{AdamOptions, QuasiNewtonOptions};
@@ -10,6 +9,7 @@ use super::selection::unknown;
 use super::settings::{OptimiserKind, Settings, StopRule};
 use super::target::{Target, TargetPicture, read_mask};
 use crate::image::MAX_SUPERSAMPLE;
+use crate::render::Quantity;
 use crate::scene::{
     BackendChoice, Camera, CameraTable, LoadOptions, Place, Scene, SceneError, TomlFile, Triple,
 };

@@ -25,9 +25,9 @@ mod status;
 mod target;
 mod trail;
 
+pub use crate::render::{CameraGradient, Quantity, SceneGradient};
 pub use checkpoint::{CHECKPOINT_FILES, CheckpointError};
 pub use engine_renderer::EngineRenderer;
-pub use crate::render::{CameraGradient, Quantity, SceneGradient};
 pub use job::{FitError, FitProgress, Job, OnCheckpoint, Outcome, Record, RunOptions, Stop};
 pub use job_file::JobFile;
 pub use lock::{FolderLock, LockError};

@@ -1,11 +1,11 @@
 //! The objective: loss and gradient as functions of the unknowns.
 
-use crate::render::SceneGradient;
 use super::loss::PictureLoss;
 use super::parameters::Parameters;
 use super::regulariser::Regularisers;
 use super::renderer::{RenderError, Renderer};
 use super::target::Target;
+use crate::render::SceneGradient;
 use crate::scene::Scene;
 use glam::DVec3;
 

@@ -1,7 +1,7 @@
 //! Regularisers: value and gradient of each.
 
-use crate::render::{Quantity, SceneGradient};
 use super::parameters::{MotionKind, Parameters};
+use crate::render::{Quantity, SceneGradient};
 use crate::scene::{Edges, Scene, Welded, sides};
 use glam::DVec3;
 use serde::Serialize;

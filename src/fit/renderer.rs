@@ -1,11 +1,11 @@
 //! The interface between a fit and the engine: pictures of a scene, and derivatives of a loss.
 
-use crate::render::SceneGradient;
 use crate::EngineError;
 use crate::gpu::GpuError;
 use crate::image::ImageError;
 use crate::plan::GradientRequest;
 use crate::ranks::RankError;
+use crate::render::SceneGradient;
 use crate::scene::Scene;
 use glam::DVec3;
 

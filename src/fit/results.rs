@@ -1,6 +1,5 @@
 //! Output files of a fit.
 
-use crate::render::Quantity;
 use super::job::{FitError, Job, Outcome, Record};
 use super::renderer::CostEstimate;
 use super::settings::StopRule;
@@ -8,6 +7,7 @@ use super::target::Target;
 use crate::image::Picture;
 use crate::output::{OutputError, atomic_write, write_array, write_json};
 use crate::plan::GradientRequest;
+use crate::render::Quantity;
 use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Value, json};

@@ -1,7 +1,7 @@
 //! Selects the triangles or vertices of a [`Fit`], and groups those that share a value.
 
-use crate::render::Quantity;
 use super::parameters::{Fit, MotionKind, ParameterError, Per};
+use crate::render::Quantity;
 use crate::scene::{Scene, Welded, nearest};
 use std::collections::HashMap;
 

@@ -6,9 +6,10 @@ use crate::finer::Finer;
 use crate::report::{DeviceReport, MemoryUse, RankReport, Report, SolveReport};
 use crate::settings::{SceneSettings, parse_error};
 use crate::together::Together;
+use antirad::backend::Backend;
 use antirad::cli::{EXIT_UNRELIABLE, Interrupt, SolveBar, Working};
 use antirad::gpu::Bytes;
-use antirad::image::{Exposure, PictureOptions, Rasterizer, ToneMap};
+use antirad::image::{Exposure, ImageError, Picture, PictureOptions, Rasterizer, ToneMap};
 use antirad::output::{prepare_directory, single, write_json, write_npy};
 use antirad::plan::PlanOptions;
 use antirad::render::{RenderOptions, Renderer, Shown};
@@ -20,7 +21,6 @@ use antirad::target_error::{
 use antirad::warnings::{Kind, Warnings};
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use clap::{Args, ValueEnum};
-use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -133,93 +133,23 @@ pub fn run(
         (_, Refine::Auto) => Finer::where_coarse(&mut scene, arguments.max_triangles, interrupt)?,
     };
     stages.end("refine");
-    let cut = finer.as_ref().map(|finer| finer.given());
-
-    let shading = arguments.shading;
-    let options = PictureOptions::default().supersample(arguments.supersample);
-    let options_of_device = arguments.settings.backend.options(arguments.settings.memory_budget);
-    let backend = together.open(scene.settings.backend, options_of_device, interrupt)?;
-    let mut pictures = 0;
-    for camera in &cameras {
-        pictures = pictures.max(Rasterizer::bytes(backend.kind(), scene.triangles.len(), camera, &options)?);
-    }
+    let options = arguments.settings.backend.options(arguments.settings.memory_budget);
+    let backend = together.open(scene.settings.backend, options, interrupt)?;
     tracing::info!("backend {backend:?}, {} threads", backend.threads());
-    let result = match scene.choice {
-        Choice::Within(error) => {
-            let reserve = |scene: &Scene| {
-                let of = |camera: &Camera| {
-                    Rasterizer::bytes(backend.kind(), scene.triangles.len(), camera, &options)
-                };
-                cameras.iter().map(of).map(|bytes| bytes.unwrap_or(u64::MAX)).max().unwrap_or(0)
-            };
-            let options = TargetErrorOptions::new(error)
-                .max_triangles(arguments.max_triangles)
-                .cameras(cameras.clone())
-                .shading(shading)
-                .reflections(arguments.reflections);
-            let bar = SolveBar::new(scene.settings.tolerance, quiet);
-            let mut run = |engine: &mut Engine, scene: &Scene, stage: &Stage| {
-                let part = bar.part(scene.settings.tolerance, &stage.name, stage.begin..stage.end);
-                solve(engine, scene, &part, interrupt)
-            };
-            let refined =
-                interrupt.while_computing(|| solve_within(&backend, &scene, &options, &reserve, &mut run));
-            bar.finish();
-            let refined = refined
-                .map_err(|error| if error.is_interruption() { Failure::Interrupted } else { error.into() })?;
-            stages.end("solve");
-            Rendered::refined(refined)
-        }
-        Choice::Open { .. } => {
-            let options = PlanOptions::of(&backend).pictures(pictures);
-            let working = Working::on("planning");
-            let (settings, plan) = interrupt.while_computing(|| usual_plan(&scene, &options))?;
-            drop(working);
-            scene.settings = settings;
-            tracing::info!("{}", plan.report());
-            stages.end("plan");
-            let working = Working::on("direct light");
-            let engine = interrupt.while_computing(|| Engine::new(&backend, &scene, plan));
-            drop(working);
-            let mut engine = engine.map_err(failure)?;
-            stages.end("prepare");
-            let bar = SolveBar::new(settings.tolerance, quiet);
-            let solved = solve(&mut engine, &scene, &bar, interrupt);
-            bar.finish();
-            let solution = solved.or_else(best_iterate)?;
-            stages.end("solve");
-            let working = Working::on("looking for causes of errors");
-            let warnings = interrupt.while_computing(|| Warnings::of(&scene, engine.plan()));
-            drop(working);
-            stages.end("check");
-            let working = Working::on("gathering light");
-            let answer = interrupt.while_computing(|| {
-                Answer::new(&mut engine, &scene, solution, &cameras, arguments.reflections, warnings)
-            })?;
-            drop(working);
-            Rendered::plain(&scene, answer, engine, finer)
-        }
+    let work = Work { arguments, quiet, interrupt, backend: &backend, cameras: &cameras };
+    let given_triangles = finer.as_ref().map(|finer| finer.given());
+    let rendered = match scene.choice {
+        Choice::Within(error) => work.within(error, &scene, &mut stages)?,
+        Choice::Open { .. } => work.usual(scene, finer, &mut stages)?,
     };
-    let Rendered { scene: solved, irradiance, radiosity, answer, refinement, engine } = result;
-    let how = RenderOptions::default().supersample(options.supersample).shading(shading);
-    let renderer = Renderer::new(&backend, how.reflections(arguments.reflections))?;
-    let working = Working::on("pictures");
-    let light = match shading {
+    let Rendered { scene, irradiance, radiosity, answer, refinement, engine } = rendered;
+    let light = match arguments.shading {
         Shading::Face => Shown::Faces(answer.colours),
         Shading::Gathered => Shown::Gathered(Box::new(answer.light)),
     };
-    let draw = || {
-        let draw = |(view, camera)| {
-            let coverage = renderer.coverage(&solved, camera)?;
-            let gathered = renderer.pixels(&light, view, &coverage)?;
-            Ok((camera, gathered.picture(&coverage), gathered.error))
-        };
-        cameras.iter().enumerate().map(draw).collect::<Result<Vec<(&Camera, _, _)>, Failure>>()
-    };
-    let pictures = interrupt.while_computing(draw)?;
-    drop(working);
+    let pictures = work.pictures(&scene, &light)?;
     stages.end("pictures");
-    let shares = RankReport::of_all(&backend, stages.seconds["solve"])?;
+    let ranks = RankReport::of_all(&backend, stages.seconds["solve"])?;
     if !together.speaks() {
         return Ok(());
     }
@@ -227,24 +157,10 @@ pub fn run(
         return Err(Failure::Interrupted);
     }
 
-    let tone = ToneMap::default().exposure(arguments.exposure).srgb(!arguments.linear_png);
-    let mut files = Vec::new();
-    for (camera, picture, _) in &pictures {
-        picture.write_exr(directory.join(format!("{}.exr", camera.name)))?;
-        picture.write_png(directory.join(format!("{}.png", camera.name)), &tone)?;
-        files.extend(["exr", "png"].map(|kind| format!("{}.{kind}", camera.name)));
-    }
-    for (name, rows) in [("irradiance.npy", &irradiance), ("radiosity.npy", &radiosity)] {
-        match solved.settings.precision {
-            Precision::F32 => {
-                warn_of_range(rows, name);
-                write_npy(&directory.join(name), &single(rows))?;
-            }
-            Precision::F64 => write_npy(&directory.join(name), rows)?,
-        }
-    }
+    let files = work.write_pictures(&directory, &pictures)?;
+    write_rows(&directory, "irradiance.npy", &irradiance, scene.settings.precision)?;
+    write_rows(&directory, "radiosity.npy", &radiosity, scene.settings.precision)?;
     stages.end("write");
-
     for warning in answer.warnings.list.iter().filter(|warning| warning.severe) {
         tracing::warn!("{}: {}; remedy: {}", warning.kind.name(), warning.message, warning.remedy);
     }
@@ -254,18 +170,18 @@ pub fn run(
         backend: backend.kind(),
         device: DeviceReport::from(&backend),
         threads: backend.threads(),
-        warnings: solved.warnings.clone(),
+        warnings: scene.warnings.clone(),
         accuracy_warnings: answer.warnings.list,
         plan: answer.plan,
         sampling_error: answer.sampling_error,
         refinement,
-        given_triangles: cut,
+        given_triangles,
         memory: MemoryUse::from(backend.memory()),
-        ranks: shares,
-        solve: SolveReport::new(answer.info, solved.settings.tolerance),
+        ranks,
+        solve: SolveReport::new(answer.info, scene.settings.tolerance),
         energy: answer.energy,
         negative_irradiance: answer.negative,
-        reflections_error: pictures.iter().map(|(camera, _, error)| (camera.name.clone(), *error)).collect(),
+        reflections_error: pictures.iter().map(|drawn| (drawn.camera.name.clone(), drawn.error)).collect(),
         pictures: files,
         seconds: stages.seconds,
         kernels: backend.profile(),
@@ -283,9 +199,137 @@ pub fn run(
     }
 }
 
+/// What all steps of a render use.
+struct Work<'a> {
+    arguments: &'a Arguments,
+    quiet: bool,
+    interrupt: &'a Interrupt,
+    backend: &'a Backend,
+    cameras: &'a [Camera],
+}
+
+/// The picture of a camera, and the standard error of what it shows mirrored.
+struct DrawnPicture<'a> {
+    camera: &'a Camera,
+    picture: Picture,
+    error: f64,
+}
+
+impl Work<'_> {
+    /// Bytes that the largest picture of a scene takes of the memory budget.
+    fn reserved(&self, scene: &Scene) -> Result<u64, ImageError> {
+        let options = PictureOptions::default().supersample(self.arguments.supersample);
+        let triangles = scene.triangles.len();
+        let bytes = |camera| Rasterizer::bytes(self.backend.kind(), triangles, camera, &options);
+        self.cameras.iter().try_fold(0, |most, camera| Ok(bytes(camera)?.max(most)))
+    }
+
+    /// Solves to a target error.
+    fn within(&self, error: f64, scene: &Scene, stages: &mut Stages) -> Result<Rendered, Failure> {
+        let Self { arguments, quiet, interrupt, backend, cameras } = *self;
+        self.reserved(scene)?;
+        let reserve = |scene: &Scene| self.reserved(scene).unwrap_or(u64::MAX);
+        let options = TargetErrorOptions::new(error)
+            .max_triangles(arguments.max_triangles)
+            .cameras(cameras.to_vec())
+            .shading(arguments.shading)
+            .reflections(arguments.reflections);
+        let bar = SolveBar::new(scene.settings.tolerance, quiet);
+        let mut run = |engine: &mut Engine, scene: &Scene, stage: &Stage| {
+            let part = bar.part(scene.settings.tolerance, &stage.name, stage.begin..stage.end);
+            solve(engine, scene, &part, interrupt)
+        };
+        let refined =
+            interrupt.while_computing(|| solve_within(backend, scene, &options, &reserve, &mut run));
+        bar.finish();
+        stages.end("solve");
+        match refined {
+            Ok(refined) => Ok(Rendered::refined(refined)),
+            Err(error) if error.is_interruption() => Err(Failure::Interrupted),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Solves with the settings of the scene, and the usual ones where it states none.
+    fn usual(
+        &self,
+        mut scene: Scene,
+        finer: Option<Finer>,
+        stages: &mut Stages,
+    ) -> Result<Rendered, Failure> {
+        let Self { arguments, quiet, interrupt, backend, cameras } = *self;
+        let options = PlanOptions::of(backend).pictures(self.reserved(&scene)?);
+        let working = Working::on("planning");
+        let (settings, plan) = interrupt.while_computing(|| usual_plan(&scene, &options))?;
+        drop(working);
+        scene.settings = settings;
+        tracing::info!("{}", plan.report());
+        stages.end("plan");
+        let working = Working::on("direct light");
+        let engine = interrupt.while_computing(|| Engine::new(backend, &scene, plan));
+        drop(working);
+        let mut engine = engine.map_err(failure)?;
+        stages.end("prepare");
+        let bar = SolveBar::new(settings.tolerance, quiet);
+        let solved = solve(&mut engine, &scene, &bar, interrupt);
+        bar.finish();
+        let solution = solved.or_else(best_iterate)?;
+        stages.end("solve");
+        let working = Working::on("looking for causes of errors");
+        let warnings = interrupt.while_computing(|| Warnings::of(&scene, engine.plan()));
+        drop(working);
+        stages.end("check");
+        let _working = Working::on("gathering light");
+        let answer = interrupt.while_computing(|| {
+            Answer::new(&mut engine, &scene, solution, cameras, arguments.reflections, warnings)
+        })?;
+        Ok(Rendered::plain(scene, answer, engine, finer))
+    }
+
+    /// The pictures of all cameras. Ranks make them together.
+    fn pictures(&self, scene: &Scene, light: &Shown) -> Result<Vec<DrawnPicture<'_>>, Failure> {
+        let Self { arguments, interrupt, backend, cameras, .. } = *self;
+        let _working = Working::on("pictures");
+        let options = RenderOptions::default().supersample(arguments.supersample).shading(arguments.shading);
+        let renderer = Renderer::new(backend, options.reflections(arguments.reflections))?;
+        let draw = |(view, camera)| {
+            let coverage = renderer.coverage(scene, camera)?;
+            let gathered = renderer.pixels(light, view, &coverage)?;
+            Ok(DrawnPicture { camera, picture: gathered.picture(&coverage), error: gathered.error })
+        };
+        interrupt.while_computing(|| cameras.iter().enumerate().map(draw).collect())
+    }
+
+    /// Writes each picture as EXR and PNG, and returns the names of the files.
+    fn write_pictures(&self, directory: &Path, pictures: &[DrawnPicture]) -> Result<Vec<String>, Failure> {
+        let Arguments { exposure, linear_png, .. } = self.arguments;
+        let tone = ToneMap::default().exposure(*exposure).srgb(!linear_png);
+        let mut files = Vec::new();
+        for DrawnPicture { camera, picture, .. } in pictures {
+            let [exr, png] = ["exr", "png"].map(|kind| format!("{}.{kind}", camera.name));
+            picture.write_exr(directory.join(&exr))?;
+            picture.write_png(directory.join(&png), &tone)?;
+            files.extend([exr, png]);
+        }
+        Ok(files)
+    }
+}
+
+/// Writes values per triangle in the precision of the solve.
+fn write_rows(directory: &Path, name: &str, rows: &[[f64; 3]], precision: Precision) -> Result<(), Failure> {
+    match precision {
+        Precision::F32 => {
+            warn_of_range(rows, name);
+            write_npy(&directory.join(name), &single(rows))?;
+        }
+        Precision::F64 => write_npy(&directory.join(name), rows)?,
+    }
+    Ok(())
+}
+
 /// A scene as solved, with results for the triangles of the scene as given.
-struct Rendered<'a> {
-    scene: Cow<'a, Scene>,
+struct Rendered {
+    scene: Scene,
     irradiance: Vec<[f64; 3]>,
     radiosity: Vec<[f64; 3]>,
     answer: Answer,
@@ -294,35 +338,21 @@ struct Rendered<'a> {
     engine: Option<Engine>,
 }
 
-impl<'a> Rendered<'a> {
-    fn plain(scene: &'a Scene, answer: Answer, engine: Engine, finer: Option<Finer>) -> Self {
+impl Rendered {
+    fn plain(scene: Scene, answer: Answer, engine: Engine, finer: Option<Finer>) -> Self {
         let on_given = |values: &Vec<[f64; 3]>| match &finer {
-            Some(finer) => finer.on_given(scene, values),
+            Some(finer) => finer.on_given(&scene, values),
             None => values.clone(),
         };
         let (irradiance, radiosity) = (on_given(&answer.irradiance), on_given(&answer.radiosity));
-        Self {
-            scene: Cow::Borrowed(scene),
-            irradiance,
-            radiosity,
-            answer,
-            refinement: None,
-            engine: Some(engine),
-        }
+        Self { scene, irradiance, radiosity, answer, refinement: None, engine: Some(engine) }
     }
 
     fn refined(solved: Solved) -> Self {
         let irradiance = solved.on_given(&solved.answer.irradiance);
         let radiosity = solved.on_given(&solved.answer.radiosity);
         let Solved { scene, answer, refinement, .. } = solved;
-        Self {
-            scene: Cow::Owned(scene),
-            irradiance,
-            radiosity,
-            answer,
-            refinement: Some(refinement),
-            engine: None,
-        }
+        Self { scene, irradiance, radiosity, answer, refinement: Some(refinement), engine: None }
     }
 }
 

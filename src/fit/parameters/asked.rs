@@ -1,7 +1,7 @@
 //! The specification of what to fit.
 
-use crate::render::Quantity;
 use crate::options::setters;
+use crate::render::Quantity;
 use serde::Serialize;
 
 /// Which triangles share a value.

@@ -1,9 +1,9 @@
 //! Bounds within which every vector of unknowns is a valid scene.
 
-use crate::render::Quantity;
 use super::super::limit::{LIMIT, largest_lobe, lobe, unlimited};
 use super::super::optimiser::Bounds;
 use super::{Fit, ParameterError, Parameters, What, to_unknown};
+use crate::render::Quantity;
 use crate::scene::Material;
 
 /// Default upper bound of the diffuse albedo: a closed room of it still converges in a few hundred passes.

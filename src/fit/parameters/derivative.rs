@@ -1,8 +1,8 @@
 //! Derivatives by a scene, pulled back onto the unknowns.
 
-use crate::render::{Quantity, SceneGradient};
 use super::super::limit::{limit, lobe};
 use super::{Parameters, What};
+use crate::render::{Quantity, SceneGradient};
 use glam::DVec3;
 
 /// RGB derivatives per [`Quantity`]; `None` if it is not fitted.

@@ -15,13 +15,13 @@ pub use asked::{Fit, MotionKind, Per};
 pub use recovered::Recovered;
 pub use unseen::Unseen;
 
-use crate::render::Quantity;
 use super::limit::{limit, lobe};
 use super::motion::Motion;
 use super::optimiser::Bounds;
 use super::renderer::OwnSquares;
 use super::selection::{self, Selected};
 use crate::plan::GradientRequest;
+use crate::render::Quantity;
 use crate::scene::{Material, Scene, bounds};
 use glam::DVec3;
 use std::collections::HashMap;

@@ -1,7 +1,7 @@
 //! Fitted values of triangles that no view shows.
 
-use crate::render::Quantity;
 use super::{Parameters, What};
+use crate::render::Quantity;
 use std::fmt;
 
 /// Counts the values of one [`Fit`](super::Fit) whose triangles no view shows.

@@ -9,13 +9,14 @@ use super::state::State;
 use super::sweep::{Between, Kernels, Sweep, of_partners};
 use super::volumes::VolumeLight;
 use super::{Context, bin_constants};
-use crate::gpu::{Bindings, BufferSlice, Device, GpuError};
-use crate::plan::{Block, Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::gpu::{Batch, Bindings, BufferSlice, Device, GpuError};
+use crate::plan::{Block, Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Piece, Plan};
 use crate::shaders;
 use crate::transport::TransportError;
 use crate::transport::shape::Shape;
 use crate::transport::work::{far_pairs, pairs};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Close sources per receiver and dispatch: lavapipe bounds the iterations of all loops of an invocation together by
 /// 65535, and one source takes at most 1 + 16 · (20 + 16 · 19).
@@ -96,140 +97,257 @@ impl Exchange {
         y: &State,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
-        let Context { device, plan, scene, outgoing } = context;
+        let Context { device, plan, .. } = context;
         monitor.begin(plan.own_share(pairs(plan, false)));
+        let irradiance = y.open(&Part::irradiance(plan))?;
         let backs = x.is_some();
         let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
-        let none = || View::resident(&scene.no_bins, 0, 0);
-        let (facets, radiance) = (scene.facets.whole(), outgoing.radiance.whole());
-        let partners = of_partners(context, &outgoing.radiance);
-        let irradiance = y.open(&Part::irradiance(plan))?;
-        let pieces = plan.pieces();
-        let mut first_sweep = true;
+        let pass = Pass { context, irradiance: &irradiance, backs, passing };
         if let Some(volumes) = &self.volumes {
             volumes.clear(context)?;
         }
         for (number, groups) in plan.sweeps().into_iter().enumerate() {
-            let mut receivers = Vec::new();
             // What the sweep begins with, in one submission.
             let mut batch = device.batch()?;
             if number == 0 {
                 reflection.record_diffuse(context, x, emission, &mut batch)?;
                 irradiance.fill(&mut batch)?;
             }
-            for t in groups {
-                let incident = Part::held(plan, t).map(|part| y.open(&part)).transpose()?;
-                if let Some(incident) = &incident {
-                    incident.fill(&mut batch)?;
-                }
-                receivers.push((plan.own(t), incident.unwrap_or_else(none)));
-            }
+            let receivers = open_receivers(context, groups, y, &mut batch)?;
             batch.defer()?;
-            let mut wanted = Vec::new();
-            for piece in &pieces {
-                let from = &piece.part;
-                let reached = |to: &Group| plan.anything_passes(&to.tiles, &from.tiles);
-                let (lit, culled): (Vec<_>, Vec<_>) = receivers.iter().partition(|(to, _)| reached(to));
-                for (to, _) in culled {
-                    monitor.done(far_pairs(plan, to, from))?;
-                }
-                // Others may need what this rank shows.
-                if !lit.is_empty() || plan.options.ranks > 1 {
-                    wanted.push((piece, lit));
-                }
-            }
-            let mut from_piece = |number: usize, light: Option<View>, go_on: &mut dyn FnMut()| {
-                let (piece, lit) = &wanted[number];
-                let from = &piece.part;
+            let wanted = sources_for(plan, &receivers, monitor)?;
+            let mut from_piece = |of: usize, light: Option<View>, go_on: &mut dyn FnMut()| {
+                let (piece, lit) = &wanted[of];
                 let specular = reflection.specular_under(context, piece, light.as_ref(), monitor)?;
-                let antiradiance = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
-                let slots = plan.layout.slots_of(&from.tiles);
-                let triangles =
-                    ClusterSources { class: from.class, indices: slots.clone(), antiradiance, specular };
-                let of_clusters = match &self.clusters {
-                    Some(clusters) => Some(clusters.gather(context, piece.group, &triangles, backs)?),
-                    None => None,
-                };
-                // All that comes from other ranks is here.
-                go_on();
-                for (to, incident) in lit {
-                    let shape = Shape::new(from.class, to.class);
-                    let sweep = sweep_of(&mut self.sweeps, shape)?;
-                    let near = [
-                        facets,
-                        radiance,
-                        scene.corners.whole(),
-                        irradiance.slice(),
-                        antiradiance,
-                        specular,
-                        incident.slice(),
-                        scene.near_offsets.whole(),
-                        scene.near_sources.whole(),
-                        scene.bin_table.whole(),
-                    ];
-                    let between = Between::receivers(plan, to, from, incident.first_slot);
-                    sweep.near(context, &between, &near, backs, monitor)?;
-                }
-                let sent = [(from.class.blocker && backs, antiradiance), (from.class.glossy, specular)];
-                let sent = Some((piece.group, sent.map(|(there, light)| there.then_some(light))));
-                add_near_matrix(&mut self.near_matrix, context, sent, y, monitor)?;
-                if let Some(of_clusters) = of_clusters {
-                    if let Some(volumes) = self.volumes.as_ref().filter(|_| first_sweep) {
-                        volumes.add(context, &triangles, backs)?;
-                    }
-                    for sources in [triangles, of_clusters] {
-                        for (to, incident) in lit {
-                            let sweep = sweep_of(&mut self.sweeps, Shape::new(from.class, to.class))?;
-                            let light = (irradiance.slice(), incident);
-                            add_listed(context, sweep, &sources, to, light, passing, monitor)?;
-                        }
-                    }
-                    return Ok(());
-                }
-                for (to, incident) in lit {
-                    let shape = Shape::new(from.class, to.class);
-                    let sweep = sweep_of(&mut self.sweeps, shape)?;
-                    let far = [
-                        facets,
-                        scene.far_sources.whole(),
-                        irradiance.slice(),
-                        antiradiance,
-                        specular,
-                        incident.slice(),
-                        scene.bin_table.whole(),
-                    ];
-                    let far = if shape.any_bins() { &far[..] } else { &far[..3] };
-                    let between = Between::receivers(plan, to, from, incident.first_slot);
-                    sweep.far(context, &between, far, &partners, passing, monitor)?;
-                }
-                Ok(())
+                let antiradiance = light.as_ref().map_or(context.scene.no_bins.whole(), View::slice);
+                self.from_piece(&pass, piece, [antiradiance, specular], lit, (y, number == 0), go_on, monitor)
             };
             match x {
                 Some(x) => {
                     let parts: Vec<_> = wanted.iter().map(|(of, _)| Part::of_piece(plan, of)).collect();
                     x.show_each(device, &parts, false, from_piece)?;
                 }
-                None => (0..wanted.len()).try_for_each(|number| from_piece(number, None, &mut || {}))?,
+                None => (0..wanted.len()).try_for_each(|of| from_piece(of, None, &mut || {}))?,
             }
-            if let Some(volumes) = self.volumes.as_ref().filter(|_| first_sweep) {
-                volumes.sum(context)?;
-                first_sweep = false;
-            }
-            for (to, incident) in receivers.iter().filter(|(to, _)| !to.tiles.is_empty()) {
-                let Some(volumes) = &self.volumes else { continue };
-                let sources = &volumes.sources(plan)?;
-                let sweep = sweep_of(&mut self.sweeps, Shape::new(sources.class, to.class))?;
-                // Fronts are on both sides of volumes.
-                let passing = PAIR_FRONT | PAIR_BACK;
-                add_listed(context, sweep, sources, to, (irradiance.slice(), incident), passing, monitor)?;
-            }
+            self.from_volumes(&pass, &receivers, number == 0, monitor)?;
             add_near_matrix(&mut self.near_matrix, context, None, y, monitor)?;
-            for (_, incident) in receivers {
-                incident.store(device)?;
-            }
+            receivers.into_iter().try_for_each(|to| to.incident.store(device))?;
         }
         context.complete_slots(irradiance.buffer(), plan.rgb_bytes())?;
         irradiance.store(device)
+    }
+
+    /// Adds what a piece of the sources sends to the receivers of a sweep: close triangles, then clusters and far triangles. `sent`: its
+    /// antiradiance and specular radiance. Volumes gather it in the first sweep.
+    #[expect(clippy::too_many_arguments, reason = "the operands of a sum, and what computes it")]
+    fn from_piece(
+        &mut self,
+        pass: &Pass,
+        piece: &Piece,
+        sent: [BufferSlice; 2],
+        lit: &[&Receivers],
+        (y, first_sweep): (&State, bool),
+        go_on: &mut dyn FnMut(),
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let &Pass { context, backs, .. } = pass;
+        let from = &piece.part;
+        let [antiradiance, specular] = sent;
+        let indices = context.plan.layout.slots_of(&from.tiles);
+        let triangles = ClusterSources { class: from.class, indices, antiradiance, specular };
+        let of_clusters = match &self.clusters {
+            Some(clusters) => Some(clusters.gather(context, piece.group, &triangles, backs)?),
+            None => None,
+        };
+        // All that comes from other ranks is here.
+        go_on();
+        for to in lit {
+            pass.near(sweep_of(&mut self.sweeps, to.shape(from))?, &triangles, from, to, monitor)?;
+        }
+        let there =
+            [(from.class.blocker && backs).then_some(antiradiance), from.class.glossy.then_some(specular)];
+        add_near_matrix(&mut self.near_matrix, context, Some((piece.group, there)), y, monitor)?;
+        let Some(of_clusters) = of_clusters else {
+            return lit.iter().try_for_each(|to| {
+                pass.far(sweep_of(&mut self.sweeps, to.shape(from))?, &triangles, from, to, monitor)
+            });
+        };
+        if let Some(volumes) = self.volumes.as_ref().filter(|_| first_sweep) {
+            volumes.add(context, &triangles, backs)?;
+        }
+        for sources in [&triangles, &of_clusters] {
+            for to in lit {
+                pass.listed(sweep_of(&mut self.sweeps, to.shape(from))?, sources, to, monitor)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds what volumes send, once their light has been gathered.
+    fn from_volumes(
+        &mut self,
+        pass: &Pass,
+        receivers: &[Receivers],
+        first_sweep: bool,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Some(volumes) = &self.volumes else { return Ok(()) };
+        if first_sweep {
+            volumes.sum(pass.context)?;
+        }
+        // Fronts are on both sides of volumes.
+        let pass = Pass { passing: PAIR_FRONT | PAIR_BACK, ..*pass };
+        let sources = &volumes.sources(&pass.context.plan)?;
+        for to in receivers.iter().filter(|to| !to.group.tiles.is_empty()) {
+            let sweep = sweep_of(&mut self.sweeps, Shape::new(sources.class, to.group.class))?;
+            pass.listed(sweep, sources, to, monitor)?;
+        }
+        Ok(())
+    }
+}
+
+/// What this rank computes of a group, and the view in which its bins are accumulated.
+struct Receivers<'a> {
+    group: Group,
+    incident: View<'a>,
+}
+
+impl Receivers<'_> {
+    fn shape(&self, from: &Group) -> Shape {
+        Shape::new(from.class, self.group.class)
+    }
+}
+
+/// The receivers of a sweep, whose bins are set to zero.
+fn open_receivers<'a>(
+    context: &'a Context,
+    groups: Range<usize>,
+    y: &'a State,
+    batch: &mut Batch,
+) -> Result<Vec<Receivers<'a>>, TransportError> {
+    let Context { plan, scene, .. } = context;
+    let mut receivers = Vec::new();
+    for t in groups {
+        let incident = Part::held(plan, t).map(|part| y.open(&part)).transpose()?;
+        if let Some(incident) = &incident {
+            incident.fill(batch)?;
+        }
+        let incident = incident.unwrap_or_else(|| View::resident(&scene.no_bins, 0, 0));
+        receivers.push(Receivers { group: plan.own(t), incident });
+    }
+    Ok(receivers)
+}
+
+/// Pieces of the sources, each with the receivers that it can light.
+fn sources_for<'a, 'b>(
+    plan: &Plan,
+    receivers: &'b [Receivers<'a>],
+    monitor: &mut PassMonitor,
+) -> Result<Vec<(Piece, Vec<&'b Receivers<'a>>)>, TransportError> {
+    let mut wanted = Vec::new();
+    for piece in plan.pieces() {
+        let from = &piece.part;
+        let reached = |to: &&Receivers| plan.anything_passes(&to.group.tiles, &from.tiles);
+        let (lit, culled): (Vec<_>, Vec<_>) = receivers.iter().partition(reached);
+        culled.iter().try_for_each(|to| monitor.done(far_pairs(plan, &to.group, from)))?;
+        // Others may need what this rank shows.
+        if !lit.is_empty() || plan.options.ranks > 1 {
+            wanted.push((piece, lit));
+        }
+    }
+    Ok(wanted)
+}
+
+/// What kernels of a pass bind, whatever the sources.
+#[derive(Clone, Copy)]
+struct Pass<'a> {
+    context: &'a Context,
+    irradiance: &'a View<'a>,
+    /// Whether there is antiradiance.
+    backs: bool,
+    /// Bits of pairs to consider.
+    passing: u32,
+}
+
+impl Pass<'_> {
+    /// Adds what close triangles send.
+    fn near(
+        &self,
+        sweep: &mut Sweep,
+        sources: &ClusterSources,
+        from: &Group,
+        to: &Receivers,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { plan, scene, outgoing, .. } = self.context;
+        let buffers = [
+            scene.facets.whole(),
+            outgoing.radiance.whole(),
+            scene.corners.whole(),
+            self.irradiance.slice(),
+            sources.antiradiance,
+            sources.specular,
+            to.incident.slice(),
+            scene.near_offsets.whole(),
+            scene.near_sources.whole(),
+            scene.bin_table.whole(),
+        ];
+        let between = Between::receivers(plan, &to.group, from, to.incident.first_slot);
+        sweep.near(self.context, &between, &buffers, self.backs, monitor)
+    }
+
+    /// Adds what far triangles send, where no clusters stand for them.
+    fn far(
+        &self,
+        sweep: &mut Sweep,
+        sources: &ClusterSources,
+        from: &Group,
+        to: &Receivers,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { plan, scene, outgoing, .. } = self.context;
+        let buffers = [
+            scene.facets.whole(),
+            scene.far_sources.whole(),
+            self.irradiance.slice(),
+            sources.antiradiance,
+            sources.specular,
+            to.incident.slice(),
+            scene.bin_table.whole(),
+        ];
+        let buffers = if to.shape(from).any_bins() { &buffers[..] } else { &buffers[..3] };
+        let between = Between::receivers(plan, &to.group, from, to.incident.first_slot);
+        let partners = of_partners(self.context, &outgoing.radiance);
+        sweep.far(self.context, &between, buffers, &partners, self.passing, monitor)
+    }
+
+    /// Adds what the far triangles of a group, its clusters, or volumes send, where clusters stand for triangles.
+    fn listed(
+        &self,
+        sweep: &mut Sweep,
+        sources: &ClusterSources,
+        to: &Receivers,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { plan, scene, outgoing, .. } = self.context;
+        let (facets, lists) = (scene.facets.whole(), scene.far_sources.whole());
+        let (irradiance, radiance) = (self.irradiance.slice(), outgoing.radiance.whole());
+        let with_bins = [
+            facets,
+            lists,
+            irradiance,
+            sources.antiradiance,
+            sources.specular,
+            to.incident.slice(),
+            scene.bin_table.whole(),
+            radiance,
+        ];
+        let without = [facets, lists, irradiance, radiance];
+        let any_bins = Shape::new(sources.class, to.group.class).any_bins();
+        let buffers = if any_bins { &with_bins[..] } else { &without[..] };
+        let targets = (&plan.layout.slots_of(&to.group.tiles), to.incident.first_slot);
+        let partners = (&sources.indices, sources.indices.start);
+        sweep.listed(self.context, targets, partners, buffers, self.passing, monitor)
     }
 }
 
@@ -259,37 +377,6 @@ fn add_near_matrix(
         Ok(Some([sent, received]))
     };
     matrix.run(device, ends, monitor)
-}
-
-/// Adds what the far triangles of a group, or its clusters, send to another, where clusters stand for triangles.
-fn add_listed(
-    context: &Context,
-    sweep: &mut Sweep,
-    from: &ClusterSources,
-    to: &Group,
-    (irradiance, incident): (BufferSlice, &View),
-    passing: u32,
-    monitor: &mut PassMonitor,
-) -> Result<(), TransportError> {
-    let Context { plan, scene, outgoing, .. } = context;
-    let shape = Shape::new(from.class, to.class);
-    let (facets, lists, radiance) =
-        (scene.facets.whole(), scene.far_sources.whole(), outgoing.radiance.whole());
-    let with_bins = [
-        facets,
-        lists,
-        irradiance,
-        from.antiradiance,
-        from.specular,
-        incident.slice(),
-        scene.bin_table.whole(),
-        radiance,
-    ];
-    let without = [facets, lists, irradiance, radiance];
-    let buffers = if shape.any_bins() { &with_bins[..] } else { &without[..] };
-    let targets = (&plan.layout.slots_of(&to.tiles), incident.first_slot);
-    let partners = (&from.indices, from.indices.start);
-    sweep.listed(context, targets, partners, buffers, passing, monitor)
 }
 
 #[cfg(test)]
