@@ -1,17 +1,18 @@
-//! Rates of the transport kernels in pairs per second, forward, transposed and with derivatives, minima of time over many
-//! repeats, with nothing culled within the measured shape. `LP_NUM_THREADS=1 cargo bench --bench kernels` gives rates per
-//! core of lavapipe, `-- adjoint` and `-- derivative` those of gradients alone.
+//! Rates of the transport operators in pairs per second, forward, transposed and with derivatives, minima of time over many
+//! repeats, with nothing culled within the measured shape: those of the backend that ANTIRAD_BACKEND names, by default kernels on a Vulkan
+//! device. `LP_NUM_THREADS=1 cargo bench --bench kernels` gives rates per core of lavapipe, with `ANTIRAD_BACKEND=cpu` and
+//! `RAYON_NUM_THREADS=1` those of the CPU; `-- adjoint` and `-- derivative` those of gradients alone.
 //!
-//! The harness is its own, since it measures the device time of one shape of one kernel within a pass, by the fastest
+//! The harness is its own, since it measures the time of one shape of one kernel within a pass, by the fastest
 //! repeat. `divan` reports fastest times, but only of whole calls; `criterion` accepts given times (`iter_custom`), but
 //! reports means, which on a busy machine stay far below the rate: 11 to 15 million pairs/s for diffuse fronts to bins
 //! in three runs that alternated with this harness, which found 15, 46 and 29; a quiet machine gives 44.
 
-use antirad::gpu::{Device, DeviceOptions};
+use antirad::backend::{Backend, BackendChoice};
+use antirad::gpu::DeviceOptions;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::scene::{Material, Movable, Scene, SceneBuilder, Shape, SolveSettings};
-use antirad::solve::LightOperator;
-use antirad::transport::{AdjointKernels, AdjointOperator, Operators, SceneBuffers, State};
+use antirad::transport::{self, Operators, State};
 use glam::{DAffine3, DQuat, DVec3};
 use std::time::{Duration, Instant};
 
@@ -51,13 +52,16 @@ fn sheets(cells: u32, heights: &[f64]) -> Scene {
 enum Run {
     Forward,
     Adjoint,
-    /// With respect to the geometry of the sources, or of the receivers.
+    /// With respect to the geometry of the sources, or of the receivers; the CPU counts both together.
     Derivative(&'static str),
 }
 
 impl Run {
-    const ALL: [Self; 4] =
-        [Self::Forward, Self::Adjoint, Self::Derivative("source"), Self::Derivative("receiver")];
+    fn all(backend: &Backend) -> Vec<Self> {
+        let ends: &[_] = if backend.vulkan().is_some() { &["source", "receiver"] } else { &["both"] };
+        let derivatives = ends.iter().copied().map(Self::Derivative);
+        [Self::Forward, Self::Adjoint].into_iter().chain(derivatives).collect()
+    }
 
     fn name(self, case: &Case) -> String {
         match self {
@@ -70,47 +74,48 @@ impl Run {
     /// Whether a row of the profile is about it.
     fn measures(self, case: &Case, kernel: &str, shape: &str) -> bool {
         let of_shape = match self {
-            Self::Derivative(by) => shape == format!("{}, by {by}", case.shape),
+            Self::Derivative(by) if by != "both" => shape == format!("{}, by {by}", case.shape),
             _ => shape == case.shape,
         };
-        of_shape && kernel.starts_with("transport")
+        of_shape && (kernel.starts_with("transport") || kernel.starts_with("far"))
     }
 }
 
-/// A case on the device.
+/// A case on a backend.
 struct Bench {
-    device: Device,
-    operators: Operators,
-    adjoint: AdjointKernels,
+    backend: Backend,
+    operators: Box<dyn Operators>,
     /// Light in every bin, and where a pass puts its result.
     x: State,
     y: State,
 }
 
 impl Bench {
-    fn new(device: &Device, case: &Case) -> Self {
+    fn new(backend: &Backend, case: &Case) -> Self {
         // The near field is a kernel of its own.
         let settings = SolveSettings::default().near_field(0.0);
-        let options = PlanOptions::of(device).gradients(GradientRequest::EVERYTHING);
+        let options = PlanOptions::of(backend).gradients(GradientRequest::EVERYTHING);
         let plan = Plan::new(&case.scene, &options, &settings).expect("a plan");
-        let buffers = SceneBuffers::new(device, &case.scene, &plan).expect("buffers");
-        let mut operators = Operators::new(device, plan, buffers).expect("operators");
-        let adjoint = AdjointKernels::new(device, operators.plan()).expect("an adjoint").expect("gradients");
+        let emission = |i: usize| case.scene.material(i).emission;
+        let emitted: Vec<[f64; 3]> = (0..case.scene.triangles.len()).map(emission).collect();
+        let mut operators =
+            transport::operators(backend, &case.scene, plan, &emitted, 1.0).expect("operators");
         let mut x = operators.vector().expect("a vector");
         let y = operators.vector().expect("a vector");
         operators.pass(None, true, &mut x).expect("a pass");
-        Self { device: device.clone(), operators, adjoint, x, y }
+        Self { backend: backend.clone(), operators, x, y }
     }
 
     fn pass(&mut self, run: Run) {
-        let Self { operators, adjoint, x, y, .. } = self;
+        let Self { operators, x, y, .. } = self;
         match run {
             Run::Forward => operators.pass(Some(x), true, y).expect("a pass"),
-            Run::Adjoint => AdjointOperator::new(operators, adjoint).pass(Some(x), false, y).expect("a pass"),
+            Run::Adjoint => {
+                operators.adjoint().expect("gradients").pass(Some(x), false, y).expect("a pass");
+            }
             Run::Derivative(_) => {
-                AdjointOperator::new(operators, adjoint)
-                    .geometry(x, x, &[], Some(&Movable::All))
-                    .expect("gradients");
+                let mut adjoint = operators.adjoint().expect("gradients");
+                adjoint.geometry(x, x, &[], Some(&Movable::All)).expect("gradients");
             }
         }
     }
@@ -123,9 +128,9 @@ impl Bench {
             if repeat >= 3 && start.elapsed() > PATIENCE {
                 break;
             }
-            self.device.reset_profile();
+            self.backend.reset_profile();
             self.pass(run);
-            let rows = self.device.profile().into_iter();
+            let rows = self.backend.profile().into_iter();
             let rows = rows.filter(|row| run.measures(case, &row.kernel, &row.shape));
             fastest = fastest.min(rows.map(|row| row.seconds).sum());
         }
@@ -134,8 +139,9 @@ impl Bench {
 }
 
 fn main() {
-    let device = Device::new(&DeviceOptions::default()).expect("a Vulkan device").kernels_only();
-    println!("{}", device.info().name);
+    let choice = BackendChoice::of_environment().unwrap_or(BackendChoice::Vulkan);
+    let backend = Backend::open(Some(choice), &DeviceOptions::default()).expect("a backend");
+    println!("{backend:?}, {} threads", backend.threads());
     let cases = [
         Case {
             name: "irradiance alone",
@@ -166,14 +172,14 @@ fn main() {
     let wanted: Vec<String> = std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
     let matches = |name: &str| wanted.is_empty() || wanted.iter().any(|part| name.contains(part));
     for case in cases {
-        let runs: Vec<Run> = Run::ALL.iter().copied().filter(|run| matches(&run.name(&case))).collect();
+        let runs: Vec<Run> = Run::all(&backend).into_iter().filter(|run| matches(&run.name(&case))).collect();
         if runs.is_empty() {
             continue;
         }
         let of =
             |material: u32| case.scene.triangles.iter().filter(|t| t.material == material).count() as f64;
         let pairs = of(case.pairs.0) * of(case.pairs.1);
-        let mut bench = Bench::new(&device, &case);
+        let mut bench = Bench::new(&backend, &case);
         for run in runs {
             let rate = pairs / bench.fastest(&case, run);
             println!("{:48} {:8.1} million pairs/s", run.name(&case), 1e-6 * rate);

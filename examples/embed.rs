@@ -1,6 +1,7 @@
 // A scene made in memory, solved, and its irradiance read back: cargo run --release --example embed
 
-use antirad::gpu::{Device, DeviceOptions};
+use antirad::backend::Backend;
+use antirad::gpu::DeviceOptions;
 use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{Material, SceneBuilder, Shape};
 use antirad::{Engine, SolveParams};
@@ -27,10 +28,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         eprintln!("{warning}");
     }
 
-    let device = Device::new(&DeviceOptions::default())?;
-    let plan = Plan::new(&scene, &PlanOptions::of(&device), &scene.settings)?;
-    println!("{}: {} triangles, {} bytes", device.info().name, plan.triangles(), plan.memory().total());
-    let mut engine = Engine::new(&device, &scene, plan)?;
+    // A GPU if there is one, otherwise the CPU, which `Backend::cpu()` is, too.
+    let backend = Backend::open(None, &DeviceOptions::default())?;
+    let plan = Plan::new(&scene, &PlanOptions::of(&backend), &scene.settings)?;
+    println!("{backend:?}: {} triangles, {} bytes", plan.triangles(), plan.memory().total());
+    let mut engine = Engine::new(&backend, &scene, plan)?;
     let solution = engine.solve(&SolveParams::from(&scene.settings))?;
     println!(
         "{} passes to a residual of {:.1e}",

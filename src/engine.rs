@@ -265,6 +265,7 @@ pub struct Negative {
 /// Memory layout of a state: states of the same arrangement can be added.
 #[derive(Clone, Debug, PartialEq)]
 struct Arrangement {
+    backend: BackendKind,
     bins: BinLayout,
     channels: u32,
     precision: Precision,
@@ -278,6 +279,7 @@ struct Arrangement {
 impl Arrangement {
     fn of(plan: &Plan) -> Self {
         Self {
+            backend: plan.options.backend,
             bins: plan.settings.bins,
             channels: plan.channels,
             precision: plan.settings.precision,
@@ -581,8 +583,8 @@ impl Engine {
     }
 
     /// Solves starting from the solution of a similar scene (a few parameters have changed, a vertex has moved),
-    /// which takes fewer passes. Starts from zero if the plan of that scene orders triangles differently. The start
-    /// may come from any engine on the same device, with any materials.
+    /// which takes fewer passes. Starts from zero if the plan of that scene orders triangles differently, or is for the other
+    /// backend. The start may come from any engine on the same device, with any materials.
     pub fn solve_from(
         &mut self,
         start: Option<&Solution>,

@@ -8,7 +8,8 @@
 //! find the incident light H = U C.
 //!
 //! ```no_run
-//! use antirad::gpu::{Device, DeviceOptions};
+//! use antirad::backend::Backend;
+//! use antirad::gpu::DeviceOptions;
 //! use antirad::image::{PictureOptions, Rasterizer, ToneMap};
 //! use antirad::output::single;
 //! use antirad::scene::{LoadOptions, Scene};
@@ -16,16 +17,16 @@
 //! use std::path::Path;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let device = Device::new(&DeviceOptions::default())?;
+//! let backend = Backend::open(None, &DeviceOptions::default())?;
 //! let scene = Scene::load(Path::new("scenes/cornell_boxes.toml"), &LoadOptions::default())?;
-//! let mut engine = Engine::builder(&device, &scene).build()?;
+//! let mut engine = Engine::builder(&backend, &scene).build()?;
 //! let solution = engine.solve(&SolveParams::from(&scene.settings))?;
 //! println!("irradiance of triangle 0: {:?} W/m²", solution.irradiance[0]);
 //!
 //! let camera = &scene.cameras[0];
 //! let colours = single(&engine.face_colours(&solution, camera.position)?);
 //! let options = PictureOptions::default();
-//! let picture = Rasterizer::new(&device)?.render(&scene, camera, &colours, &options)?;
+//! let picture = Rasterizer::new(&backend)?.render(&scene, camera, &colours, &options)?;
 //! picture.write_png("room.png", &ToneMap::default())?;
 //! # Ok(())
 //! # }

@@ -4,13 +4,13 @@ mod support;
 
 use antirad::Watch;
 use antirad::ambiguity::{DirectLight, FirstBounce, Given, Polytope, Views};
-use antirad::gpu::Device;
+use antirad::backend::Backend;
 use antirad::image::Rasterizer;
 use antirad::scene::{Camera, Lamps, LoadOptions, Scene};
 use std::fs;
 use std::ops::ControlFlow;
 use std::sync::Arc;
-use support::{areas, device, finish, solve};
+use support::{areas, backend, finish, solve};
 
 /// A room with a closed screen; the lamp lies behind it, so that the camera sees its light on the walls alone.
 const ROOM: &str = r#"[[mesh]]
@@ -63,7 +63,7 @@ fn room() -> Scene {
 const NOISE: f64 = 0.02;
 
 struct Case {
-    device: Device,
+    backend: Backend,
     scene: Scene,
     views: Views,
     direct: DirectLight,
@@ -72,13 +72,13 @@ struct Case {
 
 impl Case {
     fn new() -> Self {
-        let (device, scene) = (device(), room());
-        let rasterizer = Rasterizer::new(&device).expect("a rasterizer");
+        let (backend, scene) = (backend(), room());
+        let rasterizer = Rasterizer::new(&backend).expect("a rasterizer");
         let cameras: Vec<&Camera> = scene.cameras.iter().collect();
         let views = Views::new(&rasterizer, &scene, &cameras, 4).expect("views");
         let watch: Watch = Arc::new(|| ControlFlow::Continue(()));
-        let direct = DirectLight::new(&device, &scene, &watch).expect("direct light");
-        Self { device, scene, views, direct, watch }
+        let direct = DirectLight::new(&backend, &scene, &watch).expect("direct light");
+        Self { backend, scene, views, direct, watch }
     }
 
     /// Colours of seen faces with other emissions.
@@ -87,7 +87,7 @@ impl Case {
         let part = |sign: f64| {
             let part: Vec<[f64; 3]> = emission.iter().map(|e| e.map(|e| (sign * e).max(0.0))).collect();
             let scene = self.scene.with_emission(&part);
-            let (mut engine, solution) = solve(&self.device, &scene, &scene.settings);
+            let (mut engine, solution) = solve(&self.backend, &scene, &scene.settings);
             engine.face_colours(&solution, scene.cameras[0].position).expect("colours")
         };
         let colours = part(1.0).into_iter().zip(part(-1.0)).map(|(a, b)| [0, 1, 2].map(|c| a[c] - b[c]));
@@ -113,7 +113,7 @@ fn the_first_bounce_of_a_hidden_lamp_looks_like_the_lamp() {
     let mut case = Case::new();
     let cameras: Vec<&Camera> = case.scene.cameras.iter().collect();
     let bounce =
-        FirstBounce::new(&case.device, &case.scene, &cameras, &case.views, &mut case.direct, &case.watch)
+        FirstBounce::new(&case.backend, &case.scene, &cameras, &case.views, &mut case.direct, &case.watch)
             .expect("a first bounce")
             .expect("a hidden lamp");
     assert_eq!(bounce.hidden_lights.len(), 2);
@@ -121,7 +121,7 @@ fn the_first_bounce_of_a_hidden_lamp_looks_like_the_lamp() {
     // The other explanation: the lamp is dark, the walls emit.
     assert!(bounce.hidden_lights.iter().all(|&i| bounce.emission[i].iter().all(|&e| e.abs() < 1e-6)));
     assert!(bounce.emission.iter().flatten().sum::<f64>() > 1.0);
-    finish(&case.device);
+    finish(&case.backend);
 }
 
 /// Each of some unseen triangles at its maximum, as the only hidden light: the seen faces look the same, no emission is
@@ -177,5 +177,5 @@ fn the_ends_of_intervals_explain_the_picture() {
         assert!(difference <= 1e-5, "triangle {}: {difference:.1e}", unseen[k]);
     }
     assert!(bounded >= 6);
-    finish(&case.device);
+    finish(&case.backend);
 }

@@ -1,22 +1,22 @@
-//! Gradients of the engine: transposes and derivatives on the device against dot products and differences, in both
+//! Gradients of the engine: transposes and derivatives on both backends against dot products and differences, in both
 //! precisions; and requests that are refused.
 #![allow(unsafe_code, reason = "one test lends a device that plain Vulkan calls opened")]
 
 mod support;
 
+use antirad::backend::Backend;
 use antirad::gpu::embed::RawDevice;
-use antirad::gpu::{Device, DeviceKind, Enabled, GpuError};
+use antirad::gpu::{Device, Enabled, GpuError};
 use antirad::plan::{GradientRequest, Occlusion, PADDING, Plan, PlanOptions};
 use antirad::scene::{
     BinLayout, Lamps, Material, Mesh, Precision, Scene, Shape, SolveSettings, SolverChoice, Triangle,
 };
-use antirad::solve::LightOperator;
-use antirad::transport::{AdjointKernels, AdjointOperator, Operators, SceneBuffers, State};
+use antirad::transport::{Operators, State};
 use antirad::{Cotangent, Engine, EngineError, Gradients, MaterialGradients, Solution, SolveParams};
 use ash::vk;
 use glam::DVec3;
 use support::random::{Random, random_scene, scattered, with_own_powers};
-use support::{device, finish, load};
+use support::{backend, device, finish, implementations, load};
 
 const EQUAL_ANGLE: BinLayout = BinLayout::EqualAngle { theta: 10, phi: 13 };
 
@@ -25,10 +25,11 @@ fn settings(precision: Precision) -> SolveSettings {
     SolveSettings::default().precision(precision).tolerance(tolerance)
 }
 
-fn engine(device: &Device, scene: &Scene, request: GradientRequest) -> Engine {
-    let options = PlanOptions::of(device).gradients(request);
+fn engine(backend: impl Into<Backend>, scene: &Scene, request: GradientRequest) -> Engine {
+    let backend = backend.into();
+    let options = PlanOptions::of(&backend).gradients(request);
     let plan = Plan::new(scene, &options, &scene.settings).expect("a plan");
-    Engine::new(device, scene, plan).expect("an engine")
+    Engine::new(backend, scene, plan).expect("an engine")
 }
 
 fn signed(random: &mut Random, count: usize) -> Vec<DVec3> {
@@ -90,7 +91,7 @@ fn kinds(gradients: &Gradients) -> Vec<(&'static str, Vec<f64>)> {
 /// A state on the host: vec4 per slot, and per group bins of each slot, three channels.
 type Arrays = (Vec<[f64; 4]>, Vec<Option<Vec<f64>>>);
 
-fn download(operators: &Operators, x: &State) -> Arrays {
+fn download(operators: &mut dyn Operators, x: &State) -> Arrays {
     let groups = 0..operators.plan().layout().groups.len();
     let bins = groups.map(|g| operators.bins(x, g).expect("bins")).collect();
     (operators.irradiance(x).expect("irradiance"), bins)
@@ -141,15 +142,19 @@ fn assert_same(what: &str, one: f64, other: f64, bound: f64) {
     assert!(error <= bound, "{what}: {one:e} and {other:e}, relative error {error:e}");
 }
 
-/// ⟨A x, λ⟩ = ⟨x, Aᵀ λ⟩ of each operator as the device applies it.
+/// ⟨A x, λ⟩ = ⟨x, Aᵀ λ⟩ of each operator as the CPU and kernels apply it.
 fn dot_products(name: &str, scene: &Scene, keep_near_field: bool, bound: f64) {
-    let device = device();
-    let options = PlanOptions::of(&device).gradients(GradientRequest::EVERYTHING);
+    for backend in [Backend::cpu(), device().into()] {
+        dot_products_on(&backend, &format!("{name}, {}", backend.kind()), scene, keep_near_field, bound);
+    }
+}
+
+fn dot_products_on(backend: &Backend, name: &str, scene: &Scene, keep_near_field: bool, bound: f64) {
+    let options = PlanOptions::of(backend).gradients(GradientRequest::EVERYTHING);
     let options = options.keep_near_field(keep_near_field);
     let plan = Plan::new(scene, &options, &scene.settings).expect("a plan");
-    let buffers = SceneBuffers::new(&device, scene, &plan).expect("buffers");
-    let mut adjoint = AdjointKernels::new(&device, &plan).expect("an adjoint").expect("what was planned");
-    let mut operators = Operators::new(&device, plan.clone(), buffers).expect("operators");
+    let mut operators = support::operators(backend, scene, &plan);
+    let operators = &mut *operators;
     let mut random = Random::new(3);
     let has_bins = |g: usize| plan.layout().groups[g].class.has_bins();
     let glossy = |g: usize| plan.layout().groups[g].class.glossy;
@@ -159,26 +164,26 @@ fn dot_products(name: &str, scene: &Scene, keep_near_field: bool, bound: f64) {
     let colours = random_arrays(&plan, &mut random, |_| false).0;
     let camera_position = DVec3::new(0.6, 0.9, 3.0);
 
-    let vector = |operators: &mut Operators, values: &Arrays| {
-        let x = operators.vector().expect("a vector");
-        operators.set(&x, &values.0, &values.1).expect("an upload");
+    let vector = |operators: &mut dyn Operators, values: &Arrays| {
+        let mut x = operators.vector().expect("a vector");
+        operators.set(&mut x, &values.0, &values.1).expect("an upload");
         x
     };
-    let x = vector(&mut operators, &incident);
-    let lambda = vector(&mut operators, &cotangent);
+    let x = vector(operators, &incident);
+    let lambda = vector(operators, &cotangent);
     let dark = operators.vector().expect("a vector");
     let mut y = operators.vector().expect("a vector");
 
     operators.pass(None, true, &mut y).expect("a pass");
-    let emitted = download(&operators, &y);
+    let emitted = download(operators, &y);
     operators.pass(Some(&x), false, &mut y).expect("a pass");
-    let bounced = download(&operators, &y);
-    let from = |operators: &mut Operators, x: &State| -> Arrays {
+    let bounced = download(operators, &y);
+    let from = |operators: &mut dyn Operators, x: &State| -> Arrays {
         let values = operators.outgoing(x).expect("what leaves");
         (values.radiance, values.specular)
     };
-    let emission = from(&mut operators, &dark);
-    let reflected = minus(&from(&mut operators, &x), &emission);
+    let emission = from(operators, &dark);
+    let reflected = minus(&from(operators, &x), &emission);
     let no_bins = vec![None; plan.layout().groups.len()];
     let seen = operators.observe(&x, camera_position).expect("a view");
     let seen = minus(
@@ -187,7 +192,7 @@ fn dot_products(name: &str, scene: &Scene, keep_near_field: bool, bound: f64) {
     );
 
     let none = vec![[0.0; 4]; plan.layout().slots() as usize];
-    let mut transposed = AdjointOperator::new(&mut operators, &mut adjoint);
+    let mut transposed = operators.adjoint().expect("what was planned");
     let mut z = transposed.vector().expect("a vector");
     transposed.set(&none, &none, &no_bins).expect("cotangents");
     let importance = transposed.outgoing_cotangent(&lambda).expect("a pass");
@@ -199,6 +204,7 @@ fn dot_products(name: &str, scene: &Scene, keep_near_field: bool, bound: f64) {
     transposed.set(&none, &none, &no_bins).expect("cotangents");
     transposed.add_view(camera_position, &colours).expect("a view");
     transposed.pass(None, true, &mut of_view).expect("a pass");
+    drop(transposed);
 
     // Uᵀ for emission: radiance alone, as emission has no bins.
     let importance = (importance.radiance, importance.specular);
@@ -207,17 +213,17 @@ fn dot_products(name: &str, scene: &Scene, keep_near_field: bool, bound: f64) {
         (
             "U (K - J)",
             dot(&plan, &bounced, &cotangent, true),
-            dot(&plan, &incident, &download(&operators, &z), true),
+            dot(&plan, &incident, &download(operators, &z), true),
         ),
         (
             "K",
             dot(&plan, &reflected, &outgoing, false),
-            dot(&plan, &incident, &download(&operators, &of_leaving), true),
+            dot(&plan, &incident, &download(operators, &of_leaving), true),
         ),
         (
             "S K",
             dot(&plan, &seen, &(colours, no_bins), false),
-            dot(&plan, &incident, &download(&operators, &of_view), true),
+            dot(&plan, &incident, &download(operators, &of_view), true),
         ),
     ];
     for (operator, one, other) in ways {
@@ -225,13 +231,13 @@ fn dot_products(name: &str, scene: &Scene, keep_near_field: bool, bound: f64) {
             assert_same(&format!("{name}: {operator}"), one, other, bound);
         }
     }
-    finish(&device);
+    finish(backend);
 }
 
 /// The solve and its adjoint give the same number, since a loss is linear in the emission.
 fn whole_solve(name: &str, scene: &Scene, bound: f64) {
-    let device = device();
-    let mut engine = engine(&device, scene, GradientRequest::NOTHING.emission(true));
+    let backend = backend();
+    let mut engine = engine(&backend, scene, GradientRequest::NOTHING.emission(true));
     let loss = random_loss(&mut Random::new(5), scene.triangles.len());
     let solution = solve(&mut engine);
     let gradients = backward(&mut engine, &solution, &loss);
@@ -239,7 +245,7 @@ fn whole_solve(name: &str, scene: &Scene, bound: f64) {
     let from_adjoint =
         emission.iter().enumerate().map(|(i, g)| g.dot(scene.material(i).emission.into())).sum::<f64>();
     assert_same(&format!("{name}: the solve"), value(&mut engine, &solution, &loss), from_adjoint, bound);
-    finish(&device);
+    finish(&backend);
 }
 
 /// Glossy and occluded, also with a power for each triangle; diffuse; nothing but blockers, so that U (K - J) = -U J; many close pairs.
@@ -279,25 +285,24 @@ fn operators_and_their_transposes_agree_in_f32() {
     }
 }
 
-/// Where the device is a CPU the host does some of the work: the same as kernels do on GPUs.
-fn kernels_and_the_host_agree(scenes: impl IntoIterator<Item = (&'static str, Scene)>, bound: f64) {
-    let device = device();
+/// The CPU computes the same as kernels do, those for drivers of CPUs and those for GPUs.
+fn backends_agree(scenes: impl IntoIterator<Item = (&'static str, Scene)>, bound: f64) {
+    let implementations = implementations();
     for (name, mut scene) in scenes {
         // All light passes through U. Rounding apart, passes are the same, however many.
         scene.settings = scene.settings.lamps(Lamps::Antiradiance).tolerance(0.01);
         let loss = random_loss(&mut Random::new(6), scene.triangles.len());
-        let of_gpus = device.clone().with_kernels_for(DeviceKind::Discrete);
-        let found = [device.clone(), device.clone().kernels_only(), of_gpus].map(|device| {
-            device.reset_profile();
-            let mut engine = engine(&device, &scene, GradientRequest::EVERYTHING);
+        let found = implementations.each_ref().map(|(_, backend)| {
+            backend.reset_profile();
+            let mut engine = engine(backend, &scene, GradientRequest::EVERYTHING);
             let solution = solve(&mut engine);
             let gradients = kinds(&backward(&mut engine, &solution, &loss));
             let kernels: Vec<String> =
-                device.profile().into_iter().map(|row| row.kernel.replace("_f64", "")).collect();
+                backend.profile().into_iter().map(|row| row.kernel.replace("_f64", "")).collect();
             (solution.irradiance.as_flattened().to_vec(), gradients, kernels)
         });
-        let [(irradiance, gradients, on_host), (true_irradiance, true_gradients, on_device), of_gpus] = found;
-        let others = [("the host", &irradiance, &gradients), ("kernels for GPUs", &of_gpus.0, &of_gpus.1)];
+        let [on_cpu, (true_irradiance, true_gradients, on_device), of_gpus] = found;
+        let others = [("the CPU", &on_cpu.0, &on_cpu.1), ("kernels for GPUs", &of_gpus.0, &of_gpus.1)];
         for (who, irradiance, gradients) in others {
             let error = relative(irradiance, &true_irradiance);
             println!("{name}, {:?}, {who}: irradiance: error {error:.1e}", scene.settings.precision);
@@ -311,34 +316,32 @@ fn kernels_and_the_host_agree(scenes: impl IntoIterator<Item = (&'static str, Sc
         let lobes = name.starts_with("gl").then_some(["reflect_lobes", "reflect_lobes_adjoint"]);
         for kernel in ["combine", "project", "near_matrix"].into_iter().chain(lobes.into_iter().flatten()) {
             assert!(on_device.iter().any(|row| row == kernel), "{name}: {kernel} of {on_device:?}");
-            let cpu = device.info().kind == DeviceKind::Cpu;
-            assert_eq!(on_host.iter().any(|row| row == kernel), !cpu, "{name}: {kernel}");
         }
     }
-    finish(&device);
+    implementations.iter().for_each(|(_, backend)| finish(backend));
 }
 
 #[test]
-fn kernels_and_the_host_agree_in_f32() {
-    kernels_and_the_host_agree(scenes(Precision::F32), 1e-4);
+fn backends_agree_in_f32() {
+    backends_agree(scenes(Precision::F32), 1e-4);
 }
 
 #[test]
-fn kernels_and_the_host_agree_in_f64() {
+fn backends_agree_in_f64() {
     let mut grey = random_scene(16, 90, true, true);
     grey.settings = settings(Precision::F64);
-    kernels_and_the_host_agree(scenes(Precision::F64).into_iter().chain([("grey", grey)]), 1e-9);
+    backends_agree(scenes(Precision::F64).into_iter().chain([("grey", grey)]), 1e-9);
 }
 
 /// A parameter of a scene and the cameras, changed by a number.
 type Change = Box<dyn Fn(&mut Scene, &mut Cotangent, f64)>;
 
 /// The slope of the loss by central differences.
-fn slope(device: &Device, scene: &Scene, loss: &Cotangent, change: &Change, step: f64) -> f64 {
+fn slope(backend: &Backend, scene: &Scene, loss: &Cotangent, change: &Change, step: f64) -> f64 {
     let at = |step: f64| {
         let (mut scene, mut loss) = (scene.clone(), loss.clone());
         change(&mut scene, &mut loss, step);
-        let mut engine = engine(device, &scene, GradientRequest::NOTHING.camera(true));
+        let mut engine = engine(backend, &scene, GradientRequest::NOTHING.camera(true));
         let solution = solve(&mut engine);
         value(&mut engine, &solution, &loss)
     };
@@ -358,7 +361,7 @@ fn own_material(scene: &mut Scene, triangle: usize) -> &mut Material {
 /// and at 1e-5 the residual of the solves, 1e-13, makes about 1e-8, too.
 #[test]
 fn gradients_are_slopes_of_the_solve() {
-    let device = device();
+    let backend = backend();
     for bins in [EQUAL_ANGLE, BinLayout::Concentric { n: 8 }] {
         let settings = settings(Precision::F64).bins(bins);
         // Close to each other, and shiny: a lobe that hardly reflects has slopes below rounding.
@@ -373,7 +376,7 @@ fn gradients_are_slopes_of_the_solve() {
         scene.meshes =
             vec![Mesh { name: "one".to_owned(), range: 0..5 }, Mesh { name: "two".to_owned(), range: 5..12 }];
         let loss = random_loss(&mut Random::new(8), 12);
-        let mut engine = engine(&device, &scene, GradientRequest::EVERYTHING);
+        let mut engine = engine(&backend, &scene, GradientRequest::EVERYTHING);
         let solution = solve(&mut engine);
         let gradients = backward(&mut engine, &solution, &loss);
         drop(solution);
@@ -462,26 +465,26 @@ fn gradients_are_slopes_of_the_solve() {
         for (kind, found, change) in cases.iter().filter(|(kind, ..)| first || geometric(kind)) {
             let expected = found * unit(kind);
             let errors = [1e-4, 1e-5]
-                .map(|step| (slope(&device, &scene, &loss, change, step) - expected).abs() / expected.abs());
+                .map(|step| (slope(&backend, &scene, &loss, change, step) - expected).abs() / expected.abs());
             let best = errors.iter().copied().fold(f64::INFINITY, f64::min);
             println!("{bins}, {kind}: {expected:.4e}, {errors:?}");
             assert!(errors.iter().all(|e| *e <= 1e-3), "{bins}, {kind}: {errors:?}");
             assert!(best <= 1e-6, "{bins}, {kind}: {errors:?}");
         }
     }
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn sums_are_over_the_triangles_of_materials_and_meshes() {
-    let device = device();
+    let backend = backend();
     let mut scene = scattered(36, 20, true, false, 0.9);
     scene.meshes = vec![
         Mesh { name: "one".to_owned(), range: 0..8 },
         Mesh { name: "none".to_owned(), range: 8..8 },
         Mesh { name: "two".to_owned(), range: 8..20 },
     ];
-    let mut engine = engine(&device, &scene, GradientRequest::EVERYTHING);
+    let mut engine = engine(&backend, &scene, GradientRequest::EVERYTHING);
     let solution = solve(&mut engine);
     let gradients = backward(&mut engine, &solution, &random_loss(&mut Random::new(9), 20));
     let sum = |picked: &dyn Fn(usize) -> bool| {
@@ -500,7 +503,7 @@ fn sums_are_over_the_triangles_of_materials_and_meshes() {
     assert_eq!(gradients.by_material(&scene), (0..4).map(of_material).collect::<Vec<_>>());
     assert_eq!(gradients.by_mesh(&scene), (0..3).map(of_mesh).collect::<Vec<_>>());
     assert_eq!(gradients.by_mesh(&scene)[1], MaterialGradients::default());
-    finish(&device);
+    finish(&backend);
 }
 
 fn relative(values: &[f64], truth: &[f64]) -> f64 {
@@ -513,12 +516,12 @@ fn relative(values: &[f64], truth: &[f64]) -> f64 {
 
 /// The relative error of gradients in the 2-norm of every kind, in one precision and tolerance against another one: the largest.
 fn gradients_agree(name: &str, scene: &Scene, settings: [(Precision, f64); 2], bound: f64) -> f64 {
-    let device = device();
+    let backend = backend();
     let loss = random_loss(&mut Random::new(6), scene.triangles.len());
     let [given, truth] = settings.map(|(precision, tolerance)| {
         let mut scene = scene.clone();
         (scene.settings.precision, scene.settings.tolerance) = (precision, tolerance);
-        let mut engine = engine(&device, &scene, GradientRequest::EVERYTHING);
+        let mut engine = engine(&backend, &scene, GradientRequest::EVERYTHING);
         let solution = solve(&mut engine);
         kinds(&backward(&mut engine, &solution, &loss))
     });
@@ -529,7 +532,7 @@ fn gradients_agree(name: &str, scene: &Scene, settings: [(Precision, f64); 2], b
         assert!(error <= bound, "{name}, {kind}: relative error {error:e}");
         largest = largest.max(error);
     }
-    finish(&device);
+    finish(&backend);
     largest
 }
 
@@ -581,7 +584,7 @@ fn single_precision_suffices_in_the_cornell_room() {
 /// kinks of bilinear weights lie within any step that moves the edge visibly; they may change the slope by 1 %.
 #[test]
 fn a_shadow_that_moves_has_its_slope() {
-    let device = device();
+    let backend = backend();
     let scene_at = |shift: f64| {
         let mut scene = plate_over_floor(12, shift, false);
         scene.settings = settings(Precision::F64);
@@ -596,7 +599,7 @@ fn a_shadow_that_moves_has_its_slope() {
         })
         .collect();
     let loss = Cotangent::default().irradiance(Some(weights));
-    let mut engine_here = engine(&device, &scene, GradientRequest::NOTHING.positions(true));
+    let mut engine_here = engine(&backend, &scene, GradientRequest::NOTHING.positions(true));
     let solution = solve(&mut engine_here);
     let gradients = backward(&mut engine_here, &solution, &loss);
     let corners = gradients.corners.expect("requested");
@@ -604,7 +607,7 @@ fn a_shadow_that_moves_has_its_slope() {
     let expected: f64 = corners[plate].iter().flatten().map(|c| c.x).sum();
     let errors = [3e-2, 1e-2, 3e-3, 1e-3, 1e-4].map(|step| {
         let at = |shift: f64| {
-            let mut engine = engine(&device, &scene_at(shift), GradientRequest::NOTHING);
+            let mut engine = engine(&backend, &scene_at(shift), GradientRequest::NOTHING);
             let solution = solve(&mut engine);
             value(&mut engine, &solution, &loss)
         };
@@ -614,7 +617,7 @@ fn a_shadow_that_moves_has_its_slope() {
     println!("{expected:.4e} per metre, errors {errors:?}");
     assert!(expected < 0.0, "the shadow follows the plate: {expected}");
     assert!(errors.iter().all(|e| *e <= 0.1) && errors[4] <= 0.01, "{expected:e} {errors:?}");
-    finish(&device);
+    finish(&backend);
 }
 
 fn scene_of(triangles: &[[DVec3; 3]], settings: SolveSettings) -> Scene {
@@ -635,7 +638,7 @@ fn scene_of(triangles: &[[DVec3; 3]], settings: SolveSettings) -> Scene {
 /// all gradients are finite, and none is out of proportion. Triangles, distances, light and cotangents are of size 1.
 #[test]
 fn special_points_have_finite_gradients() {
-    let device = device();
+    let backend = backend();
     let (o, x, y, z) = (DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z);
     let up = [o, x, y];
     let at = |t: [DVec3; 3], shift: DVec3| t.map(|c| c + shift);
@@ -662,7 +665,7 @@ fn special_points_have_finite_gradients() {
                 for camera_position in [centre + z, centre + 2.0 * x, centre] {
                     loss.colours.push((camera_position, signed(&mut random, count)));
                 }
-                let mut engine = engine(&device, &scene, GradientRequest::EVERYTHING);
+                let mut engine = engine(&backend, &scene, GradientRequest::EVERYTHING);
                 let solution = solve(&mut engine);
                 let gradients = backward(&mut engine, &solution, &loss);
                 for (kind, values) in kinds(&gradients) {
@@ -689,13 +692,13 @@ fn special_points_have_finite_gradients() {
             }
         }
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// A triangle that exchanges no light and enters no loss has zero gradients.
 #[test]
 fn without_influence_gradients_are_zero() {
-    let device = device();
+    let backend = backend();
     let (o, x, y, z) = (DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z);
     // The last one looks away from the others and lies behind none.
     let triangles =
@@ -712,7 +715,7 @@ fn without_influence_gradients_are_zero() {
             weights.as_mut().expect("given")[2] = DVec3::ZERO;
         }
         loss.colours.iter_mut().for_each(|(_, weights)| weights[2] = DVec3::ZERO);
-        let mut engine = engine(&device, &scene, GradientRequest::EVERYTHING);
+        let mut engine = engine(&backend, &scene, GradientRequest::EVERYTHING);
         let solution = solve(&mut engine);
         let gradients = backward(&mut engine, &solution, &loss);
         assert_eq!(gradients.emission.expect("requested")[2], DVec3::ZERO);
@@ -724,7 +727,7 @@ fn without_influence_gradients_are_zero() {
         assert_eq!(corners[2], [DVec3::ZERO; 3]);
         assert_ne!(corners[0], [DVec3::ZERO; 3]);
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// The paper states 36 kB per triangle for a solve alone. Without the near field, which is kept where there is room for it.
@@ -747,12 +750,12 @@ fn gradients_of_diffuse_scenes_take_8_kb_per_triangle() {
 
 #[test]
 fn what_was_not_planned_is_refused() {
-    let device = device();
+    let backend = backend();
     let scene = scattered(5, 10, false, false, 0.9);
     let params = SolveParams::default().tolerance(1e-4).max_passes(100);
     let emission = GradientRequest::NOTHING.emission(true);
     for planned in [GradientRequest::NOTHING, emission] {
-        let mut engine = engine(&device, &scene, planned);
+        let mut engine = engine(&backend, &scene, planned);
         let solution = solve(&mut engine);
         let request = emission.albedo(true).positions(true);
         let loss = random_loss(&mut Random::new(1), 10);
@@ -765,15 +768,15 @@ fn what_was_not_planned_is_refused() {
         assert!(error.contains("albedo, positions") && error.contains("PlanOptions::gradients"), "{error}");
         assert!(!error.contains("emission,") || planned == GradientRequest::NOTHING, "{error}");
     }
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn wrong_cotangents_are_refused() {
-    let device = device();
+    let backend = backend();
     let scene = scattered(5, 10, false, false, 0.9);
     let request = GradientRequest::NOTHING.emission(true);
-    let mut engine = engine(&device, &scene, request);
+    let mut engine = engine(&backend, &scene, request);
     let solution = solve(&mut engine);
     let params = SolveParams::default().tolerance(1e-4).max_passes(100);
     let good = vec![DVec3::ONE; 10];
@@ -805,22 +808,22 @@ fn wrong_cotangents_are_refused() {
     // Without a loss gradients are zero.
     let gradients = engine.backward(&solution, &Cotangent::default(), request, &params).expect("gradients");
     assert!(gradients.emission.expect("requested").iter().all(|g| *g == DVec3::ZERO));
-    finish(&device);
+    finish(&backend);
 }
 
 /// An adjoint solve with too few passes fails, as the forward solve does.
 #[test]
 fn a_failed_adjoint_solve_is_an_error() {
-    let device = device();
+    let backend = backend();
     let scene = scattered(5, 20, false, false, 0.9);
     let request = GradientRequest::NOTHING.emission(true);
-    let mut engine = engine(&device, &scene, request);
+    let mut engine = engine(&backend, &scene, request);
     let solution = solve(&mut engine);
     let params = SolveParams::default().tolerance(1e-6).max_passes(2);
     let loss = random_loss(&mut Random::new(1), 20);
     let error = engine.backward(&solution, &loss, request, &params).expect_err("too few passes");
     assert!(error.to_string().contains("no convergence"), "{error}");
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]

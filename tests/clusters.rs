@@ -2,7 +2,8 @@
 
 mod support;
 
-use antirad::gpu::{Device, DeviceKind};
+use antirad::backend::Backend;
+use antirad::gpu::DeviceKind;
 use antirad::model::{LIST, Parts, VolumeParts, classify, share};
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, PlannedTransport, Residency};
 use antirad::reference::{Model, Plates, Random};
@@ -13,7 +14,9 @@ use glam::{DQuat, DVec3};
 use std::sync::Arc;
 use std::time::Instant;
 use support::random::{balls, balls_on_a_glossy_floor, scattered};
-use support::{areas, blockers_moved, device, finish, load, placed, relative_l2, solve, solve_within};
+use support::{
+    areas, backend, blockers_moved, device, finish, load, placed, relative_l2, solve, solve_within,
+};
 
 /// Bytes of bins in one buffer: of all triangles of a class in small scenes, or of some hundred.
 const PAGE: u64 = 128 << 20;
@@ -37,7 +40,7 @@ fn why(plan: &Plan) -> &'static str {
 /// The whole solve, fixed point against fixed point, with both ways to compute the light of lamps.
 #[test]
 fn the_error_is_at_most_the_one_asked_for() {
-    let device = device();
+    let backend = backend();
     let cases = [
         ("scenes/cornell_boxes.toml", 0, Lamps::Exact, [0.03, 0.01]),
         ("scenes/cornell_boxes.toml", 0, Lamps::Antiradiance, [0.1, 0.03]),
@@ -48,9 +51,9 @@ fn the_error_is_at_most_the_one_asked_for() {
         scene.split_all(cuts);
         scene.settings = scene.settings.lamps(lamps);
         let areas = areas(&scene);
-        let exact = solve(&device, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
+        let exact = solve(&backend, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
         for error in errors {
-            let (engine, solution) = solve(&device, &scene, &hierarchical(&scene, error));
+            let (engine, solution) = solve(&backend, &scene, &hierarchical(&scene, error));
             let pairs = engine.plan().pairs();
             let found = relative_l2(&solution.irradiance, &exact, &areas);
             let evaluated = pairs.irradiance + pairs.bins;
@@ -60,20 +63,20 @@ fn the_error_is_at_most_the_one_asked_for() {
             assert!(found > 0.0 && pairs.clusters > 0);
         }
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// Many small objects: the error is at most the one asked for, with volumes and fewer interactions than without, which plans with derivatives
 /// do not have.
 #[test]
 fn volumes_stand_for_objects() {
-    let device = device();
+    let backend = backend();
     for (scene, errors) in [(balls(4, 3, false), [0.1, 0.03]), (balls(4, 3, true), [0.3, 0.1])] {
-        let exact = solve(&device, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
+        let exact = solve(&backend, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
         for error in errors {
             let settings = hierarchical(&scene, error);
-            let (engine, solution) = solve(&device, &scene, &settings);
-            let options = PlanOptions::of(&device).gradients(GradientRequest::NOTHING.albedo(true));
+            let (engine, solution) = solve(&backend, &scene, &settings);
+            let options = PlanOptions::of(&backend).gradients(GradientRequest::NOTHING.albedo(true));
             let without = planned(&scene, &settings, options);
             assert!(without.clusters().is_none_or(|clusters| clusters.volumes().is_none()));
             let found = relative_l2(&solution.irradiance, &exact, &areas(&scene));
@@ -85,16 +88,16 @@ fn volumes_stand_for_objects() {
             assert!(found <= error && found > 0.0, "{found}");
         }
     }
-    finish(&device);
+    finish(&backend);
 }
 
-fn gradients(device: &Device, scene: &Scene, settings: &SolveSettings, page: u64) -> Gradients {
+fn gradients(backend: &Backend, scene: &Scene, settings: &SolveSettings, page: u64) -> Gradients {
     let request = GradientRequest::default().emission(true).albedo(true).positions(true);
-    let options = PlanOptions::of(device).gradients(request).page(page);
+    let options = PlanOptions::of(backend).gradients(request).page(page);
     let plan = planned(scene, settings, options);
     let clusters = plan.clusters().is_some();
     assert_eq!(clusters, settings.transport != Transport::Exact, "{}", plan.transport());
-    let mut engine = Engine::new(device, scene, plan).expect("an engine");
+    let mut engine = Engine::new(backend, scene, plan).expect("an engine");
     let params = SolveParams::from(settings);
     let start = Instant::now();
     let solution = engine.solve(&params).expect("a solution");
@@ -122,7 +125,7 @@ fn relative(found: &[DVec3], truth: &[DVec3]) -> f64 {
 /// the importance of light is linear within a cluster.
 #[test]
 fn gradients_are_those_of_the_exact_sum() {
-    let device = device();
+    let backend = Backend::cpu();
     let scene = load("scenes/cornell_boxes.toml");
     let values = |g: &Gradients| {
         let by_material = g.by_material(&scene);
@@ -140,7 +143,7 @@ fn gradients_are_those_of_the_exact_sum() {
         ]
     };
     let names = ["emission", "albedo", "boxes moved", "each emission", "each albedo", "each vertex"];
-    let truth = values(&gradients(&device, &scene, &scene.settings.transport(Transport::Exact), PAGE));
+    let truth = values(&gradients(&backend, &scene, &scene.settings.transport(Transport::Exact), PAGE));
     // With derivatives by vertices clusters are those of a tenth of the error.
     let clusters = hierarchical(&scene, 0.1);
     let bounds = [0.003, 0.005, 0.005, 0.0125, 0.01, 0.0125];
@@ -151,31 +154,31 @@ fn gradients_are_those_of_the_exact_sum() {
             assert!(off <= bound, "{name}: {off}");
         }
     };
-    within_bounds(&values(&gradients(&device, &scene, &clusters, PAGE)));
-    within_bounds(&values(&gradients(&device, &scene, &clusters, SMALL_PAGE)));
-    // Where the device is a CPU the host computed these. A few passes are enough to compare it with kernels.
+    within_bounds(&values(&gradients(&backend, &scene, &clusters, PAGE)));
+    within_bounds(&values(&gradients(&backend, &scene, &clusters, SMALL_PAGE)));
+    // A few passes are enough to compare the CPU, which computed these, with kernels.
     let clusters = clusters.tolerance(0.3);
-    let in_pages = values(&gradients(&device, &scene, &clusters, SMALL_PAGE));
+    let in_pages = values(&gradients(&backend, &scene, &clusters, SMALL_PAGE));
     for kind in [DeviceKind::Cpu, DeviceKind::Discrete] {
-        let by_kernels = device.clone().with_kernels_for(kind);
-        let by_kernels = values(&gradients(&by_kernels, &scene, &clusters, SMALL_PAGE));
+        let device = device().with_kernels_for(kind);
+        let by_kernels = values(&gradients(&Backend::from(&device), &scene, &clusters, SMALL_PAGE));
         for ((name, found), by_kernels) in names.iter().zip(&in_pages).zip(&by_kernels) {
             let off = relative(found, by_kernels);
-            println!("{name} of the host and of kernels for {kind}: {off:.1e}");
+            println!("{name} of the CPU and of kernels for {kind}: {off:.1e}");
             assert!(off <= 1e-4, "{name}: {off}");
         }
+        finish(&device);
     }
-    finish(&device);
 }
 
 #[test]
 fn the_same_input_gives_the_same_bytes() {
-    let device = device();
+    let backend = backend();
     for (scene, error) in [(load("scenes/cornell_boxes.toml"), 0.01), (balls(4, 3, true), 0.1)] {
-        let solved = || solve(&device, &scene, &hierarchical(&scene, error)).1.irradiance;
+        let solved = || solve(&backend, &scene, &hierarchical(&scene, error)).1.irradiance;
         assert!(solved() == solved(), "the results differ");
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// Every receiver gets each other triangle once: as itself, within a cluster, or not at all where light cannot pass.
@@ -331,11 +334,11 @@ fn the_exact_sum_is_taken_where_clusters_do_not_work_or_pay() {
     assert!(short.report().to_string().contains("clusters do not fit the memory budget"));
 }
 
-/// A budget that states of the exact sum need, streamed.
+/// A budget of a Vulkan device that states of the exact sum need, streamed.
 fn barely(scene: &Scene) -> PlanOptions {
-    let none = PlanOptions::default().memory_budget(1);
+    let none = PlanOptions::lavapipe().memory_budget(1);
     match Plan::new(scene, &none, &scene.settings) {
-        Err(PlanError::OverBudget { needed, .. }) => PlanOptions::default().memory_budget(needed + 65_536),
+        Err(PlanError::OverBudget { needed, .. }) => PlanOptions::lavapipe().memory_budget(needed + 65_536),
         other => panic!("one byte suffices: {other:?}"),
     }
 }
@@ -394,15 +397,15 @@ fn states_on_the_host_have_clusters_too() {
 #[test]
 fn irradiance_is_smooth_while_vertices_move() {
     const STEPS: usize = 4;
-    let device = device();
+    let backend = backend();
     let scene = load("scenes/cornell_boxes.toml");
     let areas = areas(&scene);
     let gradients = GradientRequest::default().positions(true);
-    let options = PlanOptions::of(&device).gradients(gradients);
+    let options = PlanOptions::of(&backend).gradients(gradients);
     // In steps of a millimetre; triangles of the boxes are some ten times as long.
     let scenes: Vec<Scene> = (0..STEPS).map(|k| blockers_moved(&scene, 1e-3 * k as f64)).collect();
     let solved = |scene: &Scene, plan: Plan| {
-        let mut engine = Engine::new(&device, scene, plan).expect("an engine");
+        let mut engine = Engine::new(&backend, scene, plan).expect("an engine");
         let params = SolveParams::from(&scene.settings).tolerance(1e-6);
         engine.solve(&params).expect("a solution").irradiance
     };
@@ -437,7 +440,7 @@ fn irradiance_is_smooth_while_vertices_move() {
     println!("change of the error in a step: kept {kept:.4}, anew {anew:.4}");
     assert!(kept <= 0.005, "{kept}");
     assert!(anew >= 4.0 * kept, "the test shows nothing: {anew}");
-    finish(&device);
+    finish(&backend);
 }
 
 fn grey(emission: f64) -> Material {
@@ -506,12 +509,12 @@ fn hard_cases() -> Vec<(&'static str, Scene, f64)> {
 /// Clusters change hard cases by no more than what is asked for, and let through no light that the exact sum does not.
 #[test]
 fn hard_cases_are_those_of_the_exact_sum() {
-    let device = device();
+    let backend = backend();
     for (name, mut scene, error) in hard_cases() {
         scene.settings = scene.settings.lamps(Lamps::Antiradiance).tolerance(1e-4);
         let areas = areas(&scene);
-        let exact = solve(&device, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
-        let (engine, solution) = solve(&device, &scene, &hierarchical(&scene, error));
+        let exact = solve(&backend, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
+        let (engine, solution) = solve(&backend, &scene, &hierarchical(&scene, error));
         let found = relative_l2(&solution.irradiance, &exact, &areas);
         let of_mesh = |mesh: &antirad::scene::Mesh| {
             let range = mesh.range.start as usize..mesh.range.end as usize;
@@ -538,9 +541,9 @@ fn hard_cases_are_those_of_the_exact_sum() {
         vec![grey(1.0)],
     );
     let alone = alone.expect("a scene");
-    let (_engine, solution) = solve(&device, &alone, &hierarchical(&alone, 0.01));
+    let (_engine, solution) = solve(&backend, &alone, &hierarchical(&alone, 0.01));
     assert_eq!(solution.irradiance, [[0.0; 3]]);
-    finish(&device);
+    finish(&backend);
 }
 
 /// What holds of the exact sum (`properties`, `invariance`): light is linear in emission, energy is not created, culling changes nothing, nor do
@@ -548,12 +551,12 @@ fn hard_cases_are_those_of_the_exact_sum() {
 #[test]
 fn clusters_keep_what_holds_of_the_exact_sum() {
     const ERROR: f64 = 0.03;
-    let device = device();
+    let backend = backend();
     let mut scene = load("scenes/cornell_boxes.toml");
     scene.settings = scene.settings.lamps(Lamps::Antiradiance).tolerance(1e-6);
     let settings = hierarchical(&scene, ERROR);
     let areas = areas(&scene);
-    let (mut engine, truth) = solve(&device, &scene, &settings);
+    let (mut engine, truth) = solve(&backend, &scene, &settings);
     assert!(engine.plan().clusters().is_some());
     for c in 0..3 {
         let Energy { absorbed, emitted, escaped, .. } = truth.energy;
@@ -578,8 +581,8 @@ fn clusters_keep_what_holds_of_the_exact_sum() {
     println!("linear within {off:.1e}");
     assert!(off <= 1e-5, "{off}");
 
-    let usual = PlanOptions::of(&device);
-    let everything = solve_within(&device, &scene, &settings, &usual.cull(false)).1.irradiance;
+    let usual = PlanOptions::of(&backend);
+    let everything = solve_within(&backend, &scene, &settings, &usual.cull(false)).1.irradiance;
     let off = relative_l2(&everything, &truth, &areas);
     println!("culling: {off:.1e}");
     assert!(off <= ERROR, "{off}");
@@ -596,7 +599,7 @@ fn clusters_keep_what_holds_of_the_exact_sum() {
         ("moved by 10⁴", moved(&|x| x + DVec3::new(1e4, -1e4, 1e4)), 0.1 * ERROR),
         ("turned", moved(&|x| turn * x), ERROR),
     ] {
-        let other = solve(&device, &changed, &settings).1.irradiance;
+        let other = solve(&backend, &changed, &settings).1.irradiance;
         let off = relative_l2(&other, &truth, &areas);
         println!("{name}: {off:.1e}");
         assert!(off <= bound, "{name}: {off}");
@@ -606,12 +609,12 @@ fn clusters_keep_what_holds_of_the_exact_sum() {
     let order: Vec<usize> = (0..count).map(|i| i * 1009 % count).collect();
     let mut shuffled = scene.clone();
     shuffled.triangles = order.iter().map(|&i| scene.triangles[i]).collect();
-    let other = solve(&device, &shuffled, &settings).1.irradiance;
+    let other = solve(&backend, &shuffled, &settings).1.irradiance;
     let mut back = vec![[f64::NAN; 3]; count];
     order.iter().zip(&other).for_each(|(&i, &h)| back[i] = h);
     let off = relative_l2(&back, &truth, &areas);
     println!("shuffled: {off:.1e}");
     assert!(off <= 0.1 * ERROR, "{off}");
     drop(engine);
-    finish(&device);
+    finish(&backend);
 }

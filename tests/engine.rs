@@ -2,6 +2,7 @@
 
 mod support;
 
+use antirad::backend::{Backend, BackendKind, Cpu, CpuOptions};
 use antirad::gpu::{Buffer, BufferKind, Device, DeviceOptions};
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, Residency};
 use antirad::reference::{Model, emission, transport};
@@ -9,9 +10,10 @@ use antirad::scene::{Lamps, Material, Precision, Scene, Shape, SolveSettings, So
 use antirad::solve::{FixedPointParams, SolveError, fixed_point};
 use antirad::{Cotangent, Engine, EngineError, SolveParams};
 use glam::DVec3;
+use std::any::Any;
 use std::ops::ControlFlow;
 use std::sync::Barrier;
-use support::{areas, device, finish, load, relative_l2, solve, solve_within};
+use support::{areas, backend, device, finish, load, relative_l2, solve, solve_within};
 
 /// A room with a lamp under the ceiling and a box on the floor.
 fn room(cells: u32, albedo: f64) -> Scene {
@@ -49,11 +51,11 @@ fn tight(scene: &Scene) -> SolveSettings {
 
 #[test]
 fn culling_tiles_and_pages_change_nothing() {
-    let device = device();
+    let backend = backend();
     let scene = load("scenes/cornell_boxes.toml");
     let settings = tight(&scene);
-    let usual = PlanOptions::of(&device);
-    let (engine, truth) = solve_within(&device, &scene, &settings, &usual);
+    let usual = PlanOptions::of(&backend);
+    let (engine, truth) = solve_within(&backend, &scene, &settings, &usual);
     assert!(engine.plan().pairs().culled > 0);
     let areas = areas(&scene);
     for (name, plan_options) in [
@@ -61,22 +63,22 @@ fn culling_tiles_and_pages_change_nothing() {
         ("tiles of 32", usual.tile(32)),
         ("pages of 1 MiB", usual.page(1 << 20)),
     ] {
-        let (engine, other) = solve_within(&device, &scene, &settings, &plan_options);
+        let (engine, other) = solve_within(&backend, &scene, &settings, &plan_options);
         let error = relative_l2(&other.irradiance, &truth.irradiance, &areas);
         println!("{name}: {error:.2e}, {} groups", engine.plan().layout().groups.len());
         assert!(error <= 1e-5, "{name}: {error:e}");
     }
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn the_same_run_twice_gives_the_same_bytes() {
     let scene = load("scenes/cornell_boxes.toml");
     let run = || {
-        let device = device();
-        let (mut engine, solution) = solve(&device, &scene, &scene.settings);
+        let backend = backend();
+        let (mut engine, solution) = solve(&backend, &scene, &scene.settings);
         let colours = engine.face_colours(&solution, scene.cameras[0].position).expect("colours");
-        finish(&device);
+        finish(&backend);
         (solution.irradiance.clone(), solution.radiosity.clone(), colours)
     };
     let (first, second) = (run(), run());
@@ -88,38 +90,38 @@ fn the_same_run_twice_gives_the_same_bytes() {
 
 #[test]
 fn the_builder_makes_the_same_engine() {
-    let device = device();
+    let backend = backend();
     let scene = room(3, 0.5);
     let settings = scene.settings.tolerance(1e-3);
-    let (long, expected) = solve(&device, &scene, &settings);
+    let (long, expected) = solve(&backend, &scene, &settings);
     let (options, irradiance) = (*long.plan().options(), expected.irradiance.clone());
     // The options of a device are what engines and solutions have left of it.
     drop((long, expected));
-    let mut short = Engine::builder(&device, &scene).settings(settings).build().expect("an engine");
+    let mut short = Engine::builder(&backend, &scene).settings(settings).build().expect("an engine");
     assert_eq!((short.plan().options(), short.plan().settings()), (&options, &settings));
     let solution = short.solve(&SolveParams::from(&settings)).expect("a solution");
     assert_eq!(solution.irradiance, irradiance);
-    let small = PlanOptions::of(&device).tile(32);
+    let small = PlanOptions::of(&backend).tile(32);
     let request = antirad::plan::GradientRequest::NOTHING.albedo(true);
     let other =
-        Engine::builder(&device, &scene).options(small).gradients(request).build().expect("an engine");
+        Engine::builder(&backend, &scene).options(small).gradients(request).build().expect("an engine");
     assert_eq!(other.plan().options(), &small.gradients(request));
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn solving_again_on_the_same_engine_gives_the_same() {
-    let device = device();
+    let backend = backend();
     let scene = room(4, 0.5);
-    let (mut engine, first) = solve(&device, &scene, &scene.settings);
+    let (mut engine, first) = solve(&backend, &scene, &scene.settings);
     let second = engine.solve(&SolveParams::from(&scene.settings)).expect("a solution");
     assert_eq!(first.irradiance, second.irradiance);
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn solvers_agree_with_each_other_and_with_the_reference() {
-    let device = device();
+    let backend = backend();
     let scene = room(4, 0.7);
     let model = Model::new(&scene);
     let mut operator = &model;
@@ -131,7 +133,7 @@ fn solvers_agree_with_each_other_and_with_the_reference() {
     let truth: Vec<[f64; 3]> = truth.irradiance.iter().map(|h| h.to_array()).collect();
     for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
         let settings = scene.settings.solver(solver).tolerance(1e-6).lamps(Lamps::Antiradiance);
-        let (_engine, solution) = solve(&device, &scene, &settings);
+        let (_engine, solution) = solve(&backend, &scene, &settings);
         let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
         let radius = solution.info.spectral_radius.expect("an estimate");
         println!("{solver:?}: {} passes, {error:.2e}, radius {radius:.3}", solution.info.passes);
@@ -139,7 +141,7 @@ fn solvers_agree_with_each_other_and_with_the_reference() {
         assert!((radius / expected - 1.0).abs() <= 0.15, "{solver:?}: {radius} instead of {expected}");
         assert!(solution.info.residuals.iter().all(|r| r.is_finite()));
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// Triangles that the plan gives no bins change nothing when they get some.
@@ -165,46 +167,46 @@ fn classes_are_exact() {
 
 #[test]
 fn a_grey_scene_has_one_channel_and_the_same_answer() {
-    let device = device();
+    let backend = backend();
     let mut scene = room(4, 0.5);
     scene.materials[1].albedo = [0.5; 3];
     scene.materials[2].emission = [5.0; 3];
-    let (engine, grey) = solve(&device, &scene, &tight(&scene));
+    let (engine, grey) = solve(&backend, &scene, &tight(&scene));
     assert_eq!(engine.plan().channels(), 1);
     // Any colour takes three channels.
     scene.materials[2].emission = [5.0, 5.0, 4.999_999];
-    let (engine, coloured) = solve(&device, &scene, &tight(&scene));
+    let (engine, coloured) = solve(&backend, &scene, &tight(&scene));
     assert_eq!(engine.plan().channels(), 3);
     assert!(relative_l2(&grey.irradiance, &coloured.irradiance, &areas(&scene)) <= 1e-5);
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn no_light_is_black() {
-    let device = device();
+    let backend = backend();
     let mut scene = room(3, 0.5);
     scene.materials[2].emission = [0.0; 3];
     for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
-        let (_engine, solution) = solve(&device, &scene, &scene.settings.solver(solver));
+        let (_engine, solution) = solve(&backend, &scene, &scene.settings.solver(solver));
         assert!(solution.irradiance.iter().flatten().all(|&h| h == 0.0));
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// Light is linear: emission and cotangents far beyond the range of f32, or below it, scale the result and change none
 /// of its digits.
 #[test]
 fn light_of_any_brightness() {
-    let device = device();
+    let backend = backend();
     let mut scene = room(3, 0.6);
     scene.materials[0].specular = [0.05; 3];
     scene.materials[0].power = 10.0;
     let request = GradientRequest::NOTHING.emission(true).albedo(true).specular(true).positions(true);
-    let plan_options = PlanOptions::of(&device).gradients(request);
+    let plan_options = PlanOptions::of(&backend).gradients(request);
     let base = scene.materials[2].emission;
     let mut run = |brightness: f64, steepness: f64| {
         scene.materials[2].emission = base.map(|e| brightness * e);
-        let (mut engine, solution) = solve_within(&device, &scene, &scene.settings, &plan_options);
+        let (mut engine, solution) = solve_within(&backend, &scene, &scene.settings, &plan_options);
         let camera_position = DVec3::new(0.5, 0.5, 0.2);
         let ones = || vec![DVec3::splat(steepness); scene.triangles.len()];
         let cotangent = Cotangent::default()
@@ -238,15 +240,15 @@ fn light_of_any_brightness() {
             assert!(*here == expected, "{name} at 2^{} and 2^{}", brightness.log2(), steepness.log2());
         }
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// The start may be a solution in other units of light.
 #[test]
 fn a_start_from_another_brightness_is_brought_along() {
-    let device = device();
+    let backend = backend();
     let mut scene = room(3, 0.6);
-    let (mut engine, first) = solve(&device, &scene, &scene.settings);
+    let (mut engine, first) = solve(&backend, &scene, &scene.settings);
     scene.materials[2].emission = scene.materials[2].emission.map(|e| 9.0 * e);
     engine.set_materials(&scene).expect("materials that fit the plan");
     let params = SolveParams::from(&scene.settings);
@@ -257,32 +259,32 @@ fn a_start_from_another_brightness_is_brought_along() {
     assert!(residual > 0.2 && residual <= 1.0, "{residual}");
     let expected: Vec<[f64; 3]> = first.irradiance.iter().map(|h| h.map(|h| 9.0 * h)).collect();
     assert!(relative_l2(&solution.irradiance, &expected, &areas(&scene)) <= 1e-3);
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn one_triangle() {
-    let device = device();
+    let backend = backend();
     let lamp = Material { emission: [1.0; 3], ..Material::named("lamp") };
     let triangle = Triangle { vertices: [0, 1, 2], material: 0 };
     let scene = Scene::new("one", vec![DVec3::ZERO, DVec3::X, DVec3::Y], vec![triangle], vec![lamp])
         .expect("a scene");
-    let (mut engine, solution) = solve(&device, &scene, &scene.settings);
+    let (mut engine, solution) = solve(&backend, &scene, &scene.settings);
     assert_eq!(solution.irradiance, [[0.0; 3]]);
     let front = engine.face_colours(&solution, DVec3::new(0.2, 0.2, 3.0)).expect("colours");
     let back = engine.face_colours(&solution, DVec3::new(0.2, 0.2, -3.0)).expect("colours");
     assert_eq!((front[0], back[0]), ([1.0; 3], [0.0; 3]));
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn too_few_passes_and_interruption_say_what_was_reached() {
-    let device = device();
+    let backend = backend();
     let scene = room(3, 0.8);
     for solver in [SolverChoice::FixedPoint, SolverChoice::Gmres] {
         let settings = scene.settings.solver(solver);
-        let plan = Plan::new(&scene, &PlanOptions::of(&device), &settings).expect("a plan");
-        let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
+        let plan = Plan::new(&scene, &PlanOptions::of(&backend), &settings).expect("a plan");
+        let mut engine = Engine::new(&backend, &scene, plan).expect("an engine");
         match engine.solve(&SolveParams::default().tolerance(1e-6).max_passes(3)) {
             Err(EngineError::Solve(SolveError::NoConvergence { passes: 3, residual, residuals, .. })) => {
                 assert!(residual > 1e-6 && residual < 1.0 && residuals.len() == 3);
@@ -311,7 +313,7 @@ fn too_few_passes_and_interruption_say_what_was_reached() {
         assert!(resumed.info.residuals[0] <= 2.0 * best.info.residuals[4], "{:?}", resumed.info.residuals);
         assert!(full.info.converged && resumed.info.passes < full.info.passes);
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// The least budget, as named by the error for a budget that is too small.
@@ -332,21 +334,29 @@ fn glossy_room(cells: u32) -> Scene {
     scene
 }
 
-/// Solves on a device with this budget, and compares allocated with planned bytes.
+/// A backend of a kind with this budget.
+fn within_budget(kind: BackendKind, budget: u64) -> Backend {
+    let options = DeviceOptions::default().validation(true).memory_budget(Some(budget));
+    match kind {
+        BackendKind::Vulkan => Device::new(&options).expect("a Vulkan device").into(),
+        BackendKind::Cpu => Backend::Cpu(Cpu::new(&CpuOptions::default().memory_budget(Some(budget)))),
+    }
+}
+
+/// Solves on a backend with this budget, and compares allocated with planned bytes.
 fn solve_with_budget(
     scene: &Scene,
     settings: &SolveSettings,
     plan_options: &PlanOptions,
     budget: u64,
 ) -> (Engine, antirad::Solution) {
-    let options = DeviceOptions::default().validation(true).memory_budget(Some(budget));
-    let device = Device::new(&options).expect("a Vulkan device");
-    let (mut engine, solution) = solve_within(&device, scene, settings, &plan_options.memory_budget(budget));
+    let backend = within_budget(plan_options.backend, budget);
+    let (mut engine, solution) = solve_within(&backend, scene, settings, &plan_options.memory_budget(budget));
     engine.face_colours(&solution, DVec3::new(0.5, 0.5, 0.2)).expect("colours");
-    let memory = device.memory();
+    let memory = backend.memory();
     assert!(memory.peak <= budget, "{} of {budget}", memory.peak);
     assert_eq!(memory.in_use, engine.plan().memory().total());
-    finish(&device);
+    finish(&backend);
     (engine, solution)
 }
 
@@ -454,36 +464,37 @@ fn pages_of_the_same_size_give_the_same_bytes_wherever_they_are() {
 /// no room for it, the vectors of the solver come first.
 #[test]
 fn the_near_field_is_kept_where_the_budget_allows() {
-    let device = device();
-    for scene in [room(5, 0.5), glossy_room(4)] {
-        let settings = tight(&scene);
-        let usual = PlanOptions::of(&device);
-        let (kept, truth) = solve_within(&device, &scene, &settings, &usual);
-        let (evaluated, other) = solve_within(&device, &scene, &settings, &usual.keep_near_field(false));
+    let scenes = [room(5, 0.5), glossy_room(4)];
+    let backends = [Backend::cpu(), device().into()];
+    for (backend, scene) in backends.iter().flat_map(|of| scenes.iter().map(move |scene| (of, scene))) {
+        let settings = tight(scene);
+        let usual = PlanOptions::of(backend);
+        let (kept, truth) = solve_within(backend, scene, &settings, &usual);
+        let (evaluated, other) = solve_within(backend, scene, &settings, &usual.keep_near_field(false));
         let [with, without] = [&kept, &evaluated].map(|engine| engine.plan().memory().total());
         assert!(kept.plan().near_field_matrix().is_some() && evaluated.plan().near_field_matrix().is_none());
         assert!(with > without);
-        let error = relative_l2(&other.irradiance, &truth.irradiance, &areas(&scene));
-        println!("{}: {with} instead of {without} bytes, {error:.2e}", kept.plan().near_field());
+        let error = relative_l2(&other.irradiance, &truth.irradiance, &areas(scene));
+        println!("{backend:?}, {}: {with} instead of {without} bytes, {error:.2e}", kept.plan().near_field());
         assert!(error <= 2e-6, "{error:e}");
         drop((kept, truth, evaluated, other));
         for budget in [without, with - 1, with] {
-            let (engine, solution) = solve_with_budget(&scene, &settings, &usual, budget);
+            let (engine, solution) = solve_with_budget(scene, &settings, &usual, budget);
             let plan = engine.plan();
             println!("{budget} bytes: {}", plan.near_field());
-            assert_eq!(plan.solver(), Plan::new(&scene, &usual, &settings).expect("a plan").solver());
+            assert_eq!(plan.solver(), Plan::new(scene, &usual, &settings).expect("a plan").solver());
             assert_eq!(plan.near_field_matrix().is_some(), budget == with);
             drop(solution);
         }
     }
-    finish(&device);
+    backends.iter().for_each(finish);
 }
 
 /// Interpenetrating triangles create light: the fixed point diverges; GMRES fails, too, or reports a
 /// spectral radius of at least 1.
 #[test]
 fn unphysical_soup_is_not_passed_over_in_silence() {
-    let device = device();
+    let backend = backend();
     let mut state = 1u64;
     let mut random = move || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -498,8 +509,8 @@ fn unphysical_soup_is_not_passed_over_in_silence() {
     let run = |solver| {
         // Without the near field, which would stabilise this soup.
         let settings = scene.settings.solver(solver).near_field(0.0).max_passes(60);
-        let plan = Plan::new(&scene, &PlanOptions::of(&device), &settings).expect("a plan");
-        let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
+        let plan = Plan::new(&scene, &PlanOptions::of(&backend), &settings).expect("a plan");
+        let mut engine = Engine::new(&backend, &scene, plan).expect("an engine");
         engine.solve(&SolveParams::from(&settings)).map(|solution| solution.info)
     };
     let fixed_point = run(SolverChoice::FixedPoint);
@@ -512,16 +523,16 @@ fn unphysical_soup_is_not_passed_over_in_silence() {
         Err(EngineError::Solve(SolveError::Diverged { .. } | SolveError::NoConvergence { .. })) => {}
         Err(other) => panic!("{other}"),
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// Every scene of the project solves, with finite light everywhere.
 #[test]
 fn shipped_scenes_solve() {
-    let device = device();
+    let backend = backend();
     for name in ["closed_box", "integrating_sphere", "two_rooms", "glossy_floor"] {
         let scene = load(&format!("scenes/{name}.toml"));
-        let (engine, solution) = solve(&device, &scene, &scene.settings);
+        let (engine, solution) = solve(&backend, &scene, &scene.settings);
         // The sphere is lit alike everywhere and takes fewer.
         let [least, most] = engine.plan().report().estimated_passes;
         let passes = f64::from(solution.info.passes);
@@ -532,123 +543,140 @@ fn shipped_scenes_solve() {
         assert!(solution.irradiance.iter().flatten().all(|h| h.is_finite()));
         assert!(share.iter().all(|&s| s > 0.0 && s <= 1.05), "{name}: {share:?}");
     }
-    finish(&device);
+    finish(&backend);
 }
 
-/// Four engines at once on one device, each in a thread of its own, with staging buffers of different sizes: each
+/// Four engines at once on one backend, each in a thread of its own, with staging buffers of different sizes: each
 /// counts only its own memory, and finds what it finds alone.
 #[test]
 fn engines_in_threads_find_what_they_find_alone() {
-    let device = device();
-    let usual = PlanOptions::of(&device);
-    let request = GradientRequest::NOTHING.albedo(true).positions(true);
-    let (plain, glossy) = (room(4, 0.5), glossy_room(3));
-    let least = least_budget(&glossy, &glossy.settings, &usual);
-    let jobs = [
-        (&plain, plain.settings, usual.gradients(request)),
-        (&glossy, glossy.settings, usual.staging(1 << 20)),
-        (&glossy, glossy.settings, usual.memory_budget(least + (1 << 16))),
-        (&plain, plain.settings.precision(Precision::F64), usual),
-    ];
-    let run = |(scene, settings, plan_options): &(&Scene, SolveSettings, PlanOptions)| {
-        let (mut engine, solution) = solve_within(&device, scene, settings, plan_options);
-        let colours = engine.face_colours(&solution, DVec3::new(0.5, 0.5, 0.2)).expect("colours");
-        let gradients = plan_options.gradients.any().then(|| {
-            let ones = vec![DVec3::ONE; scene.triangles.len()];
-            let cotangent = Cotangent::default().irradiance(Some(ones));
-            let params = SolveParams::from(settings);
-            let found = engine.backward(&solution, &cotangent, request, &params).expect("gradients");
-            (found.albedo, found.vertices)
-        });
-        (solution.irradiance.clone(), solution.radiosity.clone(), solution.info.clone(), colours, gradients)
-    };
-    let alone: Vec<_> = jobs.iter().map(run).collect();
-    assert_eq!(device.memory().in_use, 0);
-    let start = Barrier::new(jobs.len());
-    std::thread::scope(|scope| {
-        for (job, alone) in jobs.iter().zip(&alone) {
-            let (run, start) = (&run, &start);
-            scope.spawn(move || {
-                for round in 0..2 {
-                    start.wait();
-                    assert!(run(job) == *alone, "{:?}, round {round}", job.2);
-                }
+    for backend in [Backend::cpu(), device().into()] {
+        let usual = PlanOptions::of(&backend);
+        let request = GradientRequest::NOTHING.albedo(true).positions(true);
+        let (plain, glossy) = (room(4, 0.5), glossy_room(3));
+        let least = least_budget(&glossy, &glossy.settings, &usual);
+        let jobs = [
+            (&plain, plain.settings, usual.gradients(request)),
+            (&glossy, glossy.settings, usual.staging(1 << 20)),
+            (&glossy, glossy.settings, usual.memory_budget(least + (1 << 16))),
+            (&plain, plain.settings.precision(Precision::F64), usual),
+        ];
+        let run = |(scene, settings, plan_options): &(&Scene, SolveSettings, PlanOptions)| {
+            let (mut engine, solution) = solve_within(&backend, scene, settings, plan_options);
+            let colours = engine.face_colours(&solution, DVec3::new(0.5, 0.5, 0.2)).expect("colours");
+            let gradients = plan_options.gradients.any().then(|| {
+                let ones = vec![DVec3::ONE; scene.triangles.len()];
+                let cotangent = Cotangent::default().irradiance(Some(ones));
+                let params = SolveParams::from(settings);
+                let found = engine.backward(&solution, &cotangent, request, &params).expect("gradients");
+                (found.albedo, found.vertices)
             });
-        }
-    });
-    assert_eq!(device.memory().in_use, 0);
-    finish(&device);
+            (
+                solution.irradiance.clone(),
+                solution.radiosity.clone(),
+                solution.info.clone(),
+                colours,
+                gradients,
+            )
+        };
+        let alone: Vec<_> = jobs.iter().map(run).collect();
+        assert_eq!(backend.memory().in_use, 0);
+        let start = Barrier::new(jobs.len());
+        std::thread::scope(|scope| {
+            for (job, alone) in jobs.iter().zip(&alone) {
+                let (run, start) = (&run, &start);
+                scope.spawn(move || {
+                    for round in 0..2 {
+                        start.wait();
+                        assert!(run(job) == *alone, "{:?}, round {round}", job.2);
+                    }
+                });
+            }
+        });
+        assert_eq!(backend.memory().in_use, 0);
+        finish(&backend);
+    }
 }
 
 /// The budget of a plan excludes what others have allocated.
 #[test]
 fn plan_options_exclude_what_others_use() {
     let budget = 64 << 20;
-    let options = DeviceOptions::default().validation(true).memory_budget(Some(budget));
-    let device = Device::new(&options).expect("a Vulkan device");
-    let scene = room(4, 0.5);
-    assert_eq!(PlanOptions::of(&device).memory_budget, budget);
-    let (first, solution) = solve(&device, &scene, &scene.settings);
-    assert_eq!(PlanOptions::of(&device).memory_budget, budget - first.plan().memory().total());
-    let buffer = |bytes| Buffer::new(&device, "another's", bytes, BufferKind::Storage).expect("a buffer");
-    let rest = PlanOptions::of(&device).memory_budget;
-    let taken = buffer(rest - (4 << 20));
-    let (second, other) = solve(&device, &scene, &scene.settings);
-    assert_eq!(second.plan().options().memory_budget, 4 << 20);
-    assert!(second.plan().memory().total() <= 4 << 20);
-    assert!(relative_l2(&other.irradiance, &solution.irradiance, &areas(&scene)) <= 1e-4);
-    drop(taken);
-    // Without memory left the budget is zero, not a number that has wrapped around.
-    let _all = buffer(PlanOptions::of(&device).memory_budget);
-    assert_eq!(PlanOptions::of(&device).memory_budget, 0);
-    finish(&device);
+    for kind in [BackendKind::Cpu, BackendKind::Vulkan] {
+        let backend = within_budget(kind, budget);
+        let scene = room(4, 0.5);
+        assert_eq!(PlanOptions::of(&backend).memory_budget, budget);
+        let (first, solution) = solve(&backend, &scene, &scene.settings);
+        assert_eq!(PlanOptions::of(&backend).memory_budget, budget - first.plan().memory().total());
+        let take = |bytes| -> Box<dyn Any> {
+            match &backend {
+                Backend::Vulkan(device) => {
+                    Box::new(Buffer::new(device, "another's", bytes, BufferKind::Storage).expect("a buffer"))
+                }
+                Backend::Cpu(cpu) => Box::new(cpu.lease("another's", bytes).expect("room")),
+                other => panic!("{other:?}"),
+            }
+        };
+        let rest = PlanOptions::of(&backend).memory_budget;
+        let taken = take(rest - (4 << 20));
+        let (second, other) = solve(&backend, &scene, &scene.settings);
+        assert_eq!(second.plan().options().memory_budget, 4 << 20);
+        assert!(second.plan().memory().total() <= 4 << 20);
+        assert!(relative_l2(&other.irradiance, &solution.irradiance, &areas(&scene)) <= 1e-4);
+        drop(taken);
+        // Without memory left the budget is zero, not a number that has wrapped around.
+        let _all = take(PlanOptions::of(&backend).memory_budget);
+        assert_eq!(PlanOptions::of(&backend).memory_budget, 0);
+        finish(&backend);
+    }
 }
 
 /// One plan serves all powers: the most frequent have matrices as far as they are planned, others do without.
 #[test]
 fn powers_beyond_the_plan_change_nothing_but_rounding() {
-    let device = device();
-    let scene = glossy_room(3);
-    let settings = tight(&scene);
-    let matrices = |options: &PlanOptions| {
-        let lobes = Plan::new(&scene, options, &settings).expect("a plan").report().lobes;
-        assert_eq!(lobes.shared == 0, lobes.matrices == 0);
-        (lobes.matrices, lobes.shared + lobes.direct)
-    };
-    let usual = PlanOptions::of(&device);
-    let (one, glossy) = matrices(&usual);
-    assert_eq!(one, 1);
-    // Each of the two materials may get a power of its own.
-    assert_eq!(matrices(&usual.gradients(GradientRequest::NOTHING.power(true))), (2, glossy));
-    let least = least_budget(&scene, &settings, &usual);
-    assert_eq!(matrices(&usual.memory_budget(least)), (0, glossy));
-    assert_eq!(matrices(&usual.memory_budget(least + (1 << 20))), (1, glossy));
+    for backend in [Backend::cpu(), device().into()] {
+        let scene = glossy_room(3);
+        let settings = tight(&scene);
+        let matrices = |options: &PlanOptions| {
+            let lobes = Plan::new(&scene, options, &settings).expect("a plan").report().lobes;
+            assert_eq!(lobes.shared == 0, lobes.matrices == 0);
+            (lobes.matrices, lobes.shared + lobes.direct)
+        };
+        let usual = PlanOptions::of(&backend);
+        let (one, glossy) = matrices(&usual);
+        assert_eq!(one, 1);
+        // Each of the two materials may get a power of its own.
+        assert_eq!(matrices(&usual.gradients(GradientRequest::NOTHING.power(true))), (2, glossy));
+        let least = least_budget(&scene, &settings, &usual);
+        assert_eq!(matrices(&usual.memory_budget(least)), (0, glossy));
+        assert_eq!(matrices(&usual.memory_budget(least + (1 << 20))), (1, glossy));
 
-    let mut other = scene.clone();
-    other.materials[1].power = 50.0;
-    let params = SolveParams::from(&settings);
-    let (mut engine, before) = solve_within(&device, &scene, &settings, &usual);
-    engine.set_materials(&other).expect("materials that fit the plan");
-    let beyond = engine.solve(&params).expect("a solution");
-    let (fresh, expected) = solve_within(&device, &other, &settings, &usual);
-    assert_eq!(fresh.plan().report().lobes.matrices, 2);
-    let error = relative_l2(&beyond.irradiance, &expected.irradiance, &areas(&scene));
-    println!("beyond the plan: {error:.2e}");
-    assert!(error <= 1e-6, "{error:e}");
-    let change = relative_l2(&beyond.irradiance, &before.irradiance, &areas(&scene));
-    assert!(change >= 1e-5, "the power matters: {change:e}");
-    engine.set_materials(&scene).expect("materials that fit the plan");
-    assert_eq!(engine.solve(&params).expect("a solution").irradiance, before.irradiance);
-    finish(&device);
+        let mut other = scene.clone();
+        other.materials[1].power = 50.0;
+        let params = SolveParams::from(&settings);
+        let (mut engine, before) = solve_within(&backend, &scene, &settings, &usual);
+        engine.set_materials(&other).expect("materials that fit the plan");
+        let beyond = engine.solve(&params).expect("a solution");
+        let (fresh, expected) = solve_within(&backend, &other, &settings, &usual);
+        assert_eq!(fresh.plan().report().lobes.matrices, 2);
+        let error = relative_l2(&beyond.irradiance, &expected.irradiance, &areas(&scene));
+        println!("beyond the plan: {error:.2e}");
+        assert!(error <= 1e-6, "{error:e}");
+        let change = relative_l2(&beyond.irradiance, &before.irradiance, &areas(&scene));
+        assert!(change >= 1e-5, "the power matters: {change:e}");
+        engine.set_materials(&scene).expect("materials that fit the plan");
+        assert_eq!(engine.solve(&params).expect("a solution").irradiance, before.irradiance);
+        finish(&backend);
+    }
 }
 
 #[test]
 fn new_materials_and_a_rebuilt_engine_give_what_a_new_engine_gives() {
-    let device = device();
+    let backend = backend();
     let first = room(3, 0.4);
     let mut second = room(3, 0.6);
-    let (mut engine, before) = solve(&device, &first, &first.settings);
-    let (_fresh, expected) = solve(&device, &second, &second.settings);
+    let (mut engine, before) = solve(&backend, &first, &first.settings);
+    let (_fresh, expected) = solve(&backend, &second, &second.settings);
     let params = SolveParams::from(&second.settings);
     engine.set_materials(&second).expect("materials that fit the plan");
     assert_eq!(engine.solve(&params).expect("a solution").irradiance, expected.irradiance);
@@ -662,7 +690,7 @@ fn new_materials_and_a_rebuilt_engine_give_what_a_new_engine_gives() {
     assert!(refused.contains("specular lobe") && refused.contains("rebuilt"), "{refused}");
     let mut engine = engine.rebuilt(&second).expect("an engine");
     let glossy = engine.solve(&params).expect("a solution");
-    let (_fresh, expected) = solve(&device, &second, &second.settings);
+    let (_fresh, expected) = solve(&backend, &second, &second.settings);
     assert_eq!(glossy.irradiance, expected.irradiance);
-    finish(&device);
+    finish(&backend);
 }

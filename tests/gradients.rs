@@ -1,7 +1,8 @@
-//! The adjoint kernels and the derivative kernels on the device against their f64 twins.
+//! Adjoint operators and derivatives, kernels and those of the CPU, against their f64 twins.
 
 mod support;
 
+use antirad::backend::Backend;
 use antirad::model::FacetGradient;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::reference::{
@@ -10,8 +11,7 @@ use antirad::reference::{
     transport_through_clusters_derivative,
 };
 use antirad::scene::{BinLayout, Movable, Precision, Scene, SolveSettings, Transport};
-use antirad::solve::LightOperator;
-use antirad::transport::{AdjointKernels, AdjointOperator, Operators, SceneBuffers};
+use antirad::transport::Operators;
 use glam::DVec3;
 use support::random::{Random, random_scene, scattered, with_own_powers};
 use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};
@@ -48,15 +48,25 @@ fn numbers(gradient: &FacetGradient, scale: f64) -> Vec<f64> {
         .collect()
 }
 
+/// What the CPU computes, and kernels.
 fn compare(name: &str, scene: &Scene, settings: SolveSettings, adjust: impl Fn(PlanOptions) -> PlanOptions) {
-    let device = device();
+    for backend in [Backend::cpu(), device().into()] {
+        compare_on(&backend, &format!("{name}, {}", backend.kind()), scene, settings, &adjust);
+    }
+}
+
+fn compare_on(
+    backend: &Backend,
+    name: &str,
+    scene: &Scene,
+    settings: SolveSettings,
+    adjust: &impl Fn(PlanOptions) -> PlanOptions,
+) {
     let scene = Scene { settings, ..scene.clone() };
     let model = Model::new(&scene);
-    let options = adjust(PlanOptions::of(&device)).gradients(GradientRequest::EVERYTHING);
+    let options = adjust(PlanOptions::of(backend)).gradients(GradientRequest::EVERYTHING);
     let plan = Plan::new(&scene, &options, &settings).expect("a plan");
-    let buffers = SceneBuffers::new(&device, &scene, &plan).expect("buffers");
-    let mut adjoint = AdjointKernels::new(&device, &plan).expect("an adjoint").expect("what was planned");
-    let mut operators = Operators::new(&device, plan.clone(), buffers).expect("operators");
+    let mut operators = support::operators(backend, &scene, &plan);
 
     let mut random = Random::new(7);
     let light = {
@@ -70,21 +80,21 @@ fn compare(name: &str, scene: &Scene, settings: SolveSettings, adjust: impl Fn(P
     let camera_position = DVec3::new(3.0, 0.5, -1.0);
     let colours: Vec<DVec3> = model.facets.iter().map(|_| random.point() - 0.5).collect();
 
-    let upload = |operators: &mut Operators, state: &State, bins: &[DVec3]| {
-        let x = operators.vector().expect("a vector");
+    let upload = |operators: &mut dyn Operators, state: &State, bins: &[DVec3]| {
+        let mut x = operators.vector().expect("a vector");
         let irradiance = by_slot(&plan, |i| state.irradiance[i]);
-        operators.set(&x, &irradiance, &to_pages(&model, &plan, bins)).expect("an upload");
+        operators.set(&mut x, &irradiance, &to_pages(&model, &plan, bins)).expect("an upload");
         x
     };
-    let h = upload(&mut operators, &light, &light.bins);
-    let x = upload(&mut operators, &importance, &per_irradiance(&model, &importance.bins));
+    let h = upload(&mut *operators, &light, &light.bins);
+    let x = upload(&mut *operators, &importance, &per_irradiance(&model, &importance.bins));
     let none = by_slot(&plan, |_| DVec3::ZERO);
     let pages = vec![None; plan.layout().groups.len()];
     let colours_by_slot = by_slot(&plan, |i| colours[i]);
 
     let total = importance.bins.len();
     let mut errors: Vec<(&str, f64)> = Vec::new();
-    let mut operator = AdjointOperator::new(&mut operators, &mut adjoint);
+    let mut operator = operators.adjoint().expect("what was planned");
     operator.set(&none, &none, &pages).expect("cotangents");
     let outgoing = match plan.clusters() {
         None => transport_adjoint(&model, &importance),
@@ -113,6 +123,7 @@ fn compare(name: &str, scene: &Scene, settings: SolveSettings, adjust: impl Fn(P
     let views = [(camera_position, colours_by_slot)];
     let (pairs, _) = operator.geometry(&h, &x, &[], Some(&Movable::All)).expect("derivatives");
     let (faces, camera_positions) = operator.geometry(&h, &x, &views, None).expect("derivatives");
+    drop(operator);
 
     for (name, vector, truth) in [("adjoint pass", &y, &back), ("observe_adjoint", &z, &seen)] {
         let irradiance = operators.irradiance(vector).expect("values");
@@ -196,7 +207,7 @@ fn compare(name: &str, scene: &Scene, settings: SolveSettings, adjust: impl Fn(P
     for (kernel, error) in errors {
         assert!(error <= tolerance(settings.precision), "{name}, {kernel}: relative error {error:e}");
     }
-    finish(&device);
+    finish(backend);
 }
 
 fn double() -> SolveSettings {

@@ -3,18 +3,18 @@
 mod support;
 
 use antirad::plan::{Occlusion, PlanOptions};
-use support::{areas, device, finish, load, mean, read_npy, relative_l2, solve, solve_within};
+use support::{areas, backend, finish, load, mean, read_npy, relative_l2, solve, solve_within};
 
 /// Mean radiosity of a closed sphere whose faces all emit exitance 1: 1 / (1 - albedo), whatever the facets.
 fn sphere(name: &str, truth: f64, tolerance: f64) {
-    let device = device();
+    let backend = backend();
     let scene = load(&format!("tests/data/{name}.obj"));
-    let (_engine, solution) = solve(&device, &scene, &scene.settings);
+    let (_engine, solution) = solve(&backend, &scene, &scene.settings);
     let radiosity = mean(&solution.radiosity, &areas(&scene), |_| true);
     let error = radiosity / truth - 1.0;
     println!("{name}: mean radiosity {radiosity:.4}, {:+.3} %", 100.0 * error);
     assert!(error.abs() <= tolerance, "{name}: {radiosity} instead of {truth}");
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
@@ -29,16 +29,16 @@ fn sphere_of_albedo_95() {
 
 /// Form factor of two squares.
 fn squares(name: &str, truth: f64, tolerance: f64) {
-    let device = device();
+    let backend = backend();
     let scene = load(&format!("tests/data/{name}.obj"));
-    let (_engine, solution) = solve(&device, &scene, &scene.settings);
+    let (_engine, solution) = solve(&backend, &scene, &scene.settings);
     let exitance = solution.radiosity.iter().map(|b| b[0]).fold(0.0, f64::max);
     let receives = |i: usize| scene.material(i).name == "recv";
     let form_factor = mean(&solution.irradiance, &areas(&scene), receives) / exitance;
     let error = form_factor / truth - 1.0;
     println!("{name}: form factor {form_factor:.6}, {:+.3} %", 100.0 * error);
     assert!(error.abs() <= tolerance, "{name}: {form_factor} instead of {truth}");
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
@@ -53,9 +53,9 @@ fn perpendicular_squares() {
 
 #[test]
 fn closed_box() {
-    let device = device();
+    let backend = backend();
     let scene = load("tests/data/cornell_empty_closed.obj");
-    let (engine, solution) = solve(&device, &scene, &scene.settings);
+    let (engine, solution) = solve(&backend, &scene, &scene.settings);
     let classes = engine.plan().classes();
     assert!(classes.iter().all(|c| !c.has_bins()), "nothing hides anything: no bins, no J");
     let truth = read_npy("tests/data/cornell_empty_closed.irradiance.npy");
@@ -67,45 +67,45 @@ fn closed_box() {
         println!("  absorbed / emitted - 1 = {:+.4} %", 100.0 * balance);
         assert!(balance.abs() <= 0.005, "channel {c}: {balance}");
     }
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn cornell_boxes() {
-    let device = device();
+    let backend = backend();
     let scene = load("scenes/cornell_boxes.toml");
     let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
-    let (_engine, solution) = solve(&device, &scene, &scene.settings);
+    let (_engine, solution) = solve(&backend, &scene, &scene.settings);
     let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
     println!("cornell_boxes: relative L2 {:.3} %, {:?}", 100.0 * error, solution.info);
-    for row in device.profile() {
+    for row in backend.profile() {
         println!("  {row:?}");
     }
     assert!(error <= 0.01, "{error}");
-    finish(&device);
+    finish(&backend);
 }
 
 /// Without J the error is large: the test is sensitive to occlusion.
 #[test]
 fn cornell_boxes_without_occlusion() {
-    let device = device();
+    let backend = backend();
     let scene = load("scenes/cornell_boxes.toml");
     let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
-    let options = PlanOptions::of(&device).occlusion(Occlusion::Nothing);
-    let (_engine, solution) = solve_within(&device, &scene, &scene.settings, &options);
+    let options = PlanOptions::of(&backend).occlusion(Occlusion::Nothing);
+    let (_engine, solution) = solve_within(&backend, &scene, &scene.settings, &options);
     let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
     println!("cornell_boxes without J: relative L2 {:.3} %", 100.0 * error);
     assert!(error >= 0.3, "{error}");
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn cornell_boxes_fine() {
-    let device = device();
+    let backend = backend();
     let scene = load("scenes/cornell_boxes_fine.toml");
     let coarse = load("scenes/cornell_boxes.toml");
     let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
-    let (_engine, solution) = solve(&device, &scene, &scene.settings);
+    let (_engine, solution) = solve(&backend, &scene, &scene.settings);
     // The four children of a face are consecutive and of the same area.
     let means: Vec<[f64; 3]> = solution
         .irradiance
@@ -114,11 +114,11 @@ fn cornell_boxes_fine() {
         .collect();
     let error = relative_l2(&means, &truth, &areas(&coarse));
     println!("cornell_boxes_fine: relative L2 {:.3} %, {:?}", 100.0 * error, solution.info);
-    for row in device.profile() {
+    for row in backend.profile() {
         println!("  {row:?}");
     }
     assert!(error <= 0.007, "{error}");
-    finish(&device);
+    finish(&backend);
 }
 
 /// The project's own path tracer against an independent one, which has errors of its own: 0.26 % at the median.

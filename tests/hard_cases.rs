@@ -6,7 +6,7 @@
 
 mod support;
 
-use antirad::gpu::Device;
+use antirad::backend::Backend;
 use antirad::image::{PictureOptions, Rasterizer};
 use antirad::plan::{Occlusion, Plan, PlanOptions};
 use antirad::reference::{Model, Plates};
@@ -20,7 +20,7 @@ use antirad::{Engine, EngineError, Solution, SolveParams};
 use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
 use std::ops::ControlFlow;
-use support::{areas, device, finish, mean, placed, relative_l2, solve};
+use support::{areas, backend, finish, mean, placed, relative_l2, solve};
 
 /// A material of exitance 1 W/m².
 fn glowing(albedo: f64) -> Material {
@@ -58,11 +58,11 @@ fn with_solver(scene: &Scene, solver: SolverChoice) -> SolveSettings {
 /// Correct within 1.5 % at albedo 0.95, and within 1 % up to 0.99 with a near field of 400, which a warning recommends.
 #[test]
 fn closed_boxes_of_high_albedo() {
-    let device = device();
+    let backend = backend();
     for (albedo, near_field, bound) in [(0.95, 30.0, 0.015), (0.95, 400.0, 0.01), (0.99, 400.0, 0.01)] {
         let scene = furnace(8, albedo, |_, _| {});
         let settings = with_solver(&scene, SolverChoice::Gmres).near_field(near_field);
-        let (_engine, solution) = solve(&device, &scene, &settings);
+        let (_engine, solution) = solve(&backend, &scene, &settings);
         let (mean, rms) = furnace_error(&scene, &solution, albedo);
         println!(
             "albedo {albedo}, near field {near_field}: mean {:+.3} %, rms {:.3} %",
@@ -72,13 +72,13 @@ fn closed_boxes_of_high_albedo() {
         assert!(rms <= bound, "albedo {albedo}, near field {near_field}: {rms}");
         assert!(scene.warnings.iter().any(|w| w.contains("\"glowing\"") && w.contains("near_field = 400")));
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// At most a third of Neumann's passes to 1e-6, with one lit wall so that there is something to iterate on.
 #[test]
 fn closed_boxes_take_a_third_of_the_passes() {
-    let device = device();
+    let backend = backend();
     for albedo in [0.95, 0.99] {
         let mut scene = furnace(4, albedo, |_, _| {});
         let lamp = scene.materials[0].clone();
@@ -87,15 +87,15 @@ fn closed_boxes_take_a_third_of_the_passes() {
             triangle.material = u32::from(i < 16);
         }
         scene.check(true).expect("a scene");
-        let (_engine, solution) = solve(&device, &scene, &with_solver(&scene, SolverChoice::Gmres));
+        let (_engine, solution) = solve(&backend, &scene, &with_solver(&scene, SolverChoice::Gmres));
         let error = relative_l2(&solution.irradiance, &reference(&scene), &areas(&scene));
         let passes = solution.info.passes;
         println!("albedo {albedo}: {passes} passes of GMRES, {error:.1e} from the reference");
         assert!(error <= 1e-4, "{error:e}");
 
         let settings = with_solver(&scene, SolverChoice::FixedPoint).max_passes(3 * passes - 1);
-        let plan = Plan::new(&scene, &PlanOptions::of(&device), &settings).expect("a plan");
-        let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
+        let plan = Plan::new(&scene, &PlanOptions::of(&backend), &settings).expect("a plan");
+        let mut engine = Engine::new(&backend, &scene, plan).expect("an engine");
         match engine.solve(&SolveParams::from(&settings)) {
             Err(EngineError::Solve(SolveError::NoConvergence { residual, .. })) => {
                 println!("  Neumann is at {residual:.1e} after {} passes", 3 * passes - 1);
@@ -103,7 +103,7 @@ fn closed_boxes_take_a_third_of_the_passes() {
             other => panic!("Neumann is as quick: {:?}", other.map(|solution| solution.info)),
         }
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// Irradiance by the f64 twin.
@@ -126,14 +126,14 @@ fn squares_form_factor(distance: f64) -> f64 {
 #[test]
 fn plates_with_narrow_gaps() {
     assert!((squares_form_factor(1.0) - 0.199_824_895_698).abs() <= 1e-11);
-    let device = device();
+    let backend = backend();
     for gap in [0.01, 0.03, 0.1] {
         let black = Material::named("black");
         let mut builder = SceneBuilder::new();
         builder.shape("up", Shape::Quad { cells: 8 }, &glowing(0.0), DAffine3::IDENTITY);
         builder.shape("down", Shape::Quad { cells: 8 }, &black, placed([1.0, -1.0, 1.0], [0.0, gap, 0.0]));
         let scene = builder.finish("plates").expect("a scene");
-        let (_engine, solution) = solve(&device, &scene, &scene.settings);
+        let (_engine, solution) = solve(&backend, &scene, &scene.settings);
         let found = mean(&solution.irradiance, &areas(&scene), |i| scene.material(i).name == "black");
         let error = found / squares_form_factor(gap) - 1.0;
         println!("gap {gap}: {:+.3} %", 100.0 * error);
@@ -141,16 +141,16 @@ fn plates_with_narrow_gaps() {
         let named = warned(&scene, &scene.settings).get(Kind::NarrowGaps).is_some();
         assert_eq!(named, gap < 0.04, "cells of 1/8 have the size .095");
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// Needles of 1 : 10⁴, triangles without area, and sheets whose two sides have one centroid: correct within 2 %.
 /// Duplicate triangles are warned of, since they create light.
 #[test]
 fn awkward_triangles() {
-    let device = device();
+    let backend = backend();
     let solved = |scene: &Scene| {
-        let (_engine, solution) = solve(&device, scene, &scene.settings);
+        let (_engine, solution) = solve(&backend, scene, &scene.settings);
         assert!(solution.irradiance.iter().chain(&solution.radiosity).flatten().all(|h| h.is_finite()));
         solution
     };
@@ -207,14 +207,14 @@ fn awkward_triangles() {
     let found = warned(&twice, &twice.settings);
     let named = found.get(Kind::DuplicateTriangles).expect("a warning");
     assert_eq!((named.count, named.triangles.as_slice()), (1, &[twice.triangles.len() as u32 - 1][..]));
-    finish(&device);
+    finish(&backend);
 }
 
 /// A lamp just under the ceiling and a block just above the floor: warned of, and correct within 10 % (3 % in the
 /// mean).
 #[test]
 fn gaps_below_the_size_of_triangles() {
-    let device = device();
+    let backend = backend();
     for gap in [1e-3, 1e-2] {
         let scene = furnace(6, 0.5, |builder, material| {
             let lamp = Shape::Slab { cells: 3 };
@@ -223,23 +223,23 @@ fn gaps_below_the_size_of_triangles() {
         });
         let found = warned(&scene, &scene.settings);
         let gaps = found.get(Kind::NarrowGaps).expect("a warning");
-        let (_engine, solution) = solve(&device, &scene, &scene.settings);
+        let (_engine, solution) = solve(&backend, &scene, &scene.settings);
         let (mean, rms) = furnace_error(&scene, &solution, 0.5);
         println!("gap {gap}: {} gaps, mean {:+.3} %, rms {:.3} %", gaps.count, 100.0 * mean, 100.0 * rms);
         assert!(mean.abs() <= 0.03 && rms <= 0.1, "{mean} {rms}");
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// Irradiance of a floor that plates shadow entirely, relative to the one without plates.
-fn under(device: &Device, plates: &Plates) -> Result<f64, EngineError> {
+fn under(backend: &Backend, plates: &Plates) -> Result<f64, EngineError> {
     let scene = plates.scene().expect("a scene");
     let floor = scene.meshes[0].range.start as usize..scene.meshes[0].range.end as usize;
     let settings = usual_settings(&scene);
     let run = |occlusion| {
-        let options = PlanOptions::of(device).occlusion(occlusion);
+        let options = PlanOptions::of(backend).occlusion(occlusion);
         let plan = Plan::new(&scene, &options, &settings)?;
-        let mut engine = Engine::new(device, &scene, plan)?;
+        let mut engine = Engine::new(backend, &scene, plan)?;
         let solution = engine.solve(&SolveParams::from(&settings))?;
         let squares = |i: usize| solution.irradiance[i][0].powi(2);
         Ok::<_, EngineError>(floor.clone().map(squares).sum::<f64>().sqrt())
@@ -250,16 +250,16 @@ fn under(device: &Device, plates: &Plates) -> Result<f64, EngineError> {
 /// Light that leaks through stacks of plates whose distance is three times their triangles' size.
 #[test]
 fn stacks_of_plates() {
-    let device = device();
+    let backend = backend();
     for (count, bound) in [(1, 0.05), (2, 0.05), (4, 0.05), (8, 0.05)] {
         let plates = Plates { count, gap: 0.24, ..Plates::default() };
-        let leak = under(&device, &plates).expect("a solution");
+        let leak = under(&backend, &plates).expect("a solution");
         println!("{count} plates: {:.1} % of the light comes through", 100.0 * leak);
         assert!(leak <= bound, "{count} plates: {leak}");
         // With the narrow bins of the pole they are warned of.
         named_layers(&plates.scene().expect("a scene"), count);
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// Those behind which light must pass two gains above 1: all but a single plate.
@@ -279,24 +279,24 @@ fn named_layers(scene: &Scene, count: u32) {
 /// the narrow bins of the pole, by the names of the layers.
 #[test]
 fn stacks_of_plates_that_are_too_close() {
-    let device = device();
+    let backend = backend();
     for (count, cells, bound) in [(2, 12, 0.05), (2, 8, 0.1), (2, 6, 0.3)] {
         let plates = Plates { count, cells, ..Plates::default() };
         let scene = plates.scene().expect("a scene");
         named_layers(&scene, count);
         let settings = usual_settings(&scene);
         assert!(warned(&scene, &settings).get(Kind::CoarseBlockers).is_some(), "{count} plates of {cells}");
-        let leak = under(&device, &plates).expect("a solution");
+        let leak = under(&backend, &plates).expect("a solution");
         println!("{count} plates of {cells} squares: {:.1} % of the light comes through", 100.0 * leak);
         assert!(leak <= bound, "{count} plates: {leak}");
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// Powers from 0 to 1000 agree with the f64 reference.
 #[test]
 fn lobes_of_all_powers() {
-    let device = device();
+    let backend = backend();
     for power in [0.0, 1.0, 1000.0] {
         let mut scene = furnace(2, 0.3, |_, _| {});
         scene.materials[0].emission = [0.0; 3];
@@ -306,33 +306,33 @@ fn lobes_of_all_powers() {
         scene.materials.push(lamp);
         scene.triangles[0].material = 1;
         scene.check(true).expect("a scene");
-        let (_engine, solution) = solve(&device, &scene, &with_solver(&scene, SolverChoice::Auto));
+        let (_engine, solution) = solve(&backend, &scene, &with_solver(&scene, SolverChoice::Auto));
         let error = relative_l2(&solution.irradiance, &reference(&scene), &areas(&scene));
         println!("power {power}: {error:.1e}");
         assert!(error <= 1e-4, "power {power}: {error:e}");
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// Black walls reflect nothing: radiosity equals exitance, and a closed box absorbs all of it.
 #[test]
 fn black_walls() {
-    let device = device();
+    let backend = backend();
     let scene = furnace(6, 0.0, |_, _| {});
-    let (_engine, solution) = solve(&device, &scene, &scene.settings);
+    let (_engine, solution) = solve(&backend, &scene, &scene.settings);
     let (mean, rms) = furnace_error(&scene, &solution, 0.0);
     let balance = solution.energy.absorbed[0] / solution.energy.emitted[0] - 1.0;
     println!("black: {mean:.1e} {rms:.1e}, balance {balance:+.2e}");
     assert!(rms <= 1e-6 && balance.abs() <= 0.01, "{rms} {balance}");
-    finish(&device);
+    finish(&backend);
 }
 
 /// A camera that sees nothing gives a black picture, not an error.
 #[test]
 fn a_camera_that_sees_nothing() {
-    let device = device();
+    let backend = backend();
     let scene = furnace(2, 0.5, |_, _| {});
-    let (mut engine, solution) = solve(&device, &scene, &scene.settings);
+    let (mut engine, solution) = solve(&backend, &scene, &scene.settings);
     let away = Camera {
         position: DVec3::new(0.5, 0.5, 5.0),
         target: DVec3::new(0.5, 0.5, 9.0),
@@ -344,10 +344,10 @@ fn a_camera_that_sees_nothing() {
         let camera = Camera { width: 16, height: 12, ..camera };
         let colours =
             antirad::output::single(&engine.face_colours(&solution, camera.position).expect("colours"));
-        let rasterizer = Rasterizer::new(&device).expect("a rasterizer");
+        let rasterizer = Rasterizer::new(&backend).expect("a rasterizer");
         let picture =
             rasterizer.render(&scene, &camera, &colours, &PictureOptions::default()).expect("a picture");
         assert!(picture.pixels.iter().all(|p| p[..3] == [0.0; 3]));
     }
-    finish(&device);
+    finish(&backend);
 }

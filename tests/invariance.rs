@@ -5,7 +5,7 @@ mod support;
 use antirad::scene::{BinLayout, Material, Scene, SceneBuilder, Shape, SolveSettings};
 use glam::{DAffine3, DQuat, DVec3};
 use support::random::Random;
-use support::{areas, device, finish, relative_l2, solve};
+use support::{areas, backend, finish, relative_l2, solve};
 
 /// A room with a lamp and a box in it, none of it along the axes' cells.
 fn room() -> Scene {
@@ -29,9 +29,9 @@ fn tight(scene: &Scene) -> SolveSettings {
 
 #[test]
 fn scale_place_and_order() {
-    let device = device();
+    let backend = backend();
     let scene = room();
-    let (_engine, truth) = solve(&device, &scene, &tight(&scene));
+    let (_engine, truth) = solve(&backend, &scene, &tight(&scene));
     let moved = |map: &dyn Fn(DVec3) -> DVec3| {
         let mut moved = scene.clone();
         moved.vertices.iter_mut().for_each(|v| *v = map(*v));
@@ -44,7 +44,7 @@ fn scale_place_and_order() {
         ("10³⁰ times smaller", moved(&|x| 1e-30 * x)),
         ("moved by 10⁴", moved(&|x| x + DVec3::new(1e4, -1e4, 1e4))),
     ] {
-        let (_engine, other) = solve(&device, &changed, &tight(&scene));
+        let (_engine, other) = solve(&backend, &changed, &tight(&scene));
         let error = relative_l2(&other.irradiance, &truth.irradiance, &areas(&scene));
         println!("{name}: {error:.1e}");
         assert!(error <= 1e-4, "{name}: {error:e}");
@@ -61,20 +61,20 @@ fn scale_place_and_order() {
     for (k, t) in shuffled.triangles.iter_mut().enumerate() {
         t.vertices.rotate_left(k % 3);
     }
-    let (_engine, other) = solve(&device, &shuffled, &tight(&scene));
+    let (_engine, other) = solve(&backend, &shuffled, &tight(&scene));
     let mut back = vec![[0.0; 3]; order.len()];
     order.iter().zip(&other.irradiance).for_each(|(&i, &h)| back[i] = h);
     let error = relative_l2(&back, &truth.irradiance, &areas(&scene));
     println!("shuffled: {error:.1e}");
     assert!(error <= 1e-4, "shuffled: {error:e}");
-    finish(&device);
+    finish(&backend);
 }
 
 /// Bins turn with the frames of their triangles, and frames do not turn with the scene, so that shadows change within
 /// the error of the layout. Without shadows nothing changes.
 #[test]
 fn rotation() {
-    let device = device();
+    let backend = backend();
     let mut random = Random::new(11);
     let turns: Vec<DQuat> = (0..2)
         .map(|_| {
@@ -95,15 +95,15 @@ fn rotation() {
         ("concentric:12", &with_shadows, BinLayout::Concentric { n: 12 }, 0.02),
     ] {
         let settings = tight(scene).bins(bins);
-        let (_engine, truth) = solve(&device, scene, &settings);
+        let (_engine, truth) = solve(&backend, scene, &settings);
         for turn in &turns {
             let mut turned = scene.clone();
             turned.vertices.iter_mut().for_each(|v| *v = *turn * *v);
-            let (_engine, other) = solve(&device, &turned, &settings);
+            let (_engine, other) = solve(&backend, &turned, &settings);
             let error = relative_l2(&other.irradiance, &truth.irradiance, &areas(scene));
             println!("{name}, turned: {error:.2e}");
             assert!(error <= bound, "{name}: {error:e}");
         }
     }
-    finish(&device);
+    finish(&backend);
 }

@@ -1,9 +1,10 @@
-//! Every kernel on the device against its f64 twin, on random scenes with blockers, glossy and close triangles.
+//! Every operator, kernels and those of the CPU, against its f64 twin, on random scenes with blockers, glossy and close triangles.
 
 #[path = "support/reflect.rs"]
 mod reflect;
 mod support;
 
+use antirad::backend::Backend;
 use antirad::gpu::{Device, DeviceKind};
 use antirad::model::Clusters;
 use antirad::plan::{Occlusion, Plan, PlanError, PlanOptions, Residency};
@@ -12,14 +13,14 @@ use antirad::scene::{
     BinLayout, Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, Transport,
 };
 use antirad::shaders::RealShader;
-use antirad::solve::{LightOperator, Orthonormalised};
-use antirad::transport::{Operators, SceneBuffers};
-use antirad::{Engine, SolveParams, shaders, transport as device_side};
+use antirad::solve::Orthonormalised;
+use antirad::transport::{Operators, State as Vector, vulkan};
+use antirad::{Engine, SolveParams, shaders};
 use glam::{DAffine3, DVec3};
 use std::process::{Command, Stdio};
 use support::random::{Random, balls_on_a_glossy_floor, random_scene, scattered, with_own_powers};
 use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};
-use support::{device, finish};
+use support::{backend, device, finish, implementations, operators};
 
 /// The largest error of a triangle's values, `width` each, relative to the root mean square of all lit triangles: a
 /// single triangle hardly counts in the 2-norm over all.
@@ -46,16 +47,15 @@ fn tolerance(precision: Precision) -> f64 {
     }
 }
 
-/// What kernels compute, those for CPUs and those for GPUs, and what the host does in their place where the device is a CPU.
+/// What the CPU computes, and kernels, those for CPUs and those for GPUs.
 fn compare(name: &str, scene: &Scene, settings: SolveSettings, options: impl Fn(PlanOptions) -> PlanOptions) {
-    compare_on(&device(), &format!("{name}, with the host"), scene, settings, &options);
-    compare_on(&device().kernels_only(), name, scene, settings, &options);
-    let of_gpus = device().with_kernels_for(DeviceKind::Discrete);
-    compare_on(&of_gpus, &format!("{name}, kernels for GPUs"), scene, settings, &options);
+    for (who, backend) in implementations() {
+        compare_on(&backend, &format!("{name}, {who}"), scene, settings, &options);
+    }
 }
 
 fn compare_on(
-    device: &Device,
+    backend: &Backend,
     name: &str,
     scene: &Scene,
     settings: SolveSettings,
@@ -63,9 +63,8 @@ fn compare_on(
 ) {
     let scene = Scene { settings, ..scene.clone() };
     let model = Model::new(&scene);
-    let plan = Plan::new(&scene, &options(PlanOptions::of(device)), &settings).expect("a plan");
-    let buffers = SceneBuffers::new(device, &scene, &plan).expect("buffers");
-    let mut operators = Operators::new(device, plan.clone(), buffers).expect("operators");
+    let plan = Plan::new(&scene, &options(PlanOptions::of(backend)), &settings).expect("a plan");
+    let mut operators = support::operators(backend, &scene, &plan);
 
     // Some light everywhere: a random state, the irradiance being the sum of the bins where there are any.
     let mut random = Random::new(7);
@@ -81,9 +80,9 @@ fn compare_on(
             }
         }
     }
-    let x = operators.vector().expect("a vector");
+    let mut x = operators.vector().expect("a vector");
     let irradiance = by_slot(&plan, |i| state.irradiance[i]);
-    operators.set(&x, &irradiance, &to_pages(&model, &plan, &state.bins)).expect("an upload");
+    operators.set(&mut x, &irradiance, &to_pages(&model, &plan, &state.bins)).expect("an upload");
 
     let total = state.bins.len();
     let mut outgoing = model.leave(&state);
@@ -100,7 +99,7 @@ fn compare_on(
         Some(clusters) => transport_through_clusters(&model, clusters, &outgoing),
     };
     let mut transported =
-        |plan: &Plan, operators: &mut Operators, x: &device_side::State, names: [&'static str; 2]| {
+        |plan: &Plan, operators: &mut dyn Operators, x: &Vector, names: [&'static str; 2]| {
             let mut y = operators.vector().expect("a vector");
             operators.pass(Some(x), true, &mut y).expect("a pass");
             let irradiance = operators.irradiance(&y).expect("irradiance");
@@ -109,17 +108,16 @@ fn compare_on(
                 (0..plan.layout().groups.len()).map(|g| operators.bins(&y, g).expect("bins")).collect();
             errors.push((names[1], from_pages(&model, plan, &pages, total), flat(&truth.bins)));
         };
-    transported(&plan, &mut operators, &x, ["transport, irradiance", "transport, bins"]);
+    transported(&plan, &mut *operators, &x, ["transport, irradiance", "transport, bins"]);
     if plan.near_field_matrix().is_some() {
-        let evaluated = options(PlanOptions::of(device)).keep_near_field(false);
+        let evaluated = options(PlanOptions::of(backend)).keep_near_field(false);
         let evaluated = Plan::new(&scene, &evaluated, &settings).expect("a plan");
         assert!(evaluated.near_field_matrix().is_none());
-        let buffers = SceneBuffers::new(device, &scene, &evaluated).expect("buffers");
-        let mut operators = Operators::new(device, evaluated.clone(), buffers).expect("operators");
-        let x = operators.vector().expect("a vector");
-        operators.set(&x, &irradiance, &to_pages(&model, &evaluated, &state.bins)).expect("an upload");
+        let mut operators = support::operators(backend, &scene, &evaluated);
+        let mut x = operators.vector().expect("a vector");
+        operators.set(&mut x, &irradiance, &to_pages(&model, &evaluated, &state.bins)).expect("an upload");
         let names = ["transport, irradiance, near field evaluated", "transport, bins, near field evaluated"];
-        transported(&evaluated, &mut operators, &x, names);
+        transported(&evaluated, &mut *operators, &x, names);
     }
 
     let camera_position = DVec3::new(3.0, 0.5, -1.0);
@@ -142,7 +140,7 @@ fn compare_on(
         assert!(error <= tolerance(settings.precision), "{name}, {kernel}: relative error {error:e}");
         assert!(worst <= WORST * tolerance(settings.precision), "{name}, {kernel}: worst error {worst:e}");
     }
-    finish(device);
+    finish(backend);
 }
 
 #[test]
@@ -195,8 +193,7 @@ fn crowds() {
 #[test]
 fn one_channel() {
     let scene = random_scene(5, 100, true, true);
-    let device = device();
-    let plan = Plan::new(&scene, &PlanOptions::of(&device), &SolveSettings::default()).expect("a plan");
+    let plan = Plan::new(&scene, &PlanOptions::default(), &SolveSettings::default()).expect("a plan");
     assert_eq!(plan.channels(), 1);
     compare("grey", &scene, SolveSettings::default(), |l| l);
 }
@@ -250,11 +247,12 @@ fn small_scenes_on_kernels_alone() {
     let glossy = random_scene(2, 100, true, false);
     let boxed = support::load("scenes/closed_box.toml");
     let clusters = boxed.settings.transport(Transport::Hierarchical { error: 0.1 });
-    let of_cpus = device().kernels_only();
+    let of_cpus = device();
     println!("subgroups of {} lanes", of_cpus.info().subgroup_size);
     for (name, on) in
         [("kernels", of_cpus), ("kernels for GPUs", device().with_kernels_for(DeviceKind::Discrete))]
     {
+        let on = Backend::from(on);
         compare_on(&on, &format!("glossy, {name}"), &glossy, SolveSettings::default(), &|l| l);
         compare_on(&on, &format!("clusters, {name}"), &boxed, clusters, &|l| l);
     }
@@ -281,7 +279,7 @@ fn very_many_triangles_on_kernels_for_gpus() {
     assert!(
         plan.layout().slots() >= 1 << 15 && plan.layout().groups.iter().all(|group| !group.class.has_bins())
     );
-    compare_on(&device, "two plates", &scene, scene.settings, &|l| l);
+    compare_on(&device.into(), "two plates", &scene, scene.settings, &|l| l);
 }
 
 /// The harness fails against the reference of another scene, as it must.
@@ -289,12 +287,12 @@ fn very_many_triangles_on_kernels_for_gpus() {
 #[should_panic(expected = "relative error")]
 fn a_wrong_kernel_would_be_found() {
     let scene = random_scene(9, 60, false, false);
-    let device = device();
+    let backend = backend();
     let settings = SolveSettings::default();
-    let plan = Plan::new(&scene, &PlanOptions::of(&device), &settings).expect("a plan");
+    let plan = Plan::new(&scene, &PlanOptions::of(&backend), &settings).expect("a plan");
     let mut other = scene.clone();
     other.materials[1].albedo = [0.9, 0.1, 0.2];
-    let mut engine = Engine::new(&device, &other, plan).expect("an engine");
+    let mut engine = Engine::new(&backend, &other, plan).expect("an engine");
     let solution = engine.solve(&SolveParams::default().tolerance(1e-6).max_passes(100)).expect("a solution");
     let model = Model::new(&scene);
     let mut operator = &model;
@@ -317,7 +315,7 @@ fn layouts_agree_with_the_shaders() {
             assert_eq!(offsets, expected, "{} of {}", $name, $shader.name());
         };
     }
-    use device_side::*;
+    use vulkan::*;
     // Reals, then words, in both precisions: offsets in numbers of reals and of words.
     let laid_out = |shader: &RealShader, name: &str, reals: &[(&str, u32)], words: &[&str]| {
         for precision in [Precision::F32, Precision::F64] {
@@ -623,19 +621,19 @@ fn volumes_stand_for_far_triangles() {
 }
 
 /// A step of GMRES on a GPU, after its pass: one submission, which the host waits for once, makes the vector orthonormal and brings its
-/// column and irradiance; with vectors in host memory the same bytes come step by step.
+/// column and irradiance; with vectors in host memory the same bytes come step by step. On the CPU there are no submissions.
 #[test]
 fn a_vector_is_orthonormal_after_one_submission() {
     let scene = random_scene(12, 200, true, false);
     for precision in [Precision::F32, Precision::F64] {
         let settings = SolveSettings::default().precision(precision);
-        let device = device().with_kernels_for(DeviceKind::Discrete);
+        let device = Backend::from(device().with_kernels_for(DeviceKind::Discrete));
         let options = PlanOptions::of(&device);
-        let run = |options: &PlanOptions| {
+        let run = |backend: &Backend, options: &PlanOptions| {
+            let submissions = || backend.vulkan().map_or(0, Device::submissions);
             let plan = Plan::new(&scene, options, &settings).expect("a plan");
             let resident = plan.residency() == Residency::Device;
-            let buffers = SceneBuffers::new(&device, &scene, &plan).expect("buffers");
-            let mut operators = Operators::new(&device, plan, buffers).expect("operators");
+            let mut operators = operators(backend, &scene, &plan);
             let groups = operators.plan().layout().groups.len();
             let mut random = Random::new(3);
             let mut basis = Vec::new();
@@ -649,12 +647,13 @@ fn a_vector_is_orthonormal_after_one_submission() {
                     irradiance.iter().map(|slot| std::array::from_fn(|k| values(vec![slot[k]])[0])).collect();
                 let pages = (0..groups).map(|g| operators.bins(&next, g).expect("zeros").map(&mut values));
                 let pages: Vec<_> = pages.collect();
-                operators.set(&next, &irradiance, &pages).expect("random values");
-                let before = device.submissions();
+                operators.set(&mut next, &irradiance, &pages).expect("random values");
+                let before = submissions();
                 let Orthonormalised { column, judged } =
                     operators.orthonormalise(&basis, &mut next, 0.0).expect("a vector of the basis");
-                let submissions = device.submissions() - before;
-                assert!(k == 0 || !resident || submissions == 1, "{submissions} submissions");
+                let submissions = submissions() - before;
+                let expected = u64::from(backend.vulkan().is_some());
+                assert!(k == 0 || !resident || submissions == expected, "{submissions} submissions");
                 assert_eq!(column.len(), k + 1);
                 assert_eq!(judged, operators.judged(&next).expect("irradiance"));
                 basis.push(next);
@@ -677,10 +676,12 @@ fn a_vector_is_orthonormal_after_one_submission() {
             Err(PlanError::OverBudget { needed, .. }) => options.memory_budget(needed + 4096),
             other => panic!("{other:?}"),
         };
-        let (resident, on_device) = run(&options.page(1));
-        let (hosted, on_host) = run(&small);
+        let (resident, on_device) = run(&device, &options.page(1));
+        let (hosted, on_host) = run(&device, &small);
         assert!(resident && !hosted);
         assert!(on_device == on_host, "{precision:?}");
+        let cpu = Backend::cpu();
+        run(&cpu, &PlanOptions::of(&cpu));
         finish(&device);
     }
 }
@@ -694,8 +695,7 @@ fn a_step_of_the_solver_is_one_submission() {
         let device = device().with_kernels_for(DeviceKind::Discrete);
         let options = PlanOptions::of(&device).keep_near_field(false).occlusion(Occlusion::Everything);
         let plan = Plan::new(&scene, &options, &SolveSettings::default()).expect("a plan");
-        let buffers = SceneBuffers::new(&device, &scene, &plan).expect("buffers");
-        let mut operators = Operators::new(&device, plan, buffers).expect("operators");
+        let mut operators = operators(&Backend::from(&device), &scene, &plan);
         let mut vectors: Vec<_> = (0..12).map(|_| operators.vector().expect("a vector")).collect();
         let (basis, next) = vectors.split_at_mut(1);
         operators.pass(None, true, &mut basis[0]).expect("a pass");

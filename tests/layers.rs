@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 /// Each layer, and all that it may use. The graph has no cycles: a layer stands below those that it uses.
-const LAYERS: [(&str, &[&str]); 25] = [
+const LAYERS: [(&str, &[&str]); 28] = [
     ("options", &[]),
     ("watch", &[]),
     ("input", &[]),
@@ -14,29 +14,48 @@ const LAYERS: [(&str, &[&str]); 25] = [
     ("model", &["scene"]),
     ("solve", &[]),
     ("ranks", &[]),
+    ("usage", &[]),
     ("direct", &["model", "ranks", "scene"]),
     ("plan", &["direct", "model", "options", "scene"]),
-    ("gpu", &["options", "output", "ranks", "watch"]),
+    ("gpu", &["options", "output", "ranks", "usage", "watch"]),
+    ("backend", &["gpu", "options", "ranks", "scene", "usage", "watch"]),
     ("shaders", &["gpu", "scene"]),
-    ("transport", &["gpu", "model", "plan", "ranks", "scene", "shaders", "solve"]),
+    ("transport", &["backend", "gpu", "model", "plan", "ranks", "scene", "shaders", "solve", "usage"]),
     ("revision", &[]),
     (
         "engine",
-        &["direct", "gpu", "model", "options", "plan", "ranks", "revision", "scene", "solve", "transport"],
+        &[
+            "backend",
+            "direct",
+            "gpu",
+            "model",
+            "options",
+            "plan",
+            "ranks",
+            "revision",
+            "scene",
+            "solve",
+            "transport",
+        ],
     ),
     ("gradients", &["direct", "engine", "model", "options", "plan", "ranks", "scene", "solve", "transport"]),
-    ("image", &["gpu", "input", "options", "output", "ranks", "scene", "shaders"]),
+    ("image", &["backend", "gpu", "input", "options", "output", "ranks", "scene", "shaders"]),
     ("export", &["output", "scene"]),
     ("reference", &["image", "model", "scene", "solve"]),
     ("warnings", &["direct", "model", "options", "plan", "reference", "scene"]),
     ("shading", &["direct", "engine", "gradients", "image", "model", "plan", "ranks", "scene", "solve"]),
     (
+        "render",
+        &["backend", "engine", "gradients", "image", "options", "plan", "ranks", "scene", "shading", "solve"],
+    ),
+    (
         "target_error",
-        &["engine", "gpu", "image", "model", "options", "plan", "scene", "shading", "solve", "warnings"],
+        &["backend", "engine", "image", "model", "options", "plan", "scene", "shading", "solve", "warnings"],
     ),
     (
         "fit",
         &[
+            "backend",
             "engine",
             "gpu",
             "gradients",
@@ -46,14 +65,18 @@ const LAYERS: [(&str, &[&str]); 25] = [
             "output",
             "plan",
             "ranks",
+            "render",
             "scene",
             "shading",
             "solve",
             "watch",
         ],
     ),
-    ("ambiguity", &["engine", "gpu", "image", "plan", "scene", "solve", "watch"]),
-    ("cli", &["engine", "fit", "gpu", "image", "output", "plan", "scene", "shading", "solve", "watch"]),
+    ("ambiguity", &["backend", "engine", "image", "plan", "scene", "solve", "watch"]),
+    (
+        "cli",
+        &["backend", "engine", "fit", "gpu", "image", "output", "plan", "scene", "shading", "solve", "watch"],
+    ),
 ];
 
 /// The layer of a file or folder of `src/`.

@@ -2,13 +2,14 @@
 
 mod support;
 
+use antirad::backend::Backend;
 use antirad::glam::{DAffine3, DVec3};
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use antirad::scene::{Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, Triangle};
 use antirad::target_error::{SearchError, Stage, TargetErrorOptions, solve_within};
 use antirad::{Cotangent, Engine, EngineError, Solution, SolveParams};
 use std::ops::ControlFlow;
-use support::{device, finish};
+use support::{backend, device, finish};
 
 /// A room with a luminous ceiling, grey and diffuse.
 fn room(cells: u32) -> Scene {
@@ -21,16 +22,16 @@ fn room(cells: u32) -> Scene {
     Scene::new("room", vertices, triangles, vec![wall, lamp]).expect("a scene")
 }
 
-fn options() -> PlanOptions {
-    PlanOptions::default().gradients(GradientRequest::NOTHING.albedo(true).camera(true))
+fn options(backend: &Backend) -> PlanOptions {
+    PlanOptions::of(backend).gradients(GradientRequest::NOTHING.albedo(true).camera(true))
 }
 
-fn plan(scene: &Scene) -> Plan {
-    Plan::new(scene, &options(), &scene.settings).expect("a plan")
+fn plan(backend: &Backend, scene: &Scene) -> Plan {
+    Plan::new(scene, &options(backend), &scene.settings).expect("a plan")
 }
 
-fn engine(device: &antirad::gpu::Device, scene: &Scene) -> Engine {
-    Engine::new(device, scene, plan(scene)).expect("an engine")
+fn engine(backend: &Backend, scene: &Scene) -> Engine {
+    Engine::new(backend, scene, plan(backend, scene)).expect("an engine")
 }
 
 fn params() -> SolveParams {
@@ -51,25 +52,42 @@ fn backward(
 
 const INSIDE: DVec3 = DVec3::new(0.4, 0.5, 0.6);
 
-/// Such a plan holds no lists of pairs on the device, which its kernels would read.
+/// Plans count the memory of one backend, and are parted by what it can do.
 #[test]
-fn a_plan_that_leaves_work_to_the_host_needs_its_memory() {
-    let device = device().kernels_only();
+fn a_plan_is_for_one_backend() {
     let scene = room(2);
-    let options = PlanOptions::of(&device);
-    assert!(!options.pairs_on_host);
-    let plan = Plan::new(&scene, &options.pairs_on_host(true), &scene.settings).expect("a plan");
-    let refused = Engine::new(&device, &scene, plan).err().expect("no shared memory");
-    assert!(matches!(refused, EngineError::OtherDevice), "{refused}");
-    assert!(refused.to_string().contains("PlanOptions::of"), "{refused}");
-    finish(&device);
+    let backends = [Backend::cpu(), device().into()];
+    for [one, other] in [[0, 1], [1, 0]].map(|pair| pair.map(|k: usize| &backends[k])) {
+        let refused = Engine::new(one, &scene, plan(other, &scene)).err().expect("another backend");
+        let named = matches!(
+            refused,
+            EngineError::OtherBackend { planned, given } if planned == other.kind() && given == one.kind()
+        );
+        assert!(named, "{refused}");
+        assert!(refused.to_string().contains("PlanOptions::of"), "{refused}");
+    }
+    backends.iter().for_each(finish);
+}
+
+/// A solution of the other backend is no start.
+#[test]
+fn a_solution_stays_on_its_backend() {
+    let scene = room(2);
+    let backends = [Backend::cpu(), device().into()];
+    let [mut one, mut other] = backends.each_ref().map(|backend| engine(backend, &scene));
+    let of_other = other.solve(&params()).expect("a solution");
+    let mut from =
+        |start| one.solve_from(start, &params(), &mut |_, _| ControlFlow::Continue(())).expect("a solution");
+    assert_eq!(from(Some(&of_other)).irradiance, from(None).irradiance);
+    drop((of_other, other));
+    backends.iter().for_each(finish);
 }
 
 #[test]
 fn a_solution_belongs_to_the_engine_that_found_it() {
-    let device = device();
+    let backend = backend();
     let (small, large) = (room(2), room(3));
-    let mut engines = [engine(&device, &small), engine(&device, &large), engine(&device, &small)];
+    let mut engines = [engine(&backend, &small), engine(&backend, &large), engine(&backend, &small)];
     let solutions = engines.each_mut().map(|engine| engine.solve(&params()).expect("a solution"));
     for (e, engine) in engines.iter_mut().enumerate() {
         for (s, solution) in solutions.iter().enumerate() {
@@ -87,14 +105,14 @@ fn a_solution_belongs_to_the_engine_that_found_it() {
     let mut rebuilt = first.rebuilt(&small).expect("an engine");
     let colours = rebuilt.face_colours(&solutions[0], INSIDE);
     assert!(matches!(colours, Err(EngineError::OtherEngine)), "{colours:?}");
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn a_solution_belongs_to_the_materials_it_was_found_with() {
-    let device = device();
+    let backend = backend();
     let mut scene = room(2);
-    let mut engine = engine(&device, &scene);
+    let mut engine = engine(&backend, &scene);
     let old = engine.solve(&params()).expect("a solution");
     scene.materials[0].albedo = [0.6; 3];
     engine.set_materials(&scene).expect("materials that fit the plan");
@@ -108,27 +126,27 @@ fn a_solution_belongs_to_the_materials_it_was_found_with() {
     scene.materials[0].albedo = [1.5; 3];
     assert!(engine.set_materials(&scene).is_err());
     assert!(engine.face_colours(&new, INSIDE).is_ok() && backward(&mut engine, &new, &params()).is_ok());
-    finish(&device);
+    finish(&backend);
 }
 
 /// An earlier solution can be a start; one of an engine with another layout cannot.
 #[test]
 fn a_solve_starts_at_any_solution_that_can_be_one() {
-    let device = device();
+    let backend = backend();
     let mut scene = room(2);
-    let mut first = engine(&device, &scene);
+    let mut first = engine(&backend, &scene);
     let old = first.solve(&params()).expect("a solution");
     scene.materials[0].albedo = [0.501; 3];
-    let mut second = engine(&device, &scene);
+    let mut second = engine(&backend, &scene);
     let mut from = |start| {
         second.solve_from(start, &params(), &mut |_, _| ControlFlow::Continue(())).expect("a solution")
     };
     let cold = from(None);
     let warm = from(Some(&old));
     assert!(warm.info.passes < cold.info.passes, "{} and {}", warm.info.passes, cold.info.passes);
-    let other = engine(&device, &room(3)).solve(&params()).expect("a solution");
+    let other = engine(&backend, &room(3)).solve(&params()).expect("a solution");
     assert_eq!(from(Some(&other)).irradiance, cold.irradiance);
-    finish(&device);
+    finish(&backend);
 }
 
 /// Scenes that no file could give, each with a part of its error.
@@ -158,23 +176,23 @@ fn broken_scenes() -> Vec<(&'static str, Scene)> {
 
 #[test]
 fn a_scene_by_code_is_checked_like_one_from_a_file() {
-    let device = device();
+    let backend = backend();
     let sound = room(2);
-    let plan = plan(&sound);
-    let mut engine = engine(&device, &sound);
+    let plan = plan(&backend, &sound);
+    let mut engine = engine(&backend, &sound);
     let before = engine.solve(&params()).expect("a solution").irradiance;
     for (word, scene) in broken_scenes() {
-        match Plan::new(&scene, &options(), &sound.settings) {
+        match Plan::new(&scene, &options(&backend), &sound.settings) {
             Err(PlanError::Scene(error)) => assert!(error.to_string().contains(word), "{word}: {error}"),
             other => panic!("{word}: {other:?}"),
         }
-        let refused = Engine::new(&device, &scene, plan.clone()).err();
+        let refused = Engine::new(&backend, &scene, plan.clone()).err();
         assert!(matches!(refused, Some(EngineError::Scene(_))), "{word}: {refused:?}");
         let refused = engine.set_materials(&scene).err();
         assert!(matches!(refused, Some(EngineError::Scene(_))), "{word}: {refused:?}");
     }
     assert_eq!(engine.solve(&params()).expect("a solution").irradiance, before);
-    finish(&device);
+    finish(&backend);
 }
 
 /// Faces of a mesh cannot use the vertices of the next one.
@@ -196,11 +214,11 @@ fn a_mesh_uses_its_own_vertices() {
 
 #[test]
 fn a_target_error_is_between_zero_and_one() {
-    let device = device();
+    let backend = backend();
     let scene = room(2);
     let mut solve = |engine: &mut Engine, _: &Scene, _: &Stage| engine.solve(&params());
     for error in [f64::NAN, f64::INFINITY, 0.0, -1.0, 1.0] {
-        let solved = solve_within(&device, &scene, &TargetErrorOptions::new(error), &|_| 0, &mut solve);
+        let solved = solve_within(&backend, &scene, &TargetErrorOptions::new(error), &|_| 0, &mut solve);
         let refused = solved.err();
         let named = matches!(
             refused,
@@ -208,14 +226,14 @@ fn a_target_error_is_between_zero_and_one() {
         );
         assert!(named, "{error}: {refused:?}");
     }
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn a_plan_is_for_one_geometry() {
-    let device = device();
+    let backend = backend();
     let sound = room(2);
-    let mut engine = engine(&device, &sound);
+    let mut engine = engine(&backend, &sound);
     let last = sound.triangles.len() - 1;
     let mut moved = sound.clone();
     // A corner of its own for the last triangle, a little further out.
@@ -226,7 +244,7 @@ fn a_plan_is_for_one_geometry() {
     let mut wide = sound.clone();
     wide.vertices.iter_mut().for_each(|vertex| vertex.x *= 2.0);
     for (scene, first) in [(&moved, last), (&wide, 0)] {
-        let refused = Engine::new(&device, scene, plan(&sound)).err();
+        let refused = Engine::new(&backend, scene, plan(&backend, &sound)).err();
         let named = matches!(refused, Some(EngineError::OtherGeometry { triangle }) if triangle >= first);
         assert!(named, "{refused:?}");
         let refused = engine.set_materials(scene).err();
@@ -241,14 +259,14 @@ fn a_plan_is_for_one_geometry() {
         matches!(refused, Some(EngineError::OtherGeometry { triangle }) if triangle == last),
         "{refused:?}"
     );
-    let fewer = Engine::new(&device, &room(3), plan(&sound)).err();
+    let fewer = Engine::new(&backend, &room(3), plan(&backend, &sound)).err();
     assert!(matches!(fewer, Some(EngineError::OtherScene { .. })), "{fewer:?}");
     // Lobes and colours that the plan does not provide for.
     let mut glossy = sound.clone();
     glossy.materials[0].specular = [0.01; 3];
-    let refused = Engine::new(&device, &glossy, plan(&sound)).err();
+    let refused = Engine::new(&backend, &glossy, plan(&backend, &sound)).err();
     assert!(matches!(refused, Some(EngineError::BeyondPlan { .. })), "{refused:?}");
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
@@ -262,9 +280,9 @@ fn tiles_are_of_32_or_64() {
 
 #[test]
 fn a_tolerance_is_between_zero_and_one() {
-    let device = device();
+    let backend = backend();
     let scene = room(2);
-    let mut engine = engine(&device, &scene);
+    let mut engine = engine(&backend, &scene);
     let solution = engine.solve(&params()).expect("a solution");
     for tolerance in [f64::INFINITY, f64::NAN, 0.0, -1.0, 1.0, -f64::INFINITY] {
         let params = params().tolerance(tolerance);
@@ -273,7 +291,7 @@ fn a_tolerance_is_between_zero_and_one() {
         let gradients = backward(&mut engine, &solution, &params);
         assert!(matches!(gradients, Err(EngineError::Tolerance { .. })), "{tolerance}: {gradients:?}");
         let settings = scene.settings.tolerance(tolerance);
-        let planned = Plan::new(&scene, &options(), &settings);
+        let planned = Plan::new(&scene, &options(&backend), &settings);
         let refused = matches!(planned, Err(PlanError::Scene(SceneError::SolveSettings { .. })));
         assert!(refused, "{tolerance}: {planned:?}");
     }
@@ -281,17 +299,17 @@ fn a_tolerance_is_between_zero_and_one() {
     let solved = engine.solve(&idle).map(|solution| solution.irradiance);
     assert!(matches!(solved, Err(EngineError::NoPasses)), "{solved:?}");
     for near_field in [f64::NAN, f64::INFINITY, -1.0] {
-        let planned = Plan::new(&scene, &options(), &scene.settings.near_field(near_field));
+        let planned = Plan::new(&scene, &options(&backend), &scene.settings.near_field(near_field));
         assert!(matches!(planned, Err(PlanError::Scene(SceneError::SolveSettings { .. }))), "{planned:?}");
     }
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn a_camera_is_somewhere() {
-    let device = device();
+    let backend = backend();
     let scene = room(2);
-    let mut engine = engine(&device, &scene);
+    let mut engine = engine(&backend, &scene);
     let solution = engine.solve(&params()).expect("a solution");
     for nowhere in [DVec3::NAN, DVec3::new(0.5, f64::INFINITY, 0.5)] {
         let colours = engine.face_colours(&solution, nowhere);
@@ -303,5 +321,5 @@ fn a_camera_is_somewhere() {
             engine.backward(&solution, &cotangent, request, &params()).map(|g| g.camera_positions);
         assert!(matches!(gradients, Err(EngineError::CameraPosition { .. })), "{gradients:?}");
     }
-    finish(&device);
+    finish(&backend);
 }

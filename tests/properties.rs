@@ -4,7 +4,7 @@
 
 mod support;
 
-use antirad::gpu::{Device, DeviceOptions};
+use antirad::backend::Backend;
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use antirad::scene::{BinLayout, Material, Scene, SceneBuilder, Shape, SolveSettings, SolverChoice};
 use glam::{DAffine3, DQuat, DVec3};
@@ -27,15 +27,12 @@ fn config(cases: u32) -> ProptestConfig {
     }
 }
 
-/// One for all cases, so that its kernels are compiled once, and for one test at a time: an engine counts what its
-/// device allocates meanwhile.
-fn device() -> MutexGuard<'static, Device> {
-    static DEVICE: OnceLock<Mutex<Device>> = OnceLock::new();
-    let device = DEVICE.get_or_init(|| {
-        let options = DeviceOptions::default().validation(true);
-        Mutex::new(Device::new(&options).expect("a Vulkan device"))
-    });
-    device.lock().unwrap_or_else(PoisonError::into_inner)
+/// One for all cases, so that kernels are compiled once, and for one test at a time: an engine counts what its
+/// backend allocates meanwhile.
+fn backend() -> MutexGuard<'static, Backend> {
+    static BACKEND: OnceLock<Mutex<Backend>> = OnceLock::new();
+    let backend = BACKEND.get_or_init(|| Mutex::new(support::backend()));
+    backend.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Any material; of glossy ones with the energy-conserving factor.
@@ -125,8 +122,8 @@ proptest! {
     /// Absorbed power is at most the emitted, within the error of meshes as coarse as these: 2 %.
     #[test]
     fn energy_is_not_created(recipe in recipe()) {
-        let (device, scene) = (device(), recipe.scene());
-        let (_engine, solution) = solve(&device, &scene, &scene.settings);
+        let (backend, scene) = (backend(), recipe.scene());
+        let (_engine, solution) = solve(&*backend, &scene, &scene.settings);
         prop_assert!(solution.irradiance.iter().chain(&solution.radiosity).flatten().all(|h| h.is_finite()));
         for c in 0..3 {
             let share = solution.energy.absorbed[c] / solution.energy.emitted[c];
@@ -144,14 +141,14 @@ proptest! {
     /// Light of two lamps is the sum of the light of each.
     #[test]
     fn light_is_linear_in_emission(recipe in recipe(), other in prop::array::uniform3(0.1..5.0), factor in 0.1..10.0) {
-        let (device, scene) = (device(), recipe.scene());
+        let (backend, scene) = (backend(), recipe.scene());
         let settings = tight(&scene);
         let irradiance = |emission: &dyn Fn(usize, [f64; 3]) -> [f64; 3]| {
             let mut lit = scene.clone();
             for (k, m) in lit.materials.iter_mut().enumerate() {
                 m.emission = emission(k, m.emission);
             }
-            solve(&device, &lit, &settings).1.irradiance.clone()
+            solve(&*backend, &lit, &settings).1.irradiance.clone()
         };
         // The walls are the first material.
         let walls = |k: usize, _| if k == 0 { other } else { [0.0; 3] };
@@ -168,11 +165,11 @@ proptest! {
     /// Culled pairs of tiles exchange no light.
     #[test]
     fn culling_changes_nothing(recipe in recipe(), concentric in any::<bool>()) {
-        let (device, scene) = (device(), recipe.scene());
+        let (backend, scene) = (backend(), recipe.scene());
         let bins = if concentric { BinLayout::Concentric { n: 8 } } else { scene.settings.bins };
         let settings = tight(&scene).bins(bins);
-        let usual = PlanOptions::of(&device).tile(32);
-        let run = |cull| solve_within(&device, &scene, &settings, &usual.cull(cull)).1.irradiance.clone();
+        let usual = PlanOptions::of(&*backend).tile(32);
+        let run = |cull| solve_within(&*backend, &scene, &settings, &usual.cull(cull)).1.irradiance.clone();
         let error = relative_l2(&run(true), &run(false), &areas(&scene));
         prop_assert!(error <= 1e-5, "{error:e}");
     }
@@ -181,7 +178,7 @@ proptest! {
 proptest! {
     #![proptest_config(config(100))]
 
-    /// A plan, made without a device, keeps to its budget and to the largest buffer, and adds up. Where it is refused,
+    /// A plan, made without a backend, keeps to its budget and to the largest buffer, and adds up. Where it is refused,
     /// the budget that the error names suffices.
     #[test]
     fn plans_keep_to_their_budget(
@@ -194,10 +191,12 @@ proptest! {
         gradients in any::<bool>(),
         solver in prop_oneof![Just(SolverChoice::Auto), Just(SolverChoice::FixedPoint), Just(SolverChoice::Gmres)],
         n in 1u32..8,
+        vulkan in any::<bool>(),
     ) {
         let scene = recipe.scene();
         let settings = scene.settings.bins(BinLayout::Concentric { n: 2 * n }).solver(solver);
-        let options = PlanOptions::default().memory_budget(budget).max_buffer(max_buffer).page(page).staging(staging).tile(if small_tiles { 32 } else { 64 }).gradients(if gradients { GradientRequest::EVERYTHING } else { GradientRequest::NOTHING });
+        let usual = if vulkan { PlanOptions::lavapipe() } else { PlanOptions::default() };
+        let options = usual.memory_budget(budget).max_buffer(max_buffer).page(page).staging(staging).tile(if small_tiles { 32 } else { 64 }).gradients(if gradients { GradientRequest::EVERYTHING } else { GradientRequest::NOTHING });
         let keeps = |plan: &Plan, options: &PlanOptions| {
             let memory = plan.memory();
             prop_assert!(memory.total() <= options.memory_budget);

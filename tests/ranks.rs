@@ -1,8 +1,9 @@
-//! Several ranks solve one scene: here they are threads, each with a device of its own. `scripts/mpi` does the same with processes.
+//! Several ranks solve one scene: here they are threads, each with a backend of its own. `scripts/mpi` does the same with processes.
 
 mod support;
 
 use antirad::Watch;
+use antirad::backend::{Backend, BackendKind, Cpu, CpuOptions};
 use antirad::fit::{
     EngineRenderer, Fit, FitError, Job, OnCheckpoint, Outcome, Quantity, Renderer, RunOptions, Settings,
     StopRule, Target,
@@ -17,25 +18,39 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::thread;
 use support::random::{balls_on_a_glossy_floor, random_scene, with_own_powers};
-use support::{device, finish, load, placed, relative_l2};
+use support::{backend, finish, load, placed, relative_l2};
 
-/// Runs the same work on each of several ranks, and returns the results by rank, with the bytes that each received.
-fn on_ranks<T: Send>(count: usize, work: impl Fn(&Device) -> T + Sync) -> Vec<(T, u64)> {
-    on_devices(&vec![None; count], work)
+const BOTH: [BackendKind; 2] = [BackendKind::Cpu, BackendKind::Vulkan];
+
+fn open(kind: BackendKind, memory_budget: Option<u64>) -> Backend {
+    match kind {
+        BackendKind::Vulkan => {
+            let options = DeviceOptions::default().validation(true).memory_budget(memory_budget);
+            Device::new(&options).expect("a Vulkan device").into()
+        }
+        BackendKind::Cpu => Backend::Cpu(Cpu::new(&CpuOptions::default().memory_budget(memory_budget))),
+    }
 }
 
-/// The same for devices with these memory budgets, one for each rank.
-fn on_devices<T: Send>(budgets: &[Option<u64>], work: impl Fn(&Device) -> T + Sync) -> Vec<(T, u64)> {
+/// Runs the same work on each of several ranks, and returns the results by rank, with the bytes that each received.
+fn on_ranks<T: Send>(kind: BackendKind, count: usize, work: impl Fn(&Backend) -> T + Sync) -> Vec<(T, u64)> {
+    within(kind, &vec![None; count], work)
+}
+
+/// The same for backends with these memory budgets, one for each rank.
+fn within<T: Send>(
+    kind: BackendKind,
+    budgets: &[Option<u64>],
+    work: impl Fn(&Backend) -> T + Sync,
+) -> Vec<(T, u64)> {
     thread::scope(|scope| {
         let run = |ranks: Ranks| {
             let work = &work;
             scope.spawn(move || {
-                let options = DeviceOptions::default().validation(true);
-                let options = options.memory_budget(budgets[ranks.rank()]);
-                let device = Device::new(&options).expect("a Vulkan device").with_ranks(ranks);
-                let result = work(&device);
-                finish(&device);
-                (result, device.ranks().moved()[1])
+                let backend = open(kind, budgets[ranks.rank()]).with_ranks(ranks);
+                let result = work(&backend);
+                finish(&backend);
+                (result, backend.ranks().moved()[1])
             })
         };
         let threads: Vec<_> = in_threads(budgets.len()).into_iter().map(run).collect();
@@ -53,8 +68,8 @@ struct Found {
     values: Vec<Vec<[f64; 3]>>,
 }
 
-fn found(device: &Device, scene: &Scene, settings: &SolveSettings, options: PlanOptions) -> Found {
-    assert_eq!(options.ranks as usize, device.ranks().count());
+fn found(backend: &Backend, scene: &Scene, settings: &SolveSettings, options: PlanOptions) -> Found {
+    assert_eq!(options.ranks as usize, backend.ranks().count());
     let plan = Plan::new(scene, &options, settings).expect("a plan");
     assert_eq!(plan.clusters().is_some(), settings.transport != Transport::Exact, "{}", plan.transport());
     // Some ranks may have no close pairs.
@@ -66,7 +81,7 @@ fn found(device: &Device, scene: &Scene, settings: &SolveSettings, options: Plan
         true => plan.report().states.host_bytes,
         false => ["state: bins", "state: irradiance", "cotangent: specular"].map(of_label).iter().sum(),
     };
-    let mut engine = Engine::new(device, scene, plan).expect("an engine");
+    let mut engine = Engine::new(backend, scene, plan).expect("an engine");
     let params = SolveParams::from(settings);
     let solution = engine.solve(&params).expect("a solution");
     let eye = DVec3::new(0.3, 0.4, 2.6);
@@ -126,30 +141,37 @@ fn ranks_hold_their_own_states() {
         ("boxes, on the host", &boxes, clusters(0.1), false, few, Some(7 << 20), 2),
     ] {
         let settings = scene.settings.tolerance(1e-2).transport(transport);
-        let solved = |device: &Device, budget: Option<u64>| {
-            let options = PlanOptions::of(device).keep_near_field(keep).tile(32).gradients(gradients);
+        let solved = |backend: &Backend, budget: Option<u64>| {
+            let options = PlanOptions::of(backend).keep_near_field(keep).tile(32).gradients(gradients);
             let options = budget.map_or(options, |budget| options.memory_budget(budget));
-            found(device, scene, &settings, options)
+            found(backend, scene, &settings, options)
         };
-        let alone = solved(&device(), budget);
-        assert_eq!(alone.on_host, budget.is_some(), "{name}");
-        if budget.is_some() {
-            let resident = solved(&device(), None);
-            assert!(!resident.on_host, "{name}");
-            // Groups, and with them clusters, depend on the windows.
-            let factor = if transport == Transport::Exact { 1.0 } else { 1e3 };
-            close_to(name, &alone.values, &resident.values, factor);
-        }
-        let several = on_ranks(count, |device| solved(device, budget));
-        if name.starts_with("glossy") {
-            assert!(on_ranks(count, |device| solved(device, budget)) == several, "{name}: another run");
-        }
-        for (rank, (found, received)) in several.iter().enumerate() {
-            let share = found.held as f64 / alone.held as f64;
-            println!("{name}, rank {rank} of {count}: holds {share:.3}, received {received}");
-            assert_eq!(found.on_host, budget.is_some(), "{name}");
-            close_to(name, &found.values, &alone.values, 1.0);
-            assert!(*received > 0, "{name}: rank {rank} of {count}");
+        // The CPU has no states elsewhere.
+        for kind in BOTH.into_iter().filter(|kind| budget.is_none() || *kind == BackendKind::Vulkan) {
+            let name = &format!("{name}, {kind}");
+            let alone = solved(&open(kind, None), budget);
+            assert_eq!(alone.on_host, budget.is_some(), "{name}");
+            if budget.is_some() {
+                let resident = solved(&open(kind, None), None);
+                assert!(!resident.on_host, "{name}");
+                // Groups, and with them clusters, depend on the windows.
+                let factor = if transport == Transport::Exact { 1.0 } else { 1e3 };
+                close_to(name, &alone.values, &resident.values, factor);
+            }
+            let several = on_ranks(kind, count, |backend| solved(backend, budget));
+            if name.starts_with("glossy") {
+                assert!(
+                    on_ranks(kind, count, |backend| solved(backend, budget)) == several,
+                    "{name}: another run"
+                );
+            }
+            for (rank, (found, received)) in several.iter().enumerate() {
+                let share = found.held as f64 / alone.held as f64;
+                println!("{name}, rank {rank} of {count}: holds {share:.3}, received {received}");
+                assert_eq!(found.on_host, budget.is_some(), "{name}");
+                close_to(name, &found.values, &alone.values, 1.0);
+                assert!(*received > 0, "{name}: rank {rank} of {count}");
+            }
         }
     }
 }
@@ -159,13 +181,18 @@ fn ranks_hold_their_own_states() {
 #[test]
 fn ranks_part_the_memory_of_states() {
     let scene = load("scenes/cornell_boxes_fine.toml");
-    for (transport, budget) in
-        [(Transport::Exact, None), (clusters(0.02), None), (Transport::Exact, Some(6 << 20))]
-    {
+    let (cpu, vulkan) = (PlanOptions::default(), PlanOptions::lavapipe());
+    for (usual, transport, budget) in [
+        (cpu, Transport::Exact, None),
+        (cpu, clusters(0.02), None),
+        (vulkan, Transport::Exact, None),
+        (vulkan, clusters(0.02), None),
+        (vulkan, Transport::Exact, Some(6 << 20)),
+    ] {
         let settings = scene.settings.transport(transport);
         // Bytes of states and of the window.
         let held = |rank: u32, ranks: u32| {
-            let options = PlanOptions::default().keep_near_field(false).pairs_on_host(true).tile(32);
+            let options = usual.keep_near_field(false).tile(32);
             let options = options.rank(rank).ranks(ranks);
             let options = budget.map_or(options, |budget| options.memory_budget(budget));
             let plan = Plan::new(&scene, &options, &settings).expect("a plan");
@@ -190,7 +217,10 @@ fn ranks_part_the_memory_of_states() {
             let once = all - u64::from(ranks - 1) * vectors * irradiance;
             assert!(once.abs_diff(alone) <= u64::from(ranks) * 64 * vectors * 256, "{once}, {alone}");
             for [own, window, ..] in of {
-                println!("{transport:?}, of {ranks} ranks: {own} and {window} of {alone} bytes");
+                println!(
+                    "{}, {transport:?}, of {ranks} ranks: {own} and {window} of {alone} bytes",
+                    usual.backend
+                );
                 // Some triangles have more close pairs, and work is parted, not triangles.
                 assert!((own * u64::from(ranks)) as f64 <= 1.6 * alone as f64);
                 // The part of a rank in whole dispatches, of 2048 sources; with clusters a group.
@@ -235,10 +265,10 @@ fn ranks_share_pictures() {
     (camera.width, camera.height) = (24, 18);
     let of_materials = GradientRequest::NOTHING.emission(true).albedo(true).specular(true).power(true);
     for (name, request) in [("rays", of_materials), ("bins", GradientRequest::EVERYTHING)] {
-        let made = |device: &Device| -> Vec<Vec<[f64; 3]>> {
+        let made = |backend: &Backend| -> Vec<Vec<[f64; 3]>> {
             let watch: Watch = Arc::new(|| ControlFlow::Continue(()));
             let mut renderer =
-                EngineRenderer::new(device, scene.clone(), vec![camera.clone()], 2, request, watch)
+                EngineRenderer::new(backend, scene.clone(), vec![camera.clone()], 2, request, watch)
                     .expect("a renderer");
             let pictures = renderer.pictures(&scene).expect("pictures");
             let weights = (0..pictures[0].len()).map(|k| DVec3::new(1.0, 0.5, 0.2) * (k as f64).sin());
@@ -251,14 +281,27 @@ fn ranks_share_pictures() {
             all.extend(by.cameras.map(|of| of.iter().map(|by| by.position.to_array()).collect()));
             all
         };
-        let alone = made(&device());
-        assert_eq!(alone.len(), if request.positions { 7 } else { 5 });
-        assert!(alone.iter().all(|values| values.iter().flatten().any(|value| *value != 0.0)), "{name}");
-        for (found, received) in on_ranks(3, made) {
-            close_to(name, &found, &alone, 1.0);
-            assert!(received > 0);
+        for kind in BOTH {
+            let name = &format!("{name}, {kind}");
+            let alone = made(&open(kind, None));
+            assert_eq!(alone.len(), if request.positions { 7 } else { 5 });
+            let lit = alone.iter().all(|values| values.iter().flatten().any(|value| *value != 0.0));
+            assert!(lit, "{name}");
+            for (found, received) in on_ranks(kind, 3, made) {
+                close_to(name, &found, &alone, 1.0);
+                assert!(received > 0);
+            }
         }
     }
+}
+
+/// Pairs of far triangles and clusters that a backend has evaluated.
+fn far_pairs(backend: &Backend) -> u64 {
+    let far = |kernel: &str| match backend.kind() {
+        BackendKind::Vulkan => kernel.starts_with("transport") || kernel.starts_with("cluster"),
+        BackendKind::Cpu => kernel == "far",
+    };
+    backend.profile().into_iter().filter(|row| far(&row.kernel)).map(|row| row.items).sum()
 }
 
 /// The work of a rank is its share: together they evaluate the pairs of one alone.
@@ -266,54 +309,59 @@ fn ranks_share_pictures() {
 fn ranks_share_the_pairs() {
     let scene = load("scenes/cornell_boxes.toml");
     let settings = scene.settings.max_passes(2).tolerance(0.9);
-    let pairs = |device: &Device| {
-        let plan = Plan::new(&scene, &PlanOptions::of(device), &settings).expect("a plan");
-        let mut engine = Engine::new(device, &scene, plan).expect("an engine");
+    let pairs = |backend: &Backend| {
+        let plan = Plan::new(&scene, &PlanOptions::of(backend), &settings).expect("a plan");
+        let mut engine = Engine::new(backend, &scene, plan).expect("an engine");
         engine.solve(&SolveParams::from(&settings)).expect("a solution");
-        let rows = device.profile().into_iter().filter(|row| row.kernel.starts_with("transport"));
-        rows.map(|row| row.items).sum::<u64>()
+        far_pairs(backend)
     };
-    let alone = pairs(&device());
-    let several: Vec<u64> = on_ranks(3, pairs).into_iter().map(|(pairs, _)| pairs).collect();
-    assert_eq!(several.iter().sum::<u64>(), alone);
-    for own in several {
-        assert!((own as f64 / alone as f64 - 1.0 / 3.0).abs() < 0.05, "{own} of {alone}");
+    for kind in BOTH {
+        let alone = pairs(&open(kind, None));
+        let several: Vec<u64> = on_ranks(kind, 3, pairs).into_iter().map(|(pairs, _)| pairs).collect();
+        assert!(alone > 0);
+        assert_eq!(several.iter().sum::<u64>(), alone, "{kind}");
+        for own in several {
+            assert!((own as f64 / alone as f64 - 1.0 / 3.0).abs() < 0.05, "{kind}: {own} of {alone}");
+        }
     }
 }
 
-/// A rank whose device has half the memory of the other does half as much, of a pass and of states on the host, and no result changes by
+/// A rank whose backend has half the memory of the other does half as much, of a pass and of states on the host, and no result changes by
 /// that.
 #[test]
-fn a_smaller_device_gets_less() {
+fn a_smaller_budget_gets_less() {
     let scene = load("scenes/cornell_boxes.toml");
     let budgets = [1 << 29, 1 << 28].map(Some);
     let wanted = [2.0 / 3.0, 1.0 / 3.0];
-    for (transport, on_host) in [
-        (Transport::Exact, None),
-        (Transport::Hierarchical { error: 0.02 }, None),
-        (Transport::Exact, Some(4 << 20)),
+    for (kind, transport, on_host) in [
+        (BackendKind::Cpu, Transport::Exact, None),
+        (BackendKind::Cpu, Transport::Hierarchical { error: 0.02 }, None),
+        (BackendKind::Vulkan, Transport::Exact, None),
+        (BackendKind::Vulkan, Transport::Hierarchical { error: 0.02 }, None),
+        (BackendKind::Vulkan, Transport::Exact, Some(4 << 20)),
     ] {
         let settings = scene.settings.max_passes(2).tolerance(0.9).transport(transport);
-        let solved = |device: &Device| {
-            let options = PlanOptions::of(device).keep_near_field(false).tile(32);
+        let solved = |backend: &Backend| {
+            let options = PlanOptions::of(backend).keep_near_field(false).tile(32);
             let options = on_host.map_or(options, |budget| options.memory_budget(budget));
             let plan = Plan::new(&scene, &options, &settings).expect("a plan");
             assert_eq!(plan.residency() != Residency::Device, on_host.is_some());
             let held = plan.report().states.host_bytes;
-            let mut engine = Engine::new(device, &scene, plan).expect("an engine");
+            let mut engine = Engine::new(backend, &scene, plan).expect("an engine");
             let solution = engine.solve(&SolveParams::from(&settings)).expect("a solution");
-            let far = |kernel: &str| kernel.starts_with("transport") || kernel.starts_with("cluster");
-            let rows = device.profile().into_iter().filter(|row| far(&row.kernel));
-            (rows.map(|row| row.items).sum::<u64>(), held, solution.irradiance)
+            (far_pairs(backend), held, solution.irradiance)
         };
-        let alone = solved(&device());
-        let several = on_devices(&budgets, solved);
+        let alone = solved(&open(kind, None));
+        let several = within(kind, &budgets, solved);
         assert_eq!(several.iter().map(|((pairs, ..), _)| pairs).sum::<u64>(), alone.0);
         for (((pairs, held, irradiance), _), wanted) in several.into_iter().zip(wanted) {
             let share = pairs as f64 / alone.0 as f64;
-            println!("{transport:?}: {share:.3} of all pairs, {held} of {} bytes on the host", alone.1);
+            println!(
+                "{kind}, {transport:?}: {share:.3} of all pairs, {held} of {} bytes on the host",
+                alone.1
+            );
             // Close pairs are most of the work, and tiles have different numbers of them.
-            assert!((share - wanted).abs() < 0.05, "{transport:?}: {share}");
+            assert!((share - wanted).abs() < 0.05, "{kind}, {transport:?}: {share}");
             match on_host {
                 None => close_to("on devices", &[irradiance], std::slice::from_ref(&alone.2), 1.0),
                 Some(_) => {
@@ -331,10 +379,10 @@ fn a_smaller_device_gets_less() {
 fn a_rank_that_ends_ends_the_solves_of_the_others() {
     let scene = load("scenes/closed_box.toml");
     let solve = |ranks: Ranks| {
-        let device = device().with_ranks(ranks);
-        let plan = Plan::new(&scene, &PlanOptions::of(&device), &scene.settings).expect("a plan");
-        let stops = device.ranks().rank() == 1;
-        let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
+        let backend = backend().with_ranks(ranks);
+        let plan = Plan::new(&scene, &PlanOptions::of(&backend), &scene.settings).expect("a plan");
+        let stops = backend.ranks().rank() == 1;
+        let mut engine = Engine::new(&backend, &scene, plan).expect("an engine");
         engine.set_pass_callback(Some(Box::new(move |_, _| match stops {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
@@ -364,22 +412,22 @@ fn a_fit_that_loses_a_rank_is_gone_on_with() {
     }
     let cameras = vec![scene.camera("one").expect("a camera").clone()];
     let goes_on: Watch = Arc::new(|| ControlFlow::Continue(()));
-    let renderer = |device: &Device, planning: &Scene, request| {
-        EngineRenderer::new(device, planning.clone(), cameras.clone(), 2, request, goes_on.clone())
+    let renderer = |backend: &Backend, planning: &Scene, request| {
+        EngineRenderer::new(backend, planning.clone(), cameras.clone(), 2, request, goes_on.clone())
             .expect("a renderer")
     };
-    let pictures = renderer(&device(), &scene, GradientRequest::NOTHING).pictures(&scene).expect("pictures");
+    let pictures = renderer(&backend(), &scene, GradientRequest::NOTHING).pictures(&scene).expect("pictures");
     let stop = StopRule::default().iterations(6).relative_decrease(0.0).gradient(0.0);
     let options = RunOptions::default().checkpoint_every(1).stop(stop);
     // Stops before the iteration `last` is done.
-    let fit = |device: &Device, options: &RunOptions, last: u32| -> Result<Outcome, FitError> {
+    let fit = |backend: &Backend, options: &RunOptions, last: u32| -> Result<Outcome, FitError> {
         let grey = Some(vec![String::from("grey")]);
         let fits = vec![Fit::new(Quantity::Albedo).materials(grey).initial(Some([0.3; 3]))];
         let target = Target::new(cameras[0].clone(), pictures[0].clone(), None, 1.0).expect("a target");
         let settings = Settings::new(fits).supersample(2);
         let mut job = Job::new("test", scene.clone(), vec![target], settings).expect("a job");
         let parameters = &job.problem().parameters;
-        let mut renderer = renderer(device, &parameters.planning_scene(), parameters.gradient_request());
+        let mut renderer = renderer(backend, &parameters.planning_scene(), parameters.gradient_request());
         job.run(&mut renderer, options, &mut |record, _| match record.iteration < last {
             true => ControlFlow::Continue(()),
             false => ControlFlow::Break(()),
@@ -391,10 +439,10 @@ fn a_fit_that_loses_a_rank_is_gone_on_with() {
         let (fit, stored, options) = (&fit, &stored, &options);
         let run = |ranks: Ranks| {
             scope.spawn(move || {
-                let device = device().with_ranks(ranks);
-                match device.ranks().rank() {
-                    0 => fit(&device, stored, u32::MAX),
-                    _ => fit(&device, options, 3),
+                let backend = backend().with_ranks(ranks);
+                match backend.ranks().rank() {
+                    0 => fit(&backend, stored, u32::MAX),
+                    _ => fit(&backend, options, 3),
                 }
                 .expect_err("a rank has left")
             })
@@ -408,7 +456,7 @@ fn a_fit_that_loses_a_rank_is_gone_on_with() {
 
     let [alone, resumed] = [(&options, None), (&stored, Some(3))].map(|(options, from)| {
         let options = options.clone().on_checkpoint(OnCheckpoint::Resume);
-        let outcome = fit(&device(), &options, u32::MAX).expect("an outcome");
+        let outcome = fit(&backend(), &options, u32::MAX).expect("an outcome");
         assert_eq!(outcome.resumed_from, from);
         outcome
     });
@@ -420,10 +468,10 @@ fn a_fit_that_loses_a_rank_is_gone_on_with() {
 #[test]
 fn a_plan_for_other_ranks_is_refused() {
     let scene = load("scenes/closed_box.toml");
-    let device = device();
-    let options = PlanOptions::of(&device).rank(1).ranks(2);
+    let backend = backend();
+    let options = PlanOptions::of(&backend).rank(1).ranks(2);
     let plan = Plan::new(&scene, &options, &scene.settings).expect("a plan");
-    assert!(matches!(Engine::new(&device, &scene, plan), Err(EngineError::OtherRanks { .. })));
+    assert!(matches!(Engine::new(&backend, &scene, plan), Err(EngineError::OtherRanks { .. })));
     let beyond = Plan::new(&scene, &options.rank(2), &scene.settings);
     assert!(beyond.is_err_and(|error| error.to_string().contains("process 2 of 2")));
 }

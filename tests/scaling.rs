@@ -53,18 +53,23 @@ const ALL_FILES: [&str; 5] = ["memory.png", "memory.svg", "scaling.csv", "time.p
 #[test]
 fn planned_is_allocated_and_agrees_with_the_growth_of_the_process() {
     let (_folder, out) = folder();
-    assert_eq!(run(&out, "--triangles 10000 --quiet"), (Some(0), String::new()));
+    let arguments = "--triangles 10000 --backend vulkan,cpu --quiet";
+    assert_eq!(run(&out, arguments), (Some(0), String::new()));
     let rows = rows(&out);
-    let number = |name: &str| rows[0][name].parse::<f64>().expect("a number");
-    assert_eq!(number("bytes_planned"), number("bytes_allocated"));
-    assert_eq!(number("bytes_planned"), number("bytes_peak"));
-    let growth = number("resident_growth") / number("bytes_allocated");
-    assert!((growth - 1.0).abs() <= 0.15, "{growth}");
-    assert!(number("bytes_per_triangle") < 4000.0);
+    assert_eq!(rows.iter().map(|row| row["backend"].as_str()).collect::<Vec<_>>(), ["cpu", "vulkan"]);
+    for row in rows {
+        let number = |name: &str| row[name].parse::<f64>().expect("a number");
+        assert_eq!(number("bytes_planned"), number("bytes_allocated"));
+        assert_eq!(number("bytes_planned"), number("bytes_peak"));
+        let growth = number("resident_growth") / number("bytes_allocated");
+        assert!((growth - 1.0).abs() <= 0.15, "{}: {growth}", row["backend"]);
+        assert!(number("bytes_per_triangle") < 4000.0);
+        assert!(!row["device"].is_empty() && number("threads") >= 1.0);
+    }
     assert_eq!(names(&out), ALL_FILES);
 }
 
-/// A budget too small for the states: the bounce runs all the same, within the budget.
+/// A budget of a Vulkan device too small for the states: the bounce runs all the same, within the budget.
 #[test]
 fn a_short_budget_is_kept() {
     let (_folder, out) = folder();

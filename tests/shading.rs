@@ -12,7 +12,7 @@ use antirad::shading::{Light, Reflections, SeenFrom, ShadingError, backward};
 use antirad::{Engine, SolveParams};
 use glam::{DAffine3, DVec3};
 use std::ops::ControlFlow;
-use support::{device, finish, load, path, solve};
+use support::{backend, finish, load, path, solve};
 
 /// A tilted blocker over a floor and beside a wall, under a lamp.
 fn scene() -> Scene {
@@ -60,13 +60,13 @@ fn camera() -> Camera {
 /// relMSE = mean((I - R)² / (R² + .01)) against another path tracer's picture, whose own noise is about 5e-5.
 #[test]
 fn a_picture_of_the_cornell_room_is_that_of_another_path_tracer() {
-    let device = device();
+    let backend = backend();
     let scene = load("scenes/cornell_boxes.toml");
     let camera = &scene.cameras[0];
     let truth = Picture::read_exr(path("scenes/cornell_boxes.exr")).expect("a picture");
-    let (mut engine, solution) = solve(&device, &scene, &scene.settings);
+    let (mut engine, solution) = solve(&backend, &scene, &scene.settings);
     let light = Light::new(&mut engine, &solution, &scene, &scene.cameras, Reflections::Bins).expect("light");
-    let coverage = Rasterizer::new(&device).expect("kernels").coverage(&scene, camera, 8).expect("a view");
+    let coverage = Rasterizer::new(&backend).expect("kernels").coverage(&scene, camera, 8).expect("a view");
     let pixels = light.pixels(0, &coverage).expect("pixels");
     let error = |(found, truth): (&[f64; 4], &[f32; 4])| {
         let of = |c: usize| {
@@ -79,7 +79,7 @@ fn a_picture_of_the_cornell_room_is_that_of_another_path_tracer() {
     println!("relMSE {error:.3e}");
     assert!(pixels.len() == truth.pixels.len() && error <= 1.2e-4, "{error:e}");
     drop((engine, solution));
-    finish(&device);
+    finish(&backend);
 }
 
 /// A polished floor under a striped wall and a box, with one lamp.
@@ -114,10 +114,10 @@ fn polished() -> (Scene, Camera) {
 /// What a floor mirrors of a wall: rays see stripes where bins see a blur.
 #[test]
 fn reflections_by_rays_are_those_of_path_tracing() {
-    let device = device();
+    let backend = backend();
     let (scene, camera) = polished();
-    let coverage = Rasterizer::new(&device).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
-    let (mut engine, solution) = solve(&device, &scene, &scene.settings);
+    let coverage = Rasterizer::new(&backend).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
+    let (mut engine, solution) = solve(&backend, &scene, &scene.settings);
     let traced = PathTracer::new(&scene).picture(&camera, 256, 7);
     let floor: Vec<_> = coverage
         .faces_in_pixels()
@@ -160,21 +160,21 @@ fn reflections_by_rays_are_those_of_path_tracing() {
     });
     assert!(matches!(result, Err(ShadingError::Rays)));
     drop((engine, solution));
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn derivatives_of_pictures_are_those_of_central_differences() {
-    let device = device();
+    let backend = backend();
     let scene = scene();
     let camera = camera();
-    let options = PlanOptions::of(&device).gradients(GradientRequest::EVERYTHING);
+    let options = PlanOptions::of(&backend).gradients(GradientRequest::EVERYTHING);
     let engine = |scene: &Scene| {
         let plan = Plan::new(scene, &options, &scene.settings).expect("a plan");
-        Engine::new(&device, scene, plan).expect("an engine")
+        Engine::new(&backend, scene, plan).expect("an engine")
     };
     let params = SolveParams::from(&scene.settings);
-    let coverage = Rasterizer::new(&device).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
+    let coverage = Rasterizer::new(&backend).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
     let weight = |pixel: usize, channel: usize| ((pixel * 3 + channel) as f64).sin() + 0.3;
     // The coverage is held fixed: silhouettes have tests of their own.
     let base = scene.clone();
@@ -271,13 +271,13 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
         let [above, below] = [step, -step].map(|to| from(&mut own, &moved(none, to)));
         check(&format!("target along {axis}"), targets[0][axis], (above - below) / 2e-5, 1e-4);
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// Emission and materials, where rays tell what glossy faces mirror of each other, of lamps by antiradiance and of textures.
 #[test]
 fn derivatives_of_reflections_by_rays_are_those_of_central_differences() {
-    let device = device();
+    let backend = backend();
     for exact_lamps in [true, false] {
         let mut scene = scene();
         let wall = scene.materials.iter_mut().find(|m| m.name == "wall").expect("a wall");
@@ -287,13 +287,13 @@ fn derivatives_of_reflections_by_rays_are_those_of_central_differences() {
         }
         let camera = camera();
         let request = GradientRequest::EVERYTHING.positions(false).camera(false);
-        let options = PlanOptions::of(&device).gradients(request);
+        let options = PlanOptions::of(&backend).gradients(request);
         let params = SolveParams::from(&scene.settings);
         let coverage =
-            Rasterizer::new(&device).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
+            Rasterizer::new(&backend).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
         let weight = |pixel: usize, channel: usize| ((pixel * 3 + channel) as f64).sin() + 0.3;
         let plan = Plan::new(&scene, &options, &scene.settings).expect("a plan");
-        let mut engine = Engine::new(&device, &scene, plan).expect("an engine");
+        let mut engine = Engine::new(&backend, &scene, plan).expect("an engine");
         let mut light_of = |scene: &Scene| {
             engine.set_materials(scene).expect("materials");
             let solution = engine.solve(&params).expect("a solution");
@@ -357,7 +357,7 @@ fn derivatives_of_reflections_by_rays_are_those_of_central_differences() {
             }
         }
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// A texture that is smooth on the scale of its texels: (1 + share · sin) / 2 along both axes, by channel.
@@ -406,16 +406,16 @@ fn above(width: u32, height: u32) -> Camera {
 /// Irradiance does not depend on the floor's texture but for what comes back, so the ratio to the picture of a uniform floor is the texture.
 #[test]
 fn pictures_show_textures() {
-    let device = device();
+    let backend = backend();
     let mut scene = textured_scene();
     // Without light that comes back from the wall.
     let wall = scene.triangles.iter().filter(|t| scene.materials[t.material as usize].name == "wall");
     let wall: Vec<u32> = wall.map(|t| t.material).collect();
     scene.materials[wall[0] as usize].albedo = [0.0; 3];
     let camera = above(80, 60);
-    let coverage = Rasterizer::new(&device).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
+    let coverage = Rasterizer::new(&backend).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
     let pixels = |scene: &Scene| {
-        let (mut engine, solution) = solve(&device, scene, &scene.settings);
+        let (mut engine, solution) = solve(&backend, scene, &scene.settings);
         let light =
             Light::new(&mut engine, &solution, scene, std::slice::from_ref(&camera), Reflections::Bins)
                 .expect("light");
@@ -453,17 +453,17 @@ fn pictures_show_textures() {
     // The mean over a triangle of the lamp is what shines.
     let mean = |t: usize| scene.material(t).emission[1];
     assert!((mean(2) + mean(3) - 2.0 * 4.5).abs() < 0.02, "{} {}", mean(2), mean(3));
-    finish(&device);
+    finish(&backend);
 }
 
 /// The path tracer, which looks textures up at each point of a path, sees the same floor.
 #[test]
 fn path_traced_pictures_show_the_same_textures() {
-    let device = device();
+    let backend = backend();
     let scene = textured_scene();
     let camera = above(40, 30);
-    let coverage = Rasterizer::new(&device).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
-    let (mut engine, solution) = solve(&device, &scene, &scene.settings);
+    let coverage = Rasterizer::new(&backend).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
+    let (mut engine, solution) = solve(&backend, &scene, &scene.settings);
     let light = Light::new(&mut engine, &solution, &scene, std::slice::from_ref(&camera), Reflections::Bins)
         .expect("light");
     let shown = light.pixels(0, &coverage).expect("pixels");
@@ -487,12 +487,12 @@ fn path_traced_pictures_show_the_same_textures() {
     assert!(checked > 300, "{checked}");
     let error = ((squares - noise) / all).max(0.0).sqrt();
     assert!(error <= 0.02, "{error}");
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 fn derivatives_of_textured_pictures_are_those_of_central_differences() {
-    let device = device();
+    let backend = backend();
     for exact_lamps in [true, false] {
         let mut scene = textured_scene();
         if !exact_lamps {
@@ -508,13 +508,13 @@ fn derivatives_of_textured_pictures_are_those_of_central_differences() {
                 ..above(12, 9)
             },
         ];
-        let options = PlanOptions::of(&device).gradients(GradientRequest::EVERYTHING);
+        let options = PlanOptions::of(&backend).gradients(GradientRequest::EVERYTHING);
         let engine = |scene: &Scene| {
             let plan = Plan::new(scene, &options, &scene.settings).expect("a plan");
-            Engine::new(&device, scene, plan).expect("an engine")
+            Engine::new(&backend, scene, plan).expect("an engine")
         };
         let params = SolveParams::from(&scene.settings);
-        let rasterizer = Rasterizer::new(&device).expect("kernels");
+        let rasterizer = Rasterizer::new(&backend).expect("kernels");
         let coverages = views.each_ref().map(|view| rasterizer.coverage(&scene, view, 4).expect("a view"));
         let weight = |pixel: usize, channel: usize| ((pixel * 3 + channel) as f64).sin() + 0.3;
         let base = scene.clone();
@@ -615,5 +615,5 @@ fn derivatives_of_textured_pictures_are_those_of_central_differences() {
             }
         }
     }
-    finish(&device);
+    finish(&backend);
 }

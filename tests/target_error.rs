@@ -2,7 +2,7 @@
 
 mod support;
 
-use antirad::gpu::{Bytes, Device, GpuError};
+use antirad::backend::Backend;
 use antirad::image::Rasterizer;
 use antirad::plan::{Plan, PlanOptions};
 use antirad::reference::{PathTracer, Plates, Shadow};
@@ -13,17 +13,19 @@ use antirad::target_error::{
     ErrorEstimate, LayoutKind, Refinement, SearchError, Solved, Stage, TargetErrorOptions, layout,
     solve_within, usual_plan, usual_settings,
 };
+use antirad::transport::TransportError;
+use antirad::usage::{Bytes, OverBudget};
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
-use support::{areas, device, finish, load, read_npy, relative_l2, solve};
+use support::{areas, backend, finish, load, read_npy, relative_l2, solve};
 
 fn run(engine: &mut Engine, scene: &Scene, _: &Stage) -> Result<Solution, EngineError> {
     engine.solve(&SolveParams::from(&scene.settings))
 }
 
-fn within(device: &Device, scene: &Scene, options: &TargetErrorOptions) -> Solved {
-    let solved = solve_within(device, scene, options, &|_| 0, &mut run).expect("a solution");
+fn within(backend: &Backend, scene: &Scene, options: &TargetErrorOptions) -> Solved {
+    let solved = solve_within(backend, scene, options, &|_| 0, &mut run).expect("a solution");
     for step in &solved.refinement.steps {
         println!("  {step}");
     }
@@ -49,12 +51,12 @@ fn furnace(albedo: f64) -> Scene {
 /// The error is within its target, and the estimate is neither far below nor far above it.
 #[test]
 fn a_room_with_boxes() {
-    let device = device();
+    let backend = backend();
     let scene = cornell();
     let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
     let mut before = f64::INFINITY;
     for error in [0.05, 0.02] {
-        let solved = within(&device, &scene, &TargetErrorOptions::new(error));
+        let solved = within(&backend, &scene, &TargetErrorOptions::new(error));
         let found = solved.on_given(&solved.answer.irradiance);
         let real = relative_l2(&found, &truth, &areas(&scene));
         let estimate = estimate(&solved);
@@ -65,36 +67,36 @@ fn a_room_with_boxes() {
         assert!(real < before);
         before = real;
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// Errors of shadows relative to the blocked irradiance, for a target of 2 %: at most half of those of 10 x 13 bins with pieces
 /// in a near field of 30 (.052, .081, .067 for a lamp of .4 m; .12, .26, .138 for .1 m).
 #[test]
 fn shadows() {
-    let device = device();
+    let backend = backend();
     // The finest levels take minutes: `cargo test --test target_error -- --ignored`.
     for (lamp, height, bound) in [(0.4, 0.25, 0.026), (0.4, 1.0, 0.0405), (0.4, 1.5, 0.0335)] {
-        shadow(&device, lamp, height, bound);
+        shadow(&backend, lamp, height, bound);
     }
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]
 #[ignore = "two minutes"]
 fn shadows_of_small_lamps() {
-    let device = device();
+    let backend = backend();
     for (lamp, height, bound) in [(0.1, 0.25, 0.06), (0.1, 1.0, 0.13), (0.1, 1.5, 0.069)] {
-        shadow(&device, lamp, height, bound);
+        shadow(&backend, lamp, height, bound);
     }
-    finish(&device);
+    finish(&backend);
 }
 
-fn shadow(device: &Device, lamp: f64, height: f64, bound: f64) {
+fn shadow(backend: &Backend, lamp: f64, height: f64, bound: f64) {
     let shadow = Shadow { lamp, height };
     let scene = shadow.scene().expect("a scene");
     let exact = shadow.irradiance(&scene);
-    let solved = within(device, &scene, &TargetErrorOptions::new(0.02));
+    let solved = within(backend, &scene, &TargetErrorOptions::new(0.02));
     let found = solved.on_given(&solved.answer.irradiance);
     let floor = scene.meshes[0].range.start as usize..scene.meshes[0].range.end as usize;
     let norm = |of: &dyn Fn(usize) -> f64| floor.clone().map(|i| of(i).powi(2)).sum::<f64>().sqrt();
@@ -106,10 +108,10 @@ fn shadow(device: &Device, lamp: f64, height: f64, bound: f64) {
 /// Errors that no comparison shows appear in the energy balance of a closed room.
 #[test]
 fn closed_rooms_of_high_albedo() {
-    let device = device();
+    let backend = backend();
     for albedo in [0.8, 0.95, 0.99] {
         let scene = furnace(albedo);
-        let solved = within(&device, &scene, &TargetErrorOptions::new(0.01));
+        let solved = within(&backend, &scene, &TargetErrorOptions::new(0.01));
         let found = solved.on_given(&solved.answer.radiosity);
         let truth = vec![[1.0 / (1.0 - albedo); 3]; found.len()];
         let error = relative_l2(&found, &truth, &areas(&scene));
@@ -119,7 +121,7 @@ fn closed_rooms_of_high_albedo() {
 
         // With the settings chosen by default, too.
         let settings = usual_settings(&scene);
-        let (_engine, solution) = solve(&device, &scene, &settings);
+        let (_engine, solution) = solve(&backend, &scene, &settings);
         let error = relative_l2(&solution.radiosity, &truth, &areas(&scene));
         println!(
             "albedo {albedo}, usual settings (near field {}): {:.3} %",
@@ -128,7 +130,7 @@ fn closed_rooms_of_high_albedo() {
         );
         assert!(error <= 0.01, "{error}");
     }
-    finish(&device);
+    finish(&backend);
 }
 
 /// Bins of equal size where blockers are coarse, unless the scene states its own.
@@ -148,23 +150,23 @@ fn bins_suit_the_scene() {
 /// A target out of reach is reported as such, with the best answer found.
 #[test]
 fn an_error_that_cannot_be_met() {
-    let device = device();
+    let backend = backend();
     let scene = Shadow { lamp: 0.1, height: 1.0 }.scene().expect("a scene");
     let options = TargetErrorOptions::new(0.001).max_triangles(2000);
-    let solved = within(&device, &scene, &options);
+    let solved = within(&backend, &scene, &options);
     assert!(!solved.refinement.met);
     assert_eq!(solved.scene.triangles.len(), scene.triangles.len());
     let why = solved.refinement.why.join("\n");
     assert!(why.contains("5792 triangles, and 2000 are allowed"), "{why}");
-    finish(&device);
+    finish(&backend);
 }
 
 /// Errors of a solved scene of diffuse triangles against a path-traced reference: of the means over its triangles, and of the
 /// reflected light in a picture, where light varies within triangles. The noise of the reference is subtracted.
-fn real_errors(device: &Device, solved: &Solved, options: &TargetErrorOptions) -> (f64, f64) {
+fn real_errors(backend: &Backend, solved: &Solved, options: &TargetErrorOptions) -> (f64, f64) {
     let picture = match options.shading {
-        Shading::Gathered => error_of_gathered(device, solved, &options.cameras[0]),
-        _ => error_of_faces(device, solved, &options.cameras[0]),
+        Shading::Gathered => error_of_gathered(backend, solved, &options.cameras[0]),
+        _ => error_of_faces(backend, solved, &options.cameras[0]),
     };
     (error_of_irradiance(solved), picture)
 }
@@ -182,10 +184,10 @@ fn error_of_irradiance(solved: &Solved) -> f64 {
 }
 
 /// Of a picture with one colour per triangle.
-fn error_of_faces(device: &Device, solved: &Solved, camera: &Camera) -> f64 {
+fn error_of_faces(backend: &Backend, solved: &Solved, camera: &Camera) -> f64 {
     let mut fine = solved.scene.clone();
     let parents = fine.split_all(2);
-    let rasterizer = Rasterizer::new(device).expect("a rasterizer");
+    let rasterizer = Rasterizer::new(backend).expect("a rasterizer");
     let seen = rasterizer.visible_samples(&fine, camera, 1).expect("samples");
     let mut samples = vec![0.0; fine.triangles.len()];
     seen.iter().filter(|&&face| face != u32::MAX).for_each(|&face| samples[face as usize] += 1.0);
@@ -203,8 +205,8 @@ fn error_of_faces(device: &Device, solved: &Solved, camera: &Camera) -> f64 {
 }
 
 /// Of a gathered picture, in all pixels that do not show a lamp.
-fn error_of_gathered(device: &Device, solved: &Solved, camera: &Camera) -> f64 {
-    let rasterizer = Rasterizer::new(device).expect("a rasterizer");
+fn error_of_gathered(backend: &Backend, solved: &Solved, camera: &Camera) -> f64 {
+    let rasterizer = Rasterizer::new(backend).expect("a rasterizer");
     let coverage = rasterizer.coverage(&solved.scene, camera, 8).expect("a view");
     let pixels = solved.answer.light.pixels(0, &coverage).expect("pixels");
     let mut emits = vec![false; pixels.len()];
@@ -225,7 +227,7 @@ fn error_of_gathered(device: &Device, solved: &Solved, camera: &Camera) -> f64 {
 /// of the picture, are neither far below nor far above the errors.
 #[test]
 fn a_mesh_that_is_too_coarse_for_its_shadows() {
-    let device = device();
+    let backend = backend();
     let scene = load("scenes/coarse_cornell.toml");
     assert_eq!(scene.triangles.len(), 36);
     let camera = Camera { width: 64, height: 64, ..scene.cameras[0].clone() };
@@ -238,9 +240,9 @@ fn a_mesh_that_is_too_coarse_for_its_shadows() {
             .max_triangles(max_triangles)
             .cameras(vec![camera.clone()])
             .shading(shading);
-        let solved = within(&device, &scene, &options);
+        let solved = within(&backend, &scene, &options);
         let found = estimate(&solved);
-        let (irradiance, picture) = real_errors(&device, &solved, &options);
+        let (irradiance, picture) = real_errors(&backend, &solved, &options);
         println!(
             "{shading:?}, target {error}: irradiance {irradiance:.4}, estimated {:.4}; picture {picture:.4}, estimated {:.4}",
             found.irradiance.total, found.pictures[0].total
@@ -253,12 +255,13 @@ fn a_mesh_that_is_too_coarse_for_its_shadows() {
         }
         assert_eq!(solved.on_given(&solved.answer.irradiance).len(), 36);
     }
-    finish(&device);
+    finish(&backend);
 }
 
 fn no_memory() -> EngineError {
     let label = "state: bins".to_owned();
-    EngineError::Gpu(GpuError::OverBudget { label, requested: Bytes(2), in_use: Bytes(1), budget: Bytes(2) })
+    let error = OverBudget { label, requested: Bytes(2), in_use: Bytes(1), budget: Bytes(2) };
+    EngineError::Transport(TransportError::OverBudget(error))
 }
 
 fn diverged() -> EngineError {
@@ -268,7 +271,7 @@ fn diverged() -> EngineError {
 
 /// Solves a shadow to a target error while solves of certain numbers fail; each level has two.
 fn failing(
-    device: &Device,
+    backend: &Backend,
     error: f64,
     fails: impl Fn(u32) -> bool,
     with: fn() -> EngineError,
@@ -282,15 +285,15 @@ fn failing(
         solves += 1;
         if fails(solves) { Err(with()) } else { run(engine, scene, stage) }
     };
-    solve_within(device, &scene, &options, &|_| 0, &mut run)
+    solve_within(backend, &scene, &options, &|_| 0, &mut run)
 }
 
 /// Failures of later levels do not lose the answers of earlier ones.
 #[test]
 fn the_best_answer_stays() {
-    let device = device();
+    let backend = backend();
     // Out of memory at the second level.
-    let solved = failing(&device, 0.04, |solve| solve > 2, no_memory).expect("the first level's answer");
+    let solved = failing(&backend, 0.04, |solve| solve > 2, no_memory).expect("the first level's answer");
     let why = solved.refinement.why.join("\n");
     assert!(why.contains("the next level was skipped: \"state: bins\" needs"), "{why}");
     assert_eq!(
@@ -299,7 +302,7 @@ fn the_best_answer_stays() {
     );
     assert_eq!(solved.answer.irradiance.len(), 1448);
     // At the second level the solve diverges, at the third its comparison too.
-    let solved = failing(&device, 0.04, |solve| solve > 3, diverged).expect("the first level's answer");
+    let solved = failing(&backend, 0.04, |solve| solve > 3, diverged).expect("the first level's answer");
     let Solved { refinement, answer, .. } = solved;
     assert_eq!((refinement.steps.len(), refinement.chosen, refinement.met), (3, 0, false));
     assert!(
@@ -308,56 +311,56 @@ fn the_best_answer_stays() {
     );
     assert_eq!((answer.irradiance.len(), refinement.steps[1].triangles), (1448, 5792));
     // The first level cannot be run: the one below is, and the first is not tried again.
-    let solved = failing(&device, 0.04, |solve| solve == 1, no_memory).expect("a lower level's answer");
+    let solved = failing(&backend, 0.04, |solve| solve == 1, no_memory).expect("a lower level's answer");
     assert_eq!((solved.refinement.steps.len(), solved.refinement.steps[0].bins.as_str()), (1, "6x8"));
     assert!(solved.refinement.why.join("\n").contains("skipped"), "{:?}", solved.refinement.why);
     // No level from the first on has an answer, but the one below it has.
-    let solved = failing(&device, 0.04, |solve| solve <= 6, diverged).expect("a lower level's answer");
+    let solved = failing(&backend, 0.04, |solve| solve <= 6, diverged).expect("a lower level's answer");
     let Refinement { steps, chosen, .. } = &solved.refinement;
     assert_eq!((steps.len(), *chosen, steps[3].bins.as_str()), (4, 3, "6x8"));
     assert!(steps[3].estimate.is_some() && steps[..3].iter().all(|step| step.failure.is_some()));
     // No level has an answer.
-    let error = failing(&device, 0.04, |_| true, diverged).err().expect("no answer");
+    let error = failing(&backend, 0.04, |_| true, diverged).err().expect("no answer");
     assert!(error.is_without_answer(), "{error}");
-    let error = failing(&device, 0.04, |_| true, no_memory).err().expect("no answer");
+    let error = failing(&backend, 0.04, |_| true, no_memory).err().expect("no answer");
     assert!(error.to_string().contains("state: bins"), "{error}");
-    finish(&device);
+    finish(&backend);
 }
 
 /// Duplicate triangles do not depend on bins: both solves agree on the wrong answer.
 #[test]
 fn a_severe_warning_prevents_meeting_the_target() {
-    let device = device();
+    let backend = backend();
     let mut scene = furnace(0.5);
     let twice = scene.triangles[7];
     scene.triangles.push(twice);
     scene.meshes[0].range.end += 1;
     let options = TargetErrorOptions::new(0.5).max_triangles(1000);
-    let solved = within(&device, &scene, &options);
+    let solved = within(&backend, &scene, &options);
     assert!(estimate(&solved).total <= 0.5);
     assert!(!solved.refinement.met);
     let why = solved.refinement.why.join("\n");
     assert!(why.contains("errors that the estimate does not include: duplicate triangles"), "{why}");
-    finish(&device);
+    finish(&backend);
 }
 
-/// A solve leaves nothing on the device, since the next one is planned with all of its memory.
+/// A solve leaves nothing behind, since the next one is planned with all of its memory.
 #[test]
 fn comparisons_leave_no_memory_taken() {
-    let device = device();
+    let backend = backend();
     let scene = Shadow { lamp: 0.4, height: 0.25 }.scene().expect("a scene");
     let mut run = |engine: &mut Engine, scene: &Scene, stage: &Stage| {
-        let allocated: u64 = engine.device().memory().by_label.iter().map(|l| l.bytes).sum();
+        let allocated: u64 = engine.backend().memory().by_label.iter().map(|l| l.bytes).sum();
         assert!(allocated <= engine.plan().memory().total(), "{}: {allocated}", stage.name);
         run(engine, scene, stage)
     };
     let solved =
-        solve_within(&device, &scene, &TargetErrorOptions::new(0.05), &|_| 0, &mut run).expect("a solution");
+        solve_within(&backend, &scene, &TargetErrorOptions::new(0.05), &|_| 0, &mut run).expect("a solution");
     assert!(solved.refinement.steps.len() == 1);
-    let left = device.memory().by_label.into_iter().map(|l| l.label);
-    // Staging buffers belong to the device.
+    let left = backend.memory().by_label.into_iter().map(|l| l.label);
+    // Staging buffers belong to the Vulkan device.
     assert_eq!(left.filter(|label| !label.starts_with("staging")).collect::<Vec<_>>(), [""; 0]);
-    finish(&device);
+    finish(&backend);
 }
 
 /// The plan returned with the usual settings is the plan of these settings.
@@ -365,7 +368,7 @@ fn comparisons_leave_no_memory_taken() {
 fn usual_plans_are_those_of_the_usual_settings() {
     for scene in [cornell(), furnace(0.9), Plates::default().scene().expect("a scene")] {
         let settings = usual_settings(&scene);
-        for options in [PlanOptions::default(), PlanOptions::default().memory_budget(12 << 20)] {
+        for options in [PlanOptions::default(), PlanOptions::lavapipe().memory_budget(12 << 20)] {
             let expected = Plan::new(&scene, &options, &settings).expect("a plan");
             let (found, plan) = usual_plan(&scene, &options).expect("a plan");
             assert_eq!(found, settings);

@@ -8,7 +8,7 @@ use antirad::scene::{BinLayout, LoadOptions, Material, Scene, SceneBuilder, Shap
 use antirad::warnings::{Kind, RefineError, RefineOptions, Warnings, refine};
 use glam::{DAffine3, DQuat, DVec3};
 use std::time::Instant;
-use support::{areas, device, finish, load, solve};
+use support::{areas, backend, finish, load, solve};
 
 fn warnings(scene: &Scene) -> Warnings {
     Warnings::of(scene, &plan(scene))
@@ -236,13 +236,13 @@ fn refinement_removes_the_causes() {
 #[test]
 fn refinement_mends_shadows_that_a_coarse_mesh_cannot_hold() {
     let scene = load("scenes/coarse_cornell.toml");
-    let device = device();
+    let backend = backend();
     let truth: Vec<DVec3> = PathTracer::new(&scene).irradiance(20_000).iter().map(|e| e.mean).collect();
     let given = areas(&scene);
     let error = |scene: &Scene, parents: &[u32]| {
         let mut scene = scene.clone();
         scene.settings = antirad::target_error::usual_settings(&scene);
-        let (engine, solution) = solve(&device, &scene, &scene.settings);
+        let (engine, solution) = solve(&backend, &scene, &scene.settings);
         let found = scene.means_on(parents, &given, &solution.irradiance);
         drop((engine, solution));
         let square = |of: &dyn Fn(usize) -> f64| -> f64 { (0..given.len()).map(|t| given[t] * of(t)).sum() };
@@ -261,7 +261,7 @@ fn refinement_mends_shadows_that_a_coarse_mesh_cannot_hold() {
     println!("{} triangles: {coarse:.4}; {}: {mended:.4}", scene.triangles.len(), fine.triangles.len());
     assert!(coarse > 0.03 && mended < 0.5 * coarse, "{coarse} {mended}");
     assert_eq!(fine.meshes.len(), scene.meshes.len());
-    finish(&device);
+    finish(&backend);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-"""Differentiable global illumination of triangle meshes, by radiosity on Vulkan.
+"""Differentiable global illumination of triangle meshes, by radiosity, on GPUs and CPUs.
 
 >>> import antirad
 >>> scene = antirad.Scene.load("scenes/cornell_boxes.toml")
@@ -16,8 +16,8 @@ to do.
 
 from antirad._antirad import (
     Ambiguity,
+    Backend,
     Camera,
-    Device,
     DeviceError,
     Engine,
     Error,
@@ -52,8 +52,8 @@ from antirad._antirad import (
 
 __all__ = [
     "Ambiguity",
+    "Backend",
     "Camera",
-    "Device",
     "DeviceError",
     "Engine",
     "Error",

@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     "Ambiguity",
+    "Backend",
     "Camera",
-    "Device",
     "DeviceError",
     "Engine",
     "Error",
@@ -62,14 +62,25 @@ class PictureError(Error): ...
 class FitError(Error): ...
 
 @final
-class Device:
+class Backend:
     def __new__(
-        cls, selector: str | None = None, *, memory_budget: int | None = None, validation: bool | None = None
-    ) -> Device: ...
+        cls,
+        kind: Literal["auto", "vulkan", "cpu"] = "auto",
+        *,
+        device: str | None = None,
+        memory_budget: int | None = None,
+        validation: bool | None = None,
+    ) -> Backend: ...
     @property
-    def name(self) -> str: ...
+    def kind(self) -> Literal["vulkan", "cpu"]: ...
     @property
-    def info(self) -> dict[str, Any]: ...
+    def device(self) -> str: ...
+    @property
+    def driver(self) -> str: ...
+    @property
+    def threads(self) -> int: ...
+    @property
+    def info(self) -> dict[str, Any] | None: ...
     @property
     def memory(self) -> dict[str, int]: ...
     @property
@@ -244,7 +255,7 @@ class Plan:
 def plan(
     scene: Scene,
     *,
-    device: Device | None = None,
+    backend: Backend | None = None,
     memory_budget: int | None = None,
     gradients: Sequence[_Kind] = (),
 ) -> Plan: ...
@@ -255,14 +266,14 @@ class Engine:
         cls,
         scene: Scene,
         *,
-        device: Device | None = None,
+        backend: Backend | None = None,
         memory_budget: int | None = None,
         gradients: Sequence[_Kind] = (),
     ) -> Engine: ...
     @property
     def plan(self) -> Plan: ...
     @property
-    def device(self) -> Device: ...
+    def backend(self) -> Backend: ...
     def solve(
         self,
         *,
@@ -339,7 +350,7 @@ class Renderer:
         gradients: Sequence[_Kind] = (),
         supersample: int = 4,
         shading: Literal["gathered", "face"] = "gathered",
-        device: Device | None = None,
+        backend: Backend | None = None,
     ) -> Renderer: ...
     def pictures(
         self,
@@ -477,7 +488,7 @@ def fit(
     tolerance: float | None = None,
     checkpoints: _Path | None = None,
     resume: bool = False,
-    device: Device | None = None,
+    backend: Backend | None = None,
     progress: _FitProgress = None,
 ) -> FitResult: ...
 def fit_job(
@@ -486,7 +497,7 @@ def fit_job(
     iterations: int | None = None,
     checkpoints: _Path | None = None,
     resume: bool = False,
-    device: Device | None = None,
+    backend: Backend | None = None,
     progress: _FitProgress = None,
 ) -> FitResult: ...
 
@@ -509,7 +520,7 @@ def ambiguity(
     views: Sequence[str] | None = None,
     noise: float = 1e-3,
     supersample: int = 4,
-    device: Device | None = None,
+    backend: Backend | None = None,
     progress: _StepsProgress = None,
 ) -> Ambiguity: ...
 def read_picture(path: _Path, *, white: float = 1.0) -> NDArray[np.float64]: ...

@@ -7,19 +7,19 @@ from antirad._antirad import Renderer
 #: What pictures can be differentiated by, in the order of the functions' arguments.
 KINDS = ("emission", "albedo", "specular", "diffuse", "power", "vertices", "camera")
 
-#: The renderer that was used last for each scene. One each, since it holds device memory.
+#: The renderer that was used last for each scene. One each, since it holds memory of the backend.
 _renderers = weakref.WeakKeyDictionary()
 
 
 class Function:
     """Pictures of some views of a scene, of the values that `kinds` names."""
 
-    def __init__(self, scene, kinds, views, supersample, shading, device):
+    def __init__(self, scene, kinds, views, supersample, shading, backend):
         """Take the renderer of the last call with the same arguments, or a new one."""
         self.kinds = tuple(kinds)
         self.one = isinstance(views, str) or (views is None and len(scene.cameras) == 1)
         views = (views,) if isinstance(views, str) else views if views is None else tuple(views)
-        key = (self.kinds, views, supersample, shading, device)
+        key = (self.kinds, views, supersample, shading, backend)
         known, renderer = _renderers.get(scene, (None, None))
         if known != key:
             # First, so that its memory is free for the next one.
@@ -31,7 +31,7 @@ class Function:
                 gradients=list(self.kinds),
                 supersample=supersample,
                 shading=shading,
-                device=device,
+                backend=backend,
             )
             _renderers[scene] = (key, renderer)
         self.renderer = renderer

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from antirad import Device, Scene
+from antirad import Backend, Scene
 from antirad._function import Function, given
 
 
@@ -56,7 +56,7 @@ def render(
     views: str | Sequence[str] | None = None,
     supersample: int = 4,
     shading: str = "gathered",
-    device: Device | None = None,
+    backend: Backend | None = None,
 ) -> jax.Array | tuple[jax.Array, ...]:
     """Render pictures of a scene, differentiable by the arrays given, also within `jit` and `vmap`.
 
@@ -77,7 +77,7 @@ def render(
         vertices=vertices,
         camera=camera,
     )
-    function = Function(scene, values, views, supersample, shading, device)
+    function = Function(scene, values, views, supersample, shading, backend)
     pictures = _pictures(
         function, [jnp.asarray(value, jnp.result_type(float, value)) for value in values.values()]
     )

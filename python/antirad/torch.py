@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from antirad import Device, Scene
+from antirad import Backend, Scene
 from antirad._function import Function, given
 
 
@@ -55,7 +55,7 @@ def render(
     views: str | Sequence[str] | None = None,
     supersample: int = 4,
     shading: str = "gathered",
-    device: Device | None = None,
+    backend: Backend | None = None,
 ) -> torch.Tensor | tuple[torch.Tensor, ...]:
     """Render pictures of a scene, differentiable by the tensors given.
 
@@ -66,7 +66,7 @@ def render(
     Pixels are means over samples, while derivatives by positions are those of exact areas.
 
     Args:
-        scene: An `antirad.Scene`. It keeps the device memory of its last call; delete it to free that.
+        scene: An `antirad.Scene`. It keeps the memory of its last call; delete it to free that.
         emission: Emitted radiance of each material, (M, 3), W/(m² sr). It may be negative.
         albedo: Albedo ρ of each material, (M, 3).
         specular: Specular constant σ of each material, (M, 3).
@@ -78,7 +78,8 @@ def render(
         supersample: Samples along each side of a pixel, a power of two.
         shading: "gathered" (direct light at each visible point, indirect light interpolated) or "face" (one
             colour per triangle), which `camera` requires.
-        device: An `antirad.Device`; by default the one that all such calls share.
+        backend: An `antirad.Backend`; by default the one that all such calls share, of the kind that the
+            settings of the scene name.
 
     Returns:
         A tensor (height, width, 3) for one name, or for a scene with one camera: linear RGB, rows from the
@@ -100,6 +101,6 @@ def render(
         vertices=vertices,
         camera=camera,
     )
-    function = Function(scene, values, views, supersample, shading, device)
+    function = Function(scene, values, views, supersample, shading, backend)
     pictures = _Pictures.apply(function, *(torch.as_tensor(value) for value in values.values()))
     return pictures[0] if function.one else pictures

@@ -393,11 +393,11 @@ def main():
         if options.scenes == parser.get_default("scenes"):
             options.scenes = ["coarse_cornell"]
     options.output.mkdir(parents=True, exist_ok=True)
-    device = antirad.devices()[0]
+    backend = antirad.Backend()
     results = {
         "cores": os.cpu_count(),
         "machine": platform.processor() or platform.machine(),
-        "antirad": str(device.get("name")),
+        "antirad": f"{backend.kind} on {backend.device}, {backend.threads} threads",
         "mitsuba": f"{mi.__version__}, {mi.variant()}",
         "options": {k: str(v) for k, v in vars(options).items()},
         "scenes": {},

@@ -1,7 +1,7 @@
 //! What pictures leave undetermined.
 
 use crate::arrays::{self, Array};
-use crate::device::{self, Device};
+use crate::backend::{self, Backend};
 use crate::engine::check_supersample;
 use crate::errors::{OrRaise, Raise, invalid};
 use crate::scene::Scene;
@@ -65,7 +65,7 @@ impl Ambiguity {
 ///     views: Names of the cameras that took them; by default all.
 ///     noise: Allowed difference of visible radiance, relative to its mean, from 0 to below 1.
 ///     supersample: Samples along each side of a pixel.
-///     device: By default the one that all such calls share.
+///     backend: By default the one that all such calls share, of the kind that the settings of the scene name.
 ///     progress: Called with the number of unseen triangles done and all of them, as each takes a third of a solve; or
 ///         True for a bar of tqdm.
 ///
@@ -73,14 +73,14 @@ impl Ambiguity {
 ///     ValueError: A material that is in use is glossy, or there is no such camera.
 ///     KeyboardInterrupt: Ctrl-C.
 #[pyfunction]
-#[pyo3(signature = (scene, *, views=None, noise=1e-3, supersample=4, device=None, progress=None))]
+#[pyo3(signature = (scene, *, views=None, noise=1e-3, supersample=4, backend=None, progress=None))]
 pub fn ambiguity(
     py: Python<'_>,
     scene: &Scene,
     views: Option<Vec<String>>,
     noise: f64,
     supersample: u32,
-    device: Option<&Device>,
+    backend: Option<&Backend>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> PyResult<Ambiguity> {
     check_supersample(supersample)?;
@@ -93,14 +93,14 @@ pub fn ambiguity(
     if let Some(glossy) = (0..triangles).map(|i| scene.material(i)).find(|m| m.is_glossy()) {
         return Err(invalid(format!("material {:?} is glossy; this is for diffuse scenes", glossy.name)));
     }
-    let device = device::chosen(py, device)?;
+    let backend = backend::chosen(py, backend, scene.settings.backend)?;
     let progress = callback(py, progress, "steps_bar", "unseen triangles")?;
     work::run(py, progress, move |link| {
-        let rasterizer = Rasterizer::new(&device).or_raise()?;
+        let rasterizer = Rasterizer::new(&backend).or_raise()?;
         let cameras: Vec<_> = cameras.iter().collect();
         let views = Views::new(&rasterizer, &scene, &cameras, supersample).or_raise()?;
         let unseen = views.unseen(&scene);
-        let mut direct = DirectLight::new(&device, &scene, &link.watch()).or_raise()?;
+        let mut direct = DirectLight::new(&backend, &scene, &link.watch()).or_raise()?;
         let report = link.reporter();
         let light =
             direct.columns(&unseen, &mut |done| report(Report::Steps(done, unseen.len()))).or_raise()?;

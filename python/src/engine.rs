@@ -1,7 +1,7 @@
-//! The engine: a planned scene on a device.
+//! The engine: a planned scene on a backend.
 
 use crate::arrays::{self, Array, Numbers};
-use crate::device::{self, Device};
+use crate::backend::{self, Backend};
 use crate::errors::{OrRaise, Raise, invalid, word};
 use crate::plan::{Plan, limited, request};
 use crate::scene::{Camera, Scene};
@@ -17,13 +17,13 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A planned scene on a device.
+/// A planned scene on a backend.
 ///
 /// Args:
 ///     scene: The scene.
-///     device: By default the one that all such calls share.
-///     memory_budget: Bytes of device memory that it may take, at most. If the solver's vectors do not fit, they stay in
-///         host memory, with the same result.
+///     backend: By default the one that all such calls share, of the kind that the settings of the scene name.
+///     memory_budget: Bytes of the backend's memory that it may take, at most. If the solver's vectors do not fit on a Vulkan
+///         device, they stay in host memory, with the same result.
 ///     gradients: Kinds of derivatives to plan for: "emission", "diffuse", "albedo", "specular", "power", "vertices",
 ///         "camera".
 ///
@@ -34,7 +34,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub struct Engine {
     /// Shared with the thread that works with it.
     inner: Arc<Mutex<State>>,
-    device: antirad::gpu::Device,
+    backend: antirad::backend::Backend,
     gradients: GradientRequest,
 }
 
@@ -93,25 +93,25 @@ fn params(scene: &antirad::scene::Scene, tolerance: Option<f64>, max_passes: Opt
 #[pymethods]
 impl Engine {
     #[new]
-    #[pyo3(signature = (scene, *, device=None, memory_budget=None, gradients=vec![]),
-        text_signature = "(scene, *, device=None, memory_budget=None, gradients=())")]
+    #[pyo3(signature = (scene, *, backend=None, memory_budget=None, gradients=vec![]),
+        text_signature = "(scene, *, backend=None, memory_budget=None, gradients=())")]
     fn new(
         py: Python<'_>,
         scene: &Scene,
-        device: Option<&Device>,
+        backend: Option<&Backend>,
         memory_budget: Option<u64>,
         gradients: Vec<String>,
     ) -> PyResult<Self> {
-        let device = device::chosen(py, device)?;
+        let backend = backend::chosen(py, backend, scene.inner.settings.backend)?;
         let gradients = request(&gradients)?;
-        let (on, scene) = (device.clone(), scene.inner.clone());
+        let (on, scene) = (backend.clone(), scene.inner.clone());
         let state = work::run(py, None, move |_| {
             let options = limited(PlanOptions::of(&on), memory_budget).gradients(gradients);
             let engine = antirad::Engine::builder(&on, &scene).options(options).build()?;
             Ok::<_, EngineError>(State { engine, scene, rasterizer: None })
         })?
         .or_raise()?;
-        Ok(Self { inner: Arc::new(Mutex::new(state)), device, gradients })
+        Ok(Self { inner: Arc::new(Mutex::new(state)), backend, gradients })
     }
 
     /// The plan that it executes.
@@ -120,10 +120,10 @@ impl Engine {
         Ok(Plan::of(self.with(py, None, |state, _| Ok(state.engine.plan().clone()))?))
     }
 
-    /// The device that it runs on.
+    /// The backend that it runs on.
     #[getter]
-    fn device(&self) -> Device {
-        Device { inner: self.device.clone() }
+    fn backend(&self) -> Backend {
+        Backend { inner: self.backend.clone() }
     }
 
     /// Solves for the light of the scene.
@@ -229,7 +229,7 @@ impl Engine {
             let light = light.transpose().or_raise()?;
             let rasterizer = match state.rasterizer.take() {
                 Some(rasterizer) => rasterizer,
-                None => Rasterizer::new(state.engine.device()).or_raise()?,
+                None => Rasterizer::new(state.engine.backend()).or_raise()?,
             };
             let rasterizer = state.rasterizer.insert(rasterizer);
             let picture = match light {
@@ -300,7 +300,7 @@ impl Engine {
     }
 }
 
-/// The light of a scene. Holds device memory until it is deleted.
+/// The light of a scene. Holds memory of the backend until it is deleted.
 #[pyclass(frozen, module = "antirad")]
 pub struct Solution {
     inner: Arc<antirad::Solution>,

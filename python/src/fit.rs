@@ -1,7 +1,7 @@
 //! Fits of scenes to pictures.
 
 use crate::arrays::{self, Array, Numbers, Triple};
-use crate::device::{self, Device};
+use crate::backend::{self, Backend};
 use crate::errors::{OrRaise, Raise, exceptions, word};
 use crate::plan::from_json;
 use crate::scene::{Camera, Scene};
@@ -248,7 +248,7 @@ impl FitResult {
 ///     tolerance: Of solves; by default the scene's, but at most 1e-5.
 ///     checkpoints: Folder for checkpoints.
 ///     resume: Continue from a checkpoint there; otherwise one that is there is an error.
-///     device: By default the one that all such calls share.
+///     backend: By default the one that all such calls share, of the kind that the settings of the scene name.
 ///     progress: Called after each iteration with a dictionary as in `FitResult.history`; or True for a bar of tqdm. An
 ///         exception from it ends the fit.
 ///
@@ -258,10 +258,10 @@ impl FitResult {
 #[pyfunction(name = "fit")]
 #[pyo3(signature = (scene, targets, fits, *, loss="l2", epsilon=None, regularisers=vec![], optimiser="auto",
     learning_rate=None, iterations=200, relative_decrease=1e-4, seconds=None, supersample=None, tolerance=None,
-    checkpoints=None, resume=false, device=None, progress=None),
+    checkpoints=None, resume=false, backend=None, progress=None),
     text_signature = "(scene, targets, fits, *, loss='l2', epsilon=None, regularisers=(), optimiser='auto', \
     learning_rate=None, iterations=200, relative_decrease=0.0001, seconds=None, supersample=None, tolerance=None, \
-    checkpoints=None, resume=False, device=None, progress=None)")]
+    checkpoints=None, resume=False, backend=None, progress=None)")]
 #[expect(clippy::too_many_arguments, reason = "keyword arguments")]
 pub fn fit_(
     py: Python<'_>,
@@ -280,7 +280,7 @@ pub fn fit_(
     tolerance: Option<f64>,
     checkpoints: Option<PathBuf>,
     resume: bool,
-    device: Option<&Device>,
+    backend: Option<&Backend>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> PyResult<FitResult> {
     let fits = fits.iter().map(|fit| fit.inner.clone()).collect();
@@ -305,7 +305,7 @@ pub fn fit_(
     let scene = (*scene.inner).clone();
     let name = scene.name.clone();
     let job = work::run(py, None, move |_| Job::new(name, scene, targets, settings))?.or_raise()?;
-    run(py, job, RunOptions::default().stop(stop), (checkpoints, resume), device, progress, Vec::new())
+    run(py, job, RunOptions::default().stop(stop), (checkpoints, resume), backend, progress, Vec::new())
 }
 
 /// Runs a job file, as `antirad fit` does.
@@ -315,7 +315,7 @@ pub fn fit_(
 ///     iterations: Largest number of iterations; by default that of the file.
 ///     checkpoints: Folder for checkpoints.
 ///     resume: Continue from a checkpoint there; otherwise one that is there is an error.
-///     device: By default the one that all such calls share.
+///     backend: By default the one that all such calls share, of the kind that the settings of the scene name.
 ///     progress: As in `fit`.
 ///
 /// Raises:
@@ -323,21 +323,21 @@ pub fn fit_(
 ///     FitError: The fit failed.
 ///     KeyboardInterrupt: Ctrl-C; with `checkpoints`, `resume=True` continues.
 #[pyfunction]
-#[pyo3(signature = (path, *, iterations=None, checkpoints=None, resume=false, device=None, progress=None))]
+#[pyo3(signature = (path, *, iterations=None, checkpoints=None, resume=false, backend=None, progress=None))]
 pub fn fit_job(
     py: Python<'_>,
     path: PathBuf,
     iterations: Option<u32>,
     checkpoints: Option<PathBuf>,
     resume: bool,
-    device: Option<&Device>,
+    backend: Option<&Backend>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> PyResult<FitResult> {
     let file = work::run(py, None, move |_| JobFile::load(&path))?.or_raise()?;
     let mut stop = file.stop;
     stop.iterations = iterations.unwrap_or(stop.iterations);
     let options = RunOptions::default().checkpoint_every(file.checkpoint_every).stop(stop);
-    run(py, file.job, options, (checkpoints, resume), device, progress, file.warnings)
+    run(py, file.job, options, (checkpoints, resume), backend, progress, file.warnings)
 }
 
 fn run(
@@ -345,11 +345,12 @@ fn run(
     mut job: Job,
     options: RunOptions,
     (checkpoints, resume): (Option<PathBuf>, bool),
-    device: Option<&Device>,
+    backend: Option<&Backend>,
     progress: Option<Bound<'_, PyAny>>,
     mut warnings: Vec<String>,
 ) -> PyResult<FitResult> {
-    let device = device::chosen(py, device)?;
+    let choice = job.problem().parameters.base().settings.backend;
+    let backend = backend::chosen(py, backend, choice)?;
     let progress = callback(py, progress, "fit_bar", options.stop.iterations)?;
     let on_checkpoint = if resume { OnCheckpoint::Resume } else { OnCheckpoint::Refuse };
     let options = options.on_checkpoint(on_checkpoint).checkpoints(checkpoints.clone());
@@ -372,7 +373,7 @@ fn run(
         let (planning, gradients) = (parameters.planning_scene(), parameters.gradient_request());
         let supersample = job.settings().supersample;
         let mut renderer =
-            EngineRenderer::new(&device, planning, cameras, supersample, gradients, link.watch())
+            EngineRenderer::new(&backend, planning, cameras, supersample, gradients, link.watch())
                 .or_raise()?
                 .movable(parameters.movable());
         job.estimate(&mut renderer).or_raise()?;

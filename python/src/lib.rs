@@ -3,8 +3,8 @@
 
 mod ambiguity;
 mod arrays;
+mod backend;
 mod check;
-mod device;
 mod engine;
 mod errors;
 mod fit;
@@ -22,9 +22,9 @@ mod _antirad {
     #[pymodule_export]
     use crate::ambiguity::{Ambiguity, ambiguity};
     #[pymodule_export]
-    use crate::check::{Refined, Warning, check, refine};
+    use crate::backend::{Backend, devices};
     #[pymodule_export]
-    use crate::device::{Device, devices};
+    use crate::check::{Refined, Warning, check, refine};
     #[pymodule_export]
     use crate::engine::{Engine, Gradients, Solution};
     #[pymodule_export]

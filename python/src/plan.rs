@@ -1,15 +1,16 @@
 //! Plans.
 
-use crate::device::Device;
+use crate::backend::Backend;
 use crate::errors::{OrRaise, invalid};
 use crate::scene::Scene;
 use crate::work;
 use antirad::plan::{self, GradientRequest, PlanOptions};
+use antirad::scene::BackendChoice;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::Arc;
 
-/// What a solve takes, decided before a device is touched. Printed, it tells classes, pairs, bytes and times.
+/// What a solve takes, decided before a backend is touched. Printed, it tells classes, pairs, bytes and times.
 #[pyclass(frozen, module = "antirad")]
 pub struct Plan {
     inner: Arc<plan::Plan>,
@@ -40,9 +41,9 @@ pub fn request(kinds: &[String]) -> PyResult<GradientRequest> {
 ///
 /// Args:
 ///     scene: The scene.
-///     device: Its limits are planned for; by default those of lavapipe (2 GiB, buffers of 128 MiB), without touching a
-///         device.
-///     memory_budget: Bytes that all buffers together may take, at most.
+///     backend: Its limits are planned for; by default the CPU with 4 GiB, or where the settings of the scene name Vulkan the
+///         limits of lavapipe (2 GiB, buffers of 128 MiB), without touching a device.
+///     memory_budget: Bytes that all of it may take, at most.
 ///     gradients: Kinds of derivatives to plan for: "emission", "diffuse", "albedo", "specular", "power", "vertices",
 ///         "camera".
 ///
@@ -50,16 +51,20 @@ pub fn request(kinds: &[String]) -> PyResult<GradientRequest> {
 ///     PlanError: The plan exceeds the budget; the message has the number of bytes that would do.
 ///     SceneError: The scene is invalid.
 #[pyfunction(name = "plan")]
-#[pyo3(signature = (scene, *, device=None, memory_budget=None, gradients=vec![]),
-    text_signature = "(scene, *, device=None, memory_budget=None, gradients=())")]
+#[pyo3(signature = (scene, *, backend=None, memory_budget=None, gradients=vec![]),
+    text_signature = "(scene, *, backend=None, memory_budget=None, gradients=())")]
 pub fn plan_(
     py: Python<'_>,
     scene: &Scene,
-    device: Option<&Device>,
+    backend: Option<&Backend>,
     memory_budget: Option<u64>,
     gradients: Vec<String>,
 ) -> PyResult<Plan> {
-    let options = device.map_or_else(PlanOptions::default, |device| PlanOptions::of(&device.inner));
+    let options = match (backend, scene.inner.settings.backend) {
+        (Some(backend), _) => PlanOptions::of(&backend.inner),
+        (None, BackendChoice::Vulkan) => PlanOptions::lavapipe(),
+        (None, _) => PlanOptions::default(),
+    };
     let options = limited(options, memory_budget).gradients(request(&gradients)?);
     let scene = scene.inner.clone();
     let made = work::run(py, None, move |_| plan::Plan::new(&scene, &options, &scene.settings))?;
@@ -80,13 +85,13 @@ impl Plan {
 
 #[pymethods]
 impl Plan {
-    /// Bytes of device memory. Exactly these are allocated.
+    /// Bytes of the backend's memory. Exactly these are allocated.
     #[getter]
     fn total_bytes(&self) -> u64 {
         self.inner.memory().total()
     }
 
-    /// Bytes of device memory by label.
+    /// Bytes of the backend's memory by label.
     #[getter]
     fn bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let bytes = PyDict::new(py);
@@ -96,7 +101,7 @@ impl Plan {
         Ok(bytes)
     }
 
-    /// Bytes that buffers may take.
+    /// Bytes that all of it may take.
     #[getter]
     fn memory_budget(&self) -> u64 {
         self.inner.options().memory_budget

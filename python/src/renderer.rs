@@ -1,7 +1,7 @@
 //! Pictures of a scene as a differentiable function of its values.
 
 use crate::arrays::{self, Array, Numbers};
-use crate::device::{self, Device};
+use crate::backend::{self, Backend};
 use crate::engine::{Gradients, check_supersample};
 use crate::errors::{OrRaise, Raise, invalid, word};
 use crate::plan::request;
@@ -28,7 +28,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 ///     supersample: Samples along each side of a pixel, a power of two.
 ///     shading: "gathered" (direct light at each visible point, indirect light interpolated) or "face" (one colour per
 ///         triangle), which derivatives by "camera" require.
-///     device: By default the one that all such calls share.
+///     backend: By default the one that all such calls share, of the kind that the settings of the scene name.
 ///
 /// Raises:
 ///     DeviceError: There is no device, or it failed.
@@ -128,8 +128,8 @@ impl Renderer {
 #[pymethods]
 impl Renderer {
     #[new]
-    #[pyo3(signature = (scene, *, views=None, gradients=vec![], supersample=4, shading="gathered", device=None),
-        text_signature = "(scene, *, views=None, gradients=(), supersample=4, shading='gathered', device=None)")]
+    #[pyo3(signature = (scene, *, views=None, gradients=vec![], supersample=4, shading="gathered", backend=None),
+        text_signature = "(scene, *, views=None, gradients=(), supersample=4, shading='gathered', backend=None)")]
     fn new(
         py: Python<'_>,
         scene: &Scene,
@@ -137,13 +137,13 @@ impl Renderer {
         gradients: Vec<String>,
         supersample: u32,
         shading: &str,
-        device: Option<&Device>,
+        backend: Option<&Backend>,
     ) -> PyResult<Self> {
         check_supersample(supersample)?;
         let shading: Shading = word("shading", shading)?;
         let cameras = scene.chosen(views)?;
         let gradients = request(&gradients)?;
-        let device = device::chosen(py, device)?;
+        let backend = backend::chosen(py, backend, scene.inner.settings.backend)?;
         let mut planning = (*scene.inner).clone();
         if gradients.lobes() {
             // Lobes that may appear.
@@ -158,7 +158,7 @@ impl Renderer {
                 let watch = asked.lock().unwrap_or_else(PoisonError::into_inner).clone();
                 watch()
             });
-            EngineRenderer::new(&device, planning, seen_by, supersample, gradients, watch)
+            EngineRenderer::new(&backend, planning, seen_by, supersample, gradients, watch)
                 .map(|renderer| renderer.shading(shading).independent())
         })?
         .or_raise()?;

@@ -457,6 +457,7 @@ impl Scene {
             },
         )?;
         dict.set_item("precision", settings.precision.to_string())?;
+        dict.set_item("backend", settings.backend.to_string())?;
         dict.set_item("lamps", format!("{:?}", settings.lamps).to_lowercase())?;
         Ok(dict)
     }

@@ -19,15 +19,41 @@ def test_planned_bytes_are_labelled_and_add_up():
         antirad.plan(room(), gradients=["colour"])
 
 
-def test_a_device_is_listed_and_opened():
-    device = antirad.Device()
-    assert device.name in [info["name"] for info in antirad.devices()]
-    before = device.memory["in_use"]
-    engine = antirad.Engine(room(), device=device)
+@pytest.mark.parametrize("kind", ["cpu", "vulkan"])
+def test_a_backend_is_opened(kind):
+    backend = antirad.Backend(kind, memory_budget=1 << 28)
+    assert backend.kind == kind and backend.device in repr(backend)
+    assert backend.threads >= 1 and backend.driver and backend.memory["budget"] == 1 << 28
+    assert (backend.info is None) == (kind == "cpu") and backend.validation_messages == []
+    before = backend.memory["in_use"]
+    engine = antirad.Engine(room(), backend=backend)
+    assert engine.backend.kind == kind
     # What is planned is what is taken, but for vectors and staging, which come with the first solve.
-    assert before < device.memory["in_use"] <= before + engine.plan.total_bytes
+    assert before < backend.memory["in_use"] <= before + engine.plan.total_bytes
+
+
+def test_a_device_is_listed_and_named():
+    name = antirad.Backend("vulkan").device
+    assert name in [info["name"] for info in antirad.devices()]
+    # A device that is named is one of Vulkan.
+    assert antirad.Backend(device=name).kind == "vulkan"
     with pytest.raises(antirad.DeviceError, match="no such thing"):
-        antirad.Device("no such thing")
+        antirad.Backend(device="no such thing")
+    with pytest.raises(ValueError, match="no backend: auto, vulkan or cpu"):
+        antirad.Backend("gpu")
+
+
+def test_backends_agree():
+    scene = room()
+    cpu, vulkan = (
+        antirad.Engine(scene, backend=antirad.Backend(kind)).solve().irradiance for kind in ("cpu", "vulkan")
+    )
+    assert np.linalg.norm(cpu - vulkan) <= 1e-3 * np.linalg.norm(cpu)
+
+
+def test_plans_are_for_a_backend():
+    staging = {kind: antirad.plan(room(), backend=antirad.Backend(kind)).bytes for kind in ("cpu", "vulkan")}
+    assert "staging" in staging["vulkan"] and "staging" not in staging["cpu"]
 
 
 def test_light_is_solved_for():

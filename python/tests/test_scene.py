@@ -73,6 +73,7 @@ def test_settings():
     settings = scene.settings
     assert settings["bins"] == "concentric:8" and settings["solver"] == "fixed-point"
     assert settings["precision"] == "f64" and settings["tolerance"] == 1e-6
+    assert settings["backend"] == "auto"
     coarse = antirad.Scene.load(SCENES / "cornell_boxes.toml")
     assert coarse.settled().settings["bins"] in ("10x13", "concentric:10")
 

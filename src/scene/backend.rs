@@ -46,7 +46,7 @@ impl From<BackendKind> for BackendChoice {
 
 /// Which backend to open.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "lowercase", try_from = "String")]
 pub enum BackendChoice {
     /// Vulkan where there is a usable GPU, or where a device is named; otherwise the CPU.
     #[default]
@@ -77,6 +77,14 @@ impl FromStr for BackendChoice {
             "cpu" => Ok(Self::Cpu),
             other => Err(format!("\"{other}\" is no backend: auto, vulkan or cpu")),
         }
+    }
+}
+
+impl TryFrom<String> for BackendChoice {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
     }
 }
 

@@ -98,6 +98,7 @@ fn a_job_finds_what_the_pictures_were_made_with() {
     let report = folder.json("fits/job/report.json");
     assert_eq!(report["optimiser"], "quasi-newton");
     assert!(report["run"]["device"]["name"].is_string());
+    assert!(report["run"]["backend"].is_string() && report["run"]["threads"].as_u64() > Some(0));
     assert!(report["loss"]["fell_by_factor"].as_f64().is_some_and(|factor| factor > 1e4), "{report}");
     let (peak, planned) = (&report["run"]["memory"]["peak"], &report["estimate"]["device_bytes"]);
     assert!(peak.as_u64() <= planned.as_u64(), "{peak} of the planned {planned}");
@@ -151,6 +152,7 @@ fn the_log_can_be_json() {
         .collect();
     let of = |kind: &str| events.iter().filter(|e| e["event"] == kind).count();
     assert_eq!((of("begin"), of("iteration"), of("end")), (1, 3, 1));
+    assert!(events[0]["backend"].is_string() && events[0]["device"].is_string());
     assert!(events[1]["loss"].is_f64() && events[1]["passes"].as_u64() > Some(0));
     assert_eq!(events[4]["result"]["status"], "finished");
     let quiet = folder.run("fit job.toml --output fits --quiet --restart").succeeded();
@@ -229,9 +231,12 @@ fn what_is_refused_before_anything_starts() {
     folder.run("fit job.toml other/job.toml --output fits").refused(&["both", "\"job\"", "rename one"]);
     folder.run("fit job.toml --output room.toml").refused(&["room.toml", "cannot be written"]);
     folder.run("fit job.toml --output fits --device nonesuch").refused(&["\"nonesuch\""]);
-    let small = folder.run("fit job.toml --output fits --memory-budget 1MiB");
-    assert_eq!(small.code, Some(1), "{small:?}");
-    says(&small.stderr, &["antirad: job: ", "1048576 bytes is too small", "at least"]);
+    for (backend, budget, bytes) in [("cpu", "64KiB", "65536 bytes"), ("vulkan", "1MiB", "1048576 bytes")] {
+        let job = format!("fit job.toml --output fits --backend {backend} --memory-budget {budget}");
+        let small = folder.run(&job);
+        assert_eq!(small.code, Some(1), "{small:?}");
+        says(&small.stderr, &["antirad: job: ", &format!("{bytes} is too small"), "at least"]);
+    }
     assert!(!folder.path("fits/job/report.json").exists());
     assert_eq!(folder.run("fit").code, Some(2));
     fs::write(folder.path("other.toml"), ROOM.replace("cells = 4", "cells = 3")).expect("written");

@@ -2,6 +2,7 @@
 
 mod ambiguities;
 mod as_they_come;
+mod backends;
 mod batches;
 mod examples;
 mod fits;

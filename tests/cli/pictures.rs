@@ -132,18 +132,19 @@ fn lamps_of_any_brightness() {
     }
 }
 
-/// With a budget that cannot hold the states they go to the host, and the result is the same.
+/// With a budget of a Vulkan device that cannot hold the states they go to the host, and the result is the same.
 #[test]
 fn a_render_in_little_memory_finds_the_same() {
     let folder = Folder::with(&[]);
-    clean_render(&folder, "room.toml");
+    let render = "room.toml --backend vulkan";
+    clean_render(&folder, render);
     let truth = rows(&folder, "out/irradiance.npy");
     assert_eq!(folder.json("out/report.json")["plan"]["states"]["residency"], "device");
-    let refused = folder.render("room.toml --memory-budget 1").stderr;
+    let refused = folder.render(&format!("{render} --memory-budget 1")).stderr;
     let least = refused.split("--memory-budget ").nth(1).and_then(|rest| rest.split(',').next());
     let least: u64 = least.and_then(|n| n.parse().ok()).expect("a number of bytes");
     for budget in [least, least + 500_000] {
-        clean_render(&folder, &format!("room.toml --memory-budget {budget}"));
+        clean_render(&folder, &format!("{render} --memory-budget {budget}"));
         let report = folder.json("out/report.json");
         assert_eq!(report["plan"]["states"]["residency"], "host");
         assert!(report["memory"]["peak"].as_u64().expect("bytes") <= budget);
@@ -174,7 +175,8 @@ fn swiftshader_finds_the_same() {
     });
     let folder = Folder::with(&[("driver.json", &driver.to_string())]);
     let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell_boxes.toml");
-    let arguments = ["render", scene, "--quiet", "--supersample", "1", "--output", "out"];
+    let arguments =
+        ["render", scene, "--backend", "vulkan", "--quiet", "--supersample", "1", "--output", "out"];
     run(&mut folder.tool(arguments)).succeeded();
     let lavapipe = (rows(&folder, "out/irradiance.npy"), folder.json("out/report.json"));
     let started = Instant::now();
@@ -195,9 +197,18 @@ fn swiftshader_finds_the_same() {
 
 #[test]
 fn the_report_tells_everything_of_the_run() {
-    let folder = Folder::with(&[]);
-    clean_render(&folder, "room.toml --refine=never");
-    let report = folder.json("out/report.json");
+    for backend in ["cpu", "vulkan"] {
+        let folder = Folder::with(&[]);
+        clean_render(&folder, &format!("room.toml --refine=never --backend {backend}"));
+        tells_everything(&folder.json("out/report.json"), backend);
+    }
+}
+
+fn tells_everything(report: &serde_json::Value, backend: &str) {
+    assert_eq!(report["backend"], backend);
+    assert_eq!(report["device"]["vulkan"].is_string(), backend == "vulkan");
+    assert!(report["device"]["driver"].as_str().is_some_and(|driver| !driver.is_empty()));
+    assert!(report["threads"].as_u64() > Some(0));
     assert_eq!(report["scene"], "room.toml");
     assert_eq!(report["version"], env!("CARGO_PKG_VERSION"));
     assert!(report["device"]["name"].as_str().is_some_and(|name| !name.is_empty()));

@@ -5,7 +5,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::fs;
 use std::path::Path;
 
-/// A plan needs no Vulkan driver and does not depend on a device.
+/// A plan needs no Vulkan driver and does not depend on a device, for either backend.
 #[test]
 fn a_plan_needs_no_device() {
     let folder = Folder::with(&[]);
@@ -21,6 +21,13 @@ fn a_plan_needs_no_device() {
     let triangles: u64 = classes.iter().map(|class| class["triangles"].as_u64().expect("a count")).sum();
     assert_eq!(triangles, 200);
     assert_eq!(planned.stdout, folder.run("plan room.toml --json").succeeded().stdout);
+    let mut tool = folder.tool(["plan", "room.toml", "--backend", "vulkan", "--json"]);
+    let planned = run(without_driver(&mut tool, nowhere)).succeeded();
+    let of_vulkan: serde_json::Value = serde_json::from_str(&planned.stdout).expect("JSON");
+    let staging = |plan: &serde_json::Value| {
+        plan["memory"].as_array().expect("memory by label").iter().any(|item| item["label"] == "staging")
+    };
+    assert!(staging(&of_vulkan) && !staging(&plan));
 
     let words = run(without_driver(&mut folder.tool(["plan", "room.toml"]), nowhere)).succeeded().stdout;
     says(&words, &["triangles        200", "10x13", &bytes.to_string()]);
@@ -38,12 +45,13 @@ fn a_plan_keeps_to_the_settings_given() {
     assert_eq!(plan["solver"], "fixed point");
 }
 
-/// Where memory is short, states go to the host, and the plan reports the traffic.
+/// Where memory of a Vulkan device is short, states go to the host, and the plan reports the traffic.
 #[test]
 fn a_plan_for_little_memory() {
     let folder = Folder::with(&[]);
     let plan = |budget: &str| -> serde_json::Value {
-        let planned = folder.run(&format!("plan room.toml --json --memory-budget {budget}")).succeeded();
+        let planned = folder.run(&format!("plan room.toml --backend vulkan --json --memory-budget {budget}"));
+        let planned = planned.succeeded();
         serde_json::from_str(&planned.stdout).expect("JSON")
     };
     let (plenty, little) = (plan("1GiB"), plan("700kB"));
@@ -53,7 +61,7 @@ fn a_plan_for_little_memory() {
     assert_eq!(little["solver"], plenty["solver"]);
     assert!(little["memory_total"].as_u64().expect("bytes") <= 700_000);
     assert!(little["states"]["host_bytes"].as_u64().expect("bytes") > 700_000);
-    let words = folder.run("plan room.toml --memory-budget 700kB").succeeded().stdout;
+    let words = folder.run("plan room.toml --backend vulkan --memory-budget 700kB").succeeded().stdout;
     let moved = little["states"]["bytes_moved_per_pass"].to_string();
     says(&words, &["states           on the host", &format!("{moved}  bytes moved per pass")]);
 }
@@ -64,8 +72,21 @@ fn devices_are_listed_with_what_they_lack() {
     let listed = folder.run("devices").succeeded();
     assert_eq!(listed.stderr, "");
     says(&listed.stdout, &["0: ", "memory", "subgroup", "has all it needs"]);
-    run(without_driver(&mut folder.tool(["devices"]), Path::new("/nowhere.json")))
-        .refused(&["no Vulkan d", "mesa-vulkan-drivers"]);
+    // The backends come first, with what each of them has.
+    assert!(listed.stdout.starts_with("backend cpu: "), "{}", listed.stdout);
+    says(
+        &listed.stdout,
+        &["threads", "vectors", "memory budget", "\nbackend vulkan", "taken unless another"],
+    );
+    let mut tool = folder.tool(["devices"]);
+    let without = run(without_driver(tool.env_remove("ANTIRAD_BACKEND"), Path::new("/nowhere.json")));
+    let told = without.succeeded().stdout;
+    says(&told, &["no Vulkan d", "mesa-vulkan-drivers"]);
+    let first = told.lines().next().unwrap_or_default();
+    assert!(
+        first.starts_with("backend cpu: ") && first.ends_with("(taken unless another is asked for)"),
+        "{told}"
+    );
 }
 
 /// RADV compiles for GPUs that are not there. A kernel that takes more registers or scratch memory than it did is slower. The table is

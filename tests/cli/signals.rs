@@ -8,20 +8,23 @@ use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
 
-/// CPU time from a signal to the end. Submissions are a quarter of a second at most, on each core of a CPU driver; a
-/// pass of the scene takes many of them.
+/// CPU time from a signal to the end. Steps and submissions are a quarter of a second at most, on each core; a pass of the scene takes
+/// many of them.
 const SOON: Duration = Duration::from_secs(2);
 
 #[test]
 fn an_interrupted_render_ends_soon_and_writes_nothing() {
     // With states on the device, and in a budget that sends them to the host.
-    for (signal, code, states, limit) in
-        [("-INT", 130, "on the device", None), ("-TERM", 143, "on the host", Some("--memory-budget=16MiB"))]
-    {
+    for (signal, code, backend, states, limit) in [
+        ("-INT", 130, "cpu", "on the device", None),
+        ("-INT", 130, "vulkan", "on the device", None),
+        ("-TERM", 143, "vulkan", "on the host", Some("--memory-budget=16MiB")),
+    ] {
         let folder = Folder::with(&[]);
         let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell_boxes_fine.toml");
         let mut tool = folder.tool(["render", "--verbose", "--output", "out", "--tolerance", "1e-7"]);
         let mut child = tool
+            .args(["--backend", backend])
             .args(limit)
             .arg(scene)
             .stdout(Stdio::piped())

@@ -3,6 +3,7 @@
 use crate::{SCENE, says};
 use antirad::fit::{JobFile, LossKind, OptimiserKind};
 use antirad::image::{Exposure, Picture, ToneMap};
+use antirad::scene::BackendChoice;
 use std::fs;
 use tempfile::TempDir;
 
@@ -49,6 +50,7 @@ every = 3
 [solve]
 tolerance = 1e-6
 supersample = 2
+backend = "vulkan"
 "#;
 
 fn picture(width: u32, height: u32) -> Picture {
@@ -91,6 +93,7 @@ fn a_job_says_everything() {
     assert_eq!((settings.loss, settings.epsilon), (LossKind::RelativeL2, Some(0.02)));
     assert_eq!((settings.optimiser, settings.quasi_newton.memory), (OptimiserKind::QuasiNewton, 7));
     assert_eq!((settings.tolerance, settings.supersample), (Some(1e-6), 2));
+    assert_eq!(file.job.problem().parameters.base().settings.backend, BackendChoice::Vulkan);
     assert_eq!(file.job.problem().parameters.len(), 6 + 6);
     assert_eq!(file.job.problem().targets[0].weight, 2.0);
     assert_eq!(file.warnings, [""; 0]);
@@ -119,6 +122,7 @@ fn unknown_keys_and_words() {
     refused(&job("relative-l2", "relative-l3"), &["did you mean `relative-l2`?"]);
     refused(&job("[solve]", "[solver]"), &["unknown key `solver`", "did you mean `solve`?"]);
     refused(&job("\"rigid\"", "\"rigit\""), &["j.toml:17", "did you mean `rigid`?"]);
+    refused(&job("\"vulkan\"", "\"gpu\""), &["j.toml:44", "\"gpu\" is no backend", "auto, vulkan or cpu"]);
     refused("scene = ", &["j.toml:1"]);
     refused("", &["j.toml:1", "scene"]);
     refused("scene = \"s.toml\"\n", &["no [[target]]"]);

@@ -1,7 +1,8 @@
-//! Fits on a device: each recovers the scene that its pictures were rendered from.
+//! Fits on a backend: each recovers the scene that its pictures were rendered from.
 
-use crate::support::{blockers_moved, device, finish, load};
+use crate::support::{backend, blockers_moved, finish, load};
 use antirad::Watch;
+use antirad::backend::Backend;
 use antirad::fit::{
     EngineRenderer, Fit, Job, LossKind, MotionKind, OptimiserKind, Outcome, Per, Quantity, Recovered,
     Regulariser, Renderer, RunOptions, Settings, StopRule, Target,
@@ -24,10 +25,10 @@ fn cameras(scene: &Scene, names: &[&str]) -> Vec<Camera> {
 }
 
 /// A job with pictures of the scene itself as targets, and its renderer.
-fn job(device: &Device, scene: &Scene, cameras: Vec<Camera>, settings: Settings) -> (Job, EngineRenderer) {
+fn job(backend: &Backend, scene: &Scene, cameras: Vec<Camera>, settings: Settings) -> (Job, EngineRenderer) {
     let side = settings.supersample;
     let nothing = Default::default();
-    let mut renderer = EngineRenderer::new(device, scene.clone(), cameras.clone(), side, nothing, watch())
+    let mut renderer = EngineRenderer::new(backend, scene.clone(), cameras.clone(), side, nothing, watch())
         .expect("a renderer");
     let pictures = renderer.pictures(scene).expect("pictures");
     let target = |(camera, pixels)| Target::new(camera, pixels, None, 1.0).expect("a target");
@@ -35,18 +36,18 @@ fn job(device: &Device, scene: &Scene, cameras: Vec<Camera>, settings: Settings)
     let job = Job::new("test", scene.clone(), targets, settings).expect("a job");
     let parameters = &job.problem().parameters;
     let (planning, request) = (parameters.planning_scene(), parameters.gradient_request());
-    let renderer = EngineRenderer::new(device, planning, cameras, side, request, watch());
+    let renderer = EngineRenderer::new(backend, planning, cameras, side, request, watch());
     let movable = parameters.movable();
     (job, renderer.expect("a renderer").movable(movable))
 }
 
 fn run(scene: &Scene, cameras: Vec<Camera>, settings: Settings, stop: StopRule) -> Outcome {
-    let device = device();
-    let (mut job, mut renderer) = job(&device, scene, cameras, settings);
+    let backend = backend();
+    let (mut job, mut renderer) = job(&backend, scene, cameras, settings);
     let options = RunOptions::default().stop(stop);
     let outcome = job.run(&mut renderer, &options, &mut |_, _| ControlFlow::Continue(()));
     drop(renderer);
-    finish(&device);
+    finish(&backend);
     outcome.expect("an outcome")
 }
 
@@ -133,8 +134,8 @@ fn a_box_is_found_from_its_shadow_alone() {
     let scene = coarse("scenes/fits/box.toml");
     let views = cameras(&scene, &["shadow"]);
     // The view does not show the box at its true or initial position: making it emit would not change that.
-    let device = device();
-    let rasterizer = Rasterizer::new(&device).expect("a rasterizer");
+    let backend = backend();
+    let rasterizer = Rasterizer::new(&backend).expect("a rasterizer");
     let mut elsewhere = scene.clone();
     let boxed: Vec<usize> = (0..scene.triangles.len()).filter(|t| scene.material(*t).name == "box").collect();
     assert_eq!(boxed.len(), 48);
@@ -230,22 +231,27 @@ fn memory_does_not_grow() {
     );
 }
 
-/// On a device, with checkpoints: neither the host's memory nor the driver's (host memory with lavapipe) grows. Where
+/// On either backend, with checkpoints: neither the host's memory nor the driver's (host memory with lavapipe) grows. Where
 /// positions are fitted, the whole engine is rebuilt in every iteration.
 #[test]
 #[ignore = "run by memory_does_not_grow"]
 #[cfg(target_os = "linux")]
 fn memory_does_not_grow_over_200_iterations() {
-    let device = Device::new(&Default::default()).expect("a device");
+    // The layers of validation keep records of their own.
+    let device = Device::new(&Default::default()).expect("a Vulkan device");
     let mut scene = crate::scene();
     scene.settings.bins = BinLayout::Concentric { n: 2 };
     scene.settings.near_field = 1.0;
     let albedo = of(Quantity::Albedo, &["wall"], 0.5);
     let position = displaced(1).fits.remove(0);
-    for (fits, iterations) in [(vec![albedo.clone()], 200), (vec![albedo, position], 25)] {
+    let cases = [(vec![albedo.clone()], 200), (vec![albedo, position], 25)];
+    let backends = [Backend::cpu(), device.into()];
+    for (backend, (fits, iterations)) in
+        backends.iter().flat_map(|of| cases.iter().map(move |case| (of, case)))
+    {
         let optimiser = OptimiserKind::Adam;
         let settings = Settings::new(fits.clone()).supersample(2).tolerance(Some(1e-2)).optimiser(optimiser);
-        let (mut job, mut renderer) = job(&device, &scene, cameras(&scene, &["main"]), settings);
+        let (mut job, mut renderer) = job(backend, &scene, cameras(&scene, &["main"]), settings);
         let folder = tempfile::tempdir().expect("a folder");
         // One-time allocations are done after a few iterations.
         let warm = 10;
@@ -261,22 +267,25 @@ fn memory_does_not_grow_over_200_iterations() {
         });
         assert_eq!(outcome.expect("an outcome").history.len() as u32, warm + iterations + 1);
         let grown = resident().saturating_sub(before);
-        println!("{iterations} iterations: {grown} bytes more, {before} before");
+        println!("{backend:?}, {iterations} iterations: {grown} bytes more, {before} before");
         // Threads of the host keep some freed memory to themselves.
-        assert!(grown < 12 << 20, "{iterations} iterations: {grown} bytes more, {before} before");
+        assert!(
+            grown < 12 << 20,
+            "{backend:?}, {iterations} iterations: {grown} bytes more, {before} before"
+        );
     }
 }
 
 /// Position and target of a camera, silhouettes included, against central differences of finely sampled pictures.
 #[test]
 fn pictures_are_differentiated_by_their_cameras() {
-    let device = device();
+    let backend = backend();
     let scene = coarse("scenes/fits/box.toml");
     // Rolled, so that edges cross rows of samples one by one.
     let camera = Camera { up: DVec3::new(0.3, 1.0, 0.1), ..cameras(&scene, &["one"]).remove(0) };
     let request = GradientRequest::NOTHING.camera(true);
     let planning = scene.clone();
-    let mut renderer = EngineRenderer::new(&device, planning, vec![camera.clone()], 16, request, watch())
+    let mut renderer = EngineRenderer::new(&backend, planning, vec![camera.clone()], 16, request, watch())
         .expect("a renderer");
     // Weights that vary slowly over the picture.
     let weight = |pixel: usize| DVec3::new(1.0, 0.8, 0.6) * (1.0 + (pixel % 48) as f64 / 48.0);
@@ -309,13 +318,13 @@ fn pictures_are_differentiated_by_their_cameras() {
         assert!(error <= 0.01, "{found}, but differences give {expected}");
     }
     drop(renderer);
-    finish(&device);
+    finish(&backend);
 }
 
 /// Derivatives by what may move are those among all, and others are zero.
 #[test]
 fn derivatives_by_what_moves_are_those_of_all() {
-    let device = device();
+    let backend = backend();
     let scene = coarse("scenes/fits/box.toml");
     let moving = scene.meshes.iter().find(|mesh| mesh.name == "box").expect("a box").range.clone();
     let triangles = &scene.triangles[moving.start as usize..moving.end as usize];
@@ -330,7 +339,7 @@ fn derivatives_by_what_moves_are_those_of_all() {
         })
         .collect();
     let gradient = |movable: Option<&Vec<u32>>| {
-        let renderer = EngineRenderer::new(&device, scene.clone(), seen_by.clone(), 4, request, watch());
+        let renderer = EngineRenderer::new(&backend, scene.clone(), seen_by.clone(), 4, request, watch());
         let mut renderer = renderer.expect("a renderer");
         if let Some(movable) = movable {
             renderer = renderer.movable(movable.clone());
@@ -351,7 +360,7 @@ fn derivatives_by_what_moves_are_those_of_all() {
         }
     }
     assert!(largest > 0.0 && others > 0.0);
-    finish(&device);
+    finish(&backend);
 }
 
 /// Solves start from the light of the pictures before; what they find is the same within the tolerance, and nothing is left of them
@@ -364,10 +373,10 @@ fn pictures_depend_on_earlier_ones_by_no_more_than_the_tolerance() {
         material.albedo = material.albedo.map(|rho| 0.9 * rho);
         material.emission = material.emission.map(|e| 1.2 * e);
     }
-    let device = device();
+    let backend = backend();
     let request = GradientRequest::NOTHING.albedo(true);
     let renderer =
-        EngineRenderer::new(&device, scene.clone(), cameras(&scene, &["one"]), 4, request, watch());
+        EngineRenderer::new(&backend, scene.clone(), cameras(&scene, &["one"]), 4, request, watch());
     let mut renderer = renderer.expect("a renderer");
     let cold = renderer.pictures(&scene).expect("pictures");
     let passes_cold = renderer.passes();
@@ -396,7 +405,7 @@ fn pictures_depend_on_earlier_ones_by_no_more_than_the_tolerance() {
     let exact = change(&renderer.pictures(&near).expect("pictures"), &cold);
     assert!(apart(&rough, &exact) < 0.1, "{}", apart(&rough, &exact));
     drop(renderer);
-    finish(&device);
+    finish(&backend);
 }
 
 /// A floor that reflects nothing onto itself: what each triangle shows is all of the Hessian.
@@ -421,9 +430,9 @@ fn own_curvature_is_the_diagonal_of_the_hessian_without_interreflection() {
     let albedo =
         || Fit::new(Quantity::Albedo).materials(Some(vec!["floor".to_owned()])).initial(Some([0.3; 3]));
     for (fit, loss) in [(albedo().per(Per::Triangle), LossKind::RelativeL2), (albedo(), LossKind::L2)] {
-        let device = device();
+        let backend = backend();
         let settings = Settings::new(vec![fit]).loss(loss);
-        let (job, renderer) = job(&device, &scene, scene.cameras.clone(), settings);
+        let (job, renderer) = job(&backend, &scene, scene.cameras.clone(), settings);
         let mut renderer = renderer.shading(Shading::Face);
         let problem = job.problem();
         let x = problem.parameters.start();
@@ -437,7 +446,7 @@ fn own_curvature_is_the_diagonal_of_the_hessian_without_interreflection() {
             assert!((own / whole - 1.0).abs() < bound, "unknown {i}: {own}, not {whole}");
         }
         drop(renderer);
-        finish(&device);
+        finish(&backend);
     }
 }
 
@@ -445,7 +454,7 @@ fn own_curvature_is_the_diagonal_of_the_hessian_without_interreflection() {
 /// much. A renderer that chooses as another one has chosen renders the same.
 #[test]
 fn clusters_are_kept_while_they_serve() {
-    let device = device();
+    let backend = backend();
     let mut scene = load("scenes/cornell_boxes.toml");
     let transport = Transport::Hierarchical { error: 0.1 };
     scene.settings = scene.settings.transport(transport).lamps(Lamps::Antiradiance);
@@ -453,7 +462,7 @@ fn clusters_are_kept_while_they_serve() {
     let camera = Camera { width: 24, height: 24, ..scene.cameras[0].clone() };
     let request = GradientRequest::default().positions(true);
     let renderer = || {
-        EngineRenderer::new(&device, scene.clone(), vec![camera.clone()], 1, request, watch())
+        EngineRenderer::new(&backend, scene.clone(), vec![camera.clone()], 1, request, watch())
             .expect("a renderer")
     };
     let moved = |by: f64| blockers_moved(&scene, by);
@@ -489,5 +498,5 @@ fn clusters_are_kept_while_they_serve() {
     second.choose(None).expect("no choice");
     assert_ne!(second.pictures(&moved(0.006)).expect("pictures"), pictures[1]);
     drop((first, second));
-    finish(&device);
+    finish(&backend);
 }

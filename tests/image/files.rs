@@ -6,7 +6,8 @@ use std::path::Path;
 use antirad::image::{Exposure, ImageError, Picture, PictureOptions, Rasterizer, ToneMap};
 use tempfile::tempdir;
 
-use crate::scenes::{Random, above, device, finish, grid};
+use crate::scenes::{Random, above, finish, grid};
+use crate::support::backend;
 
 fn picture(width: u32, pixels: &[[f32; 3]]) -> Picture {
     let pixels: Vec<_> = pixels.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect();
@@ -91,12 +92,12 @@ fn errors_name_the_file() {
 
 #[test]
 fn the_same_picture_is_the_same_file() {
-    let device = device();
+    let backend = backend();
     let directory = tempdir().unwrap();
     let surface = grid(9, 9, |x, y| glam::DVec3::new(x / 4.5 - 1.0, y / 4.5 - 1.0, (x * y).sin() / 9.0));
     let colours = Random::new(1).colours(&surface);
     let files = |name: &str| {
-        let rasterizer = Rasterizer::new(&device).unwrap();
+        let rasterizer = Rasterizer::new(&backend).unwrap();
         let options = PictureOptions::default().supersample(4);
         let picture = rasterizer.render(&surface, &above(200, 100), &colours, &options).unwrap();
         let [exr, png] = ["exr", "png"].map(|end| directory.path().join(name).with_extension(end));
@@ -105,5 +106,5 @@ fn the_same_picture_is_the_same_file() {
         (fs::read(exr).unwrap(), fs::read(png).unwrap())
     };
     assert!(files("one") == files("two"));
-    finish(device);
+    finish(backend);
 }

@@ -7,7 +7,8 @@ use antirad::ranks::Ranks;
 use antirad::scene::{Camera, Scene};
 use glam::{DQuat, DVec3};
 
-use crate::scenes::{Random, above, device, finish, flipped, grid, scene, square, together};
+use crate::scenes::{Random, above, finish, flipped, grid, scene, square, together};
+use crate::support::backend;
 
 /// Width and height of the pictures whose derivatives are taken.
 const SIZE: [u32; 2] = [36, 27];
@@ -120,13 +121,13 @@ impl<'a> Motion<'a> {
     }
 }
 
-/// Runs checks on a device under validation.
-fn on_device(checks: impl FnOnce(&Rasterizer)) {
-    let device = device();
-    let rasterizer = Rasterizer::new(&device).unwrap();
+/// Runs checks on the backend under test.
+fn on_backend(checks: impl FnOnce(&Rasterizer)) {
+    let backend = backend();
+    let rasterizer = Rasterizer::new(&backend).unwrap();
     checks(&rasterizer);
     drop(rasterizer);
-    finish(device);
+    finish(backend);
 }
 
 fn camera() -> Camera {
@@ -178,7 +179,7 @@ const FLIGHT: DVec3 = DVec3::new(0.06, 0.04, 0.05);
 
 #[test]
 fn colours_have_the_transpose_of_the_picture() {
-    on_device(|rasterizer| {
+    on_backend(|rasterizer| {
         let scene = hidden();
         // Several bands, and a size that is not a multiple of tiles.
         let camera = Camera { width: 701, height: 333, ..camera() };
@@ -220,7 +221,7 @@ fn colours_have_the_transpose_of_the_picture() {
 /// Coverage of moved vertices is that computed anew, to the last sample.
 #[test]
 fn coverage_follows_what_moves() {
-    on_device(|rasterizer| {
+    on_backend(|rasterizer| {
         let before = hidden();
         // Several bands, and a size that is not a multiple of tiles.
         let camera = Camera { width: 301, height: 203, ..camera() };
@@ -309,14 +310,14 @@ fn a_rectangle_that_grows_gains_its_area() {
 
 #[test]
 fn silhouettes_move_in_front_of_the_background() {
-    on_device(|rasterizer| {
+    on_backend(|rasterizer| {
         Motion::new(flying(), camera(), &|_| FLIGHT).check(rasterizer, 2e-3, 5e-3);
     });
 }
 
 #[test]
 fn silhouettes_move_in_front_of_other_faces() {
-    on_device(|rasterizer| {
+    on_backend(|rasterizer| {
         let scene = together(&[flying(), wall()]);
         Motion::new(scene, camera(), &cube_moves(FLIGHT)).check(rasterizer, 1e-3, 4e-3);
     });
@@ -324,7 +325,7 @@ fn silhouettes_move_in_front_of_other_faces() {
 
 #[test]
 fn hidden_parts_of_edges_do_not_count() {
-    on_device(|rasterizer| {
+    on_backend(|rasterizer| {
         Motion::new(hidden(), camera(), &cube_moves(FLIGHT)).check(rasterizer, 5e-3, 2.5e-2);
         // The occluders move.
         let strips = |vertex: usize| if vertex < 28 { DVec3::ZERO } else { FLIGHT };
@@ -334,7 +335,7 @@ fn hidden_parts_of_edges_do_not_count() {
 
 #[test]
 fn cameras_move_and_turn() {
-    on_device(|rasterizer| {
+    on_backend(|rasterizer| {
         let still = Motion::new(hidden(), camera(), &|_| DVec3::ZERO);
         let by = DVec3::new(0.1, 0.05, 0.08);
         let moving = Motion { position: by, ..still };
@@ -345,7 +346,7 @@ fn cameras_move_and_turn() {
 
 #[test]
 fn edges_between_colours_move() {
-    on_device(|rasterizer| {
+    on_backend(|rasterizer| {
         let surface = grid(3, 3, |x, y| DVec3::new(x / 3.0 - 0.5, y / 3.0 - 0.5, 0.1 * x));
         let one = |vertex: usize| if vertex == 5 { 2.0 * FLIGHT } else { DVec3::ZERO };
         Motion::new(surface, camera(), &one).check(rasterizer, 2e-3, 4e-3);
@@ -354,7 +355,7 @@ fn edges_between_colours_move() {
 
 #[test]
 fn geometry_outside_the_picture_does_not_count() {
-    on_device(|rasterizer| {
+    on_backend(|rasterizer| {
         let scene = together(&[flying(), wall()]);
         let close = Camera { fov_x_degrees: 25.0, ..camera() };
         Motion::new(scene, close, &cube_moves(FLIGHT)).check(rasterizer, 1e-3, 8e-3);
@@ -363,7 +364,7 @@ fn geometry_outside_the_picture_does_not_count() {
 
 #[test]
 fn edges_reach_from_behind_the_camera_to_the_horizon() {
-    on_device(|rasterizer| {
+    on_backend(|rasterizer| {
         let floor = grid(3, 3, |x, y| DVec3::new(x * 4.0 - 6.0, -1.0, 3.0 - y * 2.0));
         let camera = Camera { target: DVec3::new(0.2, -0.3, 0.0), ..above(SIZE[0], SIZE[1]) };
         Motion::new(floor, camera, &|_| DVec3::new(0.3, -0.1, 0.2)).check(rasterizer, 1.5e-3, 8e-3);
@@ -372,7 +373,7 @@ fn edges_reach_from_behind_the_camera_to_the_horizon() {
 
 #[test]
 fn faces_pass_through_each_other() {
-    on_device(|rasterizer| {
+    on_backend(|rasterizer| {
         let mut sunk = flying();
         sunk.vertices.iter_mut().for_each(|vertex| vertex.z -= 0.6);
         let scene = together(&[sunk, wall()]);
@@ -386,7 +387,7 @@ fn faces_pass_through_each_other() {
 /// A cube on a floor: its lowest edges lie in the plane of the floor.
 #[test]
 fn a_cube_slides_on_a_floor() {
-    on_device(|rasterizer| {
+    on_backend(|rasterizer| {
         let floor = grid(1, 1, |x, y| DVec3::new(4.0 * x - 2.0, -0.2, 2.0 - 4.0 * y));
         let scene = together(&[cube(0.2, DQuat::from_rotation_y(0.3), DVec3::ZERO), floor]);
         let slide = cube_moves(DVec3::new(0.07, 0.0, 0.05));
@@ -397,7 +398,7 @@ fn a_cube_slides_on_a_floor() {
 
 #[test]
 fn random_triangles_move_all_at_once() {
-    on_device(|rasterizer| {
+    on_backend(|rasterizer| {
         let mut random = Random::new(7);
         // All around the camera: some cross its plane, some are behind it.
         let mut point = |size: f64| DVec3::from_array([0; 3].map(|_| (random.next() - 0.5) * size));
@@ -473,7 +474,7 @@ fn rigid_motion_and_threads_change_nothing() {
 
 #[test]
 fn mismatched_input_is_refused() {
-    on_device(|rasterizer| {
+    on_backend(|rasterizer| {
         let (scene, camera) = (square(1.0, 0.0), above(8, 8));
         let (colours, adjoint) = ([[1.0; 3]; 2], [[1.0; 4]; 64]);
         let coverage = rasterizer.coverage(&scene, &camera, 2).unwrap();

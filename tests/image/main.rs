@@ -1,7 +1,9 @@
-//! Pictures against geometry, on a Vulkan device under validation.
+//! Pictures against geometry, on both backends, Vulkan under validation.
 
 mod files;
 mod gradients;
 mod scenes;
 mod shading;
+#[path = "../support/mod.rs"]
+mod support;
 mod visibility;

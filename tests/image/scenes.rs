@@ -1,19 +1,28 @@
 //! The scenes of the tests, and an f64 ray tracer to compare with.
 
-use antirad::gpu::{Device, DeviceOptions};
-use antirad::image::View;
+use crate::support::device;
+use antirad::backend::Backend;
+use antirad::image::{Rasterizer, View};
 use antirad::scene::{Camera, Material, Scene, SolveSettings, Triangle};
 use glam::DVec3;
 
-pub fn device() -> Device {
-    Device::new(&DeviceOptions::default().validation(true)).unwrap()
+/// Runs checks on both backends.
+pub fn on_each(checks: impl Fn(&Rasterizer, &Backend)) {
+    for backend in [Backend::cpu(), device().into()] {
+        let rasterizer = Rasterizer::new(&backend).unwrap();
+        checks(&rasterizer, &backend);
+        drop(rasterizer);
+        finish(backend);
+    }
 }
 
-/// Ends a test: fails on any validation message.
-pub fn finish(device: Device) {
-    let log = device.validation_log();
-    drop(device);
-    assert!(log.messages().is_empty(), "{:?}", log.messages());
+/// Ends a test: fails on any message of validation, also of the end of a Vulkan device.
+pub fn finish(backend: Backend) {
+    let log = backend.vulkan().map(|device| device.validation_log());
+    drop(backend);
+    if let Some(log) = log {
+        assert!(log.messages().is_empty(), "{:?}", log.messages());
+    }
 }
 
 pub fn scene(vertices: Vec<DVec3>, triangles: &[[u32; 3]]) -> Scene {

@@ -1,8 +1,8 @@
 //! Saved scenes load unchanged.
 
 use antirad::scene::{
-    BinLayout, Camera, Choice, LoadOptions, Material, Mesh, Normalization, Precision, Scene, SolveSettings,
-    SolverChoice, Triangle,
+    BackendChoice, BinLayout, Camera, Choice, LoadOptions, Material, Mesh, Normalization, Precision, Scene,
+    SolveSettings, SolverChoice, Triangle,
 };
 use glam::DVec3;
 use std::path::Path;
@@ -95,7 +95,8 @@ fn awkward_scenes() {
         .tolerance(1e-7)
         .max_passes(77)
         .solver(SolverChoice::FixedPoint)
-        .precision(Precision::F64);
+        .precision(Precision::F64)
+        .backend(BackendChoice::Vulkan);
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("s.toml");
     scene.save(&path).expect("written");

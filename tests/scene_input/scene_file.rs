@@ -1,6 +1,6 @@
 //! TOML scene files.
 
-use antirad::scene::{BinLayout, Choice, SolveSettings, SolverChoice};
+use antirad::scene::{BackendChoice, BinLayout, Choice, SolveSettings, SolverChoice};
 
 use super::{Folder, OBJ, TOML, assert_refused, assert_says, good, with_mesh};
 
@@ -73,6 +73,7 @@ fn broken_accuracy() {
         ("bins = { concentric = 7 }", vec!["s.toml:9", "n = 7 is odd"]),
         ("bins = { concentrc = 8 }", vec!["s.toml:10", "did you mean `concentric`?"]),
         ("solver = \"gmre\"", vec!["s.toml:10", "did you mean `gmres`?"]),
+        ("backend = \"gpu\"", vec!["s.toml:10", "\"gpu\" is no backend", "auto, vulkan or cpu"]),
         ("near_field = -1", vec!["s.toml:9", "near_field = -1"]),
         ("tolerance = 0", vec!["s.toml:9", "tolerance = 0", "between 0 and 1"]),
         ("error = 0", vec!["s.toml:9", "error = 0", "0.02 is 2 %"]),
@@ -85,6 +86,12 @@ fn broken_accuracy() {
         ("max_pases = 3", vec!["s.toml:10", "did you mean `max_passes`?"]),
     ] {
         assert_refused("s.toml", &with_mesh(&format!("[settings]\n{line}\n")), &parts);
+    }
+    for (name, backend) in
+        BackendChoice::NAMES.iter().zip([BackendChoice::Auto, BackendChoice::Vulkan, BackendChoice::Cpu])
+    {
+        let text = with_mesh(&format!("[settings]\nbackend = \"{name}\"\n"));
+        assert_eq!(good("s.toml", &[("s.toml", &text)]).settings.backend, backend);
     }
     let text = "[settings]\nbins = { concentric = 12 }\nsolver = \"fixed-point\"\n";
     let settings = good("s.toml", &[("s.toml", &with_mesh(text))]).settings;

@@ -1,25 +1,53 @@
-//! What several tests need: devices with validation, reference data, errors.
+//! What several tests need: backends, devices with validation, reference data, errors.
 #![allow(dead_code, reason = "every test crate uses a part")]
 
 pub mod random;
 pub mod slots;
 
-use antirad::gpu::{Device, DeviceOptions};
+use antirad::backend::{Backend, BackendChoice};
+use antirad::gpu::{Device, DeviceKind, DeviceOptions};
 use antirad::model::classify;
 use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{LoadOptions, Scene, SolveSettings};
+use antirad::transport::{self, Operators};
 use antirad::{Engine, Solution, SolveParams};
 use glam::{DAffine3, DQuat};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// The device under test. Every message of the validation layers fails the test that calls [`finish`].
+/// The Vulkan device under test, for what is Vulkan's alone. Every message of the validation layers fails the test that calls [`finish`].
 pub fn device() -> Device {
     Device::new(&DeviceOptions::default().validation(true)).expect("a Vulkan device")
 }
 
-pub fn finish(device: &Device) {
-    assert_eq!(device.validation_messages(), Vec::<String>::new());
+/// The backend under test: the CPU, or where the environment variable ANTIRAD_BACKEND is `vulkan` that [`device`].
+pub fn backend() -> Backend {
+    match BackendChoice::of_environment() {
+        Some(BackendChoice::Vulkan) => device().into(),
+        _ => Backend::cpu(),
+    }
+}
+
+/// All implementations of the operators, with their names: the CPU, kernels for drivers of CPUs, and those for GPUs.
+pub fn implementations() -> [(&'static str, Backend); 3] {
+    [
+        ("CPU", Backend::cpu()),
+        ("kernels for CPUs", device().into()),
+        ("kernels for GPUs", device().with_kernels_for(DeviceKind::Discrete).into()),
+    ]
+}
+
+/// Ends a test: a Vulkan device has said nothing against its use.
+pub fn finish(backend: impl Into<Backend>) {
+    if let Some(device) = backend.into().vulkan() {
+        assert_eq!(device.validation_messages(), Vec::<String>::new());
+    }
+}
+
+/// The operators of a backend for a planned scene, whose triangles emit what their materials do.
+pub fn operators(backend: &Backend, scene: &Scene, plan: &Plan) -> Box<dyn Operators> {
+    let emission: Vec<[f64; 3]> = (0..scene.triangles.len()).map(|i| scene.material(i).emission).collect();
+    transport::operators(backend, scene, plan.clone(), &emission, 1.0).expect("operators")
 }
 
 pub fn path(relative: &str) -> PathBuf {
@@ -43,19 +71,20 @@ pub fn blockers_moved(scene: &Scene, by: f64) -> Scene {
     moved
 }
 
-/// Solves with the options of a device.
-pub fn solve(device: &Device, scene: &Scene, settings: &SolveSettings) -> (Engine, Solution) {
-    solve_within(device, scene, settings, &PlanOptions::of(device))
+/// Solves with the options of a backend.
+pub fn solve(backend: impl Into<Backend>, scene: &Scene, settings: &SolveSettings) -> (Engine, Solution) {
+    let backend = backend.into();
+    solve_within(&backend, scene, settings, &PlanOptions::of(&backend))
 }
 
 pub fn solve_within(
-    device: &Device,
+    backend: impl Into<Backend>,
     scene: &Scene,
     settings: &SolveSettings,
     options: &PlanOptions,
 ) -> (Engine, Solution) {
     let plan = Plan::new(scene, options, settings).expect("a plan");
-    let mut engine = Engine::new(device, scene, plan).expect("an engine");
+    let mut engine = Engine::new(backend, scene, plan).expect("an engine");
     let solution = engine.solve(&SolveParams::from(settings)).expect("a solution");
     (engine, solution)
 }

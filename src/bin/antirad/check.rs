@@ -37,7 +37,7 @@ struct Report<'a> {
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
     // `antirad plan` tells whether a solve fits in memory.
     let options = PlanOptions::default().boundless();
-    let (scene, plan) = arguments.settings.load_planned(arguments.transport, &options, interrupt)?;
+    let (scene, plan) = arguments.settings.load_planned(arguments.transport, |_| options, interrupt)?;
     let working = Working::on("looking for causes of errors");
     let warnings = interrupt.while_computing(|| Warnings::with_shadows(&scene, &plan));
     drop(working);

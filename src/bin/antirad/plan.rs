@@ -5,6 +5,7 @@ use crate::settings::SceneSettings;
 use antirad::backend::{Backend, BackendChoice};
 use antirad::cli::Interrupt;
 use antirad::plan::PlanOptions;
+use antirad::scene::Scene;
 use clap::Args;
 
 #[derive(Args)]
@@ -20,13 +21,17 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
-    let stated = arguments.settings.backend.backend.or_else(BackendChoice::of_environment);
-    let usual = match stated {
-        Some(BackendChoice::Vulkan) => PlanOptions::lavapipe(),
-        _ => PlanOptions::of(Backend::cpu()),
+    let SceneSettings { backend, memory_budget, .. } = &arguments.settings;
+    let options = |scene: &Scene| {
+        let stated = Some(scene.settings.backend).filter(|choice| *choice != BackendChoice::Auto);
+        let usual = match stated.or_else(BackendChoice::of_environment) {
+            Some(BackendChoice::Vulkan) => PlanOptions::lavapipe(),
+            None | Some(BackendChoice::Auto) if backend.device.is_some() => PlanOptions::lavapipe(),
+            _ => PlanOptions::of(Backend::cpu()),
+        };
+        usual.memory_budget(memory_budget.unwrap_or(usual.memory_budget))
     };
-    let options = usual.memory_budget(arguments.settings.memory_budget.unwrap_or(usual.memory_budget));
-    let (_, plan) = arguments.settings.load_planned(&options, interrupt)?;
+    let (_, plan) = arguments.settings.load_planned(options, interrupt)?;
     let report = plan.report();
     if arguments.json {
         antirad::say!("{}", serde_json::to_string_pretty(&report)?);

@@ -85,7 +85,7 @@ impl MeshSettings {
     pub fn load_planned(
         &self,
         transport: Option<Transport>,
-        options: &PlanOptions,
+        options: impl FnOnce(&Scene) -> PlanOptions,
         interrupt: &Interrupt,
     ) -> Result<(Scene, Plan), Failure> {
         let mut scene = self.load()?;
@@ -145,10 +145,10 @@ impl SceneSettings {
         Ok(settled(self.load()?, interrupt))
     }
 
-    /// The same with its plan.
+    /// The same with its plan, by options for the scene.
     pub fn load_planned(
         &self,
-        options: &PlanOptions,
+        options: impl FnOnce(&Scene) -> PlanOptions,
         interrupt: &Interrupt,
     ) -> Result<(Scene, Plan), Failure> {
         planned(self.load()?, options, interrupt)
@@ -162,10 +162,15 @@ fn settled(scene: Scene, interrupt: &Interrupt) -> Scene {
     scene
 }
 
-fn planned(scene: Scene, options: &PlanOptions, interrupt: &Interrupt) -> Result<(Scene, Plan), Failure> {
+fn planned(
+    scene: Scene,
+    options: impl FnOnce(&Scene) -> PlanOptions,
+    interrupt: &Interrupt,
+) -> Result<(Scene, Plan), Failure> {
     let mut scene = without_target(scene);
     let _working = Working::on("planning");
-    let (settings, plan) = interrupt.while_computing(|| usual_plan(&scene, options))?;
+    let options = options(&scene);
+    let (settings, plan) = interrupt.while_computing(|| usual_plan(&scene, &options))?;
     scene.settings = settings;
     Ok((scene, plan))
 }

@@ -391,7 +391,7 @@ mod tests {
         let x = operators.vector().expect("a vector");
         let mut y = operators.vector().expect("a vector");
         operators.pass(Some(&x), true, &mut y).expect("a pass");
-        operators.exchange.sweeps.pop();
+        operators.forward.exchange.sweeps.pop();
         let error = operators.pass(Some(&x), true, &mut y).expect_err("a kernel is missing");
         assert!(matches!(&error, TransportError::Missing { what } if what.contains("kernel")), "{error}");
     }

@@ -451,8 +451,7 @@ mod tests {
     }
 
     pub fn plan(device: &Device, scene: &Scene) -> Plan {
-        let options =
-            PlanOptions { gradients: GradientRequest::EVERYTHING, ..PlanOptions::of(&device.into()) };
+        let options = PlanOptions { gradients: GradientRequest::EVERYTHING, ..PlanOptions::of(device) };
         Plan::new(scene, &options, &scene.settings).expect("a plan")
     }
 

@@ -298,24 +298,23 @@ impl Pool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::adjoint::AdjointOperator;
-    use super::super::tests::{adjoint, operators};
+    use super::super::tests::operators;
     use super::*;
     use crate::scene::Movable;
     use crate::solve::LightOperator;
+    use crate::transport::{self, Operators};
 
     /// Kernels that read irradiance in place of bins would give plausible but wrong results.
     #[test]
     fn a_page_that_is_missing_is_an_error_not_other_light() {
         let mut operators = operators();
-        let mut adjoint = adjoint(&operators);
         let plan = operators.plan();
         let (g, group) = plan.glossy_groups().next().expect("a glossy group");
         let part = Part::of_group(plan, g, group).expect("bins");
-        let device = operators.context.device.clone();
+        let device = operators.forward.context.device.clone();
         let mut buffers = StateBuffers::new(&device, plan).expect("buffers");
         buffers.bins[g] = None;
-        let mut holed = State(Arc::new(Memory::Device(buffers)));
+        let holed = State(Arc::new(Memory::Device(buffers)));
         let missing = |error: Option<TransportError>| {
             assert!(
                 matches!(&error, Some(TransportError::Missing { what }) if what.contains("bins")),
@@ -326,11 +325,12 @@ mod tests {
         missing(holed.receive(&device, &part).err());
         missing(holed.edit(&device, &part, true).err());
         missing(holed.download(&device, &part, Precision::F32).err());
+        let mut holed = transport::State(transport::Values::Vulkan(holed));
         let whole = operators.vector().expect("a vector");
         let mut out = operators.vector().expect("a vector");
         missing(operators.pass(Some(&holed), true, &mut out).err());
         missing(operators.pass(Some(&whole), true, &mut holed).err());
-        let mut transposed = AdjointOperator::new(&mut operators, &mut adjoint);
+        let mut transposed = operators.adjoint().expect("what was planned");
         transposed.pass(Some(&whole), false, &mut out).expect("a pass");
         missing(transposed.pass(Some(&holed), false, &mut out).err());
         missing(transposed.pass(Some(&whole), false, &mut holed).err());
