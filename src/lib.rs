@@ -1,6 +1,6 @@
 //! Differentiable directional radiosity with implicit visibility: global illumination of triangle scenes, with shadows,
-//! on a Vulkan compute device; and the exact gradients of losses with respect to lights, materials, geometry and
-//! cameras ([`Engine::backward`], [`image::geometry_gradient`]).
+//! on a Vulkan device or on the CPU; and the exact gradients of losses with respect to lights, materials, geometry and
+//! cameras ([`Engine::backward`], [`render::Renderer::pull_back`]).
 //!
 //! The outgoing light is C = (1 - (K - J) U)⁻¹ E. E is the emission; U transports light between all pairs of triangles,
 //! ignoring occlusion; K reflects it; J makes light that a triangle blocks leave its back as negative light,
@@ -10,8 +10,8 @@
 //! ```no_run
 //! use antirad::backend::Backend;
 //! use antirad::gpu::DeviceOptions;
-//! use antirad::image::{PictureOptions, Rasterizer, ToneMap};
-//! use antirad::output::single;
+//! use antirad::image::ToneMap;
+//! use antirad::render::{RenderOptions, Renderer};
 //! use antirad::scene::{LoadOptions, Scene};
 //! use antirad::{Engine, SolveParams};
 //! use std::path::Path;
@@ -23,22 +23,21 @@
 //! let solution = engine.solve(&SolveParams::from(&scene.settings))?;
 //! println!("irradiance of triangle 0: {:?} W/m²", solution.irradiance[0]);
 //!
-//! let camera = &scene.cameras[0];
-//! let colours = single(&engine.face_colours(&solution, camera.position)?);
-//! let options = PictureOptions::default();
-//! let picture = Rasterizer::new(&backend)?.render(&scene, camera, &colours, &options)?;
-//! picture.write_png("room.png", &ToneMap::default())?;
+//! let renderer = Renderer::new(&backend, RenderOptions::default())?;
+//! for picture in renderer.pictures(&mut engine, &solution, &scene, &scene.cameras)? {
+//!     picture.write_png("room.png", &ToneMap::default())?;
+//! }
 //! # Ok(())
 //! # }
 //! ```
 //!
-//! Modules, in the order in which data passes through them: [`scene`] (validated input), [`plan`] (sizes and
-//! dispatches, decided without a device), [`gpu`] (Vulkan), [`transport`] (the operators U, K, J, S on the device),
-//! [`solve`] (solvers for any operator), [`Engine`] (all of these together), [`image`] (pictures). [`mod@reference`] is
-//! the f64 twin against which the kernels are tested. Units are SI; light is RGB.
+//! Modules, in the order in which data passes through them: [`scene`] (validated input), [`plan`] (sizes and lists,
+//! decided without a device), [`backend`] (where light is computed), [`transport`] (the operators U, K, J, S on it),
+//! [`solve`] (solvers for any operator), [`Engine`] (all of these together), [`render`] (pictures). [`mod@reference`] is
+//! the f64 twin against which both backends are tested. Units are SI; light is RGB.
 //!
-//! Threads: inputs and results can be shared, and so can a [`gpu::Device`], on which several engines can work at once.
-//! An [`Engine`] belongs to one thread at a time.
+//! Threads: inputs and results can be shared, and so can a [`backend::Backend`], on which several engines can work at
+//! once. An [`Engine`] belongs to one thread at a time.
 #![warn(missing_docs)]
 
 pub mod ambiguity;

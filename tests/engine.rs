@@ -364,7 +364,7 @@ fn solve_with_budget(
 #[test]
 fn staging_beyond_the_largest_buffer_is_cut() {
     let scene = room(2, 0.5);
-    let options = PlanOptions::of(&device());
+    let options = PlanOptions::of(device());
     for largest in [options.max_buffer, 1 << 20] {
         let options = options.max_buffer(largest).staging(u64::MAX);
         let (engine, _solution) =
