@@ -58,6 +58,7 @@ addEventListener("load", () => {
 </script>"#;
 
 #[test]
+#[ignore = "needs Chromium"]
 fn the_page_of_a_batch_in_a_browser() {
     if chromium().is_none() {
         // Past the capture of the test's output.
