@@ -11,7 +11,7 @@ use antirad::plan::{GradientRequest, Occlusion, PADDING, Plan, PlanOptions};
 use antirad::scene::{
     BinLayout, Lamps, Material, Mesh, Precision, Scene, Shape, SolveSettings, SolverChoice, Triangle,
 };
-use antirad::transport::{Operators, State};
+use antirad::transport::{Operators, State, TransportError};
 use antirad::{Cotangent, Engine, EngineError, Gradients, MaterialGradients, Solution, SolveParams};
 use ash::vk;
 use glam::DVec3;
@@ -863,7 +863,10 @@ fn f64_needs_the_feature() {
                 let options = PlanOptions::of(&device).gradients(gradients);
                 let plan = Plan::new(&scene, &options, &scene.settings).expect("a plan");
                 let Err(error) = Engine::new(&device, &scene, plan) else { panic!("there is no f64") };
-                let missing = matches!(error, EngineError::Gpu(GpuError::MissingFeature { .. }));
+                let missing = matches!(
+                    error,
+                    EngineError::Transport(TransportError::Gpu(GpuError::MissingFeature { .. }))
+                );
                 assert!(missing, "{error}");
                 assert!(error.to_string().contains("shaderFloat64"), "{error}");
                 scene.settings.precision = Precision::F32;

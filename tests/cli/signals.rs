@@ -14,10 +14,10 @@ const SOON: Duration = Duration::from_secs(2);
 
 #[test]
 fn an_interrupted_render_ends_soon_and_writes_nothing() {
-    // With states on the device, and in a budget that sends them to the host.
+    // With states in the memory of the backend, and in a budget that sends them to the host.
     for (signal, code, backend, states, limit) in [
-        ("-INT", 130, "cpu", "on the device", None),
-        ("-INT", 130, "vulkan", "on the device", None),
+        ("-INT", 130, "cpu", "in the memory of the backend", None),
+        ("-INT", 130, "vulkan", "in the memory of the backend", None),
         ("-TERM", 143, "vulkan", "on the host", Some("--memory-budget=16MiB")),
     ] {
         let folder = Folder::with(&[]);
