@@ -61,8 +61,10 @@ fn planned_is_allocated_and_agrees_with_the_growth_of_the_process() {
         let number = |name: &str| row[name].parse::<f64>().expect("a number");
         assert_eq!(number("bytes_planned"), number("bytes_allocated"));
         assert_eq!(number("bytes_planned"), number("bytes_peak"));
-        let growth = number("resident_growth") / number("bytes_allocated");
-        assert!((growth - 1.0).abs() <= 0.15, "{}: {growth}", row["backend"]);
+        // Lavapipe compiles kernels in this process, some MiB of code.
+        let code = if row["backend"] == "vulkan" { f64::from(8 << 20) } else { 0.0 };
+        let off = (number("resident_growth") - number("bytes_allocated")).abs();
+        assert!(off <= 0.15 * number("bytes_allocated") + code, "{}: {off}", row["backend"]);
         assert!(number("bytes_per_triangle") < 4000.0);
         assert!(!row["device"].is_empty() && number("threads") >= 1.0);
     }

@@ -15,6 +15,7 @@ pub(super) enum Finder {
 }
 
 /// The same for the pictures of one grid, with the memory that it takes.
+#[expect(clippy::large_enum_variant, reason = "there is one of them at a time")]
 pub(super) enum Visibility {
     Vulkan(vulkan::visibility::Visibility),
     Cpu(Grid),

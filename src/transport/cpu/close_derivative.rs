@@ -137,7 +137,7 @@ impl<T: Real> ClosePair<T> {
                 if pieces.evaluate::<BY_SOURCE>(self, layout, exchange, ends, weights) {
                     by_near += pieces.by_weight();
                     let by_binned = pieces.by_binned.iter().fold(T::ZERO, |sum, &by| sum + by);
-                    by_far[k] = by_far[k] - finer * by_binned;
+                    by_far[k] -= finer * by_binned;
                     pieces.add_to::<BY_SOURCE>(
                         |finer, by| from_quarter(k % 4, from_quarter(finer, by)),
                         |finer, by| from_quarter(k / 4, from_quarter(finer, by)),

@@ -164,7 +164,7 @@ pub fn cluster_cotangents<T: Real>(
         add(Kernel::FarAdjoint, &importance, lists.groups(&sources), accumulated, steps)?;
         if let Some(back) = &mut back {
             let importance = received.importance(own.class, listed(slots.clone(), None), (0, slots.start));
-            let to = Accumulated { radiance: &mut *current_radiance, back: &mut *back, front: &mut *front };
+            let to = Accumulated { radiance: &mut *current_radiance, back, front: &mut *front };
             add(Kernel::FarAdjoint, &importance, lists.groups(&slots), to, steps)?;
         }
     }

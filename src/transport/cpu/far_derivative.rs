@@ -498,7 +498,7 @@ impl<T: Real, const N: usize> Slopes<T, N> {
                     (pairs.near(k), far_weight(r2, range), far_weight_slopes(r2, range));
                 let blend = T::ONE + near * (far - T::ONE);
                 self.blend[k] = blend;
-                self.weight[k] = self.weight[k] * blend;
+                self.weight[k] *= blend;
                 self.blend_slopes[0][k] = near * slopes[0];
                 self.blend_slopes[1][k] = near * slopes[1];
             }

@@ -143,7 +143,7 @@ impl<T: Real> Lobes<T> {
         let mut sums = [[T::ZERO; 3]; 2];
         for (b, &projected) in self.projected.iter().enumerate() {
             let mut spread = [[T::ZERO; 3]; 2];
-            let columns = lobe.column(b).into_iter().zip(self.logarithms.column(b).into_iter());
+            let columns = lobe.column(b).into_iter().zip(self.logarithms.column(b));
             for (o, (&lobe, &logarithm)) in columns.enumerate() {
                 for c in 0..3 {
                     let value = lobe * cotangent[o * self.channels + channel(c)];

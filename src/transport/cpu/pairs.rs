@@ -236,7 +236,7 @@ impl<T: Real, const N: usize> Pairs<T, N> {
     pub fn blend(&mut self, half_range: T, areas: impl Fn(usize) -> T, near: impl Fn(usize) -> T) {
         for k in 0..N {
             let far = far_weight(self.r2[k], half_range * areas(k));
-            self.weight[k] = self.weight[k] * (T::ONE + near(k) * (far - T::ONE));
+            self.weight[k] *= T::ONE + near(k) * (far - T::ONE);
         }
     }
 

@@ -116,20 +116,20 @@ impl Exchange {
             let receivers = open_receivers(context, groups, y, &mut batch)?;
             batch.defer()?;
             let wanted = sources_for(plan, &receivers, monitor)?;
-            let mut from_piece = |of: usize, light: Option<View>, go_on: &mut dyn FnMut()| {
+            let mut add_piece = |of: usize, light: Option<View>, go_on: &mut dyn FnMut()| {
                 let (piece, lit) = &wanted[of];
                 let specular = reflection.specular_under(context, piece, light.as_ref(), monitor)?;
                 let antiradiance = light.as_ref().map_or(context.scene.no_bins.whole(), View::slice);
-                self.from_piece(&pass, piece, [antiradiance, specular], lit, (y, number == 0), go_on, monitor)
+                self.add_piece(&pass, piece, [antiradiance, specular], lit, (y, number == 0), go_on, monitor)
             };
             match x {
                 Some(x) => {
                     let parts: Vec<_> = wanted.iter().map(|(of, _)| Part::of_piece(plan, of)).collect();
-                    x.show_each(device, &parts, false, from_piece)?;
+                    x.show_each(device, &parts, false, add_piece)?;
                 }
-                None => (0..wanted.len()).try_for_each(|of| from_piece(of, None, &mut || {}))?,
+                None => (0..wanted.len()).try_for_each(|of| add_piece(of, None, &mut || {}))?,
             }
-            self.from_volumes(&pass, &receivers, number == 0, monitor)?;
+            self.add_volumes(&pass, &receivers, number == 0, monitor)?;
             add_near_matrix(&mut self.near_matrix, context, None, y, monitor)?;
             receivers.into_iter().try_for_each(|to| to.incident.store(device))?;
         }
@@ -140,7 +140,7 @@ impl Exchange {
     /// Adds what a piece of the sources sends to the receivers of a sweep: close triangles, then clusters and far triangles. `sent`: its
     /// antiradiance and specular radiance. Volumes gather it in the first sweep.
     #[expect(clippy::too_many_arguments, reason = "the operands of a sum, and what computes it")]
-    fn from_piece(
+    fn add_piece(
         &mut self,
         pass: &Pass,
         piece: &Piece,
@@ -184,7 +184,7 @@ impl Exchange {
     }
 
     /// Adds what volumes send, once their light has been gathered.
-    fn from_volumes(
+    fn add_volumes(
         &mut self,
         pass: &Pass,
         receivers: &[Receivers],
