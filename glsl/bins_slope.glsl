@@ -1,6 +1,6 @@
 #ifndef BINS_SLOPE_GLSL
 #define BINS_SLOPE_GLSL
-// Derivatives of the weights T_b by the direction. Twin: src/reference/derivative/taps.rs.
+// Derivatives of the weights T_b by the direction. Twin: src/model/bins.rs.
 
 #include "bins.glsl"
 

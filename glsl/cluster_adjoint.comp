@@ -5,7 +5,7 @@
 // λ_ij = λ_j + Σ_b T_b(ω_j) λ_j(b), the importance of irradiance at j from i,
 //     front: μ_i += w_ij λ_ij, μ_i(b) += T_b(ω_i) w_ij λ_ij;   back: -T_b(ω_i) w_ij λ_ij to the antiradiance,
 // and of clusters the cotangent of the first moment, λ_ij (∂w_ij/∂x)ᵀ.
-// A lane owns one source, or shares it (abreast.glsl). Twin: src/reference/clusters_adjoint.rs.
+// A lane owns one source, or shares it (abreast.glsl). Twin: src/reference/lines.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"

@@ -2,7 +2,7 @@
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 // The derivative of ⟨λ, U L⟩ with respect to the geometry of the receivers of far sources, clusters and triangles. A lane owns
-// one receiver. Twin: src/reference/derivative/clusters.rs.
+// one receiver. Twin: src/reference/lines.rs.
 
 #include "geometry.glsl"
 #include "near_field_gradient.glsl"

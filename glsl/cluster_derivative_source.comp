@@ -2,7 +2,7 @@
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 // The derivative of ⟨λ, U L⟩ with respect to the geometry of far sources, clusters and triangles, light and shares of
-// clusters held fixed. A lane owns one source. Twin: src/reference/derivative/clusters.rs.
+// clusters held fixed. A lane owns one source. Twin: src/reference/lines.rs.
 
 #include "geometry.glsl"
 #include "near_field_gradient.glsl"

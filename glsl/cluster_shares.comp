@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 // The derivative of ⟨λ, U L⟩ with respect to the share of each part, triangle or cluster, in the light of its cluster: the product
 // of the part's light and the cluster's cotangent. Also that by the centroids of both, between which the first moment is taken. A
-// workgroup owns a cluster. Twin: src/reference/derivative/clusters.rs.
+// workgroup owns a cluster. Twin: src/reference/clusters.rs.
 
 #include "geometry.glsl"
 #include "bins.glsl"

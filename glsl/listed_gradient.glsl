@@ -2,7 +2,7 @@
 #define LISTED_GRADIENT_GLSL
 // The derivative of w_ij ⟨L_i(ω_i), λ_ij⟩ by the geometry of a far source, triangle or cluster, and of its receiver, with
 // w_ij = blend_ij max(cos_j, 0) |cos_i| g_ij a_i and the cosine of spread.glsl. Expects near_field_gradient.glsl,
-// directional_gradient.glsl and `half_range`. Twin: src/reference/derivative/clusters.rs.
+// directional_gradient.glsl and `half_range`. Twin: src/reference/lines.rs.
 
 #include "moment.glsl"
 #include "spread_gradient.glsl"

@@ -4,7 +4,7 @@
 // U between close triangles, integrated piecewise: quarter to quarter and, for radiance that varies with direction,
 // between two quarters close for their size, quarter of a quarter to quarter of a quarter. Each piece of the source
 // illuminates the centroid of each piece of the receiver by Lambert's polygon formula. A lane owns one receiver, or shares
-// it (abreast.glsl), and sums over its close sources. Twin: src/reference/transport.rs, which subdivides every source.
+// it (abreast.glsl), and sums over its close sources. Twin: src/reference/lines.rs, which subdivides every source.
 
 #include "geometry.glsl"
 #include "near_field.glsl"

@@ -2,7 +2,7 @@
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 // U^T between close triangles: near.comp with sources as targets, which sum over their close receivers. Twin:
-// src/reference/adjoint.rs.
+// src/reference/lines.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"

@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 // The derivative of ⟨λ, U L⟩ with respect to the geometry of the targets, sources or receivers, over close pairs.
 // Pieces of a triangle are its corners, as columns, times a matrix of barycentric coordinates, so that gradients of
-// pieces return to the corners by the transpose. Twin: src/reference/derivative/.
+// pieces return to the corners by the transpose. Twin: src/reference/lines.rs.
 
 #include "geometry.glsl"
 #include "near_field_gradient.glsl"

@@ -1,6 +1,6 @@
 #ifndef NEAR_FIELD_GRADIENT_GLSL
 #define NEAR_FIELD_GRADIENT_GLSL
-// Derivatives of near_field.glsl. Twins: src/reference/derivative/polygon.rs and far_weight.rs.
+// Derivatives of near_field.glsl. Twins: src/model/polygon.rs and near_field.rs.
 
 #include "near_field.glsl"
 

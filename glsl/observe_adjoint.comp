@@ -2,7 +2,7 @@
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 // S^T: adds the cotangent of each triangle's radiance towards the camera to that of its outgoing light, for one
-// group, fronts only. Twin: src/reference/adjoint.rs.
+// group, fronts only. Twin: src/reference/observation.rs.
 
 #include "geometry.glsl"
 #include "bins.glsl"

@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 // The derivative of the radiance of glossy triangles of one group towards the camera, times its cotangent, with
 // respect to their geometry and to the camera position; the latter overwrites the cotangent. Twin:
-// src/reference/derivative/.
+// src/reference/observation.rs.
 
 #include "geometry.glsl"
 #include "bins_slope.glsl"

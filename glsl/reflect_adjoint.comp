@@ -1,7 +1,7 @@
 #version 450 core
 #extension GL_GOOGLE_include_directive : require
 // K^T, diffuse part: λ = given · λ_0 + (δρ/π) μ, from the cotangent μ of radiance. λ_0 is the cotangent of irradiance
-// given by the loss. Twin: src/reference/adjoint.rs.
+// given by the loss. Twin: src/reference/reflection.rs.
 
 #include "geometry.glsl"
 #include "surface.glsl"

@@ -1,7 +1,7 @@
 #version 450 core
 #extension GL_GOOGLE_include_directive : require
 // K^T, specular part: λ(b) += Σ_o σ N(p) ⟨h(b,o), n⟩^p μ(o), from the cotangent μ of specular radiance to that of the
-// irradiance H(b). A lane computes one bin of one triangle. Twin: src/reference/adjoint.rs.
+// irradiance H(b). A lane computes one bin of one triangle. Twin: src/reference/reflection.rs.
 
 #include "geometry.glsl"
 #include "surface.glsl"

@@ -3,7 +3,7 @@
 // Derivatives by the specular parameters of each glossy triangle of a page: adds, per channel,
 //     Σ_ob μ(o) ⟨h,n⟩^p H(b)   and   Σ_ob μ(o) ⟨h,n⟩^p ln⟨h,n⟩ H(b),
 // from which the host computes ∂/∂σ and ∂/∂p. A lane owns a triangle; the outgoing bins o are those of this dispatch.
-// Twin: src/reference/derivative/.
+// Twin: src/reference/reflection.rs.
 
 #include "geometry.glsl"
 #include "surface.glsl"

@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 // K^T, specular part, of triangles that share a power: λ(b) += σ N(p) Σ_o ⟨h(b,o), n⟩^p μ(o), from the cotangent μ of
 // specular radiance to that of the irradiance H(b). A lane computes LOBE_ROWS bins b of one triangle.
-// Twin: src/reference/adjoint.rs.
+// Twin: src/reference/reflection.rs.
 
 #include "surface.glsl"
 #include "bins.glsl"

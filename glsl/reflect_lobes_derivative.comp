@@ -4,7 +4,7 @@
 // Derivatives by the specular parameters of triangles that share a power: adds, per channel,
 //     Σ_ob μ(o) ⟨h,n⟩^p H(b)   and   Σ_ob μ(o) ⟨h,n⟩^p ln⟨h,n⟩ H(b),
 // from which the host computes ∂/∂σ and ∂/∂p. A lane owns a triangle; the rows are outgoing bins o.
-// Twin: src/reference/derivative/.
+// Twin: src/reference/reflection.rs.
 
 #include "surface.glsl"
 #include "bins.glsl"

@@ -2,7 +2,7 @@
 #extension GL_GOOGLE_include_directive : require
 // The transpose of gather.comp: the cotangents of the radiance of parts, triangles or clusters, and of its moments, from those of
 // their cluster.
-// Every part belongs to one cluster. Twin: src/reference/clusters_adjoint.rs.
+// Every part belongs to one cluster. Twin: src/reference/clusters.rs.
 
 #include "geometry.glsl"
 #include "cluster_parts.glsl"

@@ -1,7 +1,7 @@
 #version 450 core
 #extension GL_GOOGLE_include_directive : require
 // The transpose of gather_bins.comp: the cotangent of the bins of parts, triangles or clusters, from that of their cluster.
-// A workgroup owns a cluster, and thereby its parts. Twin: src/reference/clusters_adjoint.rs.
+// A workgroup owns a cluster, and thereby its parts. Twin: src/reference/clusters.rs.
 
 #include "geometry.glsl"
 #include "bins.glsl"

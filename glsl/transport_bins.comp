@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 // U where source, receiver or both have bins, point to point:
 //     H_j(b) += T_b(ω_j) max(cos_j, 0) |cos_i| g_ij a_i · (front: L_i(ω_i); back: -A_i(ω_i)).
-// A lane owns one receiver, or shares it (abreast.glsl). Twin: src/reference/transport.rs.
+// A lane owns one receiver, or shares it (abreast.glsl). Twin: src/reference/lines.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"

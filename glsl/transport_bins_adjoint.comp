@@ -4,7 +4,7 @@
 // U^T where source, receiver or both have bins, point to point: with w_ij = max(cos_j, 0) |cos_i| g_ij a_i and
 // λ_ij = λ_j + Σ_b T_b(ω_j) λ_j(b), the importance of irradiance at j from i,
 //     front: μ_i += w_ij λ_ij, μ_i(b) += T_b(ω_i) w_ij λ_ij;   back: -T_b(ω_i) w_ij λ_ij to the antiradiance.
-// transport_bins.comp with sources as targets. Twin: src/reference/adjoint.rs.
+// transport_bins.comp with sources as targets. Twin: src/reference/lines.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"

@@ -2,7 +2,7 @@
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 // The derivative of ⟨λ, U L⟩ with respect to the geometry of the targets, sources or receivers, point to point: of
-// Σ_ij w_ij ⟨L_i(ω_i), λ_ij⟩ with w_ij = blend_ij max(cos_j, 0) |cos_i| g_ij a_i. Twin: src/reference/derivative/.
+// Σ_ij w_ij ⟨L_i(ω_i), λ_ij⟩ with w_ij = blend_ij max(cos_j, 0) |cos_i| g_ij a_i. Twin: src/reference/lines.rs.
 
 #include "geometry.glsl"
 #include "near_field_gradient.glsl"

@@ -3,7 +3,7 @@
 // U from diffuse fronts to triangles without bins, point to point:
 //     E_j += max(cos_j, 0) max(cos_i, 0) g_ij a_i L_i,   g = 1 / (r² + a_i/π).
 // A workgroup owns one tile of receivers, TILE / LANES of them in the registers of each lane, for which a source is read once; or
-// lanes share receivers (abreast.glsl). Twin: src/reference/transport.rs.
+// lanes share receivers (abreast.glsl). Twin: src/reference/lines.rs.
 
 #include "abreast.glsl"
 #include "geometry.glsl"

@@ -2,7 +2,7 @@
 #extension GL_GOOGLE_include_directive : require
 // U^T from triangles without bins to diffuse fronts, point to point:
 //     μ_i += a_i Σ_j max(cos_i, 0) max(cos_j, 0) g_ij λ_j,   g = 1 / (r² + a_i/π).
-// transport_irradiance.comp with sources as targets. Twin: src/reference/adjoint.rs.
+// transport_irradiance.comp with sources as targets. Twin: src/reference/lines.rs.
 
 #include "abreast.glsl"
 #include "geometry.glsl"

@@ -4,7 +4,7 @@
 // Adds to the bins of volumes what their triangles in one page send: in the direction ω of each bin of either hemisphere around z,
 //     I(ω) / ā,  I(ω) = Σ a_i |⟨n_i, ω⟩| (front: L_i(ω); back: -A_i(-ω)),
 // and below the horizon the negative, as antiradiance of the opposite direction. A workgroup owns a volume.
-// Twin: src/reference/volumes.rs.
+// Twin: src/reference/clusters.rs.
 
 #include "geometry.glsl"
 #include "bins.glsl"

@@ -34,7 +34,8 @@
 //! Modules, in the order in which data passes through them: [`scene`] (validated input), [`plan`] (sizes and lists,
 //! decided without a device), [`backend`] (where light is computed), [`transport`] (the operators U, K, J, S on it),
 //! [`solve`] (solvers for any operator), [`Engine`] (all of these together), [`render`] (pictures). [`mod@reference`] is
-//! the f64 twin against which both backends are tested. Units are SI; light is RGB.
+//! the f64 twin against which both backends are tested, [`path_tracer`] the truth where there is none in closed form.
+//! Units are SI; light is RGB.
 //!
 //! Threads: inputs and results can be shared, and so can a [`backend::Backend`], on which several engines can work at
 //! once. An [`Engine`] belongs to one thread at a time.
@@ -58,6 +59,7 @@ mod input;
 pub mod model;
 mod options;
 pub mod output;
+pub mod path_tracer;
 pub mod plan;
 pub mod ranks;
 pub mod reference;
@@ -79,6 +81,13 @@ pub use engine_builder::EngineBuilder;
 pub use glam;
 pub use gradients::{Cotangent, Gradients, MaterialGradients};
 pub use watch::Watch;
+
+/// What unit tests share with those in `tests/`, where this crate has its name.
+#[cfg(test)]
+extern crate self as antirad;
+#[cfg(test)]
+#[path = "../tests/support/kit/mod.rs"]
+mod kit;
 
 /// Which types of the API threads may share or send: a change that breaks this does not compile.
 const _: () = {

@@ -5,9 +5,8 @@ mod support;
 use antirad::model::{Class, ClusterInput, Clusters, Facet};
 use antirad::plan::{Plan, PlanOptions};
 use antirad::reference::{
-    AdjointEquation, Model, Outgoing, State, emission, observe, observe_adjoint, observe_derivative,
-    reflect_adjoint, reflect_derivative, transport, transport_adjoint, transport_derivative,
-    transport_through_clusters, transport_through_clusters_adjoint, transport_through_clusters_derivative,
+    AdjointEquation, Exchange, Model, Outgoing, State, emission, observe, observe_adjoint,
+    observe_derivative, reflect_adjoint, reflect_derivative,
 };
 use antirad::scene::{
     BinLayout, Material, Normalization, Scene, SceneBuilder, Shape, SolveSettings, Transport, Triangle,
@@ -87,10 +86,11 @@ fn operators_and_their_transposes_agree() {
         let (state, importance) = (random_state(&model, &mut random), random_state(&model, &mut random));
         let (outgoing, cotangent) =
             (random_outgoing(&model, &mut random), random_outgoing(&model, &mut random));
+        let exchange = Exchange::new(&model, None);
         assert_same(
             &format!("U, {name}"),
-            dot_states(&transport(&model, &outgoing), &importance),
-            dot_outgoing(&outgoing, &transport_adjoint(&model, &importance)),
+            dot_states(&exchange.apply(&outgoing), &importance),
+            dot_outgoing(&outgoing, &exchange.transpose(&importance)),
             1e-12,
         );
         assert_same(
@@ -131,10 +131,11 @@ fn transport_through_clusters_and_its_transpose_agree() {
         let model = Model::new(&scene);
         let (outgoing, importance) =
             (random_outgoing(&model, &mut random), random_state(&model, &mut random));
+        let exchange = Exchange::new(&model, Some(clusters));
         assert_same(
             name,
-            dot_states(&transport_through_clusters(&model, clusters, &outgoing), &importance),
-            dot_outgoing(&outgoing, &transport_through_clusters_adjoint(&model, clusters, &importance)),
+            dot_states(&exchange.apply(&outgoing), &importance),
+            dot_outgoing(&outgoing, &exchange.transpose(&importance)),
             1e-11,
         );
     }
@@ -152,10 +153,11 @@ fn transport_through_volumes_and_its_transpose_agree() {
     assert!(clusters.volumes().is_some());
     let model = Model::new(&scene);
     let (outgoing, importance) = (random_outgoing(&model, &mut random), random_state(&model, &mut random));
+    let exchange = Exchange::new(&model, Some(clusters));
     assert_same(
         "balls",
-        dot_states(&transport_through_clusters(&model, clusters, &outgoing), &importance),
-        dot_outgoing(&outgoing, &transport_through_clusters_adjoint(&model, clusters, &importance)),
+        dot_states(&exchange.apply(&outgoing), &importance),
+        dot_outgoing(&outgoing, &exchange.transpose(&importance)),
         1e-11,
     );
 }
@@ -216,7 +218,7 @@ fn transport_through_clusters_changes_with_all_corners_as_its_derivative_says() 
     assert!(with_clusters as u64 * 25 > lists.count());
     let mut random = Random::new(23);
     let (outgoing, importance) = (random_outgoing(&model, &mut random), random_state(&model, &mut random));
-    let gradients = transport_through_clusters_derivative(&model, clusters, &outgoing, &importance);
+    let gradients = Exchange::new(&model, Some(clusters)).derivative(&outgoing, &importance);
     let found: Vec<_> = gradients.iter().zip(&model.facets).map(|(g, f)| g.to_corners(f)).collect();
     let kept = model.facets.clone();
     for part in ["floor", "ceiling", "figure"] {
@@ -233,7 +235,7 @@ fn transport_through_clusters_changes_with_all_corners_as_its_derivative_says() 
                 let corners = kept[i].corners;
                 model.facets[i] = Facet::new(std::array::from_fn(|k| corners[k] + step * way[k]));
             }
-            dot_states(&transport_through_clusters(&model, clusters, &outgoing), &importance)
+            dot_states(&Exchange::new(&model, Some(clusters)).apply(&outgoing), &importance)
         };
         // Of a million pairs some have a kink within a step, one side of a source or of a bin to the other; steps of which few have are
         // so small that rounding shows.
@@ -262,7 +264,7 @@ fn the_solve_and_its_adjoint_agree() {
         let state = solve(&mut &model);
         let emitted = emission(&model);
         let mut outgoing = model.leave(&state);
-        outgoing.diffuse.iter_mut().zip(&emitted.diffuse).for_each(|(l, e)| *l += *e);
+        outgoing += &emitted;
         let mut adjoint = AdjointEquation {
             model: &model,
             incident: random_state(&model, &mut random),
@@ -357,11 +359,11 @@ fn transport_changes_with_every_corner_as_its_derivative_says() {
             let model = model(&scattered(31, count, true, false, room), settings);
             let (outgoing, importance) =
                 (random_outgoing(&model, &mut random), random_state(&model, &mut random));
-            let gradients = transport_derivative(&model, &outgoing, &importance);
+            let gradients = Exchange::new(&model, None).derivative(&outgoing, &importance);
             let found: Vec<_> = gradients.iter().zip(&model.facets).map(|(g, f)| g.to_corners(f)).collect();
             let name = format!("{name}, {}", settings.bins);
             assert_slopes(&name, model, &found, &|model| {
-                dot_states(&transport(model, &outgoing), &importance)
+                dot_states(&Exchange::new(model, None).apply(&outgoing), &importance)
             });
         }
     }
@@ -375,12 +377,13 @@ fn transport_changes_with_every_centroid_as_its_derivative_says() {
         let model = model(&scattered(32, 10, true, false, 0.8), settings);
         let (outgoing, importance) =
             (random_outgoing(&model, &mut random), random_state(&model, &mut random));
-        let found: Vec<DVec3> = transport_derivative(&model, &outgoing, &importance)
+        let found: Vec<DVec3> = Exchange::new(&model, None)
+            .derivative(&outgoing, &importance)
             .iter()
             .map(|gradient| gradient.corners.iter().sum())
             .collect();
         let mut moved = Moved(model);
-        let loss = |model: &Model| dot_states(&transport(model, &outgoing), &importance);
+        let loss = |model: &Model| dot_states(&Exchange::new(model, None).apply(&outgoing), &importance);
         let errors = [1e-6, 3e-7, 1e-7].map(|step| {
             let slope = |i| moved.slope(&[(i, 0), (i, 1), (i, 2)], step, &loss);
             relative(&found, &(0..found.len()).map(slope).collect::<Vec<_>>())
@@ -466,7 +469,7 @@ fn losses_of_solutions_change_as_the_adjoint_says() {
         let light = |model: &Model| {
             let state = solve(&mut &*model);
             let mut outgoing = model.leave(&state);
-            outgoing.diffuse.iter_mut().zip(emission(model).diffuse).for_each(|(l, e)| *l += e);
+            outgoing += &emission(model);
             (state, outgoing)
         };
         let loss = |model: &Model| {
@@ -478,16 +481,14 @@ fn losses_of_solutions_change_as_the_adjoint_says() {
 
         let (state, outgoing) = light(&base);
         let mut seen = observe_adjoint(&base, camera_position, &colours);
-        let add = |to: &mut [DVec3], from: &[DVec3]| to.iter_mut().zip(from).for_each(|(t, f)| *t += *f);
-        add(&mut seen.diffuse, &at_leaving.diffuse);
-        add(&mut seen.specular, &at_leaving.specular);
-        add(&mut seen.antiradiance, &at_leaving.antiradiance);
+        seen += &at_leaving;
         let mut adjoint = AdjointEquation { model: &base, incident: at_state.clone(), outgoing: seen };
         let importance = solve(&mut adjoint);
         let cotangent = adjoint.outgoing(&importance);
         let materials = reflect_derivative(&base, &state, &cotangent);
         let (observed, _) = observe_derivative(&base, &outgoing, camera_position, &colours);
-        let corners: Vec<[DVec3; 3]> = transport_derivative(&base, &outgoing, &importance)
+        let corners: Vec<[DVec3; 3]> = Exchange::new(&base, None)
+            .derivative(&outgoing, &importance)
             .into_iter()
             .zip(observed)
             .zip(&base.facets)
@@ -573,7 +574,7 @@ fn special_geometry_has_finite_gradients() {
             let camera_position = DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.0);
             let mut size: f64 = 0.0;
             let (observed, at_eye) = observe_derivative(&model, &outgoing, camera_position, &colours);
-            for gradients in [transport_derivative(&model, &outgoing, &importance), observed] {
+            for gradients in [Exchange::new(&model, None).derivative(&outgoing, &importance), observed] {
                 for (gradient, facet) in gradients.iter().zip(&model.facets) {
                     assert!(gradient.normal.is_finite() && gradient.area.is_finite(), "{name}: {gradient:?}");
                     assert!(gradient.to_corners(facet).iter().all(|g| g.is_finite()), "{name}: {gradient:?}");

@@ -6,13 +6,14 @@ use antirad::backend::Backend;
 use antirad::gpu::DeviceKind;
 use antirad::model::{LIST, Parts, VolumeParts, classify, share};
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, PlannedTransport, Residency};
-use antirad::reference::{Model, Plates, Random};
+use antirad::reference::Model;
 use antirad::scene::{Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, Transport, Triangle};
 use antirad::target_error::usual_settings;
 use antirad::{Cotangent, Energy, Engine, Gradients, SolveParams};
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
 use std::time::Instant;
+use support::kit::{Plates, Random};
 use support::random::{balls, balls_on_a_glossy_floor, scattered};
 use support::{
     areas, backend, blockers_moved, device, finish, load, placed, relative_l2, solve, solve_within,

@@ -4,12 +4,13 @@ mod support;
 
 use antirad::direct::{DirectLight, Lamp, Visibility, lamps};
 use antirad::model::Facet;
+use antirad::path_tracer::PathTracer;
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use antirad::ranks::Ranks;
-use antirad::reference::{PathTracer, Shadow};
 use antirad::scene::{Lamps, Material, Scene, SceneBuilder, Shape, Sky, Triangle};
 use glam::{DAffine3, DVec3};
 use std::f64::consts::{PI, TAU};
+use support::kit::Shadow;
 use support::{areas, load, read_npy, relative_l2};
 
 fn computed(scene: &Scene, facets: &[Facet], lamps: Vec<Lamp>, visibility: Visibility) -> DirectLight {

@@ -5,7 +5,7 @@ mod support;
 use antirad::backend::{Backend, BackendKind, Cpu, CpuOptions};
 use antirad::gpu::{Buffer, BufferKind, Device, DeviceOptions};
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, Residency};
-use antirad::reference::{Model, emission, transport};
+use antirad::reference::{Exchange, Model, emission};
 use antirad::scene::{Lamps, Material, Precision, Scene, Shape, SolveSettings, SolverChoice, Triangle};
 use antirad::solve::{FixedPointParams, SolveError, fixed_point};
 use antirad::{Cotangent, Engine, EngineError, SolveParams};
@@ -154,9 +154,10 @@ fn classes_are_exact() {
     let everything = planned.classes.iter().map(|&c| antirad::model::Class { blocker: true, ..c }).collect();
     let everything = Model::with_classes(&scene, everything);
     let bounces = |model: &Model| {
-        let mut state = transport(model, &emission(model));
+        let exchange = Exchange::new(model, None);
+        let mut state = exchange.apply(&emission(model));
         for _ in 0..3 {
-            state = transport(model, &model.leave(&state));
+            state = exchange.apply(&model.leave(&state));
         }
         state.irradiance
     };

@@ -6,9 +6,8 @@ use antirad::backend::Backend;
 use antirad::model::FacetGradient;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::reference::{
-    Model, Outgoing, State, emission, observe_adjoint, observe_derivative, reflect_adjoint,
-    reflect_derivative, transport_adjoint, transport_derivative, transport_through_clusters_adjoint,
-    transport_through_clusters_derivative,
+    Exchange, Model, Outgoing, State, emission, observe_adjoint, observe_derivative, reflect_adjoint,
+    reflect_derivative,
 };
 use antirad::scene::{BinLayout, Movable, Precision, Scene, SolveSettings, Transport};
 use antirad::transport::Operators;
@@ -96,10 +95,8 @@ fn compare_on(
     let mut errors: Vec<(&str, f64)> = Vec::new();
     let mut operator = operators.adjoint().expect("what was planned");
     operator.set(&none, &none, &pages).expect("cotangents");
-    let outgoing = match plan.clusters() {
-        None => transport_adjoint(&model, &importance),
-        Some(clusters) => transport_through_clusters_adjoint(&model, clusters, &importance),
-    };
+    let exchange = Exchange::new(&model, plan.clusters());
+    let outgoing = exchange.transpose(&importance);
     let given = operator.outgoing_cotangent(&x).expect("a pass");
     errors.push((
         "transport_adjoint, radiance",
@@ -135,9 +132,7 @@ fn compare_on(
     }
 
     let mut sent: Outgoing = model.leave(&light);
-    for (l, e) in sent.diffuse.iter_mut().zip(emission(&model).diffuse) {
-        *l += e;
-    }
+    sent += &emission(&model);
     let scale = plan.placement().scale;
     let in_order = |slots: &[FacetGradient]| {
         let mut all = vec![FacetGradient::default(); model.facets.len()];
@@ -164,10 +159,7 @@ fn compare_on(
     geometry(
         ["derivative, corners", "derivative, normals", "derivative, areas"],
         &in_order(&pairs),
-        &match plan.clusters() {
-            None => transport_derivative(&model, &sent, &importance),
-            Some(clusters) => transport_through_clusters_derivative(&model, clusters, &sent, &importance),
-        },
+        &exchange.derivative(&sent, &importance),
     );
     let (face_truth, eye_truth) = observe_derivative(&model, &sent, camera_position, &colours);
     geometry(

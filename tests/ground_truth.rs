@@ -126,7 +126,7 @@ fn cornell_boxes_fine() {
 fn path_traced_by_two() {
     let scene = load("scenes/cornell_boxes.toml");
     let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
-    let tracer = antirad::reference::PathTracer::new(&scene);
+    let tracer = antirad::path_tracer::PathTracer::new(&scene);
     let (mut sum, mut count) = (0.0, 0.0);
     for i in (0..scene.triangles.len()).step_by(61) {
         let found = tracer.irradiance_of(i, 4096);
@@ -151,7 +151,7 @@ fn pictures_path_traced_by_two() {
     let scene = load("scenes/cornell_boxes.toml");
     let truth = antirad::image::Picture::read_exr("scenes/cornell_boxes.exr").expect("a picture");
     let camera = antirad::scene::Camera { width: 64, height: 64, ..scene.cameras[0].clone() };
-    let found = antirad::reference::PathTracer::new(&scene).picture(&camera, 256, 0);
+    let found = antirad::path_tracer::PathTracer::new(&scene).picture(&camera, 256, 0);
     let (mut squares, mut sum, mut count) = (0.0, 0.0, 0.0);
     for (k, pixel) in found.pixels.iter().enumerate() {
         let (column, row) = (4 * (k % 64), 4 * (k / 64));

@@ -9,7 +9,7 @@ mod support;
 use antirad::backend::Backend;
 use antirad::image::{PictureOptions, Rasterizer};
 use antirad::plan::{Occlusion, Plan, PlanOptions};
-use antirad::reference::{Model, Plates};
+use antirad::reference::Model;
 use antirad::scene::{
     Camera, Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, SolverChoice, Triangle,
 };
@@ -20,6 +20,7 @@ use antirad::{Engine, EngineError, Solution, SolveParams};
 use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
 use std::ops::ControlFlow;
+use support::kit::Plates;
 use support::{areas, backend, finish, mean, placed, relative_l2, solve};
 
 /// A material of exitance 1 W/m².

@@ -8,7 +8,7 @@ use antirad::backend::Backend;
 use antirad::gpu::{Device, DeviceKind};
 use antirad::model::Clusters;
 use antirad::plan::{Occlusion, Plan, PlanError, PlanOptions, Residency};
-use antirad::reference::{Model, State, observe, transport, transport_through_clusters};
+use antirad::reference::{Exchange, Model, State, emission, observe};
 use antirad::scene::{
     BinLayout, Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, Transport,
 };
@@ -86,18 +86,13 @@ fn compare_on(
 
     let total = state.bins.len();
     let mut outgoing = model.leave(&state);
-    for (l, e) in outgoing.diffuse.iter_mut().zip(antirad::reference::emission(&model).diffuse) {
-        *l += e;
-    }
+    outgoing += &emission(&model);
     let mut errors = Vec::new();
     let given = operators.outgoing(&x).expect("what leaves");
     errors.push(("reflect", rgb_of(&plan, &given.radiance), flat(&outgoing.diffuse)));
     let specular = of_class(&model, &outgoing.specular, |c| c.glossy);
     errors.push(("reflect_glossy", from_pages(&model, &plan, &given.specular, total), specular));
-    let truth = match plan.clusters() {
-        None => transport(&model, &outgoing),
-        Some(clusters) => transport_through_clusters(&model, clusters, &outgoing),
-    };
+    let truth = Exchange::new(&model, plan.clusters()).apply(&outgoing);
     let mut transported =
         |plan: &Plan, operators: &mut dyn Operators, x: &Vector, names: [&'static str; 2]| {
             let mut y = operators.vector().expect("a vector");

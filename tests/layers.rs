@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 /// Each layer, and all that it may use. The graph has no cycles: a layer stands below those that it uses.
-const LAYERS: [(&str, &[&str]); 28] = [
+const LAYERS: [(&str, &[&str]); 29] = [
     ("options", &[]),
     ("watch", &[]),
     ("input", &[]),
@@ -41,8 +41,9 @@ const LAYERS: [(&str, &[&str]); 28] = [
     ("gradients", &["direct", "engine", "model", "options", "plan", "ranks", "scene", "solve", "transport"]),
     ("image", &["backend", "gpu", "input", "options", "output", "ranks", "scene", "shaders"]),
     ("export", &["output", "scene"]),
-    ("reference", &["image", "model", "scene", "solve"]),
-    ("warnings", &["direct", "model", "options", "plan", "reference", "scene"]),
+    ("path_tracer", &["image", "scene"]),
+    ("reference", &["model", "scene", "solve"]),
+    ("warnings", &["direct", "model", "options", "path_tracer", "plan", "scene"]),
     ("shading", &["direct", "engine", "gradients", "image", "model", "plan", "ranks", "scene", "solve"]),
     (
         "render",

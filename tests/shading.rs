@@ -3,8 +3,8 @@
 mod support;
 
 use antirad::image::{Coverage, Picture, Rasterizer};
+use antirad::path_tracer::PathTracer;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
-use antirad::reference::PathTracer;
 use antirad::scene::{
     BinLayout, Camera, LoadOptions, Material, Precision, Scene, SceneBuilder, Shape, Triangle,
 };

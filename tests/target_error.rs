@@ -4,8 +4,8 @@ mod support;
 
 use antirad::backend::Backend;
 use antirad::image::Rasterizer;
+use antirad::path_tracer::PathTracer;
 use antirad::plan::{Plan, PlanOptions};
-use antirad::reference::{PathTracer, Plates, Shadow};
 use antirad::scene::{BinLayout, Camera, Choice, Lamps, Material, Scene, SceneBuilder, Shape};
 use antirad::shading::Shading;
 use antirad::solve::SolveError;
@@ -18,6 +18,7 @@ use antirad::usage::{Bytes, OverBudget};
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
+use support::kit::{Plates, Shadow};
 use support::{areas, backend, finish, load, read_npy, relative_l2, solve};
 
 fn run(engine: &mut Engine, scene: &Scene, _: &Stage) -> Result<Solution, EngineError> {

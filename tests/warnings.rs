@@ -2,12 +2,13 @@
 
 mod support;
 
+use antirad::path_tracer::PathTracer;
 use antirad::plan::{Plan, PlanOptions};
-use antirad::reference::{PathTracer, Plates};
 use antirad::scene::{BinLayout, LoadOptions, Material, Scene, SceneBuilder, Shape};
 use antirad::warnings::{Kind, RefineError, RefineOptions, Warnings, refine};
 use glam::{DAffine3, DQuat, DVec3};
 use std::time::Instant;
+use support::kit::Plates;
 use support::{areas, backend, finish, load, solve};
 
 fn warnings(scene: &Scene) -> Warnings {

@@ -1,28 +1,27 @@
 //! Direction bins: interpolation weights T_b(ω) and the integrals w_b, c_b of that basis over the hemisphere.
 
+use super::scalar::Scalar;
+use super::vector::Vector;
 use crate::scene::BinLayout;
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::{Mutex, PoisonError};
 
 /// Midpoint samples per bin and axis of the quadrature, for a relative error of c_b below 1e-6.
 const QUADRATURE: u32 = 64;
 
-/// Sines below this are rounding, where there is no azimuth.
+/// Sines below this are rounding, where there is no azimuth, and no derivative.
 const POLE: f64 = 1e-12;
 
 /// The four bins around a direction and their weights, which sum to 1.
-pub type Taps = [(usize, f64); 4];
+pub type Taps<S = f64> = [(usize, S); 4];
 
 /// Two neighbouring cells of one coordinate of a layout, and where between their centres a direction lies.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Cells {
-    pub first: usize,
-    pub next: usize,
-    /// 0 at the centre of `first`, 1 at that of `next`: the weight of the latter.
-    pub fraction: f64,
-    /// Outside the outermost centres, where the weights do not depend on the coordinate.
-    pub clamped: bool,
+struct Cells<S> {
+    first: usize,
+    next: usize,
+    /// 0 at the centre of `first`, 1 at that of `next`; the weight of the latter.
+    fraction: S,
 }
 
 /// A hemisphere split into bins. Directions are unit vectors in the frame of the triangle, z along the normal.
@@ -76,56 +75,32 @@ impl Bins {
 
     /// T_b(ω): the four taps of a direction of the upper hemisphere. Defined everywhere: at the pole, on the horizon
     /// (directions below it count as on it).
-    pub fn taps(&self, direction: DVec3) -> Taps {
+    pub fn taps<V: Vector>(&self, direction: V) -> Taps<V::Scalar> {
         self.taps_beside(POLE, direction)
     }
 
     /// The same where rounding hides the azimuth of sines up to `pole`, and must not choose one: as the kernels have it.
-    pub(crate) fn taps_beside(&self, pole: f64, direction: DVec3) -> Taps {
-        let (row, column) = self.cells_beside(pole, direction);
-        product(row.fraction, column.fraction, self.around(row, column))
-    }
-
-    /// Where a direction lies in the two coordinates of the layout: polar angle and azimuth, or v and u of the square.
-    pub(crate) fn cells(&self, direction: DVec3) -> (Cells, Cells) {
-        self.cells_beside(POLE, direction)
-    }
-
-    fn cells_beside(&self, pole: f64, direction: DVec3) -> (Cells, Cells) {
-        match self.layout {
+    pub(crate) fn taps_beside<V: Vector>(&self, pole: f64, direction: V) -> Taps<V::Scalar> {
+        let (row, column, columns) = match self.layout {
             BinLayout::EqualAngle { theta, phi } => {
-                let polar = direction.truncate().length().atan2(direction.z.max(0.0));
-                let row = clamped(polar * f64::from(theta) / FRAC_PI_2 - 0.5, theta);
-                let level = direction.truncate();
-                let level = if level.length() > pole { level } else { DVec2::ZERO };
-                let azimuth = level.y.atan2(level.x) / TAU;
-                let turn = (azimuth - azimuth.floor()) * f64::from(phi) - 0.5;
-                let sector = turn.floor();
-                let fraction = turn - sector;
-                let phi = phi as usize;
-                let first = (sector as i64).rem_euclid(phi as i64) as usize;
-                (row, Cells { first, next: (first + 1) % phi, fraction, clamped: false })
+                let [polar, azimuth] = angles(pole, direction);
+                let row = between(polar * f64::from(theta) / FRAC_PI_2 - 0.5, theta);
+                (row, around(azimuth / TAU, phi), phi)
             }
             BinLayout::Concentric { n } => {
-                let square = concentric_square(direction);
-                let cell = |x: f64| clamped((x + 1.0) * 0.5 * f64::from(n) - 0.5, n);
-                (cell(square.1), cell(square.0))
+                let cell = |x: V::Scalar| between((x + 1.0) * 0.5 * f64::from(n) - 0.5, n);
+                let [u, v] = concentric_square(direction);
+                (cell(v), cell(u), n)
             }
-        }
-    }
-
-    /// The bins of the four taps, in the order of [`Bins::taps`].
-    pub(crate) fn around(&self, row: Cells, column: Cells) -> [usize; 4] {
-        let columns = match self.layout {
-            BinLayout::EqualAngle { phi, .. } => phi as usize,
-            BinLayout::Concentric { n } => n as usize,
         };
-        let at = |row: usize, column: usize| row * columns + column;
+        let (t, s) = (row.fraction, column.fraction);
+        let [not_t, not_s] = [t, s].map(|weight| -weight + 1.0);
+        let at = |row: usize, column: usize| row * columns as usize + column;
         [
-            at(row.first, column.first),
-            at(row.first, column.next),
-            at(row.next, column.first),
-            at(row.next, column.next),
+            (at(row.first, column.first), not_t * not_s),
+            (at(row.first, column.next), not_t * s),
+            (at(row.next, column.first), t * not_s),
+            (at(row.next, column.next), t * s),
         ]
     }
 
@@ -170,22 +145,32 @@ impl Bins {
     }
 }
 
-/// The two cells around a coordinate whose centres are 0, 1, … n-1.
-fn clamped(coordinate: f64, n: u32) -> Cells {
+/// The two cells around a coordinate whose centres are 0, 1, … n-1. Outside the outermost, the coordinate does not matter.
+fn between<S: Scalar>(coordinate: S, n: u32) -> Cells<S> {
     let last = f64::from(n - 1);
     let inside = coordinate.clamp(0.0, last);
-    let first = inside.floor().min(last - 1.0);
-    Cells {
-        first: first as usize,
-        next: first as usize + 1,
-        fraction: inside - first,
-        clamped: !(0.0 < coordinate && coordinate < last),
-    }
+    let first = inside.value().floor().min(last - 1.0);
+    Cells { first: first as usize, next: first as usize + 1, fraction: inside - first }
 }
 
-fn product(t: f64, s: f64, index: [usize; 4]) -> Taps {
-    let weight = [(1.0 - t) * (1.0 - s), (1.0 - t) * s, t * (1.0 - s), t * s];
-    std::array::from_fn(|k| (index[k], weight[k]))
+/// The two of n cells around an azimuth in turns, the last beside the first.
+fn around<S: Scalar>(azimuth: S, n: u32) -> Cells<S> {
+    let turn = (azimuth - azimuth.value().floor()) * f64::from(n) - 0.5;
+    let sector = turn.value().floor();
+    let first = (sector as i64).rem_euclid(i64::from(n)) as usize;
+    Cells { first, next: (first + 1) % n as usize, fraction: turn - sector }
+}
+
+/// The two coordinates in the plane of the triangle, constant up to a length.
+fn level<S: Scalar>(pole: f64, [x, y]: [S; 2]) -> [S; 2] {
+    if x.value().hypot(y.value()) > pole { [x, y] } else { [0.0.into(); 2] }
+}
+
+/// Polar angle and azimuth.
+fn angles<V: Vector>(pole: f64, direction: V) -> [V::Scalar; 2] {
+    let [x, y, z] = direction.to_array();
+    let [x, y] = level(pole, [x, y]);
+    [(x * x + y * y).sqrt().atan2(z.max(0.0)), y.atan2(x)]
 }
 
 fn spherical(polar: f64, azimuth: f64) -> DVec3 {
@@ -194,14 +179,20 @@ fn spherical(polar: f64, azimuth: f64) -> DVec3 {
 
 /// The point of [-1, 1]² that Shirley and Chiu's equal-area concentric map (1997) sends to a direction. The disk point
 /// (x, y)/√(1+z) has radius √(1-z) without the cancellation of that form at the pole.
-fn concentric_square(direction: DVec3) -> (f64, f64) {
-    let disk = direction.truncate() / (1.0 + direction.z.max(0.0)).sqrt();
-    let radius = disk.length();
-    let (x, y) = (disk.x.abs(), disk.y.abs());
-    let (long, short) = (x.max(y), x.min(y));
-    let side = if long > 0.0 { radius * (short / long).atan() / (PI / 4.0) } else { 0.0 };
-    let (u, v) = if x >= y { (radius, side) } else { (side, radius) };
-    (u.copysign(disk.x), v.copysign(disk.y))
+fn concentric_square<V: Vector>(direction: V) -> [V::Scalar; 2] {
+    let [x, y, z] = direction.to_array();
+    let scale = (z.max(0.0) + 1.0).sqrt();
+    let [x, y] = level(POLE, [x / scale, y / scale]);
+    let radius = (x * x + y * y).sqrt();
+    if radius == 0.0 {
+        return [radius; 2];
+    }
+    let along_x = x.value().abs() >= y.value().abs();
+    let (long, short) = if along_x { (x.abs(), y.abs()) } else { (y.abs(), x.abs()) };
+    let side = radius * (short / long).atan() / (PI / 4.0);
+    let (u, v) = if along_x { (radius, side) } else { (side, radius) };
+    let signed = |size: V::Scalar, of: V::Scalar| if of < 0.0 { -size } else { size };
+    [signed(u, x), signed(v, y)]
 }
 
 fn concentric_direction(u: f64, v: f64) -> DVec3 {
@@ -230,6 +221,8 @@ fn centre(layout: BinLayout, bin: usize) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::{Dual, DualVector};
+    use glam::DVec2;
 
     const LAYOUTS: [BinLayout; 4] = [
         BinLayout::EqualAngle { theta: 10, phi: 13 },
@@ -295,8 +288,65 @@ mod tests {
     #[test]
     fn concentric_map_and_its_inverse_agree() {
         for direction in directions() {
-            let (u, v) = concentric_square(direction);
+            let [u, v] = concentric_square(direction);
             assert!((concentric_direction(u, v) - direction).length() <= 1e-7, "{direction}");
+        }
+    }
+
+    /// The taps of a direction, and the gradient of a sum over them by the direction.
+    fn read(bins: &Bins, direction: DVec3) -> (f64, DVec3) {
+        let value_of = |bin: usize| (bin as f64 * 1.7).sin();
+        let taps = bins.taps(DualVector::<3>::variable(direction, 0));
+        assert_eq!(taps.map(|(bin, weight)| (bin, weight.value)), bins.taps(direction));
+        let sum = taps.iter().fold(Dual::from(0.0), |sum, &(bin, weight)| sum + weight * value_of(bin));
+        (sum.value, sum.slopes.into())
+    }
+
+    /// Along two tangents, by central differences with step 1e-6, whose error is 1e-9. Where a kink lies within the step, half the
+    /// step gives another slope, and the direction is skipped; few are.
+    #[test]
+    fn taps_match_their_slopes() {
+        for bins in every_kind() {
+            let (mut compared, mut kinks) = (0, 0);
+            for k in 0..2000 {
+                let (z, azimuth) = (-0.1 + 1.1 * (k as f64 + 0.5) / 2000.0, k as f64 * 2.399_963);
+                let d = (DVec2::from_angle(azimuth) * (1.0_f64 - z * z).sqrt()).extend(z);
+                let (_, gradient) = read(&bins, d);
+                let (one, other) = d.any_orthonormal_pair();
+                for tangent in [one, other] {
+                    let slope = |step: f64| {
+                        let at = |step: f64| read(&bins, (d + step * tangent).normalize()).0;
+                        (at(step) - at(-step)) / (2.0 * step)
+                    };
+                    let (slope, half) = (slope(1e-6), slope(5e-7));
+                    if (slope - half).abs() > 1e-8 * slope.abs().max(1.0) {
+                        kinks += 1;
+                        continue;
+                    }
+                    compared += 1;
+                    let error = gradient.dot(tangent) - slope;
+                    assert!(
+                        error.abs() <= 1e-8 * slope.abs().max(1.0),
+                        "{:?} {d}: {slope} {error:e}",
+                        bins.layout
+                    );
+                }
+            }
+            assert!(kinks * 100 <= compared, "{kinks} kinks, {compared} compared");
+        }
+    }
+
+    #[test]
+    fn slopes_are_finite_everywhere() {
+        let tiny = [0.0, 1e-320, 1e-160, 1e-15, 1e-9];
+        for bins in every_kind() {
+            for (x, y) in tiny.into_iter().flat_map(|x| tiny.map(|y| (x, -y))) {
+                for z in [1.0, 0.0, -0.0, -1.0, 1e-300] {
+                    for d in [DVec3::new(x, y, z), DVec3::new(z, x, y), DVec3::new(x, z, y)] {
+                        assert!(read(&bins, d).1.is_finite(), "{:?} {d}", bins.layout);
+                    }
+                }
+            }
         }
     }
 }

@@ -14,8 +14,9 @@ mod objects;
 mod order;
 mod passing;
 mod polygon;
+mod scalar;
+mod vector;
 
-pub(crate) use bins::Cells;
 pub use bins::{Bins, Taps};
 pub use class::{Class, classify};
 pub(crate) use class::{coplanar_tolerance, reaches};
@@ -34,3 +35,5 @@ pub use order::PADDING;
 pub(crate) use order::{BoundedRun, morton, spatial_order};
 pub use passing::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 pub use polygon::projected_solid_angle;
+pub use scalar::{Arithmetic, Dual, Scalar};
+pub use vector::{DualVector, Vector};

@@ -1,209 +1,193 @@
-//! U where clusters stand for far triangles. Twin of glsl/gather*.comp and glsl/cluster_bins.comp, glsl/cluster_irradiance.comp.
+//! What clusters and volumes send, as weighted sums of what their parts send. Twin of glsl/cluster_*.comp, glsl/volume_bins.comp and
+//! glsl/scatter*.comp.
 
-use super::transport::{Beam, Incident, collect, near_beams, visit_far};
-use super::volumes::{VolumeLight, volume_beam};
-use super::{Model, Outgoing, State};
+use super::Model;
+use super::light::{DIFFUSE, MOMENT, Runs, SPECULAR};
+use super::lines::{Beam, Way, sent};
+use super::variables::{NUMBERS, gradient, variable};
 use crate::model::{
-    Class, Clusters, Facet, LIST, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Parts, Spread, far_weight, share,
+    Bins, Class, Clusters, Dual, Facet, FacetGradient, LIST, PADDING, Parts, Scalar, Vector, VolumeParts,
+    share,
 };
-use glam::{DMat3, DVec3};
-use rayon::prelude::*;
-use std::f64::consts::PI;
 
-/// U with the sources of each receiver that `clusters` lists, as the mean triangles that they are in `model`; close pairs
-/// are those of [`super::transport`].
-pub fn transport_through_clusters(model: &Model, clusters: &Clusters, outgoing: &Outgoing) -> State {
-    let light = ClusterLight::new(model, clusters, outgoing);
-    let volumes = VolumeLight::new(model, clusters, outgoing);
-    let slots = slots(model, clusters);
-    let receive = |j: usize| {
-        let mut incident = Incident::new(model, j);
-        for (source, passing) in listed(clusters, slots[j]) {
-            match source {
-                Source::Triangle(i) => {
-                    visit_listed(model, i, j, passing, |beam| incident.receive(outgoing, i, beam));
-                }
-                Source::Cluster(c) => {
-                    if let Some(ClusterBeam { beam, slope }) =
-                        cluster_beam(model, &light.facets[c], j, passing)
-                    {
-                        let even = beam.diffuse * light.radiance(model, c, &beam);
-                        let uneven = if beam.front { light.moment[c] * slope } else { DVec3::ZERO };
-                        incident.deposit(-beam.direction, even + uneven);
-                    }
-                }
-                Source::Volume(v) => {
-                    let beam = volume_beam(model, &volumes.facets[v], j);
-                    incident.deposit(-beam.direction, beam.binned * volumes.radiance(model, v, &beam));
-                }
-            }
-        }
-        for i in 0..model.facets.len() {
-            near_beams(model, i, j, |beam| incident.receive(outgoing, i, beam));
-        }
-        incident
-    };
-    collect(model, (0..model.facets.len()).into_par_iter().map(receive).collect())
-}
-
-/// A far source.
-#[derive(Clone, Copy)]
-pub(super) enum Source {
-    /// By index in the scene.
-    Triangle(usize),
-    /// By number.
-    Cluster(usize),
-    /// By number.
-    Volume(usize),
-}
-
-/// The slot of each triangle; those without area have none.
-pub(super) fn slots(model: &Model, clusters: &Clusters) -> Vec<Option<u32>> {
-    let mut slots = vec![None; model.facets.len()];
-    for (slot, &i) in (0u32..).zip(clusters.order()) {
-        if let Some(of) = slots.get_mut(i as usize) {
-            *of = Some(slot);
-        }
-    }
-    slots
-}
-
-/// The far sources of a receiver, with what may pass.
-pub(super) fn listed(clusters: &Clusters, slot: Option<u32>) -> impl Iterator<Item = (Source, u32)> {
-    let entries = slot.into_iter().flat_map(|slot| clusters.sources().sources(slot / LIST));
-    entries.map(|(index, passing)| match clusters.order().get(index as usize) {
-        Some(&i) => (Source::Triangle(i as usize), passing),
-        None if clusters.is_volume(index) => {
-            (Source::Volume((index - clusters.first() - clusters.count()) as usize), passing)
-        }
-        None => (Source::Cluster((index - clusters.first()) as usize), passing),
-    })
-}
-
-pub(super) fn passes(front: bool, passing: u32) -> bool {
-    passing & if front { PAIR_FRONT } else { PAIR_BACK } != 0
-}
-
-/// The line from a triangle to a receiver, centroid to centroid.
-pub(super) fn visit_listed(model: &Model, i: usize, j: usize, passing: u32, mut visit: impl FnMut(Beam)) {
-    let r2 = model.facets[i].centroid.distance_squared(model.facets[j].centroid);
-    let near = passing & PAIR_NEAR != 0;
-    let weight = if near { far_weight(r2, model.range(i, j)) } else { 1.0 };
-    visit_far(model, i, j, weight, &mut |beam| {
-        if passes(beam.front, passing) {
-            visit(beam);
-        }
-    });
-}
-
-/// The line from a cluster to a receiver.
-pub(super) struct ClusterBeam {
-    /// For the mean radiance.
-    pub beam: Beam,
-    /// How the projected solid angle changes along the cluster's plane, sr per unit of length: for the first moment of the diffuse
-    /// radiance.
-    pub slope: DVec3,
-}
-
-pub(super) fn cluster_beam(model: &Model, source: &Facet, j: usize, passing: u32) -> Option<ClusterBeam> {
-    let receiver = &model.facets[j];
-    let between = receiver.centroid - source.centroid;
-    let r2 = between.length_squared();
-    let direction = between / r2.sqrt();
-    let cos_i = direction.dot(source.normal);
-    let front = cos_i > 0.0;
-    if !passes(front, passing) {
-        return None;
-    }
-    let tilt = receiver.normal.dot(source.normal) * cos_i.signum();
-    // A cluster has the variance of its triangles in place of the characteristic area.
-    let angle2 = source.characteristic_area / r2;
-    let seen = Spread::new(-direction.dot(receiver.normal), cos_i.abs(), tilt, angle2);
-    let sent = cos_i.abs() * source.area / (r2 + source.area / PI);
-    let projected = seen.cosine * sent;
-    let slope = sent / r2.sqrt() * (seen.above * receiver.normal + 4.0 * seen.mean * direction);
-    let beam = Beam { direction, front, diffuse: projected, binned: projected };
-    Some(ClusterBeam { beam, slope })
-}
-
-/// What each cluster sends.
-pub(super) struct ClusterLight {
+/// Clusters and volumes, numbered as sources behind the triangles.
+pub struct Clustered<'a> {
+    bins: &'a Bins,
+    clusters: &'a Clusters,
+    /// Those of all sources that are triangles.
+    triangles: &'a [Class],
+    /// The slot of each triangle; those without area have none.
+    slots: Vec<Option<u32>>,
+    /// Mean triangles, of clusters and volumes.
     pub facets: Vec<Facet>,
-    pub diffuse: Vec<DVec3>,
-    /// First moment of the diffuse radiance around the centroid, a column for each coordinate.
-    pub moment: Vec<DMat3>,
-    /// Per bin; empty where the parts have none.
-    pub specular: Vec<Vec<DVec3>>,
-    pub antiradiance: Vec<Vec<DVec3>>,
+    pub classes: Vec<Class>,
 }
 
-impl ClusterLight {
-    /// Sums up parts, Σ a ⟨n_i, n⟩ L_i / ā, and Σ a ⟨n_i, n⟩ L_i (x_i - c)ᵀ / ā for the first moment. Bins of
-    /// parts need no rotation: their frames are similar.
-    pub fn new(model: &Model, clusters: &Clusters, outgoing: &Outgoing) -> Self {
-        let facets = clusters.facets(&model.facets);
-        let mut light = Self {
-            facets,
-            diffuse: Vec::new(),
-            moment: Vec::new(),
-            specular: Vec::new(),
-            antiradiance: Vec::new(),
-        };
-        for (c, parts) in clusters.parts().iter().enumerate() {
-            let own = light.facets[c];
-            let (mut diffuse, mut moment) = (DVec3::ZERO, DMat3::ZERO);
-            let (mut specular, mut antiradiance) = (Vec::new(), Vec::new());
-            let mut add = |part: &Facet, l: DVec3, m: DMat3, s: &[DVec3], a: &[DVec3]| {
-                let share = share(part, &own);
-                diffuse += share * l;
-                moment += share * (outer(l, part.centroid - own.centroid) + m);
-                add_scaled(&mut specular, share, s);
-                add_scaled(&mut antiradiance, share, a);
-            };
-            match parts {
-                Parts::Triangles(slots) => {
-                    for i in clusters.triangles(slots) {
-                        let Class { glossy, blocker } = model.classes[i];
-                        let bins = |kept: bool| model.bins_of(i).filter(|_| kept).unwrap_or(0..0);
-                        let (s, a) =
-                            (&outgoing.specular[bins(glossy)], &outgoing.antiradiance[bins(blocker)]);
-                        add(&model.facets[i], outgoing.diffuse[i], DMat3::ZERO, s, a);
-                    }
-                }
-                Parts::Clusters(both) => {
-                    for part in both.map(|index| (index - clusters.first()) as usize) {
-                        let (s, a) = (&light.specular[part], &light.antiradiance[part]);
-                        add(&light.facets[part], light.diffuse[part], light.moment[part], s, a);
-                    }
+impl<'a> Clustered<'a> {
+    pub fn new(model: &'a Model, clusters: &'a Clusters) -> Self {
+        let mut slots = vec![None; model.facets.len()];
+        for (slot, &i) in (0u32..).zip(clusters.order()) {
+            if let Some(of) = slots.get_mut(i as usize) {
+                *of = Some(slot);
+            }
+        }
+        let volumes = clusters.volume_facets(&model.facets);
+        let of_clusters = clusters.runs().iter().flat_map(|run| run.range().map(|_| run.class));
+        // Its bins are those of both hemispheres.
+        let of_volumes = volumes.iter().map(|_| Class { glossy: true, blocker: true });
+        Self {
+            bins: &model.bins,
+            clusters,
+            triangles: &model.classes,
+            slots,
+            classes: of_clusters.chain(of_volumes).collect(),
+            facets: [clusters.facets(&model.facets), volumes].concat(),
+        }
+    }
+
+    /// The far sources of a receiver.
+    pub fn listed(&self, j: usize) -> impl Iterator<Item = (usize, Way)> {
+        let entries = self.slots[j].into_iter().flat_map(|slot| self.clusters.sources().sources(slot / LIST));
+        entries.map(|(index, passing)| match self.clusters.order().get(index as usize) {
+            Some(&i) => (i as usize, Way::Far(passing)),
+            None if self.clusters.is_volume(index) => (self.source(index), Way::Volume),
+            None => (self.source(index), Way::Cluster(passing)),
+        })
+    }
+
+    /// The number as a source of a cluster or volume, by its index in lists.
+    fn source(&self, index: u32) -> usize {
+        self.triangles.len() + (index - self.clusters.first()) as usize
+    }
+
+    fn is_volume(&self, source: usize) -> bool {
+        source >= self.triangles.len() + self.clusters.count() as usize
+    }
+
+    /// All clusters and volumes. Parts have lower numbers than what they make up.
+    fn wholes(&self) -> std::ops::Range<usize> {
+        self.triangles.len()..self.triangles.len() + self.facets.len()
+    }
+
+    /// The sources that make up a cluster, and the triangles of a volume.
+    fn parts(&self, whole: usize) -> Vec<usize> {
+        let number = whole - self.triangles.len();
+        match self.clusters.parts().get(number) {
+            None => self.triangles_of(number - self.clusters.count() as usize),
+            Some(Parts::Triangles(slots)) => self.clusters.triangles(slots).collect(),
+            Some(Parts::Clusters(both)) => both.map(|index| self.source(index)).to_vec(),
+        }
+    }
+
+    fn triangles_of(&self, volume: usize) -> Vec<usize> {
+        let Some(volumes) = self.clusters.volumes() else { return Vec::new() };
+        match &volumes.parts()[volume] {
+            VolumeParts::Triangles(at) => {
+                let slots = &volumes.slots()[at.start as usize..at.end as usize];
+                let of = slots.iter().map(|&slot| self.clusters.order()[slot as usize]);
+                of.filter(|&i| i != PADDING).map(|i| i as usize).collect()
+            }
+            VolumeParts::Volumes(both) => {
+                let first = volumes.run().range().start;
+                both.iter().flat_map(|part| self.triangles_of((part - first) as usize)).collect()
+            }
+        }
+    }
+
+    /// Visits each entry of a cluster's or volume's run with the entry of a part's run that is added to it, and the weight.
+    fn for_each_weight<V: Vector>(
+        &self,
+        [whole, part]: [usize; 2],
+        [whole_facet, part_facet]: [&Facet<V>; 2],
+        mut visit: impl FnMut(usize, usize, V::Scalar),
+    ) {
+        if self.is_volume(whole) {
+            return self.for_each_bin(part, [whole_facet, part_facet], visit);
+        }
+        // Bins of parts need no rotation: their frames are similar.
+        let share = share(part_facet, whole_facet);
+        let class = self.classes[whole - self.triangles.len()];
+        let bins = if class.has_bins() { 2 * self.bins.count() } else { 0 };
+        (0..SPECULAR + bins).for_each(|entry| visit(entry, entry, share));
+        let offset = (part_facet.centroid - whole_facet.centroid).to_array();
+        for (axis, offset) in offset.into_iter().enumerate() {
+            visit(MOMENT + axis, DIFFUSE, share * offset);
+        }
+    }
+
+    /// Each bin of a volume, I(ω) / ā with the directions ω of bins above the horizon, and -I(-ω) / ā below, with what a triangle sends in
+    /// its direction.
+    fn for_each_bin<V: Vector>(
+        &self,
+        triangle: usize,
+        [whole, part]: [&Facet<V>; 2],
+        mut visit: impl FnMut(usize, usize, V::Scalar),
+    ) {
+        for (bin, &centre) in self.bins.centre.iter().enumerate() {
+            for (entry, sign) in [(SPECULAR + bin, 1.0), (SPECULAR + self.bins.count() + bin, -1.0)] {
+                let direction = V::from(sign * centre);
+                let cosine = direction.dot(part.normal);
+                let seen = cosine.abs() * part.area / whole.area;
+                let front = cosine > 0.0;
+                let beam = Beam { direction, front, diffuse: seen, binned: seen, slope: None };
+                for &(from, weight) in sent(self.bins, part, self.triangles[triangle], &beam).entries() {
+                    visit(entry, from, weight * sign);
                 }
             }
-            light.diffuse.push(diffuse);
-            light.moment.push(moment);
-            light.specular.push(specular);
-            light.antiradiance.push(antiradiance);
-        }
-        light
-    }
-
-    fn radiance(&self, model: &Model, c: usize, beam: &Beam) -> DVec3 {
-        let gather = |bins: &[DVec3], direction: DVec3| -> DVec3 {
-            let taps = model.bins.taps(self.facets[c].to_local(direction));
-            taps.iter().map(|&(b, weight)| weight * bins.get(b).copied().unwrap_or_default()).sum()
-        };
-        match beam.front {
-            true => self.diffuse[c] + gather(&self.specular[c], beam.direction),
-            false => -gather(&self.antiradiance[c], -beam.direction),
         }
     }
-}
 
-/// x yᵀ.
-pub(super) fn outer(x: DVec3, y: DVec3) -> DMat3 {
-    DMat3::from_cols(x * y.x, x * y.y, x * y.z)
-}
+    /// Adds to the light of clusters and volumes that of their parts.
+    pub fn gather(&self, facets: &[Facet], light: &mut Runs) {
+        for whole in self.wholes() {
+            for part in self.parts(whole) {
+                self.for_each_weight([whole, part], [&facets[whole], &facets[part]], |to, from, weight| {
+                    let value = weight * light[part][from];
+                    light[whole][to] += value;
+                });
+            }
+        }
+    }
 
-/// Adds to values that may still be empty, which counts as zeros.
-pub(super) fn add_scaled(sum: &mut Vec<DVec3>, factor: f64, values: &[DVec3]) {
-    sum.resize(sum.len().max(values.len()), DVec3::ZERO);
-    sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += factor * *value);
+    /// The transpose: adds to the cotangents of parts those of what they make up.
+    pub fn scatter(&self, facets: &[Facet], cotangents: &mut Runs) {
+        for whole in self.wholes().rev() {
+            for part in self.parts(whole) {
+                self.for_each_weight([whole, part], [&facets[whole], &facets[part]], |to, from, weight| {
+                    let value = weight * cotangents[whole][to];
+                    cotangents[part][from] += value;
+                });
+            }
+        }
+    }
+
+    /// From the derivatives by all sources to those by triangles alone, including those of the weights, of which the light of clusters
+    /// and its cotangents (`cotangents`) are made.
+    pub fn pull(&self, facets: &[Facet], light: &Runs, cotangents: &Runs, gradients: &mut [FacetGradient]) {
+        assert!(self.clusters.volumes().is_none(), "volumes are not planned where derivatives are wanted");
+        for whole in self.wholes() {
+            for part in self.parts(whole) {
+                let mut sum = Dual::<{ 2 * NUMBERS }>::from(0.0);
+                let ends = [(&facets[whole], 0), (&facets[part], NUMBERS)];
+                let [a, b] = ends.map(|(facet, first)| variable(facet, first));
+                self.for_each_weight([whole, part], [&a, &b], |to, from, weight| {
+                    sum = sum + weight * cotangents[whole][to].dot(light[part][from]);
+                });
+                let (by_whole, by_part) = sum.slopes.split_at(NUMBERS);
+                gradients[whole] += gradient(by_whole);
+                gradients[part] += gradient(by_part);
+            }
+        }
+        // By slot, and after these clusters.
+        let triangles = self.clusters.order().iter().map(|&i| gradients.get(i as usize));
+        let mut by_slot: Vec<FacetGradient> = triangles.map(|of| of.copied().unwrap_or_default()).collect();
+        by_slot.extend(&gradients[self.triangles.len()..]);
+        let shares = vec![0.0; by_slot.len()];
+        self.clusters.pull_to_triangles(&facets[..self.triangles.len()], &mut by_slot, &shares);
+        for (&i, of) in self.clusters.order().iter().zip(by_slot) {
+            if i != PADDING {
+                gradients[i as usize] = of;
+            }
+        }
+    }
 }

@@ -1,7 +1,8 @@
-//! K: reflection. Twin of glsl/reflect.comp and glsl/reflect_glossy.comp.
+//! E and K - J: emission, and what triangles make of incident light; transpose and derivative. Twin of glsl/reflect*.comp.
 
+use super::light::{DIFFUSE, INCIDENT, IRRADIANCE, Runs, SPECULAR};
 use super::{Model, Outgoing, State};
-use crate::model::Bins;
+use crate::model::{Dual, DualVector, Scalar, Vector};
 use crate::scene::Material;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -13,37 +14,138 @@ pub fn emission(model: &Model) -> Outgoing {
     Outgoing { diffuse, ..model.dark() }
 }
 
-/// K: diffuse radiance (δρ/π) Σ_b H(b), and per outgoing bin o of glossy triangles Σ_b σ N(p) ⟨h(b,o),n⟩^p H(b), W/(m² sr).
-pub fn reflect(model: &Model, state: &State) -> Outgoing {
-    let mut outgoing = emission(model);
-    outgoing.diffuse = (0..model.facets.len())
-        .map(|i| DVec3::from(model.materials[i].diffuse_albedo()) / PI * state.irradiance[i])
-        .collect();
-    let lobes: Vec<(usize, Vec<DVec3>)> = (0..model.facets.len())
-        .into_par_iter()
-        .filter(|&i| model.classes[i].glossy)
-        .filter_map(|i| model.bins_of(i).map(|range| (range.start, specular(model, i, &state.bins[range]))))
-        .collect();
-    for (first, lobe) in lobes {
-        outgoing.specular[first..first + lobe.len()].copy_from_slice(&lobe);
+impl Model {
+    /// (K - J) H: outgoing light without emission. K makes diffuse radiance (δρ/π) Σ_b H(b), and per outgoing bin o of glossy triangles
+    /// Σ_b σ N(p) ⟨h(b,o),n⟩^p H(b), W/(m² sr); J is the identity on the state.
+    pub fn leave(&self, state: &State) -> Outgoing {
+        let state = state.runs(self);
+        Outgoing::of_runs(&self.of_triangles(|i| {
+            let mut outgoing = self.unsent(self.classes[i]);
+            let reflector = Reflector::of(&self.materials[i]);
+            self.reflect(i, &reflector, |to, from, weight: DVec3| outgoing[to] += weight * state[i][from]);
+            outgoing
+        }))
     }
-    outgoing
+
+    /// Visits each entry of the run of a triangle's outgoing light with the entry of its incident light that is added to it, and the
+    /// weight, RGB.
+    fn reflect<V: Vector>(
+        &self,
+        triangle: usize,
+        reflector: &Reflector<V>,
+        mut visit: impl FnMut(usize, usize, V),
+    ) {
+        let (class, bins) = (self.classes[triangle], &self.bins);
+        visit(DIFFUSE, IRRADIANCE, reflector.albedo * (reflector.diffuse / PI));
+        if class.glossy {
+            let scale = reflector.specular * reflector.normalization;
+            for out in 0..bins.count() {
+                for bin in 0..bins.count() {
+                    let lobe = power(bins.half_cosine(bin, out), reflector.power) * bins.projected[bin];
+                    visit(SPECULAR + out, INCIDENT + bin, scale * lobe);
+                }
+            }
+        }
+        if class.has_bins() {
+            let antiradiance = SPECULAR + bins.count();
+            (0..bins.count()).for_each(|bin| visit(antiradiance + bin, INCIDENT + bin, DVec3::ONE.into()));
+        }
+    }
+
+    fn of_triangles<T: Send>(&self, of: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
+        (0..self.facets.len()).into_par_iter().map(of).collect()
+    }
 }
 
-fn specular(model: &Model, i: usize, incident: &[DVec3]) -> Vec<DVec3> {
-    let material = &model.materials[i];
-    let scale = specular_scale(material);
-    let light = spread(&model.bins, material.power, |b| model.bins.projected[b] * incident[b]);
-    light.into_iter().map(|light| scale * light).collect()
+/// (K - J)ᵀ.
+pub fn reflect_adjoint(model: &Model, cotangent: &Outgoing) -> State {
+    let cotangent = cotangent.runs(model);
+    State::of_runs(&model.of_triangles(|i| {
+        let mut importance = model.unlit(model.classes[i]);
+        let reflector = Reflector::of(&model.materials[i]);
+        model.reflect(i, &reflector, |to, from, weight: DVec3| importance[from] += weight * cotangent[i][to]);
+        importance
+    }))
 }
 
-/// σ N(p), RGB, 1/sr.
-pub(super) fn specular_scale(material: &Material) -> DVec3 {
-    DVec3::from(material.specular) * material.specular_normalization()
+/// Derivative of a loss with respect to the [`Material`] of one triangle, as if it had a material of its own. RGB where the material
+/// has RGB.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MaterialGradient {
+    /// With respect to L_e, per W/(m² sr).
+    pub emission: DVec3,
+    /// With respect to δ.
+    pub diffuse: f64,
+    /// With respect to ρ.
+    pub albedo: DVec3,
+    /// With respect to σ; zero for triangles that are not glossy, which have no bins for it.
+    pub specular: DVec3,
+    /// With respect to p; zero for triangles that are not glossy.
+    pub power: f64,
 }
 
-/// Σ_b ⟨h(b,o),n⟩^p value(b), per outgoing bin o.
-pub(super) fn spread(bins: &Bins, power: f64, value: impl Fn(usize) -> DVec3) -> Vec<DVec3> {
-    let sum = |o: usize| (0..bins.count()).map(|b| bins.half_cosine(b, o).powf(power) * value(b)).sum();
-    (0..bins.count()).map(sum).collect()
+/// The gradient of μ·(E + K H) with respect to the material of every triangle, H (`state`) and μ (`cotangent`) held
+/// fixed.
+pub fn reflect_derivative(model: &Model, state: &State, cotangent: &Outgoing) -> Vec<MaterialGradient> {
+    let (state, cotangent): (Runs, Runs) = (state.runs(model), cotangent.runs(model));
+    model.of_triangles(|i| {
+        let mut sum = Dual::from(0.0);
+        model.reflect(i, &Reflector::variable(&model.materials[i]), |to, from, weight| {
+            sum = sum + weight.dot((cotangent[i][to] * state[i][from]).into());
+        });
+        let rgb = |first: usize| DVec3::from_slice(&sum.slopes[first..]);
+        let [diffuse, power] = [DELTA, POWER].map(|number| sum.slopes[number]);
+        let emission = cotangent[i][DIFFUSE];
+        MaterialGradient { emission, diffuse, albedo: rgb(ALBEDO), specular: rgb(SIGMA), power }
+    })
+}
+
+/// What of a material matters to K.
+struct Reflector<V: Vector> {
+    diffuse: V::Scalar,
+    albedo: V,
+    specular: V,
+    power: V::Scalar,
+    /// N(p).
+    normalization: V::Scalar,
+}
+
+/// The numbers of a reflector by which is derived.
+const ALBEDO: usize = 0;
+const SIGMA: usize = 3;
+const DELTA: usize = 6;
+const POWER: usize = 7;
+const NUMBERS: usize = 8;
+
+impl Reflector<DVec3> {
+    fn of(material: &Material) -> Self {
+        Self {
+            diffuse: material.diffuse,
+            albedo: material.albedo.into(),
+            specular: material.specular.into(),
+            power: material.power,
+            normalization: material.specular_normalization(),
+        }
+    }
+}
+
+impl Reflector<DualVector<NUMBERS>> {
+    fn variable(material: &Material) -> Self {
+        let (value, slope) =
+            (material.specular_normalization(), material.specular_normalization_derivative());
+        let power = Dual::variable(material.power, POWER);
+        Self {
+            diffuse: Dual::variable(material.diffuse, DELTA),
+            albedo: DualVector::variable(material.albedo.into(), ALBEDO),
+            specular: DualVector::variable(material.specular.into(), SIGMA),
+            power,
+            normalization: power.chain(value, slope),
+        }
+    }
+}
+
+/// x^p. Its slope x^p ln x tends to zero with x for every p > 0, and counts as zero there for p = 0 too.
+fn power<S: Scalar>(x: f64, p: S) -> S {
+    let value = x.powf(p.value());
+    p.chain(value, if x > 0.0 { x.ln() * value } else { 0.0 })
 }

@@ -5,8 +5,8 @@
 //! their backs dark even where edges are open.
 
 use crate::model::PADDING;
+use crate::path_tracer::PathTracer;
 use crate::plan::Plan;
-use crate::reference::PathTracer;
 use crate::scene::Scene;
 use rayon::prelude::*;
 

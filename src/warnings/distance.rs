@@ -88,7 +88,7 @@ fn crosses(a: [DVec3; 3], b: [DVec3; 3]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reference::Random;
+    use crate::kit::Random;
 
     const UNIT: [DVec3; 3] = [DVec3::ZERO, DVec3::X, DVec3::Y];
 

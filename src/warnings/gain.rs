@@ -260,8 +260,8 @@ impl Nearest {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kit::Plates;
     use crate::plan::PlanOptions;
-    use crate::reference::Plates;
     use crate::scene::{LoadOptions, Material, Scene, SceneBuilder, Shape};
     use glam::DAffine3;
     use std::path::Path;

@@ -1,6 +1,6 @@
 //! Scenes as other programs write them: what is mended, and what is said.
 
-use antirad::reference::PathTracer;
+use antirad::path_tracer::PathTracer;
 use antirad::scene::{LoadOptions, Orient, Scene};
 use glam::DVec3;
 

@@ -1,6 +1,7 @@
 //! What several tests need: backends, devices with validation, reference data, errors.
 #![allow(dead_code, reason = "every test crate uses a part")]
 
+pub mod kit;
 pub mod random;
 pub mod slots;
 

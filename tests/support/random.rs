@@ -1,6 +1,6 @@
 //! Random scenes, the same on every run.
 
-pub use antirad::reference::Random;
+pub use super::kit::Random;
 use antirad::scene::{BinLayout, Lamps, Material, Scene, SceneBuilder, Shape, Triangle};
 use glam::{DAffine3, DVec3};
 

@@ -7,7 +7,7 @@ use crate::settings::SceneFile;
 use antirad::cli::{Interrupt, PartsBar};
 use antirad::image::{Exposure, ToneMap};
 use antirad::output::{prepare_directory, write_json};
-use antirad::reference::{PathTracer, TracedPicture};
+use antirad::path_tracer::{PathTracer, TracedPicture};
 use antirad::scene::Camera;
 use clap::Args;
 use serde::Serialize;

@@ -1,10 +1,11 @@
 //! Scenes with a known solution.
 
 use crate::Interrupted;
+use crate::kit::{Plates, Shadow};
 use antirad::backend::Backend;
 use antirad::cli::Interrupt;
+use antirad::path_tracer::{MonteCarloEstimate, PathTracer};
 use antirad::plan::{Occlusion, Plan, PlanOptions};
-use antirad::reference::{MonteCarloEstimate, PathTracer, Shadow};
 use antirad::scene::{LoadOptions, Material, Scene};
 use antirad::{Engine, SolveParams};
 use glam::DVec3;
@@ -87,7 +88,7 @@ impl Case {
             }
             "cornell_boxes" => (load("scenes/cornell_boxes.toml")?, Truth::Triangles(data(name)?)),
             "plates_2" => {
-                let plates = antirad::reference::Plates { count: 2, ..Default::default() };
+                let plates = Plates { count: 2, ..Default::default() };
                 return Self::traced(name, plates.scene()?, SAMPLES, backend, interrupt);
             }
             "glossy_floor" => {

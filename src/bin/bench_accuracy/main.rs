@@ -1,6 +1,8 @@
 //! Error against time, for scenes with a known solution.
 
 mod cases;
+#[path = "../../../tests/support/kit/mod.rs"]
+mod kit;
 mod measure;
 mod pictures;
 mod sweep;

@@ -1,8 +1,8 @@
 //! The kinds of parameters: how one is changed, by how much, and which gradient belongs to it.
 
+use crate::kit::Random;
 use crate::room::{bounds, mean_edge};
 use antirad::Gradients;
-use antirad::reference::Random;
 use antirad::scene::{Material, Scene, Triangle};
 use glam::DVec3;
 

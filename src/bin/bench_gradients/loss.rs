@@ -1,8 +1,8 @@
 //! The loss: fixed random weights on irradiance, radiosity, and what two cameras see.
 
+use crate::kit::Random;
 use crate::room::bounds;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
-use antirad::reference::Random;
 use antirad::scene::{Precision, Scene};
 use antirad::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
 use glam::DVec3;

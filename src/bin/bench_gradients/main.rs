@@ -3,6 +3,8 @@
 mod cost;
 mod curves;
 mod kind;
+#[path = "../../../tests/support/kit/mod.rs"]
+mod kit;
 mod loss;
 mod room;
 mod table;

@@ -1,6 +1,6 @@
 //! The mesh: a Cornell room, welded, jittered.
 
-use antirad::reference::Random;
+use crate::kit::Random;
 use antirad::scene::{Camera, Material, Scene, SceneError, Shape, Triangle};
 use glam::{DMat3, DVec3};
 use std::collections::HashMap;

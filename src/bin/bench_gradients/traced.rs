@@ -4,7 +4,7 @@ use crate::{Arguments, Interrupted, backend};
 use antirad::Watch;
 use antirad::cli::{Interrupt, PartsBar};
 use antirad::fit::{EngineRenderer, JobFile, Problem, Renderer};
-use antirad::reference::PathTracer;
+use antirad::path_tracer::PathTracer;
 use antirad::scene::{Camera, Scene};
 use glam::DVec3;
 use std::error::Error;

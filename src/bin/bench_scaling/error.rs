@@ -1,7 +1,7 @@
 //! The error of a bounce through clusters, against the exact sum in f64 at some receivers.
 
 use antirad::plan::{PADDING, Plan};
-use antirad::reference::{Model, Outgoing, irradiance_of};
+use antirad::reference::{Exchange, Model, Outgoing};
 use antirad::scene::Scene;
 use antirad::transport::{Operators, State, TransportError};
 use glam::DVec3;
@@ -25,7 +25,7 @@ pub fn of_second_bounce(
     let slots: Vec<usize> = (0..found.len()).filter(|&slot| plan.layout().order[slot] != PADDING).collect();
     let sampled: Vec<usize> = slots.into_iter().step_by((model.facets.len() / RECEIVERS).max(1)).collect();
     let receivers: Vec<usize> = sampled.iter().map(|&slot| plan.layout().order[slot] as usize).collect();
-    let truth = irradiance_of(&model, &outgoing, &receivers);
+    let truth = Exchange::new(&model, None).irradiance(&outgoing, &receivers);
     let (mut off, mut all) = (0.0, 0.0);
     for ((&slot, &j), truth) in sampled.iter().zip(&receivers).zip(truth) {
         let [r, g, b, _] = found[slot];

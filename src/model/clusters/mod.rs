@@ -22,6 +22,7 @@ use super::class::Class;
 use super::facet::Facet;
 use super::hierarchy::Hierarchy;
 use super::order::PADDING;
+use super::vector::Vector;
 use acceptance::{Acceptance, Trees};
 use glam::DVec3;
 use moments::{Cuts, Moments};
@@ -269,8 +270,11 @@ fn volumes_in(lists: &mut [Vec<u32>], tree: VolumeTree, first: u32) -> Option<Vo
 }
 
 /// The weight of a part's radiance in that of its cluster: a ⟨n_i, n⟩ / ā.
-pub fn share(part: &Facet, cluster: &Facet) -> f64 {
-    if cluster.area > 0.0 { part.area * part.normal.dot(cluster.normal) / cluster.area } else { 0.0 }
+pub fn share<V: Vector>(part: &Facet<V>, cluster: &Facet<V>) -> V::Scalar {
+    match cluster.area > 0.0 {
+        true => part.area * part.normal.dot(cluster.normal) / cluster.area,
+        false => 0.0.into(),
+    }
 }
 
 /// The branches of a tree that are of one group, numbered as clusters.

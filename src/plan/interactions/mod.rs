@@ -104,9 +104,9 @@ impl PairLists {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kit::Random;
     use crate::model::{BoundedRun, reaches};
     use crate::plan::{GradientRequest, PADDING, Plan, PlanOptions};
-    use crate::reference::Random;
     use crate::scene::{LoadOptions, Material, Scene, SceneBuilder, Shape, Triangle};
     use glam::{DAffine3, DVec3};
     use std::path::Path;

@@ -1,39 +1,10 @@
-//! Scenes with a solution in closed form.
+//! A shadow in closed form.
 
-use crate::model::projected_solid_angle;
-use crate::model::{centroid, quarters};
-use crate::scene::{Material, Scene, SceneBuilder, SceneError, Shape};
-use glam::{DAffine3, DVec2, DVec3};
+use super::{DOWN, square};
+use antirad::model::projected_solid_angle;
+use antirad::scene::{Material, Scene, SceneBuilder, SceneError, Shape};
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
-
-/// A lamp above thin closed plates above a floor, all black but the lamp. With plates as large as the floor and a small lamp, the
-/// irradiance of the floor is zero.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plates {
-    /// Number of plates.
-    pub count: u32,
-    /// Squares along each side of a plate and of the floor.
-    pub cells: u32,
-    /// Side of the plates, m; that of the floor is 1 m.
-    pub side: f64,
-    /// Thickness of each plate, m.
-    pub thickness: f64,
-    /// Distance between two plates, m.
-    pub gap: f64,
-    /// Height of the lowest plate above the floor, m.
-    pub height: f64,
-    /// Side of the lamp, which is 2 m above the floor, m.
-    pub lamp: f64,
-}
-
-/// Transforms the unit square of the ground into one of the given side, m, centred over the origin at the given height, m.
-fn square(side: f64, height: f64) -> DAffine3 {
-    DAffine3::from_translation(DVec3::new(-0.5 * side, height, -0.5 * side))
-        * DAffine3::from_scale(DVec3::new(side, 1.0, side))
-}
-
-/// Turns a square that faces up to face down.
-const DOWN: DAffine3 = DAffine3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::Z, DVec3::ZERO);
 
 /// A square lamp 2 m above a floor of 2 x 2 m, with a square blocker of 0.8 x 0.8 m in 12 x 12 cells between them, all black but
 /// the lamp.
@@ -106,27 +77,11 @@ impl Shadow {
     }
 }
 
-impl Default for Plates {
-    fn default() -> Self {
-        Self { count: 2, cells: 12, side: 1.0, thickness: 0.01, gap: 0.05, height: 0.25, lamp: 0.4 }
-    }
+fn centroid([a, b, c]: [DVec3; 3]) -> DVec3 {
+    (a + b + c) / 3.0
 }
 
-impl Plates {
-    /// Meshes "floor", "lamp", "plate 1" (the lowest), "plate 2" and so on.
-    pub fn scene(&self) -> Result<Scene, SceneError> {
-        let black = Material::named("black");
-        let lamp = Material { emission: [10.0; 3], ..Material::named("lamp") };
-        let mut builder = SceneBuilder::new();
-        builder.shape("floor", Shape::Quad { cells: self.cells }, &black, square(1.0, 0.0));
-        builder.shape("lamp", Shape::Quad { cells: 2 }, &lamp, square(self.lamp, 2.0) * DOWN);
-        for k in 0..self.count {
-            let bottom = self.height + f64::from(k) * (self.thickness + self.gap);
-            let place =
-                square(self.side, bottom) * DAffine3::from_scale(DVec3::new(1.0, self.thickness, 1.0));
-            let slab = Shape::Slab { cells: self.cells };
-            builder.shape(&format!("plate {}", k + 1), slab, &black, place);
-        }
-        builder.finish(&format!("plates_{}", self.count))
-    }
+fn quarters([a, b, c]: [DVec3; 3]) -> [[DVec3; 3]; 4] {
+    let (ab, bc, ca) = (a.midpoint(b), b.midpoint(c), c.midpoint(a));
+    [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
 }

@@ -61,7 +61,7 @@ impl PathTracer<'_> {
     /// pictures have far less noise than pictures. The camera must be valid, see [`Camera::check`].
     ///
     /// ```
-    /// use antirad::reference::PathTracer;
+    /// use antirad::path_tracer::PathTracer;
     /// use antirad::scene::{Camera, Material, SceneBuilder, Shape};
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// let lamp = Material { emission: [1.0; 3], ..Material::named("lamp") };

@@ -95,7 +95,7 @@ impl Reflection {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reference::path_tracer::numbers::estimate;
+    use crate::path_tracer::numbers::estimate;
     use crate::scene::Normalization;
 
     /// δρ/π + σ N(p) ⟨h,n⟩^p integrated with cosθ over directions by brute force, in polar coordinates about the mirrored
