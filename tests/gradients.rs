@@ -237,7 +237,7 @@ fn single_precision() {
     compare("f32", &random_scene(3, 300, true, false), single, |l| l);
     compare("f32, small tiles and pages", &random_scene(6, 200, true, false), single, |l| l.tile(32).page(1));
     let far = single.near_field(0.0);
-    compare("f32, no near field", &random_scene(8, 200, true, true), far, |l| l);
+    compare("f32, no near field", &random_scene(9, 200, true, true), far, |l| l);
 }
 
 /// Clusters of diffuse and blocking triangles.

@@ -1,5 +1,5 @@
 //! The operators of C = (1 - (K - J) U)^-1 E: U (`exchange`), K (`reflection`), S (`observation`), the algebra of states (`vectors`), and
-//! of each its transpose and derivative. Two implementations of one trait, [`vulkan`] and [`cpu`], chosen when an engine is made; both
+//! of each its transpose and derivative. Two implementations of one trait, `vulkan` and `cpu`, chosen when an engine is made; both
 //! have an f64 twin in [`crate::reference`]. J needs no operator: the bins of a state hold H(b) / c_b, which is the antiradiance of a
 //! blocker's back.
 
