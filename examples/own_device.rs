@@ -1,9 +1,9 @@
 // The embedder's own Vulkan device, lent to antirad for a solve: cargo run --release --example own_device
 
-use antirad::gpu::embed::{RawDevice, ash};
 use antirad::gpu::{Device, Enabled};
 use antirad::scene::{Material, Scene, Shape, Triangle};
 use antirad::{Engine, SolveParams};
+use antirad_gpu::embed::{RawDevice, ash};
 use ash::vk;
 use std::error::Error;
 use std::f64::consts::FRAC_1_PI;

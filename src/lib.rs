@@ -32,62 +32,195 @@
 //! ```
 //!
 //! Modules, in the order in which data passes through them: [`scene`] (validated input), [`plan`] (sizes and lists,
-//! decided without a device), [`backend`] (where light is computed), [`transport`] (the operators U, K, J, S on it),
-//! [`solve`] (solvers for any operator), [`Engine`] (all of these together), [`render`] (pictures). [`mod@reference`] is
-//! the f64 twin against which both backends are tested, [`path_tracer`] the truth where there is none in closed form.
+//! decided without a device), [`backend`] (where light is computed), [`Engine`] (solves and gradients), [`render`]
+//! (pictures), [`mod@fit`] (scenes from pictures). [`path_tracer`] is the truth where there is none in closed form. What
+//! they are made of (operators, solvers, kernels, the f64 twin) is in the crates `antirad-*`, whose names may change.
 //! Units are SI; light is RGB.
 //!
 //! Threads: inputs and results can be shared, and so can a [`backend::Backend`], on which several engines can work at
 //! once. An [`Engine`] belongs to one thread at a time.
 #![warn(missing_docs)]
 
-pub mod ambiguity;
-pub mod backend;
 #[cfg(feature = "cli")]
+#[doc(hidden)]
 pub mod cli;
-pub mod direct;
-mod engine;
-mod engine_builder;
-mod engine_direct;
-pub mod export;
-pub mod fit;
-pub mod gpu;
-mod gradients;
-mod gradients_direct;
-pub mod image;
-mod input;
-pub mod model;
-mod options;
-pub mod output;
-pub mod path_tracer;
-pub mod plan;
-pub mod ranks;
-pub mod reference;
-pub mod render;
-mod revision;
-pub mod scene;
-pub mod shaders;
-pub mod shading;
-pub mod solve;
-pub mod target_error;
-pub mod transport;
-pub mod usage;
-pub mod warnings;
-mod watch;
 
-pub use engine::{Energy, Engine, EngineError, Negative, Solution, SolveParams};
-pub use engine_builder::EngineBuilder;
+#[doc(inline)]
+pub use antirad_base::Watch;
+#[doc(inline)]
+pub use antirad_core::{
+    Cotangent, Energy, Engine, EngineBuilder, EngineError, Gradients, MaterialGradients, Negative, Solution,
+    SolveParams,
+};
 /// The crate of the vector types in this API, in the version it uses.
 pub use glam;
-pub use gradients::{Cotangent, Gradients, MaterialGradients};
-pub use watch::Watch;
 
-/// What unit tests share with those in `tests/`, where this crate has its name.
-#[cfg(test)]
-extern crate self as antirad;
-#[cfg(test)]
-#[path = "../tests/support/kit/mod.rs"]
-mod kit;
+/// Scenes: triangle meshes, Blinn-Phong materials, pinhole cameras and the settings of a solve.
+///
+/// Everything from outside is validated here, once ([`Scene::load`](scene::Scene::load), [`Scene::check`](scene::Scene::check)).
+pub mod scene {
+    #[doc(inline)]
+    pub use antirad_scene::{
+        BinLayout, Camera, Choice, Lamps, LoadOptions, Material, Mesh, Movable, Normalization, Orient,
+        Origin, Patterns, Precision, Scene, SceneBuilder, SceneError, Shape, Sky, SolveSettings,
+        SolverChoice, TextureRefined, Transport, Triangle,
+    };
+}
+
+/// Where light is computed: on a Vulkan device, or on the CPU.
+pub mod backend {
+    #[doc(inline)]
+    pub use antirad_core::backend::{Backend, BackendChoice, BackendKind, Cpu, CpuOptions};
+}
+
+/// Vulkan devices: their list, their options, and those that another program brings ([`embed`](gpu::embed)).
+pub mod gpu {
+    #[doc(inline)]
+    pub use antirad_gpu::{
+        Bytes, Device, DeviceInfo, DeviceKind, DeviceOptions, Enabled, GpuError, KernelStatistics,
+        LabelReport, ListedDevice, MemoryReport, OverBudget, ProfileRow, ValidationLog, list_devices,
+        staging_bytes,
+    };
+
+    /// Vulkan devices of an embedding program.
+    pub mod embed {
+        #[doc(inline)]
+        pub use antirad_gpu::embed::RawDevice;
+        /// The version of `ash` whose types [`RawDevice`] takes.
+        #[doc(no_inline)]
+        pub use antirad_gpu::embed::ash;
+    }
+}
+
+/// Sizes and lists, decided before anything is allocated.
+pub mod plan {
+    #[doc(inline)]
+    pub use antirad_core::plan::{
+        GradientRequest, MemoryItem, MemoryPlan, Occlusion, Plan, PlanError, PlanOptions, PlanReport,
+    };
+}
+
+/// How a solve went.
+pub mod solve {
+    #[doc(inline)]
+    pub use antirad_core::solve::{SolveInfo, SolveProgress};
+}
+
+/// Pictures of a solved scene, and the derivatives of a loss of pictures by everything that they show.
+pub mod render {
+    #[doc(inline)]
+    pub use antirad_render::render::{
+        CameraGradient, PictureError, PullBack, Quantity, RenderOptions, Renderer, SceneGradient, SeenPixels,
+        Shown,
+    };
+    #[doc(inline)]
+    pub use antirad_render::shading::{Light, Reflections, Shading};
+}
+
+/// Pictures from one colour per face, and their files.
+///
+/// ```no_run
+/// use antirad::backend::Backend;
+/// use antirad::image::{PictureOptions, Rasterizer, ToneMap};
+/// # fn picture(scene: &antirad::scene::Scene) -> Result<(), antirad::image::ImageError> {
+/// let colours = vec![[1.0, 0.5, 0.25]; scene.triangles.len()];
+/// let options = PictureOptions::default().supersample(8);
+/// let picture = Rasterizer::new(Backend::cpu())?.render(scene, &scene.cameras[0], &colours, &options)?;
+/// picture.write_png("scene.png", &ToneMap::default())?;
+/// # Ok(())
+/// # }
+/// ```
+pub mod image {
+    #[doc(inline)]
+    pub use antirad_render::image::{
+        Exposure, ImageError, MAX_SUPERSAMPLE, Picture, PictureOptions, Rasterizer, ToneMap,
+    };
+}
+
+/// Scenes from pictures: what lights, materials and geometry explain them.
+pub mod fit {
+    #[doc(inline)]
+    pub use antirad_fit::{
+        CHECKPOINT_FILES, CheckpointError, CostEstimate, EngineRenderer, Evaluation, Fit, FitError,
+        FitProgress, FolderLock, Job, JobFile, Judged, LockError, Loss, LossKind, MotionKind, OnCheckpoint,
+        OptimiserKind, Outcome, OwnSquares, ParameterError, Parameters, Per, PictureLoss, Problem, Record,
+        Recovered, Regulariser, Regularisers, RenderError, Renderer, RunOptions, Settings, State, Status,
+        Stop, StopRule, Target, TargetError, TargetPicture, Unseen, now, results,
+    };
+}
+
+/// Settings and meshes that keep an error which is asked for.
+pub mod target_error {
+    #[doc(inline)]
+    pub use antirad_render::target_error::{
+        Answer, ErrorEstimate, IrradianceEstimate, PictureEstimate, Refinement, SearchError, Solved, Stage,
+        Step, TargetErrorOptions, solve_within, usual_plan, usual_settings,
+    };
+}
+
+/// What a scene will do to the accuracy of its solution, found before a solve, and its remedies.
+pub mod warnings {
+    #[doc(inline)]
+    pub use antirad_render::warnings::{
+        Example, Kind, RefineError, RefineOptions, Refined, Warning, Warnings, refine, too_coarse,
+    };
+}
+
+/// What pictures of a scene leave undetermined.
+pub mod ambiguity {
+    #[doc(inline)]
+    pub use antirad_render::ambiguity::{
+        AmbiguityError, DirectLight, FirstBounce, Given, Interval, LightMatrix, Method, Polytope,
+        PolytopeError, Views,
+    };
+}
+
+/// Monte Carlo with visibility tests: the ground truth where there is none in closed form.
+///
+/// ```
+/// use antirad::path_tracer::PathTracer;
+/// use antirad::scene::{Camera, Material, SceneBuilder, Shape};
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let lamp = Material { emission: [1.0; 3], ..Material::named("lamp") };
+/// let mut builder = SceneBuilder::new();
+/// builder.shape("lamp", Shape::Box { cells: 1 }, &lamp, glam::DAffine3::IDENTITY);
+/// let scene = builder.finish("lamp")?;
+/// let traced = PathTracer::new(&scene).picture(&Camera::framing(&scene.vertices), 16, 0);
+/// println!("noise {:.1} %", 100.0 * traced.noise());
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("lamp.exr");
+/// traced.picture().write_exr(path)?;
+/// # Ok(())
+/// # }
+/// ```
+pub mod path_tracer {
+    #[doc(inline)]
+    pub use antirad_render::path_tracer::{MonteCarloEstimate, PathTracer, TracedPicture, TracedPixel};
+}
+
+/// Scenes for other programs: glTF, Mitsuba 3, PLY.
+pub mod export {
+    #[doc(inline)]
+    pub use antirad_render::export::{Format, export};
+}
+
+/// Files that appear whole or not at all.
+pub mod output {
+    #[doc(inline)]
+    pub use antirad_base::output::{
+        OutputError, atomic_write, prepare_directory, remove_unfinished, single, write_array, write_json,
+        write_new_json, write_npy,
+    };
+}
+
+/// Several processes on one scene.
+pub mod ranks {
+    #[cfg(feature = "mpi")]
+    #[doc(inline)]
+    pub use antirad_base::ranks::World;
+    #[doc(inline)]
+    pub use antirad_base::ranks::{Communicator, RankError, Ranks, in_threads};
+}
 
 /// Which types of the API threads may share or send: a change that breaks this does not compile.
 const _: () = {
@@ -98,8 +231,6 @@ const _: () = {
     shared::<plan::PlanOptions>();
     shared::<plan::Plan>();
     shared::<gpu::Device>();
-    shared::<gpu::Buffer>();
-    shared::<gpu::Pipeline>();
     shared::<gpu::GpuError>();
     shared::<gpu::ValidationLog>();
     shared::<Solution>();
@@ -112,8 +243,10 @@ const _: () = {
     // A pass callback may be bound to one thread at a time; a recording batch always is.
     moved::<Engine>();
     shared::<backend::Backend>();
-    moved::<Box<dyn transport::Operators>>();
-    moved::<gpu::Batch>();
+    moved::<Box<dyn antirad_core::transport::Operators>>();
+    moved::<antirad_gpu::Batch>();
+    shared::<antirad_gpu::Buffer>();
+    shared::<antirad_gpu::Pipeline>();
 };
 
 /// The snippets of README.md compile as they stand.

@@ -2,16 +2,16 @@
 
 mod support;
 
-use antirad::model::{Class, ClusterInput, Clusters, Facet};
 use antirad::plan::{Plan, PlanOptions};
-use antirad::reference::{
-    AdjointEquation, Exchange, Model, Outgoing, State, emission, observe, observe_adjoint,
-    observe_derivative, reflect_adjoint, reflect_derivative,
-};
 use antirad::scene::{
     BinLayout, Material, Normalization, Scene, SceneBuilder, Shape, SolveSettings, Transport, Triangle,
 };
-use antirad::solve::{GmresParams, gmres};
+use antirad_core::model::{Class, ClusterInput, Clusters, Facet};
+use antirad_core::solve::{GmresParams, gmres};
+use antirad_reference::{
+    AdjointEquation, Exchange, Model, Outgoing, State, emission, observe, observe_adjoint,
+    observe_derivative, reflect_adjoint, reflect_derivative,
+};
 use glam::{DAffine3, DVec3};
 use std::ops::ControlFlow;
 use support::random::{Random, balls, random_scene, scattered};
@@ -247,7 +247,7 @@ fn transport_through_clusters_changes_with_all_corners_as_its_derivative_says() 
     }
 }
 
-fn solve<O: antirad::solve::LightOperator>(operator: &mut O) -> O::Vector
+fn solve<O: antirad_core::solve::LightOperator>(operator: &mut O) -> O::Vector
 where
     O::Error: std::fmt::Debug,
 {

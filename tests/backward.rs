@@ -5,14 +5,15 @@
 mod support;
 
 use antirad::backend::Backend;
-use antirad::gpu::embed::RawDevice;
 use antirad::gpu::{Device, Enabled, GpuError};
-use antirad::plan::{GradientRequest, Occlusion, PADDING, Plan, PlanOptions};
+use antirad::plan::{GradientRequest, Occlusion, Plan, PlanOptions};
 use antirad::scene::{
     BinLayout, Lamps, Material, Mesh, Precision, Scene, Shape, SolveSettings, SolverChoice, Triangle,
 };
-use antirad::transport::{Operators, State, TransportError};
 use antirad::{Cotangent, Engine, EngineError, Gradients, MaterialGradients, Solution, SolveParams};
+use antirad_core::plan::PADDING;
+use antirad_core::transport::{Operators, State, TransportError};
+use antirad_gpu::embed::RawDevice;
 use ash::vk;
 use glam::DVec3;
 use support::random::{Random, random_scene, scattered, with_own_powers};

@@ -4,12 +4,13 @@ mod support;
 
 use antirad::backend::Backend;
 use antirad::gpu::DeviceKind;
-use antirad::model::{LIST, Parts, VolumeParts, classify, share};
-use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, PlannedTransport, Residency};
-use antirad::reference::Model;
+use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use antirad::scene::{Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, Transport, Triangle};
 use antirad::target_error::usual_settings;
 use antirad::{Cotangent, Energy, Engine, Gradients, SolveParams};
+use antirad_core::model::{LIST, Parts, VolumeParts, classify, share};
+use antirad_core::plan::{PlannedTransport, Residency};
+use antirad_reference::Model;
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
 use std::time::Instant;

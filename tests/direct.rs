@@ -2,12 +2,12 @@
 
 mod support;
 
-use antirad::direct::{DirectLight, Lamp, Visibility, lamps};
-use antirad::model::Facet;
 use antirad::path_tracer::PathTracer;
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use antirad::ranks::Ranks;
 use antirad::scene::{Lamps, Material, Scene, SceneBuilder, Shape, Sky, Triangle};
+use antirad_core::direct::{DirectLight, Lamp, Visibility, lamps};
+use antirad_core::model::Facet;
 use glam::{DAffine3, DVec3};
 use std::f64::consts::{PI, TAU};
 use support::kit::Shadow;

@@ -3,12 +3,14 @@
 mod support;
 
 use antirad::backend::{Backend, BackendKind, Cpu, CpuOptions};
-use antirad::gpu::{Buffer, BufferKind, Device, DeviceOptions};
-use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions, Residency};
-use antirad::reference::{Exchange, Model, emission};
+use antirad::gpu::{Device, DeviceOptions};
+use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use antirad::scene::{Lamps, Material, Precision, Scene, Shape, SolveSettings, SolverChoice, Triangle};
-use antirad::solve::{FixedPointParams, SolveError, fixed_point};
 use antirad::{Cotangent, Engine, EngineError, SolveParams};
+use antirad_core::plan::Residency;
+use antirad_core::solve::{FixedPointParams, SolveError, fixed_point};
+use antirad_gpu::{Buffer, BufferKind};
+use antirad_reference::{Exchange, Model, emission};
 use glam::DVec3;
 use std::any::Any;
 use std::ops::ControlFlow;
@@ -151,7 +153,8 @@ fn classes_are_exact() {
     let planned = Model::new(&scene);
     let without = planned.classes.iter().filter(|c| !c.has_bins()).count();
     assert!(without > 50 && without < planned.classes.len(), "{without}");
-    let everything = planned.classes.iter().map(|&c| antirad::model::Class { blocker: true, ..c }).collect();
+    let everything =
+        planned.classes.iter().map(|&c| antirad_core::model::Class { blocker: true, ..c }).collect();
     let everything = Model::with_classes(&scene, everything);
     let bounces = |model: &Model| {
         let exchange = Exchange::new(model, None);
@@ -615,7 +618,6 @@ fn plan_options_exclude_what_others_use() {
                     Box::new(Buffer::new(device, "another's", bytes, BufferKind::Storage).expect("a buffer"))
                 }
                 Backend::Cpu(cpu) => Box::new(cpu.lease("another's", bytes).expect("room")),
-                other => panic!("{other:?}"),
             }
         };
         let rest = PlanOptions::of(&backend).memory_budget;

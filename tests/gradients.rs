@@ -3,14 +3,14 @@
 mod support;
 
 use antirad::backend::Backend;
-use antirad::model::FacetGradient;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
-use antirad::reference::{
+use antirad::scene::{BinLayout, Movable, Precision, Scene, SolveSettings, Transport};
+use antirad_core::model::FacetGradient;
+use antirad_core::transport::Operators;
+use antirad_reference::{
     Exchange, Model, Outgoing, State, emission, observe_adjoint, observe_derivative, reflect_adjoint,
     reflect_derivative,
 };
-use antirad::scene::{BinLayout, Movable, Precision, Scene, SolveSettings, Transport};
-use antirad::transport::Operators;
 use glam::DVec3;
 use support::random::{Random, random_scene, scattered, with_own_powers};
 use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};

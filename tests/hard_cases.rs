@@ -9,14 +9,14 @@ mod support;
 use antirad::backend::Backend;
 use antirad::image::{PictureOptions, Rasterizer};
 use antirad::plan::{Occlusion, Plan, PlanOptions};
-use antirad::reference::Model;
 use antirad::scene::{
     Camera, Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, SolverChoice, Triangle,
 };
-use antirad::solve::{GmresParams, SolveError, gmres};
 use antirad::target_error::usual_settings;
 use antirad::warnings::{Kind, Warnings};
 use antirad::{Engine, EngineError, Solution, SolveParams};
+use antirad_core::solve::{GmresParams, SolveError, gmres};
+use antirad_reference::Model;
 use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
 use std::ops::ControlFlow;

@@ -6,16 +6,18 @@ mod support;
 
 use antirad::backend::Backend;
 use antirad::gpu::{Device, DeviceKind};
-use antirad::model::Clusters;
-use antirad::plan::{Occlusion, Plan, PlanError, PlanOptions, Residency};
-use antirad::reference::{Exchange, Model, State, emission, observe};
+use antirad::plan::{Occlusion, Plan, PlanError, PlanOptions};
 use antirad::scene::{
     BinLayout, Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, Transport,
 };
-use antirad::shaders::RealShader;
-use antirad::solve::Orthonormalised;
-use antirad::transport::{Operators, State as Vector, vulkan};
-use antirad::{Engine, SolveParams, shaders};
+use antirad::{Engine, SolveParams};
+use antirad_core::model::Clusters;
+use antirad_core::plan::Residency;
+use antirad_core::shaders;
+use antirad_core::shaders::RealShader;
+use antirad_core::solve::Orthonormalised;
+use antirad_core::transport::{Operators, State as Vector, vulkan};
+use antirad_reference::{Exchange, Model, State, emission, observe};
 use glam::{DAffine3, DVec3};
 use std::process::{Command, Stdio};
 use support::random::{Random, balls_on_a_glossy_floor, random_scene, scattered, with_own_powers};
@@ -291,10 +293,11 @@ fn a_wrong_kernel_would_be_found() {
     let solution = engine.solve(&SolveParams::default().tolerance(1e-6).max_passes(100)).expect("a solution");
     let model = Model::new(&scene);
     let mut operator = &model;
-    let params = antirad::solve::FixedPointParams::new(1e-6, 100);
-    let (truth, _) =
-        antirad::solve::fixed_point(&mut operator, &params, &mut |_, _| std::ops::ControlFlow::Continue(()))
-            .expect("a reference");
+    let params = antirad_core::solve::FixedPointParams::new(1e-6, 100);
+    let (truth, _) = antirad_core::solve::fixed_point(&mut operator, &params, &mut |_, _| {
+        std::ops::ControlFlow::Continue(())
+    })
+    .expect("a reference");
     let values: Vec<f64> = solution.irradiance.iter().flatten().copied().collect();
     let error = relative(&values, &flat(&truth.irradiance));
     assert!(error <= tolerance(settings.precision), "relative error {error:e}");

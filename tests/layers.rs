@@ -1,4 +1,4 @@
-//! Which layer may use which: the graph of ARCHITECTURE.md, compared with the `crate::` paths of the sources.
+//! Which layer may use which: the graph of ARCHITECTURE.md, compared with the paths of the sources.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -80,35 +80,46 @@ const LAYERS: [(&str, &[&str]); 29] = [
     ),
 ];
 
-/// The layer of a file or folder of `src/`.
-fn layer_of_file(name: &str) -> &str {
+/// The crates that hold several layers, one for each file or folder of their `src/`. The others are one layer each.
+const SEVERAL: [&str; 3] = ["base", "core", "render"];
+
+/// The layer of a file or folder of a crate's `src/`.
+fn layer_of_file<'a>(package: &'a str, name: &'a str) -> &'a str {
     match name {
+        _ if !SEVERAL.contains(&package) => package,
         "engine_builder" | "engine_direct" => "engine",
         "gradients_direct" => "gradients",
         name => name,
     }
 }
 
-/// The layer of each name that the root re-exports.
-fn layer_of(name: &str) -> &str {
+/// The layer of each name at the root of a crate.
+fn layer_of<'a>(package: &'a str, name: &'a str) -> &'a str {
     match name {
+        _ if !SEVERAL.contains(&package) => package,
         "Gradients" | "MaterialGradients" | "Cotangent" => "gradients",
         "Watch" => "watch",
+        "setters" => "options",
         name if name.starts_with(char::is_uppercase) => "engine",
-        name => layer_of_file(name),
+        name => layer_of_file(package, name),
     }
 }
 
-/// The first names of all paths that start at the crate's root, comments and the module of tests apart.
-fn used(source: &str) -> Vec<String> {
+/// The layer of each name at the root of the crate `antirad`, which has those of all others.
+fn layer_of_facade(name: &str) -> &str {
+    layer_of("core", name)
+}
+
+/// The first names of all paths that start with a prefix, comments and the module of tests apart.
+fn used(source: &str, prefix: &str) -> Vec<String> {
     let source = source.split("#[cfg(test)]\nmod tests").next().unwrap_or(source);
     let code: String =
         source.lines().map(|line| line.split("//").next().unwrap_or("").to_owned() + "\n").collect();
     let mut names = Vec::new();
-    for (at, _) in code.match_indices("crate::") {
+    for (at, _) in code.match_indices(prefix) {
         let boundary =
             code[..at].chars().next_back().is_none_or(|c| !c.is_alphanumeric() && c != '_' && c != '$');
-        let rest = &code[at + "crate::".len()..];
+        let rest = &code[at + prefix.len()..];
         if !boundary {
             continue;
         }
@@ -152,27 +163,35 @@ fn sources(path: &Path, found: &mut Vec<(String, String)>) {
 
 #[test]
 fn arrows_go_one_way() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let packages = ["base", "gpu", "scene", "core", "render", "reference", "fit"];
     let allowed: BTreeMap<&str, &[&str]> = LAYERS.into_iter().collect();
     let mut wrong = Vec::new();
-    for entry in fs::read_dir(&root).expect("src") {
-        let path = entry.expect("an entry").path();
-        let name = path.file_stem().and_then(|name| name.to_str()).expect("a name").to_owned();
-        if name == "bin" || name == "lib" {
-            continue;
-        }
-        let name = layer_of_file(&name).to_owned();
-        let Some(uses) = allowed.get(name.as_str()) else {
-            wrong.push(format!("{name} is not among the layers"));
-            continue;
-        };
-        let mut files = Vec::new();
-        sources(&path, &mut files);
-        for (file, text) in files {
-            for used in used(&text) {
-                let layer = layer_of(&used);
-                if layer != name && !uses.contains(&layer) {
-                    wrong.push(format!("{file}: {name} may not use {layer} (crate::{used})"));
+    let folders = packages.map(|package| (package, format!("crates/{package}/src")));
+    for (package, folder) in folders.into_iter().chain([("cli", "src/cli".to_owned())]) {
+        for entry in fs::read_dir(&folder).expect("a folder of sources") {
+            let path = entry.expect("an entry").path();
+            let file = path.file_stem().and_then(|name| name.to_str()).expect("a name").to_owned();
+            if file == "lib" && SEVERAL.contains(&package) {
+                continue;
+            }
+            let name = layer_of_file(package, &file);
+            let Some(uses) = allowed.get(name) else {
+                wrong.push(format!("{name} is not among the layers"));
+                continue;
+            };
+            let mut files = Vec::new();
+            sources(&path, &mut files);
+            for (file, text) in files {
+                let own = if package == "cli" { "facade" } else { package };
+                let roots = packages.map(|package| (package, format!("antirad_{package}::")));
+                for (root, prefix) in roots.into_iter().chain([(own, "crate::".to_owned())]) {
+                    for used in used(&text, &prefix) {
+                        let layer =
+                            if root == "facade" { layer_of_facade(&used) } else { layer_of(root, &used) };
+                        if layer != name && !uses.contains(&layer) {
+                            wrong.push(format!("{file}: {name} may not use {layer} ({prefix}{used})"));
+                        }
+                    }
                 }
             }
         }
@@ -195,5 +214,5 @@ fn the_graph_has_no_cycles() {
 fn paths_are_found() {
     let source = "use crate::{a::B, C, d::{e, f}};\nuse crate::g::{h};\n// crate::i\nlet x = crate::J::new(); mycrate::k\n\
                   #[cfg(test)]\nmod tests { use crate::l; }";
-    assert_eq!(used(source), ["a", "C", "d", "g", "J"]);
+    assert_eq!(used(source, "crate::"), ["a", "C", "d", "g", "J"]);
 }

@@ -5,14 +5,16 @@ mod support;
 use antirad::Watch;
 use antirad::backend::{Backend, BackendKind, Cpu, CpuOptions};
 use antirad::fit::{
-    EngineRenderer, Fit, FitError, Job, OnCheckpoint, Outcome, Quantity, Renderer, RunOptions, Settings,
-    StopRule, Target,
+    EngineRenderer, Fit, FitError, Job, OnCheckpoint, Outcome, Renderer, RunOptions, Settings, StopRule,
+    Target,
 };
 use antirad::gpu::{Device, DeviceOptions};
-use antirad::plan::{GradientRequest, Plan, PlanOptions, Residency};
+use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::ranks::{Ranks, in_threads};
+use antirad::render::Quantity;
 use antirad::scene::{BinLayout, Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, Transport};
 use antirad::{Cotangent, Engine, EngineError, SolveParams};
+use antirad_core::plan::Residency;
 use glam::DVec3;
 use std::ops::ControlFlow;
 use std::sync::Arc;

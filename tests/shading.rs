@@ -2,14 +2,16 @@
 
 mod support;
 
-use antirad::image::{Coverage, Picture, Rasterizer};
+use antirad::image::{Picture, Rasterizer};
 use antirad::path_tracer::PathTracer;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
+use antirad::render::{Light, Reflections};
 use antirad::scene::{
     BinLayout, Camera, LoadOptions, Material, Precision, Scene, SceneBuilder, Shape, Triangle,
 };
-use antirad::shading::{Light, Reflections, SeenFrom, ShadingError, backward};
 use antirad::{Engine, SolveParams};
+use antirad_render::image::Coverage;
+use antirad_render::shading::{SeenFrom, ShadingError, backward};
 use glam::{DAffine3, DVec3};
 use std::ops::ControlFlow;
 use support::{backend, finish, load, path, solve};
@@ -430,7 +432,7 @@ fn pictures_show_textures() {
         t.material = grey;
     }
     let plain = pixels(&plain);
-    let view = antirad::image::View::new(&camera);
+    let view = antirad_render::image::View::new(&camera);
     let mut checked = 0;
     for (at, (shown, plain)) in shown.iter().zip(&plain).enumerate() {
         let ray = view.ray((at % 80) as f64 + 0.5, (at / 80) as f64 + 0.5);

@@ -2,10 +2,10 @@
 
 mod support;
 
-use antirad::reference::{Model, State};
-use antirad::solve::{
+use antirad_core::solve::{
     FixedPointParams, GmresParams, LightOperator, SolveError, fixed_point, gmres, gmres_from, gmres_scratch,
 };
+use antirad_reference::{Model, State};
 use std::convert::Infallible;
 use std::ops::ControlFlow;
 use support::random::random_scene;
@@ -135,7 +135,7 @@ fn stagnation_is_reported_as_soon_as_a_cycle_gains_nothing() {
 /// The planner counts the vectors that the solver allocates, without depending on it.
 #[test]
 fn plans_count_the_vectors_of_gmres() {
-    use antirad::plan::PlannedSolver;
+    use antirad_core::plan::PlannedSolver;
     for restart in [1, 4, 16] {
         assert_eq!(PlannedSolver::Gmres { restart }.vectors(), gmres_scratch(restart));
     }

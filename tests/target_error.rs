@@ -6,16 +6,17 @@ use antirad::backend::Backend;
 use antirad::image::Rasterizer;
 use antirad::path_tracer::PathTracer;
 use antirad::plan::{Plan, PlanOptions};
+use antirad::render::Shading;
 use antirad::scene::{BinLayout, Camera, Choice, Lamps, Material, Scene, SceneBuilder, Shape};
-use antirad::shading::Shading;
-use antirad::solve::SolveError;
 use antirad::target_error::{
-    ErrorEstimate, LayoutKind, Refinement, SearchError, Solved, Stage, TargetErrorOptions, layout,
-    solve_within, usual_plan, usual_settings,
+    ErrorEstimate, Refinement, SearchError, Solved, Stage, TargetErrorOptions, solve_within, usual_plan,
+    usual_settings,
 };
-use antirad::transport::TransportError;
-use antirad::usage::{Bytes, OverBudget};
 use antirad::{Engine, EngineError, Solution, SolveParams};
+use antirad_base::usage::{Bytes, OverBudget};
+use antirad_core::solve::SolveError;
+use antirad_core::transport::TransportError;
+use antirad_render::target_error::{LayoutKind, layout};
 use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
 use support::kit::{Plates, Shadow};

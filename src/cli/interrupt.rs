@@ -1,6 +1,6 @@
 //! Signals that end the work: it stops at the next dispatch and leaves no half-written file.
 
-use crate::watch::Watch;
+use crate::Watch;
 use signal_hook::consts::SIGINT;
 use std::io;
 use std::ops::ControlFlow;

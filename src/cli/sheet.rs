@@ -92,7 +92,7 @@ impl Sheet {
         }
         let pixels = pixels.into_iter().map(|p| p.as_vec3().extend(1.0).to_array()).collect();
         let picture = Picture { width: whole.0, height: whole.1, pixels };
-        let tone = ToneMap { exposure: Exposure::Stops(0.0), srgb: true };
+        let tone = ToneMap::default().exposure(Exposure::Stops(0.0));
         picture.write_png_filtered(path, &tone, FilterType::NoFilter)
     }
 }
@@ -181,9 +181,7 @@ mod tests {
             let path = folder.path().join("colour.png");
             let picture =
                 Picture { width: 1, height: 1, pixels: vec![colour.as_vec3().extend(1.0).to_array()] };
-            picture
-                .write_png(&path, &ToneMap { exposure: Exposure::Stops(0.0), srgb: true })
-                .expect("written");
+            picture.write_png(&path, &ToneMap::default().exposure(Exposure::Stops(0.0))).expect("written");
             image::open(&path).expect("a picture").to_rgb8().get_pixel(0, 0).0
         };
         for share in [0.0, 0.013, 0.3, 0.5, 1.0] {

@@ -1,117 +1,54 @@
 //! Settings as words of the command line.
 
-use crate::scene::{Lamps, Orient, Precision, SolverChoice};
-use crate::shading::{Reflections, Shading};
-use clap::ValueEnum;
-use clap::builder::PossibleValue;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use serde::Deserialize;
+use serde::de::IntoDeserializer;
+use serde::de::value::Error;
 
-impl ValueEnum for Precision {
-    fn value_variants<'a>() -> &'a [Self] {
-        &[Self::F32, Self::F64]
-    }
+/// The words of precisions.
+pub const PRECISIONS: [&str; 2] = ["f32", "f64"];
+/// The words of solvers.
+pub const SOLVERS: [&str; 3] = ["auto", "fixed-point", "gmres"];
+/// The words of ways to the light of lamps.
+pub const LAMPS: [&str; 4] = ["auto", "exact", "sampled", "antiradiance"];
+/// The words of ways to turn faces.
+pub const ORIENTATIONS: [&str; 2] = ["auto", "keep"];
+/// The words of shadings.
+pub const SHADINGS: [&str; 2] = ["face", "gathered"];
+/// The words of ways to reflections in pictures.
+pub const REFLECTIONS: [&str; 3] = ["rays", "fixed-rays", "bins"];
 
-    fn to_possible_value(&self) -> Option<PossibleValue> {
-        Some(PossibleValue::new(match self {
-            Self::F32 => "f32",
-            Self::F64 => "f64",
-        }))
-    }
-}
-
-impl ValueEnum for SolverChoice {
-    fn value_variants<'a>() -> &'a [Self] {
-        &[Self::Auto, Self::FixedPoint, Self::Gmres]
-    }
-
-    fn to_possible_value(&self) -> Option<PossibleValue> {
-        Some(PossibleValue::new(match self {
-            Self::Auto => "auto",
-            Self::FixedPoint => "fixed-point",
-            Self::Gmres => "gmres",
-        }))
-    }
-}
-
-impl ValueEnum for Lamps {
-    fn value_variants<'a>() -> &'a [Self] {
-        &[Self::Auto, Self::Exact, Self::Sampled, Self::Antiradiance]
-    }
-
-    fn to_possible_value(&self) -> Option<PossibleValue> {
-        Some(PossibleValue::new(match self {
-            Self::Auto => "auto",
-            Self::Exact => "exact",
-            Self::Sampled => "sampled",
-            Self::Antiradiance => "antiradiance",
-        }))
-    }
-}
-
-impl ValueEnum for Orient {
-    fn value_variants<'a>() -> &'a [Self] {
-        &[Self::Auto, Self::Keep]
-    }
-
-    fn to_possible_value(&self) -> Option<PossibleValue> {
-        Some(PossibleValue::new(match self {
-            Self::Auto => "auto",
-            Self::Keep => "keep",
-        }))
-    }
-}
-
-impl ValueEnum for Shading {
-    fn value_variants<'a>() -> &'a [Self] {
-        &[Self::Face, Self::Gathered]
-    }
-
-    fn to_possible_value(&self) -> Option<PossibleValue> {
-        Some(PossibleValue::new(match self {
-            Self::Face => "face",
-            Self::Gathered => "gathered",
-        }))
-    }
-}
-
-impl ValueEnum for Reflections {
-    fn value_variants<'a>() -> &'a [Self] {
-        &[Self::Rays, Self::FixedRays, Self::Bins]
-    }
-
-    fn to_possible_value(&self) -> Option<PossibleValue> {
-        Some(PossibleValue::new(match self {
-            Self::Rays => "rays",
-            Self::FixedRays => "fixed-rays",
-            Self::Bins => "bins",
-        }))
-    }
+/// A parser of one of these words, with the meaning it has in scene files.
+pub fn word<T>(words: impl IntoIterator<Item = &'static str>) -> impl TypedValueParser<Value = T>
+where
+    T: for<'a> Deserialize<'a> + Clone + Send + Sync + 'static,
+{
+    PossibleValuesParser::new(words)
+        .try_map(|word| T::deserialize(IntoDeserializer::<Error>::into_deserializer(word.as_str())))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use serde::Deserialize;
-    use serde::de::value::{Error, StrDeserializer};
+    use antirad_render::shading::{Reflections, Shading};
+    use antirad_scene::{Lamps, Orient, Precision, SolverChoice};
 
-    /// Scene files and the command line use the same words.
-    fn agree<T: ValueEnum + PartialEq + std::fmt::Debug + for<'de> Deserialize<'de>>(count: usize) {
-        assert_eq!(T::value_variants().len(), count);
-        for variant in T::value_variants() {
-            let word = variant.to_possible_value().expect("a word");
-            let file: StrDeserializer<Error> =
-                serde::de::IntoDeserializer::into_deserializer(word.get_name());
-            assert_eq!(T::deserialize(file).as_ref(), Ok(variant));
-            assert_eq!(T::from_str(word.get_name(), false).as_ref(), Ok(variant));
+    /// Every word names another value.
+    fn read<T: for<'a> Deserialize<'a> + PartialEq + std::fmt::Debug>(words: &[&str]) {
+        let read = |word: &&str| T::deserialize(IntoDeserializer::<Error>::into_deserializer(*word));
+        let values: Vec<T> = words.iter().map(|word| read(word).expect("a value")).collect();
+        for (i, value) in values.iter().enumerate() {
+            assert!(!values[..i].contains(value), "{value:?}");
         }
     }
 
     #[test]
     fn words_are_those_of_scene_files() {
-        agree::<Precision>(2);
-        agree::<SolverChoice>(3);
-        agree::<Lamps>(4);
-        agree::<Orient>(2);
-        agree::<Shading>(2);
-        agree::<Reflections>(3);
+        read::<Precision>(&PRECISIONS);
+        read::<SolverChoice>(&SOLVERS);
+        read::<Lamps>(&LAMPS);
+        read::<Orient>(&ORIENTATIONS);
+        read::<Shading>(&SHADINGS);
+        read::<Reflections>(&REFLECTIONS);
     }
 }

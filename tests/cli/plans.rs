@@ -112,7 +112,8 @@ fn kernels_take_no_more_of_a_gpu() {
     let key = |row: &HashMap<String, String>| [row["kernel"].clone(), row["specialization"].clone()];
     let keys = |rows: &[HashMap<String, String>]| rows.iter().map(key).collect::<Vec<_>>();
     assert_eq!(keys(&found), keys(&table), "kernels have come or gone");
-    let sources = fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/glsl")).expect("a folder").flatten();
+    let sources =
+        fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/crates/core/glsl")).expect("a folder").flatten();
     let sources = sources.filter_map(|source| source.file_name().into_string().ok());
     let all: BTreeSet<String> =
         sources.filter_map(|name| name.strip_suffix(".comp").map(String::from)).collect();

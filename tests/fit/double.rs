@@ -1,7 +1,8 @@
 //! A renderer without light transport: one pixel per triangle, from a formula with all parameters.
 
-use antirad::fit::{CostEstimate, RenderError, Renderer, SceneGradient, Target};
+use antirad::fit::{CostEstimate, RenderError, Renderer, Target};
 use antirad::plan::GradientRequest;
+use antirad::render::SceneGradient;
 use antirad::scene::{Camera, Scene};
 use glam::DVec3;
 use std::f64::consts::PI;

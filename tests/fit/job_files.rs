@@ -1,9 +1,9 @@
 //! Job files: their contents, and the errors for invalid ones.
 
 use crate::{SCENE, says};
+use antirad::backend::BackendChoice;
 use antirad::fit::{JobFile, LossKind, OptimiserKind};
 use antirad::image::{Exposure, Picture, ToneMap};
-use antirad::scene::BackendChoice;
 use std::fs;
 use tempfile::TempDir;
 
@@ -102,7 +102,7 @@ fn a_job_says_everything() {
 /// The example in the documentation of `JobFile::load` has every key and is a valid job.
 #[test]
 fn the_documented_keys_are_the_keys() {
-    let source = include_str!("../../src/fit/job_file.rs");
+    let source = include_str!("../../crates/fit/src/job_file.rs");
     let (_, rest) = source.split_once("/// ```toml\n").expect("an example");
     let (example, _) = rest.split_once("/// ```\n").expect("its end");
     let text: String = example

@@ -5,8 +5,9 @@ use crate::{says, scene};
 use antirad::cli::draw_fit;
 use antirad::fit::{
     Fit, FitError, Job, LossKind, MotionKind, OnCheckpoint, OptimiserKind, Outcome, Per, PictureLoss,
-    Quantity, Recovered, Regulariser, Renderer, RunOptions, Settings, Stop, StopRule, Target, results,
+    Recovered, Regulariser, Renderer, RunOptions, Settings, Stop, StopRule, Target, results,
 };
+use antirad::render::Quantity;
 use antirad::scene::{LoadOptions, Scene};
 use glam::DVec3;
 use std::ops::ControlFlow;

@@ -1,7 +1,8 @@
 //! The map from unknowns to scenes and the pullback of derivatives.
 
 use crate::{says, scene};
-use antirad::fit::{Fit, MotionKind, Parameters, Per, Quantity, Regulariser, Regularisers, SceneGradient};
+use antirad::fit::{Fit, MotionKind, Parameters, Per, Regulariser, Regularisers};
+use antirad::render::{Quantity, SceneGradient};
 use antirad::scene::Scene;
 use glam::DVec3;
 

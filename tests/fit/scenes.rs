@@ -4,14 +4,15 @@ use crate::support::{backend, blockers_moved, finish, load};
 use antirad::Watch;
 use antirad::backend::Backend;
 use antirad::fit::{
-    EngineRenderer, Fit, Job, LossKind, MotionKind, OptimiserKind, Outcome, Per, Quantity, Recovered,
-    Regulariser, Renderer, RunOptions, Settings, StopRule, Target,
+    EngineRenderer, Fit, Job, LossKind, MotionKind, OptimiserKind, Outcome, Per, Recovered, Regulariser,
+    Renderer, RunOptions, Settings, StopRule, Target,
 };
 use antirad::gpu::Device;
 use antirad::image::Rasterizer;
 use antirad::plan::GradientRequest;
+use antirad::render::Quantity;
+use antirad::render::Shading;
 use antirad::scene::{BinLayout, Camera, Lamps, Material, Scene, SceneBuilder, Shape, Transport};
-use antirad::shading::Shading;
 use glam::{DAffine3, DVec3};
 use std::ops::ControlFlow;
 use std::sync::Arc;

@@ -4,8 +4,9 @@
     reason = "devices that plain Vulkan calls opened, and mistakes that validation must find"
 )]
 
-use antirad::gpu::embed::RawDevice;
-use antirad::gpu::{self, Device, Enabled, GpuError};
+use antirad::gpu::{Device, Enabled, GpuError};
+use antirad_gpu as gpu;
+use antirad_gpu::embed::RawDevice;
 use ash::vk;
 
 use crate::{Axpy, axpy_pipeline, device, filled, finish, options};

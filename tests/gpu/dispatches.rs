@@ -6,9 +6,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::Instant;
 
-use antirad::gpu::{self, ALIGN, Bindings, Buffer, BufferKind, Device, DeviceOptions, GpuError, Pipeline};
+use antirad::gpu::{Device, DeviceOptions, GpuError};
 use antirad::scene::Precision;
-use antirad::shaders;
+use antirad_core::shaders;
+use antirad_gpu as gpu;
+use antirad_gpu::{ALIGN, Bindings, Buffer, BufferKind, Pipeline};
 
 use crate::{AXPY_PUSH, Axpy, axpy, axpy_pipeline, device, filled, finish, ramp};
 

@@ -9,9 +9,10 @@ mod metal;
 mod reflect;
 mod shader_files;
 
-use antirad::gpu::{Buffer, BufferKind, Device, DeviceOptions, Pipeline};
+use antirad::gpu::{Device, DeviceOptions};
 use antirad::scene::Precision;
-use antirad::shaders;
+use antirad_core::shaders;
+use antirad_gpu::{Buffer, BufferKind, Pipeline};
 use bytemuck::{Pod, Zeroable};
 
 #[repr(C)]

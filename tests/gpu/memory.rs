@@ -1,8 +1,8 @@
 //! Buffers, their budget, and transfers.
 
-use antirad::gpu::{
-    self, ALIGN, Batch, BatchTiming, Buffer, BufferKind, Device, GpuError, STAGING_CHUNK, staging_bytes,
-};
+use antirad::gpu::{Device, GpuError, staging_bytes};
+use antirad_gpu as gpu;
+use antirad_gpu::{ALIGN, Batch, BatchTiming, Buffer, BufferKind, STAGING_CHUNK};
 
 use crate::{device, finish, options};
 

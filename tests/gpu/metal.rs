@@ -59,7 +59,8 @@ fn every_module_is_one_for_metal() {
         eprintln!("SKIPPED: no {TOOL} to translate with (scripts/setup)");
         return;
     }
-    let modules = fs::read_dir("spirv").expect("the folder").map(|entry| entry.expect("an entry").path());
+    let modules =
+        fs::read_dir("crates/core/spirv").expect("the folder").map(|entry| entry.expect("an entry").path());
     let modules: BTreeSet<_> = modules.filter(|path| path.extension().is_some_and(|e| e == "spv")).collect();
     let mut checked = 0;
     for module in &modules {

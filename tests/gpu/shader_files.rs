@@ -2,12 +2,13 @@
 
 // The build script itself, under test.
 #[allow(dead_code, reason = "`main` and what only it calls")]
-#[path = "../../build.rs"]
+#[path = "../../crates/core/build.rs"]
 mod build;
 
-use antirad::gpu::{self, Shader};
 use antirad::scene::Precision;
-use antirad::shaders;
+use antirad_core::shaders;
+use antirad_gpu as gpu;
+use antirad_gpu::Shader;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -17,8 +18,11 @@ use crate::Axpy;
 use crate::reflect::member_offsets;
 use build::{Module, Sources};
 
+/// The crate that the shaders are part of.
+const CORE: &str = "crates/core";
+
 fn here() -> Sources<'static> {
-    Sources { root: Path::new("."), glslc: "glslc" }
+    Sources { root: Path::new(CORE), glslc: "glslc" }
 }
 
 /// The interface of a module on which the host relies.
@@ -108,7 +112,9 @@ fn the_shipped_modules_are_of_these_sources() {
     let sources = here().modules().expect("the shaders");
     let sources = sources.iter().map(|module| (module.name.clone(), module.fingerprint)).collect();
     assert_eq!(shipped, sources, "a shader was edited: run scripts/shaders");
-    let files = fs::read_dir("spirv").expect("the folder").map(|entry| entry.expect("an entry").file_name());
+    let files = fs::read_dir(Path::new(CORE).join("spirv"))
+        .expect("the folder")
+        .map(|entry| entry.expect("an entry").file_name());
     let files: BTreeSet<String> = files.map(|name| name.into_string().expect("UTF-8")).collect();
     let expected = shipped.keys().map(|name| format!("{name}.spv")).chain(["manifest".to_owned()]);
     assert_eq!(files, expected.collect());
@@ -165,9 +171,9 @@ fn only_edited_shaders_need_the_compiler() {
     let copy = tempfile::tempdir().expect("a folder");
     for folder in ["glsl", "spirv"] {
         fs::create_dir(copy.path().join(folder)).expect("a folder");
-        for entry in fs::read_dir(folder).expect("a folder") {
-            let from = entry.expect("an entry").path();
-            fs::copy(&from, copy.path().join(&from)).expect("a copy");
+        for entry in fs::read_dir(Path::new(CORE).join(folder)).expect("a folder") {
+            let entry = entry.expect("an entry");
+            fs::copy(entry.path(), copy.path().join(folder).join(entry.file_name())).expect("a copy");
         }
     }
     let out = tempfile::tempdir().expect("a folder");
@@ -189,10 +195,12 @@ fn only_edited_shaders_need_the_compiler() {
 
     fs::write(&shader, text.replace('\n', "\r\n")).expect("written");
     assert_eq!(rust("no-such-glslc").expect("other ends of lines"), before);
+    fs::write(&shader, format!("{text}// More.\n")).expect("written");
+    assert_eq!(rust("no-such-glslc").expect("another comment"), before);
     // Editing a header affects every shader that includes it.
     let head = copy.path().join("glsl/real.glsl");
     let text = fs::read_to_string(&head).expect("the head");
-    fs::write(&head, format!("{text}// More.\n")).expect("written");
+    fs::write(&head, format!("{text}const int more = 1;\n")).expect("written");
     assert!(rust("no-such-glslc").is_err());
     fs::write(&head, text).expect("written");
 

@@ -1,10 +1,9 @@
 //! Derivatives of pictures: with respect to colours against the transpose, to geometry against differences of far finer pictures.
 
-use antirad::image::{
-    GeometryGradient, ImageError, PictureOptions, Rasterizer, geometry_gradient, geometry_gradient_of,
-};
+use antirad::image::{ImageError, PictureOptions, Rasterizer};
 use antirad::ranks::Ranks;
 use antirad::scene::{Camera, Scene};
+use antirad_render::image::{GeometryGradient, geometry_gradient, geometry_gradient_of};
 use glam::{DQuat, DVec3};
 
 use crate::scenes::{Random, above, finish, flipped, grid, scene, square, together};

@@ -2,8 +2,9 @@
 
 use crate::support::device;
 use antirad::backend::Backend;
-use antirad::image::{Rasterizer, View};
+use antirad::image::Rasterizer;
 use antirad::scene::{Camera, Material, Scene, SolveSettings, Triangle};
+use antirad_render::image::View;
 use glam::DVec3;
 
 /// Runs checks on both backends.

@@ -1,7 +1,8 @@
 //! The visible face of each sample.
 
-use antirad::image::{ImageError, PictureOptions, Rasterizer, View, geometry_gradient};
+use antirad::image::{ImageError, PictureOptions, Rasterizer};
 use antirad::scene::{Camera, Scene, SceneError};
+use antirad_render::image::{View, geometry_gradient};
 use glam::DVec3;
 
 use crate::scenes::{Random, above, flipped, grid, on_each, rays, scene, square, together, trace};

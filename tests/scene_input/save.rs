@@ -1,8 +1,9 @@
 //! Saved scenes load unchanged.
 
+use antirad::backend::BackendChoice;
 use antirad::scene::{
-    BackendChoice, BinLayout, Camera, Choice, LoadOptions, Material, Mesh, Normalization, Precision, Scene,
-    SolveSettings, SolverChoice, Triangle,
+    BinLayout, Camera, Choice, LoadOptions, Material, Mesh, Normalization, Precision, Scene, SolveSettings,
+    SolverChoice, Triangle,
 };
 use glam::DVec3;
 use std::path::Path;

@@ -1,6 +1,7 @@
 //! TOML scene files.
 
-use antirad::scene::{BackendChoice, BinLayout, Choice, SolveSettings, SolverChoice};
+use antirad::backend::BackendChoice;
+use antirad::scene::{BinLayout, Choice, SolveSettings, SolverChoice};
 
 use super::{Folder, OBJ, TOML, assert_refused, assert_says, good, with_mesh};
 
@@ -169,7 +170,7 @@ fn meshes_are_placed_subdivided_and_named_apart() {
 /// The scene file in the documentation of `Scene::load`.
 #[test]
 fn the_documented_keys_are_the_keys() {
-    let source = include_str!("../../src/scene/file.rs");
+    let source = include_str!("../../crates/scene/src/file.rs");
     let documented: String = source
         .split("/// ```")
         .nth(1)

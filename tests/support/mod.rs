@@ -1,17 +1,18 @@
 //! What several tests need: backends, devices with validation, reference data, errors.
 #![allow(dead_code, reason = "every test crate uses a part")]
 
-pub mod kit;
+pub use antirad_kit as kit;
 pub mod random;
 pub mod slots;
 
 use antirad::backend::{Backend, BackendChoice};
 use antirad::gpu::{Device, DeviceKind, DeviceOptions};
-use antirad::model::classify;
 use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{LoadOptions, Scene, SolveSettings};
-use antirad::transport::{self, Operators};
 use antirad::{Engine, Solution, SolveParams};
+use antirad_core::model::classify;
+use antirad_core::transport;
+use antirad_core::transport::Operators;
 use glam::{DAffine3, DQuat};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

@@ -1,8 +1,9 @@
 //! Conversion between the layouts of values on the device and in the reference.
 
-use antirad::model::Class;
-use antirad::plan::{PADDING, Plan};
-use antirad::reference::Model;
+use antirad::plan::Plan;
+use antirad_core::model::Class;
+use antirad_core::plan::PADDING;
+use antirad_reference::Model;
 use glam::DVec3;
 
 pub fn relative(values: &[f64], truth: &[f64]) -> f64 {

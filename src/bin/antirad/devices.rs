@@ -7,7 +7,7 @@ use antirad::image::Rasterizer;
 use antirad::output::atomic_write;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::scene::{Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, Transport};
-use antirad::transport::vulkan;
+use antirad_core::transport::vulkan;
 use clap::Args;
 use glam::{DAffine3, DVec3};
 use std::collections::BTreeSet;

@@ -18,7 +18,8 @@ mod status;
 mod together;
 mod trace;
 
-use antirad::cli::{self, Interrupt};
+use antirad::cli;
+use antirad::cli::Interrupt;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 use together::Together;

@@ -7,14 +7,14 @@ use crate::report::{DeviceReport, MemoryUse, RankReport, Report, SolveReport};
 use crate::settings::{SceneSettings, parse_error};
 use crate::together::Together;
 use antirad::backend::Backend;
-use antirad::cli::{EXIT_UNRELIABLE, Interrupt, SolveBar, Working};
+use antirad::cli::{EXIT_UNRELIABLE, Interrupt, REFLECTIONS, SHADINGS, SolveBar, Working, word};
 use antirad::gpu::Bytes;
 use antirad::image::{Exposure, ImageError, Picture, PictureOptions, Rasterizer, ToneMap};
 use antirad::output::{prepare_directory, single, write_json, write_npy};
 use antirad::plan::PlanOptions;
+use antirad::render::{Reflections, Shading};
 use antirad::render::{RenderOptions, Renderer, Shown};
 use antirad::scene::{Camera, Choice, Precision, Scene};
-use antirad::shading::{Reflections, Shading};
 use antirad::target_error::{
     Answer, Refinement, Solved, Stage, TargetErrorOptions, solve_within, usual_plan,
 };
@@ -67,11 +67,11 @@ pub struct Arguments {
     #[arg(long)]
     linear_png: bool,
     /// Gather direct light at each visible point and interpolate indirect light, or draw flat faces
-    #[arg(long, value_name = "HOW", value_enum, default_value_t)]
+    #[arg(long, value_name = "HOW", value_parser = word::<Shading>(SHADINGS), default_value = "gathered")]
     shading: Shading,
     /// What glossy faces mirror of other faces in gathered pictures: by rays from each visible point, as many as it takes; by the same
     /// number from each, as fits of materials see it; or out of direction bins, as fits of positions and cameras do
-    #[arg(long, value_name = "HOW", value_enum, default_value_t)]
+    #[arg(long, value_name = "HOW", value_parser = word::<Reflections>(REFLECTIONS), default_value = "rays")]
     reflections: Reflections,
     /// Samples along each side of a pixel: 1, 2, 4, 8 or 16
     #[arg(long, value_name = "NUMBER", default_value_t = 4)]

@@ -1,7 +1,9 @@
 //! Options that several commands share.
 
 use crate::Failure;
-use antirad::cli::{BackendArguments, Interrupt, Working, parse_size};
+use antirad::cli::{
+    BackendArguments, Interrupt, LAMPS, ORIENTATIONS, PRECISIONS, SOLVERS, Working, parse_size, word,
+};
 use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{
     BinLayout, Choice, Lamps, LoadOptions, Orient, Precision, Scene, Sky, SolverChoice, Transport,
@@ -20,7 +22,7 @@ pub struct SceneFile {
     #[arg(long)]
     strict: bool,
     /// Turn faces of mesh files where their closed shell says which way they should face (auto), or keep all as they are
-    #[arg(long, value_name = "HOW", value_enum, default_value_t)]
+    #[arg(long, value_name = "HOW", value_parser = word::<Orient>(ORIENTATIONS), default_value = "auto")]
     orient: Orient,
     /// Give open sheets a second side, which reflects and blocks light like the first
     #[arg(long)]
@@ -58,7 +60,7 @@ pub struct MeshSettings {
     bins: Option<BinLayout>,
     /// Light that comes straight from emitters: exact where that is affordable, else sampled (auto); exact; sampled, by rays where much
     /// stands in between; or by antiradiance through bins
-    #[arg(long, value_name = "HOW", value_enum)]
+    #[arg(long, value_name = "HOW", value_parser = word::<Lamps>(LAMPS))]
     lamps: Option<Lamps>,
 }
 
@@ -106,10 +108,10 @@ pub struct SceneSettings {
     #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(1..))]
     max_passes: Option<u32>,
     /// Solver of the radiosity equation
-    #[arg(long, value_name = "SOLVER", value_enum)]
+    #[arg(long, value_name = "SOLVER", value_parser = word::<SolverChoice>(SOLVERS))]
     solver: Option<SolverChoice>,
     /// Arithmetic: f64 is for validation, and on a Vulkan device needs double precision
-    #[arg(long, value_name = "PRECISION", value_enum)]
+    #[arg(long, value_name = "PRECISION", value_parser = word::<Precision>(PRECISIONS))]
     precision: Option<Precision>,
     /// How light from far triangles is summed up: exact; hierarchical:ERROR, with clusters that may change irradiance by this error,
     /// relative to its mean; or auto, with clusters within a target error

@@ -1,0 +1,78 @@
+#version 450 core
+#extension GL_GOOGLE_include_directive : require
+// U from diffuse fronts to triangles without bins, point to point:
+//     E_j += max(cos_j, 0) max(cos_i, 0) g_ij a_i L_i,   g = 1 / (r² + a_i/π).
+// A workgroup owns one tile of receivers, TILE / LANES of them in the registers of each lane, for which a source is read once; or
+// lanes share receivers (abreast.glsl). Twin: crates/reference/src/lines.rs.
+
+#include "abreast.glsl"
+#include "geometry.glsl"
+#include "near_field.glsl"
+
+layout(local_size_x_id = 0) in;
+layout(constant_id = 0) const uint LANES = 8;
+layout(constant_id = 1) const uint TILE = 64;
+const uint PER_LANE = TARGETS_ARE_SHARED ? 1 : TILE / LANES;
+
+layout(std430, binding = 0) readonly buffer Facets { Facet facets[]; };
+layout(std430, binding = 1) readonly buffer FarRuns { uint far_runs[]; };
+layout(std430, binding = 2) buffer Irradiance { real4 irradiance[]; };
+#define PARTNERS_BINDING 3
+#define PARTNERS_LIGHT partner_radiance
+#include "partners.glsl"
+
+#include "far_push.glsl"
+
+void main() {
+    uint tile = target_tile + gl_WorkGroupID.x;
+    uint first = tile * TILE + gl_WorkGroupID.y * TARGETS + lane_target();
+    real3 centre[PER_LANE], normal[PER_LANE], sum[PER_LANE];
+    real characteristic_area[PER_LANE];
+    for (uint k = 0; k < PER_LANE; k++) {
+        Facet f = facets[first + k * LANES];
+        centre[k] = f.centre;
+        normal[k] = f.normal;
+        characteristic_area[k] = f.characteristic_area;
+        sum[k] = real3(0.0);
+    }
+    uint end = partner_begin;
+    for (uint run = first_run(tile, partner_begin); end < partner_end; run++) {
+        uint begin = end;
+        end = run_end(run);
+        uint flags = run_flags(run);
+        // Loops that may run zero times: an `if` would not skip the work on a device that executes both branches.
+        uint sources = (flags & PAIR_FRONT) != 0 ? (end - begin) * TILE : 0;
+        uint near_sources = (flags & PAIR_NEAR) != 0 ? sources : 0;
+        uint far_sources = sources - near_sources;
+        uint at = (begin - partner_begin) * TILE;
+        for (uint i = at + lane_turn(); i < at + far_sources; i += ABREAST) {
+            Facet f = partners[i];
+            real3 l = partner_radiance[i].rgb * f.area;
+            real s = f.area * INV_PI;
+            for (uint k = 0; k < PER_LANE; k++) {
+                real3 d = centre[k] - f.centre;
+                real r2 = max(dot(d, d), R2_MIN);
+                real cosines = max(dot(d, f.normal), 0.0) * max(-dot(d, normal[k]), 0.0);
+                sum[k] += l * (cosines / (r2 * (r2 + s)));
+            }
+        }
+        for (uint i = at + lane_turn(); i < at + near_sources; i += ABREAST) {
+            Facet f = partners[i];
+            real3 l = partner_radiance[i].rgb * f.area;
+            real s = f.area * INV_PI;
+            for (uint k = 0; k < PER_LANE; k++) {
+                real3 d = centre[k] - f.centre;
+                real r2 = max(dot(d, d), R2_MIN);
+                real cosines = max(dot(d, f.normal), 0.0) * max(-dot(d, normal[k]), 0.0);
+                real blend = far_weight(r2, half_range * (f.characteristic_area + characteristic_area[k]));
+                sum[k] += l * (blend * cosines / (r2 * (r2 + s)));
+            }
+        }
+    }
+    for (uint k = 0; k < PER_LANE; k++) {
+        real3 all = total(sum[k]);
+        if (lane_turn() == 0) {
+            irradiance[first + k * LANES].rgb += all;
+        }
+    }
+}

@@ -1,0 +1,31 @@
+//! Which emitters are lamps: planar convex polygons, few enough to be listed.
+
+use super::polygon::{Polygon, connected, in_plane, merged};
+use crate::model::Facet;
+use antirad_scene::Scene;
+
+/// Sine of the largest angle between normals of one plane.
+const PARALLEL: f64 = 1e-6;
+
+/// A planar convex emitter: one triangle, or several of one material in one plane. Its front is the lit side.
+pub type Lamp = Polygon;
+
+/// The lamps of a scene: its emitters, in the order of their first triangles. `facets`: its triangles, in any unit of length;
+/// `tolerance`: height in that unit up to which a corner is in a plane.
+pub fn lamps(scene: &Scene, facets: &[Facet], tolerance: f64) -> Vec<Lamp> {
+    let emits = |&i: &u32| {
+        facets[i as usize].area > 0.0 && scene.material(i as usize).emission.iter().any(|&l| l != 0.0)
+    };
+    let emitters: Vec<u32> = (0..facets.len() as u32).filter(emits).collect();
+    let material = |i: u32| scene.triangles[i as usize].material;
+    let same = |i: u32, j: u32| in_plane(facets, [i, j], PARALLEL, tolerance) && material(i) == material(j);
+    let mut lamps: Vec<Lamp> = Vec::new();
+    for group in connected(facets, &emitters, tolerance, same) {
+        match merged(facets, &group) {
+            Some(lamp) => lamps.push(lamp),
+            None => lamps.extend(group.into_iter().map(Lamp::single)),
+        }
+    }
+    lamps.sort_by_key(Lamp::first);
+    lamps
+}

@@ -1,0 +1,845 @@
+//! Direct light of lamps, with exact visibility, on the host in f64.
+//!
+//! What a point sees of a lamp is the lamp's cone of directions less the cones of all triangles in between. The rest is cut into
+//! convex cones, each of which Lambert's formula integrates exactly, so that there is no sampling noise, and the boundaries of what is
+//! visible move smoothly with every vertex. Only the mean over a receiver is a quadrature.
+
+mod blockers;
+mod cone;
+mod derivative;
+mod highlight;
+mod lamps;
+mod lobes;
+mod polygon;
+mod quadrature;
+mod sampling;
+mod shaft;
+mod subtraction;
+mod trapezoids;
+mod visible;
+
+pub use cone::vector_irradiance;
+pub use lamps::{Lamp, lamps};
+pub use polygon::Polygon;
+pub use sampling::mixed;
+
+use crate::model::{Facet, FacetGradient, pull_unit};
+use antirad_base::ranks::{RankError, Ranks};
+use antirad_scene::Material;
+use blockers::Blockers;
+use derivative::{Contributions, Sight};
+use glam::DVec3;
+use highlight::Lobe;
+use quadrature::Cuts;
+pub use quadrature::{POINTS, Sample};
+use rayon::prelude::*;
+use sampling::{FEW, Origin, Sampling, Share};
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+use std::sync::atomic::{AtomicU64, Ordering};
+use visible::{Geometry, Placed, Visible};
+
+/// How much of a lamp a point sees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Visibility {
+    /// Exactly.
+    #[default]
+    Exact,
+    /// By rays where much stands in between, which costs as much in any scene. Derivatives by positions leave out how shadows move.
+    Sampled,
+}
+
+/// Light of lamps on the triangles of a scene. Ranks that compute it together do so with its derivatives, too, and all have all of it.
+#[derive(Clone, Debug)]
+pub struct DirectLight {
+    /// Those that compute it together.
+    ranks: Ranks,
+    blockers: Blockers,
+    /// Where visibility is sampled.
+    sampling: Option<Sampling>,
+    lamps: Vec<Lamp>,
+    receivers: usize,
+    /// By receiver, then lamp.
+    factors: Vec<f64>,
+    /// Their standard errors; empty where visibility is exact.
+    errors: Vec<f64>,
+    /// Of receivers with a penumbra, by receiver and lamp.
+    cuts: BTreeMap<[usize; 2], Cuts>,
+}
+
+impl DirectLight {
+    /// Computes the light of lamps on triangles, in any unit of length, in shares of some ranks, which all call it. Fails only where these
+    /// can no longer work together.
+    pub fn new<'a>(
+        ranks: &Ranks,
+        facets: &[Facet],
+        lamps: Vec<Lamp>,
+        visibility: Visibility,
+        material: impl Fn(usize) -> &'a Material,
+    ) -> Result<Self, RankError> {
+        let sampling = Self::sampling(facets, &lamps, visibility, material);
+        Self::compute(ranks.clone(), facets, lamps, sampling, None)
+    }
+
+    /// Rays, the more to a lamp the more it emits.
+    fn sampling<'a>(
+        facets: &[Facet],
+        lamps: &[Lamp],
+        visibility: Visibility,
+        material: impl Fn(usize) -> &'a Material,
+    ) -> Option<Sampling> {
+        let sampled = visibility == Visibility::Sampled && !lamps.is_empty();
+        sampled.then(|| Sampling::new(facets, lamps, &radiance(lamps, material)))
+    }
+
+    /// For points of triangles alone ([`Self::at_points`]): knows the light of no triangle.
+    pub fn of_points<'a>(
+        facets: &[Facet],
+        lamps: Vec<Lamp>,
+        visibility: Visibility,
+        material: impl Fn(usize) -> &'a Material,
+    ) -> Self {
+        let sampling = Self::sampling(facets, &lamps, visibility, material);
+        Self { sampling, ..Self::among(Blockers::of(facets, &lamps), lamps) }
+    }
+
+    fn among(blockers: Blockers, lamps: Vec<Lamp>) -> Self {
+        let (factors, errors, cuts) = (Vec::new(), Vec::new(), BTreeMap::new());
+        let ranks = Ranks::default();
+        Self { ranks, blockers, sampling: None, lamps, receivers: 0, factors, errors, cuts }
+    }
+
+    /// The same as if nothing stood between lamps and points.
+    pub fn without_shadows(facets: &[Facet], lamps: Vec<Lamp>) -> Self {
+        Self::among(Blockers::none(facets), lamps)
+    }
+
+    /// Whether [`Self::new`] would test at most so many blockers against cones: an estimate, from the work of a few receivers.
+    pub fn takes_at_most(facets: &[Facet], lamps: &[Lamp], tests: f64) -> bool {
+        // Odd, since triangles often come in pairs.
+        let step = (facets.len() / PROBES).max(ONE_OF) | 1;
+        Self::work(facets, lamps, step, tests) <= tests
+    }
+
+    /// Tests of blockers against cones that [`Self::new`] takes, from every `step`-th receiver; any number above `most` where there are more.
+    fn work(facets: &[Facet], lamps: &[Lamp], step: usize, most: f64) -> f64 {
+        let blockers = Blockers::of(facets, lamps);
+        let geometry = Geometry { facets, blockers: &blockers };
+        let placed: Vec<Placed> = lamps.iter().map(|lamp| geometry.place(lamp)).collect();
+        let probes: Vec<usize> = (0..facets.len()).step_by(step).collect();
+        let of_each = facets.len() as f64 / probes.len().max(1) as f64;
+        let tests = AtomicU64::new(0);
+        let work = || tests.load(Ordering::Relaxed) as f64 * of_each;
+        // What is too much need not be known exactly.
+        let too_much = || work() > most;
+        let of_probe = |visible: &mut Visible, &receiver: &usize| {
+            let Facet { corners, normal, .. } = facets[receiver];
+            let faced = placed.iter().enumerate().filter(|(_, lamp)| geometry.faces(receiver, lamp));
+            for lamp in faced.take_while(|_| !too_much()) {
+                let between = Between::triangle(geometry, None, receiver, lamp);
+                quadrature::mean(&mut |b: DVec3| {
+                    if too_much() {
+                        return 0.0;
+                    }
+                    let value = between.sight(at(corners, b), None).vector_irradiance(visible).dot(normal);
+                    tests.fetch_add(std::mem::take(&mut visible.tests), Ordering::Relaxed);
+                    value
+                });
+            }
+        };
+        probes.par_iter().for_each_init(Visible::default, of_probe);
+        work()
+    }
+
+    /// The same for triangles and lamps of which only vertices have moved, at the same points: a smooth function of the vertices.
+    pub fn moved(&self, facets: &[Facet]) -> Result<Self, RankError> {
+        let sampling = self.sampling.as_ref().map(|sampling| sampling.moved(facets));
+        Self::compute(self.ranks.clone(), facets, self.lamps.clone(), sampling, Some(&self.cuts))
+    }
+
+    fn compute(
+        ranks: Ranks,
+        facets: &[Facet],
+        lamps: Vec<Lamp>,
+        sampling: Option<Sampling>,
+        cuts: Option<&BTreeMap<[usize; 2], Cuts>>,
+    ) -> Result<Self, RankError> {
+        let blockers = Blockers::of(facets, &lamps);
+        let geometry = Geometry { facets, blockers: &blockers };
+        let placed: Vec<Placed> = lamps.iter().map(|lamp| geometry.place(lamp)).collect();
+        let of_receiver = |visible: &mut Visible, receiver: usize| -> Vec<(Share, Cuts)> {
+            let Facet { corners, normal, .. } = facets[receiver];
+            let of_lamp = |(l, lamp): (usize, &Placed)| {
+                if !geometry.faces(receiver, lamp) {
+                    return (Share::NOTHING, Cuts::default());
+                }
+                let between = Between::triangle(geometry, sampling.as_ref(), receiver, (l, lamp));
+                let mut irradiance =
+                    |b: DVec3| between.sight(at(corners, b), None).vector_irradiance(visible).dot(normal);
+                let (value, cuts) = match cuts {
+                    None => quadrature::mean(&mut irradiance),
+                    Some(cuts) => {
+                        let cuts = cuts.get(&[receiver, l]).cloned().unwrap_or_default();
+                        let samples = quadrature::samples(&cuts);
+                        (samples.iter().map(|s| s.weight * irradiance(s.barycentric)).sum(), cuts)
+                    }
+                };
+                (Share { value, error: value * between.relative_error() }, cuts)
+            };
+            placed.iter().enumerate().map(of_lamp).collect()
+        };
+        let found = ranks.map_init(facets.len(), Visible::default, of_receiver)?;
+        let mut factors = Vec::with_capacity(facets.len() * lamps.len());
+        let mut errors = Vec::new();
+        let mut cuts = BTreeMap::new();
+        for (receiver, of_lamps) in found.into_iter().enumerate() {
+            for (l, (factor, of_lamp)) in of_lamps.into_iter().enumerate() {
+                factors.push(factor.value);
+                if sampling.is_some() {
+                    errors.push(factor.error);
+                }
+                if !of_lamp.is_whole() {
+                    cuts.insert([receiver, l], of_lamp);
+                }
+            }
+        }
+        Ok(Self { ranks, receivers: facets.len(), blockers, sampling, lamps, factors, errors, cuts })
+    }
+
+    /// Those that compute it together.
+    pub fn ranks(&self) -> &Ranks {
+        &self.ranks
+    }
+
+    fn geometry<'a>(&'a self, facets: &'a [Facet]) -> Geometry<'a> {
+        Geometry { facets, blockers: &self.blockers }
+    }
+
+    /// How much of lamps points see.
+    pub fn visibility(&self) -> Visibility {
+        if self.sampling.is_some() { Visibility::Sampled } else { Visibility::Exact }
+    }
+
+    /// Standard error of [`Self::irradiance`], as a relative L2 norm weighted by area, without that of emitters; zero where visibility is
+    /// exact.
+    pub fn standard_error<'a>(&self, facets: &[Facet], material: impl Fn(usize) -> &'a Material) -> f64 {
+        let squares: Vec<f64> = self.radiance(&material).iter().map(|l| l.length_squared()).collect();
+        let (mut error, mut light) = (0.0, 0.0);
+        let rows = self.errors.chunks(squares.len().max(1)).zip(self.factors.chunks(squares.len().max(1)));
+        let receives = |(i, _): &(usize, _)| material(*i).emission == [0.0; 3];
+        for (i, (errors, factors)) in rows.enumerate().filter(receives) {
+            let facet = &facets[i];
+            error += facet.area * errors.iter().zip(&squares).map(|(e, l)| e * e * l).sum::<f64>();
+            let sum: f64 = factors.iter().zip(&squares).map(|(f, l)| f * l.sqrt()).sum();
+            light += facet.area * sum * sum;
+        }
+        if light > 0.0 { (error / light).sqrt() } else { 0.0 }
+    }
+
+    /// The lamps.
+    pub fn lamps(&self) -> &[Lamp] {
+        &self.lamps
+    }
+
+    /// Points of a triangle that suffice where light is smooth.
+    pub fn whole_samples(&self) -> Vec<Sample> {
+        quadrature::samples(&Cuts::default())
+    }
+
+    /// Number of triangles.
+    pub fn receivers(&self) -> usize {
+        self.receivers
+    }
+
+    /// Mean irradiance of a triangle per radiance of each lamp, sr: its form factor times π.
+    pub fn factors(&self, receiver: usize) -> &[f64] {
+        &self.factors[receiver * self.lamps.len()..(receiver + 1) * self.lamps.len()]
+    }
+
+    /// Radiance of each lamp, W/(m² sr), from the material of each triangle.
+    pub fn radiance<'a>(&self, material: impl Fn(usize) -> &'a Material) -> Vec<DVec3> {
+        radiance(&self.lamps, material)
+    }
+
+    /// Irradiance of each triangle, W/m², RGB.
+    pub fn irradiance<'a>(&self, material: impl Fn(usize) -> &'a Material) -> Vec<DVec3> {
+        let radiance = self.radiance(material);
+        let of = |receiver| self.factors(receiver).iter().zip(&radiance).map(|(&f, &l)| f * l).sum();
+        (0..self.receivers).map(of).collect()
+    }
+
+    /// What each triangle sends into U, W/(m² sr): its emission, except for lamps, and the direct light that it reflects diffusely. Takes
+    /// [`Self::irradiance`] under the same materials.
+    pub fn emitted<'a>(
+        &self,
+        material: impl Fn(usize) -> &'a Material,
+        irradiance: &[DVec3],
+    ) -> Vec<[f64; 3]> {
+        let mut own: Vec<DVec3> = (0..self.receivers).map(|i| material(i).emission.into()).collect();
+        for &i in self.lamps.iter().flat_map(|lamp| &lamp.triangles) {
+            own[i as usize] = DVec3::ZERO;
+        }
+        let sent = |(i, (own, &irradiance)): (usize, (DVec3, &DVec3))| {
+            (own + irradiance * DVec3::from(material(i).diffuse_albedo()) / PI).to_array()
+        };
+        own.into_iter().zip(irradiance).enumerate().map(sent).collect()
+    }
+
+    /// Derivatives of a loss by the triangles, where `cotangent` is its derivative by [`Self::factors`] of a receiver and a lamp. Those by
+    /// triangles of which `moves` is false need not be complete.
+    pub fn pull_back(
+        &self,
+        facets: &[Facet],
+        cotangent: impl Fn(usize, usize) -> f64 + Sync,
+        moves: impl Fn(u32) -> bool + Sync,
+    ) -> Result<Vec<FacetGradient>, RankError> {
+        let geometry = self.geometry(facets);
+        let placed: Vec<Placed> = self.lamps.iter().map(|lamp| geometry.place(lamp)).collect();
+        let of_receiver = |visible: &mut Visible, receiver: usize, to: &mut Contributions| {
+            for (l, lamp) in placed.iter().enumerate() {
+                let weight = cotangent(receiver, l);
+                if weight == 0.0 || self.factors(receiver)[l] == 0.0 {
+                    continue;
+                }
+                let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, (l, lamp));
+                if moves(receiver as u32) || between.moves(&moves) {
+                    self.pull_back_to(&between, visible, weight, to);
+                }
+            }
+        };
+        let mut gradients = vec![FacetGradient::default(); facets.len()];
+        for first in (0..facets.len()).step_by(RECEIVERS) {
+            let receivers = first..facets.len().min(first + RECEIVERS);
+            // Neighbours share lamps and what stands in between.
+            let of_some = |visible: &mut Visible, number: usize| {
+                let mut to = Contributions::default();
+                let some = receivers.clone().skip(number * NEIGHBOURS).take(NEIGHBOURS);
+                some.for_each(|receiver| of_receiver(visible, receiver, &mut to));
+                to.merged()
+            };
+            let count = receivers.len().div_ceil(NEIGHBOURS);
+            let parts = self.ranks.map_init(count, Visible::default, of_some)?;
+            // One after the other, so that sums are the same from run to run, with any number of ranks.
+            for (triangle, gradient) in parts.into_iter().flatten() {
+                gradients[triangle as usize] += gradient;
+            }
+        }
+        Ok(gradients)
+    }
+
+    /// Vector irradiance Φ = ∫ ω dω of the visible part of each lamp above the horizon, at points of one triangle, sr: irradiance per
+    /// radiance is its product with the normal. Points far apart are better asked for separately, since they share a search.
+    pub fn at_points(&self, facets: &[Facet], face: usize, points: &[DVec3]) -> Vec<Vec<DVec3>> {
+        let mut light = vec![vec![DVec3::ZERO; self.lamps.len()]; points.len()];
+        self.each_sight(facets, face, points, None, &|_| true, &mut |k, l, sight, visible| {
+            light[k][l] = sight.vector_irradiance(visible);
+        });
+        light
+    }
+
+    /// The transpose of the derivative of [`Self::at_points`]: contributions by triangle, from the derivative of a loss by each Φ. The
+    /// second result is the derivative by each point. Both need be complete only where a triangle is concerned of which `moves` is true.
+    pub fn pull_back_points(
+        &self,
+        facets: &[Facet],
+        face: usize,
+        points: &[DVec3],
+        cotangent: impl Fn(usize, usize) -> DVec3,
+        moves: impl Fn(u32) -> bool,
+    ) -> (Vec<(u32, FacetGradient)>, Vec<DVec3>) {
+        let mut to = Contributions::default();
+        let mut of_points = vec![DVec3::ZERO; points.len()];
+        let wanted = |between: &Between| moves(face as u32) || between.moves(&moves);
+        self.each_sight(facets, face, points, None, &wanted, &mut |k, l, sight, visible| {
+            of_points[k] += sight.pull_back(visible, cotangent(k, l), &mut to).1;
+        });
+        (to.merged(), of_points)
+    }
+
+    /// Specular reflection of each lamp at points of one triangle towards an eye, ∫ ⟨h, n⟩^p cosθ dω over the visible part, sr: times σ N(p)
+    /// and the lamp's radiance, it is the radiance that the eye sees.
+    pub fn highlights(
+        &self,
+        facets: &[Facet],
+        face: usize,
+        points: &[DVec3],
+        eye: DVec3,
+        power: f64,
+    ) -> Vec<Vec<f64>> {
+        let mut light = vec![vec![0.0; self.lamps.len()]; points.len()];
+        self.each_sight(facets, face, points, Some((eye, power)), &|_| true, &mut |k, l, sight, visible| {
+            light[k][l] = sight.highlight(visible, &Lobe::towards(eye, sight.point, sight.normal, power));
+        });
+        light
+    }
+
+    /// The transpose of the derivative of [`Self::highlights`], from the derivative of a loss by each of them.
+    pub fn pull_back_highlights(
+        &self,
+        facets: &[Facet],
+        face: usize,
+        points: &[DVec3],
+        eye: DVec3,
+        power: f64,
+        cotangent: impl Fn(usize, usize) -> f64,
+    ) -> HighlightGradient {
+        let mut to = Contributions::default();
+        let mut gradient =
+            HighlightGradient { points: vec![DVec3::ZERO; points.len()], ..HighlightGradient::default() };
+        let mut own = FacetGradient::default();
+        self.each_sight(facets, face, points, Some((eye, power)), &|_| true, &mut |k, l, sight, visible| {
+            let by = cotangent(k, l);
+            let lobe = Lobe::towards(eye, sight.point, sight.normal, power);
+            let (_, slopes, by_point) = sight.pull_back_highlight(visible, &lobe, by, &mut to);
+            let by_eye = by * pull_unit(lobe.eye, (eye - sight.point).length(), slopes.eye);
+            gradient.points[k] += by_point - by_eye;
+            gradient.eye += by_eye;
+            gradient.power += by * slopes.power;
+            own.normal += by * slopes.normal;
+        });
+        to.add(face as u32, own);
+        gradient.facets = to.merged();
+        gradient
+    }
+
+    /// Calls `each` with each point of a triangle, by its number, and each lamp that may be seen from there. One search for blockers serves
+    /// all points. `reflected`: the eye and the power of the lobe that light is reflected in, if it is. Lamps are left out unless what is
+    /// between them and the points is `wanted`.
+    fn each_sight(
+        &self,
+        facets: &[Facet],
+        face: usize,
+        points: &[DVec3],
+        reflected: Option<(DVec3, f64)>,
+        wanted: &dyn Fn(&Between) -> bool,
+        each: &mut dyn FnMut(usize, usize, &Sight, &mut Visible),
+    ) {
+        let geometry = self.geometry(facets);
+        let visible = &mut Visible::default();
+        for (l, lamp) in self.lamps.iter().enumerate() {
+            let lamp = &geometry.place(lamp);
+            if !geometry.faces(face, lamp) {
+                continue;
+            }
+            let between = Between::points(geometry, self.sampling.as_ref(), face, points, (l, lamp));
+            if !wanted(&between) {
+                continue;
+            }
+            for (k, &point) in points.iter().enumerate() {
+                let lobe =
+                    reflected.map(|(eye, power)| Lobe::towards(eye, point, facets[face].normal, power));
+                each(k, l, &between.sight(point, lobe.as_ref()), visible);
+            }
+        }
+    }
+
+    /// Per lamp and outgoing bin, the mean over a triangle of ⟨n, Φ⟩ ⟨h, n⟩^p, sr, with Φ the vector irradiance per radiance of the lamp.
+    /// `bins`: their directions, in the frame of the triangle. Empty for lamps of which nothing arrives.
+    pub fn lobes(&self, facets: &[Facet], receiver: usize, bins: &[DVec3], power: f64) -> Vec<Vec<f64>> {
+        let mut lobes = vec![Vec::new(); self.lamps.len()];
+        self.each_sample(facets, receiver, &mut |l, sight, share, visible| {
+            let phi = sight.vector_irradiance(visible);
+            lobes[l].resize(bins.len(), 0.0);
+            lobes::add(phi, sight.normal, share, bins, power, &mut lobes[l]);
+        });
+        lobes
+    }
+
+    /// The transpose of the derivative of [`Self::lobes`], from the derivative of a loss by each of them: by triangles, and by the power.
+    pub fn pull_back_lobes(
+        &self,
+        facets: &[Facet],
+        receiver: usize,
+        bins: &[DVec3],
+        power: f64,
+        cotangent: impl Fn(usize, usize) -> f64,
+    ) -> (Vec<(u32, FacetGradient)>, f64) {
+        let mut to = Contributions::default();
+        let mut by_power = 0.0;
+        let corners = facets[receiver].corners;
+        self.each_sample(facets, receiver, &mut |l, sight, share, visible| {
+            let phi = sight.vector_irradiance(visible);
+            let (by_phi, by_normal, by_exponent) =
+                lobes::pull_back(phi, sight.normal, bins, power, |b| share * cotangent(l, b));
+            by_power += by_exponent;
+            let (_, by_point, by_horizon) = sight.pull_back(visible, by_phi, &mut to);
+            let normal = by_normal + by_horizon;
+            let mut own = FacetGradient { normal, ..FacetGradient::default() };
+            let weights = barycentric(corners, sight.normal, sight.point);
+            for (corner, b) in own.corners.iter_mut().zip(weights.to_array()) {
+                *corner += b * by_point;
+            }
+            to.add(receiver as u32, own);
+        });
+        (to.merged(), by_power)
+    }
+
+    /// Calls `each` with each lamp, a point of a receiver that may see it, and the share of the receiver that the point stands for.
+    fn each_sample(
+        &self,
+        facets: &[Facet],
+        receiver: usize,
+        each: &mut dyn FnMut(usize, &Sight, f64, &mut Visible),
+    ) {
+        let geometry = self.geometry(facets);
+        let corners = facets[receiver].corners;
+        let visible = &mut Visible::default();
+        for (l, lamp) in self.lamps.iter().enumerate().filter(|&(l, _)| self.factors(receiver)[l] != 0.0) {
+            let lamp = &geometry.place(lamp);
+            let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, (l, lamp));
+            let cuts = self.cuts.get(&[receiver, l]).cloned().unwrap_or_default();
+            for Sample { barycentric, weight } in quadrature::samples(&cuts) {
+                each(l, &between.sight(at(corners, barycentric), None), weight, visible);
+            }
+        }
+    }
+
+    fn pull_back_to(&self, between: &Between, visible: &mut Visible, weight: f64, to: &mut Contributions) {
+        let &Between { geometry, receiver, lamp: (l, _), .. } = between;
+        let Facet { corners, normal, .. } = geometry.facets[receiver];
+        let cuts = self.cuts.get(&[receiver, l]).cloned().unwrap_or_default();
+        let mut own = FacetGradient::default();
+        for Sample { barycentric, weight: share } in quadrature::samples(&cuts) {
+            let sight = between.sight(at(corners, barycentric), None);
+            let (light, by_point, _) = sight.pull_back(visible, weight * share * normal, to);
+            own.normal += weight * share * light;
+            for (corner, b) in own.corners.iter_mut().zip(barycentric.to_array()) {
+                *corner += b * by_point;
+            }
+        }
+        to.add(receiver as u32, own);
+    }
+}
+
+fn radiance<'a>(lamps: &[Lamp], material: impl Fn(usize) -> &'a Material) -> Vec<DVec3> {
+    lamps.iter().map(|lamp| material(lamp.first()).emission.into()).collect()
+}
+
+/// What stands between points of a triangle and a lamp.
+struct Between<'a> {
+    geometry: Geometry<'a>,
+    receiver: usize,
+    /// With its number.
+    lamp: (usize, &'a Placed<'a>),
+    /// Polygons in between, unless rays count in their place.
+    blockers: Vec<u32>,
+    /// For rays from each point.
+    sampling: Option<&'a Sampling>,
+    /// By rays from the whole triangle.
+    share: Share,
+}
+
+impl<'a> Between<'a> {
+    /// For some points.
+    fn points(
+        geometry: Geometry<'a>,
+        sampling: Option<&'a Sampling>,
+        receiver: usize,
+        points: &[DVec3],
+        lamp: (usize, &'a Placed<'a>),
+    ) -> Self {
+        let most = sampling.map(|_| FEW);
+        let blockers = geometry.between(points, geometry.facets[receiver].normal, lamp.1, most);
+        let sampling = sampling.filter(|_| blockers.is_none());
+        Self { geometry, receiver, lamp, blockers: blockers.unwrap_or_default(), sampling, share: Share::ALL }
+    }
+
+    /// For all of the triangle: one share counts everywhere.
+    fn triangle(
+        geometry: Geometry<'a>,
+        sampling: Option<&'a Sampling>,
+        receiver: usize,
+        lamp: (usize, &'a Placed<'a>),
+    ) -> Self {
+        let Facet { corners, normal, .. } = geometry.facets[receiver];
+        let between = Self::points(geometry, sampling, receiver, &corners, lamp);
+        let of = |rays: &Sampling| rays.share(receiver, Origin::Triangle(corners), normal, lamp, None);
+        let share = between.sampling.map_or(Share::ALL, of);
+        Self { share, sampling: None, ..between }
+    }
+
+    /// Whether the lamp, or a polygon in between, has a triangle that moves.
+    fn moves(&self, moves: impl Fn(u32) -> bool) -> bool {
+        let polygon = |polygon: &Polygon| polygon.triangles.iter().any(|&i| moves(i));
+        let blockers = self.geometry.blockers;
+        polygon(self.lamp.1.lamp) || self.blockers.iter().any(|&number| polygon(blockers.polygon(number)))
+    }
+
+    /// From a point, for light that falls on it, or is reflected there.
+    fn sight(&self, point: DVec3, lobe: Option<&Lobe>) -> Sight<'_> {
+        let &Self { geometry, receiver, lamp, ref blockers, sampling, share } = self;
+        let normal = geometry.facets[receiver].normal;
+        let of = |rays: &Sampling| rays.share(receiver, Origin::Point(point), normal, lamp, lobe);
+        let share = sampling.map_or(share, of).value;
+        Sight { geometry, point, normal, lamp: lamp.1, blockers, share }
+    }
+
+    /// Standard error of what the triangle receives, as a share of that.
+    fn relative_error(&self) -> f64 {
+        if self.share.value > 0.0 { self.share.error / self.share.value } else { 0.0 }
+    }
+}
+
+/// Derivatives of a loss of highlights.
+#[derive(Clone, Debug, Default)]
+pub struct HighlightGradient {
+    /// By triangle; that of the points themselves is not included.
+    pub facets: Vec<(u32, FacetGradient)>,
+    /// By each point.
+    pub points: Vec<DVec3>,
+    /// By the position of the eye.
+    pub eye: DVec3,
+    /// By the power.
+    pub power: f64,
+}
+
+/// Receivers that an estimate of work looks at, about, and of how many at most one.
+const PROBES: usize = 256;
+const ONE_OF: usize = 7;
+
+/// Receivers whose derivatives are held in memory at a time.
+const RECEIVERS: usize = 4096;
+
+/// Receivers whose derivatives are added up before they are sent to other ranks.
+const NEIGHBOURS: usize = 16;
+
+/// Barycentric coordinates of a point of a triangle.
+pub fn barycentric(corners: [DVec3; 3], normal: DVec3, point: DVec3) -> DVec3 {
+    let [a, b, c] = corners.map(|corner| corner - point);
+    let areas = [b.cross(c), c.cross(a), a.cross(b)].map(|double| double.dot(normal));
+    DVec3::from(areas) / areas.iter().sum::<f64>()
+}
+
+/// The point with given barycentric coordinates.
+pub fn at([a, b, c]: [DVec3; 3], barycentric: DVec3) -> DVec3 {
+    a * barycentric.x + b * barycentric.y + c * barycentric.z
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use antirad_scene::{Material, Scene, SceneBuilder, Shape};
+    use glam::DAffine3;
+    use rand::{RngExt, SeedableRng};
+
+    /// A jittered floor, three blockers, one of which crosses the plane of the lamp, and a lamp of eight triangles.
+    fn scene() -> Scene {
+        let lamp = Material { emission: [5.0; 3], ..Material::named("lamp") };
+        let black = Material::named("black");
+        let at = |x: f64, y: f64, z: f64| DAffine3::from_translation(DVec3::new(x, y, z));
+        let down = DAffine3::from_scale(DVec3::new(1.0, -1.0, 1.0));
+        let tilted = DAffine3::from_rotation_x(1.2) * DAffine3::from_rotation_y(0.4);
+        let small = DAffine3::from_scale(DVec3::splat(0.4));
+        let mut builder = SceneBuilder::new();
+        builder
+            .shape("floor", Shape::Quad { cells: 2 }, &black, at(0.0, 0.0, 0.0))
+            .shape("low", Shape::Quad { cells: 1 }, &black, at(0.1, 0.4, 0.07) * small)
+            .shape("high", Shape::Quad { cells: 1 }, &black, at(-0.2, 0.7, 0.1) * tilted * small)
+            .shape("crossing", Shape::Quad { cells: 1 }, &black, at(0.3, 0.95, -0.1) * tilted * small)
+            .shape("lamp", Shape::Quad { cells: 2 }, &lamp, at(0.05, 1.0, 0.0) * down * small);
+        let mut scene = builder.finish("direct").expect("a scene");
+        let mut random = rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(7);
+        let jitter = scene.vertices.len() - 9;
+        for vertex in &mut scene.vertices[..jitter] {
+            *vertex += DVec3::from_array(random.random::<[f64; 3]>()) * 0.03;
+        }
+        scene
+    }
+
+    fn facets(scene: &Scene) -> Vec<Facet> {
+        (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect()
+    }
+
+    fn exact(scene: &Scene, facets: &[Facet], lamps: Vec<Lamp>) -> DirectLight {
+        let ranks = Ranks::default();
+        DirectLight::new(&ranks, facets, lamps, Visibility::Exact, |i| scene.material(i)).expect("one rank")
+    }
+
+    fn weight(receiver: usize, _: usize) -> f64 {
+        1.0 + (receiver as f64).sin()
+    }
+
+    fn loss(light: &DirectLight) -> f64 {
+        (0..light.receivers).map(|receiver| weight(receiver, 0) * light.factors(receiver)[0]).sum()
+    }
+
+    /// A floor under a lamp, and a box and a screen between them, whose faces are cut into many triangles.
+    fn fine_blockers(cells: u32) -> Scene {
+        let lamp = Material { emission: [5.0; 3], ..Material::named("lamp") };
+        let black = Material::named("black");
+        let at = |x: f64, y: f64, z: f64| DAffine3::from_translation(DVec3::new(x, y, z));
+        let turned = DAffine3::from_rotation_y(0.37) * DAffine3::from_rotation_x(0.14);
+        let small = DAffine3::from_scale(DVec3::splat(0.4));
+        let down = DAffine3::from_scale(DVec3::new(1.0, -1.0, 1.0));
+        let mut builder = SceneBuilder::new();
+        builder
+            .shape("floor", Shape::Quad { cells: 2 }, &black, at(0.0, 0.0, 0.0))
+            .shape("box", Shape::Box { cells }, &black, at(0.1, 0.4, 0.07) * turned * small)
+            .shape("screen", Shape::Quad { cells }, &black, at(-0.3, 0.7, 0.0) * turned * small)
+            .shape("lamp", Shape::Quad { cells: 2 }, &lamp, at(0.05, 1.0, 0.0) * down * small);
+        builder.finish("fine blockers").expect("a scene")
+    }
+
+    /// Triangles that cross each other, every third of them a lamp: penumbras everywhere, so that receivers take hundreds of points each.
+    fn soup() -> Scene {
+        let [lamp, black] = [1.0, 0.0].map(|emission| Material {
+            emission: [emission; 3],
+            ..Material::named(format!("emits {emission}"))
+        });
+        let mut random = rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(3);
+        let mut builder = SceneBuilder::new();
+        for k in 0..21 {
+            let material = if k % 3 == 0 { &lamp } else { &black };
+            let corners = (0..3).map(|_| DVec3::from_array(random.random::<[f64; 3]>())).collect();
+            builder.mesh("soup", corners, vec![[0, 1, 2]], material, DAffine3::IDENTITY);
+        }
+        builder.finish("soup").expect("a scene")
+    }
+
+    /// What one receiver in seven takes tells what all do, whether light is smooth or not, and no more is done than is allowed.
+    #[test]
+    fn a_few_receivers_tell_the_work_of_all() {
+        for (scene, least) in [(fine_blockers(6), 1.0), (soup(), 50.0)] {
+            let facets = facets(&scene);
+            let lamps = lamps(&scene, &facets, 1e-9);
+            let work = |step| DirectLight::work(&facets, &lamps, step, f64::INFINITY);
+            let all = work(1);
+            let pairs = (facets.len() * lamps.len()) as f64;
+            assert!(all >= least * pairs, "{} tests of each pair", all / pairs);
+            let ratio = work(ONE_OF) / all;
+            assert!((0.5..=2.0).contains(&ratio), "{ratio}");
+            assert!(DirectLight::takes_at_most(&facets, &lamps, 2.0 * all));
+            assert!(!DirectLight::takes_at_most(&facets, &lamps, 0.5 * all));
+            // What is above the limit is where it ends: far from all of it.
+            let most = 0.01 * all;
+            let stopped = DirectLight::work(&facets, &lamps, 1, most);
+            assert!(stopped > most && stopped < 0.5 * all, "{}", stopped / all);
+        }
+    }
+
+    /// However fine a mesh, what it hides is the same; so are the polygons that it is cut with.
+    #[test]
+    fn the_mesh_of_a_blocker_does_not_matter() {
+        let mut in_part = fine_blockers(1);
+        for _ in 0..3 {
+            // Every third triangle of the blockers, in three rounds: vertices in the middle of the edges of others.
+            let chosen: Vec<u32> = (8..in_part.triangles.len() as u32 - 2).step_by(3).collect();
+            in_part.split(&chosen);
+        }
+        let [coarse, fine, part] = [fine_blockers(1), fine_blockers(3), in_part].map(|scene| {
+            let facets = facets(&scene);
+            let light = exact(&scene, &facets, lamps(&scene, &facets, 1e-9));
+            let factors: Vec<f64> = (0..8).map(|receiver| light.factors(receiver)[0]).collect();
+            (light.blockers.count(), factors)
+        });
+        // Six faces and the screen; everything is above the floor and below the lamp.
+        assert_eq!((coarse.0, fine.0, part.0), (7, 7, 7));
+        assert!(coarse.1.iter().any(|&f| f > 0.01));
+        for ((a, b), c) in coarse.1.iter().zip(&fine.1).zip(&part.1) {
+            assert!((a - b).abs() <= 1e-9 && (a - c).abs() <= 1e-9, "{a} {b} {c}");
+        }
+    }
+
+    /// A face with a hole is no convex polygon, but some.
+    #[test]
+    fn a_face_with_a_hole_is_cut_into_convex_polygons() {
+        let quad = SceneBuilder::new()
+            .shape("quad", Shape::Quad { cells: 5 }, &Material::named("black"), DAffine3::IDENTITY)
+            .finish("quad")
+            .expect("a scene");
+        let mut facets = facets(&quad);
+        // The two triangles in the middle of five by five cells.
+        facets.retain(|f| (f.centroid - DVec3::new(0.5, 0.0, 0.5)).length() > 0.1);
+        assert_eq!(facets.len(), 48);
+        // Alone it stands between nothing.
+        assert_eq!(Blockers::new(&facets).count(), 0);
+        for side in [DVec3::Y, DVec3::NEG_Y] {
+            facets.push(Facet::new(facets[0].corners.map(|corner| corner + side)));
+        }
+        let blockers = Blockers::new(&facets);
+        assert!((4..=8).contains(&blockers.count()), "{}", blockers.count());
+        let mut triangles: Vec<u32> = blockers.all().flat_map(|polygon| polygon.triangles.clone()).collect();
+        triangles.sort_unstable();
+        assert_eq!(triangles, (0..48).collect::<Vec<u32>>());
+    }
+
+    /// Light, where it is sampled, derivatives and light of moved vertices: of three ranks the same bits as of one.
+    #[test]
+    fn ranks_compute_the_light_of_one() {
+        let scene = fine_blockers(3);
+        let facets = facets(&scene);
+        let lamps = lamps(&scene, &facets, 1e-9);
+        for visibility in [Visibility::Exact, Visibility::Sampled] {
+            let computed = |ranks: &Ranks| {
+                let light =
+                    DirectLight::new(ranks, &facets, lamps.clone(), visibility, |i| scene.material(i))
+                        .expect("light");
+                let gradients = light.pull_back(&facets, weight, |_| true).expect("derivatives");
+                let moved = light.moved(&facets).expect("light of moved vertices");
+                (light.factors, light.errors, light.cuts, gradients, moved.factors)
+            };
+            let alone = computed(&Ranks::default());
+            assert!(alone.2.len() > 4 && alone.0.iter().all(|factor| factor.is_finite()));
+            std::thread::scope(|scope| {
+                for ranks in antirad_base::ranks::in_threads(3) {
+                    let (alone, computed) = (&alone, &computed);
+                    scope.spawn(move || assert!(computed(&ranks) == *alone, "{ranks:?}"));
+                }
+            });
+        }
+    }
+
+    /// Central differences at fixed points, where blockers are triangles, and where they are polygons with vertices on their edges.
+    #[test]
+    fn derivatives_are_those_of_central_differences() {
+        differences(&scene(), 1);
+        // Every other vertex: corners, middles of edges, and centres.
+        differences(&fine_blockers(2), 2);
+    }
+
+    fn differences(scene: &Scene, one_of: usize) {
+        let facets = facets(scene);
+        let lamps = lamps(scene, &facets, 1e-9);
+        assert_eq!(lamps.len(), 1);
+        assert_eq!((lamps[0].corners.len(), lamps[0].outline.len()), (4, 8));
+        let light = exact(scene, &facets, lamps.clone());
+        assert!(light.cuts.len() > 4);
+        let gradients: Vec<[DVec3; 3]> = light
+            .pull_back(&facets, weight, |_| true)
+            .expect("one rank")
+            .iter()
+            .zip(&facets)
+            .map(|(g, f)| g.to_corners(f))
+            .collect();
+        // What moves are all vertices of the outline, not only those that are corners now.
+        let mut moving = light.clone();
+        moving.lamps[0].corners = lamps[0].outline.clone();
+        // Vertices move with all triangles that share them: a lamp stays one piece.
+        let mut by_vertex = vec![DVec3::ZERO; scene.vertices.len()];
+        for (triangle, gradient) in scene.triangles.iter().zip(&gradients) {
+            triangle.vertices.iter().zip(gradient).for_each(|(&v, g)| by_vertex[v as usize] += *g);
+        }
+        let step = 1e-6;
+        let largest = by_vertex.iter().map(|g| g.length()).fold(0.0, f64::max);
+        let mut worst = 0.0_f64;
+        for (vertex, gradient) in by_vertex.iter().enumerate().step_by(one_of) {
+            let emits = vertex >= scene.vertices.len() - 9;
+            for axis in 0..3 {
+                // Out of its plane, the lamp would come apart.
+                if emits && axis == 1 {
+                    continue;
+                }
+                let moved = |by: f64| {
+                    let mut scene = scene.clone();
+                    scene.vertices[vertex][axis] += by;
+                    loss(&moving.moved(&self::facets(&scene)).expect("one rank"))
+                };
+                let difference = (moved(step) - moved(-step)) / (2.0 * step);
+                let error = (difference - gradient[axis]).abs() / largest;
+                worst = worst.max(error);
+            }
+        }
+        println!("{worst:e} of {largest}");
+        assert!(worst <= 1e-6, "{worst:e}");
+    }
+}

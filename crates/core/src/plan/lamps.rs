@@ -1,0 +1,159 @@
+//! Which emitters are lamps, whose direct light is computed apart from U, and with what visibility.
+
+use super::{GradientRequest, Placement, Plan, PlanError};
+use crate::direct::{DirectLight, Lamp, Visibility, lamps};
+use crate::model::{Bins, Facet, coplanar_tolerance};
+use antirad_scene::{Lamps, Scene, SolveSettings, Transport};
+use std::sync::Arc;
+
+/// Lamps up to which direct light is exact unless stated.
+const MOST: usize = 128;
+/// Blockers and edges looked at up to which it is, per pair of triangles and in addition: up to eight times as long as a solve on a
+/// CPU, and a second.
+const TESTS_PER_PAIR: f64 = 40.0;
+const FEW_TESTS: f64 = 2e7;
+/// Pairs of a triangle with clusters, about, and the error of these from which on rays are accurate enough.
+const CLUSTERS: usize = 4000;
+const COARSE: f64 = 0.002;
+/// Lamps up to which direct light is sampled unless stated, and numbers to hold: of each triangle and lamp, for glossy ones of each bin.
+const MOST_SAMPLED: usize = 1024;
+const MOST_HELD: usize = 100_000_000;
+
+/// How the light that comes straight from emitters is computed, and why.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct LampsReport {
+    /// Lamps with exact visibility: planar convex polygons, merged from triangles.
+    pub exact: usize,
+    /// Lamps with visibility by rays where much stands in between.
+    pub sampled: usize,
+    /// Lamps in all, also those whose light takes part in U.
+    pub emitters: usize,
+    /// Triangles of those with exact or sampled visibility.
+    pub triangles: usize,
+    /// In words.
+    pub why: String,
+}
+
+/// Lamps whose direct light is computed apart.
+#[derive(Default)]
+pub(crate) struct Chosen {
+    pub(crate) lamps: Vec<Lamp>,
+    pub(crate) visibility: Visibility,
+    /// How many lamps there are in all.
+    pub(crate) emitters: usize,
+}
+
+/// The lamps of a scene whose direct light is to be computed apart, where derivatives are wanted. An error where that is stated and not
+/// possible.
+pub(super) fn choose(
+    scene: &Scene,
+    facets: &[Facet],
+    settings: &SolveSettings,
+    gradients: GradientRequest,
+) -> Result<Chosen, PlanError> {
+    let lamps = lamps(scene, facets, coplanar_tolerance(facets));
+    let emitters = lamps.len();
+    let affordable = |others: usize| {
+        let pairs = facets.len() as f64 * others as f64;
+        emitters <= MOST && DirectLight::takes_at_most(facets, &lamps, TESTS_PER_PAIR * pairs + FEW_TESTS)
+    };
+    let clustered = matches!(settings.transport, Transport::Hierarchical { error } if error >= COARSE);
+    let all = facets.len();
+    let summed = if clustered { all.min(CLUSTERS) } else { all };
+    let moves = gradients.positions || gradients.camera;
+    let sampled = || {
+        let glossy = (0..facets.len()).filter(|&i| scene.material(i).is_glossy()).count();
+        let bins = Bins::new(settings.bins).count();
+        let held = emitters.saturating_mul(facets.len() + glossy * bins);
+        let few = emitters <= MOST_SAMPLED && held <= MOST_HELD;
+        (few && !moves && !gradients.emission).then_some(Visibility::Sampled)
+    };
+    let visibility = match settings.lamps {
+        Lamps::Exact => Some(Visibility::Exact),
+        Lamps::Sampled if moves => return Err(PlanError::SampledLamps),
+        Lamps::Sampled => Some(Visibility::Sampled),
+        Lamps::Antiradiance => None,
+        Lamps::Auto if emitters == 0 || affordable(summed) => Some(Visibility::Exact),
+        Lamps::Auto => {
+            // With derivatives rather exactly than through bins, even where clusters make the solve fast.
+            let slowly = || (summed < all && affordable(all)).then_some(Visibility::Exact);
+            sampled().or_else(slowly)
+        }
+    };
+    Ok(match visibility {
+        Some(visibility) => Chosen { lamps, visibility, emitters },
+        None => Chosen { emitters, ..Chosen::default() },
+    })
+}
+
+/// The triangles of a scene, in units of its size, and the lamps whose direct light is to be computed apart.
+pub fn direct_lamps(scene: &Scene) -> (Arc<[Facet]>, Vec<Lamp>, Visibility) {
+    let facets = Placement::of(scene).facets(scene);
+    // Nothing is refused without derivatives.
+    let Chosen { lamps, visibility, .. } =
+        choose(scene, &facets, &scene.settings, GradientRequest::default()).unwrap_or_default();
+    (facets, lamps, visibility)
+}
+
+/// Whether the light of a scene's lamps is to be computed apart.
+pub fn has_direct_lamps(scene: &Scene) -> bool {
+    !direct_lamps(scene).1.is_empty()
+}
+
+impl Plan {
+    /// How the light of emitters is computed.
+    pub(super) fn lamps_report(&self) -> LampsReport {
+        let triangles = self.lamps.iter().map(|lamp| lamp.triangles.len()).sum();
+        let lamps = |count: usize| if count == 1 { String::from("1 lamp") } else { format!("{count} lamps") };
+        let why = match (self.settings.lamps, self.lamps.len(), self.visibility) {
+            (_, 0, _) if self.emitters == 0 => String::from("no emitter"),
+            (Lamps::Antiradiance, _, _) => String::from("by antiradiance, as stated"),
+            (_, 0, _) => {
+                let why = match lamps(self.emitters) {
+                    count if self.emitters > MOST_SAMPLED => format!("{count}, more than {MOST_SAMPLED}"),
+                    count => format!(
+                        "exact ones of {count} would take far longer than the solve, and sampled ones too much memory, or lack \
+                         derivatives that are wanted"
+                    ),
+                };
+                format!("by antiradiance through bins, which blurs shadows: {why}")
+            }
+            (_, count, Visibility::Exact) => {
+                format!("direct light of {} with exact visibility", lamps(count))
+            }
+            (_, count, Visibility::Sampled) => {
+                format!(
+                    "direct light of {} with visibility by rays where much stands in between",
+                    lamps(count)
+                )
+            }
+        };
+        let count = |visibility| if self.visibility == visibility { self.lamps.len() } else { 0 };
+        let (exact, sampled) = (count(Visibility::Exact), count(Visibility::Sampled));
+        LampsReport { exact, sampled, emitters: self.emitters, triangles, why }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use antirad_scene::LoadOptions;
+
+    /// Exact shadows of a statue take six times as long as a solve by all pairs, and far longer than one with clusters.
+    #[test]
+    fn clusters_take_rays_where_their_error_allows() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scenes/statue.toml");
+        let scene = Scene::load(std::path::Path::new(file), &LoadOptions::default()).expect("a statue");
+        let facets = Placement::of(&scene).facets(&scene);
+        let chosen = |transport: Transport, gradients: GradientRequest| {
+            let settings = scene.settings.transport(transport);
+            choose(&scene, &facets, &settings, gradients).expect("a choice").visibility
+        };
+        let none = GradientRequest::default();
+        assert_eq!(chosen(Transport::Auto, none), Visibility::Exact);
+        assert_eq!(chosen(Transport::Hierarchical { error: 0.003 }, none), Visibility::Sampled);
+        assert_eq!(chosen(Transport::Hierarchical { error: 0.001 }, none), Visibility::Exact);
+        let positions = GradientRequest::default().positions(true);
+        assert_eq!(chosen(Transport::Hierarchical { error: 0.003 }, positions), Visibility::Exact);
+    }
+}

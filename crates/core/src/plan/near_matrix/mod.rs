@@ -1,0 +1,233 @@
+//! The near field as a sparse matrix, kept instead of being evaluated in each pass. Its weights depend on geometry
+//! alone.
+
+mod blocks;
+mod rows;
+mod sliced;
+
+pub use blocks::{IncidentPart, OutgoingPart};
+pub use sliced::{Block, NO_ROW, SLICE, SlicedMatrix};
+
+use super::{MemoryPlan, NearPairs, Plan, Residency};
+use antirad_scene::Precision;
+use blocks::Blocks;
+use rows::{Geometry, Row, Rows};
+use std::fmt;
+use std::sync::Arc;
+
+/// Bytes of the matrix by array; twice where gradients are planned, which need its transpose.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NearMatrixBytes {
+    pub starts: u64,
+    pub rows: u64,
+    pub columns: u64,
+    pub weights: u64,
+}
+
+/// Whether the near field is kept, and why not.
+#[derive(Clone, Debug)]
+pub enum NearField {
+    /// Evaluated in each pass.
+    Evaluated {
+        /// Why it is not kept.
+        why: &'static str,
+    },
+    /// Kept as a matrix.
+    Kept(NearMatrix),
+}
+
+impl Default for NearField {
+    fn default() -> Self {
+        Self::Evaluated { why: "not asked for" }
+    }
+}
+
+/// The near field as a matrix on incident and outgoing light.
+#[derive(Clone, Debug)]
+pub struct NearMatrix {
+    /// From outgoing to incident light.
+    pub forward: Arc<SlicedMatrix>,
+    /// From the cotangent of incident light to that of outgoing light; with gradients.
+    pub transposed: Option<Arc<SlicedMatrix>>,
+    /// Number of weights, without those that fill up slices.
+    pub weights: u64,
+}
+
+impl NearMatrix {
+    /// The matrices that exist.
+    pub fn matrices(&self) -> impl Iterator<Item = &SlicedMatrix> {
+        [Some(&self.forward), self.transposed.as_ref()].into_iter().flatten().map(Arc::as_ref)
+    }
+}
+
+impl fmt::Display for NearField {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Evaluated { why } => write!(f, "evaluated in each pass: {why}"),
+            Self::Kept(NearMatrix { forward, transposed, weights }) => {
+                let transposed = if transposed.is_some() { ", and its transpose" } else { "" };
+                write!(
+                    f,
+                    "kept as a matrix of {weights} weights in {} blocks{transposed}",
+                    forward.blocks.len()
+                )
+            }
+        }
+    }
+}
+
+const NO_ROOM: &str = "its matrix does not fit the memory budget";
+const TOO_LARGE: &str = "its matrix is larger than a buffer may be";
+/// Receivers whose rows tell about how long the others are.
+const SAMPLE: usize = 64;
+/// So many times as many are evaluated at once.
+const FEW: usize = 16;
+/// Smallest part of the estimate from them that the whole matrix may take.
+const LEAST: f64 = 0.5;
+/// Most weights: kernels index them by 32 bits.
+const MOST_WEIGHTS: u64 = 1 << 30;
+
+impl Plan {
+    /// Decides whether the near field is kept, and evaluates it if so. Everything else has been planned.
+    pub(super) fn choose_near_field(&mut self) {
+        let evaluated = |why| NearField::Evaluated { why };
+        self.near_field = self.near_matrix().map_or_else(evaluated, NearField::Kept);
+        let memory = MemoryPlan::of(self, self.options.rank);
+        if memory.total() > self.options.memory_budget {
+            self.near_field = evaluated(NO_ROOM);
+        } else if memory.check_buffers(self.options.max_buffer).is_err() {
+            self.near_field = evaluated(TOO_LARGE);
+        } else {
+            self.memory = memory;
+        }
+    }
+
+    fn near_matrix(&self) -> Result<NearMatrix, &'static str> {
+        let near = &self.interactions.by_receiver.near;
+        if !self.options.keep_near_field {
+            return Err("not asked for");
+        }
+        if self.residency != Residency::Device {
+            return Err("the solver's vectors do not fit the memory budget");
+        }
+        if near.partners.is_empty() {
+            return Err("no close pairs");
+        }
+        let free = self.options.memory_budget.saturating_sub(self.memory.total());
+        let blocks = Blocks::new(&self.layout, self.bins.count());
+        let [coincident, pole] = rounding(self.settings.precision);
+        let geometry = Geometry {
+            layout: &self.layout,
+            facets: &self.facets,
+            classes: &self.classes,
+            bins: &self.bins,
+            half_range: 0.5 * self.settings.near_field,
+            coincident,
+            pole,
+        };
+        let own: Vec<u32> = busy(near).filter(|&slot| self.owns(slot)).collect();
+        if own.is_empty() {
+            return Err("no close pairs");
+        }
+        // Not computed in vain where it is far too large.
+        if own.len() > FEW * SAMPLE {
+            let sample: Vec<u32> = own.iter().copied().step_by(own.len().div_ceil(SAMPLE)).collect();
+            let [weights, bytes] =
+                self.estimate(&Rows::of(&geometry, &blocks, near, &sample), near, &own, &sample);
+            if LEAST * bytes > free as f64 {
+                return Err(NO_ROOM);
+            }
+            let largest = LEAST * weights * self.settings.precision.bytes() as f64;
+            if weights > MOST_WEIGHTS as f64 || largest > self.options.max_buffer as f64 {
+                return Err(TOO_LARGE);
+            }
+        }
+        let rows = Rows::of(&geometry, &blocks, near, &own);
+        if rows.weights.is_empty() {
+            return Err("no light between close triangles");
+        }
+        // Bins of a state hold H(b) / c_b.
+        let per_bin = |row: &Row| 1.0 / self.bins.projected[row.index as usize % self.bins.count()];
+        // Rows are of what this rank holds.
+        let before = |group: usize| {
+            let [all, own] = [&self.layout.groups[group], &self.own(group)]
+                .map(|group| self.layout.slots_of(&group.tiles).start);
+            (own - all) * self.bins.count() as u32
+        };
+        let forward = SlicedMatrix::new(&rows, &blocks, |row| match blocks.parts(row.block) {
+            (IncidentPart::Irradiance, _) => 1.0,
+            (IncidentPart::Bins { .. }, _) => per_bin(row),
+        })
+        .moved(|block| match block.incident {
+            IncidentPart::Irradiance => 0,
+            IncidentPart::Bins { group } => before(group),
+        });
+        let transposed = self.options.gradients.any().then(|| {
+            let turned = match self.options.ranks {
+                1 => rows.transposed(),
+                // The rows of own sources are columns of what their receivers, of any rank, receive.
+                _ => {
+                    let lit = |&slot: &u32| {
+                        near.of(slot, &(0..self.layout.slots())).iter().any(|&source| self.owns(source))
+                    };
+                    let lit: Vec<u32> = busy(near).filter(lit).collect();
+                    let mut turned = Rows::of(&geometry, &blocks, near, &lit).transposed();
+                    turned.rows.retain(|row| self.owns(blocks.source(row)));
+                    turned
+                }
+            };
+            let turned = SlicedMatrix::new(&turned, &blocks, |row| match blocks.parts(row.block) {
+                (_, OutgoingPart::Diffuse | OutgoingPart::Specular { .. }) => 1.0,
+                (_, OutgoingPart::Antiradiance { .. }) => per_bin(row),
+            });
+            Arc::new(turned.moved(|block| match block.outgoing {
+                OutgoingPart::Diffuse => 0,
+                OutgoingPart::Antiradiance { group } | OutgoingPart::Specular { group } => before(group),
+            }))
+        });
+        Ok(NearMatrix { forward: Arc::new(forward), transposed, weights: rows.weights.len() as u64 })
+    }
+
+    /// Weights and bytes of the whole matrix for own receivers, from the rows of some of them.
+    fn estimate(&self, rows: &Rows, near: &NearPairs, own: &[u32], sample: &[u32]) -> [f64; 2] {
+        let pairs = |slot: &u32| u64::from(near.offsets[*slot as usize + 1] - near.offsets[*slot as usize]);
+        let of = |slots: &[u32]| slots.iter().map(pairs).sum::<u64>();
+        let share = of(own) as f64 / of(sample).max(1) as f64;
+        let (weight, word) = (self.settings.precision.bytes() as f64, size_of::<u32>() as f64);
+        let bytes = rows.weights.len() as f64 * (word + weight) + rows.rows.len() as f64 * word;
+        let matrices = if self.options.gradients.any() { 2.0 } else { 1.0 };
+        [share * rows.weights.len() as f64, matrices * share * bytes]
+    }
+
+    /// Bytes of one matrix on the device.
+    pub(super) fn near_matrix_bytes(&self, matrix: &SlicedMatrix) -> NearMatrixBytes {
+        NearMatrixBytes {
+            starts: size_of_val(&matrix.starts[..]) as u64,
+            rows: size_of_val(&matrix.rows[..]) as u64,
+            columns: size_of_val(&matrix.columns[..]) as u64,
+            weights: matrix.weights.len() as u64 * self.settings.precision.bytes(),
+        }
+    }
+
+    /// The near field as a matrix, if it is kept.
+    #[doc(hidden)]
+    pub fn near_field_matrix(&self) -> Option<&NearMatrix> {
+        match &self.near_field {
+            NearField::Kept(matrix) => Some(matrix),
+            NearField::Evaluated { .. } => None,
+        }
+    }
+}
+
+/// Slots with close partners.
+fn busy(near: &NearPairs) -> impl Iterator<Item = u32> {
+    (0..).zip(near.offsets.windows(2)).filter(|(_, run)| run[0] < run[1]).map(|(slot, _)| slot)
+}
+
+/// `COINCIDENT` of crates/core/glsl/pieces.glsl and `POLE` of crates/core/glsl/bins.glsl.
+fn rounding(precision: Precision) -> [f64; 2] {
+    match precision {
+        Precision::F32 => [1e-12, 1e-5],
+        Precision::F64 => [1e-24, 1e-12],
+    }
+}

@@ -1,0 +1,112 @@
+//! The derivative of ⟨λ, U L⟩ by the geometry of sources or receivers, block by block.
+
+use super::close_derivative::PieceSlopes;
+use super::far::{CLOSE_COST, Light, SMALL, Sources};
+use super::far_adjoint::{Cotangents, Receivers};
+use super::far_derivative::Slopes;
+use super::real::Real;
+use crate::model::{LIST, SOURCES};
+use crate::transport::shape::Shape;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Numbers of the gradient by one facet.
+pub const GRADIENT: usize = 16;
+
+/// That gradient, laid out as `FacetGradient` of crates/core/glsl/facet_gradient.glsl.
+pub(super) type Gradient<T> = [T; GRADIENT];
+
+/// A `FacetGradient` of its parts.
+pub(super) fn gradient<T: Real>(
+    [a, b, c]: [[T; 3]; 3],
+    normal: [T; 3],
+    area: T,
+    characteristic_area: T,
+) -> Gradient<T> {
+    let none = T::ZERO;
+    let [u, v, w] = normal;
+    [a[0], a[1], a[2], area, b[0], b[1], b[2], characteristic_area, c[0], c[1], c[2], none, u, v, w, none]
+}
+
+/// What passes from sources of one class to receivers, whose bins are in one page each.
+pub struct Derivative<'a, T> {
+    pub shape: Shape,
+    pub by: By<'a>,
+    pub light: Light<'a, T>,
+    /// The index with which the bins of the sources begin.
+    pub sources_page: u32,
+    pub cotangents: Cotangents<'a, T>,
+    /// The slot with which those of the receivers begin.
+    pub receivers_page: u32,
+}
+
+/// Of which ends of pairs the geometry counts, in blocks of these, with the other ends.
+pub enum By<'a> {
+    Receivers(Sources<'a>),
+    Sources(Receivers<'a>),
+}
+
+impl By<'_> {
+    /// Pairs of a block.
+    pub fn pairs(&self, block: u32) -> u64 {
+        match self {
+            Self::Receivers(of) => of.pairs(block),
+            Self::Sources(of) => of.pairs(block),
+        }
+    }
+
+    pub fn close(&self) -> bool {
+        matches!(self, Self::Receivers(Sources::Close { .. }) | Self::Sources(Receivers::Close { .. }))
+    }
+
+    /// The triangles or clusters of a block.
+    pub(super) fn own(&self, block: u32) -> Range<u32> {
+        match self {
+            Self::Receivers(_) => block * LIST..(block + 1) * LIST,
+            Self::Sources(of) => of.sources(block),
+        }
+    }
+}
+
+/// What a thread reuses.
+struct Scratch<T, const N: usize> {
+    slopes: Slopes<T, N>,
+    pieces: PieceSlopes<T>,
+}
+
+impl<T: Real> Derivative<'_, T> {
+    /// Adds it for some blocks to the gradients of all triangles and clusters.
+    pub fn add(&self, blocks: Range<u32>, gradients: &mut [T]) {
+        match self.by {
+            By::Sources(Receivers::Listed { .. }) => {
+                self.add_blocks::<{ SOURCES as usize }>(blocks, gradients);
+            }
+            _ => self.add_blocks::<{ LIST as usize }>(blocks, gradients),
+        }
+    }
+
+    /// With blocks of N sources or receivers.
+    fn add_blocks<const N: usize>(&self, blocks: Range<u32>, gradients: &mut [T]) {
+        let state = || Scratch::<T, N> { slopes: Slopes::NONE, pieces: PieceSlopes::NONE };
+        let summed = |scratch: &mut Scratch<T, N>, block: u32| match &self.by {
+            by if by.close() => self.close_block(block, &mut scratch.pieces),
+            By::Receivers(of) => self.by_receivers(of, block, &mut scratch.slopes),
+            By::Sources(of) => self.by_sources(of, block, &mut scratch.slopes),
+        };
+        // A pair takes about four times as long as forwards.
+        let small = SMALL / 4 / if self.by.close() { CLOSE_COST } else { 1 };
+        let small = blocks.clone().map(|block| self.by.pairs(block)).sum::<u64>() <= small;
+        let sums: Vec<[Gradient<T>; N]> = if small {
+            let mut scratch = state();
+            blocks.clone().map(|block| summed(&mut scratch, block)).collect()
+        } else {
+            blocks.clone().into_par_iter().map_init(state, summed).collect()
+        };
+        for (block, sums) in blocks.zip(sums) {
+            for (index, sum) in self.by.own(block).zip(sums) {
+                let to = &mut gradients[index as usize * GRADIENT..][..GRADIENT];
+                to.iter_mut().zip(sum).for_each(|(to, sum)| *to += sum);
+            }
+        }
+    }
+}

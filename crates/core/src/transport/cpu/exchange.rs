@@ -1,0 +1,237 @@
+//! U: light from every triangle to every other, one group of sources after the other.
+
+use super::Operators;
+use super::clusters::Sources;
+use super::completion::{complete, complete_slots};
+use super::far::{self, BLOCK, Light, Received};
+use super::near_matrix::NearMatrix;
+use super::real::Real;
+use super::reflection;
+use super::scene::{Context, SLOT};
+use super::state::Vector;
+use super::steps::{Kernel, Steps};
+use super::vectors::clear;
+use crate::backend::Array;
+use crate::plan::{Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::transport::TransportError;
+use crate::transport::shape::Shape;
+use crate::transport::work::{far_pairs, pairs};
+use antirad_base::ranks::RankError;
+use std::ops::Range;
+
+impl<T: Real> Operators<T> {
+    /// y = U (E + (K - J) x) with `emission`, y = U (K - J) x without; without `x` there is only emission.
+    pub(super) fn exchange(
+        &mut self,
+        x: Option<&Vector<T>>,
+        emission: bool,
+        y: &mut Vector<T>,
+    ) -> Result<(), TransportError> {
+        let Self { context, outgoing, window, clusters, volumes, near, steps, .. } = self;
+        let plan = &context.plan;
+        let backs = x.is_some();
+        let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
+        steps.begin(plan.own_share(pairs(plan, false)));
+        reflection::diffuse(context, &mut outgoing.radiance, x, emission);
+        clear(y);
+        if let Some(volumes) = volumes {
+            volumes.clear();
+        }
+        for (g, from) in plan.layout.groups.iter().enumerate() {
+            let antiradiance = match x.filter(|_| from.class.blocker) {
+                Some(x) => show(context, x, g, window)?,
+                None => &[],
+            };
+            reflection::specular(context, &mut outgoing.specular, (x, emission), g, steps)?;
+            let slots = plan.layout.slots_of(&from.tiles);
+            let specular = outgoing.specular.of(plan, g);
+            let triangles = Sources { class: from.class, indices: slots.clone(), antiradiance, specular };
+            if let Some(clusters) = clusters {
+                clusters.gather(context, &mut outgoing.radiance, g, &triangles, backs, steps)?;
+            }
+            let sent = Sent { context, radiance: &outgoing.radiance, passing };
+            let lit = receivers(plan, from, steps)?;
+            if near.is_none() {
+                for (t, to) in &lit {
+                    let pairs = &plan.interactions().by_receiver.near;
+                    let close = far::Sources::Close { near: pairs, slots: slots.clone() };
+                    sent.add(Kernel::Near, &triangles, close, (*t, to), y, steps)?;
+                }
+            }
+            add_near_matrix(context, near.as_ref(), Some((g, &triangles)), &outgoing.radiance, y, steps);
+            if let Some(clusters) = clusters {
+                if let Some(volumes) = volumes {
+                    steps.timed("volumes", "intensities", slots.len() as u64, || {
+                        volumes.add(context, &outgoing.radiance, &triangles, backs);
+                    });
+                }
+                for sources in [triangles, clusters.sources(plan, g, backs)?] {
+                    for (t, to) in &lit {
+                        sent.add_listed(&sources, (*t, to), y, steps)?;
+                    }
+                }
+                continue;
+            }
+            for (t, to) in &lit {
+                let (runs, tile) = (&plan.interactions().by_receiver.far, plan.layout.tile);
+                let far = far::Sources::Tiles { runs, tiles: from.tiles.clone(), tile };
+                sent.add(Kernel::Far, &triangles, far, (*t, to), y, steps)?;
+            }
+        }
+        if let Some(volumes) = volumes {
+            volumes.sum(context)?;
+            if let Some(sources) = volumes.sources(plan) {
+                // Fronts are on both sides of volumes.
+                let passing = PAIR_FRONT | PAIR_BACK;
+                let sent = Sent { context, radiance: &outgoing.radiance, passing };
+                for t in 0..plan.layout.groups.len() {
+                    sent.add_listed(&sources, (t, &plan.own(t)), y, steps)?;
+                }
+            }
+        }
+        add_near_matrix(context, near.as_ref(), None, &outgoing.radiance, y, steps);
+        Ok(complete_slots(context.cpu.ranks(), plan, &mut y.irradiance, SLOT)?)
+    }
+}
+
+/// What sources send, and to whom.
+struct Sent<'a, T> {
+    context: &'a Context<T>,
+    /// Diffuse radiance.
+    radiance: &'a [T],
+    /// Bits of pairs to consider.
+    passing: u32,
+}
+
+impl<T: Real> Sent<'_, T> {
+    /// Adds what this rank's triangles `to` of a group receive from sources.
+    fn add(
+        &self,
+        kernel: Kernel,
+        sources: &Sources<T>,
+        from: far::Sources,
+        (t, to): (usize, &Group),
+        y: &mut Vector<T>,
+        steps: &mut Steps,
+    ) -> Result<(), TransportError> {
+        let slots = self.context.plan.layout.slots_of(&to.tiles);
+        let received = Received {
+            shape: Shape::new(sources.class, to.class),
+            from,
+            passing: self.passing,
+            light: light(self.context, self.radiance, sources),
+            sources_page: sources.indices.start,
+            receivers_page: slots.start,
+        };
+        let pairs = |block| received.from.pairs(block);
+        steps.over((kernel, received.shape), blocks(&slots), pairs, |blocks| {
+            received.add(blocks, &mut y.irradiance, &mut y.bins[t]);
+        })
+    }
+
+    /// Adds what far triangles of a group, or its clusters, send, where clusters stand for triangles.
+    fn add_listed(
+        &self,
+        sources: &Sources<T>,
+        to: (usize, &Group),
+        y: &mut Vector<T>,
+        steps: &mut Steps,
+    ) -> Result<(), TransportError> {
+        let plan = &self.context.plan;
+        let clusters = plan.clusters().ok_or_else(|| TransportError::missing("clusters"))?;
+        let first = sources.indices.start;
+        let from = far::Sources::Listed {
+            lists: clusters.sources(),
+            indices: sources.indices.clone(),
+            clusters: clusters.is_cluster(first).then(|| [clusters.first(), plan.sources()]),
+            volumes: clusters.is_volume(first),
+        };
+        self.add(Kernel::Far, sources, from, to, y, steps)
+    }
+}
+
+/// The light of sources in memory.
+pub fn light<'a, T: Real>(context: &'a Context<T>, radiance: &'a [T], of: &Sources<'a, T>) -> Light<'a, T> {
+    Light {
+        layout: context.layout,
+        half_range: context.half_range(),
+        facets: &context.scene.facets,
+        corners: &context.scene.corners,
+        radiance,
+        antiradiance: of.antiradiance,
+        specular: of.specular,
+        bin_table: &context.scene.bin_table,
+        bins: context.bins(),
+    }
+}
+
+/// The bins of a group in a state, of all ranks, which call it together.
+pub fn show<'a, T: Real>(
+    context: &Context<T>,
+    x: &'a Vector<T>,
+    group: usize,
+    window: &'a mut Option<Array<T>>,
+) -> Result<&'a [T], RankError> {
+    let Context { cpu, plan, .. } = context;
+    let of = &plan.layout.groups[group];
+    let Some(window) = window.as_mut().filter(|_| of.class.has_bins()) else { return Ok(&x.bins[group]) };
+    let slots = plan.layout.slots_of(&of.tiles);
+    let own = reflection::within(context, group, &plan.layout.slots_of(&plan.own(group).tiles));
+    let window = &mut window[..slots.len() * context.bins()];
+    window[own].copy_from_slice(&x.bins[group]);
+    complete(cpu.ranks(), window, (slots.start, context.bins()), &plan.slots_by_rank(group))?;
+    Ok(window)
+}
+
+/// What this rank holds of each group, with its number, if light can pass to it from some sources.
+fn receivers(plan: &Plan, from: &Group, steps: &mut Steps) -> Result<Vec<(usize, Group)>, TransportError> {
+    let mut lit = Vec::new();
+    for t in 0..plan.layout.groups.len() {
+        let to = plan.own(t);
+        match plan.anything_passes(&to.tiles, &from.tiles) {
+            true => lit.push((t, to)),
+            false => steps.done(far_pairs(plan, &to, from))?,
+        }
+    }
+    Ok(lit)
+}
+
+/// Adds the near field where it is kept, from the bins of a group, or from the diffuse radiance of all.
+fn add_near_matrix<T: Real>(
+    context: &Context<T>,
+    near: Option<&NearMatrix<T>>,
+    from: Option<(usize, &Sources<T>)>,
+    radiance: &[T],
+    y: &mut Vector<T>,
+    steps: &Steps,
+) {
+    let Some(near) = near else { return };
+    let channels = context.layout.channels;
+    for block in &near.matrix.blocks {
+        let sent = match (block.outgoing, &from) {
+            (OutgoingPart::Diffuse, None) => (radiance, SLOT),
+            (OutgoingPart::Antiradiance { group }, Some((of, sources))) if group == *of => {
+                (sources.antiradiance, channels)
+            }
+            (OutgoingPart::Specular { group }, Some((of, sources))) if group == *of => {
+                (sources.specular, channels)
+            }
+            _ => continue,
+        };
+        // Without incident light there is no antiradiance.
+        if sent.0.is_empty() {
+            continue;
+        }
+        let received = match block.incident {
+            IncidentPart::Irradiance => (&mut y.irradiance[..], SLOT),
+            IncidentPart::Bins { group } => (&mut y.bins[group][..], channels),
+        };
+        let entries = near.matrix.entries(block);
+        steps.timed("near_matrix", "forward", entries, || near.multiply(block, sent, received));
+    }
+}
+
+/// The blocks of some slots.
+pub fn blocks(slots: &Range<u32>) -> Range<u32> {
+    slots.start / BLOCK..slots.end / BLOCK
+}

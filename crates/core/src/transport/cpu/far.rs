@@ -1,0 +1,306 @@
+//! U from far sources, point to point, and the walk over blocks of receivers. Twin of crates/core/glsl/transport_irradiance.comp, transport_bins.comp,
+//! cluster_irradiance.comp and cluster_bins.comp.
+
+use super::pairs::{CLUSTERS, Facet, Facets, Pairs, TRIANGLES, VOLUMES};
+use super::pieces::Pieces;
+use super::real::Real;
+use super::taps::{Layout, add, flush};
+use crate::model::{Class, ENTRY_BITS, LIST, SourceLists};
+use crate::plan::{FarRuns, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
+use crate::transport::shape::Shape;
+use antirad_gpu::vectorised;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Neighbouring receivers that a thread takes at a time.
+pub const BLOCK: u32 = LIST;
+pub(super) const N: usize = BLOCK as usize;
+/// Numbers of an RGB value of a slot.
+pub(super) const SLOT: usize = 4;
+/// So many pairs take less time than to wake other threads.
+pub(super) const SMALL: u64 = 1 << 13;
+/// Time of a close pair in that of others.
+pub(super) const CLOSE_COST: u64 = 64;
+
+/// What receivers receive from sources of one class, whose bins are in one page.
+pub struct Received<'a, T> {
+    pub shape: Shape,
+    pub from: Sources<'a>,
+    /// Bits of pairs to consider.
+    pub passing: u32,
+    pub light: Light<'a, T>,
+    /// The index with which the bins of the sources begin.
+    pub sources_page: u32,
+    /// The slot with which those of the receivers begin.
+    pub receivers_page: u32,
+}
+
+/// The sources of blocks of receivers.
+#[derive(Clone)]
+pub enum Sources<'a> {
+    /// In a range of tiles.
+    Tiles { runs: &'a FarRuns, tiles: Range<u32>, tile: u32 },
+    /// In a range of indices of lists. Of clusters, the index of the first of all and that of its first moment; of volumes neither.
+    Listed { lists: &'a SourceLists, indices: Range<u32>, clusters: Option<[u32; 2]>, volumes: bool },
+    /// Close ones in a range of slots, piece by piece.
+    Close { near: &'a NearPairs, slots: Range<u32> },
+}
+
+impl Sources<'_> {
+    /// Calls `with` with the index of each source of a block, and what may pass.
+    pub(super) fn visit(&self, block: u32, mut with: impl FnMut(u32, u32)) {
+        match self {
+            Self::Tiles { runs, tiles, tile } => {
+                for (run, bits) in runs.of(block * BLOCK / tile, tiles) {
+                    (run.start * tile..run.end * tile).for_each(|slot| with(slot, bits));
+                }
+            }
+            Self::Listed { lists, indices, .. } => {
+                let bits = (1 << ENTRY_BITS) - 1;
+                lists.of(block, indices).iter().for_each(|entry| with(entry >> ENTRY_BITS, entry & bits));
+            }
+            Self::Close { .. } => {}
+        }
+    }
+
+    /// Pairs of a block, including those of tiles between which nothing passes.
+    pub fn pairs(&self, block: u32) -> u64 {
+        match self {
+            Self::Tiles { tiles, tile, .. } => u64::from(BLOCK * tile) * tiles.len() as u64,
+            Self::Listed { lists, indices, .. } => u64::from(BLOCK) * lists.of(block, indices).len() as u64,
+            Self::Close { near, slots } => {
+                (block * BLOCK..(block + 1) * BLOCK).map(|slot| near.of(slot, slots).len() as u64).sum()
+            }
+        }
+    }
+
+    pub(super) fn clusters(&self) -> Option<[u32; 2]> {
+        match self {
+            Self::Tiles { .. } | Self::Close { .. } => None,
+            Self::Listed { clusters, .. } => *clusters,
+        }
+    }
+
+    /// Of sources that are [`TRIANGLES`], [`CLUSTERS`] or [`VOLUMES`].
+    fn kind(&self) -> u8 {
+        match self {
+            Self::Listed { volumes: true, .. } => VOLUMES,
+            Self::Listed { clusters: Some(_), .. } => CLUSTERS,
+            _ => TRIANGLES,
+        }
+    }
+}
+
+impl<T: Real> Received<'_, T> {
+    /// Adds what some blocks receive: to the irradiance of all slots, and to the bins of this page.
+    pub fn add(&self, blocks: Range<u32>, irradiance: &mut [T], incident: &mut [T]) {
+        let Light { layout, bins, .. } = self.light;
+        let first = (blocks.start * BLOCK).saturating_sub(self.receivers_page) as usize * bins;
+        let own: Vec<(u32, &mut [T])> = match self.shape.receiver_bins {
+            true => blocks.clone().zip(incident[first..].chunks_mut(N * bins)).collect(),
+            false => blocks.clone().map(|block| (block, &mut [][..])).collect(),
+        };
+        let state = || Scratch::new(if self.shape.receiver_bins { N * layout.count } else { 0 });
+        let received = |scratch: &mut Scratch<T>, (block, incident): (u32, &mut [T])| match &self.from {
+            Sources::Close { near, slots } => self.close_block((near, slots), block, scratch, incident),
+            _ => self.block(block, scratch, incident),
+        };
+        let close = matches!(self.from, Sources::Close { .. });
+        let small = if close { SMALL / CLOSE_COST } else { SMALL };
+        let small = blocks.clone().map(|block| self.from.pairs(block)).sum::<u64>() <= small;
+        let sums: Vec<[[T; 4]; N]> = if small {
+            let mut scratch = state();
+            own.into_iter().map(|own| received(&mut scratch, own)).collect()
+        } else {
+            own.into_par_iter().map_init(state, received).collect()
+        };
+        let slots = irradiance[(blocks.start * BLOCK) as usize * SLOT..].chunks_exact_mut(SLOT);
+        for (to, sum) in slots.zip(sums.as_flattened()) {
+            to.iter_mut().zip(&sum[..3]).for_each(|(to, &sum)| *to += sum);
+        }
+    }
+
+    /// Adds to the bins of the receivers of a block, and returns the sums of all directions.
+    fn block(&self, block: u32, scratch: &mut Scratch<T>, incident: &mut [T]) -> [[T; 4]; N] {
+        let light = &self.light;
+        let receivers = Facets::<T, N>::new(|k| Facet::read(light.facets, block * BLOCK + k as u32));
+        // Padding is within the horizon of everything.
+        let exists: [T; N] = std::array::from_fn(|k| flag(receivers.get(k).area > T::ZERO));
+        let layout = &light.layout;
+        let (clusters, kind) = (self.from.clusters(), self.from.kind());
+        let Scratch { pairs, bins, .. } = scratch;
+        let mut sums = [[T::ZERO; 4]; N];
+        let mut planes = [[T::ZERO; N]; 3];
+        let mut any = false;
+        self.from.visit(block, |index, bits| {
+            let bits = bits & self.passing;
+            let fronts = bits & PAIR_FRONT != 0;
+            let backs = self.shape.source.blocker && bits & PAIR_BACK != 0;
+            if !fronts && !backs {
+                return;
+            }
+            let source = Facet::read(light.facets, index);
+            let sides = [flag::<T>(fronts), flag(backs)];
+            let sides = |k: usize| [sides[0] * exists[k], sides[1] * exists[k]];
+            vectorised(
+                #[inline(always)]
+                || {
+                    match kind {
+                        VOLUMES => pairs.weigh::<VOLUMES>(|_| source, |k| receivers.get(k), sides),
+                        CLUSTERS => pairs.weigh::<CLUSTERS>(|_| source, |k| receivers.get(k), sides),
+                        _ => pairs.weigh::<TRIANGLES>(|_| source, |k| receivers.get(k), sides),
+                    }
+                    if bits & PAIR_NEAR != 0 {
+                        let areas = |k| source.characteristic_area + receivers.get(k).characteristic_area;
+                        pairs.blend(light.half_range, areas, |_| T::ONE);
+                    }
+                    let passing = pairs.passing();
+                    if passing == [false; 2] {
+                        return;
+                    }
+                    any = true;
+                    let sent = if kind == VOLUMES { Sent::NONE } else { light.of(index, clusters) };
+                    if !self.shape.any_bins() {
+                        return sent.add_diffuse(pairs, &mut planes);
+                    }
+                    let glossy = self.shape.source.glossy;
+                    if passing[0] && glossy || passing[1] {
+                        pairs.aim_from(layout, |_| source);
+                    }
+                    if self.shape.receiver_bins {
+                        pairs.aim_at(layout, |k| receivers.get(k));
+                    }
+                    let (front, back) =
+                        light.bins_of(index - self.sources_page, Class { blocker: backs, glossy });
+                    for k in 0..N {
+                        if pairs.weight[k] > T::ZERO {
+                            let value = sent.towards(k, pairs, layout, front, back);
+                            if self.shape.receiver_bins {
+                                let own = &mut bins[k * layout.count..][..layout.count];
+                                pairs.at_receiver.deposit(k, layout, own, value);
+                            }
+                            add(&mut sums[k], T::ONE, value);
+                        }
+                    }
+                },
+            );
+        });
+        if any && self.shape.receiver_bins {
+            let own = bins.chunks_exact_mut(layout.count).zip(incident.chunks_exact_mut(light.bins));
+            own.for_each(|(bins, to)| {
+                flush(layout, bins, |bin| T::ONE / light.bin_table[SLOT * bin + 3], to)
+            });
+        }
+        if !self.shape.any_bins() {
+            sums = std::array::from_fn(|k| [planes[0][k], planes[1][k], planes[2][k], T::ZERO]);
+        }
+        sums
+    }
+}
+
+/// What a thread reuses: pairs, and the sums of the bins of a block.
+pub(super) struct Scratch<T> {
+    pairs: Pairs<T, N>,
+    pub pieces: Pieces<T>,
+    pub bins: Vec<[T; 4]>,
+}
+
+impl<T: Real> Scratch<T> {
+    fn new(bins: usize) -> Self {
+        Self { pairs: Pairs::NONE, pieces: Pieces::NONE, bins: vec![[T::ZERO; 4]; bins] }
+    }
+}
+
+#[inline(always)]
+pub(super) fn flag<T: Real>(is: bool) -> T {
+    if is { T::ONE } else { T::ZERO }
+}
+
+/// What sources send, in memory.
+#[derive(Clone, Copy)]
+pub struct Light<'a, T> {
+    pub layout: Layout<T>,
+    /// Half of `near_field`.
+    pub half_range: T,
+    pub facets: &'a [T],
+    pub corners: &'a [T],
+    pub radiance: &'a [T],
+    pub antiradiance: &'a [T],
+    pub specular: &'a [T],
+    pub bin_table: &'a [T],
+    /// Numbers of the bins of a triangle.
+    pub bins: usize,
+}
+
+/// The diffuse light of a source.
+struct Sent<T> {
+    radiance: [T; 4],
+    /// The first moment of that of a cluster, otherwise zero.
+    moment: Option<[[T; 4]; 3]>,
+}
+
+impl<T: Real> Light<'_, T> {
+    fn of(&self, index: u32, clusters: Option<[u32; 2]>) -> Sent<T> {
+        Sent { radiance: self.radiance(index), moment: clusters.map(|of| self.moment(index, of)) }
+    }
+
+    /// The first moment of a cluster's radiance, by the index of the first of all clusters and that of its moment.
+    pub fn moment(&self, index: u32, [first, moments]: [u32; 2]) -> [[T; 4]; 3] {
+        let rows = moments + 3 * (index - first);
+        [rows, rows + 1, rows + 2].map(|row| self.radiance(row))
+    }
+
+    /// Diffuse radiance, or a row of its moment.
+    pub fn radiance(&self, at: u32) -> [T; 4] {
+        let value = &self.radiance[at as usize * SLOT..][..SLOT];
+        [value[0], value[1], value[2], T::ZERO]
+    }
+
+    /// Bins of a source by its place in its page, in front and behind; empty without.
+    pub fn bins_of(&self, at: u32, class: Class) -> (&[T], &[T]) {
+        let own = |has: bool| {
+            let first = at as usize * self.bins;
+            if has { first..first + self.bins } else { 0..0 }
+        };
+        (&self.specular[own(class.glossy)], &self.antiradiance[own(class.blocker)])
+    }
+}
+
+impl<T: Real> Sent<T> {
+    const NONE: Self = Self { radiance: [T::ZERO; 4], moment: None };
+
+    /// Adds what fronts send, by channel.
+    #[inline(always)]
+    fn add_diffuse(&self, pairs: &Pairs<T, N>, sums: &mut [[T; N]; 3]) {
+        for (c, sums) in sums.iter_mut().enumerate() {
+            for k in 0..N {
+                sums[k] += pairs.weight[k] * self.radiance[c];
+            }
+            if let Some(moment) = &self.moment {
+                for k in 0..N {
+                    let row = |row: usize| moment[row][c] * pairs.slope[row][k];
+                    sums[k] += row(0) + row(1) + row(2);
+                }
+            }
+        }
+    }
+
+    /// The irradiance of one receiver; `front` and `back`: bins of the source.
+    #[inline(always)]
+    fn towards(&self, k: usize, pairs: &Pairs<T, N>, layout: &Layout<T>, front: &[T], back: &[T]) -> [T; 4] {
+        let weight = pairs.weight[k];
+        let mut value = [T::ZERO; 4];
+        if pairs.front[k] > T::ZERO {
+            add(&mut value, weight, self.radiance);
+            if !front.is_empty() {
+                add(&mut value, weight, pairs.at_source.gather(k, layout, front));
+            }
+            if let Some(moment) = &self.moment {
+                moment.iter().zip(&pairs.slope).for_each(|(&row, slope)| add(&mut value, slope[k], row));
+            }
+        } else {
+            add(&mut value, -weight, pairs.at_source.gather(k, layout, back));
+        }
+        value
+    }
+}

@@ -1,0 +1,81 @@
+//! y += M x, with M a block of the near field. Twin of crates/core/glsl/near_matrix.comp.
+
+use super::real::Real;
+use crate::backend::{Array, Cpu, Lease};
+use crate::plan::{Block, NO_ROW, SLICE, SlicedMatrix};
+use antirad_base::usage::OverBudget;
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Slices that a thread takes at a time, at least.
+const SLICES: usize = 8;
+
+/// So many entries take less time than to wake other threads.
+const SMALL: u64 = 1 << 14;
+
+/// The matrix from outgoing to incident light, or its transpose.
+pub struct NearMatrix<T> {
+    pub matrix: Arc<SlicedMatrix>,
+    weights: Array<T>,
+    /// That of the lists, which the plan holds.
+    _lists: [Lease; 3],
+}
+
+impl<T: Real> NearMatrix<T> {
+    pub fn new(cpu: &Cpu, matrix: &Arc<SlicedMatrix>) -> Result<Self, OverBudget> {
+        let list = |label: &str, words: &[u32]| cpu.lease(label, size_of_val(words) as u64);
+        Ok(Self {
+            matrix: matrix.clone(),
+            weights: cpu.filled(
+                "near matrix: weights",
+                matrix.weights.iter().map(|&weight| T::of(weight)).collect(),
+            )?,
+            _lists: [
+                list("near matrix: starts", &matrix.starts)?,
+                list("near matrix: rows", &matrix.rows)?,
+                list("near matrix: columns", &matrix.columns)?,
+            ],
+        })
+    }
+
+    /// Adds the product of a block with `x` to `y`, each with the numbers of a value in memory: 4 per slot, or per bin as many as
+    /// channels.
+    pub fn multiply(&self, block: &Block, (x, from): (&[T], usize), (y, to): (&mut [T], usize)) {
+        let sums: Vec<[[T; 3]; SLICE as usize]> = match from {
+            1 => self.each_slice(block, |slice| self.sums(slice, |column| [x[column]; 3])),
+            stride => {
+                let light = |column: usize| [0, 1, 2].map(|channel| x[stride * column + channel]);
+                self.each_slice(block, |slice| self.sums(slice, light))
+            }
+        };
+        let rows = self.matrix.rows[(block.slices.start * SLICE) as usize..].iter();
+        for (&row, sum) in rows.zip(sums.as_flattened()).filter(|(row, _)| **row != NO_ROW) {
+            let own = &mut y[row as usize * to..][..to.min(3)];
+            own.iter_mut().zip(sum).for_each(|(y, &sum)| *y += sum);
+        }
+    }
+
+    fn each_slice<R: Send>(&self, block: &Block, of: impl Fn(u32) -> R + Send + Sync) -> Vec<R> {
+        let slices = block.slices.clone();
+        match self.matrix.entries(block) <= SMALL {
+            true => slices.map(of).collect(),
+            false => slices.into_par_iter().with_min_len(SLICES).map(of).collect(),
+        }
+    }
+
+    /// The sums of the rows of a slice.
+    fn sums(&self, slice: u32, light: impl Fn(usize) -> [T; 3]) -> [[T; 3]; SLICE as usize] {
+        const LANES: usize = SLICE as usize;
+        let [begin, end] =
+            [slice, slice + 1].map(|slice| self.matrix.starts[slice as usize] as usize * LANES);
+        let mut sums = [[T::ZERO; 3]; LANES];
+        let (weights, columns) = (&self.weights[begin..end], &self.matrix.columns[begin..end]);
+        for (weights, columns) in weights.chunks_exact(LANES).zip(columns.chunks_exact(LANES)) {
+            for ((sum, &weight), &column) in sums.iter_mut().zip(weights).zip(columns) {
+                let light = light(column as usize);
+                *sum = [0, 1, 2].map(|channel| sum[channel] + weight * light[channel]);
+            }
+        }
+        sums
+    }
+}

@@ -1,0 +1,398 @@
+//! U: light from every triangle to every other.
+
+use super::bundle::PassMonitor;
+use super::clusters::{ClusterLight, Sources as ClusterSources};
+use super::near_matrix::NearMatrix;
+use super::reflection::Reflection;
+use super::residency::{Part, View};
+use super::state::State;
+use super::sweep::{Between, Kernels, Sweep, of_partners};
+use super::volumes::VolumeLight;
+use super::{Context, bin_constants};
+use crate::plan::{Block, Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Piece, Plan};
+use crate::shaders;
+use crate::transport::TransportError;
+use crate::transport::shape::Shape;
+use crate::transport::work::{far_pairs, pairs};
+use antirad_gpu::{Batch, Bindings, BufferSlice, Device, GpuError};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Close sources per receiver and dispatch: lavapipe bounds the iterations of all loops of an invocation together by
+/// 65535, and one source takes at most 1 + 16 · (20 + 16 · 19).
+pub const NEAR_TAKE: u32 = 8;
+/// The same where sources have no bins and need no second level: 1 + 16 · 20 iterations.
+pub const PLAIN_NEAR_TAKE: u32 = 128;
+
+/// Specialization constants of the kernels of a shape.
+pub fn shape_constants(shape: Shape, plan: &Plan) -> Vec<(u32, u32)> {
+    let (blocker, glossy) = (u32::from(shape.source.blocker), u32::from(shape.source.glossy));
+    let own = [(7, blocker), (8, glossy), (9, u32::from(shape.receiver_bins))];
+    [&own[..], &bin_constants(plan)].concat()
+}
+
+/// One sweep for each shape that occurs.
+pub fn sweeps(
+    device: &Device,
+    plan: &Plan,
+    kernels: impl Fn(Shape) -> Kernels<'static> + Sync,
+) -> Result<Vec<(Shape, Sweep)>, GpuError> {
+    // Drivers may take long to compile their kernels.
+    let sweep = |shape| Ok((shape, Sweep::new(device, plan, kernels(shape))?));
+    Shape::all(plan).into_par_iter().map(sweep).collect()
+}
+
+/// The sweep of a shape.
+pub fn sweep_of(sweeps: &mut [(Shape, Sweep)], shape: Shape) -> Result<&mut Sweep, TransportError> {
+    let sweep = sweeps.iter_mut().find(|(known, _)| *known == shape).map(|(_, sweep)| sweep);
+    sweep.ok_or_else(|| TransportError::missing(format!("a kernel from {}", shape.name())))
+}
+
+pub struct Exchange {
+    sweeps: Vec<(Shape, Sweep)>,
+    /// Where the near field is kept.
+    near_matrix: Option<NearMatrix>,
+    /// Where clusters stand for far triangles.
+    pub(super) clusters: Option<ClusterLight>,
+    volumes: Option<VolumeLight>,
+}
+
+impl Exchange {
+    pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
+        Ok(Self {
+            sweeps: Self::kernels(device, plan)?,
+            near_matrix: NearMatrix::forward(device, plan)?,
+            clusters: ClusterLight::new(device, plan)?,
+            volumes: VolumeLight::new(device, plan)?,
+        })
+    }
+
+    /// Its kernels over pairs.
+    pub fn kernels(device: &Device, plan: &Plan) -> Result<Vec<(Shape, Sweep)>, GpuError> {
+        let kernels = |shape: Shape| Kernels {
+            far: match (shape.any_bins(), plan.clusters().is_some()) {
+                (true, false) => (&shaders::TRANSPORT_BINS, Bindings { storage: 7, uniform: 2 }),
+                (false, false) => (&shaders::TRANSPORT_IRRADIANCE, Bindings { storage: 3, uniform: 2 }),
+                (true, true) => (&shaders::CLUSTER_BINS, Bindings::from(8)),
+                (false, true) => (&shaders::CLUSTER_IRRADIANCE, Bindings::from(4)),
+            },
+            near: plan.near_field_matrix().is_none().then_some((&shaders::NEAR, 11)),
+            single: shape.any_bins(),
+            by_source: false,
+            constants: shape_constants(shape, plan),
+            take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
+            gathers: u64::from(shape.source.has_bins()),
+            deposits: Some(u64::from(shape.receiver_bins)),
+            shape: shape.name().to_owned(),
+        };
+        sweeps(device, plan, kernels)
+    }
+
+    /// y = U (E + (K - J) x) with `emission`, y = U (K - J) x without; without `x` there is only emission.
+    pub fn run(
+        &mut self,
+        context: &Context,
+        reflection: &mut Reflection,
+        (x, emission): (Option<&State>, bool),
+        y: &State,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, .. } = context;
+        monitor.begin(plan.own_share(pairs(plan, false)));
+        let irradiance = y.open(&Part::irradiance(plan))?;
+        let backs = x.is_some();
+        let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
+        let pass = Pass { context, irradiance: &irradiance, backs, passing };
+        if let Some(volumes) = &self.volumes {
+            volumes.clear(context)?;
+        }
+        for (number, groups) in plan.sweeps().into_iter().enumerate() {
+            // What the sweep begins with, in one submission.
+            let mut batch = device.batch()?;
+            if number == 0 {
+                reflection.record_diffuse(context, x, emission, &mut batch)?;
+                irradiance.fill(&mut batch)?;
+            }
+            let receivers = open_receivers(context, groups, y, &mut batch)?;
+            batch.defer()?;
+            let wanted = sources_for(plan, &receivers, monitor)?;
+            let mut add_piece = |of: usize, light: Option<View>, go_on: &mut dyn FnMut()| {
+                let (piece, lit) = &wanted[of];
+                let specular = reflection.specular_under(context, piece, light.as_ref(), monitor)?;
+                let antiradiance = light.as_ref().map_or(context.scene.no_bins.whole(), View::slice);
+                self.add_piece(&pass, piece, [antiradiance, specular], lit, (y, number == 0), go_on, monitor)
+            };
+            match x {
+                Some(x) => {
+                    let parts: Vec<_> = wanted.iter().map(|(of, _)| Part::of_piece(plan, of)).collect();
+                    x.show_each(device, &parts, false, add_piece)?;
+                }
+                None => (0..wanted.len()).try_for_each(|of| add_piece(of, None, &mut || {}))?,
+            }
+            self.add_volumes(&pass, &receivers, number == 0, monitor)?;
+            add_near_matrix(&mut self.near_matrix, context, None, y, monitor)?;
+            receivers.into_iter().try_for_each(|to| to.incident.store(device))?;
+        }
+        context.complete_slots(irradiance.buffer(), plan.rgb_bytes())?;
+        irradiance.store(device)
+    }
+
+    /// Adds what a piece of the sources sends to the receivers of a sweep: close triangles, then clusters and far triangles. `sent`: its
+    /// antiradiance and specular radiance. Volumes gather it in the first sweep.
+    #[expect(clippy::too_many_arguments, reason = "the operands of a sum, and what computes it")]
+    fn add_piece(
+        &mut self,
+        pass: &Pass,
+        piece: &Piece,
+        sent: [BufferSlice; 2],
+        lit: &[&Receivers],
+        (y, first_sweep): (&State, bool),
+        go_on: &mut dyn FnMut(),
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let &Pass { context, backs, .. } = pass;
+        let from = &piece.part;
+        let [antiradiance, specular] = sent;
+        let indices = context.plan.layout.slots_of(&from.tiles);
+        let triangles = ClusterSources { class: from.class, indices, antiradiance, specular };
+        let of_clusters = match &self.clusters {
+            Some(clusters) => Some(clusters.gather(context, piece.group, &triangles, backs)?),
+            None => None,
+        };
+        // All that comes from other ranks is here.
+        go_on();
+        for to in lit {
+            pass.near(sweep_of(&mut self.sweeps, to.shape(from))?, &triangles, from, to, monitor)?;
+        }
+        let there =
+            [(from.class.blocker && backs).then_some(antiradiance), from.class.glossy.then_some(specular)];
+        add_near_matrix(&mut self.near_matrix, context, Some((piece.group, there)), y, monitor)?;
+        let Some(of_clusters) = of_clusters else {
+            return lit.iter().try_for_each(|to| {
+                pass.far(sweep_of(&mut self.sweeps, to.shape(from))?, &triangles, from, to, monitor)
+            });
+        };
+        if let Some(volumes) = self.volumes.as_ref().filter(|_| first_sweep) {
+            volumes.add(context, &triangles, backs)?;
+        }
+        for sources in [&triangles, &of_clusters] {
+            for to in lit {
+                pass.listed(sweep_of(&mut self.sweeps, to.shape(from))?, sources, to, monitor)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds what volumes send, once their light has been gathered.
+    fn add_volumes(
+        &mut self,
+        pass: &Pass,
+        receivers: &[Receivers],
+        first_sweep: bool,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Some(volumes) = &self.volumes else { return Ok(()) };
+        if first_sweep {
+            volumes.sum(pass.context)?;
+        }
+        // Fronts are on both sides of volumes.
+        let pass = Pass { passing: PAIR_FRONT | PAIR_BACK, ..*pass };
+        let sources = &volumes.sources(&pass.context.plan)?;
+        for to in receivers.iter().filter(|to| !to.group.tiles.is_empty()) {
+            let sweep = sweep_of(&mut self.sweeps, Shape::new(sources.class, to.group.class))?;
+            pass.listed(sweep, sources, to, monitor)?;
+        }
+        Ok(())
+    }
+}
+
+/// What this rank computes of a group, and the view in which its bins are accumulated.
+struct Receivers<'a> {
+    group: Group,
+    incident: View<'a>,
+}
+
+impl Receivers<'_> {
+    fn shape(&self, from: &Group) -> Shape {
+        Shape::new(from.class, self.group.class)
+    }
+}
+
+/// The receivers of a sweep, whose bins are set to zero.
+fn open_receivers<'a>(
+    context: &'a Context,
+    groups: Range<usize>,
+    y: &'a State,
+    batch: &mut Batch,
+) -> Result<Vec<Receivers<'a>>, TransportError> {
+    let Context { plan, scene, .. } = context;
+    let mut receivers = Vec::new();
+    for t in groups {
+        let incident = Part::held(plan, t).map(|part| y.open(&part)).transpose()?;
+        if let Some(incident) = &incident {
+            incident.fill(batch)?;
+        }
+        let incident = incident.unwrap_or_else(|| View::resident(&scene.no_bins, 0, 0));
+        receivers.push(Receivers { group: plan.own(t), incident });
+    }
+    Ok(receivers)
+}
+
+/// Pieces of the sources, each with the receivers that it can light.
+fn sources_for<'a, 'b>(
+    plan: &Plan,
+    receivers: &'b [Receivers<'a>],
+    monitor: &mut PassMonitor,
+) -> Result<Vec<(Piece, Vec<&'b Receivers<'a>>)>, TransportError> {
+    let mut wanted = Vec::new();
+    for piece in plan.pieces() {
+        let from = &piece.part;
+        let reached = |to: &&Receivers| plan.anything_passes(&to.group.tiles, &from.tiles);
+        let (lit, culled): (Vec<_>, Vec<_>) = receivers.iter().partition(reached);
+        culled.iter().try_for_each(|to| monitor.done(far_pairs(plan, &to.group, from)))?;
+        // Others may need what this rank shows.
+        if !lit.is_empty() || plan.options.ranks > 1 {
+            wanted.push((piece, lit));
+        }
+    }
+    Ok(wanted)
+}
+
+/// What kernels of a pass bind, whatever the sources.
+#[derive(Clone, Copy)]
+struct Pass<'a> {
+    context: &'a Context,
+    irradiance: &'a View<'a>,
+    /// Whether there is antiradiance.
+    backs: bool,
+    /// Bits of pairs to consider.
+    passing: u32,
+}
+
+impl Pass<'_> {
+    /// Adds what close triangles send.
+    fn near(
+        &self,
+        sweep: &mut Sweep,
+        sources: &ClusterSources,
+        from: &Group,
+        to: &Receivers,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { plan, scene, outgoing, .. } = self.context;
+        let buffers = [
+            scene.facets.whole(),
+            outgoing.radiance.whole(),
+            scene.corners.whole(),
+            self.irradiance.slice(),
+            sources.antiradiance,
+            sources.specular,
+            to.incident.slice(),
+            scene.near_offsets.whole(),
+            scene.near_sources.whole(),
+            scene.bin_table.whole(),
+        ];
+        let between = Between::receivers(plan, &to.group, from, to.incident.first_slot);
+        sweep.near(self.context, &between, &buffers, self.backs, monitor)
+    }
+
+    /// Adds what far triangles send, where no clusters stand for them.
+    fn far(
+        &self,
+        sweep: &mut Sweep,
+        sources: &ClusterSources,
+        from: &Group,
+        to: &Receivers,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { plan, scene, outgoing, .. } = self.context;
+        let buffers = [
+            scene.facets.whole(),
+            scene.far_sources.whole(),
+            self.irradiance.slice(),
+            sources.antiradiance,
+            sources.specular,
+            to.incident.slice(),
+            scene.bin_table.whole(),
+        ];
+        let buffers = if to.shape(from).any_bins() { &buffers[..] } else { &buffers[..3] };
+        let between = Between::receivers(plan, &to.group, from, to.incident.first_slot);
+        let partners = of_partners(self.context, &outgoing.radiance);
+        sweep.far(self.context, &between, buffers, &partners, self.passing, monitor)
+    }
+
+    /// Adds what the far triangles of a group, its clusters, or volumes send, where clusters stand for triangles.
+    fn listed(
+        &self,
+        sweep: &mut Sweep,
+        sources: &ClusterSources,
+        to: &Receivers,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { plan, scene, outgoing, .. } = self.context;
+        let (facets, lists) = (scene.facets.whole(), scene.far_sources.whole());
+        let (irradiance, radiance) = (self.irradiance.slice(), outgoing.radiance.whole());
+        let with_bins = [
+            facets,
+            lists,
+            irradiance,
+            sources.antiradiance,
+            sources.specular,
+            to.incident.slice(),
+            scene.bin_table.whole(),
+            radiance,
+        ];
+        let without = [facets, lists, irradiance, radiance];
+        let any_bins = Shape::new(sources.class, to.group.class).any_bins();
+        let buffers = if any_bins { &with_bins[..] } else { &without[..] };
+        let targets = (&plan.layout.slots_of(&to.group.tiles), to.incident.first_slot);
+        let partners = (&sources.indices, sources.indices.start);
+        sweep.listed(self.context, targets, partners, buffers, self.passing, monitor)
+    }
+}
+
+/// Adds the near field where it is kept, from the antiradiance and the specular radiance of a group or from the diffuse radiance of all;
+/// states are on the device then.
+fn add_near_matrix(
+    matrix: &mut Option<NearMatrix>,
+    Context { device, outgoing, .. }: &Context,
+    from: Option<(usize, [Option<BufferSlice>; 2])>,
+    y: &State,
+    monitor: &mut PassMonitor,
+) -> Result<(), TransportError> {
+    let Some(matrix) = matrix else { return Ok(()) };
+    let y = y.resident()?;
+    let sent = |part| match (part, from) {
+        (OutgoingPart::Diffuse, None) => Some(outgoing.radiance.whole()),
+        (OutgoingPart::Antiradiance { group }, Some((of, [sent, _]))) if group == of => sent,
+        (OutgoingPart::Specular { group }, Some((of, [_, sent]))) if group == of => sent,
+        _ => None,
+    };
+    let ends = |block: &Block| {
+        let Some(sent) = sent(block.outgoing) else { return Ok(None) };
+        let received = match block.incident {
+            IncidentPart::Irradiance => y.irradiance.whole(),
+            IncidentPart::Bins { group } => y.page(group)?.whole(),
+        };
+        Ok(Some([sent, received]))
+    };
+    matrix.run(device, ends, monitor)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::operators;
+    use super::*;
+    use crate::solve::LightOperator;
+
+    #[test]
+    fn a_kernel_that_is_missing_is_an_error_not_darkness() {
+        let mut operators = operators();
+        let x = operators.vector().expect("a vector");
+        let mut y = operators.vector().expect("a vector");
+        operators.pass(Some(&x), true, &mut y).expect("a pass");
+        operators.forward.exchange.sweeps.pop();
+        let error = operators.pass(Some(&x), true, &mut y).expect_err("a kernel is missing");
+        assert!(matches!(&error, TransportError::Missing { what } if what.contains("kernel")), "{error}");
+    }
+}

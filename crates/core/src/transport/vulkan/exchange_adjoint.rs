@@ -1,0 +1,278 @@
+//! Uᵀ: the cotangent of outgoing light from that of incident light.
+
+use super::Context;
+use super::adjoint::AdjointBuffers;
+use super::bundle::PassMonitor;
+use super::clusters::clusters_of;
+use super::completion::Values;
+use super::exchange::{NEAR_TAKE, PLAIN_NEAR_TAKE, shape_constants, sweep_of, sweeps};
+use super::near_matrix::NearMatrix;
+use super::residency::{Part, View};
+use super::specular::Accumulated;
+use super::state::State;
+use super::sweep::{Between, Kernels, Sweep, of_partners};
+use super::sweep_receivers::FromSources;
+use crate::model::Class;
+use crate::plan::{Block, Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::shaders;
+use crate::transport::TransportError;
+use crate::transport::shape::Shape;
+use crate::transport::work::pairs_by_source;
+use antirad_gpu::{Bindings, BufferSlice, Device, GpuError};
+use std::ops::Range;
+
+pub struct ExchangeAdjoint {
+    sweeps: Vec<(Shape, Sweep)>,
+    /// Where the near field is kept.
+    near_matrix: Option<NearMatrix>,
+}
+
+impl ExchangeAdjoint {
+    pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
+        let near_matrix = NearMatrix::transposed(device, plan)?;
+        Ok(Self { sweeps: Self::kernels(device, plan)?, near_matrix })
+    }
+
+    /// Its kernels over pairs.
+    pub fn kernels(device: &Device, plan: &Plan) -> Result<Vec<(Shape, Sweep)>, GpuError> {
+        let kernels = |shape: Shape| Kernels {
+            far: match shape.any_bins() {
+                _ if plan.clusters().is_some() => (&shaders::CLUSTER_ADJOINT, Bindings::from(9)),
+                true => (&shaders::TRANSPORT_BINS_ADJOINT, Bindings { storage: 7, uniform: 2 }),
+                false => (&shaders::TRANSPORT_IRRADIANCE_ADJOINT, Bindings { storage: 3, uniform: 2 }),
+            },
+            near: plan.near_field_matrix().is_none().then_some((&shaders::NEAR_ADJOINT, 11)),
+            single: shape.any_bins() || plan.clusters().is_some(),
+            by_source: true,
+            constants: shape_constants(shape, plan),
+            take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
+            gathers: u64::from(shape.receiver_bins),
+            deposits: Some(u64::from(shape.source.blocker) + u64::from(shape.source.glossy)),
+            shape: shape.name().to_owned(),
+        };
+        sweeps(device, plan, kernels)
+    }
+
+    /// Before the first sweep of a pass: copies the cotangent of irradiance to where kernels read it of partners.
+    pub fn begin(
+        &mut self,
+        context: &Context,
+        adjoint: &AdjointBuffers,
+        x: &State,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let plan = &context.plan;
+        monitor.begin(plan.own_share(pairs_by_source(plan, false)));
+        adjoint.copy_receivers(context, x)
+    }
+
+    /// Adds Uᵀ x for the sources of one sweep: the cotangents of diffuse radiance to the buffer of outgoing light, those of antiradiance
+    /// and of specular radiance to `sources`.
+    pub fn run(
+        &mut self,
+        context: &Context,
+        adjoint: &AdjointBuffers,
+        x: &State,
+        sources: &[Accumulated],
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, scene, outgoing } = context;
+        let lists = plan.interactions().by_source.as_ref().ok_or(TransportError::NotPlanned)?;
+        let partners = of_partners(context, &adjoint.receivers);
+        let none = View::resident(&scene.no_bins, 0, 0);
+        let irradiance = adjoint.receivers.whole();
+        let pieces = plan.pieces();
+        let parts: Vec<_> = pieces.iter().map(|piece| Part::of_piece(plan, piece)).collect();
+        x.show_each(device, &parts, false, |number, light, go_on| {
+            go_on();
+            let to = &pieces[number].part;
+            if let Some(light) = &light {
+                let near = Some((pieces[number].group, light.slice()));
+                add_near_matrix(&mut self.near_matrix, context, near, irradiance, sources, monitor)?;
+            }
+            let incident = light.as_ref().unwrap_or(&none).slice();
+            for accumulated in sources {
+                let from = plan.own(accumulated.group);
+                let back = accumulated.back.as_ref().unwrap_or(&none);
+                let front = accumulated.front.as_ref().unwrap_or(&none).slice();
+                let shape = Shape::new(from.class, to.class);
+                let sweep = sweep_of(&mut self.sweeps, shape)?;
+                let (facets, radiance) = (scene.facets.whole(), outgoing.radiance.whole());
+                let near = [
+                    facets,
+                    irradiance,
+                    scene.corners.whole(),
+                    radiance,
+                    incident,
+                    back.slice(),
+                    front,
+                    adjoint.near_offsets.whole(),
+                    adjoint.near_receivers.whole(),
+                    scene.bin_table.whole(),
+                ];
+                let between = Between { targets: from, partners: to, lists, first_slot: back.first_slot };
+                sweep.near(context, &between, &near, true, monitor)?;
+                if adjoint.clusters.is_some() {
+                    continue;
+                }
+                let far = [
+                    facets,
+                    adjoint.far_runs.whole(),
+                    radiance,
+                    incident,
+                    back.slice(),
+                    front,
+                    scene.bin_table.whole(),
+                ];
+                let far = if shape.any_bins() { &far[..] } else { &far[..3] };
+                sweep.far(context, &between, far, &partners, PAIR_FRONT | PAIR_NEAR | PAIR_BACK, monitor)?;
+            }
+            Ok(())
+        })?;
+        add_near_matrix(&mut self.near_matrix, context, None, irradiance, sources, monitor)?;
+        let Some(clusters) = &adjoint.clusters else { return Ok(()) };
+        for accumulated in sources {
+            let group = accumulated.group;
+            let from = plan.own(group);
+            let back = accumulated.back.as_ref().unwrap_or(&none);
+            let front = accumulated.front.as_ref().unwrap_or(&none).slice();
+            let triangles = Cotangents {
+                class: from.class,
+                sources: plan.layout.slots_of(&from.tiles),
+                bins_page: back.first_slot,
+                radiance: (outgoing.radiance.whole(), 0),
+                back: back.slice(),
+                front,
+            };
+            self.clusters(context, adjoint, (group, Some(&triangles)), x, monitor)?;
+            clusters.to_triangles(context, group, ([back.slice(), front], back.first_slot))?;
+        }
+        Ok(())
+    }
+
+    /// The cotangents of the light of the clusters of a group, whole: with what comes through the clusters they are part of. Adds those of
+    /// triangles from far receivers, too, if there are some to add to; otherwise what is shown stays.
+    pub fn clusters(
+        &mut self,
+        context: &Context,
+        adjoint: &AdjointBuffers,
+        (group, triangles): (usize, Option<&Cotangents>),
+        x: &State,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Some(clusters) = &adjoint.clusters else { return Ok(()) };
+        let Context { device, plan, scene, .. } = context;
+        let (all, run) = clusters_of(plan, group)?;
+        let bins = clusters.bins(run.class);
+        let [back, front] = bins.map(|bins| bins.unwrap_or(&scene.no_bins).whole());
+        clusters.clear(context, group)?;
+        let first = all.first();
+        let own = Cotangents {
+            class: run.class,
+            sources: plan.own_clusters(group),
+            bins_page: run.range().start,
+            radiance: (clusters.radiance.whole(), first),
+            back,
+            front,
+        };
+        let pieces = plan.pieces();
+        let parts: Vec<_> = pieces.iter().map(|piece| Part::of_piece(plan, piece)).collect();
+        x.show_each(device, &parts, triangles.is_none(), |number, light, go_on| {
+            go_on();
+            let incident = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
+            let receivers = (&pieces[number].part, incident);
+            let mut targets = std::iter::once(&own).chain(triangles);
+            targets.try_for_each(|to| self.received(context, adjoint, receivers, to, monitor))
+        })?;
+        let shares = plan.clusters_by_rank(group);
+        let rgb = plan.rgb_bytes();
+        let moments = Values { offset: u64::from(plan.sources() - first) * rgb, first, bytes: 3 * rgb };
+        context.complete(&clusters.radiance, Values { offset: 0, first, bytes: rgb }, shares)?;
+        context.complete(&clusters.radiance, moments, shares)?;
+        for bins in bins.into_iter().flatten() {
+            let values = Values { offset: 0, first: run.range().start, bytes: plan.bin_bytes() };
+            context.complete(bins, values, shares)?;
+        }
+        clusters.within(context, group)
+    }
+
+    /// Adds what the light of far sources matters to some receivers, with the cotangents of their light.
+    fn received(
+        &mut self,
+        context: &Context,
+        adjoint: &AdjointBuffers,
+        (receivers, incident): (&Group, BufferSlice),
+        to: &Cotangents,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { plan, scene, .. } = context;
+        let shape = Shape::new(to.class, receivers.class);
+        let sweep = sweep_of(&mut self.sweeps, shape)?;
+        let slots = plan.layout.slots_of(&receivers.tiles);
+        let far = [
+            scene.facets.whole(),
+            adjoint.far_runs.whole(),
+            to.radiance.0,
+            incident,
+            to.back,
+            to.front,
+            scene.bin_table.whole(),
+            adjoint.receivers.whole(),
+        ];
+        let of = FromSources {
+            sources: to.sources.clone(),
+            bins_page: to.bins_page,
+            radiance_page: to.radiance.1,
+            receivers_page: slots.start,
+            receivers: slots,
+        };
+        sweep.received(context, of, &far, monitor)
+    }
+}
+
+/// Adds the near field where it is kept, from the cotangents of the bins of a group or of the irradiance of all; states are on the device
+/// then.
+fn add_near_matrix(
+    matrix: &mut Option<NearMatrix>,
+    context: &Context,
+    from: Option<(usize, BufferSlice)>,
+    irradiance: BufferSlice,
+    sources: &[Accumulated],
+    monitor: &mut PassMonitor,
+) -> Result<(), TransportError> {
+    let Some(matrix) = matrix else { return Ok(()) };
+    let of_group = |group| {
+        let found = sources.iter().find(|accumulated| accumulated.group == group);
+        found.ok_or_else(|| TransportError::missing(format!("bins of group {group}")))
+    };
+    let none = || TransportError::missing("bins of a source of the near field");
+    let ends = |block: &Block| {
+        let incident = match (block.incident, from) {
+            (IncidentPart::Irradiance, None) => irradiance,
+            (IncidentPart::Bins { group }, Some((of, incident))) if group == of => incident,
+            _ => return Ok(None),
+        };
+        let outgoing = match block.outgoing {
+            OutgoingPart::Diffuse => context.outgoing.radiance.whole(),
+            OutgoingPart::Antiradiance { group } => {
+                of_group(group)?.back.as_ref().map(View::slice).ok_or_else(none)?
+            }
+            OutgoingPart::Specular { group } => {
+                of_group(group)?.front.as_ref().map(View::slice).ok_or_else(none)?
+            }
+        };
+        Ok(Some([outgoing, incident]))
+    };
+    matrix.run(&context.device, ends, monitor)
+}
+
+/// Where the cotangents of sources of one class go: of radiance, with the first index of its page, and of bins, from the
+/// index `bins_page` on.
+pub struct Cotangents<'a> {
+    class: Class,
+    sources: Range<u32>,
+    bins_page: u32,
+    radiance: (BufferSlice<'a>, u32),
+    back: BufferSlice<'a>,
+    front: BufferSlice<'a>,
+}

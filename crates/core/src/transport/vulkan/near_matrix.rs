@@ -1,0 +1,142 @@
+//! The near field as a matrix that the device keeps: its part of U and, transposed, of Uᵀ.
+
+use super::bundle::PassMonitor;
+use super::bundle::{Bundle, MOST_GROUPS};
+use super::real;
+use crate::plan::{Block, IncidentPart, OutgoingPart, Plan, SLICE, SlicedMatrix};
+use crate::shaders;
+use crate::transport::TransportError;
+use crate::transport::pace::Pace;
+use antirad_gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
+use antirad_scene::Precision;
+use bytemuck::{Pod, Zeroable, bytes_of};
+use std::sync::Arc;
+
+/// `NearMatrixPush` of crates/core/glsl/near_matrix.comp.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct NearMatrixPush {
+    /// First slice.
+    pub first_slice: u32,
+    /// Steps of each slice that earlier dispatches covered.
+    pub skip: u32,
+    /// Largest number that this one covers.
+    pub take: u32,
+}
+
+/// Steps of a slice per dispatch: lavapipe bounds the iterations of all loops of an invocation together by 65535.
+const TAKE: u32 = 32_768;
+
+/// The matrix from outgoing to incident light, or its transpose.
+pub struct NearMatrix {
+    matrix: Arc<SlicedMatrix>,
+    transposed: bool,
+    starts: Buffer,
+    rows: Buffer,
+    columns: Buffer,
+    weights: Buffer,
+    /// By whether it reads bins, and whether it writes bins.
+    kernels: [[Pipeline; 2]; 2],
+    pace: Pace,
+    precision: Precision,
+}
+
+impl NearMatrix {
+    /// `None` where the plan keeps none.
+    pub fn forward(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
+        let matrix = plan.near_field_matrix().map(|matrix| &matrix.forward);
+        matrix.map(|matrix| Self::new(device, plan, matrix, false)).transpose()
+    }
+
+    /// The same from the cotangent of incident light to that of outgoing light.
+    pub fn transposed(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
+        let matrix = plan.near_field_matrix().and_then(|matrix| matrix.transposed.as_ref());
+        matrix.map(|matrix| Self::new(device, plan, matrix, true)).transpose()
+    }
+
+    fn new(
+        device: &Device,
+        plan: &Plan,
+        matrix: &Arc<SlicedMatrix>,
+        transposed: bool,
+    ) -> Result<Self, GpuError> {
+        let precision = plan.settings.precision;
+        let words = |label: &str, words: &[u32]| -> Result<Buffer, GpuError> {
+            let buffer = Buffer::new(device, label, size_of_val(words) as u64, BufferKind::Storage)?;
+            device.upload_slice(&buffer, 0, words)?;
+            Ok(buffer)
+        };
+        Ok(Self {
+            matrix: matrix.clone(),
+            transposed,
+            starts: words("near matrix: starts", &matrix.starts)?,
+            rows: words("near matrix: rows", &matrix.rows)?,
+            columns: words("near matrix: columns", &matrix.columns)?,
+            weights: real::filled(device, "near matrix: weights", precision, &matrix.weights)?,
+            kernels: Self::kernels(device, plan)?,
+            pace: Pace::new(1e7),
+            precision,
+        })
+    }
+
+    /// By whether it reads bins, and whether it writes bins.
+    pub fn kernels(device: &Device, plan: &Plan) -> Result<[[Pipeline; 2]; 2], GpuError> {
+        let kernel = |from_bins: u32, to_bins: u32| {
+            let constants = [(0, SLICE), (6, plan.channels), (8, from_bins), (9, to_bins)];
+            let (shader, push) = (&shaders::NEAR_MATRIX, size_of::<NearMatrixPush>() as u32);
+            Pipeline::new(device, shader.of(plan.settings.precision), 6, push, &constants)
+        };
+        Ok([[kernel(0, 0)?, kernel(0, 1)?], [kernel(1, 0)?, kernel(1, 1)?]])
+    }
+
+    /// Adds the near field to incident light; or its transpose to the cotangent of outgoing light. `ends`: outgoing and incident light, or
+    /// their cotangents, of the blocks that take part.
+    pub fn run<'a>(
+        &mut self,
+        device: &Device,
+        ends: impl Fn(&Block) -> Result<Option<[BufferSlice<'a>; 2]>, TransportError>,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Self { matrix, transposed, starts, rows, columns, weights, kernels, pace, precision } = self;
+        let shape = if *transposed { "transposed" } else { "forward" };
+        let mut passed = 0;
+        let mut bundle = Bundle::new(device, pace, monitor);
+        for block in &matrix.blocks {
+            let Some(ends) = ends(block)? else { continue };
+            let bins = [
+                !matches!(block.outgoing, OutgoingPart::Diffuse),
+                !matches!(block.incident, IncidentPart::Irradiance),
+            ];
+            let [from, to] = if *transposed { [1, 0] } else { [0, 1] };
+            passed += matrix.entries(block);
+            let kernel = &kernels[usize::from(bins[from])][usize::from(bins[to])];
+            let buffers =
+                [starts.whole(), rows.whole(), columns.whole(), weights.whole(), ends[from], ends[to]];
+            // Slices come in descending order of their width.
+            for skip in (0..matrix.width(block.slices.start)).step_by(TAKE as usize) {
+                let wider = block.slices.clone().take_while(|&slice| matrix.width(slice) > skip);
+                let mut begin = block.slices.start;
+                let end = begin + wider.count() as u32;
+                while begin < end {
+                    let mut entries = 0;
+                    let count = (begin..end).take(MOST_GROUPS as usize).take_while(|&slice| {
+                        let more = u64::from((matrix.width(slice) - skip).min(TAKE)) * u64::from(SLICE);
+                        let fits = entries == 0 || entries + more <= bundle.affordable();
+                        entries += if fits { more } else { 0 };
+                        fits
+                    });
+                    let slices = count.count() as u32;
+                    let push = NearMatrixPush { first_slice: begin, skip, take: TAKE };
+                    bundle.add(entries, entries, |batch| {
+                        batch.dispatch(kernel, shape, &buffers, bytes_of(&push), [slices, 1, 1])
+                    })?;
+                    begin += slices;
+                }
+            }
+        }
+        bundle.end()?;
+        // A column, a weight, and three channels.
+        device.credit(kernels[0][0].kernel(), shape, passed, passed * (4 + 4 * precision.bytes()));
+        Ok(())
+    }
+}

@@ -1,0 +1,600 @@
+//! Traversal of pairs of triangles: point to point by tiles, and piecewise for close pairs. Shared by U, its
+//! transpose and its derivatives.
+
+use super::Context;
+use super::bundle::PassMonitor;
+use super::bundle::{Bundle, MOST_GROUPS};
+use super::sweep_receivers::ReceiversPush;
+use crate::model::{LIST, SOURCES};
+use crate::plan::{Group, NearPairs, PADDING, PAIR_BACK, PAIR_FRONT, PARTNER_BYTES, PairLists, Plan};
+use crate::shaders::RealShader;
+use crate::transport::TransportError;
+use crate::transport::pace::Pace;
+use crate::transport::work::NEAR_COST;
+use antirad_gpu::{Bindings, Buffer, BufferSlice, Device, DeviceKind, GpuError, Pipeline, UNIFORM_BYTES};
+use antirad_scene::Movable;
+use bytemuck::{Pod, Zeroable, bytes_of};
+use std::cmp::Reverse;
+use std::ops::Range;
+
+// The partners of a dispatch are in a uniform buffer.
+const _: () = assert!(PARTNER_BYTES <= UNIFORM_BYTES);
+
+/// `FarPush` of crates/core/glsl/far_push.glsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct FarPush {
+    /// First tile of targets.
+    pub target_tile: u32,
+    /// First tile of partners.
+    pub partner_begin: u32,
+    /// One past the last.
+    pub partner_end: u32,
+    /// Half of `near_field`: pairs with r² below this times the sum of their characteristic areas are close.
+    pub half_range: f32,
+    /// First slot of the buffer of the targets' bins.
+    pub target_page: u32,
+    /// The same for the partners.
+    pub partner_page: u32,
+    /// Bits of a tile pair to consider.
+    pub passing: u32,
+}
+
+/// `ListPush` of crates/core/glsl/far_list.glsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct ListPush {
+    /// First list of sources.
+    pub target_list: u32,
+    /// First index of sources.
+    pub partner_begin: u32,
+    /// One past the last.
+    pub partner_end: u32,
+    /// Half of `near_field`: pairs with r² below this times the sum of their characteristic areas are close.
+    pub half_range: f32,
+    /// First slot of the buffer of the targets' bins.
+    pub target_page: u32,
+    /// First index of the buffer of the sources' bins.
+    pub partner_page: u32,
+    /// Bits of an entry to consider.
+    pub passing: u32,
+    /// Sources in range of each list that earlier dispatches covered.
+    pub skip: u32,
+    /// Largest number that this one covers.
+    pub take: u32,
+    /// Index of the first cluster if the sources are clusters, otherwise 0.
+    pub clusters: u32,
+    /// Index of the first moment in the radiance of sources, three for each cluster.
+    pub moments: u32,
+    /// 1 if the sources are volumes.
+    pub volumes: u32,
+}
+
+/// Sources of a list per dispatch: as many as [`Plan::partner_slots`] in f32, and for the same reason.
+const LIST_TAKE: u32 = 2048;
+
+/// `NearPush` of crates/core/glsl/near_push.glsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct NearPush {
+    /// Index of the first target in the list of targets.
+    pub target_begin: u32,
+    /// Number of targets from there on.
+    pub targets: u32,
+    /// First slot of the partners.
+    pub partner_begin: u32,
+    /// One past the last.
+    pub partner_end: u32,
+    /// Half of `near_field`: pairs with r² below this times the sum of their characteristic areas are close.
+    pub half_range: f32,
+    /// First slot of the buffer of the targets' bins.
+    pub target_page: u32,
+    /// The same for the partners.
+    pub partner_page: u32,
+    /// 1 if backs emit antiradiance, else 0.
+    pub backs: u32,
+    /// Close partners of each target that earlier dispatches covered.
+    pub skip: u32,
+    /// Largest number that this one covers.
+    pub take: u32,
+}
+
+/// Reals of a `Facet` and of radiance, and of corners: crates/core/glsl/geometry.glsl.
+const SOURCE_REALS: f64 = 12.0;
+const CORNER_REALS: f64 = 12.0;
+/// Pairs of pieces at the first level of the near field.
+const PIECES: u32 = 16;
+
+/// Bytes of partners' bins that stay in the second-level cache of a CPU's core while a dispatch reads them.
+const CACHED_BYTES: u64 = 1 << 20;
+
+/// Close partners per target and dispatch where a driver does not count iterations.
+const TAKE_OF_GPUS: u32 = 256;
+
+/// The parts of a sweep.
+pub struct Kernels<'a> {
+    /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the partners of a dispatch, unless
+    /// it sums over lists of clusters; the last buffer of `near` lists the targets.
+    pub far: (&'a RealShader, Bindings),
+    /// `None` where the near field is kept as a matrix.
+    pub near: Option<(&'a RealShader, u32)>,
+    /// Whether a lane of `far` owns one triangle, rather than one in each run of lanes of a tile.
+    pub single: bool,
+    /// Whether `far` sums over lists of receivers, with groups of sources as targets.
+    pub by_source: bool,
+    /// Specialization of both, beyond lanes and tiles.
+    pub constants: Vec<(u32, u32)>,
+    /// Close partners per target and dispatch, bounded for the same reason as [`Plan::partner_slots`].
+    pub take: u32,
+    /// Ends of a pair, 0 to 2, at which four bins are read; for the profile.
+    pub gathers: u64,
+    /// Sets of bins that are accumulated of a target; `None` where that is something else, and lanes cannot share a target.
+    pub deposits: Option<u64>,
+    /// Name of the shape in the profile.
+    pub shape: String,
+}
+
+/// Kernels over pairs of triangles of certain classes. A lane owns a triangle and walks over partners.
+pub struct Sweep {
+    pub(super) far: Pipeline,
+    /// Workgroups of `far` per tile, list or group of targets.
+    pub(super) workgroups: u32,
+    /// Groups of sources that a workgroup of `far` covers side by side, where they are the targets.
+    pub(super) side_by_side: u32,
+    /// Tiles of partners per dispatch of `far` over tiles.
+    run_tiles: u32,
+    near: Option<Pipeline>,
+    /// Targets of a workgroup of `near`.
+    near_targets: u32,
+    take: u32,
+    pub(super) far_pace: Pace,
+    near_pace: Pace,
+    /// Bytes read from buffers by a point-to-point pair and by a close pair.
+    pub(super) bytes: [f64; 2],
+    pub(super) shape: String,
+}
+
+/// A buffer of values per slot, of which a dispatch binds those of its partners. It extends [`Plan::partner_slots`]
+/// past the last slot, so that the bound range always exists.
+#[derive(Clone, Copy)]
+pub struct OfPartners<'a> {
+    pub buffer: &'a Buffer,
+    /// Per slot.
+    pub bytes: u64,
+}
+
+/// What point-to-point kernels read of partners: geometry, and `light`, one RGB value of each.
+pub fn of_partners<'a>(context: &'a Context, light: &'a Buffer) -> [OfPartners<'a>; 2] {
+    let Context { plan, scene, .. } = context;
+    [
+        OfPartners { buffer: &scene.facets, bytes: plan.facet_bytes() },
+        OfPartners { buffer: light, bytes: plan.rgb_bytes() },
+    ]
+}
+
+/// Targets and partners of a sweep.
+pub struct Between<'a> {
+    pub targets: Group,
+    pub partners: &'a Group,
+    /// Pairs by target, receivers or sources.
+    pub lists: &'a PairLists,
+    /// First slot of the buffers of the targets' bins.
+    pub first_slot: u32,
+}
+
+impl<'a> Between<'a> {
+    /// Targets are receivers, with bins from `first_slot` on.
+    pub fn receivers(plan: &'a Plan, targets: &Group, partners: &'a Group, first_slot: u32) -> Self {
+        Self { targets: targets.clone(), partners, lists: &plan.interactions().by_receiver, first_slot }
+    }
+
+    /// Targets are this rank's part of a group, by its number, whose bins its buffers hold.
+    pub fn held(plan: &Plan, group: usize, partners: &'a Group, lists: &'a PairLists) -> Self {
+        let first_slot = plan.layout.slots_of(&plan.own(group).tiles).start;
+        Self { targets: plan.own(group), partners, lists, first_slot }
+    }
+
+    /// The parts with `movable` targets, in whole tiles.
+    pub fn movable_targets(self, plan: &Plan, movable: &Movable) -> Vec<Self> {
+        let moves = |&tile: &u32| {
+            let slots = plan.layout.slots_of(&(tile..tile + 1));
+            let triangles = slots.map(|slot| plan.layout.order[slot as usize]);
+            triangles.into_iter().any(|i| i != PADDING && movable.triangle(i))
+        };
+        let tiles: Vec<u32> = self.targets.tiles.clone().filter(moves).collect();
+        let part = |run: &[u32]| {
+            let targets = Group { tiles: run[0]..run[run.len() - 1] + 1, ..self.targets };
+            Self { targets, ..self }
+        };
+        tiles.chunk_by(|a, b| a + 1 == *b).map(part).collect()
+    }
+}
+
+impl Sweep {
+    pub fn new(device: &Device, plan: &Plan, kernels: Kernels) -> Result<Self, GpuError> {
+        let Kernels { far, near, single, by_source, constants, take, gathers, deposits, shape } = kernels;
+        let precision = plan.settings.precision;
+        let info = device.info();
+        let listed = plan.clusters().is_some();
+        let targets = match listed {
+            false => plan.options.tile,
+            true if by_source => SOURCES,
+            true => LIST,
+        };
+        let shared = Abreast::far(device, plan, deposits, targets);
+        // Wide subgroups cover several groups of sources.
+        let wide = shared.is_none() && listed && by_source && info.subgroup_size.is_multiple_of(targets);
+        let lanes = match shared {
+            Some(shared) => shared.in_workgroup(),
+            None if wide => info.subgroup_size,
+            None => info.subgroup_size.min(targets),
+        };
+        // Those of a workgroup, within a tile, list or group.
+        let side = shared.map_or(lanes.min(targets), |shared| shared.targets);
+        let real = precision.bytes() as f64;
+        let gathered = gathers as f64 * 4.0 * f64::from(plan.channels) * real;
+        // A source is read once for all triangles of a subgroup.
+        let single = single || shared.is_some();
+        let per_target = f64::from(if single { side } else { targets });
+        let in_workgroup = |lanes| u32::from(shares_deposits(device, plan, lanes, deposits.unwrap_or(0)));
+        let own = if listed { LIST } else { targets };
+        let abreast =
+            |shared: Option<Abreast>| shared.map(|of| (15, of.lanes)).into_iter().collect::<Vec<_>>();
+        let of_far = [
+            &[(0, lanes), (if listed { 12 } else { 1 }, own), (11, in_workgroup(lanes)), (13, lanes)][..],
+            &constants,
+            &abreast(shared),
+        ]
+        .concat();
+        // Its targets are anywhere.
+        let any_bins = gathers > 0 || deposits.is_some_and(|sets| sets > 0);
+        let near_shared = Abreast::close(device, plan, deposits, any_bins);
+        let near_targets =
+            near_shared.map_or(info.subgroup_size.min(plan.options.tile), |shared| shared.targets);
+        let near_lanes = near_shared.map_or(near_targets, Abreast::in_workgroup);
+        let of_near = [
+            &[(0, near_lanes), (11, in_workgroup(near_lanes)), (13, near_lanes)][..],
+            &constants,
+            &abreast(near_shared),
+        ]
+        .concat();
+        let far_push = match listed {
+            false => size_of::<FarPush>(),
+            true if by_source => size_of::<ReceiversPush>(),
+            true => size_of::<ListPush>(),
+        } as u32;
+        let near_push = size_of::<NearPush>() as u32;
+        Ok(Self {
+            far: Pipeline::new(device, far.0.of(precision), far.1, far_push, &of_far)?,
+            workgroups: if single { (targets / side).max(1) } else { 1 },
+            side_by_side: if wide { lanes / targets } else { 1 },
+            run_tiles: match device.kernels_for() {
+                DeviceKind::Cpu if gathers > 0 && deposits.is_none_or(|sets| sets == 0) => cached_tiles(plan),
+                _ => plan.partner_tiles(),
+            },
+            near: near
+                .map(|(shader, buffers)| {
+                    Pipeline::new(device, shader.of(precision), buffers, near_push, &of_near)
+                })
+                .transpose()?,
+            near_targets,
+            // Iterations are counted on CPU drivers alone.
+            take: if info.kind == DeviceKind::Cpu { take } else { take.max(TAKE_OF_GPUS) },
+            far_pace: Pace::new(if single { 2e6 } else { 5e7 }),
+            near_pace: Pace::new(1e5),
+            bytes: [
+                SOURCE_REALS * real / per_target + gathered,
+                (SOURCE_REALS + CORNER_REALS) * real + f64::from(PIECES) * gathered,
+            ],
+            shape,
+        })
+    }
+
+    /// Runs the point-to-point kernel over pairs of tiles. `passing`: the bits of the pairs to consider.
+    pub fn far(
+        &mut self,
+        context: &Context,
+        between: &Between,
+        buffers: &[BufferSlice],
+        uniforms: &[OfPartners],
+        passing: u32,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, .. } = context;
+        let Between { targets, partners, lists, first_slot } = between;
+        let tile = plan.layout.tile;
+        let Self { far, far_pace, workgroups, run_tiles, bytes, shape, .. } = self;
+        let mut passed = 0;
+        let mut bundle = Bundle::new(device, far_pace, monitor);
+        for run in tile_runs(&partners.tiles, *run_tiles) {
+            let pairs_of_row = u64::from(tile * tile) * run.len() as u64;
+            let mut begin = targets.tiles.start;
+            while begin < targets.tiles.end {
+                let rows = bundle.share(targets.tiles.end - begin, pairs_of_row);
+                let push = FarPush {
+                    target_tile: begin,
+                    partner_begin: run.start,
+                    partner_end: run.end,
+                    half_range: 0.5 * plan.settings.near_field as f32,
+                    target_page: *first_slot,
+                    partner_page: partners.tiles.start * tile,
+                    passing,
+                };
+                let from = u64::from(run.start * tile);
+                let seen = uniforms
+                    .iter()
+                    .map(|of| of.buffer.slice(from * of.bytes, u64::from(plan.partner_slots()) * of.bytes));
+                let buffers: Vec<_> = buffers.iter().copied().chain(seen).collect();
+                let groups = [rows, *workgroups, 1];
+                passed += passing_tiles(lists, begin..begin + rows, &run, passing);
+                let pairs = pairs_of_row * u64::from(rows);
+                bundle.add(pairs, pairs, |batch| {
+                    batch.dispatch(far, shape, &buffers, bytes_of(&push), groups)
+                })?;
+                begin += rows;
+            }
+        }
+        bundle.end()?;
+        let pairs = passed * u64::from(tile * tile);
+        device.credit(far.kernel(), shape, pairs, (pairs as f64 * bytes[0]) as u64);
+        Ok(())
+    }
+
+    /// Runs the point-to-point kernel over lists of clusters and triangles: those of the sources with `indices`, whose
+    /// bins are in a page from the index `page` on, to the slots of `targets`, with bins from `target_page` on.
+    /// `passing`: the bits of the entries to consider.
+    pub fn listed(
+        &mut self,
+        context: &Context,
+        (targets, target_page): (&Range<u32>, u32),
+        (indices, page): (&Range<u32>, u32),
+        buffers: &[BufferSlice],
+        passing: u32,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, .. } = context;
+        let Some(clusters) = plan.clusters() else { return Err(TransportError::missing("clusters")) };
+        let lists = targets.start / LIST..targets.end / LIST;
+        let counts: Vec<u32> =
+            lists.clone().map(|list| clusters.sources().of(list, indices).len() as u32).collect();
+        let Self { far, far_pace, workgroups, bytes, shape, .. } = self;
+        let mut bundle = Bundle::new(device, far_pace, monitor);
+        let longest = counts.iter().copied().max().unwrap_or(0);
+        for skip in (0..longest).step_by(LIST_TAKE as usize) {
+            let left = |list: u32| counts[(list - lists.start) as usize].saturating_sub(skip).min(LIST_TAKE);
+            let total: u64 = lists.clone().map(|list| u64::from(left(list) * LIST)).sum();
+            let mean = (total / lists.len() as u64).max(1);
+            let mut begin = lists.start;
+            while begin < lists.end {
+                let rows = bundle.share(lists.end - begin, mean);
+                let push = ListPush {
+                    target_list: begin,
+                    partner_begin: indices.start,
+                    partner_end: indices.end,
+                    half_range: 0.5 * plan.settings.near_field as f32,
+                    target_page,
+                    partner_page: page,
+                    passing,
+                    skip,
+                    take: LIST_TAKE,
+                    clusters: if clusters.is_cluster(indices.start) { clusters.first() } else { 0 },
+                    moments: plan.sources(),
+                    volumes: u32::from(clusters.is_volume(indices.start)),
+                };
+                let pairs = (begin..begin + rows).map(|list| u64::from(left(list) * LIST)).sum();
+                bundle.add(pairs, pairs, |batch| {
+                    batch.dispatch(far, shape, buffers, bytes_of(&push), [rows, *workgroups, 1])
+                })?;
+                begin += rows;
+            }
+        }
+        bundle.end()?;
+        let pairs = counts.iter().map(|&count| u64::from(count * LIST)).sum();
+        device.credit(far.kernel(), shape, pairs, (pairs as f64 * bytes[0]) as u64);
+        Ok(())
+    }
+
+    /// Runs the near-field kernel over close pairs, if there is one. `backs`: whether there is antiradiance.
+    pub fn near(
+        &mut self,
+        context: &Context,
+        between: &Between,
+        buffers: &[BufferSlice],
+        backs: bool,
+        monitor: &mut PassMonitor,
+    ) -> Result<(), TransportError> {
+        let Context { device, plan, scene, .. } = context;
+        let Self { near, near_pace, near_targets, take, bytes, shape, .. } = self;
+        let Some(near) = near else { return Ok(()) };
+        let partners = plan.layout.slots_of(&between.partners.tiles);
+        let targets =
+            busy_targets(&between.lists.near, plan.layout.slots_of(&between.targets.tiles), &partners);
+        if targets.is_empty() {
+            return Ok(());
+        }
+        let slots: Vec<u32> = targets.iter().map(|target| target.slot).collect();
+        let buffers = [buffers, &[scene.near_targets.whole()]].concat();
+        let mut bundle = Bundle::new(device, near_pace, monitor);
+        bundle.add(0, 0, |batch| batch.update(&scene.near_targets, 0, bytemuck::cast_slice(&slots)))?;
+        let longest = targets.iter().map(|target| target.partners).max().unwrap_or(0);
+        for skip in (0..longest).step_by(*take as usize) {
+            let left = |target: &Target| u64::from(target.partners.saturating_sub(skip).min(*take));
+            let end = targets.iter().rposition(|target| left(target) > 0).map_or(0, |last| last + 1);
+            let mut begin = 0;
+            while begin < end {
+                // As many whole workgroups as fit a submission, at least one.
+                let mut pairs = 0;
+                let workgroups =
+                    targets[begin..end].chunks(*near_targets as usize).take(MOST_GROUPS as usize);
+                let workgroups = workgroups.take_while(|group| {
+                    let more = group.iter().map(left).sum::<u64>();
+                    let fits = pairs == 0 || pairs + more <= bundle.affordable();
+                    pairs += if fits { more } else { 0 };
+                    fits
+                });
+                let workgroups = workgroups.count() as u32;
+                let count = (workgroups * *near_targets).min((end - begin) as u32);
+                let push = NearPush {
+                    target_begin: begin as u32,
+                    targets: count,
+                    partner_begin: partners.start,
+                    partner_end: partners.end,
+                    half_range: 0.5 * plan.settings.near_field as f32,
+                    target_page: between.first_slot,
+                    partner_page: partners.start,
+                    backs: u32::from(backs),
+                    skip,
+                    take: *take,
+                };
+                bundle.add(pairs, pairs * NEAR_COST, |batch| {
+                    batch.dispatch(near, shape, &buffers, bytes_of(&push), [workgroups, 1, 1])
+                })?;
+                begin += count as usize;
+            }
+        }
+        bundle.end()?;
+        let pairs = targets.iter().map(|target| u64::from(target.partners)).sum();
+        device.credit(near.kernel(), shape, pairs, (pairs as f64 * bytes[1]) as u64);
+        Ok(())
+    }
+}
+
+/// A target with close partners, and their number.
+struct Target {
+    slot: u32,
+    partners: u32,
+}
+
+/// The targets in a range of slots with close ones among `partners`, in descending order of their number, so that the
+/// lanes of a workgroup have similar work. Similar numbers are ordered by slot, so that lanes read the same partners.
+fn busy_targets(list: &NearPairs, targets: Range<u32>, partners: &Range<u32>) -> Vec<Target> {
+    let of = |slot| Target { slot, partners: list.of(slot, partners).len() as u32 };
+    let mut targets: Vec<Target> = targets.map(of).filter(|target| target.partners > 0).collect();
+    // Steps of a ninth.
+    targets.sort_by_key(|target| Reverse((8.0 * f64::from(target.partners).log2()) as u32));
+    targets
+}
+
+/// Targets whose sums the lanes of a workgroup of a GPU accumulate together (crates/core/glsl/abreast.glsl): those with bins, which would fill the
+/// memory of each lane; and others where there are so few that with a lane each most of the GPU would idle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Abreast {
+    targets: u32,
+    /// Of each target.
+    lanes: u32,
+}
+
+impl Abreast {
+    /// Lanes per target with bins: each owns every other row of one of up to three channels.
+    const LANES: u32 = 8;
+    /// Lanes per target of a kernel of close pairs: one for each pair of pieces, and without bins at either end, where sources are not cut,
+    /// one for each piece of the receiver.
+    const CLOSE_LANES: [u32; 2] = [4, PIECES];
+    /// Lanes per target without bins, at most: as many as a list of clusters has receivers.
+    const MOST_LANES: u32 = LIST;
+    /// Lanes of a workgroup, at most, which each device takes.
+    const MOST: u32 = 128;
+    /// Reals that a lane notes to be added to bins: four weights, three channels; and three more.
+    const NOTED: u64 = 10;
+    /// Bins that fit the 16 bits of a note.
+    const BINS: u64 = 1 << 16;
+
+    /// Triangles that are few: with a lane each, a thousand subgroups of 32.
+    const FEW: u32 = 1 << 15;
+    /// Lanes that keep a large GPU busy: eight thousand subgroups of 32.
+    const BUSY: u32 = 1 << 18;
+
+    /// For a kernel of far pairs.
+    fn far(device: &Device, plan: &Plan, sets: Option<u64>, targets: u32) -> Option<Self> {
+        let with_bins = sets? > 0;
+        let wanted = Self::BUSY.div_ceil(plan.layout.slots().max(1)).next_power_of_two();
+        let lanes = if with_bins { Self::LANES } else { wanted.clamp(Self::LANES, Self::MOST_LANES) };
+        Self::new(device, plan, sets, lanes, targets)
+    }
+
+    /// For a kernel of close pairs. `any_bins`: whether either end has bins.
+    fn close(device: &Device, plan: &Plan, sets: Option<u64>, any_bins: bool) -> Option<Self> {
+        Self::new(device, plan, sets, Self::CLOSE_LANES[usize::from(any_bins)], plan.options.tile)
+    }
+
+    /// As many of a tile, list or group of `targets` as have room for `sets` sets of bins in workgroup memory. `None` for CPU drivers,
+    /// and where there is no room for one.
+    fn new(device: &Device, plan: &Plan, sets: Option<u64>, lanes: u32, targets: u32) -> Option<Self> {
+        let bins = sets? * plan.bins.count() as u64;
+        let many = bins == 0 && plan.layout.slots() >= Self::FEW;
+        if many || bins >= Self::BINS || device.kernels_for() == DeviceKind::Cpu {
+            return None;
+        }
+        let real = plan.settings.precision.bytes();
+        let noted = u64::from(lanes) * (Self::NOTED * real + 4);
+        let fits = |targets: &u32| {
+            // And a vote, with what alignment takes.
+            let bytes = u64::from(*targets) * (bins * u64::from(plan.channels) * real + noted) + 64;
+            bytes <= u64::from(device.info().shared_memory_bytes)
+        };
+        let most = (Self::MOST / lanes).min(targets);
+        let sizes = std::iter::successors(Some(most), |targets| Some(targets / 2));
+        let targets = sizes.take_while(|&targets| targets > 0).find(fits)?;
+        Some(Self { targets, lanes })
+    }
+
+    /// Of a workgroup.
+    fn in_workgroup(self) -> u32 {
+        self.targets * self.lanes
+    }
+}
+
+/// Whether `lanes` accumulate `sets` sets of bins in workgroup memory, each its own. CPU drivers are faster that way; on GPUs it would
+/// leave room for few workgroups only.
+fn shares_deposits(device: &Device, plan: &Plan, lanes: u32, sets: u64) -> bool {
+    // Drivers may align a vec3 like a vec4.
+    let bytes = sets * u64::from(lanes) * plan.bins.count() as u64 * plan.rgb_bytes();
+    let fetched = u64::from(lanes) * (plan.facet_bytes() + 4 * plan.rgb_bytes() + 4);
+    device.kernels_for() == DeviceKind::Cpu
+        && plan.channels == 3
+        && bytes + fetched <= u64::from(device.info().shared_memory_bytes)
+}
+
+/// Tiles of partners whose bins are cached together: each workgroup of a dispatch reads all of them, a few bins of each
+/// triangle. Where targets have bins, too, adding the sums of a dispatch to them would cost more than that. A power of
+/// two, which divides [`Plan::partner_tiles`], so that sums don't depend on where pages end.
+fn cached_tiles(plan: &Plan) -> u32 {
+    let fitting = (CACHED_BYTES / plan.tile_bytes()).clamp(1, plan.partner_tiles().into()) as u32;
+    1 << fitting.ilog2()
+}
+
+/// Number of pairs of tiles between which light may pass.
+fn passing_tiles(lists: &PairLists, targets: Range<u32>, partners: &Range<u32>, passing: u32) -> u64 {
+    let wanted = passing & (PAIR_FRONT | PAIR_BACK);
+    targets.map(|target| lists.far.passing(target, partners, wanted).count() as u64).sum()
+}
+
+/// Runs of at most `most` tiles, one per dispatch.
+fn tile_runs(tiles: &Range<u32>, most: u32) -> impl Iterator<Item = Range<u32>> + use<> {
+    let end = tiles.end;
+    (tiles.start..end).step_by(most as usize).map(move |start| start..(start + most).min(end))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn targets_with_many_partners_come_first() {
+        // Partners of slots 0 to 3: 2, none, 9, 2 of which one is out of range.
+        let partners = [vec![1, 2], vec![], (0..9).collect(), vec![3, 20]].concat();
+        let list = NearPairs { offsets: vec![0, 2, 2, 11, 13], partners };
+        let targets = busy_targets(&list, 0..4, &(0..10));
+        let found: Vec<_> = targets.iter().map(|target| (target.slot, target.partners)).collect();
+        assert_eq!(found, [(2, 9), (0, 2), (3, 1)]);
+    }
+
+    #[test]
+    fn tile_runs_cover_everything_once() {
+        for (start, end) in [(0, 1000), (37, 1000), (64, 65), (100, 5000)] {
+            let all: Vec<u32> = tile_runs(&(start..end), 32).flatten().collect();
+            assert_eq!(all, (start..end).collect::<Vec<_>>());
+            assert!(tile_runs(&(start..end), 32).all(|run| run.len() <= 32));
+        }
+    }
+}

@@ -1,0 +1,449 @@
+//! The renderer that solves on a device.
+
+use super::renderer::{CostEstimate, OwnSquares, RenderError, Renderer};
+use antirad_base::Watch;
+use antirad_core::backend::Backend;
+use antirad_core::plan::{ClusterChoice, GradientRequest, Plan, PlanError, PlanOptions};
+use antirad_core::{Engine, EngineError, Solution, SolveParams};
+use antirad_render::image::{Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer};
+use antirad_render::render::{self, PictureError, PullBack, RenderOptions, SceneGradient, SeenPixels, Shown};
+use antirad_render::shading::{Reflections, Shading};
+use antirad_scene::{Camera, Scene, Transport};
+use glam::DVec3;
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+/// Cost of an evaluation with derivatives by materials, in solves: the adjoint solve costs as much as the forward one.
+const SOLVES: f64 = 2.1;
+/// Passes that derivatives by positions add, each several times as costly.
+const SOLVES_OF_GEOMETRY: f64 = 1.0;
+
+/// Pictures near the latest: relative accuracy of the difference, and the residual below which rounding rules.
+const REDUCTION: f64 = 0.1;
+const ROUNDING: f64 = 1e-6;
+/// Smallest factor on the emission of a plan.
+const DIMMEST: f64 = 1e-6;
+/// Relative residual of pictures near the latest where vertices have moved.
+const MOVED: f64 = 1e-4;
+
+/// Solves scenes on a device and renders their pictures.
+pub struct EngineRenderer {
+    backend: Backend,
+    renderer: render::Renderer,
+    /// The plan is made for its materials, which require as much as any later ones.
+    planning: Scene,
+    /// Its emission at first, by material: a measure of how bright others are.
+    first_emission: Vec<[f64; 3]>,
+    /// What the clusters of plans with derivatives are chosen for.
+    choice: Option<Arc<ClusterChoice>>,
+    /// How often they have been chosen.
+    choices: u64,
+    cameras: Vec<Camera>,
+    request: GradientRequest,
+    watch: Watch,
+    /// Whether every solve starts from darkness.
+    independent: bool,
+    /// The vertices by which derivatives are wanted; `None`: all.
+    movable: Option<Vec<u32>>,
+    passes: u64,
+    /// For the vertex positions of [`Self::planning`], with the derivatives of `planned`.
+    engine: Option<Engine>,
+    planned: GradientRequest,
+    /// Coverage of each view at these positions; empty until computed.
+    coverage: Vec<Coverage>,
+    /// State of the latest pictures. It holds device memory until the next ones have been rendered, whose solve starts from it.
+    latest: Option<Latest>,
+    /// Light with other vertices, to start from.
+    start: Option<Solution>,
+}
+
+/// What pictures show.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Subject {
+    /// A scene, for which clusters may be chosen.
+    Scene,
+    /// A scene near the latest.
+    Near,
+    /// A difference of scenes.
+    Difference,
+}
+
+struct Latest {
+    scene: Scene,
+    solution: Solution,
+    params: SolveParams,
+    /// Whether the scene is a difference of scenes, whose light is no start for that of others.
+    difference: bool,
+    /// Pictures per view.
+    pictures: Vec<Vec<DVec3>>,
+    /// What pictures are made from.
+    light: Shown,
+}
+
+impl EngineRenderer {
+    /// Renders scenes with the triangles of `planning` and materials that require no more than its own
+    /// ([`Parameters::planning_scene`](super::Parameters::planning_scene)), seen from `cameras` with `supersample` x
+    /// `supersample` samples per pixel, and computes the derivatives in `request`.
+    pub fn new(
+        backend: impl Into<Backend>,
+        planning: Scene,
+        cameras: Vec<Camera>,
+        supersample: u32,
+        request: GradientRequest,
+        watch: Watch,
+    ) -> Result<Self, ImageError> {
+        let backend = backend.into();
+        let reflections = if request.geometry() { Reflections::Bins } else { Reflections::FixedRays };
+        let options = RenderOptions::default().supersample(supersample).reflections(reflections);
+        Ok(Self {
+            renderer: render::Renderer::new(&backend, options)?,
+            backend,
+            first_emission: planning.materials.iter().map(|m| m.emission).collect(),
+            planning,
+            choice: None,
+            choices: 0,
+            cameras,
+            request,
+            watch,
+            independent: false,
+            movable: None,
+            passes: 0,
+            engine: None,
+            planned: GradientRequest::default(),
+            coverage: Vec::new(),
+            latest: None,
+            start: None,
+        })
+    }
+
+    /// The same with another shading: gathered unless stated.
+    pub fn shading(self, shading: Shading) -> Self {
+        let Self { renderer, .. } = self;
+        Self { renderer: renderer.shading(shading), ..self }
+    }
+
+    /// Solves every scene from darkness, with the clusters of the scene to plan for as long as these serve, so that pictures are functions of
+    /// the scene alone. Otherwise solves start from the light of the
+    /// pictures before, which saves passes, and pictures depend on those within the tolerance.
+    pub fn independent(self) -> Self {
+        Self { independent: true, ..self }
+    }
+
+    /// Derivatives by positions are those of some vertices alone, by their indices in the scene: by others they are zero.
+    pub fn movable(self, vertices: Vec<u32>) -> Self {
+        Self { movable: Some(vertices), ..self }
+    }
+
+    fn plan(&self, scene: &Scene, gradients: GradientRequest) -> Result<Plan, RenderError> {
+        let options = PictureOptions::default().supersample(self.renderer.options().supersample);
+        let mut pictures = 0;
+        for camera in &self.cameras {
+            let bytes = Rasterizer::bytes(self.backend.kind(), scene.triangles.len(), camera, &options)
+                .map_err(failed)?;
+            pictures = pictures.max(bytes);
+        }
+        let options = PlanOptions::of(&self.backend).pictures(pictures).gradients(gradients);
+        let plan = Plan::following(scene, &options, &scene.settings, self.choice.as_ref());
+        plan.map_err(|error| sort_out(error.into()))
+    }
+
+    /// Whether clusters are asked for.
+    fn has_clusters(&self) -> bool {
+        matches!(self.planning.settings.transport, Transport::Hierarchical { .. })
+    }
+
+    fn keep(&mut self, choice: Option<&Arc<ClusterChoice>>) {
+        self.choice = choice.cloned();
+        self.choices += 1;
+    }
+
+    /// Plans with the clusters of before, or with those for the light of a scene.
+    fn plan_for(&mut self, scene: &Scene, gradients: GradientRequest) -> Result<Plan, RenderError> {
+        if self.has_clusters() {
+            let materials = self.planning.materials.iter_mut().zip(&self.first_emission);
+            for ((material, first), own) in materials.zip(&scene.materials) {
+                material.emission = lit_like(*first, own.emission);
+            }
+        }
+        let plan = self.plan(&self.planning, gradients)?;
+        let kept = plan.choice().map(Arc::as_ptr) == self.choice.as_ref().map(Arc::as_ptr);
+        if !kept && gradients.any() && !self.independent {
+            self.keep(plan.choice());
+        }
+        Ok(plan)
+    }
+
+    /// Per triangle, whether any view shows it, at the latest positions or else those of the planning scene.
+    pub fn seen(&mut self) -> Result<Vec<bool>, RenderError> {
+        self.look()?;
+        Ok(Coverage::seen(&self.coverage, self.planning.triangles.len()))
+    }
+
+    /// Computes the coverage at the positions of [`Self::planning`], unless known.
+    fn look(&mut self) -> Result<(), RenderError> {
+        if self.coverage.is_empty() {
+            let look = |camera| self.renderer.coverage(&self.planning, camera);
+            self.coverage = self.cameras.iter().map(look).collect::<Result<_, _>>().map_err(failed)?;
+        }
+        Ok(())
+    }
+
+    /// Replaces the cameras: the next pictures are taken from these.
+    pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
+        if self.cameras != cameras {
+            self.cameras = cameras;
+            self.coverage.clear();
+            self.latest = None;
+        }
+    }
+
+    /// Frees the memory of the engine before that of the next one is allocated, but for the light to start from, where there is room for
+    /// both.
+    fn retire(&mut self) {
+        self.start = self.latest.take().and_then(Latest::start);
+        let planned = self.engine.take().map_or(0, |engine| engine.plan().memory().total());
+        let memory = self.backend.memory();
+        if memory.budget.saturating_sub(memory.in_use) < planned + planned / 4 {
+            self.start = None;
+        }
+    }
+
+    /// Updates engine and coverage to the positions of a scene; an engine that is made for it has the derivatives of `gradients`. `choose`:
+    /// whether clusters may be chosen for it.
+    fn prepare(
+        &mut self,
+        scene: &Scene,
+        choose: bool,
+        gradients: GradientRequest,
+    ) -> Result<Engine, RenderError> {
+        if self.independent && self.choices == 0 && self.has_clusters() {
+            let plan = self.plan(&self.planning, self.request)?;
+            self.keep(plan.choice());
+        }
+        if self.planning.vertices != scene.vertices {
+            self.retire();
+            let before = std::mem::replace(&mut self.planning.vertices, scene.vertices.clone());
+            self.planning.degenerate.clone_from(&scene.degenerate);
+            let views = self.cameras.iter().zip(std::mem::take(&mut self.coverage));
+            let look = |(camera, coverage)| {
+                let before = (&before[..], &coverage);
+                self.renderer.coverage_of_moved(&self.planning, camera, before)
+            };
+            self.coverage = views.map(look).collect::<Result<_, _>>().map_err(failed)?;
+        }
+        self.look()?;
+        if choose && self.engine.as_ref().is_some_and(|engine| !engine.plan().is_lit_by(scene)) {
+            self.retire();
+        }
+        let mut engine = match self.engine.take() {
+            Some(engine) => engine,
+            None => {
+                let plan = match choose {
+                    true => self.plan_for(scene, gradients)?,
+                    false => self.plan(&self.planning, gradients)?,
+                };
+                self.planned = gradients;
+                let mut engine = Engine::new(&self.backend, &self.planning, plan).map_err(sort_out)?;
+                let watch = self.watch.clone();
+                engine.set_movable(self.movable.as_deref());
+                engine.set_pass_callback(Some(Box::new(move |_, _| watch())));
+                engine
+            }
+        };
+        // The scene of a linear least-squares step is a difference of scenes.
+        engine.set_linear_materials(scene).map_err(sort_out)?;
+        Ok(engine)
+    }
+}
+
+impl Latest {
+    /// The light to start other solves from.
+    fn start(self) -> Option<Solution> {
+        (!self.difference).then_some(self.solution)
+    }
+
+    /// Whether these are the pictures of a scene; scenes differ in materials and positions only.
+    fn is_of(&self, scene: &Scene) -> bool {
+        !self.difference && self.scene.materials == scene.materials && self.scene.vertices == scene.vertices
+    }
+}
+
+impl EngineRenderer {
+    /// Solves a scene, starting from the light of the latest one where that is alike, and renders its pictures.
+    fn render(
+        &mut self,
+        scene: &Scene,
+        params: SolveParams,
+        subject: Subject,
+        gradients: GradientRequest,
+    ) -> Result<Latest, RenderError> {
+        if (self.watch)().is_break() {
+            return Err(RenderError::Interrupted);
+        }
+        let difference = subject == Subject::Difference;
+        let mut engine = self.prepare(scene, subject == Subject::Scene, gradients)?;
+        let moved = self.start.take();
+        let latest = self.latest.as_ref().filter(|latest| !latest.difference);
+        let start = latest.map(|latest| &latest.solution).or(moved.as_ref());
+        let start = start.filter(|_| !(self.independent || difference));
+        let (watch, passes) = (self.watch.clone(), &mut self.passes);
+        let solved = engine.solve_from(start, &params, &mut |_, _| {
+            *passes += 1;
+            watch()
+        });
+        let engine = self.engine.insert(engine);
+        let solution = solved.map_err(sort_out)?;
+        let before = self.latest.as_ref().map(|latest| &latest.light);
+        let light = self.renderer.light(engine, &solution, scene, &self.cameras, before).map_err(sort_out)?;
+        let picture = |(view, coverage): (usize, &Coverage)| {
+            let pixels = self.renderer.pixels(&light, view, coverage)?.pixels;
+            Ok(pixels.iter().map(|&[r, g, b, _]| DVec3::new(r, g, b)).collect())
+        };
+        let pictures = self.coverage.iter().enumerate().map(picture).collect::<Result<_, ImageError>>();
+        Ok(Latest {
+            scene: scene.clone(),
+            solution,
+            params,
+            difference,
+            pictures: pictures.map_err(failed)?,
+            light,
+        })
+    }
+}
+
+impl Renderer for EngineRenderer {
+    fn estimate(&mut self, planning: &Scene) -> Result<CostEstimate, RenderError> {
+        let plan = self.plan(planning, self.request)?;
+        let solves = SOLVES + if self.request.positions { SOLVES_OF_GEOMETRY } else { 0.0 };
+        let report = plan.report();
+        Ok(CostEstimate {
+            device_bytes: plan.memory().total(),
+            device_budget: plan.options().memory_budget,
+            seconds: solves * (report.estimated_seconds * report.estimated_seconds_at_most).sqrt(),
+        })
+    }
+
+    fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        if self.planned != self.request {
+            // An engine for pictures alone.
+            self.retire();
+        }
+        if let Some(latest) = self.latest.as_ref().filter(|latest| latest.is_of(scene)) {
+            return Ok(latest.pictures.clone());
+        }
+        let params = SolveParams::from(&scene.settings);
+        let latest = self.render(scene, params, Subject::Scene, self.request)?;
+        Ok(self.latest.insert(latest).pictures.clone())
+    }
+
+    fn pictures_near(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        if self.planning.vertices != scene.vertices {
+            // No derivatives are wanted here, and other vertices need another engine anyway.
+            let params = SolveParams::from(&scene.settings);
+            let params = params.tolerance(params.tolerance.max(MOVED));
+            let latest = self.render(scene, params, Subject::Near, GradientRequest::default())?;
+            return Ok(self.latest.insert(latest).pictures.clone());
+        }
+        let params = SolveParams::from(&scene.settings).reduction(REDUCTION);
+        let params = params.tolerance(params.tolerance.min(ROUNDING));
+        Ok(self.render(scene, params, Subject::Near, self.planned)?.pictures)
+    }
+
+    fn pictures_of_difference(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        let latest =
+            self.render(scene, SolveParams::from(&scene.settings), Subject::Difference, self.request)?;
+        Ok(self.latest.insert(latest).pictures.clone())
+    }
+
+    fn pull_back(
+        &mut self,
+        by_pixels: &[Vec<DVec3>],
+        request: GradientRequest,
+    ) -> Result<Option<SceneGradient>, RenderError> {
+        let (Some(latest), Some(engine)) = (&self.latest, &mut self.engine) else { return Ok(None) };
+        // Losses do not depend on coverage itself.
+        let by_pixels: Vec<Vec<[f64; 4]>> =
+            by_pixels.iter().map(|view| view.iter().map(|by| by.extend(0.0).to_array()).collect()).collect();
+        let views = self.cameras.iter().zip(&self.coverage).zip(&by_pixels);
+        let views: Vec<SeenPixels> =
+            views.map(|((camera, coverage), by_pixels)| SeenPixels { camera, coverage, by_pixels }).collect();
+        let (watch, passes) = (self.watch.clone(), &mut self.passes);
+        let mut progress = |_, _| {
+            *passes += 1;
+            watch()
+        };
+        let Latest { scene, solution, params, light, .. } = latest;
+        let wanted = PullBack { request, movable: self.movable.as_deref(), params: *params };
+        let pulled = self.renderer.pull_back(engine, solution, scene, light, &views, wanted, &mut progress);
+        Ok(Some(pulled.map_err(|error| match error {
+            PictureError::Engine(error) => sort_out(error),
+            PictureError::Image(error) => failed(error),
+            error => failed(error),
+        })?))
+    }
+
+    fn own_squares(&mut self, weights: &[Vec<DVec3>]) -> Option<OwnSquares> {
+        let Latest { scene, solution, .. } = self.latest.as_ref()?;
+        let none = vec![DVec3::ZERO; scene.triangles.len()];
+        let mut squares = OwnSquares { albedo: none.clone(), emission: none };
+        for (coverage, weights) in self.coverage.iter().zip(weights) {
+            for FaceInPixel { face, pixel, share, .. } in coverage.faces_in_pixels() {
+                let reflected = DVec3::from(solution.irradiance[face]) * scene.material(face).diffuse / PI;
+                squares.albedo[face] += weights[pixel] * (share * reflected).powf(2.0);
+                squares.emission[face] += weights[pixel] * share * share;
+            }
+        }
+        Some(squares)
+    }
+
+    fn forget(&mut self) {
+        (self.latest, self.start) = (None, None);
+    }
+
+    fn choices(&self) -> u64 {
+        self.choices
+    }
+
+    fn choose(&mut self, scene: Option<&Scene>) -> Result<(), RenderError> {
+        if self.independent {
+            // Its clusters are those of the scene to plan for.
+            return Ok(());
+        }
+        if self.choice.take().is_some() {
+            self.retire();
+        }
+        if let Some(scene) = scene {
+            let engine = self.prepare(scene, true, self.request)?;
+            self.engine = Some(engine);
+        }
+        Ok(())
+    }
+
+    fn passes(&self) -> u64 {
+        self.passes
+    }
+}
+
+/// An emission to plan with, as bright as another one. What emits in the plan does so always: it decides what counts as a lamp.
+fn lit_like(planned: [f64; 3], other: [f64; 3]) -> [f64; 3] {
+    let [own, other] = [planned, other].map(|emission| emission.into_iter().fold(0.0, f64::max));
+    let factor = if own > 0.0 { (other / own).max(DIMMEST) } else { 1.0 };
+    planned.map(|e| factor * e)
+}
+
+fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RenderError {
+    RenderError::Failed(Box::new(error))
+}
+
+/// Classifies an error: interrupted, no solution for this scene, or fatal.
+fn sort_out(error: EngineError) -> RenderError {
+    match error {
+        error if error.is_interruption() => RenderError::Interrupted,
+        error if error.is_without_answer() => RenderError::NoAnswer(error.to_string()),
+        // A step led outside the range of valid numbers or materials.
+        error @ (EngineError::Scene(_) | EngineError::Plan(PlanError::Scene(_))) => {
+            RenderError::NoAnswer(error.to_string())
+        }
+        other => failed(other),
+    }
+}

@@ -1,0 +1,615 @@
+//! Runs a fit: steps, stopping rule, checkpoints.
+
+use super::checkpoint::{CheckpointError, Checkpoints, Identity};
+use super::lock::LockError;
+use super::loss::{Loss, LossKind, PictureLoss};
+use super::optimiser::{
+    Adam, KnownHessian, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOptions, Step, StepError,
+};
+use super::parameters::{ParameterError, Parameters, Recovered};
+use super::problem::Problem;
+use super::regulariser::Regularisers;
+use super::renderer::{CostEstimate, RenderError, Renderer};
+use super::settings::{OptimiserKind, Settings, StopRule};
+use super::target::Target;
+use super::trail::Trail;
+use antirad_base::output::OutputError;
+use antirad_base::setters;
+use antirad_render::image::ImageError;
+use antirad_scene::{Choice, Scene, SceneError};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Why a fit has no result.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FitError {
+    /// The job file or its scene is invalid.
+    #[error(transparent)]
+    Input(#[from] SceneError),
+    /// The unknowns do not match the scene.
+    #[error(transparent)]
+    Parameter(#[from] ParameterError),
+    /// A regulariser does not apply to anything fitted.
+    #[error("{message}")]
+    Regulariser {
+        /// Its index, from 0.
+        index: usize,
+        /// What is wrong with it.
+        message: String,
+    },
+    /// The settings contradict each other; the message says how.
+    #[error("{0}")]
+    Settings(String),
+    /// A picture or its derivative could not be computed.
+    #[error(transparent)]
+    Render(RenderError),
+    /// The optimiser failed.
+    #[error("{0}")]
+    Optimiser(String),
+    /// A checkpoint could not be read or written.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// The folder could not be locked.
+    #[error(transparent)]
+    Lock(#[from] LockError),
+    /// A result could not be written.
+    #[error(transparent)]
+    Write(#[from] OutputError),
+    /// A picture could not be written.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// Interrupted, after a checkpoint was written if there is a folder for it.
+    #[error("interrupted after iteration {iteration}")]
+    Interrupted {
+        /// The last finished iteration.
+        iteration: u32,
+    },
+}
+
+impl FitError {
+    /// Whether another attempt may succeed: what failed is the machine (a full disk, a lost device, a folder in use, a rank that has ended),
+    /// not the job.
+    pub fn may_pass(&self) -> bool {
+        match self {
+            Self::Render(error) => error.may_pass(),
+            Self::Write(_) | Self::Lock(_) | Self::Checkpoint(CheckpointError::Read { .. }) => true,
+            Self::Image(error) => error.may_pass(),
+            Self::Input(_)
+            | Self::Parameter(_)
+            | Self::Regulariser { .. }
+            | Self::Settings(_)
+            | Self::Optimiser(_)
+            | Self::Checkpoint(_) => false,
+            Self::Interrupted { .. } => true,
+        }
+    }
+}
+
+impl From<RenderError> for FitError {
+    fn from(error: RenderError) -> Self {
+        Self::Render(error)
+    }
+}
+
+/// Relative noise of the loss per tolerance of the solve: a solve stops somewhere below its tolerance, and similarly at
+/// nearby points.
+const NOISE_OF_TOLERANCE: f64 = 0.1;
+
+/// Relative noise of the loss from sampling pixels where objects move: edges pass samples one by one, while derivatives
+/// are those of exact areas.
+const NOISE_OF_SAMPLES: f64 = 1e-4;
+
+/// Iterations over which the decrease is measured: a single one may be small by chance, and Adam is not monotone.
+const DECREASE_OVER: usize = 5;
+const DECREASE_OVER_ADAM: usize = 50;
+
+/// Why a fit ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stop {
+    /// The limit on iterations is reached.
+    Iterations,
+    /// The relative decrease of the loss is below the limit.
+    RelativeDecrease,
+    /// The projected gradient is below the limit.
+    Gradient,
+    /// The target loss is reached.
+    Loss,
+    /// The time limit is reached.
+    Seconds,
+    /// No lower loss could be found: a minimum, within rounding.
+    NoProgress,
+}
+
+impl Stop {
+    /// The reason in words.
+    pub fn reason(self) -> &'static str {
+        match self {
+            Self::Iterations => "the iteration limit is reached",
+            Self::RelativeDecrease => "the loss has stopped decreasing",
+            Self::Gradient => "the gradient has vanished",
+            Self::Loss => "the target loss is reached",
+            Self::Seconds => "the time limit is reached",
+            Self::NoProgress => "no lower loss can be found",
+        }
+    }
+}
+
+/// One iteration.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// 0 is the start.
+    pub iteration: u32,
+    /// Loss including regularisers.
+    pub loss: f64,
+    /// Maximum norm of the projected gradient, by the unknowns.
+    pub gradient: f64,
+    /// Largest change of an unknown, in units of its scale.
+    pub step: f64,
+    /// Evaluations of loss and gradient.
+    pub evaluations: u32,
+    /// Passes (applications of U).
+    pub passes: u64,
+}
+
+/// The progress of a fit, as stored in a checkpoint.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FitProgress {
+    optimiser: Optimiser,
+    trail: Trail,
+    /// One entry per iteration, the start first.
+    pub history: Vec<Record>,
+    /// Time of all runs together, s.
+    pub seconds: f64,
+    /// Why it ended, if it has.
+    pub finished: Option<Stop>,
+}
+
+impl FitProgress {
+    pub(super) fn new(optimiser: Optimiser) -> Self {
+        Self { optimiser, trail: Trail::default(), history: Vec::new(), seconds: 0.0, finished: None }
+    }
+
+    /// Finished iterations.
+    pub fn iteration(&self) -> u32 {
+        self.history.last().map_or(0, |record| record.iteration)
+    }
+
+    fn stop(&self, rule: &StopRule) -> Option<Stop> {
+        let last = self.history.last()?;
+        if last.loss <= rule.loss {
+            return Some(Stop::Loss);
+        }
+        let start = self.history.first().map_or(0.0, |first| first.gradient);
+        if last.gradient <= rule.gradient * start {
+            return Some(Stop::Gradient);
+        }
+        let over = match self.optimiser {
+            Optimiser::Adam(_) => DECREASE_OVER_ADAM,
+            Optimiser::QuasiNewton(_) | Optimiser::LeastSquares(_) => DECREASE_OVER,
+        };
+        let least = |records: &[Record]| records.iter().map(|r| r.loss).fold(f64::INFINITY, f64::min);
+        if let Some(at) = self.history.len().checked_sub(over).filter(|at| *at > 0) {
+            let (before, now) = (least(&self.history[..at]), least(&self.history[at..]));
+            if rule.relative_decrease > 0.0 && before - now < rule.relative_decrease * before.abs() {
+                return Some(Stop::RelativeDecrease);
+            }
+        }
+        if last.iteration >= rule.iterations {
+            return Some(Stop::Iterations);
+        }
+        (self.seconds >= rule.seconds).then_some(Stop::Seconds)
+    }
+}
+
+/// What to do if an earlier run left a checkpoint.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OnCheckpoint {
+    /// Fail: it may hold hours of work.
+    #[default]
+    Refuse,
+    /// Continue from it.
+    Resume,
+    /// Remove it and start over.
+    Discard,
+}
+
+/// How to run a job.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct RunOptions {
+    /// Folder for checkpoints; `None`: none are written. If other processes may use that folder, take a
+    /// [`FolderLock`](super::FolderLock) first.
+    pub checkpoints: Option<PathBuf>,
+    /// Iterations between checkpoints.
+    pub checkpoint_every: u32,
+    /// What to do about an existing checkpoint.
+    pub on_checkpoint: OnCheckpoint,
+    /// When the fit ends.
+    pub stop: StopRule,
+}
+
+setters!(RunOptions {
+    checkpoints: Option<PathBuf>,
+    checkpoint_every: u32,
+    on_checkpoint: OnCheckpoint,
+    stop: StopRule,
+});
+
+impl Default for RunOptions {
+    fn default() -> Self {
+        Self {
+            checkpoints: None,
+            checkpoint_every: 5,
+            on_checkpoint: OnCheckpoint::Refuse,
+            stop: StopRule::default(),
+        }
+    }
+}
+
+/// The result of a fit.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// Why it ended.
+    pub stop: Stop,
+    /// The iteration that this run continued from, if any.
+    pub resumed_from: Option<u32>,
+    /// One entry per iteration, the start first.
+    pub history: Vec<Record>,
+    /// Time of all runs together, s.
+    pub seconds: f64,
+    /// The scene with the fitted values.
+    pub scene: Scene,
+    /// The fitted values, with the material, mesh or triangle of each.
+    pub recovered: Vec<Recovered>,
+    /// Final pictures per view, linear RGB, row by row from the top, W/(m² sr).
+    pub pictures: Vec<Vec<DVec3>>,
+    /// Final loss including regularisers.
+    pub loss: f64,
+    /// Final loss per view, before weights.
+    pub views: Vec<f64>,
+    /// Final value per regulariser, with its weight.
+    pub assumptions: Vec<f64>,
+}
+
+/// A validated fit, ready to run.
+pub struct Job {
+    /// Name, for messages and files.
+    pub name: String,
+    problem: Problem,
+    settings: Settings,
+    identity: Identity,
+}
+
+impl Job {
+    /// A job from a scene and its targets in memory. [`JobFile`](super::JobFile) reads one from a file.
+    pub fn new(
+        name: impl Into<String>,
+        scene: Scene,
+        targets: Vec<Target>,
+        settings: Settings,
+    ) -> Result<Self, FitError> {
+        let refuse = |message: &str| Err(FitError::Settings(message.to_owned()));
+        if targets.is_empty() {
+            return refuse("there is no target; give at least one picture");
+        }
+        if settings.fits.is_empty() {
+            return refuse("there is nothing to fit; give at least one quantity");
+        }
+        let mut scene = scene;
+        // The solve settings stay the same from the first iteration to the last.
+        scene.choice = Choice::STATED;
+        scene.settings.tolerance = settings.tolerance.unwrap_or(scene.settings.tolerance.min(1e-5));
+        let identity = identity(&scene, &targets, &settings).map_err(|error| {
+            FitError::Settings(format!("the job's identity cannot be serialised: {error}"))
+        })?;
+        let parameters = Parameters::new(&scene, &settings.fits, brightness(&scene, &targets))?;
+        let regularisers = Regularisers::new(&settings.regularisers, &parameters)
+            .map_err(|(index, message)| FitError::Regulariser { index, message })?;
+        let mut loss = Loss::new(settings.loss, &targets);
+        if let Some(epsilon) = settings.epsilon {
+            loss.epsilon = epsilon;
+        }
+        let problem = Problem { parameters, targets, loss: Box::new(loss), regularisers };
+        let job = Self { name: name.into(), problem, settings, identity };
+        if job.settings.optimiser == OptimiserKind::LeastSquares && !job.is_quadratic() {
+            return refuse(
+                "least-squares fits emission alone, with the loss l2 or relative-l2; use quasi-newton instead",
+            );
+        }
+        Ok(job)
+    }
+
+    /// Replaces the loss of the settings. Checkpoints do not record it: resume with the same one.
+    pub fn set_loss(&mut self, loss: Box<dyn PictureLoss + Send>) {
+        self.problem.loss = loss;
+    }
+
+    /// The objective.
+    pub fn problem(&self) -> &Problem {
+        &self.problem
+    }
+
+    /// The settings of the fit.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    fn is_quadratic(&self) -> bool {
+        let mut views = self.problem.targets.iter().enumerate();
+        let quadratic = views.all(|(view, target)| self.problem.loss.curvature(view, target).is_some());
+        self.problem.parameters.is_linear() && quadratic
+    }
+
+    /// The optimiser that will be used, never [`OptimiserKind::Auto`].
+    pub fn optimiser(&self) -> OptimiserKind {
+        match self.settings.optimiser {
+            OptimiserKind::Auto if self.is_quadratic() && self.settings.loss == LossKind::L2 => {
+                OptimiserKind::LeastSquares
+            }
+            OptimiserKind::Auto => OptimiserKind::QuasiNewton,
+            kind => kind,
+        }
+    }
+
+    fn new_optimiser(&self) -> Optimiser {
+        let (x, bounds) =
+            (self.problem.parameters.start().to_vec(), self.problem.parameters.bounds().clone());
+        match self.optimiser() {
+            OptimiserKind::Adam => Optimiser::Adam(Adam::new(x, bounds, self.settings.adam)),
+            OptimiserKind::LeastSquares => Optimiser::LeastSquares(LeastSquares::new(x, bounds)),
+            OptimiserKind::QuasiNewton | OptimiserKind::Auto => {
+                let parameters = &self.problem.parameters;
+                let of_solve = NOISE_OF_TOLERANCE * parameters.base().settings.tolerance;
+                let of_samples = if parameters.gradient_request().positions { NOISE_OF_SAMPLES } else { 0.0 };
+                let noise = self.settings.noise.unwrap_or(of_solve.max(of_samples));
+                let options = QuasiNewtonOptions { noise, ..self.settings.quasi_newton };
+                Optimiser::QuasiNewton(QuasiNewton::new(x, bounds, options))
+            }
+        }
+    }
+
+    /// Estimated cost of an iteration, and bytes of host memory for the optimiser. An error if the scene cannot be rendered.
+    pub fn estimate(&self, renderer: &mut dyn Renderer) -> Result<(CostEstimate, u64), FitError> {
+        let estimate = renderer.estimate(&self.problem.parameters.planning_scene())?;
+        let targets: u64 = self.problem.targets.iter().map(|t| 24 * 4 * t.pixels.len() as u64).sum();
+        Ok((estimate, targets + self.new_optimiser().bytes(self.problem.parameters.len())))
+    }
+
+    /// The progress of an earlier run to continue from; `None` for a new start.
+    pub fn progress(
+        &self,
+        directory: &Path,
+        on_checkpoint: OnCheckpoint,
+    ) -> Result<Option<FitProgress>, FitError> {
+        let checkpoints = Checkpoints::new(directory);
+        match on_checkpoint {
+            OnCheckpoint::Refuse => Ok(checkpoints.refuse().map(|()| None)?),
+            OnCheckpoint::Resume => Ok(checkpoints.read(&self.identity)?),
+            OnCheckpoint::Discard => Ok(None),
+        }
+    }
+
+    /// Runs the job. `watch` is called after every iteration, including the start (iteration 0), and may stop it. A job that was
+    /// interrupted or killed, or that failed, goes on with [`OnCheckpoint::Resume`] and reaches the same result.
+    pub fn run(
+        &mut self,
+        renderer: &mut dyn Renderer,
+        options: &RunOptions,
+        watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
+    ) -> Result<Outcome, FitError> {
+        let checkpoints = options.checkpoints.as_deref().map(Checkpoints::new);
+        let mut progress = FitProgress::new(self.new_optimiser());
+        let (mut resumed_from, mut finished_before) = (None, None);
+        if let (Some(directory), Some(checkpoints)) = (&options.checkpoints, &checkpoints) {
+            if let Some(stored) = self.progress(directory, options.on_checkpoint)? {
+                resumed_from = Some(stored.iteration());
+                finished_before = stored.finished;
+                progress = stored;
+                // The stopping rule may differ now, for example allow more iterations.
+                progress.finished = progress.finished.filter(|stop| *stop == Stop::NoProgress);
+            } else {
+                checkpoints.clear()?;
+            }
+        }
+        let mut clock = Instant::now();
+        let mut store = |progress: &mut FitProgress| -> Result<(), FitError> {
+            progress.seconds += clock.elapsed().as_secs_f64();
+            clock = Instant::now();
+            match &checkpoints {
+                Some(checkpoints) => Ok(checkpoints.write(&self.identity, progress)?),
+                None => Ok(()),
+            }
+        };
+        // What is reached so far is kept, if there is anything to lose.
+        let ended = |error: Option<FitError>,
+                     progress: &mut FitProgress,
+                     store: &mut dyn FnMut(&mut FitProgress) -> Result<(), FitError>| {
+            let iteration = progress.iteration();
+            let stored = if iteration > resumed_from.unwrap_or(0) { store(progress) } else { Ok(()) };
+            match (error, stored) {
+                (None, stored) => stored.and(Err(FitError::Interrupted { iteration })),
+                (Some(error), Ok(())) => Err(error),
+                (Some(error), Err(also)) => {
+                    tracing::warn!("no checkpoint of iteration {iteration} could be written either: {also}");
+                    Err(error)
+                }
+            }
+        };
+        let cause = |error: RenderError| match error {
+            RenderError::Interrupted => None,
+            error => Some(error.into()),
+        };
+        if let Err(error) = progress.trail.retrace(&self.problem, renderer) {
+            return ended(cause(error), &mut progress, &mut store);
+        }
+        let stop = loop {
+            if let Some(stop) = progress.finished.or_else(|| progress.stop(&options.stop)) {
+                break stop;
+            }
+            let step = match step(&self.problem, &self.settings, &mut progress, renderer) {
+                Ok(step) => step,
+                Err(StepError::Objective(error)) => return ended(cause(error), &mut progress, &mut store),
+                Err(error) => {
+                    let error = Some(FitError::Optimiser(error.to_string()));
+                    return ended(error, &mut progress, &mut store);
+                }
+            };
+            let mut broken = false;
+            for record in step.records {
+                progress.history.push(record);
+                broken |= watch(&record, &progress).is_break();
+            }
+            if !step.progress {
+                break Stop::NoProgress;
+            }
+            if broken {
+                return ended(None, &mut progress, &mut store);
+            }
+            if progress.iteration().is_multiple_of(options.checkpoint_every.max(1)) {
+                store(&mut progress)?;
+            }
+        };
+        progress.finished = Some(stop);
+        if resumed_from != Some(progress.iteration()) || finished_before != Some(stop) {
+            store(&mut progress)?;
+        }
+        let judged = match self.problem.judge(progress.optimiser.best(), renderer) {
+            Err(RenderError::Interrupted) => {
+                return Err(FitError::Interrupted { iteration: progress.iteration() });
+            }
+            judged => judged?,
+        };
+        Ok(Outcome {
+            stop,
+            resumed_from,
+            seconds: progress.seconds,
+            recovered: self.problem.parameters.recovered(progress.optimiser.best()),
+            history: progress.history,
+            scene: judged.scene,
+            pictures: judged.pictures,
+            loss: judged.value,
+            views: judged.views,
+            assumptions: judged.assumptions,
+        })
+    }
+}
+
+/// The records that a step adds to the history; the first step also adds the start.
+struct Stepped {
+    records: Vec<Record>,
+    progress: bool,
+}
+
+fn step(
+    problem: &Problem,
+    settings: &Settings,
+    progress: &mut FitProgress,
+    renderer: &mut dyn Renderer,
+) -> Result<Stepped, StepError<RenderError>> {
+    let passes = renderer.passes();
+    let (mut first, mut passes_of_first) = (None, 0);
+    if progress.trail.is_long() {
+        renderer.forget();
+        progress.trail.clear();
+    }
+    let renderer = std::cell::RefCell::new(renderer);
+    let trail = std::cell::RefCell::new(progress.trail.clone());
+    let moves = problem.parameters.gradient_request().positions;
+    let step: Step = progress.optimiser.step(
+        &mut |x| {
+            let mut renderer = renderer.borrow_mut();
+            // Light from before the vertices moved would be no start.
+            if moves {
+                renderer.forget();
+            }
+            let evaluation = trail
+                .borrow_mut()
+                .follow(x, !moves, &mut **renderer, |renderer| problem.evaluate(x, renderer))?;
+            if first.is_none() {
+                passes_of_first = renderer.passes() - passes;
+                let gradient = problem.parameters.bounds().projected_gradient(x, &evaluation.gradient);
+                first = Some((evaluation.value, gradient));
+            }
+            Ok((evaluation.value, evaluation.gradient))
+        },
+        &mut |p| {
+            // Leaves light that is no start for that of others.
+            trail.borrow_mut().clear();
+            problem.curvature(p, &mut **renderer.borrow_mut())
+        },
+        &mut |x| {
+            let renderer = &mut **renderer.borrow_mut();
+            if settings.gauss_newton == 0 {
+                return Ok(None);
+            }
+            // It renders the point again, which costs a renderer nothing that keeps its latest pictures.
+            trail.borrow_mut().follow(x, !moves, renderer, |renderer| {
+                if problem.gauss_newton_pictures() > settings.gauss_newton {
+                    return Ok(problem.own_curvature(x, renderer)?.map(KnownHessian::Diagonal));
+                }
+                Ok(problem.gauss_newton(x, renderer)?.map(KnownHessian::Whole))
+            })
+        },
+    )?;
+    progress.trail = trail.into_inner();
+    let passes = renderer.borrow().passes() - passes;
+    let mut records = Vec::with_capacity(2);
+    let mut record = Record {
+        iteration: progress.iteration() + 1,
+        loss: step.value,
+        gradient: step.gradient,
+        step: step.length,
+        evaluations: step.evaluations,
+        passes,
+    };
+    if let (true, Some((loss, gradient))) = (progress.history.is_empty(), first) {
+        records.push(Record {
+            iteration: 0,
+            loss,
+            gradient,
+            step: 0.0,
+            evaluations: 1,
+            passes: passes_of_first,
+        });
+        record.iteration = 1;
+        record.evaluations -= 1;
+        record.passes -= passes_of_first;
+    }
+    // A step without progress is not an iteration.
+    if step.progress {
+        records.push(record);
+    }
+    Ok(Stepped { records, progress: step.progress })
+}
+
+/// A typical radiance of lamps: the maximum in the scene's emission or a target.
+fn brightness(scene: &Scene, targets: &[Target]) -> f64 {
+    let emitted = scene.materials.iter().flat_map(|m| m.emission).fold(0.0, f64::max);
+    let seen = |target: &Target| {
+        let pixels = target.pixels.iter().enumerate().filter(|(at, _)| target.mask_at(*at) > 0.0);
+        pixels.map(|(_, pixel)| pixel.max_element()).fold(0.0, f64::max)
+    };
+    let brightest = targets.iter().map(seen).fold(emitted, f64::max);
+    if brightest > 0.0 { brightest } else { 1.0 }
+}
+
+fn identity(scene: &Scene, targets: &[Target], settings: &Settings) -> Result<Identity, postcard::Error> {
+    let mut identity = Identity::default();
+    identity.add("the job's settings", settings)?;
+    let vertices: Vec<[f64; 3]> = scene.vertices.iter().map(|v| v.to_array()).collect();
+    let triangles: Vec<([u32; 3], u32)> = scene.triangles.iter().map(|t| (t.vertices, t.material)).collect();
+    // `Debug` prints all digits of a number.
+    let rest = format!("{:?} {:?} {:?}", scene.meshes, scene.materials, scene.settings);
+    identity.add("the scene", &(vertices, triangles, rest))?;
+    for (number, target) in targets.iter().enumerate() {
+        let what = format!("target {} (camera \"{}\")", number + 1, target.camera.name);
+        let pixels: Vec<[f64; 3]> = target.pixels.iter().map(|p| p.to_array()).collect();
+        identity.add(what, &(format!("{:?}", target.camera), pixels, &target.mask, target.weight))?;
+    }
+    Ok(identity)
+}

@@ -1,0 +1,522 @@
+//! Job files: what to fit to which pictures, in TOML.
+
+use super::job::{FitError, Job};
+use super::loss::LossKind;
+use super::optimiser::{AdamOptions, QuasiNewtonOptions};
+use super::parameters::{Fit, MotionKind, Per};
+use super::regulariser::Regulariser;
+use super::selection::unknown;
+use super::settings::{OptimiserKind, Settings, StopRule};
+use super::target::{Target, TargetPicture, read_mask};
+use antirad_render::image::MAX_SUPERSAMPLE;
+use antirad_render::render::Quantity;
+use antirad_render::shading::Shading;
+use antirad_scene::{
+    BackendChoice, Camera, CameraTable, LoadOptions, Place, Scene, SceneError, TomlFile, Triple,
+};
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+use toml::Spanned;
+
+/// A job from a file, with the options for running it.
+pub struct JobFile {
+    /// The validated job.
+    pub job: Job,
+    /// The scene file.
+    pub scene_file: PathBuf,
+    /// When the fit ends.
+    pub stop: StopRule,
+    /// Iterations between two checkpoints.
+    pub checkpoint_every: u32,
+    /// Warnings for the user, in whole sentences.
+    pub warnings: Vec<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct JobTable {
+    scene: Spanned<PathBuf>,
+    #[serde(default)]
+    target: Vec<Spanned<TargetTable>>,
+    #[serde(default)]
+    fit: Vec<Spanned<FitTable>>,
+    loss: Option<Spanned<LossTable>>,
+    #[serde(default, alias = "regularizer")]
+    regulariser: Vec<Spanned<RegulariserTable>>,
+    #[serde(alias = "optimizer")]
+    optimiser: Option<Spanned<OptimiserTable>>,
+    stop: Option<Spanned<StopTable>>,
+    checkpoint: Option<Spanned<CheckpointTable>>,
+    solve: Option<Spanned<SolveTable>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TargetTable {
+    picture: Spanned<PathBuf>,
+    camera: Option<Spanned<String>>,
+    view: Option<Spanned<CameraTable>>,
+    mask: Option<Spanned<PathBuf>>,
+    weight: Option<f64>,
+    white: Option<Spanned<f64>>,
+    clipped: Option<Clipped>,
+}
+
+/// How to treat clipped PNG pixels.
+#[derive(Clone, Copy, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "kebab-case")]
+enum Clipped {
+    Ignore,
+    Use,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FitTable {
+    parameter: Quantity,
+    materials: Option<Vec<String>>,
+    meshes: Option<Vec<String>>,
+    per: Option<Per>,
+    motion: Option<MotionKind>,
+    together: Option<bool>,
+    lower: Option<Triple>,
+    upper: Option<Triple>,
+    initial: Option<Triple>,
+    max_rotation_degrees: Option<f64>,
+    max_scale: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LossTable {
+    kind: Option<LossKind>,
+    epsilon: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RegulariserTable {
+    kind: RegulariserKind,
+    of: Option<Quantity>,
+    value: Option<Triple>,
+    weight: f64,
+}
+
+#[derive(Clone, Copy, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "kebab-case")]
+enum RegulariserKind {
+    Smoothness,
+    Laplacian,
+    Sparsity,
+    Prior,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct OptimiserTable {
+    kind: Option<OptimiserKind>,
+    memory: Option<usize>,
+    first_step: Option<f64>,
+    gauss_newton: Option<usize>,
+    noise: Option<f64>,
+    learning_rate: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StopTable {
+    iterations: Option<u32>,
+    relative_decrease: Option<f64>,
+    gradient: Option<f64>,
+    loss: Option<f64>,
+    seconds: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CheckpointTable {
+    every: u32,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SolveTable {
+    tolerance: Option<f64>,
+    supersample: Option<u32>,
+    shading: Option<Shading>,
+    backend: Option<BackendChoice>,
+}
+
+impl JobFile {
+    /// Reads and checks a job, its scene and its pictures. Paths are relative to the file.
+    ///
+    /// Everything but `scene`, one `[[target]]` and one `[[fit]]` is optional:
+    /// ```toml
+    /// scene = "room.toml"
+    ///
+    /// [[target]]                     # one per view
+    /// picture = "photo.exr"          # or a PNG, which is decoded from sRGB
+    /// camera = "main"                # of the scene; or view = { position = [...], ... } as in a scene file
+    /// mask = "mask.png"              # white counts, black does not
+    /// weight = 1
+    /// white = 1                      # radiance of white in a PNG, W/(m² sr)
+    /// clipped = "ignore"             # clipped PNG pixels; or "use"
+    ///
+    /// [[fit]]
+    /// parameter = "albedo"           # or "emission", "diffuse", "specular", "power", "position"
+    /// materials = ["red", "green"]   # default: all
+    /// meshes = ["walls"]             # default: all; if both are given, triangles with both
+    /// per = "material"               # or "mesh", "triangle"
+    /// initial = 0.5                  # one number or RGB, as lower and upper; default: the scene's
+    /// lower = 0
+    /// upper = 0.95
+    ///
+    /// [[fit]]
+    /// parameter = "position"
+    /// meshes = ["box"]
+    /// motion = "rigid"               # or "translation", "scale", "similarity", "vertices"
+    /// together = false               # all meshes as one body
+    /// lower = [-1, 0, -1]            # of the displacement, metres
+    /// upper = [1, 0, 1]
+    /// max_rotation_degrees = 30
+    /// max_scale = 2
+    ///
+    /// [loss]
+    /// kind = "l2"                    # or "l1", "relative-l2", "log-l1"
+    /// epsilon = 0.01                 # for the last two, W/(m² sr)
+    ///
+    /// [[regulariser]]
+    /// kind = "smoothness"            # or "prior" (with value), "sparsity", "laplacian"
+    /// of = "albedo"
+    /// weight = 1e-3
+    ///
+    /// [optimiser]
+    /// kind = "auto"                  # or "quasi-newton", "adam", "least-squares"
+    /// memory = 10                    # of quasi-newton, like first_step and noise
+    /// learning_rate = 0.02           # of adam
+    ///
+    /// [stop]
+    /// iterations = 200
+    /// relative_decrease = 1e-4       # over five iterations, with adam fifty
+    /// gradient = 1e-7                # relative to the start
+    /// loss = 0
+    /// seconds = 3600
+    ///
+    /// [checkpoint]
+    /// every = 5                      # iterations
+    ///
+    /// [solve]
+    /// tolerance = 1e-5
+    /// supersample = 4
+    /// shading = "gathered"           # or "face": one colour per face
+    /// backend = "auto"               # or "cpu", "vulkan"; otherwise that of the scene
+    /// ```
+    pub fn load(path: &Path) -> Result<Self, FitError> {
+        let file = TomlFile::read(path)?;
+        let table: JobTable = file.parse()?;
+        let place = file.place(table.scene.span());
+        let scene_file = file.beside(table.scene.get_ref());
+        let mut scene = Scene::load(&scene_file, &LoadOptions::default()).map_err(|error| match error {
+            SceneError::Read { path, reason } => {
+                place.error(format!("scene {} cannot be read: {reason}", path.display()))
+            }
+            other => other,
+        })?;
+        let mut warnings = scene.warnings.clone();
+
+        let whole = Place { path, line: 1 };
+        if table.target.is_empty() {
+            return Err(whole.error("no [[target]]; give at least one picture to fit to").into());
+        }
+        if table.fit.is_empty() {
+            return Err(whole
+                .error("no [[fit]]; say what to fit, for example parameter = \"albedo\"")
+                .into());
+        }
+        let targets = table
+            .target
+            .iter()
+            .map(|target| read_target(&file, target, &scene, &mut warnings))
+            .collect::<Result<Vec<_>, _>>()?;
+        let place_of = |spanned: std::ops::Range<usize>| file.place(spanned);
+        let fits = table
+            .fit
+            .iter()
+            .map(|fit| fit.get_ref().fit().map_err(|message| place_of(fit.span()).error(message)))
+            .collect::<Result<Vec<_>, SceneError>>()?;
+        let mut settings = Settings::new(fits);
+        if let Some(loss) = &table.loss {
+            let LossTable { kind, epsilon } = loss.get_ref();
+            settings.loss = kind.unwrap_or_default();
+            settings.epsilon = *epsilon;
+            positive("epsilon", *epsilon, place_of(loss.span()))?;
+        }
+        for term in &table.regulariser {
+            let regulariser =
+                term.get_ref().regulariser().map_err(|message| place_of(term.span()).error(message))?;
+            settings.regularisers.push(regulariser);
+        }
+        if let Some(optimiser) = &table.optimiser {
+            optimiser.get_ref().apply(&mut settings, place_of(optimiser.span()))?;
+        }
+        if let Some(solve) = &table.solve {
+            solve.get_ref().apply(&mut settings, place_of(solve.span()))?;
+            scene.settings.backend = solve.get_ref().backend.unwrap_or(scene.settings.backend);
+        }
+        let mut stop = StopRule::default();
+        if let Some(table) = &table.stop {
+            table.get_ref().apply(&mut stop, place_of(table.span()))?;
+        }
+        let checkpoint_every = match &table.checkpoint {
+            Some(every) if every.get_ref().every == 0 => {
+                return Err(place_of(every.span())
+                    .error("every = 0; it must be 1 or more iterations")
+                    .into());
+            }
+            Some(every) => every.get_ref().every,
+            None => 5,
+        };
+
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let job = Job::new(name, scene, targets, settings).map_err(|error| match error {
+            FitError::Parameter(error) => {
+                let place = table.fit.get(error.fit).map_or(whole, |fit| place_of(fit.span()));
+                place.error(error.message).into()
+            }
+            FitError::Regulariser { index, message } => {
+                let place = table.regulariser.get(index).map_or(whole, |term| place_of(term.span()));
+                place.error(message).into()
+            }
+            // Any remaining error is about the optimiser.
+            FitError::Settings(message) => {
+                let place = table.optimiser.as_ref().map_or(whole, |optimiser| place_of(optimiser.span()));
+                place.error(message).into()
+            }
+            other => other,
+        })?;
+        Ok(Self { job, scene_file, stop, checkpoint_every, warnings })
+    }
+}
+
+fn read_target(
+    file: &TomlFile,
+    table: &Spanned<TargetTable>,
+    scene: &Scene,
+    warnings: &mut Vec<String>,
+) -> Result<Target, FitError> {
+    let place = file.place(table.span());
+    let table = table.get_ref();
+    let camera: Camera = match (&table.camera, &table.view) {
+        (Some(name), None) => {
+            let known = scene.cameras.iter().map(|c| c.name.as_str());
+            let place = file.place(name.span());
+            let name = name.get_ref();
+            scene.camera(name).cloned().ok_or_else(|| place.error(unknown("camera", name, known)))?
+        }
+        (None, Some(view)) => {
+            let place = file.place(view.span());
+            let stem = table.picture.get_ref().file_stem().unwrap_or_default();
+            let camera = view.get_ref().camera(stem.to_string_lossy().into_owned(), place)?;
+            camera.check().map_err(|error| place.error(error.to_string()))?;
+            camera
+        }
+        (Some(_), Some(_)) => {
+            return Err(place.error("a target has either `camera` or `view`, not both").into());
+        }
+        (None, None) => match scene.cameras.as_slice() {
+            [only] => only.clone(),
+            _ => {
+                let names: Vec<_> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
+                let names = names.join(", ");
+                return Err(place
+                    .error(format!("which camera took the picture? Add `camera = \"NAME\"`: {names}"))
+                    .into());
+            }
+        },
+    };
+    let white = match &table.white {
+        Some(white) => {
+            positive("white", Some(*white.get_ref()), file.place(white.span()))?;
+            *white.get_ref()
+        }
+        None => 1.0,
+    };
+    let blame = file.place(table.picture.span());
+    let path = file.beside(table.picture.get_ref());
+    let picture = TargetPicture::read(&path, white).map_err(|error| blame.error(error.to_string()))?;
+    picture.check_size(&camera).map_err(|error| blame.error(format!("{}: {error}", path.display())))?;
+    let mut mask = match &table.mask {
+        Some(mask) => {
+            let path = file.beside(mask.get_ref());
+            let error = |error: String| file.place(mask.span()).error(error);
+            Some(read_mask(&path, &camera).map_err(|e| error(e.to_string()))?)
+        }
+        None => None,
+    };
+    if table.clipped != Some(Clipped::Use) && picture.clipped.contains(&true) {
+        let mask = mask.get_or_insert_with(|| vec![1.0; picture.pixels.len()]);
+        let mut count = 0;
+        for (mask, _) in
+            mask.iter_mut().zip(&picture.clipped).filter(|(mask, clipped)| **clipped && **mask > 0.0)
+        {
+            *mask = 0.0;
+            count += 1;
+        }
+        if count > 0 {
+            warnings.push(format!(
+                "{}: {count} clipped pixels are ignored, as the true values may be brighter; clipped = \"use\" uses them.",
+                path.display()
+            ));
+        }
+    }
+    let weight = table.weight.unwrap_or(1.0);
+    Target::new(camera, picture.pixels, mask, weight)
+        .map_err(|error| blame.error(format!("{}: {error}", path.display())).into())
+}
+
+impl FitTable {
+    fn fit(&self) -> Result<Fit, String> {
+        let position = self.parameter == Quantity::Position;
+        let of_positions = [
+            ("motion", self.motion.is_some()),
+            ("together", self.together.is_some()),
+            ("max_rotation_degrees", self.max_rotation_degrees.is_some()),
+            ("max_scale", self.max_scale.is_some()),
+        ];
+        if let Some((key, _)) = of_positions.iter().find(|(_, given)| *given && !position) {
+            return Err(format!("`{key}` is for parameter = \"position\"; remove it"));
+        }
+        if position && self.per.is_some() {
+            return Err(String::from("`per` is for materials; use `motion` for positions"));
+        }
+        if position && self.motion.is_none() {
+            return Err(String::from(
+                "how may positions change? Add motion = \"rigid\", \"translation\", \"scale\", \"similarity\" or \
+                 \"vertices\"",
+            ));
+        }
+        let triple = |of: &Option<Triple>| of.as_ref().map(|t| t.0);
+        let usual = Fit::new(self.parameter);
+        Ok(Fit {
+            materials: self.materials.clone(),
+            meshes: self.meshes.clone(),
+            per: self.per.unwrap_or(usual.per),
+            motion: self.motion.unwrap_or(usual.motion),
+            together: self.together.unwrap_or(false),
+            lower: triple(&self.lower),
+            upper: triple(&self.upper),
+            initial: triple(&self.initial),
+            max_rotation_degrees: self.max_rotation_degrees,
+            max_scale: self.max_scale,
+            ..usual
+        })
+    }
+}
+
+impl RegulariserTable {
+    fn regulariser(&self) -> Result<Regulariser, String> {
+        let weight = self.weight;
+        let value = self.value.as_ref().map(|t| t.0);
+        if value.is_some() && self.kind != RegulariserKind::Prior {
+            return Err(String::from("`value` is for kind = \"prior\"; remove it"));
+        }
+        match (self.kind, self.of) {
+            (RegulariserKind::Smoothness, Some(of)) => Ok(Regulariser::Smoothness { of, weight }),
+            (RegulariserKind::Prior, Some(of)) => Ok(Regulariser::Prior { of, value, weight }),
+            (RegulariserKind::Smoothness | RegulariserKind::Prior, None) => {
+                Err(String::from("which parameter? Add `of`, for example of = \"albedo\""))
+            }
+            (RegulariserKind::Laplacian, None | Some(Quantity::Position)) => {
+                Ok(Regulariser::Laplacian { weight })
+            }
+            (RegulariserKind::Laplacian, Some(_)) => {
+                Err(String::from("`of` must be \"position\" for kind = \"laplacian\"; remove it"))
+            }
+            (RegulariserKind::Sparsity, None | Some(Quantity::Emission)) => {
+                Ok(Regulariser::Sparsity { weight })
+            }
+            (RegulariserKind::Sparsity, Some(_)) => {
+                Err(String::from("`of` must be \"emission\" for kind = \"sparsity\"; remove it"))
+            }
+        }
+    }
+}
+
+impl OptimiserTable {
+    fn apply(&self, settings: &mut Settings, place: Place) -> Result<(), SceneError> {
+        for (what, number) in
+            [("first_step", self.first_step), ("noise", self.noise), ("learning_rate", self.learning_rate)]
+        {
+            positive(what, number, place)?;
+        }
+        if self.memory == Some(0) {
+            return Err(place.error("memory = 0; it must be 1 or more steps"));
+        }
+        let (newton, adam) = (QuasiNewtonOptions::default(), AdamOptions::default());
+        settings.optimiser = self.kind.unwrap_or_default();
+        settings.quasi_newton = QuasiNewtonOptions {
+            memory: self.memory.unwrap_or(newton.memory),
+            first_step: self.first_step.unwrap_or(newton.first_step),
+            ..newton
+        };
+        settings.gauss_newton = self.gauss_newton.unwrap_or(settings.gauss_newton);
+        settings.noise = self.noise;
+        settings.adam =
+            AdamOptions { learning_rate: self.learning_rate.unwrap_or(adam.learning_rate), ..adam };
+        Ok(())
+    }
+}
+
+impl StopTable {
+    fn apply(&self, rule: &mut StopRule, place: Place) -> Result<(), SceneError> {
+        for (what, number, to) in [
+            ("relative_decrease", self.relative_decrease, &mut rule.relative_decrease),
+            ("gradient", self.gradient, &mut rule.gradient),
+            ("loss", self.loss, &mut rule.loss),
+            ("seconds", self.seconds, &mut rule.seconds),
+        ] {
+            match number {
+                Some(number) if number >= 0.0 => *to = number,
+                Some(number) => return Err(place.error(format!("{what} = {number}; it must be 0 or more"))),
+                None => {}
+            }
+        }
+        if self.iterations == Some(0) {
+            return Err(place.error("iterations = 0; it must be 1 or more"));
+        }
+        rule.iterations = self.iterations.unwrap_or(rule.iterations);
+        Ok(())
+    }
+}
+
+impl SolveTable {
+    fn apply(&self, settings: &mut Settings, place: Place) -> Result<(), SceneError> {
+        if let Some(tolerance) = self.tolerance {
+            if !(1e-9..1.0).contains(&tolerance) {
+                return Err(place.error(format!("tolerance = {tolerance}; it must lie between 1e-9 and 1")));
+            }
+            settings.tolerance = Some(tolerance);
+        }
+        if let Some(supersample) = self.supersample {
+            if !supersample.is_power_of_two() || supersample > MAX_SUPERSAMPLE {
+                return Err(place.error(format!(
+                    "supersample = {supersample}; it must be a power of two, at most {MAX_SUPERSAMPLE}"
+                )));
+            }
+            settings.supersample = supersample;
+        }
+        if let Some(shading) = self.shading {
+            settings.shading = shading;
+        }
+        Ok(())
+    }
+}
+
+fn positive(what: &str, number: Option<f64>, place: Place) -> Result<(), SceneError> {
+    match number {
+        Some(number) if !(number > 0.0 && number.is_finite()) => {
+            Err(place.error(format!("{what} = {number}; it must be above 0, and finite")))
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,478 @@
+//! Maps a vector of unknowns to a scene, and pulls derivatives back.
+//!
+//! Unknowns are values divided by a typical scale of their quantity, so that a change of 1 has a similar effect for all; a
+//! power p has the unknown ln(1 + p), a scale factor its logarithm. All unknowns within [`Parameters::bounds`] give
+//! physical materials: emission, δ, ρ, σ and p have box constraints, and σ passes through the soft limit of
+//! [`limit`](super::limit).
+
+mod asked;
+mod bounds;
+mod derivative;
+mod recovered;
+mod unseen;
+
+pub use asked::{Fit, MotionKind, Per};
+pub use recovered::Recovered;
+pub use unseen::Unseen;
+
+use super::limit::{limit, lobe};
+use super::motion::Motion;
+use super::optimiser::Bounds;
+use super::renderer::OwnSquares;
+use super::selection::{self, Selected};
+use antirad_core::plan::GradientRequest;
+use antirad_render::render::Quantity;
+use antirad_scene::{Material, Scene, bounds};
+use glam::DVec3;
+use std::collections::HashMap;
+
+/// A [`Fit`] is invalid for the scene.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{message}")]
+#[non_exhaustive]
+pub struct ParameterError {
+    /// Index of the [`Fit`].
+    pub fit: usize,
+    /// What is wrong with it.
+    pub message: String,
+}
+
+/// Unknowns that belong together, such as the channels of an albedo.
+#[derive(Clone, Debug)]
+struct ParameterBlock {
+    fit: usize,
+    /// Material, mesh or triangle.
+    name: String,
+    /// Index of the first unknown.
+    first: usize,
+    /// Scale: value per unit of the unknowns.
+    scale: f64,
+    what: What,
+}
+
+#[derive(Clone, Debug)]
+enum What {
+    /// Materials of the split scene, and triangles.
+    Material { quantity: Quantity, materials: Vec<u32>, triangles: Vec<u32> },
+    /// Vertices that move, and which of translation, rotation, scale are unknown.
+    Motion { vertices: Vec<u32>, centre: DVec3, parts: [bool; 3] },
+    /// Vertices at one place.
+    Vertex { vertices: Vec<u32> },
+}
+
+impl ParameterBlock {
+    fn unknowns(&self) -> usize {
+        match &self.what {
+            What::Material { quantity, .. } => quantity.channels(),
+            What::Motion { parts: [translation, rotation, scale], .. } => {
+                3 * usize::from(*translation) + 3 * usize::from(*rotation) + usize::from(*scale)
+            }
+            What::Vertex { .. } => 3,
+        }
+    }
+}
+
+/// The map between unknowns and scenes; see the module.
+#[derive(Clone, Debug)]
+pub struct Parameters {
+    fits: Vec<Fit>,
+    /// The scene with a separate material for each part that is fitted separately; its values are the initial ones.
+    base: Scene,
+    blocks: Vec<ParameterBlock>,
+    bounds: Bounds,
+    start: Vec<f64>,
+    /// Materials whose σ is fitted and thus passes through the soft limit.
+    limited: Vec<bool>,
+    /// The [`Fit`] of each quantity of a material.
+    fit_of: HashMap<(Quantity, u32), usize>,
+    request: GradientRequest,
+}
+
+/// The largest power that the scene's check accepts.
+const CHECKED_POWER: f64 = 1e5;
+
+impl Parameters {
+    /// `brightness`: a typical radiance of lamps, W/(m² sr), the scale of emissions.
+    pub fn new(scene: &Scene, fits: &[Fit], brightness: f64) -> Result<Self, ParameterError> {
+        let selected: Vec<Selected> = fits
+            .iter()
+            .enumerate()
+            .map(|(fit, what)| {
+                selection::select(scene, what).map_err(|message| ParameterError { fit, message })
+            })
+            .collect::<Result<_, _>>()?;
+        selection::check_overlaps(scene, fits, &selected)?;
+        let mut base = scene.clone();
+        base.split_materials(&selection::labels(scene, fits, &selected));
+
+        let mut parameters = Self {
+            fits: fits.to_vec(),
+            limited: vec![false; base.materials.len()],
+            base,
+            blocks: Vec::new(),
+            bounds: Bounds::free(0),
+            start: Vec::new(),
+            fit_of: HashMap::new(),
+            request: GradientRequest::NOTHING,
+        };
+        for (fit, selected) in selected.iter().enumerate() {
+            parameters.add(fit, selected, brightness.max(f64::MIN_POSITIVE));
+        }
+        for (fit, what) in fits.iter().enumerate() {
+            parameters.set_initial(fit, what)?;
+        }
+        for fit in 0..fits.len() {
+            parameters.set_bounds(fit)?;
+        }
+        parameters.bounds.project(&mut parameters.start);
+        Ok(parameters)
+    }
+
+    /// The vertices whose positions are fitted, by their indices in the scene.
+    pub fn movable(&self) -> Vec<u32> {
+        let of = |block: &ParameterBlock| match &block.what {
+            What::Motion { vertices, .. } | What::Vertex { vertices } => vertices.clone(),
+            What::Material { .. } => Vec::new(),
+        };
+        self.blocks.iter().flat_map(of).collect()
+    }
+
+    fn add(&mut self, fit: usize, selected: &Selected, brightness: f64) {
+        let quantity = self.fits[fit].quantity;
+        let w = &mut self.request;
+        *match quantity {
+            Quantity::Emission => &mut w.emission,
+            Quantity::Diffuse => &mut w.diffuse,
+            Quantity::Albedo => &mut w.albedo,
+            Quantity::Specular => &mut w.specular,
+            Quantity::Power => &mut w.power,
+            Quantity::Position => &mut w.positions,
+        } = true;
+        for (name, members) in &selected.groups {
+            let (scale, what) = if quantity == Quantity::Position {
+                let place = |v: &u32| self.base.vertices[*v as usize];
+                let (low, high) = bounds(members.iter().map(place));
+                match self.fits[fit].motion {
+                    MotionKind::Vertices => (selected.edge, What::Vertex { vertices: members.clone() }),
+                    motion => {
+                        let size = (high - low).length();
+                        // A rotation by 1 rad moves the ends of the mesh by half its size.
+                        let scale = if size > 0.0 { size / 2.0 } else { 1.0 };
+                        let (centre, parts) = (low.midpoint(high), motion.parts());
+                        (scale, What::Motion { vertices: members.clone(), centre, parts })
+                    }
+                }
+            } else {
+                let mut materials: Vec<u32> =
+                    members.iter().map(|&t| self.base.triangles[t as usize].material).collect();
+                materials.sort_unstable();
+                materials.dedup();
+                materials.iter().for_each(|&m| {
+                    self.fit_of.insert((quantity, m), fit);
+                });
+                if quantity == Quantity::Specular {
+                    materials.iter().for_each(|&m| self.limited[m as usize] = true);
+                }
+                let scale = if quantity == Quantity::Emission { brightness } else { 1.0 };
+                (scale, What::Material { quantity, materials, triangles: members.clone() })
+            };
+            let block = ParameterBlock { fit, name: name.clone(), first: self.start.len(), scale, what };
+            self.start.resize(self.start.len() + block.unknowns(), 0.0);
+            self.blocks.push(block);
+        }
+    }
+
+    /// Writes initial values to the base scene and converts them to unknowns.
+    fn set_initial(&mut self, fit: usize, what: &Fit) -> Result<(), ParameterError> {
+        let refuse = |message: String| Err(ParameterError { fit, message });
+        if let Some(initial) = what.initial {
+            let word = what.quantity.word();
+            if what.quantity != Quantity::Position && initial.iter().any(|v| !(*v >= 0.0 && v.is_finite())) {
+                return refuse(format!("initial {word} is {initial:?}; it must be finite and 0 or more"));
+            }
+            if what.quantity == Quantity::Position && !what.motion.parts()[0] {
+                return refuse(String::from("only a motion with a translation has an `initial`, in metres"));
+            }
+        }
+        // Cloned, because the blocks are modified below.
+        for block in self.blocks.clone().iter().filter(|block| block.fit == fit) {
+            let first = block.first;
+            match &block.what {
+                What::Material { quantity, materials, .. } => {
+                    let value = what.initial.unwrap_or_else(|| {
+                        // The mean, if materials that share a value differ.
+                        let sum: DVec3 = materials
+                            .iter()
+                            .map(|&m| DVec3::from(get(&self.base.materials[m as usize], *quantity)))
+                            .sum();
+                        (sum / materials.len() as f64).into()
+                    });
+                    for &m in materials {
+                        set(&mut self.base.materials[m as usize], *quantity, value);
+                    }
+                    for (channel, &value) in value.iter().enumerate().take(quantity.channels()) {
+                        self.start[first + channel] = to_unknown(*quantity, value, block.scale);
+                    }
+                }
+                What::Motion { parts: [true, ..], .. } => {
+                    let initial = what.initial.unwrap_or_default();
+                    for (axis, way) in initial.iter().enumerate() {
+                        self.start[first + axis] = way / block.scale;
+                    }
+                }
+                What::Motion { .. } | What::Vertex { .. } => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Number of unknowns.
+    pub fn len(&self) -> usize {
+        self.start.len()
+    }
+
+    /// True if there are no unknowns.
+    pub fn is_empty(&self) -> bool {
+        self.start.is_empty()
+    }
+
+    /// Bounds within which every vector of unknowns is a valid scene.
+    pub fn bounds(&self) -> &Bounds {
+        &self.bounds
+    }
+
+    /// The unknowns at the initial values.
+    pub fn start(&self) -> &[f64] {
+        &self.start
+    }
+
+    /// Which derivatives [`Self::pull_back`] needs.
+    pub fn gradient_request(&self) -> GradientRequest {
+        self.request
+    }
+
+    /// The scene with initial values, and with a separate material for each part that is fitted separately.
+    pub fn base(&self) -> &Scene {
+        &self.base
+    }
+
+    /// True if only emission is fitted, so that pictures are affine in the unknowns.
+    pub fn is_linear(&self) -> bool {
+        self.fits.iter().all(|fit| fit.quantity == Quantity::Emission)
+    }
+
+    /// The scene at the given unknowns.
+    pub fn scene(&self, x: &[f64]) -> Scene {
+        let mut scene = self.base.clone();
+        self.set_materials(x, &mut scene.materials, true);
+        let mut moved = false;
+        for block in &self.blocks {
+            match &block.what {
+                What::Material { .. } => {}
+                What::Motion { vertices, .. } => {
+                    let motion = self.motion(block, x);
+                    let before = vertices.iter().map(|&v| self.base.vertices[v as usize]);
+                    for (&v, place) in vertices.iter().zip(motion.apply(before)) {
+                        scene.vertices[v as usize] = place;
+                    }
+                    moved = true;
+                }
+                What::Vertex { vertices } => {
+                    let way = block.scale * DVec3::from_slice(&x[block.first..]);
+                    for &v in vertices {
+                        scene.vertices[v as usize] = self.base.vertices[v as usize] + way;
+                    }
+                    moved = true;
+                }
+            }
+        }
+        if moved {
+            scene.update_degenerate();
+        }
+        scene
+    }
+
+    /// The scene lit by the fitted emissions alone, which may be negative: the linear part of [`Self::scene`], if
+    /// [`Self::is_linear`].
+    pub fn linear_scene(&self, x: &[f64]) -> Scene {
+        let mut scene = self.base.clone();
+        scene.materials.iter_mut().for_each(|m| m.emission = [0.0; 3]);
+        self.set_materials(x, &mut scene.materials, true);
+        scene
+    }
+
+    /// A scene that requires as much of the solver as any other within the bounds: three channels if colours are fitted,
+    /// specular reflection if σ is.
+    pub fn planning_scene(&self) -> Scene {
+        let mut scene = self.base.clone();
+        for block in &self.blocks {
+            let What::Material { quantity, materials, .. } = &block.what else { continue };
+            for &m in materials {
+                let material = &mut scene.materials[m as usize];
+                match quantity {
+                    Quantity::Specular => {
+                        material.specular = material.specular.map(|s| s.max(1e-6));
+                        material.specular[1] *= 0.9;
+                    }
+                    Quantity::Albedo => material.albedo[1] = 0.9 * material.albedo[1] + 1e-6,
+                    Quantity::Emission => material.emission[1] = 0.9 * material.emission[1] + 1e-6,
+                    Quantity::Diffuse | Quantity::Power | Quantity::Position => {}
+                }
+            }
+        }
+        scene
+    }
+
+    fn set_materials(&self, x: &[f64], materials: &mut [Material], limit_specular: bool) {
+        for block in &self.blocks {
+            if let What::Material { quantity, materials: of, .. } = &block.what {
+                let mut value = [0.0; 3];
+                for (channel, value) in value.iter_mut().enumerate().take(quantity.channels()) {
+                    *value = from_unknown(*quantity, x[block.first + channel], block.scale);
+                }
+                of.iter().for_each(|&m| set(&mut materials[m as usize], *quantity, value));
+            }
+        }
+        if limit_specular {
+            for (material, _) in materials.iter_mut().zip(&self.limited).filter(|(_, limited)| **limited) {
+                let lobe = lobe(material.power, material.normalization);
+                let diffuse = material.diffuse_albedo();
+                for (sigma, diffuse) in material.specular.iter_mut().zip(diffuse) {
+                    *sigma = limit(*sigma, lobe, diffuse).specular;
+                }
+            }
+        }
+    }
+
+    fn motion(&self, block: &ParameterBlock, x: &[f64]) -> Motion {
+        let What::Motion { centre, parts, .. } = &block.what else {
+            return Motion::at_rest(DVec3::ZERO);
+        };
+        let mut motion = Motion::at_rest(*centre);
+        let mut at = block.first;
+        if parts[0] {
+            motion.translation = block.scale * DVec3::from_slice(&x[at..]);
+            at += 3;
+        }
+        if parts[1] {
+            motion.rotation = DVec3::from_slice(&x[at..]);
+            at += 3;
+        }
+        if parts[2] {
+            motion.log_factor = x[at];
+        }
+        motion
+    }
+
+    /// Unknowns of a quantity, for regularisers.
+    pub fn unknowns_of(&self, quantity: Quantity) -> Vec<usize> {
+        let blocks = self.blocks.iter().filter(|block| self.fits[block.fit].quantity == quantity);
+        blocks.flat_map(|block| block.first..block.first + block.unknowns()).collect()
+    }
+
+    /// Groups of unknowns whose derivatives one change of the scene shows: the channels of a colour, which do not mix in any
+    /// picture, with the channel of each; or an unknown alone.
+    pub(super) fn columns(&self) -> Vec<Vec<(usize, Option<usize>)>> {
+        let mut columns = Vec::new();
+        for block in &self.blocks {
+            let unknowns = block.first..block.first + block.unknowns();
+            match &block.what {
+                What::Material { quantity, .. } if quantity.channels() == 3 => {
+                    columns.push(unknowns.enumerate().map(|(channel, at)| (at, Some(channel))).collect());
+                }
+                _ => columns.extend(unknowns.map(|at| vec![(at, None)])),
+            }
+        }
+        columns
+    }
+
+    /// Squares of derivatives by the unknowns, from those by triangles, which add up where triangles share an unknown. `None` if
+    /// something else than albedo and emission is unknown.
+    pub(super) fn own_squares(&self, by_triangles: &OwnSquares) -> Option<Vec<f64>> {
+        let mut by_unknowns = vec![0.0; self.len()];
+        for block in &self.blocks {
+            let What::Material { quantity, triangles, .. } = &block.what else { return None };
+            let of = match quantity {
+                Quantity::Albedo => &by_triangles.albedo,
+                Quantity::Emission => &by_triangles.emission,
+                _ => return None,
+            };
+            let sum: DVec3 = triangles.iter().map(|&t| of[t as usize]).sum();
+            let squares = block.scale * block.scale * sum;
+            by_unknowns[block.first..block.first + 3].copy_from_slice(&squares.to_array());
+        }
+        Some(by_unknowns)
+    }
+
+    /// The unknowns for an RGB value of a quantity, per channel of [`Self::unknowns_of`]; `None` for positions.
+    pub fn unknowns_for(&self, quantity: Quantity, value: [f64; 3]) -> Option<Vec<f64>> {
+        if quantity == Quantity::Position {
+            return None;
+        }
+        let blocks = self.blocks.iter().filter(|block| self.fits[block.fit].quantity == quantity);
+        Some(
+            blocks.flat_map(|b| (0..b.unknowns()).map(|c| to_unknown(quantity, value[c], b.scale))).collect(),
+        )
+    }
+
+    /// Triangles whose quantity is fitted.
+    pub fn triangles_of(&self, of: Quantity) -> Vec<bool> {
+        let mut fitted = vec![false; self.base.triangles.len()];
+        for block in &self.blocks {
+            if let What::Material { quantity, triangles, .. } = &block.what
+                && *quantity == of
+            {
+                triangles.iter().for_each(|&t| fitted[t as usize] = true);
+            }
+        }
+        fitted
+    }
+
+    /// Fitted vertices, grouped by place.
+    pub fn fitted_places(&self) -> Vec<Vec<u32>> {
+        let mut places = Vec::new();
+        for block in &self.blocks {
+            match &block.what {
+                What::Vertex { vertices } => places.push(vertices.clone()),
+                What::Material { .. } | What::Motion { .. } => {}
+            }
+        }
+        places
+    }
+
+    /// The change of a quantity that corresponds to a change of its unknown by 1.
+    pub fn scale(&self, quantity: Quantity) -> f64 {
+        let of = |block: &&ParameterBlock| self.fits[block.fit].quantity == quantity;
+        self.blocks.iter().find(of).map_or(1.0, |block| block.scale)
+    }
+}
+
+fn get(material: &Material, quantity: Quantity) -> [f64; 3] {
+    match quantity {
+        Quantity::Emission => material.emission,
+        Quantity::Albedo => material.albedo,
+        Quantity::Specular => material.specular,
+        Quantity::Diffuse => [material.diffuse, 0.0, 0.0],
+        Quantity::Power => [material.power, 0.0, 0.0],
+        Quantity::Position => [0.0; 3],
+    }
+}
+
+fn set(material: &mut Material, quantity: Quantity, value: [f64; 3]) {
+    match quantity {
+        Quantity::Emission => material.emission = value,
+        Quantity::Albedo => material.albedo = value,
+        Quantity::Specular => material.specular = value,
+        Quantity::Diffuse => material.diffuse = value[0],
+        Quantity::Power => material.power = value[0],
+        Quantity::Position => {}
+    }
+}
+
+fn to_unknown(quantity: Quantity, value: f64, scale: f64) -> f64 {
+    if quantity == Quantity::Power { value.min(CHECKED_POWER).ln_1p() } else { value / scale }
+}
+
+fn from_unknown(quantity: Quantity, unknown: f64, scale: f64) -> f64 {
+    if quantity == Quantity::Power { unknown.exp_m1() } else { scale * unknown }
+}

@@ -1,0 +1,78 @@
+//! Fitted values in physical units.
+
+use super::super::motion::Motion;
+use super::{Parameters, What, get};
+use antirad_scene::Scene;
+use serde::Serialize;
+
+/// A fitted value, for display and JSON.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Recovered {
+    /// The quantity.
+    pub quantity: &'static str,
+    /// Material, mesh, or triangle by its index.
+    pub of: String,
+    /// Unit of the values; "1" for dimensionless ones.
+    pub unit: &'static str,
+    /// The fitted value, per channel or component.
+    pub value: Vec<f64>,
+    /// The initial value.
+    pub initial: Vec<f64>,
+    /// Per channel, whether it is at a bound.
+    pub at_bound: Vec<bool>,
+}
+
+impl Parameters {
+    /// The fitted values at some unknowns.
+    pub fn recovered(&self, x: &[f64]) -> Vec<Recovered> {
+        let (found, initial) = (self.scene(x), self.scene(&self.start));
+        let mut list = Vec::with_capacity(self.blocks.len());
+        for block in &self.blocks {
+            let range = block.first..block.first + block.unknowns();
+            let at_bound: Vec<bool> =
+                range.clone().map(|i| x[i] <= self.bounds.lower[i] || x[i] >= self.bounds.upper[i]).collect();
+            let mut push = |quantity, unit, value: Vec<f64>, initial: Vec<f64>, at_bound: &[bool]| {
+                let (of, at_bound) = (block.name.clone(), at_bound.to_vec());
+                list.push(Recovered { quantity, of, unit, value, initial, at_bound });
+            };
+            match &block.what {
+                What::Material { quantity, materials, .. } => {
+                    let n = quantity.channels();
+                    let value = |scene: &Scene| {
+                        materials
+                            .first()
+                            .map_or(vec![], |&m| get(&scene.materials[m as usize], *quantity)[..n].to_vec())
+                    };
+                    push(quantity.word(), quantity.unit(), value(&found), value(&initial), &at_bound);
+                }
+                What::Motion { parts, .. } => {
+                    let (now, before) = (self.motion(block, x), self.motion(block, &self.start));
+                    let mut at = 0;
+                    let mut next = |n: usize| {
+                        at += n;
+                        at - n..at
+                    };
+                    if parts[0] {
+                        let value = |m: &Motion| m.translation.to_array().to_vec();
+                        push("translation", "m", value(&now), value(&before), &at_bound[next(3)]);
+                    }
+                    if parts[1] {
+                        let value = |m: &Motion| m.rotation.to_array().map(f64::to_degrees).to_vec();
+                        push("rotation vector", "degrees", value(&now), value(&before), &at_bound[next(3)]);
+                    }
+                    if parts[2] {
+                        let value = |m: &Motion| vec![m.log_factor.exp()];
+                        push("scale", "1", value(&now), value(&before), &at_bound[next(1)]);
+                    }
+                }
+                What::Vertex { vertices } => {
+                    let value = |scene: &Scene| {
+                        vertices.first().map_or(vec![], |&v| scene.vertices[v as usize].to_array().to_vec())
+                    };
+                    push("position", "m", value(&found), value(&initial), &at_bound);
+                }
+            }
+        }
+        list
+    }
+}

@@ -1,0 +1,290 @@
+//! The objective: loss and gradient as functions of the unknowns.
+
+use super::loss::PictureLoss;
+use super::parameters::Parameters;
+use super::regulariser::Regularisers;
+use super::renderer::{RenderError, Renderer};
+use super::target::Target;
+use antirad_render::render::SceneGradient;
+use antirad_scene::Scene;
+use glam::DVec3;
+
+/// The objective: the weighted mean of the losses of all views, plus the regularisers.
+pub struct Problem {
+    /// Maps unknowns to a scene and pulls derivatives back.
+    pub parameters: Parameters,
+    /// One target per view.
+    pub targets: Vec<Target>,
+    /// Loss of a picture against its target.
+    pub loss: Box<dyn PictureLoss + Send>,
+    /// The regularisers.
+    pub regularisers: Regularisers,
+}
+
+/// Value and gradient of the objective at a point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evaluation {
+    /// Loss including regularisers.
+    pub value: f64,
+    /// Derivatives by the unknowns.
+    pub gradient: Vec<f64>,
+    /// Loss per view, before weights.
+    pub views: Vec<f64>,
+    /// Value per regulariser, with its weight.
+    pub assumptions: Vec<f64>,
+}
+
+/// Value of the objective at a point, with scene and pictures but without the gradient.
+#[derive(Clone, Debug)]
+pub struct Judged {
+    /// The scene at that point.
+    pub scene: Scene,
+    /// Pictures, per view.
+    pub pictures: Vec<Vec<DVec3>>,
+    /// Loss including regularisers.
+    pub value: f64,
+    /// Loss per view, before weights.
+    pub views: Vec<f64>,
+    /// Value per regulariser, with its weight.
+    pub assumptions: Vec<f64>,
+}
+
+/// Step of finite differences, in units of the unknowns' scale: balances truncation error against rounding in f32.
+const DIFFERENCE: f64 = 1e-3;
+
+/// Step of the forward differences of a Gauss-Newton Hessian, in units of the unknowns' scale.
+const COLUMN_STEP: f64 = 1e-2;
+
+impl Problem {
+    /// The weight of each view's loss; they sum to 1.
+    fn weights(&self) -> Vec<f64> {
+        let sum: f64 = self.targets.iter().map(|t| t.weight).sum();
+        self.targets.iter().map(|t| t.weight / sum).collect()
+    }
+
+    /// Loss of the pictures per view and in total, and derivatives by pixels.
+    fn compare(&self, pictures: &[Vec<DVec3>]) -> (Vec<f64>, f64, Vec<Vec<DVec3>>) {
+        let mut views = Vec::with_capacity(pictures.len());
+        let mut by_pixels = Vec::with_capacity(pictures.len());
+        let mut sum = 0.0;
+        for (view, ((picture, target), weight)) in
+            pictures.iter().zip(&self.targets).zip(self.weights()).enumerate()
+        {
+            let (value, mut gradient) = self.loss.evaluate(view, picture, target);
+            gradient.iter_mut().for_each(|g| *g *= weight);
+            sum += weight * value;
+            views.push(value);
+            by_pixels.push(gradient);
+        }
+        (views, sum, by_pixels)
+    }
+
+    /// Loss and gradient. The value is NaN if the scene has no solution.
+    pub fn evaluate(&self, x: &[f64], renderer: &mut dyn Renderer) -> Result<Evaluation, RenderError> {
+        let scene = self.parameters.scene(x);
+        let pictures = match renderer.pictures(&scene) {
+            Ok(pictures) => pictures,
+            Err(RenderError::NoAnswer(reason)) => {
+                tracing::debug!("a step is refused: {reason}");
+                return Ok(Evaluation {
+                    value: f64::NAN,
+                    gradient: vec![0.0; x.len()],
+                    views: vec![f64::NAN; self.targets.len()],
+                    assumptions: Vec::new(),
+                });
+            }
+            Err(error) => return Err(error),
+        };
+        let (views, loss, by_pixels) = self.compare(&pictures);
+        let request = self.parameters.gradient_request();
+        let (mut by_scene, mut gradient) = match renderer.pull_back(&by_pixels, request)? {
+            Some(by_scene) => (by_scene, vec![0.0; x.len()]),
+            None => {
+                let differences = self.differences(x, &by_pixels, renderer)?;
+                (SceneGradient::zeros(&scene, request), differences)
+            }
+        };
+        let assumptions =
+            self.regularisers.evaluate(&self.parameters, &scene, x, &mut by_scene, &mut gradient);
+        let pulled = self.parameters.pull_back(x, &by_scene);
+        gradient.iter_mut().zip(pulled).for_each(|(g, p)| *g += p);
+        let value = loss + assumptions.iter().sum::<f64>();
+        Ok(Evaluation { value, gradient, views, assumptions })
+    }
+
+    /// Evaluates a point without its gradient.
+    pub fn judge(&self, x: &[f64], renderer: &mut dyn Renderer) -> Result<Judged, RenderError> {
+        let scene = self.parameters.scene(x);
+        let pictures = renderer.pictures(&scene)?;
+        let (views, loss, _) = self.compare(&pictures);
+        let (mut nowhere, mut direct) = (SceneGradient::default(), vec![0.0; x.len()]);
+        let assumptions = self.regularisers.evaluate(&self.parameters, &scene, x, &mut nowhere, &mut direct);
+        let value = loss + assumptions.iter().sum::<f64>();
+        Ok(Judged { scene, pictures, value, views, assumptions })
+    }
+
+    /// The gradient of the pictures' loss by central differences: two renderings per unknown.
+    fn differences(
+        &self,
+        x: &[f64],
+        by_pixels: &[Vec<DVec3>],
+        renderer: &mut dyn Renderer,
+    ) -> Result<Vec<f64>, RenderError> {
+        let bounds = self.parameters.bounds();
+        let mut gradient = Vec::with_capacity(x.len());
+        for i in 0..x.len() {
+            let ends = [(x[i] - DIFFERENCE).max(bounds.lower[i]), (x[i] + DIFFERENCE).min(bounds.upper[i])];
+            if ends[1] <= ends[0] {
+                gradient.push(0.0);
+                continue;
+            }
+            let mut at = |end: f64| {
+                let mut moved = x.to_vec();
+                moved[i] = end;
+                renderer.pictures(&self.parameters.scene(&moved))
+            };
+            let (below, above) = (at(ends[0])?, at(ends[1])?);
+            gradient.push((product(by_pixels, &above) - product(by_pixels, &below)) / (ends[1] - ends[0]));
+        }
+        Ok(gradient)
+    }
+
+    /// The product of the Hessian with `p`. Requires pictures linear in the unknowns and a quadratic loss.
+    pub fn curvature(&self, p: &[f64], renderer: &mut dyn Renderer) -> Result<Vec<f64>, RenderError> {
+        let refuse = |message: &str| RenderError::Failed(message.into());
+        let scene = self.parameters.linear_scene(p);
+        let mut by_pixels = renderer.pictures_of_difference(&scene)?;
+        for (view, ((picture, target), weight)) in
+            by_pixels.iter_mut().zip(&self.targets).zip(self.weights()).enumerate()
+        {
+            let curvature = self.loss.curvature(view, target);
+            let curvature =
+                curvature.ok_or_else(|| refuse("this loss is not quadratic; use another optimiser"))?;
+            picture.iter_mut().zip(curvature).for_each(|(v, c)| *v *= weight * c);
+        }
+        let request = self.parameters.gradient_request();
+        let mut product_of = match renderer.pull_back(&by_pixels, request)? {
+            Some(by_scene) => self.parameters.pull_back(p, &by_scene),
+            None => {
+                let mut by_unknowns = Vec::with_capacity(p.len());
+                for i in 0..p.len() {
+                    let mut unit = vec![0.0; p.len()];
+                    unit[i] = 1.0;
+                    let column = renderer.pictures_of_difference(&self.parameters.linear_scene(&unit))?;
+                    by_unknowns.push(product(&by_pixels, &column));
+                }
+                by_unknowns
+            }
+        };
+        // Regularisers are at most quadratic in emission: their Hessian product is a difference of gradients.
+        let gradient = |x: &[f64]| self.gradient_of_regularisers(&self.parameters.linear_scene(x), x);
+        let change: Vec<f64> = difference(&gradient(p), &gradient(&vec![0.0; p.len()]));
+        product_of.iter_mut().zip(change).for_each(|(h, c)| *h += c);
+        Ok(product_of)
+    }
+
+    fn gradient_of_regularisers(&self, scene: &Scene, x: &[f64]) -> Vec<f64> {
+        let mut by_scene = SceneGradient::zeros(scene, self.parameters.gradient_request());
+        let mut by_unknowns = vec![0.0; x.len()];
+        self.regularisers.evaluate(&self.parameters, scene, x, &mut by_scene, &mut by_unknowns);
+        let pulled = self.parameters.pull_back(x, &by_scene);
+        by_unknowns.iter().zip(pulled).map(|(a, b)| a + b).collect()
+    }
+
+    /// The diagonal of the Gauss-Newton Hessian of the pictures, with the light that arrives at surfaces held fixed: most of it
+    /// where each unknown is the albedo or emission of few triangles. It takes no solve beside that at the point itself. `None` if
+    /// the loss is not quadratic, something else is unknown, or the renderer does not know.
+    pub fn own_curvature(
+        &self,
+        x: &[f64],
+        renderer: &mut dyn Renderer,
+    ) -> Result<Option<Vec<f64>>, RenderError> {
+        let Some(weights) = self.curvatures() else { return Ok(None) };
+        renderer.pictures(&self.parameters.scene(x))?;
+        Ok(renderer.own_squares(&weights).and_then(|squares| self.parameters.own_squares(&squares)))
+    }
+
+    /// Second derivatives of the loss by pixels, per view; `None` if it is not quadratic.
+    fn curvatures(&self) -> Option<Vec<Vec<DVec3>>> {
+        let views = self.targets.iter().zip(self.weights()).enumerate();
+        let weighted = |(view, (target, weight)): (usize, (&Target, f64))| {
+            let curvature = self.loss.curvature(view, target)?;
+            Some(curvature.into_iter().map(|c| weight * c).collect())
+        };
+        views.map(weighted).collect()
+    }
+
+    /// Pictures per view that [`Self::gauss_newton`] takes, beside that at the point itself.
+    pub fn gauss_newton_pictures(&self) -> usize {
+        self.parameters.columns().len()
+    }
+
+    /// The Gauss-Newton Hessian JᵀWJ, row by row, with W the loss's second derivatives by pixels, plus that of the
+    /// regularisers. The columns of J come from forward differences, each of one picture per view; it is meant as a model
+    /// of the curvature, not as an exact derivative. `None` if the loss is not quadratic, or a step of the differences has no
+    /// picture.
+    pub fn gauss_newton(
+        &self,
+        x: &[f64],
+        renderer: &mut dyn Renderer,
+    ) -> Result<Option<Vec<f64>>, RenderError> {
+        let n = x.len();
+        let Some(weights) = self.curvatures() else { return Ok(None) };
+        let bounds = self.parameters.bounds();
+        // Into the room that there is; an unknown without room is fixed.
+        let step = |i: usize| match () {
+            () if x[i] + COLUMN_STEP <= bounds.upper[i] => COLUMN_STEP,
+            () if x[i] - COLUMN_STEP >= bounds.lower[i] => -COLUMN_STEP,
+            () => 0.0,
+        };
+        let per_unknown = |change: f64, i: usize| if step(i) == 0.0 { 0.0 } else { change / step(i) };
+        let here = renderer.pictures(&self.parameters.scene(x))?;
+        let mut columns: Vec<Vec<Vec<DVec3>>> = vec![Vec::new(); n];
+        for column in self.parameters.columns() {
+            let mut moved = x.to_vec();
+            column.iter().for_each(|&(i, _)| moved[i] += step(i));
+            let there = match renderer.pictures_near(&self.parameters.scene(&moved)) {
+                Err(RenderError::NoAnswer(_)) => return Ok(None),
+                pictures => pictures?,
+            };
+            for (i, channel) in column {
+                let only = channel.map_or(DVec3::ONE, |c| DVec3::AXES[c]);
+                let only = only * per_unknown(1.0, i);
+                let slope = |(a, b): (&DVec3, &DVec3)| only * (b - a);
+                let views = here.iter().zip(&there).map(|(a, b)| a.iter().zip(b).map(slope).collect());
+                columns[i] = views.collect();
+            }
+        }
+        let mut hessian = vec![0.0; n * n];
+        for i in 0..n {
+            let weighted = columns[i].iter().zip(&weights);
+            let weighted: Vec<Vec<DVec3>> =
+                weighted.map(|(j, w)| j.iter().zip(w).map(|(j, w)| j * w).collect()).collect();
+            for j in 0..=i {
+                let entry = product(&weighted, &columns[j]);
+                (hessian[i * n + j], hessian[j * n + i]) = (entry, entry);
+            }
+        }
+        let gradient = |x: &[f64]| self.gradient_of_regularisers(&self.parameters.scene(x), x);
+        let at_x = gradient(x);
+        for i in 0..n {
+            let mut moved = x.to_vec();
+            moved[i] += step(i);
+            let change = difference(&gradient(&moved), &at_x);
+            for (j, change) in change.iter().enumerate() {
+                hessian[i * n + j] += 0.5 * per_unknown(*change, i);
+                hessian[j * n + i] += 0.5 * per_unknown(*change, i);
+            }
+        }
+        Ok(Some(hessian))
+    }
+}
+
+fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a - b).collect()
+}
+
+fn product(a: &[Vec<DVec3>], b: &[Vec<DVec3>]) -> f64 {
+    let view = |(a, b): (&Vec<DVec3>, &Vec<DVec3>)| a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum::<f64>();
+    a.iter().zip(b).map(view).sum()
+}

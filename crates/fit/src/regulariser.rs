@@ -1,0 +1,303 @@
+//! Regularisers: value and gradient of each.
+
+use super::parameters::{MotionKind, Parameters};
+use antirad_render::render::{Quantity, SceneGradient};
+use antirad_scene::{Edges, Scene, Welded, sides};
+use glam::DVec3;
+use serde::Serialize;
+
+/// An assumption about the scene, with its weight relative to the loss of the pictures. Quantities are in units of their
+/// scale ([`Parameters::scale`]), so that weights are dimensionless and independent of the scene's size.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum Regulariser {
+    /// Neighbours on a mesh are alike: the mean of |v_i - v_j|² over pairs of triangles that share an edge, at least one of
+    /// them fitted. For a power, v = ln(1 + p).
+    Smoothness {
+        /// The quantity.
+        of: Quantity,
+        /// Weight, dimensionless.
+        weight: f64,
+    },
+    /// Meshes keep their shape: the mean over fitted vertices of |u - mean of u over its neighbours|², where u is the
+    /// displacement of a vertex. It preserves details of the initial mesh; translations as a whole cost nothing.
+    Laplacian {
+        /// Weight, dimensionless.
+        weight: f64,
+    },
+    /// Few triangles emit: the mean of L_e over area and channels of the fitted triangles, an L1 norm because emission is
+    /// never negative. Of all emissions that explain the pictures it favours one with little power; it biases lamps to be
+    /// slightly too dark.
+    Sparsity {
+        /// Weight, dimensionless.
+        weight: f64,
+    },
+    /// Values stay near `value` (`None`: near their initial values): the mean of the squared difference of the unknowns.
+    Prior {
+        /// The quantity.
+        of: Quantity,
+        /// In the unit of the quantity.
+        value: Option<[f64; 3]>,
+        /// Weight, dimensionless.
+        weight: f64,
+    },
+}
+
+impl Regulariser {
+    /// Its weight.
+    pub fn weight(&self) -> f64 {
+        match self {
+            Self::Smoothness { weight, .. }
+            | Self::Laplacian { weight }
+            | Self::Sparsity { weight }
+            | Self::Prior { weight, .. } => *weight,
+        }
+    }
+
+    /// Description for reports.
+    pub fn assumption(&self) -> String {
+        match self {
+            Self::Smoothness { of, .. } => format!("{} varies little between neighbours", of.word()),
+            Self::Laplacian { .. } => String::from("meshes keep their shape"),
+            Self::Sparsity { .. } => String::from("few triangles emit, and emission is not negative"),
+            Self::Prior { of, value: Some(value), .. } => format!("{} is near {value:?}", of.word()),
+            Self::Prior { of, value: None, .. } => format!("{} is near where it started", of.word()),
+        }
+    }
+}
+
+/// Regularisers of a scene, ready for evaluation.
+#[derive(Clone, Debug)]
+pub struct Regularisers {
+    terms: Vec<Term>,
+}
+
+#[derive(Clone, Debug)]
+enum Term {
+    Smoothness { of: Quantity, pairs: Vec<[u32; 2]>, weight: f64, scale: f64 },
+    Laplacian { places: Vec<Vec<u32>>, neighbours: Vec<Vec<usize>>, weight: f64, scale: f64 },
+    Sparsity { areas: Vec<(u32, f64)>, weight: f64 },
+    Prior { unknowns: Vec<(usize, f64)>, weight: f64 },
+}
+
+impl Regularisers {
+    /// Prepares the regularisers. The error has the index of one that applies to nothing fitted.
+    pub fn new(terms: &[Regulariser], parameters: &Parameters) -> Result<Self, (usize, String)> {
+        let term = |(at, term): (usize, &Regulariser)| term_of(term, parameters).map_err(|error| (at, error));
+        Ok(Self { terms: terms.iter().enumerate().map(term).collect::<Result<_, _>>()? })
+    }
+
+    /// The value of each term at some unknowns and their scene; adds the derivatives by the scene and by the unknowns.
+    pub fn evaluate(
+        &self,
+        parameters: &Parameters,
+        scene: &Scene,
+        x: &[f64],
+        by_scene: &mut SceneGradient,
+        by_unknowns: &mut [f64],
+    ) -> Vec<f64> {
+        let term = |term: &Term| match term {
+            Term::Smoothness { of, pairs, weight, scale } => {
+                smoothness(scene, *of, pairs, *weight, *scale, by_scene)
+            }
+            Term::Laplacian { places, neighbours, weight, scale } => {
+                laplacian(parameters.base(), scene, places, neighbours, weight / (scale * scale), by_scene)
+            }
+            Term::Sparsity { areas, weight } => {
+                let mut sum = 0.0;
+                for &(t, area) in areas {
+                    sum += weight * area * scene.material(t as usize).emission.iter().sum::<f64>();
+                    by_scene.add_to_triangle(Quantity::Emission, t as usize, [weight * area; 3]);
+                }
+                sum
+            }
+            Term::Prior { unknowns, weight } => {
+                let mut sum = 0.0;
+                for &(i, prior) in unknowns {
+                    let d = x[i] - prior;
+                    sum += weight * d * d;
+                    by_unknowns[i] += 2.0 * weight * d;
+                }
+                sum
+            }
+        };
+        self.terms.iter().map(term).collect()
+    }
+}
+
+fn term_of(term: &Regulariser, parameters: &Parameters) -> Result<Term, String> {
+    let weight = term.weight();
+    if !(weight >= 0.0 && weight.is_finite()) {
+        return Err(format!("the weight is {weight}; it must be 0 or more, and finite"));
+    }
+    let missing = |of: Quantity| format!("{} is not fitted, so it cannot be regularised", of.word());
+    let scene = parameters.base();
+    match term {
+        Regulariser::Smoothness { of: Quantity::Position, .. } => {
+            Err(String::from("smoothness of positions is kind = \"laplacian\""))
+        }
+        Regulariser::Smoothness { of, .. } => {
+            let fitted = parameters.triangles_of(*of);
+            if !fitted.contains(&true) {
+                return Err(missing(*of));
+            }
+            let mut pairs = neighbours(scene);
+            pairs.retain(|&[a, b]| fitted[a as usize] || fitted[b as usize]);
+            if pairs.is_empty() {
+                return Err(format!("no two triangles of which {} is fitted share an edge", of.word()));
+            }
+            let scale = if *of == Quantity::Power { 1.0 } else { parameters.scale(*of) };
+            Ok(Term::Smoothness { of: *of, weight: weight / pairs.len() as f64, pairs, scale })
+        }
+        Regulariser::Laplacian { .. } => {
+            let places = parameters.fitted_places();
+            if places.is_empty() {
+                return Err(format!(
+                    "no vertices are fitted (motion = \"{}\"), so there is no shape to keep",
+                    serde_word(MotionKind::Vertices)
+                ));
+            }
+            let neighbours = adjacent_places(scene, &places);
+            let scale = parameters.scale(Quantity::Position);
+            Ok(Term::Laplacian { weight: weight / places.len() as f64, places, neighbours, scale })
+        }
+        Regulariser::Sparsity { .. } => {
+            let fitted = parameters.triangles_of(Quantity::Emission);
+            let area = |t: usize| scene.area_vector(t).length();
+            let picked = (0..fitted.len()).filter(|&t| fitted[t]).map(|t| (t as u32, area(t)));
+            let areas: Vec<(u32, f64)> = picked.collect();
+            let total: f64 = areas.iter().map(|(_, area)| area).sum();
+            if total == 0.0 {
+                return Err(missing(Quantity::Emission));
+            }
+            Ok(Term::Sparsity {
+                areas,
+                weight: weight / (3.0 * total * parameters.scale(Quantity::Emission)),
+            })
+        }
+        Regulariser::Prior { of, value, .. } => {
+            let unknowns = parameters.unknowns_of(*of);
+            if unknowns.is_empty() {
+                return Err(missing(*of));
+            }
+            let values = match value {
+                None => unknowns.iter().map(|&i| parameters.start()[i]).collect(),
+                Some(value) => parameters.unknowns_for(*of, *value).ok_or_else(|| {
+                    String::from("the prior of a position is where it starts: leave `value` out")
+                })?,
+            };
+            let weight = weight / unknowns.len() as f64;
+            Ok(Term::Prior { unknowns: unknowns.into_iter().zip(values).collect(), weight })
+        }
+    }
+}
+
+fn serde_word(kind: MotionKind) -> &'static str {
+    match kind {
+        MotionKind::Vertices => "vertices",
+        MotionKind::Translation => "translation",
+        MotionKind::Rigid => "rigid",
+        MotionKind::Scale => "scale",
+        MotionKind::Similarity => "similarity",
+    }
+}
+
+/// The values of a triangle's material in units of their scale, and the derivative of these by the value.
+fn values(scene: &Scene, of: Quantity, triangle: u32, scale: f64) -> ([f64; 3], f64) {
+    let material = scene.material(triangle as usize);
+    let rgb = |v: [f64; 3]| (v.map(|v| v / scale), 1.0 / scale);
+    match of {
+        Quantity::Emission => rgb(material.emission),
+        Quantity::Albedo => rgb(material.albedo),
+        Quantity::Specular => rgb(material.specular),
+        Quantity::Diffuse => rgb([material.diffuse, 0.0, 0.0]),
+        Quantity::Power => ([material.power.ln_1p(), 0.0, 0.0], 1.0 / (1.0 + material.power)),
+        Quantity::Position => ([0.0; 3], 0.0),
+    }
+}
+
+fn smoothness(
+    scene: &Scene,
+    of: Quantity,
+    pairs: &[[u32; 2]],
+    weight: f64,
+    scale: f64,
+    gradient: &mut SceneGradient,
+) -> f64 {
+    let mut sum = 0.0;
+    for &[i, j] in pairs {
+        let ((a, by_a), (b, by_b)) = (values(scene, of, i, scale), values(scene, of, j, scale));
+        let d = [0, 1, 2].map(|c| a[c] - b[c]);
+        sum += weight * d.iter().map(|d| d * d).sum::<f64>();
+        gradient.add_to_triangle(of, i as usize, d.map(|d| 2.0 * weight * d * by_a));
+        gradient.add_to_triangle(of, j as usize, d.map(|d| -2.0 * weight * d * by_b));
+    }
+    sum
+}
+
+fn laplacian(
+    before: &Scene,
+    scene: &Scene,
+    places: &[Vec<u32>],
+    neighbours: &[Vec<usize>],
+    weight: f64,
+    gradient: &mut SceneGradient,
+) -> f64 {
+    let first = |place: &Vec<u32>| place.first().map_or(0, |&v| v as usize);
+    let moved: Vec<DVec3> =
+        places.iter().map(|place| scene.vertices[first(place)] - before.vertices[first(place)]).collect();
+    let mut by_place = vec![DVec3::ZERO; places.len()];
+    let mut sum = 0.0;
+    for (place, around) in neighbours.iter().enumerate().filter(|(_, around)| !around.is_empty()) {
+        let share = 1.0 / around.len() as f64;
+        let d = moved[place] - share * around.iter().map(|&n| moved[n]).sum::<DVec3>();
+        sum += weight * d.length_squared();
+        by_place[place] += 2.0 * weight * d;
+        around.iter().for_each(|&n| by_place[n] -= 2.0 * weight * share * d);
+    }
+    if let Some(by_position) = &mut gradient.positions {
+        // All vertices at a place move as one: exactly one of them carries the derivative.
+        for (place, by) in places.iter().zip(by_place) {
+            by_position[first(place)] += by;
+        }
+    }
+    sum
+}
+
+/// Pairs of triangles of a mesh that share an edge, by the positions of its ends: files often repeat vertices.
+fn neighbours(scene: &Scene) -> Vec<[u32; 2]> {
+    let welded = Welded::exactly(scene.vertices.iter().copied());
+    let mut pairs = Vec::new();
+    for mesh in &scene.meshes {
+        let corners = |t: u32| welded.positions(scene.triangles[t as usize].vertices);
+        let directed = mesh.range.clone().flat_map(|t| sides(corners(t)).map(|side| (t, side)));
+        for edge in Edges::new(directed).iter() {
+            let mut rest = edge.triangles();
+            while let Some(a) = rest.next() {
+                pairs.extend(rest.clone().filter(|&b| a != b).map(|b| [a, b]));
+            }
+        }
+    }
+    pairs.sort_unstable();
+    pairs.dedup();
+    pairs
+}
+
+/// Per fitted place, the fitted places at the other ends of its edges, ascending.
+fn adjacent_places(scene: &Scene, places: &[Vec<u32>]) -> Vec<Vec<usize>> {
+    let mut place_of: Vec<Option<u32>> = vec![None; scene.vertices.len()];
+    for (place, vertices) in (0..).zip(places) {
+        vertices.iter().for_each(|&v| place_of[v as usize] = Some(place));
+    }
+    let place = |v: u32| place_of[v as usize];
+    let directed = (0..).zip(&scene.triangles).flat_map(|(t, triangle)| {
+        sides(triangle.vertices).into_iter().filter_map(move |[a, b]| Some((t, [place(a)?, place(b)?])))
+    });
+    let mut around = vec![Vec::new(); places.len()];
+    for edge in Edges::new(directed).iter() {
+        let [a, b] = edge.ends();
+        around[a as usize].push(b as usize);
+        around[b as usize].push(a as usize);
+    }
+    around
+}

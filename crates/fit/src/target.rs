@@ -1,0 +1,302 @@
+//! Target of a view: a picture, its camera, and which of its pixels count.
+
+use antirad_render::image::Picture;
+use antirad_scene::Camera;
+use glam::DVec3;
+use std::path::{Path, PathBuf};
+
+/// A picture is not a valid target.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TargetError {
+    /// A file cannot be read as a picture.
+    #[error("{}: cannot be read as a picture: {reason}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Error of the reader.
+        reason: String,
+    },
+    /// The extension of a file is not that of a known format.
+    #[error("{}: neither .exr nor .png; give a picture in one of these formats", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+    },
+    #[error(
+        "{what} is {got_width} x {got_height} pixels, but camera \"{camera}\" takes {width} x {height}; change the \
+         camera's width and height, or scale the picture"
+    )]
+    /// A picture or mask differs in size from the camera's pictures.
+    Size {
+        /// The picture or its mask.
+        what: &'static str,
+        /// Its width, pixels.
+        got_width: u32,
+        /// Its height, pixels.
+        got_height: u32,
+        /// Name of the camera.
+        camera: String,
+        /// Of its pictures, pixels.
+        width: u32,
+        /// Of its pictures, pixels.
+        height: u32,
+    },
+    /// A pixel is infinite or not a number.
+    #[error(
+        "the picture is {value} at column {x}, row {y} (from 0, from the top left); mask the pixel out or repair it"
+    )]
+    NotFinite {
+        /// Column, from 0 at the left.
+        x: usize,
+        /// Row, from 0 at the top.
+        y: usize,
+        /// The value there.
+        value: f64,
+    },
+    /// A mask has a value outside 0 to 1.
+    #[error("the mask is {value} at column {x}, row {y}; it must lie in 0 to 1")]
+    Mask {
+        /// Column, from 0 at the left.
+        x: usize,
+        /// Row, from 0 at the top.
+        y: usize,
+        /// The value there.
+        value: f64,
+    },
+    /// No pixel is left to compare.
+    #[error("no pixel is left to compare with: the mask is 0 everywhere, or the picture all clipped")]
+    Nothing,
+    /// A weight, given here, is not finite or not above 0.
+    #[error("the weight is {0}; it must be finite and above 0")]
+    Weight(f64),
+}
+
+/// A validated target.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Target {
+    /// The camera, with the picture's size.
+    pub camera: Camera,
+    /// Linear RGB radiance, row by row from the top, W/(m² sr).
+    pub pixels: Vec<DVec3>,
+    /// Weight of each pixel, 0 to 1; 1 if `None`.
+    pub mask: Option<Vec<f64>>,
+    /// Weight of this view relative to the others.
+    pub weight: f64,
+}
+
+impl Target {
+    /// A target from its parts, validated. Masked pixels may hold any value.
+    pub fn new(
+        camera: Camera,
+        pixels: Vec<DVec3>,
+        mask: Option<Vec<f64>>,
+        weight: f64,
+    ) -> Result<Self, TargetError> {
+        let width = camera.width as usize;
+        let expected = width * camera.height as usize;
+        let size = |what, got: usize| TargetError::Size {
+            what,
+            got_width: got as u32,
+            got_height: 1,
+            camera: camera.name.clone(),
+            width: camera.width,
+            height: camera.height,
+        };
+        if pixels.len() != expected {
+            return Err(size("the picture", pixels.len()));
+        }
+        if let Some(mask) = &mask {
+            if mask.len() != expected {
+                return Err(size("the mask", mask.len()));
+            }
+            if let Some(at) = mask.iter().position(|m| !(0.0..=1.0).contains(m)) {
+                return Err(TargetError::Mask { x: at % width, y: at / width, value: mask[at] });
+            }
+        }
+        if !(weight > 0.0 && weight.is_finite()) {
+            return Err(TargetError::Weight(weight));
+        }
+        let target = Self { camera, pixels, mask, weight };
+        if target.mask_sum() == 0.0 {
+            return Err(TargetError::Nothing);
+        }
+        let bad = |at: &usize| target.mask_at(*at) > 0.0 && !target.pixels[*at].is_finite();
+        if let Some(at) = (0..expected).find(bad) {
+            let value = target.pixels[at].to_array().into_iter().find(|v| !v.is_finite()).unwrap_or(f64::NAN);
+            return Err(TargetError::NotFinite { x: at % width, y: at / width, value });
+        }
+        Ok(target)
+    }
+
+    /// Weight of a pixel, from the mask.
+    pub fn mask_at(&self, pixel: usize) -> f64 {
+        self.mask.as_ref().map_or(1.0, |mask| mask[pixel])
+    }
+
+    /// Sum of the weights of all pixels.
+    pub fn mask_sum(&self) -> f64 {
+        self.mask.as_ref().map_or(self.pixels.len() as f64, |mask| mask.iter().sum())
+    }
+}
+
+/// A picture from a file, for [`Target::new`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct TargetPicture {
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Linear RGB, W/(m² sr), row by row from the top.
+    pub pixels: Vec<DVec3>,
+    /// Per pixel, whether it is clipped at the maximum of the file's format, so that its value is only a lower bound.
+    pub clipped: Vec<bool>,
+}
+
+impl TargetPicture {
+    /// Reads an EXR, or a PNG of 8 or 16 bits a channel.
+    ///
+    /// EXR is linear. PNG is decoded from sRGB to linear, and its white becomes radiance `white`, W/(m² sr); an alpha
+    /// channel is ignored.
+    pub fn read(path: &Path, white: f64) -> Result<Self, TargetError> {
+        let read = |reason: String| TargetError::Read { path: path.to_path_buf(), reason };
+        match extension(path).as_deref() {
+            Some("exr") => {
+                let picture = Picture::read_exr(path).map_err(|error| read(error.to_string()))?;
+                let pixels = picture.pixels.iter().map(|&[r, g, b, _]| DVec3::from([r, g, b].map(f64::from)));
+                let (width, height) = (picture.width, picture.height);
+                Ok(Self {
+                    width,
+                    height,
+                    pixels: pixels.collect(),
+                    clipped: vec![false; picture.pixels.len()],
+                })
+            }
+            Some("png") => {
+                let picture = open_png(path).map_err(read)?.into_rgb16();
+                let (width, height) = picture.dimensions();
+                let clipped = picture.pixels().map(|p| p.0.contains(&u16::MAX)).collect();
+                let linear = |v: u16| white * linear(f64::from(v) / f64::from(u16::MAX));
+                let pixels = picture.pixels().map(|p| DVec3::from(p.0.map(linear))).collect();
+                Ok(Self { width, height, pixels, clipped })
+            }
+            _ => Err(TargetError::Format { path: path.to_path_buf() }),
+        }
+    }
+
+    /// An error if the size differs from the camera's.
+    pub fn check_size(&self, camera: &Camera) -> Result<(), TargetError> {
+        check_size("the picture", (self.width, self.height), camera)
+    }
+}
+
+/// Reads a mask of a camera's size: the values of a PNG from 0 (black) to 1 (white), not decoded, or the red channel of
+/// an EXR.
+pub fn read_mask(path: &Path, camera: &Camera) -> Result<Vec<f64>, TargetError> {
+    let read = |reason: String| TargetError::Read { path: path.to_path_buf(), reason };
+    let (size, mask): (_, Vec<f64>) = match extension(path).as_deref() {
+        Some("exr") => {
+            let picture = Picture::read_exr(path).map_err(|error| read(error.to_string()))?;
+            ((picture.width, picture.height), picture.pixels.iter().map(|p| f64::from(p[0])).collect())
+        }
+        Some("png") => {
+            let picture = open_png(path).map_err(read)?.into_luma16();
+            let value = |p: &image::Luma<u16>| f64::from(p.0[0]) / f64::from(u16::MAX);
+            (picture.dimensions(), picture.pixels().map(value).collect())
+        }
+        _ => return Err(TargetError::Format { path: path.to_path_buf() }),
+    };
+    check_size("the mask", size, camera)?;
+    Ok(mask)
+}
+
+fn check_size(
+    what: &'static str,
+    (got_width, got_height): (u32, u32),
+    camera: &Camera,
+) -> Result<(), TargetError> {
+    let &Camera { width, height, .. } = camera;
+    match (got_width, got_height) == (width, height) {
+        true => Ok(()),
+        false => {
+            let camera = camera.name.clone();
+            Err(TargetError::Size { what, got_width, got_height, camera, width, height })
+        }
+    }
+}
+
+fn extension(path: &Path) -> Option<String> {
+    path.extension().and_then(|end| end.to_str()).map(str::to_ascii_lowercase)
+}
+
+fn open_png(path: &Path) -> Result<image::DynamicImage, String> {
+    let file = antirad_base::input::open(path).map_err(|error| error.to_string())?;
+    let reader = image::ImageReader::with_format(std::io::BufReader::new(file), image::ImageFormat::Png);
+    reader.decode().map_err(|error| error.to_string())
+}
+
+/// The inverse of the transfer curve of IEC 61966-2-1.
+fn linear(srgb: f64) -> f64 {
+    if srgb <= 0.040_45 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use antirad_render::image::{Exposure, ToneMap};
+
+    fn camera(width: u32, height: u32) -> Camera {
+        Camera { width, height, ..Camera::framing(&[]) }
+    }
+
+    /// A picture written as PNG by this crate is read back to within quantisation.
+    #[test]
+    fn png_is_decoded_to_linear() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("p.PNG");
+        let pixels: Vec<[f32; 4]> = (0..256).map(|i| [i as f32 / 300.0, 0.001, 0.5, 1.0]).collect();
+        let picture = Picture { width: 16, height: 16, pixels };
+        picture.write_png(&path, &ToneMap::default().exposure(Exposure::Stops(0.0))).expect("written");
+        let read = TargetPicture::read(&path, 3.0).expect("read");
+        assert_eq!((read.width, read.height), (16, 16));
+        assert!(read.clipped.iter().all(|clipped| !clipped));
+        for (ours, theirs) in read.pixels.iter().zip(&picture.pixels) {
+            let truth = 3.0 * DVec3::new(theirs[0].into(), theirs[1].into(), theirs[2].into());
+            assert!((*ours - truth).abs().max_element() < 3.0 * 0.005, "{ours} {truth}");
+        }
+        let mask = read_mask(&path, &camera(16, 16)).expect("a mask");
+        assert!(mask.iter().all(|m| (0.0..=1.0).contains(m)) && mask[200] > mask[3]);
+    }
+
+    #[test]
+    fn what_cannot_be_a_target() {
+        let one = |pixel: DVec3, mask: Option<f64>, weight: f64| {
+            Target::new(camera(1, 1), vec![pixel], mask.map(|m| vec![m]), weight).map_err(|e| e.to_string())
+        };
+        assert!(one(DVec3::ONE, None, 1.0).is_ok());
+        for (result, part) in [
+            (one(DVec3::NAN, None, 1.0), "NaN at column 0, row 0"),
+            (one(DVec3::new(0.0, f64::INFINITY, 0.0), Some(1.0), 1.0), "inf at column 0"),
+            (one(DVec3::NAN, Some(0.0), 1.0), "no pixel is left"),
+            (one(DVec3::ONE, Some(1.5), 1.0), "mask is 1.5 at column 0, row 0"),
+            (one(DVec3::ONE, Some(f64::NAN), 1.0), "mask is NaN"),
+            (one(DVec3::ONE, None, 0.0), "weight is 0"),
+            (Target::new(camera(2, 1), vec![], None, 1.0).map_err(|e| e.to_string()), "takes 2 x 1"),
+        ] {
+            let message = result.expect_err(part);
+            assert!(message.contains(part), "{message}");
+        }
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("p.png");
+        std::fs::write(&path, "no picture").expect("written");
+        for (path, part) in [
+            (path.clone(), "cannot be read as a picture"),
+            (path.with_extension("exr"), "cannot be read"),
+            (path.with_extension("jpg"), "neither .exr nor .png"),
+        ] {
+            let message = TargetPicture::read(&path, 1.0).expect_err(part).to_string();
+            assert!(message.contains(part) && message.contains(&path.display().to_string()), "{message}");
+            assert!(read_mask(&path, &camera(1, 1)).is_err());
+        }
+    }
+}

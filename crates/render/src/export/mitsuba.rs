@@ -1,0 +1,102 @@
+//! Scenes of Mitsuba 3.
+
+use super::ply;
+use antirad_base::output::{OutputError, atomic_write};
+use antirad_scene::{Camera, Material, Scene};
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::io::Write;
+use std::path::Path;
+
+pub fn write(scene: &Scene, path: &Path) -> Result<(), OutputError> {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let mut text = String::from("<scene version=\"3.0.0\">\n    <integrator type=\"path\"/>\n");
+    scene.cameras.iter().for_each(|camera| text += &sensor(camera));
+    let used: std::collections::BTreeSet<u32> = scene.triangles.iter().map(|t| t.material).collect();
+    for &index in &used {
+        text += &bsdf(index, &scene.materials[index as usize]);
+    }
+    let mut number = 0;
+    for mesh in &scene.meshes {
+        let mut by_material: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        for t in mesh.range.start as usize..mesh.range.end as usize {
+            by_material.entry(scene.triangles[t].material).or_default().push(t);
+        }
+        for (index, triangles) in by_material {
+            number += 1;
+            let file = format!("{stem}_{number}.ply");
+            ply::write(scene, &path.with_file_name(&file), &triangles, None)?;
+            text += &shape(&mesh.name, &file, index, &scene.materials[index as usize]);
+        }
+    }
+    text += "</scene>\n";
+    atomic_write(path, |output| output.write_all(text.as_bytes()))
+}
+
+fn rgb(name: &str, [r, g, b]: [f64; 3]) -> String {
+    format!("<rgb name=\"{name}\" value=\"{r:?} {g:?} {b:?}\"/>")
+}
+
+fn escaped(text: &str) -> String {
+    text.chars().fold(String::new(), |mut escaped, c| {
+        match c {
+            '<' | '>' | '&' | '"' | '\'' => write!(escaped, "&#{};", c as u32).unwrap_or(()),
+            c if c.is_control() => escaped.push('_'),
+            c => escaped.push(c),
+        }
+        escaped
+    })
+}
+
+/// Surfaces have one side there as here. A lobe of power p is about as wide as microfacets of roughness α = √(2/(p + 2)).
+fn bsdf(index: u32, material: &Material) -> String {
+    let name = escaped(&material.name);
+    let albedo = material.diffuse_albedo();
+    let alpha = (2.0 / (material.power + 2.0)).sqrt().clamp(0.01, 1.0);
+    let inner = match (material.is_glossy(), albedo == [0.0; 3]) {
+        (false, _) => format!("<bsdf type=\"diffuse\" id=\"m{index}\">{}", rgb("reflectance", albedo)),
+        (true, true) => format!(
+            "<bsdf type=\"roughconductor\" id=\"m{index}\"><string name=\"material\" value=\"none\"/><float name=\"alpha\" \
+             value=\"{alpha:?}\"/>{}",
+            rgb("specular_reflectance", material.specular.map(|s| s.min(1.0)))
+        ),
+        (true, false) => format!(
+            "<bsdf type=\"roughplastic\" id=\"m{index}\"><float name=\"alpha\" value=\"{alpha:?}\"/>{}",
+            rgb("diffuse_reflectance", albedo)
+        ),
+    };
+    format!("    <!-- {} -->\n    {inner}</bsdf>\n", name.replace("--", "__"))
+}
+
+fn shape(mesh: &str, file: &str, index: u32, material: &Material) -> String {
+    let lamp = if material.emission == [0.0; 3] {
+        String::new()
+    } else {
+        format!("        <emitter type=\"area\">{}</emitter>\n", rgb("radiance", material.emission))
+    };
+    format!(
+        "    <shape type=\"ply\" id=\"{} {}\">\n        <string name=\"filename\" value=\"{}\"/>\n        <boolean \
+         name=\"face_normals\" value=\"true\"/>\n        <ref id=\"m{index}\"/>\n{lamp}    </shape>\n",
+        escaped(mesh),
+        escaped(&material.name),
+        escaped(file)
+    )
+}
+
+fn sensor(camera: &Camera) -> String {
+    let point = |v: glam::DVec3| format!("{:?}, {:?}, {:?}", v.x, v.y, v.z);
+    format!(
+        "    <sensor type=\"perspective\" id=\"{}\">\n        <float name=\"fov\" value=\"{:?}\"/>\n        <string name=\"fov_axis\" \
+         value=\"x\"/>\n        <transform name=\"to_world\"><lookat origin=\"{}\" target=\"{}\" up=\"{}\"/></transform>\n        <film \
+         type=\"hdrfilm\"><integer name=\"width\" value=\"{}\"/><integer name=\"height\" value=\"{}\"/><rfilter \
+         type=\"box\"/></film>\n        <sampler type=\"independent\"><integer name=\"sample_count\" value=\"64\"/></sampler>\n    \
+         </sensor>\n",
+        escaped(&camera.name),
+        camera.fov_x_degrees,
+        point(camera.position),
+        point(camera.target),
+        point(camera.up),
+        camera.width,
+        camera.height
+    )
+}

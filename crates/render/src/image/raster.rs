@@ -1,0 +1,209 @@
+//! The rasterizer: from a scene, a camera and colours to a picture.
+
+use super::bands::{Band, Grid};
+use super::coverage::{Coverage, Sides, check_colours};
+use super::faces::{project, rounded};
+use super::projection::{Projected, View};
+use super::tiles::Tiles;
+use super::visibility::{self, Finder};
+use super::{ImageError, Picture};
+use antirad_base::setters;
+use antirad_core::backend::Backend;
+use antirad_scene::{BackendKind, Camera, Scene};
+use glam::DVec3;
+
+/// Largest number of samples along a side of a pixel.
+pub const MAX_SUPERSAMPLE: u32 = 16;
+
+/// How a picture is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct PictureOptions {
+    /// Each pixel is the mean of `supersample` x `supersample` samples on a regular grid; a power of two.
+    pub supersample: u32,
+}
+
+setters!(PictureOptions { supersample: u32 });
+
+impl Default for PictureOptions {
+    fn default() -> Self {
+        Self { supersample: 4 }
+    }
+}
+
+/// Makes pictures on a backend. The same input gives the same picture, to the last bit.
+#[derive(Debug)]
+pub struct Rasterizer {
+    backend: Backend,
+    finder: Finder,
+}
+
+impl Rasterizer {
+    /// Compiles the kernel, if it takes one. Memory is allocated only while a picture is made.
+    ///
+    /// # Errors
+    /// Where the kernel cannot be compiled.
+    pub fn new(backend: impl Into<Backend>) -> Result<Self, ImageError> {
+        let backend = backend.into();
+        Ok(Self { finder: Finder::new(&backend)?, backend })
+    }
+
+    /// The picture of a scene. `colours`: radiance of the front of each triangle, in the scene's
+    /// order.
+    pub fn render(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        colours: &[[f32; 3]],
+        options: &PictureOptions,
+    ) -> Result<Picture, ImageError> {
+        let triangles = scene.triangles.len();
+        check_colours(colours.len(), triangles)?;
+        let grid = grid(camera, options.supersample)?;
+        let faces = project(scene, camera)?;
+        let mut pixels = Vec::with_capacity(camera.width as usize * camera.height as usize);
+        self.coverage_of_bands(grid, triangles, faces, &Tiles::All, |_, band| {
+            pixels.extend(band.picture(colours)?.pixels);
+            Ok(())
+        })?;
+        Ok(Picture { width: camera.width, height: camera.height, pixels })
+    }
+
+    /// What a camera sees of a scene, at `supersample` x `supersample` samples per pixel: for pictures in any colours, and for
+    /// their derivatives. Of several ranks, which must all ask at once, the first looks, and all get what it sees: devices that differ may
+    /// round differently.
+    pub fn coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
+        self.backend.ranks().by_first(|| self.own_coverage(scene, camera, supersample))
+    }
+
+    /// Of this rank alone.
+    fn own_coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
+        let grid = grid(camera, supersample)?;
+        let faces = project(scene, camera)?;
+        let mut whole = Coverage::empty(&grid, scene.triangles.len());
+        self.coverage_of_bands(grid, scene.triangles.len(), faces, &Tiles::All, |_, band| {
+            whole.append(band);
+            Ok(())
+        })?;
+        Ok(whole)
+    }
+
+    /// The same where vertices have moved from those of `before`, with which coverage was that: only what moved faces may touch is
+    /// computed. `before` must be of this scene otherwise, from the same camera.
+    pub fn coverage_of_moved(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        supersample: u32,
+        before: (&[DVec3], &Coverage),
+    ) -> Result<Coverage, ImageError> {
+        self.backend.ranks().by_first(|| self.own_coverage_of_moved(scene, camera, supersample, before))
+    }
+
+    fn own_coverage_of_moved(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        supersample: u32,
+        (vertices, before): (&[DVec3], &Coverage),
+    ) -> Result<Coverage, ImageError> {
+        let grid = grid(camera, supersample)?;
+        if vertices.len() != scene.vertices.len() || !before.fits(&grid, scene.triangles.len()) {
+            return self.own_coverage(scene, camera, supersample);
+        }
+        let faces = project(scene, camera)?;
+        let moved = |number: &u32| {
+            let corners = scene.triangles[*number as usize].vertices;
+            corners.iter().any(|&v| scene.vertices[v as usize] != vertices[v as usize])
+        };
+        let view = View::new(camera);
+        let past = (0..scene.triangles.len() as u32).filter(moved).filter_map(|number| {
+            let corners = scene.triangles[number as usize].vertices.map(|v| vertices[v as usize]);
+            view.project(number, corners)
+        });
+        let present = faces.iter().filter(|face| moved(&face.number)).cloned();
+        let changed = rounded(past.chain(present).collect());
+        let tiles = Tiles::of(&grid, changed.iter());
+        let longest = tiles.rows(&grid).into_iter().map(|rows| rows.len() as u32).max();
+        let grid = grid.bands_up_to(longest.unwrap_or(0));
+        let mut bands = Vec::new();
+        self.coverage_of_bands(grid, scene.triangles.len(), faces, &tiles, |band, coverage| {
+            bands.push((band, coverage));
+            Ok(())
+        })?;
+        Ok(before.with(&grid, &bands, &tiles))
+    }
+
+    /// The visible face of every sample of a picture, `u32::MAX` where there is none: row by row from the top, each of
+    /// `supersample` times the width of the camera. Sample (u, v) of a pixel is at ((u + 0.5) / `supersample`,
+    /// (v + 0.5) / `supersample`) in it, see [`View::ray`](super::View::ray).
+    pub fn visible_samples(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        supersample: u32,
+    ) -> Result<Vec<u32>, ImageError> {
+        let grid = grid(camera, supersample)?;
+        let faces = project(scene, camera)?;
+        let mut samples = Vec::with_capacity(grid.width as usize * grid.height as usize);
+        self.bands(grid, scene.triangles.len(), faces, &Tiles::All, |_, of_band| {
+            samples.extend(of_band);
+            Ok(())
+        })?;
+        Ok(samples)
+    }
+
+    /// Calls `each` with the samples of each band that has `wanted` tiles, from the top.
+    fn bands(
+        &self,
+        grid: Grid,
+        triangles: usize,
+        faces: Vec<Projected>,
+        wanted: &Tiles,
+        mut each: impl FnMut(Band, &[u32]) -> Result<(), ImageError>,
+    ) -> Result<(), ImageError> {
+        let faces = rounded(faces);
+        let visibility = self.finder.on(grid, triangles as u64)?;
+        for band in wanted.rows(&grid).into_iter().flat_map(|rows| grid.bands(rows)) {
+            each(band, &visibility.samples(band, &faces, wanted)?)?;
+        }
+        Ok(())
+    }
+
+    fn coverage_of_bands(
+        &self,
+        grid: Grid,
+        triangles: usize,
+        faces: Vec<Projected>,
+        wanted: &Tiles,
+        mut each: impl FnMut(Band, Coverage) -> Result<(), ImageError>,
+    ) -> Result<(), ImageError> {
+        let sides = Sides::new(triangles, &faces);
+        self.bands(grid, triangles, faces, wanted, |band, samples| {
+            each(band, Coverage::of_band(&grid, band, samples, &sides))
+        })
+    }
+
+    /// Bytes of the backend's memory budget that [`render`](Self::render) takes for a scene of this many triangles: on a Vulkan device
+    /// exactly, staging buffers included; on the CPU none.
+    ///
+    /// # Errors
+    /// Where the camera or the options are invalid.
+    pub fn bytes(
+        backend: BackendKind,
+        triangles: usize,
+        camera: &Camera,
+        options: &PictureOptions,
+    ) -> Result<u64, ImageError> {
+        Ok(visibility::bytes(backend, &grid(camera, options.supersample)?, triangles as u64))
+    }
+}
+
+/// The samples of a camera's picture.
+pub(super) fn grid(camera: &Camera, supersample: u32) -> Result<Grid, ImageError> {
+    camera.check()?;
+    if !supersample.is_power_of_two() || supersample > MAX_SUPERSAMPLE {
+        return Err(ImageError::Supersample(supersample));
+    }
+    Ok(Grid::new(camera, supersample))
+}

@@ -1,0 +1,171 @@
+//! What geometry alone decides of a picture: where a camera sees each face, and how much of each lamp is seen from there.
+
+use super::pattern::Spot;
+use crate::image::{FaceInPixel, View};
+use antirad_core::direct::DirectLight;
+use antirad_core::direct::barycentric;
+use antirad_core::model::Facet;
+use antirad_scene::Patterns;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+/// Points that share a search for blockers.
+pub const POINTS: usize = 64;
+
+/// Largest number of pairs of a point and a lamp to hold: 200 MB.
+const MOST_KEPT: usize = 8_000_000;
+
+impl Points {
+    /// Vector irradiance of each lamp at each point by its radiance, sr, computed unless held.
+    pub fn light(&self, direct: &DirectLight, facets: &[Facet]) -> Cow<'_, [Vec<DVec3>]> {
+        let compute = || direct.at_points(facets, self.face, &self.at);
+        match &self.light {
+            Some(held) => Cow::Borrowed(held.get_or_init(compute)),
+            None => Cow::Owned(compute()),
+        }
+    }
+}
+
+/// Points of a picture on one face, in the order of the picture.
+#[derive(Debug)]
+pub struct Points {
+    pub face: usize,
+    /// Indices into the faces in pixels.
+    pub of: Vec<usize>,
+    /// Engine's coordinates.
+    pub at: Vec<DVec3>,
+    /// Vector irradiance of each lamp at each point by its radiance, sr, once it has been asked for: a rank asks for that of its share of a
+    /// picture. `None` where that is too much to hold for a whole picture.
+    light: Option<OnceLock<Vec<Vec<DVec3>>>>,
+    /// Where the face has a pattern, its factors of albedo and emission around each point.
+    pub pattern: Vec<[DVec3; 2]>,
+}
+
+/// What is seen, and from where.
+pub struct Sight<'a> {
+    pub facets: &'a [Facet],
+    pub patterns: &'a Patterns,
+    pub view: View,
+    /// Of the view, in the engine's coordinates.
+    pub eye: DVec3,
+}
+
+impl Sight<'_> {
+    /// The points of a face at spots of the picture. `hold`: whether to hold the light of lamps there.
+    pub fn points(&self, face: usize, of: Vec<usize>, spots: &[Spot], hold: bool) -> Points {
+        let facet = &self.facets[face];
+        let point = |spot: &Spot| hit(facet, self.eye, self.view.ray(spot.middle[0], spot.middle[1]));
+        let at: Vec<DVec3> = spots.iter().map(point).collect();
+        let pattern =
+            |spot: &Spot| Spot::mean(&spot.samples(self.patterns, facet, face, self.eye, &self.view));
+        let pattern = if self.patterns.vary(face) { spots.iter().map(pattern).collect() } else { Vec::new() };
+        Points { face, of, at, light: hold.then(OnceLock::new), pattern }
+    }
+}
+
+/// All points of a picture.
+#[derive(Debug)]
+pub struct Sights {
+    pub seen: Vec<FaceInPixel>,
+    /// Runs of points on one face that are close in the picture.
+    pub runs: Vec<Points>,
+    /// Whether they hold the light of lamps, once it is known.
+    held: bool,
+}
+
+impl Sights {
+    /// From a number of lamps.
+    pub fn new(sight: &Sight, seen: Vec<FaceInPixel>, lamps: usize) -> Self {
+        let held = seen.len().saturating_mul(lamps) <= MOST_KEPT;
+        let mut by_face: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for (place, seen) in seen.iter().enumerate() {
+            by_face.entry(seen.face).or_default().push(place);
+        }
+        let runs: Vec<(usize, &[usize])> = by_face
+            .iter()
+            .flat_map(|(&face, places)| places.chunks(POINTS).map(move |run| (face, run)))
+            .collect();
+        let points = |&(face, of): &(usize, &[usize])| {
+            let spots: Vec<Spot> = of.iter().map(|&place| Spot::from(&seen[place])).collect();
+            sight.points(face, of.to_vec(), &spots, held)
+        };
+        let runs = runs.par_iter().map(points).collect();
+        Self { seen, runs, held }
+    }
+}
+
+/// The sights of one camera, once they are known; clones share them.
+#[derive(Clone, Debug, Default)]
+pub struct Kept(Arc<Mutex<Option<Arc<Sights>>>>);
+
+impl Kept {
+    /// Those of the faces seen, which are computed unless known.
+    pub fn of(
+        &self,
+        seen: Vec<FaceInPixel>,
+        compute: impl FnOnce(Vec<FaceInPixel>) -> Sights,
+    ) -> Arc<Sights> {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(sights) = kept.as_ref().filter(|sights| sights.seen == seen) {
+            return sights.clone();
+        }
+        let sights = Arc::new(compute(seen));
+        *kept = sights.held.then(|| sights.clone());
+        sights
+    }
+}
+
+/// Where a ray meets the plane of a face.
+pub fn on_plane(facet: &Facet, eye: DVec3, ray: DVec3) -> DVec3 {
+    let distance = (facet.centroid - eye).dot(facet.normal) / ray.dot(facet.normal);
+    eye + distance * ray
+}
+
+/// Where a ray meets a face, or the point of the face next to it: the mean of its visible samples may lie outside.
+pub fn hit(facet: &Facet, eye: DVec3, ray: DVec3) -> DVec3 {
+    let point = on_plane(facet, eye, ray);
+    let inside = barycentric(facet.corners, facet.normal, point).max(DVec3::ZERO);
+    let sum = inside.element_sum();
+    if !(sum.is_finite() && sum > 0.0) {
+        return facet.centroid;
+    }
+    let [a, b, c] = facet.corners;
+    (a * inside.x + b * inside.y + c * inside.z) / sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use antirad_core::direct::{Visibility, lamps};
+    use antirad_scene::{Material, SceneBuilder, Shape};
+    use glam::DAffine3;
+
+    #[test]
+    fn light_that_is_not_held_is_computed_again() {
+        let lamp = Material { emission: [1.0; 3], ..Material::named("lamp") };
+        let down = DAffine3::from_translation(DVec3::Y) * DAffine3::from_scale(DVec3::new(1.0, -1.0, 1.0));
+        let mut builder = SceneBuilder::new();
+        builder.shape("floor", Shape::Quad { cells: 1 }, &Material::named("floor"), DAffine3::IDENTITY);
+        builder.shape("lamp", Shape::Quad { cells: 1 }, &lamp, down);
+        let scene = builder.finish("lit").expect("a scene");
+        let facets: Vec<Facet> = (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect();
+        let material = |i| scene.material(i);
+        let direct =
+            DirectLight::of_points(&facets, lamps(&scene, &facets, 1e-9), Visibility::Exact, material);
+        let at = vec![facets[0].centroid, facets[0].corners[0]];
+        let light = direct.at_points(&facets, 0, &at);
+        assert!(light[0][0].y > 0.1);
+        for held in [true, false] {
+            let (of, pattern) = (vec![0, 1], Vec::new());
+            let points = Points { face: 0, of, at: at.clone(), light: held.then(OnceLock::new), pattern };
+            for once_more in [false, true] {
+                let found = points.light(&direct, &facets);
+                assert_eq!(*found, light[..], "{once_more}");
+                assert_eq!(matches!(found, Cow::Borrowed(_)), held);
+            }
+        }
+    }
+}

@@ -1,0 +1,260 @@
+//! Refinement levels: settings from cheap to accurate, and the level at which a scene starts.
+
+use crate::warnings::{Surfaces, Warnings};
+use antirad_core::model::{Bins, classify, spatial_order};
+use antirad_core::plan::{Placement, Plan, PlanError, PlanOptions};
+use antirad_scene::{BinLayout, Choice, Material, Scene, SolveSettings, Transport};
+use serde::Serialize;
+
+/// One refinement level.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Level {
+    /// Polar angle x azimuth: finest around the normal, where lamps above floors and tables are.
+    equal_angle: (u32, u32),
+    /// Cells along a side of the equal-area square: bins of equal size, which coarse blockers need.
+    concentric: u32,
+    pub near_field: f64,
+    /// How many times every triangle is cut into four.
+    pub cuts: u32,
+    pub tolerance: f64,
+    /// Typical error of the level in the sweep of `bench_accuracy`.
+    usual: f64,
+}
+
+const fn level(
+    equal_angle: (u32, u32),
+    concentric: u32,
+    near_field: f64,
+    cuts: u32,
+    tolerance: f64,
+    usual: f64,
+) -> Level {
+    Level { equal_angle, concentric, near_field, cuts, tolerance, usual }
+}
+
+/// For scenes with shadows or gloss whose lamps are exact. The light in bins is then that of reflections, which changes slowly with
+/// direction; what is left to refine is the mesh.
+const REFLECTED: [Level; 5] = [
+    level((6, 8), 8, 10.0, 0, 3e-3, 0.03),
+    level((10, 13), 10, 30.0, 0, 1e-3, 0.015),
+    level((14, 18), 16, 30.0, 1, 1e-3, 0.008),
+    level((20, 26), 24, 30.0, 2, 3e-4, 0.004),
+    level((20, 26), 24, 60.0, 3, 1e-4, 0.002),
+];
+
+/// For scenes with shadows or gloss by antiradiance. Bins and mesh are refined together: alone, neither improves much.
+const DIRECTIONAL: [Level; 5] = [
+    level((6, 8), 8, 10.0, 0, 3e-3, 0.08),
+    level((10, 13), 10, 30.0, 0, 1e-3, 0.04),
+    level((14, 18), 16, 30.0, 1, 1e-3, 0.025),
+    level((20, 26), 24, 30.0, 1, 3e-4, 0.02),
+    level((28, 36), 32, 30.0, 2, 1e-4, 0.01),
+];
+
+/// For scenes without: bins do not matter, only the near field and the mesh do.
+const DIFFUSE: [Level; 5] = [
+    level((2, 3), 2, 10.0, 0, 3e-3, 0.015),
+    level((2, 3), 2, 30.0, 0, 1e-3, 0.006),
+    level((2, 3), 2, 60.0, 1, 3e-4, 0.003),
+    level((2, 3), 2, 120.0, 2, 1e-4, 0.0015),
+    level((2, 3), 2, 400.0, 3, 1e-5, 0.0),
+];
+
+/// (range of the near field, largest share of light lost or gained per bounce), measured in closed rooms and spheres. Over all
+/// bounces it counts ρ/(1 - ρ) times.
+const LOSS: [(f64, f64); 5] = [(10.0, 1.8e-3), (30.0, 8e-4), (60.0, 3e-4), (120.0, 1.5e-4), (400.0, 1e-5)];
+
+/// Factor by which coarse blockers widen the near field. With 10 x 10 bins of equal size, two plates closer than a triangle's
+/// size leak 14 % of the light at a near field of 30, and 3.5 % at 60.
+const COARSE_NEAR: f64 = 2.0;
+
+/// Share of the area in coarse blockers above which bins of equal size are better.
+const FEW: f64 = 0.05;
+
+/// The layout of bins that suits a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LayoutKind {
+    /// Equal polar angles: sharpest around the normal.
+    EqualAngle,
+    /// Equal solid angles, for scenes with many blockers that are too coarse for the narrow bins around the normal.
+    Concentric,
+    /// No shadows and no gloss: no bins are needed.
+    None,
+}
+
+impl LayoutKind {
+    /// Bound on the ratio of error to difference from the comparison solve, which holds in nearly all scenes of the sweep. It is
+    /// larger where both solves use the same layout, since their errors are then alike.
+    pub(super) fn ratio(self) -> f64 {
+        match self {
+            Self::EqualAngle => 1.25,
+            Self::Concentric => 1.5,
+            Self::None => 2.0,
+        }
+    }
+}
+
+impl Level {
+    /// `directional`: whether the scene has bins; `lamps`: whether the light of its lamps is exact.
+    pub fn all(directional: bool, lamps: bool) -> &'static [Self] {
+        match (directional, lamps) {
+            (true, true) => &REFLECTED,
+            (true, false) => &DIRECTIONAL,
+            (false, _) => &DIFFUSE,
+        }
+    }
+
+    /// The first of these levels whose usual error is within `error`, or the last.
+    pub fn start(levels: &[Self], error: f64) -> usize {
+        levels.iter().position(|level| level.usual <= error).unwrap_or(levels.len() - 1)
+    }
+
+    pub fn settings(&self, layout: LayoutKind, near: f64, base: &SolveSettings) -> SolveSettings {
+        let usual = match layout {
+            LayoutKind::Concentric => COARSE_NEAR * self.near_field,
+            LayoutKind::EqualAngle | LayoutKind::None => self.near_field,
+        };
+        base.bins(self.bins(layout, self.concentric)).near_field(near.max(usual)).tolerance(self.tolerance)
+    }
+
+    /// Settings of the comparison solve: other bins and a third of the near field, so that its errors are as large or larger,
+    /// and independent. Where narrow bins fail, fewer bins of equal size.
+    pub fn comparison(&self, layout: LayoutKind, near: f64, base: &SolveSettings) -> SolveSettings {
+        let fewer = (self.concentric * 5 / 6).next_multiple_of(2);
+        let bins = match layout {
+            LayoutKind::EqualAngle => self.bins(LayoutKind::Concentric, self.concentric),
+            LayoutKind::Concentric => {
+                self.bins(LayoutKind::Concentric, if fewer < self.concentric { fewer } else { fewer - 2 })
+            }
+            LayoutKind::None => self.bins(layout, self.concentric),
+        };
+        let settings = self.settings(layout, near, base);
+        settings.bins(bins).near_field(settings.near_field / 3.0)
+    }
+
+    /// Relative cost of a solve and its comparison, of a scene with so many triangles before they are cut: bins times pairs. With
+    /// clusters, a triangle exchanges light with about as many of them as there are triangles below which the sum is exact.
+    pub fn work(&self, triangles: usize, transport: Transport) -> f64 {
+        let (theta, phi) = self.equal_angle;
+        let all = triangles as f64 * 4f64.powi(self.cuts as i32);
+        let others = if transport == Transport::Exact { all } else { all.min(Transport::FEWEST as f64) };
+        f64::from(theta * phi + self.concentric.pow(2)) * all * others
+    }
+
+    fn bins(&self, layout: LayoutKind, n: u32) -> BinLayout {
+        let (theta, phi) = self.equal_angle;
+        match layout {
+            LayoutKind::Concentric => BinLayout::Concentric { n },
+            LayoutKind::EqualAngle | LayoutKind::None => BinLayout::EqualAngle { theta, phi },
+        }
+    }
+}
+
+/// Range of the near field that loses at most half of `error` over all bounces. `albedo`: see [`mean_albedo`].
+pub(super) fn near_field_for(albedo: f64, error: f64) -> f64 {
+    let bounces = albedo / (1.0 - albedo).max(1e-6);
+    let enough = LOSS.iter().find(|(_, loss)| loss * bounces <= 0.5 * error);
+    enough.map_or(LOSS[LOSS.len() - 1].0, |&(range, _)| range)
+}
+
+/// Whether the scene has shadows or gloss, and therefore bins.
+pub(super) fn is_directional(scene: &Scene) -> bool {
+    classify(scene).iter().any(|class| class.has_bins())
+}
+
+/// The layout of bins that suits a scene: equal polar angles, unless coarse blockers would then make up more than a twentieth of
+/// the area. Examines pairs of nearby triangles; needs no device.
+pub fn layout(scene: &Scene, settings: &SolveSettings) -> LayoutKind {
+    let classes = classify(scene);
+    if !classes.iter().any(|class| class.has_bins()) {
+        return LayoutKind::None;
+    }
+    let facets = Placement::of(scene).facets(scene);
+    let surfaces = Surfaces {
+        facets: &facets,
+        classes: &classes,
+        order: &spatial_order(&facets),
+        bins: &Bins::new(settings.bins),
+        near_field: settings.near_field,
+    };
+    if Warnings::coarse_share(surfaces) > FEW { LayoutKind::Concentric } else { LayoutKind::EqualAngle }
+}
+
+/// Settings for a scene that leaves some open ([`Choice::Open`]). Where [`layout`] is concentric: 10 x 10 bins of equal size and
+/// a near field twice as wide. Everywhere: a near field that loses at most 1 % of the light over all bounces. All other settings
+/// stay as they are.
+pub fn usual_settings(scene: &Scene) -> SolveSettings {
+    if is_open(scene) { usual(scene, layout(scene, &scene.settings)) } else { scene.settings }
+}
+
+/// The [`usual_settings`] and their plan.
+pub fn usual_plan(scene: &Scene, options: &PlanOptions) -> Result<(SolveSettings, Plan), PlanError> {
+    let settings = usual_settings(scene);
+    Ok((settings, Plan::new(scene, options, &settings)?))
+}
+
+fn is_open(scene: &Scene) -> bool {
+    matches!(scene.choice, Choice::Open { bins, near_field } if bins || near_field)
+}
+
+fn usual(scene: &Scene, layout: LayoutKind) -> SolveSettings {
+    let mut settings = scene.settings;
+    let Choice::Open { bins, near_field } = scene.choice else { return settings };
+    let coarse = layout == LayoutKind::Concentric;
+    if near_field {
+        let wider = if coarse { COARSE_NEAR } else { 1.0 };
+        let bright = near_field_for(mean_albedo(scene), 2.0 * USUAL_LOSS);
+        settings.near_field = bright.max(wider * scene.settings.near_field);
+    }
+    if bins && coarse {
+        settings.bins = BinLayout::Concentric { n: 10 };
+    }
+    settings
+}
+
+/// Share of all light that the usual near field may lose.
+const USUAL_LOSS: f64 = 0.01;
+
+/// Area-weighted mean of the total albedo of the brightest channel.
+pub(super) fn mean_albedo(scene: &Scene) -> f64 {
+    let of: Vec<f64> = scene.materials.iter().map(Material::total_albedo).collect();
+    let (mut reflecting, mut all) = (0.0, 0.0);
+    for (i, triangle) in scene.triangles.iter().enumerate() {
+        let area = scene.area_vector(i).length();
+        reflecting += area * of[triangle.material as usize];
+        all += area;
+    }
+    if all > 0.0 { reflecting / all } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn comparisons_have_other_settings() {
+        for (directional, lamps) in [(false, false), (true, false), (true, true)] {
+            for level in Level::all(directional, lamps) {
+                for layout in [LayoutKind::EqualAngle, LayoutKind::Concentric, LayoutKind::None] {
+                    let own = level.settings(layout, 0.0, &SolveSettings::default());
+                    let other = level.comparison(layout, 0.0, &SolveSettings::default());
+                    assert!(other.near_field < own.near_field);
+                    assert!(
+                        layout == LayoutKind::None || level.concentric < 4 || other.bins != own.bins,
+                        "{own:?}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn brighter_rooms_have_wider_near_fields() {
+        assert_eq!(near_field_for(0.0, 0.01), 10.0);
+        assert_eq!(near_field_for(0.8, 0.01), 30.0);
+        assert_eq!(near_field_for(0.95, 0.01), 120.0);
+        assert_eq!(near_field_for(0.99, 0.01), 400.0);
+        assert_eq!(near_field_for(1.0, 0.01), 400.0);
+    }
+}

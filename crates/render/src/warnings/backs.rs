@@ -1,0 +1,51 @@
+//! Light that falls on backs: sheets without a second side, and faces that are turned.
+//!
+//! Backs reflect nothing, and let light pass that does not come straight from exact lamps. How much falls there is a matter of
+//! visibility, so it is path-traced, with few paths: surfaces that close each other off, such as a room and what stands in it, keep
+//! their backs dark even where edges are open.
+
+use crate::path_tracer::PathTracer;
+use antirad_core::model::PADDING;
+use antirad_core::plan::Plan;
+use antirad_scene::Scene;
+use rayon::prelude::*;
+
+/// Triangles that are tried; each stands for its neighbours in space with about the same normal.
+const TRIED: usize = 2000;
+/// Paths to the back of a triangle.
+const PATHS: u32 = 32;
+/// Paths to fronts, in all: only their mean is of interest, and in a room they are long.
+const PATHS_TO_FRONTS: usize = 4000;
+/// Irradiance of a back, relative to the mean of all fronts, from which it counts as lit.
+const LIT: f64 = 0.05;
+
+/// The triangles whose backs are lit, with their irradiance, W/m² (sum over RGB), the brightest first.
+pub fn lit(scene: &Scene, plan: &Plan) -> Vec<(u32, f64)> {
+    let order: Vec<u32> = plan.layout().order.iter().copied().filter(|&i| i != PADDING).collect();
+    let runs: Vec<&[u32]> = order.chunks(order.len().div_ceil(TRIED).max(1)).collect();
+    let tracer = PathTracer::new(scene);
+    let to_front = (PATHS_TO_FRONTS.div_ceil(runs.len().max(1)) as u32).min(PATHS);
+    let sides: Vec<[f64; 2]> = runs
+        .par_iter()
+        .map(|run| {
+            let middle = run[run.len() / 2] as usize;
+            let both = [tracer.irradiance_of(middle, to_front), tracer.irradiance_of_back(middle, PATHS)];
+            both.map(|side| side.mean.element_sum())
+        })
+        .collect();
+    let area = |run: &[u32]| run.iter().map(|&i| plan.facets()[i as usize].area).sum::<f64>();
+    let (light, all) = runs
+        .iter()
+        .zip(&sides)
+        .fold((0.0, 0.0), |(light, all), (run, [front, _])| (light + front * area(run), all + area(run)));
+    let least = LIT * light / all;
+    let bright = runs.iter().zip(&sides).filter(|(_, [_, back])| *back > least.max(0.0));
+    // What arrives at the back of a side of a sheet arrives at the front of the other.
+    let other_sides = scene.other_sides();
+    let mut found: Vec<(u32, f64)> = bright
+        .flat_map(|(run, [_, back])| run.iter().map(|&i| (i, *back)))
+        .filter(|&(i, _)| other_sides[i as usize].is_none())
+        .collect();
+    found.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    found
+}

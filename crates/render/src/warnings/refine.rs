@@ -1,0 +1,150 @@
+//! Refinement of the mesh where warnings ask for it.
+
+use super::shadows::{self, too_coarse};
+use super::{Kind, Warnings};
+use antirad_base::setters;
+use antirad_core::plan::{Plan, PlanError, PlanOptions};
+use antirad_scene::Scene;
+use std::collections::{BTreeMap, HashSet};
+
+/// How far to refine.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct RefineOptions {
+    /// Largest number of triangles of the refined scene.
+    pub max_triangles: usize,
+    /// How many times a triangle may be cut.
+    pub levels: u32,
+}
+
+setters!(RefineOptions { max_triangles: usize, levels: u32 });
+
+impl Default for RefineOptions {
+    fn default() -> Self {
+        Self { max_triangles: 100_000, levels: 4 }
+    }
+}
+
+/// What [`refine`] did.
+#[derive(Clone, Debug)]
+pub struct Refined {
+    /// Warnings of the given scene.
+    pub before: Warnings,
+    /// Warnings of the refined scene.
+    pub after: Warnings,
+    /// Per new triangle, the index of the old triangle that it is a part of.
+    pub parents: Vec<u32>,
+    /// Number of old triangles that were cut, by the name of their mesh.
+    pub cut: BTreeMap<String, usize>,
+    /// Number of rounds of cutting.
+    pub rounds: u32,
+    /// Whether `max_triangles` prevented further cuts.
+    pub full: bool,
+}
+
+/// Why a scene could not be refined.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RefineError {
+    /// The scene has no plan, without which there are no warnings.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// The scene already has the largest number of triangles allowed.
+    #[error("the scene has {triangles} triangles already; allow more than {allowed} (--max-triangles)")]
+    Full {
+        /// Number of triangles it has.
+        triangles: usize,
+        /// Number that it may have.
+        allowed: usize,
+    },
+}
+
+/// Longest edge that stays where a mesh is far too coarse for the light of lamps, as a share of the scene's diagonal: there, light that
+/// surfaces reflect onto each other varies within triangles as well.
+const WIDEST: f64 = 0.15;
+
+/// Cuts coarse blockers, those of stacked layers included, triangles with shadows within them, and the larger triangles of narrow
+/// gaps, the worst first, until none are left, `max_triangles` is reached, or `levels` rounds are done; see [`Scene::split`]. Materials, cameras and settings stay.
+///
+/// A mesh that is [far too coarse](too_coarse) for the light of lamps is cut before that, as far as `max_triangles` allows, until no
+/// triangle would receive more than 4 % of all light of lamps or has an edge longer than 15 % of the scene's diagonal.
+pub fn refine(
+    scene: &mut Scene,
+    plan_options: &PlanOptions,
+    options: &RefineOptions,
+) -> Result<Refined, RefineError> {
+    let plan = |scene: &Scene| {
+        // Warnings do not depend on whether a solve would fit into memory.
+        Plan::new(scene, &plan_options.boundless(), &scene.settings)
+    };
+    let (count, allowed) = (scene.triangles.len(), options.max_triangles);
+    let before = Warnings::with_shadows(scene, &plan(scene)?);
+    let mut refined = Refined {
+        after: before.clone(),
+        before,
+        parents: (0..count as u32).collect(),
+        cut: BTreeMap::new(),
+        rounds: 0,
+        full: false,
+    };
+    if count >= allowed && !asked(&refined.after).is_empty() {
+        return Err(RefineError::Full { triangles: count, allowed });
+    }
+    let old = scene.clone();
+    if too_coarse(scene) {
+        refined.parents = cut_coarse(scene, allowed);
+        refined.after = Warnings::with_shadows(scene, &plan(scene)?);
+    }
+    while refined.rounds < options.levels {
+        let mut chosen = with_other_sides(scene, asked(&refined.after));
+        let room = allowed.saturating_sub(scene.triangles.len()) / 3;
+        refined.full = chosen.len() > room;
+        chosen.truncate(room);
+        if chosen.is_empty() {
+            break;
+        }
+        chosen.sort_unstable();
+        let parents = scene.split(&chosen);
+        refined.parents = parents.into_iter().map(|p| refined.parents[p as usize]).collect();
+        refined.after = Warnings::with_shadows(scene, &plan(scene)?);
+        refined.rounds += 1;
+    }
+    let mut pieces = vec![0; count];
+    refined.parents.iter().for_each(|&p| pieces[p as usize] += 1);
+    for mesh in &old.meshes {
+        let cut = mesh.range.clone().filter(|&t| pieces[t as usize] > 1).count();
+        if cut > 0 {
+            refined.cut.insert(mesh.name.clone(), cut);
+        }
+    }
+    Ok(refined)
+}
+
+/// Cuts a mesh that is far too coarse for the light of lamps: the triangle of each new one.
+fn cut_coarse(scene: &mut Scene, max_triangles: usize) -> Vec<u32> {
+    let mut parents: Vec<u32> = (0..scene.triangles.len() as u32).collect();
+    loop {
+        let mut flooded = with_other_sides(scene, shadows::flooded(scene));
+        flooded.sort_unstable();
+        if flooded.is_empty() || scene.triangles.len() + 3 * flooded.len() > max_triangles {
+            break;
+        }
+        parents = scene.split(&flooded).into_iter().map(|parent| parents[parent as usize]).collect();
+    }
+    scene.split_wide(WIDEST, max_triangles).into_iter().map(|part| parents[part as usize]).collect()
+}
+
+/// The triangles to cut, the worst first, each once.
+fn asked(warnings: &Warnings) -> Vec<u32> {
+    let lists = [Kind::CoarseBlockers, Kind::CoarseShadows, Kind::NarrowGaps].map(|kind| warnings.get(kind));
+    let mut seen = HashSet::new();
+    lists.into_iter().flatten().flat_map(|w| &w.triangles).copied().filter(|&t| seen.insert(t)).collect()
+}
+
+/// Chosen triangles, each with the other side of its sheet, if it has one: the two stay alike.
+fn with_other_sides(scene: &Scene, chosen: Vec<u32>) -> Vec<u32> {
+    let other_sides = scene.other_sides();
+    let mut seen = HashSet::new();
+    let both = chosen.into_iter().flat_map(|t| [Some(t), other_sides[t as usize]]);
+    both.flatten().filter(|&t| seen.insert(t)).collect()
+}

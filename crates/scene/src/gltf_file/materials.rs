@@ -1,0 +1,236 @@
+//! Materials of glTF as (ρ, σ, p).
+//!
+//! With base colour b, metalness m and roughness r:
+//!
+//! ```text
+//! ρ = (1 - m) b        σ = m b + (1 - m) 0.04        p = 2/r⁴ - 2, normalization "energy"
+//! ```
+//!
+//! The power is that of the Blinn-Phong lobe about as wide as the microfacet distribution of roughness α = r² (Walter et al.,
+//! EGSR 2007: p = 2/α² - 2). Dielectrics with r ≥ 0.4 are diffuse, σ = 0, since their 4 % are hardly seen and lobes cost bins; where
+//! p < 1, σ joins ρ.
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::{DAffine2, DVec2, DVec3};
+use serde::Deserialize;
+
+use super::buffers;
+use crate::geometry::RawMaterial;
+use crate::material::{Material, Normalization};
+use crate::texture::{Encoding, Map, Texture};
+
+/// Reflectance of dielectrics at normal incidence.
+const DIELECTRIC: f64 = 0.04;
+/// Roughness from which dielectrics are diffuse.
+const ROUGH: f64 = 0.4;
+/// Metalness below which a material is a dielectric.
+const METAL: f64 = 0.05;
+/// The largest power that roughness stands for.
+const SHARPEST: f64 = 2000.0;
+/// Power below which a lobe is as wide as that of a diffuse surface, which takes its place.
+const WIDE: f64 = 1.0;
+/// Most bytes of a picture.
+const MOST_BYTES: u64 = 1 << 29;
+
+pub(super) struct Materials<'a> {
+    path: &'a Path,
+    buffers: &'a [Vec<u8>],
+    textures: HashMap<(usize, Encoding), Option<Arc<Texture>>>,
+    /// Index of the material of each name.
+    names: HashMap<String, usize>,
+    /// Whether there are pictures of a kind that is not read.
+    unread: bool,
+}
+
+/// The set of texture coordinates that a material needs.
+pub(super) fn texture_set(material: &gltf::Material) -> Option<u32> {
+    let base = material.pbr_metallic_roughness().base_color_texture();
+    let set = |info: gltf::texture::Info| {
+        let moved = info.texture_transform().and_then(|transform| transform.tex_coord());
+        moved.unwrap_or(info.tex_coord())
+    };
+    base.or(material.emissive_texture()).map(set)
+}
+
+impl<'a> Materials<'a> {
+    pub fn new(path: &'a Path, buffers: &'a [Vec<u8>]) -> Self {
+        Self { path, buffers, textures: HashMap::new(), names: HashMap::new(), unread: false }
+    }
+
+    /// A material; `ignored` takes what is left out.
+    pub fn read(&mut self, from: &gltf::Material, ignored: &mut Vec<String>) -> Result<RawMaterial, String> {
+        let mut ignore = |what: &str| {
+            if !ignored.iter().any(|known| known == what) {
+                ignored.push(what.to_owned());
+            }
+        };
+        if from.alpha_mode() != gltf::material::AlphaMode::Opaque {
+            ignore("transparency");
+        }
+        if from.normal_texture().is_some() {
+            ignore("normal maps");
+        }
+        if from.index().is_none() {
+            let grey = Material { albedo: [0.5; 3], ..Material::named("default") };
+            return Ok(RawMaterial::of_file(grey, self.path));
+        }
+        let pbr = from.pbr_metallic_roughness();
+        let (mut metal, mut rough) = (f64::from(pbr.metallic_factor()), f64::from(pbr.roughness_factor()));
+        if let Some(info) = pbr.metallic_roughness_texture() {
+            let mean =
+                self.texture(&info.texture(), Encoding::Linear)?.map_or(DVec3::ONE, |texture| texture.mean());
+            ignore("variation of metalness and roughness over a material, whose means are taken");
+            (metal, rough) = (metal * mean.z, rough * mean.y);
+        }
+        let [r, g, b, _] = pbr.base_color_factor().map(f64::from);
+        let name = self.name(from);
+        let strength = from.emissive_strength().map_or(1.0, f64::from);
+        let emission = DVec3::from(from.emissive_factor().map(f64::from)) * strength;
+        let rough = rough.clamp(0.0, 1.0);
+        if from.extras().is_none() && power(rough) > SHARPEST {
+            ignore("roughness below 0.18, which is taken as 0.18");
+        }
+        let material = Material {
+            emission: emission.into(),
+            ..reflecting(&name, [r, g, b], metal.clamp(0.0, 1.0), rough)
+        };
+        let exact = from.extras().as_ref().and_then(|extras| Exact::of(extras.get()));
+        let material = exact.map_or(material, |exact| exact.material(&name));
+        let mut raw = RawMaterial::of_file(material, self.path);
+        raw.two_sided = from.double_sided();
+        raw.maps.albedo = match pbr.base_color_texture() {
+            Some(info) => self.map(&info)?,
+            None => None,
+        };
+        raw.maps.emission = match from.emissive_texture() {
+            Some(info) if emission != DVec3::ZERO => self.map(&info)?,
+            _ => None,
+        };
+        if self.unread {
+            ignore("textures that are neither PNG nor JPEG");
+        }
+        Ok(raw)
+    }
+
+    /// The name of a material; names need not differ in the file.
+    fn name(&mut self, from: &gltf::Material) -> String {
+        let index = from.index().unwrap_or(usize::MAX);
+        let given = from.name().map(str::trim).filter(|name| !name.is_empty());
+        let name = given.map_or(format!("material {index}"), str::to_owned);
+        let mut names = std::iter::once(name.clone()).chain((2..).map(|n| format!("{name}_{n}")));
+        let free = |name: &String| self.names.get(name).is_none_or(|&known| known == index);
+        let name = names.find(free).unwrap_or(name);
+        self.names.insert(name.clone(), index);
+        name
+    }
+
+    fn map(&mut self, info: &gltf::texture::Info) -> Result<Option<Map>, String> {
+        let place = info.texture_transform().map_or(DAffine2::IDENTITY, |t| {
+            let [scale, offset] = [t.scale(), t.offset()].map(|v| DVec2::from(v.map(f64::from)));
+            // Angles run counter-clockwise in a plane whose second axis points down.
+            DAffine2::from_scale_angle_translation(scale, -f64::from(t.rotation()), offset)
+        });
+        Ok(self.texture(&info.texture(), Encoding::Srgb)?.map(|texture| Map { texture, place }))
+    }
+
+    fn texture(
+        &mut self,
+        texture: &gltf::Texture,
+        encoding: Encoding,
+    ) -> Result<Option<Arc<Texture>>, String> {
+        let image = texture.source();
+        if let Some(known) = self.textures.get(&(image.index(), encoding)) {
+            return Ok(known.clone());
+        }
+        let wrong = |message: String| format!("image {}: {message}", image.index());
+        let read = match image.source() {
+            gltf::image::Source::Uri { uri, .. } => {
+                Texture::decode(&buffers::fetch(uri, self.path, MOST_BYTES).map_err(wrong)?, encoding)
+            }
+            gltf::image::Source::View { view, .. } => {
+                let bytes = self
+                    .buffers
+                    .get(view.buffer().index())
+                    .and_then(|buffer| buffer.get(view.offset()..view.offset().checked_add(view.length())?));
+                Texture::decode(
+                    bytes.ok_or_else(|| wrong("lies past the end of its buffer".to_owned()))?,
+                    encoding,
+                )
+            }
+        };
+        let read = read.map_err(wrong)?.map(Arc::new);
+        self.unread |= read.is_none();
+        self.textures.insert((image.index(), encoding), read.clone());
+        Ok(read)
+    }
+}
+
+/// A material that was exported from here, in `extras`.
+#[derive(Deserialize)]
+struct Exact {
+    diffuse: f64,
+    albedo: [f64; 3],
+    specular: [f64; 3],
+    power: f64,
+    emission: [f64; 3],
+    normalization: Normalization,
+}
+
+impl Exact {
+    fn of(extras: &str) -> Option<Self> {
+        #[derive(Deserialize)]
+        struct Extras {
+            antirad: Exact,
+        }
+        serde_json::from_str::<Extras>(extras).ok().map(|extras| extras.antirad)
+    }
+
+    fn material(self, name: &str) -> Material {
+        let Self { diffuse, albedo, specular, power, emission, normalization } = self;
+        Material { name: name.to_owned(), diffuse, albedo, specular, power, emission, normalization }
+    }
+}
+
+fn power(rough: f64) -> f64 {
+    2.0 / rough.powi(4) - 2.0
+}
+
+fn reflecting(name: &str, base: [f64; 3], metal: f64, rough: f64) -> Material {
+    let metal = if metal < METAL { 0.0 } else { metal };
+    let albedo = base.map(|b| (1.0 - metal) * b);
+    if metal == 0.0 && rough >= ROUGH {
+        return Material { albedo, ..Material::named(name) };
+    }
+    let specular = base.map(|b| metal * b + (1.0 - metal) * DIELECTRIC);
+    let power = power(rough).clamp(0.0, SHARPEST);
+    if power < WIDE {
+        let sum = [0, 1, 2].map(|k| albedo[k] + specular[k]);
+        return Material { albedo: sum, ..Material::named(name) };
+    }
+    let normalization = Normalization::Energy;
+    Material { albedo, specular, power, normalization, ..Material::named(name) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn metals_reflect_in_lobes_and_rough_dielectrics_do_not() {
+        let base = [0.8, 0.4, 0.2];
+        let plastic = reflecting("a", base, 0.0, 0.5);
+        assert_eq!((plastic.albedo, plastic.is_glossy()), (base, false));
+        let polished = reflecting("b", base, 0.0, 0.2);
+        assert_eq!((polished.albedo, polished.specular), (base, [0.04; 3]));
+        assert!((polished.power - 1248.0).abs() < 1e-6, "{}", polished.power);
+        let copper = reflecting("c", base, 1.0, 0.5);
+        assert_eq!((copper.albedo, copper.specular), ([0.0; 3], base));
+        assert!((copper.power - 30.0).abs() < 1e-9);
+        for material in [plastic, polished, copper, reflecting("d", [1.0; 3], 1.0, 0.0)] {
+            assert!(material.total_albedo() < 1.02, "{}: {}", material.name, material.total_albedo());
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! How albedo and emission vary within triangles: by textures, and by colours of corners.
+//!
+//! Light transport knows their means, which are the materials of triangles. Pictures show them point by point: as factors, so that
+//! a material that changes takes its texture with it.
+
+use glam::{DVec2, DVec3};
+
+use super::geometry::{Maps, quarters};
+use super::texture::{Map, Texel};
+
+/// Factors of albedo and emission within triangles, whose means over a triangle are 1. Empty where nothing is textured.
+#[derive(Clone, Debug, Default)]
+pub struct Patterns {
+    maps: Vec<Maps>,
+    /// Per triangle.
+    of: Vec<Option<Pattern>>,
+}
+
+/// The pattern of one triangle.
+#[derive(Clone, Debug)]
+pub(super) struct Pattern {
+    /// Index of its textures.
+    maps: u32,
+    /// At its corners.
+    uvs: [DVec2; 3],
+    /// Factors of the albedo at its corners.
+    colours: [DVec3; 3],
+    /// Means of what multiplies albedo and emission.
+    means: [DVec3; 2],
+}
+
+/// Factors of albedo and emission at a point, and their derivatives by its barycentric coordinates.
+#[derive(Clone, Copy, Debug)]
+pub struct Factors {
+    /// Factors of albedo and emission.
+    pub value: [DVec3; 2],
+    /// Their derivatives by the three barycentric coordinates.
+    pub slope: [[DVec3; 3]; 2],
+}
+
+impl Pattern {
+    /// Of a face with textures, texture coordinates and colours of corners, where it has some, and their means; `None` where all are constant.
+    pub fn new(
+        maps: &Maps,
+        index: u32,
+        uvs: Option<[DVec2; 3]>,
+        colours: Option<[DVec3; 3]>,
+    ) -> (Option<Self>, [DVec3; 2]) {
+        let colours = colours.unwrap_or([DVec3::ONE; 3]);
+        let uvs = uvs.filter(|_| maps.albedo.is_some() || maps.emission.is_some());
+        let means = Self::means(maps, uvs, colours);
+        let mapped = uvs.is_some_and(|corners| corners.iter().all(|uv| uv.is_finite()));
+        let varies = mapped || colours != [colours[0]; 3];
+        let uvs = uvs.filter(|_| mapped).unwrap_or([DVec2::NAN; 3]);
+        (varies.then_some(Self { maps: index, uvs, colours, means }), means)
+    }
+
+    fn means(maps: &Maps, uvs: Option<[DVec2; 3]>, colours: [DVec3; 3]) -> [DVec3; 2] {
+        let mean = |map: &Option<Map>| match (map, uvs) {
+            (Some(map), Some(uvs)) => map.mean_over(uvs),
+            _ => DVec3::ONE,
+        };
+        let [a, b, c] = colours;
+        [(a + b + c) / 3.0 * mean(&maps.albedo), mean(&maps.emission)]
+    }
+
+    /// The four parts of a triangle that is cut at the midpoints of its edges; they keep its means, as they keep its material.
+    pub fn quarters(&self) -> [Self; 4] {
+        [0, 1, 2, 3].map(|part| self.quarter(part))
+    }
+
+    fn quarter(&self, part: usize) -> Self {
+        let (uvs, colours) = (quarters(self.uvs, DVec2::midpoint), quarters(self.colours, DVec3::midpoint));
+        Self { uvs: uvs[part], colours: colours[part], ..self.clone() }
+    }
+
+    /// The means of its own place, where it is part of a triangle that was cut.
+    pub fn own_means(&self, maps: &Maps) -> [DVec3; 2] {
+        Self::means(maps, Some(self.uvs), self.colours)
+    }
+
+    /// A factor of albedo (0) or emission (1) by the mean of it; 1 where a channel is black all over, and so has no pattern.
+    pub fn ratio(&self, of: usize, factor: DVec3) -> DVec3 {
+        DVec3::select(self.means[of].cmpgt(DVec3::ZERO), factor / self.means[of], DVec3::ONE)
+    }
+
+    fn at(&self, maps: &Maps, b: DVec3) -> Factors {
+        let uv = self.uvs[0] * b.x + self.uvs[1] * b.y + self.uvs[2] * b.z;
+        let texel = |map: &Option<Map>| match map {
+            Some(map) if uv.is_finite() => map.at(uv),
+            _ => Texel { value: DVec3::ONE, slope: [DVec3::ZERO; 2] },
+        };
+        let (albedo, emission) = (texel(&maps.albedo), texel(&maps.emission));
+        let uvs = if uv.is_finite() { self.uvs } else { [DVec2::ZERO; 3] };
+        let along = |texel: &Texel| uvs.map(|uv| texel.slope[0] * uv.x + texel.slope[1] * uv.y);
+        let colour = self.colours[0] * b.x + self.colours[1] * b.y + self.colours[2] * b.z;
+        let by_albedo = along(&albedo);
+        let of_colours = [0, 1, 2].map(|k| by_albedo[k] * colour + albedo.value * self.colours[k]);
+        let values = [albedo.value * colour, emission.value];
+        let slopes = [of_colours, along(&emission)];
+        let by_mean = |k: usize, by: DVec3| {
+            DVec3::select(self.means[k].cmpgt(DVec3::ZERO), by / self.means[k], DVec3::ZERO)
+        };
+        Factors {
+            value: [0, 1].map(|k| self.ratio(k, values[k])),
+            slope: [0, 1].map(|k| slopes[k].map(|by| by_mean(k, by))),
+        }
+    }
+}
+
+impl Patterns {
+    /// Whether no triangle has a pattern.
+    pub fn is_empty(&self) -> bool {
+        self.of.iter().all(Option::is_none)
+    }
+
+    /// Adds textures that patterns refer to by the index returned.
+    pub(super) fn add_maps(&mut self, maps: Maps) -> u32 {
+        self.maps.push(maps);
+        self.maps.len() as u32 - 1
+    }
+
+    /// Appends the patterns of triangles that follow the first `before`, which have none unless some were given.
+    pub(super) fn extend(&mut self, before: usize, patterns: Vec<Option<Pattern>>) {
+        self.of.resize(before, None);
+        self.of.extend(patterns);
+    }
+
+    pub(super) fn get(&self, triangle: usize) -> Option<(&Pattern, &Maps)> {
+        let pattern = self.of.get(triangle)?.as_ref()?;
+        Some((pattern, self.maps.get(pattern.maps as usize)?))
+    }
+
+    /// The factors at a point of a triangle, by its barycentric coordinates.
+    pub fn at(&self, triangle: usize, barycentric: DVec3) -> Option<Factors> {
+        self.get(triangle).map(|(pattern, maps)| pattern.at(maps, barycentric))
+    }
+
+    /// Whether a triangle has a pattern.
+    pub fn vary(&self, triangle: usize) -> bool {
+        self.get(triangle).is_some()
+    }
+
+    /// How many texels lie between two points of a triangle, by their barycentric coordinates, at most.
+    pub fn texels_between(&self, triangle: usize, from: DVec3, to: DVec3) -> f64 {
+        let Some((Pattern { uvs, .. }, maps)) = self.get(triangle) else { return 0.0 };
+        let [from, to] = [from, to].map(|b| uvs[0] * b.x + uvs[1] * b.y + uvs[2] * b.z);
+        let across = |map: &Option<Map>| map.as_ref().map_or(0.0, |map| map.texels_across([from, to, to]));
+        across(&maps.albedo).max(across(&maps.emission))
+    }
+
+    /// Gives a triangle the means of its own place; returns their ratios to those before.
+    pub(super) fn take_means(&mut self, triangle: usize) -> Option<[DVec3; 2]> {
+        let pattern = self.of.get_mut(triangle)?.as_mut()?;
+        let means = pattern.own_means(self.maps.get(pattern.maps as usize)?);
+        let ratios = [0, 1].map(|k| pattern.ratio(k, means[k]));
+        pattern.means = means;
+        Some(ratios)
+    }
+
+    /// Turns a triangle: its last two corners change places.
+    pub(super) fn turn(&mut self, triangle: usize) {
+        if let Some(Some(pattern)) = self.of.get_mut(triangle) {
+            pattern.uvs.swap(1, 2);
+            pattern.colours.swap(1, 2);
+        }
+    }
+
+    /// Replaces triangles: each new one is an old one, or a part of one (its number in the order of [`quarters`]).
+    pub(super) fn rearrange(&mut self, new: impl Iterator<Item = (u32, Option<usize>)>) {
+        if self.of.is_empty() {
+            return;
+        }
+        let of = new.map(|(old, part)| {
+            let pattern = self.of.get(old as usize)?.as_ref()?;
+            Some(part.map_or_else(|| pattern.clone(), |part| pattern.quarter(part)))
+        });
+        self.of = of.collect();
+    }
+}

@@ -1,0 +1,155 @@
+//! Subdivides chosen triangles of a scene.
+
+use super::geometry::subdivide;
+use super::{Scene, bounds};
+use glam::DVec3;
+use std::sync::Arc;
+
+impl Scene {
+    /// Replaces each of the triangles (ascending, without repeats) in place by four, cut at the midpoints of its edges; the
+    /// others keep their order. Chosen neighbours share the new vertices. Where only one side of an edge is cut, the new
+    /// vertex is a T-junction on that edge (to rounding), so that no gap opens.
+    ///
+    /// Returns the parent of each new triangle.
+    pub fn split(&mut self, chosen: &[u32]) -> Vec<u32> {
+        let faces: Vec<[u32; 3]> = chosen.iter().map(|&t| self.triangles[t as usize].vertices).collect();
+        let children = subdivide(&mut self.vertices, &faces);
+        let mut children = children.chunks_exact(4).zip(chosen).peekable();
+        let mut parents = Vec::with_capacity(self.triangles.len() + 3 * chosen.len());
+        let old = std::mem::take(&mut self.triangles);
+        let mut meshes = self.meshes.iter_mut().zip((0..).map(|k| self.origins.get(k).cloned()));
+        let mut origins = Vec::new();
+        for (mesh, origin) in &mut meshes {
+            let first = self.triangles.len() as u32;
+            let mut lines = Vec::new();
+            for t in mesh.range.clone() {
+                let triangle = old[t as usize];
+                let line =
+                    origin.as_ref().and_then(|o| o.lines.get((t - mesh.range.start) as usize)).copied();
+                let new = match children.next_if(|(_, chosen)| **chosen == t) {
+                    Some((four, _)) => {
+                        four.iter().map(|&vertices| super::Triangle { vertices, ..triangle }).collect()
+                    }
+                    None => vec![triangle],
+                };
+                parents.extend(new.iter().map(|_| t));
+                lines.extend(new.iter().filter_map(|_| line));
+                self.triangles.extend(new);
+            }
+            mesh.range = first..self.triangles.len() as u32;
+            origins.extend(origin.map(|o| super::Origin { lines, ..o }));
+        }
+        self.origins = origins;
+        if !self.patterns.is_empty() {
+            let mut cut = chosen.iter().copied().peekable();
+            let mut rows: Vec<(u32, Option<usize>)> = Vec::with_capacity(parents.len());
+            for t in 0..old.len() as u32 {
+                match cut.next_if_eq(&t) {
+                    Some(t) => rows.extend((0..4).map(|part| (t, Some(part)))),
+                    None => rows.push((t, None)),
+                }
+            }
+            Arc::make_mut(&mut self.patterns).rearrange(rows.into_iter());
+        }
+        self.update_degenerate();
+        parents
+    }
+
+    /// Cuts every triangle into four, `times` times. Returns the original triangle of each new one.
+    pub fn split_all(&mut self, times: u32) -> Vec<u32> {
+        let every = |scene: &Self| -> Vec<u32> { (0..scene.triangles.len() as u32).collect() };
+        let mut parents = every(self);
+        for _ in 0..times {
+            let cut = self.split(&every(self));
+            parents = cut.into_iter().map(|parent| parents[parent as usize]).collect();
+        }
+        parents
+    }
+
+    /// Cuts triangles with edges longer than a share of the scene's diagonal until there are none, or `max_triangles` would be exceeded.
+    /// Surfaces that emit and reflect nothing, such as a [sky](Self::add_sky), do not count and stay. Returns the original triangle of
+    /// each new one.
+    pub fn split_wide(&mut self, share: f64, max_triangles: usize) -> Vec<u32> {
+        let reflects = |scene: &Self, t: u32| !scene.material(t as usize).only_emits();
+        let every = 0..self.triangles.len() as u32;
+        let (low, high) =
+            bounds(every.clone().filter(|&t| reflects(self, t)).flat_map(|t| self.corners(t as usize)));
+        let widest = share * low.distance(high);
+        let mut parents: Vec<u32> = every.collect();
+        loop {
+            let longest = |t: u32| {
+                let [a, b, c] = self.corners(t as usize);
+                a.distance(b).max(b.distance(c)).max(c.distance(a))
+            };
+            let has_area = |t: u32| self.degenerate.binary_search(&t).is_err();
+            let wide: Vec<u32> = (0..parents.len() as u32)
+                .filter(|&t| longest(t) > widest && reflects(self, t) && has_area(t))
+                .collect();
+            if wide.is_empty() || parents.len() + 3 * wide.len() > max_triangles {
+                return parents;
+            }
+            parents = self.split(&wide).into_iter().map(|parent| parents[parent as usize]).collect();
+        }
+    }
+
+    /// Area-weighted means of per-triangle values of a subdivided scene, on the triangles of the original scene.
+    ///
+    /// `parents`: per triangle, its original; `areas`: of the originals, m².
+    pub fn means_on(&self, parents: &[u32], areas: &[f64], values: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        let mut sums = vec![DVec3::ZERO; areas.len()];
+        for (i, (&parent, &value)) in parents.iter().zip(values).enumerate() {
+            sums[parent as usize] += self.area_vector(i).length() * DVec3::from(value);
+        }
+        sums.iter().zip(areas).map(|(sum, area)| (*sum / area.max(f64::MIN_POSITIVE)).to_array()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{Material, SceneBuilder, Shape};
+    use glam::{DAffine3, DVec3};
+
+    #[test]
+    fn chosen_triangles_become_four_in_their_place() {
+        let (grey, white) = (Material::named("grey"), Material::named("white"));
+        let mut builder = SceneBuilder::new();
+        builder.shape("a", Shape::Quad { cells: 1 }, &grey, DAffine3::IDENTITY);
+        builder.shape("b", Shape::Quad { cells: 2 }, &white, DAffine3::from_translation(DVec3::Y));
+        let mut scene = builder.finish("s").expect("a scene");
+        let before = scene.clone();
+        let area = |scene: &crate::Scene, t: usize| {
+            let [a, b, c] = scene.corners(t);
+            (b - a).cross(c - a)
+        };
+        let parents = scene.split(&[1, 2, 3]);
+        assert_eq!(parents, [0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3, 4, 5, 6, 7, 8, 9]);
+        assert_eq!(scene.meshes.iter().map(|m| m.range.clone()).collect::<Vec<_>>(), [0..5, 5..19]);
+        for (t, &parent) in parents.iter().enumerate() {
+            assert_eq!(scene.material(t).name, before.material(parent as usize).name);
+            let times = parents.iter().filter(|&&p| p == parent).count() as f64;
+            assert!((area(&scene, t) * times - area(&before, parent as usize)).length() <= 1e-15);
+        }
+        // Triangles 2 and 3 share an edge, and thus one of the new vertices.
+        assert_eq!(scene.vertices.len(), before.vertices.len() + 3 + 5);
+        assert!(scene.check(true).is_ok());
+    }
+
+    #[test]
+    fn wide_triangles_are_cut_and_others_stay() {
+        let mut builder = SceneBuilder::new();
+        builder.shape("room", Shape::Room { cells: 1 }, &Material::named("grey"), DAffine3::IDENTITY);
+        let small = DAffine3::from_scale(DVec3::splat(0.1));
+        builder.shape("box", Shape::Box { cells: 1 }, &Material::named("grey"), small);
+        let given = builder.finish("scene").expect("a scene");
+
+        let mut scene = given.clone();
+        let parents = scene.split_wide(0.22, usize::MAX);
+        // Edges of √2 become √2/4, within .22 √3.
+        assert_eq!(scene.triangles.len(), 12 * 16 + 12);
+        let pieces = |t: u32| parents.iter().filter(|&&parent| parent == t).count();
+        assert!((0..12).all(|t| pieces(t) == 16) && (12..24).all(|t| pieces(t) == 1));
+
+        let mut bounded = given.clone();
+        assert_eq!(bounded.split_wide(0.22, 100).len(), 12 * 4 + 12);
+    }
+}

@@ -1,0 +1,282 @@
+//! Writes a scene to files from which [`Scene::load`] restores it to the last bit.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::fs::File;
+use std::io::{BufWriter, Error, Write};
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::{
+    BinLayout, Choice, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Transport,
+};
+use antirad_base::output::{OutputError, atomic_write};
+
+#[derive(Serialize)]
+struct SceneTable<'a> {
+    mesh: Vec<MeshTable<'a>>,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    material: BTreeMap<&'a str, MaterialTable>,
+    settings: SettingsTable,
+}
+
+#[derive(Serialize)]
+struct MeshTable<'a> {
+    name: &'a str,
+    path: String,
+    orient: &'static str,
+}
+
+/// Properties that MTL cannot express.
+#[derive(Serialize)]
+struct MaterialTable {
+    diffuse: f64,
+    normalization: &'static str,
+}
+
+#[derive(Serialize)]
+struct CameraTable {
+    position: [f64; 3],
+    target: [f64; 3],
+    up: [f64; 3],
+    fov_x_degrees: f64,
+    width: u32,
+    height: u32,
+}
+
+#[derive(Serialize)]
+struct SettingsTable {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bins: Option<BTreeMap<&'static str, Bins>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    near_field: Option<f64>,
+    lamps: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tolerance: Option<f64>,
+    max_passes: u32,
+    solver: &'static str,
+    precision: String,
+    backend: String,
+    transport: TransportTable,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "snake_case")]
+enum TransportTable {
+    Auto,
+    Exact,
+    Hierarchical(f64),
+}
+
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Bins {
+    Two([u32; 2]),
+    One(u32),
+}
+
+impl Scene {
+    /// Writes `path`, a TOML scene file, and next to it the meshes as OBJ and the materials as one MTL, all named after it.
+    /// Numbers have all their digits: [`Scene::load`] restores the same vertices, triangles, meshes, materials, cameras and
+    /// settings, except for the sign of zeros.
+    ///
+    /// The formats impose two changes. Characters of a material name that MTL would misread (a line break, a `#` after a
+    /// blank) become `_`. Meshes that share vertices get copies of their own.
+    pub fn save(&self, path: &Path) -> Result<(), OutputError> {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let stem = readable(&stem);
+        let names = self.readable_names();
+        let mtl = format!("{stem}.mtl");
+        let mut vertices = self.vertex_runs();
+        let mut tables = Vec::with_capacity(self.meshes.len());
+        for (k, mesh) in self.meshes.iter().enumerate() {
+            let obj =
+                if self.meshes.len() == 1 { format!("{stem}.obj") } else { format!("{stem}_{}.obj", k + 1) };
+            atomic_write(&path.with_file_name(&obj), |file| {
+                self.write_obj(file, &mtl, &names, mesh.range.clone(), &mut vertices[k])
+            })?;
+            tables.push(MeshTable { name: &mesh.name, path: obj, orient: "keep" });
+        }
+        atomic_write(&path.with_file_name(&mtl), |file| self.write_mtl(file, &names))?;
+        let text = self.toml(tables, &names);
+        atomic_write(path, |file| file.write_all(text.map_err(Error::other)?.as_bytes()))
+    }
+
+    /// Per mesh, the vertices to write: consecutive runs that cover all vertices if the meshes use them in order, else those
+    /// that the mesh uses.
+    fn vertex_runs(&self) -> Vec<Vec<u32>> {
+        let used = |range: &std::ops::Range<u32>| {
+            let triangles = &self.triangles[range.start as usize..range.end as usize];
+            let mut used: Vec<u32> = triangles.iter().flat_map(|t| t.vertices).collect();
+            used.sort_unstable();
+            used.dedup();
+            used
+        };
+        let used: Vec<Vec<u32>> = self.meshes.iter().map(|mesh| used(&mesh.range)).collect();
+        let mut runs = Vec::with_capacity(used.len());
+        let mut next = 0;
+        for (k, used_here) in used.iter().enumerate() {
+            let end = match used_here.last() {
+                _ if k + 1 == used.len() => self.vertices.len() as u32,
+                Some(last) => last + 1,
+                None => next,
+            };
+            if used_here.first().is_some_and(|&first| first < next) {
+                return used;
+            }
+            runs.push((next..end.max(next)).collect());
+            next = end.max(next);
+        }
+        runs
+    }
+
+    /// Distinct names of materials that an MTL file can represent.
+    fn readable_names(&self) -> Vec<String> {
+        let mut taken: HashSet<String> =
+            self.materials.iter().map(|m| &m.name).filter(|name| readable(name) == **name).cloned().collect();
+        let name = |material: &Material| {
+            let name = readable(&material.name);
+            if name == material.name {
+                return name;
+            }
+            let mut numbered = std::iter::once(name.clone()).chain((2u64..).map(|n| format!("{name}_{n}")));
+            // Some number is unused.
+            numbered.find(|name| taken.insert(name.clone())).unwrap_or_default()
+        };
+        self.materials.iter().map(name).collect()
+    }
+
+    fn write_obj(
+        &self,
+        file: &mut File,
+        mtl: &str,
+        names: &[String],
+        range: std::ops::Range<u32>,
+        vertices: &mut [u32],
+    ) -> Result<(), Error> {
+        let mut file = BufWriter::new(file);
+        writeln!(file, "mtllib {mtl}")?;
+        for &mut v in vertices.iter_mut() {
+            let [x, y, z] = self.vertices[v as usize].to_array();
+            writeln!(file, "v {x:?} {y:?} {z:?}")?;
+        }
+        let numbers: HashMap<u32, usize> = vertices.iter().zip(1..).map(|(&v, number)| (v, number)).collect();
+        let mut current = None;
+        for triangle in &self.triangles[range.start as usize..range.end as usize] {
+            if current != Some(triangle.material) {
+                writeln!(file, "usemtl {}", names[triangle.material as usize])?;
+                current = Some(triangle.material);
+            }
+            let [a, b, c] = triangle.vertices.map(|v| numbers.get(&v).copied().unwrap_or(0));
+            writeln!(file, "f {a} {b} {c}")?;
+        }
+        file.flush()
+    }
+
+    fn write_mtl(&self, file: &mut File, names: &[String]) -> Result<(), Error> {
+        let mut file = BufWriter::new(file);
+        for (material, name) in self.materials.iter().zip(names) {
+            writeln!(file, "newmtl {name}")?;
+            for (key, [r, g, b]) in
+                [("Kd", material.albedo), ("Ks", material.specular), ("Ke", material.emission)]
+            {
+                writeln!(file, "{key} {r:?} {g:?} {b:?}")?;
+            }
+            writeln!(file, "Ns {:?}", material.power)?;
+        }
+        file.flush()
+    }
+
+    fn toml(&self, mesh: Vec<MeshTable>, names: &[String]) -> Result<String, toml::ser::Error> {
+        let special = |m: &Material| m.diffuse != 1.0 || m.normalization != Normalization::Phong;
+        let material = self.materials.iter().zip(names).filter(|(m, _)| special(m));
+        let table = |m: &Material| MaterialTable {
+            diffuse: m.diffuse,
+            normalization: match m.normalization {
+                Normalization::Phong => "phong",
+                Normalization::Energy => "energy",
+            },
+        };
+        // Settings that a program has changed count as stated, even if `choice` says that they are open.
+        let usual = SolveSettings::default();
+        let (error, state_bins, state_near_field) = match self.choice {
+            Choice::Within(error) => (Some(error), false, false),
+            Choice::Open { bins, near_field } => (
+                None,
+                !bins || self.settings.bins != usual.bins,
+                !near_field || self.settings.near_field != usual.near_field,
+            ),
+        };
+        let bins = BTreeMap::from([match self.settings.bins {
+            BinLayout::EqualAngle { theta, phi } => ("equal_angle", Bins::Two([theta, phi])),
+            BinLayout::Concentric { n } => ("concentric", Bins::One(n)),
+        }]);
+        let settings = SettingsTable {
+            error,
+            bins: state_bins.then_some(bins),
+            near_field: state_near_field.then_some(self.settings.near_field),
+            lamps: match self.settings.lamps {
+                Lamps::Auto => "auto",
+                Lamps::Exact => "exact",
+                Lamps::Sampled => "sampled",
+                Lamps::Antiradiance => "antiradiance",
+            },
+            tolerance: error.is_none().then_some(self.settings.tolerance),
+            max_passes: self.settings.max_passes,
+            solver: match self.settings.solver {
+                SolverChoice::Auto => "auto",
+                SolverChoice::FixedPoint => "fixed-point",
+                SolverChoice::Gmres => "gmres",
+            },
+            precision: self.settings.precision.to_string(),
+            backend: self.settings.backend.to_string(),
+            transport: match self.settings.transport {
+                Transport::Auto => TransportTable::Auto,
+                Transport::Exact => TransportTable::Exact,
+                Transport::Hierarchical { error } => TransportTable::Hierarchical(error),
+            },
+        };
+        let scene = SceneTable {
+            mesh,
+            material: material.map(|(m, name)| (name.as_str(), table(m))).collect(),
+            settings,
+        };
+        let mut text = toml::to_string(&scene)?;
+        // One by one: the order of cameras matters, and maps have none.
+        for camera in &self.cameras {
+            let table = CameraTable {
+                position: camera.position.into(),
+                target: camera.target.into(),
+                up: camera.up.into(),
+                fov_x_degrees: camera.fov_x_degrees,
+                width: camera.width,
+                height: camera.height,
+            };
+            let named = BTreeMap::from([("camera", BTreeMap::from([(&camera.name, table)]))]);
+            text.push('\n');
+            text.push_str(&toml::to_string(&named)?);
+        }
+        Ok(text)
+    }
+}
+
+/// A name in a form that the line syntax of OBJ and MTL can represent.
+fn readable(name: &str) -> String {
+    let mut before = ' ';
+    let mut readable: String = name
+        .trim()
+        .chars()
+        .map(|c| {
+            let comment = c == '#' && before.is_whitespace();
+            before = c;
+            if comment || c.is_control() || c == '\u{feff}' { '_' } else { c }
+        })
+        .collect();
+    if readable.ends_with('\\') {
+        readable.pop();
+        readable.push('_');
+    }
+    if readable.is_empty() { String::from("_") } else { readable }
+}
