@@ -13,14 +13,14 @@ use super::transfer::UseOfBuffers;
 use super::{Result, lock};
 use antirad_base::usage::{Bytes, ScopeId, rounded};
 
-/// Where a buffer lives. Kernels and copies can use every kind.
+/// The memory that a buffer lives in. Kernels and copies can use every kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BufferKind {
-    /// On the device.
+    /// Memory of the device.
     Storage,
-    /// Written by the host in sequence; slow to read there.
+    /// Memory that the host writes in sequence; slow to read there.
     Upload,
-    /// Read by the host, through its caches.
+    /// Memory that the host reads, through its caches.
     Readback,
 }
 
@@ -36,7 +36,7 @@ pub(super) struct Block {
     memory: BufferMemory,
 }
 
-/// A part of a buffer, to bind to a kernel.
+/// A byte range of a buffer, to bind to a kernel.
 #[derive(Clone, Copy, Debug)]
 pub struct BufferSlice<'a> {
     pub(super) buffer: &'a Buffer,
@@ -45,12 +45,12 @@ pub struct BufferSlice<'a> {
 }
 
 impl<'a> BufferSlice<'a> {
-    /// The buffer that it is a part of.
+    /// The buffer that the range lies in.
     pub fn buffer(&self) -> &'a Buffer {
         self.buffer
     }
 
-    /// No part of the buffer.
+    /// An empty range of the same buffer.
     pub fn empty(self) -> Self {
         Self { offset: 0, bytes: 0, ..self }
     }
@@ -58,6 +58,9 @@ impl<'a> BufferSlice<'a> {
 
 impl Buffer {
     /// Allocates `bytes`, rounded up by [`rounded`]. The content is undefined.
+    ///
+    /// # Errors
+    /// Fails if the memory budget or the device does not hold it.
     pub fn new(device: &Device, label: &str, bytes: u64, kind: BufferKind) -> Result<Self> {
         let memory = BufferMemory::new(&device.shared, device.scope.id(), label, bytes, kind)?;
         let block = Arc::new(Block { shared: device.shared.clone(), memory });
@@ -85,7 +88,7 @@ impl Buffer {
         self.slice(0, self.bytes())
     }
 
-    /// A part of it. Range and alignment are checked where the slice is used.
+    /// A byte range of the buffer. Range and alignment are checked where the slice is used.
     pub fn slice(&self, offset: u64, bytes: u64) -> BufferSlice<'_> {
         BufferSlice { buffer: self, offset, bytes }
     }

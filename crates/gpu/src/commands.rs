@@ -48,6 +48,9 @@ pub struct Batch {
 
 impl Device {
     /// An empty batch. It reuses the Vulkan objects of earlier ones, and so costs little more than its submission.
+    ///
+    /// # Errors
+    /// Fails if the driver cannot make the Vulkan objects of a new one.
     #[doc(hidden)]
     pub fn batch(&self) -> Result<Batch> {
         let idle = lock(&self.shared.idle).pop();
@@ -68,6 +71,9 @@ impl Device {
     }
 
     /// Executes what [waits](Batch::defer) in this scope, and tells how long that took.
+    ///
+    /// # Errors
+    /// Fails if the device does, or does not finish in time.
     #[doc(hidden)]
     pub fn execute_waiting(&self) -> Result<BatchTiming> {
         self.execute_deferred(&self.scope.alone())
@@ -168,6 +174,9 @@ impl Batch {
     }
 
     /// Sets `bytes` from `offset` on to repetitions of `value`. Both are multiples of 4.
+    ///
+    /// # Errors
+    /// Fails if the range is not aligned or goes beyond the buffer, or if the buffer is of another device.
     pub fn fill(&mut self, buffer: &Buffer, offset: u64, bytes: u64, value: u32) -> Result<()> {
         buffer.check(&self.device, offset, bytes)?;
         buffer.check_aligned(offset, bytes, 4)?;
@@ -185,6 +194,9 @@ impl Batch {
     }
 
     /// Sets the values from `offset` on, which the batch carries with it: few, or an upload is better. Both are multiples of 4.
+    ///
+    /// # Errors
+    /// Fails if the range is not aligned or goes beyond the buffer, or if the buffer is of another device.
     pub fn update(&mut self, buffer: &Buffer, offset: u64, values: &[u8]) -> Result<()> {
         let bytes = values.len() as u64;
         buffer.check(&self.device, offset, bytes)?;
@@ -200,6 +212,9 @@ impl Batch {
     }
 
     /// Copies `bytes` between buffers, or within one if the ranges do not overlap.
+    ///
+    /// # Errors
+    /// Fails if a range goes beyond its buffer, if both overlap, or if a buffer is of another device.
     pub fn copy(
         &mut self,
         source: &Buffer,
@@ -247,6 +262,9 @@ impl Batch {
     }
 
     /// Executes what was recorded, after all that waits in the scopes of its buffers, and waits for its end.
+    ///
+    /// # Errors
+    /// Fails if the device does, or does not finish in time.
     pub fn submit(mut self) -> Result<BatchTiming> {
         self.execute()?;
         Ok(self.timing)
@@ -255,6 +273,10 @@ impl Batch {
     /// Leaves what was recorded to be executed before anything else that uses the buffers of its scope: the next batch that is submitted,
     /// a transfer, or work of the host. All of it is one submission then, and its errors are those of whatever comes next. Where nothing
     /// comes it is not executed.
+    ///
+    /// # Errors
+    /// Fails if the driver cannot end the recording, or if what waits must be executed at once and the device
+    /// fails.
     pub fn defer(mut self) -> Result<()> {
         if !self.recorder.is_recording() {
             return Ok(());
@@ -370,8 +392,8 @@ impl Batch {
     }
 }
 
-/// Checks that a part of a buffer can be a uniform buffer. The alignment is the largest that Vulkan lets any device
-/// require, not that of this one: what passes here passes on every device.
+/// Checks that a byte range of a buffer can be a uniform buffer. The alignment is the largest that Vulkan
+/// lets any device require, not that of this one: what passes here passes on every device.
 fn check_uniform(buffer: &Buffer, offset: u64, bytes: u64, limit: u64) -> Result<()> {
     buffer.check_aligned(offset, 0, ALIGN)?;
     if bytes > limit {

@@ -78,8 +78,9 @@ impl DeviceOptions {
     }
 }
 
-/// Part of the free memory that is the budget unless one is given, %. Other programs, and the driver itself, need some of what is free now;
-/// scratch memory of kernels would come from the rest, too, but they take none where drivers tell (`tests/cli/kernels_navi21.csv`).
+/// Percentage of the free memory that is the budget unless one is given. Other programs, and the driver
+/// itself, need some of what is free now. Scratch memory of kernels would come from the rest, too, but they
+/// take none where drivers tell (`tests/cli/kernels_navi21.csv`).
 const SHARE_OF_FREE: u64 = 85;
 
 /// The budget unless one is given: a share of what is free, or the whole heap of a device that does not tell.
@@ -106,7 +107,7 @@ pub(super) struct Shared {
     pub(super) timestamp_bits: u32,
     pub(super) memory: Mutex<Memory>,
     pub(super) cache: vk::PipelineCache,
-    /// Where that is kept.
+    /// The pipeline cache on disk, if it is kept.
     kept: Option<KernelCache>,
     /// Every kernel compiled so far, kept until the device is closed. Different ones are compiled at the same time.
     pub(super) pipelines: Mutex<HashMap<Key, Arc<Mutex<Parts>>>>,
@@ -148,6 +149,10 @@ impl Drop for Logical {
 
 impl Device {
     /// Opens the selected device with every optional capability of [`Enabled`] that it has.
+    ///
+    /// # Errors
+    /// Fails if there is no Vulkan driver or no such device, if the device lacks a required feature, or if it
+    /// cannot be opened.
     pub fn new(options: &DeviceOptions) -> Result<Self> {
         let instance = Instance::new(options.validation)?;
         let candidate = survey::choose(survey::survey(&instance)?, options.selector.as_deref())?;
@@ -236,7 +241,8 @@ impl Device {
         }
     }
 
-    /// The same device with the kernels that one of another kind would run: those for GPUs on a CPU, slowly.
+    /// Returns the device with the kernels that one of another kind would run: those for GPUs on a CPU,
+    /// slowly.
     #[must_use]
     pub fn with_kernels_for(self, kind: DeviceKind) -> Self {
         Self { kernels_for: kind, ..self }
@@ -248,15 +254,15 @@ impl Device {
         self.kernels_for
     }
 
-    /// The same device as that of one of several ranks: its engines compute a share of every pass, together with those of the
-    /// other ranks, which must be made and used in the same order.
+    /// Returns the device as that of one of several ranks. Its engines compute a share of every pass,
+    /// together with those of the other ranks, which must be made and used in the same order.
     #[must_use]
     pub fn with_ranks(self, ranks: Ranks) -> Self {
         Self { ranks, ..self }
     }
 
-    /// The same device with a watch that is asked before each kernel is compiled, which may take a driver long: where it breaks,
-    /// that ends with [`GpuError::Interrupted`].
+    /// Returns the device with a watch that is asked before each kernel is compiled, which may take a driver
+    /// long. Where the watch breaks, the call ends with [`GpuError::Interrupted`].
     #[must_use]
     pub fn with_watch(self, watch: Watch) -> Self {
         Self { watch: Some(watch), ..self }
@@ -335,7 +341,10 @@ impl Device {
         self.shared.instance.log().clone()
     }
 
-    /// Fails if the validation layer has reported anything.
+    /// Checks that the validation layer has reported nothing.
+    ///
+    /// # Errors
+    /// Fails with [`GpuError::Validation`] and the messages, if there are any.
     #[doc(hidden)]
     pub fn check_validation(&self) -> Result<()> {
         let messages = self.validation_messages();

@@ -29,7 +29,7 @@ pub struct RawDevice {
     pub queue: vk::Queue,
     /// The optional features and extensions that `device` was created with; `Enabled::default()` for none.
     pub enabled: Enabled,
-    /// As in [`DeviceOptions`](super::DeviceOptions::memory_budget).
+    /// Budget of all buffers, bytes, as for [`DeviceOptions`](super::DeviceOptions::memory_budget).
     pub memory_budget: Option<u64>,
 }
 
@@ -41,6 +41,9 @@ impl Device {
     /// - The handles are alive, belong together, and outlive the result and all that is made from it.
     /// - The device was created for Vulkan 1.2, with `scalarBlockLayout` and with `enabled`.
     /// - Nobody else uses `queue` during a call into this library.
+    ///
+    /// # Errors
+    /// Fails if the device lacks a required feature, or if a call into it fails.
     pub unsafe fn from_raw(raw: RawDevice) -> Result<Self> {
         let RawDevice { entry, instance, physical_device, device, queue_family, queue, .. } = raw;
         let instance = Instance::borrowed(entry, instance, raw.enabled.debug_utils);

@@ -33,7 +33,7 @@ pub enum GpuError {
     MissingFeature {
         /// Name of the device.
         device: String,
-        /// What it lacks.
+        /// The features that it lacks.
         features: String,
     },
     /// Validation is requested but not installed.
@@ -54,7 +54,7 @@ pub enum GpuError {
         /// The allocator's error.
         source: Source,
     },
-    /// A buffer, or the part of it that is bound, is larger than a kernel can bind.
+    /// A buffer, or the range of it that is bound, is larger than a kernel can bind.
     #[error("buffer \"{label}\" of {bytes} exceeds the device's limit of {limit}; split it into pages")]
     BufferTooLarge {
         /// Label of the buffer.
@@ -71,7 +71,7 @@ pub enum GpuError {
         label: String,
         /// Offset in the buffer, bytes.
         offset: u64,
-        /// Its length.
+        /// Length of the slice or transfer, bytes.
         bytes: u64,
         /// Size of the buffer, bytes.
         size: u64,
@@ -83,7 +83,7 @@ pub enum GpuError {
         label: String,
         /// Offset in the buffer, bytes.
         offset: u64,
-        /// Its length; 0 where only the offset matters.
+        /// Length of the slice, copy or fill, bytes; 0 where only the offset matters.
         bytes: u64,
         /// The required alignment, bytes.
         alignment: u64,

@@ -103,7 +103,7 @@ impl DeviceInfo {
 /// A device, and what keeps it from being used.
 #[derive(Clone, Debug)]
 pub struct ListedDevice {
-    /// Its properties.
+    /// Properties of the device.
     pub info: DeviceInfo,
     /// What it lacks, in words; empty if it can be used.
     pub missing: Vec<String>,

@@ -108,7 +108,7 @@ impl Instance {
     }
 
     /// # Safety
-    /// As that of [`ash::Instance::create_device`].
+    /// The requirements of [`ash::Instance::create_device`] hold.
     pub(super) unsafe fn create_device(
         &self,
         physical: vk::PhysicalDevice,

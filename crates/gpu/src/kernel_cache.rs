@@ -8,7 +8,8 @@ use sha2::{Digest, Sha256};
 
 use antirad_base::output::atomic_write;
 
-/// Where compiled kernels are kept unless options say otherwise: `antirad` in the user's folder for caches.
+/// The folder that keeps compiled kernels unless options say otherwise: ANTIRAD_KERNEL_CACHE, or `antirad` in
+/// the user's folder for caches.
 pub(super) fn usual_folder() -> Option<PathBuf> {
     let set = |name| env::var_os(name).filter(|text| !text.is_empty()).map(PathBuf::from);
     if let Some(given) = env::var_os("ANTIRAD_KERNEL_CACHE") {

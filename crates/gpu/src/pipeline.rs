@@ -85,6 +85,10 @@ impl Parts {
 impl Pipeline {
     /// Compiles a kernel with these buffers and `push_bytes` of push constants.
     /// `specialization`: (constant id, value) pairs.
+    ///
+    /// # Errors
+    /// Fails if the driver cannot compile it, if buffers or push constants exceed what the device allows, or
+    /// with [`GpuError::Interrupted`] if the watch of the device breaks.
     pub fn new(
         device: &Device,
         shader: &Shader,
@@ -129,12 +133,15 @@ impl Pipeline {
         })
     }
 
-    /// Compiles it now, unless it is.
+    /// Compiles the kernel now, unless it is compiled.
+    ///
+    /// # Errors
+    /// Fails if the driver cannot compile it, or if the watch of the device breaks.
     pub fn compile(&self) -> Result<()> {
         self.parts().map(|_| ())
     }
 
-    /// Its Vulkan objects, made at the first call.
+    /// The Vulkan objects of the kernel, made at the first call.
     pub(super) fn parts(&self) -> Result<Parts> {
         // Held while compiling, so that a thread that needs the same kernel waits instead of compiling it again.
         let mut made = lock(&self.made);

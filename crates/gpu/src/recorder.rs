@@ -15,8 +15,8 @@ const MAX_DISPATCHES: u32 = 256;
 const MAX_DESCRIPTORS: u32 = 8 * MAX_DISPATCHES;
 const _: () = assert!(MAX_BINDINGS <= MAX_DESCRIPTORS);
 
-/// A liveness guard, not a performance budget: a plan's dispatches take a fraction of a second, a part of a batch
-/// minutes at most, on a slow CPU too.
+/// Longest time of a submission. A liveness guard, not a performance budget: a plan's dispatches take a
+/// fraction of a second, and a batch minutes at most, on a slow CPU too.
 const TIMEOUT_SECONDS: u64 = 600;
 
 /// Handles are null until made.

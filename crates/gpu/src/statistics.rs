@@ -11,7 +11,7 @@ use super::lock;
 pub struct KernelStatistics {
     /// The kernel's name.
     pub kernel: &'static str,
-    /// Its specialization: constants and their values.
+    /// Specialization of the kernel: constants and their values.
     pub specialization: Vec<(u32, u32)>,
     /// Values by the names that the driver gives them.
     pub values: Vec<(String, f64)>,
@@ -30,7 +30,7 @@ pub(super) struct Statistics {
 }
 
 impl Statistics {
-    /// Of a device on which the extension is enabled.
+    /// The statistics of a device on which the extension is enabled; none yet.
     pub fn new(instance: &ash::Instance, device: &ash::Device) -> Self {
         Self {
             functions: pipeline_executable_properties::Device::new(instance, device),

@@ -14,6 +14,9 @@ use antirad_base::usage::ALIGN;
 pub(super) const API_VERSION: u32 = vk::API_VERSION_1_2;
 
 /// The devices of this machine, best first: an index into this list selects a device.
+///
+/// # Errors
+/// Fails if there is no Vulkan driver, or if a call into it fails.
 pub fn list_devices() -> Result<Vec<ListedDevice>> {
     let instance = Instance::new(false)?;
     let found = survey(&instance)?;
@@ -56,7 +59,8 @@ pub(super) fn survey(instance: &Instance) -> Result<Vec<Candidate>> {
     Ok(found)
 }
 
-/// The device that `selector` names (an index, or part of the name ignoring case), or the best usable one.
+/// The device that `selector` names (an index, or a piece of the name, ignoring case), or the best usable
+/// one.
 pub(super) fn choose(mut found: Vec<Candidate>, selector: Option<&str>) -> Result<Candidate> {
     let position = match selector {
         None => found.iter().position(|candidate| candidate.listed.missing.is_empty()).or(

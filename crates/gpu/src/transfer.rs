@@ -52,7 +52,7 @@ pub(super) struct UseOfBuffers {
 pub(super) struct Deferred {
     shared: Arc<Shared>,
     pub(super) recorder: Recorder,
-    /// Its buffers, kept alive.
+    /// The buffers that the batch uses, kept alive.
     _kept: Vec<Arc<Block>>,
 }
 
@@ -89,7 +89,8 @@ impl UsedScopes {
 }
 
 impl Scope {
-    /// With `staging` bytes for both staging buffers together, or the most that the device allows.
+    /// A new scope with `staging` bytes for both staging buffers together, or the most that the device
+    /// allows.
     pub(super) fn new(shared: &Arc<Shared>, staging: u64) -> Arc<Self> {
         let id = ScopeId(shared.scopes.fetch_add(1, Ordering::Relaxed));
         let chunk = staging_buffer(staging, shared.info.largest_buffer());
@@ -111,7 +112,7 @@ impl Scope {
         &self.use_of_buffers
     }
 
-    /// This scope and no other.
+    /// The set that contains this scope and no other.
     pub(super) fn alone(&self) -> UsedScopes {
         let mut used = UsedScopes::default();
         used.add(&self.use_of_buffers);
@@ -153,6 +154,9 @@ impl Drop for Scope {
 
 impl Device {
     /// Writes `data` into `buffer` from `offset` (bytes) on.
+    ///
+    /// # Errors
+    /// Fails if the range goes beyond the buffer, if the buffer is of another device, or if the device fails.
     #[doc(hidden)]
     pub fn upload(&self, buffer: &Buffer, offset: u64, data: &[u8]) -> Result<()> {
         buffer.check(self, offset, data.len() as u64)?;
@@ -176,6 +180,9 @@ impl Device {
     }
 
     /// Reads `into.len()` bytes of `buffer` from `offset` on.
+    ///
+    /// # Errors
+    /// Fails if the range goes beyond the buffer, if the buffer is of another device, or if the device fails.
     #[doc(hidden)]
     pub fn download_into(&self, buffer: &Buffer, offset: u64, into: &mut [u8]) -> Result<()> {
         buffer.check(self, offset, into.len() as u64)?;
@@ -199,18 +206,27 @@ impl Device {
     }
 
     /// Reads `bytes` of `buffer` from `offset` on.
+    ///
+    /// # Errors
+    /// Fails if the range goes beyond the buffer, if the buffer is of another device, or if the device fails.
     #[doc(hidden)]
     pub fn download(&self, buffer: &Buffer, offset: u64, bytes: u64) -> Result<Vec<u8>> {
         self.download_slice(buffer, offset, bytes)
     }
 
     /// Writes `values` into `buffer` from `offset` (bytes) on.
+    ///
+    /// # Errors
+    /// Fails if the range goes beyond the buffer, if the buffer is of another device, or if the device fails.
     #[doc(hidden)]
     pub fn upload_slice<T: Pod>(&self, buffer: &Buffer, offset: u64, values: &[T]) -> Result<()> {
         self.upload(buffer, offset, bytemuck::cast_slice(values))
     }
 
     /// Reads `count` values from `offset` (bytes) on.
+    ///
+    /// # Errors
+    /// Fails if the range goes beyond the buffer, if the buffer is of another device, or if the device fails.
     #[doc(hidden)]
     pub fn download_slice<T: Pod>(&self, buffer: &Buffer, offset: u64, count: u64) -> Result<Vec<T>> {
         // Checked before host memory is allocated: a wrong count is an error, not an abort.
@@ -222,8 +238,11 @@ impl Device {
 }
 
 impl Batch {
-    /// Executes what was recorded and reads parts of buffers as it leaves them: in one submission, where they fit a staging buffer
-    /// together.
+    /// Executes what was recorded and reads ranges of buffers as it leaves them: in one submission, where
+    /// they fit a staging buffer together.
+    ///
+    /// # Errors
+    /// Fails if a range goes beyond its buffer, if a buffer is of another device, or if the device fails.
     pub fn submit_and_read(mut self, parts: &[BufferSlice]) -> Result<(Vec<Vec<u8>>, BatchTiming)> {
         let device = self.device.clone();
         parts.iter().try_for_each(|part| part.buffer.check(&device, part.offset, part.bytes))?;

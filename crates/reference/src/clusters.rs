@@ -14,7 +14,7 @@ use antirad_core::model::{
 pub struct Clustered<'a> {
     bins: &'a Bins,
     clusters: &'a Clusters,
-    /// Those of all sources that are triangles.
+    /// Classes of all sources that are triangles.
     triangles: &'a [Class],
     /// The slot of each triangle; those without area have none.
     slots: Vec<Option<u32>>,
@@ -161,8 +161,8 @@ impl<'a> Clustered<'a> {
         }
     }
 
-    /// From the derivatives by all sources to those by triangles alone, including those of the weights, of which the light of clusters
-    /// and its cotangents (`cotangents`) are made.
+    /// Passes the derivatives by clusters on to their triangles, with those by the weights with which the
+    /// light of clusters is gathered. `cotangents`: those of what all sources send.
     pub fn pull(&self, facets: &[Facet], light: &Runs, cotangents: &Runs, gradients: &mut [FacetGradient]) {
         assert!(self.clusters.volumes().is_none(), "volumes are not planned where derivatives are wanted");
         for whole in self.wholes() {

@@ -21,12 +21,13 @@ pub struct Exchange<'a> {
     classes: Vec<Class>,
 }
 
-/// Runs of receivers that threads deal with one after another, so that sums do not depend on the number of threads.
+/// Ranges of receivers that threads take one after another, so that sums do not depend on the number of
+/// threads.
 const PARTS: usize = 16;
 
 impl<'a> Exchange<'a> {
-    /// Between triangles, or with the sources of each receiver that clusters list, as the mean triangles that they are in `model`; close
-    /// pairs are the same in both.
+    /// U between triangles or, with `clusters`, between each receiver and the sources that its list has.
+    /// Clusters are the mean triangles that they are in `model`; close pairs are the same in both.
     pub fn new(model: &'a Model, clusters: Option<&'a Clusters>) -> Self {
         let clusters = clusters.map(|clusters| Clustered::new(model, clusters));
         let (mut facets, mut classes) = (model.facets.clone(), model.classes.clone());
@@ -37,7 +38,7 @@ impl<'a> Exchange<'a> {
         Self { model, clusters, facets, classes }
     }
 
-    /// From outgoing light to incident light.
+    /// U: from outgoing light to the incident light of all triangles.
     pub fn apply(&self, outgoing: &Outgoing) -> State {
         let light = self.light(outgoing);
         let receivers = (0..self.model.facets.len()).into_par_iter();
@@ -97,7 +98,7 @@ impl<'a> Exchange<'a> {
         light
     }
 
-    /// The cotangents of what all sources send; those of clusters are part of those of their triangles.
+    /// The cotangents of what all sources send; those of clusters are scattered to their triangles.
     fn cotangents(&self, importance: &Runs) -> Runs {
         let dark = self.all(self.model.dark().runs(self.model));
         let mut cotangents = self.sum_over_receivers(&dark, |j, cotangents| {

@@ -42,12 +42,13 @@ pub struct Model {
 }
 
 impl Model {
-    /// With the classes that the plan chooses.
+    /// The model of a scene, with the classes that the plan chooses.
     pub fn new(scene: &Scene) -> Self {
         Self::with_classes(scene, classify(scene))
     }
 
-    /// With given classes: to show that what the plan omits changes nothing, or what happens without J.
+    /// The model of a scene with given classes: to show that what the plan omits changes nothing, or what
+    /// happens without J.
     pub fn with_classes(scene: &Scene, classes: Vec<Class>) -> Self {
         let bins = Bins::new(scene.settings.bins);
         let mut next = 0;

@@ -1,4 +1,4 @@
-//! Incident and outgoing light of all triangles, and the same as runs of entries, one run per triangle.
+//! Incident and outgoing light of all triangles, by kind, and as runs of entries, one run per triangle.
 
 use super::Model;
 use antirad_core::model::Class;
@@ -26,16 +26,16 @@ pub struct Outgoing {
     pub antiradiance: Vec<DVec3>,
 }
 
-/// Of a run of incident light: the irradiance. The bins follow.
+/// Index of the irradiance in a run of incident light. The bins follow.
 pub const IRRADIANCE: usize = 0;
-/// Of a run of incident light: the first bin.
+/// Index of the first bin in a run of incident light.
 pub const INCIDENT: usize = 1;
-/// Of a run of outgoing light: the diffuse radiance.
+/// Index of the diffuse radiance in a run of outgoing light.
 pub const DIFFUSE: usize = 0;
-/// Of a run of outgoing light: the first of three entries of the first moment of the diffuse radiance around the centroid, one for each
-/// coordinate. Of triangles, it is zero.
+/// Index in a run of outgoing light of the first moment of the diffuse radiance around the centroid: three
+/// entries, one for each coordinate. For triangles, it is zero.
 pub const MOMENT: usize = 1;
-/// Of a run of outgoing light: the first bin of specular radiance. The bins of antiradiance follow.
+/// Index of the first bin of specular radiance in a run of outgoing light. The bins of antiradiance follow.
 pub const SPECULAR: usize = 4;
 
 /// The light of each triangle.

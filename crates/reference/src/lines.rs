@@ -12,7 +12,7 @@ use antirad_core::model::{
 use glam::DVec3;
 use std::f64::consts::PI;
 
-/// Entries of a run of light with their weights.
+/// A sparse row: entries of a run of light with their weights.
 pub struct Row<S> {
     entries: [(usize, S); 8],
     count: usize,
@@ -98,23 +98,24 @@ pub fn sent<V: Vector>(bins: &Bins, source: &Facet<V>, class: Class, beam: &Beam
 pub enum Way {
     /// Between triangles: from centroid to centroid where they are far, from piece to piece where they are near, blended in between.
     Whole,
-    /// The part from centroid to centroid, of the sides that may pass: `PAIR_FRONT`, `PAIR_BACK`; blended with `PAIR_NEAR`.
+    /// The point-to-point share, of the sides that may pass: `PAIR_FRONT`, `PAIR_BACK`; blended with
+    /// `PAIR_NEAR`.
     Far(u32),
-    /// The part from piece to piece.
+    /// The near-field share, from piece to piece.
     Near,
-    /// From a cluster, of the sides that may pass.
+    /// Point to point from a cluster, of the sides that may pass.
     Cluster(u32),
-    /// From a volume.
+    /// Point to point from a volume cluster.
     Volume,
 }
 
 /// A source and a receiver.
 pub struct Pair<'a, V: Vector> {
     pub bins: &'a Bins,
-    /// As in [`Model::near_field`](super::Model::near_field).
+    /// The range of the near field: [`Model::near_field`](super::Model::near_field).
     pub near_field: f64,
     pub source: &'a Facet<V>,
-    /// That of the source.
+    /// Class of the source.
     pub class: Class,
     pub receiver: &'a Facet<V>,
     /// Whether the receiver keeps light per bin.
@@ -216,8 +217,9 @@ impl<V: Vector> Pair<'_, V> {
         }
     }
 
-    /// From a piece of the source to the centroid of a piece of the receiver, by Lambert's polygon formula, which is exact for
-    /// uniform radiance. `diffuse` and `binned` are the weights of the two kinds of radiance.
+    /// The line from a piece of the source to the centroid of a piece of the receiver, by Lambert's polygon
+    /// formula, which is exact for uniform radiance. `diffuse` and `binned` are the weights of the two kinds
+    /// of radiance.
     fn piece(
         &self,
         [from, to]: [[V; 3]; 2],

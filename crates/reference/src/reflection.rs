@@ -72,15 +72,15 @@ pub fn reflect_adjoint(model: &Model, cotangent: &Outgoing) -> State {
 /// has RGB.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MaterialGradient {
-    /// With respect to L_e, per W/(m² sr).
+    /// Derivative with respect to L_e, per W/(m² sr).
     pub emission: DVec3,
-    /// With respect to δ.
+    /// Derivative with respect to δ.
     pub diffuse: f64,
-    /// With respect to ρ.
+    /// Derivative with respect to ρ.
     pub albedo: DVec3,
-    /// With respect to σ; zero for triangles that are not glossy, which have no bins for it.
+    /// Derivative with respect to σ; zero for triangles that are not glossy, which have no bins for it.
     pub specular: DVec3,
-    /// With respect to p; zero for triangles that are not glossy.
+    /// Derivative with respect to p; zero for triangles that are not glossy.
     pub power: f64,
 }
 

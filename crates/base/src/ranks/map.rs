@@ -5,8 +5,11 @@ use rayon::prelude::*;
 use serde::{Serialize, de::DeserializeOwned};
 
 impl Ranks {
-    /// The results of `of` for all numbers below `count`, in order. Each rank computes its share on all cores, `init` makes the scratch space
-    /// of one of them, and sends it to all others. All ranks call it. Fails where one has ended, or does not run the same program.
+    /// The results of `of` for all numbers below `count`, in order. Each rank computes its share on all
+    /// cores, and sends it to all others; `init` makes the scratch space of a core. All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if another rank has ended, or does not run the same program.
     pub fn map_init<S, T>(
         &self,
         count: usize,
@@ -29,14 +32,18 @@ impl Ranks {
         (0..count).map(found).collect()
     }
 
-    /// The rank that computes a number. Dealt to and fro: neighbours take about as long, but the two halves of a quad, say, may differ, and so
-    /// may the ends of a mesh.
+    /// The rank that computes a number. Numbers are distributed in rounds of alternating order: neighbours
+    /// take about as long, but the two halves of a quad, say, may differ, and so may the ends of a mesh.
     fn computes(&self, number: usize) -> usize {
         let (round, place) = (number / self.count(), number % self.count());
         if round.is_multiple_of(2) { place } else { self.count() - 1 - place }
     }
 
-    /// The same without scratch space.
+    /// The results of `of` for all numbers below `count`, in order, as by [`map_init`](Self::map_init) but
+    /// without scratch space. All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if another rank has ended, or does not run the same program.
     pub fn map<T>(&self, count: usize, of: impl Fn(usize) -> T + Send + Sync) -> Result<Vec<T>, RankError>
     where
         T: Serialize + DeserializeOwned + Send,
@@ -45,6 +52,9 @@ impl Ranks {
     }
 
     /// What rank 0 computes, for all. All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if `compute` does on rank 0, or if another rank has ended or does not run the same program.
     pub fn by_first<T, E>(&self, compute: impl FnOnce() -> Result<T, E>) -> Result<T, E>
     where
         T: Serialize + DeserializeOwned,

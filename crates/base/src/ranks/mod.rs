@@ -24,7 +24,8 @@ pub enum RankError {
         "another process that works on this scene has ended: see its own message, and start all of them again"
     )]
     Left,
-    /// The MPI library serves one thread alone, and parts of states are exchanged by another while kernels work.
+    /// The MPI library serves one thread alone, but another thread exchanges bins of states while kernels
+    /// work.
     #[error(
         "this MPI library cannot be called from several threads in turn (MPI_THREAD_SERIALIZED): use one that is built with support for \
          threads, as Open MPI and MPICH are by default"
@@ -49,7 +50,7 @@ pub enum RankError {
     Unreadable {
         /// The rank that sends.
         root: usize,
-        /// What is wrong with it.
+        /// What is wrong with what it sent.
         why: String,
     },
 }
@@ -71,7 +72,7 @@ pub trait Communicator: Send + Sync {
     fn broadcast(&self, root: usize, bytes: &mut [u8]) -> Result<(), RankError>;
 }
 
-/// This process among those that solve one scene. By default it is alone.
+/// This process as one of those that solve a scene together. By default it is alone.
 #[derive(Clone, Default)]
 pub struct Ranks(Option<Arc<Several>>);
 
@@ -89,7 +90,7 @@ impl fmt::Debug for Ranks {
 }
 
 impl Ranks {
-    /// Those that a communicator connects.
+    /// This process among the ranks that a communicator connects.
     pub fn new(communicator: impl Communicator + 'static) -> Self {
         let (sent, received) = (AtomicU64::new(0), AtomicU64::new(0));
         Self(Some(Arc::new(Several { communicator: Box::new(communicator), sent, received })))
@@ -106,6 +107,9 @@ impl Ranks {
     }
 
     /// Replaces `bytes` by those of the rank `root`.
+    ///
+    /// # Errors
+    /// Fails if another rank has ended, or does not call it with as many bytes.
     pub fn broadcast(&self, root: usize, bytes: &mut [u8]) -> Result<(), RankError> {
         let Some(Several { communicator, sent, received }) = self.0.as_deref() else { return Ok(()) };
         if communicator.count() > 1 {
@@ -116,11 +120,17 @@ impl Ranks {
     }
 
     /// The values of rank 0, so that all decide alike: devices that differ may round differently.
+    ///
+    /// # Errors
+    /// Fails if another rank has ended, or does not call it with as many values.
     pub fn agree(&self, values: &mut [f64]) -> Result<(), RankError> {
         self.broadcast(0, bytemuck::cast_slice_mut(values))
     }
 
     /// The values of each rank, by its number.
+    ///
+    /// # Errors
+    /// Fails if another rank has ended, or does not call it.
     pub fn each<const N: usize>(&self, own: [u64; N]) -> Result<Vec<[u64; N]>, RankError> {
         let of = |root| {
             let mut values = own;

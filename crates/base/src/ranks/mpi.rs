@@ -15,7 +15,7 @@ const LAUNCHERS: [&str; 3] = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK"];
 /// The processes that a launcher has started together. MPI ends when this is dropped.
 pub struct World {
     _universe: Universe,
-    /// From which threads it may be called.
+    /// The threads that may call the MPI library.
     threading: Threading,
 }
 
@@ -28,12 +28,15 @@ impl World {
         Some(Self { _universe: universe, threading })
     }
 
-    /// An error where the library does not serve the threads of a solve.
+    /// Checks that the MPI library serves the threads of a solve.
+    ///
+    /// # Errors
+    /// Fails with [`RankError::Threads`] if it does not.
     pub fn check(&self) -> Result<(), RankError> {
         if self.threading < Threading::Serialized { Err(RankError::Threads) } else { Ok(()) }
     }
 
-    /// This process among them.
+    /// This process among those of the world.
     pub fn ranks(&self) -> Ranks {
         let world = SimpleCommunicator::world();
         Ranks::new(MpiRank { rank: world.rank() as usize, count: world.size() as usize })

@@ -38,7 +38,7 @@ impl fmt::Display for Bytes {
 pub struct OverBudget {
     /// Label of the array.
     pub label: String,
-    /// Its size.
+    /// Size of the array, bytes.
     pub requested: Bytes,
     /// Bytes of all arrays so far.
     pub in_use: Bytes,
@@ -85,7 +85,7 @@ pub struct Ledger {
     /// Bytes and number of buffers.
     labels: BTreeMap<String, (u64, u64)>,
     peaks: BTreeMap<String, u64>,
-    /// The same bytes and numbers, by the scope of the buffers.
+    /// Bytes and number of buffers, by their scope, then by label.
     scopes: BTreeMap<ScopeId, BTreeMap<String, (u64, u64)>>,
 }
 

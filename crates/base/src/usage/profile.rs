@@ -16,7 +16,7 @@ pub struct ProfileRow {
     pub seconds: f64,
     /// Items of work done, as far as callers have credited them.
     pub items: u64,
-    /// Bytes of buffer accesses for these items, credited likewise.
+    /// Bytes of buffer accesses for `items`, as far as callers have credited them.
     pub bytes: u64,
 }
 

@@ -10,9 +10,9 @@ use std::ops::{Deref, DerefMut};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Part of the memory of the system that is the budget unless one is given, %.
+/// Percentage of the memory of the system that is the budget unless one is given.
 const SHARE_OF_MEMORY: u64 = 75;
-/// The same where the system does not tell how much memory it has.
+/// Memory assumed where the system does not tell how much it has, bytes.
 const UNKNOWN_MEMORY: u64 = 4 << 30;
 
 /// How the CPU is used.
@@ -59,15 +59,15 @@ impl Cpu {
         Self { shared: Arc::new(shared), scope: ScopeId(0), ranks: Ranks::default() }
     }
 
-    /// The same CPU for one of its users, such as an engine: its arrays are counted separately ([`Self::scope_memory`]), under the
-    /// common budget.
+    /// Returns the CPU for one of its users, such as an engine: its arrays are counted separately
+    /// ([`Self::scope_memory`]), under the common budget.
     #[doc(hidden)]
     pub fn scope(&self) -> Self {
         let scope = ScopeId(1 + self.shared.scopes.fetch_add(1, Ordering::Relaxed));
         Self { scope, ..self.clone() }
     }
 
-    /// The same CPU as that of one of several ranks.
+    /// Returns the CPU as that of one of several ranks.
     #[must_use]
     pub fn with_ranks(self, ranks: Ranks) -> Self {
         Self { ranks, ..self }

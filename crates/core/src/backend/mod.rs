@@ -1,5 +1,5 @@
-//! Where light is computed: by Vulkan kernels on a device, or by this program on the CPU. Chosen once, when a backend is opened;
-//! engines and rasterizers are made on it.
+//! The backend, by which light is computed: Vulkan kernels on a device, or this program on the CPU. Chosen
+//! once, when it is opened; engines and rasterizers are made on it.
 
 mod cpu;
 
@@ -46,7 +46,8 @@ impl Backend {
         }
     }
 
-    /// The same backend for one of its users, whose memory is counted apart, and whose transfers use staging buffers of its own.
+    /// Returns the backend for one of its users: its memory is counted separately, and its transfers use
+    /// staging buffers of its own, of `staging` bytes together.
     #[must_use]
     pub fn scope(&self, staging: u64) -> Self {
         match self {
@@ -109,8 +110,8 @@ impl Backend {
         }
     }
 
-    /// The same backend as that of one of several ranks: its engines compute a share of every pass, together with those of the
-    /// other ranks, which must be made and used in the same order.
+    /// Returns the backend as that of one of several ranks. Its engines compute a share of every pass,
+    /// together with those of the other ranks, which must be made and used in the same order.
     #[must_use]
     pub fn with_ranks(self, ranks: Ranks) -> Self {
         match self {
@@ -119,7 +120,8 @@ impl Backend {
         }
     }
 
-    /// The same backend with a watch that is asked before each kernel is compiled, which may take a Vulkan driver long.
+    /// Returns the backend with a watch that is asked before each kernel is compiled, which may take a Vulkan
+    /// driver long.
     #[must_use]
     pub fn with_watch(self, watch: Watch) -> Self {
         match self {

@@ -23,7 +23,7 @@ pub const CORNERS: usize = 24;
 /// Vertices on the outline of a polygon at most: numbers of planes have room for so many.
 pub const OUTLINE: usize = 990;
 
-/// In place of the polygon across an edge, where there is none.
+/// Number in place of the polygon across an edge, where there is none.
 pub const NO_TWIN: u32 = u32::MAX;
 
 /// Polygons that block light, and a tree over them.
@@ -33,7 +33,7 @@ pub struct Blockers {
     polygons: Vec<Polygon>,
     /// Their areas and centroids.
     moments: Vec<(f64, DVec3)>,
-    /// Where the triangles of a polygon begin in `polygons`, for those of the tree.
+    /// Index in `polygons` at which the triangles of each polygon of the tree begin.
     triangles: Vec<u32>,
     /// The polygon of each triangle of the tree: polygons are cut into fans.
     fans: Vec<u32>,
@@ -244,8 +244,8 @@ fn moments(facets: &[Facet], polygon: &Polygon) -> (f64, DVec3) {
     (area, moment / area)
 }
 
-/// Two parts of some triangles of one plane, on either side of a line along an edge of the first, which crosses none of them if such a
-/// line exists, and is as near to their median as can be.
+/// Splits some triangles of one plane into two sets, on either side of a line along an edge of the first
+/// triangle. The line crosses none of them if such a line exists, and is as near to their median as can be.
 fn halves(facets: &[Facet], group: Vec<u32>) -> (Vec<u32>, Vec<u32>) {
     let Facet { corners, normal, .. } = facets[group[0] as usize];
     let edges = [0, 1, 2].map(|k| corners[(k + 1) % 3] - corners[k]);

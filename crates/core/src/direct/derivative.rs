@@ -61,7 +61,8 @@ pub struct Sight<'a> {
 }
 
 impl Sight<'_> {
-    /// Φ of the part of the lamp above the horizon that the point sees.
+    /// Vector irradiance Φ = ∫ ω dω over the directions above the horizon in which the point sees the lamp,
+    /// sr.
     pub fn vector_irradiance(&self, visible: &mut Visible) -> DVec3 {
         let mut sum = DVec3::ZERO;
         if self.share > 0.0 {
@@ -98,7 +99,7 @@ impl Sight<'_> {
         (self.share * sum, of_point, of_normal)
     }
 
-    /// ∫ ⟨h, n⟩^p cosθ dω of the part of the lamp that the point sees.
+    /// ∫ ⟨h, n⟩^p cosθ dω over the directions in which the point sees the lamp.
     pub fn highlight(&self, visible: &mut Visible, lobe: &Lobe) -> f64 {
         let mut sum = 0.0;
         if self.share > 0.0 {
@@ -107,8 +108,9 @@ impl Sight<'_> {
         self.share * sum
     }
 
-    /// As [`Self::pull_back`], of [`Self::highlight`]; returns it with its derivatives by the lobe, and that of the loss by the point as far
-    /// as the visible part depends on it.
+    /// Adds the derivatives of a loss by the corners of blockers and lamp, where `cotangent` is its
+    /// derivative by [`Self::highlight`]. Returns the highlight, its derivatives by the lobe, and the
+    /// derivative of the loss by the point, as far as the visible directions depend on it.
     pub fn pull_back_highlight(
         &self,
         visible: &mut Visible,

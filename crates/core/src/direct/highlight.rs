@@ -88,7 +88,8 @@ impl Lobe {
         length > angle && half.angle_between(self.normal) - moves > self.least.acos()
     }
 
-    /// Calls `each` with unit directions and solid angles that cover a part of a lamp: the corners of the part must lie in one plane.
+    /// Calls `each` with unit directions and solid angles that cover a piece of a lamp, whose corners must
+    /// lie in one plane.
     fn quadrature(&self, part: &[Side], each: &mut dyn FnMut(DVec3, f64)) {
         let Some(first) = part.first() else { return };
         for k in 1..part.len().saturating_sub(1) {
@@ -180,7 +181,7 @@ mod tests {
         Lobe::new(DVec3::Z, DVec3::new(0.3, -0.2, 0.9).normalize(), power)
     }
 
-    /// Where a cone is left out, the lobe is as good as zero in it.
+    /// A lobe is as good as zero in all cones that are left out.
     #[test]
     fn cones_that_a_lobe_misses_hold_nothing_of_it() {
         let (mut missed, mut random) = (0, 0.5_f64);

@@ -42,34 +42,39 @@ use visible::{Geometry, Placed, Visible};
 /// How much of a lamp a point sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Visibility {
-    /// Exactly.
+    /// Exact visibility: cones without sampling noise.
     #[default]
     Exact,
-    /// By rays where much stands in between, which costs as much in any scene. Derivatives by positions leave out how shadows move.
+    /// Visibility by rays where much stands in between, which costs as much in any scene. Derivatives by
+    /// positions leave out how shadows move.
     Sampled,
 }
 
-/// Light of lamps on the triangles of a scene. Ranks that compute it together do so with its derivatives, too, and all have all of it.
+/// Direct light of lamps on the triangles of a scene. Several ranks compute it and its derivatives together,
+/// and all of them have the whole.
 #[derive(Clone, Debug)]
 pub struct DirectLight {
-    /// Those that compute it together.
+    /// The ranks that compute it together.
     ranks: Ranks,
     blockers: Blockers,
-    /// Where visibility is sampled.
+    /// Rays to lamps; `None` where visibility is exact.
     sampling: Option<Sampling>,
     lamps: Vec<Lamp>,
     receivers: usize,
-    /// By receiver, then lamp.
+    /// Mean irradiance per radiance, sr, by receiver, then lamp: [`Self::factors`].
     factors: Vec<f64>,
-    /// Their standard errors; empty where visibility is exact.
+    /// Standard errors of the factors; empty where visibility is exact.
     errors: Vec<f64>,
-    /// Of receivers with a penumbra, by receiver and lamp.
+    /// How receivers with a penumbra are cut into cells, by receiver and lamp.
     cuts: BTreeMap<[usize; 2], Cuts>,
 }
 
 impl DirectLight {
-    /// Computes the light of lamps on triangles, in any unit of length, in shares of some ranks, which all call it. Fails only where these
-    /// can no longer work together.
+    /// Computes the light of lamps on triangles, in any unit of length. Ranks compute shares of it, and all
+    /// of them call it.
+    ///
+    /// # Errors
+    /// Fails if another rank has ended, or does not run the same program.
     pub fn new<'a>(
         ranks: &Ranks,
         facets: &[Facet],
@@ -92,7 +97,7 @@ impl DirectLight {
         sampled.then(|| Sampling::new(facets, lamps, &radiance(lamps, material)))
     }
 
-    /// For points of triangles alone ([`Self::at_points`]): knows the light of no triangle.
+    /// Prepares light at points of triangles alone ([`Self::at_points`]): it knows the light of no triangle.
     pub fn of_points<'a>(
         facets: &[Facet],
         lamps: Vec<Lamp>,
@@ -109,7 +114,7 @@ impl DirectLight {
         Self { ranks, blockers, sampling: None, lamps, receivers: 0, factors, errors, cuts }
     }
 
-    /// The same as if nothing stood between lamps and points.
+    /// Prepares light at points of triangles alone, as if nothing stood between lamps and points.
     pub fn without_shadows(facets: &[Facet], lamps: Vec<Lamp>) -> Self {
         Self::among(Blockers::none(facets), lamps)
     }
@@ -151,7 +156,11 @@ impl DirectLight {
         work()
     }
 
-    /// The same for triangles and lamps of which only vertices have moved, at the same points: a smooth function of the vertices.
+    /// Computes the light after vertices of triangles and lamps have moved, at the same sample points: a
+    /// smooth function of the vertices.
+    ///
+    /// # Errors
+    /// Fails if another rank has ended, or does not run the same program.
     pub fn moved(&self, facets: &[Facet]) -> Result<Self, RankError> {
         let sampling = self.sampling.as_ref().map(|sampling| sampling.moved(facets));
         Self::compute(self.ranks.clone(), facets, self.lamps.clone(), sampling, Some(&self.cuts))
@@ -206,7 +215,7 @@ impl DirectLight {
         Ok(Self { ranks, receivers: facets.len(), blockers, sampling, lamps, factors, errors, cuts })
     }
 
-    /// Those that compute it together.
+    /// The ranks that compute the light together.
     pub fn ranks(&self) -> &Ranks {
         &self.ranks
     }
@@ -287,6 +296,9 @@ impl DirectLight {
 
     /// Derivatives of a loss by the triangles, where `cotangent` is its derivative by [`Self::factors`] of a receiver and a lamp. Those by
     /// triangles of which `moves` is false need not be complete.
+    ///
+    /// # Errors
+    /// Fails if another rank has ended, or does not run the same program.
     pub fn pull_back(
         &self,
         facets: &[Facet],
@@ -327,8 +339,9 @@ impl DirectLight {
         Ok(gradients)
     }
 
-    /// Vector irradiance Φ = ∫ ω dω of the visible part of each lamp above the horizon, at points of one triangle, sr: irradiance per
-    /// radiance is its product with the normal. Points far apart are better asked for separately, since they share a search.
+    /// Vector irradiance Φ = ∫ ω dω over the visible directions of each lamp above the horizon, at points of
+    /// one triangle, sr: irradiance per radiance is its product with the normal. Distant points are better
+    /// asked for separately, since they share a search.
     pub fn at_points(&self, facets: &[Facet], face: usize, points: &[DVec3]) -> Vec<Vec<DVec3>> {
         let mut light = vec![vec![DVec3::ZERO; self.lamps.len()]; points.len()];
         self.each_sight(facets, face, points, None, &|_| true, &mut |k, l, sight, visible| {
@@ -519,18 +532,18 @@ fn radiance<'a>(lamps: &[Lamp], material: impl Fn(usize) -> &'a Material) -> Vec
 struct Between<'a> {
     geometry: Geometry<'a>,
     receiver: usize,
-    /// With its number.
+    /// The lamp, with its number.
     lamp: (usize, &'a Placed<'a>),
     /// Polygons in between, unless rays count in their place.
     blockers: Vec<u32>,
-    /// For rays from each point.
+    /// Rays from each point, unless `blockers` or `share` count in their place.
     sampling: Option<&'a Sampling>,
-    /// By rays from the whole triangle.
+    /// Share of the lamp that the whole triangle sees, by rays.
     share: Share,
 }
 
 impl<'a> Between<'a> {
-    /// For some points.
+    /// What stands between a lamp and some points of a triangle.
     fn points(
         geometry: Geometry<'a>,
         sampling: Option<&'a Sampling>,
@@ -544,7 +557,7 @@ impl<'a> Between<'a> {
         Self { geometry, receiver, lamp, blockers: blockers.unwrap_or_default(), sampling, share: Share::ALL }
     }
 
-    /// For all of the triangle: one share counts everywhere.
+    /// What stands between a lamp and all of a triangle: one share counts everywhere.
     fn triangle(
         geometry: Geometry<'a>,
         sampling: Option<&'a Sampling>,
@@ -565,7 +578,8 @@ impl<'a> Between<'a> {
         polygon(self.lamp.1.lamp) || self.blockers.iter().any(|&number| polygon(blockers.polygon(number)))
     }
 
-    /// From a point, for light that falls on it, or is reflected there.
+    /// The sight of the lamp from a point, for light that falls on it, or with `lobe`, that is reflected
+    /// there.
     fn sight(&self, point: DVec3, lobe: Option<&Lobe>) -> Sight<'_> {
         let &Self { geometry, receiver, lamp, ref blockers, sampling, share } = self;
         let normal = geometry.facets[receiver].normal;
@@ -583,13 +597,13 @@ impl<'a> Between<'a> {
 /// Derivatives of a loss of highlights.
 #[derive(Clone, Debug, Default)]
 pub struct HighlightGradient {
-    /// By triangle; that of the points themselves is not included.
+    /// Derivatives by triangle; that of the points themselves is not included.
     pub facets: Vec<(u32, FacetGradient)>,
-    /// By each point.
+    /// Derivative by each point.
     pub points: Vec<DVec3>,
-    /// By the position of the eye.
+    /// Derivative by the position of the eye.
     pub eye: DVec3,
-    /// By the power.
+    /// Derivative by the power.
     pub power: f64,
 }
 
@@ -825,7 +839,7 @@ mod tests {
         for (vertex, gradient) in by_vertex.iter().enumerate().step_by(one_of) {
             let emits = vertex >= scene.vertices.len() - 9;
             for axis in 0..3 {
-                // Out of its plane, the lamp would come apart.
+                // Out of its plane, the lamp would no longer be one polygon.
                 if emits && axis == 1 {
                     continue;
                 }

@@ -13,11 +13,11 @@ const FILLED: f64 = 1e-9;
 /// One triangle, or several that share edges and a plane and whose union is convex.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Polygon {
-    /// Its triangles.
+    /// Numbers of the triangles of the polygon.
     pub triangles: Vec<u32>,
-    /// Its corners, counter-clockwise seen from the front, each as a triangle and a corner of it.
+    /// Corners of the polygon, counter-clockwise seen from the front, each as a triangle and a corner of it.
     pub corners: Vec<[u32; 2]>,
-    /// Its corners, and the vertices of triangles between them, in order.
+    /// Corners of the polygon, and the vertices of triangles between them, in order.
     pub outline: Vec<[u32; 2]>,
     /// The place of each corner in the outline.
     starts: Vec<u32>,

@@ -1,4 +1,4 @@
-//! Where a receiver is sampled, so that the mean over it is right where a penumbra crosses it.
+//! Quadrature over a receiver: its points are placed so that the mean is right where a penumbra crosses it.
 
 use crate::model::quarters;
 use glam::DVec3;

@@ -30,7 +30,7 @@ const STEPS: [f64; 4] =
 #[derive(Clone)]
 pub struct Sampling {
     rays: Arc<Rays>,
-    /// How many to each lamp.
+    /// Number of rays to each lamp.
     counts: Arc<Vec<u32>>,
 }
 
@@ -52,11 +52,11 @@ impl Share {
     pub const NOTHING: Self = Self { value: 0.0, error: 0.0 };
 }
 
-/// Where rays start.
+/// The origin of rays.
 #[derive(Clone, Copy)]
 pub enum Origin {
     Point(DVec3),
-    /// All over it, by its corners.
+    /// All over a triangle, by its corners.
     Triangle([DVec3; 3]),
 }
 
@@ -83,7 +83,7 @@ impl Sampling {
         Self { rays, counts: Arc::new(light.iter().map(count).collect()) }
     }
 
-    /// The same rays among triangles that have moved.
+    /// The sampling of moved triangles, with as many rays to each lamp.
     pub fn moved(&self, facets: &[Facet]) -> Self {
         let corners = facets.iter().map(|facet| facet.corners).collect();
         let rays = Arc::new(Rays::among(corners, |i| facets[*i as usize].area > 0.0));

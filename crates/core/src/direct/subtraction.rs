@@ -9,9 +9,9 @@ use std::ops::Range;
 
 /// A blocker that a point sees before the lamp.
 struct Seen {
-    /// Its place in the list.
+    /// Place of the blocker in the list.
     place: usize,
-    /// Its planes: unit normals that point into its cone.
+    /// Planes of the blocker: unit normals that point into its cone.
     normals: Range<usize>,
     /// Whether the last of these is that of [`CROSSING`].
     crosses: bool,
@@ -37,8 +37,8 @@ pub struct Subtraction {
 }
 
 impl Subtraction {
-    /// Calls `emit` with the parts of a lamp's cone that no blocker hides: convex cones without overlap. `places`: those of the blockers
-    /// that may hide some of it.
+    /// Calls `emit` with what no blocker hides of a lamp's cone: convex cones without overlap. `places`:
+    /// those of the blockers that may hide some of it.
     pub fn parts(
         &mut self,
         sight: &Sight,
@@ -94,7 +94,7 @@ impl Subtraction {
         }
     }
 
-    /// Emits the parts of the cone `cone` of the stack outside of the blockers `rest` of the candidates.
+    /// Emits what the blockers `rest` of the candidates leave of the cone `cone` of the stack.
     fn subtract(&mut self, cone: Range<usize>, rest: Range<usize>, emit: &mut dyn FnMut(&[Side])) {
         for at in rest.clone() {
             let k = self.candidates[at] as usize;
@@ -135,7 +135,7 @@ impl Subtraction {
         emit(&self.stack[cone]);
     }
 
-    /// Appends the part of a cone of the stack on the positive side of a plane.
+    /// Appends what lies of a cone of the stack on the positive side of a plane.
     fn cut_off(&mut self, cone: Range<usize>, normal: DVec3, plane: u32) -> Range<usize> {
         self.to.clear();
         cut(&self.stack[cone], normal, plane, &mut self.to);

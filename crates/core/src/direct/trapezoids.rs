@@ -7,17 +7,17 @@
 
 /// Relative distance within which edges count as touching.
 const TOUCHING: f64 = 1e-12;
-/// How often a strip between two ends of edges is cut where edges cross.
+/// How often the strip between two ends of edges is cut at most where edges cross.
 const DEEPEST: u32 = 64;
 
 /// A boundary that is not vertical: a line over an interval.
 #[derive(Clone, Copy, Debug)]
 pub struct Edge {
-    /// Where it begins and ends, in ascending order.
+    /// Horizontal coordinates of both ends, in ascending order.
     pub s: [f64; 2],
-    /// Its heights there.
+    /// Heights of both ends.
     pub t: [f64; 2],
-    /// By how many the regions above it are more than those below.
+    /// How many more regions lie above the edge than below it.
     pub step: i32,
     /// Whether that is the frame within which trapezoids are wanted, and not a region to leave out.
     pub frame: bool,
@@ -38,10 +38,10 @@ pub struct Trapezoid {
 #[derive(Clone, Copy)]
 struct Active {
     edge: u32,
-    /// Its step, as one of the frame or of regions.
+    /// Step of the edge: `frames` of one of the frame, `covers` of one of regions.
     frames: i32,
     covers: i32,
-    /// Its line, s0, t0 and slope, and where it ends.
+    /// Line of the edge (s0, t0 and slope), and the point at which it ends.
     line: [f64; 3],
     end: [f64; 2],
     /// Heights at both sides of the last strip, and where that ended.
@@ -63,12 +63,12 @@ impl Active {
         if s >= s1 { t1 } else { t0 + slope * (s - s0) }
     }
 
-    /// Its height within the strip, a share of that from its beginning.
+    /// Height of the edge within the strip, at a share of the strip's width from its beginning.
     fn between(&self, share: f64) -> f64 {
         self.t[0] + (self.t[1] - self.t[0]) * share
     }
 
-    /// Whether it is below some heights at an end of the strip.
+    /// Whether the edge is below some heights at an end of the strip.
     fn dips_below(&self, heights: &[f64; 2]) -> bool {
         (0..2).any(|side| self.t[side] < heights[side] - touching(heights[side]))
     }
@@ -180,8 +180,9 @@ impl Trapezoids {
         self.next = begun;
     }
 
-    /// Where two edges cross in a strip, if that may be seen: not where regions cover all around it. Most crossings are of silhouettes behind
-    /// others. What none covers around a crossing reaches from one end of the strip to the other between the same two edges.
+    /// Finds where two edges cross in a strip, if that may be seen: not where regions cover all around it.
+    /// Most crossings are of silhouettes behind others. What none covers around a crossing reaches from one
+    /// end of the strip to the other between the same two edges.
     fn crossing(&mut self, [from, to]: [f64; 2]) -> Option<f64> {
         let Self { active, highest, visits, .. } = self;
         if !active.windows(2).any(|pair| pair[1].dips_below(&pair[0].t)) {
@@ -325,7 +326,7 @@ mod tests {
         (0..of.len()).map(|k| [of[k], of[(k + 1) % of.len()]])
     }
 
-    /// Where lines cross that have no end in common.
+    /// Horizontal coordinates at which lines cross that have no end in common.
     fn crossings(lines: &[[[f64; 2]; 2]]) -> Vec<f64> {
         let crossing = |[a, b]: [[f64; 2]; 2], [c, d]: [[f64; 2]; 2]| {
             let side = |x: [f64; 2], [a, b]: [[f64; 2]; 2]| {

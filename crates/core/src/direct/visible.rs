@@ -1,4 +1,4 @@
-//! The part of a lamp that a point sees, exactly: its cone of directions less those of all blockers.
+//! What a point sees of a lamp, exactly: its cone of directions less those of all blockers.
 
 use super::blockers::{Blockers, CORNERS, NO_TWIN, OUTLINE};
 use super::cone::{Side, cut, extent, sides};
@@ -130,7 +130,8 @@ pub struct View {
 }
 
 impl View {
-    /// From the corners of a triangle of the blocker, given from the point; `None` where the point lies in its plane.
+    /// The view from the point of a triangle of the blocker, by its corners relative to the point; `None`
+    /// where the point lies in its plane.
     pub fn new([a, b, c]: [DVec3; 3]) -> Option<Self> {
         let area_vector = (b - a).cross(c - a);
         let height = -area_vector.dot(a);
@@ -150,10 +151,10 @@ impl View {
 
 /// A blocker before the lamp, in the frame of the lamp as seen from the point.
 struct Seen {
-    /// Its place in the list, and its number.
+    /// Place of the blocker in the list, and its number.
     place: usize,
     number: u32,
-    /// Its corners among those of all.
+    /// Range of its corners among those of all blockers.
     corners: Range<usize>,
     /// Whether its corners run counter-clockwise.
     counter_clockwise: bool,
@@ -167,7 +168,7 @@ struct Window {
     t: [f64; 2],
 }
 
-/// Finds the visible parts of lamps; keeps its memory between points.
+/// Finds what is visible of lamps; keeps its memory between points.
 ///
 /// Directions are drawn on the plane of the lamp, where lines stay lines: what is visible there are the trapezoids of the lamp that no
 /// blocker covers. Edges between two neighbouring blockers that the point sees from the same side are none of their union, so that the
@@ -182,7 +183,7 @@ pub struct Visible {
     seen: Vec<Seen>,
     /// Corners in the frame of the lamp.
     corners: Vec<DVec3>,
-    /// Of each polygon, the side on which it was last seen whole, and when.
+    /// When each polygon was last seen whole, and whether its corners ran counter-clockwise then.
     sides: Vec<(u64, bool)>,
     now: u64,
     /// Blockers and edges looked at so far.
@@ -199,8 +200,8 @@ const WIDEST: usize = 4;
 const NEAREST: f64 = 1e-7;
 
 impl Visible {
-    /// Calls `emit` with each part of the lamp that is visible above the horizon: convex cones without overlap. `outline`: whether sides end
-    /// at all vertices of the lamp's outline, or only at its corners.
+    /// Calls `emit` with convex cones without overlap, which are what is visible of the lamp above the
+    /// horizon. `outline`: whether sides end at all vertices of the lamp's outline, or only at its corners.
     pub fn parts(&mut self, sight: &Sight, outline: bool, emit: &mut dyn FnMut(&[Side])) {
         let &Sight { ref geometry, point, normal, lamp, blockers, .. } = sight;
         let corners = if outline { &lamp.outline } else { &lamp.corners };
@@ -411,7 +412,7 @@ impl Window {
     }
 }
 
-/// The part of a polygon in which `height` is not negative; its new side is in `plane`.
+/// Clips a polygon to where `height` is not negative; the new side is in `plane`.
 fn clip(polygon: &[Side], height: impl Fn(DVec3) -> f64, plane: u32, part: &mut Vec<Side>) {
     part.clear();
     for (side, [a, b]) in polygon.iter().zip(sides(polygon).map(|(_, ends)| ends)) {

@@ -10,7 +10,7 @@ use std::sync::Arc;
 const BRIGHTEST: f64 = 1e4;
 /// Brightness of backs under diffuse light, relative to the mean.
 const BACKS: f64 = 2.0;
-/// The same under the light of an emitter, relative to the emitter: bins spread it out.
+/// Brightness of backs under the light of an emitter, relative to the emitter: bins spread it out.
 const NARROW: f64 = 0.25;
 /// Factor on the error of each cluster where derivatives by vertices are wanted: what depends on how neighbours differ errs more than light.
 const OF_VERTICES: f64 = 0.1;
@@ -19,7 +19,8 @@ const UNEVEN: f64 = 0.3;
 /// Factor by which the brightness of a source may change before clusters are chosen anew.
 const BRIGHTENED: f64 = 10.0;
 
-/// The triangles and the light that clusters are chosen for, and the order of triangles that these are runs of.
+/// The triangles and the light that clusters are chosen for, and the order of triangles, of which clusters
+/// are ranges.
 ///
 /// Plans for the same triangles with other vertices or another emission keep it ([`Plan::following`](super::Plan::following)), so that
 /// pictures and losses are as smooth as those of the exact sum, until a corner has moved by more than a quarter of the root of its
@@ -27,14 +28,14 @@ const BRIGHTENED: f64 = 10.0;
 #[derive(Clone, Debug)]
 pub struct ClusterChoice {
     pub(super) placement: Placement,
-    /// In the coordinates of `placement`.
+    /// The triangles, in the coordinates of `placement`.
     pub(super) facets: Arc<[Facet]>,
     pub(super) classes: Vec<Class>,
     /// The triangles in the order of their slots, without padding.
     pub(super) order: Vec<u32>,
-    /// Of the front of each triangle, relative to the mean.
+    /// Brightness of the front of each triangle, relative to the mean.
     pub(super) brightness: Vec<f64>,
-    /// Of backs.
+    /// Brightness of backs, relative to the mean.
     pub(super) backs: f64,
     /// What each cluster may change, relative to the mean irradiance.
     pub(super) error: f64,

@@ -53,7 +53,7 @@ pub enum PlanError {
     BufferTooLarge {
         /// Label of the buffer.
         label: String,
-        /// Its size.
+        /// Size of the buffer, bytes.
         bytes: u64,
         /// Bytes of a buffer that kernels can bind.
         limit: u64,
@@ -66,7 +66,7 @@ pub enum PlanError {
         /// How many there are.
         ranks: u32,
     },
-    /// Not every process has a part of the work.
+    /// Not every process has a share of the work.
     #[error("{weights:?} for {ranks} processes: each needs one above 0, or none has one (RankWeights::EVEN)")]
     Weights {
         /// The weights given.

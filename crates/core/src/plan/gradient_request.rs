@@ -6,19 +6,19 @@ use antirad_base::setters;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct GradientRequest {
-    /// With respect to the emitted radiance L_e.
+    /// Derivatives with respect to the emitted radiance L_e.
     pub emission: bool,
-    /// With respect to the diffuse constant δ.
+    /// Derivatives with respect to the diffuse constant δ.
     pub diffuse: bool,
-    /// With respect to the albedo ρ.
+    /// Derivatives with respect to the albedo ρ.
     pub albedo: bool,
-    /// With respect to the specular constant σ, of glossy triangles.
+    /// Derivatives with respect to the specular constant σ, of glossy triangles.
     pub specular: bool,
-    /// With respect to the power p, of glossy triangles.
+    /// Derivatives with respect to the power p, of glossy triangles.
     pub power: bool,
-    /// With respect to the positions of vertices.
+    /// Derivatives with respect to the positions of vertices.
     pub positions: bool,
-    /// With respect to the positions of the cameras.
+    /// Derivatives with respect to the positions of the cameras.
     pub camera: bool,
 }
 

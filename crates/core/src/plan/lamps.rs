@@ -1,4 +1,5 @@
-//! Which emitters are lamps, whose direct light is computed apart from U, and with what visibility.
+//! The choice of lamps, the emitters whose direct light is computed separately from U, and of their
+//! visibility.
 
 use super::{GradientRequest, Placement, Plan, PlanError};
 use crate::direct::{DirectLight, Lamp, Visibility, lamps};
@@ -30,11 +31,11 @@ pub struct LampsReport {
     pub emitters: usize,
     /// Triangles of those with exact or sampled visibility.
     pub triangles: usize,
-    /// In words.
+    /// The reason, in words.
     pub why: String,
 }
 
-/// Lamps whose direct light is computed apart.
+/// Lamps whose direct light is computed separately from U.
 #[derive(Default)]
 pub(crate) struct Chosen {
     pub(crate) lamps: Vec<Lamp>,
@@ -43,8 +44,8 @@ pub(crate) struct Chosen {
     pub(crate) emitters: usize,
 }
 
-/// The lamps of a scene whose direct light is to be computed apart, where derivatives are wanted. An error where that is stated and not
-/// possible.
+/// Chooses the lamps of a scene whose direct light is computed separately from U, where `gradients` are
+/// wanted. An error where that is stated and not possible.
 pub(super) fn choose(
     scene: &Scene,
     facets: &[Facet],
@@ -86,7 +87,8 @@ pub(super) fn choose(
     })
 }
 
-/// The triangles of a scene, in units of its size, and the lamps whose direct light is to be computed apart.
+/// The triangles of a scene, in units of its size, and the lamps whose direct light is computed separately
+/// from U.
 pub fn direct_lamps(scene: &Scene) -> (Arc<[Facet]>, Vec<Lamp>, Visibility) {
     let facets = Placement::of(scene).facets(scene);
     // Nothing is refused without derivatives.
@@ -95,7 +97,7 @@ pub fn direct_lamps(scene: &Scene) -> (Arc<[Facet]>, Vec<Lamp>, Visibility) {
     (facets, lamps, visibility)
 }
 
-/// Whether the light of a scene's lamps is to be computed apart.
+/// Whether a scene has lamps whose direct light is computed separately from U.
 pub fn has_direct_lamps(scene: &Scene) -> bool {
     !direct_lamps(scene).1.is_empty()
 }

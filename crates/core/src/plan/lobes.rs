@@ -12,7 +12,7 @@ pub const LOBE_ROWS: u32 = 16;
 pub const LOBE_BYTES: u32 = 1 << 16;
 /// Fewest triangles that share a matrix: fewer would leave lanes of a vector idle.
 const SHARED: u32 = 8;
-/// Largest part of the budget for matrices: one in so many.
+/// Largest fraction of the budget for matrices: one in so many.
 const BUDGET_SHARE: u64 = 8;
 /// Columns of a matrix are padded to a multiple of this, which aligns its blocks of rows in either precision.
 const COLUMN_STEP: u64 = 4;
@@ -54,12 +54,12 @@ pub struct LobeSlots {
     pub powers: Vec<f64>,
     /// Slots, ascending within each range of `ranges`.
     pub slots: Vec<u32>,
-    /// Where the slots of each power with a matrix are, then those of all other powers.
+    /// Ranges in `slots`: one for each power with a matrix, then one for all other powers.
     pub ranges: Vec<Range<usize>>,
 }
 
 impl LobeSlots {
-    /// The entries of range `k` in a page or window of slots.
+    /// The entries of range `k` whose slots lie in a page or window.
     pub fn within(&self, k: usize, slots: &Range<u32>) -> Range<u32> {
         let range = self.ranges[k].clone();
         let before = |end: u32| self.slots[range.clone()].partition_point(|&slot| slot < end);
@@ -119,7 +119,7 @@ impl Plan {
         [request.any(), request.lobes()]
     }
 
-    /// The most matrices that fit their part of the budget and a buffer.
+    /// The most matrices that fit their share of the budget and a buffer.
     pub(super) fn affordable_lobes(&self) -> u32 {
         let buffers = 1 + u64::from(self.lobe_gradients()[0]);
         let share = self.options.memory_budget / (BUDGET_SHARE * buffers);

@@ -14,7 +14,7 @@ const SURFACE: u64 = 12;
 pub(super) const RGB: u64 = 4;
 /// Reals of a gradient (crates/core/glsl/facet_gradient.glsl).
 const FACET_GRADIENT: u64 = 16;
-/// Bytes of the parts of a cluster (crates/core/glsl/gather.comp).
+/// Bytes of the list of parts of one cluster (crates/core/glsl/gather.comp).
 const CLUSTER_PARTS: u64 = 8;
 /// Lanes of the kernel that sums vectors: enough for any device, few enough for the host to add up.
 pub const PARTIAL_SUMS: u64 = 4096;
@@ -52,7 +52,7 @@ pub(super) fn bin_bytes(bins: &Bins, channels: u32, precision: Precision) -> u64
 }
 
 impl MemoryPlan {
-    /// That of the engine of a rank.
+    /// The memory of the engine of a rank, by label.
     pub(super) fn of(plan: &Plan, rank: u32) -> Self {
         let real = plan.settings.precision.bytes();
         let slots = u64::from(plan.layout.slots());

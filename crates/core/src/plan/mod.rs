@@ -103,12 +103,12 @@ setters!(PlanOptions {
 /// Which triangles block light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Occlusion {
-    /// Those behind which a triangle could receive the light that they block.
+    /// Triangles behind which another could receive the light that they block.
     #[default]
     Exact,
-    /// None: light passes through everything. Only useful to show the effect of occlusion.
+    /// No triangle: light passes through everything. Only useful to show the effect of occlusion.
     Nothing,
-    /// All, whether it matters or not: the same result with the most work, to measure its cost.
+    /// All triangles, whether it matters or not: the same result with the most work, to measure its cost.
     Everything,
 }
 
@@ -120,7 +120,7 @@ impl PlanOptions {
 }
 
 impl PlanOptions {
-    /// Those of lavapipe, the Vulkan driver for CPUs: a heap of 2 GiB, 128 MiB per storage buffer.
+    /// The options of lavapipe, the Vulkan driver for CPUs: a heap of 2 GiB, 128 MiB per storage buffer.
     pub fn lavapipe() -> Self {
         Self {
             memory_budget: 2 << 30,
@@ -174,12 +174,12 @@ impl Placement {
         Self { centre: 0.5 * (min + max), scale: if radius > 0.0 { 1.0 / radius } else { 1.0 } }
     }
 
-    /// From metres to the engine's coordinates.
+    /// Maps a point in metres to the engine's coordinates.
     pub fn apply(&self, point: DVec3) -> DVec3 {
         (point - self.centre) * self.scale
     }
 
-    /// From the engine's coordinates to metres.
+    /// Maps a point in the engine's coordinates to metres.
     pub fn metres(&self, point: DVec3) -> DVec3 {
         point / self.scale + self.centre
     }
@@ -244,8 +244,8 @@ impl PlannedSolver {
 
 /// The longest Krylov basis worth its memory: rooms need 10 to 14 passes for 1e-4.
 pub(crate) const LONGEST_RESTART: u32 = 16;
-/// The same for each digit of the tolerance where clusters stand for triangles: a pass takes little time there, and the basis is most
-/// of the memory.
+/// Length of the Krylov basis for each digit of the tolerance where clusters stand for triangles: a pass
+/// takes little time there, and the basis is most of the memory.
 const RESTART_PER_DIGIT: f64 = 2.6;
 /// The shortest one that is still faster than the fixed point.
 const SHORTEST_RESTART: u32 = 4;
@@ -301,11 +301,20 @@ pub struct Plan {
 
 impl Plan {
     /// Plans a solve of a scene, which is checked first.
+    ///
+    /// # Errors
+    /// Fails if the scene, the settings or the options are invalid, or if the plan fits neither the memory
+    /// budget nor 32-bit indices.
     pub fn new(scene: &Scene, options: &PlanOptions, settings: &SolveSettings) -> Result<Self, PlanError> {
         Self::following(scene, options, settings, None)
     }
 
-    /// The same with the clusters of an earlier plan ([`Self::choice`]), as long as they serve.
+    /// Plans a solve of a scene with the clusters of an earlier plan ([`Self::choice`]), as long as they
+    /// serve.
+    ///
+    /// # Errors
+    /// Fails if the scene, the settings or the options are invalid, or if the plan fits neither the memory
+    /// budget nor 32-bit indices.
     #[doc(hidden)]
     pub fn following(
         scene: &Scene,
@@ -421,7 +430,7 @@ impl Plan {
         };
         self.shares = Shares::of(self);
         let matrices = self.lobes.matrices;
-        // Matrices take a small part of the budget: only where nothing else fits are there none.
+        // Matrices take a small share of the budget: only where nothing else fits are there none.
         for matrices in [matrices, 0] {
             self.lobes.matrices = matrices;
             for &solver in &wanted {
@@ -472,13 +481,14 @@ impl Plan {
         self.interactions.clusters.as_ref()
     }
 
-    /// What these are chosen for.
+    /// The choice of clusters, with the triangles and the light that they are chosen for; `None` without
+    /// clusters.
     #[doc(hidden)]
     pub fn choice(&self) -> Option<&Arc<ClusterChoice>> {
         self.choice.as_ref()
     }
 
-    /// Whether these would still be chosen alike for the light of a scene with the same triangles.
+    /// Whether clusters would still be chosen alike for the light of a scene with the same triangles.
     #[doc(hidden)]
     pub fn is_lit_by(&self, scene: &Scene) -> bool {
         self.choice.as_ref().is_none_or(|choice| choice.is_lit_by(scene, &self.facets, &self.lamps))
@@ -538,7 +548,8 @@ impl Plan {
         &self.classes
     }
 
-    /// The emitters whose direct light is computed apart, with [`Self::visibility`]. That of all others takes part in U.
+    /// The emitters whose direct light is computed separately, with [`Self::visibility`]. That of all others
+    /// goes through U.
     #[doc(hidden)]
     pub fn lamps(&self) -> &[Lamp] {
         &self.lamps
@@ -567,7 +578,7 @@ impl Plan {
         &self.near_field
     }
 
-    /// Where the states live.
+    /// The memory in which states live, and the size of the windows on it.
     #[doc(hidden)]
     pub fn residency(&self) -> Residency {
         self.residency

@@ -69,11 +69,11 @@ pub struct PairReport {
     pub culled: u64,
     /// Irradiance alone, point to point.
     pub irradiance: u64,
-    /// With bins at one end or both, point to point.
+    /// Pairs with bins at one end or both, point to point.
     pub bins: u64,
     /// Close pairs, integrated piecewise.
     pub sub_sampled: u64,
-    /// Of `irradiance` and `bins`, those with a cluster as source.
+    /// Pairs among `irradiance` and `bins` with a cluster as source.
     pub clusters: u64,
 }
 
@@ -88,7 +88,7 @@ pub struct LobeReport {
     pub direct: u32,
 }
 
-/// Where the states live.
+/// The memory in which states live, and what it costs to move them.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct StatesReport {
     /// "device" or "host".
@@ -138,7 +138,7 @@ pub struct PlanReport {
     pub pairs: PairReport,
     /// How lobes are computed.
     pub lobes: LobeReport,
-    /// Where states live, and the transfers this causes.
+    /// Residency of the states, and the transfers this causes.
     pub states: StatesReport,
     /// Bytes by label.
     pub memory: Vec<MemoryItem>,
@@ -153,7 +153,7 @@ pub struct PlanReport {
     pub estimated_passes: [f64; 2],
     /// Rough time for the least number of passes, on two idle cores: of the CPU backend, or of lavapipe.
     pub estimated_seconds: f64,
-    /// The same for the most.
+    /// Rough time for the largest number of passes, on two idle cores: of the CPU backend, or of lavapipe.
     pub estimated_seconds_at_most: f64,
 }
 
@@ -266,8 +266,8 @@ impl Plan {
         }
     }
 
-    /// From Chebyshev's bound of Krylov methods for GMRES, from the decay of bounces for the fixed point. Least for
-    /// open scenes with the mean albedo, most for the largest albedo.
+    /// Least and most passes: from Chebyshev's bound of Krylov methods for GMRES, from the decay of bounces
+    /// for the fixed point. Least for open scenes with the mean albedo, most for the largest albedo.
     fn estimated_passes(&self) -> [f64; 2] {
         let digits = (2.0 / self.settings.tolerance).ln();
         let passes = |albedo: f64| {
@@ -284,7 +284,7 @@ impl Plan {
         [0.5 * passes(mean), factor * passes(most)].map(|passes| passes.ceil().min(limit))
     }
 
-    /// Estimated time of the specular part of K.
+    /// Estimated time of specular reflection in K, seconds.
     fn lobe_seconds(&self, rates: &Rates) -> f64 {
         let LobeReport { shared, direct, .. } = self.lobe_report();
         let pairs = (self.bins.count() as f64).powi(2);

@@ -1,17 +1,17 @@
-//! Where states live during a solve, and the pieces in which a pass processes them.
+//! The memory in which states live during a solve, and the pieces in which a pass processes them.
 
 use super::{Group, MemoryPlan, PAIR_BACK, PAIR_FRONT, Plan, PlanError, page_tiles};
 use std::ops::Range;
 
-/// Where states live.
+/// The memory in which states live.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Residency {
-    /// In buffers of the device, a page of bins for each group: of several ranks, for each rank's part of it. Those of the others pass by
-    /// in a window of the size of a group.
+    /// Buffers of the device, with a page of bins for each group. Of several ranks, each has pages for what
+    /// it holds of a group; the bins of the others pass by in a window of the size of a group.
     #[default]
     Device,
-    /// In host memory. The device has two windows on them: one to write the bins of some tiles of receivers, one to
-    /// read those of some tiles of sources.
+    /// Host memory. The device has two windows on it: one to write the bins of some tiles of receivers, one
+    /// to read those of some tiles of sources.
     Host {
         /// Tiles of receivers in the window to write.
         receivers: u32,
@@ -41,7 +41,8 @@ const MATRIX_SHARE: u64 = 4;
 /// Largest window, bytes: it is copied at once, which delays Ctrl-C.
 const MOST_WINDOW_BYTES: u64 = 512 << 20;
 
-/// With clusters, windows for receivers at most: each has its own clusters, which stand for fewer triangles the smaller it is.
+/// Most windows for receivers where there are clusters: each window has its own, which stand for fewer
+/// triangles the smaller it is.
 const MOST_SWEEPS: u32 = 64;
 
 /// What two ranges have in common; where that is nothing, a range that is empty.
@@ -149,13 +150,13 @@ impl Plan {
         groups.map(|group| group.tiles.len() as u32).max().unwrap_or(0)
     }
 
-    /// Where several ranks sum over all pairs, groups are no larger than the part of a rank, so that a window takes no more than that.
-    /// Clusters are of one group, and stand for more the larger it is.
+    /// Cuts groups to the size of a rank's share where several ranks sum over all pairs, so that a window
+    /// takes no more than that. Clusters are of one group, and stand for more triangles the larger it is.
     pub(super) fn cut_for_ranks(&mut self) {
         if self.options.ranks > 1 {
             let part = (self.tiles_with_bins().len() as u32).div_ceil(self.options.ranks).max(1);
             let page = page_tiles(&self.options, self.tile_bytes());
-            // Of whole dispatches, as those of one rank.
+            // A whole number of dispatches, as on a single rank.
             self.layout.cut(part.next_multiple_of(self.partner_tiles()).min(page));
         }
     }
@@ -200,7 +201,7 @@ impl Plan {
         groups.map(move |(g, group)| if wanted(group) { held(g) } else { 0 })
     }
 
-    /// The same of this rank.
+    /// Bytes of the bins that this rank holds of each group, 0 of those that are not wanted.
     pub(crate) fn own_pages(&self, wanted: impl Fn(&Group) -> bool) -> impl Iterator<Item = u64> {
         self.pages(self.options.rank, wanted)
     }

@@ -1,4 +1,5 @@
-//! Which targets each of several ranks computes: parts of every group, with work in proportion to their weights.
+//! Shares: the targets that each of several ranks computes, a range of every group with work in proportion to
+//! weights.
 
 use super::{Group, PAIR_BACK, PAIR_FRONT, Plan, PlanOptions};
 use crate::model::{ClusterRun, LIST, ReceiverLists, SOURCES};
@@ -7,13 +8,13 @@ use std::ops::Range;
 /// Work of a close pair in point-to-point pairs, where it is evaluated and where its weights are kept.
 const NEAR_WORK: [u64; 2] = [100, 8];
 
-/// Contiguous parts of each group and of each run of clusters, one for each rank. Within a group pairs cost the same, so that
-/// nothing has to be known of what those of different classes cost.
+/// Contiguous ranges of each group and of each run of clusters, one for each rank. Within a group pairs cost
+/// the same, so that nothing has to be known of what those of different classes cost.
 #[derive(Clone, Debug, Default)]
 pub struct Shares {
-    /// By group: tiles, by rank.
+    /// Ranges of tiles by group, then by rank.
     groups: Vec<Vec<Range<u32>>>,
-    /// By run of clusters: indices, by rank.
+    /// Ranges of indices by run of clusters, then by rank.
     clusters: Vec<Vec<Range<u32>>>,
 }
 
@@ -50,12 +51,13 @@ fn work_of_clusters(lists: &ReceiverLists, run: &Range<u32>) -> Vec<u64> {
     lists.groups(run).map(|group| u64::from(lists.count(group, &(0..u32::MAX)))).collect()
 }
 
-/// Cuts sequences, one after the other, into contiguous parts with sums about in proportion to weights: the parts of all of them together,
-/// too, so that what one gets too much of a sequence that cannot be cut as wanted it gets less of the next.
+/// Cuts sequences, one after the other, into contiguous ranges with sums about in proportion to weights. The
+/// total over all sequences is in proportion, too: what a rank gets too much of one that cannot be cut as
+/// wanted, it gets less of the next.
 struct Parts {
-    /// Of the ranks before each boundary of parts.
+    /// Sum of the weights of the ranks before each boundary of ranges.
     weights: Vec<u128>,
-    /// What the parts before each boundary have got of the sequences so far.
+    /// What the ranks before each boundary have got of the sequences so far.
     got: Vec<i128>,
     /// The sum of these sequences.
     total: i128,
@@ -73,7 +75,7 @@ impl Parts {
 
     fn next(&mut self, work: &[u64]) -> Vec<Range<u32>> {
         let mut sums: Vec<i128> = vec![0];
-        // One for each, so that what has no work is parted by number.
+        // One more for each, so that what has no work is distributed by number.
         sums.extend(work.iter().scan(0, |sum, &work| {
             *sum += i128::from(work) + 1;
             Some(*sum)
@@ -97,19 +99,20 @@ impl Parts {
 }
 
 impl Plan {
-    /// The part of a group that this rank computes, and whose bins it holds: all of it where the rank is alone.
+    /// The tiles of a group that this rank computes, and whose bins it holds: all of it where the rank is
+    /// alone.
     #[doc(hidden)]
     pub fn own(&self, group: usize) -> Group {
         self.part_of(group, self.options.rank)
     }
 
-    /// The same of any rank.
+    /// The tiles of a group that a rank computes, and whose bins it holds.
     pub(super) fn part_of(&self, group: usize, rank: u32) -> Group {
         let Group { class, .. } = self.layout.groups[group];
         Group { class, tiles: self.shares.groups[group][rank as usize].clone() }
     }
 
-    /// The part of a run of clusters whose cotangents this rank computes.
+    /// The range of a run of clusters whose cotangents this rank computes.
     pub(crate) fn own_clusters(&self, run: usize) -> Range<u32> {
         self.shares.clusters[run][self.options.rank as usize].clone()
     }
@@ -124,7 +127,7 @@ impl Plan {
         &self.shares.clusters[run]
     }
 
-    /// About what this rank does of some work that is parted among all.
+    /// About how much this rank does of some work that is distributed over all.
     pub(crate) fn own_share(&self, work: u64) -> u64 {
         let PlanOptions { weights, rank, ranks, .. } = self.options;
         weights.share(work, rank, ranks)

@@ -1,9 +1,10 @@
-//! Tiles: runs of triangles of one class.
+//! Tiles of triangles of one class, 32 or 64 slots each, and the groups that they form.
 
 use crate::model::{Class, PADDING};
 use std::ops::Range;
 
-/// A run of tiles of one class. Where states live on the device, each holds the bins of the group in one page.
+/// A range of tiles of one class. Where states live on the device, each holds the bins of the group in one
+/// page.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Group {
     /// The class of its triangles.
@@ -28,7 +29,7 @@ pub struct TileLayout {
     pub tile: u32,
     /// Triangle of each slot, or [`PADDING`].
     pub order: Vec<u32>,
-    /// Runs of tiles of one class, those without bins first.
+    /// Ranges of tiles of one class, those without bins first.
     pub groups: Vec<Group>,
 }
 

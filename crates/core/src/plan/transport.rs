@@ -123,8 +123,9 @@ impl Plan {
         Ok(())
     }
 
-    /// Where states live on the host, those of a window are a group, so that there are other clusters, and other lists, for which windows
-    /// may have to be smaller. `planned`: groups of the clusters so far.
+    /// Fits clusters to windows where states live on the host. The receivers of a window are a group there,
+    /// so that there are other clusters, and other lists, for which windows may have to be smaller.
+    /// `planned`: groups of the clusters so far.
     fn fit_clusters_to_windows(
         &mut self,
         mut planned: Vec<Group>,
@@ -156,8 +157,8 @@ impl Plan {
         largest.map_or(0, |slots| 2 * slots / u64::from(LEAF) - 1) * self.bin_bytes()
     }
 
-    /// How many volumes fit a buffer and their part of the budget with their bins. None where derivatives are wanted, which go through
-    /// clusters of one normal alone.
+    /// How many volumes fit a buffer and their share of the budget with their bins. `None` where derivatives
+    /// are wanted, which go through clusters of one normal alone.
     fn most_volumes(&self, choice: &ClusterChoice) -> Option<usize> {
         let bytes = (self.options.memory_budget / VOLUME_SHARE).min(self.options.max_buffer);
         (!choice.slopes).then(|| (bytes / self.bin_bytes()) as usize)

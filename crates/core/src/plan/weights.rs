@@ -11,7 +11,7 @@ const MOST: u64 = 16;
 pub struct RankWeights(&'static [u32]);
 
 impl RankWeights {
-    /// All do the same.
+    /// Equal weights: all ranks do the same amount of work.
     pub const EVEN: Self = Self(&[]);
 
     /// One weight for each rank, in their order.
@@ -27,7 +27,8 @@ impl RankWeights {
         Self(kept)
     }
 
-    /// In proportion to the memory budgets of the ranks' devices, to a sixteenth of the largest. None does nothing.
+    /// Weights in proportion to the memory budgets of the ranks' devices, to a sixteenth of the largest. None
+    /// does nothing.
     pub fn of_budgets(budgets: &[u64]) -> Self {
         let largest = budgets.iter().copied().max().unwrap_or(0).max(1);
         let weight = |&budget: &u64| {

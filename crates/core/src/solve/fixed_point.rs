@@ -15,13 +15,17 @@ pub struct FixedPointParams {
 }
 
 impl FixedPointParams {
-    /// To a relative residual of `tolerance`, in at most `max_passes` passes.
+    /// Parameters of a solve to a relative residual of `tolerance`, in at most `max_passes` passes.
     pub fn new(tolerance: f64, max_passes: u32) -> Self {
         Self { tolerance, max_passes, reduction: 0.0 }
     }
 }
 
 /// Iterates H ← U (E + (K - J) H) from zero until ‖H_new - H‖ / ‖H_new‖ is at most the tolerance.
+///
+/// # Errors
+/// Fails if a pass fails, if the residual diverges or is above the tolerance after `max_passes` passes, or if
+/// `progress` stops the solve.
 pub fn fixed_point<O: LightOperator + ?Sized>(
     operator: &mut O,
     params: &FixedPointParams,
@@ -30,7 +34,11 @@ pub fn fixed_point<O: LightOperator + ?Sized>(
     fixed_point_from(operator, None, params, progress)
 }
 
-/// The same from an initial guess rather than from zero.
+/// Iterates like [`fixed_point`], but from an initial guess rather than from zero; `None` for zero.
+///
+/// # Errors
+/// Fails if a pass fails, if the residual diverges or is above the tolerance after `max_passes` passes, or if
+/// `progress` stops the solve.
 pub fn fixed_point_from<O: LightOperator + ?Sized>(
     operator: &mut O,
     guess: Option<O::Vector>,

@@ -25,7 +25,8 @@ pub struct GmresParams {
 }
 
 impl GmresParams {
-    /// To a relative residual of `tolerance`, in at most `max_passes` passes, with a basis of `restart` vectors.
+    /// Parameters of a solve to a relative residual of `tolerance`, in at most `max_passes` passes, with a
+    /// basis of `restart` vectors.
     pub fn new(tolerance: f64, max_passes: u32, restart: u32) -> Self {
         Self { tolerance, max_passes, restart, reduction: 0.0, rounding: f64::INFINITY }
     }
@@ -50,6 +51,10 @@ pub fn gmres_scratch(restart: u32) -> u32 {
 
 /// Solves to a relative residual ‖U (E + (K - J) H) - H‖ / ‖H‖ in the operator's magnitude. The basis gives the
 /// residual without a pass; one more pass verifies it at the end where rounding may matter.
+///
+/// # Errors
+/// Fails if a pass fails, if the residual diverges, stagnates or is above the tolerance after `max_passes`
+/// passes, or if `progress` stops the solve.
 pub fn gmres<O: LightOperator + ?Sized>(
     operator: &mut O,
     params: &GmresParams,
@@ -58,7 +63,12 @@ pub fn gmres<O: LightOperator + ?Sized>(
     gmres_from(operator, None, params, progress)
 }
 
-/// The same from an initial guess rather than from zero: each correct digit saves a pass or two.
+/// Solves like [`gmres`], but from an initial guess rather than from zero: each correct digit saves a pass or
+/// two.
+///
+/// # Errors
+/// Fails if a pass fails, if the residual diverges, stagnates or is above the tolerance after `max_passes`
+/// passes, or if `progress` stops the solve.
 pub fn gmres_from<O: LightOperator + ?Sized>(
     operator: &mut O,
     guess: Option<O::Vector>,
@@ -130,8 +140,8 @@ struct Found {
 }
 
 impl Cycle {
-    /// Runs until the residual is within the tolerance, the basis is full, or it spans the solution. The first basis vector is
-    /// the residual, not yet normalised.
+    /// Runs until the residual is within the tolerance, the basis is full, or the solution lies in its span.
+    /// The first basis vector is the residual, not yet normalised.
     fn run<O: LightOperator + ?Sized>(
         operator: &mut O,
         basis: &mut Vec<O::Vector>,
@@ -201,7 +211,7 @@ struct Judge {
     started: bool,
 }
 
-/// The part of a vector that the convergence criterion uses.
+/// The values of a vector that the convergence criterion uses.
 enum Judged {
     Part(Vec<f64>),
     /// All of it: the basis is orthonormal, so its coefficients suffice.

@@ -66,9 +66,10 @@ pub trait LightOperator {
     }
     /// y = b y.
     fn scale(&mut self, b: f64, y: &mut Self::Vector) -> Result<(), Self::Error>;
-    /// The part of a vector that the convergence criterion uses, weighted so that its 2-norm is the vector's
-    /// magnitude: irradiance times the square root of the area. It bounds reflected radiosity and, unlike it,
-    /// includes black surfaces. `None` where the whole vector counts, as in [`LightOperator::dot`].
+    /// The values of a vector that the convergence criterion uses, weighted so that their 2-norm is the
+    /// vector's magnitude: irradiance times the square root of the area. It bounds reflected radiosity and,
+    /// unlike it, includes black surfaces. `None` where the whole vector counts, as in
+    /// [`LightOperator::dot`].
     fn judged(&mut self, x: &Self::Vector) -> Result<Option<Vec<f64>>, Self::Error>;
     /// Norm of a vector in the convergence criterion.
     fn magnitude(&mut self, x: &Self::Vector) -> Result<f64, Self::Error> {
@@ -138,7 +139,7 @@ pub enum SolveError<E, V> {
         stagnated: bool,
         /// The relative residual after each pass.
         residuals: Vec<f64>,
-        /// As in [`SolveInfo::spectral_radius`].
+        /// Estimate of the spectral radius of U (K - J): [`SolveInfo::spectral_radius`].
         spectral_radius: Option<f64>,
         /// The iterate with this residual.
         best: V,
@@ -179,7 +180,10 @@ impl<E, V> SolveError<E, V> {
         matches!(self, Self::Diverged { .. } | Self::NoConvergence { .. })
     }
 
-    /// The same error with the last iterate converted.
+    /// Converts the last iterate, `best`, and keeps the rest of the error.
+    ///
+    /// # Errors
+    /// Fails if `make` does.
     pub fn map_best<W, F>(
         self,
         make: impl FnOnce(V, SolveInfo) -> Result<W, F>,

@@ -1,14 +1,15 @@
-//! Who computes the bins of clusters, of several ranks.
+//! Which of several ranks computes the bins of which clusters.
 
 use crate::model::{ClusterRun, Clusters};
 use crate::plan::Plan;
 use std::ops::Range;
 
-/// The clusters of a group by who computes their bins.
+/// The clusters of a group by the rank that computes their bins.
 pub struct BinShares {
-    /// Those that one rank computes, by rank and height: all of their triangles are its own.
+    /// Clusters whose triangles all belong to one rank, which computes their bins: index ranges by rank and
+    /// height.
     pub by_rank: Vec<Vec<Range<u32>>>,
-    /// All others, by height: every rank computes them, from the former.
+    /// All other clusters: index ranges by height. Every rank computes their bins from those in `by_rank`.
     pub by_all: Vec<Vec<Range<u32>>>,
 }
 

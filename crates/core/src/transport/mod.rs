@@ -26,13 +26,13 @@ use glam::DVec3;
 /// it, whose memory it holds until it is dropped.
 pub struct State(Values);
 
-/// Where the values of a state are.
+/// The values of a state, by the backend and the precision that hold them.
 enum Values {
-    /// In buffers of a Vulkan device, or streamed through windows of it.
+    /// Buffers of a Vulkan device, or host memory that streams through windows of it.
     Vulkan(vulkan::State),
-    /// In f32 on the CPU.
+    /// Numbers in f32 on the CPU.
     Single(cpu::Vector<f32>),
-    /// In f64 on the CPU.
+    /// Numbers in f64 on the CPU.
     Double(cpu::Vector<f64>),
 }
 
@@ -45,8 +45,8 @@ pub struct OutgoingValues {
     pub specular: Vec<Option<Vec<f64>>>,
 }
 
-/// Derivatives of a loss by the specular parameters of a slot: Σ_ob μ(o) lobe H(b), and the same with the factor
-/// ln⟨h,n⟩.
+/// Derivatives of a loss by the specular parameters of a slot, per channel: Σ_ob μ(o) lobe H(b), then Σ_ob
+/// μ(o) lobe ln⟨h,n⟩ H(b).
 pub type LobeSums = [DVec3; 2];
 
 /// All operators over one planned scene. As a [`LightOperator`] it is the light equation, H = U (E + (K - J) H).
@@ -97,8 +97,8 @@ pub trait Operators: LightOperator<Vector = State, Error = TransportError> + Sen
     /// Sets every value of a state to `value`, for measurements.
     fn fill(&mut self, x: &mut State, value: f64) -> Result<(), TransportError>;
 
-    /// Outgoing light under `x`, emission included: diffuse radiance of every slot, and per group the specular
-    /// radiance, laid out like [`Operators::bins`]. W/(m² sr).
+    /// Outgoing light under `x`, emission included, W/(m² sr): diffuse radiance of every slot, and specular
+    /// radiance per group, laid out like [`Operators::bins`].
     fn outgoing(&mut self, x: &State) -> Result<OutgoingValues, TransportError>;
 
     /// The transposed operators, of which one solve borrows all.

@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub const TARGET: f64 = 0.15;
 /// Most items at once: as many workgroups as every device supports along one axis.
 const MOST_ITEMS: u32 = 65_535;
-/// Part of that which the first submission takes if the rate is guessed right: a GPU of a phone may be that much slower, and its
-/// watchdog must not bite before the rate is known.
+/// Fraction of [`TARGET`] that the first submission takes if the rate is guessed right. A GPU of a phone may
+/// be that much slower, and its watchdog must not bite before the rate is known.
 const FIRST: f64 = 1.0 / 16.0;
 /// Largest growth from one submission to the next, since rates are noisy.
 const GROWTH: f64 = 4.0;
@@ -33,13 +33,13 @@ impl Pace {
         self.pairs_per_submission() as u64
     }
 
-    /// The part of a submission that so many pairs are.
+    /// `pairs` as a fraction of what one submission takes.
     pub fn load(&self, pairs: u64) -> f64 {
         pairs as f64 / self.pairs_per_submission()
     }
 
-    /// How many of `items` of `pairs` pairs each to dispatch at once: in parts of equal size, so that no short one
-    /// remains.
+    /// How many of `items`, of `pairs` pairs each, to dispatch at once: in ranges of equal size, so that no
+    /// short one remains.
     pub fn share(&self, items: u32, pairs: u64) -> u32 {
         let affordable = (self.pairs() / pairs.max(1)).clamp(1, u64::from(MOST_ITEMS)) as u32;
         items.div_ceil(items.div_ceil(affordable).max(1)).max(1)

@@ -10,7 +10,7 @@ pub const FACET: usize = 8;
 pub const CORNERS: usize = 12;
 /// Reals of a `Surface` of crates/core/glsl/surface.glsl: δρ, p; L_e, unused; σ N(p), unused.
 pub const SURFACE: usize = 12;
-/// Where σ N(p) is in it.
+/// Offset of σ N(p) in a `Surface`, in reals.
 pub const SPECULAR: usize = 8;
 
 fn facet_reals(f: &Facet) -> [f64; FACET] {

@@ -34,7 +34,7 @@ impl Shape {
         }
     }
 
-    /// Those that occur in a scene.
+    /// All shapes that occur in a planned scene.
     pub fn all(plan: &Plan) -> Vec<Self> {
         let volumes = plan.clusters().and_then(Clusters::volumes).map(|volumes| volumes.run().class);
         let mut shapes: Vec<Self> = Vec::new();

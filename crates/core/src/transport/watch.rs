@@ -77,7 +77,8 @@ pub enum TransportError {
 }
 
 impl TransportError {
-    /// As [`GpuError::may_pass`] and [`RankError::may_pass`].
+    /// Whether the same call may succeed later, as [`GpuError::may_pass`] and [`RankError::may_pass`] tell;
+    /// false for all other errors.
     pub fn may_pass(&self) -> bool {
         match self {
             Self::Gpu(error) => error.may_pass(),
@@ -90,7 +91,7 @@ impl TransportError {
         Self::Missing { what: what.into() }
     }
 
-    /// From what a thread panicked with.
+    /// The error for a thread that panicked with `payload`.
     pub(super) fn panicked(payload: &(dyn Any + Send)) -> Self {
         let text = payload.downcast_ref::<&str>().copied();
         let text = text.or_else(|| payload.downcast_ref::<String>().map(String::as_str));
@@ -113,6 +114,9 @@ impl Progress {
     }
 
     /// Work on `pairs` pairs has ended, or is recorded.
+    ///
+    /// # Errors
+    /// Fails with [`TransportError::Interrupted`] if the callback stops the pass.
     pub fn done(&mut self, pairs: u64) -> Result<(), TransportError> {
         self.done += pairs;
         match self.callback.as_mut().map(|callback| callback(self.done, self.total)) {

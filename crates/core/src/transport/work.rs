@@ -12,7 +12,8 @@ pub fn far_pairs(plan: &Plan, one: &Group, other: &Group) -> u64 {
     tiles * u64::from(plan.layout.tile * plan.layout.tile)
 }
 
-/// Pairs of a whole pass, weighted by cost. `evaluated`: whether close pairs are evaluated even where they are kept.
+/// Pairs of a whole pass forwards, weighted by cost. `evaluated`: whether close pairs are evaluated even
+/// where they are kept.
 pub fn pairs(plan: &Plan, evaluated: bool) -> u64 {
     let slots = u64::from(plan.layout.slots());
     let far = plan.clusters().map_or(slots * slots, |clusters| clusters.sources().count() * u64::from(LIST));
@@ -22,7 +23,8 @@ pub fn pairs(plan: &Plan, evaluated: bool) -> u64 {
     }
 }
 
-/// The same of a pass of the adjoint, by source.
+/// Pairs of a whole pass of the adjoint, weighted by cost; lists are those of receivers. `evaluated`: whether
+/// close pairs are evaluated even where they are kept.
 pub fn pairs_by_source(plan: &Plan, evaluated: bool) -> u64 {
     let pairs = pairs(plan, evaluated);
     let Some(clusters) = plan.clusters() else { return pairs };

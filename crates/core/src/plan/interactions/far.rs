@@ -1,4 +1,4 @@
-//! Which tiles exchange light point to point, as runs of partner tiles with the same bits.
+//! Pairs of tiles that exchange light point to point, as runs of partner tiles with the same bits.
 
 use crate::plan::PlanError;
 use std::ops::Range;
@@ -7,13 +7,13 @@ use std::ops::Range;
 const PASSING_BITS: u32 = 4;
 const PASSING: u32 = (1 << PASSING_BITS) - 1;
 
-/// For each target tile, of receivers or sources, runs that cover all partner tiles. A run is one word,
-/// `end << 4 | passing`, and begins at the end of the one before; ends ascend to the number of tiles. Kernels read the
-/// same words (crates/core/glsl/far_push.glsl).
+/// Runs of each target tile, of receivers or sources, that cover all partner tiles. A run is one word,
+/// `end << 4 | passing`, and begins at the end of the one before; ends ascend to the number of tiles. Kernels
+/// read the same words (crates/core/glsl/far_push.glsl).
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FarRuns {
     tiles: u32,
-    /// For each target the index of its first run in these words, then the end of the last; then all runs.
+    /// The index of the first run of each target in these words, then the end of the last; then all runs.
     words: Vec<u32>,
 }
 
@@ -38,7 +38,10 @@ fn word(end: u32, passing: u32) -> u32 {
 }
 
 impl FarRuns {
-    /// From a row for each tile that covers all tiles.
+    /// Joins the rows of all targets, each of which covers all tiles.
+    ///
+    /// # Errors
+    /// Fails if the runs are more than 32-bit indices can address.
     pub fn new(rows: &[Row]) -> Result<Self, PlanError> {
         let count = rows.len() + 1 + rows.iter().map(|row| row.words.len()).sum::<usize>();
         let mut words = Vec::with_capacity(count);
@@ -100,7 +103,10 @@ impl FarRuns {
         targets.clone().any(|target| self.passing(target, partners, bits).next().is_some())
     }
 
-    /// The same pairs with targets and partners exchanged.
+    /// The pairs with targets and partners exchanged.
+    ///
+    /// # Errors
+    /// Fails if the runs are more than 32-bit indices can address.
     pub fn transposed(&self) -> Result<Self, PlanError> {
         let all = 0..self.tiles;
         let mut rows = vec![Row::default(); self.tiles as usize];

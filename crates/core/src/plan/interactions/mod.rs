@@ -17,9 +17,9 @@ use std::sync::Arc;
 /// The pairs by target: receivers with sources as partners, or sources with receivers.
 #[derive(Clone, Debug, Default)]
 pub struct PairLists {
-    /// By tile.
+    /// Point-to-point pairs, by tile of targets.
     pub far: FarRuns,
-    /// By slot.
+    /// Close pairs, by slot of the target.
     pub near: NearPairs,
 }
 
@@ -30,7 +30,7 @@ pub struct Interactions {
     pub by_receiver: PairLists,
     /// Targets are sources; `None` without planned gradients.
     pub by_source: Option<PairLists>,
-    /// Where clusters stand for far triangles; there are no runs of tiles then.
+    /// Clusters that stand for far triangles, if planned; there are no runs of tiles then.
     pub clusters: Option<Clusters>,
 }
 
@@ -55,8 +55,8 @@ impl Interactions {
         Ok(Self { by_receiver, by_source, clusters: None })
     }
 
-    /// With clusters, and close pairs. `leaf`: triangles of the smallest clusters; `most_volumes`: if there are to be any; `bin`: solid angle
-    /// of a bin.
+    /// Finds close pairs, and plans clusters for all others. `leaf`: triangles of the smallest clusters;
+    /// `most_volumes`: number of volumes at most, if there are to be any; `bin`: solid angle of a bin, sr.
     pub(super) fn hierarchical(
         layout: &TileLayout,
         facets: &Arc<[Facet]>,

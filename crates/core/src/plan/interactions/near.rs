@@ -7,11 +7,11 @@ use crate::plan::TileLayout;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// For each target slot the slots of its close partners, ascending. Targets are receivers and partners sources, or
+/// Slots of the close partners of each target slot, ascending. Targets are receivers and partners sources, or
 /// the other way round.
 #[derive(Clone, Debug, Default)]
 pub struct NearPairs {
-    /// Where each slot's list starts; one entry more than there are slots.
+    /// Index in `partners` at which the list of each slot starts; one entry more than there are slots.
     pub offsets: Vec<u32>,
     /// Slots of the close triangles, list after list, ascending in each.
     pub partners: Vec<u32>,
@@ -19,6 +19,9 @@ pub struct NearPairs {
 
 impl NearPairs {
     /// Finds the close pairs among the tiles marked [`PAIR_NEAR`].
+    ///
+    /// # Errors
+    /// Fails if the pairs are more than 32-bit indices can address.
     pub fn of_tiles(
         layout: &TileLayout,
         far: &FarRuns,
@@ -34,7 +37,10 @@ impl NearPairs {
         })
     }
 
-    /// The same among the sources marked [`PAIR_NEAR`], of which none is a cluster.
+    /// Finds the close pairs among the sources of lists marked [`PAIR_NEAR`], of which none is a cluster.
+    ///
+    /// # Errors
+    /// Fails if the pairs are more than 32-bit indices can address.
     pub fn of_sources(
         layout: &TileLayout,
         clusters: &Clusters,
@@ -49,8 +55,8 @@ impl NearPairs {
         })
     }
 
-    /// The close ones of the pairs that `candidates` lists: for a run of so many receivers, by its number, the slots of sources,
-    /// ascending.
+    /// The close ones of the pairs that `candidates` lists: for each range of `run` receivers, by its number,
+    /// the slots of sources, ascending.
     fn among<C: Iterator<Item = usize>>(
         layout: &TileLayout,
         facets: &[Facet],
@@ -111,7 +117,7 @@ impl NearPairs {
         &all[before(partners.start)..before(partners.end)]
     }
 
-    /// The same pairs with targets and partners exchanged.
+    /// The pairs with targets and partners exchanged.
     pub fn transposed(&self) -> Self {
         let slots = self.offsets.len() - 1;
         let mut offsets = vec![0; slots + 1];

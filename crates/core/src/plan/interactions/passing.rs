@@ -14,7 +14,7 @@ pub struct Passing<'a> {
     tolerance: f64,
     cull: bool,
     tree: &'a Hierarchy,
-    /// By tile, its leaf and, for each triangle, the normal n and height ⟨n, x⟩ of its plane.
+    /// Leaf of each tile and, for each of its triangles, the normal n and height ⟨n, x⟩ of its plane.
     tiles: Vec<(&'a Node, Vec<(DVec3, f64)>)>,
     /// Number of blocker tiles before each tile.
     blockers: Vec<u32>,
@@ -47,8 +47,11 @@ impl<'a> Passing<'a> {
         Self { half_range, tolerance, cull, tree, tiles, blockers }
     }
 
-    /// For each receiver tile, what source tiles can send. Never omits a pair that contributes more than rounding;
-    /// without culling, omits none.
+    /// Finds what the source tiles can send to each receiver tile. Never omits a pair that contributes more
+    /// than rounding; without culling, omits none.
+    ///
+    /// # Errors
+    /// Fails if the runs of tiles are more than 32-bit indices can address.
     pub fn runs(&self) -> Result<FarRuns, PlanError> {
         let rows: Vec<Row> =
             (0..self.tiles.len()).into_par_iter().map(|receiver| self.row(receiver)).collect();

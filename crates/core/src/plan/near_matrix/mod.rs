@@ -45,9 +45,9 @@ impl Default for NearField {
 /// The near field as a matrix on incident and outgoing light.
 #[derive(Clone, Debug)]
 pub struct NearMatrix {
-    /// From outgoing to incident light.
+    /// The matrix from outgoing to incident light.
     pub forward: Arc<SlicedMatrix>,
-    /// From the cotangent of incident light to that of outgoing light; with gradients.
+    /// The matrix from the cotangent of incident light to that of outgoing light; with gradients.
     pub transposed: Option<Arc<SlicedMatrix>>,
     /// Number of weights, without those that fill up slices.
     pub weights: u64,
@@ -78,11 +78,11 @@ impl fmt::Display for NearField {
 
 const NO_ROOM: &str = "its matrix does not fit the memory budget";
 const TOO_LARGE: &str = "its matrix is larger than a buffer may be";
-/// Receivers whose rows tell about how long the others are.
+/// Receivers whose rows are evaluated to estimate the size of the whole matrix.
 const SAMPLE: usize = 64;
-/// So many times as many are evaluated at once.
+/// Most receivers that are evaluated without such an estimate, as a multiple of [`SAMPLE`].
 const FEW: usize = 16;
-/// Smallest part of the estimate from them that the whole matrix may take.
+/// Smallest fraction of its estimated size that the whole matrix may take.
 const LEAST: f64 = 0.5;
 /// Most weights: kernels index them by 32 bits.
 const MOST_WEIGHTS: u64 = 1 << 30;

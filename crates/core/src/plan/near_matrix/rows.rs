@@ -14,7 +14,8 @@ pub struct Geometry<'a> {
     pub bins: &'a Bins,
     /// Half of `near_field`.
     pub half_range: f64,
-    /// As in [`ClosePair`].
+    /// Squared distance from a plane that counts as in it, per characteristic area:
+    /// [`ClosePair::coincident`].
     pub coincident: f64,
     /// Sines below this are rounding, where there is no azimuth.
     pub pole: f64,
@@ -27,7 +28,7 @@ pub struct Row {
     pub block: u32,
     /// Row within the block.
     pub index: u32,
-    /// Its entries: the first, and their number.
+    /// Index of the first entry of the row, and the number of entries.
     pub first: u32,
     pub length: u32,
 }
@@ -134,7 +135,7 @@ impl Used {
     }
 }
 
-/// A piece, with the taps at both ends by their numbers.
+/// A piece, with the bilinear weights at both ends and the numbers of their bins.
 struct Tapped {
     piece: Piece,
     receiver: [(u32, f64); 4],
@@ -145,7 +146,8 @@ struct Tapped {
 struct Sums<'a> {
     geometry: &'a Geometry<'a>,
     blocks: &'a Blocks,
-    /// Entries by row of the receiver, irradiance first, and within it by outgoing part of the blocks.
+    /// Entries by row of the receiver, irradiance first, and within a row by the outgoing light of the
+    /// blocks.
     lists: Vec<Vec<(u32, f64)>>,
     /// The lists that have entries.
     filled: Vec<u32>,
@@ -210,7 +212,7 @@ impl<'a> Sums<'a> {
         self.filled.clear();
     }
 
-    /// Lists the pieces of a pair with their taps.
+    /// Lists the pieces of a pair with their bilinear weights.
     fn tap(&mut self, pair: &ClosePair, receiver: &DMat3) {
         let Self { pieces, rows, columns, .. } = self;
         let Geometry { bins, pole, .. } = *self.geometry;

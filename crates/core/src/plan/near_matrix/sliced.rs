@@ -9,7 +9,7 @@ use std::ops::Range;
 
 /// Rows of a slice.
 pub const SLICE: u32 = 32;
-/// In place of a row at the end of a block's last slice.
+/// Index in place of a row at the end of a block's last slice.
 pub const NO_ROW: u32 = u32::MAX;
 
 /// A block: consecutive slices.
@@ -19,7 +19,7 @@ pub struct Block {
     pub incident: IncidentPart,
     /// What the other side is.
     pub outgoing: OutgoingPart,
-    /// Its slices, in descending order of their width.
+    /// The slices of the block, in descending order of their width.
     pub slices: Range<u32>,
 }
 
@@ -27,20 +27,20 @@ pub struct Block {
 /// others are filled up with zeros.
 #[derive(Clone, Debug, Default)]
 pub struct SlicedMatrix {
-    /// In ascending order of their index.
+    /// The blocks, in ascending order of their index.
     pub blocks: Vec<Block>,
-    /// Where each slice starts, in units of [`SLICE`] entries; then the end of the last.
+    /// Offset of each slice, in units of [`SLICE`] entries; then the end of the last.
     pub starts: Vec<u32>,
     /// The row of each lane of each slice, or [`NO_ROW`].
     pub rows: Vec<u32>,
     /// Columns: slice after slice, in each the first of all rows, then the second.
     pub columns: Vec<u32>,
-    /// The weights, likewise.
+    /// Weights, in the order of `columns`.
     pub weights: Vec<f64>,
 }
 
 impl SlicedMatrix {
-    /// From the rows of some blocks, each multiplied by `factor`, a function of block and row.
+    /// Makes slices of the rows of some blocks, each multiplied by `factor`, a function of block and row.
     pub fn new(rows: &Rows, blocks: &Blocks, factor: impl Fn(&Row) -> f64 + Sync) -> Self {
         let mut sorted: Vec<&Row> = rows.rows.iter().collect();
         sorted.par_sort_unstable_by_key(|row| (row.block, Reverse(row.length), row.index));
@@ -69,7 +69,7 @@ impl SlicedMatrix {
         matrix
     }
 
-    /// The same with rows that are numbered from another one on, of each block.
+    /// Renumbers the rows of each block, so that they count from `first` of the block on.
     pub fn moved(mut self, first: impl Fn(&Block) -> u32) -> Self {
         for block in &self.blocks {
             let first = first(block);

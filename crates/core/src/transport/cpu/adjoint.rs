@@ -21,24 +21,28 @@ use glam::DVec3;
 
 /// The cotangents that the loss itself provides, and those that a pass accumulates.
 pub struct AdjointArrays<T> {
-    /// λ₀: of irradiance, four numbers per slot.
+    /// λ₀: cotangent of irradiance, four numbers per slot.
     pub irradiance: Array<T>,
-    /// μ₀: of radiance, likewise; and by glossy group of specular radiance, of this rank's triangles.
+    /// μ₀: cotangent of diffuse radiance, four numbers per slot; and of specular radiance, by glossy group,
+    /// of the triangles of this rank.
     pub radiance: Array<T>,
     pub specular: Vec<Option<Array<T>>>,
-    /// μ = μ₀ + Uᵀ λ, of the same.
+    /// μ = μ₀ + Uᵀ λ: current cotangents of diffuse and of specular radiance, laid out like μ₀.
     pub current_radiance: Array<T>,
     pub current_specular: Vec<Option<Array<T>>>,
-    /// Where clusters stand for far triangles.
+    /// Cotangents of the light of clusters; `None` where no clusters are planned.
     pub clusters: Option<ClusterCotangents<T>>,
-    /// By geometry, of each slot and cluster.
+    /// Derivatives by geometry of each slot and cluster, sixteen numbers each.
     gradients: Option<Array<T>>,
-    /// By specular parameters: two rows per slot.
+    /// Derivatives by specular parameters, two rows of four numbers per slot.
     lobe_sums: Option<Array<T>>,
 }
 
 impl<T: Real> AdjointArrays<T> {
-    /// Those that the plan counts; `None` without planned gradients.
+    /// Allocates the arrays that the plan counts; `None` without planned gradients.
+    ///
+    /// # Errors
+    /// Fails if the memory budget of the CPU does not hold them.
     pub fn new(cpu: &Cpu, plan: &Plan) -> Result<Option<Self>, OverBudget> {
         if plan.interactions().by_source.is_none() {
             return Ok(None);
@@ -212,6 +216,9 @@ impl<T: Real> Adjoint for AdjointOperator<'_, T> {
 }
 
 /// A state as a vector of numbers of this type.
+///
+/// # Errors
+/// Fails with [`TransportError::OtherBackend`] if the state is of another backend or precision.
 pub fn vector<T: Real>(state: &State) -> Result<&Vector<T>, TransportError> {
     T::vector(state).ok_or(TransportError::OtherBackend)
 }

@@ -10,7 +10,7 @@ use crate::plan::{NearPairs, PAIR_BACK};
 use std::ops::Range;
 
 impl<T: Real> Triangle<T> {
-    /// That of a slot.
+    /// The triangle of a slot: its facet and its corners.
     pub fn read(facets: &[T], corners: &[T], slot: u32) -> Self {
         let own = &corners[slot as usize * 3 * SLOT..][..3 * SLOT];
         let corner = |k: usize| [own[SLOT * k], own[SLOT * k + 1], own[SLOT * k + 2]];

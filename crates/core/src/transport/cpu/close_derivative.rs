@@ -25,7 +25,7 @@ struct Exchange<'a, T> {
     incident: &'a [T],
 }
 
-/// Of a triangle: by its corners, its normal, and its characteristic area.
+/// Gradient of a triangle: by its corners, its normal, and its characteristic area.
 struct Sums<T> {
     corners: Corners<T>,
     normal: [T; 3],
@@ -33,7 +33,7 @@ struct Sums<T> {
 }
 
 impl<T: Real> Derivative<'_, T> {
-    /// Of the sources or receivers of a block.
+    /// Gradients of the N sources or receivers of a block, from their close partners.
     pub(super) fn close_block<const N: usize>(
         &self,
         block: u32,
@@ -292,7 +292,8 @@ impl<T: Real, const N: usize> PieceSlopes<T, N> {
         normals: [[T::ZERO; N]; 3],
     };
 
-    /// With the same weights for all pieces.
+    /// Evaluates the N pieces of a pair with the same weights `[diffuse, binned]` for all; returns whether
+    /// anything passes.
     fn evaluate<const BY_SOURCE: bool>(
         &mut self,
         pair: &ClosePair<T>,
@@ -304,8 +305,8 @@ impl<T: Real, const N: usize> PieceSlopes<T, N> {
         self.evaluate_blended::<BY_SOURCE>(pair, layout, exchange, ends, (diffuse, &[binned; N]))
     }
 
-    /// Sets all from some triangles to others, with the weight of radiance in all directions, and those of what varies. Whether anything
-    /// passes.
+    /// Evaluates the pieces from some triangles to others. The weights are those of diffuse radiance and, by
+    /// piece, of directional radiance. Returns whether anything passes.
     fn evaluate_blended<const BY_SOURCE: bool>(
         &mut self,
         pair: &ClosePair<T>,

@@ -34,6 +34,9 @@ pub struct Sources<'a, T> {
 
 impl<T: Real> ClusterLight<T> {
     /// `None` where no clusters are planned.
+    ///
+    /// # Errors
+    /// Fails if the memory budget of the CPU does not hold the pages.
     pub fn new(cpu: &Cpu, plan: &Plan) -> Result<Option<Self>, OverBudget> {
         let Some(clusters) = plan.clusters() else { return Ok(None) };
         let runs = clusters.runs().iter().enumerate();
@@ -44,8 +47,11 @@ impl<T: Real> ClusterLight<T> {
         }))
     }
 
-    /// Computes the light of the clusters of a group from that of its triangles; with `backs`, of their backs, too. It replaces that of
-    /// the group before.
+    /// Computes the light of the clusters of a group from that of its triangles; with `backs`, of their
+    /// backs, too. It replaces that of the group before.
+    ///
+    /// # Errors
+    /// Fails if the plan has no clusters, or if another rank has ended.
     pub fn gather(
         &mut self,
         context: &Context<T>,
@@ -90,6 +96,9 @@ impl<T: Real> ClusterLight<T> {
     }
 
     /// The clusters of a group as sources, once they are gathered.
+    ///
+    /// # Errors
+    /// Fails if the plan has no clusters.
     pub fn sources(&self, plan: &Plan, group: usize, backs: bool) -> Result<Sources<'_, T>, TransportError> {
         let (_, run) = clusters_of(plan, group)?;
         fn bins<T>(page: &Option<Array<T>>, wanted: bool) -> &[T] {
@@ -141,7 +150,7 @@ pub struct ClusterBins<'a, T> {
     pub clusters: &'a Clusters,
     pub run: &'a ClusterRun,
     pub facets: &'a [T],
-    /// Numbers of the bins of each.
+    /// Numbers of the bins of one cluster.
     pub reals: usize,
 }
 
@@ -190,7 +199,8 @@ impl<T: Real> ClusterBins<'_, T> {
         }
     }
 
-    /// Adds to cotangents of clusters what comes from the clusters that they are part of.
+    /// Adds to the cotangents of clusters those of the clusters that contain them, from the top of the tree
+    /// down.
     pub fn within(&self, own: &mut [T]) {
         let page = self.page();
         for of in self.run.heights.iter().skip(1).rev() {
@@ -199,13 +209,15 @@ impl<T: Real> ClusterBins<'_, T> {
         }
     }
 
-    /// Adds to those of triangles, which begin with a slot, what comes from some clusters of these.
+    /// Adds to the cotangents of triangles, of which the first has the slot `first`, those of the clusters
+    /// `of` that contain them.
     pub fn to_triangles(&self, own: &[T], of: &Range<u32>, (triangles, first): (&mut [T], u32)) {
         let page = self.page();
         self.scatter(of, (own, page), (triangles, Page { first, ..page }));
     }
 
-    /// From some clusters to their parts.
+    /// Adds the cotangents of the clusters `of` to those of their parts, weighted by their shares. Each page
+    /// comes with its layout.
     fn scatter(&self, of: &Range<u32>, (from, from_page): (&[T], Page), (to, to_page): (&mut [T], Page)) {
         let of_cluster = |cluster: u32| self.parts(cluster).indices().map(move |part| (part, cluster));
         let mut parts: Vec<(u32, u32)> = of.clone().flat_map(of_cluster).collect();
@@ -242,12 +254,18 @@ fn add<T: Real>(factor: T, from: &[T], to: &mut [T]) {
 }
 
 /// The clusters of the scene, and of one group.
+///
+/// # Errors
+/// Fails if the plan has no clusters.
 pub fn clusters_of(plan: &Plan, group: usize) -> Result<(&Clusters, &ClusterRun), TransportError> {
     let of = plan.clusters().and_then(|clusters| Some((clusters, clusters.runs().get(group)?)));
     of.ok_or_else(|| TransportError::missing("clusters"))
 }
 
 /// Room for the bins of the clusters of any group of some classes. `None` where there is none.
+///
+/// # Errors
+/// Fails if the memory budget of the CPU does not hold the page.
 pub fn page<T: Real>(
     cpu: &Cpu,
     plan: &Plan,

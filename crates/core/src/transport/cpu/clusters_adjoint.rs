@@ -14,19 +14,24 @@ use antirad_base::usage::OverBudget;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Where the share of a part is in its gradient.
+/// Offset in the gradient of a part at which the derivative by its share is kept.
 const SHARE: usize = 11;
 
-/// The cotangents of the light of clusters; of that of bins, of one group at a time.
+/// The cotangents of the light of clusters. Those of bins are of one group at a time.
 pub struct ClusterCotangents<T> {
-    /// Of diffuse radiance, four numbers per cluster; then of its first moments, three rows per cluster.
+    /// Cotangents of diffuse radiance, four numbers per cluster; then of its first moments, three rows per
+    /// cluster.
     pub radiance: Array<T>,
-    /// Of H(b) behind the antiradiance, as in a state of the adjoint, and of specular radiance, for the group that has most clusters.
+    /// Cotangents of bins, with room for the group that has most clusters: of H(b) behind the antiradiance,
+    /// as in a state of the adjoint, and of specular radiance.
     bins: [Option<Array<T>>; 2],
 }
 
 impl<T: Real> ClusterCotangents<T> {
     /// `None` where no clusters are planned.
+    ///
+    /// # Errors
+    /// Fails if the memory budget of the CPU does not hold the arrays.
     pub fn new(cpu: &Cpu, plan: &Plan) -> Result<Option<Self>, OverBudget> {
         let Some(clusters) = plan.clusters() else { return Ok(None) };
         let bins = |wanted| page(cpu, plan, "cotangent: cluster bins", wanted);
@@ -36,13 +41,14 @@ impl<T: Real> ClusterCotangents<T> {
         }))
     }
 
-    /// Sets those of the light of a group to zero, and of diffuse radiance all.
+    /// Sets to zero the cotangents of the bins of a class, and those of diffuse radiance of all clusters.
     pub fn clear(&mut self, class: Class) {
         self.radiance.fill(T::ZERO);
         self.bins_mut(class).into_iter().flatten().for_each(|bins| bins.fill(T::ZERO));
     }
 
-    /// Those of the antiradiance and of the specular radiance of a class.
+    /// The cotangents of the antiradiance and of the specular radiance of clusters of a class; `None` where
+    /// it has none.
     pub fn bins_mut(&mut self, class: Class) -> [Option<&mut [T]>; 2] {
         let [back, front] = &mut self.bins;
         [back.as_deref_mut().filter(|_| class.blocker), front.as_deref_mut().filter(|_| class.glossy)]
@@ -56,7 +62,7 @@ impl<T: Real> ClusterCotangents<T> {
         ]
     }
 
-    /// Where a pass accumulates them.
+    /// The arrays in which a pass accumulates the cotangents of clusters of a class.
     pub fn accumulated(&mut self, class: Class) -> Accumulated<'_, T> {
         let Self { radiance, bins: [back, front] } = self;
         Accumulated {
@@ -66,7 +72,8 @@ impl<T: Real> ClusterCotangents<T> {
         }
     }
 
-    /// Adds to the cotangents of the clusters of a group those that come through the clusters they are part of.
+    /// Adds to the cotangents of the clusters of a group those of the clusters that contain them, from the
+    /// top of the tree down.
     pub fn within(&mut self, context: &Context<T>, (clusters, run): (&Clusters, &ClusterRun)) {
         let of = ClusterBins { clusters, run, facets: &context.scene.facets, reals: context.bins() };
         self.bins_mut(run.class).into_iter().flatten().for_each(|bins| of.within(bins));

@@ -5,8 +5,11 @@ use antirad_base::ranks::{RankError, Ranks};
 use bytemuck::Pod;
 use std::ops::Range;
 
-/// Completes values of which each rank has computed those of its share of indices; `count` of each index, from that of `first` on. All
-/// ranks call it.
+/// Allgathers values: each rank has computed those of its share of indices, and all have the whole
+/// afterwards. `count`: values of each index, from that of `first` on. All ranks call it.
+///
+/// # Errors
+/// Fails if another rank has ended, or does not call it.
 pub fn complete<T: Pod>(
     ranks: &Ranks,
     values: &mut [T],
@@ -23,7 +26,10 @@ pub fn complete<T: Pod>(
     Ok(())
 }
 
-/// Completes an array with `count` values of each slot.
+/// Allgathers an array with `count` values of each slot. All ranks call it.
+///
+/// # Errors
+/// Fails if another rank has ended, or does not call it.
 pub fn complete_slots<T: Pod>(
     ranks: &Ranks,
     plan: &Plan,

@@ -13,7 +13,7 @@ use std::ops::Range;
 /// Numbers of the gradient by one facet.
 pub const GRADIENT: usize = 16;
 
-/// That gradient, laid out as `FacetGradient` of crates/core/glsl/facet_gradient.glsl.
+/// The gradient by one facet, laid out as `FacetGradient` of crates/core/glsl/facet_gradient.glsl.
 pub(super) type Gradient<T> = [T; GRADIENT];
 
 /// A `FacetGradient` of its parts.
@@ -40,7 +40,7 @@ pub struct Derivative<'a, T> {
     pub receivers_page: u32,
 }
 
-/// Of which ends of pairs the geometry counts, in blocks of these, with the other ends.
+/// The ends of pairs by whose geometry a pass differentiates, in blocks of these, with the other ends.
 pub enum By<'a> {
     Receivers(Sources<'a>),
     Sources(Receivers<'a>),
@@ -75,7 +75,7 @@ struct Scratch<T, const N: usize> {
 }
 
 impl<T: Real> Derivative<'_, T> {
-    /// Adds it for some blocks to the gradients of all triangles and clusters.
+    /// Adds the gradients of some blocks to those of all triangles and clusters.
     pub fn add(&self, blocks: Range<u32>, gradients: &mut [T]) {
         match self.by {
             By::Sources(Receivers::Listed { .. }) => {
@@ -85,7 +85,7 @@ impl<T: Real> Derivative<'_, T> {
         }
     }
 
-    /// With blocks of N sources or receivers.
+    /// Adds to `gradients` those of some blocks of N sources or receivers each.
     fn add_blocks<const N: usize>(&self, blocks: Range<u32>, gradients: &mut [T]) {
         let state = || Scratch::<T, N> { slopes: Slopes::NONE, pieces: PieceSlopes::NONE };
         let summed = |scratch: &mut Scratch<T, N>, block: u32| match &self.by {

@@ -166,6 +166,9 @@ pub fn light<'a, T: Real>(context: &'a Context<T>, radiance: &'a [T], of: &Sourc
 }
 
 /// The bins of a group in a state, of all ranks, which call it together.
+///
+/// # Errors
+/// Fails if another rank has ended, or does not call it.
 pub fn show<'a, T: Real>(
     context: &Context<T>,
     x: &'a Vector<T>,

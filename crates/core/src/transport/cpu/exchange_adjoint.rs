@@ -74,7 +74,7 @@ struct Received<'a, T> {
     context: &'a Context<T>,
     x: &'a Vector<T>,
     to: &'a Group,
-    /// Those of their bins.
+    /// Cotangents of the bins of the receivers.
     incident: &'a [T],
 }
 
@@ -125,8 +125,13 @@ fn add<T: Real>(
     })
 }
 
-/// The cotangents of the light of the clusters of a group, whole: with what comes through the clusters they are part of. With `back`, the
-/// bins of the group's triangles in a state of the adjoint, adds those of its triangles from far receivers, too.
+/// Computes the whole cotangents of the light of the clusters of a group, with those of the clusters that
+/// contain them. With `back`, the bins of the group's triangles in a state of the adjoint, adds those of its
+/// triangles from far receivers, too.
+///
+/// # Errors
+/// Fails if the plan has no clusters or no gradients, if another rank has ended, or if the callback stops the
+/// pass.
 pub fn cluster_cotangents<T: Real>(
     context: &Context<T>,
     adjoint: &mut AdjointArrays<T>,

@@ -55,7 +55,7 @@ impl<T: Real> Operators<T> {
         Ok(cameras)
     }
 
-    /// Of this rank's movable triangles as sources.
+    /// Adds the derivatives by the movable triangles of this rank as sources.
     fn by_sources(
         &mut self,
         [x, cotangent]: [&Vector<T>; 2],
@@ -109,7 +109,7 @@ impl<T: Real> Operators<T> {
         Ok(())
     }
 
-    /// Of this rank's movable triangles as receivers.
+    /// Adds the derivatives by the movable triangles of this rank as receivers.
     fn by_receivers(
         &mut self,
         [x, cotangent]: [&Vector<T>; 2],
@@ -274,7 +274,7 @@ impl<T: Real> Ends<'_, T> {
     }
 }
 
-/// Runs of tiles of a group with movable triangles.
+/// Ranges of consecutive tiles of a group that contain movable triangles.
 fn movable_tiles(plan: &Plan, group: &Group, movable: &Movable) -> Vec<Range<u32>> {
     let moves = |&tile: &u32| {
         let slots = plan.layout.slots_of(&(tile..tile + 1));

@@ -20,7 +20,7 @@ pub fn set<T: Real, const N: usize>(of: &mut Coordinates<T, N>, k: usize, value:
     of[2][k] = value[2];
 }
 
-/// Of RGB values.
+/// The dot product of two RGB values.
 #[inline(always)]
 pub fn product<T: Real>(a: [T; 4], b: [T; 4]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -35,7 +35,7 @@ pub struct Ends<'a, T> {
     pub sent: (&'a [T], T),
     /// Cotangent of irradiance.
     pub irradiance: [T; 4],
-    /// That of bins; empty without.
+    /// Cotangent of the receiver's bins; empty without.
     pub incident: &'a [T],
     /// Weights of radiance in all directions, and of that of bins.
     pub weights: [T; 2],
@@ -72,8 +72,9 @@ impl<T: Real, const N: usize> Exchanged<T, N> {
         local: [[T::ZERO; N]; 3],
     };
 
-    /// Sets the taps. `direction`: unit, from source to receiver; `front`: 1 or 0. Light that leaves the back was incident from the
-    /// opposite direction. `bins`: whether sources and receivers have some.
+    /// Sets the bilinear weights at both ends. `direction`: unit, from source to receiver; `front`: 1 or 0.
+    /// Light that leaves the back was incident from the opposite direction. `bins`: whether sources and
+    /// receivers have some.
     #[inline(always)]
     pub fn aim(
         &mut self,
@@ -100,7 +101,7 @@ impl<T: Real, const N: usize> Exchanged<T, N> {
         }
     }
 
-    /// Of one pair, L of its bins without weight, and λ.
+    /// What pair `k` exchanges: the radiance L of its bins without its weight, and the importance λ.
     #[inline(always)]
     pub fn exchange(&mut self, k: usize, layout: &Layout<T>, ends: Ends<T>) -> [[T; 4]; 2] {
         let Ends { diffuse, sent: (sent, sign), irradiance, incident, weights } = ends;

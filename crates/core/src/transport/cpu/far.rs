@@ -38,11 +38,12 @@ pub struct Received<'a, T> {
 /// The sources of blocks of receivers.
 #[derive(Clone)]
 pub enum Sources<'a> {
-    /// In a range of tiles.
+    /// Triangles in a range of tiles.
     Tiles { runs: &'a FarRuns, tiles: Range<u32>, tile: u32 },
-    /// In a range of indices of lists. Of clusters, the index of the first of all and that of its first moment; of volumes neither.
+    /// Entries in a range of indices of lists. `clusters`: where the entries are clusters, the index of the
+    /// first of all and that of its first moment. `volumes`: whether they are volume clusters.
     Listed { lists: &'a SourceLists, indices: Range<u32>, clusters: Option<[u32; 2]>, volumes: bool },
-    /// Close ones in a range of slots, piece by piece.
+    /// Close triangles in a range of slots, piece by piece.
     Close { near: &'a NearPairs, slots: Range<u32> },
 }
 
@@ -81,7 +82,7 @@ impl Sources<'_> {
         }
     }
 
-    /// Of sources that are [`TRIANGLES`], [`CLUSTERS`] or [`VOLUMES`].
+    /// What the sources are: [`TRIANGLES`], [`CLUSTERS`] or [`VOLUMES`].
     fn kind(&self) -> u8 {
         match self {
             Self::Listed { volumes: true, .. } => VOLUMES,

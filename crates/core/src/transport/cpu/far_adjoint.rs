@@ -1,4 +1,5 @@
-//! Uᵀ to far receivers, point to point, and the walk over blocks of sources. Twin of crates/core/glsl/transport_irradiance_adjoint.comp, transport_bins_adjoint.comp and cluster_adjoint.comp.
+//! Uᵀ to far receivers, point to point, and the walk over blocks of sources. Twin of
+//! crates/core/glsl/transport_irradiance_adjoint.comp, transport_bins_adjoint.comp and cluster_adjoint.comp.
 
 use super::far::{CLOSE_COST, SLOT, SMALL, flag};
 use super::pairs::{CLUSTERS, Facet, Facets, Pairs, TRIANGLES};
@@ -26,11 +27,12 @@ pub struct Importance<'a, T> {
     pub receivers_page: u32,
     /// The index with which the cotangent of the sources' radiance begins.
     pub radiance_page: u32,
-    /// The same of those of their bins.
+    /// The index with which the cotangents of the sources' bins begin.
     pub bins_page: u32,
 }
 
-/// Where the cotangents of the light of sources are accumulated: of radiance, and of their bins behind the back and in front.
+/// The arrays in which a pass accumulates the cotangents of the light of sources: of radiance, and of bins
+/// behind the back and in front.
 pub struct Accumulated<'a, T> {
     pub radiance: &'a mut [T],
     pub back: &'a mut [T],
@@ -40,12 +42,13 @@ pub struct Accumulated<'a, T> {
 /// The receivers of blocks of sources.
 #[derive(Clone)]
 pub enum Receivers<'a> {
-    /// In a range of tiles. Blocks count from the first slot.
+    /// Triangles in a range of tiles. Blocks count from the first slot.
     Tiles { runs: &'a FarRuns, tiles: Range<u32>, tile: u32 },
-    /// In a range of lists; blocks are the groups of `sources`. Of clusters, the index of the first of all and that of its first moment
-    /// from the begin of the radiance.
+    /// Receivers in a range of lists; blocks are the groups of `sources`. `clusters`: where the sources are
+    /// clusters, the index of the first of all and that of its first moment, both from the begin of the
+    /// radiance.
     Listed { lists: &'a ReceiverLists, range: Range<u32>, sources: Range<u32>, clusters: Option<[u32; 2]> },
-    /// Close ones in a range of slots, piece by piece. Blocks count from the first slot.
+    /// Close triangles in a range of slots, piece by piece. Blocks count from the first slot.
     Close { near: &'a NearPairs, slots: Range<u32> },
 }
 
@@ -128,7 +131,7 @@ impl Receivers<'_> {
 pub(super) type Sums<T> = [[T; 4]; 4];
 
 impl<T: Real> Importance<'_, T> {
-    /// Adds it for some blocks.
+    /// Adds to the cotangents of the sources in some blocks what all receivers give them.
     pub fn add(&self, blocks: Range<u32>, to: Accumulated<T>) {
         match self.of {
             Receivers::Tiles { .. } | Receivers::Close { .. } => {
@@ -138,7 +141,7 @@ impl<T: Real> Importance<'_, T> {
         }
     }
 
-    /// With blocks of N sources.
+    /// Adds to the cotangents of the sources in some blocks of N what their receivers give them.
     fn add_blocks<const N: usize>(&self, blocks: Range<u32>, to: Accumulated<T>) {
         let source = self.shape.source;
         let Accumulated { radiance, back, front } = to;
@@ -285,7 +288,8 @@ impl<T: Real> Importance<'_, T> {
         sums
     }
 
-    /// The same, by sources, from the receivers of a list at a time: many lists have few of the sources of a block.
+    /// Sums of the N sources of a block from the receivers of one list at a time, source by source: many
+    /// lists have few of the sources of a block.
     fn listed_block<const N: usize>(
         &self,
         block: u32,
@@ -411,7 +415,7 @@ fn add_diffuse<T: Real>(
     }
 }
 
-/// Parts of so many numbers each, from `first` on.
+/// Splits the numbers of an array from `first` on into consecutive ranges of these sizes.
 fn parts<'a, T>(of: &'a mut [T], first: usize, sizes: &[usize]) -> Vec<&'a mut [T]> {
     let mut rest = &mut of[first..];
     let mut parts = Vec::with_capacity(sizes.len());
@@ -466,7 +470,7 @@ impl<T: Real> Cotangents<'_, T> {
         [value[0], value[1], value[2], T::ZERO]
     }
 
-    /// Those of the bins of a receiver by its place in its page; empty if it has none.
+    /// Cotangents of the bins of the receiver at place `at` of its page; empty if it has none.
     pub fn of_bins(&self, at: u32, has: bool) -> &[T] {
         let first = at as usize * self.bins;
         &self.incident[if has { first..first + self.bins } else { 0..0 }]

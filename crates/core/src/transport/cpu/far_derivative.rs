@@ -51,7 +51,7 @@ impl<T: Real, const N: usize> Rgb<T, N> {
     }
 }
 
-/// From one source to the receivers of a block.
+/// Pairs of one source and the receivers of a block.
 struct FromOne<'a, T, const N: usize> {
     source: Facet<T>,
     sides: [T; 2],
@@ -61,7 +61,7 @@ struct FromOne<'a, T, const N: usize> {
     front: &'a [T],
     back: &'a [T],
     receivers: &'a Facets<T, N>,
-    /// Not padding.
+    /// 1 where the receiver is a triangle, 0 where it is padding.
     exists: &'a [T; N],
     irradiance: &'a Rgb<T, N>,
     cotangents: &'a Cotangents<'a, T>,
@@ -117,7 +117,7 @@ impl<T: Real, const N: usize> Pairs<T> for FromOne<'_, T, N> {
     }
 }
 
-/// From the sources of a block to one receiver.
+/// Pairs of the sources of a block and one receiver.
 struct ToOne<'a, T, const N: usize> {
     sources: &'a Facets<T, N>,
     sides: &'a [[T; 2]; N],
@@ -178,7 +178,7 @@ impl<T: Real, const N: usize> Pairs<T> for ToOne<'_, T, N> {
 }
 
 impl<T: Real> Derivative<'_, T> {
-    /// Of the receivers of a block.
+    /// Gradients of the N receivers of a block, from all their sources.
     pub(super) fn by_receivers<const N: usize>(
         &self,
         of: &Sources,
@@ -229,7 +229,7 @@ impl<T: Real> Derivative<'_, T> {
         sums.gradients()
     }
 
-    /// Of the sources of a block.
+    /// Gradients of the N sources of a block, from all their receivers.
     pub(super) fn by_sources<const N: usize>(
         &self,
         of: &Receivers,

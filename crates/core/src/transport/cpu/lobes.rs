@@ -13,7 +13,7 @@ use std::ops::Range;
 
 /// Triangles whose bins are multiplied at once: enough for the speed of large matrices, few enough to be cached.
 const TOGETHER: usize = 16;
-/// Such parts whose results are held at a time.
+/// Batches of [`TOGETHER`] triangles whose results are held at a time.
 const PARTS: usize = 64;
 /// The power in a `Surface` of crates/core/glsl/surface.glsl.
 const POWER: usize = 3;
@@ -118,7 +118,8 @@ impl<T: Real> Lobes<T> {
         }
     }
 
-    /// Of each glossy triangle among `slots`, Σ_ob μ(o) lobe(b, o) c_b A(b) and the same with the factor ln⟨h,n⟩, per channel.
+    /// Per glossy triangle among `slots` and per channel, Σ_ob μ(o) lobe(b, o) c_b A(b), and the same sum
+    /// with the factor ln⟨h,n⟩.
     pub fn derivatives(
         &self,
         surfaces: &[T],
@@ -209,7 +210,8 @@ impl<T: Real> Lobes<T> {
     }
 }
 
-/// ln of a cosine; of zero, of which every lobe is zero, the logarithm of the smallest that kernels tell apart.
+/// The logarithm of a cosine. For zero, of which every lobe is zero, that of the smallest cosine that kernels
+/// distinguish from it.
 fn logarithm(cosine: f64) -> f64 {
     cosine.max(1e-20).ln()
 }

@@ -60,16 +60,17 @@ pub struct Operators<T: Real> {
     context: Context<T>,
     outgoing: Outgoing<T>,
     pool: Arc<Pool<T>>,
-    /// Of several ranks, room for the bins of a group, and where derivatives need those of two, for another.
+    /// Room for the bins of a group where several ranks hold them; `window_beside` for a second one, where
+    /// derivatives need two.
     window: Option<Array<T>>,
     window_beside: Option<Array<T>>,
-    /// Where clusters stand for far triangles.
+    /// Light of clusters, and of volume clusters; `None` where none are planned.
     clusters: Option<ClusterLight<T>>,
     volumes: Option<VolumeLight<T>>,
-    /// Where the near field is kept.
+    /// The near-field matrix and its transpose; `None` where close pairs are evaluated in each pass.
     near: Option<NearMatrix<T>>,
     near_transposed: Option<NearMatrix<T>>,
-    /// Where gradients are planned.
+    /// Cotangents; `None` where no gradients are planned.
     adjoint: Option<AdjointArrays<T>>,
     steps: Steps,
 }

@@ -17,7 +17,7 @@ const SMALL: u64 = 1 << 14;
 pub struct NearMatrix<T> {
     pub matrix: Arc<SlicedMatrix>,
     weights: Array<T>,
-    /// That of the lists, which the plan holds.
+    /// The memory of the lists of starts, rows and columns, which the plan holds.
     _lists: [Lease; 3],
 }
 

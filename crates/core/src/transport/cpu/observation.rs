@@ -13,6 +13,9 @@ use glam::DVec3;
 
 /// Radiance of every slot towards `camera_position` (metres), W/(m² sr), under the incident light `x`, of which the diffuse radiance is
 /// computed. All ranks call it.
+///
+/// # Errors
+/// Fails if another rank has ended, or does not call it.
 pub fn observe<T: Real>(
     context: &Context<T>,
     outgoing: &mut Outgoing<T>,

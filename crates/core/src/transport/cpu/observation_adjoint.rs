@@ -84,6 +84,9 @@ pub fn derivative<T: Real>(
 }
 
 /// The sum of the rows of colours that are derivatives by the camera, over all glossy triangles. All ranks call it.
+///
+/// # Errors
+/// Fails if another rank has ended, or does not call it.
 pub fn by_camera<T: Real>(context: &Context<T>, colours: &mut [T]) -> Result<DVec3, RankError> {
     let Context { cpu, plan, .. } = context;
     complete_slots(cpu.ranks(), plan, colours, SLOT)?;

@@ -24,7 +24,7 @@ pub struct Facet<T> {
     pub centre: [T; 3],
     pub area: T,
     pub normal: [T; 3],
-    /// Of a cluster, the variance of its triangles.
+    /// Characteristic area; of a cluster, the variance of its triangles in its plane.
     pub characteristic_area: T,
     sign: T,
     inverse: T,
@@ -58,7 +58,7 @@ pub fn far_weight<T: Real>(r2: T, range: T) -> T {
     if range > T::ZERO { far } else { T::ONE }
 }
 
-/// Its slopes by `r2` and by `range`.
+/// Derivatives of [`far_weight`] by `r2` and by `range`.
 #[inline(always)]
 pub fn far_weight_slopes<T: Real>(r2: T, range: T) -> [T; 2] {
     let of = range.most(T::of(1e-30));
@@ -68,7 +68,7 @@ pub fn far_weight_slopes<T: Real>(r2: T, range: T) -> [T; 2] {
     [by_r2, -by_r2 * r2 / of]
 }
 
-/// From the gradient by d/|d| to that by d.
+/// The gradient by d, from that by d/|d| (`by`); `direction` is d/|d| and `length` is |d|.
 #[inline(always)]
 pub fn through_normalization<T: Real>(by: [T; 3], direction: [T; 3], length: T) -> [T; 3] {
     let along = dot(direction, by);
@@ -77,7 +77,7 @@ pub fn through_normalization<T: Real>(by: [T; 3], direction: [T; 3], length: T) 
 }
 
 impl<T: Real> Facet<T> {
-    /// That of an index among all.
+    /// The facet with an index among all slots, clusters and volume clusters.
     pub fn read(facets: &[T], index: u32) -> Self {
         let reals = &facets[index as usize * FACET..][..FACET];
         let sign = if reals[6] < T::of(DISCONTINUITY) { -T::ONE } else { T::ONE };
@@ -100,7 +100,8 @@ impl<T: Real> Facet<T> {
         [v[0] - s * n[0] * k, s * v[1] - n[1] * k, along]
     }
 
-    /// The transpose: from that frame.
+    /// A direction from the frame of the triangle to that of all: the transpose of
+    /// [`in_frame`](Self::in_frame).
     #[inline(always)]
     pub fn out_of_frame(&self, w: [T; 3]) -> [T; 3] {
         let (n, s) = (self.normal, self.sign);
@@ -154,15 +155,16 @@ impl<T: Real, const N: usize> Facets<T, N> {
     }
 }
 
-/// What passes.
+/// What passes between N pairs of a source and a receiver, point to point.
 pub struct Pairs<T, const N: usize> {
     /// max(cos_j, 0) |cos_i| g_ij a_i; zero where nothing passes.
     pub weight: [T; N],
     /// 1 where the front of the source sends it, otherwise 0.
     pub front: [T; N],
-    /// By how much the weight changes along the plane of the cluster, per unit of length; zero at the back.
+    /// Gradient of the weight along the plane of the cluster, per unit of length; zero at the back.
     pub slope: [[T; N]; 3],
-    /// Taps at the source, of light that leaves the front or was incident on it, and at the receiver.
+    /// Bilinear weights at the source, of light that leaves the front or was incident on it, and at the
+    /// receiver.
     pub at_source: Taps<T, N>,
     pub at_receiver: Taps<T, N>,
     direction: [[T; N]; 3],
@@ -231,7 +233,8 @@ impl<T: Real, const N: usize> Pairs<T, N> {
         }
     }
 
-    /// Leaves to the near field its part of pairs of triangles. `near`: 1 for pairs that may be close, otherwise 0.
+    /// Multiplies the weights of pairs of triangles by what the near field leaves. `near`: 1 for pairs that
+    /// may be close, otherwise 0.
     #[inline(always)]
     pub fn blend(&mut self, half_range: T, areas: impl Fn(usize) -> T, near: impl Fn(usize) -> T) {
         for k in 0..N {
@@ -251,7 +254,8 @@ impl<T: Real, const N: usize> Pairs<T, N> {
         [fronts > T::ZERO, backs > T::ZERO]
     }
 
-    /// Sets the taps at the sources. Light that leaves the back was incident from the opposite direction.
+    /// Sets the bilinear weights at the sources. Light that leaves the back was incident from the opposite
+    /// direction.
     #[inline(always)]
     pub fn aim_from(&mut self, layout: &Layout<T>, source: impl Fn(usize) -> Facet<T>) {
         let Self { at_source, direction, front, .. } = self;
@@ -265,7 +269,7 @@ impl<T: Real, const N: usize> Pairs<T, N> {
         );
     }
 
-    /// Sets the taps at the receivers.
+    /// Sets the bilinear weights at the receivers.
     #[inline(always)]
     pub fn aim_at(&mut self, layout: &Layout<T>, receiver: impl Fn(usize) -> Facet<T>) {
         let Self { at_receiver, direction, .. } = self;

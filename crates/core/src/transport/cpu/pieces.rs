@@ -28,7 +28,7 @@ pub struct Triangle<T> {
 pub struct ClosePair<T> {
     pub source: Triangle<T>,
     pub receiver: Triangle<T>,
-    /// That of the source; not a blocker where no antiradiance leaves backs.
+    /// The class of the source; not a blocker where no antiradiance leaves backs.
     pub class: Class,
     pub receiver_bins: bool,
     /// Half of `near_field`.
@@ -42,7 +42,8 @@ pub struct Pieces<T, const N: usize = ALL> {
     pub binned: [T; N],
     /// 1 where the receiver is on the front side of the source, otherwise 0.
     pub front: [T; N],
-    /// Taps at the source, of light that leaves the front or was incident on it, and at the receiver.
+    /// Bilinear weights at the source, of light that leaves the front or was incident on it, and at the
+    /// receiver.
     pub at_source: Taps<T, N>,
     pub at_receiver: Taps<T, N>,
     direction: [[T; N]; 3],
@@ -154,7 +155,7 @@ impl<T: Real> ClosePair<T> {
         }
     }
 
-    /// Sets the taps.
+    /// Sets the bilinear weights at the ends that have bins.
     #[inline(always)]
     fn aim<const N: usize>(&self, layout: &Layout<T>, pieces: &mut Pieces<T, N>) {
         let Pieces { at_source, at_receiver, direction, front, .. } = pieces;
@@ -189,7 +190,7 @@ impl<T: Real, const N: usize> Pieces<T, N> {
         far: [T::ONE; N],
     };
 
-    /// Those through which light passes.
+    /// Numbers of the pieces through which light passes.
     pub fn lit(&self) -> impl Iterator<Item = usize> {
         (0..N).filter(|&k| self.diffuse[k] > T::ZERO || self.binned[k] > T::ZERO)
     }
@@ -229,7 +230,7 @@ pub fn views<T: Real, const N: usize>(
     (seen, offset)
 }
 
-/// Those of up to four triangles.
+/// Centroids of up to four triangles.
 #[inline(always)]
 fn centroids<T: Real>(of: &[Corners<T>]) -> [[T; 3]; 4] {
     let mut all = [[T::ZERO; 3]; 4];
@@ -281,7 +282,8 @@ pub fn choose<T: Real>(first: bool, a: [T; 3], b: [T; 3]) -> [T; 3] {
     [if first { a[0] } else { b[0] }, if first { a[1] } else { b[1] }, if first { a[2] } else { b[2] }]
 }
 
-/// Where a line crosses the horizon, between ends of these heights; zero if it does not.
+/// The point at which the edge from `a` to `b` crosses the horizon, from the heights of both ends above it;
+/// zero if it does not.
 #[inline(always)]
 pub fn crossing<T: Real>([a, b]: [[T; 3]; 2], [height_a, height_b]: [T; 2]) -> [T; 3] {
     let t = height_a / (height_a - height_b);

@@ -34,11 +34,11 @@ pub trait Real:
     fn root(self) -> Self;
     fn magnitude(self) -> Self;
     fn whole(self) -> Self;
-    /// Of a whole number.
+    /// A whole number as an index.
     fn index(self) -> i32;
-    /// Of arguments in [0, 1], to rounding.
+    /// Arctangent of an argument in [0, 1], exact to rounding.
     fn arctangent(self) -> Self;
-    /// The same, as precise as the coordinates of a layout.
+    /// Arctangent of an argument in [0, 1], as precise as the coordinates of a layout need.
     fn short_arctangent(self) -> Self;
     fn arccosine(self) -> Self;
     /// e^x.

@@ -30,6 +30,9 @@ pub fn diffuse<T: Real>(context: &Context<T>, radiance: &mut [T], x: Option<&Vec
 }
 
 /// The specular radiance of a group, of all ranks, which call it together; with `first_bounce`, what it reflects of lamps, too.
+///
+/// # Errors
+/// Fails if another rank has ended, or does not call it.
 pub fn specular<T: Real>(
     context: &Context<T>,
     to: &mut Specular<T>,
@@ -78,7 +81,7 @@ pub fn reflect<T: Real>(
     });
 }
 
-/// Where the bins of some slots are in the page of their group.
+/// The range of numbers that the bins of some slots take in the page of their group.
 pub fn within<T: Real>(context: &Context<T>, group: usize, slots: &Range<u32>) -> Range<usize> {
     let first = context.plan.layout.slots_of(&context.plan.layout.groups[group].tiles).start;
     let at = |slot: u32| (slot.max(first) - first) as usize * context.bins();

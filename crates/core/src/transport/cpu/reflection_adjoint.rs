@@ -34,6 +34,9 @@ pub fn specular<T: Real>(context: &Context<T>, group: usize, specular: &[T], bin
 }
 
 /// `sums` = derivatives by the specular parameters under the incident light `x`, from the current μ of specular radiance.
+///
+/// # Errors
+/// Fails if another rank has ended, or does not call it.
 pub fn derivative<T: Real>(
     context: &Context<T>,
     specular: &[Option<Array<T>>],

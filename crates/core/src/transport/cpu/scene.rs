@@ -23,7 +23,8 @@ pub struct SceneArrays<T> {
     pub surfaces: Array<T>,
     /// Centre of each bin, and c_b.
     pub bin_table: Array<T>,
-    /// By group, the radiance of lamps that glossy triangles reflect, by triangle, bin, channel.
+    /// Per group, the radiance of lamps that glossy triangles reflect, in units of light, by triangle, bin,
+    /// channel.
     pub first_bounce: Vec<Option<Array<T>>>,
     pub lobes: Lobes<T>,
 }
@@ -78,9 +79,9 @@ pub struct Outgoing<T> {
 
 /// Specular radiance of the fronts of glossy triangles.
 pub enum Specular<T> {
-    /// Of each group.
+    /// A page for each glossy group.
     Pages(Vec<Option<Array<T>>>),
-    /// Of several ranks, of one group at a time.
+    /// One page for a group at a time, where several ranks hold the light.
     Window(Option<Array<T>>),
 }
 
@@ -100,7 +101,7 @@ impl<T: Real> Outgoing<T> {
 }
 
 impl<T: Real> Specular<T> {
-    /// That of a group, by triangle, bin, channel; empty where nothing is glossy.
+    /// Specular radiance of a group, by triangle, bin, channel; empty where it is not glossy.
     pub fn of(&self, plan: &Plan, group: usize) -> &[T] {
         let page = match self {
             Self::Pages(pages) => pages[group].as_ref(),
@@ -110,7 +111,7 @@ impl<T: Real> Specular<T> {
         page.filter(|_| of.class.glossy).map_or(&[], |page| &page[..page_reals(plan, of)])
     }
 
-    /// The same to be changed.
+    /// Specular radiance of a group, to be changed, by triangle, bin, channel; empty where it is not glossy.
     pub fn of_mut(&mut self, plan: &Plan, group: usize) -> &mut [T] {
         let page = match self {
             Self::Pages(pages) => pages[group].as_mut(),
@@ -156,7 +157,7 @@ pub fn reals<T: Real>(values: &[f64]) -> Vec<T> {
     values.iter().map(|&value| T::of(value)).collect()
 }
 
-/// The same the other way.
+/// Numbers of the type of the plan as f64.
 pub fn values<T: Real>(reals: &[T]) -> Vec<f64> {
     reals.iter().map(|&real| real.into()).collect()
 }

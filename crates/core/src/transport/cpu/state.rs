@@ -11,8 +11,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 pub struct Vector<T> {
     /// E, W/m², four numbers per slot; the last is unused and zero.
     pub irradiance: Vec<T>,
-    /// By group: A(b) = H(b) / c_b, W/(m² sr), by triangle, bin, channel; empty where the class has no bins. For a blocker this is also
-    /// the antiradiance of the back: J is the identity on this state.
+    /// A(b) = H(b) / c_b, W/(m² sr), per group, by triangle, bin, channel; empty where the class has no bins.
+    /// For a blocker this is also the antiradiance of the back: J is the identity on this state.
     pub bins: Vec<Vec<T>>,
     leases: Vec<Lease>,
     pool: Weak<Pool<T>>,
@@ -35,13 +35,19 @@ impl<T> Pool<T> {
 }
 
 impl<T: Real> Pool<T> {
-    /// With as many vectors as the plan counts.
+    /// Allocates as many vectors as the plan counts.
+    ///
+    /// # Errors
+    /// Fails if the memory budget of the CPU does not hold them.
     pub fn new(cpu: &Cpu, plan: &Plan) -> Result<Arc<Self>, OverBudget> {
         let vectors = (0..plan.vectors()).map(|_| Memory::new(cpu, plan)).collect::<Result<_, _>>()?;
         Ok(Arc::new(Self(Mutex::new(vectors))))
     }
 
     /// A vector of undefined values: one that is not in use, or a new one, which exceeds the plan.
+    ///
+    /// # Errors
+    /// Fails if the memory budget of the CPU does not hold a new one.
     pub fn take(self: &Arc<Self>, cpu: &Cpu, plan: &Plan) -> Result<Vector<T>, OverBudget> {
         let idle = self.idle().pop();
         let Memory { irradiance, bins, leases } = idle.map_or_else(|| Memory::new(cpu, plan), Ok)?;
@@ -82,7 +88,7 @@ impl<T: Real> Vector<T> {
         std::iter::once(&self.irradiance).chain(&self.bins).map(Vec::as_slice)
     }
 
-    /// The same to be changed.
+    /// The irradiance, then the bins of each group, to be changed.
     pub fn parts_mut(&mut self) -> impl Iterator<Item = &mut [T]> {
         std::iter::once(&mut self.irradiance).chain(&mut self.bins).map(Vec::as_mut_slice)
     }

@@ -60,11 +60,17 @@ impl Steps {
     }
 
     /// Pairs are done, or need not be.
+    ///
+    /// # Errors
+    /// Fails with [`TransportError::Interrupted`] if the callback stops the pass.
     pub fn done(&mut self, pairs: u64) -> Result<(), TransportError> {
         self.progress.done(pairs)
     }
 
     /// Does the work of blocks of targets, of so many pairs each.
+    ///
+    /// # Errors
+    /// Fails with [`TransportError::Interrupted`] if the callback stops the pass.
     pub fn over(
         &mut self,
         (kernel, shape): (Kernel, Shape),

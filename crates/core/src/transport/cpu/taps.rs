@@ -1,4 +1,5 @@
-//! Direction bins of several directions at a time: the four taps of T_b(ω) and their weights. Twin of crates/core/glsl/bins.glsl.
+//! Direction bins of several directions at a time: the four bilinear weights T_b(ω) of each and the bins that
+//! they belong to. Twin of crates/core/glsl/bins.glsl.
 
 use super::real::Real;
 use crate::plan::Plan;
@@ -11,7 +12,7 @@ pub struct Layout<T> {
     concentric: bool,
     rows: T,
     columns: T,
-    /// Of memory: 3, or 1 for a scene without colour.
+    /// Channels of a bin in memory: 3, or 1 for a scene without colour.
     pub channels: usize,
     /// Number of bins.
     pub count: usize,
@@ -54,8 +55,9 @@ impl<T: Real> Layout<T> {
         (first, coordinate - first)
     }
 
-    /// Row and column of the first tap, that of the next column from there, and the weights of the second row and column.
-    /// `w`: unit, in the frame of the triangle; directions below the horizon count as on it.
+    /// Row and column of the first of the four bins, the step from there to the next column, and the weights
+    /// of the second row and column. `w`: unit, in the frame of the triangle; directions below the horizon
+    /// count as on it.
     #[inline(always)]
     fn equal_angle(&self, [x, y, z]: [T; 3]) -> [T; 5] {
         let polar = z.clamped().arccosine() * T::of(FRAC_2_PI);
@@ -93,8 +95,8 @@ impl<T: Real> Layout<T> {
         if inside { T::ONE } else { T::ZERO }
     }
 
-    /// From the slopes along rows and columns to the gradient by the direction: zero where it is undefined, at the pole, and along the
-    /// polar angle below the horizon.
+    /// The gradient by the direction, from the derivatives along rows and columns. It is zero where it is
+    /// undefined: at the pole, and along the polar angle below the horizon.
     #[inline(always)]
     fn equal_angle_gradient(&self, [x, y, z]: [T; 3], [by_row, by_column]: [T; 2]) -> [T; 3] {
         let above = z > T::ZERO;
@@ -194,10 +196,10 @@ fn turns<T: Real>(x: T, y: T) -> T {
     if y < T::ZERO { T::ONE - half_plane } else { half_plane }
 }
 
-/// The taps of N directions.
+/// The bilinear weights of N directions.
 pub struct Taps<T, const N: usize> {
     first: [i32; N],
-    /// From the first to the tap in the next column.
+    /// Step from the first bin to that in the next column.
     next: [i32; N],
     /// Weights of the second row and of the second column.
     t: [T; N],
@@ -254,7 +256,7 @@ impl<T: Real, const N: usize> Taps<T, N> {
         sum
     }
 
-    /// The terms of this sum: the weights of the taps, and their values.
+    /// The four terms of Σ_b T_b values\[b\]: weights, and RGB values.
     #[inline(always)]
     pub fn terms(&self, k: usize, layout: &Layout<T>, values: &[T]) -> [(T, [T; 4]); 4] {
         let [a, b, c, d] = self.of(k, layout);
@@ -262,14 +264,14 @@ impl<T: Real, const N: usize> Taps<T, N> {
         [term(a), term(b), term(c), term(d)]
     }
 
-    /// The slopes along rows and columns of Σ_tap weight · value.
+    /// The derivatives along rows and columns of Σ_b T_b value.
     #[inline(always)]
     pub fn slopes(&self, k: usize, [a, b, c, d]: [T; 4]) -> [T; 2] {
         let (t, s) = (self.t[k], self.s[k]);
         [(T::ONE - s) * (c - a) + s * (d - b), (T::ONE - t) * (b - a) + t * (d - c)]
     }
 
-    /// bins\[b\] += T_b value.
+    /// Scatters a value to the four bins: bins\[b\] += T_b value.
     #[inline(always)]
     pub fn deposit(&self, k: usize, layout: &Layout<T>, bins: &mut [[T; 4]], value: [T; 4]) {
         for (bin, weight) in self.of(k, layout) {

@@ -48,6 +48,9 @@ pub fn accumulate<T: Real>(terms: &[(f64, &Vector<T>)], y: &mut Vector<T>) {
 }
 
 /// y = a x + b y; then ⟨z, y⟩, or ⟨y, y⟩ without z, of all ranks.
+///
+/// # Errors
+/// Fails if another rank has ended, or does not call it.
 pub fn combine_dot<T: Real>(
     ranks: &Ranks,
     (a, x): (f64, &Vector<T>),
@@ -68,6 +71,9 @@ pub fn combine_dot<T: Real>(
 }
 
 /// ⟨x, y⟩ of all ranks.
+///
+/// # Errors
+/// Fails if another rank has ended, or does not call it.
 pub fn dot<T: Real>(ranks: &Ranks, x: &Vector<T>, y: &Vector<T>) -> Result<f64, RankError> {
     let parts = x.parts().zip(y.parts()).enumerate().filter(|(part, _)| counts(ranks, *part));
     of_all(ranks, parts.map(|(_, (x, y))| products(x, y)).sum())

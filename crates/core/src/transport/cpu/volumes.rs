@@ -24,13 +24,16 @@ pub struct VolumeLight<T> {
 
 impl<T: Real> VolumeLight<T> {
     /// `None` where no volumes are planned.
+    ///
+    /// # Errors
+    /// Fails if the memory budget of the CPU does not hold the bins.
     pub fn new(cpu: &Cpu, plan: &Plan) -> Result<Option<Self>, OverBudget> {
         let Some(volumes) = volumes_of(plan) else { return Ok(None) };
         let reals = volumes.parts().len() * count::<T>(plan.bin_bytes());
         Ok(Some(Self { bins: [cpu.array("volume bins", reals)?, cpu.array("volume bins", reals)?] }))
     }
 
-    /// Sets all light to zero.
+    /// Sets the intensities of all volumes to zero.
     pub(crate) fn clear(&mut self) {
         self.bins.iter_mut().for_each(|bins| bins.fill(T::ZERO));
     }
@@ -74,6 +77,9 @@ impl<T: Real> VolumeLight<T> {
     }
 
     /// Sums up volumes that consist of others, from those of triangles, of which each rank has a share.
+    ///
+    /// # Errors
+    /// Fails if another rank has ended, or does not call it.
     pub fn sum(&mut self, context: &Context<T>) -> Result<(), RankError> {
         let Context { cpu, plan, scene, .. } = context;
         let Some(volumes) = volumes_of(plan) else { return Ok(()) };

@@ -27,18 +27,18 @@ use glam::DVec3;
 
 /// The cotangents that the loss itself provides, and the sums of gradients.
 pub struct AdjointBuffers {
-    /// λ₀: of irradiance, vec4 per slot.
+    /// λ₀: cotangent of irradiance, vec4 per slot.
     pub irradiance: Buffer,
-    /// μ₀: of radiance, vec4 per slot.
+    /// μ₀: cotangent of diffuse radiance, vec4 per slot.
     pub radiance: Buffer,
-    /// μ₀ and μ: of specular radiance.
+    /// μ₀ and μ: cotangents of specular radiance.
     pub specular: SpecularCotangents,
     /// The cotangent of irradiance that a pass reads, vec4 per slot, as point-to-point kernels bind it of partners:
     /// unlike that of a state, it extends past the last slot.
     pub receivers: Buffer,
     /// [`crate::plan::FarRuns`] by source; with clusters [`crate::model::ReceiverLists`].
     pub far_runs: Buffer,
-    /// Where clusters stand for far triangles.
+    /// Cotangents of the light of clusters; `None` where no clusters are planned.
     pub clusters: Option<ClusterCotangents>,
     pub near_offsets: Buffer,
     pub near_receivers: Buffer,
@@ -59,6 +59,9 @@ pub struct AdjointKernels {
 
 impl AdjointKernels {
     /// The kernels and buffers that the plan counts; `None` without planned gradients.
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile a kernel, or has no memory for a buffer.
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
         let Some(PairLists { far, near }) = &plan.interactions().by_source else { return Ok(None) };
         let request = plan.options.gradients;
@@ -114,6 +117,9 @@ impl AdjointBuffers {
     }
 
     /// Copies the cotangent of irradiance to where point-to-point kernels read it of partners.
+    ///
+    /// # Errors
+    /// Fails if the device does.
     pub fn copy_receivers(&self, context: &Context, cotangent: &State) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
         let irradiance = cotangent.show(device, &Part::irradiance(plan))?;

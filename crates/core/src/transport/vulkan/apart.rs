@@ -1,4 +1,5 @@
-//! States of several ranks: each holds the bins of its own triangles, and sends them to all others where these read them.
+//! States distributed over several ranks: each holds the bins of its own triangles, and sends them to all
+//! others where these read them.
 
 use super::completion::broadcast;
 use super::residency::{Part, View};
@@ -10,7 +11,7 @@ use antirad_gpu::{Buffer, BufferKind, Device, GpuError};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Who holds which bins.
+/// Which rank holds which bins.
 pub struct Apart {
     pub ranks: Ranks,
     /// Slots with bins and the rank that holds them.
@@ -30,8 +31,11 @@ impl Apart {
         }
     }
 
-    /// Calls `each` with the bins of some slots, whichever ranks hold them, and the byte among all of them with which they begin. `own`
-    /// copies those that this rank holds. All ranks call it.
+    /// Allgathers the bins of some slots: calls `each` with some of them at a time, and with the byte among
+    /// all of them at which these begin. `own` copies those that this rank holds. All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if another rank has ended or does not call it, or if `own` or `each` fails.
     pub fn gather(
         &self,
         slots: &Range<u32>,
@@ -45,7 +49,11 @@ impl Apart {
         broadcast(&self.ranks, shares, self.slot_bytes, own, receive)
     }
 
-    /// The same into a view on the device, as they come.
+    /// Allgathers the bins of some slots into a view on the device, chunk by chunk as they arrive. `own`
+    /// copies those that this rank holds. All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if another rank has ended or does not call it, if the device fails, or if `own` does.
     pub fn gather_into(
         &self,
         device: &Device,
@@ -56,7 +64,11 @@ impl Apart {
         self.gather(slots, own, |at, values| Ok(device.upload(view.buffer(), at, values)?))
     }
 
-    /// The bins of some slots.
+    /// Allgathers the bins of some slots into host memory. `own` copies those that this rank holds. All ranks
+    /// call it.
+    ///
+    /// # Errors
+    /// Fails if another rank has ended or does not call it, or if `own` fails.
     pub fn gathered(
         &self,
         slots: &Range<u32>,
@@ -73,6 +85,10 @@ impl Apart {
     /// Calls `with` with the number and the bins of each of some parts, in the `view` of it, one after the other; those of the next part
     /// come from when `with` lets them, which until then may communicate with other ranks itself. All ranks call it. Holds another part in
     /// host memory.
+    ///
+    /// # Errors
+    /// Fails if another rank has ended or does not call it, if the device fails, if a closure does, or if the
+    /// thread that brings bins panics.
     pub fn each<'a>(
         &self,
         device: &Device,
@@ -147,7 +163,11 @@ pub struct OnDevices {
 }
 
 impl OnDevices {
-    /// The bins of a part of all ranks in one of the two windows; irradiance where it is.
+    /// The bins of a part, allgathered into one of the two windows (`beside`: the second); irradiance in the
+    /// buffer that holds it. All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if another rank has ended.
     pub fn show(&self, device: &Device, part: &Part, beside: bool) -> Result<View<'_>, TransportError> {
         let Part::Bins { group, slots, .. } = part else { return self.buffers.view(part) };
         let view = self.windows.view(part, beside)?;
@@ -158,6 +178,9 @@ impl OnDevices {
 
     /// See [`State::show_each`](super::state::State::show_each). Holds what this rank holds of the parts and another part in host memory:
     /// the device has other work while they are sent.
+    ///
+    /// # Errors
+    /// Fails if the device does, if another rank has ended, or if `with` fails.
     pub fn show_each(
         &self,
         device: &Device,
@@ -186,7 +209,10 @@ impl OnDevices {
         windows.apart.each(device, parts, own, |part| windows.view(part, beside), with)
     }
 
-    /// The values of a part, of all ranks.
+    /// The bytes of a part, whichever ranks hold them. All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if another rank has ended.
     pub fn download(&self, device: &Device, part: &Part) -> Result<Vec<u8>, TransportError> {
         match part {
             Part::Irradiance { .. } => Ok(self.buffers.view(part)?.download(device)?),
@@ -210,6 +236,9 @@ impl OnDevices {
     }
 
     /// Sets the values of a part, of which this rank keeps its own.
+    ///
+    /// # Errors
+    /// Fails if the device does.
     pub fn set(&self, device: &Device, part: &Part, values: &[u8]) -> Result<(), TransportError> {
         let windows = &*self.windows;
         let Part::Bins { group, slots, .. } = part else {

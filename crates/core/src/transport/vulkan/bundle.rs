@@ -44,11 +44,17 @@ impl PassMonitor {
     }
 
     /// Work on `pairs` pairs has ended, or is recorded.
+    ///
+    /// # Errors
+    /// Fails with [`TransportError::Interrupted`] if the callback stops the pass.
     pub fn done(&mut self, pairs: u64) -> Result<(), TransportError> {
         self.progress.done(pairs)
     }
 
     /// All that was recorded has been executed, in this time.
+    ///
+    /// # Errors
+    /// Fails with [`TransportError::Interrupted`] if the callback stops the pass.
     pub fn executed(&mut self, seconds: f64) -> Result<(), TransportError> {
         self.recorded.learn(seconds);
         self.done(0)
@@ -88,6 +94,9 @@ impl<'b> Bundle<'b> {
 
     /// Records a dispatch of `pairs` pairs, reported to the callback as `shown`. First submits the earlier ones if
     /// all together would be too many.
+    ///
+    /// # Errors
+    /// Fails if `record` or the device does, or if the callback stops the pass.
     pub fn add(
         &mut self,
         pairs: u64,
@@ -119,6 +128,9 @@ impl<'b> Bundle<'b> {
     }
 
     /// The last dispatch is recorded. Where all states are on the device the rest waits for what comes next.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if the callback stops the pass.
     pub fn end(mut self) -> Result<(), TransportError> {
         if !self.monitor.defers {
             return self.submit();

@@ -17,7 +17,7 @@ use std::ops::Range;
 pub struct GatherPush {
     /// First cluster of the dispatch.
     pub begin: u32,
-    /// One past the last.
+    /// One past the last cluster of the dispatch.
     pub end: u32,
     /// Index of the first cluster of all.
     pub clusters: u32,
@@ -67,6 +67,9 @@ pub struct ClusterLight {
 
 impl ClusterLight {
     /// `None` where no clusters are planned.
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile a kernel, or has no memory for a buffer.
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
         let Some(clusters) = plan.clusters() else { return Ok(None) };
         let [gather, gather_bins] = Self::kernels(device, plan)?;
@@ -84,7 +87,10 @@ impl ClusterLight {
         }))
     }
 
-    /// Those that gather diffuse radiance, and bins.
+    /// Compiles the kernels that gather the diffuse radiance of clusters, and their bins.
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile one.
     pub fn kernels(device: &Device, plan: &Plan) -> Result<[Pipeline; 2], GpuError> {
         let precision = plan.settings.precision;
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
@@ -98,6 +104,9 @@ impl ClusterLight {
 
     /// Computes the light of the clusters of a group from that of its triangles; with `backs`, of their backs, too. It replaces that of the
     /// group before.
+    ///
+    /// # Errors
+    /// Fails if the plan has no clusters, if the device fails, or if another rank has ended.
     pub fn gather<'a>(
         &'a self,
         context: &'a Context,

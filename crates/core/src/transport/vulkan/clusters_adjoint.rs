@@ -1,4 +1,4 @@
-//! The cotangents of the light of clusters, passed on to their parts, height by height.
+//! The cotangents of the light of clusters, passed on to their parts from the top of the tree down.
 
 use super::clusters::{GatherBinsPush, GatherPush, MOST_GROUPS, Sources, clusters_of, page};
 use super::{Context, WORKGROUP, bin_constants};
@@ -26,25 +26,30 @@ pub struct SharesPush {
     pub to_page: u32,
     /// Index of the first moment in the radiance of sources, three for each cluster.
     pub moments: u32,
-    /// The same in the cotangents of clusters.
+    /// Index of the first moment in the cotangents of clusters, three for each cluster.
     pub cotangent_moments: u32,
 }
 
-/// The cotangents of the light of clusters; of that of bins, of one group at a time.
+/// The cotangents of the light of clusters. Those of bins are of one group at a time.
 pub struct ClusterCotangents {
     scatter: Pipeline,
     scatter_bins: Pipeline,
-    /// By class: of irradiance alone, blockers, glossy ones, and both. `None` unless geometry is differentiated.
+    /// Kernels by class: of irradiance alone, blockers, glossy ones, and both. `None` unless geometry is
+    /// differentiated.
     shares: Option<[Pipeline; 4]>,
-    /// Of diffuse radiance, vec4 per cluster; then of its first moments, three per cluster.
+    /// Cotangents of diffuse radiance, vec4 per cluster; then of its first moments, three per cluster.
     pub radiance: Buffer,
-    /// Of H(b) behind the antiradiance, as in a state of the adjoint, for the group that has most clusters.
+    /// Cotangents of H(b) behind the antiradiance, as in a state of the adjoint, and of specular radiance.
+    /// Both have room for the group that has most clusters.
     antiradiance: Option<Buffer>,
     specular: Option<Buffer>,
 }
 
 impl ClusterCotangents {
     /// `None` where no clusters are planned.
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile a kernel, or has no memory for a buffer.
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
         let Some(clusters) = plan.clusters() else { return Ok(None) };
         let shares = || Self::share_kernels(device, plan);
@@ -61,7 +66,10 @@ impl ClusterCotangents {
         }))
     }
 
-    /// Those that hand down cotangents of diffuse radiance, and of bins.
+    /// Compiles the kernels that scatter cotangents of diffuse radiance to parts, and those of bins.
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile one.
     pub fn kernels(device: &Device, plan: &Plan) -> Result<[Pipeline; 2], GpuError> {
         let precision = plan.settings.precision;
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
@@ -73,7 +81,11 @@ impl ClusterCotangents {
         ])
     }
 
-    /// By class: of irradiance alone, blockers, glossy ones, and both.
+    /// Compiles the kernels that differentiate by the shares of parts, by class: of irradiance alone,
+    /// blockers, glossy ones, and both.
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile one.
     pub fn share_kernels(device: &Device, plan: &Plan) -> Result<[Pipeline; 4], GpuError> {
         let constants = [&[(0, WORKGROUP)][..], &bin_constants(plan)].concat();
         let of_class = |blocker: u32, glossy: u32| {
@@ -84,7 +96,8 @@ impl ClusterCotangents {
         Ok([of_class(0, 0)?, of_class(1, 0)?, of_class(0, 1)?, of_class(1, 1)?])
     }
 
-    /// Those of the antiradiance and of the specular radiance of a class.
+    /// The cotangents of the antiradiance and of the specular radiance of clusters of a class; `None` where
+    /// it has none.
     pub fn bins(&self, class: Class) -> [Option<&Buffer>; 2] {
         [
             self.antiradiance.as_ref().filter(|_| class.blocker),
@@ -92,7 +105,10 @@ impl ClusterCotangents {
         ]
     }
 
-    /// Sets those of the light of a group to zero.
+    /// Sets the cotangents of the light of the clusters of a group to zero.
+    ///
+    /// # Errors
+    /// Fails if the plan has no clusters, or if the device fails.
     pub fn clear(&self, context: &Context, group: usize) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
         let (clusters, run) = clusters_of(plan, group)?;
@@ -108,7 +124,11 @@ impl ClusterCotangents {
         Ok(())
     }
 
-    /// Adds to the cotangents of the clusters of a group those that come through the clusters they are part of.
+    /// Adds to the cotangents of the clusters of a group those of the clusters that contain them, from the
+    /// top of the tree down.
+    ///
+    /// # Errors
+    /// Fails if the plan has no clusters, or if the device fails.
     pub fn within<'a>(&'a self, context: &'a Context, group: usize) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
         let (clusters, run) = clusters_of(plan, group)?;
@@ -222,7 +242,8 @@ impl ClusterCotangents {
         Ok(batch.dispatch(&self.scatter, "radiance", &buffers, bytes_of(&push), groups)?)
     }
 
-    /// From a page of clusters to that of triangles, or to the same page. Each with the index of its first.
+    /// Scatters cotangents of bins from a page of clusters to that of triangles, or to the same page. Each
+    /// page comes with the index of its first entry.
     fn scatter_bins(
         &self,
         context: &Context,

@@ -6,22 +6,23 @@ use antirad_base::ranks::Ranks;
 use antirad_gpu::Buffer;
 use std::ops::Range;
 
-/// Most bytes that the host holds of a share at a time.
+/// Most bytes of a share that the host holds at a time.
 const MOST_BYTES: u64 = 64 << 20;
 
-/// Where a buffer holds values, by index.
+/// Layout of values in a buffer, by index.
 #[derive(Clone, Copy)]
 pub struct Values {
-    /// Byte at which those of the first index begin.
+    /// Byte at which the values of the first index begin.
     pub offset: u64,
-    /// The first index.
+    /// The first index that the buffer holds.
     pub first: u32,
-    /// Bytes of each.
+    /// Bytes of the values of each index.
     pub bytes: u64,
 }
 
 impl Context {
-    /// Completes values of which each rank has computed a share.
+    /// Allgathers values: each rank has computed those of its share of indices, and all have the whole
+    /// afterwards. All ranks call it.
     pub fn complete(
         &self,
         buffer: &Buffer,
@@ -43,7 +44,10 @@ impl Context {
         broadcast(ranks, shares, bytes, send, receive)
     }
 
-    /// Completes an array with `bytes` for each slot.
+    /// Allgathers an array with `bytes` for each slot. All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if another rank has ended.
     pub fn complete_slots(&self, buffer: &Buffer, bytes: u64) -> Result<(), TransportError> {
         (0..self.plan.layout.groups.len()).try_for_each(|group| {
             self.complete(buffer, Values { offset: 0, first: 0, bytes }, &self.plan.slots_by_rank(group))

@@ -21,7 +21,8 @@ use std::ops::Range;
 /// Close sources per receiver and dispatch: lavapipe bounds the iterations of all loops of an invocation together by
 /// 65535, and one source takes at most 1 + 16 · (20 + 16 · 19).
 pub const NEAR_TAKE: u32 = 8;
-/// The same where sources have no bins and need no second level: 1 + 16 · 20 iterations.
+/// Close sources per receiver and dispatch where sources have no bins and need no second level: 1 + 16 · 20
+/// iterations each.
 pub const PLAIN_NEAR_TAKE: u32 = 128;
 
 /// Specialization constants of the kernels of a shape.
@@ -31,7 +32,10 @@ pub fn shape_constants(shape: Shape, plan: &Plan) -> Vec<(u32, u32)> {
     [&own[..], &bin_constants(plan)].concat()
 }
 
-/// One sweep for each shape that occurs.
+/// Compiles one sweep for each shape that occurs, on all cores.
+///
+/// # Errors
+/// Fails if the device cannot compile a kernel.
 pub fn sweeps(
     device: &Device,
     plan: &Plan,
@@ -43,6 +47,9 @@ pub fn sweeps(
 }
 
 /// The sweep of a shape.
+///
+/// # Errors
+/// Fails if there is none.
 pub fn sweep_of(sweeps: &mut [(Shape, Sweep)], shape: Shape) -> Result<&mut Sweep, TransportError> {
     let sweep = sweeps.iter_mut().find(|(known, _)| *known == shape).map(|(_, sweep)| sweep);
     sweep.ok_or_else(|| TransportError::missing(format!("a kernel from {}", shape.name())))
@@ -50,9 +57,9 @@ pub fn sweep_of(sweeps: &mut [(Shape, Sweep)], shape: Shape) -> Result<&mut Swee
 
 pub struct Exchange {
     sweeps: Vec<(Shape, Sweep)>,
-    /// Where the near field is kept.
+    /// The near-field matrix; `None` where close pairs are evaluated in each pass.
     near_matrix: Option<NearMatrix>,
-    /// Where clusters stand for far triangles.
+    /// Light of clusters, and of volume clusters; `None` where none are planned.
     pub(super) clusters: Option<ClusterLight>,
     volumes: Option<VolumeLight>,
 }
@@ -67,7 +74,10 @@ impl Exchange {
         })
     }
 
-    /// Its kernels over pairs.
+    /// Compiles the kernels of U over pairs, by shape.
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile one.
     pub fn kernels(device: &Device, plan: &Plan) -> Result<Vec<(Shape, Sweep)>, GpuError> {
         let kernels = |shape: Shape| Kernels {
             far: match (shape.any_bins(), plan.clusters().is_some()) {
@@ -89,6 +99,9 @@ impl Exchange {
     }
 
     /// y = U (E + (K - J) x) with `emission`, y = U (K - J) x without; without `x` there is only emission.
+    ///
+    /// # Errors
+    /// Fails if the device does, if another rank has ended, or if the callback stops the pass.
     pub fn run(
         &mut self,
         context: &Context,

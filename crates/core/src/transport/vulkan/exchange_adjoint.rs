@@ -23,7 +23,7 @@ use std::ops::Range;
 
 pub struct ExchangeAdjoint {
     sweeps: Vec<(Shape, Sweep)>,
-    /// Where the near field is kept.
+    /// The transposed near-field matrix; `None` where close pairs are evaluated in each pass.
     near_matrix: Option<NearMatrix>,
 }
 
@@ -33,7 +33,10 @@ impl ExchangeAdjoint {
         Ok(Self { sweeps: Self::kernels(device, plan)?, near_matrix })
     }
 
-    /// Its kernels over pairs.
+    /// Compiles the kernels of Uᵀ over pairs, by shape.
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile one.
     pub fn kernels(device: &Device, plan: &Plan) -> Result<Vec<(Shape, Sweep)>, GpuError> {
         let kernels = |shape: Shape| Kernels {
             far: match shape.any_bins() {
@@ -54,6 +57,9 @@ impl ExchangeAdjoint {
     }
 
     /// Before the first sweep of a pass: copies the cotangent of irradiance to where kernels read it of partners.
+    ///
+    /// # Errors
+    /// Fails if the device does.
     pub fn begin(
         &mut self,
         context: &Context,
@@ -68,6 +74,10 @@ impl ExchangeAdjoint {
 
     /// Adds Uᵀ x for the sources of one sweep: the cotangents of diffuse radiance to the buffer of outgoing light, those of antiradiance
     /// and of specular radiance to `sources`.
+    ///
+    /// # Errors
+    /// Fails if no gradients were planned, if the device fails, if another rank has ended, or if the callback
+    /// stops the pass.
     pub fn run(
         &mut self,
         context: &Context,
@@ -150,8 +160,13 @@ impl ExchangeAdjoint {
         Ok(())
     }
 
-    /// The cotangents of the light of the clusters of a group, whole: with what comes through the clusters they are part of. Adds those of
-    /// triangles from far receivers, too, if there are some to add to; otherwise what is shown stays.
+    /// Computes the whole cotangents of the light of the clusters of a group, with those of the clusters that
+    /// contain them. With `triangles`, adds those of triangles from far receivers, too; otherwise the part
+    /// that is shown stays valid.
+    ///
+    /// # Errors
+    /// Fails if the plan has no clusters, if the device fails, if another rank has ended, or if the callback
+    /// stops the pass.
     pub fn clusters(
         &mut self,
         context: &Context,
@@ -266,8 +281,8 @@ fn add_near_matrix(
     matrix.run(&context.device, ends, monitor)
 }
 
-/// Where the cotangents of sources of one class go: of radiance, with the first index of its page, and of bins, from the
-/// index `bins_page` on.
+/// Buffers in which the cotangents of sources of one class are accumulated: of radiance, with the first index
+/// of its page, and of bins, from the index `bins_page` on.
 pub struct Cotangents<'a> {
     class: Class,
     sources: Range<u32>,

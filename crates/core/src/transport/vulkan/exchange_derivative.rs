@@ -22,7 +22,7 @@ use antirad_scene::Movable;
 /// Close partners per target and dispatch: lavapipe stops an invocation after 65535 iterations of all its loops
 /// together, and a partner takes at most 16 · (1 + 45 · 17).
 const NEAR_TAKE: u32 = 4;
-/// The same where sources have no bins: 16 · 50 iterations.
+/// Close partners per target and dispatch where sources have no bins: 16 · 50 iterations each.
 const PLAIN_NEAR_TAKE: u32 = 64;
 
 /// Specialization constant of the kernels: whether targets are sources.
@@ -224,7 +224,7 @@ struct Both<'a> {
     /// The group of the targets.
     target: usize,
     shape: Shape,
-    /// The others.
+    /// The group of the other end of the pairs.
     other: &'a Group,
     /// Cotangent of irradiance.
     irradiance: BufferSlice<'a>,

@@ -9,7 +9,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use std::ops::Range;
 
-// A dispatch binds its part of a matrix as a uniform buffer.
+// A dispatch binds some rows or columns of a matrix as a uniform buffer.
 const _: () = assert!(LOBE_BYTES <= UNIFORM_BYTES);
 
 /// Triangles of one dispatch: some tens of milliseconds on a CPU.
@@ -23,7 +23,7 @@ pub struct LobePush {
     pub page: u32,
     /// First entry of the slots by power that this dispatch computes.
     pub first: u32,
-    /// How many triangles it computes.
+    /// Number of triangles that this dispatch computes.
     pub count: u32,
     /// The first row of the first block.
     pub first_row: u32,
@@ -31,18 +31,20 @@ pub struct LobePush {
     pub blocks: u32,
     /// The first column of this dispatch.
     pub begin: u32,
-    /// One past its last.
+    /// One past the last column of this dispatch.
     pub end: u32,
 }
 
 /// One dispatch over triangles that share a matrix.
 pub struct Product<'a> {
     pub push: LobePush,
-    /// Its part of the matrix of K, ⟨h(b,o),n⟩^p c_b.
+    /// The range of the matrix of K, ⟨h(b,o),n⟩^p c_b, that the dispatch reads.
     pub forward: BufferSlice<'a>,
-    /// Of that of Kᵀ, ⟨h(b,o),n⟩^p; where no gradients are planned, `forward` again.
+    /// The range of the matrix of Kᵀ, ⟨h(b,o),n⟩^p, that the dispatch reads; `forward` where no gradients are
+    /// planned.
     pub transposed: BufferSlice<'a>,
-    /// Of the logarithms ln⟨h(b,o),n⟩; where no derivatives of lobes are planned, `forward` again.
+    /// The range of the logarithms ln⟨h(b,o),n⟩ that the dispatch reads; `forward` where no derivatives of
+    /// lobes are planned.
     pub logarithms: BufferSlice<'a>,
 }
 
@@ -63,9 +65,9 @@ impl Product<'_> {
 pub(crate) struct Lobes {
     /// ⟨h(b,o),n⟩^p c_b of each power: by block of rows o, column b, row.
     forward: Option<Buffer>,
-    /// The same without c_b.
+    /// ⟨h(b,o),n⟩^p of each power: by block of rows o, column b, row.
     transposed: Option<Buffer>,
-    /// ln⟨h(b,o),n⟩ in the same order.
+    /// ln⟨h(b,o),n⟩: by block of rows o, column b, row.
     logarithms: Option<Buffer>,
     /// The slots of the glossy triangles, by power.
     slots: Option<Buffer>,
@@ -76,6 +78,9 @@ pub(crate) struct Lobes {
 
 impl Lobes {
     /// Allocates what the plan counts. [`Lobes::set`] fills it.
+    ///
+    /// # Errors
+    /// Fails if the device has no memory for a buffer, or cannot write to it.
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let buffer = |label: &str, bytes: u64| Buffer::new(device, label, bytes, BufferKind::Storage);
         let matrices = plan.lobes.matrices;
@@ -100,6 +105,9 @@ impl Lobes {
     }
 
     /// Computes the matrices for the materials of a scene. Powers beyond those planned have none.
+    ///
+    /// # Errors
+    /// Fails if the device cannot write to the buffers.
     pub fn set(&mut self, device: &Device, scene: &Scene, plan: &Plan) -> Result<(), GpuError> {
         let Some(slots) = &self.slots else { return Ok(()) };
         self.by_power = plan.lobe_slots(scene);
@@ -160,7 +168,8 @@ impl Lobes {
     }
 }
 
-/// The parts of a matrix that a dispatch binds, and where they are: some blocks of rows, or some columns of one.
+/// The ranges of a matrix that dispatches bind, and the byte at which each begins: some blocks of rows, or
+/// some columns of one.
 fn parts(plan: &Plan) -> Vec<(u64, LobePush)> {
     let (bins, blocks) = (plan.bins.count() as u32, plan.lobe_blocks());
     let fitting = (u64::from(LOBE_BYTES) / plan.lobe_block_bytes()).max(1) as u32;

@@ -58,7 +58,7 @@ fn of(state: &transport::State) -> Result<&State, TransportError> {
     }
 }
 
-/// The same of several.
+/// The states as states of a Vulkan device.
 fn all(states: &[transport::State]) -> Result<Vec<State>, TransportError> {
     states.iter().map(|state| of(state).cloned()).collect()
 }
@@ -83,7 +83,7 @@ impl Context {
 /// All operators over one planned scene, and its current outgoing light.
 pub struct Operators {
     forward: Forward,
-    /// Where gradients are planned.
+    /// Kernels and buffers of the adjoint; `None` where no gradients are planned.
     adjoint: Option<AdjointKernels>,
 }
 
@@ -113,6 +113,9 @@ fn bin_constants(plan: &Plan) -> [(u32, u32); 4] {
 /// Compiles the kernels of U, S and the solvers, those of a kept near field included, and where the plan has gradients
 /// those of K, of the transposes and of the derivatives, without a scene: for what the driver tells of them
 /// ([`Device::kernel_statistics`]).
+///
+/// # Errors
+/// Fails if the device cannot compile a kernel, or has no memory for a buffer.
 pub fn compile(device: &Device, plan: &Plan) -> Result<(), GpuError> {
     exchange::Exchange::kernels(device, plan)?;
     clusters::ClusterLight::kernels(device, plan)?;
@@ -146,7 +149,7 @@ impl Operators {
         emitted: &[[f64; 3]],
         unit: f64,
     ) -> Result<Self, GpuError> {
-        // Counted apart from everything else on the device, such as engines of other threads.
+        // Counted separately from everything else on the device, such as engines of other threads.
         let own = device.scope(plan.staging());
         let buffers = SceneBuffers::emitting(&own, scene, &plan, emitted, unit)?;
         let adjoint = AdjointKernels::new(&own, &plan)?;

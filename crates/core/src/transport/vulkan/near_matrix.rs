@@ -1,4 +1,4 @@
-//! The near field as a matrix that the device keeps: its part of U and, transposed, of Uᵀ.
+//! The near field as a matrix that the device keeps: its contribution to U and, transposed, to Uᵀ.
 
 use super::bundle::PassMonitor;
 use super::bundle::{Bundle, MOST_GROUPS};
@@ -20,7 +20,7 @@ pub struct NearMatrixPush {
     pub first_slice: u32,
     /// Steps of each slice that earlier dispatches covered.
     pub skip: u32,
-    /// Largest number that this one covers.
+    /// Largest number of steps of each slice that this dispatch covers.
     pub take: u32,
 }
 
@@ -35,20 +35,27 @@ pub struct NearMatrix {
     rows: Buffer,
     columns: Buffer,
     weights: Buffer,
-    /// By whether it reads bins, and whether it writes bins.
+    /// Kernels by whether the block reads bins, then by whether it writes bins.
     kernels: [[Pipeline; 2]; 2],
     pace: Pace,
     precision: Precision,
 }
 
 impl NearMatrix {
-    /// `None` where the plan keeps none.
+    /// The matrix from outgoing to incident light; `None` where the plan keeps none.
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile a kernel, or has no memory for the matrix.
     pub fn forward(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
         let matrix = plan.near_field_matrix().map(|matrix| &matrix.forward);
         matrix.map(|matrix| Self::new(device, plan, matrix, false)).transpose()
     }
 
-    /// The same from the cotangent of incident light to that of outgoing light.
+    /// The matrix from the cotangent of incident light to that of outgoing light; `None` where the plan keeps
+    /// none.
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile a kernel, or has no memory for the matrix.
     pub fn transposed(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
         let matrix = plan.near_field_matrix().and_then(|matrix| matrix.transposed.as_ref());
         matrix.map(|matrix| Self::new(device, plan, matrix, true)).transpose()
@@ -79,7 +86,10 @@ impl NearMatrix {
         })
     }
 
-    /// By whether it reads bins, and whether it writes bins.
+    /// Compiles the kernels, by whether a block reads bins, then by whether it writes bins.
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile one.
     pub fn kernels(device: &Device, plan: &Plan) -> Result<[[Pipeline; 2]; 2], GpuError> {
         let kernel = |from_bins: u32, to_bins: u32| {
             let constants = [(0, SLICE), (6, plan.channels), (8, from_bins), (9, to_bins)];
@@ -91,6 +101,9 @@ impl NearMatrix {
 
     /// Adds the near field to incident light; or its transpose to the cotangent of outgoing light. `ends`: outgoing and incident light, or
     /// their cotangents, of the blocks that take part.
+    ///
+    /// # Errors
+    /// Fails if `ends` or the device does, or if the callback stops the pass.
     pub fn run<'a>(
         &mut self,
         device: &Device,

@@ -27,7 +27,10 @@ impl Observation {
         })
     }
 
-    /// Those of diffuse triangles, and of glossy ones.
+    /// Compiles the kernels of diffuse triangles, and of glossy ones.
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile one.
     pub fn kernels(device: &Device, plan: &Plan) -> Result<[Pipeline; 2], GpuError> {
         let precision = plan.settings.precision;
         let kernel = |glossy: u32| {
@@ -45,6 +48,9 @@ impl Observation {
 
     /// Radiance of every slot towards `camera_position` (metres), RGB, W/(m² sr). `x` is the incident light of the
     /// current outgoing light.
+    ///
+    /// # Errors
+    /// Fails if the device does, if another rank has ended, or if the callback stops the pass.
     pub fn run(
         &self,
         context: &Context,

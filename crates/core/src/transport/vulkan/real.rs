@@ -18,6 +18,9 @@ pub fn push_bytes(precision: Precision, reals: u32, words: u32) -> u32 {
 }
 
 /// Writes `values` into the buffer from its start on.
+///
+/// # Errors
+/// Fails if the values are too many for the buffer, or if the device fails.
 pub fn upload(
     device: &Device,
     buffer: &Buffer,
@@ -28,6 +31,9 @@ pub fn upload(
 }
 
 /// Reads these values of the buffer.
+///
+/// # Errors
+/// Fails if the range goes beyond the buffer, or if the device fails.
 pub fn download(
     device: &Device,
     buffer: &Buffer,
@@ -44,6 +50,9 @@ pub fn download(
 }
 
 /// A new buffer with these values.
+///
+/// # Errors
+/// Fails if the device has no memory for it, or cannot write to it.
 pub fn filled(
     device: &Device,
     label: &str,

@@ -36,7 +36,7 @@ pub struct GlossyPush {
     pub list: u32,
     /// The first pair of triangle and bin, from there on, that this dispatch computes.
     pub first: u32,
-    /// How many pairs it computes.
+    /// Number of pairs of triangle and bin that this dispatch computes.
     pub count: u32,
 }
 
@@ -46,7 +46,7 @@ pub struct GlossyPush {
 pub struct FirstBouncePush {
     /// The first value for the piece.
     pub offset: u32,
-    /// Number of values.
+    /// Number of values of the piece.
     pub count: u32,
     /// 1 to add to what is there, 0 to replace it.
     pub add: u32,
@@ -106,6 +106,9 @@ impl Reflection {
     }
 
     /// The diffuse radiance of the fronts under `x`, or of their emission alone.
+    ///
+    /// # Errors
+    /// Fails if the device does.
     pub fn diffuse(
         &self,
         context: &Context,
@@ -118,7 +121,10 @@ impl Reflection {
         Ok(())
     }
 
-    /// The same as part of a batch.
+    /// Records in `batch` the diffuse radiance of the fronts under `x`, or of their emission alone.
+    ///
+    /// # Errors
+    /// Fails if the device does.
     pub fn record_diffuse(
         &self,
         context: &Context,
@@ -142,6 +148,9 @@ impl Reflection {
     }
 
     /// The specular radiance of a piece of the sources. All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if the device does, if another rank has ended, or if the callback stops the pass.
     pub fn specular<'a>(
         &mut self,
         context: &'a Context,
@@ -154,8 +163,12 @@ impl Reflection {
         self.specular_under(context, piece, light.as_ref(), monitor)
     }
 
-    /// The same under incident light already on the device, by this rank alone. Where states live on the host, it replaces the radiance
-    /// of the previous piece.
+    /// The specular radiance of a piece of the sources, computed by this rank alone from incident light that
+    /// is already on the device. Where states live on the host, it replaces the radiance of the previous
+    /// piece.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if the callback stops the pass.
     pub fn specular_under<'a>(
         &mut self,
         context: &'a Context,

@@ -35,7 +35,7 @@ pub struct GlossyDerivativePush {
     pub count: u32,
     /// The first incident bin of this dispatch.
     pub bin_begin: u32,
-    /// One past its last.
+    /// One past the last incident bin of this dispatch.
     pub bin_end: u32,
 }
 
@@ -48,7 +48,7 @@ pub struct ReflectionAdjoint {
     diffuse: Pipeline,
     /// Kernels of Kᵀ and of the derivative, pair by pair of bins.
     glossy: Option<(Pipeline, Pipeline)>,
-    /// The same by matrix. Only where some are planned.
+    /// Kernels of Kᵀ and of the derivative by matrices of lobes; `None` where no matrices are planned.
     lobes: Option<(Pipeline, Pipeline)>,
 }
 
@@ -94,6 +94,9 @@ impl ReflectionAdjoint {
     }
 
     /// The irradiance of y: Kᵀ μ, plus λ₀ of the loss if `given`.
+    ///
+    /// # Errors
+    /// Fails if the device does.
     pub fn diffuse(
         &self,
         context: &Context,
@@ -118,6 +121,9 @@ impl ReflectionAdjoint {
     }
 
     /// Adds Kᵀ μ of the specular radiance of this rank's triangles to their bins.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if a kernel was not planned.
     pub fn specular(&self, context: &Context, of: &Accumulated) -> Result<(), TransportError> {
         let Context { device, plan, scene, .. } = context;
         let (Some(bins), Some(specular)) = (&of.back, &of.front) else { return Ok(()) };
@@ -147,6 +153,9 @@ impl ReflectionAdjoint {
     }
 
     /// `sums` = derivatives by the specular parameters under the incident light `x`, from the current μ.
+    ///
+    /// # Errors
+    /// Fails if the device does, if a kernel was not planned, or if another rank has ended.
     pub fn derivative(
         &self,
         context: &Context,

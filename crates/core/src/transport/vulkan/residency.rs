@@ -9,7 +9,7 @@ use antirad_scene::Precision;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A part of a state that one dispatch can access.
+/// A range of a state that one dispatch can access.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Part {
     /// Irradiance of all slots.
@@ -74,7 +74,7 @@ pub struct View<'a> {
     bytes: u64,
     /// The slot of the first values in the buffer.
     pub first_slot: u32,
-    /// Where the values are stored on the host, if they are.
+    /// The place of the values on the host; `None` where the state lives on the device.
     home: Option<(&'a Hosted, Place)>,
 }
 
@@ -99,6 +99,9 @@ impl<'a> View<'a> {
     }
 
     /// Copies the values from the same place in another buffer.
+    ///
+    /// # Errors
+    /// Fails if the range goes beyond a buffer, or if both buffers are one.
     pub fn copy_from(&self, batch: &mut Batch, from: &'a Buffer) -> Result<(), GpuError> {
         batch.copy(from, self.offset, self.buffer, self.offset, self.bytes)
     }
@@ -114,6 +117,9 @@ impl<'a> View<'a> {
     }
 
     /// Makes all values zero.
+    ///
+    /// # Errors
+    /// Fails if the device does.
     pub fn clear(&self, device: &Device) -> Result<(), GpuError> {
         let mut batch = device.batch()?;
         self.fill(&mut batch)?;
@@ -121,7 +127,10 @@ impl<'a> View<'a> {
         Ok(())
     }
 
-    /// The same as part of a batch.
+    /// Records in `batch` that all values become zero.
+    ///
+    /// # Errors
+    /// Fails if the range goes beyond the buffer.
     pub fn fill(&self, batch: &mut Batch) -> Result<(), GpuError> {
         batch.fill(self.buffer, self.offset, self.bytes, 0)
     }
@@ -135,6 +144,9 @@ impl<'a> View<'a> {
     }
 
     /// Copies the values back to the host, if the state lives there.
+    ///
+    /// # Errors
+    /// Fails if the device does.
     pub fn store(self, device: &Device) -> Result<(), TransportError> {
         if let Some((hosted, place)) = self.home {
             device.download_into(self.buffer, self.offset, place.of(&mut hosted.values())?)?;
@@ -173,7 +185,7 @@ impl Window {
 /// Slots of one group that this rank holds.
 struct Own {
     slots: Range<u32>,
-    /// Number of such slots before: of all, and of the same sweep.
+    /// Number of slots that this rank holds before these; `in_window`: in the same sweep alone.
     before: u32,
     in_window: u32,
 }
@@ -279,7 +291,7 @@ impl Hosted {
         }
     }
 
-    /// Where the bins of some slots are that this rank holds.
+    /// The bytes on the host that hold the bins of some slots of this rank.
     fn place_of(&self, slots: &Range<u32>) -> Result<Place, TransportError> {
         let slot_bytes = self.windows.apart.slot_bytes;
         let bytes = |slots: u32| u64::from(slots) * slot_bytes;
@@ -308,7 +320,7 @@ impl Hosted {
         Ok(View { home, ..Self::foreign_view(window, part)? })
     }
 
-    /// The same of a part that is not stored.
+    /// A view in a window of a part that is not stored on the host.
     fn foreign_view<'a>(window: &'a Window, part: &Part) -> Result<View<'a>, TransportError> {
         let first_slot = match part {
             Part::Irradiance { .. } => 0,
@@ -347,7 +359,7 @@ impl Hosted {
         self.windows.apart.each(device, parts, own, |part| Self::foreign_view(window, part), with)
     }
 
-    /// Bins of some slots, whichever ranks hold them, in a window.
+    /// Allgathers the bins of some slots into a window. All ranks call it.
     fn gathered<'a>(
         &self,
         device: &Device,
@@ -360,7 +372,10 @@ impl Hosted {
         Ok(view)
     }
 
-    /// The same in the window to write, beside a part that is shown.
+    /// A view of a part in the window to write, for kernels to read it beside a part that is shown.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if another rank has ended.
     pub fn show_beside(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         let Part::Bins { slots, .. } = part else { return self.edit(device, part, true) };
         self.gathered(device, &self.windows.write, part, slots)
@@ -380,7 +395,10 @@ impl Hosted {
         Ok(view)
     }
 
-    /// The parts of a sweep are adjacent in the window.
+    /// A view in the window to write, in which the parts of a sweep are adjacent.
+    ///
+    /// # Errors
+    /// Fails if this rank does not hold the part.
     pub fn receive(&self, part: &Part) -> Result<View<'_>, TransportError> {
         let view = self.view(&self.windows.write, part)?;
         let Part::Bins { slots, .. } = part else { return Ok(view) };
@@ -400,6 +418,9 @@ impl Hosted {
     }
 
     /// Sets the values of a part, of which this rank keeps its own.
+    ///
+    /// # Errors
+    /// Fails if the part lies outside the state.
     pub fn set(&self, part: &Part, given: &[u8]) -> Result<(), TransportError> {
         let mut values = self.values();
         let Part::Bins { slots, .. } = part else {
@@ -437,7 +458,8 @@ mod tests {
     use std::sync::atomic::{AtomicBool, Ordering};
     use std::time::{Duration, Instant};
 
-    /// Of two ranks, each with its bins: the next part comes while one is worked on, and all have the values of both.
+    /// With two ranks, each with its bins, the next part comes while one is worked on, and all have the
+    /// values of both.
     #[test]
     fn the_next_part_is_on_its_way() {
         let rank = |ranks: Ranks| {

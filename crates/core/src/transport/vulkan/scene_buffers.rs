@@ -97,6 +97,9 @@ impl SceneBuffers {
     }
 
     /// Sets the radiance of lamps that glossy triangles reflect, initially zero, per group as by [`super::Operators::set_first_bounce`].
+    ///
+    /// # Errors
+    /// Fails if the device cannot write to the pages.
     pub fn set_first_bounce(
         &self,
         device: &Device,

@@ -12,7 +12,7 @@ use antirad_gpu::{Buffer, Device, GpuError};
 use std::ops::Range;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Which of the two.
+/// Which of the two cotangents of specular radiance.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Specular {
     /// μ₀, of the loss.
@@ -21,7 +21,7 @@ pub enum Specular {
     Current,
 }
 
-/// Both cotangents, by glossy group.
+/// Both cotangents of specular radiance, by glossy group.
 pub enum SpecularCotangents {
     Device {
         given: Vec<Option<Buffer>>,
@@ -59,6 +59,9 @@ impl SpecularCotangents {
     }
 
     /// Sets μ₀ of the triangles of a group; without values, to zero.
+    ///
+    /// # Errors
+    /// Fails if the group is not glossy, or if the device fails.
     pub fn set(&self, context: &Context, g: usize, values: Option<&[f64]>) -> Result<(), TransportError> {
         let Context { device, plan, .. } = context;
         let precision = plan.settings.precision;
@@ -96,8 +99,11 @@ impl SpecularCotangents {
         }
     }
 
-    /// Where a pass accumulates μ of what this rank holds of a group, beside the view `back` of the same bins of a state: initially μ₀,
-    /// or zero.
+    /// Opens the view in which a pass accumulates μ of what this rank holds of a group, beside the view
+    /// `back` of the same bins of a state. The values are initially μ₀ if `given`, otherwise zero.
+    ///
+    /// # Errors
+    /// Fails if the group is not glossy, or if the device fails.
     pub fn open<'a>(
         &'a self,
         context: &'a Context,
@@ -120,6 +126,9 @@ impl SpecularCotangents {
     }
 
     /// Keeps the values that a view holds, where the device does not.
+    ///
+    /// # Errors
+    /// Fails if the group is not glossy, or if the device fails.
     pub fn keep(
         &self,
         context: &Context,
@@ -133,6 +142,9 @@ impl SpecularCotangents {
     }
 
     /// What this rank holds of a group, on the device.
+    ///
+    /// # Errors
+    /// Fails if the group is not glossy, or if the device fails.
     pub fn show<'a>(
         &'a self,
         context: &'a Context,
@@ -161,6 +173,9 @@ impl SpecularCotangents {
     }
 
     /// The values of a group, whichever ranks hold them; `None` where it is not glossy. All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if another rank has ended.
     pub fn download(
         &self,
         context: &Context,
@@ -198,17 +213,21 @@ fn host_page(pages: &[Option<HostPage>], g: usize) -> Result<&HostPage, Transpor
     page.ok_or_else(|| TransportError::missing(format!("specular cotangents of group {g}")))
 }
 
-/// The part of a state that a pass of the adjoint accumulates, and μ of the same triangles.
+/// The bins of a state that a pass of the adjoint accumulates, and μ of the same triangles.
 pub struct Accumulated<'a> {
     pub group: usize,
-    /// Of H(b) behind the antiradiance. `None` where the class has no bins.
+    /// Cotangents of H(b) behind the antiradiance. `None` where the class has no bins.
     pub back: Option<View<'a>>,
-    /// Of specular radiance. `None` where the class is not glossy.
+    /// Cotangents of specular radiance. `None` where the class is not glossy.
     pub front: Option<View<'a>>,
 }
 
 impl<'a> Accumulated<'a> {
-    /// Those of a group: of the bins of `y`, initially zero, and of specular radiance, initially μ₀ of the loss or zero.
+    /// Opens the views of a group: of the bins of `y`, initially zero, and of the cotangent of specular
+    /// radiance, initially μ₀ of the loss if `given`, otherwise zero.
+    ///
+    /// # Errors
+    /// Fails if the device does.
     pub fn open(
         context: &'a Context,
         specular: &'a SpecularCotangents,

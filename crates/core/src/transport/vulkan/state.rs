@@ -15,15 +15,15 @@ use std::sync::Arc;
 #[derive(Clone)]
 pub struct State(Arc<Memory>);
 
-/// Where the values of a state are.
+/// The memory that holds the values of a state.
 enum Memory {
     Device(StateBuffers),
-    /// On the devices of several ranks.
+    /// Buffers on the devices of several ranks, of which this one has its share.
     Devices(OnDevices),
     Host(Hosted),
 }
 
-/// The memory of a state on the device, or of several ranks, what this one holds.
+/// The memory of a state on the device. Where several ranks hold it, this is what this one holds.
 pub struct StateBuffers {
     /// E, W/m², vec4 per slot; the last component is unused and zero.
     pub irradiance: Buffer,
@@ -52,6 +52,9 @@ impl StateBuffers {
     }
 
     /// The buffer of a part, to bind to a kernel.
+    ///
+    /// # Errors
+    /// Fails if the part has no bins.
     pub fn part(&self, part: &Part) -> Result<BufferSlice<'_>, TransportError> {
         Ok(self.view(part)?.slice())
     }
@@ -71,7 +74,10 @@ impl StateBuffers {
 }
 
 impl State {
-    /// The buffers of a state on the device, of what this rank holds. An error on the host.
+    /// The buffers of a state on the device, with what this rank holds.
+    ///
+    /// # Errors
+    /// Fails with [`TransportError::NotResident`] if the state lives on the host.
     pub fn resident(&self) -> Result<&StateBuffers, TransportError> {
         match &*self.0 {
             Memory::Device(buffers) | Memory::Devices(OnDevices { buffers, .. }) => Ok(buffers),
@@ -80,6 +86,9 @@ impl State {
     }
 
     /// A view for kernels to read a part, valid until another part of any state is shown. All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if another rank has ended.
     pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
             Memory::Device(buffers) => buffers.view(part),
@@ -91,6 +100,9 @@ impl State {
     /// Calls `with` with the number and a view of each of some parts, one after the other. Where other ranks hold bins of them, those of
     /// the next part come from when `with` calls its last argument, after which it must not communicate with other ranks. `beside`: as by
     /// [`Self::show_beside`]. All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if the device does, if another rank has ended, or if `with` fails.
     pub fn show_each(
         &self,
         device: &Device,
@@ -109,7 +121,11 @@ impl State {
         }
     }
 
-    /// The same, valid beside a part of any state that is shown, until one is opened to be written.
+    /// A view for kernels to read a part beside a part of any state that is shown. It is valid until one is
+    /// opened to be written. All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if another rank has ended.
     pub fn show_beside(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
             Memory::Device(buffers) => buffers.view(part),
@@ -118,7 +134,11 @@ impl State {
         }
     }
 
-    /// The same of a part that this rank holds, which no other need call.
+    /// A view for kernels to read a part that this rank holds, valid until another part of any state is
+    /// shown. No other rank need call it.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if this rank does not hold the part.
     pub fn read(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
             Memory::Device(buffers) | Memory::Devices(OnDevices { buffers, .. }) => buffers.view(part),
@@ -129,13 +149,20 @@ impl State {
     /// A view in which kernels accumulate the incident light of a part, initially zero. It is valid together with the
     /// other parts of the same sweep, until a part of another sweep or state is opened. The view must be stored at
     /// the end.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if this rank does not hold the part.
     pub fn receive(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         let view = self.open(part)?;
         view.clear(device)?;
         Ok(view)
     }
 
-    /// The same with undefined values, which the caller makes zero.
+    /// A view like that of [`receive`](Self::receive), but with undefined values, which the caller makes
+    /// zero.
+    ///
+    /// # Errors
+    /// Fails if this rank does not hold the part.
     pub fn open(&self, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
             Memory::Device(buffers) | Memory::Devices(OnDevices { buffers, .. }) => buffers.view(part),
@@ -145,6 +172,9 @@ impl State {
 
     /// A view for kernels to change a part, valid until another part of any state is opened; with `old` it holds the
     /// part's values. The view must be stored if it was changed.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if this rank does not hold the part.
     pub fn edit(&self, device: &Device, part: &Part, old: bool) -> Result<View<'_>, TransportError> {
         match &*self.0 {
             Memory::Device(buffers) | Memory::Devices(OnDevices { buffers, .. }) => buffers.view(part),
@@ -153,6 +183,9 @@ impl State {
     }
 
     /// The values of a part. All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if another rank has ended.
     pub fn download(
         &self,
         device: &Device,
@@ -168,6 +201,9 @@ impl State {
     }
 
     /// Sets the values of a part.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if the part lies outside the state.
     pub fn upload(
         &self,
         device: &Device,
@@ -186,6 +222,9 @@ impl State {
 
 impl Outgoing {
     /// Allocates what the plan counts; no light is computed yet.
+    ///
+    /// # Errors
+    /// Fails if the device has no memory for a buffer.
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let label = "specular radiance";
         let buffer = |label: &str, bytes: u64| Buffer::new(device, label, bytes, BufferKind::Storage);
@@ -202,6 +241,9 @@ impl Outgoing {
     }
 
     /// The buffer for the specular radiance of a piece of a glossy group.
+    ///
+    /// # Errors
+    /// Fails if the group is not glossy.
     pub fn specular_of(&self, group: usize) -> Result<&Buffer, TransportError> {
         self.window.as_ref().map_or_else(|| page(&self.specular, group), Ok)
     }
@@ -212,13 +254,19 @@ pub fn page_reals(plan: &Plan, group: &Group) -> u32 {
     plan.layout.slots_of(&group.tiles).len() as u32 * plan.bins.count() as u32 * plan.channels
 }
 
-/// The page of a group; an error if it has none.
+/// The page of a group.
+///
+/// # Errors
+/// Fails if the group has none.
 pub fn page(pages: &[Option<Buffer>], group: usize) -> Result<&Buffer, TransportError> {
     let page = pages.get(group).and_then(Option::as_ref);
     page.ok_or_else(|| TransportError::missing(format!("bins of group {group}")))
 }
 
 /// The page to bind if the group's class has one; else `none`, which kernels of that class do not read.
+///
+/// # Errors
+/// Fails if the group should have a page and has none.
 pub fn page_of<'a>(
     pages: &'a [Option<Buffer>],
     group: usize,
@@ -229,6 +277,9 @@ pub fn page_of<'a>(
 }
 
 /// One buffer for each number of bytes; none where that is 0.
+///
+/// # Errors
+/// Fails if the device has no memory for a buffer.
 pub fn pages(
     device: &Device,
     label: &str,
@@ -247,11 +298,11 @@ pub struct Pool {
 
 /// What all states share.
 enum Shared {
-    /// Where the device holds them whole.
+    /// Nothing: the device holds states whole.
     Nothing,
-    /// Of states on the devices of several ranks.
+    /// Windows of states on the devices of several ranks.
     OnDevices(Arc<apart::Windows>),
-    /// Of states on the host.
+    /// Windows of states on the host.
     OnHost(Arc<Windows>),
 }
 
@@ -283,6 +334,9 @@ impl Pool {
 
     /// An unused state, or a new one. A new one on the device exceeds the plan: its users hold more states than it
     /// counts. The values are undefined.
+    ///
+    /// # Errors
+    /// Fails if the device, or the host, has no memory for a new one.
     pub fn take(&mut self, device: &Device, plan: &Plan) -> Result<State, TransportError> {
         if let Some(idle) = self.states.iter().find(|state| Arc::strong_count(&state.0) == 1) {
             return Ok(idle.clone());

@@ -28,13 +28,13 @@ pub struct FarPush {
     pub target_tile: u32,
     /// First tile of partners.
     pub partner_begin: u32,
-    /// One past the last.
+    /// One past the last tile of partners.
     pub partner_end: u32,
     /// Half of `near_field`: pairs with r² below this times the sum of their characteristic areas are close.
     pub half_range: f32,
     /// First slot of the buffer of the targets' bins.
     pub target_page: u32,
-    /// The same for the partners.
+    /// First slot of the buffer of the partners' bins.
     pub partner_page: u32,
     /// Bits of a tile pair to consider.
     pub passing: u32,
@@ -48,7 +48,7 @@ pub struct ListPush {
     pub target_list: u32,
     /// First index of sources.
     pub partner_begin: u32,
-    /// One past the last.
+    /// One past the last index of sources.
     pub partner_end: u32,
     /// Half of `near_field`: pairs with r² below this times the sum of their characteristic areas are close.
     pub half_range: f32,
@@ -60,7 +60,7 @@ pub struct ListPush {
     pub passing: u32,
     /// Sources in range of each list that earlier dispatches covered.
     pub skip: u32,
-    /// Largest number that this one covers.
+    /// Largest number of sources of each list that this dispatch covers.
     pub take: u32,
     /// Index of the first cluster if the sources are clusters, otherwise 0.
     pub clusters: u32,
@@ -79,23 +79,23 @@ const LIST_TAKE: u32 = 2048;
 pub struct NearPush {
     /// Index of the first target in the list of targets.
     pub target_begin: u32,
-    /// Number of targets from there on.
+    /// Number of targets from `target_begin` on.
     pub targets: u32,
     /// First slot of the partners.
     pub partner_begin: u32,
-    /// One past the last.
+    /// One past the last slot of the partners.
     pub partner_end: u32,
     /// Half of `near_field`: pairs with r² below this times the sum of their characteristic areas are close.
     pub half_range: f32,
     /// First slot of the buffer of the targets' bins.
     pub target_page: u32,
-    /// The same for the partners.
+    /// First slot of the buffer of the partners' bins.
     pub partner_page: u32,
     /// 1 if backs emit antiradiance, else 0.
     pub backs: u32,
     /// Close partners of each target that earlier dispatches covered.
     pub skip: u32,
-    /// Largest number that this one covers.
+    /// Largest number of close partners of each target that this dispatch covers.
     pub take: u32,
 }
 
@@ -111,14 +111,15 @@ const CACHED_BYTES: u64 = 1 << 20;
 /// Close partners per target and dispatch where a driver does not count iterations.
 const TAKE_OF_GPUS: u32 = 256;
 
-/// The parts of a sweep.
+/// The kernels of a sweep, with what they are compiled for.
 pub struct Kernels<'a> {
     /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the partners of a dispatch, unless
     /// it sums over lists of clusters; the last buffer of `near` lists the targets.
     pub far: (&'a RealShader, Bindings),
     /// `None` where the near field is kept as a matrix.
     pub near: Option<(&'a RealShader, u32)>,
-    /// Whether a lane of `far` owns one triangle, rather than one in each run of lanes of a tile.
+    /// Whether a lane of `far` has one triangle as its target, rather than one in each range of lanes of a
+    /// tile.
     pub single: bool,
     /// Whether `far` sums over lists of receivers, with groups of sources as targets.
     pub by_source: bool,
@@ -159,7 +160,7 @@ pub struct Sweep {
 #[derive(Clone, Copy)]
 pub struct OfPartners<'a> {
     pub buffer: &'a Buffer,
-    /// Per slot.
+    /// Bytes per slot.
     pub bytes: u64,
 }
 
@@ -188,13 +189,14 @@ impl<'a> Between<'a> {
         Self { targets: targets.clone(), partners, lists: &plan.interactions().by_receiver, first_slot }
     }
 
-    /// Targets are this rank's part of a group, by its number, whose bins its buffers hold.
+    /// Targets are the tiles of a group, by its number, that this rank computes, and whose bins its buffers
+    /// hold.
     pub fn held(plan: &Plan, group: usize, partners: &'a Group, lists: &'a PairLists) -> Self {
         let first_slot = plan.layout.slots_of(&plan.own(group).tiles).start;
         Self { targets: plan.own(group), partners, lists, first_slot }
     }
 
-    /// The parts with `movable` targets, in whole tiles.
+    /// The ranges of whole tiles that contain `movable` targets.
     pub fn movable_targets(self, plan: &Plan, movable: &Movable) -> Vec<Self> {
         let moves = |&tile: &u32| {
             let slots = plan.layout.slots_of(&(tile..tile + 1));
@@ -291,6 +293,9 @@ impl Sweep {
     }
 
     /// Runs the point-to-point kernel over pairs of tiles. `passing`: the bits of the pairs to consider.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if the callback stops the pass.
     pub fn far(
         &mut self,
         context: &Context,
@@ -343,6 +348,9 @@ impl Sweep {
     /// Runs the point-to-point kernel over lists of clusters and triangles: those of the sources with `indices`, whose
     /// bins are in a page from the index `page` on, to the slots of `targets`, with bins from `target_page` on.
     /// `passing`: the bits of the entries to consider.
+    ///
+    /// # Errors
+    /// Fails if the plan has no clusters, if the device fails, or if the callback stops the pass.
     pub fn listed(
         &mut self,
         context: &Context,
@@ -395,6 +403,9 @@ impl Sweep {
     }
 
     /// Runs the near-field kernel over close pairs, if there is one. `backs`: whether there is antiradiance.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if the callback stops the pass.
     pub fn near(
         &mut self,
         context: &Context,
@@ -475,12 +486,13 @@ fn busy_targets(list: &NearPairs, targets: Range<u32>, partners: &Range<u32>) ->
     targets
 }
 
-/// Targets whose sums the lanes of a workgroup of a GPU accumulate together (crates/core/glsl/abreast.glsl): those with bins, which would fill the
-/// memory of each lane; and others where there are so few that with a lane each most of the GPU would idle.
+/// Cooperative lanes of a GPU: lanes of a workgroup that accumulate the sum of a target together
+/// (crates/core/glsl/abreast.glsl). Targets with bins have them, whose bins would fill the memory of each lane. So have
+/// others where there are so few that with a lane each most of the GPU would idle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Abreast {
     targets: u32,
-    /// Of each target.
+    /// Cooperative lanes per target.
     lanes: u32,
 }
 
@@ -501,10 +513,10 @@ impl Abreast {
 
     /// Triangles that are few: with a lane each, a thousand subgroups of 32.
     const FEW: u32 = 1 << 15;
-    /// Lanes that keep a large GPU busy: eight thousand subgroups of 32.
+    /// Lanes that occupy a large GPU: eight thousand subgroups of 32.
     const BUSY: u32 = 1 << 18;
 
-    /// For a kernel of far pairs.
+    /// Cooperative lanes for a kernel of far pairs, see [`Self::new`].
     fn far(device: &Device, plan: &Plan, sets: Option<u64>, targets: u32) -> Option<Self> {
         let with_bins = sets? > 0;
         let wanted = Self::BUSY.div_ceil(plan.layout.slots().max(1)).next_power_of_two();
@@ -512,13 +524,15 @@ impl Abreast {
         Self::new(device, plan, sets, lanes, targets)
     }
 
-    /// For a kernel of close pairs. `any_bins`: whether either end has bins.
+    /// Cooperative lanes for a kernel of close pairs, see [`Self::new`]. `any_bins`: whether either end has
+    /// bins.
     fn close(device: &Device, plan: &Plan, sets: Option<u64>, any_bins: bool) -> Option<Self> {
         Self::new(device, plan, sets, Self::CLOSE_LANES[usize::from(any_bins)], plan.options.tile)
     }
 
-    /// As many of a tile, list or group of `targets` as have room for `sets` sets of bins in workgroup memory. `None` for CPU drivers,
-    /// and where there is no room for one.
+    /// Chooses as many targets of a tile, list or group of `targets` as have room for `sets` sets of bins in
+    /// workgroup memory, with `lanes` each. `None` for CPU drivers, where targets without bins are many, and
+    /// where there is no room for one.
     fn new(device: &Device, plan: &Plan, sets: Option<u64>, lanes: u32, targets: u32) -> Option<Self> {
         let bins = sets? * plan.bins.count() as u64;
         let many = bins == 0 && plan.layout.slots() >= Self::FEW;
@@ -538,7 +552,7 @@ impl Abreast {
         Some(Self { targets, lanes })
     }
 
-    /// Of a workgroup.
+    /// Lanes of a workgroup: of all its targets.
     fn in_workgroup(self) -> u32 {
         self.targets * self.lanes
     }
@@ -569,7 +583,7 @@ fn passing_tiles(lists: &PairLists, targets: Range<u32>, partners: &Range<u32>, 
     targets.map(|target| lists.far.passing(target, partners, wanted).count() as u64).sum()
 }
 
-/// Runs of at most `most` tiles, one per dispatch.
+/// Ranges of at most `most` tiles, one per dispatch.
 fn tile_runs(tiles: &Range<u32>, most: u32) -> impl Iterator<Item = Range<u32>> + use<> {
     let end = tiles.end;
     (tiles.start..end).step_by(most as usize).map(move |start| start..(start + most).min(end))

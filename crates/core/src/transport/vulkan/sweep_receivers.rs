@@ -17,17 +17,17 @@ use std::ops::Range;
 pub struct ReceiversPush {
     /// First group of the dispatch, in the list of targets.
     pub target_begin: u32,
-    /// One past the last.
+    /// One past the last group of the dispatch.
     pub target_end: u32,
     /// First source in range.
     pub source_begin: u32,
-    /// One past the last.
+    /// One past the last source in range.
     pub source_end: u32,
-    /// Group of the first.
+    /// Group of the first source in range.
     pub group_begin: u32,
     /// First list of receivers in range.
     pub list_begin: u32,
-    /// One past the last.
+    /// One past the last list of receivers in range.
     pub list_end: u32,
     /// Half of `near_field`: pairs with r² below this times the sum of their characteristic areas are close.
     pub half_range: f32,
@@ -39,7 +39,7 @@ pub struct ReceiversPush {
     pub partner_page: u32,
     /// Lists in range of each group that earlier dispatches covered.
     pub skip: u32,
-    /// Largest number that this one covers.
+    /// Largest number of lists of each group that this dispatch covers.
     pub take: u32,
     /// Index of the first cluster if the sources are clusters, otherwise 0.
     pub clusters: u32,
@@ -63,6 +63,10 @@ pub struct FromSources {
 
 impl Sweep {
     /// Runs the point-to-point kernel over the receivers of sources. The last buffer that the kernel binds lists the targets.
+    ///
+    /// # Errors
+    /// Fails if the plan has no clusters or no gradients, if the device fails, or if the callback stops the
+    /// pass.
     pub fn received(
         &mut self,
         context: &Context,

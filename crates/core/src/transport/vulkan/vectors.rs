@@ -31,7 +31,7 @@ pub struct ProjectPush {
     pub add: u32,
     /// 1 for ⟨y, y⟩.
     pub norm: u32,
-    /// Dispatches of the same process before.
+    /// Number of the step of the projection, from 0.
     pub number: u32,
 }
 
@@ -57,7 +57,10 @@ impl Vectors {
         Ok(Self { combine, dot, project, normalise, partial })
     }
 
-    /// In the order of the fields.
+    /// Compiles the kernels, in the order of the fields of [`Vectors`].
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile one.
     pub fn kernels(device: &Device, precision: Precision) -> Result<[Pipeline; 4], GpuError> {
         let kernel = |shader: &'static RealShader, buffers: u32, push: u32, constants: &[(u32, u32)]| {
             Pipeline::new(device, shader.of(precision), buffers, push, constants)
@@ -72,6 +75,9 @@ impl Vectors {
     }
 
     /// y = 0.
+    ///
+    /// # Errors
+    /// Fails if the device does.
     pub fn clear(&self, context: &Context, y: &State) -> Result<(), TransportError> {
         for parts in together(&context.plan) {
             let views = parts.iter().map(|part| y.edit(&context.device, part, false));
@@ -85,6 +91,9 @@ impl Vectors {
     }
 
     /// y = a x + b y.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if the callback stops the pass.
     pub fn combine(
         &self,
         context: &Context,
@@ -123,6 +132,9 @@ impl Vectors {
     }
 
     /// y = b y, as b x + 0 y with x = y.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if the callback stops the pass.
     pub fn scale(
         &self,
         context: &Context,
@@ -134,6 +146,9 @@ impl Vectors {
     }
 
     /// ⟨x, y⟩.
+    ///
+    /// # Errors
+    /// Fails if the device does, if another rank has ended, or if the callback stops the pass.
     pub fn dot(
         &self,
         context: &Context,
@@ -170,6 +185,9 @@ impl Vectors {
     }
 
     /// y = Σ aᵢ xᵢ + y, in one submission where states are on the device.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if the callback stops the pass.
     pub fn accumulate(
         &self,
         context: &Context,
@@ -199,6 +217,9 @@ impl Vectors {
 
     /// A step of Arnoldi's iteration, see [`crate::solve::LightOperator::orthonormalise`]: its column, and with `judged` the irradiance of
     /// the new vector.
+    ///
+    /// # Errors
+    /// Fails if the device does, if another rank has ended, or if the callback stops the pass.
     pub fn orthonormalise(
         &self,
         context: &Context,
@@ -305,7 +326,8 @@ impl Vectors {
         Ok(std::array::from_fn(|_| read.next().unwrap_or_default()))
     }
 
-    /// The same, one step after the other.
+    /// y = last - y, then y minus its projections onto the basis, one submission after the other: the
+    /// coefficient of each, and ⟨y, y⟩ afterwards.
     fn project_in_steps(
         &self,
         context: &Context,

@@ -22,7 +22,7 @@ pub struct VolumePush {
     pub volumes: u32,
     /// First slot of the page of triangles.
     pub slot_begin: u32,
-    /// One past the last.
+    /// One past the last slot of the page of triangles.
     pub slot_end: u32,
     /// 1 if backs send antiradiance.
     pub backs: u32,
@@ -30,7 +30,7 @@ pub struct VolumePush {
 
 /// The intensities of all volumes per bin, over ā.
 pub struct VolumeLight {
-    /// By class of the triangles.
+    /// Kernels that gather intensities, by the class of the triangles.
     gather: Vec<(Class, Pipeline)>,
     sum: Pipeline,
     parts: Buffer,
@@ -42,6 +42,9 @@ pub struct VolumeLight {
 
 impl VolumeLight {
     /// `None` where no volumes are planned.
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile a kernel, or has no memory for a buffer.
     pub fn new(device: &Device, plan: &Plan) -> Result<Option<Self>, GpuError> {
         let Some(volumes) = volumes_of(plan) else { return Ok(None) };
         let words: Vec<[u32; 2]> = volumes.parts().iter().map(words).collect();
@@ -59,7 +62,10 @@ impl VolumeLight {
         }))
     }
 
-    /// Those that gather what triangles send, by class; none where no volumes are planned.
+    /// Compiles the kernels that gather what triangles send, by class; none where no volumes are planned.
+    ///
+    /// # Errors
+    /// Fails if the device cannot compile one.
     pub fn kernels(device: &Device, plan: &Plan) -> Result<Vec<(Class, Pipeline)>, GpuError> {
         let mut classes: Vec<Class> = plan.layout.groups.iter().map(|group| group.class).collect();
         classes.retain(|class| class.has_bins() && volumes_of(plan).is_some());
@@ -75,6 +81,9 @@ impl VolumeLight {
     }
 
     /// Sets all light to zero.
+    ///
+    /// # Errors
+    /// Fails if the device does.
     pub fn clear(&self, context: &Context) -> Result<(), TransportError> {
         let mut batch = context.device.batch()?;
         for bins in [&self.below, &self.above] {
@@ -85,6 +94,9 @@ impl VolumeLight {
     }
 
     /// Adds what triangles of a page send; with `backs`, their backs, too.
+    ///
+    /// # Errors
+    /// Fails if the plan has no volumes, or if the device fails.
     pub fn add(&self, context: &Context, from: &Sources, backs: bool) -> Result<(), TransportError> {
         let Context { device, plan, scene, outgoing } = context;
         let volumes = volumes_of(plan).ok_or_else(|| TransportError::missing("volumes"))?;
@@ -118,6 +130,9 @@ impl VolumeLight {
     }
 
     /// Sums up volumes that consist of others, from those of triangles, of which each rank has a share.
+    ///
+    /// # Errors
+    /// Fails if the plan has no volumes, if the device fails, or if another rank has ended.
     pub fn sum(&self, context: &Context) -> Result<(), TransportError> {
         let Context { device, plan, scene, .. } = context;
         let volumes = volumes_of(plan).ok_or_else(|| TransportError::missing("volumes"))?;
@@ -148,7 +163,10 @@ impl VolumeLight {
         Ok(())
     }
 
-    /// All volumes.
+    /// All volume clusters as sources.
+    ///
+    /// # Errors
+    /// Fails if the plan has no volumes.
     pub fn sources(&self, plan: &Plan) -> Result<Sources<'_>, TransportError> {
         let run = volumes_of(plan).ok_or_else(|| TransportError::missing("volumes"))?.run();
         let [antiradiance, specular] = [self.below.whole(), self.above.whole()];
